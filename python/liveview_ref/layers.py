@@ -1,0 +1,39 @@
+"""Layers: disparity per pixel, near -> far. A plane is a constant; a guided layer is a smooth map on a coarse grid."""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+STRIDE = 8  # the network halves its input three times
+COARSE = 4  # target pixels per cell of a coarse map
+
+
+def padded_size(height: int, width: int) -> tuple[int, int]:
+    """Height and width rounded up to a multiple of the network's stride."""
+    return -(-height // STRIDE) * STRIDE, -(-width // STRIDE) * STRIDE
+
+
+def uniform_planes(near: float, far: float, count: int) -> Tensor:
+    """`count` disparities, evenly spaced in 1/z from 1/near to 1/far, near -> far, [D] float64. `far` may be inf."""
+    if count == 1:
+        return torch.tensor([0.5 / near + 0.5 / far], dtype=torch.float64)
+    step = torch.arange(count, dtype=torch.float64) / (count - 1)
+    return 1.0 / near + step * (1.0 / far - 1.0 / near)
+
+
+def plane_maps(disparities: Tensor, height: int, width: int) -> Tensor:
+    """Planes [D] as full-resolution maps [D, H, W]."""
+    return disparities[:, None, None].expand(-1, height, width)
+
+
+def guided_maps(nearest: Tensor, farthest: Tensor, count: int) -> Tensor:
+    """Divide the range [h, w] .. [h, w] of each coarse cell evenly: coarse maps [L, h, w], near -> far."""
+    if count == 1:
+        return 0.5 * (nearest + farthest)[None]
+    step = torch.arange(count, dtype=nearest.dtype)[:, None, None] / (count - 1)
+    return nearest + step * (farthest - nearest)
+
+
+def upsample_maps(coarse: Tensor) -> Tensor:
+    """Coarse maps [L, h, w] -> [L, 4h, 4w], bilinear between cell centres, edges held."""
+    return F.interpolate(coarse[None], scale_factor=COARSE, mode="bilinear", align_corners=False)[0]
