@@ -1,0 +1,167 @@
+//! The network: a homography warped volume in, logits out. One trait, so that the pipeline can run without weights.
+
+use std::path::{Path, PathBuf};
+
+use ndarray::{ArrayView4, ArrayViewMut4};
+use ort::session::Session;
+use ort::value::{TensorRef, TensorRefMut, ValueType};
+
+use crate::layers::STRIDE;
+use crate::runtime::Runtime;
+
+/// Computes the logits of a batch of layers, each layer alone (paper, section "Neural Network").
+pub trait PlaneNetwork {
+    /// V: how many views its input holds.
+    fn views(&self) -> usize;
+
+    /// `hwv` `[n, 3V, h, w]` (views nearest first, RGB in [0, 1], zeros where nothing is seen; h and w multiples of
+    /// [`STRIDE`]) → `logits` `[n, V, h, w]`, both in standard layout.
+    fn infer(&mut self, hwv: ArrayView4<'_, f32>, logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError>;
+}
+
+/// Why a model was refused or failed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum NetworkError {
+    /// The file does not hold a LiveView model for the views asked for.
+    #[error("{path}: {field} is {found}, expected {expected}", path = path.display())]
+    Unfit {
+        /// The model file.
+        path: PathBuf,
+        /// Which input, output or metadata entry.
+        field: String,
+        /// What the model says.
+        found: String,
+        /// What was expected.
+        expected: String,
+    },
+    /// ONNX Runtime refused the file or failed while running it.
+    #[error("{path}: ONNX Runtime: {reason}", path = path.display())]
+    Engine {
+        /// The model file.
+        path: PathBuf,
+        /// What ONNX Runtime said.
+        reason: String,
+    },
+}
+
+/// What a model says about itself in its metadata.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ModelCard {
+    /// V.
+    pub views: usize,
+    /// Layers that serve it best, such as `guided 4` or `planes 64`.
+    pub recommended_layers: String,
+    /// How it was trained, in a line.
+    pub training: String,
+    /// Licence of the weights and of the data they were trained on.
+    pub licence: String,
+}
+
+/// A LiveView model run by ONNX Runtime.
+pub struct OrtNetwork {
+    session: Session,
+    path: PathBuf,
+    card: ModelCard,
+}
+
+impl OrtNetwork {
+    /// Open the ONNX model at `path` on `threads` threads. Refuses, naming what differs, a model whose metadata, inputs or
+    /// outputs are not a LiveView model's: `hwv` `[n, 3V, h, w]` → `logits` `[n, V, h, w]`, f32, n, h and w free.
+    pub fn open(runtime: &Runtime, path: &Path, threads: usize) -> Result<Self, NetworkError> {
+        let engine = |reason: String| NetworkError::Engine { path: path.to_path_buf(), reason };
+        if !path.is_file() {
+            return Err(engine("there is no such file".into()));
+        }
+        let session = build(runtime, path, threads).map_err(engine)?;
+        let card = read_card(&session, path)?;
+        for (outlet, name, channels) in [(session.inputs(), "hwv", 3 * card.views), (session.outputs(), "logits", card.views)] {
+            let found = outlet.iter().map(|o| format!("{} {}", o.name(), describe(o.dtype()))).collect::<Vec<_>>().join(", ");
+            let fits = outlet.len() == 1 && outlet[0].name() == name && has_shape(outlet[0].dtype(), channels);
+            if !fits {
+                return Err(NetworkError::Unfit {
+                    path: path.to_path_buf(),
+                    field: if name == "hwv" { "the input" } else { "the output" }.into(),
+                    found,
+                    expected: format!("{name} f32 [n, {channels}, h, w] with n, h and w free"),
+                });
+            }
+        }
+        Ok(Self { session, path: path.to_path_buf(), card })
+    }
+
+    /// The model's metadata.
+    pub fn card(&self) -> &ModelCard {
+        &self.card
+    }
+
+    /// The model file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl PlaneNetwork for OrtNetwork {
+    fn views(&self) -> usize {
+        self.card.views
+    }
+
+    fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+        let path = &self.path;
+        let engine = |e: ort::Error| NetworkError::Engine { path: path.clone(), reason: e.to_string() };
+        let input = TensorRef::from_array_view(hwv).map_err(engine)?;
+        let output = TensorRefMut::from_array_view_mut(logits.view_mut()).map_err(engine)?;
+        let mut binding = self.session.create_binding().map_err(engine)?;
+        binding.bind_input("hwv", &input).map_err(engine)?;
+        binding.bind_output("logits", output).map_err(engine)?;
+        self.session.run_binding(&binding).map_err(engine)?;
+        Ok(())
+    }
+}
+
+fn build(runtime: &Runtime, path: &Path, threads: usize) -> Result<Session, String> {
+    let text = |e: ort::Error| e.to_string();
+    let builder = Session::builder(&runtime.environment).map_err(text)?;
+    // The warp and the blend run on the same cores: an idle engine must not spin on them.
+    let configured = builder
+        .with_intra_threads(threads)
+        .and_then(|b| b.with_inter_threads(1))
+        .and_then(|b| b.with_intra_op_spinning(false));
+    configured.map_err(|e| e.to_string())?.commit_from_file(path).map_err(text)
+}
+
+fn read_card(session: &Session, path: &Path) -> Result<ModelCard, NetworkError> {
+    let engine = |e: ort::Error| NetworkError::Engine { path: path.to_path_buf(), reason: e.to_string() };
+    let metadata = session.metadata().map_err(engine)?;
+    let unfit = |key: &str, found: Option<String>, expected: &str| NetworkError::Unfit {
+        path: path.to_path_buf(),
+        field: format!("metadata `{key}`"),
+        found: found.unwrap_or_else(|| "missing".into()),
+        expected: expected.into(),
+    };
+    let text = |key: &str| metadata.custom(key).ok_or_else(|| unfit(key, None, "a text"));
+    let views = text("views")?;
+    let count = views.parse().ok().filter(|v| (2..=64).contains(v));
+    let stride = text("stride")?;
+    if stride != STRIDE.to_string() {
+        return Err(unfit("stride", Some(stride), &STRIDE.to_string()));
+    }
+    Ok(ModelCard {
+        views: count.ok_or_else(|| unfit("views", Some(views), "a whole number, 2 to 64"))?,
+        recommended_layers: text("recommended_layers")?,
+        training: text("training")?,
+        licence: text("licence")?,
+    })
+}
+
+fn has_shape(dtype: &ValueType, channels: usize) -> bool {
+    let ValueType::Tensor { ty: ort::value::TensorElementType::Float32, shape, .. } = dtype else { return false };
+    shape.len() == 4 && shape[1] == channels as i64 && [0, 2, 3].iter().all(|&axis| shape[axis] == -1)
+}
+
+fn describe(dtype: &ValueType) -> String {
+    match dtype {
+        ValueType::Tensor { ty, shape, .. } => format!("{ty:?} {:?}", shape.iter().collect::<Vec<_>>()),
+        other => format!("{other:?}"),
+    }
+}

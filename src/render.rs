@@ -1,0 +1,200 @@
+//! The whole pipeline: views, target and layers → target image, a batch of layers at a time.
+
+use std::time::{Duration, Instant};
+
+use ndarray::{Array2, ArrayView4, ArrayViewMut4};
+use rayon::prelude::*;
+
+use crate::blend::{DistanceWeights, LayerSamples};
+use crate::camera::Camera;
+use crate::composite::Accumulated;
+use crate::image_io::ImageRgb;
+use crate::layers::{Layer, Layers, padded};
+use crate::network::{NetworkError, PlaneNetwork};
+use crate::sweep::Sweep;
+use crate::views::{SourceView, distance};
+use crate::warp::{WarpSource, warp_layers};
+
+/// Why a frame could not be rendered.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RenderError {
+    /// Not as many views as the network takes.
+    #[error("the network takes {expected} views, but {found} were given")]
+    Views {
+        /// V of the network.
+        expected: usize,
+        /// How many were given.
+        found: usize,
+    },
+    /// The network failed.
+    #[error(transparent)]
+    Network(#[from] NetworkError),
+}
+
+/// A rendered target.
+#[derive(Debug, Clone)]
+pub struct Frame {
+    /// RGB in [0, 1], sRGB.
+    pub picture: ImageRgb,
+    /// Σ T α δ per pixel, 1/scene unit, `[height, width]`.
+    pub disparity: Array2<f32>,
+    /// What no layer covered, `[height, width]`: 0 where any view sees the background.
+    pub transmittance: Array2<f32>,
+    /// Index of the layer of largest α as the network gave it, `None` where no layer is covered, `[height, width]`.
+    pub best_layer: Array2<Option<u32>>,
+    /// Where the time went.
+    pub times: StageTimes,
+}
+
+/// Wall time per stage of one render.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct StageTimes {
+    /// Sampling the views.
+    pub warp: Duration,
+    /// Running the network.
+    pub network: Duration,
+    /// Blending and compositing.
+    pub composite: Duration,
+}
+
+/// The stages of one batch of layers over the padded target, as [`Renderer::render_observed`] shows them.
+#[derive(Debug, Clone, Copy)]
+pub struct Batch<'a> {
+    /// The layers, near → far.
+    pub layers: &'a [Layer],
+    /// HWV `[n, 3V, h, w]`.
+    pub hwv: ArrayView4<'a, f32>,
+    /// `[n, V, h, w]`.
+    pub coverage: ArrayView4<'a, f32>,
+    /// `[n, V, h, w]`.
+    pub logits: ArrayView4<'a, f32>,
+    /// What the views' distances do to their weights.
+    pub weights: &'a DistanceWeights,
+}
+
+/// Runs a network over layers. Keeps its buffers from frame to frame; their size is set by `batch` and the target, never
+/// by the number of layers.
+pub struct Renderer<N> {
+    network: N,
+    batch: usize,
+    hwv: Vec<f32>,
+    coverage: Vec<f32>,
+    logits: Vec<f32>,
+}
+
+impl<N: PlaneNetwork> Renderer<N> {
+    /// `batch` layers go through the network at once (at least one).
+    pub fn new(network: N, batch: usize) -> Self {
+        Self { network, batch: batch.max(1), hwv: Vec::new(), coverage: Vec::new(), logits: Vec::new() }
+    }
+
+    /// The network it runs.
+    pub fn network(&self) -> &N {
+        &self.network
+    }
+
+    /// Render `target` from `views` (V of them, nearest first: see [`crate::choose_views`]) on `layers`.
+    pub fn render(&mut self, views: &[SourceView<'_>], target: &Camera, layers: &Layers) -> Result<Frame, RenderError> {
+        self.render_observed(views, target, layers, |_| ())
+    }
+
+    /// As [`Self::render`], and show each batch to `observe` once the network has run.
+    pub fn render_observed(
+        &mut self,
+        views: &[SourceView<'_>],
+        target: &Camera,
+        layers: &Layers,
+        mut observe: impl FnMut(&Batch<'_>),
+    ) -> Result<Frame, RenderError> {
+        let count = self.network.views();
+        if views.len() != count {
+            return Err(RenderError::Views { expected: count, found: views.len() });
+        }
+        let sources = warp_sources(views, target);
+        let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
+        let weights = DistanceWeights::new(&distances);
+        let (height, width) = (padded(target.height()), padded(target.width()));
+        let pixels = height * width;
+        let batch = self.batch.min(layers.len());
+        self.hwv.resize(batch * 3 * count * pixels, 0.0);
+        self.coverage.resize(batch * count * pixels, 0.0);
+        self.logits.resize(batch * count * pixels, 0.0);
+
+        let mut gathered = vec![Accumulated::default(); target.height() * target.width()];
+        let mut times = StageTimes::default();
+        for (index, part) in layers.as_slice().chunks(batch).enumerate() {
+            let n = part.len();
+            let hwv = &mut self.hwv[..n * 3 * count * pixels];
+            let coverage = &mut self.coverage[..n * count * pixels];
+            let logits = &mut self.logits[..n * count * pixels];
+            let started = Instant::now();
+            warp_layers(part, &sources, (height, width), hwv, coverage);
+            let warped = Instant::now();
+            let hwv = ArrayView4::from_shape((n, 3 * count, height, width), hwv).expect("sized above");
+            let shape = (n, count, height, width);
+            self.network.infer(hwv, ArrayViewMut4::from_shape(shape, logits).expect("sized above"))?;
+            let inferred = Instant::now();
+            let shown = Batch {
+                layers: part,
+                hwv,
+                coverage: ArrayView4::from_shape(shape, coverage).expect("sized above"),
+                logits: ArrayView4::from_shape(shape, logits).expect("sized above"),
+                weights: &weights,
+            };
+            composite_batch(&shown, index * batch, layers.len(), target.width(), &mut gathered);
+            times.composite += inferred.elapsed();
+            times.network += inferred - warped;
+            times.warp += warped - started;
+            observe(&shown);
+        }
+        Ok(frame(&gathered, target, times))
+    }
+}
+
+/// The views' textures and sweeps as seen from `target`.
+pub fn warp_sources<'a>(views: &[SourceView<'a>], target: &Camera) -> Vec<WarpSource<'a>> {
+    views.iter().map(|v| WarpSource { texture: v.texture, sweep: Sweep::new(v.camera, target) }).collect()
+}
+
+/// Blend each layer of the batch, whose first is layer `first` of `total`, and add it behind what was gathered.
+fn composite_batch(batch: &Batch<'_>, first: usize, total: usize, target_width: usize, gathered: &mut [Accumulated]) {
+    let (n, views, _, width) = batch.logits.dim();
+    let (hwv, coverage, logits) = match (batch.hwv.to_slice(), batch.coverage.to_slice(), batch.logits.to_slice()) {
+        (Some(hwv), Some(coverage), Some(logits)) => (hwv, coverage, logits),
+        _ => unreachable!("views of the renderer's own buffers"),
+    };
+    let size = logits.len() / n;
+    gathered.par_chunks_mut(target_width).enumerate().for_each(|(row, gathered)| {
+        let mut disparity = vec![0.0; width];
+        for (k, layer) in batch.layers.iter().enumerate() {
+            layer.fill_row(row, &mut disparity);
+            let samples = LayerSamples {
+                logits: &logits[k * size..(k + 1) * size],
+                colour: &hwv[3 * k * size..3 * (k + 1) * size],
+                coverage: &coverage[k * size..(k + 1) * size],
+            };
+            debug_assert_eq!(size % views, 0);
+            for (x, (pixel, &disparity)) in gathered.iter_mut().zip(&disparity).enumerate() {
+                let blended = batch.weights.blend(&samples, row * width + x);
+                pixel.add((first + k) as u32, blended, disparity, first + k + 1 == total);
+            }
+        }
+    });
+}
+
+fn frame(gathered: &[Accumulated], target: &Camera, times: StageTimes) -> Frame {
+    let shape = (target.height(), target.width());
+    let map = |f: fn(&Accumulated) -> f32| {
+        Array2::from_shape_vec(shape, gathered.iter().map(f).collect()).expect("one value per pixel")
+    };
+    let best = |p: &Accumulated| (p.best.1 != u32::MAX).then_some(p.best.1);
+    let rgb = gathered.iter().flat_map(|p| p.rgb).collect();
+    Frame {
+        picture: ImageRgb::new(target.width(), target.height(), rgb).expect("three values per pixel"),
+        disparity: map(|p| p.disparity),
+        transmittance: map(|p| p.transmittance),
+        best_layer: Array2::from_shape_vec(shape, gathered.iter().map(best).collect()).expect("one value per pixel"),
+        times,
+    }
+}

@@ -1,0 +1,149 @@
+//! Warp: bilinear sampling of a view along a layer, straight into the batch that the network reads.
+//!
+//! A sample is valid iff w > 0 and its bilinear footprint touches the image; zeros outside (torch's
+//! `grid_sample(mode="bilinear", padding_mode="zeros", align_corners=False)`). Coordinates that are not finite are
+//! outside. Beside the colour each sample has its **coverage** in [0, 1]: the same sample of an all-ones image.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::image_io::ImageRgb;
+use crate::layers::Layer;
+use crate::sweep::Sweep;
+
+/// A view's photo made ready for sampling: RGB and a fourth channel of ones (whose sample is the coverage), inside a
+/// border of zeros so that sampling needs no bounds test.
+#[derive(Debug, Clone)]
+pub struct Texture {
+    texels: Vec<[f32; 4]>,
+    width: usize,
+    height: usize,
+}
+
+/// Zeros before the first and after the last pixel of a row or column: a coordinate clamped to one pixel outside the
+/// image still has both its neighbours.
+const BORDER: (usize, usize) = (1, 2);
+
+impl Texture {
+    /// Copies the photo.
+    pub fn new(photo: &ImageRgb) -> Self {
+        let (width, height) = (photo.width(), photo.height());
+        let stride = width + BORDER.0 + BORDER.1;
+        let mut texels = vec![[0.0; 4]; stride * (height + BORDER.0 + BORDER.1)];
+        for (y, row) in photo.data().chunks_exact(3 * width).enumerate() {
+            let at = (y + BORDER.0) * stride + BORDER.0;
+            for (texel, rgb) in texels[at..at + width].iter_mut().zip(row.chunks_exact(3)) {
+                *texel = [rgb[0], rgb[1], rgb[2], 1.0];
+            }
+        }
+        Self { texels, width, height }
+    }
+
+    /// Columns of the photo.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows of the photo.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// The photo with its fourth channel shrunk by `cell`: area average; cells at the border average the pixels they have.
+    pub(crate) fn shrunk(&self, cell: usize) -> Self {
+        let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
+        let (stride, shrunk_stride) = (self.width + BORDER.0 + BORDER.1, width + BORDER.0 + BORDER.1);
+        let mut texels = vec![[0.0; 4]; shrunk_stride * (height + BORDER.0 + BORDER.1)];
+        let rows = texels.chunks_exact_mut(shrunk_stride).skip(BORDER.0).take(height);
+        for (y, row) in rows.enumerate() {
+            for (x, texel) in row[BORDER.0..BORDER.0 + width].iter_mut().enumerate() {
+                let (last_y, last_x) = ((y * cell + cell).min(self.height), (x * cell + cell).min(self.width));
+                let mut sum = [0.0; 4];
+                for yy in y * cell..last_y {
+                    let at = (yy + BORDER.0) * stride + BORDER.0;
+                    for pixel in &self.texels[at + x * cell..at + last_x] {
+                        (0..4).for_each(|c| sum[c] += pixel[c]);
+                    }
+                }
+                *texel = sum.map(|s| s / sum[3]);
+            }
+        }
+        Self { texels, width, height }
+    }
+
+    /// Bilinear sample at pixel coordinates shifted by the border: `x`, `y` count from the centre of the border's first
+    /// texel and lie in [0, width + 1], [0, height + 1].
+    #[inline(always)]
+    fn sample(&self, x: f32, y: f32) -> [f32; 4] {
+        let (column, row) = (x as usize, y as usize);
+        let (across, down) = (x - column as f32, y - row as f32);
+        let stride = self.width + BORDER.0 + BORDER.1;
+        let at = row * stride + column;
+        let (upper, lower) = (&self.texels[at..at + 2], &self.texels[at + stride..at + stride + 2]);
+        let weights = [(1.0 - across) * (1.0 - down), across * (1.0 - down), (1.0 - across) * down, across * down];
+        std::array::from_fn(|c| {
+            upper[0][c] * weights[0] + upper[1][c] * weights[1] + lower[0][c] * weights[2] + lower[1][c] * weights[3]
+        })
+    }
+}
+
+/// One view as the warp sees it.
+#[derive(Debug, Clone, Copy)]
+pub struct WarpSource<'a> {
+    /// Its photo.
+    pub texture: &'a Texture,
+    /// Its sweep over the target's disparities.
+    pub sweep: Sweep,
+}
+
+/// Warp all views by all `layers` onto a target of `width`×`height` pixels.
+///
+/// `colour` becomes `[n, 3V, height, width]`: the homography warped volume of the paper; `coverage` becomes
+/// `[n, V, height, width]`. Both must have exactly that many elements.
+///
+/// # Panics
+/// If the buffers have other sizes.
+pub fn warp_layers(
+    layers: &[Layer],
+    sources: &[WarpSource<'_>],
+    (height, width): (usize, usize),
+    colour: &mut [f32],
+    coverage: &mut [f32],
+) {
+    let plane = height * width;
+    assert_eq!(colour.len(), 3 * layers.len() * sources.len() * plane, "colour is [n, 3V, height, width]");
+    assert_eq!(3 * coverage.len(), colour.len(), "coverage is [n, V, height, width]");
+    let views = colour.par_chunks_mut(3 * plane).zip(coverage.par_chunks_mut(plane)).enumerate();
+    views.for_each(|(index, (colour, coverage))| {
+        let (layer, source) = (&layers[index / sources.len()], &sources[index % sources.len()]);
+        let (red, rest) = colour.split_at_mut(plane);
+        let (green, blue) = rest.split_at_mut(plane);
+        let mut disparity = vec![0.0; width];
+        for row in 0..height {
+            if row == 0 || matches!(layer, Layer::Map(_)) {
+                layer.fill_row(row, &mut disparity);
+            }
+            let span = row * width..(row + 1) * width;
+            let out = [&mut red[span.clone()], &mut green[span.clone()], &mut blue[span.clone()]];
+            warp_row(source, row, &disparity, out, &mut coverage[span]);
+        }
+    });
+}
+
+/// One row of one view: the ray of each pixel in f32, its terms set up in f64.
+fn warp_row(source: &WarpSource<'_>, row: usize, disparity: &[f32], rgb: [&mut [f32]; 3], coverage: &mut [f32]) {
+    let homography = source.sweep.homography_at_infinity;
+    let start = (homography * DVec3::new(0.5, row as f64 + 0.5, 1.0)).as_vec3();
+    let (across, epipole) = (homography.x_axis.as_vec3(), source.sweep.epipole.as_vec3());
+    let (right, bottom) = ((source.texture.width + 1) as f32, (source.texture.height + 1) as f32);
+    let [red, green, blue] = rgb;
+    let out = red.iter_mut().zip(green).zip(blue).zip(coverage).zip(disparity);
+    for (x, ((((red, green), blue), coverage), &disparity)) in out.enumerate() {
+        let uvw = start + across * x as f32 + epipole * disparity;
+        // +0.5: pixel centres lie at halves, the border adds one. NaN and w <= 0 end up at 0: outside.
+        let w = if uvw.z > 0.0 { uvw.z } else { f32::NAN };
+        let at_x = (uvw.x / w + 0.5).max(0.0).min(right);
+        let at_y = (uvw.y / w + 0.5).max(0.0).min(bottom);
+        [*red, *green, *blue, *coverage] = source.texture.sample(at_x, at_y);
+    }
+}
