@@ -1,0 +1,91 @@
+"""Procedural scenes obey the conventions: a view warped by the target's true disparity shows what the target shows."""
+
+import numpy as np
+import pytest
+import torch
+import torch.nn.functional as F
+from liveview_ref.camera import Camera
+from liveview_ref.procedural import Textures, make_world, render, sample_scene
+from liveview_ref.warp import warp_maps
+
+
+@pytest.fixture(scope="module")
+def textures():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # many small operations
+    yield Textures(None)
+    torch.set_num_threads(threads)
+
+
+def camera(k, r, t, image):
+    k, r, t = (torch.as_tensor(x) for x in (k, r, t))
+    return Camera(k, r, t, image.shape[-1], image.shape[-2])
+
+
+def interior(disparity):
+    """[H, W]: no step of disparity within a pixel: not at an edge, where a pixel mixes two surfaces."""
+    high = F.max_pool2d(disparity[None], 3, 1, 1)[0]
+    low = -F.max_pool2d(-disparity[None], 3, 1, 1)[0]
+    return high - low < 0.06 * high
+
+
+def test_views_reproject_onto_the_target_where_nothing_hides_them(textures):
+    errors, wrong = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        world = make_world(rng, 3, (64, 80))
+        images, disparities = render(rng, world, textures)
+        cameras = [camera(*c) for c in zip(world.k, world.r, world.t, images, strict=True)]
+        inside = interior(disparities[0])
+        x, y = torch.meshgrid(torch.arange(80) + 0.5, torch.arange(64) + 0.5, indexing="xy")
+        points = torch.linalg.inv(cameras[0].k) @ torch.stack([x, y, torch.ones_like(x)]).double().reshape(3, -1)
+        points = points / disparities[0].reshape(1, -1)
+        for v in range(1, 4):
+            image, disparity, view = images[v], disparities[v], cameras[v]
+            colour, coverage = warp_maps(image, view, cameras[0], disparities[0][None])
+            depth = (torch.from_numpy(world.r[v]) @ points + torch.from_numpy(world.t[v])[:, None])[2]
+            expected = 1 / depth.reshape(64, 80)
+            both = torch.stack([disparity, interior(disparity).float(), disparity * 0])
+            there, _ = warp_maps(both, view, cameras[0], disparities[0][None])
+            visible = (
+                inside & (coverage[0] > 0.999) & (there[0, 1] > 0.999) & ((there[0, 0] / expected - 1).abs() < 0.05)
+            )
+            if visible.sum() < 100:
+                continue
+            error = (colour[0] - images[0]).abs().mean(0)[visible]
+            errors.append(float(error.mean()))
+            wrong.append(float((colour[0].roll(2, 2) - images[0]).abs().mean(0)[visible].mean()))
+    assert len(errors) > 24, "hardly any view shows what the target shows"
+    assert np.mean(errors) < 0.02 and np.median(errors) < 0.015, errors
+    assert np.mean(wrong) > 2 * np.mean(errors), "the check cannot tell: two pixels aside it is as good"
+
+
+def test_a_sample_keeps_the_conventions_after_its_rigid_motion_and_unit(textures):
+    medians = []
+    for seed in range(8):
+        s = sample_scene(np.random.default_rng(seed), 3, (64, 80), textures)
+        target = camera(s.target_k, s.target_r, s.target_t, s.target)
+        assert s.target.shape == (3, 64, 80) and s.disparity.shape == (64, 80)
+        assert s.disparity.min() >= 1 / s.far and s.disparity.max() <= 1 / s.near
+        for view, k, r, t in zip(s.views, s.view_k, s.view_r, s.view_t, strict=True):
+            assert view.dtype == torch.float32 and 0 <= view.min() and view.max() <= 1
+            torch.testing.assert_close(r @ r.T, torch.eye(3, dtype=torch.float64))
+            colour, coverage = warp_maps(view, camera(k, r, t, view), target, s.disparity[None])
+            covered = coverage[0] > 0.999
+            if covered.sum() > 500:
+                medians.append(float((colour[0] - s.target).abs().mean(0)[covered].median()))
+    assert np.median(medians) < 0.03, medians
+
+
+def test_a_seed_makes_one_scene(textures):
+    first, second = (sample_scene(np.random.default_rng(3), 4, (64, 64), textures) for _ in range(2))
+    assert all(torch.equal(a, b) for a, b in zip(first.views, second.views, strict=True))
+    assert torch.equal(first.target, second.target) and torch.equal(first.view_t, second.view_t)
+
+
+def test_thin_bars_keep_their_share_of_a_pixel(textures):
+    from liveview_ref.procedural_surfaces import bars, slab
+
+    x = torch.linspace(-3, 3, 601)
+    assert bars(x, 1.0, 0.25, torch.full_like(x, 7.0)).sub(0.25).abs().max() < 0.04
+    assert abs(float(slab(x, 0.05, torch.full_like(x, 1.0)).sum()) * 0.01 - 0.1) < 2e-3
