@@ -1,0 +1,263 @@
+//! Pictures in and out: PNG and JPEG to interleaved f32 RGB, and back to PNG.
+//!
+//! Colours are sRGB values in [0, 1] as stored in the file (no linearisation). Alpha is dropped; the EXIF orientation is
+//! ignored, as COLMAP and the other pose tools ignore it, so poses belong to the pixels as stored.
+
+use std::fs::{self, File};
+use std::io::{self, BufReader, BufWriter, Cursor, Write};
+use std::path::{Path, PathBuf};
+
+use image::codecs::png::PngEncoder;
+use image::imageops::{self, FilterType};
+use image::{ExtendedColorType, ImageEncoder, ImageFormat, ImageReader, Limits, Rgb32FImage};
+
+use crate::camera::MAX_SIDE;
+
+/// Why a picture could not be read or written. Every message names the file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ImageError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The file is damaged, cut short, or neither PNG nor JPEG.
+    #[error("{}: not a complete PNG or JPEG image: {reason}", path.display())]
+    Decode {
+        /// The file.
+        path: PathBuf,
+        /// What the decoder said.
+        reason: String,
+    },
+    /// The header declares more than [`MAX_SIDE`] pixels in a side. Nothing was decoded.
+    #[error("{}: the image is {width}x{height}; at most {MAX_SIDE} pixels per side are read", path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Declared width in pixels.
+        width: usize,
+        /// Declared height in pixels.
+        height: usize,
+    },
+    /// The pixel buffer handed in does not hold width × height pixels.
+    #[error("{len} values given for a {width}x{height} image with {channels} channels")]
+    Buffer {
+        /// Values given.
+        len: usize,
+        /// Width in pixels.
+        width: usize,
+        /// Height in pixels.
+        height: usize,
+        /// Values per pixel.
+        channels: usize,
+    },
+    /// The file cannot be written.
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// An sRGB picture: interleaved RGB, f32 in [0, 1], row-major, `data.len() == 3 * width * height`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImageRgb {
+    data: Vec<f32>,
+    width: usize,
+    height: usize,
+}
+
+impl ImageRgb {
+    /// Wraps interleaved RGB values.
+    ///
+    /// # Errors
+    ///
+    /// [`ImageError::Buffer`] unless `data` holds 3 · width · height values.
+    pub fn new(width: usize, height: usize, data: Vec<f32>) -> Result<Self, ImageError> {
+        check_buffer(data.len(), width, height, 3)?;
+        Ok(Self { data, width, height })
+    }
+
+    /// Width in pixels.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All values, interleaved RGB, row by row.
+    pub fn data(&self) -> &[f32] {
+        &self.data
+    }
+
+    /// Takes the values out.
+    pub fn into_data(self) -> Vec<f32> {
+        self.data
+    }
+
+    /// The pixel in column `x`, row `y`.
+    ///
+    /// # Panics
+    ///
+    /// If the pixel is outside the image.
+    pub fn pixel(&self, x: usize, y: usize) -> [f32; 3] {
+        assert!(x < self.width && y < self.height, "pixel ({x}, {y}) of a {}x{} image", self.width, self.height);
+        let at = 3 * (y * self.width + x);
+        [self.data[at], self.data[at + 1], self.data[at + 2]]
+    }
+
+    /// The picture scaled to another size. The triangle filter widens when scaling down, so nothing aliases.
+    ///
+    /// # Errors
+    ///
+    /// [`ImageError::Buffer`] if either size is beyond what a picture file holds.
+    pub fn resized(self, width: usize, height: usize) -> Result<Self, ImageError> {
+        let refused = ImageError::Buffer { len: self.data.len(), width, height, channels: 3 };
+        let sides = [self.width, self.height, width, height].map(u32::try_from);
+        let [Ok(across), Ok(down), Ok(new_across), Ok(new_down)] = sides else { return Err(refused) };
+        let Some(buffer) = Rgb32FImage::from_raw(across, down, self.data) else { return Err(refused) };
+        let scaled = imageops::resize(&buffer, new_across, new_down, FilterType::Triangle);
+        Self::new(width, height, scaled.into_raw())
+    }
+}
+
+/// Width and height of a PNG or JPEG in pixels, from its header alone.
+///
+/// # Errors
+///
+/// [`ImageError::Read`], [`ImageError::Decode`] or [`ImageError::TooLarge`], naming the file.
+pub fn read_size(path: &Path) -> Result<(usize, usize), ImageError> {
+    // By content, not by extension: photos called .jpg that are PNG are common.
+    let reader = File::open(path).and_then(|file| ImageReader::new(BufReader::new(file)).with_guessed_format());
+    let reader = reader.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+    check_format(path, reader.format())?;
+    let size = reader.into_dimensions().map_err(|error| decode_error(path, &error))?;
+    check_side(path, size)
+}
+
+/// Decodes a PNG or JPEG.
+///
+/// # Errors
+///
+/// [`ImageError::Read`], [`ImageError::TooLarge`], or [`ImageError::Decode`] if the file is damaged or ends early.
+pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
+    read_size(path)?;
+    let bytes = fs::read(path).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+    let mut reader = ImageReader::new(Cursor::new(bytes.as_slice()))
+        .with_guessed_format()
+        .map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+    check_format(path, reader.format())?;
+    if reader.format() == Some(ImageFormat::Jpeg) && !jpeg_is_complete(&bytes) {
+        let reason = "the JPEG data ends early".to_owned();
+        return Err(ImageError::Decode { path: path.to_owned(), reason });
+    }
+    let mut limits = Limits::no_limits();
+    limits.max_image_width = Some(MAX_SIDE as u32);
+    limits.max_image_height = Some(MAX_SIDE as u32);
+    reader.limits(limits);
+    let decoded = reader.decode().map_err(|error| decode_error(path, &error))?.into_rgb32f();
+    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+    ImageRgb::new(width, height, decoded.into_raw())
+}
+
+/// Writes an 8-bit RGB PNG, values rounded to nearest and clamped to [0, 1].
+///
+/// Written under a temporary name in the same folder and then renamed, so that no half-written picture is ever seen.
+///
+/// # Errors
+///
+/// [`ImageError::Write`], naming the file.
+pub fn save_png(path: &Path, picture: &ImageRgb) -> Result<(), ImageError> {
+    let bytes: Vec<u8> = picture.data.iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect();
+    save(path, &bytes, picture.width, picture.height, ExtendedColorType::Rgb8)
+}
+
+/// Writes a 16-bit grey PNG, row-major, in the same careful way as [`save_png`].
+///
+/// # Errors
+///
+/// [`ImageError::Buffer`] unless `data` holds width · height values; [`ImageError::Write`], naming the file.
+pub fn save_gray16_png(path: &Path, width: usize, height: usize, data: &[u16]) -> Result<(), ImageError> {
+    check_buffer(data.len(), width, height, 1)?;
+    // The encoder takes the machine's byte order.
+    let bytes: Vec<u8> = data.iter().flat_map(|v| v.to_ne_bytes()).collect();
+    save(path, &bytes, width, height, ExtendedColorType::L16)
+}
+
+fn save(path: &Path, bytes: &[u8], width: usize, height: usize, color: ExtendedColorType) -> Result<(), ImageError> {
+    let failed = |source| ImageError::Write { path: path.to_owned(), source };
+    let invalid = |what: &str| failed(io::Error::new(io::ErrorKind::InvalidInput, what.to_owned()));
+    let name = path.file_name().ok_or_else(|| invalid("the path names no file"))?;
+    let (Ok(across), Ok(down)) = (u32::try_from(width), u32::try_from(height)) else {
+        return Err(invalid("the picture is too large for a PNG"));
+    };
+    let mut hidden = std::ffi::OsString::from(format!(".{}.", std::process::id()));
+    hidden.push(name);
+    let temporary = path.with_file_name(hidden);
+    let written = File::create(&temporary).and_then(|file| {
+        let mut file = BufWriter::new(file);
+        PngEncoder::new(&mut file).write_image(bytes, across, down, color).map_err(|error| match error {
+            image::ImageError::IoError(error) => error,
+            other => io::Error::other(other),
+        })?;
+        file.flush()
+    });
+    written.and_then(|()| fs::rename(&temporary, path)).map_err(|error| {
+        // The write already failed; a leftover that cannot be removed adds nothing to that.
+        let _ = fs::remove_file(&temporary);
+        failed(error)
+    })
+}
+
+fn check_buffer(len: usize, width: usize, height: usize, channels: usize) -> Result<(), ImageError> {
+    let expected = width.checked_mul(height).and_then(|pixels| pixels.checked_mul(channels));
+    if expected == Some(len) { Ok(()) } else { Err(ImageError::Buffer { len, width, height, channels }) }
+}
+
+fn check_format(path: &Path, format: Option<ImageFormat>) -> Result<(), ImageError> {
+    match format {
+        Some(ImageFormat::Png | ImageFormat::Jpeg) => Ok(()),
+        Some(other) => Err(ImageError::Decode { path: path.to_owned(), reason: format!("{other:?} is not read") }),
+        None => Err(ImageError::Decode { path: path.to_owned(), reason: "unknown kind of file".to_owned() }),
+    }
+}
+
+fn check_side(path: &Path, (width, height): (u32, u32)) -> Result<(usize, usize), ImageError> {
+    let (width, height) = (width as usize, height as usize);
+    if width > MAX_SIDE || height > MAX_SIDE {
+        return Err(ImageError::TooLarge { path: path.to_owned(), width, height });
+    }
+    Ok((width, height))
+}
+
+fn decode_error(path: &Path, error: &image::ImageError) -> ImageError {
+    ImageError::Decode { path: path.to_owned(), reason: error.to_string() }
+}
+
+/// Whether the end-of-image marker is reached. The decoder is lenient: it fills what is missing with grey.
+fn jpeg_is_complete(bytes: &[u8]) -> bool {
+    let mut at = 2; // past the start-of-image marker
+    while let Some(&[prefix, marker]) = bytes.get(at..at + 2) {
+        match (prefix, marker) {
+            (0xFF, 0xD9) => return true,
+            // Bytes of a scan, stuffed zeros, restart markers and fill bytes.
+            (0xFF, 0x00 | 0x01 | 0xD0..=0xD7) => at += 2,
+            (0xFF, 0xFF) | (0..=0xFE, _) => at += 1,
+            // Any other marker carries a length, which skips embedded thumbnails.
+            _ => match bytes.get(at + 2..at + 4) {
+                Some(&[high, low]) => at += 2 + usize::from(u16::from_be_bytes([high, low])),
+                _ => return false,
+            },
+        }
+    }
+    false
+}

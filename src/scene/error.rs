@@ -1,0 +1,122 @@
+//! What can be wrong with a scene folder.
+
+use std::io;
+use std::path::PathBuf;
+
+use crate::camera::CameraError;
+use crate::image_io::ImageError;
+
+/// Why a scene was refused. Every message names the file, the field and what was expected.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SceneError {
+    /// The path is no folder, or none of the formats lies in it.
+    #[error("{}: {reason}; expected a folder with one of: transforms.json, poses_bounds.npy, models.json (Spaces), \
+             cameras.txt with frames/ (RealEstate10K), sparse/0 (COLMAP)", path.display())]
+    NoScene {
+        /// The path given.
+        path: PathBuf,
+        /// What was found instead.
+        reason: String,
+    },
+    /// A file or folder cannot be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Read {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A field is missing or holds something else than it should.
+    #[error("{}: {what}; expected {expected}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// The field and what it holds.
+        what: String,
+        /// What it should hold.
+        expected: String,
+    },
+    /// Something this program does not read, such as a fisheye camera model.
+    #[error("{}: {what} is not supported; {hint}", path.display())]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// The feature, by its name in the file.
+        what: String,
+        /// What is, or what to do.
+        hint: String,
+    },
+    /// A view's camera is not usable.
+    #[error("{}: camera of {image}: {source}", path.display())]
+    Camera {
+        /// The file the camera stands in.
+        path: PathBuf,
+        /// The photo it belongs to.
+        image: String,
+        /// Why.
+        source: CameraError,
+    },
+    /// A path in a scene file leaves the scene's folder.
+    #[error("{}: the path \"{image}\" leaves the scene folder; expected a relative path without \"..\"", path.display())]
+    UnsafePath {
+        /// The file that names it.
+        path: PathBuf,
+        /// The path as written there.
+        image: String,
+    },
+    /// A photo that a scene file lists does not exist.
+    #[error("{}: missing image, listed in {}", path.display(), listed_in.display())]
+    MissingImage {
+        /// The photo.
+        path: PathBuf,
+        /// The file that lists it.
+        listed_in: PathBuf,
+    },
+    /// A photo's size is not the one its intrinsics are for.
+    #[error("{}: image of another size than declared: it is {}x{}, {} says {}x{}",
+            path.display(), actual.0, actual.1, declared_in.display(), declared.0, declared.1)]
+    ImageSize {
+        /// The photo.
+        path: PathBuf,
+        /// Its width and height in pixels.
+        actual: (usize, usize),
+        /// The file that declares another.
+        declared_in: PathBuf,
+        /// The declared width and height.
+        declared: (usize, usize),
+    },
+    /// LLFF: as many photos as poses are needed, since they are matched by order.
+    #[error("{}: {rows} poses, but {} holds {images} images; expected one pose per image", path.display(), folder.display())]
+    CountMismatch {
+        /// The pose file.
+        path: PathBuf,
+        /// Poses in it.
+        rows: usize,
+        /// The folder of photos.
+        folder: PathBuf,
+        /// Photos in it.
+        images: usize,
+    },
+    /// No view has that name, or several have.
+    #[error("{reason} \"{name}\" among the {count} views; closest: {}", closest.join(", "))]
+    UnknownView {
+        /// The name asked for.
+        name: String,
+        /// `no view is named` or `several views are named`.
+        reason: &'static str,
+        /// Number of views in the scene.
+        count: usize,
+        /// The names most like it.
+        closest: Vec<String>,
+    },
+    /// A photo cannot be decoded.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+}
+
+impl SceneError {
+    pub(super) fn malformed(path: impl Into<PathBuf>, what: impl Into<String>, expected: impl Into<String>) -> Self {
+        Self::Malformed { path: path.into(), what: what.into(), expected: expected.into() }
+    }
+}

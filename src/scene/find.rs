@@ -1,0 +1,60 @@
+//! Views by name.
+
+use std::path::Path;
+
+use super::{Scene, SceneError};
+
+/// Names shown when none fits.
+const SHOWN: usize = 8;
+
+impl Scene {
+    /// Index of the view with this name, file name, or file name without extension.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::UnknownView`] if none or several match, listing the closest names.
+    pub fn view_index(&self, name: &str) -> Result<usize, SceneError> {
+        let stem = |path: &str| Path::new(path).file_stem().map(|stem| stem.to_string_lossy().into_owned());
+        let file = |path: &str| Path::new(path).file_name().map(|file| file.to_string_lossy().into_owned());
+        let tests: [&dyn Fn(&str) -> bool; 3] =
+            [&|view| view == name, &|view| file(view).as_deref() == Some(name), &|view| {
+                stem(view).as_deref() == Some(name)
+            }];
+        let unknown = |reason, closest| SceneError::UnknownView {
+            name: name.to_owned(),
+            reason,
+            count: self.views.len(),
+            closest,
+        };
+        for test in tests {
+            let matches: Vec<usize> = (0..self.views.len()).filter(|&i| test(&self.views[i].name)).collect();
+            match matches.as_slice() {
+                [] => {}
+                [index] => return Ok(*index),
+                several => {
+                    let closest = several.iter().take(SHOWN).map(|&i| self.views[i].name.clone()).collect();
+                    return Err(unknown("several views are named", closest));
+                }
+            }
+        }
+        let mut closest: Vec<String> = self.views.iter().map(|view| view.name.clone()).collect();
+        closest.sort_by_key(|view| edit_distance(view, name));
+        closest.truncate(SHOWN);
+        Err(unknown("no view is named", closest))
+    }
+}
+
+/// Levenshtein distance, for naming the views most like a misspelt one.
+fn edit_distance(a: &str, b: &str) -> usize {
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.bytes().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.bytes().enumerate() {
+            let above = row[j + 1];
+            row[j + 1] = (diagonal + usize::from(x != y)).min(above + 1).min(row[j] + 1);
+            diagonal = above;
+        }
+    }
+    row[b.len()]
+}

@@ -1,0 +1,37 @@
+//! LLFF: `poses_bounds.npy` beside a folder of photos, matched by order: row i belongs to the i-th name sorted as text.
+//!
+//! The photos are usually reduced copies; intrinsics follow their actual size. Depth ranges are the stored bounds.
+
+use std::path::Path;
+
+use super::draft::{Draft, Drafts, Size};
+use super::files::{images_folder, list_photos, photo};
+use super::undistort::Distortion;
+use super::{SceneError, SceneOptions, poses_bounds};
+
+/// Folders of photos, in the order they are tried.
+const FOLDERS: [&str; 4] = ["images_8", "images_4", "images_2", "images"];
+
+pub(super) fn read(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
+    let path = root.join("poses_bounds.npy");
+    let rows = poses_bounds::parse(&path)?;
+    let folder = images_folder(root, options.images.as_deref(), &FOLDERS)?;
+    let names = list_photos(&root.join(&folder))?;
+    if names.len() != rows.len() {
+        let folder = root.join(folder);
+        return Err(SceneError::CountMismatch { path, rows: rows.len(), folder, images: names.len() });
+    }
+    let mut drafts = Vec::with_capacity(rows.len());
+    for (row, name) in rows.into_iter().zip(names) {
+        drafts.push(Draft {
+            photo: photo(root, &path, &format!("{folder}/{name}"), false)?,
+            intrinsics: row.intrinsics,
+            size: Size::Scaled(row.width, row.height),
+            rotation: row.rotation,
+            translation: row.translation,
+            distortion: Distortion::default(),
+            depth_range: Some((row.near, row.far)),
+        });
+    }
+    Ok(Drafts { cameras: path, drafts, notes: vec![format!("photos are those of {folder}")] })
+}

@@ -1,0 +1,65 @@
+//! `poses_bounds.npy`, the pose file of LLFF and of rigs that follow it.
+//!
+//! One row of 17 f64 per camera: a 3×5 matrix, row by row, then near and far depth. The matrix holds the camera's axes in the
+//! world as columns [down, right, backwards], its centre, and (height, width, focal length) of the full-size photos: LLFF's
+//! README, "Using your own poses". OpenCV's axes are [right, down, −backwards]. The principal point is the image centre.
+
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use ndarray::ArrayView2;
+use ndarray_npy::ViewNpyExt;
+
+use super::SceneError;
+use super::files::read;
+use crate::camera::Intrinsics;
+
+/// One row of the file.
+pub(super) struct PoseBounds {
+    /// For the declared size.
+    pub(super) intrinsics: Intrinsics,
+    /// Declared, full size in pixels.
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// `cam_from_world`, OpenCV axes.
+    pub(super) rotation: DMat3,
+    pub(super) translation: DVec3,
+    /// As stored, in scene units.
+    pub(super) near: f64,
+    pub(super) far: f64,
+}
+
+pub(super) fn parse(path: &Path) -> Result<Vec<PoseBounds>, SceneError> {
+    const EXPECTED: &str = "a float64 array of N rows with 17 numbers";
+    let bytes = read(path)?;
+    // A view, so that a shape beyond the file's length is refused before anything is allocated for it.
+    let rows = ArrayView2::<f64>::view_npy(&bytes)
+        .map_err(|error| SceneError::malformed(path, error.to_string(), EXPECTED))?;
+    if rows.ncols() != 17 {
+        return Err(SceneError::malformed(path, format!("the array has shape {:?}", rows.shape()), EXPECTED));
+    }
+    rows.rows().into_iter().enumerate().map(|(index, row)| pose_bounds(path, index, |i| row[i])).collect()
+}
+
+fn pose_bounds(path: &Path, index: usize, at: impl Fn(usize) -> f64) -> Result<PoseBounds, SceneError> {
+    let column = |i: usize| DVec3::new(at(i), at(5 + i), at(10 + i));
+    let (down, right, backwards, centre) = (column(0), column(1), column(2), column(3));
+    let side = |name: &str, value: f64| {
+        let whole = value.fract() == 0.0 && (1.0..=1e9).contains(&value);
+        let wrong =
+            || SceneError::malformed(path, format!("row {index}: {name} is {value}"), "a whole number of pixels");
+        whole.then_some(value as usize).ok_or_else(wrong)
+    };
+    let (height, width, focal) = (side("height", at(4))?, side("width", at(9))?, at(14));
+    let rotation = DMat3::from_rows(right, down, -backwards);
+    let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
+    Ok(PoseBounds {
+        intrinsics: Intrinsics { fx: focal, fy: focal, cx, cy, skew: 0.0 },
+        width,
+        height,
+        rotation,
+        translation: -(rotation * centre),
+        near: at(15),
+        far: at(16),
+    })
+}

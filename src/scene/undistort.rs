@@ -1,0 +1,143 @@
+//! Lens distortion, undone once when a photo is loaded.
+//!
+//! The model is OpenCV's (also COLMAP's `OPENCV`, nerfstudio's and instant-ngp's): with x, y the pinhole ray at z = 1 and
+//! r² = x² + y², the photo shows that ray at
+//!
+//! ```text
+//! x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
+//! y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
+//! ```
+//!
+//! The result is the pinhole image with the same K and size: each of its pixels samples the photo at its distorted position,
+//! bilinearly, so nothing needs inverting. Positions outside the photo take its nearest edge pixel.
+
+use rayon::prelude::*;
+
+use crate::camera::{Camera, Intrinsics};
+use crate::image_io::{ImageError, ImageRgb};
+
+/// Coefficients of OpenCV's radial and tangential model; they act on rays, so they hold at any image size.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Distortion {
+    pub(super) k1: f64,
+    pub(super) k2: f64,
+    pub(super) k3: f64,
+    pub(super) p1: f64,
+    pub(super) p2: f64,
+}
+
+impl Distortion {
+    pub(super) fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    pub(super) fn fields(&self) -> [(&'static str, f64); 5] {
+        [("k1", self.k1), ("k2", self.k2), ("k3", self.k3), ("p1", self.p1), ("p2", self.p2)]
+    }
+
+    /// Where the photo shows the pinhole ray (x, y, 1).
+    pub(super) fn distort(&self, x: f64, y: f64) -> (f64, f64) {
+        let Self { k1, k2, k3, p1, p2 } = *self;
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        (
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        )
+    }
+}
+
+/// The pinhole image of `camera` from a photo of the same size and K taken through a lens.
+pub(super) fn undistort(photo: &ImageRgb, camera: &Camera, distortion: &Distortion) -> Result<ImageRgb, ImageError> {
+    let (width, height) = (photo.width(), photo.height());
+    let Intrinsics { fx, fy, cx, cy, skew } = camera.intrinsics();
+    let mut data = vec![0.0_f32; photo.data().len()];
+    data.par_chunks_mut(3 * width).enumerate().for_each(|(row, pixels)| {
+        let y = (row as f64 + 0.5 - cy) / fy;
+        for (column, pixel) in pixels.chunks_exact_mut(3).enumerate() {
+            let x = (column as f64 + 0.5 - cx - skew * y) / fx;
+            let (x, y) = distortion.distort(x, y);
+            pixel.copy_from_slice(&sample(photo, fx * x + skew * y + cx, fy * y + cy));
+        }
+    });
+    ImageRgb::new(width, height, data)
+}
+
+/// Bilinear sample at pixel coordinates (centres at .5), held at the edges.
+fn sample(photo: &ImageRgb, u: f64, v: f64) -> [f32; 3] {
+    // `max` before `min`: NaN becomes 0, and whatever lies outside becomes the nearest edge.
+    let hold = |x: f64, size: usize| (x - 0.5).max(0.0).min((size - 1) as f64);
+    let (u, v) = (hold(u, photo.width()), hold(v, photo.height()));
+    let (left, top) = (u as usize, v as usize);
+    let (right, bottom) = ((left + 1).min(photo.width() - 1), (top + 1).min(photo.height() - 1));
+    let (a, b) = ((u - left as f64) as f32, (v - top as f64) as f32);
+    let [nw, ne] = [photo.pixel(left, top), photo.pixel(right, top)];
+    let [sw, se] = [photo.pixel(left, bottom), photo.pixel(right, bottom)];
+    std::array::from_fn(|c| {
+        let upper = nw[c] * (1.0 - a) + ne[c] * a;
+        let lower = sw[c] * (1.0 - a) + se[c] * a;
+        upper * (1.0 - b) + lower * b
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+
+    const LENS: Distortion = Distortion { k1: 0.06, k2: -0.08, k3: 0.01, p1: -0.001, p2: 0.0002 };
+
+    fn camera() -> Camera {
+        let k = Intrinsics { fx: 60.0, fy: 50.0, cx: 31.0, cy: 26.0, skew: 2.0 };
+        Camera::new(k, 64, 48, DMat3::IDENTITY, DVec3::ZERO).unwrap()
+    }
+
+    /// A photo whose colour is its own coordinates: bilinear sampling of it is exact, and shows where was sampled.
+    fn coordinates() -> ImageRgb {
+        let pixel = |i: usize| [(i % 64) as f32 + 0.5, (i / 64) as f32 + 0.5, 1.0];
+        ImageRgb::new(64, 48, (0..64 * 48).flat_map(pixel).collect()).unwrap()
+    }
+
+    #[test]
+    fn each_pixel_samples_the_photo_where_the_lens_puts_its_ray() {
+        let camera = camera();
+        let pinhole = undistort(&coordinates(), &camera, &LENS).unwrap();
+        let mut inside = 0;
+        for (x, y) in (0..48).flat_map(|y| (0..64).map(move |x| (x, y))) {
+            let ray = camera.k_inverse() * DVec3::new(x as f64 + 0.5, y as f64 + 0.5, 1.0);
+            let (a, b) = LENS.distort(ray.x, ray.y);
+            let expected = camera.k() * DVec3::new(a, b, 1.0);
+            let [u, v, _] = pinhole.pixel(x, y).map(f64::from);
+            // Beyond the photo its edge pixels are held.
+            let held = (expected.x.clamp(0.5, 63.5), expected.y.clamp(0.5, 47.5));
+            assert!((u - held.0).abs() < 1e-5 && (v - held.1).abs() < 1e-5, "({x}, {y}): ({u}, {v}), {held:?}");
+            inside += usize::from(held == (expected.x, expected.y));
+        }
+        assert!(inside > 2500, "{inside}");
+    }
+
+    #[test]
+    fn opencv_distorts_as_worked_by_hand() {
+        let lens = Distortion { k1: 0.1, k2: 0.01, k3: 0.001, p1: 0.02, p2: 0.03 };
+        // r² = 5: radial = 1 + 0.5 + 0.25 + 0.125 = 1.875.
+        // x' = 1.875 + 2·0.02·2 + 0.03·(5 + 2) = 2.165; y' = 3.75 + 0.02·(5 + 8) + 2·0.03·2 = 4.13.
+        let (x, y) = lens.distort(1.0, 2.0);
+        assert!((x - 2.165).abs() < 1e-12 && (y - 4.13).abs() < 1e-12, "{x} {y}");
+    }
+
+    #[test]
+    fn no_distortion_changes_nothing() {
+        let photo = coordinates();
+        let same = undistort(&photo, &camera(), &Distortion::default()).unwrap();
+        let worst = photo.data().iter().zip(same.data()).fold(0.0_f32, |worst, (a, b)| worst.max((a - b).abs()));
+        assert!(worst < 1e-4, "{worst}");
+    }
+
+    #[test]
+    fn lenses_that_fold_far_out_stay_finite() {
+        let wild = Distortion { k1: 1e300, k2: -1e300, k3: 1e308, p1: 1e300, p2: f64::MAX };
+        let image = undistort(&coordinates(), &camera(), &wild).unwrap();
+        assert!(image.data().iter().all(|v| v.is_finite()));
+    }
+}

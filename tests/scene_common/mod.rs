@@ -1,0 +1,183 @@
+//! Small scene folders, written by the tests into temporary folders.
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use std::fs;
+use std::path::Path;
+
+use glam::DVec3;
+use liveview::camera::Camera;
+use liveview::scene::{Scene, SceneError, SceneOptions};
+
+/// A picture with a gradient and a pattern, PNG or JPEG by the extension.
+pub(crate) fn picture(path: &Path, width: u32, height: u32) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let colour = |x, y| image::Rgb([(x * 255 / width) as u8, (y * 255 / height) as u8, ((x ^ y) * 8 % 256) as u8]);
+    image::RgbImage::from_fn(width, height, colour).save(path).unwrap();
+}
+
+pub(crate) fn write(path: &Path, contents: impl AsRef<[u8]>) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(path, contents).unwrap();
+}
+
+pub(crate) fn open(root: &Path) -> Result<Scene, SceneError> {
+    Scene::open(root, &SceneOptions::default())
+}
+
+/// The message of a refusal.
+pub(crate) fn refusal(root: &Path) -> String {
+    open(root).unwrap_err().to_string()
+}
+
+/// Asserts that every part stands in the message.
+pub(crate) fn assert_says(message: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(message.contains(part), "\"{part}\" is missing in: {message}");
+    }
+}
+
+/// Pixel of a world point, and its depth.
+pub(crate) fn project(camera: &Camera, x: f64, y: f64, z: f64) -> [f64; 3] {
+    let ray = camera.rotation() * DVec3::new(x, y, z) + camera.translation();
+    let pixel = camera.k() * (ray / ray.z);
+    [pixel.x, pixel.y, ray.z]
+}
+
+pub(crate) fn assert_close(actual: [f64; 3], expected: [f64; 3]) {
+    let worst = (0..3).map(|i| (actual[i] - expected[i]).abs()).fold(0.0, f64::max);
+    assert!(worst < 1e-9, "{actual:?}, expected {expected:?}");
+}
+
+/// `poses_bounds.npy` with these rows.
+pub(crate) fn poses_bounds(path: &Path, rows: &[[f64; 17]]) {
+    let array = ndarray::Array2::from_shape_fn((rows.len(), 17), |(i, j)| rows[i][j]);
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    ndarray_npy::write_npy(path, &array).unwrap();
+}
+
+/// A camera at (1, 2, 3), x right, y up, looking along −z: right (1,0,0), down (0,−1,0), backwards (0,0,1).
+/// Photos of 64×48 with a focal length of 80.
+pub(crate) const LLFF_ROW: [f64; 17] = [
+    0.0, 1.0, 0.0, 1.0, 48.0, //
+    -1.0, 0.0, 0.0, 2.0, 64.0, //
+    0.0, 0.0, 1.0, 3.0, 80.0, //
+    1.5, 20.0,
+];
+
+/// A `transforms.json` whose one frame, `images/a.png`, is 64×48 and looks along −z from the origin.
+/// `from` and `to` replace a piece of its text.
+pub(crate) fn transforms(root: &Path, from: &str, to: &str) {
+    let text = r#"{
+  "fl_x": 50.0, "fl_y": 60.0, "cx": 30.0, "cy": 25.0, "w": 64, "h": 48,
+  "frames": [
+    {"file_path": "images/a.png",
+     "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}
+  ]
+}"#;
+    assert!(text.contains(from), "{from}");
+    write(&root.join("transforms.json"), text.replace(from, to));
+    picture(&root.join("images/a.png"), 64, 48);
+}
+
+/// A COLMAP model as text, with one camera, and photos named `names` that each see 10 points at depths 2 to 11.
+pub(crate) struct Colmap<'a> {
+    pub(crate) camera: &'a str,
+    pub(crate) names: &'a [&'a str],
+}
+
+impl Colmap<'_> {
+    pub(crate) const PINHOLE: &'static str = "PINHOLE 64 48 50 60 30 25";
+
+    pub(crate) fn points() -> Vec<[f64; 3]> {
+        (0..10).map(|i| [0.1 * f64::from(i), -0.05 * f64::from(i), 2.0 + f64::from(i)]).collect()
+    }
+
+    /// Pose of photo `i`: a turn about y and a shift.
+    pub(crate) fn pose(i: usize) -> [f64; 7] {
+        let half = 0.05 * i as f64;
+        [half.cos(), 0.0, half.sin(), 0.0, 0.2 * i as f64, 0.1, 0.0]
+    }
+
+    /// The keypoints of photo `i`: the points seen by the pinhole camera, and one without a point.
+    fn keypoints(i: usize) -> Vec<([f64; 2], i64)> {
+        let [w, _, y, _, tx, ty, tz] = Self::pose(i);
+        let (sin, cos) = (2.0 * w * y, w * w - y * y);
+        let seen = Self::points().into_iter().zip(1..).map(|([a, b, c], id)| {
+            let [x, y, z] = [cos * a + sin * c + tx, b + ty, cos * c - sin * a + tz];
+            ([50.0 * x / z + 30.0, 60.0 * y / z + 25.0], id)
+        });
+        std::iter::once(([3.5, 4.5], -1)).chain(seen).collect()
+    }
+
+    pub(crate) fn write_text(&self, folder: &Path) {
+        write(&folder.join("cameras.txt"), format!("# cameras\n1 {}\n", self.camera));
+        let mut images = "# two lines per image\n".to_owned();
+        for (i, name) in self.names.iter().enumerate() {
+            let pose = Self::pose(i).map(|x| x.to_string()).join(" ");
+            images += &format!("{} {pose} 1 {name}\n", i + 1);
+            for ([u, v], id) in Self::keypoints(i) {
+                images += &format!("{u} {v} {id} ");
+            }
+            images += "\n";
+        }
+        write(&folder.join("images.txt"), images);
+        let point = |([x, y, z], id): ([f64; 3], usize)| format!("{id} {x} {y} {z} 255 255 255 0.5 1 0 2 0\n");
+        write(&folder.join("points3D.txt"), Self::points().into_iter().zip(1..).map(point).collect::<String>());
+    }
+
+    /// Only for [`Colmap::PINHOLE`].
+    pub(crate) fn write_binary(&self, folder: &Path) {
+        assert_eq!(self.camera, Self::PINHOLE, "the binary writer knows one camera");
+        let mut cameras = Bytes::default().u64(1).u32(1).u32(1).u64(64).u64(48);
+        for parameter in [50.0, 60.0, 30.0, 25.0] {
+            cameras = cameras.f64(parameter);
+        }
+        write(&folder.join("cameras.bin"), cameras.0);
+        let mut images = Bytes::default().u64(self.names.len() as u64);
+        for (i, name) in self.names.iter().enumerate() {
+            images = images.u32(i as u32 + 1);
+            for number in Self::pose(i) {
+                images = images.f64(number);
+            }
+            images = images.u32(1).text(name).u64(Self::keypoints(i).len() as u64);
+            for ([u, v], id) in Self::keypoints(i) {
+                images = images.f64(u).f64(v).u64(id as u64);
+            }
+        }
+        write(&folder.join("images.bin"), images.0);
+        let mut points = Bytes::default().u64(Self::points().len() as u64);
+        for ([x, y, z], id) in Self::points().into_iter().zip(1..) {
+            points = points.u64(id).f64(x).f64(y).f64(z);
+            points.0.extend([255; 3]);
+            points = points.f64(0.5).u64(2).u32(1).u32(0).u32(2).u32(0);
+        }
+        write(&folder.join("points3D.bin"), points.0);
+    }
+}
+
+/// Little-endian fields, one after the other.
+#[derive(Default)]
+pub(crate) struct Bytes(pub(crate) Vec<u8>);
+
+impl Bytes {
+    pub(crate) fn u32(mut self, value: u32) -> Self {
+        self.0.extend(value.to_le_bytes());
+        self
+    }
+
+    pub(crate) fn u64(mut self, value: u64) -> Self {
+        self.0.extend(value.to_le_bytes());
+        self
+    }
+
+    pub(crate) fn f64(mut self, value: f64) -> Self {
+        self.0.extend(value.to_le_bytes());
+        self
+    }
+
+    pub(crate) fn text(mut self, value: &str) -> Self {
+        self.0.extend(value.as_bytes());
+        self.0.push(0);
+        self
+    }
+}
