@@ -30,7 +30,9 @@ pub enum LayersError {
         value: f64,
     },
     /// Not sorted near → far.
-    #[error("disparity {index} ({value}) is nearer than the one before it ({before}): expected descending disparities, near to far")]
+    #[error(
+        "disparity {index} ({value}) is nearer than the one before it ({before}): expected descending disparities, near to far"
+    )]
     Unsorted {
         /// Its place in the list.
         index: usize,
@@ -156,7 +158,7 @@ pub fn padded(side: usize) -> usize {
 
 impl Layer {
     /// Disparities of row `row` of the padded target into `out` (its width).
-    pub(crate) fn fill_row(&self, row: usize, out: &mut [f32]) {
+    pub fn fill_row(&self, row: usize, out: &mut [f32]) {
         match self {
             Self::Plane(disparity) => out.fill(*disparity as f32),
             Self::Map(map) => upsample_row(map.view(), row, out),

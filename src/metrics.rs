@@ -45,7 +45,8 @@ fn blur(map: &[f64], width: usize) -> Vec<f64> {
     let half = (KERNEL / 2) as f64;
     let weights: [f64; KERNEL] = std::array::from_fn(|i| (-(i as f64 - half).powi(2) / (2.0 * 1.5 * 1.5)).exp());
     let total: f64 = weights.iter().sum();
-    let tap = |values: &[f64], at: usize, step: usize| (0..KERNEL).map(|i| weights[i] / total * values[at + i * step]).sum();
+    let tap =
+        |values: &[f64], at: usize, step: usize| (0..KERNEL).map(|i| weights[i] / total * values[at + i * step]).sum();
     let (row, kept) = (3 * width, 3 * (width - KERNEL + 1));
     let rows = map.len() / row;
     let across: Vec<f64> = (0..rows * kept).map(|i| tap(map, i / kept * row + i % kept, 3)).collect();

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use ndarray::{ArrayView4, ArrayViewMut4};
 use ort::session::Session;
-use ort::value::{TensorRef, TensorRefMut, ValueType};
+use ort::value::{TensorRef, ValueType};
 
 use crate::layers::STRIDE;
 use crate::runtime::Runtime;
@@ -75,8 +75,11 @@ impl OrtNetwork {
         }
         let session = build(runtime, path, threads).map_err(engine)?;
         let card = read_card(&session, path)?;
-        for (outlet, name, channels) in [(session.inputs(), "hwv", 3 * card.views), (session.outputs(), "logits", card.views)] {
-            let found = outlet.iter().map(|o| format!("{} {}", o.name(), describe(o.dtype()))).collect::<Vec<_>>().join(", ");
+        for (outlet, name, channels) in
+            [(session.inputs(), "hwv", 3 * card.views), (session.outputs(), "logits", card.views)]
+        {
+            let found =
+                outlet.iter().map(|o| format!("{} {}", o.name(), describe(o.dtype()))).collect::<Vec<_>>().join(", ");
             let fits = outlet.len() == 1 && outlet[0].name() == name && has_shape(outlet[0].dtype(), channels);
             if !fits {
                 return Err(NetworkError::Unfit {
@@ -110,11 +113,18 @@ impl PlaneNetwork for OrtNetwork {
         let path = &self.path;
         let engine = |e: ort::Error| NetworkError::Engine { path: path.clone(), reason: e.to_string() };
         let input = TensorRef::from_array_view(hwv).map_err(engine)?;
-        let output = TensorRefMut::from_array_view_mut(logits.view_mut()).map_err(engine)?;
-        let mut binding = self.session.create_binding().map_err(engine)?;
-        binding.bind_input("hwv", &input).map_err(engine)?;
-        binding.bind_output("logits", output).map_err(engine)?;
-        self.session.run_binding(&binding).map_err(engine)?;
+        // Not IoBinding: rc.15 copies a bound input through a session of its own, and deadlocks in it.
+        let outputs = self.session.run(ort::inputs!["hwv" => input]).map_err(engine)?;
+        let found = outputs["logits"].try_extract_array::<f32>().map_err(engine)?;
+        if found.shape() != logits.shape() {
+            return Err(NetworkError::Unfit {
+                path: path.clone(),
+                field: "the output".into(),
+                found: format!("{:?}", found.shape()),
+                expected: format!("{:?}", logits.shape()),
+            });
+        }
+        logits.assign(&found);
         Ok(())
     }
 }

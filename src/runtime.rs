@@ -68,7 +68,8 @@ impl Runtime {
             return Err(unusable("there is no such file".into()));
         }
         let builder = ort::init_from(&library).map_err(|e| unusable(e.to_string()))?;
-        let environment = builder.with_name("liveview").with_telemetry(false).build().map_err(|e| unusable(e.to_string()))?;
+        let environment =
+            builder.with_name("liveview").with_telemetry(false).build().map_err(|e| unusable(e.to_string()))?;
         let runtime = Self { environment, library };
         *loaded = Some(runtime.clone());
         Ok(runtime)
@@ -109,16 +110,19 @@ fn find() -> Result<PathBuf, RuntimeError> {
     let working = std::env::current_dir().unwrap_or_default();
     let binary = std::env::current_exe().unwrap_or_default();
     let environments = binary.ancestors().skip(1).take(4).chain([working.as_path()]).map(|folder| folder.join(".venv"));
-    let wheels = environments.flat_map(|venv| children(&venv.join("lib"))).map(|python| {
-        python.join("site-packages").join("onnxruntime").join("capi")
-    });
-    let system = ["/usr/local/lib", "/usr/lib", "/usr/lib64", "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu"];
+    let wheels = environments
+        .flat_map(|venv| children(&venv.join("lib")))
+        .map(|python| python.join("site-packages").join("onnxruntime").join("capi"));
+    let system =
+        ["/usr/local/lib", "/usr/lib", "/usr/lib64", "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu"];
     let found = wheels.chain(system.map(PathBuf::from)).flat_map(|folder| children(&folder)).find(|file| {
         let name = file.file_name().unwrap_or_default().to_string_lossy();
         name.starts_with("libonnxruntime.so") || name == "libonnxruntime.dylib" || name == "onnxruntime.dll"
     });
     found.ok_or_else(|| RuntimeError::NotFound {
-        looked_in: "--ort-lib, ORT_DYLIB_PATH, .venv of the working directory and above the binary, system library folders".into(),
+        looked_in:
+            "--ort-lib, ORT_DYLIB_PATH, .venv of the working directory and above the binary, system library folders"
+                .into(),
     })
 }
 

@@ -17,7 +17,9 @@ pub struct SourceView<'a> {
 
 /// Too few views look the target's way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("{wanted} views are needed, but only {found} of the {of} at hand look the target's way (axes within 60 degrees)")]
+#[error(
+    "{wanted} views are needed, but only {found} of the {of} at hand look the target's way (axes within 60 degrees)"
+)]
 pub struct TooFewViews {
     /// V of the model.
     pub wanted: usize,

@@ -74,9 +74,9 @@ impl Texture {
     /// Bilinear sample at pixel coordinates shifted by the border: `x`, `y` count from the centre of the border's first
     /// texel and lie in [0, width + 1], [0, height + 1].
     #[inline(always)]
-    fn sample(&self, x: f32, y: f32) -> [f32; 4] {
+    fn sample(&self, x: f64, y: f64) -> [f32; 4] {
         let (column, row) = (x as usize, y as usize);
-        let (across, down) = (x - column as f32, y - row as f32);
+        let (across, down) = ((x - column as f64) as f32, (y - row as f64) as f32);
         let stride = self.width + BORDER.0 + BORDER.1;
         let at = row * stride + column;
         let (upper, lower) = (&self.texels[at..at + 2], &self.texels[at + stride..at + stride + 2]);
@@ -130,18 +130,18 @@ pub fn warp_layers(
     });
 }
 
-/// One row of one view: the ray of each pixel in f32, its terms set up in f64.
+/// One row of one view. Coordinates are f64 up to the sample: scalar code pays nothing for it, and f32 rays were less exact
+/// than float32 torch's in the mean on rectified rigs (1.4e-7 against 1.2e-7).
 fn warp_row(source: &WarpSource<'_>, row: usize, disparity: &[f32], rgb: [&mut [f32]; 3], coverage: &mut [f32]) {
-    let homography = source.sweep.homography_at_infinity;
-    let start = (homography * DVec3::new(0.5, row as f64 + 0.5, 1.0)).as_vec3();
-    let (across, epipole) = (homography.x_axis.as_vec3(), source.sweep.epipole.as_vec3());
-    let (right, bottom) = ((source.texture.width + 1) as f32, (source.texture.height + 1) as f32);
+    let Sweep { homography_at_infinity: homography, epipole } = source.sweep;
+    let start = homography * DVec3::new(0.5, row as f64 + 0.5, 1.0);
+    let (right, bottom) = ((source.texture.width + 1) as f64, (source.texture.height + 1) as f64);
     let [red, green, blue] = rgb;
     let out = red.iter_mut().zip(green).zip(blue).zip(coverage).zip(disparity);
     for (x, ((((red, green), blue), coverage), &disparity)) in out.enumerate() {
-        let uvw = start + across * x as f32 + epipole * disparity;
+        let uvw = start + homography.x_axis * x as f64 + epipole * f64::from(disparity);
         // +0.5: pixel centres lie at halves, the border adds one. NaN and w <= 0 end up at 0: outside.
-        let w = if uvw.z > 0.0 { uvw.z } else { f32::NAN };
+        let w = if uvw.z > 0.0 { uvw.z } else { f64::NAN };
         let at_x = (uvw.x / w + 0.5).max(0.0).min(right);
         let at_y = (uvw.y / w + 0.5).max(0.0).min(bottom);
         [*red, *green, *blue, *coverage] = source.texture.sample(at_x, at_y);

@@ -1,0 +1,112 @@
+"""Parity on your own scene: python -m liveview_ref.parity SCENE [what `liveview render` takes, such as --target NAME --guided 4]
+
+Lets the Rust binary dump every stage of one render, computes each stage again from the same inputs, in float64 (the
+oracle) and float32 torch, and prints a table: elements, largest and mean error of Rust and of torch. Exit code 1 if Rust is
+off by more than parity/tolerances.json allows.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import torch
+from onnx import numpy_helper
+
+from . import stages
+from .unet import UNet
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def load_network(path: Path) -> UNet:
+    """The torch network of an exported model: BatchNorm is folded, so its convolutions carry all of it."""
+    model = onnx.load(path)
+    weights = {i.name: torch.from_numpy(numpy_helper.to_array(i).copy()) for i in model.graph.initializer}
+    convolutions = [node for node in model.graph.node if node.op_type == "Conv"]
+    views = weights[convolutions[0].input[1]].shape[1] // 3
+    net = UNet(views)
+    for index, node in enumerate(convolutions, 1):
+        weight = weights[node.input[1]]
+        bias = weights[node.input[2]] if len(node.input) > 2 else torch.zeros(len(weight))  # the exporter drops zeros
+        layer = getattr(net, f"conv{index}")
+        conv = torch.nn.Conv2d(weight.shape[1], weight.shape[0], 3, 2 if index in (2, 3, 4) else 1, padding=1)
+        conv.weight.data, conv.bias.data = weight, bias
+        setattr(net, f"conv{index}", conv if index == 9 else torch.nn.Sequential(conv, torch.nn.ReLU()))
+    return net.eval()
+
+
+def logits(net: UNet, hwv: np.ndarray, dtype: torch.dtype) -> np.ndarray:
+    with torch.no_grad():
+        return torch.cat([net.to(dtype)(torch.from_numpy(x[None]).to(dtype)) for x in hwv]).numpy()
+
+
+def onnx_logits(model: Path, hwv: np.ndarray, threads: int, batch: int) -> np.ndarray:
+    """What onnxruntime in Python gives, with the session options of the Rust crate."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    parts = [hwv[i : i + batch] for i in range(0, len(hwv), batch)]
+    return np.concatenate([session.run(["logits"], {"hwv": part})[0] for part in parts])
+
+
+def compare(data: stages.Arrays, net: UNet):
+    """For each output of each stage in `data`: (name, elements, Rust's errors, torch's errors), as stages.errors."""
+    for stage in stages.STAGES:
+        oracle, single = stage(data, torch.float64), stage(data, torch.float32)
+        for name, exact in oracle.items():
+            yield name, exact.size, stages.errors(data[name], exact, name), stages.errors(single[name], exact, name)
+        if stage is stages.warp:
+            exact = logits(net, data["colour"], torch.float64)
+            ours = stages.errors(data["logits"], exact, "logits")
+            yield "logits", exact.size, ours, stages.errors(logits(net, data["colour"], torch.float32), exact, "logits")
+
+
+def bound(tolerance: dict, theirs: tuple[float, float]) -> tuple[float, float]:
+    """Largest and mean error allowed, given torch's."""
+    floor = tolerance["floor"]
+    return max(floor, tolerance["max_factor"] * theirs[0]), max(floor, tolerance["mean_factor"] * theirs[1])
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("--binary", type=Path, default=ROOT / "target" / "release" / "liveview")
+    args, rest = parser.parse_known_args()
+    tolerances = json.loads((ROOT / "parity" / "tolerances.json").read_text())
+    with tempfile.TemporaryDirectory() as folder:
+        dump = Path(folder) / "dump.npz"
+        command = [args.binary, "dump", args.scene, "-o", dump, *rest]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            print(done.stderr, end="", file=sys.stderr)
+            return done.returncode
+        about = json.loads(done.stdout)
+        with np.load(dump) as arrays:
+            data = dict(arrays)
+    net = load_network(Path(about["model"]))
+    failed = False
+    print(f"{args.scene}, target {about['target']}, {about['layers']}, views {', '.join(about['views'])}\n")
+    print("| stage | elements | Rust max | torch max | Rust mean | torch mean | worst at | |")
+    print("|---|---|---|---|---|---|---|---|")
+    for name, elements, ours, theirs in compare(data, net):
+        limits = bound(tolerances[name], theirs)
+        good = ours[0] <= limits[0] and ours[1] <= limits[1]
+        failed |= not good
+        where = ", ".join(str(int(i)) for i in ours[2])
+        figures = f"{ours[0]:.1e} | {theirs[0]:.1e} | {ours[1]:.1e} | {theirs[1]:.1e}"
+        print(f"| {name} | {elements} | {figures} | [{where}] | {'ok' if good else 'OFF'} |")
+    python = onnx_logits(Path(about["model"]), data["colour"], about["threads"], about["batch"])
+    same = np.array_equal(python, data["logits"])
+    off = float(np.abs(python - data["logits"]).max())
+    print(f"\nort = onnxruntime, bit for bit: {'yes' if same else f'NO, up to {off:.1e}'}")
+    return int(failed or not same)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
