@@ -1,8 +1,9 @@
 """Goldens for tests/parity.rs: python parity/generate.py FOLDER
 
 Seeded cases, each one npz: inputs, the float64 oracle of every stage, and the largest and mean error of float32 torch
-(`torch.NAME`). A stage's inputs are the float32 roundings of the oracle's outputs of the stage before, so that a failure
-names the first stage that departs. Beside them a seeded, untrained network for each V, and onnxruntime's logits.
+(`torch.NAME`). A stage's inputs are the float32 roundings of the oracle's outputs of the stage before, so that a
+failure names the first stage that departs. Beside them a seeded,
+untrained network for each V, and onnxruntime's logits.
 """
 
 import sys
@@ -50,7 +51,11 @@ def rig(rng: np.random.Generator, views: int, kind: str) -> dict[str, np.ndarray
             rotation, centre, k = np.eye(3), np.array([rng.normal(0, 0.3), 0, 0]), np.diag([50.0, 50, 1]) + 0
             k[:2, 2] = 30.5, 22.5
         placed.append((rotation, centre, k))
-    target = (turned(rng.normal(0, 0.03, 3)), rng.normal(0, 0.05, 3), np.array([[45.0, 0, 26], [0, 45, 19.5], [0, 0, 1]]))
+    target = (
+        turned(rng.normal(0, 0.03, 3)),
+        rng.normal(0, 0.05, 3),
+        np.array([[45.0, 0, 26], [0, 45, 19.5], [0, 0, 1]]),
+    )
     if kind == "rectified":
         target = (np.eye(3), np.zeros(3), target[2])
     if kind == "coincident":

@@ -1,7 +1,7 @@
 """Export a checkpoint to ONNX: python -m liveview_ref.export runs/v4/checkpoint.pt ../models/liveview_v4.onnx
 
-One file, opset 20, dynamic n, h and w, BatchNorm folded, metadata for the runtime; then checked: torch = onnxruntime at batch
-sizes and image sizes that it was not exported with.
+One file, opset 20, dynamic n, h and w, BatchNorm folded, metadata for the runtime; then checked: torch = onnxruntime
+at batch sizes and image sizes that it was not exported with.
 """
 
 import argparse
@@ -60,7 +60,9 @@ def check(net: UNet, path: Path) -> float:
         assert found.shape == expected.shape == (n, net.views, height, width), (found.shape, expected.shape)
         worst = max(worst, float(np.abs(found - expected).max() / np.abs(expected).max()))
     if worst > TOLERANCE:
-        raise ValueError(f"{path}: onnxruntime departs from torch by {worst:.2e} of the logits (at most {TOLERANCE:.0e})")
+        raise ValueError(
+            f"{path}: onnxruntime departs from torch by {worst:.2e} of the logits (at most {TOLERANCE:.0e})"
+        )
     return worst
 
 

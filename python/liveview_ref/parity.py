@@ -1,8 +1,8 @@
-"""Parity on your own scene: python -m liveview_ref.parity SCENE [what `liveview render` takes, such as --target NAME --guided 4]
+"""Parity on your own scene: python -m liveview_ref.parity SCENE --target NAME [--guided 4 and so on, as render takes]
 
 Lets the Rust binary dump every stage of one render, computes each stage again from the same inputs, in float64 (the
-oracle) and float32 torch, and prints a table: elements, largest and mean error of Rust and of torch. Exit code 1 if Rust is
-off by more than parity/tolerances.json allows.
+oracle) and float32 torch, and prints a table: elements, largest and mean error of Rust and of torch. Exit code 1 if
+Rust is off by more than parity/tolerances.json allows.
 """
 
 import argparse
@@ -34,7 +34,7 @@ def load_network(path: Path) -> UNet:
     for index, node in enumerate(convolutions, 1):
         weight = weights[node.input[1]]
         bias = weights[node.input[2]] if len(node.input) > 2 else torch.zeros(len(weight))  # the exporter drops zeros
-        layer = getattr(net, f"conv{index}")
+        getattr(net, f"conv{index}")
         conv = torch.nn.Conv2d(weight.shape[1], weight.shape[0], 3, 2 if index in (2, 3, 4) else 1, padding=1)
         conv.weight.data, conv.bias.data = weight, bias
         setattr(net, f"conv{index}", conv if index == 9 else torch.nn.Sequential(conv, torch.nn.ReLU()))

@@ -30,10 +30,7 @@ class Textures:
         """A texture [3, size, size] in [0, 1] with about one texel per pixel of detail; sometimes smoother."""
         smooth = int(rng.choice([1, 2, 4], p=[0.84, 0.11, 0.05]))
         texels = max(8, size // smooth)
-        if self.photos and rng.random() < 0.65:
-            patch = self._photo(rng, texels)
-        else:
-            patch = _made_up(rng, texels)
+        patch = self._photo(rng, texels) if self.photos and rng.random() < 0.65 else _made_up(rng, texels)
         if smooth > 1:
             patch = F.interpolate(patch[None], (size, size), mode="bicubic", align_corners=False)[0]
         return patch.clamp(0, 1)

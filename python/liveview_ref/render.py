@@ -15,8 +15,8 @@ from .warp import warp_maps
 
 @dataclass
 class Stages:
-    """Every intermediate of a render, over the padded target, for parity: colour [L, V, 3, H, W], coverage [L, V, H, W],
-    logits [L, V, H, W], alpha [L, H, W], rgb [L, 3, H, W]."""
+    """Every intermediate of a render, over the padded target, for parity: colour [L, V, 3, H, W],
+    coverage [L, V, H, W], logits [L, V, H, W], alpha [L, H, W], rgb [L, 3, H, W]."""
 
     colour: Tensor
     coverage: Tensor

@@ -1,4 +1,4 @@
-"""Training samples: a target crop, its views warped onto layers, and all that the loss needs. Runs in maker processes."""
+"""Training samples: a target crop, its views warped onto layers, and what the loss needs. Runs in maker processes."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -27,8 +27,8 @@ def plane_homography(source: Camera, target: Camera, disparity: float) -> Tensor
 def source_coordinates(terms: tuple[Tensor, Tensor], disparity: Tensor, scale: float = 1.0) -> tuple[Tensor, Tensor]:
     """Pixel coordinates (x, y) [..., H, W, 2] in the source and the projective depth w [..., H, W].
 
-    disparity [..., H, W] sets dtype; `scale` is the size of a pixel of that grid, in target pixels. What does not lie in
-    front of the source (w <= 0) is left to the caller.
+    disparity [..., H, W] sets dtype; `scale` is the size of a pixel of that grid, in target pixels. What does not lie
+    in front of the source (w <= 0) is left to the caller.
     """
     homography, e = (term.to(disparity) for term in terms)
     height, width = disparity.shape[-2:]

@@ -54,8 +54,8 @@ def image_loss(image: Tensor, truth: Tensor, seen: Tensor) -> Tensor:
 
 
 def alpha_loss(alpha: Tensor, maps: Tensor, disparity: Tensor) -> Tensor:
-    """Cross entropy of alpha [L, H, W] against what true depth asks for: 0 in front of the surface, and over the two layers
-    around it the weights that interpolate its disparity. Layers behind are hidden: no say."""
+    """Cross entropy of alpha [L, H, W] against what true depth asks for: 0 in front of the surface, and over the two
+    layers around it the weights that interpolate its disparity. Layers behind are hidden: no say."""
     known = torch.isfinite(disparity) & (disparity <= maps[0]) & (disparity >= maps[-1])
     behind = torch.cat([maps[1:], torch.full_like(maps[:1], -torch.inf)])  # the next farther layer
     ahead = torch.cat([torch.full_like(maps[:1], torch.inf), maps[:-1]])  # the next nearer layer
@@ -158,7 +158,10 @@ def main() -> None:
         running += float(loss.detach())
         if step % 100 == 0:
             now = time.perf_counter()
-            print(f"step {step} loss {running / 100:.4f} {(now - began) * 10:.0f} ms/step, waited {waited:.0f} s", flush=True)
+            print(
+                f"step {step} loss {running / 100:.4f} {(now - began) * 10:.0f} ms/step, waited {waited:.0f} s",
+                flush=True,
+            )
             seconds += now - began
             began, running, waited = now, 0.0, 0.0
         if step % config["validate_every"] == 0 or step == config["steps"]:

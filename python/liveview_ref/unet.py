@@ -1,4 +1,4 @@
-"""The paper's U-Net (its table "Network architecture"), for any number of views V: HWV [N, 3V, H, W] -> logits [N, V, H, W].
+"""The paper's U-Net (its table "Network architecture") for any V: HWV [N, 3V, H, W] -> logits [N, V, H, W].
 
 conv1 .. conv5 go down to 1/8, conv6 .. conv8 up again with skips; 3x3, BatchNorm + ReLU except conv9.
 391,680 convolution weights at V = 4; 28,800 multiply-adds per pixel and layer. H and W are multiples of 8.

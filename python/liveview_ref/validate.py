@@ -1,4 +1,4 @@
-"""Validation during training: PSNR on held-out photos for guided layers and uniform planes, and a picture to look at."""
+"""Validation during training: PSNR on held-out photos on guided layers and uniform planes, and a picture to look at."""
 
 from pathlib import Path
 

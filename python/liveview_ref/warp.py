@@ -54,7 +54,9 @@ def warp_plane_kornia(image: Tensor, source: Camera, target: Camera, disparity: 
     normal_source = _normalise(image.shape[2], image.shape[1])
     normal_target = _normalise(width, height)
     normalised = normal_source @ homography @ torch.linalg.inv(normal_target)
-    rgbc = homography_warp(with_coverage(image)[None], normalised[None].to(image), (height, width), align_corners=False)[0]
+    rgbc = homography_warp(
+        with_coverage(image)[None], normalised[None].to(image), (height, width), align_corners=False
+    )[0]
     maps = torch.full((1, height, width), disparity, dtype=image.dtype)
     coordinates, w = source_coordinates(sweep_terms(source, target), maps)
     outside = normalised_grid(coordinates, w, image.shape[2], image.shape[1])[0, ..., 0] == OUTSIDE

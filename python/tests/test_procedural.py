@@ -68,7 +68,7 @@ def test_a_sample_keeps_the_conventions_after_its_rigid_motion_and_unit(textures
         assert s.target.shape == (3, 64, 80) and s.disparity.shape == (64, 80)
         assert s.disparity.min() >= 1 / s.far and s.disparity.max() <= 1 / s.near
         for view, k, r, t in zip(s.views, s.view_k, s.view_r, s.view_t, strict=True):
-            assert view.dtype == torch.float32 and 0 <= view.min() and view.max() <= 1
+            assert view.dtype == torch.float32 and view.min() >= 0 and view.max() <= 1
             torch.testing.assert_close(r @ r.T, torch.eye(3, dtype=torch.float64))
             colour, coverage = warp_maps(view, camera(k, r, t, view), target, s.disparity[None])
             covered = coverage[0] > 0.999
