@@ -1,0 +1,69 @@
+# `make demo` renders the example scene; `make test` proves everything. Both work on a fresh clone, given Rust (cargo, clippy,
+# rustfmt) and Python 3.11 or later.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/pip install --quiet --disable-pip-version-check
+LIVEVIEW := target/release/liveview
+SCENE := tests/scenes/workshop
+RUFF := --config python/pyproject.toml python parity tests
+
+.PHONY: demo test build runtime setup lint docs goldens test-rust test-python parity readme clean
+
+## Render the two held-out views of the example scene and compare them with the truth.
+demo: build runtime
+	mkdir -p out
+	$(LIVEVIEW) render $(SCENE) --target target_0,target_1 -o out/views --compare out/compare --depth out/depth
+	@echo "Open out/views, out/compare (truth, result, difference) and out/depth."
+
+## Everything that CI checks.
+test: lint docs test-python test-rust parity
+
+build:
+	cargo build --release --locked
+
+## ONNX Runtime alone: the library inside its wheel, without anything that the wheel pulls in.
+runtime: $(VENV)/.runtime
+$(VENV)/.runtime: python/requirements-runtime.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(PIP) --no-deps -r $<
+	touch $@
+
+## The Python reference, its training and all test tools.
+setup: $(VENV)/.setup
+$(VENV)/.setup: python/requirements.txt python/constraints.txt $(VENV)/.runtime
+	$(PIP) -r $<
+	touch $@
+
+lint: setup
+	cargo fmt --check
+	cargo clippy --locked --all-targets -- -D warnings
+	$(BIN)/ruff check $(RUFF)
+	$(BIN)/ruff format --check $(RUFF)
+
+docs:
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items
+
+## Seeded goldens for tests/parity.rs; made anew when the reference changes.
+goldens: target/goldens/cases.txt
+target/goldens/cases.txt: parity/generate.py $(wildcard python/liveview_ref/*.py) | setup
+	$(BIN)/python parity/generate.py target/goldens
+
+test-rust: setup goldens
+	cargo test --release --locked
+
+test-python: setup
+	cd python && ../$(BIN)/python -m pytest -q
+
+## Every stage of the example scene, live: Rust and float32 torch against float64.
+parity: build setup
+	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --guided 4
+	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_1 --views 5 --planes 6
+
+## The numbers and the picture of README.md and of the model cards, measured on this machine.
+readme: build setup
+	$(BIN)/python python/readme.py
+
+clean:
+	rm -rf target out $(VENV)
