@@ -132,12 +132,11 @@ impl PlaneNetwork for OrtNetwork {
 fn build(runtime: &Runtime, path: &Path, threads: usize) -> Result<Session, String> {
     let text = |e: ort::Error| e.to_string();
     let builder = Session::builder(&runtime.environment).map_err(text)?;
+    let builder = builder.with_intra_threads(threads).map_err(|e| e.to_string())?;
+    let builder = builder.with_inter_threads(1).map_err(|e| e.to_string())?;
     // The warp and the blend run on the same cores: an idle engine must not spin on them.
-    let configured = builder
-        .with_intra_threads(threads)
-        .and_then(|b| b.with_inter_threads(1))
-        .and_then(|b| b.with_intra_op_spinning(false));
-    configured.map_err(|e| e.to_string())?.commit_from_file(path).map_err(text)
+    let mut builder = builder.with_intra_op_spinning(false).map_err(|e| e.to_string())?;
+    builder.commit_from_file(path).map_err(text)
 }
 
 fn read_card(session: &Session, path: &Path) -> Result<ModelCard, NetworkError> {

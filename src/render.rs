@@ -94,7 +94,7 @@ impl<N: PlaneNetwork> Renderer<N> {
         &self.network
     }
 
-    /// Render `target` from `views` (V of them, nearest first: see [`crate::choose_views`]) on `layers`.
+    /// Render `target` from `views` (V of them, nearest first: see [`crate::views::choose_views`]) on `layers`.
     pub fn render(&mut self, views: &[SourceView<'_>], target: &Camera, layers: &Layers) -> Result<Frame, RenderError> {
         self.render_observed(views, target, layers, |_| ())
     }

@@ -1,0 +1,202 @@
+//! `liveview dump`: every stage of one render as arrays, for `python -m liveview_ref.parity`.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use liveview::blend::LayerSamples;
+use liveview::camera::Camera;
+use liveview::guide::{plane_costs, range_of, winner};
+use liveview::image_io::ImageRgb;
+use liveview::layers::{Layer, Layers, padded, uniform_disparities};
+use liveview::render::{Batch, Frame, warp_sources};
+use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate, s};
+use ndarray_npy::{NpzWriter, WritableElement};
+use serde_json::json;
+
+use super::Report;
+use super::engine::EngineArgs;
+use super::layers::{LayerArgs, Recipe};
+use super::setup::{Job, SceneArgs, Shot};
+use super::targets::held_out;
+
+/// Options of `liveview dump`.
+#[derive(Debug, Args)]
+pub(super) struct DumpArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// The view to render, by name; it is held out
+    #[arg(long, value_name = "NAME")]
+    target: String,
+    #[command(flatten)]
+    layers: LayerArgs,
+    #[command(flatten)]
+    engine: EngineArgs,
+    /// Where to write the arrays
+    #[arg(short, long, value_name = "NPZ")]
+    output: PathBuf,
+}
+
+/// The arrays of a file that appears only once it is whole.
+struct Arrays {
+    file: NpzWriter<File>,
+    temporary: PathBuf,
+}
+
+impl Arrays {
+    fn create(path: &Path) -> Result<Self> {
+        let temporary = path.with_extension(format!("{}.tmp", std::process::id()));
+        let file = File::create(&temporary).with_context(|| format!("{}: cannot be written", path.display()))?;
+        Ok(Self { file: NpzWriter::new(file), temporary })
+    }
+
+    fn add<A: WritableElement, D: Dimension>(&mut self, name: &str, array: Array<A, D>) -> Result<()> {
+        Ok(self.file.add_array(name, &array)?)
+    }
+
+    fn add_camera(&mut self, name: &str, camera: &Camera) -> Result<()> {
+        let matrix = |m: glam::DMat3| Array::from_shape_fn((3, 3), |(row, column)| m.row(row)[column]);
+        self.add(&format!("{name}.k"), matrix(camera.k()))?;
+        self.add(&format!("{name}.rotation"), matrix(camera.rotation()))?;
+        self.add(&format!("{name}.translation"), Array1::from_vec(camera.translation().to_array().to_vec()))
+    }
+
+    fn add_image(&mut self, name: &str, image: &ImageRgb) -> Result<()> {
+        self.add(name, Array3::from_shape_vec((image.height(), image.width(), 3), image.data().to_vec())?)
+    }
+}
+
+/// What the batches of a render showed, layer after layer.
+#[derive(Default)]
+struct Stages {
+    maps: Vec<Array3<f32>>,
+    colour: Vec<Array4<f32>>,
+    coverage: Vec<Array4<f32>>,
+    logits: Vec<Array4<f32>>,
+    alpha: Vec<Array3<f32>>,
+    rgb: Vec<Array4<f32>>,
+}
+
+impl Stages {
+    fn gather(&mut self, batch: &Batch<'_>) {
+        let (n, views, height, width) = batch.logits.dim();
+        let mut maps = Array3::zeros((n, height, width));
+        let mut alpha = Array3::zeros((n, height, width));
+        let mut rgb = Array4::zeros((n, 3, height, width));
+        let flat = |all: ArrayView4<'_, f32>, k: usize| all.index_axis(Axis(0), k).iter().copied().collect::<Vec<_>>();
+        for (k, layer) in batch.layers.iter().enumerate() {
+            for (row, mut out) in maps.index_axis_mut(Axis(0), k).rows_mut().into_iter().enumerate() {
+                layer.fill_row(row, out.as_slice_mut().expect("rows of a standard layout"));
+            }
+            let (logits, colour) = (flat(batch.logits, k), flat(batch.hwv, k));
+            let coverage = flat(batch.coverage, k);
+            debug_assert_eq!(coverage.len(), views * height * width);
+            let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
+            for at in 0..height * width {
+                let blended = batch.weights.blend(&samples, at);
+                alpha[(k, at / width, at % width)] = blended.alpha;
+                rgb.slice_mut(s![k, .., at / width, at % width])
+                    .iter_mut()
+                    .zip(blended.rgb)
+                    .for_each(|(to, c)| *to = c);
+            }
+        }
+        self.maps.push(maps);
+        self.alpha.push(alpha);
+        self.rgb.push(rgb);
+        self.colour.push(batch.hwv.to_owned());
+        self.coverage.push(batch.coverage.to_owned());
+        self.logits.push(batch.logits.to_owned());
+    }
+
+    fn write(&self, arrays: &mut Arrays) -> Result<()> {
+        fn joined<D: Dimension + ndarray::RemoveAxis>(parts: &[Array<f32, D>]) -> Result<Array<f32, D>> {
+            Ok(concatenate(Axis(0), &parts.iter().map(|p| p.view()).collect::<Vec<_>>())?)
+        }
+        arrays.add("maps", joined(&self.maps)?)?;
+        arrays.add("colour", joined(&self.colour)?)?;
+        arrays.add("coverage", joined(&self.coverage)?)?;
+        arrays.add("logits", joined(&self.logits)?)?;
+        arrays.add("alpha", joined(&self.alpha)?)?;
+        arrays.add("rgb", joined(&self.rgb)?)
+    }
+}
+
+pub(super) fn run(args: &DumpArgs) -> Result<Report> {
+    let mut job = Job::open(args.scene.open()?, &args.layers, &args.engine)?;
+    let view = job.photos.scene.view_index(&args.target)?;
+    let targets = held_out(&job.photos, vec![view]);
+    let Some(shot) = job.shots(targets)?.pop() else { bail!("{}: nothing to render", args.target) };
+    job.photos.tell_notes();
+    job.photos.load(&shot.views, &[])?;
+    let mut arrays = Arrays::create(&args.output)?;
+    let written = write(&mut job, &shot, &mut arrays).and_then(|()| Ok(arrays.file.finish()?));
+    let finished = written.and_then(|_| Ok(std::fs::rename(&arrays.temporary, &args.output)?));
+    if let Err(error) = finished {
+        // Best effort: the error itself is what the user needs.
+        let _ = std::fs::remove_file(&arrays.temporary);
+        return Err(error.context(format!("{}: cannot be written", args.output.display())));
+    }
+    let json = json!({
+        "file": args.output, "target": shot.name, "views": job.photos.names(&shot.views), "near": shot.near,
+        "far": shot.far, "layers": job.recipe.to_string(), "model": job.engine.network().path(),
+        "threads": job.engine.threads, "batch": job.engine.batch,
+    });
+    Ok(Report { text: format!("{}: every stage of {}, {}", args.output.display(), shot.name, job.recipe), json })
+}
+
+fn write(job: &mut Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
+    for (index, &view) in shot.views.iter().enumerate() {
+        arrays.add_camera(&format!("view{index}"), &job.photos.scene.views[view].camera)?;
+        arrays.add_image(&format!("view{index}.image"), &job.photos.scene.load_image(view)?)?;
+    }
+    arrays.add_camera("target", &shot.target)?;
+    arrays.add("target.size", Array1::from_vec(vec![shot.target.width() as i64, shot.target.height() as i64]))?;
+    if let Recipe::Guided { coarse_planes, .. } = job.recipe {
+        let disparities = uniform_disparities(shot.near, shot.far, coarse_planes.max(2))?;
+        let sources = job.photos.sources(&shot.views);
+        let size = (padded(shot.target.height()), padded(shot.target.width()));
+        let costs = plane_costs(&warp_sources(&sources, &shot.target), size, &disparities);
+        let winner = winner(&costs, &disparities);
+        let range = range_of(&winner, (disparities[0] - disparities[1]) as f32);
+        arrays.add("costs", costs)?;
+        arrays.add("coarse.winner", winner)?;
+        arrays.add("range", ndarray::stack![Axis(0), range.nearest().view(), range.farthest().view()])?;
+        arrays.add("coarse.disparities", Array1::from_vec(disparities))?;
+    }
+    let layers = job.layers(shot)?.layers;
+    write_layers(&layers, job, shot, arrays)?;
+    let mut stages = Stages::default();
+    let sources = job.photos.sources(&shot.views);
+    let frame = job.engine.renderer.render_observed(&sources, &shot.target, &layers, |batch| stages.gather(batch))?;
+    stages.write(arrays)?;
+    write_frame(frame, arrays)
+}
+
+/// The layers as they were asked for: planes and their homographies, or coarse maps.
+fn write_layers(layers: &Layers, job: &Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
+    let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
+    let map = |layer: &Layer| if let Layer::Map(map) = layer { Some(map.clone()) } else { None };
+    let maps: Vec<_> = layers.as_slice().iter().filter_map(map).collect();
+    if !maps.is_empty() {
+        return arrays.add("coarse_maps", ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>())?);
+    }
+    let disparities: Vec<f64> = layers.as_slice().iter().filter_map(plane).collect();
+    let sweeps: Vec<_> = warp_sources(&job.photos.sources(&shot.views), &shot.target).iter().map(|s| s.sweep).collect();
+    let shape = (disparities.len(), sweeps.len(), 3, 3);
+    let homography = Array4::from_shape_fn(shape, |(d, v, row, column)| {
+        sweeps[v].source_from_target(disparities[d]).row(row)[column]
+    });
+    arrays.add("homography", homography)?;
+    arrays.add("disparities", Array1::from_vec(disparities))
+}
+
+fn write_frame(frame: Frame, arrays: &mut Arrays) -> Result<()> {
+    let (height, width) = frame.disparity.dim();
+    let picture = Array3::from_shape_fn((3, height, width), |(c, y, x)| frame.picture.pixel(x, y)[c]);
+    arrays.add("frame", picture)?;
+    arrays.add("disparity", frame.disparity)?;
+    arrays.add("transmittance", frame.transmittance)?;
+    arrays.add("best_layer", frame.best_layer.map(|best| best.map_or(-1, i64::from)))
+}

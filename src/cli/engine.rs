@@ -1,0 +1,104 @@
+//! What to render with: the model, ONNX Runtime, threads.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use clap::Args;
+use liveview::models;
+use liveview::network::OrtNetwork;
+use liveview::render::Renderer;
+use liveview::runtime::Runtime;
+use serde_json::{Value, json};
+
+/// V where neither `--views` nor `--model` says.
+const DEFAULT_VIEWS: usize = 4;
+
+/// Options that choose the model and how it is run.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Model and engine")]
+pub(super) struct EngineArgs {
+    /// Views that each picture is made from; picks the model [default: 4, or the --model's own]
+    #[arg(long, value_name = "V", value_parser = super::count)]
+    pub(super) views: Option<usize>,
+    /// Model file [default: liveview_v<V>.onnx in LIVEVIEW_MODELS, or in a `models` folder beside or above the binary, or
+    /// in the working directory's]
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// ONNX Runtime library [default: ORT_DYLIB_PATH, then the wheel in a .venv, then the system's]
+    #[arg(long, value_name = "FILE")]
+    ort_lib: Option<PathBuf>,
+    /// Threads, for the network and for everything else [default: one per core]
+    #[arg(long, value_name = "N", value_parser = super::count)]
+    threads: Option<usize>,
+    /// Layers that go through the network at once: memory grows with it, the result does not change
+    #[arg(long, value_name = "N", default_value = "2", value_parser = super::count)]
+    pub(super) batch: usize,
+}
+
+/// A model, ready to render.
+pub(super) struct Engine {
+    pub(super) renderer: Renderer<OrtNetwork>,
+    library: PathBuf,
+    pub(super) threads: usize,
+    pub(super) batch: usize,
+}
+
+impl EngineArgs {
+    /// Sets the threads of everything but the network; once per process, before any other work.
+    pub(super) fn set_threads(&self) -> Result<usize> {
+        let threads = self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, Into::into));
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
+        Ok(threads)
+    }
+
+    /// V where no model says otherwise.
+    pub(super) fn views_or_default(&self) -> usize {
+        self.views.unwrap_or(DEFAULT_VIEWS)
+    }
+
+    /// Finds and opens the model.
+    pub(super) fn open(&self) -> Result<Engine> {
+        let threads = self.set_threads()?;
+        let path = match &self.model {
+            Some(path) => path.clone(),
+            None => models::find(self.views_or_default())?,
+        };
+        let runtime = Runtime::load(self.ort_lib.as_deref())?;
+        let network = OrtNetwork::open(&runtime, &path, threads)?;
+        let views = network.card().views;
+        if let Some(asked) = self.views.filter(|&asked| asked != views) {
+            bail!("{}: metadata `views` is {views}, expected {asked} (--views {asked})", path.display());
+        }
+        let library = runtime.library().to_owned();
+        Ok(Engine { renderer: Renderer::new(network, self.batch), library, threads, batch: self.batch })
+    }
+}
+
+impl Engine {
+    pub(super) fn network(&self) -> &OrtNetwork {
+        self.renderer.network()
+    }
+
+    pub(super) fn text(&self) -> String {
+        let (network, library) = (self.network(), self.library.file_name().unwrap_or_default());
+        format!(
+            "engine  ONNX Runtime ({}), {} threads, {} layers at once\nmodel   {}: {}\n",
+            library.display(),
+            self.threads,
+            self.batch,
+            network.path().display(),
+            network.card().training
+        )
+    }
+
+    pub(super) fn json(&self) -> Value {
+        let card = self.network().card();
+        json!({
+            "model": {
+                "file": self.network().path(), "views": card.views, "recommended_layers": card.recommended_layers,
+                "training": card.training, "licence": card.licence,
+            },
+            "engine": { "name": "ONNX Runtime", "library": self.library, "threads": self.threads, "batch": self.batch },
+        })
+    }
+}

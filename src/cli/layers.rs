@@ -1,0 +1,115 @@
+//! How to render: the options that choose the layers.
+
+use std::fmt;
+use std::str::FromStr;
+
+use anyhow::{Result, bail};
+use clap::Args;
+use liveview::layers::Layers;
+use liveview::network::OrtNetwork;
+
+/// Options that choose the layers of a render; at most one of the first four.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Layers (default: what the model recommends)")]
+pub(super) struct LayerArgs {
+    /// L layers that follow the scene: each pixel's own range of depths, found by a coarse pass
+    #[arg(long, value_name = "L", value_parser = super::count, group = "layers")]
+    guided: Option<usize>,
+    /// D planes, evenly spaced in disparity from near to far
+    #[arg(long, value_name = "D", value_parser = super::count, group = "layers")]
+    planes: Option<usize>,
+    /// Planes at these disparities (1/scene unit), separated by commas, near to far: descending
+    #[arg(long, value_name = "LIST", group = "layers", allow_hyphen_values = true, conflicts_with_all = ["near", "far"])]
+    disparities: Option<Disparities>,
+    /// The paper's selection: render --select-from planes, keep the K that most pixels choose, render those
+    /// (a path keeps the planes of its first frame)
+    #[arg(long, value_name = "K", value_parser = super::count, group = "layers")]
+    select: Option<usize>,
+    /// Planes to select from
+    #[arg(long, value_name = "D", default_value = "64", value_parser = super::count)]
+    pub(super) select_from: usize,
+    /// Planes of the coarse pass of guided layers
+    #[arg(long, value_name = "D", default_value = "32", value_parser = super::count)]
+    pub(super) coarse_planes: usize,
+}
+
+/// A valid list of disparities, near → far.
+#[derive(Debug, Clone)]
+struct Disparities(Vec<f64>);
+
+impl FromStr for Disparities {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |item: &str| item.trim().parse().map_err(|_| format!("\"{}\" is not a number", item.trim()));
+        let items = text.split(',').filter(|_| !text.trim().is_empty());
+        let list: Vec<f64> = items.map(number).collect::<Result<_, _>>()?;
+        Layers::planes(&list).map_err(|error| error.to_string())?;
+        Ok(Self(list))
+    }
+}
+
+/// Which layers to render on.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Recipe {
+    /// Layers that follow the scene.
+    Guided { layers: usize, coarse_planes: usize },
+    /// Evenly spaced planes.
+    Planes(usize),
+    /// Planes as given: valid, near → far.
+    Disparities(Vec<f64>),
+    /// The fullest `keep` of `from` planes.
+    Select { keep: usize, from: usize },
+}
+
+impl fmt::Display for Recipe {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Guided { layers, coarse_planes } => {
+                write!(f, "guided {layers} (coarse pass of {coarse_planes} planes)")
+            }
+            Self::Planes(planes) => write!(f, "planes {planes}"),
+            Self::Disparities(list) => write!(f, "{} planes as given", list.len()),
+            Self::Select { keep, from } => write!(f, "select {keep} of {from} planes"),
+        }
+    }
+}
+
+impl Recipe {
+    /// The fullest `keep` of `from` planes.
+    pub(super) fn select(keep: usize, from: usize) -> Result<Self> {
+        if keep > from {
+            bail!("{keep} planes cannot be selected from {from}; expected at most that many");
+        }
+        Ok(Self::Select { keep, from })
+    }
+}
+
+impl LayerArgs {
+    /// What was asked for, or else what the model's card recommends.
+    pub(super) fn recipe(&self, network: &OrtNetwork) -> Result<Recipe> {
+        let guided = |layers| Recipe::Guided { layers, coarse_planes: self.coarse_planes };
+        if let Some(layers) = self.guided {
+            return Ok(guided(layers));
+        }
+        if let Some(Disparities(list)) = &self.disparities {
+            return Ok(Recipe::Disparities(list.clone()));
+        }
+        if let Some(keep) = self.select {
+            return Recipe::select(keep, self.select_from);
+        }
+        if let Some(planes) = self.planes {
+            return Ok(Recipe::Planes(planes));
+        }
+        let recommended = &network.card().recommended_layers;
+        match recommended.split_once(' ').map(|(kind, number)| (kind, super::count(number))) {
+            Some(("guided", Ok(layers))) => Ok(guided(layers)),
+            Some(("planes", Ok(planes))) => Ok(Recipe::Planes(planes)),
+            _ => bail!(
+                "{}: metadata `recommended_layers` is \"{recommended}\", expected such as \"guided 4\" or \"planes 64\"; \
+                 --guided or --planes decides instead",
+                network.path().display()
+            ),
+        }
+    }
+}

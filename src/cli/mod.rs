@@ -1,0 +1,108 @@
+//! The command line: one file per subcommand; what they share is in `setup`, `layers`, `engine`, `targets` and `output`.
+
+mod dump;
+mod engine;
+mod geometry;
+mod inspect;
+mod layers;
+mod output;
+mod path;
+mod pose;
+mod render;
+mod report;
+mod select;
+mod setup;
+mod targets;
+mod video;
+
+use std::fmt::Display;
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use indicatif::{ProgressBar, ProgressStyle};
+
+const EXAMPLES: &str = "\
+Examples:
+  What is in the folder, and what will be left out:
+    liveview inspect scene
+  A held-out photo, rendered from the others and scored:
+    liveview render scene --target IMG_7.jpg -o new.png
+  Every 8th photo from the rest, with a table of scores:
+    liveview render scene --heldout 8
+  A flight around the rig:
+    liveview render scene --path spiral:90 -o flight.mp4
+  Which planes a view needs:
+    liveview select scene --target IMG_7.jpg -o planes.png";
+
+/// A folder of posed photos becomes a new view.
+#[derive(Debug, Parser)]
+#[command(version, after_help = EXAMPLES)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    /// Print one JSON object on stdout, and nothing else there
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Render new views, and score them where the photo exists
+    Render(render::RenderArgs),
+    /// Tell how a scene is understood, and what will be left out
+    Inspect(inspect::InspectArgs),
+    /// Show which planes, or which range per pixel, a view needs
+    Select(select::SelectArgs),
+    /// Write every stage of one render as arrays (.npz), to hold against the Python reference
+    Dump(dump::DumpArgs),
+}
+
+/// What a command has to say on stdout.
+struct Report {
+    text: String,
+    json: serde_json::Value,
+}
+
+pub(crate) fn run() -> ExitCode {
+    let cli = Cli::parse();
+    let report = match &cli.command {
+        Command::Render(args) => render::run(args),
+        Command::Inspect(args) => inspect::run(args),
+        Command::Select(args) => select::run(args),
+        Command::Dump(args) => dump::run(args),
+    };
+    match report {
+        Ok(Report { text, json }) => {
+            let told = if cli.json { format!("{json:#}") } else { text };
+            // A reader that went away (`| head`) is no error of ours.
+            let _ = writeln!(std::io::stdout(), "{}", told.trim_end());
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            // With those of its causes that it does not tell itself.
+            let told = error
+                .chain()
+                .map(ToString::to_string)
+                .reduce(|told, cause| if told.contains(&cause) { told } else { format!("{told}: {cause}") });
+            tell("error", told.unwrap_or_default());
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// A line on stderr; `println` would panic where nobody listens.
+fn tell(kind: &str, what: impl Display) {
+    let _ = writeln!(std::io::stderr(), "{kind}: {what}");
+}
+
+/// Parses a number of things: at least one, and not so many that it must be a mistake.
+fn count(text: &str) -> Result<usize, String> {
+    let count = text.parse().ok().filter(|count| (1..=4096).contains(count));
+    count.ok_or_else(|| "expected a whole number from 1 to 4096".to_owned())
+}
+
+/// A bar that counts layers; only on a terminal, and on stderr.
+fn progress() -> anyhow::Result<ProgressBar> {
+    Ok(ProgressBar::new(0).with_style(ProgressStyle::with_template("{bar:40} {pos}/{len} layers {elapsed} {msg}")?))
+}

@@ -1,0 +1,116 @@
+//! `liveview render`.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use clap::Args;
+use liveview::metrics::{psnr, ssim};
+use liveview::render::StageTimes;
+
+use super::engine::EngineArgs;
+use super::layers::{LayerArgs, Recipe};
+use super::output::{OutputArgs, Outputs, disparity_max};
+use super::setup::{Job, Planned, SceneArgs, Shot};
+use super::targets::TargetArgs;
+use super::{Report, progress, report};
+
+const EXAMPLES: &str = "\
+Examples:
+  liveview render scene --target IMG_7.jpg -o new.png --compare compare.png
+  liveview render scene --heldout 8 --guided 4 --compare compared/
+  liveview render scene --target IMG_7.jpg --planes 64 -o new.png --depth disparity.png
+  liveview render scene --pose camera.json --near 1.5 --far 40 -o new.jpg
+  liveview render scene --path circle:120 --select 16 --width 640 -o flight.mp4";
+
+/// Pixels left out at each side of a picture when it is scored.
+pub(super) const SCORE_BORDER: usize = 16;
+
+/// Options of `liveview render`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct RenderArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    #[command(flatten)]
+    targets: TargetArgs,
+    #[command(flatten)]
+    layers: LayerArgs,
+    #[command(flatten)]
+    engine: EngineArgs,
+    #[command(flatten)]
+    output: OutputArgs,
+}
+
+/// What there is to tell about one picture.
+pub(super) struct Rendered {
+    pub(super) shot: Shot,
+    pub(super) layers: usize,
+    pub(super) times: Times,
+    pub(super) score: Option<Score>,
+    /// Share of the pixels that no view sees.
+    pub(super) unseen: f64,
+    pub(super) disparity_max: f32,
+    pub(super) files: Vec<PathBuf>,
+}
+
+pub(super) struct Score {
+    pub(super) psnr: f64,
+    pub(super) ssim: f64,
+}
+
+/// Wall time of one picture, by stage.
+pub(super) struct Times {
+    /// Reading and decoding those photos that were not in memory yet.
+    pub(super) photos: Duration,
+    pub(super) coarse: Duration,
+    pub(super) select: Duration,
+    pub(super) stages: StageTimes,
+}
+
+pub(super) fn run(args: &RenderArgs) -> Result<Report> {
+    let mut outputs = Outputs::new(&args.output, args.targets.have_truth())?;
+    let photos = args.scene.open()?;
+    photos.tell_notes();
+    let mut job = Job::open(photos, &args.layers, &args.engine)?;
+    let targets = args.targets.resolve(&job.photos)?;
+    let moving = targets.moving;
+    let mut shots = job.shots(targets)?;
+    outputs.claim(&shots, &job.photos)?;
+    job.progress = progress()?;
+
+    let mut done: Vec<Rendered> = Vec::with_capacity(shots.len());
+    let mut kept = None;
+    shots.reverse();
+    while let Some(shot) = shots.pop() {
+        job.progress.set_message(shot.name.clone());
+        let started = Instant::now();
+        job.photos.load(&shot.views, &shots)?;
+        let truth = shot.truth.map(|view| job.photos.scene.load_image(view)).transpose()?;
+        let photos = started.elapsed();
+        // The paper's video: what the first frame selects serves the others.
+        let Planned { layers, coarse, select } = match kept.take() {
+            Some(layers) => Planned { layers, coarse: Duration::ZERO, select: Duration::ZERO },
+            None => job.layers(&shot)?,
+        };
+        let frame = job.render(&shot, &layers)?;
+        let score = truth.as_ref().map(|truth| Score {
+            psnr: psnr(&frame.picture, truth, SCORE_BORDER),
+            ssim: ssim(&frame.picture, truth, SCORE_BORDER),
+        });
+        let pixels = frame.transmittance.len() as f64;
+        done.push(Rendered {
+            layers: layers.len(),
+            times: Times { photos, coarse, select, stages: frame.times },
+            score,
+            unseen: frame.transmittance.iter().filter(|&&left| left > 0.5).count() as f64 / pixels,
+            disparity_max: disparity_max(&frame),
+            files: outputs.write(&shot, &frame, truth.as_ref())?,
+            shot,
+        });
+        kept = Some(layers).filter(|_| moving && matches!(job.recipe, Recipe::Select { .. }));
+    }
+    let video = outputs.finish()?;
+    job.progress.finish_and_clear();
+    Ok(report::rendered(&job, &done, moving, video))
+}

@@ -1,0 +1,173 @@
+//! What `render` tells: in words for people, as JSON for machines.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use super::Report;
+use super::render::{Rendered, SCORE_BORDER, Times};
+use super::setup::Job;
+
+/// Names listed in one line of a table.
+const SHOWN: usize = 6;
+
+pub(super) fn rendered(job: &Job, done: &[Rendered], moving: bool, video: Option<PathBuf>) -> Report {
+    let mut text = match done {
+        [one] => single(job, one),
+        many if moving => flight(job, many),
+        many => table(job, many),
+    };
+    if let Some(video) = &video {
+        line(&mut text, "wrote", &video.display().to_string());
+    }
+    text += &job.engine.text();
+    let mut json = json!({
+        "scene": job.photos.scene.root, "format": job.photos.scene.format.to_string(), "layers": job.recipe.to_string(),
+        "targets": done.iter().map(|one| target(job, one)).collect::<Vec<_>>(),
+        "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
+        "border_left_out": SCORE_BORDER, "video": video, "notes": job.photos.scene.notes,
+    });
+    if let (Value::Object(json), Value::Object(engine)) = (&mut json, job.engine.json()) {
+        json.extend(engine);
+    }
+    Report { text, json }
+}
+
+fn target(job: &Job, one: &Rendered) -> Value {
+    let seconds = stages(&one.times).map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
+    json!({
+        "name": one.shot.name, "width": one.shot.target.width(), "height": one.shot.target.height(),
+        "views": job.photos.names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
+        "seconds": seconds.into_iter().collect::<serde_json::Map<_, _>>(),
+        "psnr": one.score.as_ref().map(|score| score.psnr), "ssim": one.score.as_ref().map(|score| score.ssim),
+        "seen_by_no_view": one.unseen, "disparity_max": one.disparity_max, "files": one.files,
+    })
+}
+
+fn single(job: &Job, one: &Rendered) -> String {
+    let mut text = heading(job, std::slice::from_ref(one), &one.shot.name);
+    line(&mut text, "views", &job.photos.names(&one.shot.views).join(", "));
+    line(&mut text, "time", &times(std::slice::from_ref(one)));
+    if let Some(score) = &one.score {
+        let told = format!("PSNR {:.2} dB, SSIM {:.4} ({SCORE_BORDER}-pixel border left out)", score.psnr, score.ssim);
+        line(&mut text, "score", &told);
+    }
+    finish(&mut text, std::slice::from_ref(one));
+    text
+}
+
+fn flight(job: &Job, done: &[Rendered]) -> String {
+    let mut text = heading(job, done, &format!("{} frames", done.len()));
+    let mut views = done.iter().flat_map(|one| one.shot.views.iter().copied()).collect::<Vec<_>>();
+    views.sort_unstable();
+    views.dedup();
+    line(&mut text, "views", &some_of(&job.photos.names(&views)));
+    line(&mut text, "time", &format!("{} (medians per frame)", times(done)));
+    finish(&mut text, done);
+    text
+}
+
+fn table(job: &Job, done: &[Rendered]) -> String {
+    let width = done.iter().map(|one| one.shot.name.chars().count()).max().unwrap_or(0).max(4);
+    let mut text = heading(job, done, &format!("{} pictures", done.len()));
+    let _ = writeln!(text, "\n{:width$}  PSNR dB    SSIM      time  views", "view");
+    for Rendered { shot, score, times, .. } in done {
+        let (psnr, ssim) = score.as_ref().map_or((f64::NAN, f64::NAN), |score| (score.psnr, score.ssim));
+        let (time, views) = (told(total(times)), job.photos.names(&shot.views));
+        let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  {time:>8}  {}", shot.name, some_of(&views));
+    }
+    if let Some((psnr, ssim)) = mean(done) {
+        let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  ({SCORE_BORDER}-pixel border left out)", "mean");
+    }
+    text.push('\n');
+    line(&mut text, "time", &format!("{} (medians per picture)", times(done)));
+    finish(&mut text, done);
+    text
+}
+
+/// Size, layers and depth range.
+fn heading(job: &Job, done: &[Rendered], what: &str) -> String {
+    let first = &done[0].shot;
+    let near = done.iter().map(|one| one.shot.near).fold(f64::INFINITY, f64::min);
+    let far = done.iter().map(|one| one.shot.far).fold(0.0, f64::max);
+    let (size, layers) = (format!("{}x{}", first.target.width(), first.target.height()), &job.recipe);
+    format!("{what}, {size}, from {} views, {layers}, depth {near:.4} to {far:.4} scene units\n", first.views.len())
+}
+
+/// What is missing in the pictures, and the files.
+fn finish(text: &mut String, done: &[Rendered]) {
+    let worst = done.iter().map(|one| one.unseen).fold(0.0, f64::max);
+    if worst > 0.0 {
+        let of = if done.len() > 1 { "a picture, at worst," } else { "the picture" };
+        line(text, "unseen", &format!("{:.2} % of {of} is seen by no view and left black", 100.0 * worst));
+    }
+    let files: Vec<String> = done.iter().flat_map(|one| &one.files).map(|file| file.display().to_string()).collect();
+    if !files.is_empty() {
+        line(text, "wrote", &some_of(&files.iter().map(String::as_str).collect::<Vec<_>>()));
+    }
+    if let ([one], true) = (done, files.iter().any(|file| file.ends_with(".json"))) {
+        line(text, "scale", &format!("disparity = value / 65535 · {} (1/scene unit)", one.disparity_max));
+    }
+}
+
+fn line(text: &mut String, what: &str, told: &str) {
+    let _ = writeln!(text, "{what:7} {told}");
+}
+
+/// The first few, and how many more.
+fn some_of(names: &[&str]) -> String {
+    let shown = names.iter().take(SHOWN).copied().collect::<Vec<_>>().join(", ");
+    if names.len() > SHOWN { format!("{shown} and {} more", names.len() - SHOWN) } else { shown }
+}
+
+/// Of the pictures that have a score.
+fn mean(done: &[Rendered]) -> Option<(f64, f64)> {
+    let scores: Vec<_> = done.iter().filter_map(|one| one.score.as_ref()).collect();
+    let count = scores.len() as f64;
+    let mean = |of: fn(&&super::render::Score) -> f64| scores.iter().map(of).sum::<f64>() / count;
+    (!scores.is_empty()).then(|| (mean(|score| score.psnr), mean(|score| score.ssim)))
+}
+
+const STAGES: usize = 6;
+
+fn stages(times: &Times) -> [(&'static str, Duration); STAGES] {
+    let Times { photos, coarse, select, stages } = *times;
+    [
+        ("photos", photos),
+        ("coarse", coarse),
+        ("select", select),
+        ("warp", stages.warp),
+        ("network", stages.network),
+        ("composite", stages.composite),
+    ]
+}
+
+fn total(times: &Times) -> Duration {
+    stages(times).iter().map(|(_, time)| *time).sum()
+}
+
+/// Median of each stage that takes any time; what only some pictures needed, in all.
+fn times(done: &[Rendered]) -> String {
+    let stage = |stage: usize| {
+        let mut times: Vec<Duration> = done.iter().map(|one| stages(&one.times)[stage].1).collect();
+        times.sort_unstable();
+        let (name, median, all) =
+            (stages(&done[0].times)[stage].0, times[times.len() / 2], times.iter().sum::<Duration>());
+        match (median.is_zero(), all.is_zero()) {
+            (false, _) => Some(format!("{name} {}", told(median))),
+            (true, false) => Some(format!("{name} {} in all", told(all))),
+            (true, true) => None,
+        }
+    };
+    (0..STAGES).filter_map(stage).collect::<Vec<_>>().join(", ")
+}
+
+fn told(time: Duration) -> String {
+    match time.as_secs_f64() {
+        seconds if seconds >= 10.0 => format!("{seconds:.1} s"),
+        seconds if seconds >= 0.01 => format!("{:.0} ms", 1e3 * seconds),
+        seconds => format!("{:.1} ms", 1e3 * seconds),
+    }
+}

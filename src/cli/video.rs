@@ -1,0 +1,121 @@
+//! Videos, through the ffmpeg program.
+
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use anyhow::{Result, anyhow};
+use liveview::image_io::ImageRgb;
+
+use super::output::{bytes, temporary};
+
+/// An .mp4 or .gif being written under a temporary name; without [`Video::finish`] nothing of it remains.
+pub(super) struct Video {
+    path: PathBuf,
+    ffmpeg: PathBuf,
+    fps: usize,
+    size: (usize, usize),
+    encoder: Option<Child>,
+}
+
+impl Video {
+    /// Refuses where there is no ffmpeg.
+    pub(super) fn new(path: &Path, fps: usize) -> Result<Self> {
+        let folders = std::env::var_os("PATH").unwrap_or_default();
+        let name = format!("ffmpeg{}", std::env::consts::EXE_SUFFIX);
+        let found = std::env::split_paths(&folders).map(|folder| folder.join(&name)).find(|file| file.is_file());
+        let ffmpeg = found.ok_or_else(|| {
+            anyhow!("-o {}: videos are made by ffmpeg, which is not on the PATH; expected ffmpeg, or a folder for the frames", path.display())
+        })?;
+        Ok(Self { path: path.to_owned(), ffmpeg, fps, size: (0, 0), encoder: None })
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Width and height of all frames.
+    pub(super) fn set_size(&mut self, size: (usize, usize)) {
+        self.size = size;
+    }
+
+    pub(super) fn add(&mut self, picture: &ImageRgb) -> Result<()> {
+        let encoder = match self.encoder.take() {
+            Some(encoder) => encoder,
+            None => self.start()?,
+        };
+        let pipe = self.encoder.insert(encoder).stdin.as_mut();
+        match pipe.map(|pipe| pipe.write_all(&bytes(picture))) {
+            Some(Ok(())) => Ok(()),
+            _ => Err(self.failure()),
+        }
+    }
+
+    /// Lets ffmpeg finish; the file.
+    pub(super) fn finish(mut self) -> Result<PathBuf> {
+        let done = self.encoder.as_mut().map(|encoder| {
+            // ffmpeg ends when its input does.
+            drop(encoder.stdin.take());
+            encoder.wait()
+        });
+        if !matches!(done, Some(Ok(status)) if status.success()) {
+            return Err(self.failure());
+        }
+        std::fs::rename(temporary(&self.path), &self.path)
+            .map_err(|error| anyhow!("{}: cannot be written: {error}", self.path.display()))?;
+        self.encoder = None;
+        Ok(self.path.clone())
+    }
+
+    fn start(&self) -> Result<Child> {
+        let (width, height) = self.size;
+        let gif = self.path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("gif"));
+        let mut command = Command::new(&self.ffmpeg);
+        command.args(["-v", "error", "-nostdin", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
+        command.args(["-s", &format!("{width}x{height}"), "-r", &self.fps.to_string(), "-i", "pipe:0"]);
+        if gif {
+            command.args(["-vf", "split[a][b];[a]palettegen[p];[b][p]paletteuse", "-loop", "0"]);
+        } else {
+            // Players want yuv420p, and that wants even sides.
+            if width % 2 + height % 2 > 0 {
+                super::tell(
+                    "note",
+                    format!("{width}x{height} is odd: the last row or column is left out of the video"),
+                );
+            }
+            command.args([
+                "-vf",
+                "crop=trunc(iw/2)*2:trunc(ih/2)*2",
+                "-c:v",
+                "libx264",
+                "-pix_fmt",
+                "yuv420p",
+                "-crf",
+                "17",
+            ]);
+        }
+        command.arg(temporary(&self.path)).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
+        command.spawn().map_err(|error| anyhow!("{}: cannot be started: {error}", self.ffmpeg.display()))
+    }
+
+    fn failure(&mut self) -> anyhow::Error {
+        let mut said = String::new();
+        if let Some(encoder) = &mut self.encoder {
+            drop(encoder.stdin.take());
+            // What it cannot say, it cannot say.
+            let _ = encoder.stderr.take().map(|mut pipe| pipe.read_to_string(&mut said));
+        }
+        anyhow!("-o {}: ffmpeg failed: {}", self.path.display(), said.trim())
+    }
+}
+
+impl Drop for Video {
+    fn drop(&mut self) {
+        if let Some(mut encoder) = self.encoder.take() {
+            // Only after a failure, which has been told.
+            let _ = encoder.kill();
+            let _ = encoder.wait();
+            let _ = std::fs::remove_file(temporary(&self.path));
+        }
+    }
+}

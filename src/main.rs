@@ -1,0 +1,7 @@
+//! The `liveview` command; `liveview --help` says what it does.
+
+mod cli;
+
+fn main() -> std::process::ExitCode {
+    cli::run()
+}

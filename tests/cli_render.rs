@@ -1,0 +1,181 @@
+//! `liveview render`: what it writes and what it tells.
+
+mod common;
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+
+use common::{Folders, HEIGHT, WIDTH};
+use liveview::image_io;
+use liveview::metrics::psnr;
+use serde_json::Value;
+
+/// Runs a command that must succeed; its stdout.
+fn run(command: &mut assert_cmd::Command) -> String {
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn json(command: &mut assert_cmd::Command) -> Value {
+    serde_json::from_str(&run(command.arg("--json"))).unwrap()
+}
+
+#[test]
+fn a_held_out_view_is_rendered_scored_and_compared() {
+    let folders = Folders::new();
+    let [picture, depth, compare] = ["a.png", "d.png", "c.png"].map(|name| folders.out(name));
+    let told = json(&mut folders.render(&["--target", "2", "-o", &picture, "--depth", &depth, "--compare", &compare]));
+    assert_eq!(folders.written(), ["a.png", "c.png", "d.json", "d.png", "d_colour.png"]);
+    let target = &told["targets"][0];
+    assert_eq!(target["name"], "2.png");
+    let mut views: Vec<&str> = target["views"].as_array().unwrap().iter().map(|name| name.as_str().unwrap()).collect();
+    views.sort_unstable();
+    assert_eq!(views, ["0.png", "1.png", "3.png", "4.png"], "never from itself");
+    assert_eq!((&target["near"], &target["far"]), (&2.0.into(), &8.0.into()));
+    assert_eq!(told["layers"], "guided 2 (coarse pass of 32 planes)", "as the model recommends");
+
+    let (result, truth) = (image_io::load(picture.as_ref()).unwrap(), image_io::load(&folders.photo(2)).unwrap());
+    let score = psnr(&result, &truth, 16);
+    assert!(score > 22.0, "{score}");
+    assert!(
+        (target["psnr"].as_f64().unwrap() - score).abs() < 0.05,
+        "8-bit rounding apart, the score is the picture's: {told}"
+    );
+    let size = image_io::read_size(compare.as_ref()).unwrap();
+    assert_eq!(size, (3 * WIDTH as usize + 8, HEIGHT as usize));
+
+    let scale: Value = serde_json::from_slice(&fs::read(folders.out("d.json")).unwrap()).unwrap();
+    let grey = image::open(&depth).unwrap().into_luma16();
+    assert_eq!(grey.iter().max(), Some(&65535));
+    let disparity = f64::from(grey.get_pixel(32, 24).0[0]) / 65535.0 * scale["disparity_max"].as_f64().unwrap();
+    assert!((disparity - 0.25).abs() < 0.05, "the wall is at depth 4: {disparity}");
+}
+
+#[test]
+fn every_second_view_from_the_others() {
+    let folders = Folders::new();
+    folders.write_scene(5, "images/4.png", "images/9.png");
+    fs::rename(folders.photo(4), folders.photo(9)).unwrap();
+    // Of five, two remain: too few for V = 4.
+    folders.assert_refused(&mut folders.render(&["--heldout", "2"]), &["0.png", "only 2 of the 2"]);
+    let text = run(&mut folders.render(&["--heldout", "5"]));
+    assert!(text.contains("PSNR") && text.contains("0.png"), "{text}");
+    assert!(folders.written().is_empty(), "pictures only where asked for");
+    let told = json(&mut folders.render(&["--target", "0", "-o", &folders.out("a.png")]));
+    assert_eq!(told["mean"]["psnr"], told["targets"][0]["psnr"]);
+}
+
+#[test]
+fn the_result_depends_on_neither_threads_nor_batch() {
+    let folders = Folders::new();
+    let pictures = [("1", "1"), ("2", "3"), ("2", "3")].map(|(threads, batch)| {
+        let picture = folders.out("a.png");
+        run(&mut folders.render(&[
+            "--target",
+            "2",
+            "--planes",
+            "8",
+            "--threads",
+            threads,
+            "--batch",
+            batch,
+            "-o",
+            &picture,
+        ]));
+        fs::read(picture).unwrap()
+    });
+    assert!(pictures[0] == pictures[1] && pictures[1] == pictures[2]);
+}
+
+#[test]
+fn a_pose_on_top_of_a_view_shows_its_photo() {
+    let folders = Folders::new();
+    for pose in [
+        r#"{"transform_matrix": [[1, 0, 0, 0.2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}"#,
+        r#"{"cam_from_world": [[1, 0, 0, -0.2], [0, -1, 0, 0], [0, 0, -1, 0]]}"#,
+    ] {
+        let file = folders.scene().join("pose.json");
+        fs::write(&file, pose).unwrap();
+        let picture = folders.out("a.png");
+        run(&mut folders.render(&["--pose", file.to_str().unwrap(), "-o", &picture]));
+        let score = psnr(&image_io::load(picture.as_ref()).unwrap(), &image_io::load(&folders.photo(2)).unwrap(), 0);
+        assert!(score > 45.0, "{pose}: {score}");
+    }
+    let (file, picture) = (folders.scene().join("pose.json"), folders.out("wide.jpg"));
+    fs::write(&file, r#"{"transform_matrix": [[1, 0, 0, 0.2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "w": 96, "h": 48, "cx": 48}"#).unwrap();
+    run(&mut folders.render(&["--pose", file.to_str().unwrap(), "-o", &picture]));
+    assert_eq!(image_io::read_size(picture.as_ref()).unwrap(), (96, 48));
+}
+
+#[test]
+fn a_path_becomes_a_folder_of_frames_and_keeps_the_planes_of_the_first() {
+    let folders = Folders::new();
+    let told = json(&mut folders.render(&[
+        "--path",
+        "line:3",
+        "--select",
+        "2",
+        "--select-from",
+        "8",
+        "-o",
+        &folders.out("frames"),
+    ]));
+    assert_eq!(folders.written(), ["frames/frame_0000.png", "frames/frame_0001.png", "frames/frame_0002.png"]);
+    let seconds = |frame: usize| told["targets"][frame]["seconds"]["select"].as_f64().unwrap();
+    assert!(seconds(0) > 0.0 && seconds(1) == 0.0 && seconds(2) == 0.0, "{told}");
+    assert_eq!((&told["targets"][2]["layers"], &told["layers"]), (&2.into(), &"select 2 of 8 planes".into()));
+    // The ends of a line are the outermost views.
+    for (frame, view) in [(0, 0), (2, 4)] {
+        let frame = image_io::load(folders.out(&format!("frames/frame_{frame:04}.png")).as_ref()).unwrap();
+        let score = psnr(&frame, &image_io::load(&folders.photo(view)).unwrap(), 0);
+        assert!(score > 45.0, "{score}");
+    }
+    for path in ["circle:2", "spiral:2"] {
+        run(&mut folders.render(&["--path", path, "-o", &folders.out("frames")]));
+    }
+}
+
+#[test]
+fn other_layers() {
+    let folders = Folders::new();
+    let picture = folders.out("a.png");
+    for (how, layers) in [
+        (["--guided", "3"], 3),
+        (["--planes", "5"], 5),
+        (["--disparities", "0.25"], 1),
+        (["--disparities", "0.4,0.2,0"], 3),
+    ] {
+        let told = json(&mut folders.render(&[&["--target", "2", "-o", &picture], &how[..]].concat()));
+        assert_eq!(told["targets"][0]["layers"], layers, "{how:?}");
+    }
+    let told = json(&mut folders.render(&["--target", "2", "--width", "32", "-o", &picture]));
+    assert_eq!((&told["targets"][0]["width"], &told["targets"][0]["height"]), (&32.into(), &24.into()));
+    assert!(told["notes"][0].as_str().unwrap().contains("scaled down"), "{told}");
+}
+
+/// An `ffmpeg` that copies its input to its last argument, or fails.
+fn ffmpeg(folders: &Folders, fails: bool) -> String {
+    let folder = folders.scene().join("bin");
+    fs::create_dir_all(&folder).unwrap();
+    let body = if fails { "echo no such codec >&2; exit 1" } else { "for last; do :; done; /bin/cat > \"$last\"" };
+    fs::write(folder.join("ffmpeg"), format!("#!/bin/sh\n{body}\n")).unwrap();
+    fs::set_permissions(folder.join("ffmpeg"), fs::Permissions::from_mode(0o755)).unwrap();
+    folder.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn videos_go_through_ffmpeg() {
+    let folders = Folders::new();
+    for name in ["a.mp4", "a.gif"] {
+        let arguments = ["--path", "line:3", "-o", &folders.out(name)];
+        folders
+            .assert_refused(folders.render(&arguments).env("PATH", "/nowhere"), &[name, "ffmpeg", "not on the PATH"]);
+        folders
+            .assert_refused(folders.render(&arguments).env("PATH", ffmpeg(&folders, true)), &[name, "no such codec"]);
+        let told = json(folders.render(&arguments).env("PATH", ffmpeg(&folders, false)));
+        assert_eq!((told["video"].as_str(), folders.written()), (Some(arguments[3]), vec![name.to_owned()]));
+        assert_eq!(fs::read(arguments[3]).unwrap().len() as u32, 3 * 3 * WIDTH * HEIGHT);
+        fs::remove_file(arguments[3]).unwrap();
+    }
+}

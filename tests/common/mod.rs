@@ -1,0 +1,122 @@
+//! A tiny scene and the `liveview` command, for the command-line tests.
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use assert_cmd::Command;
+use tempfile::TempDir;
+
+pub(crate) const WIDTH: u32 = 64;
+pub(crate) const HEIGHT: u32 = 48;
+
+/// Five photos in a row, 0.1 apart, of a wall at depth 4, and an empty folder for what is written.
+pub(crate) struct Folders {
+    root: TempDir,
+}
+
+impl Folders {
+    pub(crate) fn new() -> Self {
+        let root = tempfile::tempdir().unwrap();
+        fs::create_dir_all(root.path().join("scene/images")).unwrap();
+        fs::create_dir(root.path().join("out")).unwrap();
+        for view in 0..5 {
+            photo(&root.path().join(format!("scene/images/{view}.png")), 0.1 * f64::from(view), WIDTH, HEIGHT);
+        }
+        let folders = Self { root };
+        folders.write_scene(5, "", "");
+        folders
+    }
+
+    /// `transforms.json` of the first `views` photos; `from` and `to` replace a piece of its text, wherever it stands.
+    pub(crate) fn write_scene(&self, views: usize, from: &str, to: &str) {
+        let frame = |view: usize| {
+            let x = 0.1 * view as f64;
+            format!(
+                r#"{{"file_path": "images/{view}.png", "transform_matrix": [[1, 0, 0, {x}], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}}"#
+            )
+        };
+        let frames = (0..views).map(frame).collect::<Vec<_>>().join(",\n");
+        let head = r#""fl_x": 60, "fl_y": 60, "cx": 32, "cy": 24, "w": 64, "h": 48, "near": 2, "far": 8"#;
+        let text = format!("{{{head}, \"frames\": [\n{frames}\n]}}");
+        assert!(text.contains(from), "{from} is not in {text}");
+        fs::write(self.scene().join("transforms.json"), text.replace(from, to)).unwrap();
+    }
+
+    pub(crate) fn scene(&self) -> PathBuf {
+        self.root.path().join("scene")
+    }
+
+    pub(crate) fn photo(&self, view: usize) -> PathBuf {
+        self.scene().join(format!("images/{view}.png"))
+    }
+
+    /// A path in the folder for what is written.
+    pub(crate) fn out(&self, name: &str) -> String {
+        self.root.path().join("out").join(name).to_str().unwrap().to_owned()
+    }
+
+    /// All that was written, hidden and temporary files too.
+    pub(crate) fn written(&self) -> Vec<String> {
+        let mut names = Vec::new();
+        list(&self.root.path().join("out"), "", &mut names);
+        names.sort();
+        names
+    }
+
+    /// `liveview COMMAND scene ARGUMENTS`.
+    pub(crate) fn liveview(&self, command: &str, arguments: &[&str]) -> Command {
+        let mut liveview = Command::new(env!("CARGO_BIN_EXE_liveview"));
+        liveview.arg(command).arg(self.scene()).args(arguments);
+        liveview
+    }
+
+    /// `liveview render scene ARGUMENTS` with the tiny model.
+    pub(crate) fn render(&self, arguments: &[&str]) -> Command {
+        let mut render = self.liveview("render", arguments);
+        render.arg("--model").arg(fixture("tiny_v4"));
+        render
+    }
+
+    /// Asserts that a command is refused with exit code 2, says all these words in one `error:`, and leaves nothing behind.
+    pub(crate) fn assert_refused(&self, command: &mut Command, words: &[&str]) {
+        let output = command.output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert_eq!(said.matches("error: ").count(), 1, "{said}");
+        for word in words {
+            assert!(said.contains(word), "\"{word}\" is missing in: {said}");
+        }
+        assert!(!said.contains("panicked"), "{said}");
+        assert_eq!(output.stdout, b"", "nothing on stdout");
+        assert_eq!(self.written(), Vec::<String>::new(), "nothing written");
+    }
+}
+
+/// One of the models that tests/fixtures/make_models.py writes.
+pub(crate) fn fixture(name: &str) -> String {
+    format!("{}/tests/fixtures/{name}.onnx", env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A wall at depth 4 with a smooth pattern, seen from `x` by a camera of focal length 60.
+pub(crate) fn photo(path: &Path, x: f64, width: u32, height: u32) {
+    let picture = image::RgbImage::from_fn(width, height, |column, row| {
+        let wall_x = x + 4.0 / 60.0 * (f64::from(column) + 0.5 - 0.5 * f64::from(width));
+        let wall_y = 4.0 / 60.0 * (f64::from(row) + 0.5 - 0.5 * f64::from(height));
+        let wave = |f: f64, g: f64| (127.5 + 120.0 * (f * wall_x + 1.0).sin() * (g * wall_y + 0.5).cos()) as u8;
+        image::Rgb([wave(9.0, 3.0), wave(4.0, 8.0), wave(6.0, 6.0)])
+    });
+    picture.save(path).unwrap();
+}
+
+fn list(folder: &Path, prefix: &str, names: &mut Vec<String>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = format!("{prefix}{}", path.file_name().unwrap().to_str().unwrap());
+        if path.is_dir() {
+            list(&path, &format!("{name}/"), names);
+        } else {
+            names.push(name);
+        }
+    }
+}
