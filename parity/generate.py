@@ -19,7 +19,7 @@ from liveview_ref import guide, parity, select, stages  # noqa: E402
 from liveview_ref.export import export  # noqa: E402
 from liveview_ref.layers import guided_maps, uniform_planes  # noqa: E402
 from liveview_ref.render import view_distances  # noqa: E402
-from liveview_ref.unet import UNet, start_from_differences  # noqa: E402
+from liveview_ref.unet import UNet, start_from_agreement  # noqa: E402
 
 SIZE = (53, 38)  # width, height of the target: not multiples of 8
 SOURCE = (61, 45)
@@ -143,7 +143,7 @@ def main() -> None:
     for views in {v for v, _, _ in CASES.values()}:
         torch.manual_seed(views)
         net = UNet(views).eval()
-        start_from_differences(net, torch.Generator().manual_seed(views))
+        start_from_agreement(net)
         path = folder / f"network_v{views}.onnx"
         export(net, path, {"recommended_layers": "guided 4", "training": "none: seeded", "licence": "MIT"})
         nets[views] = (parity.load_network(path), path)

@@ -62,19 +62,19 @@ impl DistanceWeights {
         }
         let (mut rgb, mut total) = ([0.0; 3], 0.0);
         for view in (0..views).filter(eligible) {
-            let weight = (score(view) - top).exp();
-            total += weight * coverage(view);
+            let weight = f64::from((score(view) - top).exp());
+            total += weight * f64::from(coverage(view));
             for (c, sum) in rgb.iter_mut().enumerate() {
-                *sum += weight * samples.colour[(3 * view + c) * pixels + at];
+                *sum += weight * f64::from(samples.colour[(3 * view + c) * pixels + at]);
             }
         }
-        Blended { alpha: sigmoid(samples.logits[at]), rgb: rgb.map(|sum| sum / total), covered: true }
+        Blended { alpha: sigmoid(samples.logits[at]), rgb: rgb.map(|sum| (sum / total) as f32), covered: true }
     }
 }
 
-/// 1 / (1 + e⁻ˣ); saturates, never overflows to NaN.
+/// 1 / (1 + e⁻ˣ); saturates, never overflows to NaN. In f64: a mean error below float32 torch's takes one rounding only.
 fn sigmoid(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
+    (1.0 / (1.0 + f64::from(-x).exp())) as f32
 }
 
 #[cfg(test)]

@@ -125,7 +125,7 @@ pub fn range_of(winner: &Array2<f32>, step: f32) -> RangeMap {
         n.sort_by(f32::total_cmp);
         n[4]
     });
-    let mean = |n: [f32; 9]| n.iter().sum::<f32>() / 9.0;
+    let mean = |n: [f32; 9]| (n.iter().map(|&x| f64::from(x)).sum::<f64>() / 9.0) as f32;
     let nearest = neighbourhood(&winner, |n| n.into_iter().fold(f32::MIN, f32::max) + step);
     let farthest = neighbourhood(&winner, |n| (n.into_iter().fold(f32::MAX, f32::min) - step).max(0.0));
     RangeMap { nearest: neighbourhood(&nearest, mean), farthest: neighbourhood(&farthest, mean) }

@@ -167,23 +167,24 @@ impl Layer {
 }
 
 /// One row of the bilinear enlargement by [`CELL`]: half-pixel centres, edges held, as torch's
-/// `interpolate(mode="bilinear", align_corners=False)`.
+/// `interpolate(mode="bilinear", align_corners=False)`. In f64, where the weights (eighths) are exact: one rounding.
 fn upsample_row(map: ArrayView2<'_, f32>, row: usize, out: &mut [f32]) {
     let (above, below, down) = taps(row, map.nrows());
     let (upper, lower) = (map.row(above), map.row(below));
     for (x, value) in out.iter_mut().enumerate() {
         let (left, right, across) = taps(x, map.ncols());
-        let top = (1.0 - across) * upper[left] + across * upper[right];
-        let bottom = (1.0 - across) * lower[left] + across * lower[right];
-        *value = (1.0 - down) * top + down * bottom;
+        let mix = |cells: ndarray::ArrayView1<'_, f32>| {
+            (1.0 - across) * f64::from(cells[left]) + across * f64::from(cells[right])
+        };
+        *value = ((1.0 - down) * mix(upper) + down * mix(lower)) as f32;
     }
 }
 
 /// The two cells around pixel `at` and the weight of the second.
-fn taps(at: usize, cells: usize) -> (usize, usize, f32) {
-    let position = ((at as f32 + 0.5) / CELL as f32 - 0.5).max(0.0);
+fn taps(at: usize, cells: usize) -> (usize, usize, f64) {
+    let position = ((at as f64 + 0.5) / CELL as f64 - 0.5).max(0.0);
     let first = (position as usize).min(cells - 1);
-    (first, (first + 1).min(cells - 1), position - first as f32)
+    (first, (first + 1).min(cells - 1), position - first as f64)
 }
 
 #[cfg(test)]

@@ -185,11 +185,11 @@ fn composite_batch(batch: &Batch<'_>, first: usize, total: usize, target_width: 
 
 fn frame(gathered: &[Accumulated], target: &Camera, times: StageTimes) -> Frame {
     let shape = (target.height(), target.width());
-    let map = |f: fn(&Accumulated) -> f32| {
-        Array2::from_shape_vec(shape, gathered.iter().map(f).collect()).expect("one value per pixel")
+    let map = |f: fn(&Accumulated) -> f64| {
+        Array2::from_shape_vec(shape, gathered.iter().map(|p| f(p) as f32).collect()).expect("one value per pixel")
     };
     let best = |p: &Accumulated| (p.best.1 != u32::MAX).then_some(p.best.1);
-    let rgb = gathered.iter().flat_map(|p| p.rgb).collect();
+    let rgb = gathered.iter().flat_map(|p| p.rgb.map(|c| c as f32)).collect();
     Frame {
         picture: ImageRgb::new(target.width(), target.height(), rgb).expect("three values per pixel"),
         disparity: map(|p| p.disparity),

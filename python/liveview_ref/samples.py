@@ -14,12 +14,13 @@ from .layers import guided_maps, uniform_planes, upsample_maps
 from .procedural import Textures, sample_scene
 from .render import view_distances, warp_views
 from .scene import Scene, open_scene
+from .sweep import sweep_terms
 
 
 @dataclass
 class Example:
     """hwv [L, 3V, H, W] float16, coverage [L, V, H, W] float16, maps [L, H, W], distances [V], target [3, H, W],
-    disparity [H, W] (NaN where unknown)."""
+    disparity [H, W] (NaN where unknown); parallax: pixels that the farthest view moves per unit of disparity."""
 
     hwv: Tensor
     coverage: Tensor
@@ -27,6 +28,7 @@ class Example:
     distances: Tensor
     target: Tensor
     disparity: Tensor
+    parallax: float
 
 
 def looking_alike(cameras: list[Camera], target: Camera) -> int:
@@ -100,7 +102,8 @@ def make_example(rng: np.random.Generator, source, config: dict) -> Example:
     distances = view_distances(cameras, target).float()
     unknown = torch.full_like(maps[0], torch.nan)
     hwv = colour.flatten(1, 2).half()
-    return Example(hwv, coverage.half(), maps, distances, truth, unknown if disparity is None else disparity)
+    parallax = max(float(sweep_terms(c, target)[1][:2].norm()) for c in cameras)
+    return Example(hwv, coverage.half(), maps, distances, truth, unknown if disparity is None else disparity, parallax)
 
 
 def maker(queue, config: dict, data: Path, worker: int, start: int) -> None:

@@ -19,7 +19,7 @@ from torch import Tensor, multiprocessing
 from .blend import blend
 from .composite import composite
 from .samples import Example, maker
-from .unet import UNet, adapt_views, start_from_differences
+from .unet import UNet, adapt_views, start_from_agreement
 from .validate import validate
 
 
@@ -53,18 +53,12 @@ def image_loss(image: Tensor, truth: Tensor, seen: Tensor) -> Tensor:
     return difference.abs().mean() + 0.5 * (dx.abs().mean() + dy.abs().mean())
 
 
-def alpha_loss(alpha: Tensor, maps: Tensor, disparity: Tensor) -> Tensor:
-    """Cross entropy of alpha [L, H, W] against what true depth asks for: 0 in front of the surface, and over the two
-    layers around it the weights that interpolate its disparity. Layers behind are hidden: no say."""
-    known = torch.isfinite(disparity) & (disparity <= maps[0]) & (disparity >= maps[-1])
-    behind = torch.cat([maps[1:], torch.full_like(maps[:1], -torch.inf)])  # the next farther layer
-    ahead = torch.cat([torch.full_like(maps[:1], torch.inf), maps[:-1]])  # the next nearer layer
-    share = ((disparity - behind) / (maps - behind).clamp(min=1e-9)).nan_to_num(0.0).clamp(0, 1)
-    wanted = torch.where(maps <= disparity, torch.ones_like(maps), share)
-    wanted = torch.where(behind >= disparity, torch.zeros_like(maps), wanted)
-    judged = known & (ahead > disparity)
-    loss = F.binary_cross_entropy(alpha.clamp(1e-5, 1 - 1e-5), wanted, reduction="none")
-    return (loss * judged).sum() / judged.sum().clamp(min=1)
+def alpha_loss(alpha: Tensor, offset: Tensor) -> Tensor:
+    """Cross entropy of alpha [L, H, W], given how far each layer lies in front of the true surface, in pixels of parallax:
+    1 on it, 0 in front of it. Layers in between are neither aligned nor wrong, and those behind are hidden: no say."""
+    on, front = offset.abs() < 0.5, offset > 2
+    loss = F.binary_cross_entropy(alpha.clamp(1e-5, 1 - 1e-5), on.float(), reduction="none")
+    return sum((loss * judged).sum() / judged.sum().clamp(min=1) for judged in (on, front))
 
 
 def batch_loss(net: UNet, batch: list[Example], alpha_weight: float, device: torch.device) -> Tensor:
@@ -73,7 +67,7 @@ def batch_loss(net: UNet, batch: list[Example], alpha_weight: float, device: tor
         seen = (e.coverage.to(device) > 0).flatten(0, 1).any(0)
         loss = loss + image_loss(image, e.target.to(device), seen)
         if alpha_weight > 0 and bool(torch.isfinite(e.disparity).any()):
-            loss = loss + alpha_weight * alpha_loss(alpha, e.maps.to(device), e.disparity.to(device))
+            loss = loss + alpha_weight * alpha_loss(alpha, (e.maps - e.disparity).to(device) * e.parallax)
     return loss / len(batch)
 
 
@@ -114,7 +108,7 @@ def main() -> None:
     torch.manual_seed(config["seed"])
 
     net = UNet(config["views"])
-    start_from_differences(net, torch.Generator().manual_seed(config["seed"]))
+    start_from_agreement(net)
     if args.start:
         adapt_views(torch.load(args.start, weights_only=True)["average"], net)
     net = net.to(device, memory_format=torch.channels_last)

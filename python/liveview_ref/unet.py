@@ -44,16 +44,24 @@ def upsample(x: Tensor) -> Tensor:
     return F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
 
 
-def start_from_differences(net: UNet, generator: torch.Generator) -> None:
-    """Start conv1 as signed differences of pairs of views: what agreement looks like before anything is learnt."""
+def start_from_agreement(net: UNet) -> None:
+    """Start as a plane sweep: conv1 as signed differences of pairs of views, conv8 and conv9 as a window over them that
+    makes a layer the more opaque the better its views agree. The rest starts small and learns what that misses."""
+    pairs = [(i, j) for i in range(net.views) for j in range(i + 1, net.views)]  # the nearest view's first
+    differences = 14  # of 16 channels: seven pairs (or colours of them), both signs
     with torch.no_grad():
-        weight = net.conv1[0].weight
-        weight.mul_(0.2)
-        for channel in range(weight.shape[0] - 3):
-            a, b = torch.randperm(net.views, generator=generator)[:2].tolist()
-            colour = torch.rand(3, generator=generator)
-            weight[channel, 3 * a : 3 * a + 3, 1, 1] += colour
-            weight[channel, 3 * b : 3 * b + 3, 1, 1] -= colour
+        first, window, alpha = net.conv1[0].weight, net.conv8[0].weight, net.conv9.weight
+        first.mul_(0.2)
+        for channel in range(differences):
+            (a, b), colour = pairs[channel // 2 % len(pairs)], channel // 2 // len(pairs) % 3
+            mix = torch.full((3,), 1 / 3) if colour == 0 else torch.eye(3)[colour]
+            sign = 1 - channel % 2 * 2
+            first[channel, 3 * a : 3 * a + 3, 1, 1] += sign * mix
+            first[channel, 3 * b : 3 * b + 3, 1, 1] -= sign * mix
+        for channel, sign in ((0, 1), (1, -1)):  # BatchNorm and ReLU keep one half each
+            window[channel].mul_(0.1)
+            window[channel, 32 : 32 + differences] += sign / (9 * differences)
+            alpha[0, channel] -= 0.3 * sign
 
 
 def adapt_views(state: dict[str, Tensor], net: UNet) -> None:

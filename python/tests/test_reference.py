@@ -14,7 +14,7 @@ from liveview_ref.camera import choose_views
 from liveview_ref.composite import composite
 from liveview_ref.export import check, export
 from liveview_ref.render import render
-from liveview_ref.unet import UNet, adapt_views, fold_batchnorm, start_from_differences
+from liveview_ref.unet import UNet, adapt_views, fold_batchnorm, start_from_agreement
 from liveview_ref.warp import warp_maps, warp_plane_kornia
 from skimage.metrics import structural_similarity
 
@@ -82,7 +82,7 @@ def test_weights_move_between_numbers_of_views():
 def test_export_is_one_plain_checked_graph(tmp_path):
     torch.manual_seed(3)
     net = UNet(3)
-    start_from_differences(net, torch.Generator().manual_seed(3))
+    start_from_agreement(net)
     net(torch.rand(4, 9, 32, 32))
     net.eval()
     path = tmp_path / "model.onnx"
