@@ -1,12 +1,12 @@
 """The stages as functions of plain arrays, in either precision: what the parity suite holds Rust against.
 
-Each stage reads its inputs from `data` (numpy arrays, as `liveview dump` and parity/generate.py write them) and returns
-its outputs by name.
+Each stage reads its inputs from `data` (numpy arrays, as `liveview dump` and parity/generate.py write them) and
+returns its outputs by name.
 
-`view{i}.image` [h, w, 3] float32; `k`, `rotation` [3, 3] and `translation` [3] float64 of
-`view{i}` and `target`; `target.size` (width, height); `disparities` [D] float64 of planes, or `coarse_maps` [L, h, w]
-float32 of guided layers, with `coarse.disparities` [D] and `coarse.winner` [h, w] of the coarse pass; `maps` [L, H8, W8]; `colour`
-(the HWV) [L, 3V, H8, W8]; `coverage`, `logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8].
+`view{i}.image` [h, w, 3] float32; `k`, `rotation` [3, 3] and `translation` [3] float64 of `view{i}` and `target`;
+`target.size` (width, height); `disparities` [D] float64 of planes, or `coarse_maps` [L, h, w] float32 of guided
+layers, with `coarse.disparities` [D] and `coarse.winner` [h, w] of the coarse pass; `maps` [L, H8, W8]; `colour` (the
+HWV) [L, 3V, H8, W8]; `coverage`, `logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8].
 """
 
 import numpy as np
