@@ -17,7 +17,7 @@ sys.path.insert(0, str(ROOT / "python"))
 
 from liveview_ref import guide, parity, select, stages  # noqa: E402
 from liveview_ref.export import export  # noqa: E402
-from liveview_ref.layers import guided_maps, uniform_planes  # noqa: E402
+from liveview_ref.layers import uniform_planes  # noqa: E402
 from liveview_ref.render import view_distances  # noqa: E402
 from liveview_ref.unet import UNet, start_from_agreement  # noqa: E402
 
@@ -93,8 +93,8 @@ def fill(data: stages.Arrays, layers, net: UNet, model: Path) -> None:
         data["coarse.disparities"] = uniform_planes(NEAR, FAR, guide.PLANES).numpy()
         costs = stages.costs(data, torch.float64)["costs"]
         data["coarse.winner"] = data["coarse.disparities"].astype(np.float32)[costs.argmin(0)]
-        ranges = torch.from_numpy(stages.ranges(data, torch.float64)["range"])
-        data["coarse_maps"] = guided_maps(*ranges, layers).float().numpy()
+        data["coarse_maps"] = np.empty(layers)  # as many as the stage is to make
+        data["coarse_maps"] = stages.guided(data, torch.float64)["coarse_maps"].astype(np.float32)
     else:
         data["disparities"] = layers.numpy()
     oracle = {}
@@ -114,7 +114,8 @@ def fill(data: stages.Arrays, layers, net: UNet, model: Path) -> None:
     single = parity.logits(net, data["colour"], torch.float32)
     data["torch.logits"] = np.array(stages.errors(single, oracle["logits"], "logits")[:2])
     if not guided:
-        histogram = select.plane_histogram(torch.from_numpy(data["alpha"]))
+        width, height = SIZE
+        histogram = select.plane_histogram(torch.from_numpy(data["alpha"][:, :height, :width]))
         data["histogram"] = histogram.numpy()
         data["selected"] = np.array(select.select_planes(histogram, 2))
     views, target = stages.cameras_of(data)

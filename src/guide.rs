@@ -7,7 +7,7 @@
 use ndarray::{Array2, Array3};
 use rayon::prelude::*;
 
-use crate::layers::{CELL, Layer, LayersError, uniform_disparities};
+use crate::layers::{CELL, LayersError, uniform_disparities};
 use crate::warp::{Texture, WarpSource, warp_layers};
 
 /// Side of the window over which the variance is averaged, in cells.
@@ -69,7 +69,7 @@ pub fn plane_costs(sources: &[WarpSource<'_>], (height, width): (usize, usize), 
     costs.par_chunks_mut(plane).zip(disparities).for_each(|(cost, &disparity)| {
         let mut colour = vec![0.0; 3 * sources.len() * plane];
         let mut coverage = vec![0.0; sources.len() * plane];
-        warp_layers(&[Layer::Plane(disparity)], &shrunk, (height, width), &mut colour, &mut coverage);
+        warp_layers(&vec![disparity as f32; plane], &shrunk, (height, width), &mut colour, &mut coverage);
         let (variance, seen) = variance(&colour, &coverage, plane);
         window_mean(&variance, &seen, (height, width), cost);
     });

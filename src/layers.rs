@@ -5,6 +5,7 @@
 //! compositing along a target ray stays exact.
 
 use ndarray::{Array2, ArrayView2};
+use rayon::prelude::*;
 
 use crate::guide::RangeMap;
 
@@ -22,7 +23,7 @@ pub enum LayersError {
     #[error("the list of disparities is empty: expected at least one")]
     Empty,
     /// A disparity that is negative or not finite.
-    #[error("disparity {index} is {value}: expected a finite number, 0 (infinity) or more")]
+    #[error("disparity {index} is {value}: expected a number of ordinary size, 0 (infinity) or more")]
     NotADisparity {
         /// Its place in the list.
         index: usize,
@@ -81,7 +82,8 @@ impl Layers {
             return Err(LayersError::Empty);
         }
         for (index, &value) in disparities.iter().enumerate() {
-            if !value.is_finite() || value < 0.0 {
+            // As f32, which the pixels are computed in.
+            if !(value as f32).is_finite() || value < 0.0 {
                 return Err(LayersError::NotADisparity { index, value });
             }
             if index > 0 && value > disparities[index - 1] {
@@ -100,8 +102,9 @@ impl Layers {
     pub fn guided(range: &RangeMap, count: usize) -> Result<Self, LayersError> {
         let (nearest, farthest) = (range.nearest(), range.farthest());
         let maps = (0..count).map(|k| {
-            let step = if count == 1 { 0.5 } else { k as f32 / (count - 1) as f32 };
-            ndarray::Zip::from(nearest).and(farthest).map_collect(|&n, &f| n + step * (f - n))
+            let step = if count == 1 { 0.5 } else { k as f64 / (count - 1) as f64 };
+            let between = |&n: &f32, &f: &f32| (f64::from(n) + step * (f64::from(f) - f64::from(n))) as f32;
+            ndarray::Zip::from(nearest).and(farthest).map_collect(between)
         });
         Self::maps(maps.collect())
     }
@@ -140,7 +143,7 @@ impl Layers {
 
 /// `count` disparities evenly spaced from 1/near to 1/far, near → far; `far` may be infinite. One lies in the middle.
 pub fn uniform_disparities(near: f64, far: f64, count: usize) -> Result<Vec<f64>, LayersError> {
-    if !(near > 0.0 && near < far && near.is_finite() && (1.0 / near).is_finite()) {
+    if !(near > 0.0 && near < far && near.is_finite() && ((1.0 / near) as f32).is_finite()) {
         return Err(LayersError::Range { near, far });
     }
     let (nearest, farthest) = (1.0 / near, 1.0 / far);
@@ -157,8 +160,13 @@ pub fn padded(side: usize) -> usize {
 }
 
 impl Layer {
+    /// Disparity of each pixel of a padded target of rows `width` wide, into `out` `[height, width]`; in parallel.
+    pub fn fill(&self, width: usize, out: &mut [f32]) {
+        out.par_chunks_mut(width).enumerate().for_each(|(row, out)| self.fill_row(row, out));
+    }
+
     /// Disparities of row `row` of the padded target into `out` (its width).
-    pub fn fill_row(&self, row: usize, out: &mut [f32]) {
+    fn fill_row(&self, row: usize, out: &mut [f32]) {
         match self {
             Self::Plane(disparity) => out.fill(*disparity as f32),
             Self::Map(map) => upsample_row(map.view(), row, out),

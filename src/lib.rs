@@ -21,6 +21,7 @@
 pub mod blend;
 pub mod camera;
 pub mod composite;
+pub mod fill;
 pub mod guide;
 pub mod image_io;
 pub mod layers;

@@ -14,18 +14,20 @@ pub struct NoModel {
     pub found: Vec<usize>,
 }
 
-/// The model file for `views` views: in the folder `LIVEVIEW_MODELS`, else in a `models` folder beside the binary or up to
+/// The model file for `views` views: in the folder `LIVEVIEW_MODELS` if that is set, else in a `models` folder beside the binary or up to
 /// three folders above it, else in `models` of the working directory.
 ///
 /// # Errors
 ///
 /// [`NoModel`], with the folders and the V that exist.
 pub fn find(views: usize) -> Result<PathBuf, NoModel> {
-    let named = std::env::var_os("LIVEVIEW_MODELS").filter(|v| !v.is_empty()).map(PathBuf::from);
+    if let Some(named) = std::env::var_os("LIVEVIEW_MODELS").filter(|v| !v.is_empty()) {
+        return find_in(vec![named.into()], views);
+    }
     let binary = std::env::current_exe().unwrap_or_default();
     let working = std::env::current_dir().unwrap_or_default();
     let around = binary.ancestors().skip(1).take(4).chain([working.as_path()]).map(|folder| folder.join("models"));
-    find_in(named.into_iter().chain(around).collect(), views)
+    find_in(around.collect(), views)
 }
 
 fn find_in(mut folders: Vec<PathBuf>, views: usize) -> Result<PathBuf, NoModel> {

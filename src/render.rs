@@ -2,14 +2,14 @@
 
 use std::time::{Duration, Instant};
 
-use ndarray::{Array2, ArrayView4, ArrayViewMut4};
+use ndarray::{Array2, ArrayView3, ArrayView4, ArrayViewMut4};
 use rayon::prelude::*;
 
 use crate::blend::{DistanceWeights, LayerSamples};
 use crate::camera::Camera;
 use crate::composite::Accumulated;
 use crate::image_io::ImageRgb;
-use crate::layers::{Layer, Layers, padded};
+use crate::layers::{Layers, padded};
 use crate::network::{NetworkError, PlaneNetwork};
 use crate::sweep::Sweep;
 use crate::views::{SourceView, distance};
@@ -61,8 +61,8 @@ pub struct StageTimes {
 /// The stages of one batch of layers over the padded target, as [`Renderer::render_observed`] shows them.
 #[derive(Debug, Clone, Copy)]
 pub struct Batch<'a> {
-    /// The layers, near → far.
-    pub layers: &'a [Layer],
+    /// Disparity of n layers, near → far, `[n, h, w]`, 1/scene unit.
+    pub disparity: ArrayView3<'a, f32>,
     /// HWV `[n, 3V, h, w]`.
     pub hwv: ArrayView4<'a, f32>,
     /// `[n, V, h, w]`.
@@ -78,6 +78,7 @@ pub struct Batch<'a> {
 pub struct Renderer<N> {
     network: N,
     batch: usize,
+    disparity: Vec<f32>,
     hwv: Vec<f32>,
     coverage: Vec<f32>,
     logits: Vec<f32>,
@@ -86,7 +87,14 @@ pub struct Renderer<N> {
 impl<N: PlaneNetwork> Renderer<N> {
     /// `batch` layers go through the network at once (at least one).
     pub fn new(network: N, batch: usize) -> Self {
-        Self { network, batch: batch.max(1), hwv: Vec::new(), coverage: Vec::new(), logits: Vec::new() }
+        Self {
+            network,
+            batch: batch.max(1),
+            disparity: Vec::new(),
+            hwv: Vec::new(),
+            coverage: Vec::new(),
+            logits: Vec::new(),
+        }
     }
 
     /// The network it runs.
@@ -117,6 +125,7 @@ impl<N: PlaneNetwork> Renderer<N> {
         let (height, width) = (padded(target.height()), padded(target.width()));
         let pixels = height * width;
         let batch = self.batch.min(layers.len());
+        self.disparity.resize(batch * pixels, 0.0);
         self.hwv.resize(batch * 3 * count * pixels, 0.0);
         self.coverage.resize(batch * count * pixels, 0.0);
         self.logits.resize(batch * count * pixels, 0.0);
@@ -125,18 +134,22 @@ impl<N: PlaneNetwork> Renderer<N> {
         let mut times = StageTimes::default();
         for (index, part) in layers.as_slice().chunks(batch).enumerate() {
             let n = part.len();
+            let disparity = &mut self.disparity[..n * pixels];
             let hwv = &mut self.hwv[..n * 3 * count * pixels];
             let coverage = &mut self.coverage[..n * count * pixels];
             let logits = &mut self.logits[..n * count * pixels];
             let started = Instant::now();
-            warp_layers(part, &sources, (height, width), hwv, coverage);
+            for (layer, out) in part.iter().zip(disparity.chunks_exact_mut(pixels)) {
+                layer.fill(width, out);
+            }
+            warp_layers(disparity, &sources, (height, width), hwv, coverage);
             let warped = Instant::now();
             let hwv = ArrayView4::from_shape((n, 3 * count, height, width), hwv).expect("sized above");
             let shape = (n, count, height, width);
             self.network.infer(hwv, ArrayViewMut4::from_shape(shape, logits).expect("sized above"))?;
             let inferred = Instant::now();
             let shown = Batch {
-                layers: part,
+                disparity: ArrayView3::from_shape((n, height, width), disparity).expect("sized above"),
                 hwv,
                 coverage: ArrayView4::from_shape(shape, coverage).expect("sized above"),
                 logits: ArrayView4::from_shape(shape, logits).expect("sized above"),
@@ -159,23 +172,20 @@ pub fn warp_sources<'a>(views: &[SourceView<'a>], target: &Camera) -> Vec<WarpSo
 
 /// Blend each layer of the batch, whose first is layer `first` of `total`, and add it behind what was gathered.
 fn composite_batch(batch: &Batch<'_>, first: usize, total: usize, target_width: usize, gathered: &mut [Accumulated]) {
-    let (n, views, _, width) = batch.logits.dim();
+    let (n, _, _, width) = batch.logits.dim();
     let (hwv, coverage, logits) = match (batch.hwv.to_slice(), batch.coverage.to_slice(), batch.logits.to_slice()) {
         (Some(hwv), Some(coverage), Some(logits)) => (hwv, coverage, logits),
         _ => unreachable!("views of the renderer's own buffers"),
     };
     let size = logits.len() / n;
     gathered.par_chunks_mut(target_width).enumerate().for_each(|(row, gathered)| {
-        let mut disparity = vec![0.0; width];
-        for (k, layer) in batch.layers.iter().enumerate() {
-            layer.fill_row(row, &mut disparity);
+        for (k, disparity) in batch.disparity.outer_iter().enumerate() {
             let samples = LayerSamples {
                 logits: &logits[k * size..(k + 1) * size],
                 colour: &hwv[3 * k * size..3 * (k + 1) * size],
                 coverage: &coverage[k * size..(k + 1) * size],
             };
-            debug_assert_eq!(size % views, 0);
-            for (x, (pixel, &disparity)) in gathered.iter_mut().zip(&disparity).enumerate() {
+            for (x, (pixel, &disparity)) in gathered.iter_mut().zip(disparity.row(row)).enumerate() {
                 let blended = batch.weights.blend(&samples, row * width + x);
                 pixel.add((first + k) as u32, blended, disparity, first + k + 1 == total);
             }

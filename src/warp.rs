@@ -8,7 +8,6 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::image_io::ImageRgb;
-use crate::layers::Layer;
 use crate::sweep::Sweep;
 
 /// A view's photo made ready for sampling: RGB and a fourth channel of ones (whose sample is the coverage), inside a
@@ -96,36 +95,33 @@ pub struct WarpSource<'a> {
     pub sweep: Sweep,
 }
 
-/// Warp all views by all `layers` onto a target of `width`×`height` pixels.
+/// Warp all views by n layers onto a target of `width`×`height` pixels (paper, section "HWV").
 ///
-/// `colour` becomes `[n, 3V, height, width]`: the homography warped volume of the paper; `coverage` becomes
-/// `[n, V, height, width]`. Both must have exactly that many elements.
+/// `disparity` is `[n, height, width]`, in 1/scene unit ([`crate::layers::Layer::fill`]). `colour` becomes
+/// `[n, 3V, height, width]`: the homography warped volume; `coverage` becomes `[n, V, height, width]`.
 ///
 /// # Panics
 /// If the buffers have other sizes.
 pub fn warp_layers(
-    layers: &[Layer],
+    disparity: &[f32],
     sources: &[WarpSource<'_>],
     (height, width): (usize, usize),
     colour: &mut [f32],
     coverage: &mut [f32],
 ) {
     let plane = height * width;
-    assert_eq!(colour.len(), 3 * layers.len() * sources.len() * plane, "colour is [n, 3V, height, width]");
+    assert_eq!(colour.len(), 3 * disparity.len() * sources.len(), "colour is [n, 3V, height, width]");
     assert_eq!(3 * coverage.len(), colour.len(), "coverage is [n, V, height, width]");
     let views = colour.par_chunks_mut(3 * plane).zip(coverage.par_chunks_mut(plane)).enumerate();
     views.for_each(|(index, (colour, coverage))| {
-        let (layer, source) = (&layers[index / sources.len()], &sources[index % sources.len()]);
+        let (layer, source) = (index / sources.len(), &sources[index % sources.len()]);
+        let disparity = &disparity[layer * plane..(layer + 1) * plane];
         let (red, rest) = colour.split_at_mut(plane);
         let (green, blue) = rest.split_at_mut(plane);
-        let mut disparity = vec![0.0; width];
         for row in 0..height {
-            if row == 0 || matches!(layer, Layer::Map(_)) {
-                layer.fill_row(row, &mut disparity);
-            }
             let span = row * width..(row + 1) * width;
             let out = [&mut red[span.clone()], &mut green[span.clone()], &mut blue[span.clone()]];
-            warp_row(source, row, &disparity, out, &mut coverage[span]);
+            warp_row(source, row, &disparity[span.clone()], out, &mut coverage[span]);
         }
     });
 }

@@ -53,7 +53,7 @@ fn intrinsics_that_are_not_finite() {
     let names = &["0.png", "1.png", "2.png", "3.png", "4.png"];
     let colmap = scene_common::Colmap { camera: "PINHOLE 64 48 nan 60 30 25", names };
     colmap.write_text(&folders.scene().join("sparse/0"));
-    assert_render_refused(&folders, &[], &["sparse/0", "0.png", "fx is NaN", "finite"]);
+    assert_render_refused(&folders, &[], &["sparse/0/cameras.txt", "PINHOLE", "fx is NaN", "finite"]);
 }
 
 #[test]

@@ -26,7 +26,7 @@ fn a_held_out_view_is_rendered_scored_and_compared() {
     let folders = Folders::new();
     let [picture, depth, compare] = ["a.png", "d.png", "c.png"].map(|name| folders.out(name));
     let told = json(&mut folders.render(&["--target", "2", "-o", &picture, "--depth", &depth, "--compare", &compare]));
-    assert_eq!(folders.written(), ["a.png", "c.png", "d.json", "d.png", "d_colour.png"]);
+    assert_eq!(folders.written(), ["a.png", "c.png", "d.png", "d_colour.png", "d_scale.json"]);
     let target = &told["targets"][0];
     assert_eq!(target["name"], "2.png");
     let mut views: Vec<&str> = target["views"].as_array().unwrap().iter().map(|name| name.as_str().unwrap()).collect();
@@ -45,7 +45,7 @@ fn a_held_out_view_is_rendered_scored_and_compared() {
     let size = image_io::read_size(compare.as_ref()).unwrap();
     assert_eq!(size, (3 * WIDTH as usize + 8, HEIGHT as usize));
 
-    let scale: Value = serde_json::from_slice(&fs::read(folders.out("d.json")).unwrap()).unwrap();
+    let scale: Value = serde_json::from_slice(&fs::read(folders.out("d_scale.json")).unwrap()).unwrap();
     let grey = image::open(&depth).unwrap().into_luma16();
     assert_eq!(grey.iter().max(), Some(&65535));
     let disparity = f64::from(grey.get_pixel(32, 24).0[0]) / 65535.0 * scale["disparity_max"].as_f64().unwrap();

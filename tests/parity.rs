@@ -12,7 +12,7 @@ use liveview::camera::{Camera, Intrinsics};
 use liveview::composite::Accumulated;
 use liveview::guide::{plane_costs, range_of, winner};
 use liveview::image_io::ImageRgb;
-use liveview::layers::{Layers, padded};
+use liveview::layers::{Layer, Layers, padded};
 use liveview::network::{OrtNetwork, PlaneNetwork};
 use liveview::render::{Renderer, warp_sources};
 use liveview::runtime::Runtime;
@@ -165,7 +165,7 @@ fn tolerance(stage: &str) -> BTreeMap<String, f64> {
 
 /// Whether a stage's errors are relative to the oracle's largest element, as the tolerance file says.
 fn scaled(stage: &str) -> bool {
-    ["homography", "maps", "range", "logits", "disparity"].contains(&stage)
+    ["homography", "coarse_maps", "maps", "range", "logits", "disparity"].contains(&stage)
 }
 
 fn for_all(check: impl Fn(&Case)) {
@@ -198,9 +198,7 @@ fn maps() {
         let layers = case.layers();
         let mut found = Array3::<f32>::zeros((layers.len(), height, width));
         for (layer, mut map) in layers.as_slice().iter().zip(found.outer_iter_mut()) {
-            for (row, mut out) in map.rows_mut().into_iter().enumerate() {
-                layer.fill_row(row, out.as_slice_mut().unwrap());
-            }
+            layer.fill(width, map.as_slice_mut().unwrap());
         }
         case.check("maps", &found);
     });
@@ -209,12 +207,13 @@ fn maps() {
 #[test]
 fn warp() {
     for_all(|case| {
-        let ((height, width), layers, views) = (case.padded(), case.layers(), case.views());
-        let (n, v) = (layers.len(), views.len());
+        let ((height, width), views) = (case.padded(), case.views());
+        let disparity = flat(case.get::<f32>("maps"));
+        let (n, v) = (disparity.len() / (height * width), views.len());
         let mut colour = Array::<f32, _>::zeros((n, 3 * v, height, width));
         let mut coverage = Array::<f32, _>::zeros((n, v, height, width));
         let (to_colour, to_coverage) = (colour.as_slice_mut().unwrap(), coverage.as_slice_mut().unwrap());
-        warp_layers(layers.as_slice(), &warp_sources(&views, &case.target), (height, width), to_colour, to_coverage);
+        warp_layers(&disparity, &warp_sources(&views, &case.target), (height, width), to_colour, to_coverage);
         case.check("coverage", &coverage);
         case.check("colour", &colour);
     });
@@ -295,15 +294,8 @@ fn composite() {
 fn selection() {
     for_all(|case| {
         let Some(expected) = case.find::<i64>("selected") else { return };
-        // The histogram is taken over the padded target, as the goldens'.
-        let alpha = case.get::<f32>("alpha").into_dimensionality::<ndarray::Ix3>().unwrap();
-        let best = |lane: ndarray::ArrayView1<'_, f32>| {
-            let better = |best: usize, k: usize| if lane[k] > lane[best] { k } else { best };
-            let best = (1..lane.len()).fold(0, better);
-            (lane[best] > 0.0).then_some(best)
-        };
-        let votes: Vec<_> = alpha.lanes(Axis(0)).into_iter().map(best).collect();
-        let histogram = plane_histogram(votes, alpha.dim().0);
+        let best = |pixel: &Accumulated| (pixel.best.0 > 0.0).then_some(pixel.best.1 as usize);
+        let histogram = plane_histogram(gathered(case).iter().map(best), case.layers().len());
         let counted: Vec<i64> = histogram.iter().map(|&n| n as i64).collect();
         assert_eq!(counted, flat(case.get::<i64>("histogram")), "{}: histogram", case.name);
         let selected: Vec<i64> = select_planes(&histogram, 2).into_iter().map(|k| k as i64).collect();
@@ -336,6 +328,13 @@ fn coarse_pass() {
 
         let range = range_of(&expected, (disparities[0] - disparities[1]) as f32);
         case.check("range", &ndarray::stack![Axis(0), range.nearest().view(), range.farthest().view()]);
+        let layers = Layers::guided(&range, case.layers().len()).unwrap();
+        let map = |layer: &Layer| if let Layer::Map(map) = layer { map.clone() } else { unreachable!("guided layers") };
+        let maps: Vec<_> = layers.as_slice().iter().map(map).collect();
+        case.check(
+            "coarse_maps",
+            &ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>()).unwrap(),
+        );
     });
 }
 

@@ -1,10 +1,11 @@
-"""Export a checkpoint to ONNX: python -m liveview_ref.export runs/v4/checkpoint.pt ../models/liveview_v4.onnx
+"""Export a checkpoint to ONNX: python -m liveview_ref.export CHECKPOINT MODEL.onnx CONFIG
 
 One file, opset 20, dynamic n, h and w, BatchNorm folded, metadata for the runtime; then checked: torch = onnxruntime
 at batch sizes and image sizes that it was not exported with.
 """
 
 import argparse
+import json
 from pathlib import Path
 
 import numpy as np
@@ -70,15 +71,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("model", type=Path)
+    parser.add_argument("config", type=Path, help="what it was trained with")
     parser.add_argument("--recommended-layers", default="guided 4")
     parser.add_argument("--licence", required=True, help="of the weights and of what they were trained on, in a line")
     args = parser.parse_args()
     state = torch.load(args.checkpoint, weights_only=True)
     net = UNet(state["views"]).eval()
     net.load_state_dict(state["average"])
-    training = f"{state['step']} steps, {state['seconds'] / 60:.0f} minutes; layers: guided 2-8, uniform planes 8-16"
-    metadata = {"recommended_layers": args.recommended_layers, "training": training, "licence": args.licence}
+    config = json.loads(args.config.read_text())
+    guided, planes = ([min(x), max(x)] for x in (config["guided_layers"], config["uniform_planes"]))
+    metadata = {
+        "recommended_layers": args.recommended_layers,
+        "training": f"{state['step']} steps of {config['batch']} scenes, {state['seconds'] / 60:.0f} minutes",
+        "trained_layers": "guided {}-{}, uniform planes {}-{}".format(*guided, *planes),
+        "licence": args.licence,
+    }
     export(net, args.model, metadata)
+    torch.save({k: state[k] for k in ("average", "views", "step", "seconds")}, args.model.with_suffix(".pt"))
     print(f"{args.model}: {args.model.stat().st_size / 1e6:.2f} MB, departs from torch by {check(net, args.model):.1e}")
 
 

@@ -22,7 +22,14 @@ from .render import planes_over, view_distances, warp_views
 from .sweep import plane_homography
 
 Arrays = dict[str, np.ndarray]
-SCALED = ("homography", "maps", "range", "logits", "disparity")  # errors relative to the largest element of the oracle
+SCALED = (
+    "homography",
+    "coarse_maps",
+    "maps",
+    "range",
+    "logits",
+    "disparity",
+)  # errors relative to the largest element of the oracle
 
 
 def cameras_of(data: Arrays) -> tuple[list[Camera], Camera]:
@@ -105,7 +112,22 @@ def ranges(data: Arrays, dtype: torch.dtype) -> Arrays:
     return {"range": torch.stack(guide.range_of(tensor(data, "coarse.winner", dtype), step)).numpy()}
 
 
-STAGES = (homography, costs, ranges, maps, warp, blended, composited)
+def guided(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The layers that divide each cell's range, as coarse maps [L, h, w], from the winners [h, w]."""
+    if "coarse.winner" not in data:
+        return {}
+    nearest, farthest = torch.from_numpy(ranges(data, dtype)["range"])
+    return {"coarse_maps": guide.guided_maps(nearest, farthest, len(data["coarse_maps"])).numpy()}
+
+
+def best_layer(data: Arrays) -> np.ndarray:
+    """Index of the layer of largest alpha (ties: the nearer) per pixel of the target [H, W]; -1 where all are 0."""
+    width, height = data["target.size"]
+    alpha = data["alpha"][:, :height, :width]
+    return np.where(alpha.max(0) > 0, alpha.argmax(0), -1)
+
+
+STAGES = (homography, costs, ranges, guided, maps, warp, blended, composited)
 
 
 def errors(found: np.ndarray, oracle: np.ndarray, name: str) -> tuple[float, float, tuple[int, ...]]:

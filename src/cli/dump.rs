@@ -81,14 +81,10 @@ struct Stages {
 impl Stages {
     fn gather(&mut self, batch: &Batch<'_>) {
         let (n, views, height, width) = batch.logits.dim();
-        let mut maps = Array3::zeros((n, height, width));
         let mut alpha = Array3::zeros((n, height, width));
         let mut rgb = Array4::zeros((n, 3, height, width));
         let flat = |all: ArrayView4<'_, f32>, k: usize| all.index_axis(Axis(0), k).iter().copied().collect::<Vec<_>>();
-        for (k, layer) in batch.layers.iter().enumerate() {
-            for (row, mut out) in maps.index_axis_mut(Axis(0), k).rows_mut().into_iter().enumerate() {
-                layer.fill_row(row, out.as_slice_mut().expect("rows of a standard layout"));
-            }
+        for k in 0..n {
             let (logits, colour) = (flat(batch.logits, k), flat(batch.hwv, k));
             let coverage = flat(batch.coverage, k);
             debug_assert_eq!(coverage.len(), views * height * width);
@@ -102,7 +98,7 @@ impl Stages {
                     .for_each(|(to, c)| *to = c);
             }
         }
-        self.maps.push(maps);
+        self.maps.push(batch.disparity.to_owned());
         self.alpha.push(alpha);
         self.rgb.push(rgb);
         self.colour.push(batch.hwv.to_owned());
@@ -124,6 +120,9 @@ impl Stages {
 }
 
 pub(super) fn run(args: &DumpArgs) -> Result<Report> {
+    if args.output.extension().is_none_or(|ending| ending != "npz") {
+        bail!("-o {}: expected a name that ends in .npz", args.output.display());
+    }
     let mut job = Job::open(args.scene.open()?, &args.layers, &args.engine)?;
     let view = job.photos.scene.view_index(&args.target)?;
     let targets = held_out(&job.photos, vec![view]);
@@ -139,8 +138,8 @@ pub(super) fn run(args: &DumpArgs) -> Result<Report> {
         return Err(error.context(format!("{}: cannot be written", args.output.display())));
     }
     let json = json!({
-        "file": args.output, "target": shot.name, "views": job.photos.names(&shot.views), "near": shot.near,
-        "far": shot.far, "layers": job.recipe.to_string(), "model": job.engine.network().path(),
+        "file": super::shown(&args.output), "target": shot.name, "views": job.photos.names(&shot.views), "near": shot.near,
+        "far": shot.far, "layers": job.recipe.to_string(), "model": super::shown(job.engine.network().path()), "library": super::shown(&job.engine.library),
         "threads": job.engine.threads, "batch": job.engine.batch,
     });
     Ok(Report { text: format!("{}: every stage of {}, {}", args.output.display(), shot.name, job.recipe), json })

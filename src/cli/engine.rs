@@ -28,17 +28,17 @@ pub(super) struct EngineArgs {
     #[arg(long, value_name = "FILE")]
     ort_lib: Option<PathBuf>,
     /// Threads, for the network and for everything else [default: one per core]
-    #[arg(long, value_name = "N", value_parser = super::count)]
+    #[arg(long, value_name = "N", value_parser = super::few)]
     threads: Option<usize>,
     /// Layers that go through the network at once: memory grows with it, the result does not change
-    #[arg(long, value_name = "N", default_value = "2", value_parser = super::count)]
+    #[arg(long, value_name = "N", default_value = "1", value_parser = super::few)]
     pub(super) batch: usize,
 }
 
 /// A model, ready to render.
 pub(super) struct Engine {
     pub(super) renderer: Renderer<OrtNetwork>,
-    library: PathBuf,
+    pub(super) library: PathBuf,
     pub(super) threads: usize,
     pub(super) batch: usize,
 }
@@ -95,10 +95,10 @@ impl Engine {
         let card = self.network().card();
         json!({
             "model": {
-                "file": self.network().path(), "views": card.views, "recommended_layers": card.recommended_layers,
+                "file": super::shown(self.network().path()), "views": card.views, "recommended_layers": card.recommended_layers,
                 "training": card.training, "licence": card.licence,
             },
-            "engine": { "name": "ONNX Runtime", "library": self.library, "threads": self.threads, "batch": self.batch },
+            "engine": { "name": "ONNX Runtime", "library": super::shown(&self.library), "threads": self.threads, "batch": self.batch },
         })
     }
 }

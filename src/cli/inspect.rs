@@ -65,7 +65,7 @@ pub(super) fn run(args: &InspectArgs) -> Result<Report> {
         let _ = writeln!(text, "note       {note}");
     }
     let json = json!({
-        "scene": scene.root, "format": scene.format.to_string(), "conventions": conventions(scene.format),
+        "scene": super::shown(&scene.root), "format": scene.format.to_string(), "conventions": conventions(scene.format),
         "views": views, "rig": rig, "target": target, "notes": scene.notes,
     });
     Ok(Report { text, json })

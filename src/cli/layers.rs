@@ -29,7 +29,7 @@ pub(super) struct LayerArgs {
     #[arg(long, value_name = "D", default_value = "64", value_parser = super::count)]
     pub(super) select_from: usize,
     /// Planes of the coarse pass of guided layers
-    #[arg(long, value_name = "D", default_value = "32", value_parser = super::count)]
+    #[arg(long, value_name = "D", default_value = "32", value_parser = super::two_or_more)]
     pub(super) coarse_planes: usize,
 }
 

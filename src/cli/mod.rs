@@ -17,6 +17,8 @@ mod video;
 
 use std::fmt::Display;
 use std::io::Write;
+use std::ops::RangeInclusive;
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -91,6 +93,11 @@ pub(crate) fn run() -> ExitCode {
     }
 }
 
+/// A path as JSON can hold it: serialising one that is not UTF-8 would panic.
+fn shown(path: &Path) -> String {
+    path.display().to_string()
+}
+
 /// A line on stderr; `println` would panic where nobody listens.
 fn tell(kind: &str, what: impl Display) {
     let _ = writeln!(std::io::stderr(), "{kind}: {what}");
@@ -98,8 +105,22 @@ fn tell(kind: &str, what: impl Display) {
 
 /// Parses a number of things: at least one, and not so many that it must be a mistake.
 fn count(text: &str) -> Result<usize, String> {
-    let count = text.parse().ok().filter(|count| (1..=4096).contains(count));
-    count.ok_or_else(|| "expected a whole number from 1 to 4096".to_owned())
+    whole(text, 1..=4096)
+}
+
+/// Parses a number that memory or the machine bounds.
+fn few(text: &str) -> Result<usize, String> {
+    whole(text, 1..=256)
+}
+
+/// Parses a number of planes that have a distance between them.
+fn two_or_more(text: &str) -> Result<usize, String> {
+    whole(text, 2..=4096)
+}
+
+fn whole(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {
+    let number = text.parse().ok().filter(|number| range.contains(number));
+    number.ok_or_else(|| format!("expected a whole number from {} to {}", range.start(), range.end()))
 }
 
 /// A bar that counts layers; only on a terminal, and on stderr.

@@ -1,7 +1,7 @@
 //! What is written, and where: pictures, disparity maps, comparisons.
 
 use std::collections::{HashMap, HashSet};
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow, bail};
@@ -28,7 +28,7 @@ pub(super) struct OutputArgs {
     /// The picture: .png or .jpg; or a folder; or .mp4 or .gif through ffmpeg
     #[arg(short, long, value_name = "PATH", required_unless_present = "heldout")]
     output: Option<PathBuf>,
-    /// Disparity as 16-bit PNG (0 to 65535 is 0 to the disparity_max in the .json written beside it, in 1/scene unit), and in
+    /// Disparity as 16-bit PNG (0 to 65535 is 0 to the disparity_max in *_scale.json beside it, in 1/scene unit), and in
     /// colour as *_colour.png (dark at far, light at near)
     #[arg(long, value_name = "PNG")]
     depth: Option<PathBuf>,
@@ -60,14 +60,15 @@ impl Place {
 
     /// The file of a shot.
     fn file(&self, shot: &Shot, suffix: &str, ending: Option<&str>) -> PathBuf {
-        let (folder, stem, own) = match self {
-            Self::File(path) => {
-                (path.parent(), path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), path.extension())
-            }
-            Self::Folder(path) => (Some(path.as_path()), stem(&shot.name), None),
+        let (folder, mut name, own) = match self {
+            Self::File(path) => (path.parent(), path.file_stem().unwrap_or_default().to_owned(), path.extension()),
+            Self::Folder(path) => (Some(path.as_path()), stem(&shot.name).into(), None),
         };
-        let ending = ending.map(OsStr::new).or(own).unwrap_or(OsStr::new("png")).to_string_lossy();
-        folder.unwrap_or(Path::new("")).join(format!("{stem}{suffix}.{ending}"))
+        // Joined as they are: a name need not be UTF-8.
+        name.push(suffix);
+        name.push(".");
+        name.push(ending.map(OsStr::new).or(own).unwrap_or(OsStr::new("png")));
+        folder.unwrap_or(Path::new("")).join(name)
     }
 
     /// The files of a shot, one per variant.
@@ -82,7 +83,7 @@ type Variant = (&'static str, Option<&'static str>);
 /// A picture under the name given.
 const PLAIN: [Variant; 1] = [("", None)];
 /// Disparity, in colour, and its scale.
-const DEPTH: [Variant; 3] = [("", None), ("_colour", None), ("", Some("json"))];
+const DEPTH: [Variant; 3] = [("", None), ("_colour", None), ("_scale", Some("json"))];
 
 /// Refuses a file that cannot be written or is a photo of the scene; creates missing folders.
 fn claim(option: &str, file: &Path, photos: &Photos) -> Result<()> {
@@ -244,8 +245,9 @@ fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
 
 /// A hidden name in the same folder, with the same ending.
 pub(super) fn temporary(path: &Path) -> PathBuf {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    path.with_file_name(format!(".{}.{name}", std::process::id()))
+    let mut name = OsString::from(format!(".{}.", std::process::id()));
+    name.push(path.file_name().unwrap_or_default());
+    path.with_file_name(name)
 }
 
 /// A view's name as that of a file, without extension.

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use clap::Args;
+use liveview::fill::fill_unseen;
 use liveview::metrics::{psnr, ssim};
 use liveview::render::StageTimes;
 
@@ -93,17 +94,23 @@ pub(super) fn run(args: &RenderArgs) -> Result<Report> {
             Some(layers) => Planned { layers, coarse: Duration::ZERO, select: Duration::ZERO },
             None => job.layers(&shot)?,
         };
-        let frame = job.render(&shot, &layers)?;
+        let mut frame = job.render(&shot, &layers)?;
+        // Scored as it was rendered; filled for the eye.
         let score = truth.as_ref().map(|truth| Score {
             psnr: psnr(&frame.picture, truth, SCORE_BORDER),
             ssim: ssim(&frame.picture, truth, SCORE_BORDER),
         });
+        let score = score.filter(|score| !score.psnr.is_nan() && !score.ssim.is_nan());
+        if truth.is_some() && score.is_none() {
+            super::tell("note", format!("{}: too small to be scored", shot.name));
+        }
+        frame.picture = fill_unseen(&frame.picture, &frame.transmittance);
         let pixels = frame.transmittance.len() as f64;
         done.push(Rendered {
             layers: layers.len(),
             times: Times { photos, coarse, select, stages: frame.times },
             score,
-            unseen: frame.transmittance.iter().filter(|&&left| left > 0.5).count() as f64 / pixels,
+            unseen: frame.transmittance.iter().map(|&left| f64::from(left)).sum::<f64>() / pixels,
             disparity_max: disparity_max(&frame),
             files: outputs.write(&shot, &frame, truth.as_ref())?,
             shot,

@@ -24,10 +24,10 @@ pub(super) fn rendered(job: &Job, done: &[Rendered], moving: bool, video: Option
     }
     text += &job.engine.text();
     let mut json = json!({
-        "scene": job.photos.scene.root, "format": job.photos.scene.format.to_string(), "layers": job.recipe.to_string(),
+        "scene": super::shown(&job.photos.scene.root), "format": job.photos.scene.format.to_string(), "layers": job.recipe.to_string(),
         "targets": done.iter().map(|one| target(job, one)).collect::<Vec<_>>(),
         "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
-        "border_left_out": SCORE_BORDER, "video": video, "notes": job.photos.scene.notes,
+        "border_left_out": SCORE_BORDER, "video": video.as_deref().map(super::shown), "notes": job.photos.scene.notes,
     });
     if let (Value::Object(json), Value::Object(engine)) = (&mut json, job.engine.json()) {
         json.extend(engine);
@@ -42,7 +42,7 @@ fn target(job: &Job, one: &Rendered) -> Value {
         "views": job.photos.names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
         "seconds": seconds.into_iter().collect::<serde_json::Map<_, _>>(),
         "psnr": one.score.as_ref().map(|score| score.psnr), "ssim": one.score.as_ref().map(|score| score.ssim),
-        "seen_by_no_view": one.unseen, "disparity_max": one.disparity_max, "files": one.files,
+        "seen_by_no_view": one.unseen, "disparity_max": one.disparity_max, "files": one.files.iter().map(|file| super::shown(file)).collect::<Vec<_>>(),
     })
 }
 
@@ -101,7 +101,7 @@ fn finish(text: &mut String, done: &[Rendered]) {
     let worst = done.iter().map(|one| one.unseen).fold(0.0, f64::max);
     if worst > 0.0 {
         let of = if done.len() > 1 { "a picture, at worst," } else { "the picture" };
-        line(text, "unseen", &format!("{:.2} % of {of} is seen by no view and left black", 100.0 * worst));
+        line(text, "unseen", &format!("{:.2} % of {of} is seen by no view: filled from around it", 100.0 * worst));
     }
     let files: Vec<String> = done.iter().flat_map(|one| &one.files).map(|file| file.display().to_string()).collect();
     if !files.is_empty() {

@@ -57,7 +57,7 @@ pub(super) struct SelectArgs {
     #[arg(long, value_name = "L", value_parser = super::count, conflicts_with_all = ["select", "select_from"])]
     guided: Option<usize>,
     /// Planes of the coarse pass
-    #[arg(long, value_name = "D", default_value = "32", value_parser = super::count, requires = "guided")]
+    #[arg(long, value_name = "D", default_value = "32", value_parser = super::two_or_more, requires = "guided")]
     coarse_planes: usize,
     /// A picture of it: one bar per plane, near to far, those kept in colour; or nearest disparity, farthest disparity and
     /// width of the range in pixels of parallax, side by side
@@ -81,7 +81,7 @@ pub(super) fn run(args: &SelectArgs) -> Result<Report> {
     if let Some(file) = &args.output {
         save_png(file, &picture)?;
         let _ = writeln!(report.text, "wrote    {}", file.display());
-        report.json["file"] = json!(file);
+        report.json["file"] = json!(super::shown(file));
     }
     Ok(report)
 }
@@ -192,5 +192,5 @@ fn heading(photos: &Photos, shot: &Shot) -> String {
 }
 
 fn about(photos: &Photos, shot: &Shot) -> Value {
-    json!({ "scene": photos.scene.root, "target": shot.name, "views": photos.names(&shot.views), "near": shot.near, "far": shot.far, "notes": photos.scene.notes })
+    json!({ "scene": super::shown(&photos.scene.root), "target": shot.name, "views": photos.names(&shot.views), "near": shot.near, "far": shot.far, "notes": photos.scene.notes })
 }

@@ -231,7 +231,8 @@ impl Job {
     pub(super) fn render(&mut self, shot: &Shot, layers: &Layers) -> Result<Frame> {
         let sources = self.photos.sources(&shot.views);
         self.progress.inc_length(layers.len() as u64);
-        let count = |batch: &liveview::render::Batch<'_>| self.progress.inc(batch.layers.len() as u64);
+        let count =
+            |batch: &liveview::render::Batch<'_>| self.progress.inc(batch.disparity.len_of(ndarray::Axis(0)) as u64);
         Ok(self.engine.renderer.render_observed(&sources, &shot.target, layers, count)?)
     }
 }

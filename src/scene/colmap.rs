@@ -16,7 +16,7 @@ use super::draft::{Draft, Drafts, Size};
 use super::files::{images_folder, list_photos, photo, safe_name, some_of};
 use super::undistort::Distortion;
 use super::{SceneError, SceneOptions, colmap_binary, colmap_text};
-use crate::camera::Intrinsics;
+use crate::camera::{Camera, Intrinsics};
 
 /// Fewer tracked points than this say nothing about a view's depth range.
 const MIN_POINTS: usize = 8;
@@ -93,6 +93,9 @@ pub(super) fn lens(
             return Err(SceneError::Unsupported { path: path.to_owned(), what: format!("camera model {model}"), hint });
         }
     };
+    // Checked here, where the file that holds the intrinsics is still known.
+    let refused = |source| SceneError::Camera { path: path.to_owned(), image: format!("model {model}"), source };
+    Camera::new(intrinsics, 1, 1, DMat3::IDENTITY, DVec3::ZERO).map_err(refused)?;
     Ok(Lens { intrinsics, distortion, width, height })
 }
 
