@@ -12,6 +12,7 @@ pub struct DistanceWeights {
     bias: Vec<f32>,
     /// d_i = 0: such a view takes all the weight where it sees anything.
     coincident: Vec<bool>,
+    any_coincident: bool,
 }
 
 impl DistanceWeights {
@@ -20,7 +21,9 @@ impl DistanceWeights {
     pub fn new(distances: &[f64]) -> Self {
         let nearest = distances.iter().copied().filter(|&d| d > 0.0).fold(f64::INFINITY, f64::min);
         let bias = |&d: &f64| if d > 0.0 { (nearest.ln() - d.ln()) as f32 } else { 0.0 };
-        Self { bias: distances.iter().map(bias).collect(), coincident: distances.iter().map(|&d| d == 0.0).collect() }
+        let coincident: Vec<bool> = distances.iter().map(|&d| d == 0.0).collect();
+        let any_coincident = coincident.contains(&true);
+        Self { bias: distances.iter().map(bias).collect(), coincident, any_coincident }
     }
 }
 
@@ -53,8 +56,8 @@ impl DistanceWeights {
         let views = self.bias.len();
         let pixels = samples.coverage.len() / views;
         let coverage = |view: usize| samples.coverage[view * pixels + at];
-        let on_top = (0..views).any(|v| self.coincident[v] && coverage(v) > 0.0);
-        let eligible = |&v: &usize| coverage(v) > 0.0 && self.coincident[v] == on_top;
+        let on_top = self.any_coincident && (0..views).any(|v| self.coincident[v] && coverage(v) > 0.0);
+        let eligible = |&v: &usize| coverage(v) > 0.0 && (!self.any_coincident || self.coincident[v] == on_top);
         let score = |v: usize| self.bias[v] + if v == 0 { 0.0 } else { samples.logits[v * pixels + at] };
         let top = (0..views).filter(eligible).map(score).fold(f32::NEG_INFINITY, f32::max);
         if top == f32::NEG_INFINITY {
@@ -62,7 +65,8 @@ impl DistanceWeights {
         }
         let (mut rgb, mut total) = ([0.0; 3], 0.0);
         for view in (0..views).filter(eligible) {
-            let weight = f64::from((score(view) - top).exp());
+            let behind = score(view) - top;
+            let weight = if behind == 0.0 { 1.0 } else { f64::from(behind.exp()) };
             total += weight * f64::from(coverage(view));
             for (c, sum) in rgb.iter_mut().enumerate() {
                 *sum += weight * f64::from(samples.colour[(3 * view + c) * pixels + at]);

@@ -162,30 +162,25 @@ pub fn padded(side: usize) -> usize {
 impl Layer {
     /// Disparity of each pixel of a padded target of rows `width` wide, into `out` `[height, width]`; in parallel.
     pub fn fill(&self, width: usize, out: &mut [f32]) {
-        out.par_chunks_mut(width).enumerate().for_each(|(row, out)| self.fill_row(row, out));
-    }
-
-    /// Disparities of row `row` of the padded target into `out` (its width).
-    fn fill_row(&self, row: usize, out: &mut [f32]) {
         match self {
             Self::Plane(disparity) => out.fill(*disparity as f32),
-            Self::Map(map) => upsample_row(map.view(), row, out),
+            Self::Map(map) => enlarge(map.view(), width, out),
         }
     }
 }
 
-/// One row of the bilinear enlargement by [`CELL`]: half-pixel centres, edges held, as torch's
+/// Bilinear enlargement by [`CELL`]: half-pixel centres, edges held, as torch's
 /// `interpolate(mode="bilinear", align_corners=False)`. In f64, where the weights (eighths) are exact: one rounding.
-fn upsample_row(map: ArrayView2<'_, f32>, row: usize, out: &mut [f32]) {
-    let (above, below, down) = taps(row, map.nrows());
-    let (upper, lower) = (map.row(above), map.row(below));
-    for (x, value) in out.iter_mut().enumerate() {
-        let (left, right, across) = taps(x, map.ncols());
-        let mix = |cells: ndarray::ArrayView1<'_, f32>| {
-            (1.0 - across) * f64::from(cells[left]) + across * f64::from(cells[right])
-        };
-        *value = ((1.0 - down) * mix(upper) + down * mix(lower)) as f32;
-    }
+fn enlarge(map: ArrayView2<'_, f32>, width: usize, out: &mut [f32]) {
+    let columns: Vec<_> = (0..width).map(|x| taps(x, map.ncols())).collect();
+    out.par_chunks_mut(width).enumerate().for_each(|(row, out)| {
+        let (above, below, down) = taps(row, map.nrows());
+        let mix = |(&a, &b): (&f32, &f32)| (1.0 - down) * f64::from(a) + down * f64::from(b);
+        let cells: Vec<f64> = map.row(above).iter().zip(map.row(below)).map(mix).collect();
+        for (value, &(left, right, across)) in out.iter_mut().zip(&columns) {
+            *value = ((1.0 - across) * cells[left] + across * cells[right]) as f32;
+        }
+    });
 }
 
 /// The two cells around pixel `at` and the weight of the second.
@@ -218,8 +213,9 @@ mod tests {
     #[test]
     fn a_ramp_is_enlarged_to_a_ramp_with_held_edges() {
         let map = Array2::from_shape_fn((2, 3), |(_, x)| x as f32);
-        let mut row = [0.0; 12];
-        upsample_row(map.view(), 5, &mut row);
+        let mut enlarged = [0.0; 12 * 8];
+        enlarge(map.view(), 12, &mut enlarged);
+        let row = &enlarged[12 * 5..12 * 6];
         assert_eq!(row[..3], [0.0, 0.0, 0.125]);
         assert_eq!(row[9..], [1.875, 2.0, 2.0]);
     }
