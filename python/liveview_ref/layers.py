@@ -21,11 +21,6 @@ def uniform_planes(near: float, far: float, count: int) -> Tensor:
     return 1.0 / near + step * (1.0 / far - 1.0 / near)
 
 
-def plane_maps(disparities: Tensor, height: int, width: int) -> Tensor:
-    """Planes [D] as full-resolution maps [D, H, W]."""
-    return disparities[:, None, None].expand(-1, height, width)
-
-
 def guided_maps(nearest: Tensor, farthest: Tensor, count: int) -> Tensor:
     """Divide the range [h, w] .. [h, w] of each coarse cell evenly: coarse maps [L, h, w], near -> far."""
     if count == 1:

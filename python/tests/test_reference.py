@@ -13,7 +13,7 @@ from liveview_ref.blend import blend
 from liveview_ref.camera import choose_views
 from liveview_ref.composite import composite
 from liveview_ref.export import check, export
-from liveview_ref.render import render
+from liveview_ref.render import planes_over, render
 from liveview_ref.unet import UNet, adapt_views, fold_batchnorm, start_from_agreement
 from liveview_ref.warp import warp_maps, warp_plane_kornia
 from skimage.metrics import structural_similarity
@@ -153,7 +153,7 @@ def test_guided_layers_enclose_the_surface():
 def test_a_scene_of_one_plane_comes_out_whatever_the_network_says():
     """Any alpha gives the same picture when all layers show it: here one plane, the background."""
     images, cameras, target = rig_of("coincident")
-    maps = layers.plane_maps(torch.tensor([0.4], dtype=torch.float64), *layers.padded_size(38, 53))
+    maps = planes_over(target, torch.tensor([0.4]), torch.float64)
     out, parts = render(lambda hwv: torch.randn(len(hwv), 4, *hwv.shape[2:]).double(), images, cameras, target, maps)
     seen = parts.coverage[0, 0, :38, :53] > 0
     expected = parts.colour[0, 0, :, :38, :53] / parts.coverage[0, 0, :38, :53].clamp(min=1e-300)
