@@ -90,24 +90,19 @@ def fill(data: stages.Arrays, layers, net: UNet, model: Path) -> None:
     """Oracle of each stage, from float32 roundings of the one before; then torch's errors."""
     guided = isinstance(layers, int)
     if guided:
-        data["coarse.disparities"] = uniform_planes(NEAR, FAR, guide.PLANES).numpy()
-        costs = stages.costs(data, torch.float64)["costs"]
-        data["coarse.winner"] = data["coarse.disparities"].astype(np.float32)[costs.argmin(0)]
-        data["coarse_maps"] = np.empty(layers)  # as many as the stage is to make
-        data["coarse_maps"] = stages.guided(data, torch.float64)["coarse_maps"].astype(np.float32)
+        data["coarse.disparities"] = guide.search_planes(*stages.cameras_of(data), NEAR, FAR).numpy()
+        data["cell_maps"] = np.empty(layers)  # as many as the stage is to make
     else:
         data["disparities"] = layers.numpy()
     oracle = {}
     for stage in stages.STAGES:
-        oracle |= stage(data, torch.float64)
-        if stage is stages.maps:
-            data["maps"] = oracle["maps"].astype(np.float32)
+        found = stage(data, torch.float64)
+        oracle |= found
+        if stage not in (stages.homography, stages.composited):
+            data |= {name: value.astype(np.float32) for name, value in found.items()}
         if stage is stages.warp:
-            data |= {name: oracle[name].astype(np.float32) for name in ("colour", "coverage")}
             oracle["logits"] = parity.logits(net, data["colour"], torch.float64)
             data["logits"] = oracle["logits"].astype(np.float32)
-        if stage is stages.blended:
-            data |= {name: oracle[name].astype(np.float32) for name in ("alpha", "rgb")}
     for stage in stages.STAGES:
         for name, single in stage(data, torch.float32).items():
             data[f"torch.{name}"] = np.array(stages.errors(single, oracle[name], name)[:2])
@@ -128,7 +123,7 @@ def fill(data: stages.Arrays, layers, net: UNet, model: Path) -> None:
 
 def end_to_end(data: stages.Arrays, net: UNet, dtype: torch.dtype) -> np.ndarray:
     """The frame [3, H, W] from photos and layers alone, every stage in `dtype`."""
-    run = {name: value for name, value in data.items() if "." in name or name in ("disparities", "coarse_maps")}
+    run = {name: value for name, value in data.items() if "." in name or name in ("disparities", "cell_maps")}
     for stage in (stages.maps, stages.warp, stages.blended, stages.composited):
         if stage is stages.blended:
             run["logits"] = parity.logits(net, run["colour"], dtype)

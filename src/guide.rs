@@ -1,19 +1,28 @@
-//! Guided layers: a coarse plane sweep gives each pixel its own range of disparities.
+//! Guided layers: a coarse search gives each pixel its own range of disparities.
 //!
-//! At 1/4 resolution: warp the views by [`CoarsePass::planes`] uniform planes, take the variance of their colours over a
-//! window, keep the plane of the lowest (winner takes all), median-filter, and widen to the neighbourhood's largest and
-//! smallest disparity plus one plane step. Known in stereo as adaptive thin volumes (UCS-Net, 2020).
+//! At 1/4 resolution: sweep the views through planes a cell of parallax apart, take the variance of their colours over a
+//! window ([`crate::cost`]), make it agree along rows and columns ([`crate::semiglobal`]), keep the cheapest plane, refined
+//! between planes by a parabola. The neighbourhood's largest and smallest disparity, half a plane step wider, are the
+//! range. At 1/2 resolution: the same search over a few layers that divide that range, each cell for itself. Known in
+//! stereo as adaptive thin volumes (UCS-Net, 2020).
 
-use ndarray::{Array2, Array3};
+use glam::DVec3;
+use ndarray::{Array2, Array3, ArrayView3, Axis};
 use rayon::prelude::*;
 
-use crate::layers::{CELL, LayersError, uniform_disparities};
-use crate::warp::{Texture, WarpSource, warp_layers};
+use crate::cost::layer_costs;
+use crate::layers::{CELL, LayersError, enlarge, uniform_disparities};
+use crate::semiglobal::semi_global;
+use crate::warp::WarpSource;
 
-/// Side of the window over which the variance is averaged, in cells.
-const WINDOW: usize = 5;
-/// Cost where fewer than two views look: above any variance of colours in [0, 1].
-const UNSEEN: f32 = 1.0;
+/// Target pixels per cell of the first search.
+pub const COARSE: usize = 4;
+/// Planes of the first search, where the parallax decides.
+const PLANES: std::ops::RangeInclusive<usize> = 16..=128;
+/// Layers of the second search.
+const FINE: usize = 6;
+/// Cells over which the variance is averaged in the first search and in the second.
+pub const WINDOWS: [usize; 2] = [3, 7];
 
 /// Settings of the coarse pass.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,11 +31,11 @@ pub struct CoarsePass {
     pub near: f64,
     /// Farthest depth, scene units; may be infinite.
     pub far: f64,
-    /// Planes swept between them.
-    pub planes: usize,
+    /// Planes of the first search; `None`: a cell of parallax apart, 16 to 128.
+    pub planes: Option<usize>,
 }
 
-/// Nearest and farthest disparity (1/scene unit) per cell of [`CELL`]×[`CELL`] target pixels, `[h, w]` each.
+/// Nearest and farthest disparity (1/scene unit) per cell of the target, `[h, w]` each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RangeMap {
     nearest: Array2<f32>,
@@ -43,99 +52,148 @@ impl RangeMap {
     pub fn farthest(&self) -> &Array2<f32> {
         &self.farthest
     }
+
+    /// `count` maps that divide each cell's range evenly, near → far; one alone lies in the middle.
+    pub(crate) fn divided(&self, count: usize) -> impl Iterator<Item = Array2<f32>> {
+        (0..count).map(move |k| {
+            let step = if count == 1 { 0.5 } else { k as f64 / (count - 1) as f64 };
+            let between = |&n: &f32, &f: &f32| (f64::from(n) + step * (f64::from(f) - f64::from(n))) as f32;
+            ndarray::Zip::from(&self.nearest).and(&self.farthest).map_collect(between)
+        })
+    }
+}
+
+/// What the coarse pass found, step by step.
+#[derive(Debug, Clone)]
+pub struct Search {
+    /// Planes of the first search, near → far, `D`.
+    pub disparities: Vec<f64>,
+    /// Their costs per cell of [`COARSE`] pixels, `[D, h, w]`.
+    pub costs: Array3<f32>,
+    /// The costs after [`semi_global`].
+    pub agreed: Array3<f32>,
+    /// The disparity they point at, `[h, w]`.
+    pub coarse: Array2<f32>,
+    /// Layers of the second search, `[D, h, w]` in cells of [`CELL`] pixels.
+    pub fine_layers: Array3<f32>,
+    /// Their costs.
+    pub fine_costs: Array3<f32>,
+    /// The disparity those point at, `[h, w]`.
+    pub fine: Array2<f32>,
+    /// The range of each cell of [`CELL`]×[`CELL`] pixels.
+    pub range: RangeMap,
 }
 
 impl CoarsePass {
-    /// The range of each cell of a padded target of `height`×`width` pixels (multiples of 8).
-    pub fn range(&self, sources: &[WarpSource<'_>], size: (usize, usize)) -> Result<RangeMap, LayersError> {
-        let disparities = uniform_disparities(self.near, self.far, self.planes.max(2))?;
-        let costs = plane_costs(sources, size, &disparities);
-        let step = (disparities[0] - disparities[1]) as f32;
-        Ok(range_of(&winner(&costs, &disparities), step))
+    /// Searches a padded target of `height`×`width` pixels (multiples of 8).
+    ///
+    /// # Errors
+    /// [`LayersError::Range`] unless 0 < near < far; [`LayersError::Empty`] for no planes.
+    pub fn search(&self, sources: &[WarpSource<'_>], (height, width): (usize, usize)) -> Result<Search, LayersError> {
+        let wanted = || (parallax(sources, (height, width), self.near, self.far) / COARSE as f64).ceil() as usize;
+        let count = self.planes.unwrap_or_else(|| wanted().clamp(*PLANES.start(), *PLANES.end()));
+        let disparities = uniform_disparities(self.near, self.far, count)?;
+        let shape = (count, height / COARSE, width / COARSE);
+        let maps = Array3::from_shape_fn(shape, |(plane, _, _)| disparities[plane] as f32);
+        let costs = layer_costs(sources, maps.view(), COARSE, WINDOWS[0]);
+        let agreed = semi_global(costs.view());
+        let coarse = winner(agreed.view(), maps.view());
+        let step = disparities.get(1).map_or(0.0, |second| disparities[0] - second);
+        let range = range_of(&coarse, &Array2::from_elem(coarse.dim(), (step / 2.0) as f32));
+        let fine_layers = fine_layers(&range);
+        let fine_costs = layer_costs(sources, fine_layers.view(), CELL, WINDOWS[1]);
+        let fine = winner(fine_costs.view(), fine_layers.view());
+        let range = range_of(&fine, &fine_margin(&fine_layers));
+        Ok(Search { disparities, costs, agreed, coarse, fine_layers, fine_costs, fine, range })
     }
 }
 
-/// Windowed variance of the warped views per plane and cell, `[D, h, w]`.
-pub fn plane_costs(sources: &[WarpSource<'_>], (height, width): (usize, usize), disparities: &[f64]) -> Array3<f32> {
-    let (height, width) = (height / CELL, width / CELL);
-    let textures: Vec<Texture> = sources.par_iter().map(|s| s.texture.shrunk(CELL)).collect();
-    let shrunk: Vec<_> = textures
-        .iter()
-        .zip(sources)
-        .map(|(texture, source)| WarpSource { texture, sweep: source.sweep.shrunk(CELL as f64) })
-        .collect();
-    let plane = height * width;
-    let mut costs = vec![0.0; disparities.len() * plane];
-    costs.par_chunks_mut(plane).zip(disparities).for_each(|(cost, &disparity)| {
-        let mut colour = vec![0.0; 3 * sources.len() * plane];
-        let mut coverage = vec![0.0; sources.len() * plane];
-        warp_layers(&vec![disparity as f32; plane], &shrunk, (height, width), &mut colour, &mut coverage);
-        let (variance, seen) = variance(&colour, &coverage, plane);
-        window_mean(&variance, &seen, (height, width), cost);
-    });
-    Array3::from_shape_vec((disparities.len(), height, width), costs).expect("one cost per plane and cell")
-}
-
-/// Variance of the colours of the views that see a cell (0 where fewer than two do), and whether two do.
-fn variance(colour: &[f32], coverage: &[f32], plane: usize) -> (Vec<f32>, Vec<f32>) {
-    let cell = |at: usize| {
-        let seen = || (0..coverage.len() / plane).filter(move |v| coverage[v * plane + at] > 0.5);
-        let count = seen().count() as f32;
-        if count < 2.0 {
-            return (0.0, 0.0);
-        }
-        let channel = |c: usize| {
-            let value = |v: usize| colour[(3 * v + c) * plane + at] / coverage[v * plane + at];
-            let mean = seen().map(value).sum::<f32>() / count;
-            seen().map(|v| (value(v) - mean).powi(2)).sum::<f32>()
+/// Pixels between near and far in the view that sees most of it: the median over the target's corners and centre.
+fn parallax(sources: &[WarpSource<'_>], (height, width): (usize, usize), near: f64, far: f64) -> f64 {
+    let points = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5)];
+    let of_view = |source: &WarpSource<'_>| {
+        let seen = |disparity: f64, (x, y): (f64, f64)| {
+            let uvw = source.sweep.source_from_target(disparity) * DVec3::new(x * width as f64, y * height as f64, 1.0);
+            (uvw.z > 0.0).then(|| uvw.truncate() / uvw.z)
         };
-        ((channel(0) + channel(1) + channel(2)) / (3.0 * (count - 1.0)), 1.0)
+        let apart = |&point: &_| Some(seen(1.0 / near, point)?.distance(seen(1.0 / far, point)?));
+        let mut apart: Vec<f64> = points.iter().filter_map(apart).collect();
+        apart.sort_by(f64::total_cmp);
+        apart.get(apart.len().saturating_sub(1) / 2).copied().unwrap_or(0.0)
     };
-    (0..plane).map(cell).unzip()
+    sources.iter().map(of_view).fold(0.0, f64::max)
 }
 
-/// Mean of `value` over the cells of a window for which `seen` is 1.
-fn window_mean(value: &[f32], seen: &[f32], (height, width): (usize, usize), out: &mut [f32]) {
-    let half = WINDOW / 2;
-    for y in 0..height {
-        for x in 0..width {
-            let (mut sum, mut count) = (0.0, 0.0);
-            for yy in y.saturating_sub(half)..(y + half + 1).min(height) {
-                let row = yy * width + x.saturating_sub(half)..yy * width + (x + half + 1).min(width);
-                sum += value[row.clone()].iter().sum::<f32>();
-                count += seen[row].iter().sum::<f32>();
-            }
-            out[y * width + x] = if count > 0.0 { sum / count } else { UNSEEN };
-        }
+/// The layers of the second search: the first one's ranges divided, on cells of [`CELL`] pixels.
+pub fn fine_layers(range: &RangeMap) -> Array3<f32> {
+    let factor = COARSE / CELL;
+    let (height, width) = range.nearest.dim();
+    let mut layers = Array3::zeros((FINE, factor * height, factor * width));
+    for (map, mut layer) in range.divided(FINE).zip(layers.outer_iter_mut()) {
+        enlarge(map.view(), factor, factor * width, layer.as_slice_mut().expect("standard order"));
     }
+    layers
 }
 
-/// Disparity of the plane of lowest cost per cell (ties: the nearer), `[h, w]`.
-pub fn winner(costs: &Array3<f32>, disparities: &[f64]) -> Array2<f32> {
-    let (planes, height, width) = costs.dim();
+/// Half the distance between the layers of the second search, per cell.
+pub fn fine_margin(layers: &Array3<f32>) -> Array2<f32> {
+    (&layers.index_axis(Axis(0), 0) - &layers.index_axis(Axis(0), 1)) / 2.0
+}
+
+/// Disparity `[h, w]` of the cheapest of the layers `[D, h, w]`, moved to the vertex of a parabola through its cost and its
+/// neighbours' (ties: the nearer layer; the first and the last stay where they are).
+pub fn winner(costs: ArrayView3<'_, f32>, maps: ArrayView3<'_, f32>) -> Array2<f32> {
+    let (layers, height, width) = costs.dim();
+    let mut best = Array2::<u32>::zeros((height, width));
+    let mut least = costs.index_axis(Axis(0), 0).to_owned();
+    for (layer, cost) in costs.outer_iter().enumerate().skip(1) {
+        ndarray::Zip::from(&mut best).and(&mut least).and(cost).for_each(|best, least, &cost| {
+            if cost < *least {
+                (*best, *least) = (layer as u32, cost);
+            }
+        });
+    }
     Array2::from_shape_fn((height, width), |(y, x)| {
-        let better = |best: usize, k: usize| if costs[(k, y, x)] < costs[(best, y, x)] { k } else { best };
-        disparities[(1..planes).fold(0, better)] as f32
+        let k = best[(y, x)] as usize;
+        if k == 0 || k + 1 == layers {
+            return maps[(k, y, x)];
+        }
+        let [nearer, here, farther] = [k - 1, k, k + 1].map(|k| f64::from(costs[(k, y, x)]));
+        let curvature = nearer - 2.0 * here + farther;
+        let shift = if curvature > 0.0 { 0.5 * (nearer - farther) / curvature } else { 0.0 };
+        let towards = if shift > 0.0 { k + 1 } else { k - 1 };
+        let [own, towards] = [k, towards].map(|k| f64::from(maps[(k, y, x)]));
+        (own + shift.abs() * (towards - own)) as f32
     })
 }
 
-/// Widen the winners: median 3×3, the neighbourhood's extremes one `step` wider, smoothed by a 3×3 mean.
-pub fn range_of(winner: &Array2<f32>, step: f32) -> RangeMap {
-    let winner = neighbourhood(winner, |mut n| {
-        n.sort_by(f32::total_cmp);
+/// The range around the disparities found: of the median-filtered neighbourhood the extremes, a `margin` wider, smoothed by
+/// a 3×3 mean.
+pub fn range_of(disparity: &Array2<f32>, margin: &Array2<f32>) -> RangeMap {
+    let disparity = neighbourhood(disparity, |mut n| {
+        n.sort_unstable_by(f32::total_cmp);
         n[4]
     });
     let mean = |n: [f32; 9]| (n.iter().map(|&x| f64::from(x)).sum::<f64>() / 9.0) as f32;
-    let nearest = neighbourhood(&winner, |n| n.into_iter().fold(f32::MIN, f32::max) + step);
-    let farthest = neighbourhood(&winner, |n| (n.into_iter().fold(f32::MAX, f32::min) - step).max(0.0));
+    let nearest = neighbourhood(&disparity, |n| n.into_iter().fold(f32::MIN, f32::max)) + margin;
+    let farthest =
+        (neighbourhood(&disparity, |n| n.into_iter().fold(f32::MAX, f32::min)) - margin).mapv(|d| d.max(0.0));
     RangeMap { nearest: neighbourhood(&nearest, mean), farthest: neighbourhood(&farthest, mean) }
 }
 
-/// A function of each cell's 3×3 neighbourhood, edges held.
-fn neighbourhood(map: &Array2<f32>, f: impl Fn([f32; 9]) -> f32) -> Array2<f32> {
+/// A function of each cell's 3×3 neighbourhood, edges held; rows in parallel.
+fn neighbourhood(map: &Array2<f32>, f: impl Fn([f32; 9]) -> f32 + Sync) -> Array2<f32> {
     let (height, width) = map.dim();
-    let near = |at: usize, step: usize, side: usize| (at + step).saturating_sub(1).min(side - 1);
-    Array2::from_shape_fn((height, width), |(y, x)| {
-        f(std::array::from_fn(|k| map[(near(y, k / 3, height), near(x, k % 3, width))]))
-    })
+    let cells = map.as_slice().expect("standard order");
+    let mut out = Array2::zeros((height, width));
+    let rows = out.as_slice_mut().expect("standard order").par_chunks_mut(width).enumerate();
+    rows.for_each(|(y, out)| {
+        let row = |y: usize| &cells[y * width..(y + 1) * width];
+        let rows = [row(y.saturating_sub(1)), row(y), row((y + 1).min(height - 1))];
+        for (x, out) in out.iter_mut().enumerate() {
+            let columns = [x.saturating_sub(1), x, (x + 1).min(width - 1)];
+            *out = f(std::array::from_fn(|k| rows[k / 3][columns[k % 3]]));
+        }
+    });
+    out
 }

@@ -12,8 +12,8 @@ use crate::guide::RangeMap;
 /// The network halves its input three times: it takes heights and widths that are multiples of this.
 pub const STRIDE: usize = 8;
 
-/// Target pixels per side of a cell of a coarse map.
-pub const CELL: usize = 4;
+/// Target pixels per side of a cell of a map.
+pub const CELL: usize = 2;
 
 /// Why a list of layers was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -100,16 +100,10 @@ impl Layers {
 
     /// `count` layers that divide the range of each cell evenly; one layer lies in its middle.
     pub fn guided(range: &RangeMap, count: usize) -> Result<Self, LayersError> {
-        let (nearest, farthest) = (range.nearest(), range.farthest());
-        let maps = (0..count).map(|k| {
-            let step = if count == 1 { 0.5 } else { k as f64 / (count - 1) as f64 };
-            let between = |&n: &f32, &f: &f32| (f64::from(n) + step * (f64::from(f) - f64::from(n))) as f32;
-            ndarray::Zip::from(nearest).and(farthest).map_collect(between)
-        });
-        Self::maps(maps.collect())
+        Self::maps(range.divided(count).collect())
     }
 
-    /// Layers given as maps on the coarse grid, `[h, w]` each; descending at every cell.
+    /// Layers given as maps on the grid of cells, `[h, w]` each; descending at every cell.
     pub fn maps(maps: Vec<Array2<f32>>) -> Result<Self, LayersError> {
         let expected = maps.first().ok_or(LayersError::Empty)?.dim();
         for (index, map) in maps.iter().enumerate() {
@@ -164,17 +158,17 @@ impl Layer {
     pub fn fill(&self, width: usize, out: &mut [f32]) {
         match self {
             Self::Plane(disparity) => out.fill(*disparity as f32),
-            Self::Map(map) => enlarge(map.view(), width, out),
+            Self::Map(map) => enlarge(map.view(), CELL, width, out),
         }
     }
 }
 
-/// Bilinear enlargement by [`CELL`]: half-pixel centres, edges held, as torch's
-/// `interpolate(mode="bilinear", align_corners=False)`. In f64, where the weights (eighths) are exact: one rounding.
-fn enlarge(map: ArrayView2<'_, f32>, width: usize, out: &mut [f32]) {
-    let columns: Vec<_> = (0..width).map(|x| taps(x, map.ncols())).collect();
+/// Bilinear enlargement by `factor`: half-pixel centres, edges held, as torch's
+/// `interpolate(mode="bilinear", align_corners=False)`. In f64, where the weights (halves of 1/factor) are exact: one rounding.
+pub(crate) fn enlarge(map: ArrayView2<'_, f32>, factor: usize, width: usize, out: &mut [f32]) {
+    let columns: Vec<_> = (0..width).map(|x| taps(x, factor, map.ncols())).collect();
     out.par_chunks_mut(width).enumerate().for_each(|(row, out)| {
-        let (above, below, down) = taps(row, map.nrows());
+        let (above, below, down) = taps(row, factor, map.nrows());
         let mix = |(&a, &b): (&f32, &f32)| (1.0 - down) * f64::from(a) + down * f64::from(b);
         let cells: Vec<f64> = map.row(above).iter().zip(map.row(below)).map(mix).collect();
         for (value, &(left, right, across)) in out.iter_mut().zip(&columns) {
@@ -184,8 +178,8 @@ fn enlarge(map: ArrayView2<'_, f32>, width: usize, out: &mut [f32]) {
 }
 
 /// The two cells around pixel `at` and the weight of the second.
-fn taps(at: usize, cells: usize) -> (usize, usize, f64) {
-    let position = ((at as f64 + 0.5) / CELL as f64 - 0.5).max(0.0);
+fn taps(at: usize, factor: usize, cells: usize) -> (usize, usize, f64) {
+    let position = ((at as f64 + 0.5) / factor as f64 - 0.5).max(0.0);
     let first = (position as usize).min(cells - 1);
     (first, (first + 1).min(cells - 1), position - first as f64)
 }
@@ -214,7 +208,7 @@ mod tests {
     fn a_ramp_is_enlarged_to_a_ramp_with_held_edges() {
         let map = Array2::from_shape_fn((2, 3), |(_, x)| x as f32);
         let mut enlarged = [0.0; 12 * 8];
-        enlarge(map.view(), 12, &mut enlarged);
+        enlarge(map.view(), 4, 12, &mut enlarged);
         let row = &enlarged[12 * 5..12 * 6];
         assert_eq!(row[..3], [0.0, 0.0, 0.125]);
         assert_eq!(row[9..], [1.875, 2.0, 2.0]);

@@ -21,6 +21,7 @@
 pub mod blend;
 pub mod camera;
 pub mod composite;
+pub mod cost;
 pub mod fill;
 pub mod guide;
 pub mod image_io;
@@ -33,6 +34,7 @@ pub mod render;
 pub mod runtime;
 pub mod scene;
 pub mod select;
+pub mod semiglobal;
 pub mod sweep;
 pub mod views;
 pub mod warp;

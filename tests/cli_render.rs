@@ -33,7 +33,7 @@ fn a_held_out_view_is_rendered_scored_and_compared() {
     views.sort_unstable();
     assert_eq!(views, ["0.png", "1.png", "3.png", "4.png"], "never from itself");
     assert_eq!((&target["near"], &target["far"]), (&2.0.into(), &8.0.into()));
-    assert_eq!(told["layers"], "guided 2 (coarse pass of 32 planes)", "as the model recommends");
+    assert_eq!(told["layers"], "guided 2", "as the model recommends");
 
     let (result, truth) = (image_io::load(picture.as_ref()).unwrap(), image_io::load(&folders.photo(2)).unwrap());
     let score = psnr(&result, &truth, 16);

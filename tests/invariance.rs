@@ -31,8 +31,8 @@ fn render(threads: usize, batch: usize) -> Frame {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     pool.install(|| {
         let size = (padded(target.height()), padded(target.width()));
-        let pass = CoarsePass { near: 1.0, far: 8.0, planes: 32 };
-        let range = pass.range(&warp_sources(&views, target), size).unwrap();
+        let pass = CoarsePass { near: 1.0, far: 8.0, planes: None };
+        let range = pass.search(&warp_sources(&views, target), size).unwrap().range;
         let layers = Layers::guided(&range, 5).unwrap();
         Renderer::new(network, batch).render(&views, target, &layers).unwrap()
     })

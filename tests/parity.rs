@@ -10,13 +10,15 @@ use glam::{DMat3, DVec3};
 use liveview::blend::{Blended, DistanceWeights, LayerSamples};
 use liveview::camera::{Camera, Intrinsics};
 use liveview::composite::Accumulated;
-use liveview::guide::{plane_costs, range_of, winner};
+use liveview::cost::layer_costs;
+use liveview::guide::{COARSE, CoarsePass, WINDOWS, fine_layers, fine_margin, range_of, winner};
 use liveview::image_io::ImageRgb;
-use liveview::layers::{Layer, Layers, padded};
+use liveview::layers::{CELL, Layer, Layers, padded};
 use liveview::network::{OrtNetwork, PlaneNetwork};
 use liveview::render::{Renderer, warp_sources};
 use liveview::runtime::Runtime;
 use liveview::select::{plane_histogram, select_planes};
+use liveview::semiglobal::semi_global;
 use liveview::views::{SourceView, distance};
 use liveview::warp::{Texture, warp_layers};
 use ndarray::{Array, Array2, Array3, ArrayD, Axis, Dimension, IxDyn, OwnedRepr, s};
@@ -35,6 +37,10 @@ const CASES: [&str; 11] = [
     "guided_v5",
     "guided_v2",
 ];
+
+/// Depth range of the generated cases.
+const NEAR: f64 = 1.0;
+const FAR: f64 = 8.0;
 
 /// Final images of Rust and of the float32 reference may differ by this much on [0, 1].
 const FRAME_TOLERANCE: f64 = 1e-4;
@@ -105,7 +111,7 @@ impl Case {
         match self.find::<f64>("disparities") {
             Some(disparities) => Layers::planes(&flat(disparities)).unwrap(),
             None => {
-                let maps = self.get::<f32>("coarse_maps").into_dimensionality::<ndarray::Ix3>().unwrap();
+                let maps = self.get::<f32>("cell_maps").into_dimensionality::<ndarray::Ix3>().unwrap();
                 Layers::maps(maps.outer_iter().map(|m| m.to_owned()).collect()).unwrap()
             }
         }
@@ -165,7 +171,8 @@ fn tolerance(stage: &str) -> BTreeMap<String, f64> {
 
 /// Whether a stage's errors are relative to the oracle's largest element, as the tolerance file says.
 fn scaled(stage: &str) -> bool {
-    ["homography", "coarse_maps", "maps", "range", "logits", "disparity"].contains(&stage)
+    ["homography", "coarse", "fine_layers", "fine", "range", "cell_maps", "maps", "logits", "disparity"]
+        .contains(&stage)
 }
 
 fn for_all(check: impl Fn(&Case)) {
@@ -307,35 +314,34 @@ fn selection() {
 fn coarse_pass() {
     for_all(|case| {
         let Some(disparities) = case.find::<f64>("coarse.disparities") else { return };
-        let disparities = flat(disparities);
-        let costs = plane_costs(&warp_sources(&case.views(), &case.target), case.padded(), &disparities);
-        case.check("costs", &costs);
-
-        // Winners may differ only where the oracle's two costs are as close as the costs' own error allows.
-        let expected = case.get::<f32>("coarse.winner").into_dimensionality::<ndarray::Ix2>().unwrap();
-        let oracle = case.get::<f64>("oracle.costs");
-        let near_tie = 2.0 * tolerance("costs")["floor"].max(2.0 * case.get::<f64>("torch.costs")[[0]]);
-        let plane = |disparity: f32| disparities.iter().position(|&d| d as f32 == disparity).unwrap();
-        for (((y, x), &found), &expected) in winner(&costs, &disparities).indexed_iter().zip(&expected) {
-            let gap = oracle[[plane(found), y, x]] - oracle[[plane(expected), y, x]];
-            assert!(
-                gap <= near_tie,
-                "{}: winner at {:?} is {found}, not {expected}; costs differ by {gap:.1e}",
-                case.name,
-                (y, x)
-            );
-        }
-
-        let range = range_of(&expected, (disparities[0] - disparities[1]) as f32);
+        let [costs, agreed, layers, fine_costs] =
+            ["costs", "agreed", "fine_layers", "fine_costs"].map(|name| volume(case, name));
+        let views = case.views();
+        let sources = warp_sources(&views, &case.target);
+        let planes = Array3::from_shape_fn(costs.dim(), |(plane, _, _)| disparities[[plane]] as f32);
+        case.check("costs", &layer_costs(&sources, planes.view(), COARSE, WINDOWS[0]));
+        case.check("agreed", &semi_global(costs.view()));
+        case.check("coarse", &winner(agreed.view(), planes.view()));
+        let coarse = case.get::<f32>("coarse").into_dimensionality::<ndarray::Ix2>().unwrap();
+        let margin = Array2::from_elem(coarse.dim(), ((disparities[[0]] - disparities[[1]]) / 2.0) as f32);
+        case.check("fine_layers", &fine_layers(&range_of(&coarse, &margin)));
+        case.check("fine_costs", &layer_costs(&sources, layers.view(), CELL, WINDOWS[1]));
+        case.check("fine", &winner(fine_costs.view(), layers.view()));
+        let fine = case.get::<f32>("fine").into_dimensionality::<ndarray::Ix2>().unwrap();
+        let range = range_of(&fine, &fine_margin(&layers));
         case.check("range", &ndarray::stack![Axis(0), range.nearest().view(), range.farthest().view()]);
         let layers = Layers::guided(&range, case.layers().len()).unwrap();
         let map = |layer: &Layer| if let Layer::Map(map) = layer { map.clone() } else { unreachable!("guided layers") };
         let maps: Vec<_> = layers.as_slice().iter().map(map).collect();
-        case.check(
-            "coarse_maps",
-            &ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>()).unwrap(),
-        );
+        case.check("cell_maps", &ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>()).unwrap());
+
+        let found = CoarsePass { near: NEAR, far: FAR, planes: None }.search(&sources, case.padded()).unwrap();
+        assert_eq!(found.disparities, flat(disparities), "{}: planes searched", case.name);
     });
+}
+
+fn volume(case: &Case, name: &str) -> Array3<f32> {
+    case.get::<f32>(name).into_dimensionality().unwrap()
 }
 
 /// All stages together, photos to frame.

@@ -1,50 +1,62 @@
-"""Guided layers: a coarse plane sweep gives each pixel its own range of disparities (design section 2).
+"""Guided layers: a coarse search gives each pixel its own range of disparities (design section 2).
 
-At 1/4 resolution: warp the views by `planes` uniform planes, take the variance of their colours over a window, keep the
-plane of the lowest (winner takes all), median-filter, and widen to the neighbourhood's largest and smallest disparity
-plus one plane step. Known in stereo as adaptive thin volumes (UCS-Net, 2020).
+At 1/4 resolution: sweep the views through planes a cell of parallax apart, take the variance of their colours over a
+window, make it agree along rows and columns (semiglobal), keep the cheapest plane, refined between planes by a
+parabola. The neighbourhood's largest and smallest disparity, half a plane step wider, are the range. At 1/2 resolution:
+the same search over a few layers that divide that range, each cell for itself. Known in stereo as adaptive thin volumes
+(UCS-Net, 2020).
 """
+
+import math
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
 from .camera import Camera
-from .layers import COARSE, guided_maps, padded_size, uniform_planes, upsample_maps
-from .warp import warp_maps
+from .cost import layer_costs
+from .layers import CELL, guided_maps, padded_size, uniform_planes, upsample_maps
+from .semiglobal import semi_global
+from .sweep import sweep_terms
 
-PLANES = 32
-WINDOW = 5  # cells; the variance is averaged over WINDOW x WINDOW (5 beat 3 by 0.4 dB on the dev scenes, mean)
-UNSEEN = 1.0  # cost where fewer than two views look: above any variance of colours in [0, 1]
-
-
-def shrink(image: Tensor) -> Tensor:
-    """[3, H, W] -> [3, ceil(H/4), ceil(W/4)], area average; border cells average the pixels they have."""
-    return F.avg_pool2d(image[None], COARSE, ceil_mode=True, count_include_pad=False)[0]
+COARSE = 4  # target pixels per cell of the first search
+FEWEST, MOST = 16, 128  # planes of the first search
+FINE = 6  # layers of the second
+WINDOWS = 3, 7  # cells over which the variance is averaged in each
 
 
-def box(x: Tensor, size: int) -> Tensor:
-    """Mean over a size x size window inside the image, [..., h, w]."""
-    return F.avg_pool2d(x, size, 1, size // 2, count_include_pad=False)
+def parallax(cameras: list[Camera], target: Camera, near: float, far: float) -> float:
+    """Pixels between near and far in the view that sees most of it: the median over the target's corners and centre."""
+    x, y = torch.tensor([[0, 1, 0, 1, 0.5], [0, 0, 1, 1, 0.5]], dtype=torch.float64)
+    height, width = padded_size(target.height, target.width)
+    pixels = torch.stack([x * width, y * height, torch.ones_like(x)])
+    largest = 0.0
+    for camera in cameras:
+        homography, e = sweep_terms(camera, target)
+        a, b = (homography @ pixels + (e * disparity)[:, None] for disparity in (1 / near, 1 / far))
+        apart = (a[:2] / a[2] - b[:2] / b[2]).norm(dim=0)[(a[2] > 0) & (b[2] > 0)]
+        largest = max(largest, float(apart.median()) if len(apart) else 0.0)
+    return largest
 
 
-def plane_costs(views: list[Tensor], cameras: list[Camera], target: Camera, disparities: Tensor) -> Tensor:
-    """Windowed variance of the warped views [D, h, w] on the coarse grid of the padded target."""
-    dtype = views[0].dtype
-    height, width = (side // COARSE for side in padded_size(target.height, target.width))
-    maps = disparities.to(dtype)[:, None, None].expand(-1, height, width)
-    warped = [warp_maps(shrink(v), c, target, maps, COARSE) for v, c in zip(views, cameras, strict=True)]
-    colour = torch.stack([rgb for rgb, _ in warped], 1)  # [D, V, 3, h, w]
-    seen = torch.stack([coverage > 0.5 for _, coverage in warped], 1).to(dtype)[:, :, None]  # [D, V, 1, h, w]
-    coverage = torch.stack([c for _, c in warped], 1)[:, :, None]
-    colour = colour / torch.where(seen > 0, coverage, torch.ones_like(coverage)) * seen
-    count = seen.sum(1)
-    mean = colour.sum(1) / count.clamp(min=1)
-    variance = (((colour - mean[:, None]) ** 2) * seen).sum(1).sum(1, keepdim=True) / (3 * (count - 1).clamp(min=1))
-    two = (count >= 2).to(dtype)
-    weight = box(two, WINDOW)
-    cost = box(variance * two, WINDOW) / torch.where(weight > 0, weight, torch.ones_like(weight))
-    return torch.where(weight > 0, cost, torch.full_like(cost, UNSEEN))[:, 0]
+def search_planes(cameras: list[Camera], target: Camera, near: float, far: float) -> Tensor:
+    """Disparities of the first search, a cell of parallax apart, [D] float64."""
+    count = math.ceil(min(parallax(cameras, target, near, far) / COARSE, MOST))
+    return uniform_planes(near, far, max(count, FEWEST))
+
+
+def winner(costs: Tensor, maps: Tensor) -> Tensor:
+    """Disparity [h, w] of the cheapest of the layers [D, h, w], moved to the vertex of a parabola through its cost and
+    its neighbours' (ties: the nearer layer; none at the first and last layer)."""
+    index = costs.argmin(0, keepdim=True)
+    before, after = (index - 1).clamp(min=0), (index + 1).clamp(max=len(costs) - 1)
+    nearer, here, farther = (costs.gather(0, i)[0] for i in (before, index, after))
+    curvature = nearer - 2 * here + farther
+    inner = ((before < index) & (index < after))[0] & (curvature > 0)
+    move = torch.where(inner, 0.5 * (nearer - farther) / torch.where(inner, curvature, 1.0), 0.0)
+    towards = maps.gather(0, torch.where(move > 0, after[0], before[0])[None])[0]
+    own = maps.gather(0, index)[0]
+    return own + move.abs() * (towards - own)
 
 
 def median3(x: Tensor) -> Tensor:
@@ -53,23 +65,37 @@ def median3(x: Tensor) -> Tensor:
     return F.unfold(padded, 3).reshape(9, *x.shape).median(0).values
 
 
-def range_of(winner: Tensor, step: float) -> tuple[Tensor, Tensor]:
-    """Disparity of the winning plane [h, w] -> (nearest, farthest) [h, w]: the neighbourhood's extremes, one step wider
-    (`step` = disparity between coarse planes), smoothed."""
-    winner = median3(winner)[None, None]
-    nearest = F.max_pool2d(winner, 3, 1, 1) + step
-    farthest = -F.max_pool2d(-winner, 3, 1, 1) - step
+def range_of(disparity: Tensor, margin: float | Tensor) -> tuple[Tensor, Tensor]:
+    """Disparity found [h, w] -> (nearest, farthest) [h, w]: the median-filtered neighbourhood's extremes, a margin
+    (disparity, [h, w] or one for all) wider, smoothed."""
+    disparity = median3(disparity)[None, None]
+    nearest = F.max_pool2d(disparity, 3, 1, 1) + margin
+    farthest = -F.max_pool2d(-disparity, 3, 1, 1) - margin
     padded = (F.pad(x, (1, 1, 1, 1), mode="replicate") for x in (nearest, farthest.clamp(min=0)))
     nearest, farthest = (F.avg_pool2d(x, 3, 1)[0, 0] for x in padded)
     return nearest, farthest
 
 
+def fine_layers(nearest: Tensor, farthest: Tensor) -> Tensor:
+    """The layers of the second search: the first one's ranges divided, [FINE, h, w] on cells of CELL pixels."""
+    return upsample_maps(guided_maps(nearest, farthest, FINE), COARSE // CELL)
+
+
+def fine_margin(layers: Tensor) -> Tensor:
+    """Half the distance between the layers of the second search, per cell [h, w]."""
+    return (layers[0] - layers[1]) / 2
+
+
 def coarse_range(views: list[Tensor], cameras: list[Camera], target: Camera, near: float, far: float):
-    """(nearest, farthest) disparity [h, w] per coarse cell of the padded target."""
-    disparities = uniform_planes(near, far, PLANES)
-    winner = plane_costs(views, cameras, target, disparities).argmin(0)
-    step = float(disparities[0] - disparities[1])
-    return range_of(disparities.to(views[0].dtype)[winner], step)
+    """(nearest, farthest) disparity [h, w] per cell of CELL x CELL pixels of the padded target."""
+    disparities = search_planes(cameras, target, near, far).to(views[0].dtype)
+    height, width = (side // COARSE for side in padded_size(target.height, target.width))
+    maps = disparities[:, None, None].expand(-1, height, width)
+    costs = semi_global(layer_costs(views, cameras, target, maps, COARSE, WINDOWS[0]))
+    nearest, farthest = range_of(winner(costs, maps), float(disparities[0] - disparities[1]) / 2)
+    layers = fine_layers(nearest, farthest)
+    costs = layer_costs(views, cameras, target, layers, CELL, WINDOWS[1])
+    return range_of(winner(costs, layers), fine_margin(layers))
 
 
 def guided_layers(views, cameras, target: Camera, near: float, far: float, count: int) -> Tensor:

@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 STRIDE = 8  # the network halves its input three times
-COARSE = 4  # target pixels per cell of a coarse map
+CELL = 2  # target pixels per cell of a map
 
 
 def padded_size(height: int, width: int) -> tuple[int, int]:
@@ -29,6 +29,6 @@ def guided_maps(nearest: Tensor, farthest: Tensor, count: int) -> Tensor:
     return nearest + step * (farthest - nearest)
 
 
-def upsample_maps(coarse: Tensor) -> Tensor:
-    """Coarse maps [L, h, w] -> [L, 4h, 4w], bilinear between cell centres, edges held."""
-    return F.interpolate(coarse[None], scale_factor=COARSE, mode="bilinear", align_corners=False)[0]
+def upsample_maps(coarse: Tensor, factor: int = CELL) -> Tensor:
+    """Maps [L, h, w] -> [L, factor h, factor w], bilinear between cell centres, edges held."""
+    return F.interpolate(coarse[None], scale_factor=factor, mode="bilinear", align_corners=False)[0]

@@ -4,9 +4,10 @@ Each stage reads its inputs from `data` (numpy arrays, as `liveview dump` and pa
 returns its outputs by name.
 
 `view{i}.image` [h, w, 3] float32; `k`, `rotation` [3, 3] and `translation` [3] float64 of `view{i}` and `target`;
-`target.size` (width, height); `disparities` [D] float64 of planes, or `coarse_maps` [L, h, w] float32 of guided
-layers, with `coarse.disparities` [D] and `coarse.winner` [h, w] of the coarse pass; `maps` [L, H8, W8]; `colour` (the
-HWV) [L, 3V, H8, W8]; `coverage`, `logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8].
+`target.size` (width, height); `disparities` [D] float64 of planes, or `cell_maps` [L, h, w] float32 of guided layers,
+with the steps of the coarse pass: `coarse.disparities` [D], `costs`, `agreed` [D, h/2, w/2], `coarse` [h/2, w/2],
+`fine_layers`, `fine_costs` [D, h, w], `fine` [h, w]; `maps` [L, H8, W8]; `colour` (the HWV) [L, 3V, H8, W8];
+`coverage`, `logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8].
 """
 
 import numpy as np
@@ -17,16 +18,21 @@ from . import guide
 from .blend import blend
 from .camera import Camera
 from .composite import composite
-from .layers import upsample_maps
+from .cost import layer_costs
+from .layers import CELL, padded_size, upsample_maps
 from .render import planes_over, view_distances, warp_views
+from .semiglobal import semi_global
 from .sweep import plane_homography
 
 Arrays = dict[str, np.ndarray]
 SCALED = (
     "homography",
-    "coarse_maps",
-    "maps",
+    "coarse",
+    "fine_layers",
+    "fine",
     "range",
+    "cell_maps",
+    "maps",
     "logits",
     "disparity",
 )  # errors relative to the largest element of the oracle
@@ -68,7 +74,7 @@ def maps(data: Arrays, dtype: torch.dtype) -> Arrays:
     _, target = cameras_of(data)
     if "disparities" in data:
         return {"maps": planes_over(target, torch.from_numpy(data["disparities"]), dtype).numpy()}
-    return {"maps": upsample_maps(tensor(data, "coarse_maps", dtype)).numpy()}
+    return {"maps": upsample_maps(tensor(data, "cell_maps", dtype)).numpy()}
 
 
 def warp(data: Arrays, dtype: torch.dtype) -> Arrays:
@@ -95,29 +101,70 @@ def composited(data: Arrays, dtype: torch.dtype) -> Arrays:
     return {name: value[crop].numpy() for name, value in parts.items()}
 
 
+def planes_of_search(data: Arrays, costs: np.ndarray, dtype: torch.dtype) -> Tensor:
+    """The planes of the first search as maps [D, h, w]: the float32 numbers that Rust and torch both search through."""
+    disparities = tensor(data, "coarse.disparities", torch.float32).to(dtype)
+    return disparities[:, None, None].expand(costs.shape)
+
+
 def costs(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """Windowed variance of the coarse pass [D, h, w]."""
+    """Windowed variance on the planes of the first search."""
     if "coarse.disparities" not in data:
         return {}
     views, target = cameras_of(data)
-    disparities = torch.from_numpy(data["coarse.disparities"])
-    return {"costs": guide.plane_costs(images_of(data, dtype), views, target, disparities).numpy()}
+    height, width = padded_size(target.height, target.width)
+    shape = (len(data["coarse.disparities"]), height // guide.COARSE, width // guide.COARSE)
+    planes = planes_of_search(data, np.empty(shape), dtype)
+    found = layer_costs(images_of(data, dtype), views, target, planes, guide.COARSE, guide.WINDOWS[0])
+    return {"costs": found.numpy()}
+
+
+def agreed(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The costs made to agree along rows and columns."""
+    return {"agreed": semi_global(tensor(data, "costs", dtype)).numpy()} if "costs" in data else {}
+
+
+def coarse(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The disparity that the first search finds."""
+    if "agreed" not in data:
+        return {}
+    found = guide.winner(tensor(data, "agreed", dtype), planes_of_search(data, data["agreed"], dtype))
+    return {"coarse": found.numpy()}
+
+
+def fine_layers(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The layers of the second search, from what the first found."""
+    if "coarse" not in data:
+        return {}
+    step = float(data["coarse.disparities"][0] - data["coarse.disparities"][1])
+    return {"fine_layers": guide.fine_layers(*guide.range_of(tensor(data, "coarse", dtype), step / 2)).numpy()}
+
+
+def fine_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Windowed variance on the layers of the second search."""
+    if "fine_layers" not in data:
+        return {}
+    views, target = cameras_of(data)
+    layers = tensor(data, "fine_layers", dtype)
+    found = layer_costs(images_of(data, dtype), views, target, layers, CELL, guide.WINDOWS[1])
+    return {"fine_costs": found.numpy()}
+
+
+def fine(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The disparity that the second search finds."""
+    if "fine_costs" not in data:
+        return {}
+    return {"fine": guide.winner(tensor(data, "fine_costs", dtype), tensor(data, "fine_layers", dtype)).numpy()}
 
 
 def ranges(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """Nearest and farthest disparity [2, h, w] from the winners [h, w]."""
-    if "coarse.winner" not in data:
+    """Nearest and farthest disparity of each cell [2, h, w], and the layers that divide that range [L, h, w]."""
+    if "fine" not in data:
         return {}
-    step = float(data["coarse.disparities"][0] - data["coarse.disparities"][1])
-    return {"range": torch.stack(guide.range_of(tensor(data, "coarse.winner", dtype), step)).numpy()}
-
-
-def guided(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """The layers that divide each cell's range, as coarse maps [L, h, w], from the winners [h, w]."""
-    if "coarse.winner" not in data:
-        return {}
-    nearest, farthest = torch.from_numpy(ranges(data, dtype)["range"])
-    return {"coarse_maps": guide.guided_maps(nearest, farthest, len(data["coarse_maps"])).numpy()}
+    margin = guide.fine_margin(tensor(data, "fine_layers", dtype))
+    nearest, farthest = guide.range_of(tensor(data, "fine", dtype), margin)
+    divided = guide.guided_maps(nearest, farthest, len(data["cell_maps"]))
+    return {"range": torch.stack([nearest, farthest]).numpy(), "cell_maps": divided.numpy()}
 
 
 def best_layer(data: Arrays) -> np.ndarray:
@@ -127,7 +174,8 @@ def best_layer(data: Arrays) -> np.ndarray:
     return np.where(alpha.max(0) > 0, alpha.argmax(0), -1)
 
 
-STAGES = (homography, costs, ranges, guided, maps, warp, blended, composited)
+SEARCH = (costs, agreed, coarse, fine_layers, fine_costs, fine, ranges)
+STAGES = (homography, *SEARCH, maps, warp, blended, composited)
 
 
 def errors(found: np.ndarray, oracle: np.ndarray, name: str) -> tuple[float, float, tuple[int, ...]]:

@@ -55,10 +55,12 @@ def image_loss(image: Tensor, truth: Tensor, seen: Tensor) -> Tensor:
 
 def alpha_loss(alpha: Tensor, offset: Tensor) -> Tensor:
     """Cross entropy of alpha [L, H, W], given how far each layer lies in front of the true surface in pixels of
-    parallax: 1 on it, 0 in front of it. Layers in between are neither aligned nor wrong, those behind are hidden."""
+    parallax: 1 on it, 0 in front of it. Layers in between are neither aligned nor wrong, those behind are hidden. Each
+    pixel counts once, so that where nothing tells layers apart alpha stays as low as their number asks for."""
     on, front = offset.abs() < 0.5, offset > 2
+    judged = on | front
     loss = F.binary_cross_entropy(alpha.clamp(1e-5, 1 - 1e-5), on.float(), reduction="none")
-    return sum((loss * judged).sum() / judged.sum().clamp(min=1) for judged in (on, front))
+    return (loss * judged).sum() / judged.sum().clamp(min=1)
 
 
 def batch_loss(net: UNet, batch: list[Example], alpha_weight: float, device: torch.device) -> Tensor:

@@ -7,9 +7,9 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use liveview::blend::LayerSamples;
 use liveview::camera::Camera;
-use liveview::guide::{plane_costs, range_of, winner};
+use liveview::guide::Search;
 use liveview::image_io::ImageRgb;
-use liveview::layers::{Layer, Layers, padded, uniform_disparities};
+use liveview::layers::{Layer, Layers};
 use liveview::render::{Batch, Frame, warp_sources};
 use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate, s};
 use ndarray_npy::{NpzWriter, WritableElement};
@@ -152,19 +152,14 @@ fn write(job: &mut Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
     }
     arrays.add_camera("target", &shot.target)?;
     arrays.add("target.size", Array1::from_vec(vec![shot.target.width() as i64, shot.target.height() as i64]))?;
-    if let Recipe::Guided { coarse_planes, .. } = job.recipe {
-        let disparities = uniform_disparities(shot.near, shot.far, coarse_planes.max(2))?;
-        let sources = job.photos.sources(&shot.views);
-        let size = (padded(shot.target.height()), padded(shot.target.width()));
-        let costs = plane_costs(&warp_sources(&sources, &shot.target), size, &disparities);
-        let winner = winner(&costs, &disparities);
-        let range = range_of(&winner, (disparities[0] - disparities[1]) as f32);
-        arrays.add("costs", costs)?;
-        arrays.add("coarse.winner", winner)?;
-        arrays.add("range", ndarray::stack![Axis(0), range.nearest().view(), range.farthest().view()])?;
-        arrays.add("coarse.disparities", Array1::from_vec(disparities))?;
-    }
-    let layers = job.layers(shot)?.layers;
+    let layers = if let Recipe::Guided { layers, coarse_planes } = job.recipe {
+        let found = job.photos.search(shot, coarse_planes)?;
+        let layers = Layers::guided(&found.range, layers)?;
+        write_search(found, arrays)?;
+        layers
+    } else {
+        job.layers(shot)?.layers
+    };
     write_layers(&layers, job, shot, arrays)?;
     let mut stages = Stages::default();
     let sources = job.photos.sources(&shot.views);
@@ -173,13 +168,24 @@ fn write(job: &mut Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
     write_frame(frame, arrays)
 }
 
-/// The layers as they were asked for: planes and their homographies, or coarse maps.
+fn write_search(found: Search, arrays: &mut Arrays) -> Result<()> {
+    arrays.add("coarse.disparities", Array1::from_vec(found.disparities))?;
+    arrays.add("costs", found.costs)?;
+    arrays.add("agreed", found.agreed)?;
+    arrays.add("coarse", found.coarse)?;
+    arrays.add("fine_layers", found.fine_layers)?;
+    arrays.add("fine_costs", found.fine_costs)?;
+    arrays.add("fine", found.fine)?;
+    arrays.add("range", ndarray::stack![Axis(0), found.range.nearest().view(), found.range.farthest().view()])
+}
+
+/// The layers as they were asked for: planes and their homographies, or maps on cells.
 fn write_layers(layers: &Layers, job: &Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
     let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
     let map = |layer: &Layer| if let Layer::Map(map) = layer { Some(map.clone()) } else { None };
     let maps: Vec<_> = layers.as_slice().iter().filter_map(map).collect();
     if !maps.is_empty() {
-        return arrays.add("coarse_maps", ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>())?);
+        return arrays.add("cell_maps", ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>())?);
     }
     let disparities: Vec<f64> = layers.as_slice().iter().filter_map(plane).collect();
     let sweeps: Vec<_> = warp_sources(&job.photos.sources(&shot.views), &shot.target).iter().map(|s| s.sweep).collect();

@@ -28,9 +28,9 @@ pub(super) struct LayerArgs {
     /// Planes to select from
     #[arg(long, value_name = "D", default_value = "64", value_parser = super::count)]
     pub(super) select_from: usize,
-    /// Planes of the coarse pass of guided layers
-    #[arg(long, value_name = "D", default_value = "32", value_parser = super::two_or_more)]
-    pub(super) coarse_planes: usize,
+    /// Planes of the coarse pass of guided layers [default: one per four pixels of parallax, 16 to 128]
+    #[arg(long, value_name = "D", value_parser = super::two_or_more)]
+    pub(super) coarse_planes: Option<usize>,
 }
 
 /// A valid list of disparities, near → far.
@@ -53,7 +53,7 @@ impl FromStr for Disparities {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Recipe {
     /// Layers that follow the scene.
-    Guided { layers: usize, coarse_planes: usize },
+    Guided { layers: usize, coarse_planes: Option<usize> },
     /// Evenly spaced planes.
     Planes(usize),
     /// Planes as given: valid, near → far.
@@ -65,9 +65,10 @@ pub(super) enum Recipe {
 impl fmt::Display for Recipe {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Guided { layers, coarse_planes } => {
-                write!(f, "guided {layers} (coarse pass of {coarse_planes} planes)")
+            Self::Guided { layers, coarse_planes: Some(planes) } => {
+                write!(f, "guided {layers} (coarse pass of {planes} planes)")
             }
+            Self::Guided { layers, coarse_planes: None } => write!(f, "guided {layers}"),
             Self::Planes(planes) => write!(f, "planes {planes}"),
             Self::Disparities(list) => write!(f, "{} planes as given", list.len()),
             Self::Select { keep, from } => write!(f, "select {keep} of {from} planes"),

@@ -9,7 +9,7 @@ use clap::Args;
 use glam::DVec2;
 use indicatif::ProgressBar;
 use liveview::camera::Camera;
-use liveview::guide::RangeMap;
+use liveview::guide::{COARSE, RangeMap};
 use liveview::image_io::{ImageRgb, save_png};
 use liveview::layers::{CELL, uniform_disparities};
 use liveview::picture::{bar_chart, coloured, side_by_side};
@@ -56,9 +56,9 @@ pub(super) struct SelectArgs {
     /// Show the range of depths that L guided layers divide instead; needs no model
     #[arg(long, value_name = "L", value_parser = super::count, conflicts_with_all = ["select", "select_from"])]
     guided: Option<usize>,
-    /// Planes of the coarse pass
-    #[arg(long, value_name = "D", default_value = "32", value_parser = super::two_or_more, requires = "guided")]
-    coarse_planes: usize,
+    /// Planes of the coarse pass [default: one per four pixels of parallax, 16 to 128]
+    #[arg(long, value_name = "D", value_parser = super::two_or_more, requires = "guided")]
+    coarse_planes: Option<usize>,
     /// A picture of it: one bar per plane, near to far, those kept in colour; or nearest disparity, farthest disparity and
     /// width of the range in pixels of parallax, side by side
     #[arg(short, long, value_name = "PNG")]
@@ -131,15 +131,17 @@ fn guided(args: &SelectArgs, mut photos: Photos, target: Targets, layers: usize)
     let shot = photos.shot(target, args.engine.views_or_default())?;
     photos.load(&shot.views, &[])?;
     let started = Instant::now();
-    let range = photos.range_map(&shot, args.coarse_planes)?;
+    let found = photos.search(&shot, args.coarse_planes)?;
     let coarse = started.elapsed();
-    let width = width_in_pixels(&photos, &shot, &range);
+    let range = &found.range;
+    let width = width_in_pixels(&photos, &shot, range);
 
     let mut text = heading(&photos, &shot);
     let _ = writeln!(
         text,
-        "coarse   {} planes on cells of {CELL}x{CELL} pixels, {:.0} ms",
-        args.coarse_planes,
+        "coarse   {} planes on cells of {COARSE}x{COARSE} pixels, {} layers on {CELL}x{CELL}, {:.0} ms",
+        found.disparities.len(),
+        found.fine_layers.dim().0,
         1e3 * coarse.as_secs_f64()
     );
     let shares = PERCENTILES.map(|part| format!("{:>9}", format!("{:.0} %", 100.0 * part))).concat();

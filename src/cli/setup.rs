@@ -7,7 +7,7 @@ use anyhow::{Result, anyhow};
 use clap::Args;
 use indicatif::ProgressBar;
 use liveview::camera::Camera;
-use liveview::guide::{CoarsePass, RangeMap};
+use liveview::guide::{CoarsePass, Search};
 use liveview::layers::{Layers, padded, uniform_disparities};
 use liveview::render::{Frame, warp_sources};
 use liveview::scene::{Scene, SceneOptions};
@@ -117,12 +117,12 @@ impl Photos {
             .collect()
     }
 
-    /// Each pixel's range of disparities, for guided layers.
-    pub(super) fn range_map(&self, shot: &Shot, planes: usize) -> Result<RangeMap> {
+    /// The coarse pass: each pixel's range of disparities, for guided layers.
+    pub(super) fn search(&self, shot: &Shot, planes: Option<usize>) -> Result<Search> {
         let sources = self.sources(&shot.views);
         let size = (padded(shot.target.height()), padded(shot.target.width()));
         let pass = CoarsePass { near: shot.near, far: shot.far, planes };
-        Ok(pass.range(&warp_sources(&sources, &shot.target), size)?)
+        Ok(pass.search(&warp_sources(&sources, &shot.target), size)?)
     }
 
     /// The one target, with its views and depth range, where no model is needed.
@@ -206,8 +206,8 @@ impl Job {
         let planned = |layers| Planned { layers, coarse: Duration::ZERO, select: Duration::ZERO };
         match self.recipe {
             Recipe::Guided { layers, coarse_planes } => {
-                let range = self.photos.range_map(shot, coarse_planes)?;
-                Ok(Planned { coarse: started.elapsed(), ..planned(Layers::guided(&range, layers)?) })
+                let found = self.photos.search(shot, coarse_planes)?;
+                Ok(Planned { coarse: started.elapsed(), ..planned(Layers::guided(&found.range, layers)?) })
             }
             Recipe::Planes(count) => Ok(planned(Layers::uniform(shot.near, shot.far, count)?)),
             Recipe::Disparities(ref list) => Ok(planned(Layers::planes(list)?)),

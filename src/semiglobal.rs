@@ -1,0 +1,77 @@
+//! Semi-global matching: costs of planes made to agree along image rows and columns (Hirschmüller, 2008), four paths.
+
+use ndarray::{Array3, ArrayView3};
+
+/// Penalty of a move to the next plane, in units of the cost: a variance of colours in [0, 1].
+const STEP: f32 = 0.004;
+/// Penalty of a move to any other plane.
+const JUMP: f32 = 0.1;
+
+/// Sum over the four paths (down, up, right, left) of each cell's cheapest way there, `[D, h, w]` to `[D, h, w]`.
+pub fn semi_global(costs: ArrayView3<'_, f32>) -> Array3<f32> {
+    // The dimension walked along comes first, the one side by side last: each step is then one pass over rows in memory.
+    let down = costs.permuted_axes([1, 0, 2]).as_standard_layout().into_owned();
+    let across = costs.permuted_axes([2, 0, 1]).as_standard_layout().into_owned();
+    let both = |costs: &Array3<f32>| {
+        let (mut there, back) = rayon::join(|| path(costs, false), || path(costs, true));
+        there += &back;
+        there
+    };
+    let (vertical, horizontal) = rayon::join(|| both(&down), || both(&across));
+    vertical.permuted_axes([1, 0, 2]).as_standard_layout().into_owned() + horizontal.permuted_axes([1, 2, 0])
+}
+
+/// One path through `costs` `[steps, D, lanes]`: cost here, plus the cheapest of staying, stepping and jumping, less the
+/// best before (which keeps the sums small and changes no comparison).
+fn path(costs: &Array3<f32>, backwards: bool) -> Array3<f32> {
+    let (steps, planes, lanes) = costs.dim();
+    let mut total = costs.clone();
+    let all = total.as_slice_mut().expect("standard order");
+    let mut best = vec![0.0; lanes];
+    for step in 1..steps {
+        let size = planes * lanes;
+        let (before, here) = if backwards {
+            let (here, before) = all.split_at_mut((steps - step) * size);
+            (&before[..size], &mut here[(steps - step - 1) * size..])
+        } else {
+            let (before, here) = all.split_at_mut(step * size);
+            (&before[(step - 1) * size..], &mut here[..size])
+        };
+        best.copy_from_slice(&before[..lanes]);
+        for row in before.chunks_exact(lanes) {
+            best.iter_mut().zip(row).for_each(|(best, &cost)| *best = if cost < *best { cost } else { *best });
+        }
+        for (plane, here) in here.chunks_exact_mut(lanes).enumerate() {
+            let row = |plane: usize| &before[plane * lanes..(plane + 1) * lanes];
+            let (nearer, same, farther) = (row(plane.saturating_sub(1)), row(plane), row((plane + 1).min(planes - 1)));
+            let beside = here.iter_mut().zip(nearer).zip(farther).zip(same).zip(&best);
+            for ((((here, &nearer), &farther), &same), &best) in beside {
+                // At the first and last plane one of the two is the plane itself, dearer by STEP: never the cheapest.
+                let step = if nearer < farther { nearer } else { farther } + STEP;
+                let stay = if same < step { same } else { step };
+                let jump = best + JUMP;
+                *here += (if stay < jump { stay } else { jump }) - best;
+            }
+        }
+    }
+    total
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cell_that_nothing_tells_apart_takes_its_neighbours_plane() {
+        let mut costs = Array3::from_elem((3, 1, 5), 0.05);
+        (0..5).filter(|&x| x != 2).for_each(|x| costs[(1, 0, x)] = 0.0);
+        let agreed = semi_global(costs.view());
+        assert!(agreed[(1, 0, 2)] < agreed[(0, 0, 2)] && agreed[(1, 0, 2)] < agreed[(2, 0, 2)], "{agreed}");
+    }
+
+    #[test]
+    fn one_plane_keeps_its_order() {
+        let costs = Array3::from_shape_fn((1, 2, 2), |(_, y, x)| (y + x) as f32);
+        assert_eq!(semi_global(costs.view()), 4.0 * costs);
+    }
+}
