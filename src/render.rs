@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use ndarray::{Array2, ArrayView3, ArrayView4, ArrayViewMut4};
 use rayon::prelude::*;
 
-use crate::blend::{DistanceWeights, LayerSamples};
+use crate::blend::{Blended, DistanceWeights, LayerSamples};
 use crate::camera::Camera;
 use crate::composite::Accumulated;
 use crate::image_io::ImageRgb;
@@ -130,7 +130,7 @@ impl<N: PlaneNetwork> Renderer<N> {
         self.coverage.resize(batch * count * pixels, 0.0);
         self.logits.resize(batch * count * pixels, 0.0);
 
-        let mut gathered = vec![Accumulated::default(); target.height() * target.width()];
+        let mut gathered = vec![Accumulated::new(target.width()); target.height()];
         let mut times = StageTimes::default();
         for (index, part) in layers.as_slice().chunks(batch).enumerate() {
             let n = part.len();
@@ -155,7 +155,7 @@ impl<N: PlaneNetwork> Renderer<N> {
                 logits: ArrayView4::from_shape(shape, logits).expect("sized above"),
                 weights: &weights,
             };
-            composite_batch(&shown, index * batch, layers.len(), target.width(), &mut gathered);
+            composite_batch(&shown, index * batch, layers.len(), &mut gathered);
             times.composite += inferred.elapsed();
             times.network += inferred - warped;
             times.warp += warped - started;
@@ -171,40 +171,45 @@ pub fn warp_sources<'a>(views: &[SourceView<'a>], target: &Camera) -> Vec<WarpSo
 }
 
 /// Blend each layer of the batch, whose first is layer `first` of `total`, and add it behind what was gathered.
-fn composite_batch(batch: &Batch<'_>, first: usize, total: usize, target_width: usize, gathered: &mut [Accumulated]) {
+fn composite_batch(batch: &Batch<'_>, first: usize, total: usize, gathered: &mut [Accumulated]) {
     let (n, _, _, width) = batch.logits.dim();
     let (hwv, coverage, logits) = match (batch.hwv.to_slice(), batch.coverage.to_slice(), batch.logits.to_slice()) {
         (Some(hwv), Some(coverage), Some(logits)) => (hwv, coverage, logits),
         _ => unreachable!("views of the renderer's own buffers"),
     };
     let size = logits.len() / n;
-    gathered.par_chunks_mut(target_width).enumerate().for_each(|(row, gathered)| {
-        for (k, disparity) in batch.disparity.outer_iter().enumerate() {
-            let samples = LayerSamples {
-                logits: &logits[k * size..(k + 1) * size],
-                colour: &hwv[3 * k * size..3 * (k + 1) * size],
-                coverage: &coverage[k * size..(k + 1) * size],
-            };
-            for (x, (pixel, &disparity)) in gathered.iter_mut().zip(disparity.row(row)).enumerate() {
-                let blended = batch.weights.blend(&samples, row * width + x);
-                pixel.add((first + k) as u32, blended, disparity, first + k + 1 == total);
+    let target_width = gathered.first().map_or(0, |row| row.transmittance.len());
+    gathered.par_iter_mut().enumerate().for_each_init(
+        || Blended::new(target_width),
+        |blended, (row, gathered)| {
+            for (k, disparity) in batch.disparity.outer_iter().enumerate() {
+                let samples = LayerSamples {
+                    logits: &logits[k * size..(k + 1) * size],
+                    colour: &hwv[3 * k * size..3 * (k + 1) * size],
+                    coverage: &coverage[k * size..(k + 1) * size],
+                };
+                batch.weights.blend(&samples, row * width, blended);
+                let disparity = disparity.row(row).to_slice().expect("rows of the renderer's own buffer");
+                gathered.add((first + k) as u32, blended, disparity, first + k + 1 == total);
             }
-        }
-    });
+        },
+    );
 }
 
 fn frame(gathered: &[Accumulated], target: &Camera, times: StageTimes) -> Frame {
     let shape = (target.height(), target.width());
-    let map = |f: fn(&Accumulated) -> f64| {
-        Array2::from_shape_vec(shape, gathered.iter().map(|p| f(p) as f32).collect()).expect("one value per pixel")
+    let map = |f: fn(&Accumulated) -> &Vec<f64>| {
+        let values = gathered.iter().flat_map(|row| f(row).iter().map(|&value| value as f32)).collect();
+        Array2::from_shape_vec(shape, values).expect("one value per pixel")
     };
-    let best = |p: &Accumulated| (p.best.1 != u32::MAX).then_some(p.best.1);
-    let rgb = gathered.iter().flat_map(|p| p.rgb.map(|c| c as f32)).collect();
+    let pixel = |row: &Accumulated, x: usize| std::array::from_fn::<_, 3, _>(|c| row.rgb[c][x] as f32);
+    let rgb = gathered.iter().flat_map(|row| (0..shape.1).flat_map(move |x| pixel(row, x))).collect();
+    let best = gathered.iter().flat_map(|row| row.best_layer.iter().map(|&best| (best != u32::MAX).then_some(best)));
     Frame {
         picture: ImageRgb::new(target.width(), target.height(), rgb).expect("three values per pixel"),
-        disparity: map(|p| p.disparity),
-        transmittance: map(|p| p.transmittance),
-        best_layer: Array2::from_shape_vec(shape, gathered.iter().map(best).collect()).expect("one value per pixel"),
+        disparity: map(|row| &row.disparity),
+        transmittance: map(|row| &row.transmittance),
+        best_layer: Array2::from_shape_vec(shape, best.collect()).expect("one value per pixel"),
         times,
     }
 }

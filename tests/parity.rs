@@ -259,41 +259,50 @@ fn blend() {
         let weights = DistanceWeights::new(&distances);
         let mut alpha = Array3::<f32>::zeros((n, height, width));
         let mut rgb = Array::<f32, _>::zeros((n, 3, height, width));
-        for ((k, y, x), alpha) in alpha.indexed_iter_mut() {
+        for k in 0..n {
             let [logits, colour, coverage] = [&logits, &colour, &coverage].map(|all| layer_slice(all, k));
-            let blended = weights.blend(&LayerSamples { logits, colour, coverage }, y * width + x);
-            *alpha = blended.alpha;
-            (0..3).for_each(|c| rgb[(k, c, y, x)] = blended.rgb[c]);
+            let mut blended = Blended::new(height * width);
+            weights.blend(&LayerSamples { logits, colour, coverage }, 0, &mut blended);
+            let plane = |values: Vec<f32>| Array::from_shape_vec((height, width), values).unwrap();
+            alpha.index_axis_mut(Axis(0), k).assign(&plane(blended.alpha));
+            for (c, values) in blended.rgb.into_iter().enumerate() {
+                rgb.slice_mut(s![k, c, .., ..]).assign(&plane(values));
+            }
         }
         case.check("alpha", &alpha);
         case.check("rgb", &rgb);
     });
 }
 
-/// Composite the oracle's α and colour; with what each pixel gathered.
-fn gathered(case: &Case) -> Array2<Accumulated> {
+/// Composite the oracle's α and colour: what each row gathered.
+fn gathered(case: &Case) -> Vec<Accumulated> {
     let [rgb, coverage] = ["rgb", "coverage"].map(|name| input(case, name));
-    let [alpha, maps] = ["alpha", "maps"].map(|n| case.get::<f32>(n).into_dimensionality::<ndarray::Ix3>().unwrap());
-    let last = alpha.dim().0 - 1;
-    Array2::from_shape_fn((case.target.height(), case.target.width()), |(y, x)| {
-        let mut pixel = Accumulated::default();
+    let [alpha, maps] = ["alpha", "maps"].map(|name| volume(case, name));
+    let (last, width) = (alpha.dim().0 - 1, case.target.width());
+    let row = |y: usize| {
+        let mut row = Accumulated::new(width);
         for k in 0..=last {
-            let covered = coverage.slice(s![k, .., y, x]).iter().any(|&c| c > 0.0);
-            let layer = Blended { alpha: alpha[(k, y, x)], rgb: std::array::from_fn(|c| rgb[(k, c, y, x)]), covered };
-            pixel.add(k as u32, layer, maps[(k, y, x)], k == last);
+            let covered = |x: usize| coverage.slice(s![k, .., y, x]).iter().any(|&c| c > 0.0);
+            let layer = Blended {
+                alpha: alpha.slice(s![k, y, ..width]).to_vec(),
+                rgb: std::array::from_fn(|c| rgb.slice(s![k, c, y, ..width]).to_vec()),
+                covered: (0..width).map(covered).collect(),
+            };
+            row.add(k as u32, &layer, &maps.slice(s![k, y, ..width]).to_vec(), k == last);
         }
-        pixel
-    })
+        row
+    };
+    (0..case.target.height()).map(row).collect()
 }
 
 #[test]
 fn composite() {
     for_all(|case| {
-        let pixels = gathered(case);
-        let (height, width) = pixels.dim();
-        case.check("frame", &Array3::from_shape_fn((3, height, width), |(c, y, x)| pixels[(y, x)].rgb[c] as f32));
-        case.check("disparity", &pixels.mapv(|p| p.disparity as f32));
-        case.check("transmittance", &pixels.mapv(|p| p.transmittance as f32));
+        let rows = gathered(case);
+        let (height, width) = (case.target.height(), case.target.width());
+        case.check("frame", &Array3::from_shape_fn((3, height, width), |(c, y, x)| rows[y].rgb[c][x] as f32));
+        case.check("disparity", &Array2::from_shape_fn((height, width), |(y, x)| rows[y].disparity[x] as f32));
+        case.check("transmittance", &Array2::from_shape_fn((height, width), |(y, x)| rows[y].transmittance[x] as f32));
     });
 }
 
@@ -301,8 +310,8 @@ fn composite() {
 fn selection() {
     for_all(|case| {
         let Some(expected) = case.find::<i64>("selected") else { return };
-        let best = |pixel: &Accumulated| (pixel.best.0 > 0.0).then_some(pixel.best.1 as usize);
-        let histogram = plane_histogram(gathered(case).iter().map(best), case.layers().len());
+        let best = |row: Accumulated| row.best_layer.into_iter().map(|k| (k != u32::MAX).then_some(k as usize));
+        let histogram = plane_histogram(gathered(case).into_iter().flat_map(best), case.layers().len());
         let counted: Vec<i64> = histogram.iter().map(|&n| n as i64).collect();
         assert_eq!(counted, flat(case.get::<i64>("histogram")), "{}: histogram", case.name);
         let selected: Vec<i64> = select_planes(&histogram, 2).into_iter().map(|k| k as i64).collect();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use liveview::blend::LayerSamples;
+use liveview::blend::{Blended, LayerSamples};
 use liveview::camera::Camera;
 use liveview::guide::Search;
 use liveview::image_io::ImageRgb;
@@ -89,13 +89,12 @@ impl Stages {
             let coverage = flat(batch.coverage, k);
             debug_assert_eq!(coverage.len(), views * height * width);
             let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
-            for at in 0..height * width {
-                let blended = batch.weights.blend(&samples, at);
-                alpha[(k, at / width, at % width)] = blended.alpha;
-                rgb.slice_mut(s![k, .., at / width, at % width])
-                    .iter_mut()
-                    .zip(blended.rgb)
-                    .for_each(|(to, c)| *to = c);
+            let mut blended = Blended::new(height * width);
+            batch.weights.blend(&samples, 0, &mut blended);
+            let plane = |values: Vec<f32>| Array::from_shape_vec((height, width), values).expect("one per pixel");
+            alpha.index_axis_mut(Axis(0), k).assign(&plane(blended.alpha));
+            for (c, values) in blended.rgb.into_iter().enumerate() {
+                rgb.slice_mut(s![k, c, .., ..]).assign(&plane(values));
             }
         }
         self.maps.push(batch.disparity.to_owned());

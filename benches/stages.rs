@@ -1,0 +1,92 @@
+//! What the native stages cost per layer beside a plain copy of as many bytes: `cargo bench`.
+//!
+//! One layer at 504×352, V = 5, on the threads that rayon has; a sample is one pixel of one view.
+
+use divan::Bencher;
+use divan::counter::{BytesCount, ItemsCount};
+use glam::{DMat3, DVec3};
+use liveview::blend::{Blended, DistanceWeights, LayerSamples};
+use liveview::camera::{Camera, Intrinsics};
+use liveview::composite::Accumulated;
+use liveview::guide::CoarsePass;
+use liveview::image_io::ImageRgb;
+use liveview::sweep::Sweep;
+use liveview::warp::{Texture, WarpSource, warp_layers};
+use rayon::prelude::*;
+
+const SIZE: (usize, usize) = (352, 504);
+const PIXELS: usize = SIZE.0 * SIZE.1;
+const VIEWS: usize = 5;
+
+fn main() {
+    divan::main();
+}
+
+fn camera(shift: f64, turn: f64) -> Camera {
+    let intrinsics = Intrinsics { fx: 420.0, fy: 420.0, cx: 252.0, cy: 176.0, skew: 0.0 };
+    let rotation = DMat3::from_rotation_y(turn);
+    Camera::new(intrinsics, SIZE.1, SIZE.0, rotation, DVec3::new(shift, 0.3 * shift, 0.0)).unwrap()
+}
+
+/// Photos of waves, and what sees them: turned cameras, or a rectified rig.
+fn sources(textures: &[Texture], turn: f64) -> Vec<WarpSource<'_>> {
+    let at = |view: usize| camera(0.1 * (view as f64 - 2.0), turn * (view as f64 - 2.0));
+    let source = |(view, texture)| WarpSource { texture, sweep: Sweep::new(&at(view), &camera(0.01, 0.0)) };
+    textures.iter().enumerate().map(source).collect()
+}
+
+fn textures() -> Vec<Texture> {
+    let photo = |view: usize| {
+        let wave = |at: usize| 0.5 + 0.5 * (at as f32 * (0.01 + 0.003 * view as f32)).sin();
+        Texture::new(&ImageRgb::new(SIZE.1, SIZE.0, (0..3 * PIXELS).map(wave).collect()).unwrap())
+    };
+    (0..VIEWS).map(photo).collect()
+}
+
+/// As many bytes as the warp writes.
+#[divan::bench]
+fn copy(bencher: Bencher) {
+    let (from, mut to) = (vec![0.5_f32; 4 * VIEWS * PIXELS], vec![0.0_f32; 4 * VIEWS * PIXELS]);
+    bencher.counter(BytesCount::of_many::<f32>(to.len())).bench_local(|| {
+        to.par_chunks_mut(PIXELS).zip(from.par_chunks(PIXELS)).for_each(|(to, from)| to.copy_from_slice(from));
+        divan::black_box(&mut to);
+    });
+}
+
+#[divan::bench(args = [0.0, 0.01])]
+fn warp(bencher: Bencher, turn: f64) {
+    let textures = textures();
+    let (sources, disparity) = (sources(&textures, turn), vec![0.2; PIXELS]);
+    let (mut colour, mut coverage) = (vec![0.0; 3 * VIEWS * PIXELS], vec![0.0; VIEWS * PIXELS]);
+    bencher
+        .counter(ItemsCount::new(VIEWS * PIXELS))
+        .counter(BytesCount::of_many::<f32>(4 * VIEWS * PIXELS))
+        .bench_local(|| warp_layers(&disparity, &sources, SIZE, &mut colour, &mut coverage));
+}
+
+#[divan::bench]
+fn blend_and_composite(bencher: Bencher) {
+    let weights = DistanceWeights::new(&[0.1, 0.1, 0.2, 0.2, 0.3]);
+    let logits: Vec<f32> = (0..VIEWS * PIXELS).map(|at| 4.0 * (at as f32 * 0.37).sin()).collect();
+    let (colour, coverage) = (vec![0.5; 3 * VIEWS * PIXELS], vec![1.0; VIEWS * PIXELS]);
+    let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
+    let (disparity, mut rows) = (vec![0.2; SIZE.1], vec![Accumulated::new(SIZE.1); SIZE.0]);
+    let bytes = BytesCount::of_many::<f32>(5 * VIEWS * PIXELS);
+    bencher.counter(ItemsCount::new(VIEWS * PIXELS)).counter(bytes).bench_local(|| {
+        rows.par_iter_mut().enumerate().for_each_init(
+            || Blended::new(SIZE.1),
+            |blended, (y, row)| {
+                weights.blend(&samples, y * SIZE.1, blended);
+                row.add(0, blended, &disparity, false);
+            },
+        );
+    });
+}
+
+#[divan::bench]
+fn coarse_pass(bencher: Bencher) {
+    let textures = textures();
+    let sources = sources(&textures, 0.01);
+    let pass = CoarsePass { near: 1.0, far: 10.0, planes: None };
+    bencher.bench_local(|| pass.search(&sources, SIZE).unwrap());
+}
