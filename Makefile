@@ -7,9 +7,11 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 LIVEVIEW := target/release/liveview
 SCENE := tests/scenes/workshop
+DATA ?= ../shared/data
 RUFF := --config python/pyproject.toml python parity tests
 
-.PHONY: demo test build runtime setup lint docs goldens test-rust test-python parity readme clean
+.PHONY: demo test build runtime setup lint docs goldens test-rust test-python parity readme \
+	setup-evaluation evaluate clean
 
 ## Render the two held-out views of the example scene and compare them with the truth.
 demo: build runtime
@@ -64,6 +66,20 @@ parity: build setup
 ## The numbers and the picture of README.md and of the model cards, measured on this machine.
 readme: build setup
 	$(BIN)/python python/readme.py
+
+## What `evaluate` needs beyond `setup`: OpenCV, and the weights of LPIPS without the packages (jax) they were made for.
+setup-evaluation: $(VENV)/.evaluation
+$(VENV)/.evaluation: python/requirements-evaluation.txt $(VENV)/.setup
+	$(PIP) --no-deps -r $<
+	touch $@
+
+## Scores of every model against baselines, beside the model: tables, contact sheet, figure. Scenes that DATA lacks are
+## skipped; the example scene is always there.
+evaluate: setup-evaluation
+	cd python && for model in ../models/*.pt; do \
+		../$(BIN)/python -m liveview_ref.evaluate $$model configs/evaluation.json --data $(abspath $(DATA)) \
+			--out $${model%.pt}_scores || exit 1; \
+	done
 
 clean:
 	rm -rf target out $(VENV)

@@ -5,7 +5,6 @@ at batch sizes and image sizes that it was not exported with.
 """
 
 import argparse
-import json
 from pathlib import Path
 
 import numpy as np
@@ -71,23 +70,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("model", type=Path)
-    parser.add_argument("config", type=Path, help="what it was trained with")
     parser.add_argument("--recommended-layers", default="guided 4")
     parser.add_argument("--licence", required=True, help="of the weights and of what they were trained on, in a line")
     args = parser.parse_args()
     state = torch.load(args.checkpoint, weights_only=True)
     net = UNet(state["views"]).eval()
     net.load_state_dict(state["average"])
-    config = json.loads(args.config.read_text())
+    config = state["config"]
+    runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
+    told = ", then ".join(f"V = {views}: {steps} steps, {seconds / 60:.0f} minutes" for views, steps, seconds in runs)
     guided, planes = ([min(x), max(x)] for x in (config["guided_layers"], config["uniform_planes"]))
     metadata = {
         "recommended_layers": args.recommended_layers,
-        "training": f"{state['step']} steps of {config['batch']} scenes, {state['seconds'] / 60:.0f} minutes",
+        "training": f"batches of {config['batch']} scenes; {told}",
         "trained_layers": "guided {}-{}, uniform planes {}-{}".format(*guided, *planes),
         "licence": args.licence,
     }
     export(net, args.model, metadata)
-    torch.save({k: state[k] for k in ("average", "views", "step", "seconds")}, args.model.with_suffix(".pt"))
+    kept = ("average", "views", "step", "seconds", "earlier", "config", "history")
+    torch.save({key: state[key] for key in kept}, args.model.with_suffix(".pt"))
     print(f"{args.model}: {args.model.stat().st_size / 1e6:.2f} MB, departs from torch by {check(net, args.model):.1e}")
 
 

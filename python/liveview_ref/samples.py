@@ -44,6 +44,7 @@ class RealScene:
         self.near, self.far, self.reach = spec.get("near"), spec.get("far"), spec["reach"]
         self.bounds, self.sizes = scene.bounds, []
         self.targets = [t for t, c in enumerate(scene.cameras) if looking_alike(scene.cameras, c) > views]
+        self.weight = float(spec["weight"]) if self.targets else 0.0  # too few views to learn this many from
         for width in spec["widths"]:
             images, cameras = [], []
             for i, camera in enumerate(scene.cameras):
@@ -110,7 +111,7 @@ def maker(queue, config: dict, data: Path, worker: int, start: int) -> None:
     """Put batches (lists of Examples) into the queue for ever; what batch n holds depends on the seed and n alone."""
     torch.set_num_threads(1)
     real = [RealScene(data, spec, config["views"]) for spec in config["real"]]
-    weights = np.array([spec["weight"] for spec in config["real"]], dtype=np.float64)
+    weights = np.array([scene.weight for scene in real])
     textures = Textures(data / config["textures"])
     index = start * config["makers"] + worker
     while True:

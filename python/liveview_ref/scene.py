@@ -1,4 +1,4 @@
-"""Posed photos for training and evaluation: transforms.json, LLFF, RealEstate10K and COLMAP binary folders -> cameras.
+"""Posed photos for training and evaluation: transforms.json, LLFF, RealEstate10K and COLMAP folders -> cameras.
 
 The Rust crate's loader is the full one (more formats, every check); this one reads what training and evaluation use.
 """
@@ -116,30 +116,56 @@ def load_realestate10k(root: Path, file: str = "cameras.txt") -> Scene:
 
 def load_colmap(root: Path) -> Scene:
     sparse = root / "sparse" / "0"
+    cameras, points, images = (colmap_text if (sparse / "images.txt").exists() else colmap_binary)(sparse)
+    scene = Scene(root)
+    for name, pose, camera, track in sorted(images):
+        pose, (k, size) = quaternion_pose(pose), cameras[camera]
+        depth = np.array([points[i] for i in track if i in points]) @ pose[2, :3] + pose[2, 3]
+        near, far = np.percentile(depth, [1, 99])
+        scene.add(f"images/{name}", k, cam_from_world=pose, size=size, bounds=(0.9 * near, 1.1 * far))
+    return scene
+
+
+def pinhole(model: int | str, *parameters: float) -> np.ndarray:
+    if model not in (0, 1, "SIMPLE_PINHOLE", "PINHOLE"):
+        raise ValueError(f"camera model {model}: only SIMPLE_PINHOLE and PINHOLE are read here")
+    *focal, cx, cy = parameters
+    return intrinsics(focal[0], focal[-1], cx, cy)
+
+
+def colmap_text(sparse: Path):
+    """cameras {id: (K, (width, height))}, points {id: (x, y, z)}, images [(name, (qw, qx, qy, qz, tx, ty, tz), camera,
+    ids of the points in it)]."""
+
+    def lines(name: str) -> list[list[str]]:
+        return [line.split() for line in (sparse / name).read_text().splitlines() if not line.startswith("#")]
+
     cameras = {}
-    for _, fields in _records(sparse / "cameras.bin", "<iiQQ"):
-        (camera, model, width, height), reader = fields
-        if model not in (0, 1):
-            raise ValueError(f"{sparse}: camera model {model}: only SIMPLE_PINHOLE and PINHOLE are read here")
-        *focal, cx, cy = reader("<dddd" if model else "<ddd")
-        cameras[camera] = (intrinsics(focal[0], focal[-1], cx, cy), (width, height))
+    for camera, model, width, height, *parameters in filter(None, lines("cameras.txt")):
+        cameras[int(camera)] = (pinhole(model, *map(float, parameters)), (int(width), int(height)))
+    points = {int(point): (float(x), float(y), float(z)) for point, x, y, z, *_ in filter(None, lines("points3D.txt"))}
+    images, rows = [], iter(lines("images.txt"))
+    for _, *row in rows:  # two lines an image, the second of them empty where it has no points
+        name, track = " ".join(row[8:]), [int(point) for point in next(rows, [])[2::3]]
+        images.append((name, tuple(map(float, row[:7])), int(row[7]), track))
+    return cameras, points, images
+
+
+def colmap_binary(sparse: Path):
+    """The same of the binary files."""
+    cameras = {}
+    for _, ((camera, model, width, height), reader) in _records(sparse / "cameras.bin", "<iiQQ"):
+        cameras[camera] = (pinhole(model, *reader("<dddd" if model else "<ddd")), (width, height))
     points = {}
     for _, ((point, x, y, z, *_), reader) in _records(sparse / "points3D.bin", "<QdddBBBd"):
         points[point] = (x, y, z)
         reader(f"<{2 * reader('<Q')[0]}i")
-    found = []
-    for _, ((_, *pose, camera), reader) in _records(sparse / "images.bin", "<iddddddd i".replace(" ", "")):
+    images = []
+    for _, ((_, *pose, camera), reader) in _records(sparse / "images.bin", "<idddddddi"):
         name = b"".join(iter(lambda reader=reader: reader("<c")[0], b"\0")).decode()
         track = np.frombuffer(reader(f"{24 * reader('<Q')[0]}s")[0], dtype="<f8,<f8,<i8")["f2"]
-        seen = np.array([points[i] for i in track if i in points])
-        found.append((name, quaternion_pose(pose), camera, seen))
-    scene = Scene(root)
-    for name, pose, camera, seen in sorted(found, key=lambda f: f[0]):
-        depth = seen @ pose[2, :3] + pose[2, 3]
-        near, far = np.percentile(depth, [1, 99])
-        k, size = cameras[camera]
-        scene.add(f"images/{name}", k, cam_from_world=pose, size=size, bounds=(0.9 * near, 1.1 * far))
-    return scene
+        images.append((name, tuple(pose), camera, track.tolist()))
+    return cameras, points, images
 
 
 def quaternion_pose(pose) -> np.ndarray:

@@ -94,6 +94,12 @@ def rate(step: int, config: dict) -> float:
     return warm * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(1.0, step / config["steps"]))))
 
 
+def read_config(path: Path) -> dict:
+    """A config file; what it leaves out stands in the file that its "base" names, beside it."""
+    config = json.loads(path.read_text())
+    return read_config(path.parent / config.pop("base")) | config if "base" in config else config
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("config", type=Path)
@@ -102,7 +108,7 @@ def main() -> None:
     parser.add_argument("--start", type=Path, help="weights to start from, of any V")
     parser.add_argument("--steps", type=int, help="overrides the config")
     args = parser.parse_args()
-    config = json.loads(args.config.read_text())
+    config = read_config(args.config)
     config["steps"] = args.steps or config["steps"]
     args.out.mkdir(parents=True, exist_ok=True)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -111,8 +117,11 @@ def main() -> None:
 
     net = UNet(config["views"])
     start_from_agreement(net)
+    earlier = []  # (views, steps, seconds) of the trainings that these weights went through before
     if args.start:
-        adapt_views(torch.load(args.start, weights_only=True)["average"], net)
+        start = torch.load(args.start, weights_only=True)
+        adapt_views(start["average"], net)
+        earlier = [*start.get("earlier", []), (start["views"], start["step"], round(start["seconds"]))]
     net = net.to(device, memory_format=torch.channels_last)
     average = copy.deepcopy(net)
     optimiser = torch.optim.AdamW(net.parameters(), lr=config["learning_rate"], weight_decay=1e-4)
@@ -166,7 +175,14 @@ def main() -> None:
             history.append({"step": step, "seconds": round(seconds), **scores})
             print(json.dumps(history[-1]), flush=True)
             state = {"net": net.state_dict(), "average": average.state_dict(), "optimiser": optimiser.state_dict()}
-            state |= {"step": step, "seconds": seconds, "history": history, "views": config["views"]}
+            state |= {
+                "step": step,
+                "seconds": seconds,
+                "history": history,
+                "views": config["views"],
+                "config": config,
+                "earlier": earlier,
+            }
             torch.save(state, checkpoint.with_suffix(".tmp"))
             checkpoint.with_suffix(".tmp").rename(checkpoint)
             (args.out / "history.json").write_text(json.dumps(history, indent=1))

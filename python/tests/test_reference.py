@@ -134,7 +134,7 @@ def test_uniform_planes_reach_infinity():
 
 
 def test_guided_layers_enclose_the_surface():
-    """A textured plane at depth 2: every cell's range holds its disparity, and is a fraction of near .. far."""
+    """A textured plane at depth 2: every cell's range holds its disparity to a fraction of a pixel, and is a fraction of near .. far."""
     images, cameras, target = rig_of("rectified")
     texture = torch.rand(3, 256, 256, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     texture = torch.nn.functional.avg_pool2d(texture[None], 5, 1, 2)[0]
@@ -145,9 +145,10 @@ def test_guided_layers_enclose_the_surface():
         wall = type(wall)(wall.k, target.rotation, target.translation, 256, 256)
         seen.append(warp_maps(texture, wall, camera, plane)[0][0])
     nearest, farthest = guide.coarse_range(seen, cameras, target, 1.0, 8.0)
-    inner = (slice(2, -2), slice(2, -2))
-    assert (nearest[inner] >= 0.5).all() and (farthest[inner] <= 0.5).all()
-    assert (nearest - farthest)[inner].mean() < 0.25 * (1 - 1 / 8)
+    outside = torch.maximum(0.5 - nearest, farthest - 0.5).clamp(min=0)
+    pixels = outside * max(50 * float((c.centre - target.centre).norm()) for c in cameras)
+    assert pixels.max() < 0.5 and (outside == 0).double().mean() > 0.8
+    assert (nearest - farthest).mean() < 0.05 * (1 - 1 / 8)
 
 
 def test_a_scene_of_one_plane_comes_out_whatever_the_network_says():

@@ -1,0 +1,65 @@
+"""Training: the shipped weights show the same picture with the statistics of a mixed batch as with those they ship."""
+
+import copy
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from liveview_ref.metrics import psnr
+from liveview_ref.procedural import Textures
+from liveview_ref.samples import RealScene, make_example, procedural
+from liveview_ref.train import batch_loss, forward, read_config
+from liveview_ref.unet import UNet
+
+ROOT = Path(__file__).parents[2]
+CONFIGS = sorted((ROOT / "python/configs").glob("v*.json"))
+
+
+def mixed_batch(config, scenes: int):
+    """Half procedural, half crops of the example scene, as many layers as training uses."""
+    rng, textures = np.random.default_rng(1), Textures(None)
+    photos = RealScene(ROOT / "tests/scenes", {"path": "workshop", "reach": 2, "widths": [300], "weight": 1}, 4)
+    sources = [
+        procedural(rng, 4, (64, 64), textures) if i % 2 else photos.sample(rng, 4, (64, 64)) for i in range(scenes)
+    ]
+    return [make_example(rng, source, config) for source in sources]
+
+
+@pytest.fixture(scope="module")
+def trained():
+    config = read_config(ROOT / "python/configs/v4.json")
+    net = UNet(4).eval()
+    net.load_state_dict(torch.load(ROOT / "models/liveview_v4.pt", weights_only=True)["average"])
+    return net, config, mixed_batch(config, 12)
+
+
+def test_training_and_inference_mode_show_the_same_image(trained):
+    net, _, batch = trained
+    with torch.no_grad():
+        inference = forward(net, batch, torch.device("cpu"))
+        training = forward(copy.deepcopy(net).train(), batch, torch.device("cpu"))
+    apart = [psnr(a, b) for (a, _), (b, _) in zip(inference, training, strict=True)]
+    assert np.median(apart) > 30 and min(apart) > 20, apart
+
+
+def test_a_step_lowers_the_loss_of_its_batch(trained):
+    net, config, batch = trained
+    net = copy.deepcopy(net).train()
+    optimiser = torch.optim.AdamW(net.parameters(), lr=1e-4)
+    losses = []
+    for _ in range(3):
+        loss = batch_loss(net, batch, config["alpha_weight"], torch.device("cpu"))
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses.append(float(loss.detach()))
+    assert losses[2] < losses[0], losses
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_no_scene_is_both_trained_on_and_reported(path):
+    config = read_config(path)
+    trained_on = {spec["path"] for spec in config["real"]} | {config["textures"]}
+    assert all(path.startswith("train/") or path == "textures" for path in trained_on)
+    assert all(spec["path"].startswith("dev/") for spec in config["validation"])
