@@ -5,6 +5,11 @@
 //! between planes by a parabola. The neighbourhood's largest and smallest disparity, half a plane step wider, are the
 //! range. At 1/2 resolution: the same search over a few layers that divide that range, each cell for itself. Known in
 //! stereo as adaptive thin volumes (UCS-Net, 2020).
+//!
+//! Against the plain search it grew from (32 planes, winner takes all, one plane step wider, 1/4 resolution alone), with
+//! one and the same network on four layers, PSNR in dB: grid of cameras 3×3 19.99 → 23.3, EPFL fountain 23.3 → 26.2,
+//! coffee rig 28.1 → 31.0, LLFF flower 26.8 → 27.2, RealEstate10K 32.4 → 33.1. A first search at 1/2 resolution lost 0.4
+//! to 0.7 dB on photos (their poses are not that exact) and won 0.6 on the path-traced scene.
 
 use glam::DVec3;
 use ndarray::{Array2, Array3, ArrayView3, Axis};

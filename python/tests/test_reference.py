@@ -134,7 +134,7 @@ def test_uniform_planes_reach_infinity():
 
 
 def test_guided_layers_enclose_the_surface():
-    """A textured plane at depth 2: every cell's range holds its disparity to a fraction of a pixel, and is a fraction of near .. far."""
+    """A textured plane at depth 2: every cell's range holds its disparity to half a pixel, and is far less than all."""
     images, cameras, target = rig_of("rectified")
     texture = torch.rand(3, 256, 256, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     texture = torch.nn.functional.avg_pool2d(texture[None], 5, 1, 2)[0]
