@@ -4,14 +4,13 @@ Every figure comes from `liveview render --json` and `python -m liveview_ref.par
 """
 
 import json
-import platform
-import re
 import statistics
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+from liveview_ref.evaluate import machine
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -31,12 +30,6 @@ def seconds(report: dict) -> list[float]:
     return [sum(t for stage, t in target["seconds"].items() if stage != "photos") for target in report["targets"]]
 
 
-def cpu() -> str:
-    info = Path("/proc/cpuinfo")
-    names = re.findall(r"model name\s*: (.*)", info.read_text()) if info.exists() else []
-    return names[0].strip() if names else platform.processor()
-
-
 def numbers() -> tuple[str, str]:
     """A line, and the table."""
     rows = {(views, tuple(layers)): [] for views in ("4", "5") for layers in LAYERS}
@@ -48,7 +41,7 @@ def numbers() -> tuple[str, str]:
     size = "{width}x{height}".format(**first["targets"][0])
     lines = [
         f"Example scene, {size}, mean of its two held-out photos (16-pixel border left out), "
-        f"{first['engine']['threads']} threads, {Path(first['engine']['library']).name}, {cpu()} "
+        f"{first['engine']['threads']} threads, {Path(first['engine']['library']).name}, {machine()} "
         f"({'AVX-512' if 'avx512f' in Path('/proc/cpuinfo').read_text() else 'no AVX-512'}); "
         f"median time per picture of {RUNS} interleaved runs, with their range.",
         "",

@@ -179,3 +179,17 @@ fn videos_go_through_ffmpeg() {
         fs::remove_file(arguments[3]).unwrap();
     }
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn memory_does_not_grow_with_the_number_of_layers() {
+    let folders = Folders::new();
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scenes/workshop");
+    let peak = |planes: &str| {
+        let mut command = assert_cmd::Command::cargo_bin("liveview").unwrap();
+        command.args(["render", scene, "--target", "target_0", "--width", "252", "--planes", planes]);
+        json(command.args(["-o", &folders.out("a.png")]))["peak_memory_bytes"].as_f64().unwrap()
+    };
+    let (few, many) = (peak("8"), peak("64"));
+    assert!(many <= 1.2 * few, "{few} bytes at 8 planes, {many} at 64");
+}

@@ -22,12 +22,16 @@ pub(super) fn rendered(job: &Job, done: &[Rendered], moving: bool, video: Option
     if let Some(video) = &video {
         line(&mut text, "wrote", &video.display().to_string());
     }
+    let memory = peak_memory();
+    if let Some(bytes) = memory {
+        line(&mut text, "memory", &format!("{:.0} MB at most", bytes as f64 / 1e6));
+    }
     text += &job.engine.text();
     let mut json = json!({
         "scene": super::shown(&job.photos.scene.root), "format": job.photos.scene.format.to_string(), "layers": job.recipe.to_string(),
         "targets": done.iter().map(|one| target(job, one)).collect::<Vec<_>>(),
         "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
-        "border_left_out": SCORE_BORDER, "video": video.as_deref().map(super::shown), "notes": job.photos.scene.notes,
+        "border_left_out": SCORE_BORDER, "peak_memory_bytes": memory, "video": video.as_deref().map(super::shown), "notes": job.photos.scene.notes,
     });
     if let (Value::Object(json), Value::Object(engine)) = (&mut json, job.engine.json()) {
         json.extend(engine);
@@ -110,6 +114,13 @@ fn finish(text: &mut String, done: &[Rendered]) {
     if let ([one], true) = (done, files.iter().any(|file| file.ends_with(".json"))) {
         line(text, "scale", &format!("disparity = value / 65535 · {} (1/scene unit)", one.disparity_max));
     }
+}
+
+/// The most memory that the process has held so far, where the system tells it (Linux).
+fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let kilobytes = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"))?;
+    Some(1024 * kilobytes.trim().parse::<u64>().ok()?)
 }
 
 fn line(text: &mut String, what: &str, told: &str) {
