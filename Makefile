@@ -10,14 +10,20 @@ SCENE := tests/scenes/workshop
 DATA ?= ../shared/data
 RUFF := --config python/pyproject.toml python parity tests
 
-.PHONY: demo test build runtime setup lint docs goldens test-rust test-python parity readme \
-	setup-evaluation evaluate clean
+.PHONY: demo demo-stereo test build runtime setup lint docs goldens test-rust test-python parity readme \
+	cards setup-evaluation evaluate clean
 
 ## Render the two held-out views of the example scene and compare them with the truth.
 demo: build runtime
 	mkdir -p out
 	$(LIVEVIEW) render $(SCENE) --target target_0,target_1 -o out/views --compare out/compare --depth out/depth
 	@echo "Open out/views, out/compare (truth, result, difference) and out/depth."
+
+## Two photos alone: the middle between the views of the Middlebury motorcycle pair (from scikit-image), by V = 2.
+demo-stereo: build setup
+	$(BIN)/python python/make_stereo_scene.py out/motorcycle
+	$(LIVEVIEW) render out/motorcycle --views 2 --path line:5 -o out/stereo --depth out/stereo_depth
+	@echo "Open out/stereo: from one photo to the other in five steps."
 
 ## Everything that CI checks.
 test: lint docs test-python test-rust parity
@@ -66,6 +72,10 @@ parity: build setup
 ## The numbers and the picture of README.md and of the model cards, measured on this machine.
 readme: build setup
 	$(BIN)/python python/readme.py
+
+## The tables of models/README.md and the training curves, from the weights and the scores that lie there.
+cards: setup
+	$(BIN)/python python/cards.py
 
 ## What `evaluate` needs beyond `setup`: OpenCV, and the weights of LPIPS without the packages (jax) they were made for.
 setup-evaluation: $(VENV)/.evaluation

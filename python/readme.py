@@ -10,6 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from cards import fill
 from liveview_ref.evaluate import machine
 from PIL import Image
 
@@ -83,14 +84,8 @@ def picture() -> None:
 
 def main() -> None:
     readme = ROOT / "README.md"
-    text = readme.read_text()
     headline, table = numbers()
-    blocks = {"headline": headline, "numbers": f"\n\n{table}\n\n", "parity": f"\n\n{parity()}\n\n"}
-    for name, measured in blocks.items():
-        begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
-        head, rest = text.split(begin)
-        text = f"{head}{begin}{measured}{end}{rest.split(end)[1]}"
-    readme.write_text(text)
+    fill(readme, {"headline": headline, "numbers": f"\n\n{table}\n\n", "parity": f"\n\n{parity()}\n\n"})
     picture()
 
 
