@@ -83,6 +83,7 @@ CASES = {  # name: (V, rig, planes or guided layers)
     "guided_v4": (4, "random", 4),
     "guided_v5": (5, "random", 3),
     "guided_v2": (2, "rectified", 2),
+    "guided_one": (4, "random", 1),
 }
 
 
@@ -108,7 +109,9 @@ def fill(data: stages.Arrays, layers, net: UNet, model: Path) -> None:
             data[f"torch.{name}"] = np.array(stages.errors(single, oracle[name], name)[:2])
     single = parity.logits(net, data["colour"], torch.float32)
     data["torch.logits"] = np.array(stages.errors(single, oracle["logits"], "logits")[:2])
-    if not guided:
+    if guided:
+        data["kmeans"] = np.array(select.kmeans_planes(data["fine"], 3))
+    else:
         width, height = SIZE
         histogram = select.plane_histogram(torch.from_numpy(data["alpha"][:, :height, :width]))
         data["histogram"] = histogram.numpy()

@@ -98,7 +98,7 @@ impl Layers {
         Self::planes(&uniform_disparities(near, far, count)?)
     }
 
-    /// `count` layers that divide the range of each cell evenly; one layer lies in its middle.
+    /// `count` layers that divide the range of each cell evenly; one layer follows the surface found.
     pub fn guided(range: &RangeMap, count: usize) -> Result<Self, LayersError> {
         Self::maps(range.divided(count).collect())
     }

@@ -17,14 +17,14 @@ use liveview::layers::{CELL, Layer, Layers, padded};
 use liveview::network::{OrtNetwork, PlaneNetwork};
 use liveview::render::{Renderer, warp_sources};
 use liveview::runtime::Runtime;
-use liveview::select::{plane_histogram, select_planes};
+use liveview::select::{kmeans_planes, plane_histogram, select_planes};
 use liveview::semiglobal::semi_global;
 use liveview::views::{SourceView, distance};
 use liveview::warp::{Texture, warp_layers};
 use ndarray::{Array, Array2, Array3, ArrayD, Axis, Dimension, IxDyn, OwnedRepr, s};
 use ndarray_npy::{NpzReader, ReadNpyError, ReadNpzError, ReadableElement};
 
-const CASES: [&str; 11] = [
+const CASES: [&str; 12] = [
     "random_v4",
     "random_v5",
     "random_v10",
@@ -36,11 +36,15 @@ const CASES: [&str; 11] = [
     "guided_v4",
     "guided_v5",
     "guided_v2",
+    "guided_one",
 ];
 
 /// Depth range of the generated cases.
 const NEAR: f64 = 1.0;
 const FAR: f64 = 8.0;
+
+/// Planes of k-means, as parity/generate.py asks for.
+const KMEANS: usize = 3;
 
 /// Final images of Rust and of the float32 reference may differ by this much on [0, 1].
 const FRAME_TOLERANCE: f64 = 1e-4;
@@ -338,11 +342,17 @@ fn coarse_pass() {
         case.check("fine", &winner(fine_costs.view(), layers.view()));
         let fine = case.get::<f32>("fine").into_dimensionality::<ndarray::Ix2>().unwrap();
         let range = range_of(&fine, &fine_margin(&layers));
-        case.check("range", &ndarray::stack![Axis(0), range.nearest().view(), range.farthest().view()]);
+        let maps = [range.nearest(), range.surface(), range.farthest()].map(|map| map.view());
+        case.check("range", &ndarray::stack(Axis(0), &maps).unwrap());
         let layers = Layers::guided(&range, case.layers().len()).unwrap();
         let map = |layer: &Layer| if let Layer::Map(map) = layer { map.clone() } else { unreachable!("guided layers") };
         let maps: Vec<_> = layers.as_slice().iter().map(map).collect();
         case.check("cell_maps", &ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>()).unwrap());
+
+        let planes = kmeans_planes(fine.as_slice().unwrap(), KMEANS);
+        let expected = flat(case.get::<f64>("kmeans"));
+        let apart = planes.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(planes.len() == expected.len() && apart < 1e-12, "{}: k-means {planes:?}, {expected:?}", case.name);
 
         let found = CoarsePass { near: NEAR, far: FAR, planes: None }.search(&sources, case.padded()).unwrap();
         assert_eq!(found.disparities, flat(disparities), "{}: planes searched", case.name);

@@ -65,20 +65,21 @@ def median3(x: Tensor) -> Tensor:
     return F.unfold(padded, 3).reshape(9, *x.shape).median(0).values
 
 
-def range_of(disparity: Tensor, margin: float | Tensor) -> tuple[Tensor, Tensor]:
-    """Disparity found [h, w] -> (nearest, farthest) [h, w]: the median-filtered neighbourhood's extremes, a margin
-    (disparity, [h, w] or one for all) wider, smoothed."""
-    disparity = median3(disparity)[None, None]
+def range_of(disparity: Tensor, margin: float | Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Disparity found [h, w] -> (nearest, surface, farthest) [h, w]: the surface is median-filtered; its neighbourhood's
+    extremes, a margin (disparity, [h, w] or one for all) wider and smoothed, are the range."""
+    surface = median3(disparity)
+    disparity = surface[None, None]
     nearest = F.max_pool2d(disparity, 3, 1, 1) + margin
     farthest = -F.max_pool2d(-disparity, 3, 1, 1) - margin
     padded = (F.pad(x, (1, 1, 1, 1), mode="replicate") for x in (nearest, farthest.clamp(min=0)))
     nearest, farthest = (F.avg_pool2d(x, 3, 1)[0, 0] for x in padded)
-    return nearest, farthest
+    return nearest, surface, farthest
 
 
-def fine_layers(nearest: Tensor, farthest: Tensor) -> Tensor:
+def fine_layers(*ranges: Tensor) -> Tensor:
     """The layers of the second search: the first one's ranges divided, [FINE, h, w] on cells of CELL pixels."""
-    return upsample_maps(guided_maps(nearest, farthest, FINE), COARSE // CELL)
+    return upsample_maps(guided_maps(*ranges, FINE), COARSE // CELL)
 
 
 def fine_margin(layers: Tensor) -> Tensor:
@@ -87,13 +88,12 @@ def fine_margin(layers: Tensor) -> Tensor:
 
 
 def coarse_range(views: list[Tensor], cameras: list[Camera], target: Camera, near: float, far: float):
-    """(nearest, farthest) disparity [h, w] per cell of CELL x CELL pixels of the padded target."""
+    """(nearest, surface, farthest) disparity [h, w] per cell of CELL x CELL pixels of the padded target."""
     disparities = search_planes(cameras, target, near, far).to(views[0].dtype)
     height, width = (side // COARSE for side in padded_size(target.height, target.width))
     maps = disparities[:, None, None].expand(-1, height, width)
     costs = semi_global(layer_costs(views, cameras, target, maps, COARSE, WINDOWS[0]))
-    nearest, farthest = range_of(winner(costs, maps), float(disparities[0] - disparities[1]) / 2)
-    layers = fine_layers(nearest, farthest)
+    layers = fine_layers(*range_of(winner(costs, maps), float(disparities[0] - disparities[1]) / 2))
     costs = layer_costs(views, cameras, target, layers, CELL, WINDOWS[1])
     return range_of(winner(costs, layers), fine_margin(layers))
 

@@ -21,10 +21,11 @@ def uniform_planes(near: float, far: float, count: int) -> Tensor:
     return 1.0 / near + step * (1.0 / far - 1.0 / near)
 
 
-def guided_maps(nearest: Tensor, farthest: Tensor, count: int) -> Tensor:
-    """Divide the range [h, w] .. [h, w] of each coarse cell evenly: coarse maps [L, h, w], near -> far."""
+def guided_maps(nearest: Tensor, surface: Tensor, farthest: Tensor, count: int) -> Tensor:
+    """Divide the range (disparities [h, w] each) of each cell evenly: maps [L, h, w], near -> far. One map alone follows
+    the surface."""
     if count == 1:
-        return 0.5 * (nearest + farthest)[None]
+        return surface[None]
     step = torch.arange(count, dtype=nearest.dtype)[:, None, None] / (count - 1)
     return nearest + step * (farthest - nearest)
 

@@ -42,8 +42,8 @@ def composited(layers: tuple[Tensor, Tensor, Tensor], maps: Tensor, ids: list[in
 
 def layers_by_guide(case: Case) -> dict[str, Tensor]:
     """Guided layers [L, H8, W8] of each count; the search is done once."""
-    nearest_farthest = coarse_range(*case[:3], case.near, case.far)
-    return {f"guided {n}": upsample_maps(guided_maps(*nearest_farthest, n)) for n in GUIDED}
+    found = coarse_range(*case[:3], case.near, case.far)
+    return {f"guided {n}": upsample_maps(guided_maps(*found, n)) for n in GUIDED}
 
 
 def uniform_maps(case: Case, count: int) -> Tensor:

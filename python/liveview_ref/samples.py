@@ -91,11 +91,11 @@ def make_example(rng: np.random.Generator, source, config: dict) -> Example:
     views, cameras = [views[i] for i in order], [cameras[i] for i in order]
     near, far = near * np.exp(rng.uniform(-0.2, 0.05)), far * np.exp(rng.uniform(-0.05, 0.2))
     if rng.random() < config["guided"]:
-        nearest, farthest = coarse_range(views, cameras, target, near, far)
+        nearest, surface, farthest = coarse_range(views, cameras, target, near, far)
         widen = np.exp(rng.uniform(-0.2, 0.4))
         middle, half = (nearest + farthest) / 2, (nearest - farthest) / 2 * widen
         count = int(rng.choice(config["guided_layers"]))
-        maps = upsample_maps(guided_maps(middle + half, (middle - half).clamp(min=0), count))
+        maps = upsample_maps(guided_maps(middle + half, surface, (middle - half).clamp(min=0), count))
     else:
         planes = uniform_planes(near, far, int(rng.choice(config["uniform_planes"])))
         maps = planes.float()[:, None, None].expand(-1, target.height, target.width).contiguous()

@@ -158,13 +158,13 @@ def fine(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 def ranges(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """Nearest and farthest disparity of each cell [2, h, w], and the layers that divide that range [L, h, w]."""
+    """Nearest, surface and farthest disparity of each cell [3, h, w], and the layers that divide that range [L, h, w]."""
     if "fine" not in data:
         return {}
     margin = guide.fine_margin(tensor(data, "fine_layers", dtype))
-    nearest, farthest = guide.range_of(tensor(data, "fine", dtype), margin)
-    divided = guide.guided_maps(nearest, farthest, len(data["cell_maps"]))
-    return {"range": torch.stack([nearest, farthest]).numpy(), "cell_maps": divided.numpy()}
+    found = guide.range_of(tensor(data, "fine", dtype), margin)
+    divided = guide.guided_maps(*found, len(data["cell_maps"]))
+    return {"range": torch.stack(found).numpy(), "cell_maps": divided.numpy()}
 
 
 def best_layer(data: Arrays) -> np.ndarray:

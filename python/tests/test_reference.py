@@ -144,11 +144,12 @@ def test_guided_layers_enclose_the_surface():
         wall = camera.cropped(-100, -100, 256, 256)
         wall = type(wall)(wall.k, target.rotation, target.translation, 256, 256)
         seen.append(warp_maps(texture, wall, camera, plane)[0][0])
-    nearest, farthest = guide.coarse_range(seen, cameras, target, 1.0, 8.0)
+    nearest, surface, farthest = guide.coarse_range(seen, cameras, target, 1.0, 8.0)
     outside = torch.maximum(0.5 - nearest, farthest - 0.5).clamp(min=0)
-    pixels = outside * max(50 * float((c.centre - target.centre).norm()) for c in cameras)
-    assert pixels.max() < 0.5 and (outside == 0).double().mean() > 0.8
+    scale = max(50 * float((c.centre - target.centre).norm()) for c in cameras)  # pixels per unit of disparity
+    assert scale * outside.max() < 0.5 and (outside == 0).double().mean() > 0.8
     assert (nearest - farthest).mean() < 0.05 * (1 - 1 / 8)
+    assert scale * (surface - 0.5).abs().median() < 0.1
 
 
 def test_a_scene_of_one_plane_comes_out_whatever_the_network_says():

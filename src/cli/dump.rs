@@ -175,7 +175,9 @@ fn write_search(found: Search, arrays: &mut Arrays) -> Result<()> {
     arrays.add("fine_layers", found.fine_layers)?;
     arrays.add("fine_costs", found.fine_costs)?;
     arrays.add("fine", found.fine)?;
-    arrays.add("range", ndarray::stack![Axis(0), found.range.nearest().view(), found.range.farthest().view()])
+    let range = &found.range;
+    let maps = [range.nearest(), range.surface(), range.farthest()].map(|map| map.view());
+    arrays.add("range", ndarray::stack(Axis(0), &maps)?)
 }
 
 /// The layers as they were asked for: planes and their homographies, or maps on cells.

@@ -8,10 +8,13 @@ use clap::Args;
 use liveview::layers::Layers;
 use liveview::network::OrtNetwork;
 
-/// Options that choose the layers of a render; at most one of the first four.
+/// Options that choose the layers of a render; at most one of the first six.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Layers (default: what the model recommends)")]
 pub(super) struct LayerArgs {
+    /// A choice of layers that was measured (README, "Error against run time")
+    #[arg(long, value_enum, group = "layers")]
+    quality: Option<Quality>,
     /// L layers that follow the scene: each pixel's own range of depths, found by a coarse pass
     #[arg(long, value_name = "L", value_parser = super::count, group = "layers")]
     guided: Option<usize>,
@@ -25,12 +28,40 @@ pub(super) struct LayerArgs {
     /// (a path keeps the planes of its first frame)
     #[arg(long, value_name = "K", value_parser = super::count, group = "layers")]
     select: Option<usize>,
+    /// K planes where the scene is: 1-D k-means over the disparities that the coarse pass finds
+    #[arg(long, value_name = "K", value_parser = super::count, group = "layers")]
+    kmeans: Option<usize>,
     /// Planes to select from
     #[arg(long, value_name = "D", default_value = "64", value_parser = super::count)]
     pub(super) select_from: usize,
-    /// Planes of the coarse pass of guided layers [default: one per four pixels of parallax, 16 to 128]
+    /// Planes of the coarse pass of guided layers and of k-means [default: one per four pixels of parallax, 16 to 128]
     #[arg(long, value_name = "D", value_parser = super::two_or_more)]
     pub(super) coarse_planes: Option<usize>,
+}
+
+/// What to give for what time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Quality {
+    /// 2 guided layers: the fastest
+    Draft,
+    /// 4 guided layers
+    Balanced,
+    /// 8 guided layers
+    Full,
+    /// The paper's: 16 planes selected from 64
+    Paper,
+}
+
+impl Quality {
+    fn recipe(self, coarse_planes: Option<usize>) -> Recipe {
+        let guided = |layers| Recipe::Guided { layers, coarse_planes };
+        match self {
+            Self::Draft => guided(2),
+            Self::Balanced => guided(4),
+            Self::Full => guided(8),
+            Self::Paper => Recipe::Select { keep: 16, from: 64 },
+        }
+    }
 }
 
 /// A valid list of disparities, near → far.
@@ -60,20 +91,24 @@ pub(super) enum Recipe {
     Disparities(Vec<f64>),
     /// The fullest `keep` of `from` planes.
     Select { keep: usize, from: usize },
+    /// Planes where the coarse pass finds the scene.
+    KMeans { planes: usize, coarse_planes: Option<usize> },
 }
 
 impl fmt::Display for Recipe {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Guided { layers, coarse_planes: Some(planes) } => {
-                write!(f, "guided {layers} (coarse pass of {planes} planes)")
-            }
-            Self::Guided { layers, coarse_planes: None } => write!(f, "guided {layers}"),
+            Self::Guided { layers, coarse_planes } => write!(f, "guided {layers}{}", of_coarse(*coarse_planes)),
+            Self::KMeans { planes, coarse_planes } => write!(f, "kmeans {planes}{}", of_coarse(*coarse_planes)),
             Self::Planes(planes) => write!(f, "planes {planes}"),
             Self::Disparities(list) => write!(f, "{} planes as given", list.len()),
             Self::Select { keep, from } => write!(f, "select {keep} of {from} planes"),
         }
     }
+}
+
+fn of_coarse(planes: Option<usize>) -> String {
+    planes.map(|planes| format!(" (coarse pass of {planes} planes)")).unwrap_or_default()
 }
 
 impl Recipe {
@@ -92,6 +127,12 @@ impl LayerArgs {
         let guided = |layers| Recipe::Guided { layers, coarse_planes: self.coarse_planes };
         if let Some(layers) = self.guided {
             return Ok(guided(layers));
+        }
+        if let Some(quality) = self.quality {
+            return Ok(quality.recipe(self.coarse_planes));
+        }
+        if let Some(planes) = self.kmeans {
+            return Ok(Recipe::KMeans { planes, coarse_planes: self.coarse_planes });
         }
         if let Some(Disparities(list)) = &self.disparities {
             return Ok(Recipe::Disparities(list.clone()));

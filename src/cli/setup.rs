@@ -11,7 +11,7 @@ use liveview::guide::{CoarsePass, Search};
 use liveview::layers::{Layers, padded, uniform_disparities};
 use liveview::render::{Frame, warp_sources};
 use liveview::scene::{Scene, SceneOptions};
-use liveview::select::{plane_histogram, select_planes};
+use liveview::select::{kmeans_planes, plane_histogram, select_planes};
 use liveview::views::{SourceView, choose_views};
 use liveview::warp::Texture;
 
@@ -157,7 +157,7 @@ pub(super) struct Shot {
 /// The layers of a shot, and what finding them took.
 pub(super) struct Planned {
     pub(super) layers: Layers,
-    /// The coarse pass of guided layers.
+    /// The coarse pass of guided layers or k-means planes.
     pub(super) coarse: Duration,
     /// The render that planes were selected from.
     pub(super) select: Duration,
@@ -208,6 +208,11 @@ impl Job {
             Recipe::Guided { layers, coarse_planes } => {
                 let found = self.photos.search(shot, coarse_planes)?;
                 Ok(Planned { coarse: started.elapsed(), ..planned(Layers::guided(&found.range, layers)?) })
+            }
+            Recipe::KMeans { planes, coarse_planes } => {
+                let found = self.photos.search(shot, coarse_planes)?;
+                let chosen = kmeans_planes(found.fine.as_slice().expect("standard order"), planes);
+                Ok(Planned { coarse: started.elapsed(), ..planned(Layers::planes(&chosen)?) })
             }
             Recipe::Planes(count) => Ok(planned(Layers::uniform(shot.near, shot.far, count)?)),
             Recipe::Disparities(ref list) => Ok(planned(Layers::planes(list)?)),
