@@ -66,8 +66,8 @@ def median3(x: Tensor) -> Tensor:
 
 
 def range_of(disparity: Tensor, margin: float | Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Disparity found [h, w] -> (nearest, surface, farthest) [h, w]: the surface is median-filtered; its neighbourhood's
-    extremes, a margin (disparity, [h, w] or one for all) wider and smoothed, are the range."""
+    """Disparity found [h, w] -> (nearest, surface, farthest) [h, w]: the surface is median-filtered; the extremes of
+    its neighbourhood, a margin (disparity, [h, w] or one for all) wider and smoothed, are the range."""
     surface = median3(disparity)
     disparity = surface[None, None]
     nearest = F.max_pool2d(disparity, 3, 1, 1) + margin

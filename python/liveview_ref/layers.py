@@ -22,8 +22,8 @@ def uniform_planes(near: float, far: float, count: int) -> Tensor:
 
 
 def guided_maps(nearest: Tensor, surface: Tensor, farthest: Tensor, count: int) -> Tensor:
-    """Divide the range (disparities [h, w] each) of each cell evenly: maps [L, h, w], near -> far. One map alone follows
-    the surface."""
+    """Divide the range (disparities [h, w] each) of each cell evenly: maps [L, h, w], near -> far. One map alone
+    follows the surface."""
     if count == 1:
         return surface[None]
     step = torch.arange(count, dtype=nearest.dtype)[:, None, None] / (count - 1)

@@ -158,7 +158,7 @@ def fine(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 def ranges(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """Nearest, surface and farthest disparity of each cell [3, h, w], and the layers that divide that range [L, h, w]."""
+    """Nearest, surface and farthest disparity of each cell [3, h, w]; the layers that divide that range [L, h, w]."""
     if "fine" not in data:
         return {}
     margin = guide.fine_margin(tensor(data, "fine_layers", dtype))
