@@ -1,6 +1,7 @@
 //! The `liveview` command; `liveview --help` says what it does.
 
 mod cli;
+mod report;
 
 fn main() -> std::process::ExitCode {
     cli::run()

@@ -18,7 +18,7 @@ use serde_json::json;
 use super::Report;
 use super::engine::EngineArgs;
 use super::layers::{LayerArgs, Recipe};
-use super::setup::{Job, SceneArgs, Shot};
+use super::setup::{Job, Photos, SceneArgs, Shot};
 use super::targets::held_out;
 
 /// Options of `liveview dump`.
@@ -39,19 +39,19 @@ pub(super) struct DumpArgs {
 }
 
 /// The arrays of a file that appears only once it is whole.
-struct Arrays {
+pub(super) struct Arrays {
     file: NpzWriter<File>,
     temporary: PathBuf,
 }
 
 impl Arrays {
-    fn create(path: &Path) -> Result<Self> {
+    pub(super) fn create(path: &Path) -> Result<Self> {
         let temporary = path.with_extension(format!("{}.tmp", std::process::id()));
         let file = File::create(&temporary).with_context(|| format!("{}: cannot be written", path.display()))?;
         Ok(Self { file: NpzWriter::new(file), temporary })
     }
 
-    fn add<A: WritableElement, D: Dimension>(&mut self, name: &str, array: Array<A, D>) -> Result<()> {
+    pub(super) fn add<A: WritableElement, D: Dimension>(&mut self, name: &str, array: Array<A, D>) -> Result<()> {
         Ok(self.file.add_array(name, &array)?)
     }
 
@@ -60,6 +60,22 @@ impl Arrays {
         self.add(&format!("{name}.k"), matrix(camera.k()))?;
         self.add(&format!("{name}.rotation"), matrix(camera.rotation()))?;
         self.add(&format!("{name}.translation"), Array1::from_vec(camera.translation().to_array().to_vec()))
+    }
+
+    /// The photos that a shot is rendered from, their cameras, and the target's.
+    pub(super) fn add_rig(&mut self, photos: &Photos, shot: &Shot) -> Result<()> {
+        for (index, &view) in shot.views.iter().enumerate() {
+            self.add_camera(&format!("view{index}"), &photos.scene.views[view].camera)?;
+            self.add_image(&format!("view{index}.image"), &photos.scene.load_image(view)?)?;
+        }
+        self.add_camera("target", &shot.target)?;
+        self.add("target.size", Array1::from_vec(vec![shot.target.width() as i64, shot.target.height() as i64]))
+    }
+
+    /// Gives the file its name.
+    pub(super) fn finish(self, path: &Path) -> Result<()> {
+        self.file.finish()?;
+        Ok(std::fs::rename(&self.temporary, path)?)
     }
 
     fn add_image(&mut self, name: &str, image: &ImageRgb) -> Result<()> {
@@ -129,11 +145,11 @@ pub(super) fn run(args: &DumpArgs) -> Result<Report> {
     job.photos.tell_notes();
     job.photos.load(&shot.views, &[])?;
     let mut arrays = Arrays::create(&args.output)?;
-    let written = write(&mut job, &shot, &mut arrays).and_then(|()| Ok(arrays.file.finish()?));
-    let finished = written.and_then(|_| Ok(std::fs::rename(&arrays.temporary, &args.output)?));
+    let temporary = arrays.temporary.clone();
+    let finished = write(&mut job, &shot, &mut arrays).and_then(|()| arrays.finish(&args.output));
     if let Err(error) = finished {
         // Best effort: the error itself is what the user needs.
-        let _ = std::fs::remove_file(&arrays.temporary);
+        let _ = std::fs::remove_file(&temporary);
         return Err(error.context(format!("{}: cannot be written", args.output.display())));
     }
     let json = json!({
@@ -145,12 +161,7 @@ pub(super) fn run(args: &DumpArgs) -> Result<Report> {
 }
 
 fn write(job: &mut Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
-    for (index, &view) in shot.views.iter().enumerate() {
-        arrays.add_camera(&format!("view{index}"), &job.photos.scene.views[view].camera)?;
-        arrays.add_image(&format!("view{index}.image"), &job.photos.scene.load_image(view)?)?;
-    }
-    arrays.add_camera("target", &shot.target)?;
-    arrays.add("target.size", Array1::from_vec(vec![shot.target.width() as i64, shot.target.height() as i64]))?;
+    arrays.add_rig(&job.photos, shot)?;
     let layers = if let Recipe::Guided { layers, coarse_planes } = job.recipe {
         let found = job.photos.search(shot, coarse_planes)?;
         let layers = Layers::guided(&found.range, layers)?;

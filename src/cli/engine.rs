@@ -44,9 +44,23 @@ pub(super) struct Engine {
 }
 
 impl EngineArgs {
+    /// The same options on a command line.
+    pub(super) fn to_args(&self) -> Vec<String> {
+        let mut args = vec![format!("--threads={}", self.threads()), format!("--batch={}", self.batch)];
+        args.extend(self.views.map(|views| format!("--views={views}")));
+        args.extend(self.model.as_ref().map(|model| format!("--model={}", super::shown(model))));
+        args.extend(self.ort_lib.as_ref().map(|library| format!("--ort-lib={}", super::shown(library))));
+        args
+    }
+
+    /// As given, else one per core.
+    pub(super) fn threads(&self) -> usize {
+        self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, Into::into))
+    }
+
     /// Sets the threads of everything but the network; once per process, before any other work.
     pub(super) fn set_threads(&self) -> Result<usize> {
-        let threads = self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, Into::into));
+        let threads = self.threads();
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
         Ok(threads)
     }
@@ -75,6 +89,11 @@ impl EngineArgs {
 }
 
 impl Engine {
+    /// What runs the network, in a few words.
+    pub(super) fn name(&self) -> String {
+        "ONNX Runtime".to_owned()
+    }
+
     pub(super) fn network(&self) -> &OrtNetwork {
         self.renderer.network()
     }

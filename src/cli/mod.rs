@@ -12,8 +12,11 @@ mod render;
 mod report;
 mod select;
 mod setup;
+mod sweep;
 mod targets;
 mod video;
+mod worker;
+mod workers;
 
 use std::fmt::Display;
 use std::io::Write;
@@ -23,6 +26,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
+
+pub(crate) use render::SCORE_BORDER;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -58,6 +63,11 @@ enum Command {
     Select(select::SelectArgs),
     /// Write every stage of one render as arrays (.npz), to hold against the Python reference
     Dump(dump::DumpArgs),
+    /// Measure error against run time: kinds and numbers of layers, and the Python reference beside them
+    Sweep(sweep::SweepArgs),
+    /// One configuration of a sweep, driven over JSON lines
+    #[command(hide = true)]
+    Worker(worker::WorkerArgs),
 }
 
 /// What a command has to say on stdout.
@@ -73,6 +83,10 @@ pub(crate) fn run() -> ExitCode {
         Command::Inspect(args) => inspect::run(args),
         Command::Select(args) => select::run(args),
         Command::Dump(args) => dump::run(args),
+        Command::Sweep(args) => sweep::run(args),
+        Command::Worker(args) => {
+            worker::run(args).map(|()| Report { text: String::new(), json: serde_json::Value::Null })
+        }
     };
     match report {
         Ok(Report { text, json }) => {

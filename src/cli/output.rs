@@ -234,7 +234,7 @@ pub(super) fn bytes(picture: &ImageRgb) -> Vec<u8> {
 }
 
 /// All of a file or nothing: under a temporary name first.
-fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
+pub(super) fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
     let temporary = temporary(path);
     std::fs::write(&temporary, contents).and_then(|()| std::fs::rename(&temporary, path)).map_err(|error| {
         // It failed already; a leftover that cannot be removed adds nothing to that.

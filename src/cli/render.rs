@@ -25,7 +25,7 @@ Examples:
   liveview render scene --path circle:120 --select 16 --width 640 -o flight.mp4";
 
 /// Pixels left out at each side of a picture when it is scored.
-pub(super) const SCORE_BORDER: usize = 16;
+pub(crate) const SCORE_BORDER: usize = 16;
 
 /// Options of `liveview render`.
 #[derive(Debug, Args)]
@@ -91,7 +91,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<Report> {
         let photos = started.elapsed();
         // The paper's video: what the first frame selects serves the others.
         let Planned { layers, coarse, select } = match kept.take() {
-            Some(layers) => Planned { layers, coarse: Duration::ZERO, select: Duration::ZERO },
+            Some(layers) => Planned::known(layers),
             None => job.layers(&shot)?,
         };
         let mut frame = job.render(&shot, &layers)?;

@@ -117,7 +117,7 @@ fn finish(text: &mut String, done: &[Rendered]) {
 }
 
 /// The most memory that the process has held so far, where the system tells it (Linux).
-fn peak_memory() -> Option<u64> {
+pub(super) fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let kilobytes = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"))?;
     Some(1024 * kilobytes.trim().parse::<u64>().ok()?)
@@ -143,7 +143,7 @@ fn mean(done: &[Rendered]) -> Option<(f64, f64)> {
 
 const STAGES: usize = 6;
 
-fn stages(times: &Times) -> [(&'static str, Duration); STAGES] {
+pub(super) fn stages(times: &Times) -> [(&'static str, Duration); STAGES] {
     let Times { photos, coarse, select, stages } = *times;
     [
         ("photos", photos),

@@ -1,6 +1,6 @@
 //! What every command that renders starts from: an open scene, the views and the depth range of each target, its layers.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, anyhow};
@@ -20,13 +20,13 @@ use super::layers::{LayerArgs, Recipe};
 use super::targets::Targets;
 
 /// Options that say what the scene is.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub(super) struct SceneArgs {
     /// Folder of posed photos: transforms.json, COLMAP, LLFF, RealEstate10K or Spaces
     scene: PathBuf,
     /// Scale photos wider than this down on load, their intrinsics with them
     #[arg(long, value_name = "PIXELS", value_parser = super::count)]
-    width: Option<usize>,
+    pub(super) width: Option<usize>,
     /// Folder of the photos in an LLFF, RealEstate10K or COLMAP scene [default: the usual ones]
     #[arg(long, value_name = "NAME")]
     images: Option<String>,
@@ -50,6 +50,26 @@ pub(super) struct Photos {
 }
 
 impl SceneArgs {
+    /// The folder of the scene.
+    pub(super) fn folder(&self) -> &Path {
+        &self.scene
+    }
+
+    /// The same scene with its photos scaled to another width.
+    pub(super) fn with_width(&self, width: Option<usize>) -> Self {
+        Self { width, ..self.clone() }
+    }
+
+    /// The same options on a command line.
+    pub(super) fn to_args(&self) -> Vec<String> {
+        let mut args = vec![super::shown(&self.scene), format!("--rig-position={}", self.rig_position)];
+        args.extend(self.width.map(|width| format!("--width={width}")));
+        args.extend(self.images.as_ref().map(|images| format!("--images={images}")));
+        args.extend(self.near.map(|near| format!("--near={near}")));
+        args.extend(self.far.map(|far| format!("--far={far}")));
+        args
+    }
+
     /// Opens the scene.
     pub(super) fn open(&self) -> Result<Photos> {
         let options = SceneOptions { width: self.width, images: self.images.clone(), rig_position: self.rig_position };
@@ -172,6 +192,13 @@ pub(super) struct Job {
     pub(super) progress: ProgressBar,
 }
 
+impl Planned {
+    /// Layers that are known already.
+    pub(super) fn known(layers: Layers) -> Self {
+        Self { layers, coarse: Duration::ZERO, select: Duration::ZERO }
+    }
+}
+
 impl Job {
     pub(super) fn open(photos: Photos, layers: &LayerArgs, engine: &EngineArgs) -> Result<Self> {
         let engine = engine.open()?;
@@ -203,7 +230,7 @@ impl Job {
     /// The layers of a shot whose photos are loaded.
     pub(super) fn layers(&mut self, shot: &Shot) -> Result<Planned> {
         let started = Instant::now();
-        let planned = |layers| Planned { layers, coarse: Duration::ZERO, select: Duration::ZERO };
+        let planned = Planned::known;
         match self.recipe {
             Recipe::Guided { layers, coarse_planes } => {
                 let found = self.photos.search(shot, coarse_planes)?;

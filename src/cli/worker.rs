@@ -1,0 +1,112 @@
+//! `liveview worker`: one configuration of `liveview sweep` in a process of its own, so that its peak memory is its own and
+//! engines that need different libraries can be timed in turn.
+//!
+//! Speaks JSON lines: `{"ready": true, …}` once; then for each `{"run": true, "target": 0, "frame": "a.npy"}` one render,
+//! answered by `{"seconds": {stage: time}, "peak_memory_bytes": …}`; ends with its input. The picture is saved, as it was
+//! rendered, where `frame` says so. The Python worker (`liveview_ref.worker`) speaks the same.
+
+use std::io::{BufRead, Write};
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow};
+use clap::Args;
+use liveview::image_io::ImageRgb;
+use liveview::layers::Layers;
+use ndarray::ArrayView3;
+use serde_json::{Value, json};
+
+use super::engine::EngineArgs;
+use super::layers::{LayerArgs, Recipe};
+use super::render::Times;
+use super::report::{peak_memory, stages};
+use super::setup::{Job, Planned, SceneArgs, Shot};
+use super::targets::held_out;
+
+/// Options of `liveview worker`.
+#[derive(Debug, Args)]
+pub(super) struct WorkerArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Views to render, by name; all are held out
+    #[arg(long, value_name = "NAME", value_delimiter = ',', required = true)]
+    target: Vec<String>,
+    #[command(flatten)]
+    layers: LayerArgs,
+    #[command(flatten)]
+    engine: EngineArgs,
+}
+
+/// What a worker renders, and what it keeps between runs.
+struct Worker {
+    job: Job,
+    shots: Vec<Shot>,
+    /// The paper's video: planes once selected serve the frames that follow.
+    kept: Vec<Option<Layers>>,
+}
+
+pub(super) fn run(args: &WorkerArgs) -> Result<()> {
+    let photos = args.scene.open()?;
+    let mut job = Job::open(photos, &args.layers, &args.engine)?;
+    let views = args.target.iter().map(|name| Ok(job.photos.scene.view_index(name)?)).collect::<Result<_>>()?;
+    let targets = held_out(&job.photos, views);
+    let shots = job.shots(targets)?;
+    for (index, shot) in shots.iter().enumerate() {
+        job.photos.load(&shot.views, &shots[index..])?;
+    }
+    let sources = |shot: &Shot| job.photos.names(&shot.views).into_iter().map(str::to_owned).collect::<Vec<_>>();
+    say(&json!({
+        "ready": true, "engine": job.engine.name(), "layers": job.recipe.to_string(),
+        "model": super::shown(job.engine.network().path()), "views": shots.iter().map(sources).collect::<Vec<_>>(),
+    }))?;
+    let mut worker = Worker { kept: shots.iter().map(|_| None).collect(), job, shots };
+    for line in std::io::stdin().lock().lines() {
+        let asked: Value = serde_json::from_str(&line?)?;
+        if asked["run"] != true {
+            break;
+        }
+        let answer = worker.render(asked["target"].as_u64().unwrap_or(0) as usize, asked["frame"].as_str())?;
+        say(&answer)?;
+    }
+    Ok(())
+}
+
+impl Worker {
+    fn render(&mut self, target: usize, frame: Option<&str>) -> Result<Value> {
+        let shot = self.shots.get(target).ok_or_else(|| anyhow!("target {target}: there are {}", self.shots.len()))?;
+        let later = &self.shots;
+        self.job.photos.load(&shot.views, later)?;
+        let planned = match self.kept[target].take() {
+            Some(layers) => Planned::known(layers),
+            None => self.job.layers(shot)?,
+        };
+        let rendered = self.job.render(shot, &planned.layers)?;
+        if let Some(path) = frame {
+            save(path.as_ref(), &rendered.picture)?;
+        }
+        let times = Times {
+            photos: std::time::Duration::ZERO,
+            coarse: planned.coarse,
+            select: planned.select,
+            stages: rendered.times,
+        };
+        let seconds = stages(&times).map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
+        let layers = planned.layers.len();
+        self.kept[target] = Some(planned.layers).filter(|_| matches!(self.job.recipe, Recipe::Select { .. }));
+        Ok(json!({
+            "seconds": seconds.into_iter().filter(|(stage, _)| stage != "photos").collect::<serde_json::Map<_, _>>(),
+            "layers": layers, "peak_memory_bytes": peak_memory(),
+        }))
+    }
+}
+
+/// A picture as float32 `[height, width, 3]`.
+fn save(path: &Path, picture: &ImageRgb) -> Result<()> {
+    let pixels = ArrayView3::from_shape((picture.height(), picture.width(), 3), picture.data())?;
+    ndarray_npy::write_npy(path, &pixels).with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+fn say(line: &Value) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "{line}")?;
+    Ok(out.flush()?)
+}

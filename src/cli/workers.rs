@@ -1,0 +1,66 @@
+//! Worker processes that `liveview sweep` drives over JSON lines.
+
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+
+/// A process that renders one configuration whenever it is asked; ended when dropped.
+pub(super) struct Worker {
+    process: Child,
+    to: Option<ChildStdin>,
+    from: BufReader<ChildStdout>,
+    program: String,
+}
+
+impl Worker {
+    /// Starts it, hands it its job if it takes one, and waits until it is ready; what it says of itself.
+    pub(super) fn start(program: &str, args: &[String], job: Option<&Value>) -> Result<(Self, Value)> {
+        let mut command = Command::new(program);
+        command.args(args).stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut process = command.spawn().with_context(|| format!("{program}: cannot be started"))?;
+        let (Some(to), Some(from)) = (process.stdin.take(), process.stdout.take()) else { unreachable!("both piped") };
+        let mut worker = Self { process, to: Some(to), from: BufReader::new(from), program: program.to_owned() };
+        if let Some(job) = job {
+            worker.say(job)?;
+        }
+        let ready = worker.listen()?;
+        Ok((worker, ready))
+    }
+
+    /// Says something and waits for the answer.
+    pub(super) fn ask(&mut self, line: &Value) -> Result<Value> {
+        self.say(line)?;
+        self.listen()
+    }
+
+    fn say(&mut self, line: &Value) -> Result<()> {
+        let Some(to) = &mut self.to else { unreachable!("closed only when dropped") };
+        let said = writeln!(to, "{line}").and_then(|()| to.flush());
+        said.with_context(|| format!("{}: ended before its time", self.program))
+    }
+
+    fn listen(&mut self) -> Result<Value> {
+        let mut line = String::new();
+        if self.from.read_line(&mut line)? == 0 {
+            bail!("{}: ended before its time; what it said of it stands above", self.program);
+        }
+        let told: Value =
+            serde_json::from_str(&line).with_context(|| format!("{}: said {:?}", self.program, line.trim()))?;
+        match told["error"].as_str() {
+            Some(error) => bail!("{}: {error}", self.program),
+            None => Ok(told),
+        }
+    }
+}
+
+impl Drop for Worker {
+    /// It ends with its input; one that does not is ended.
+    fn drop(&mut self) {
+        self.to = None;
+        if self.process.wait().is_err() {
+            let _ = self.process.kill();
+        }
+    }
+}
