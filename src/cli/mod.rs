@@ -5,6 +5,7 @@ mod engine;
 mod geometry;
 mod inspect;
 mod layers;
+mod measured;
 mod output;
 mod path;
 mod pose;
@@ -96,15 +97,22 @@ pub(crate) fn run() -> ExitCode {
             ExitCode::SUCCESS
         }
         Err(error) => {
-            // With those of its causes that it does not tell itself.
-            let told = error
-                .chain()
-                .map(ToString::to_string)
-                .reduce(|told, cause| if told.contains(&cause) { told } else { format!("{told}: {cause}") });
-            tell("error", told.unwrap_or_default());
+            let told = in_full(&error);
+            match &cli.command {
+                // To the sweep that started it, which tells.
+                Command::Worker(_) => drop(worker::say(&serde_json::json!({ "error": told }))),
+                _ => tell("error", told),
+            }
             ExitCode::from(2)
         }
     }
+}
+
+/// An error with those of its causes that it does not tell itself.
+fn in_full(error: &anyhow::Error) -> String {
+    let causes = error.chain().map(ToString::to_string);
+    let told = causes.reduce(|told, cause| if told.contains(&cause) { told } else { format!("{told}: {cause}") });
+    told.unwrap_or_default()
 }
 
 /// A path as JSON can hold it: serialising one that is not UTF-8 would panic.

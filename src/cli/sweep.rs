@@ -7,19 +7,18 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use liveview::image_io::ImageRgb;
 use liveview::layers::uniform_disparities;
-use liveview::metrics::{psnr, ssim};
-use ndarray::{Array1, Array3};
-use serde_json::{Value, json};
+use ndarray::Array1;
+use serde_json::json;
 
 use super::dump::Arrays;
 use super::engine::EngineArgs;
+use super::measured::{Measured, score_all};
 use super::output::write_whole;
-use super::render::SCORE_BORDER;
 use super::setup::{Photos, SceneArgs};
 use super::targets::held_out;
 use super::workers::Worker;
 use super::{Report, progress};
-use crate::report::{self, PixelError, Row, Score, Sweep};
+use crate::report::{self, Row, Sweep};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -75,77 +74,44 @@ fn kind_and_count(text: &str) -> Result<(String, usize), String> {
     Ok((kind.to_owned(), super::count(number.trim())?))
 }
 
-/// A configuration that is being measured.
-struct Measured {
-    worker: Worker,
-    row: Row,
-    /// The pictures of all targets that it renders.
-    pictures: Vec<ImageRgb>,
-}
-
 pub(super) fn run(args: &SweepArgs) -> Result<Report> {
-    fs::create_dir_all(&args.output).with_context(|| format!("-o {}: cannot be written", args.output.display()))?;
     let folder = tempfile::tempdir().context("a folder for what the workers hand over")?;
     let widths =
         if args.widths.is_empty() { vec![args.scene.width] } else { args.widths.iter().copied().map(Some).collect() };
     let bar = progress()?;
-    let mut all = Vec::new();
-    let mut model = String::new();
-    for width in widths {
+    let (mut all, mut model) = (Vec::new(), String::new());
+    for (index, width) in widths.into_iter().enumerate() {
         let scene = args.scene.with_width(width);
         let photos = scene.open()?;
-        if all.is_empty() {
+        if index == 0 {
             photos.tell_notes();
         }
         let truths = truths(args, &photos)?;
-        let started = all.len();
+        let mut measured = Vec::new();
         for (kind, count) in &args.layers {
-            let layers = [format!("--{kind}"), count.to_string()];
-            let mut command = vec!["worker".to_owned()];
-            command.extend(
-                [scene.to_args(), args.engine.to_args(), vec!["--target".into(), args.target.join(",")], layers.into()]
-                    .concat(),
-            );
-            let (worker, ready) = Worker::start(&std::env::current_exe()?.display().to_string(), &command, None)?;
+            let name = format!("{kind} {count}");
+            let (worker, ready) = Worker::start(&name, &worker_command(args, &scene, kind, *count)?, None)?;
             model = ready["model"].as_str().unwrap_or_default().to_owned();
-            let row = row(&ready, ready["layers"].as_str().unwrap_or_default(), false, &truths[0]);
-            all.push(Measured { worker, row, pictures: Vec::new() });
+            let layers = ready["layers"].as_str().unwrap_or(&name);
+            measured.push(Measured::new(worker, Row::new(layers, &ready, false, size(&truths[0]))));
         }
         if let Some(command) = &args.reference {
-            let planes = args.layers.iter().filter(|(kind, _)| kind == "planes").map(|&(_, count)| count).max();
-            let Some(planes) = planes else { bail!("--reference: expected planes among --layers, to measure it on") };
-            let job = folder.path().join(format!("job_{started}.npz"));
-            write_job(&job, args, &photos, planes)?;
-            for engine in REFERENCES {
-                let weights = Path::new(&model).with_extension("pt");
-                let job = json!({
-                    "job": super::shown(&job), "model": model, "weights": weights.is_file().then(|| super::shown(&weights)),
-                    "engine": engine, "threads": args.engine.threads(), "batch": args.engine.batch,
-                });
-                let mut words = command.split_whitespace().map(str::to_owned);
-                let program = words.next().unwrap_or_default();
-                let (worker, ready) = Worker::start(&program, &words.collect::<Vec<_>>(), Some(&job))?;
-                let mut row = row(&ready, &format!("planes {planes}"), true, &truths[0]);
-                row.count = planes;
-                all.push(Measured { worker, row, pictures: Vec::new() });
-            }
+            measured.extend(references(args, command, &photos, &model, folder.path(), size(&truths[0]))?);
         }
-        bar.inc_length(((all.len() - started) * (args.repetitions + 1)) as u64);
-        for measured in &mut all[started..] {
-            bar.set_message(format!("{}, {}", measured.row.layers, measured.row.engine));
-            measured.warm_up(&truths, folder.path())?;
+        fs::create_dir_all(&args.output).with_context(|| format!("-o {}: cannot be written", args.output.display()))?;
+        bar.inc_length((measured.len() * (args.repetitions + 1)) as u64);
+        for one in &mut measured {
+            bar.set_message(one.row.name());
+            one.warm_up(truths.len(), folder.path())?;
             bar.inc(1);
         }
-        let dense = (started..all.len()).filter(|&i| !all[i].row.reference && all[i].row.layers.starts_with("planes "));
-        let dense = dense.max_by_key(|&i| all[i].row.count).map(|i| all[i].pictures.clone());
-        for measured in &mut all[started..] {
-            measured.score(&truths, dense.as_deref());
-        }
+        score_all(&mut measured, &truths);
+        all.extend(measured);
     }
     for _ in 0..args.repetitions {
-        for measured in &mut all {
-            bar.set_message(format!("{}, {}", measured.row.layers, measured.row.engine));
-            measured.time()?;
+        for one in &mut all {
+            bar.set_message(one.row.name());
+            one.time()?;
             bar.inc(1);
         }
     }
@@ -178,70 +144,43 @@ fn truths(args: &SweepArgs, photos: &Photos) -> Result<Vec<ImageRgb>> {
     views.collect()
 }
 
-fn row(ready: &Value, layers: &str, reference: bool, truth: &ImageRgb) -> Row {
-    Row {
-        layers: layers.to_owned(),
-        engine: ready["engine"].as_str().unwrap_or("unnamed").to_owned(),
-        reference,
-        size: (truth.width(), truth.height()),
-        count: 0,
-        runs: Vec::new(),
-        once: 0.0,
-        score: None,
-        error: None,
-        peak_memory_bytes: None,
-    }
+fn size(picture: &ImageRgb) -> (usize, usize) {
+    (picture.width(), picture.height())
 }
 
-impl Measured {
-    /// Renders every target once and keeps the pictures; a reference renders the first alone.
-    fn warm_up(&mut self, truths: &[ImageRgb], folder: &Path) -> Result<()> {
-        let targets = if self.row.reference { 1 } else { truths.len() };
-        for target in 0..targets {
-            let frame = folder.join("frame.npy");
-            let answer = self.worker.ask(&json!({ "run": true, "target": target, "frame": super::shown(&frame) }))?;
-            let pixels: Array3<f32> = ndarray_npy::read_npy(&frame).context("the picture that a worker handed over")?;
-            let (height, width, _) = pixels.dim();
-            self.pictures.push(ImageRgb::new(width, height, pixels.iter().copied().collect())?);
-            if let (0, Some(once)) = (target, answer["seconds"]["select"].as_f64()) {
-                self.row.once = once;
-            }
-            if let Some(count) = answer["layers"].as_u64() {
-                self.row.count = count as usize;
-            }
-        }
-        Ok(())
-    }
+/// `liveview worker …`
+fn worker_command(args: &SweepArgs, scene: &SceneArgs, kind: &str, count: usize) -> Result<Vec<String>> {
+    let mut command = vec![super::shown(&std::env::current_exe()?), "worker".to_owned()];
+    command.extend(scene.to_args());
+    command.extend(args.engine.to_args());
+    command.extend([format!("--target={}", args.target.join(",")), format!("--{kind}={count}")]);
+    Ok(command)
+}
 
-    fn time(&mut self) -> Result<()> {
-        let answer = self.worker.ask(&json!({ "run": true, "target": 0 }))?;
-        let Some(seconds) = answer["seconds"].as_object() else { bail!("{}: told no times", self.row.engine) };
-        let stages = seconds.iter().map(|(stage, time)| (stage.clone(), time.as_f64().unwrap_or(f64::NAN)));
-        self.row.runs.push(stages.collect());
-        self.row.peak_memory_bytes = answer["peak_memory_bytes"].as_u64();
-        Ok(())
-    }
-
-    fn score(&mut self, truths: &[ImageRgb], dense: Option<&[ImageRgb]>) {
-        let count = self.pictures.len() as f64;
-        let mean = |of: &dyn Fn(&ImageRgb, &ImageRgb) -> f64| {
-            self.pictures.iter().zip(truths).map(|(picture, truth)| of(picture, truth)).sum::<f64>() / count
-        };
-        let score = Score {
-            psnr: mean(&|picture, truth| psnr(picture, truth, SCORE_BORDER)),
-            ssim: mean(&|picture, truth| ssim(picture, truth, SCORE_BORDER)),
-        };
-        self.row.score = Some(score).filter(|score| score.psnr.is_finite() && score.ssim.is_finite());
-        self.row.error = dense.map(|dense| {
-            let apart = self.pictures.iter().zip(dense).flat_map(|(a, b)| a.data().iter().zip(b.data()));
-            let (max, sum, values) = apart.fold((0.0, 0.0, 0), |(max, sum, values): (f64, f64, usize), (a, b)| {
-                let apart = f64::from((a - b).abs());
-                (max.max(apart), sum + apart, values + 1)
-            });
-            PixelError { max, mean: sum / values as f64 }
+/// The reference implementations, on the most planes.
+fn references(
+    args: &SweepArgs,
+    command: &str,
+    photos: &Photos,
+    model: &str,
+    folder: &Path,
+    size: (usize, usize),
+) -> Result<Vec<Measured>> {
+    let planes = args.layers.iter().filter(|(kind, _)| kind == "planes").map(|&(_, count)| count).max();
+    let Some(planes) = planes else { bail!("--reference: expected planes among --layers, to measure it on") };
+    let file = folder.join(format!("job_{}.npz", size.0));
+    write_job(&file, args, photos, planes)?;
+    let weights = Path::new(model).with_extension("pt");
+    let words: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
+    let start = |engine: &str| {
+        let job = json!({
+            "job": super::shown(&file), "model": model, "weights": weights.is_file().then(|| super::shown(&weights)),
+            "engine": engine, "threads": args.engine.threads(), "batch": args.engine.batch,
         });
-        self.pictures.clear();
-    }
+        let (worker, ready) = Worker::start(engine, &words, Some(&job))?;
+        Ok(Measured::new(worker, Row { count: planes, ..Row::new(&format!("planes {planes}"), &ready, true, size) }))
+    };
+    REFERENCES.into_iter().map(start).collect()
 }
 
 /// What a reference renders: the first target on uniform planes, everything chosen.

@@ -105,7 +105,7 @@ fn save(path: &Path, picture: &ImageRgb) -> Result<()> {
     ndarray_npy::write_npy(path, &pixels).with_context(|| format!("{}: cannot be written", path.display()))
 }
 
-fn say(line: &Value) -> Result<()> {
+pub(super) fn say(line: &Value) -> Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(out, "{line}")?;
     Ok(out.flush()?)

@@ -11,17 +11,20 @@ pub(super) struct Worker {
     process: Child,
     to: Option<ChildStdin>,
     from: BufReader<ChildStdout>,
-    program: String,
+    name: String,
 }
 
 impl Worker {
-    /// Starts it, hands it its job if it takes one, and waits until it is ready; what it says of itself.
-    pub(super) fn start(program: &str, args: &[String], job: Option<&Value>) -> Result<(Self, Value)> {
+    /// Starts a command, hands it its job if it takes one, and waits until it is ready; what it says of itself. Errors call it
+    /// by its name.
+    pub(super) fn start(name: &str, command: &[String], job: Option<&Value>) -> Result<(Self, Value)> {
+        let (program, args) =
+            command.split_first().map_or(("", [].as_slice()), |(program, args)| (program.as_str(), args));
         let mut command = Command::new(program);
         command.args(args).stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut process = command.spawn().with_context(|| format!("{program}: cannot be started"))?;
         let (Some(to), Some(from)) = (process.stdin.take(), process.stdout.take()) else { unreachable!("both piped") };
-        let mut worker = Self { process, to: Some(to), from: BufReader::new(from), program: program.to_owned() };
+        let mut worker = Self { process, to: Some(to), from: BufReader::new(from), name: name.to_owned() };
         if let Some(job) = job {
             worker.say(job)?;
         }
@@ -38,18 +41,18 @@ impl Worker {
     fn say(&mut self, line: &Value) -> Result<()> {
         let Some(to) = &mut self.to else { unreachable!("closed only when dropped") };
         let said = writeln!(to, "{line}").and_then(|()| to.flush());
-        said.with_context(|| format!("{}: ended before its time", self.program))
+        said.with_context(|| format!("{}: ended before its time", self.name))
     }
 
     fn listen(&mut self) -> Result<Value> {
         let mut line = String::new();
         if self.from.read_line(&mut line)? == 0 {
-            bail!("{}: ended before its time; what it said of it stands above", self.program);
+            bail!("{}: ended before its time", self.name);
         }
         let told: Value =
-            serde_json::from_str(&line).with_context(|| format!("{}: said {:?}", self.program, line.trim()))?;
+            serde_json::from_str(&line).with_context(|| format!("{}: said {:?}", self.name, line.trim()))?;
         match told["error"].as_str() {
-            Some(error) => bail!("{}: {error}", self.program),
+            Some(error) => bail!("{}: {error}", self.name),
             None => Ok(told),
         }
     }

@@ -47,6 +47,31 @@ pub(crate) struct PixelError {
 }
 
 impl Row {
+    /// Of a worker that is ready: nothing measured yet.
+    pub(crate) fn new(layers: &str, ready: &Value, reference: bool, size: (usize, usize)) -> Self {
+        Self {
+            layers: layers.to_owned(),
+            engine: ready["engine"].as_str().unwrap_or("unnamed").to_owned(),
+            reference,
+            size,
+            count: 0,
+            runs: Vec::new(),
+            once: 0.0,
+            score: None,
+            error: None,
+            peak_memory_bytes: None,
+        }
+    }
+
+    pub(crate) fn name(&self) -> String {
+        format!("{}, {}", self.layers, self.engine)
+    }
+
+    /// Whether it may be what others are compared with: uniform planes of this program.
+    pub(crate) fn is_dense(&self) -> bool {
+        !self.reference && self.layers.starts_with("planes ")
+    }
+
     /// Seconds of all stages, a number per repetition, sorted.
     pub(crate) fn totals(&self) -> Vec<f64> {
         let mut totals: Vec<f64> = self.runs.iter().map(|run| run.iter().map(|(_, time)| time).sum()).collect();

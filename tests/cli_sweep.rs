@@ -1,0 +1,97 @@
+//! `liveview sweep`: what it measures, and what it refuses.
+
+mod common;
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+
+use assert_cmd::Command;
+use common::{Folders, fixture};
+use serde_json::Value;
+
+fn sweep(folders: &Folders, arguments: &[&str]) -> Command {
+    let mut sweep = folders.liveview("sweep", arguments);
+    sweep.args(["--target", "2", "--repetitions", "2", "--model"]).arg(fixture("tiny_v4"));
+    sweep.args(["-o", &folders.out("report")]);
+    sweep
+}
+
+fn json(command: &mut Command) -> Value {
+    let output = command.arg("--json").output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn every_configuration_has_its_error_and_its_time() {
+    let folders = Folders::new();
+    let told = json(&mut sweep(&folders, &["--layers", "guided 1,kmeans 3,select 2,planes 4,planes 64"]));
+    assert_eq!(folders.written(), ["report/sweep.json", "report/sweep.md", "report/sweep.svg"]);
+    let rows = told["rows"].as_array().unwrap();
+    let named: Vec<&str> = rows.iter().map(|row| row["layers"].as_str().unwrap()).collect();
+    assert_eq!(named, ["guided 1", "kmeans 3", "select 2 of 64 planes", "planes 4", "planes 64"]);
+    for row in rows {
+        let times = row["seconds"]["all"].as_array().unwrap();
+        assert_eq!(times.len(), 2, "{row}");
+        assert!(times.iter().all(|time| time.as_f64().unwrap() > 0.0), "{row}");
+        assert!(row["psnr"].as_f64().unwrap() > 15.0 && row["peak_memory_bytes"].as_u64().unwrap() > 1 << 20, "{row}");
+    }
+    assert_eq!(
+        (rows[4]["error_max"].as_f64(), rows[4]["error_mean"].as_f64()),
+        (Some(0.0), Some(0.0)),
+        "against itself"
+    );
+    assert!(rows[3]["error_max"].as_f64().unwrap() > 0.0);
+    assert!(rows[2]["seconds"]["once"].as_f64().unwrap() > 0.0, "the selection is told apart");
+    assert!(rows[2]["seconds"]["stages"].get("select").is_none(), "and is not part of what each frame takes");
+    assert!(rows[4]["seconds"]["stages"]["network"].as_f64().unwrap() > 0.0);
+    // The same picture as `render` makes.
+    let output = folders.render(&["--target", "2", "--planes", "4", "--json"]).output().unwrap();
+    let rendered: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!((rendered["mean"]["psnr"].as_f64().unwrap() - rows[3]["psnr"].as_f64().unwrap()).abs() < 1e-6);
+}
+
+#[test]
+fn widths_scale_the_photos() {
+    let folders = Folders::new();
+    let told = json(&mut sweep(&folders, &["--layers", "planes 2", "--widths", "32,64"]));
+    let widths: Vec<u64> = told["rows"].as_array().unwrap().iter().map(|row| row["width"].as_u64().unwrap()).collect();
+    assert_eq!(widths, [32, 64]);
+    assert!(fs::read_to_string(folders.out("report/sweep.svg")).unwrap().contains("megapixels"));
+}
+
+#[test]
+fn a_reference_joins_in_its_own_process() {
+    let folders = Folders::new();
+    // Speaks the protocol, and paints black.
+    let script = folders.scene().join("reference.py");
+    fs::write(
+        &script,
+        "#!/usr/bin/env python3\nimport json, sys\njob = json.loads(input())\nprint(json.dumps({'ready': True, 'engine': job['engine']}), flush=True)\n\
+         for line in sys.stdin:\n    ask = json.loads(line)\n    if 'frame' in ask:\n        head = \"{'descr': '<f4', 'fortran_order': False, 'shape': (48, 64, 3), }\"\n\
+        \x20       head = head.ljust(117) + '\\n'\n        data = b'\\x93NUMPY\\x01\\x00' + len(head).to_bytes(2, 'little') + head.encode() + bytes(4 * 48 * 64 * 3)\n\
+        \x20       open(ask['frame'], 'wb').write(data)\n    print(json.dumps({'seconds': {'total': 7.0}, 'peak_memory_bytes': 5}), flush=True)\n",
+    )
+    .unwrap();
+    fs::set_permissions(&script, fs::Permissions::from_mode(0o755)).unwrap();
+    let told = json(&mut sweep(&folders, &["--layers", "planes 2", "--reference", script.to_str().unwrap()]));
+    let rows = told["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 5, "four references");
+    assert_eq!((&rows[1]["reference"], &rows[1]["engine"]), (&true.into(), &"torch".into()));
+    assert_eq!(rows[1]["seconds"]["median"], 7.0);
+    assert!(rows[1]["error_max"].as_f64().unwrap() > 0.5, "black is not the picture");
+}
+
+#[test]
+fn what_cannot_be_measured_is_refused() {
+    let folders = Folders::new();
+    let refused = |arguments: &[&str], words: &[&str]| folders.assert_refused(&mut sweep(&folders, arguments), words);
+    refused(&["--layers", "guessed 4"], &["guessed 4", "guided L"]);
+    refused(&["--layers", "planes 0"], &["planes 0", "from 1 to 4096"]);
+    refused(&["--layers", "guided 2", "--reference", "true"], &["--reference", "planes among --layers"]);
+    refused(&["--layers", "planes 2", "--reference", "false"], &["torch", "ended before its time"]);
+    refused(&["--layers", "planes 2", "--reference", "no-such-program"], &["no-such-program", "cannot be started"]);
+    refused(&["--near", "9", "--far", "3"], &["0 < near < far"]);
+    let mut unknown = folders.liveview("sweep", &["--target", "nobody", "-o", &folders.out("report")]);
+    folders.assert_refused(&mut unknown, &["nobody"]);
+}
