@@ -193,3 +193,45 @@ fn memory_does_not_grow_with_the_number_of_layers() {
     let (few, many) = (peak("8"), peak("64"));
     assert!(many <= 1.2 * few, "{few} bytes at 8 planes, {many} at 64");
 }
+
+#[test]
+fn what_was_left_out_is_explained() {
+    let folders = Folders::new();
+    let [picture, why] = ["a.png", "why.png"].map(|name| folders.out(name));
+    let told = json(&mut folders.render(&["--target", "2", "-o", &picture, "--explain", &why, "--dense", "9"]));
+    let explained = &told["explanation"];
+    let share = explained["range_share"]["median"].as_f64().unwrap();
+    assert!(share > 0.0 && share < 0.5, "a wall needs little of the depth range: {explained}");
+    let shares: f64 = explained["time_shares"].as_object().unwrap().values().map(|share| share.as_f64().unwrap()).sum();
+    assert!((shares - 1.0).abs() < 1e-9, "{explained}");
+    let dense = json(&mut folders.render(&["--target", "2", "-o", &folders.out("b.png"), "--planes", "9"]));
+    assert_eq!(explained["dense"]["psnr"], dense["mean"]["psnr"]);
+    assert!(explained["dense"]["error_max"].as_f64().unwrap() >= explained["dense"]["error_mean"].as_f64().unwrap());
+    assert_eq!(image_io::read_size(why.as_ref()).unwrap(), (3 * WIDTH as usize + 8, HEIGHT as usize));
+
+    let text = run(&mut folders.render(&["--target", "2", "-o", &picture, "--planes", "5", "--explain", &why]));
+    assert!(text.contains("5 planes, of which"), "{text}");
+    assert_eq!(image_io::read_size(why.as_ref()).unwrap(), (WIDTH as usize, HEIGHT as usize));
+    fs::remove_dir_all(folders.out("")).unwrap();
+    fs::create_dir(folders.out("")).unwrap();
+    let refused = |arguments: &[&str], words: &[&str]| folders.assert_refused(&mut folders.render(arguments), words);
+    refused(
+        &["--path", "line:2", "-o", &folders.out("many"), "--explain", &why],
+        &["--explain", "2 pictures", "one target"],
+    );
+    refused(&["--target", "2", "-o", &picture, "--dense", "9"], &["--explain"]);
+}
+
+#[test]
+fn qualities_are_choices_of_layers() {
+    let folders = Folders::new();
+    let layers = |arguments: &[&str]| {
+        let told = json(folders.render(&["--target", "2", "-o", &folders.out("a.png")]).args(arguments));
+        told["layers"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(layers(&["--quality", "draft"]), "guided 1");
+    assert_eq!(layers(&["--quality", "balanced"]), "guided 2");
+    assert_eq!(layers(&["--quality", "full"]), "guided 4");
+    assert_eq!(layers(&["--quality", "paper"]), "select 16 of 64 planes");
+    assert_eq!(layers(&["--kmeans", "3"]), "kmeans 3");
+}

@@ -2,6 +2,7 @@
 
 mod dump;
 mod engine;
+mod explain;
 mod geometry;
 mod inspect;
 mod layers;

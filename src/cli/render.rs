@@ -10,6 +10,7 @@ use liveview::metrics::{psnr, ssim};
 use liveview::render::StageTimes;
 
 use super::engine::EngineArgs;
+use super::explain::{ExplainArgs, Explained};
 use super::layers::{LayerArgs, Recipe};
 use super::output::{OutputArgs, Outputs, disparity_max};
 use super::setup::{Job, Planned, SceneArgs, Shot};
@@ -21,6 +22,7 @@ Examples:
   liveview render scene --target IMG_7.jpg -o new.png --compare compare.png
   liveview render scene --heldout 8 --guided 4 --compare compared/
   liveview render scene --target IMG_7.jpg --planes 64 -o new.png --depth disparity.png
+  liveview render scene --target IMG_7.jpg -o new.png --explain why.png --dense 64
   liveview render scene --pose camera.json --near 1.5 --far 40 -o new.jpg
   liveview render scene --path circle:120 --select 16 --width 640 -o flight.mp4";
 
@@ -41,6 +43,8 @@ pub(super) struct RenderArgs {
     engine: EngineArgs,
     #[command(flatten)]
     output: OutputArgs,
+    #[command(flatten)]
+    explain: ExplainArgs,
 }
 
 /// What there is to tell about one picture.
@@ -78,10 +82,11 @@ pub(super) fn run(args: &RenderArgs) -> Result<Report> {
     let moving = targets.moving;
     let mut shots = job.shots(targets)?;
     outputs.claim(&shots, &job.photos)?;
+    args.explain.claim(&shots, &job.photos)?;
     job.progress = progress()?;
 
     let mut done: Vec<Rendered> = Vec::with_capacity(shots.len());
-    let mut kept = None;
+    let (mut kept, mut explanation) = (None, None);
     shots.reverse();
     while let Some(shot) = shots.pop() {
         job.progress.set_message(shot.name.clone());
@@ -90,7 +95,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<Report> {
         let truth = shot.truth.map(|view| job.photos.scene.load_image(view)).transpose()?;
         let photos = started.elapsed();
         // The paper's video: what the first frame selects serves the others.
-        let Planned { layers, coarse, select } = match kept.take() {
+        let Planned { layers, coarse, select, range } = match kept.take() {
             Some(layers) => Planned::known(layers),
             None => job.layers(&shot)?,
         };
@@ -104,11 +109,21 @@ pub(super) fn run(args: &RenderArgs) -> Result<Report> {
         if truth.is_some() && score.is_none() {
             super::tell("note", format!("{}: too small to be scored", shot.name));
         }
+        let times = Times { photos, coarse, select, stages: frame.times };
+        let about = Explained {
+            shot: &shot,
+            layers: &layers,
+            range: range.as_ref(),
+            frame: &frame,
+            times: &times,
+            truth: truth.as_ref(),
+        };
+        explanation = args.explain.explain(&mut job, &about)?;
         frame.picture = fill_unseen(&frame.picture, &frame.transmittance);
         let pixels = frame.transmittance.len() as f64;
         done.push(Rendered {
             layers: layers.len(),
-            times: Times { photos, coarse, select, stages: frame.times },
+            times,
             score,
             unseen: frame.transmittance.iter().map(|&left| f64::from(left)).sum::<f64>() / pixels,
             disparity_max: disparity_max(&frame),
@@ -119,5 +134,5 @@ pub(super) fn run(args: &RenderArgs) -> Result<Report> {
     }
     let video = outputs.finish()?;
     job.progress.finish_and_clear();
-    Ok(report::rendered(&job, &done, moving, video))
+    Ok(report::rendered(&job, &done, moving, video, explanation))
 }

@@ -7,13 +7,20 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::Report;
+use super::explain::Explanation;
 use super::render::{Rendered, SCORE_BORDER, Times};
 use super::setup::Job;
 
 /// Names listed in one line of a table.
 const SHOWN: usize = 6;
 
-pub(super) fn rendered(job: &Job, done: &[Rendered], moving: bool, video: Option<PathBuf>) -> Report {
+pub(super) fn rendered(
+    job: &Job,
+    done: &[Rendered],
+    moving: bool,
+    video: Option<PathBuf>,
+    explanation: Option<Explanation>,
+) -> Report {
     let mut text = match done {
         [one] => single(job, one),
         many if moving => flight(job, many),
@@ -21,6 +28,9 @@ pub(super) fn rendered(job: &Job, done: &[Rendered], moving: bool, video: Option
     };
     if let Some(video) = &video {
         line(&mut text, "wrote", &video.display().to_string());
+    }
+    if let Some(explanation) = &explanation {
+        text += &explanation.text;
     }
     let memory = peak_memory();
     if let Some(bytes) = memory {
@@ -32,6 +42,7 @@ pub(super) fn rendered(job: &Job, done: &[Rendered], moving: bool, video: Option
         "targets": done.iter().map(|one| target(job, one)).collect::<Vec<_>>(),
         "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
         "border_left_out": SCORE_BORDER, "peak_memory_bytes": memory, "video": video.as_deref().map(super::shown), "notes": job.photos.scene.notes,
+        "explanation": explanation.map(|explanation| explanation.json),
     });
     if let (Value::Object(json), Value::Object(engine)) = (&mut json, job.engine.json()) {
         json.extend(engine);
@@ -155,7 +166,7 @@ pub(super) fn stages(times: &Times) -> [(&'static str, Duration); STAGES] {
     ]
 }
 
-fn total(times: &Times) -> Duration {
+pub(super) fn total(times: &Times) -> Duration {
     stages(times).iter().map(|(_, time)| *time).sum()
 }
 

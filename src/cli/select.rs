@@ -165,16 +165,22 @@ fn guided(args: &SelectArgs, mut photos: Photos, target: Targets, layers: usize)
         text,
         "\nthe picture: nearest | farthest disparity (dark at far, light at near) | width (light at {widest:.1} pixels)"
     );
+    Ok((Report { text, json }, range_picture(&shot, range, &width)))
+}
+
+/// Nearest disparity, farthest disparity and width of the range, side by side.
+pub(super) fn range_picture(shot: &Shot, range: &RangeMap, width: &Array2<f32>) -> ImageRgb {
     let (low, high) = ((1.0 / shot.far) as f32, (1.0 / shot.near) as f32);
+    let widest = width.iter().copied().fold(0.0, f32::max);
     let size = (shot.target.height(), shot.target.width());
     let full = |map: &Array2<f32>| Array2::from_shape_fn(size, |(y, x)| map[(y / CELL, x / CELL)]);
-    let maps = [(range.nearest(), low, high), (range.farthest(), low, high), (&width, 0.0, widest)]
+    let maps = [(range.nearest(), low, high), (range.farthest(), low, high), (width, 0.0, widest)]
         .map(|(map, low, high)| coloured(full(map).view(), low, high));
-    Ok((Report { text, json }, side_by_side(&maps.each_ref())))
+    side_by_side(&maps.each_ref())
 }
 
 /// Per cell, how far its range moves it in the view that sees most of that.
-fn width_in_pixels(photos: &Photos, shot: &Shot, range: &RangeMap) -> Array2<f32> {
+pub(super) fn width_in_pixels(photos: &Photos, shot: &Shot, range: &RangeMap) -> Array2<f32> {
     let views: Vec<(&Camera, Sweep)> =
         photos.cameras(&shot.views).map(|view| (view, Sweep::new(view, &shot.target))).collect();
     Array2::from_shape_fn(range.nearest().dim(), |(y, x)| {

@@ -7,7 +7,7 @@ use anyhow::{Result, anyhow};
 use clap::Args;
 use indicatif::ProgressBar;
 use liveview::camera::Camera;
-use liveview::guide::{CoarsePass, Search};
+use liveview::guide::{CoarsePass, RangeMap, Search};
 use liveview::layers::{Layers, padded, uniform_disparities};
 use liveview::render::{Frame, warp_sources};
 use liveview::scene::{Scene, SceneOptions};
@@ -181,6 +181,8 @@ pub(super) struct Planned {
     pub(super) coarse: Duration,
     /// The render that planes were selected from.
     pub(super) select: Duration,
+    /// What guided layers divide.
+    pub(super) range: Option<RangeMap>,
 }
 
 /// A scene, a model, and which layers to use.
@@ -195,7 +197,7 @@ pub(super) struct Job {
 impl Planned {
     /// Layers that are known already.
     pub(super) fn known(layers: Layers) -> Self {
-        Self { layers, coarse: Duration::ZERO, select: Duration::ZERO }
+        Self { layers, coarse: Duration::ZERO, select: Duration::ZERO, range: None }
     }
 }
 
@@ -234,7 +236,8 @@ impl Job {
         match self.recipe {
             Recipe::Guided { layers, coarse_planes } => {
                 let found = self.photos.search(shot, coarse_planes)?;
-                Ok(Planned { coarse: started.elapsed(), ..planned(Layers::guided(&found.range, layers)?) })
+                let layers = Layers::guided(&found.range, layers)?;
+                Ok(Planned { coarse: started.elapsed(), range: Some(found.range), ..planned(layers) })
             }
             Recipe::KMeans { planes, coarse_planes } => {
                 let found = self.photos.search(shot, coarse_planes)?;
