@@ -2,9 +2,9 @@
 
 At 1/4 resolution: sweep the views through planes a cell of parallax apart, take the variance of their colours over a
 window, make it agree along rows and columns (semiglobal), keep the cheapest plane, refined between planes by a
-parabola. The neighbourhood's largest and smallest disparity, half a plane step wider, are the range. At 1/2 resolution:
-the same search over a few layers that divide that range, each cell for itself. Known in stereo as adaptive thin volumes
-(UCS-Net, 2020).
+parabola. The neighbourhood's largest and smallest disparity, half a plane step wider, are what is searched at 1/2
+resolution: the same over a few layers that divide that range, each cell for itself. The extremes of what this finds are
+the range. Known in stereo as adaptive thin volumes (UCS-Net, 2020).
 """
 
 import math
@@ -20,7 +20,7 @@ from .semiglobal import semi_global
 from .sweep import sweep_terms
 
 COARSE = 4  # target pixels per cell of the first search
-FEWEST, MOST = 16, 128  # planes of the first search
+FEWEST, MOST = 8, 128  # planes of the first search
 FINE = 6  # layers of the second
 WINDOWS = 3, 7  # cells over which the variance is averaged in each
 
@@ -65,9 +65,9 @@ def median3(x: Tensor) -> Tensor:
     return F.unfold(padded, 3).reshape(9, *x.shape).median(0).values
 
 
-def range_of(disparity: Tensor, margin: float | Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def range_of(disparity: Tensor, margin: float = 0.0) -> tuple[Tensor, Tensor, Tensor]:
     """Disparity found [h, w] -> (nearest, surface, farthest) [h, w]: the surface is median-filtered; the extremes of
-    its neighbourhood, a margin (disparity, [h, w] or one for all) wider and smoothed, are the range."""
+    its neighbourhood, a margin (disparity) wider and smoothed, are the range."""
     surface = median3(disparity)
     disparity = surface[None, None]
     nearest = F.max_pool2d(disparity, 3, 1, 1) + margin
@@ -82,11 +82,6 @@ def fine_layers(*ranges: Tensor) -> Tensor:
     return upsample_maps(guided_maps(*ranges, FINE), COARSE // CELL)
 
 
-def fine_margin(layers: Tensor) -> Tensor:
-    """Half the distance between the layers of the second search, per cell [h, w]."""
-    return (layers[0] - layers[1]) / 2
-
-
 def coarse_range(views: list[Tensor], cameras: list[Camera], target: Camera, near: float, far: float):
     """(nearest, surface, farthest) disparity [h, w] per cell of CELL x CELL pixels of the padded target."""
     disparities = search_planes(cameras, target, near, far).to(views[0].dtype)
@@ -95,7 +90,7 @@ def coarse_range(views: list[Tensor], cameras: list[Camera], target: Camera, nea
     costs = semi_global(layer_costs(views, cameras, target, maps, COARSE, WINDOWS[0]))
     layers = fine_layers(*range_of(winner(costs, maps), float(disparities[0] - disparities[1]) / 2))
     costs = layer_costs(views, cameras, target, layers, CELL, WINDOWS[1])
-    return range_of(winner(costs, layers), fine_margin(layers))
+    return range_of(winner(costs, layers))
 
 
 def guided_layers(views, cameras, target: Camera, near: float, far: float, count: int) -> Tensor:

@@ -161,8 +161,7 @@ def ranges(data: Arrays, dtype: torch.dtype) -> Arrays:
     """Nearest, surface and farthest disparity of each cell [3, h, w]; the layers that divide that range [L, h, w]."""
     if "fine" not in data:
         return {}
-    margin = guide.fine_margin(tensor(data, "fine_layers", dtype))
-    found = guide.range_of(tensor(data, "fine", dtype), margin)
+    found = guide.range_of(tensor(data, "fine", dtype))
     divided = guide.guided_maps(*found, len(data["cell_maps"]))
     return {"range": torch.stack(found).numpy(), "cell_maps": divided.numpy()}
 

@@ -34,7 +34,7 @@ pub(super) struct LayerArgs {
     /// Planes to select from
     #[arg(long, value_name = "D", default_value = "64", value_parser = super::count)]
     pub(super) select_from: usize,
-    /// Planes of the coarse pass of guided layers and of k-means [default: one per four pixels of parallax, 16 to 128]
+    /// Planes of the coarse pass of guided layers and of k-means [default: one per four pixels of parallax, 8 to 128]
     #[arg(long, value_name = "D", value_parser = super::two_or_more)]
     pub(super) coarse_planes: Option<usize>,
 }

@@ -56,7 +56,7 @@ pub(super) struct SelectArgs {
     /// Show the range of depths that L guided layers divide instead; needs no model
     #[arg(long, value_name = "L", value_parser = super::count, conflicts_with_all = ["select", "select_from"])]
     guided: Option<usize>,
-    /// Planes of the coarse pass [default: one per four pixels of parallax, 16 to 128]
+    /// Planes of the coarse pass [default: one per four pixels of parallax, 8 to 128]
     #[arg(long, value_name = "D", value_parser = super::two_or_more, requires = "guided")]
     coarse_planes: Option<usize>,
     /// A picture of it: one bar per plane, near to far, those kept in colour; or nearest disparity, farthest disparity and
