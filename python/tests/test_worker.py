@@ -20,7 +20,7 @@ from liveview_ref.unet import UNet, start_from_agreement
 sys.path.insert(0, str(Path(__file__).parents[2] / "parity"))
 from generate import rig  # noqa: E402
 
-LARGEST = 1e-4  # float32 coordinates are off by 1e-5 pixels, at which noisy photos change by 0.5 per pixel; 3e-6 was seen
+LARGEST = 1e-4  # 3e-6 was seen: coordinates are off by 1e-5 pixels, at which noisy photos change by 0.5 per pixel
 MEAN = 1e-6
 EDGE = 1e-3  # pixels from the edge of what a photo covers: nearer, whether it is seen at all hangs on rounding
 BATCH = 2  # of 3 planes: the sums are carried over, and the last batch is a smaller one
