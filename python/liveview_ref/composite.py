@@ -28,3 +28,25 @@ def composite(alpha: Tensor, rgb: Tensor, covered: Tensor, maps: Tensor) -> Comp
         transmittance = transmittance * (1 - opacity)
     weights = torch.stack(weights)
     return Composited((weights[:, None] * rgb).sum(0), (weights * maps).sum(0), transmittance, weights)
+
+
+State = tuple[Tensor, Tensor, Tensor]  # rgb [3, H, W], disparity [H, W], transmittance [H, W] of the planes so far
+
+
+def empty(size: tuple[int, int]) -> State:
+    """Before the first plane; size (height, width)."""
+    return torch.zeros(3, *size), torch.zeros(size), torch.ones(size)
+
+
+def accumulate(state: State, alpha: Tensor, rgb: Tensor, coverage: Tensor, disparities: Tensor, background: Tensor):
+    """`composite` a batch of planes at a time, so that memory does not grow with their number. alpha [n, H, W],
+    rgb [n, 3, H, W], coverage [n, V, H, W], disparities [n], background [n] bool (true for the farthest plane)."""
+    total, disparity, transmittance = state
+    opaque = background[:, None, None] & (coverage > 0).any(1)
+    alpha = torch.where(opaque, torch.ones_like(alpha), alpha)
+    for k in range(len(alpha)):
+        weight = transmittance * alpha[k]
+        total = total + weight * rgb[k]
+        disparity = disparity + weight * disparities[k]
+        transmittance = transmittance - weight
+    return total, disparity, transmittance

@@ -22,7 +22,11 @@ def with_coverage(image: Tensor) -> Tensor:
 
 def normalised_grid(coordinates: Tensor, w: Tensor, width: int, height: int) -> Tensor:
     """Pixel coordinates [..., 2] -> grid_sample's [-1, 1] (align_corners=False), invalid ones outside."""
-    grid = coordinates / torch.tensor([width, height]).to(coordinates) * 2 - 1
+    return outside_masked(coordinates / torch.tensor([width, height]).to(coordinates) * 2 - 1, w)
+
+
+def outside_masked(grid: Tensor, w: Tensor) -> Tensor:
+    """Normalised coordinates [..., 2]; those that are not in front (w [...] <= 0), not finite, or huge, outside."""
     valid = (w > 0) & torch.isfinite(grid).all(-1) & (grid.abs() < 1e6).all(-1)
     return torch.where(valid[..., None], grid, torch.full_like(grid, OUTSIDE))
 
@@ -51,8 +55,8 @@ def warp_plane_kornia(image: Tensor, source: Camera, target: Camera, disparity: 
 
     height, width = size
     homography = plane_homography(source, target, disparity)
-    normal_source = _normalise(image.shape[2], image.shape[1])
-    normal_target = _normalise(width, height)
+    normal_source = grid_from_pixels(image.shape[2], image.shape[1])
+    normal_target = grid_from_pixels(width, height)
     normalised = normal_source @ homography @ torch.linalg.inv(normal_target)
     rgbc = homography_warp(
         with_coverage(image)[None], normalised[None].to(image), (height, width), align_corners=False
@@ -64,6 +68,6 @@ def warp_plane_kornia(image: Tensor, source: Camera, target: Camera, disparity: 
     return rgbc[:3], rgbc[3]
 
 
-def _normalise(width: int, height: int) -> Tensor:
+def grid_from_pixels(width: int, height: int) -> Tensor:
     """[-1, 1] coordinates from pixels, [3, 3] float64."""
     return torch.tensor([[2 / width, 0, -1], [0, 2 / height, -1], [0, 0, 1]], dtype=torch.float64)
