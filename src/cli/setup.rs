@@ -20,13 +20,13 @@ use super::layers::{LayerArgs, Recipe};
 use super::targets::Targets;
 
 /// Options that say what the scene is.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Args)]
 pub(super) struct SceneArgs {
     /// Folder of posed photos: transforms.json, COLMAP, LLFF, RealEstate10K or Spaces
     scene: PathBuf,
     /// Scale photos wider than this down on load, their intrinsics with them
     #[arg(long, value_name = "PIXELS", value_parser = super::count)]
-    pub(super) width: Option<usize>,
+    width: Option<usize>,
     /// Folder of the photos in an LLFF, RealEstate10K or COLMAP scene [default: the usual ones]
     #[arg(long, value_name = "NAME")]
     images: Option<String>,
@@ -53,11 +53,6 @@ impl SceneArgs {
     /// The folder of the scene.
     pub(super) fn folder(&self) -> &Path {
         &self.scene
-    }
-
-    /// The same scene with its photos scaled to another width.
-    pub(super) fn with_width(&self, width: Option<usize>) -> Self {
-        Self { width, ..self.clone() }
     }
 
     /// The same options on a command line.

@@ -8,14 +8,15 @@ use clap::Args;
 use liveview::image_io::ImageRgb;
 use liveview::layers::uniform_disparities;
 use ndarray::Array1;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::dump::Arrays;
 use super::engine::EngineArgs;
 use super::measured::{Measured, score_all};
 use super::output::write_whole;
-use super::setup::{Photos, SceneArgs};
+use super::setup::{Photos, SceneArgs, Shot};
 use super::targets::held_out;
+use super::worker::scaled;
 use super::workers::Worker;
 use super::{Report, progress};
 use crate::report::{self, Row, Sweep};
@@ -46,8 +47,8 @@ pub(super) struct SweepArgs {
     /// What to measure, separated by commas: guided L, planes D, kmeans K or select K
     #[arg(long, value_name = "LIST", default_value = LAYERS, value_delimiter = ',', value_parser = kind_and_count)]
     layers: Vec<(String, usize)>,
-    /// Widths that the photos are scaled to, separated by commas [default: as they are, or --width]
-    #[arg(long, value_name = "PIXELS", value_delimiter = ',', value_parser = super::count, conflicts_with = "width")]
+    /// Widths of the picture, separated by commas: time against size; scored where it has the photo's [default: the photo's]
+    #[arg(long, value_name = "PIXELS", value_delimiter = ',', value_parser = super::count)]
     widths: Vec<usize>,
     /// Times that each is rendered, after one to warm up
     #[arg(long, value_name = "N", default_value = "5", value_parser = super::count)]
@@ -76,27 +77,23 @@ fn kind_and_count(text: &str) -> Result<(String, usize), String> {
 
 pub(super) fn run(args: &SweepArgs) -> Result<Report> {
     let folder = tempfile::tempdir().context("a folder for what the workers hand over")?;
-    let widths =
-        if args.widths.is_empty() { vec![args.scene.width] } else { args.widths.iter().copied().map(Some).collect() };
+    let photos = args.scene.open()?;
+    photos.tell_notes();
+    let truths = truths(args, &photos)?;
+    let widths = if args.widths.is_empty() { vec![None] } else { args.widths.iter().copied().map(Some).collect() };
     let bar = progress()?;
-    let (mut all, mut model) = (Vec::new(), String::new());
-    for (index, width) in widths.into_iter().enumerate() {
-        let scene = args.scene.with_width(width);
-        let photos = scene.open()?;
-        if index == 0 {
-            photos.tell_notes();
-        }
-        let truths = truths(args, &photos)?;
+    let (mut all, mut own) = (Vec::new(), Value::Null);
+    for width in widths {
         let mut measured = Vec::new();
         for (kind, count) in &args.layers {
             let name = format!("{kind} {count}");
-            let (worker, ready) = Worker::start(&name, &worker_command(args, &scene, kind, *count)?, None)?;
-            model = ready["model"].as_str().unwrap_or_default().to_owned();
-            let layers = ready["layers"].as_str().unwrap_or(&name);
-            measured.push(Measured::new(worker, Row::new(layers, &ready, false, size(&truths[0]))));
+            let worker;
+            (worker, own) = Worker::start(&name, &worker_command(args, width, kind, *count)?, None)?;
+            let layers = own["layers"].as_str().unwrap_or(&name);
+            measured.push(Measured::new(worker, Row::new(layers, &own, false, size(&own))));
         }
         if let Some(command) = &args.reference {
-            measured.extend(references(args, command, &photos, &model, folder.path(), size(&truths[0]))?);
+            measured.extend(references(args, command, &photos, width, &own, folder.path())?);
         }
         fs::create_dir_all(&args.output).with_context(|| format!("-o {}: cannot be written", args.output.display()))?;
         bar.inc_length((measured.len() * (args.repetitions + 1)) as u64);
@@ -119,8 +116,8 @@ pub(super) fn run(args: &SweepArgs) -> Result<Report> {
     let sweep = Sweep {
         scene: args.scene.folder().display().to_string(),
         targets: args.target.clone(),
-        views: args.engine.views_or_default(),
-        model: Path::new(&model).file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        views: views(&own),
+        model: model(&own).file_name().unwrap_or_default().to_string_lossy().into_owned(),
         threads: args.engine.threads(),
         batch: args.engine.batch,
         cpu: cpu(),
@@ -144,16 +141,28 @@ fn truths(args: &SweepArgs, photos: &Photos) -> Result<Vec<ImageRgb>> {
     views.collect()
 }
 
-fn size(picture: &ImageRgb) -> (usize, usize) {
-    (picture.width(), picture.height())
+/// What a worker that is ready says of its first target: width and height.
+fn size(ready: &Value) -> (usize, usize) {
+    let side = |index: usize| ready["size"][index].as_u64().unwrap_or(0) as usize;
+    (side(0), side(1))
+}
+
+/// Of its model: how many views it takes, and its file.
+fn views(ready: &Value) -> usize {
+    ready["views"][0].as_array().map_or(0, Vec::len)
+}
+
+fn model(ready: &Value) -> &Path {
+    Path::new(ready["model"].as_str().unwrap_or_default())
 }
 
 /// `liveview worker …`
-fn worker_command(args: &SweepArgs, scene: &SceneArgs, kind: &str, count: usize) -> Result<Vec<String>> {
+fn worker_command(args: &SweepArgs, width: Option<usize>, kind: &str, count: usize) -> Result<Vec<String>> {
     let mut command = vec![super::shown(&std::env::current_exe()?), "worker".to_owned()];
-    command.extend(scene.to_args());
+    command.extend(args.scene.to_args());
     command.extend(args.engine.to_args());
     command.extend([format!("--target={}", args.target.join(",")), format!("--{kind}={count}")]);
+    command.extend(width.map(|width| format!("--target-width={width}")));
     Ok(command)
 }
 
@@ -162,19 +171,22 @@ fn references(
     args: &SweepArgs,
     command: &str,
     photos: &Photos,
-    model: &str,
+    width: Option<usize>,
+    own: &Value,
     folder: &Path,
-    size: (usize, usize),
 ) -> Result<Vec<Measured>> {
     let planes = args.layers.iter().filter(|(kind, _)| kind == "planes").map(|&(_, count)| count).max();
     let Some(planes) = planes else { bail!("--reference: expected planes among --layers, to measure it on") };
+    let size = size(own);
     let file = folder.join(format!("job_{}.npz", size.0));
-    write_job(&file, args, photos, planes)?;
-    let weights = Path::new(model).with_extension("pt");
+    let held = args.target.iter().map(|name| photos.scene.view_index(name)).collect::<Result<Vec<_>, _>>()?;
+    let shot = photos.shot(scaled(held_out(photos, held), width)?, views(own))?;
+    write_job(&file, photos, &shot, planes)?;
+    let weights = model(own).with_extension("pt");
     let words: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
     let start = |engine: &str| {
         let job = json!({
-            "job": super::shown(&file), "model": model, "weights": weights.is_file().then(|| super::shown(&weights)),
+            "job": super::shown(&file), "model": super::shown(model(own)), "weights": weights.is_file().then(|| super::shown(&weights)),
             "engine": engine, "threads": args.engine.threads(), "batch": args.engine.batch,
         });
         let (worker, ready) = Worker::start(engine, &words, Some(&job))?;
@@ -183,12 +195,10 @@ fn references(
     REFERENCES.into_iter().map(start).collect()
 }
 
-/// What a reference renders: the first target on uniform planes, everything chosen.
-fn write_job(path: &Path, args: &SweepArgs, photos: &Photos, planes: usize) -> Result<()> {
-    let views = args.target.iter().map(|name| photos.scene.view_index(name)).collect::<Result<Vec<_>, _>>()?;
-    let shot = photos.shot(held_out(photos, views), args.engine.views_or_default())?;
+/// What a reference renders: one target on uniform planes, everything chosen.
+fn write_job(path: &Path, photos: &Photos, shot: &Shot, planes: usize) -> Result<()> {
     let mut arrays = Arrays::create(path)?;
-    arrays.add_rig(photos, &shot)?;
+    arrays.add_rig(photos, shot)?;
     arrays.add("disparities", Array1::from_vec(uniform_disparities(shot.near, shot.far, planes)?))?;
     arrays.finish(path)
 }

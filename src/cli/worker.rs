@@ -1,7 +1,7 @@
 //! `liveview worker`: one configuration of `liveview sweep` in a process of its own, so that its peak memory is its own and
 //! engines that need different libraries can be timed in turn.
 //!
-//! Speaks JSON lines: `{"ready": true, …}` once; then for each `{"run": true, "target": 0, "frame": "a.npy"}` one render,
+//! Speaks JSON lines: `{"ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]), …}` once; then for each `{"run": true, "target": 0, "frame": "a.npy"}` one render,
 //! answered by `{"seconds": {stage: time}, "peak_memory_bytes": …}`; ends with its input. The picture is saved, as it was
 //! rendered, where `frame` says so. The Python worker (`liveview_ref.worker`) speaks the same.
 
@@ -20,7 +20,7 @@ use super::layers::{LayerArgs, Recipe};
 use super::render::Times;
 use super::report::{peak_memory, stages};
 use super::setup::{Job, Planned, SceneArgs, Shot};
-use super::targets::held_out;
+use super::targets::{Targets, held_out};
 
 /// Options of `liveview worker`.
 #[derive(Debug, Args)]
@@ -30,6 +30,9 @@ pub(super) struct WorkerArgs {
     /// Views to render, by name; all are held out
     #[arg(long, value_name = "NAME", value_delimiter = ',', required = true)]
     target: Vec<String>,
+    /// Scale the target cameras to this width
+    #[arg(long, value_name = "PIXELS", value_parser = super::count)]
+    target_width: Option<usize>,
     #[command(flatten)]
     layers: LayerArgs,
     #[command(flatten)]
@@ -48,14 +51,14 @@ pub(super) fn run(args: &WorkerArgs) -> Result<()> {
     let photos = args.scene.open()?;
     let mut job = Job::open(photos, &args.layers, &args.engine)?;
     let views = args.target.iter().map(|name| Ok(job.photos.scene.view_index(name)?)).collect::<Result<_>>()?;
-    let targets = held_out(&job.photos, views);
+    let targets = scaled(held_out(&job.photos, views), args.target_width)?;
     let shots = job.shots(targets)?;
     for (index, shot) in shots.iter().enumerate() {
         job.photos.load(&shot.views, &shots[index..])?;
     }
     let sources = |shot: &Shot| job.photos.names(&shot.views).into_iter().map(str::to_owned).collect::<Vec<_>>();
     say(&json!({
-        "ready": true, "engine": job.engine.name(), "layers": job.recipe.to_string(),
+        "ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]), "engine": job.engine.name(), "layers": job.recipe.to_string(),
         "model": super::shown(job.engine.network().path()), "views": shots.iter().map(sources).collect::<Vec<_>>(),
     }))?;
     let mut worker = Worker { kept: shots.iter().map(|_| None).collect(), job, shots };
@@ -68,6 +71,16 @@ pub(super) fn run(args: &WorkerArgs) -> Result<()> {
         say(&answer)?;
     }
     Ok(())
+}
+
+/// The same targets, `width` pixels wide.
+pub(super) fn scaled(mut targets: Targets, width: Option<usize>) -> Result<Targets> {
+    let Some(width) = width else { return Ok(targets) };
+    for target in &mut targets.list {
+        let height = target.camera.height() as f64 * width as f64 / target.camera.width() as f64;
+        target.camera = target.camera.with_size_scaled(width, (height.round() as usize).max(1))?;
+    }
+    Ok(targets)
 }
 
 impl Worker {
