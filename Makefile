@@ -10,7 +10,7 @@ SCENE := tests/scenes/workshop
 DATA ?= ../shared/data
 RUFF := --config python/pyproject.toml python parity tests
 
-.PHONY: demo demo-stereo test build runtime setup lint docs goldens test-rust test-python parity readme \
+.PHONY: demo demo-stereo test build runtime runtime-openvino setup lint docs goldens test-rust test-python parity readme \
 	cards setup-evaluation evaluate clean
 
 ## Render the two held-out views of the example scene and compare them with the truth.
@@ -38,6 +38,13 @@ $(VENV)/.runtime: python/requirements-runtime.txt
 	$(PIP) --no-deps -r $<
 	touch $@
 
+## ONNX Runtime with OpenVINO, for `--engine openvino`; optional.
+runtime-openvino: .venv-openvino/.runtime
+.venv-openvino/.runtime: python/requirements-openvino.txt
+	test -x .venv-openvino/bin/python || $(PYTHON) -m venv .venv-openvino
+	.venv-openvino/bin/pip install --quiet --disable-pip-version-check --no-deps -r $<
+	touch $@
+
 ## The Python reference, its training and all test tools.
 setup: $(VENV)/.setup
 $(VENV)/.setup: python/requirements.txt python/constraints.txt $(VENV)/.runtime
@@ -47,6 +54,7 @@ $(VENV)/.setup: python/requirements.txt python/constraints.txt $(VENV)/.runtime
 lint: setup
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
+	cargo clippy --locked --features cuda,tensorrt -- -D warnings
 	$(BIN)/ruff check $(RUFF)
 	$(BIN)/ruff format --check $(RUFF)
 
@@ -92,4 +100,4 @@ evaluate: setup-evaluation
 	done
 
 clean:
-	rm -rf target out $(VENV)
+	rm -rf target out $(VENV) .venv-openvino
