@@ -3,7 +3,9 @@
 use std::fmt;
 use std::path::Path;
 
-use ort::ep::{self, ExecutionProvider, ExecutionProviderDispatch};
+use ort::ep::ExecutionProviderDispatch;
+#[cfg(any(feature = "load-dynamic", feature = "cuda", feature = "tensorrt"))]
+use ort::ep::{self, ExecutionProvider};
 
 use crate::runtime::RuntimeError;
 
@@ -90,7 +92,7 @@ impl Engine {
 
     /// Whether the library in use was built with it.
     pub(crate) fn check(self, library: &Path) -> Result<(), RuntimeError> {
-        let available = match self {
+        let available: ort::Result<bool> = match self {
             Self::Cpu => Ok(true),
             #[cfg(feature = "load-dynamic")]
             Self::OpenVino => ep::OpenVINO::is_available(),
