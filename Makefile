@@ -10,7 +10,7 @@ SCENE := tests/scenes/workshop
 DATA ?= ../shared/data
 RUFF := --config python/pyproject.toml python parity tests
 
-.PHONY: demo demo-stereo test build runtime setup lint docs goldens test-rust test-python parity readme \
+.PHONY: demo demo-stereo test build runtime runtime-openvino int8 engines setup lint docs goldens test-rust test-python parity readme \
 	cards setup-evaluation evaluate clean
 
 ## Render the two held-out views of the example scene and compare them with the truth.
@@ -38,6 +38,13 @@ $(VENV)/.runtime: python/requirements-runtime.txt
 	$(PIP) --no-deps -r $<
 	touch $@
 
+## ONNX Runtime with OpenVINO, for `--engine openvino`; optional.
+runtime-openvino: .venv-openvino/.runtime
+.venv-openvino/.runtime: python/requirements-openvino.txt
+	test -x .venv-openvino/bin/python || $(PYTHON) -m venv .venv-openvino
+	.venv-openvino/bin/pip install --quiet --disable-pip-version-check --no-deps -r $<
+	touch $@
+
 ## The Python reference, its training and all test tools.
 setup: $(VENV)/.setup
 $(VENV)/.setup: python/requirements.txt python/constraints.txt $(VENV)/.runtime
@@ -47,6 +54,7 @@ $(VENV)/.setup: python/requirements.txt python/constraints.txt $(VENV)/.runtime
 lint: setup
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
+	cargo clippy --locked --features cuda,tensorrt -- -D warnings
 	$(BIN)/ruff check $(RUFF)
 	$(BIN)/ruff format --check $(RUFF)
 
@@ -68,6 +76,9 @@ test-python: setup
 parity: build setup
 	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --guided 4
 	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_1 --views 5 --planes 6
+	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --precision int8
+	test ! -e .venv-openvino/.runtime || for precision in f32 int8; do ( cd python && ../$(BIN)/python -m \
+		liveview_ref.parity ../$(SCENE) --target target_0 --engine openvino --precision $$precision ) || exit 1; done
 
 ## The numbers and the picture of README.md and of the model cards, measured on this machine.
 readme: build setup
@@ -76,6 +87,17 @@ readme: build setup
 ## The tables of models/README.md and the training curves, from the weights and the scores that lie there.
 cards: setup
 	$(BIN)/python python/cards.py
+
+## The table of engines in README.md: those that are installed.
+engines: build setup
+	$(BIN)/python python/engines.py
+
+## The int8 models and their cards, anew, from the float32 ones; takes minutes each, and DATA.
+int8: setup
+	cd python && for v in 2 4 5; do \
+		../$(BIN)/python -m liveview_ref.quantize ../models/liveview_v$$v.onnx ../models/liveview_v$${v}_int8.onnx \
+			configs/v$$v.json --data $(abspath $(DATA)) || exit 1; \
+	done
 
 ## What `evaluate` needs beyond `setup`: OpenCV, and the weights of LPIPS without the packages (jax) they were made for.
 setup-evaluation: $(VENV)/.evaluation
@@ -92,4 +114,4 @@ evaluate: setup-evaluation
 	done
 
 clean:
-	rm -rf target out $(VENV)
+	rm -rf target out $(VENV) .venv-openvino

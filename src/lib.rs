@@ -22,6 +22,7 @@ pub mod blend;
 pub mod camera;
 pub mod composite;
 pub mod cost;
+pub mod engine;
 pub mod fill;
 pub mod guide;
 pub mod image_io;

@@ -6,6 +6,7 @@ use ndarray::{ArrayView4, ArrayViewMut4};
 use ort::session::Session;
 use ort::value::{TensorRef, ValueType};
 
+use crate::engine::{Engine, Precision};
 use crate::layers::STRIDE;
 use crate::runtime::Runtime;
 
@@ -52,6 +53,8 @@ pub struct ModelCard {
     pub views: usize,
     /// Layers that serve it best, such as `guided 4` or `planes 64`.
     pub recommended_layers: String,
+    /// Of the weights and of the arithmetic on them: `f32`, or `int8` for a quantised model.
+    pub precision: String,
     /// How it was trained, in a line.
     pub training: String,
     /// Licence of the weights and of the data they were trained on.
@@ -66,14 +69,27 @@ pub struct OrtNetwork {
 }
 
 impl OrtNetwork {
-    /// Open the ONNX model at `path` on `threads` threads. Refuses, naming what differs, a model whose metadata, inputs or
+    /// Open the ONNX model at `path` on `threads` threads, in the precision it was made in. Refuses, naming what differs, a model whose metadata, inputs or
     /// outputs are not a LiveView model's: `hwv` `[n, 3V, h, w]` → `logits` `[n, V, h, w]`, f32, n, h and w free.
     pub fn open(runtime: &Runtime, path: &Path, threads: usize) -> Result<Self, NetworkError> {
+        Self::open_in(Precision::F32, runtime, path, threads)
+    }
+
+    /// As [`OrtNetwork::open`], float32 arithmetic replaced by `precision`. [`Precision::Bf16`] is refused by engines other
+    /// than [`Engine::OpenVino`]; a CPU that lacks it ([`crate::engine::cpu_has_bf16`]) computes in float32 all the same.
+    pub fn open_in(precision: Precision, runtime: &Runtime, path: &Path, threads: usize) -> Result<Self, NetworkError> {
         let engine = |reason: String| NetworkError::Engine { path: path.to_path_buf(), reason };
         if !path.is_file() {
             return Err(engine("there is no such file".into()));
         }
-        let session = build(runtime, path, threads).map_err(engine)?;
+        if precision == Precision::Bf16 && !runtime.engine().knows_bf16() {
+            return Err(engine(format!(
+                "bf16 is for the engine {}, and this is the engine {}",
+                Engine::OpenVino,
+                runtime.engine()
+            )));
+        }
+        let session = build(runtime, path, threads, precision).map_err(engine)?;
         let card = read_card(&session, path)?;
         for (outlet, name, channels) in
             [(session.inputs(), "hwv", 3 * card.views), (session.outputs(), "logits", card.views)]
@@ -129,13 +145,20 @@ impl PlaneNetwork for OrtNetwork {
     }
 }
 
-fn build(runtime: &Runtime, path: &Path, threads: usize) -> Result<Session, String> {
+fn build(runtime: &Runtime, path: &Path, threads: usize, precision: Precision) -> Result<Session, String> {
     let text = |e: ort::Error| e.to_string();
     let builder = Session::builder(&runtime.environment).map_err(text)?;
     let builder = builder.with_intra_threads(threads).map_err(|e| e.to_string())?;
     let builder = builder.with_inter_threads(1).map_err(|e| e.to_string())?;
     // The warp and the blend run on the same cores: an idle engine must not spin on them.
     let mut builder = builder.with_intra_op_spinning(false).map_err(|e| e.to_string())?;
+    if let Some(provider) = runtime.engine().provider(threads, precision) {
+        builder = builder.with_execution_providers([provider]).map_err(|e| e.to_string())?;
+        if runtime.engine() == Engine::OpenVino {
+            // It takes the whole graph: a part left to ONNX Runtime's own code would go unnoticed.
+            builder = builder.with_disable_cpu_fallback().map_err(|e| e.to_string())?;
+        }
+    }
     builder.commit_from_file(path).map_err(text)
 }
 
@@ -158,6 +181,7 @@ fn read_card(session: &Session, path: &Path) -> Result<ModelCard, NetworkError> 
     Ok(ModelCard {
         views: count.ok_or_else(|| unfit("views", Some(views), "a whole number, 2 to 64"))?,
         recommended_layers: text("recommended_layers")?,
+        precision: metadata.custom("precision").unwrap_or_else(|| "f32".into()),
         training: text("training")?,
         licence: text("licence")?,
     })

@@ -6,6 +6,7 @@ mod scene_common;
 use std::fs;
 
 use common::{Folders, fixture, photo};
+use liveview::runtime::Runtime;
 
 /// Renders view 2 of the scene, which must be refused.
 fn assert_render_refused(folders: &Folders, arguments: &[&str], words: &[&str]) {
@@ -136,6 +137,40 @@ fn runtime_library() {
     );
     let text = format!("{}/Cargo.toml", env!("CARGO_MANIFEST_DIR"));
     assert_render_refused(&folders, &["--ort-lib", &text], &[&text, "not a usable ONNX Runtime library"]);
+}
+
+#[test]
+fn engines_that_are_not_there() {
+    let folders = Folders::new();
+    let refused = |arguments: &[&str], words: &[&str]| assert_render_refused(&folders, arguments, words);
+    refused(&["--engine", "gpu"], &["'gpu'", "cpu, openvino, cuda, tensorrt"]);
+    refused(&["--precision", "int4"], &["'int4'", "f32, bf16, int8"]);
+    refused(&["--precision", "bf16"], &["--precision bf16", "--engine openvino"]);
+    refused(&["--precision", "int8"], &["tiny_v4.onnx", "metadata `precision` is f32", "expected int8"]);
+    let library = Runtime::load(None).unwrap().library().to_str().unwrap().to_owned();
+    refused(
+        &["--engine", "openvino", "--ort-lib", &library],
+        &[&library, "no engine openvino", "make runtime-openvino", "--ort-lib"],
+    );
+    if cfg!(not(feature = "cuda")) {
+        refused(&["--engine", "cuda"], &["engine cuda", "cargo feature `cuda`"]);
+    }
+    if cfg!(not(feature = "tensorrt")) {
+        refused(&["--engine", "tensorrt"], &["engine tensorrt", "cargo feature `tensorrt`"]);
+    }
+}
+
+/// A binary elsewhere finds no wheel of this checkout.
+#[test]
+fn no_library_with_the_engine() {
+    let folders = Folders::new();
+    let binary = tempfile::tempdir().unwrap();
+    let copy = binary.path().join("liveview");
+    fs::copy(env!("CARGO_BIN_EXE_liveview"), &copy).unwrap();
+    let mut render = assert_cmd::Command::new(copy);
+    render.current_dir(binary.path()).env_remove("ORT_DYLIB_PATH").arg("render").arg(folders.scene());
+    render.args(["--target", "2", "--engine", "openvino", "--model", &fixture("tiny_v4"), "-o", &folders.out("a.png")]);
+    folders.assert_refused(&mut render, &["engine openvino", "looked in", ".venv-openvino", "make runtime-openvino"]);
 }
 
 #[test]

@@ -155,7 +155,7 @@ pub(super) fn run(args: &DumpArgs) -> Result<Report> {
     let json = json!({
         "file": super::shown(&args.output), "target": shot.name, "views": job.photos.names(&shot.views), "near": shot.near,
         "far": shot.far, "layers": job.recipe.to_string(), "model": super::shown(job.engine.network().path()), "library": super::shown(&job.engine.library),
-        "threads": job.engine.threads, "batch": job.engine.batch,
+        "engine": job.engine.name.name(), "precision": job.engine.precision, "threads": job.engine.threads, "batch": job.engine.batch,
     });
     Ok(Report { text: format!("{}: every stage of {}, {}", args.output.display(), shot.name, job.recipe), json })
 }

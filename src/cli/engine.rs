@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use clap::Args;
+use clap::{Args, ValueEnum};
+use liveview::engine::{self, Precision};
 use liveview::models;
 use liveview::network::OrtNetwork;
 use liveview::render::Renderer;
@@ -24,7 +25,15 @@ pub(super) struct EngineArgs {
     /// in the working directory's]
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// ONNX Runtime library [default: ORT_DYLIB_PATH, then the wheel in a .venv, then the system's]
+    /// What computes the network: an execution provider of ONNX Runtime. cuda and tensorrt: see `ONNX Runtime` in the README
+    #[arg(long, value_enum, default_value_t = EngineName::Cpu)]
+    engine: EngineName,
+    /// Precision of the network. int8: a quantised model (liveview_v<V>_int8.onnx unless --model names it); bf16: --engine
+    /// openvino, on CPUs that have it [default: the model's own]
+    #[arg(long, value_enum)]
+    precision: Option<PrecisionName>,
+    /// ONNX Runtime library [default: ORT_DYLIB_PATH, then the wheel in a .venv, for other engines than cpu one in
+    /// .venv-openvino or .venv-cuda first, then the system's]
     #[arg(long, value_name = "FILE")]
     ort_lib: Option<PathBuf>,
     /// Threads, for the network and for everything else [default: one per core]
@@ -35,10 +44,41 @@ pub(super) struct EngineArgs {
     pub(super) batch: usize,
 }
 
+/// `--engine`.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum EngineName {
+    Cpu,
+    Openvino,
+    Cuda,
+    Tensorrt,
+}
+
+impl From<EngineName> for engine::Engine {
+    fn from(name: EngineName) -> Self {
+        match name {
+            EngineName::Cpu => Self::Cpu,
+            EngineName::Openvino => Self::OpenVino,
+            EngineName::Cuda => Self::Cuda,
+            EngineName::Tensorrt => Self::TensorRt,
+        }
+    }
+}
+
+/// `--precision`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum PrecisionName {
+    F32,
+    Bf16,
+    Int8,
+}
+
 /// A model, ready to render.
 pub(super) struct Engine {
     pub(super) renderer: Renderer<OrtNetwork>,
     pub(super) library: PathBuf,
+    pub(super) name: engine::Engine,
+    /// Of the arithmetic: f32, bf16 or int8.
+    pub(super) precision: String,
     pub(super) threads: usize,
     pub(super) batch: usize,
 }
@@ -73,18 +113,35 @@ impl EngineArgs {
     /// Finds and opens the model.
     pub(super) fn open(&self) -> Result<Engine> {
         let threads = self.set_threads()?;
+        let bf16 = self.precision == Some(PrecisionName::Bf16);
+        if bf16 && !engine::Engine::from(self.engine).knows_bf16() {
+            bail!("--precision bf16: expected --engine {}, the only one that has it", engine::Engine::OpenVino);
+        }
         let path = match &self.model {
             Some(path) => path.clone(),
+            None if self.precision == Some(PrecisionName::Int8) => models::find_int8(self.views_or_default())?,
             None => models::find(self.views_or_default())?,
         };
-        let runtime = Runtime::load(self.ort_lib.as_deref())?;
-        let network = OrtNetwork::open(&runtime, &path, threads)?;
+        let runtime = Runtime::load_for(self.engine.into(), self.ort_lib.as_deref())?;
+        let arithmetic = if bf16 { Precision::Bf16 } else { Precision::F32 };
+        let network = OrtNetwork::open_in(arithmetic, &runtime, &path, threads)?;
+        let precision = &network.card().precision;
+        let expected = if self.precision == Some(PrecisionName::Int8) { "int8" } else { "f32" };
+        if self.precision.is_some() && precision != expected {
+            bail!("{}: metadata `precision` is {precision}, expected {expected} (--precision)", path.display());
+        }
+        let computed = bf16 && engine::cpu_has_bf16();
+        if bf16 && !computed {
+            super::tell("note", "--precision bf16: this CPU has no instructions for it; OpenVINO computes in f32");
+        }
+        let precision = if computed { "bf16".to_owned() } else { precision.clone() };
         let views = network.card().views;
         if let Some(asked) = self.views.filter(|&asked| asked != views) {
             bail!("{}: metadata `views` is {views}, expected {asked} (--views {asked})", path.display());
         }
-        let library = runtime.library().to_owned();
-        Ok(Engine { renderer: Renderer::new(network, self.batch), library, threads, batch: self.batch })
+        let (library, name) = (runtime.library().to_owned(), runtime.engine());
+        let renderer = Renderer::new(network, self.batch);
+        Ok(Engine { renderer, library, name, precision, threads, batch: self.batch })
     }
 }
 
@@ -101,8 +158,10 @@ impl Engine {
     pub(super) fn text(&self) -> String {
         let (network, library) = (self.network(), self.library.file_name().unwrap_or_default());
         format!(
-            "engine  ONNX Runtime ({}), {} threads, {} layers at once\nmodel   {}: {}\n",
+            "engine  ONNX Runtime ({}), {} {}, {} threads, {} layers at once\nmodel   {}: {}\n",
             library.display(),
+            self.name,
+            self.precision,
             self.threads,
             self.batch,
             network.path().display(),
@@ -117,7 +176,10 @@ impl Engine {
                 "file": super::shown(self.network().path()), "views": card.views, "recommended_layers": card.recommended_layers,
                 "training": card.training, "licence": card.licence,
             },
-            "engine": { "name": "ONNX Runtime", "library": super::shown(&self.library), "threads": self.threads, "batch": self.batch },
+            "engine": {
+                "name": "ONNX Runtime", "library": super::shown(&self.library), "provider": self.name.name(),
+                "precision": self.precision, "threads": self.threads, "batch": self.batch,
+            },
         })
     }
 }

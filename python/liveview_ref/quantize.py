@@ -1,0 +1,159 @@
+"""Quantise an exported model to int8: python -m liveview_ref.quantize MODEL.onnx OUT.onnx CONFIG --data DATA
+
+Static, through onnxruntime: activations uint8, weights int8 per channel. Calibrated on samples such as CONFIG trains on
+(crops of its real scenes and procedural scenes, on guided layers and planes). Inputs, outputs and metadata stay as they
+are, but for `precision`. Writes OUT.onnx and its card, OUT.md: what each layer's quantisation costs, alone and all.
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
+
+from .procedural import Textures
+from .quantize_loss import Photo, loss, photos
+from .samples import RealScene, make_example, procedural
+from .train import read_config
+
+# conv1 takes signed differences of photos: to quantise it costs four times what all other layers together cost (the
+# card has the figures), and saves a thirtieth of the time.
+KEPT = ("conv1",)
+SAMPLES = 48
+CROP = (96, 96)
+
+
+class Samples(CalibrationDataReader):
+    """Hands out HWVs [L, 3V, h, w]."""
+
+    def __init__(self, hwvs: list[np.ndarray]):
+        self.left = iter(hwvs)
+
+    def get_next(self) -> dict[str, np.ndarray] | None:
+        hwv = next(self.left, None)
+        return None if hwv is None else {"hwv": hwv}
+
+
+def samples(config: dict, data: Path | None, count: int) -> list[np.ndarray]:
+    """HWVs such as training sees, other ones than it saw; procedural scenes alone where there is no data."""
+    rng = np.random.default_rng([config["seed"], 8])
+    real = [RealScene(data, spec, config["views"]) for spec in config["real"]] if data else []
+    real = [scene for scene in real if scene.weight]
+    textures = Textures(data / config["textures"] if data else None)
+    found = []
+    for index in range(count):
+        if index % 2 and real:
+            source = real[index // 2 % len(real)].sample(rng, config["views"], CROP)
+        else:
+            source = procedural(rng, config["views"], CROP, textures)
+        found.append(make_example(rng, source, config).hwv.float().numpy())
+    return found
+
+
+def convolutions(model: onnx.ModelProto) -> dict[str, str]:
+    """conv1, conv2 and so on, as the paper calls them -> the node's name."""
+    nodes = [node.name for node in model.graph.node if node.op_type == "Conv"]
+    return {f"conv{index}": name for index, name in enumerate(nodes, 1)}
+
+
+def quantise(path: Path, out: Path, hwvs: list[np.ndarray], layers: set[str], reduce_range: bool = True) -> None:
+    """Quantise these layers. `reduce_range`: weights of 7 bits, for CPUs without VNNI: their sums of two products
+    saturate at 16 bits. Where every layer but those of KEPT is quantised, so is what lies between them."""
+    model = onnx.load(path)
+    names = convolutions(model)
+    whole = layers == set(names) - set(KEPT)
+    quantize_static(
+        model,
+        out,
+        Samples(hwvs),
+        quant_format=QuantFormat.QDQ,
+        activation_type=QuantType.QUInt8,
+        weight_type=QuantType.QInt8,
+        per_channel=True,
+        reduce_range=reduce_range,
+        op_types_to_quantize=["Conv", "Relu", "Resize", "Concat"] if whole else ["Conv"],
+        nodes_to_exclude=[names[layer] for layer in names if layer not in layers],
+    )
+    quantised = onnx.load(out)
+    free_logits(quantised.graph)
+    told = f"{len(layers)} of {len(names)} layers, calibrated on {len(hwvs)} training samples"
+    onnx.helper.set_model_props(
+        quantised, {p.key: p.value for p in model.metadata_props} | {"precision": "int8", "quantised": told}
+    )
+    onnx.checker.check_model(quantised, full_check=True)
+    onnx.save(quantised, out)
+
+
+def free_logits(graph: onnx.GraphProto) -> None:
+    """Take the rounding off the output: nothing computes with it, and 256 steps are few for a sigmoid's tail."""
+    made_by = {name: node for node in graph.node for name in node.output}
+    dequantise = made_by["logits"]
+    if dequantise.op_type != "DequantizeLinear":
+        return
+    quantise = made_by[dequantise.input[0]]
+    made_by[quantise.input[0]].output[0] = "logits"
+    graph.node.remove(dequantise)
+    graph.node.remove(quantise)
+    used = {name for node in graph.node for name in node.input}
+    for unused in [i for i in graph.initializer if i.name not in used]:
+        graph.initializer.remove(unused)
+
+
+def card(path: Path, out: Path, hwvs: list[np.ndarray], held_out: list[Photo], config_name: str) -> str:
+    """The Markdown beside the model."""
+    names = convolutions(onnx.load(path))
+    chosen = set(names) - set(KEPT)
+    trials = {f"{layer} alone": ({layer}, True) for layer in names}
+    trials |= {"all": (set(names), True), f"all but {', '.join(KEPT)}: this model": (chosen, True)}
+    trials["the same, weights of 8 bits"] = (chosen, False)
+    exact = loss(path, held_out)
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for trial, (layers, reduce_range) in trials.items():
+            made = Path(folder) / "trial.onnx"
+            quantise(path, made, hwvs, layers, reduce_range)
+            found = loss(made, held_out, exact)
+            rows.append(
+                f"| {trial} | {100 * found.logits:.2f} % | "
+                + " | ".join(f"{x:+.3f}" for x in found.psnr.values())
+                + " |"
+            )
+            print(rows[-1], flush=True)
+    vnni = any(flag in Path("/proc/cpuinfo").read_text() for flag in ("avx512_vnni", "avx_vnni"))
+    kinds = " | ".join(f"{kind}, dB" for kind in exact.psnr)
+    told = (
+        f"[`{path.name}`]({path.name}) with {len(chosen)} of its {len(names)} layers in int8: activations uint8, "
+        "weights int8 per channel,\nof 7 bits (CPUs without VNNI add pairs of products in 16 bits, which 8 can "
+        "saturate). Input and output are float32.\n"
+        f"Calibrated on {len(hwvs)} samples of `{config_name}`, half of them procedural. Made by `make int8`. Training "
+        "and licence: the original's."
+    )
+    measured = (
+        "What quantising costs: root mean square error of the logits beside that of the logits themselves, and change "
+        f"of PSNR,\nover {len(held_out)} held-out renders of `dev/`, by onnxruntime {onnxruntime.__version__} on a CPU "
+        f"{'with' if vnni else 'without'} VNNI."
+    )
+    head = [f"# {out.name}", "", told, "", measured, "", f"| quantised | logits | {kinds} |"]
+    return "\n".join([*head, "|---" * (2 + len(exact.psnr)) + "|", *rows, ""])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("model", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("config", type=Path, help="the training config of the model")
+    parser.add_argument("--data", type=Path, required=True, help="folder with train/, dev/ and textures/")
+    args = parser.parse_args()
+    config = read_config(args.config)
+    hwvs = samples(config, args.data, SAMPLES)
+    layers = set(convolutions(onnx.load(args.model))) - set(KEPT)
+    quantise(args.model, args.out, hwvs, layers)
+    held_out = photos(config["validation"], args.data, config["views"])
+    args.out.with_suffix(".md").write_text(card(args.model, args.out, hwvs, held_out, args.config.name))
+
+
+if __name__ == "__main__":
+    main()

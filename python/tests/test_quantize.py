@@ -1,0 +1,49 @@
+"""Quantised models: they keep what the Rust binary asks for, and stay near the float32 ones."""
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+from liveview_ref.quantize import KEPT, convolutions, quantise, samples
+from liveview_ref.train import read_config
+
+ROOT = Path(__file__).parents[2]
+MODELS = ROOT / "models"
+
+
+def logits(path: Path, hwv: np.ndarray) -> np.ndarray:
+    return onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"]).run(["logits"], {"hwv": hwv})[0]
+
+
+def off(path: Path, original: Path, hwvs: list[np.ndarray]) -> float:
+    """Root mean square error of the logits, as a share of theirs."""
+    pairs = [(logits(path, hwv), logits(original, hwv)) for hwv in hwvs]
+    return float(np.sqrt(sum(((a - b) ** 2).sum() for a, b in pairs) / sum((b**2).sum() for _, b in pairs)))
+
+
+@pytest.fixture(scope="module")
+def hwvs():
+    return samples(read_config(ROOT / "python/configs/v4.json"), None, 4)
+
+
+def test_quantised_model_keeps_its_interface_and_stays_near(tmp_path, hwvs):
+    original, made = MODELS / "liveview_v4.onnx", tmp_path / "int8.onnx"
+    model = onnx.load(original)
+    quantise(original, made, hwvs, set(convolutions(model)) - set(KEPT))
+    found = onnx.load(made)
+    for a, b in [(found.graph.input[0], model.graph.input[0]), (found.graph.output[0], model.graph.output[0])]:
+        assert (a.name, a.type) == (b.name, b.type)
+    card = {p.key: p.value for p in found.metadata_props}
+    assert card.pop("precision") == "int8" and card.pop("quantised").startswith("8 of 9 layers")
+    assert card == {p.key: p.value for p in model.metadata_props}
+    assert sum(node.op_type == "QuantizeLinear" for node in found.graph.node) > 8
+    assert off(made, original, hwvs) < 0.03  # of what it was calibrated on: rounding alone; four samples clip others
+
+
+@pytest.mark.parametrize("path", sorted(MODELS.glob("*_int8.onnx")), ids=lambda path: path.stem)
+def test_shipped_int8_model_is_of_the_shipped_float32_model(path):
+    original = path.with_name(path.name.replace("_int8", ""))
+    config = read_config(ROOT / f"python/configs/{original.stem.removeprefix('liveview_')}.json")
+    assert off(path, original, samples(config, None, 4)) < 0.05

@@ -1,0 +1,65 @@
+//! Engines other than ONNX Runtime's own, where they are installed: their logits against float64, on the goldens of
+//! `make goldens`, within the bounds of `parity/tolerances.json`. A process can load one library: hence a file of its own.
+
+use std::path::{Path, PathBuf};
+
+use liveview::engine::Engine;
+use liveview::network::{OrtNetwork, PlaneNetwork};
+use liveview::runtime::{Runtime, RuntimeError};
+use ndarray::{Array4, Ix4, OwnedRepr};
+use ndarray_npy::{NpzReader, ReadableElement};
+
+fn folder() -> PathBuf {
+    let folder = std::env::var_os("LIVEVIEW_GOLDENS").map(PathBuf::from);
+    folder.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("target/goldens"))
+}
+
+fn get<T: ReadableElement>(case: &str, array: &str) -> Array4<T> {
+    let path = folder().join(format!("{case}.npz"));
+    let file =
+        std::fs::File::open(&path).unwrap_or_else(|e| panic!("{}: {e}: run `make goldens` first", path.display()));
+    NpzReader::new(file).unwrap().by_name::<OwnedRepr<T>, Ix4>(array).unwrap()
+}
+
+/// Largest and mean error allowed, relative to the largest logit.
+fn bound(entry: &str) -> (f64, f64) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("parity/tolerances.json");
+    let all: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+    let number = |key: &str| all[entry][key].as_f64().unwrap_or_else(|| panic!("no {key} of {entry}"));
+    (number("floor"), number("mean_floor"))
+}
+
+#[test]
+fn openvino_logits() {
+    let runtime = match Runtime::load_for(Engine::OpenVino, None) {
+        Ok(runtime) => runtime,
+        Err(RuntimeError::NotFound { .. } | RuntimeError::NoEngine { .. }) => {
+            println!("skipped: OpenVINO is not installed (make runtime-openvino)");
+            return;
+        }
+        Err(error) => panic!("{error}"),
+    };
+    let (most, mean_most) = bound("logits openvino");
+    // Of different sizes: one session serves them all.
+    for views in [4, 5, 2] {
+        let path = folder().join(format!("network_v{views}.onnx"));
+        let mut network = OrtNetwork::open(&runtime, &path, 2).unwrap();
+        for case in [format!("guided_v{views}"), format!("random_v{views}")] {
+            if !folder().join(format!("{case}.npz")).is_file() {
+                continue;
+            }
+            let (hwv, oracle) = (get::<f32>(&case, "colour"), get::<f64>(&case, "oracle.logits"));
+            let mut found = Array4::<f32>::zeros(oracle.raw_dim());
+            network.infer(hwv.view(), found.view_mut()).unwrap();
+            let scale = oracle.iter().fold(0.0, |top: f64, x| top.max(x.abs()));
+            let errors: Vec<f64> = found.iter().zip(&oracle).map(|(&a, b)| (f64::from(a) - b).abs() / scale).collect();
+            let (worst, mean) =
+                (errors.iter().copied().fold(0.0, f64::max), errors.iter().sum::<f64>() / errors.len() as f64);
+            println!("{case:10} {:?}: max {worst:.1e}, mean {mean:.1e}", oracle.shape());
+            assert!(
+                worst <= most && mean <= mean_most,
+                "{case}: max {worst:.1e}, mean {mean:.1e}: {most:.1e}, {mean_most:.1e}"
+            );
+        }
+    }
+}
