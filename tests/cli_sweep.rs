@@ -51,6 +51,19 @@ fn every_configuration_has_its_error_and_its_time() {
 }
 
 #[test]
+fn guided_layers_are_measured_on_other_engines_too() {
+    let folders = Folders::new();
+    let told = json(&mut sweep(&folders, &["--layers", "guided 1,planes 2", "--engines", "cpu f32"]));
+    let rows: Vec<_> = told["rows"].as_array().unwrap().iter().map(|row| (&row["layers"], &row["engine"])).collect();
+    let [guided, planes] = ["guided 1", "planes 2"].map(Value::from);
+    let cpu = Value::from("cpu, f32");
+    assert_eq!(rows, [(&guided, &cpu), (&planes, &cpu), (&guided, &cpu)]);
+    let mut unknown = sweep(&folders, &["--engines", "abacus"]);
+    let said = String::from_utf8(unknown.output().unwrap().stderr).unwrap();
+    assert!(said.contains("--engines") && said.contains("abacus"), "{said}");
+}
+
+#[test]
 fn widths_scale_the_photos() {
     let folders = Folders::new();
     let told = json(&mut sweep(&folders, &["--layers", "planes 2", "--widths", "32,64"]));

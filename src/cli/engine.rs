@@ -1,6 +1,7 @@
 //! What to render with: the model, ONNX Runtime, threads.
 
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
@@ -72,6 +73,28 @@ enum PrecisionName {
     Int8,
 }
 
+/// `--name=value`
+fn flag(name: &str, value: &impl ValueEnum) -> Option<String> {
+    Some(format!("--{name}={}", value.to_possible_value()?.get_name()))
+}
+
+/// An engine and a precision, such as `openvino int8`.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct EngineChoice {
+    engine: EngineName,
+    precision: Option<PrecisionName>,
+}
+
+impl FromStr for EngineChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (engine, precision) = text.trim().split_once(' ').map_or((text.trim(), None), |(e, p)| (e, Some(p)));
+        let precision = precision.map(|precision| PrecisionName::from_str(precision, true)).transpose()?;
+        Ok(Self { engine: EngineName::from_str(engine, true)?, precision })
+    }
+}
+
 /// A model, ready to render.
 pub(super) struct Engine {
     pub(super) renderer: Renderer<OrtNetwork>,
@@ -84,9 +107,13 @@ pub(super) struct Engine {
 }
 
 impl EngineArgs {
-    /// The same options on a command line.
-    pub(super) fn to_args(&self) -> Vec<String> {
+    /// The same options on a command line, on another engine if one is named.
+    pub(super) fn to_args(&self, other: Option<EngineChoice>) -> Vec<String> {
+        let EngineChoice { engine, precision } =
+            other.unwrap_or(EngineChoice { engine: self.engine, precision: self.precision });
         let mut args = vec![format!("--threads={}", self.threads()), format!("--batch={}", self.batch)];
+        args.extend(flag("engine", &engine));
+        args.extend(precision.and_then(|precision| flag("precision", &precision)));
         args.extend(self.views.map(|views| format!("--views={views}")));
         args.extend(self.model.as_ref().map(|model| format!("--model={}", super::shown(model))));
         args.extend(self.ort_lib.as_ref().map(|library| format!("--ort-lib={}", super::shown(library))));
@@ -147,8 +174,8 @@ impl EngineArgs {
 
 impl Engine {
     /// What runs the network, in a few words.
-    pub(super) fn name(&self) -> String {
-        "ONNX Runtime".to_owned()
+    pub(super) fn described(&self) -> String {
+        format!("{}, {}", self.name, self.precision)
     }
 
     pub(super) fn network(&self) -> &OrtNetwork {

@@ -11,7 +11,7 @@ use ndarray::Array1;
 use serde_json::{Value, json};
 
 use super::dump::Arrays;
-use super::engine::EngineArgs;
+use super::engine::{EngineArgs, EngineChoice};
 use super::measured::{Measured, score_all};
 use super::output::write_whole;
 use super::setup::{Photos, SceneArgs, Shot};
@@ -50,6 +50,10 @@ pub(super) struct SweepArgs {
     /// Widths of the picture, separated by commas: time against size; scored where it has the photo's [default: the photo's]
     #[arg(long, value_name = "PIXELS", value_delimiter = ',', value_parser = super::count)]
     widths: Vec<usize>,
+    /// Engines to measure the guided layers on as well, each with its precision, separated by commas, such as "cpu int8,openvino
+    /// int8"
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    engines: Vec<EngineChoice>,
     /// Times that each is rendered, after one to warm up
     #[arg(long, value_name = "N", default_value = "5", value_parser = super::count)]
     repetitions: usize,
@@ -85,12 +89,16 @@ pub(super) fn run(args: &SweepArgs) -> Result<Report> {
     let (mut all, mut own) = (Vec::new(), Value::Null);
     for width in widths {
         let mut measured = Vec::new();
-        for (kind, count) in &args.layers {
+        let guided = args.layers.iter().filter(|(kind, _)| kind == "guided");
+        let others = args.engines.iter().flat_map(|&engine| guided.clone().map(move |layers| (layers, Some(engine))));
+        for ((kind, count), engine) in args.layers.iter().map(|layers| (layers, None)).chain(others) {
             let name = format!("{kind} {count}");
-            let worker;
-            (worker, own) = Worker::start(&name, &worker_command(args, width, kind, *count)?, None)?;
-            let layers = own["layers"].as_str().unwrap_or(&name);
-            measured.push(Measured::new(worker, Row::new(layers, &own, false, size(&own))));
+            let (worker, ready) = Worker::start(&name, &worker_command(args, width, (kind, *count), engine)?, None)?;
+            if engine.is_none() {
+                own = ready.clone();
+            }
+            let layers = ready["layers"].as_str().unwrap_or(&name);
+            measured.push(Measured::new(worker, Row::new(layers, &ready, false, size(&ready))));
         }
         if let Some(command) = &args.reference {
             measured.extend(references(args, command, &photos, width, &own, folder.path())?);
@@ -157,10 +165,15 @@ fn model(ready: &Value) -> &Path {
 }
 
 /// `liveview worker …`
-fn worker_command(args: &SweepArgs, width: Option<usize>, kind: &str, count: usize) -> Result<Vec<String>> {
+fn worker_command(
+    args: &SweepArgs,
+    width: Option<usize>,
+    (kind, count): (&str, usize),
+    engine: Option<EngineChoice>,
+) -> Result<Vec<String>> {
     let mut command = vec![super::shown(&std::env::current_exe()?), "worker".to_owned()];
     command.extend(args.scene.to_args());
-    command.extend(args.engine.to_args());
+    command.extend(args.engine.to_args(engine));
     command.extend([format!("--target={}", args.target.join(",")), format!("--{kind}={count}")]);
     command.extend(width.map(|width| format!("--target-width={width}")));
     Ok(command)

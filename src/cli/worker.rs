@@ -58,7 +58,7 @@ pub(super) fn run(args: &WorkerArgs) -> Result<()> {
     }
     let sources = |shot: &Shot| job.photos.names(&shot.views).into_iter().map(str::to_owned).collect::<Vec<_>>();
     say(&json!({
-        "ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]), "engine": job.engine.name(), "layers": job.recipe.to_string(),
+        "ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]), "engine": job.engine.described(), "layers": job.recipe.to_string(),
         "model": super::shown(job.engine.network().path()), "views": shots.iter().map(sources).collect::<Vec<_>>(),
     }))?;
     let mut worker = Worker { kept: shots.iter().map(|_| None).collect(), job, shots };
