@@ -36,5 +36,6 @@ pub mod scene;
 pub mod select;
 pub mod semiglobal;
 pub mod sweep;
+mod taps;
 pub mod views;
 pub mod warp;
