@@ -35,6 +35,7 @@ pub mod runtime;
 pub mod scene;
 pub mod select;
 pub mod semiglobal;
+pub mod stops;
 pub mod sweep;
 mod taps;
 pub mod views;
