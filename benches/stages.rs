@@ -1,6 +1,7 @@
-//! What the native stages cost per layer beside a plain copy of as many bytes: `cargo bench`.
+//! What the native stages cost per layer, in bytes and samples per second, beside a plain copy of as many bytes: `cargo bench`.
 //!
-//! One layer at 504×352, V = 5, on the threads that rayon has; a sample is one pixel of one view.
+//! One layer at 504×352, V = 5, on the threads that rayon has; a sample is one pixel of one view. The bytes are those that
+//! a stage must move: the warp writes colour and coverage, the blend reads them and the logits.
 
 use divan::Bencher;
 use divan::counter::{BytesCount, ItemsCount};
@@ -43,20 +44,23 @@ fn textures() -> Vec<Texture> {
     (0..VIEWS).map(photo).collect()
 }
 
-/// As many bytes as the warp writes.
-#[divan::bench]
-fn copy(bencher: Bencher) {
-    let (from, mut to) = (vec![0.5_f32; 4 * VIEWS * PIXELS], vec![0.0_f32; 4 * VIEWS * PIXELS]);
-    bencher.counter(BytesCount::of_many::<f32>(to.len())).bench_local(|| {
+/// As many bytes as the warp writes (4 planes of each view), and as the blend reads (5).
+#[divan::bench(args = [4, 5])]
+fn copy(bencher: Bencher, planes: usize) {
+    let (from, mut to) = (vec![0.5_f32; planes * VIEWS * PIXELS], vec![0.0_f32; planes * VIEWS * PIXELS]);
+    bencher.counter(ItemsCount::new(VIEWS * PIXELS)).counter(BytesCount::of_many::<f32>(to.len())).bench_local(|| {
         to.par_chunks_mut(PIXELS).zip(from.par_chunks(PIXELS)).for_each(|(to, from)| to.copy_from_slice(from));
         divan::black_box(&mut to);
     });
 }
 
-#[divan::bench(args = [0.0, 0.01])]
-fn warp(bencher: Bencher, turn: f64) {
+/// Turned cameras on a plane and on a smooth map, and a rectified rig.
+#[divan::bench(args = ["planes", "maps", "rectified"])]
+fn warp(bencher: Bencher, case: &str) {
     let textures = textures();
-    let (sources, disparity) = (sources(&textures, turn), vec![0.2; PIXELS]);
+    let sources = sources(&textures, if case == "rectified" { 0.0 } else { 0.01 });
+    let smooth = |at: usize| 0.2 + 0.05 * ((at % SIZE.1) as f32 * 0.02).sin();
+    let disparity: Vec<_> = (0..PIXELS).map(|at| if case == "maps" { smooth(at) } else { 0.2 }).collect();
     let (mut colour, mut coverage) = (vec![0.0; 3 * VIEWS * PIXELS], vec![0.0; VIEWS * PIXELS]);
     bencher
         .counter(ItemsCount::new(VIEWS * PIXELS))

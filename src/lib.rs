@@ -36,6 +36,8 @@ pub mod runtime;
 pub mod scene;
 pub mod select;
 pub mod semiglobal;
+pub mod stops;
 pub mod sweep;
+mod taps;
 pub mod views;
 pub mod warp;

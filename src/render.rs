@@ -11,6 +11,7 @@ use crate::composite::Accumulated;
 use crate::image_io::ImageRgb;
 use crate::layers::{Layers, padded};
 use crate::network::{NetworkError, PlaneNetwork};
+use crate::stops::{LeftOut, Stops};
 use crate::sweep::Sweep;
 use crate::views::{SourceView, distance};
 use crate::warp::{WarpSource, warp_layers};
@@ -43,6 +44,8 @@ pub struct Frame {
     pub transmittance: Array2<f32>,
     /// Index of the layer of largest α as the network gave it, `None` where no layer is covered, `[height, width]`.
     pub best_layer: Array2<Option<u32>>,
+    /// Which layers were not rendered.
+    pub left_out: LeftOut,
     /// Where the time went.
     pub times: StageTimes,
 }
@@ -78,6 +81,7 @@ pub struct Batch<'a> {
 pub struct Renderer<N> {
     network: N,
     batch: usize,
+    stops: Stops,
     disparity: Vec<f32>,
     hwv: Vec<f32>,
     coverage: Vec<f32>,
@@ -90,6 +94,7 @@ impl<N: PlaneNetwork> Renderer<N> {
         Self {
             network,
             batch: batch.max(1),
+            stops: Stops::default(),
             disparity: Vec::new(),
             hwv: Vec::new(),
             coverage: Vec::new(),
@@ -102,12 +107,17 @@ impl<N: PlaneNetwork> Renderer<N> {
         &self.network
     }
 
+    /// Which layers the next renders may leave out: by default those that no view covers.
+    pub fn set_stops(&mut self, stops: Stops) {
+        self.stops = stops;
+    }
+
     /// Render `target` from `views` (V of them, nearest first: see [`crate::views::choose_views`]) on `layers`.
     pub fn render(&mut self, views: &[SourceView<'_>], target: &Camera, layers: &Layers) -> Result<Frame, RenderError> {
         self.render_observed(views, target, layers, |_| ())
     }
 
-    /// As [`Self::render`], and show each batch to `observe` once the network has run.
+    /// As [`Self::render`], and show each batch, without the layers left out, to `observe` once the network has run.
     pub fn render_observed(
         &mut self,
         views: &[SourceView<'_>],
@@ -131,20 +141,40 @@ impl<N: PlaneNetwork> Renderer<N> {
         self.logits.resize(batch * count * pixels, 0.0);
 
         let mut gathered = vec![Accumulated::new(target.width()); target.height()];
-        let mut times = StageTimes::default();
-        for (index, part) in layers.as_slice().chunks(batch).enumerate() {
-            let n = part.len();
-            let disparity = &mut self.disparity[..n * pixels];
-            let hwv = &mut self.hwv[..n * 3 * count * pixels];
-            let coverage = &mut self.coverage[..n * count * pixels];
-            let logits = &mut self.logits[..n * count * pixels];
-            let started = Instant::now();
-            for (layer, out) in part.iter().zip(disparity.chunks_exact_mut(pixels)) {
-                layer.fill(width, out);
+        let (mut times, mut left_out) = (StageTimes::default(), LeftOut::default());
+        let mut waiting = layers.as_slice().iter().enumerate();
+        let mut indices = Vec::with_capacity(batch);
+        while waiting.len() > 0 {
+            if let Some(transmittance) = self.stops.hide_rest(&gathered) {
+                left_out.add_hidden(waiting.len(), transmittance);
+                break;
             }
-            warp_layers(disparity, &sources, (height, width), hwv, coverage);
+            let started = Instant::now();
+            indices.clear();
+            while indices.len() < batch {
+                let Some((index, layer)) = waiting.next() else { break };
+                let slot = indices.len();
+                let disparity = &mut self.disparity[slot * pixels..][..pixels];
+                let coverage = &mut self.coverage[slot * count * pixels..][..count * pixels];
+                layer.fill(width, disparity);
+                let hwv = &mut self.hwv[slot * 3 * count * pixels..][..3 * count * pixels];
+                warp_layers(disparity, &sources, (height, width), hwv, coverage);
+                match self.stops.hide(coverage, (height, width), &gathered) {
+                    Some(0.0) => left_out.uncovered += 1,
+                    Some(transmittance) => left_out.add_hidden(1, transmittance),
+                    None => indices.push(index),
+                }
+            }
             let warped = Instant::now();
-            let hwv = ArrayView4::from_shape((n, 3 * count, height, width), hwv).expect("sized above");
+            times.warp += warped - started;
+            let n = indices.len();
+            if n == 0 {
+                break;
+            }
+            let (disparity, coverage) = (&self.disparity[..n * pixels], &self.coverage[..n * count * pixels]);
+            let logits = &mut self.logits[..n * count * pixels];
+            let hwv = ArrayView4::from_shape((n, 3 * count, height, width), &self.hwv[..n * 3 * count * pixels])
+                .expect("sized above");
             let shape = (n, count, height, width);
             self.network.infer(hwv, ArrayViewMut4::from_shape(shape, logits).expect("sized above"))?;
             let inferred = Instant::now();
@@ -155,13 +185,12 @@ impl<N: PlaneNetwork> Renderer<N> {
                 logits: ArrayView4::from_shape(shape, logits).expect("sized above"),
                 weights: &weights,
             };
-            composite_batch(&shown, index * batch, layers.len(), &mut gathered);
+            composite_batch(&shown, &indices, layers.len(), &mut gathered);
             times.composite += inferred.elapsed();
             times.network += inferred - warped;
-            times.warp += warped - started;
             observe(&shown);
         }
-        Ok(frame(&gathered, target, times))
+        Ok(Frame { left_out, times, ..frame(&gathered, target) })
     }
 }
 
@@ -170,8 +199,8 @@ pub fn warp_sources<'a>(views: &[SourceView<'a>], target: &Camera) -> Vec<WarpSo
     views.iter().map(|v| WarpSource { texture: v.texture, sweep: Sweep::new(v.camera, target) }).collect()
 }
 
-/// Blend each layer of the batch, whose first is layer `first` of `total`, and add it behind what was gathered.
-fn composite_batch(batch: &Batch<'_>, first: usize, total: usize, gathered: &mut [Accumulated]) {
+/// Blend each layer of the batch, of the given indices among `total`, and add it behind what was gathered.
+fn composite_batch(batch: &Batch<'_>, indices: &[usize], total: usize, gathered: &mut [Accumulated]) {
     let (n, _, _, width) = batch.logits.dim();
     let (hwv, coverage, logits) = match (batch.hwv.to_slice(), batch.coverage.to_slice(), batch.logits.to_slice()) {
         (Some(hwv), Some(coverage), Some(logits)) => (hwv, coverage, logits),
@@ -182,7 +211,7 @@ fn composite_batch(batch: &Batch<'_>, first: usize, total: usize, gathered: &mut
     gathered.par_iter_mut().enumerate().for_each_init(
         || Blended::new(target_width),
         |blended, (row, gathered)| {
-            for (k, disparity) in batch.disparity.outer_iter().enumerate() {
+            for ((k, disparity), &index) in batch.disparity.outer_iter().enumerate().zip(indices) {
                 let samples = LayerSamples {
                     logits: &logits[k * size..(k + 1) * size],
                     colour: &hwv[3 * k * size..3 * (k + 1) * size],
@@ -190,13 +219,13 @@ fn composite_batch(batch: &Batch<'_>, first: usize, total: usize, gathered: &mut
                 };
                 batch.weights.blend(&samples, row * width, blended);
                 let disparity = disparity.row(row).to_slice().expect("rows of the renderer's own buffer");
-                gathered.add((first + k) as u32, blended, disparity, first + k + 1 == total);
+                gathered.add(index as u32, blended, disparity, index + 1 == total);
             }
         },
     );
 }
 
-fn frame(gathered: &[Accumulated], target: &Camera, times: StageTimes) -> Frame {
+fn frame(gathered: &[Accumulated], target: &Camera) -> Frame {
     let shape = (target.height(), target.width());
     let map = |f: fn(&Accumulated) -> &Vec<f64>| {
         let values = gathered.iter().flat_map(|row| f(row).iter().map(|&value| value as f32)).collect();
@@ -210,6 +239,7 @@ fn frame(gathered: &[Accumulated], target: &Camera, times: StageTimes) -> Frame 
         disparity: map(|row| &row.disparity),
         transmittance: map(|row| &row.transmittance),
         best_layer: Array2::from_shape_vec(shape, best.collect()).expect("one value per pixel"),
-        times,
+        left_out: LeftOut::default(),
+        times: StageTimes::default(),
     }
 }

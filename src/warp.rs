@@ -4,11 +4,11 @@
 //! `grid_sample(mode="bilinear", padding_mode="zeros", align_corners=False)`). Coordinates that are not finite are
 //! outside. Beside the colour each sample has its **coverage** in [0, 1]: the same sample of an all-ones image.
 
-use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::image_io::ImageRgb;
 use crate::sweep::Sweep;
+use crate::taps::{LANES, Taps};
 
 /// A view's photo made ready for sampling: RGB and a fourth channel of ones (whose sample is the coverage), inside a
 /// border of zeros so that sampling needs no bounds test.
@@ -70,15 +70,26 @@ impl Texture {
         Self { texels, width, height }
     }
 
+    /// Texels from one row to the next; as indices of texels, u32.
+    pub(crate) fn stride(&self) -> u32 {
+        (self.width + BORDER.0 + BORDER.1) as u32
+    }
+
     /// Bilinear sample between texel `at`, its right neighbour and the two below, at the given shares of the latter.
+    /// Neighbours lie side by side in memory: eight numbers at a time go down, four across.
     #[inline(always)]
-    fn sample(&self, at: usize, across: f32, down: f32) -> [f32; 4] {
-        let stride = self.width + BORDER.0 + BORDER.1;
-        let (upper, lower) = (&self.texels[at..at + 2], &self.texels[at + stride..at + stride + 2]);
-        let weights = [(1.0 - across) * (1.0 - down), across * (1.0 - down), (1.0 - across) * down, across * down];
-        std::array::from_fn(|c| {
-            upper[0][c] * weights[0] + upper[1][c] * weights[1] + lower[0][c] * weights[2] + lower[1][c] * weights[3]
-        })
+    fn sample(&self, at: u32, across: f32, down: f32) -> [f32; 4] {
+        // Widened from u32, sums cannot overflow, which saves half of the tests.
+        let pair = |at: usize| self.texels[at..at + 2].as_flattened();
+        let (upper, lower) = (pair(at as usize), pair(at as usize + self.stride() as usize));
+        let (mut pair, mut mixed) = ([0.0; 8], [0.0; 4]);
+        for i in 0..8 {
+            pair[i] = upper[i] + (lower[i] - upper[i]) * down;
+        }
+        for i in 0..4 {
+            mixed[i] = pair[i] + (pair[i + 4] - pair[i]) * across;
+        }
+        mixed
     }
 }
 
@@ -108,26 +119,29 @@ pub fn warp_layers(
     let plane = height * width;
     assert_eq!(colour.len(), 3 * disparity.len() * sources.len(), "colour is [n, 3V, height, width]");
     assert_eq!(3 * coverage.len(), colour.len(), "coverage is [n, V, height, width]");
+    let band = BAND * width;
     let views = colour.par_chunks_mut(3 * plane).zip(coverage.par_chunks_mut(plane)).enumerate();
     views.for_each(|(index, (colour, coverage))| {
         let (layer, source) = (index / sources.len(), &sources[index % sources.len()]);
         let disparity = &disparity[layer * plane..(layer + 1) * plane];
         let (red, rest) = colour.split_at_mut(plane);
         let (green, blue) = rest.split_at_mut(plane);
-        for row in 0..height {
-            let span = row * width..(row + 1) * width;
-            let out = [&mut red[span.clone()], &mut green[span.clone()], &mut blue[span.clone()]];
-            warp_row(source, row, &disparity[span.clone()], out, &mut coverage[span]);
-        }
+        let [red, green, blue, coverage] = [red, green, blue, coverage].map(|plane| plane.par_chunks_mut(band));
+        let bands = disparity.par_chunks(band).zip(red).zip(green).zip(blue).zip(coverage).enumerate();
+        bands.for_each(|(index, ((((disparity, red), green), blue), coverage))| {
+            for (row, disparity) in disparity.chunks_exact(width).enumerate() {
+                let span = row * width..(row + 1) * width;
+                let out = [&mut *red, green, blue, coverage].map(|plane| &mut plane[span.clone()]);
+                warp_row(source, index * BAND + row, disparity, out);
+            }
+        });
     });
 }
 
-/// Pixels computed side by side.
-const LANES: usize = 64;
+/// Rows that one thread takes at a time: V views alone would not divide evenly among threads.
+const BAND: usize = 32;
 
-/// One row of one view. Coordinates are f64 up to the sample: f32 rays were less exact than float32 torch's in the mean on
-/// rectified rigs (1.4e-7 against 1.2e-7). First the coordinates of a run of pixels, then their samples: the first are
-/// plain loops, compiled for the vector instructions that this machine has.
+/// One row of one view, in plain loops over runs of pixels, compiled for the vector instructions that this machine has.
 #[pulp::with_simd(warp_row = pulp::Arch::new())]
 #[inline(always)]
 fn warp_row_with<'a, S: pulp::Simd>(
@@ -135,38 +149,30 @@ fn warp_row_with<'a, S: pulp::Simd>(
     source: &'a WarpSource<'a>,
     row: usize,
     disparity: &'a [f32],
-    rgb: [&'a mut [f32]; 3],
-    coverage: &'a mut [f32],
+    out: [&'a mut [f32]; 4],
 ) {
-    let Sweep { homography_at_infinity: homography, epipole } = source.sweep;
-    let begin = homography * DVec3::new(0.5, row as f64 + 0.5, 1.0);
-    let (right, bottom) = ((source.texture.width + 1) as f64, (source.texture.height + 1) as f64);
-    let stride = (source.texture.width + BORDER.0 + BORDER.1) as i32;
-    let [red, green, blue] = rgb;
-    let (mut texel, mut across, mut down) = ([0_i32; LANES], [0.0_f32; LANES], [0.0_f32; LANES]);
-    for start in (0..disparity.len()).step_by(LANES) {
-        let n = LANES.min(disparity.len() - start);
-        let lanes = texel.iter_mut().zip(&mut across).zip(&mut down).zip(&disparity[start..start + n]);
-        for (x, (((texel, across), down), &disparity)) in lanes.enumerate() {
-            let (x, disparity) = ((start + x) as f64, f64::from(disparity));
-            let uvw = begin + homography.x_axis * x + epipole * disparity;
-            // +0.5: pixel centres lie at halves, the border adds one. NaN and w <= 0 end up at 0: outside.
-            let per_w = if uvw.z > 0.0 { 1.0 / uvw.z } else { f64::NAN };
-            let (at_x, at_y) = (within(uvw.x * per_w + 0.5, right), within(uvw.y * per_w + 0.5, bottom));
-            let (column, row) = (at_x as i32, at_y as i32);
-            (*across, *down) = ((at_x - f64::from(column)) as f32, (at_y - f64::from(row)) as f32);
-            *texel = row * stride + column;
+    let [red, green, blue, coverage] = out;
+    let mut taps = Taps::NONE;
+    let mut samples = [[0.0; 4]; LANES];
+    let width = disparity.len();
+    let mut padded = [0.0; LANES];
+    for start in (0..width).step_by(LANES) {
+        // The last run overlaps the one before it, so that runs are short in short rows only.
+        let run = start.min(width.saturating_sub(LANES))..(start + LANES).min(width);
+        let disparity = <&[f32; LANES]>::try_from(&disparity[run.clone()]).unwrap_or_else(|_| {
+            padded = [disparity[width - 1]; LANES];
+            padded[..width].copy_from_slice(disparity);
+            &padded
+        });
+        if !taps.find(source, row, &run, disparity) {
+            [&mut *red, green, blue, coverage].into_iter().for_each(|plane| plane[run.clone()].fill(0.0));
+            continue;
         }
-        for i in 0..n {
-            let at = start + i;
-            [red[at], green[at], blue[at], coverage[at]] = source.texture.sample(texel[i] as usize, across[i], down[i]);
+        for (i, sample) in samples.iter_mut().enumerate() {
+            *sample = source.texture.sample(taps.texel[i], taps.across[i], taps.down[i]);
+        }
+        for (channel, plane) in [&mut *red, green, blue, coverage].into_iter().enumerate() {
+            plane[run.clone()].iter_mut().zip(&samples).for_each(|(value, sample)| *value = sample[channel]);
         }
     }
-}
-
-/// `x` brought into [0, last], NaN to 0: two instructions, where `f64::max` and `min` take eight.
-#[inline(always)]
-fn within(x: f64, last: f64) -> f64 {
-    let x = if x > 0.0 { x } else { 0.0 };
-    if x < last { x } else { last }
 }

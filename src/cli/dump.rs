@@ -11,6 +11,7 @@ use liveview::guide::Search;
 use liveview::image_io::ImageRgb;
 use liveview::layers::{Layer, Layers};
 use liveview::render::{Batch, Frame, warp_sources};
+use liveview::stops::Stops;
 use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate, s};
 use ndarray_npy::{NpzWriter, WritableElement};
 use serde_json::json;
@@ -173,6 +174,7 @@ fn write(job: &mut Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
     write_layers(&layers, job, shot, arrays)?;
     let mut stages = Stages::default();
     let sources = job.photos.sources(&shot.views);
+    job.engine.renderer.set_stops(Stops::NONE);
     let frame = job.engine.renderer.render_observed(&sources, &shot.target, &layers, |batch| stages.gather(batch))?;
     stages.write(arrays)?;
     write_frame(frame, arrays)

@@ -1,0 +1,189 @@
+//! Taps of the warp: where the samples of a run of pixels lie in the source, as texels and shares of their neighbours.
+
+use std::ops::Range;
+
+use glam::DVec3;
+
+use crate::sweep::Sweep;
+use crate::warp::WarpSource;
+
+/// Pixels computed side by side: enough that loops over them stay loops, which vectorise.
+pub(crate) const LANES: usize = 64;
+
+/// Texel up left of each sample, in the bordered source, and the shares of its right and lower neighbours. Samples outside
+/// lie on the border: they are 0.
+pub(crate) struct Taps {
+    pub(crate) texel: [u32; LANES],
+    pub(crate) across: [f32; LANES],
+    pub(crate) down: [f32; LANES],
+}
+
+impl Taps {
+    /// Room for a run.
+    pub(crate) const NONE: Self = Self { texel: [0; LANES], across: [0.0; LANES], down: [0.0; LANES] };
+
+    /// The taps of the pixels `run` of a row, at the given disparities (beyond the run's end: anything finite). False where
+    /// none of them sees the source.
+    ///
+    /// f32 coordinates by themselves were less exact than float32 torch's in the mean on rectified rigs (1.4e-7 against
+    /// 1.2e-7); measured from an exact point within 32 pixels they are three times more exact.
+    #[inline(always)]
+    pub(crate) fn find(
+        &mut self,
+        source: &WarpSource<'_>,
+        row: usize,
+        run: &Range<usize>,
+        disparity: &[f32; LANES],
+    ) -> bool {
+        self.near(source, row, run, disparity).unwrap_or_else(|| {
+            self.exact(source, row, run.start, disparity);
+            true
+        })
+    }
+
+    /// Everything in f64, pixel by pixel.
+    #[inline(always)]
+    fn exact(&mut self, source: &WarpSource<'_>, row: usize, start: usize, disparity: &[f32; LANES]) {
+        let Sweep { homography_at_infinity: homography, epipole } = source.sweep;
+        let begin = homography * DVec3::new(0.5, row as f64 + 0.5, 1.0);
+        let (right, bottom) = ((source.texture.width() + 1) as f64, (source.texture.height() + 1) as f64);
+        for (i, &disparity) in disparity.iter().enumerate() {
+            let uvw = begin + homography.x_axis * (start + i) as f64 + epipole * f64::from(disparity);
+            // +0.5: pixel centres lie at halves, the border adds one. NaN and w <= 0 end up at 0: outside.
+            let per_w = if uvw.z > 0.0 { 1.0 / uvw.z } else { f64::NAN };
+            let (at_x, at_y) = (within(uvw.x * per_w + 0.5, right), within(uvw.y * per_w + 0.5, bottom));
+            let (column, row) = (at_x as u32, at_y as u32);
+            self.across[i] = (at_x - f64::from(column)) as f32;
+            self.down[i] = (at_y - f64::from(row)) as f32;
+            self.texel[i] = row * source.texture.stride() + column;
+        }
+    }
+
+    /// Exact in the run's middle, and from there in f32, where the distances are small: whether any pixel sees the source.
+    /// `None` where they are not small.
+    #[inline(always)]
+    fn near(
+        &mut self,
+        source: &WarpSource<'_>,
+        row: usize,
+        run: &Range<usize>,
+        disparity: &[f32; LANES],
+    ) -> Option<bool> {
+        let half = run.len() / 2;
+        let Sweep { homography_at_infinity: homography, epipole } = source.sweep;
+        let pixel = DVec3::new((run.start + half) as f64 + 0.5, row as f64 + 0.5, 1.0);
+        let middle = homography * pixel + epipole * f64::from(disparity[half]);
+        let (x, y) = (middle.x / middle.z, middle.y / middle.z);
+        if !(middle.z > 0.0 && x.abs() < FAR_OUT && y.abs() < FAR_OUT) {
+            return None;
+        }
+        // Step k columns and d in disparity away, (u, v)/w moves by (k column + d deeper) / (1 + k column.z + d deeper.z).
+        let change =
+            |uvw: DVec3| [uvw.x - x * uvw.z, uvw.y - y * uvw.z, uvw.z].map(|change| (change / middle.z) as f32);
+        let (column, deeper) = (change(homography.x_axis), change(epipole));
+        let (x, y) = (x + 0.5, y + 0.5);
+        let (whole_x, whole_y) = (x.floor(), y.floor());
+        let (part_x, part_y) = ((x - whole_x) as f32, (y - whole_y) as f32);
+        let (left, right) = (-whole_x as f32, (source.texture.width() + 1) as f32 - whole_x as f32);
+        let (top, bottom) = (-whole_y as f32, (source.texture.height() + 1) as f32 - whole_y as f32);
+        let stride = source.texture.stride() as i32;
+        let (whole_x, whole_y) = (whole_x as i32, whole_y as i32);
+        let (mut small, mut seen) = ([0_u32; LANES], [0_u32; LANES]);
+        for i in 0..LANES {
+            let (k, d) = (i as i32 as f32 - half as f32, disparity[i] - disparity[half]);
+            let w = 1.0 + (k * column[2] + d * deeper[2]);
+            let per_w = 1.0 / w;
+            let (dx, dy) = ((k * column[0] + d * deeper[0]) * per_w, (k * column[1] + d * deeper[1]) * per_w);
+            small[i] = u32::from((w > 0.5) & (dx.abs() < NEAR_BY) & (dy.abs() < NEAR_BY));
+            let (dx, dy) = (part_x + dx, part_y + dy);
+            seen[i] = u32::from((dx > left) & (dx < right) & (dy > top) & (dy < bottom));
+            let (dx, dy) = (clamped(dx, left, right), clamped(dy, top, bottom));
+            let (floor_x, floor_y) = (dx.floor(), dy.floor());
+            (self.across[i], self.down[i]) = (dx - floor_x, dy - floor_y);
+            self.texel[i] = ((whole(floor_y) + whole_y) * stride + whole(floor_x) + whole_x) as u32;
+        }
+        let all = |flags: &[u32; LANES]| flags.iter().fold(1, |all, flag| all & flag) == 1;
+        let any = |flags: &[u32; LANES]| flags.iter().fold(0, |any, flag| any | flag) == 1;
+        all(&small).then(|| any(&seen))
+    }
+}
+
+/// Coordinates beyond this, in pixels, are left to f64.
+const FAR_OUT: f64 = 1e6;
+
+/// As are those that lie further than this from the middle of their run.
+const NEAR_BY: f32 = 128.0;
+
+/// A whole number below 2^22 as an integer: `as` would look for overflow.
+#[inline(always)]
+fn whole(x: f32) -> i32 {
+    const ZERO: f32 = 12_582_912.0; // 1.5 * 2^23: whole numbers around it follow each other bit by bit
+    (x + ZERO).to_bits().wrapping_sub(ZERO.to_bits()) as i32
+}
+
+/// `x` brought into [low, high]: two instructions, where `f32::max` and `min` take eight.
+#[inline(always)]
+fn clamped(x: f32, low: f32, high: f32) -> f32 {
+    let x = if x > low { x } else { low };
+    if x < high { x } else { high }
+}
+
+/// `x` brought into [0, last], NaN to 0: two instructions, where `f64::max` and `min` take eight.
+#[inline(always)]
+fn within(x: f64, last: f64) -> f64 {
+    let x = if x > 0.0 { x } else { 0.0 };
+    if x < last { x } else { last }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+    use crate::image_io::ImageRgb;
+    use crate::warp::Texture;
+
+    /// Taps of the pixels from 100 on of row 50, as positions in the source, by both ways; and whether the first served.
+    fn both(homography: DMat3, epipole: DVec3, disparity: impl Fn(usize) -> f32) -> (Vec<[f64; 4]>, bool) {
+        let photo = ImageRgb::new(320, 200, vec![0.5; 3 * 320 * 200]).unwrap();
+        let texture = Texture::new(&photo);
+        let source = WarpSource { texture: &texture, sweep: Sweep { homography_at_infinity: homography, epipole } };
+        let disparity = std::array::from_fn(disparity);
+        let positions = |taps: &Taps| {
+            let stride = texture.stride();
+            let position = |i: usize| {
+                let [column, row] = [taps.texel[i] % stride, taps.texel[i] / stride];
+                [f64::from(column) + f64::from(taps.across[i]), f64::from(row) + f64::from(taps.down[i])]
+            };
+            (0..LANES).map(position).collect::<Vec<_>>()
+        };
+        let (mut near, mut exact) = (Taps::NONE, Taps::NONE);
+        exact.exact(&source, 50, 100, &disparity);
+        let served = near.near(&source, 50, &(100..100 + LANES), &disparity).is_some();
+        let pairs = positions(&near).into_iter().zip(positions(&exact)).map(|(a, b)| [a[0], a[1], b[0], b[1]]);
+        (pairs.collect(), served)
+    }
+
+    #[test]
+    fn near_the_middle_of_a_run_f32_is_exact_to_some_millionths_of_a_pixel() {
+        let tilted = DMat3::from_cols_array(&[1.02, 0.03, 2e-4, -0.02, 0.97, -1e-4, 9.3, -4.1, 1.0]);
+        for (homography, step) in [(DMat3::IDENTITY, 0.0), (tilted, 0.0), (tilted, 1e-3)] {
+            let (pairs, served) = both(homography, DVec3::new(210.3, 7.7, 0.01), |i| 0.1 + step * (i as f32).sin());
+            assert!(served);
+            for [x, y, exact_x, exact_y] in pairs {
+                assert!((x - exact_x).abs() < 8e-6 && (y - exact_y).abs() < 8e-6, "{x} {y}, not {exact_x} {exact_y}");
+            }
+        }
+    }
+
+    #[test]
+    fn far_from_it_and_around_the_horizon_f64_serves() {
+        let stretched = DMat3::from_diagonal(DVec3::new(5.0, 1.0, 1.0));
+        let horizon = DMat3::from_cols_array(&[1.0, 0.0, 0.01, 0.0, 1.0, 0.0, 0.0, 0.0, -1.4]);
+        let behind = DMat3::from_diagonal(DVec3::new(-1.0, -1.0, -1.0));
+        for homography in [stretched, horizon, behind] {
+            assert!(!both(homography, DVec3::ZERO, |_| 0.0).1);
+        }
+        assert!(!both(DMat3::IDENTITY, DVec3::new(300.0, 0.0, 0.0), |i| i as f32 / 64.0).1, "steep disparity");
+    }
+}
