@@ -209,6 +209,13 @@ fn what_was_left_out_is_explained() {
     assert!(explained["dense"]["error_max"].as_f64().unwrap() >= explained["dense"]["error_mean"].as_f64().unwrap());
     assert_eq!(image_io::read_size(why.as_ref()).unwrap(), (3 * WIDTH as usize + 8, HEIGHT as usize));
 
+    // 60 · 0.1 / 0.01 pixels of parallax: the first three of these planes are beyond every photo.
+    let near = ["--target", "2", "-o", &picture, "--near", "0.01", "--planes", "4", "--explain", &why];
+    let told = json(&mut folders.render(&near));
+    assert_eq!(told["explanation"]["left_out"]["uncovered"], 3, "as `inspect` says: {told}");
+    let refused = |arguments: &[&str], words: &[&str]| folders.assert_refused(&mut folders.render(arguments), words);
+    assert_eq!(json(folders.render(&near).args(["--opaque", "0.5"]))["explanation"]["left_out"]["uncovered"], 3);
+
     let text = run(&mut folders.render(&["--target", "2", "-o", &picture, "--planes", "5", "--explain", &why]));
     assert!(text.contains("5 planes, of which"), "{text}");
     assert_eq!(image_io::read_size(why.as_ref()).unwrap(), (WIDTH as usize, HEIGHT as usize));

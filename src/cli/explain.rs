@@ -69,6 +69,7 @@ impl ExplainArgs {
             Some(range) => guided(job, about, range, &mut text, &mut json),
             None => planes(about, &mut text, &mut json),
         };
+        stops(about.frame, &mut text, &mut json);
         time(about.times, &mut text, &mut json);
         if let Some(planes) = self.dense {
             dense(job, about, planes, &mut text, &mut json)?;
@@ -131,6 +132,21 @@ fn planes(about: &Explained<'_>, text: &mut String, json: &mut Value) -> ImageRg
     };
     let map: Array2<f32> = about.frame.best_layer.mapv(disparity);
     coloured(map.view(), (1.0 / about.shot.far) as f32, (1.0 / about.shot.near) as f32)
+}
+
+/// Whole layers that were never inferred.
+fn stops(frame: &Frame, text: &mut String, json: &mut Value) {
+    let left_out = frame.left_out;
+    if left_out.uncovered > 0 {
+        let _ = writeln!(text, "left    {} layers that no view sees: exact", left_out.uncovered);
+    }
+    if left_out.opaque > 0 {
+        let bound = left_out.transmittance;
+        let _ =
+            writeln!(text, "left    {} layers hidden behind the others: at most {bound:.4} of 1 away", left_out.opaque);
+    }
+    json["left_out"] =
+        json!({ "uncovered": left_out.uncovered, "opaque": left_out.opaque, "transmittance": left_out.transmittance });
 }
 
 /// Each stage's share.

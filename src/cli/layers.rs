@@ -37,6 +37,18 @@ pub(super) struct LayerArgs {
     /// Planes of the coarse pass of guided layers and of k-means [default: one per four pixels of parallax, 8 to 128]
     #[arg(long, value_name = "D", value_parser = super::two_or_more)]
     pub(super) coarse_planes: Option<usize>,
+    /// Leave out layers behind which less than this part of the light is left at every pixel: the picture changes by at most
+    /// as much (of 1) [default: 0, none]
+    #[arg(long, value_name = "TAU", value_parser = part, default_value_t = 0.0, hide_default_value = true)]
+    pub(super) opaque: f64,
+}
+
+/// Parses a number from 0 to 1.
+fn part(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|part| (0.0..=1.0).contains(part))
+        .ok_or_else(|| "expected a number from 0 to 1".to_owned())
 }
 
 /// What to give for what time.

@@ -12,6 +12,7 @@ use liveview::layers::{Layers, padded, uniform_disparities};
 use liveview::render::{Frame, warp_sources};
 use liveview::scene::{Scene, SceneOptions};
 use liveview::select::{kmeans_planes, plane_histogram, select_planes};
+use liveview::stops::Stops;
 use liveview::views::{SourceView, choose_views};
 use liveview::warp::Texture;
 
@@ -198,8 +199,9 @@ impl Planned {
 
 impl Job {
     pub(super) fn open(photos: Photos, layers: &LayerArgs, engine: &EngineArgs) -> Result<Self> {
-        let engine = engine.open()?;
+        let mut engine = engine.open()?;
         let recipe = layers.recipe(engine.network())?;
+        engine.renderer.set_stops(Stops { transmittance: layers.opaque, ..Stops::default() });
         Ok(Self { photos, engine, recipe, progress: ProgressBar::hidden() })
     }
 
