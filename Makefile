@@ -2,6 +2,7 @@
 # rustfmt) and Python 3.11 or later.
 
 PYTHON ?= python3
+comma := ,
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
@@ -10,7 +11,7 @@ SCENE := tests/scenes/workshop
 DATA ?= ../shared/data
 RUFF := --config python/pyproject.toml python parity tests
 
-.PHONY: demo demo-stereo test build runtime runtime-openvino int8 engines setup lint docs goldens test-rust test-python parity readme \
+.PHONY: demo demo-stereo test build runtime runtime-openvino int8 report setup lint docs goldens test-rust test-python parity readme \
 	cards setup-evaluation evaluate clean
 
 ## Render the two held-out views of the example scene and compare them with the truth.
@@ -80,17 +81,24 @@ parity: build setup
 	test ! -e .venv-openvino/.runtime || for precision in f32 int8; do ( cd python && ../$(BIN)/python -m \
 		liveview_ref.parity ../$(SCENE) --target target_0 --engine openvino --precision $$precision ) || exit 1; done
 
-## The numbers and the picture of README.md and of the model cards, measured on this machine.
+## Error against run time, measured on this machine (half an hour, best on an idle one): models/report, then README.md.
+ENGINES := cpu int8$(if $(wildcard .venv-openvino/.runtime),$(comma)openvino f32$(comma)openvino int8)
+report: build setup
+	for v in 4 5; do \
+		PYTHONPATH=python $(LIVEVIEW) sweep $(SCENE) --target target_0,target_1 --views $$v --engines "$(ENGINES)" \
+			--reference "$(BIN)/python -m liveview_ref.worker" --repetitions 3 -o models/report/v$$v || exit 1; \
+	done
+	$(LIVEVIEW) sweep $(SCENE) --target target_0 --layers "guided 2,guided 4,planes 8,planes 16" --widths 504,800,1200,1760 \
+		--repetitions 3 -o models/report/scaling
+	$(MAKE) readme
+
+## The numbers and the picture of README.md, from models/report and the example scene.
 readme: build setup
 	$(BIN)/python python/readme.py
 
 ## The tables of models/README.md and the training curves, from the weights and the scores that lie there.
 cards: setup
 	$(BIN)/python python/cards.py
-
-## The table of engines in README.md: those that are installed.
-engines: build setup
-	$(BIN)/python python/engines.py
 
 ## The int8 models and their cards, anew, from the float32 ones; takes minutes each, and DATA.
 int8: setup

@@ -1,71 +1,69 @@
-"""Measure the example scene and write the numbers and the picture of README.md: `make readme`.
+"""Write the numbers and the picture of README.md: `make readme`.
 
-Every figure comes from `liveview render --json` and `python -m liveview_ref.parity`, run here, now.
+The numbers come from what `liveview sweep` measured (models/report, `make report`), the parity table from a run of
+`python -m liveview_ref.parity` and the picture from `liveview render`, here and now.
 """
 
 import json
-import statistics
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
 from cards import fill
-from liveview_ref.evaluate import machine
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[1]
 BINARY = ROOT / "target" / "release" / "liveview"
+REPORT = ROOT / "models" / "report"
 SCENE = "tests/scenes/workshop"
-LAYERS = (["--guided", "2"], ["--guided", "4"], ["--guided", "8"], ["--select", "16"], ["--planes", "64"])
-RUNS = 3
-
-
-def render(*options: str) -> dict:
-    command = [BINARY, "--json", "render", SCENE, "--target", "target_0,target_1", *options]
-    return json.loads(subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout)
-
-
-def seconds(report: dict) -> list[float]:
-    """Time per picture, without reading photos."""
-    return [sum(t for stage, t in target["seconds"].items() if stage != "photos") for target in report["targets"]]
+SHOWN = "guided 1", "guided 2", "guided 4", "guided 8", "kmeans 16", "select 16 of 64 planes", "planes 16", "planes 64"
 
 
 def numbers() -> tuple[str, str]:
     """A line, and the table."""
-    rows = {(views, tuple(layers)): [] for views in ("4", "5") for layers in LAYERS}
-    with tempfile.TemporaryDirectory() as out:
-        for _ in range(RUNS):  # interleaved: a slow minute of the machine falls on all
-            for (views, layers), reports in rows.items():
-                reports.append(render("--views", views, *layers, "-o", out))
-    first = rows["4", tuple(LAYERS[0])][0]
-    size = "{width}x{height}".format(**first["targets"][0])
+    reports = [json.loads((REPORT / f"v{views}" / "sweep.json").read_text()) for views in (4, 5)]
+    first = reports[0]
+    size = "{width}x{height}".format(**first["rows"][0])
+    flags = Path("/proc/cpuinfo").read_text()
+    runs = len(first["rows"][0]["seconds"]["all"])
     lines = [
-        f"Example scene, {size}, mean of its two held-out photos (16-pixel border left out), "
-        f"{first['engine']['threads']} threads, {Path(first['engine']['library']).name}, {machine()} "
-        f"({'AVX-512' if 'avx512f' in Path('/proc/cpuinfo').read_text() else 'no AVX-512'}); "
-        f"median time per picture of {RUNS} interleaved runs, with their range.",
+        f"Example scene, {size}, PSNR and SSIM the mean of its two held-out photos (16-pixel border left out), "
+        f"{first['threads']} threads of {first['cpu']} ({'AVX-512' if 'avx512f' in flags else 'no AVX-512'}), batch "
+        f"{first['batch']}; median time per picture of {runs} interleaved runs, with their range."
+        + (" **The machine was noisy.**" if any(report["noisy"] for report in reports) else ""),
         "",
-        "| views | layers | PSNR dB | SSIM | seconds per picture | of it network |",
-        "|---|---|---|---|---|---|",
+        "| views | layers | by | PSNR dB | SSIM | seconds per picture | times faster | MB |",
+        "|---|---|---|---|---|---|---|---|",
     ]
-    for (views, layers), reports in rows.items():
-        times = [statistics.mean(seconds(r)) for r in reports]
-        network = statistics.median(statistics.mean(t["seconds"]["network"] for t in r["targets"]) for r in reports)
-        mean, median = reports[0]["mean"], statistics.median(times)
-        lines.append(
-            f"| {views} | {' '.join(layers).strip('-')} | {mean['psnr']:.2f} | {mean['ssim']:.4f} | "
-            f"{median:.2f} ({min(times):.2f}-{max(times):.2f}) | {100 * network / median:.0f} % |"
-        )
-    best = rows["4", ("--guided", "4")]
-    taken = statistics.median(statistics.mean(seconds(r)) for r in best)
-    dense = rows["4", tuple(LAYERS[-1])]
-    ratio = statistics.median(statistics.mean(seconds(r)) for r in dense) / taken
-    headline = (
-        f"Four guided layers at {size}: {taken:.2f} s on {first['engine']['threads']} CPU threads, {ratio:.0f} times "
-        f"faster than 64 planes, {best[0]['mean']['psnr']:.1f} dB against their {dense[0]['mean']['psnr']:.1f}."
+    for report in reports:
+        own = [row for row in report["rows"] if not row["reference"]]
+        dense = max((r for r in own if r["layers"].startswith("planes")), key=lambda r: r["count"])["seconds"]["median"]
+        for row in report["rows"]:
+            if row["layers"] not in SHOWN:
+                continue
+            seconds = row["seconds"]
+            lines.append(
+                f"| {report['views']} | {row['layers']} | {row['engine']} | {row['psnr']:.2f} | {row['ssim']:.4f} | "
+                f"{seconds['median']:.2f} ({seconds['min']:.2f}-{seconds['max']:.2f}) | "
+                f"{dense / seconds['median']:.1f} | {row['peak_memory_bytes'] / 1e6:.0f} |"
+            )
+    return headline(first, size), "\n".join(lines)
+
+
+def headline(report: dict, size: str) -> str:
+    def find(layers: str, engine: str) -> dict | None:
+        rows = (r for r in report["rows"] if (r["layers"], r["engine"]) == (layers, engine))
+        return next(rows, None)
+
+    few, dense = find("guided 2", "cpu, f32"), find("planes 64", "cpu, f32")
+    fastest = min((r for r in report["rows"] if r["layers"] == "guided 2"), key=lambda r: r["seconds"]["median"])
+    taken, whole = few["seconds"]["median"], dense["seconds"]["median"]
+    return (
+        f"Two guided layers at {size}: {taken:.2f} s on {report['threads']} CPU threads, {whole / taken:.0f} times "
+        f"faster than 64 planes, {few['psnr']:.1f} dB against their {dense['psnr']:.1f}; {fastest['seconds']['median']:.2f} s "
+        f"with {fastest['engine']}."
     )
-    return headline, "\n".join(lines)
 
 
 def parity() -> str:

@@ -88,8 +88,8 @@ fn a_reference_joins_in_its_own_process() {
     fs::set_permissions(&script, fs::Permissions::from_mode(0o755)).unwrap();
     let told = json(&mut sweep(&folders, &["--layers", "planes 2", "--reference", script.to_str().unwrap()]));
     let rows = told["rows"].as_array().unwrap();
-    assert_eq!(rows.len(), 5, "four references");
-    assert_eq!((&rows[1]["reference"], &rows[1]["engine"]), (&true.into(), &"torch".into()));
+    assert_eq!(rows.len(), 6, "five references");
+    assert_eq!((&rows[1]["reference"], &rows[1]["engine"]), (&true.into(), &"reference".into()));
     assert_eq!(rows[1]["seconds"]["median"], 7.0);
     assert!(rows[1]["error_max"].as_f64().unwrap() > 0.5, "black is not the picture");
 }
@@ -101,7 +101,7 @@ fn what_cannot_be_measured_is_refused() {
     refused(&["--layers", "guessed 4"], &["guessed 4", "guided L"]);
     refused(&["--layers", "planes 0"], &["planes 0", "from 1 to 4096"]);
     refused(&["--layers", "guided 2", "--reference", "true"], &["--reference", "planes among --layers"]);
-    refused(&["--layers", "planes 2", "--reference", "false"], &["torch", "ended before its time"]);
+    refused(&["--layers", "planes 2", "--reference", "false"], &["reference", "ended before its time"]);
     refused(&["--layers", "planes 2", "--reference", "no-such-program"], &["no-such-program", "cannot be started"]);
     refused(&["--near", "9", "--far", "3"], &["0 < near < far"]);
     let mut unknown = folders.liveview("sweep", &["--target", "nobody", "-o", &folders.out("report")]);

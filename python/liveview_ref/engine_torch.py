@@ -20,7 +20,7 @@ from .composite import accumulate, empty
 from .engines import Job, Stopwatch, batches, session
 from .layers import padded_size
 from .parity import load_network
-from .render import view_distances
+from .render import planes_over, render, view_distances
 from .sweep import plane_homography, sweep_terms
 from .unet import UNet, fold_batchnorm
 from .warp import OUTSIDE, grid_from_pixels, outside_masked, with_coverage
@@ -129,8 +129,30 @@ class TorchEngine:
         return frame.numpy(), clock.seconds
 
 
-def start(job: Job) -> TorchEngine:
+class ReferenceEngine:
+    """render.py as it stands, in float32 and with its own batches: written to be read, every stage kept."""
+
+    title = f"PyTorch {torch.__version__} reference"
+
+    def __init__(self, job: Job):
+        data = job.arrays()
+        self.network = folded_network(job.weights, job.model)
+        self.cameras, self.target = stages.cameras_of(data)
+        self.images = stages.images_of(data, torch.float32)
+        self.maps = planes_over(self.target, torch.from_numpy(data["disparities"]), torch.float32)
+
+    @torch.inference_mode()
+    def render(self) -> tuple[np.ndarray, dict[str, float]]:
+        clock = Stopwatch()
+        with clock("total"):
+            frame, _ = render(self.network, self.images, self.cameras, self.target, self.maps)
+        return frame.rgb.permute(1, 2, 0).contiguous().numpy(), clock.seconds
+
+
+def start(job: Job) -> TorchEngine | ReferenceEngine:
     torch.set_num_threads(job.threads)
+    if job.engine == "reference":
+        return ReferenceEngine(job)
     if job.engine == "onnxruntime + kornia":
         import kornia
         import onnxruntime

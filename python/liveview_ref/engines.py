@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-NAMES = ("torch", "torch channels_last", "onnxruntime + kornia", "one graph")
+NAMES = ("reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph")
 
 
 @dataclass(frozen=True)

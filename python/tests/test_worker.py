@@ -115,9 +115,9 @@ def test_every_engine_speaks_the_protocol(engine, models, tmp_path):
     runs = [{"run": True}, {"run": True, "frame": str(tmp_path / "frame.npy")}, {"quit": True}]
     code, (ready, *told), notes = drive([job, *runs])
     assert code == 0 and ready["ready"] and len(told) == 2, notes
-    assert ("PyTorch" if engine.startswith("torch") else "ONNX Runtime") in ready["engine"]
+    assert ("ONNX Runtime" if engine in ("onnxruntime + kornia", "one graph") else "PyTorch") in ready["engine"]
     for reply in told:
-        parts = ["total"] if engine == "one graph" else ["warp", "network", "composite"]
+        parts = ["total"] if engine in ("reference", "one graph") else ["warp", "network", "composite"]
         assert list(reply["seconds"]) == parts and min(reply["seconds"].values()) > 0
         assert 2**24 < reply["peak_memory_bytes"] < 2**34
     frame = np.load(tmp_path / "frame.npy")

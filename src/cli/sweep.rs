@@ -33,7 +33,7 @@ const LAYERS: &str = "guided 1,guided 2,guided 3,guided 4,guided 6,guided 8,guid
                       select 32,planes 8,planes 16,planes 32,planes 64";
 
 /// Engines of `python -m liveview_ref.worker`.
-const REFERENCES: [&str; 4] = ["torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
+const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
 
 /// Options of `liveview sweep`.
 #[derive(Debug, Args)]
