@@ -70,7 +70,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("model", type=Path)
-    parser.add_argument("--recommended-layers", default="guided 4")
+    parser.add_argument("--recommended-layers", default="guided 2")
     parser.add_argument("--licence", required=True, help="of the weights and of what they were trained on, in a line")
     args = parser.parse_args()
     state = torch.load(args.checkpoint, weights_only=True)

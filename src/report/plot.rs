@@ -51,16 +51,15 @@ pub(crate) fn plot(sweep: &Sweep) -> String {
     let mut kinds = BTreeMap::new();
     for mark in &marks {
         let next = kinds.len();
-        kinds.entry(kind(mark.row)).or_insert(next);
+        kinds.entry(kind(mark.row)).or_insert((next, mark.row.reference));
     }
     for mark in &marks {
-        let colour = COLOURS[kinds[&kind(mark.row)] % COLOURS.len()];
-        let fill = if mark.row.reference { "white" } else { colour };
+        let style = style(kinds[&kind(mark.row)]);
         let (at_x, at_y) = (x.at(mark.x), y.at(mark.y));
         let title = format!("{}, {}: {:.3} s", mark.row.layers, mark.row.engine, mark.row.median());
         let _ = writeln!(
             svg,
-            "<circle cx=\"{at_x:.1}\" cy=\"{at_y:.1}\" r=\"4.5\" fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"1.5\"><title>{}</title></circle>",
+            "<circle cx=\"{at_x:.1}\" cy=\"{at_y:.1}\" r=\"4.5\" {style}><title>{}</title></circle>",
             escaped(&title)
         );
         if !mark.row.reference {
@@ -73,13 +72,19 @@ pub(crate) fn plot(sweep: &Sweep) -> String {
             );
         }
     }
-    for (kind, index) in &kinds {
-        let (left, top) = (WIDTH - MARGINS[1] + 16.0, MARGINS[2] + 10.0 + 20.0 * *index as f64);
-        let colour = COLOURS[index % COLOURS.len()];
-        let _ = writeln!(svg, "<circle cx=\"{left}\" cy=\"{top}\" r=\"4.5\" fill=\"{colour}\"/>");
+    for (kind, &(index, reference)) in &kinds {
+        let (left, top) = (WIDTH - MARGINS[1] + 16.0, MARGINS[2] + 10.0 + 20.0 * index as f64);
+        let _ = writeln!(svg, "<circle cx=\"{left}\" cy=\"{top}\" r=\"4.5\" {}/>", style((index, reference)));
         let _ = writeln!(svg, "<text x=\"{}\" y=\"{}\">{}</text>", left + 10.0, top + 4.0, escaped(kind));
     }
     svg + "</svg>\n"
+}
+
+/// A colour per kind; those of the references are hollow.
+fn style((index, reference): (usize, bool)) -> String {
+    let colour = COLOURS[index % COLOURS.len()];
+    let fill = if reference { "white" } else { colour };
+    format!("fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"1.5\"")
 }
 
 /// What a colour stands for: the kind of layers and the engine.
