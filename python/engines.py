@@ -46,7 +46,8 @@ def main() -> None:
     flags = (Path("/proc/cpuinfo").read_text().split("flags", 1)[1:] or [""])[0].split("\n", 1)[0]
     has = [f"{'' if flag in flags else 'no '}{name}" for flag, name in [("avx512f", "AVX-512"), ("vnni", "VNNI")]]
     told = (
-        f"Example scene, 504x352, guided 4, {THREADS} threads of {machine()} ({', '.join(has)}); median of {RUNS} runs."
+        f"Example scene, 504x352, guided 4, {THREADS} threads of {machine()} ({', '.join(has)}); median of {RUNS} "
+        "interleaved runs on a shared machine:\ntrust the ratios."
     )
     fill(ROOT / "README.md", {"engines": "\n\n" + "\n".join([told, "", *lines]) + "\n\n"})
 
