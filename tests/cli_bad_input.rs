@@ -160,19 +160,6 @@ fn engines_that_are_not_there() {
     }
 }
 
-/// A binary elsewhere finds no wheel of this checkout.
-#[test]
-fn no_library_with_the_engine() {
-    let folders = Folders::new();
-    let binary = tempfile::tempdir().unwrap();
-    let copy = binary.path().join("liveview");
-    fs::copy(env!("CARGO_BIN_EXE_liveview"), &copy).unwrap();
-    let mut render = assert_cmd::Command::new(copy);
-    render.current_dir(binary.path()).env_remove("ORT_DYLIB_PATH").arg("render").arg(folders.scene());
-    render.args(["--target", "2", "--engine", "openvino", "--model", &fixture("tiny_v4"), "-o", &folders.out("a.png")]);
-    folders.assert_refused(&mut render, &["engine openvino", "looked in", ".venv-openvino", "make runtime-openvino"]);
-}
-
 #[test]
 fn outputs_that_cannot_be_written() {
     let folders = Folders::new();

@@ -1,8 +1,11 @@
 //! Engines other than ONNX Runtime's own, where they are installed: their logits against float64, on the goldens of
 //! `make goldens`, within the bounds of `parity/tolerances.json`. A process can load one library: hence a file of its own.
 
+mod common;
+
 use std::path::{Path, PathBuf};
 
+use common::{Folders, fixture};
 use liveview::engine::Engine;
 use liveview::network::{OrtNetwork, PlaneNetwork};
 use liveview::runtime::{Runtime, RuntimeError};
@@ -62,4 +65,18 @@ fn openvino_logits() {
             );
         }
     }
+}
+
+/// A binary elsewhere finds no wheel of this checkout. Here, where no other test forks: a fork that inherits the copy while it
+/// is open for writing makes it "text file busy".
+#[test]
+fn no_library_with_the_engine() {
+    let folders = Folders::new();
+    let binary = tempfile::tempdir().unwrap();
+    let copy = binary.path().join("liveview");
+    std::fs::copy(env!("CARGO_BIN_EXE_liveview"), &copy).unwrap();
+    let mut render = assert_cmd::Command::new(copy);
+    render.current_dir(binary.path()).env_remove("ORT_DYLIB_PATH").arg("render").arg(folders.scene());
+    render.args(["--target", "2", "--engine", "openvino", "--model", &fixture("tiny_v4"), "-o", &folders.out("a.png")]);
+    folders.assert_refused(&mut render, &["engine openvino", "looked in", ".venv-openvino", "make runtime-openvino"]);
 }
