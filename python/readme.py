@@ -29,9 +29,10 @@ def numbers() -> tuple[str, str]:
     size = f"{dense['width']}x{dense['height']}"
     flags = "AVX-512" if "avx512f" in Path("/proc/cpuinfo").read_text() else "no AVX-512"
     lines = [
-        f"Example scene, {size}, V = {report['views']}, {report['threads']} threads of {report['cpu']} ({flags}), batch "
-        f"{report['batch']}; PSNR and SSIM the mean of its two held-out photos (of the references: the first), 16-pixel border "
-        f"left out; median time per picture of {len(dense['seconds']['all'])} interleaved runs, with their range."
+        f"Example scene, {size}, V = {report['views']}, {report['threads']} threads of {report['cpu']} ({flags}), "
+        f"batch {report['batch']}; PSNR and SSIM the mean of its two held-out photos (of the references: the first), "
+        "16-pixel border left out; median time per picture of "
+        f"{len(dense['seconds']['all'])} interleaved runs, with their range."
         + (" **The machine was noisy.**" if report["noisy"] else ""),
         "",
         "| layers | by | PSNR dB | SSIM | seconds per picture | times faster | MB |",
@@ -59,8 +60,8 @@ def headline(report: dict, size: str) -> str:
     taken, whole = few["seconds"]["median"], dense["seconds"]["median"]
     return (
         f"Two guided layers at {size}: {taken:.2f} s on {report['threads']} CPU threads, {whole / taken:.0f} times "
-        f"faster than 64 planes, {few['psnr']:.1f} dB against their {dense['psnr']:.1f}; {fastest['seconds']['median']:.2f} s "
-        f"with {fastest['engine']}."
+        f"faster than 64 planes, {few['psnr']:.1f} dB against their {dense['psnr']:.1f}; "
+        f"{fastest['seconds']['median']:.2f} s with {fastest['engine']}."
     )
 
 
