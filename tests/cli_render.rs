@@ -213,7 +213,6 @@ fn what_was_left_out_is_explained() {
     let near = ["--target", "2", "-o", &picture, "--near", "0.01", "--planes", "4", "--explain", &why];
     let told = json(&mut folders.render(&near));
     assert_eq!(told["explanation"]["left_out"]["uncovered"], 3, "as `inspect` says: {told}");
-    let refused = |arguments: &[&str], words: &[&str]| folders.assert_refused(&mut folders.render(arguments), words);
     assert_eq!(json(folders.render(&near).args(["--opaque", "0.5"]))["explanation"]["left_out"]["uncovered"], 3);
 
     let text = run(&mut folders.render(&["--target", "2", "-o", &picture, "--planes", "5", "--explain", &why]));
