@@ -12,6 +12,8 @@
 //! to 0.7 dB on photos (their poses are not that exact) and won 0.6 on the path-traced scene. Planes a cell of parallax
 //! apart are the best or within 0.1 dB of it on every scene, where 32 lose 0.2 to 0.9 dB and 64 up to 0.7 on one or another.
 //! A final range half a layer's distance wider lost 0.1 to 0.4 dB on two layers (mean of five scenes 0.19), twice as wide 0.9.
+//! A first search at 1/8 resolution lost 0.04 to 0.95 dB on every photo tried. The network's α as its cost, at half a full
+//! layer's time for 8 planes, lost 0.0 to 0.4 dB on four photos of five.
 
 use glam::DVec3;
 use ndarray::{Array2, Array3, ArrayView3, Axis};
