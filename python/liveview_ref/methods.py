@@ -7,7 +7,7 @@ from torch import Tensor
 
 from .blend import blend
 from .composite import composite
-from .guide import coarse_range
+from .guide import coarse_range, guided_layers
 from .heldout import Case
 from .layers import guided_maps, uniform_planes, upsample_maps
 from .render import planes_over, view_distances, warp_views
@@ -48,6 +48,11 @@ def layers_by_guide(case: Case) -> dict[str, Tensor]:
 
 def uniform_maps(case: Case, count: int) -> Tensor:
     return planes_over(case.target, uniform_planes(case.near, case.far, count), torch.float32)
+
+
+def maps_of(case: Case, guided: bool, count: int) -> Tensor:
+    """`count` guided layers, or uniform planes, [L, H8, W8]."""
+    return guided_layers(*case[:3], case.near, case.far, count) if guided else uniform_maps(case, count)
 
 
 def guided(network: Network, case: Case):

@@ -11,11 +11,10 @@ from torch import Tensor
 
 from .blend import blend
 from .composite import composite
-from .guide import guided_layers
 from .heldout import INNER, Case, cases
-from .layers import uniform_planes
+from .methods import maps_of
 from .metrics import psnr
-from .render import planes_over, view_distances, warp_views
+from .render import view_distances, warp_views
 
 KINDS = {"guided 4": (True, 4), "planes 16": (False, 16)}
 
@@ -49,11 +48,8 @@ class Loss(NamedTuple):
 def photos(specs: list[dict], data: Path, views: int) -> list[Photo]:
     found = []
     for case in cases(specs, data, views):
-        for kind, (guided, count) in KINDS.items():
-            if guided:
-                maps = guided_layers(case.sources, case.cameras, case.target, case.near, case.far, count)
-            else:
-                maps = planes_over(case.target, uniform_planes(case.near, case.far, count), torch.float32)
+        for kind, layers in KINDS.items():
+            maps = maps_of(case, *layers)
             found.append(Photo(kind, case, *warp_views(case.sources, case.cameras, case.target, maps), maps))
     return found
 

@@ -7,11 +7,10 @@ import torch.nn.functional as F
 from PIL import Image
 from torch import Tensor
 
-from .guide import guided_layers
 from .heldout import INNER, cases
-from .layers import uniform_planes
+from .methods import maps_of
 from .metrics import psnr
-from .render import planes_over, render
+from .render import render
 
 KINDS = {"guided 4": (True, 4), "guided 8": (True, 8), "planes 32": (False, 32)}
 
@@ -25,16 +24,12 @@ def validate(net, specs: list[dict], data: Path, picture: Path, device: torch.de
         with torch.no_grad():
             return net(hwv.to(device, memory_format=torch.channels_last)).cpu()
 
-    for sources, cameras, target, truth, near, far, _ in cases(specs, data, net.views):
-        for kind, (guided, count) in KINDS.items():
-            if guided:
-                maps = guided_layers(sources, cameras, target, near, far, count)
-            else:
-                maps = planes_over(target, uniform_planes(near, far, count), torch.float32)
-            image = render(network, sources, cameras, target, maps)[0].rgb
-            scores[kind].append(psnr(image[INNER], truth[INNER]))
+    for case in cases(specs, data, net.views):
+        for kind, layers in KINDS.items():
+            image = render(network, *case[:3], maps_of(case, *layers))[0].rgb
+            scores[kind].append(psnr(image[INNER], case.truth[INNER]))
             if kind == "guided 4":
-                rows.append(torch.cat([truth, image], 2))
+                rows.append(torch.cat([case.truth, image], 2))
     width = max(r.shape[2] for r in rows)
     sheet = torch.cat([F.pad(r, (0, width - r.shape[2])) for r in rows], 1)
     Image.fromarray((sheet.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).numpy()).save(picture)

@@ -20,6 +20,7 @@ use super::render::{SCORE_BORDER, Times};
 use super::report::{stages, total};
 use super::select::{range_picture, width_in_pixels};
 use super::setup::{Job, Photos, Shot};
+use crate::report::PixelError;
 
 /// Options that ask for reasons.
 #[derive(Debug, Args)]
@@ -163,10 +164,7 @@ fn time(times: &Times, text: &mut String, json: &mut Value) {
 fn dense(job: &mut Job, about: &Explained<'_>, planes: usize, text: &mut String, json: &mut Value) -> Result<()> {
     let layers = Layers::uniform(about.shot.near, about.shot.far, planes)?;
     let dense = job.render(about.shot, &layers)?;
-    let (ours, theirs) = (about.frame.picture.data(), dense.picture.data());
-    let apart = ours.iter().zip(theirs).map(|(a, b)| f64::from((a - b).abs()));
-    let (max, sum) = apart.fold((0.0, 0.0), |(max, sum): (f64, f64), apart| (max.max(apart), sum + apart));
-    let mean = sum / ours.len() as f64;
+    let PixelError { max, mean } = PixelError::between(std::iter::once((&about.frame.picture, &dense.picture)));
     let seconds = (dense.times.warp + dense.times.network + dense.times.composite).as_secs_f64();
     let faster = seconds / total(about.times).as_secs_f64();
     let _ = writeln!(

@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::render::SCORE_BORDER;
 use super::workers::Worker;
-use crate::report::{PixelError, Row, Score};
+use crate::report::{PixelError, Row, Score, densest};
 
 /// A worker and what is known of it.
 pub(super) struct Measured {
@@ -64,22 +64,13 @@ impl Measured {
             ssim: mean(&|picture, truth| ssim(picture, truth, SCORE_BORDER)),
         };
         self.row.score = Some(score).filter(|score| score.psnr.is_finite() && score.ssim.is_finite());
-        self.row.error = dense.map(|dense| {
-            let apart = self.pictures.iter().zip(dense).flat_map(|(a, b)| a.data().iter().zip(b.data()));
-            let (max, sum, values) = apart.fold((0.0, 0.0, 0), |(max, sum, values): (f64, f64, usize), (a, b)| {
-                let apart = f64::from((a - b).abs());
-                (max.max(apart), sum + apart, values + 1)
-            });
-            PixelError { max, mean: sum / values as f64 }
-        });
+        self.row.error = dense.map(|dense| PixelError::between(self.pictures.iter().zip(dense)));
     }
 }
 
 /// Scores all pictures against the photos and against those of the most planes, and lets them go.
 pub(super) fn score_all(measured: &mut [Measured], truths: &[ImageRgb]) {
-    let planes = measured.iter().filter(|one| one.row.is_dense());
-    let dense = planes.reduce(|most, one| if one.row.count > most.row.count { one } else { most });
-    let dense = dense.map(|one| one.pictures.clone());
+    let dense = densest(measured.iter(), |one| &one.row).map(|one| one.pictures.clone());
     for one in measured {
         one.score(truths, dense.as_deref());
         one.pictures.clear();

@@ -146,7 +146,8 @@ fn whole(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {
     number.ok_or_else(|| format!("expected a whole number from {} to {}", range.start(), range.end()))
 }
 
-/// A bar that counts layers; only on a terminal, and on stderr.
-fn progress() -> anyhow::Result<ProgressBar> {
-    Ok(ProgressBar::new(0).with_style(ProgressStyle::with_template("{bar:40} {pos}/{len} layers {elapsed} {msg}")?))
+/// A bar that counts such as layers; only on a terminal, and on stderr.
+fn progress(what: &str) -> anyhow::Result<ProgressBar> {
+    let template = format!("{{bar:40}} {{pos}}/{{len}} {what} {{elapsed}} {{msg}}");
+    Ok(ProgressBar::new(0).with_style(ProgressStyle::with_template(&template)?))
 }

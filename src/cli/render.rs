@@ -83,7 +83,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<Report> {
     let mut shots = job.shots(targets)?;
     outputs.claim(&shots, &job.photos)?;
     args.explain.claim(&shots, &job.photos)?;
-    job.progress = progress()?;
+    job.progress = progress("layers")?;
 
     let mut done: Vec<Rendered> = Vec::with_capacity(shots.len());
     let (mut kept, mut explanation) = (None, None);

@@ -92,7 +92,7 @@ fn planes(args: &SelectArgs, photos: Photos, target: Targets) -> Result<(Report,
     let mut job = Job { photos, engine: args.engine.open()?, recipe, progress: ProgressBar::hidden() };
     let shot = job.shots(target)?.remove(0);
     job.photos.load(&shot.views, &[])?;
-    job.progress = progress()?;
+    job.progress = progress("layers")?;
     let disparities = uniform_disparities(shot.near, shot.far, args.select_from)?;
     let histogram = job.histogram(&shot, &disparities)?;
     job.progress.finish_and_clear();

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use liveview::image_io::ImageRgb;
 use liveview::layers::uniform_disparities;
 use ndarray::Array1;
 use serde_json::{Value, json};
@@ -15,7 +14,7 @@ use super::engine::{EngineArgs, EngineChoice};
 use super::measured::{Measured, score_all};
 use super::output::write_whole;
 use super::setup::{Photos, SceneArgs, Shot};
-use super::targets::held_out;
+use super::targets::{held_out, named};
 use super::worker::scaled;
 use super::workers::Worker;
 use super::{Report, progress};
@@ -83,9 +82,10 @@ pub(super) fn run(args: &SweepArgs) -> Result<Report> {
     let folder = tempfile::tempdir().context("a folder for what the workers hand over")?;
     let photos = args.scene.open()?;
     photos.tell_notes();
-    let truths = truths(args, &photos)?;
+    let held = named(&photos, &args.target)?;
+    let truths = held.iter().map(|&view| Ok(photos.scene.load_image(view)?)).collect::<Result<Vec<_>>>()?;
     let widths = if args.widths.is_empty() { vec![None] } else { args.widths.iter().copied().map(Some).collect() };
-    let bar = progress()?;
+    let bar = progress("renders")?;
     let (mut all, mut own) = (Vec::new(), Value::Null);
     for width in widths {
         let mut measured = Vec::new();
@@ -143,12 +143,6 @@ pub(super) fn run(args: &SweepArgs) -> Result<Report> {
     Ok(Report { text, json })
 }
 
-/// The photos that show the truth.
-fn truths(args: &SweepArgs, photos: &Photos) -> Result<Vec<ImageRgb>> {
-    let views = args.target.iter().map(|name| Ok(photos.scene.load_image(photos.scene.view_index(name)?)?));
-    views.collect()
-}
-
 /// What a worker that is ready says of its first target: width and height.
 fn size(ready: &Value) -> (usize, usize) {
     let side = |index: usize| ready["size"][index].as_u64().unwrap_or(0) as usize;
@@ -192,8 +186,8 @@ fn references(
     let Some(planes) = planes else { bail!("--reference: expected planes among --layers, to measure it on") };
     let size = size(own);
     let file = folder.join(format!("job_{}.npz", size.0));
-    let held = args.target.iter().map(|name| photos.scene.view_index(name)).collect::<Result<Vec<_>, _>>()?;
-    let shot = photos.shot(scaled(held_out(photos, held), width)?, views(own))?;
+    let targets = scaled(held_out(photos, named(photos, &args.target)?), width)?;
+    let shot = photos.shot(targets, views(own))?;
     write_job(&file, photos, &shot, planes)?;
     let weights = model(own).with_extension("pt");
     let words: Vec<String> = command.split_whitespace().map(str::to_owned).collect();

@@ -72,13 +72,18 @@ impl TargetArgs {
         let views = match self.heldout {
             Some(1) => bail!("--heldout 1 holds out every view and leaves none to render from; expected 2 or more"),
             Some(step) => (0..photos.scene.views.len()).step_by(step).collect(),
-            None => self.target.iter().map(|name| photos.scene.view_index(name)).collect::<Result<Vec<_>, _>>()?,
+            None => named(photos, &self.target)?,
         };
         if let Some(twice) = (1..views.len()).find(|&i| views[..i].contains(&views[i])) {
             bail!("--target names \"{}\" twice; expected each view once", photos.scene.views[views[twice]].name);
         }
         Ok(held_out(photos, views))
     }
+}
+
+/// The views of these names.
+pub(super) fn named(photos: &Photos, names: &[String]) -> Result<Vec<usize>> {
+    names.iter().map(|name| Ok(photos.scene.view_index(name)?)).collect()
 }
 
 /// These views as targets, each with the truth.

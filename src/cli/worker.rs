@@ -1,9 +1,9 @@
 //! `liveview worker`: one configuration of `liveview sweep` in a process of its own, so that its peak memory is its own and
 //! engines that need different libraries can be timed in turn.
 //!
-//! Speaks JSON lines: `{"ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]), …}` once; then for each `{"run": true, "target": 0, "frame": "a.npy"}` one render,
-//! answered by `{"seconds": {stage: time}, "peak_memory_bytes": …}`; ends with its input. The picture is saved, as it was
-//! rendered, where `frame` says so. The Python worker (`liveview_ref.worker`) speaks the same.
+//! Speaks JSON lines: `{"ready": true, "size": [width, height], …}` once; then for each `{"run": true, "target": 0, "frame":
+//! "a.npy"}` one render, answered by `{"seconds": {stage: time}, "peak_memory_bytes": …}`; ends with its input. The picture
+//! is saved, as it was rendered, where `frame` says so. The Python worker (`liveview_ref.worker`) speaks the same.
 
 use std::io::{BufRead, Write};
 use std::path::Path;
@@ -20,7 +20,7 @@ use super::layers::{LayerArgs, Recipe};
 use super::render::Times;
 use super::report::{peak_memory, stages};
 use super::setup::{Job, Planned, SceneArgs, Shot};
-use super::targets::{Targets, held_out};
+use super::targets::{Targets, held_out, named};
 
 /// Options of `liveview worker`.
 #[derive(Debug, Args)]
@@ -50,16 +50,16 @@ struct Worker {
 pub(super) fn run(args: &WorkerArgs) -> Result<()> {
     let photos = args.scene.open()?;
     let mut job = Job::open(photos, &args.layers, &args.engine)?;
-    let views = args.target.iter().map(|name| Ok(job.photos.scene.view_index(name)?)).collect::<Result<_>>()?;
+    let views = named(&job.photos, &args.target)?;
     let targets = scaled(held_out(&job.photos, views), args.target_width)?;
     let shots = job.shots(targets)?;
-    for (index, shot) in shots.iter().enumerate() {
-        job.photos.load(&shot.views, &shots[index..])?;
+    for shot in &shots {
+        job.photos.load(&shot.views, &shots)?;
     }
     let sources = |shot: &Shot| job.photos.names(&shot.views).into_iter().map(str::to_owned).collect::<Vec<_>>();
     say(&json!({
-        "ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]), "engine": job.engine.described(), "layers": job.recipe.to_string(),
-        "model": super::shown(job.engine.network().path()), "views": shots.iter().map(sources).collect::<Vec<_>>(),
+        "ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]),
+        "engine": job.engine.described(), "layers": job.recipe.to_string(), "model": super::shown(job.engine.network().path()), "views": shots.iter().map(sources).collect::<Vec<_>>(),
     }))?;
     let mut worker = Worker { kept: shots.iter().map(|_| None).collect(), job, shots };
     for line in std::io::stdin().lock().lines() {
@@ -86,8 +86,6 @@ pub(super) fn scaled(mut targets: Targets, width: Option<usize>) -> Result<Targe
 impl Worker {
     fn render(&mut self, target: usize, frame: Option<&str>) -> Result<Value> {
         let shot = self.shots.get(target).ok_or_else(|| anyhow!("target {target}: there are {}", self.shots.len()))?;
-        let later = &self.shots;
-        self.job.photos.load(&shot.views, later)?;
         let planned = match self.kept[target].take() {
             Some(layers) => Planned::known(layers),
             None => self.job.layers(shot)?,

@@ -3,6 +3,7 @@
 mod markdown;
 mod plot;
 
+use liveview::image_io::ImageRgb;
 use serde_json::{Value, json};
 
 pub(crate) use markdown::markdown;
@@ -46,6 +47,18 @@ pub(crate) struct PixelError {
     pub(crate) mean: f64,
 }
 
+impl PixelError {
+    /// Of pictures against others, pair by pair.
+    pub(crate) fn between<'a>(pairs: impl Iterator<Item = (&'a ImageRgb, &'a ImageRgb)>) -> Self {
+        let values = pairs.flat_map(|(a, b)| a.data().iter().zip(b.data()));
+        let (max, sum, count) = values.fold((0.0, 0.0, 0), |(max, sum, count): (f64, f64, usize), (a, b)| {
+            let apart = f64::from((a - b).abs());
+            (max.max(apart), sum + apart, count + 1)
+        });
+        Self { max, mean: sum / count as f64 }
+    }
+}
+
 impl Row {
     /// Of a worker that is ready: nothing measured yet.
     pub(crate) fn new(layers: &str, ready: &Value, reference: bool, size: (usize, usize)) -> Self {
@@ -65,11 +78,6 @@ impl Row {
 
     pub(crate) fn name(&self) -> String {
         format!("{}, {}", self.layers, self.engine)
-    }
-
-    /// Whether it may be what others are compared with: uniform planes of this program.
-    pub(crate) fn is_dense(&self) -> bool {
-        !self.reference && self.layers.starts_with("planes ")
     }
 
     /// Seconds of all stages, a number per repetition, sorted.
@@ -141,11 +149,9 @@ impl Sweep {
         !self.rows.iter().any(|other| other.size == row.size && beats(other))
     }
 
-    /// The row that others are compared with: most planes, on this program's first engine.
-    pub(crate) fn dense(&self, size: (usize, usize)) -> Option<&Row> {
-        let planes =
-            self.rows.iter().filter(|row| !row.reference && row.size == size && row.layers.starts_with("planes "));
-        planes.reduce(|most, row| if row.count > most.count { row } else { most })
+    /// The row that others of this size are compared with.
+    fn dense(&self, size: (usize, usize)) -> Option<&Row> {
+        densest(self.rows.iter().filter(|row| row.size == size), |row| row)
     }
 
     pub(crate) fn json(&self) -> Value {
@@ -170,6 +176,12 @@ impl Sweep {
             "rows": self.rows.iter().map(row).collect::<Vec<_>>(),
         })
     }
+}
+
+/// What others of one size are compared with: this program's, on the most uniform planes; of equals the first.
+pub(crate) fn densest<T>(all: impl Iterator<Item = T>, row: impl Fn(&T) -> &Row) -> Option<T> {
+    let planes = all.filter(|one| !row(one).reference && row(one).layers.starts_with("planes "));
+    planes.reduce(|most, one| if row(&one).count > row(&most).count { one } else { most })
 }
 
 /// Linear between the values of a sorted list; NaN of an empty one.
