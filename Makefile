@@ -11,8 +11,8 @@ SCENE := tests/scenes/workshop
 DATA ?= ../shared/data
 RUFF := --config python/pyproject.toml python parity tests
 
-.PHONY: demo demo-stereo test build runtime runtime-openvino int8 report setup lint docs goldens test-rust test-python parity readme \
-	cards setup-evaluation evaluate clean
+.PHONY: demo demo-stereo test build runtime runtime-openvino int8 report setup lint docs goldens test-rust test-python parity stability \
+	readme cards setup-evaluation evaluate clean
 
 ## Render the two held-out views of the example scene and compare them with the truth.
 demo: build runtime
@@ -78,8 +78,15 @@ parity: build setup
 	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --guided 4
 	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_1 --views 5 --planes 6
 	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --precision int8
+	$(STABILITY) --short > target/stability.md
 	test ! -e .venv-openvino/.runtime || for precision in f32 int8; do ( cd python && ../$(BIN)/python -m \
 		liveview_ref.parity ../$(SCENE) --target target_0 --engine openvino --precision $$precision ) || exit 1; done
+
+## Stiff and extreme cases: Rust, torch, kornia and onnxruntime against float64; the table and the plot in parity/.
+STABILITY = PYTHONPATH=python $(LIVEVIEW) stability $(SCENE) --target target_0 --threads 1 \
+	--reference "$(BIN)/python -m liveview_ref.stability"
+stability: build setup
+	$(STABILITY) -o parity
 
 ## Error against run time, measured on this machine (half an hour, best on an idle one): models/report, then README.md.
 ENGINES := cpu int8$(if $(wildcard .venv-openvino/.runtime),$(comma)openvino f32$(comma)openvino int8)

@@ -100,7 +100,8 @@ impl DistanceWeights {
             let (bias, coincident) = (self.bias[view], self.coincident[view]);
             for i in 0..LANES {
                 let counts = (coverage[i] > 0.0) & (coincident == on_top[i]);
-                let weight = exp(finite(logits[i]) - best[i] + bias);
+                let (score, lost) = two_sum(finite(logits[i]), bias);
+                let weight = exp(score - best[i] + lost);
                 weights[i] = if counts { weight } else { 0.0 };
             }
             add_products(&mut total, &weights, coverage);
@@ -161,6 +162,14 @@ fn blend_run_with<'a, S: pulp::Simd>(
         let end = (start + LANES).min(out.alpha.len());
         weights.blend_lanes(samples, from + start, out, start..end);
     }
+}
+
+/// a + b in f32, and what rounding it lost (Knuth): a far view's logit, or a large one, keeps its small differences.
+#[inline(always)]
+fn two_sum(a: f32, b: f32) -> (f32, f32) {
+    let sum = a + b;
+    let from_b = sum - a;
+    (sum, (a - (sum - from_b)) + (b - from_b))
 }
 
 /// An infinite logit as the largest of its sign, so that no two of them make a NaN.

@@ -2,6 +2,7 @@
 
 mod cli;
 mod report;
+mod stability;
 
 fn main() -> std::process::ExitCode {
     cli::run()

@@ -107,6 +107,11 @@ impl<N: PlaneNetwork> Renderer<N> {
         &self.network
     }
 
+    /// The network alone.
+    pub fn into_network(self) -> N {
+        self.network
+    }
+
     /// Which layers the next renders may leave out: by default those that no view covers.
     pub fn set_stops(&mut self, stops: Stops) {
         self.stops = stops;

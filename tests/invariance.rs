@@ -2,47 +2,71 @@
 
 use std::path::Path;
 
+use liveview::camera::Camera;
 use liveview::guide::{CoarsePass, RangeMap};
 use liveview::layers::{Layers, padded};
 use liveview::models;
-use liveview::network::OrtNetwork;
+use liveview::network::{NetworkError, OrtNetwork, PlaneNetwork};
 use liveview::render::{Frame, Renderer, warp_sources};
 use liveview::runtime::Runtime;
 use liveview::scene::{Scene, SceneOptions};
 use liveview::stops::Stops;
 use liveview::views::{SourceView, choose_views};
 use liveview::warp::Texture;
+use ndarray::{ArrayView4, ArrayViewMut4, Axis};
 
 /// Frames on [0, 1] may differ by this much between thread counts and batch sizes.
 const TOLERANCE: f32 = 1e-6;
+
+/// The example scene's first held-out view, and the four views nearest to it.
+struct Rig {
+    target: Camera,
+    views: Vec<(Camera, Texture)>,
+}
+
+impl Rig {
+    fn open(width: usize) -> Self {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scenes/workshop");
+        let scene = Scene::open(&root, &SceneOptions { width: Some(width), ..SceneOptions::default() }).unwrap();
+        let held_out = scene.view_index("target_0").unwrap();
+        let target = scene.views[held_out].camera.clone();
+        let others: Vec<usize> = (0..scene.views.len()).filter(|&view| view != held_out).collect();
+        let cameras: Vec<_> = others.iter().map(|&view| &scene.views[view].camera).collect();
+        let nearest = choose_views(&cameras, &target, 4).unwrap().into_iter().map(|i| others[i]);
+        let view = |i: usize| (scene.views[i].camera.clone(), Texture::new(&scene.load_image(i).unwrap()));
+        Self { target, views: nearest.map(view).collect() }
+    }
+
+    /// On a pool of `threads`.
+    fn render<N: PlaneNetwork + Send>(
+        &self,
+        network: N,
+        threads: usize,
+        batch: usize,
+        layers: fn(&RangeMap) -> Layers,
+        stops: Stops,
+    ) -> Frame {
+        let views: Vec<_> = self.views.iter().map(|(camera, texture)| SourceView { camera, texture }).collect();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let size = (padded(self.target.height()), padded(self.target.width()));
+            let pass = CoarsePass { near: 1.0, far: 8.0, planes: None };
+            let range = pass.search(&warp_sources(&views, &self.target), size).unwrap().range;
+            let mut renderer = Renderer::new(network, batch);
+            renderer.set_stops(stops);
+            renderer.render(&views, &self.target, &layers(&range)).unwrap()
+        })
+    }
+}
 
 fn render(threads: usize, batch: usize) -> Frame {
     render_stopped(threads, batch, |range| Layers::guided(range, 5).unwrap(), Stops::default())
 }
 
-/// The example scene's first held-out view, small, on a pool of `threads` and with the engine on as many.
+/// Through the engine, on as many threads.
 fn render_stopped(threads: usize, batch: usize, layers: fn(&RangeMap) -> Layers, stops: Stops) -> Frame {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scenes/workshop");
-    let scene = Scene::open(&root, &SceneOptions { width: Some(200), ..SceneOptions::default() }).unwrap();
-    let held_out = scene.view_index("target_0").unwrap();
-    let target = &scene.views[held_out].camera;
-    let others: Vec<usize> = (0..scene.views.len()).filter(|&view| view != held_out).collect();
-    let cameras: Vec<_> = others.iter().map(|&view| &scene.views[view].camera).collect();
-    let nearest = choose_views(&cameras, target, 4).unwrap();
-    let photos: Vec<_> = nearest.iter().map(|&i| Texture::new(&scene.load_image(others[i]).unwrap())).collect();
-    let views: Vec<_> =
-        nearest.iter().zip(&photos).map(|(&i, texture)| SourceView { camera: cameras[i], texture }).collect();
     let network = OrtNetwork::open(&Runtime::load(None).unwrap(), &models::find(4).unwrap(), threads).unwrap();
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| {
-        let size = (padded(target.height()), padded(target.width()));
-        let pass = CoarsePass { near: 1.0, far: 8.0, planes: None };
-        let range = pass.search(&warp_sources(&views, target), size).unwrap().range;
-        let layers = layers(&range);
-        let mut renderer = Renderer::new(network, batch);
-        renderer.set_stops(stops);
-        renderer.render(&views, target, &layers).unwrap()
-    })
+    Rig::open(200).render(network, threads, batch, layers, stops)
 }
 
 #[test]
@@ -64,6 +88,34 @@ fn two_runs_are_the_same_to_the_bit() {
     assert_eq!(first.picture.data(), second.picture.data());
     assert_eq!(first.disparity, second.disparity);
     assert_eq!(first.best_layer, second.best_layer);
+}
+
+/// A network that is a sum of two inputs: the same bits however it is run.
+struct Sum;
+
+impl PlaneNetwork for Sum {
+    fn views(&self) -> usize {
+        4
+    }
+
+    fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+        for (view, mut logits) in logits.axis_iter_mut(Axis(1)).enumerate() {
+            logits.assign(&(&hwv.index_axis(Axis(1), 3 * view) - &hwv.index_axis(Axis(1), 1)));
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn native_stages_are_the_same_to_the_bit_over_runs_threads_and_batches() {
+    let rig = Rig::open(64);
+    let frame = |run: usize| {
+        let frame =
+            rig.render(Sum, 1 + run % 2, 1 + run % 5, |range| Layers::guided(range, 5).unwrap(), Stops::default());
+        (frame.picture, frame.disparity, frame.transmittance, frame.best_layer)
+    };
+    let first = frame(0);
+    (1..=100).for_each(|run| assert_eq!(frame(run), first, "run {run}"));
 }
 
 #[test]

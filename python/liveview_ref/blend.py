@@ -31,7 +31,9 @@ def blend(logits: Tensor, colour: Tensor, coverage: Tensor, distances: Tensor) -
         coincident = coincident[:, :, None, None]
         on_top = (eligible & coincident).any(1, keepdim=True)
         eligible = eligible & (coincident == on_top)
-    scores = torch.cat([torch.zeros_like(logits[:, :1]), logits[:, 1:]], 1) + bias.to(logits)[:, :, None, None]
+    limits = torch.finfo(torch.float32)
+    finite = logits.clamp(limits.min, limits.max)  # no two infinite ones may make a NaN
+    scores = torch.cat([torch.zeros_like(finite[:, :1]), finite[:, 1:]], 1) + bias.to(logits)[:, :, None, None]
     scores = scores.masked_fill(~eligible, -torch.inf)
     top = scores.amax(1, keepdim=True)
     weights = torch.exp(scores - top.masked_fill(~covered[:, None], 0.0))  # exp(-inf) = 0 where not eligible

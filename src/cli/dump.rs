@@ -40,23 +40,23 @@ pub(super) struct DumpArgs {
 }
 
 /// The arrays of a file that appears only once it is whole.
-pub(super) struct Arrays {
+pub(crate) struct Arrays {
     file: NpzWriter<File>,
     temporary: PathBuf,
 }
 
 impl Arrays {
-    pub(super) fn create(path: &Path) -> Result<Self> {
+    pub(crate) fn create(path: &Path) -> Result<Self> {
         let temporary = path.with_extension(format!("{}.tmp", std::process::id()));
         let file = File::create(&temporary).with_context(|| format!("{}: cannot be written", path.display()))?;
         Ok(Self { file: NpzWriter::new(file), temporary })
     }
 
-    pub(super) fn add<A: WritableElement, D: Dimension>(&mut self, name: &str, array: Array<A, D>) -> Result<()> {
+    pub(crate) fn add<A: WritableElement, D: Dimension>(&mut self, name: &str, array: Array<A, D>) -> Result<()> {
         Ok(self.file.add_array(name, &array)?)
     }
 
-    fn add_camera(&mut self, name: &str, camera: &Camera) -> Result<()> {
+    pub(crate) fn add_camera(&mut self, name: &str, camera: &Camera) -> Result<()> {
         let matrix = |m: glam::DMat3| Array::from_shape_fn((3, 3), |(row, column)| m.row(row)[column]);
         self.add(&format!("{name}.k"), matrix(camera.k()))?;
         self.add(&format!("{name}.rotation"), matrix(camera.rotation()))?;
@@ -79,7 +79,7 @@ impl Arrays {
         Ok(std::fs::rename(&self.temporary, path)?)
     }
 
-    fn add_image(&mut self, name: &str, image: &ImageRgb) -> Result<()> {
+    pub(crate) fn add_image(&mut self, name: &str, image: &ImageRgb) -> Result<()> {
         self.add(name, Array3::from_shape_vec((image.height(), image.width(), 3), image.data().to_vec())?)
     }
 }

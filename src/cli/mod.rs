@@ -14,6 +14,7 @@ mod render;
 mod report;
 mod select;
 mod setup;
+mod stability;
 mod sweep;
 mod targets;
 mod video;
@@ -29,6 +30,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
+pub(crate) use dump::Arrays;
 pub(crate) use render::SCORE_BORDER;
 
 const EXAMPLES: &str = "\
@@ -67,6 +69,8 @@ enum Command {
     Dump(dump::DumpArgs),
     /// Measure error against run time: kinds and numbers of layers, and the Python reference beside them
     Sweep(sweep::SweepArgs),
+    /// Hold stiff and extreme cases of a scene's rig against float64, and the Python reference beside them
+    Stability(stability::StabilityArgs),
     /// One configuration of a sweep, driven over JSON lines
     #[command(hide = true)]
     Worker(worker::WorkerArgs),
@@ -86,6 +90,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Select(args) => select::run(args),
         Command::Dump(args) => dump::run(args),
         Command::Sweep(args) => sweep::run(args),
+        Command::Stability(args) => stability::run(args),
         Command::Worker(args) => {
             worker::run(args).map(|()| Report { text: String::new(), json: serde_json::Value::Null })
         }

@@ -68,7 +68,16 @@ impl SceneArgs {
 
     /// Opens the scene.
     pub(super) fn open(&self) -> Result<Photos> {
-        let options = SceneOptions { width: self.width, images: self.images.clone(), rig_position: self.rig_position };
+        self.open_scaled(self.width)
+    }
+
+    /// Opens the scene at this width, unless the options name another.
+    pub(super) fn open_at(&self, width: usize) -> Result<Photos> {
+        self.open_scaled(self.width.or(Some(width)))
+    }
+
+    fn open_scaled(&self, width: Option<usize>) -> Result<Photos> {
+        let options = SceneOptions { width, images: self.images.clone(), rig_position: self.rig_position };
         let scene = Scene::open(&self.scene, &options)?;
         let textures = scene.views.iter().map(|_| None).collect();
         Ok(Photos { scene, given: (self.near, self.far), textures })

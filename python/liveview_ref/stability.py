@@ -1,0 +1,162 @@
+"""Stiff and extreme cases elsewhere: `liveview stability SCENE --reference "python -m liveview_ref.stability"`.
+
+One JSON object per line, in and out, as worker.py does:
+
+    out  {"ready": true}
+    in   {"case": FILE.npz, "stage": NAME, "model": FILE.onnx, "bound": 1e-6}
+    out  {"torch": {"largest": x, "doubtful": y}, "kornia": ..., "onnxruntime": ..., "oracle": z}
+
+`largest` is the largest error against the case's truth outside doubtful pixels, null where anything is not finite;
+`doubtful` the share of the doubtful pixels that is off by more than the bound. What has no such stage is left out.
+`oracle`: how far the truth itself is from 50 digits, at pixels all over. Of the network, whose truth is known here
+alone, also `rust`, and whether its logits are `equal` to onnxruntime's bit for bit.
+"""
+
+import functools
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from . import oracle, stability_graphs, stages
+from .blend import blend
+from .composite import composite
+from .engines import session
+from .parity import load_network
+from .select import plane_histogram, select_planes
+from .warp import kornia_samples, warp_maps
+from .worker import private_stdout
+
+SCALED = ("disparity", "logits")  # errors relative to the truth's largest element
+CHECKED = 12  # pixels of each case, computed in 50 digits
+
+Outputs = dict[str, np.ndarray]
+
+
+def errors(found: Outputs, data: stages.Arrays, bound: float) -> dict:
+    doubtful = data["doubtful"]
+    off = np.zeros(len(doubtful), bool)
+    largest = 0.0
+    for name, values in found.items():
+        truth = data[f"truth.{name}"]
+        scale = np.abs(truth).max() if name in SCALED and truth.any() else 1.0
+        error = (np.abs(values.astype(np.float64).ravel() - truth) / scale).reshape(-1, len(doubtful))
+        if not np.isfinite(error).all():
+            largest = None
+            break
+        largest = max(largest, float(error[:, ~doubtful].max(initial=0.0)))
+        off |= (error > bound).any(0) & doubtful
+    return {"largest": largest, "doubtful": float(off.sum() / max(doubtful.sum(), 1))}
+
+
+def warp(data: stages.Arrays, model: str) -> dict[str, Outputs]:
+    (source,), target = stages.cameras_of(data)
+    (image,) = stages.images_of(data, torch.float32)
+    disparity = float(data["disparities"][0])
+    size = target.height, target.width
+    colour, coverage = warp_maps(image, source, target, torch.full((1, *size), disparity))
+    kornia = kornia_samples(image, source, target, disparity, size).numpy()
+    graph = stability_graphs.warp(image, source, target, disparity)
+    rgbc = {"torch": (colour.numpy(), coverage.numpy()), "kornia": (kornia[:3], kornia[3]), "onnxruntime": graph}
+    return {name: {"colour": colour, "coverage": coverage} for name, (colour, coverage) in rgbc.items()}
+
+
+def blended(data: stages.Arrays, model: str) -> dict[str, Outputs]:
+    inputs = stability_graphs.blend_inputs(data)
+    found = {"torch": blend(*inputs), "onnxruntime": stability_graphs.blend(inputs)}
+    return {name: {"alpha": np.asarray(alpha), "rgb": np.asarray(rgb)} for name, (alpha, rgb) in found.items()}
+
+
+def composited(data: stages.Arrays, model: str) -> dict[str, Outputs]:
+    alpha, rgb, maps = (torch.from_numpy(data[name])[..., None, :] for name in ("alpha", "rgb", "maps"))
+    covered = torch.full(alpha.shape[1:], bool(data["background"][0]))
+    out = composite(alpha, rgb, covered, maps)
+    found = {
+        "torch": (out.rgb, out.disparity, out.transmittance),
+        "onnxruntime": stability_graphs.composite(alpha, rgb, covered, maps),
+    }
+    names = ("frame", "disparity", "transmittance")
+    return {who: {n: np.asarray(x) for n, x in zip(names, parts, strict=True)} for who, parts in found.items()}
+
+
+def selected(data: stages.Arrays, model: str) -> dict[str, Outputs]:
+    histogram = plane_histogram(torch.from_numpy(data["alpha"])[:, None])
+    chosen = np.zeros(len(histogram))
+    chosen[select_planes(histogram, int(data["count"][0]))] = 1
+    return {"torch": {"histogram": histogram.numpy(), "selected": chosen}}
+
+
+@functools.cache
+def network(model: str):
+    """In torch, and in onnxruntime."""
+    return load_network(Path(model)), session(Path(model), 1)
+
+
+@torch.inference_mode()
+def inferred(data: stages.Arrays, model: str) -> dict[str, Outputs]:
+    net, in_graph = network(model)
+    hwv = torch.from_numpy(data["colour"])
+    truth = net.double()(hwv.double()).numpy()
+    data |= {"truth.logits": truth.ravel(), "doubtful": np.zeros(truth[0, 0].size, bool)}
+    found = {
+        "torch": net.float()(hwv).numpy(),
+        "onnxruntime": in_graph.run(["logits"], {"hwv": data["colour"]})[0],
+        "rust": data["rust"],
+    }
+    return {name: {"logits": logits} for name, logits in found.items()}
+
+
+def off_by(data: stages.Arrays, pixel_of, names: tuple[str, ...]) -> float:
+    """How far the truth is from 50 digits, at its largest, over pixels that are not doubtful."""
+    sure = np.flatnonzero(~data["doubtful"])
+    if not len(sure) or "meant" in data:
+        return 0.0
+    truth = [data[f"truth.{name}"].reshape(-1, len(data["doubtful"])) for name in names]
+    tops = [np.abs(t).max() if n in SCALED and t.any() else 1.0 for n, t in zip(names, truth, strict=True)]
+    scale = np.concatenate([np.full(len(t), top) for t, top in zip(truth, tops, strict=True)])
+    truth = np.concatenate(truth)
+    worst = 0.0
+    for pixel in sure[np.linspace(0, len(sure) - 1, CHECKED).astype(int)]:
+        digits = pixel_of(data, int(pixel))
+        pairs = zip(digits, truth[:, pixel], scale, strict=True)
+        worst = max(worst, *(float(abs(exact - float(found))) / top for exact, found, top in pairs))
+    return worst
+
+
+STAGES = {
+    "warp": (warp, oracle.warp, ("colour", "coverage")),
+    "blend": (blended, oracle.blend, ("alpha", "rgb")),
+    "composite": (composited, oracle.composite, ("frame", "disparity", "transmittance")),
+    "select": (selected, None, ()),
+    "network": (inferred, None, ()),
+}
+
+
+def answer(asked: dict) -> dict:
+    with np.load(asked["case"]) as arrays:
+        data = dict(arrays)
+    implementations, pixel_of, names = STAGES[asked["stage"]]
+    found = implementations(data, asked["model"])
+    told = {who: errors(outputs, data, asked["bound"]) for who, outputs in found.items()}
+    if "rust" in found:
+        told["equal"] = np.array_equal(found["rust"]["logits"], found["onnxruntime"]["logits"])
+    return told | ({"oracle": off_by(data, pixel_of, names)} if pixel_of else {})
+
+
+def main() -> int:
+    replies = private_stdout()
+    torch.set_num_threads(1)
+    print(json.dumps({"ready": True}), file=replies, flush=True)
+    try:
+        for line in sys.stdin:
+            print(json.dumps(answer(json.loads(line))), file=replies, flush=True)
+    except Exception as error:  # told to the one who drives this, whatever it is
+        print(json.dumps({"error": f"{type(error).__name__}: {error}"}), file=replies, flush=True)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

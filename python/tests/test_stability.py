@@ -1,0 +1,65 @@
+"""The 50-digit oracle against the float64 reference, and the errors that are told of the others."""
+
+import numpy as np
+import pytest
+import torch
+from liveview_ref import oracle, stability, stages
+from liveview_ref.blend import blend
+from liveview_ref.composite import composite
+from liveview_ref.warp import warp_maps
+
+PIXELS = 6
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(5)
+
+
+def test_warp_in_digits_is_the_reference(rng):
+    data = {f"{name}.rotation": np.eye(3) for name in ("view0", "target")}
+    data |= {"view0.translation": np.array([0.1, -0.2, 0.3]), "target.translation": np.zeros(3)}
+    data |= {f"{name}.k": np.array([[9.0, 0.5, 4], [0, 8, 3], [0, 0, 1]]) for name in ("view0", "target")}
+    data |= {"view0.image": rng.random((6, 8, 3)).astype(np.float32), "target.size": np.array([7, 5])}
+    data |= {"disparities": np.array([0.75])}
+    (source,), target = stages.cameras_of(data)
+    (image,) = stages.images_of(data, torch.float64)
+    colour, coverage = warp_maps(image, source, target, torch.full((1, 5, 7), 0.75, dtype=torch.float64))
+    found = torch.cat([colour[0], coverage])
+    digits = np.array([oracle.warp(data, pixel) for pixel in range(35)], dtype=np.float64)
+    assert np.abs(found.flatten(1).T.numpy() - digits).max() < 1e-12
+    assert 0 < digits[:, 3].sum() < 35  # some pixels see the source, some do not
+
+
+def test_blend_in_digits_is_the_reference(rng):
+    data = {"logits": rng.normal(0, 3, (3, PIXELS)), "colour": rng.random((9, PIXELS))}
+    data |= {"coverage": (rng.random((3, PIXELS)) > 0.4) * rng.random((3, PIXELS)), "distances": np.array([0, 1, 5.0])}
+    data = {name: value if name == "distances" else value.astype(np.float32) for name, value in data.items()}
+    data["coverage"][:, 0] = 0
+    data["logits"][1, 1] = np.inf
+    logits, colour, coverage = (
+        torch.from_numpy(data[x]).double()[None, :, None] for x in ("logits", "colour", "coverage")
+    )
+    alpha, rgb = blend(logits, colour.unflatten(1, (3, 3)), coverage, torch.from_numpy(data["distances"]))
+    found = torch.cat([alpha, rgb[0]]).flatten(1).T.numpy()
+    digits = np.array([oracle.blend(data, pixel) for pixel in range(PIXELS)], dtype=np.float64)
+    assert np.abs(found - digits).max() < 1e-12
+
+
+def test_composite_in_digits_is_the_reference(rng):
+    data = {"alpha": rng.random((4, PIXELS)), "maps": rng.random((4, PIXELS)), "rgb": rng.random((4, 3, PIXELS))}
+    for background in (True, False):
+        data["background"] = np.array([background])
+        alpha, rgb, maps = (torch.from_numpy(data[name])[..., None, :] for name in ("alpha", "rgb", "maps"))
+        out = composite(alpha, rgb, torch.full((1, PIXELS), background), maps)
+        found = torch.cat([out.rgb[:, 0], out.disparity, out.transmittance]).T.numpy()
+        digits = np.array([oracle.composite(data, pixel) for pixel in range(PIXELS)], dtype=np.float64)
+        assert np.abs(found - digits).max() < 1e-14
+
+
+def test_errors_leave_out_doubtful_pixels_and_tell_what_is_not_finite():
+    data = {"doubtful": np.array([False, True, True]), "truth.rgb": np.zeros(6)}
+    found = np.array([[0.1, 9, 0], [0.2, 0, 0]])
+    assert stability.errors({"rgb": found}, data, 1e-3) == {"largest": 0.2, "doubtful": 0.5}
+    found[0, 1] = np.nan
+    assert stability.errors({"rgb": found}, data, 1e-3)["largest"] is None

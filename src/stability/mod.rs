@@ -1,0 +1,129 @@
+//! Stiff and extreme cases: each stage of the binary, and of the reference if there is one, against a float64 oracle, in
+//! families that are swept over decades, so that one sees where an implementation stops holding.
+//!
+//! A *doubtful* pixel is one whose answer hangs on bits that float32 inputs do not have ([`warp`] says which). Outside of
+//! these the bound of the case holds; inside, a capped share may differ by more.
+
+mod blend;
+mod composite;
+mod network;
+mod outcome;
+mod plot;
+mod rigs;
+mod sampling;
+mod select;
+mod table;
+mod warp;
+
+use anyhow::Result;
+use liveview::network::OrtNetwork;
+use ndarray::Array1;
+
+pub(crate) use self::outcome::{Errors, Outcome, Verdict};
+pub(crate) use self::plot::plot;
+pub(crate) use self::rigs::Rig;
+pub(crate) use self::table::{Table, json, markdown};
+use crate::cli::Arrays;
+
+/// A stage's outputs by name, each `[channels, pixels]`.
+pub(crate) type Outputs<T> = Vec<(&'static str, Vec<T>)>;
+
+/// What the answer should be.
+pub(crate) struct Truth {
+    pub(crate) outputs: Outputs<f64>,
+    /// Per pixel.
+    pub(crate) doubtful: Vec<bool>,
+}
+
+impl Truth {
+    pub(crate) fn share_doubtful(&self) -> f64 {
+        self.doubtful.iter().filter(|&&doubtful| doubtful).count() as f64 / self.doubtful.len() as f64
+    }
+
+    /// For the reference.
+    pub(crate) fn write(&self, arrays: &mut Arrays) -> Result<()> {
+        for (name, values) in &self.outputs {
+            arrays.add(&format!("truth.{name}"), Array1::from_vec(values.clone()))?;
+        }
+        arrays.add("doubtful", Array1::from_vec(self.doubtful.clone()))
+    }
+}
+
+/// The inputs of a stage, and its answer in the binary's own arithmetic and in float64.
+pub(crate) trait Question {
+    /// The stage, as the reference knows it.
+    fn stage(&self) -> &'static str;
+
+    /// What the library says, or the error that it refuses the inputs with.
+    fn answer(&self) -> Result<Outputs<f32>, String>;
+
+    /// Another answer, which must equal [`Question::answer`] to the last bit.
+    fn equal(&self) -> Option<Result<Outputs<f32>, String>> {
+        None
+    }
+
+    /// The same in float64, written plainly; `None` where the reference alone knows (the network).
+    fn truth(&self) -> Option<Truth>;
+
+    /// How many times longer than on ordinary inputs it takes, where that is in question.
+    fn slower(&self) -> Option<f64> {
+        None
+    }
+
+    /// The inputs, for the reference.
+    fn write(&self, arrays: &mut Arrays) -> Result<()>;
+}
+
+/// One line of the table.
+pub(crate) struct Case<'a> {
+    /// What is swept; one panel of the plot.
+    pub(crate) family: &'static str,
+    /// How extreme it is, as the family measures it; positive, or infinite.
+    pub(crate) extreme: f64,
+    /// In words, where a number does not say it.
+    pub(crate) name: String,
+    pub(crate) question: Box<dyn Question + 'a>,
+    /// Largest error allowed outside doubtful pixels: of values in [0, 1], else relative to the largest.
+    pub(crate) bound: f64,
+}
+
+/// All cases of a rig and a model; in the short form, three of each family.
+pub(crate) fn cases<'a>(rig: &'a Rig, network: &'a std::cell::RefCell<OrtNetwork>, short: bool) -> Vec<Case<'a>> {
+    let families = [
+        rigs::families(rig),
+        sampling::families(),
+        blend::families(&rig.distances),
+        composite::families(),
+        select::families(),
+        network::families(network),
+    ];
+    let families = families.into_iter().flatten();
+    if short { families.flat_map(ends_and_middle).collect() } else { families.flatten().collect() }
+}
+
+/// The first, the middle and the last of a family.
+fn ends_and_middle<T>(family: Vec<T>) -> impl Iterator<Item = T> {
+    let kept = [0, family.len() / 2, family.len().saturating_sub(1)];
+    family.into_iter().enumerate().filter(move |(index, _)| kept.contains(index)).map(|(_, case)| case)
+}
+
+/// Whole powers of ten.
+fn decades(exponents: impl IntoIterator<Item = i32>) -> impl Iterator<Item = f64> {
+    exponents.into_iter().map(|exponent| 10f64.powi(exponent))
+}
+
+/// Numbers that look random and are the same each time (splitmix64), in [0, 1).
+struct Seeded(u64);
+
+impl Seeded {
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((mixed ^ (mixed >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn units(&mut self, count: usize) -> Vec<f32> {
+        (0..count).map(|_| self.unit() as f32).collect()
+    }
+}

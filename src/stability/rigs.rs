@@ -1,0 +1,184 @@
+//! Extreme cameras and planes: a target and one view of it, one thing swept at a time.
+
+use std::borrow::Cow;
+
+use glam::{DMat3, DVec3};
+use liveview::camera::{Camera, Intrinsics};
+use liveview::image_io::ImageRgb;
+
+use super::warp::WarpCase;
+use super::{Case, decades};
+
+/// What the cases start from: a target, one view of it, and how far the things are that they see.
+pub(crate) struct Rig {
+    pub(crate) photo: ImageRgb,
+    pub(crate) source: Camera,
+    pub(crate) target: Camera,
+    /// Of a plane amid the scene, scene units.
+    pub(crate) depth: f64,
+    /// Of all views' centres to the target's, nearest first, scene units.
+    pub(crate) distances: Vec<f64>,
+}
+
+/// A camera that may turn out to be none.
+#[derive(Clone, Copy)]
+struct Parts {
+    intrinsics: Intrinsics,
+    size: (usize, usize),
+    rotation: DMat3,
+    /// In the world, scene units.
+    centre: DVec3,
+}
+
+impl Parts {
+    fn of(camera: &Camera) -> Self {
+        let size = (camera.width(), camera.height());
+        Self { intrinsics: camera.intrinsics(), size, rotation: camera.rotation(), centre: camera.centre() }
+    }
+
+    fn focal(&mut self, factor: f64) {
+        self.intrinsics.fx *= factor;
+        self.intrinsics.fy *= factor;
+    }
+
+    /// Turned to the right, radians.
+    fn turn(&mut self, angle: f64) {
+        self.rotation = DMat3::from_rotation_y(-angle) * self.rotation;
+    }
+}
+
+/// What is swept, before it becomes a case.
+struct Swept {
+    source: Parts,
+    target: Parts,
+    depth: f64,
+}
+
+impl Rig {
+    fn case<'a>(&'a self, change: impl FnOnce(&mut Swept)) -> WarpCase<'a> {
+        let mut swept = Swept { source: Parts::of(&self.source), target: Parts::of(&self.target), depth: self.depth };
+        change(&mut swept);
+        let camera = |parts: Parts| {
+            let Parts { intrinsics, size, rotation, centre } = parts;
+            Camera::new(intrinsics, size.0, size.1, rotation, -(rotation * centre))
+        };
+        WarpCase {
+            photo: Cow::Borrowed(&self.photo),
+            source: camera(swept.source),
+            target: camera(swept.target),
+            disparity: 1.0 / swept.depth,
+            same_as: None,
+            meant: None,
+        }
+    }
+
+    /// The source turned as the target is, and moved from it by `offset`, in the target's axes and units of the depth.
+    fn aligned(&self, swept: &mut Swept, offset: DVec3) {
+        swept.source.rotation = self.target.rotation();
+        swept.source.centre = swept.target.centre + self.target.rotation().transpose() * offset * self.depth;
+    }
+}
+
+/// Float32 samples of a photo in [0, 1] along float64 coordinates: about what their distance from the middle of a run, in
+/// pixels, has in the last bit.
+const BOUND: f64 = 2e-5;
+
+/// A family of warps.
+fn family<'a>(
+    name: &'static str,
+    extremes: impl IntoIterator<Item = f64>,
+    case: impl Fn(f64) -> WarpCase<'a>,
+) -> Vec<Case<'a>> {
+    let case = |extreme: f64| {
+        let question = Box::new(case(extreme));
+        Case { family: name, extreme, name: format!("{extreme:.0e}"), question, bound: BOUND }
+    };
+    extremes.into_iter().map(case).collect()
+}
+
+pub(super) fn families(rig: &Rig) -> Vec<Vec<Case<'_>>> {
+    // Behind the target, so that however near things are, and however long the baseline, the source sees them.
+    let behind = DVec3::new(0.02, -0.01, -0.3);
+    let depth = |times: f64| {
+        rig.case(|swept| {
+            rig.aligned(swept, behind);
+            swept.depth *= times;
+        })
+    };
+    let baseline = |times: f64| rig.case(|swept| rig.aligned(swept, behind * times));
+    // To the side, and the less the longer the lens, so that as much is seen.
+    let focal = |factor: f64| {
+        rig.case(|swept| {
+            rig.aligned(swept, DVec3::new(0.05, -0.02, 0.0) / factor);
+            [&mut swept.source, &mut swept.target].into_iter().for_each(|camera| camera.focal(factor));
+        })
+    };
+    let source_focal = |factor: f64| rig.case(|swept| swept.source.focal(factor));
+    // Amid the picture, so that one pixel sees the source however near its centre is.
+    let through_centre = |gap: f64| {
+        rig.case(|swept| {
+            let pixel = DVec3::new(rig.target.width() as f64, rig.target.height() as f64, 2.0) / 2.0;
+            let ray = rig.target.k_inverse() * pixel.with_z(1.0);
+            rig.aligned(swept, (ray - 0.1 * gap * DVec3::X).with_z(1.0 - gap));
+        })
+    };
+    let turned = |angle: f64, wider: f64| {
+        rig.case(|swept| {
+            rig.aligned(swept, DVec3::new(0.05, -0.02, 0.03));
+            swept.source.focal(wider);
+            swept.source.turn(angle);
+        })
+    };
+    let skew = |times: f64| rig.case(|swept| swept.source.intrinsics.skew = times * swept.source.intrinsics.fx);
+    // In both cameras, and the baseline across their axes, so that the source is still seen.
+    let principal_point = |pixels: f64| {
+        rig.case(|swept| {
+            rig.aligned(swept, DVec3::new(0.05, -0.02, 0.0));
+            [&mut swept.source, &mut swept.target].into_iter().for_each(|camera| camera.intrinsics.cx += pixels);
+        })
+    };
+    let unit = |factor: f64| {
+        let scaled = rig.case(|swept| {
+            [&mut swept.source, &mut swept.target].into_iter().for_each(|camera| camera.centre *= factor);
+            swept.depth *= factor;
+        });
+        WarpCase { same_as: Some(Box::new(rig.case(|_| ()))), ..scaled }
+    };
+    let powers = (-6..=6).map(|step| 2f64.powi(20 * step));
+    let origin = |away: f64| {
+        let moved = rig.case(|swept| {
+            let by = DVec3::new(0.6, -0.48, 0.64) * away * rig.depth;
+            [&mut swept.source, &mut swept.target].into_iter().for_each(|camera| camera.centre += by);
+        });
+        WarpCase { meant: Some(Box::new(rig.case(|_| ()))), ..moved }
+    };
+    // Poses are float64 translations: places this far from the origin are known to so much, which a focal length turns into pixels.
+    let pose_pixels =
+        |away: f64| 8.0 * f64::EPSILON * away * rig.target.intrinsics().fx.max(rig.source.intrinsics().fx);
+    let to_infinity = |from, to| decades(from..=to).chain([f64::INFINITY]);
+    vec![
+        family("depth", to_infinity(-6, 9), depth),
+        family("focal length", decades(-6..=6), focal),
+        family("source's focal length", decades(-6..=6), source_focal),
+        family("plane near a source centre", decades(-15..=0).chain([0.0]), through_centre),
+        family("vanishing line, before 90°", decades(-9..=0), |from| {
+            turned(std::f64::consts::FRAC_PI_2 - from, 0.125)
+        }),
+        family("vanishing line, beyond 90°", decades(-9..=0), |from| {
+            turned(std::f64::consts::FRAC_PI_2 + from, 0.125)
+        }),
+        family("facing away", decades(-9..=0).chain([0.0]), |from| turned(std::f64::consts::PI - from, 1.0)),
+        family("baseline", decades(-16..=9), baseline),
+        family("skew", decades(-6..=6), skew),
+        // At 1e8 pixels the oracle's float64 is off by 8e-6, at 1e9 by 8e-4.
+        family("far principal point", decades(0..=7), principal_point),
+        family("scene unit", powers, unit)
+            .into_iter()
+            .map(|case| Case { name: format!("2^{}", case.extreme.log2()), ..case })
+            .collect(),
+        family("far from the origin", decades(0..=12), origin)
+            .into_iter()
+            .map(|case| Case { bound: BOUND.max(pose_pixels(case.extreme)), ..case })
+            .collect(),
+    ]
+}

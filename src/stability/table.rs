@@ -1,0 +1,112 @@
+//! The outcomes as Markdown, a line per family and a line per case, and as JSON.
+
+use std::fmt::Write;
+
+use serde_json::{Value, json};
+
+use super::{Errors, Outcome, Verdict};
+
+/// What was tested, and what came of it.
+pub(crate) struct Table {
+    /// The rig and the model, in a line.
+    pub(crate) about: String,
+    pub(crate) outcomes: Vec<Outcome>,
+}
+
+impl Table {
+    /// The families in their order, each with its outcomes.
+    pub(super) fn families(&self) -> impl Iterator<Item = &[Outcome]> {
+        self.outcomes.chunk_by(|a, b| a.family == b.family)
+    }
+
+    pub(crate) fn failed(&self) -> usize {
+        self.outcomes.iter().filter(|outcome| matches!(outcome.verdict(), Verdict::Failed(_))).count()
+    }
+}
+
+/// The four implementations of an outcome; `None` has not been asked, or does not have the stage.
+pub(super) fn errors(outcome: &Outcome) -> [(&'static str, Option<Errors>); 4] {
+    [
+        ("Rust", outcome.ours.clone().ok().flatten()),
+        ("torch", outcome.torch),
+        ("kornia", outcome.kornia),
+        ("onnxruntime", outcome.onnxruntime),
+    ]
+}
+
+const HOW_TO_READ: &str = "\
+Errors are the largest of a case against float64, of values in [0, 1], or relative to the largest (disparity, logits); **bold** is beyond the
+bound, *NaN* is not finite. Doubtful pixels, whose answer hangs on bits that float32 inputs do not have, are left out of these and
+counted apart: of those, at most 1 % may be beyond the bound. Torch, kornia (as it comes: it does not mask what lies behind the camera) and
+onnxruntime compute in float32. Rust's error must be within the bound and at most twice torch's, or 1.2e-7.";
+
+pub(crate) fn markdown(table: &Table) -> String {
+    let mut text = format!("# Stiff and extreme cases\n\n{}\n\n{HOW_TO_READ}\n\n", table.about);
+    let told = table.outcomes.len();
+    let _ = writeln!(text, "{} of {told} cases hold.\n", told - table.failed());
+    text += "| stage | swept | from | to | cases | Rust | torch | kornia | onnxruntime | |\n|---|---|---|---|---|---|---|---|---|---|\n";
+    for family in table.families() {
+        let (first, last) = (&family[0], &family[family.len() - 1]);
+        let _ =
+            write!(text, "| {} | {} | {} | {} | {} |", first.stage, first.family, first.name, last.name, family.len());
+        for implementation in 0..4 {
+            let worst = family.iter().max_by(|a, b| largest(a, implementation).total_cmp(&largest(b, implementation)));
+            let _ = write!(text, " {} |", worst.map_or_else(String::new, |worst| figure(worst, implementation)));
+        }
+        let failed = family.iter().filter(|outcome| matches!(outcome.verdict(), Verdict::Failed(_))).count();
+        let _ = writeln!(text, " {} |", if failed == 0 { "ok".to_owned() } else { format!("{failed} failed") });
+    }
+    text += "\n| case | | Rust | torch | kornia | onnxruntime | bound | doubtful | |\n|---|---|---|---|---|---|---|---|---|\n";
+    for outcome in &table.outcomes {
+        let figures: Vec<String> = (0..4).map(|implementation| figure(outcome, implementation)).collect();
+        let _ = writeln!(
+            text,
+            "| {} | {} | {} | {:.0e} | {} | {} |",
+            outcome.family,
+            outcome.name,
+            figures.join(" | "),
+            outcome.bound,
+            doubtful(outcome),
+            judged(outcome)
+        );
+    }
+    text
+}
+
+fn largest(outcome: &Outcome, implementation: usize) -> f64 {
+    errors(outcome)[implementation].1.map_or(-1.0, |errors| errors.largest)
+}
+
+fn figure(outcome: &Outcome, implementation: usize) -> String {
+    match errors(outcome)[implementation].1 {
+        None => String::new(),
+        Some(errors) if errors.largest.is_infinite() => "*NaN*".into(),
+        Some(errors) if errors.largest > outcome.bound => format!("**{:.1e}**", errors.largest),
+        Some(errors) if errors.largest == 0.0 => "0".into(),
+        Some(errors) => format!("{:.1e}", errors.largest),
+    }
+}
+
+/// Share of doubtful pixels, and of these the share that is off.
+fn doubtful(outcome: &Outcome) -> String {
+    let off = outcome.ours.as_ref().ok().and_then(|ours| ours.as_ref()).map_or(0.0, |ours| ours.doubtful);
+    match outcome.doubtful {
+        0.0 => String::new(),
+        share if off > 0.0 => format!("{:.1} %, {:.1} % of them off", 100.0 * share, 100.0 * off),
+        share => format!("{:.1} %", 100.0 * share),
+    }
+}
+
+fn judged(outcome: &Outcome) -> String {
+    let slower = outcome.slower.map_or_else(String::new, |times| format!(", {times:.2} times the time of noise"));
+    match outcome.verdict() {
+        Verdict::Ok => format!("ok{slower}"),
+        Verdict::Refused(why) => format!("refused: {why}"),
+        Verdict::Failed(why) => format!("**failed**: {why}{slower}"),
+    }
+}
+
+pub(crate) fn json(table: &Table) -> Value {
+    let cases: Vec<Value> = table.outcomes.iter().map(Outcome::json).collect();
+    json!({ "about": table.about, "failed": table.failed(), "cases": cases })
+}
