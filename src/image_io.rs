@@ -4,7 +4,7 @@
 //! ignored, as COLMAP and the other pose tools ignore it, so poses belong to the pixels as stored.
 
 use std::fs::{self, File};
-use std::io::{self, BufReader, BufWriter, Cursor, Write};
+use std::io::{self, BufReader, Cursor};
 use std::path::{Path, PathBuf};
 
 use image::codecs::png::PngEncoder;
@@ -12,8 +12,9 @@ use image::imageops::{self, FilterType};
 use image::{ExtendedColorType, ImageEncoder, ImageFormat, ImageReader, Limits, Rgb32FImage};
 
 use crate::camera::MAX_SIDE;
+use crate::whole_file;
 
-/// Why a picture could not be read or written. Every message names the file.
+/// Why a picture could not be read or written. Every message about a file names it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ImageError {
@@ -54,6 +55,16 @@ pub enum ImageError {
         height: usize,
         /// Values per pixel.
         channels: usize,
+    },
+    /// No PNG can hold the picture.
+    #[error("a picture of {width}x{height} cannot be a PNG: {reason}")]
+    Encode {
+        /// Width in pixels.
+        width: usize,
+        /// Height in pixels.
+        height: usize,
+        /// What the encoder said.
+        reason: String,
     },
     /// The file cannot be written.
     #[error("{}: cannot be written: {source}", path.display())]
@@ -169,53 +180,47 @@ pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
     ImageRgb::new(width, height, decoded.into_raw())
 }
 
-/// Writes an 8-bit RGB PNG, values rounded to nearest and clamped to [0, 1].
-///
-/// Written under a temporary name in the same folder and then renamed, so that no half-written picture is ever seen.
+/// An 8-bit RGB PNG, values rounded to nearest and clamped to [0, 1].
 ///
 /// # Errors
 ///
-/// [`ImageError::Write`], naming the file.
-pub fn save_png(path: &Path, picture: &ImageRgb) -> Result<(), ImageError> {
+/// [`ImageError::Encode`] if the picture is too large for a PNG.
+pub fn encode_png(picture: &ImageRgb) -> Result<Vec<u8>, ImageError> {
     let bytes: Vec<u8> = picture.data.iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect();
-    save(path, &bytes, picture.width, picture.height, ExtendedColorType::Rgb8)
+    encode(&bytes, picture.width, picture.height, ExtendedColorType::Rgb8)
 }
 
-/// Writes a 16-bit grey PNG, row-major, in the same careful way as [`save_png`].
+/// A 16-bit grey PNG, row-major.
 ///
 /// # Errors
 ///
-/// [`ImageError::Buffer`] unless `data` holds width · height values; [`ImageError::Write`], naming the file.
-pub fn save_gray16_png(path: &Path, width: usize, height: usize, data: &[u16]) -> Result<(), ImageError> {
+/// [`ImageError::Buffer`] unless `data` holds width · height values; [`ImageError::Encode`] if that is too large for a PNG.
+pub fn encode_gray16_png(width: usize, height: usize, data: &[u16]) -> Result<Vec<u8>, ImageError> {
     check_buffer(data.len(), width, height, 1)?;
     // The encoder takes the machine's byte order.
     let bytes: Vec<u8> = data.iter().flat_map(|v| v.to_ne_bytes()).collect();
-    save(path, &bytes, width, height, ExtendedColorType::L16)
+    encode(&bytes, width, height, ExtendedColorType::L16)
 }
 
-fn save(path: &Path, bytes: &[u8], width: usize, height: usize, color: ExtendedColorType) -> Result<(), ImageError> {
+/// Writes what [`encode_png`] makes, as a [`whole_file`]: no half-written picture is ever seen.
+///
+/// # Errors
+///
+/// Those of [`encode_png`]; [`ImageError::Write`], naming the file.
+pub fn save_png(path: &Path, picture: &ImageRgb) -> Result<(), ImageError> {
     let failed = |source| ImageError::Write { path: path.to_owned(), source };
-    let invalid = |what: &str| failed(io::Error::new(io::ErrorKind::InvalidInput, what.to_owned()));
-    let name = path.file_name().ok_or_else(|| invalid("the path names no file"))?;
+    whole_file::write(path, &encode_png(picture)?).map_err(failed)
+}
+
+/// In memory: on a file, the encoder would swallow the error of its last write.
+fn encode(bytes: &[u8], width: usize, height: usize, color: ExtendedColorType) -> Result<Vec<u8>, ImageError> {
+    let failed = |reason: String| ImageError::Encode { width, height, reason };
     let (Ok(across), Ok(down)) = (u32::try_from(width), u32::try_from(height)) else {
-        return Err(invalid("the picture is too large for a PNG"));
+        return Err(failed("too many pixels in a side".to_owned()));
     };
-    let mut hidden = std::ffi::OsString::from(format!(".{}.", std::process::id()));
-    hidden.push(name);
-    let temporary = path.with_file_name(hidden);
-    let written = File::create(&temporary).and_then(|file| {
-        let mut file = BufWriter::new(file);
-        PngEncoder::new(&mut file).write_image(bytes, across, down, color).map_err(|error| match error {
-            image::ImageError::IoError(error) => error,
-            other => io::Error::other(other),
-        })?;
-        file.flush()
-    });
-    written.and_then(|()| fs::rename(&temporary, path)).map_err(|error| {
-        // The write already failed; a leftover that cannot be removed adds nothing to that.
-        let _ = fs::remove_file(&temporary);
-        failed(error)
-    })
+    let mut png = Vec::new();
+    let encoded = PngEncoder::new(&mut png).write_image(bytes, across, down, color);
+    encoded.map_err(|error| failed(error.to_string())).map(|()| png)
 }
 
 fn check_buffer(len: usize, width: usize, height: usize, channels: usize) -> Result<(), ImageError> {

@@ -41,3 +41,4 @@ pub mod sweep;
 mod taps;
 pub mod views;
 pub mod warp;
+pub mod whole_file;

@@ -3,7 +3,6 @@
 mod common;
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 
 use common::{Folders, HEIGHT, WIDTH};
 use liveview::image_io;
@@ -121,7 +120,8 @@ fn a_path_becomes_a_folder_of_frames_and_keeps_the_planes_of_the_first() {
         "-o",
         &folders.out("frames"),
     ]));
-    assert_eq!(folders.written(), ["frames/frame_0000.png", "frames/frame_0001.png", "frames/frame_0002.png"]);
+    let frames = ["frames/frame_0000.png", "frames/frame_0001.png", "frames/frame_0002.png"];
+    assert_eq!(folders.written(), [&frames[..], &["frames/liveview.json"]].concat());
     let seconds = |frame: usize| told["targets"][frame]["seconds"]["select"].as_f64().unwrap();
     assert!(seconds(0) > 0.0 && seconds(1) == 0.0 && seconds(2) == 0.0, "{told}");
     assert_eq!((&told["targets"][2]["layers"], &told["layers"]), (&2.into(), &"select 2 of 8 planes".into()));
@@ -154,26 +154,19 @@ fn other_layers() {
     assert!(told["notes"][0].as_str().unwrap().contains("scaled down"), "{told}");
 }
 
-/// An `ffmpeg` that copies its input to its last argument, or fails.
-fn ffmpeg(folders: &Folders, fails: bool) -> String {
-    let folder = folders.scene().join("bin");
-    fs::create_dir_all(&folder).unwrap();
-    let body = if fails { "echo no such codec >&2; exit 1" } else { "for last; do :; done; /bin/cat > \"$last\"" };
-    fs::write(folder.join("ffmpeg"), format!("#!/bin/sh\n{body}\n")).unwrap();
-    fs::set_permissions(folder.join("ffmpeg"), fs::Permissions::from_mode(0o755)).unwrap();
-    folder.to_str().unwrap().to_owned()
-}
-
 #[test]
 fn videos_go_through_ffmpeg() {
     let folders = Folders::new();
+    let copies = "for last; do :; done; /bin/cat > \"$last\"";
     for name in ["a.mp4", "a.gif"] {
         let arguments = ["--path", "line:3", "-o", &folders.out(name)];
         folders
             .assert_refused(folders.render(&arguments).env("PATH", "/nowhere"), &[name, "ffmpeg", "not on the PATH"]);
-        folders
-            .assert_refused(folders.render(&arguments).env("PATH", ffmpeg(&folders, true)), &[name, "no such codec"]);
-        let told = json(folders.render(&arguments).env("PATH", ffmpeg(&folders, false)));
+        folders.assert_refused(
+            folders.render(&arguments).env("PATH", folders.ffmpeg("echo no such codec >&2; exit 1")),
+            &[name, "no such codec", "exit status: 1"],
+        );
+        let told = json(folders.render(&arguments).env("PATH", folders.ffmpeg(copies)));
         assert_eq!((told["video"].as_str(), folders.written()), (Some(arguments[3]), vec![name.to_owned()]));
         assert_eq!(fs::read(arguments[3]).unwrap().len() as u32, 3 * 3 * WIDTH * HEIGHT);
         fs::remove_file(arguments[3]).unwrap();

@@ -1,9 +1,8 @@
 //! `liveview dump`: every stage of one render as arrays, for `python -m liveview_ref.parity`.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Error, Result, anyhow, bail};
 use clap::Args;
 use liveview::blend::{Blended, LayerSamples};
 use liveview::camera::Camera;
@@ -12,6 +11,7 @@ use liveview::image_io::ImageRgb;
 use liveview::layers::{Layer, Layers};
 use liveview::render::{Batch, Frame, warp_sources};
 use liveview::stops::Stops;
+use liveview::whole_file::WholeFile;
 use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate, s};
 use ndarray_npy::{NpzWriter, WritableElement};
 use serde_json::json;
@@ -41,19 +41,18 @@ pub(super) struct DumpArgs {
 
 /// The arrays of a file that appears only once it is whole.
 pub(crate) struct Arrays {
-    file: NpzWriter<File>,
-    temporary: PathBuf,
+    file: NpzWriter<WholeFile>,
+    path: PathBuf,
 }
 
 impl Arrays {
     pub(crate) fn create(path: &Path) -> Result<Self> {
-        let temporary = path.with_extension(format!("{}.tmp", std::process::id()));
-        let file = File::create(&temporary).with_context(|| format!("{}: cannot be written", path.display()))?;
-        Ok(Self { file: NpzWriter::new(file), temporary })
+        let file = WholeFile::create(path).map_err(|error| unwritten(path, error))?;
+        Ok(Self { file: NpzWriter::new(file), path: path.to_owned() })
     }
 
     pub(crate) fn add<A: WritableElement, D: Dimension>(&mut self, name: &str, array: Array<A, D>) -> Result<()> {
-        Ok(self.file.add_array(name, &array)?)
+        self.file.add_array(name, &array).map_err(|error| unwritten(&self.path, error))
     }
 
     pub(crate) fn add_camera(&mut self, name: &str, camera: &Camera) -> Result<()> {
@@ -74,14 +73,19 @@ impl Arrays {
     }
 
     /// Gives the file its name.
-    pub(super) fn finish(self, path: &Path) -> Result<()> {
-        self.file.finish()?;
-        Ok(std::fs::rename(&self.temporary, path)?)
+    pub(super) fn finish(self) -> Result<()> {
+        let file = self.file.finish().map_err(|error| unwritten(&self.path, error))?;
+        file.finish().map_err(|error| unwritten(&self.path, error))
     }
 
     pub(crate) fn add_image(&mut self, name: &str, image: &ImageRgb) -> Result<()> {
         self.add(name, Array3::from_shape_vec((image.height(), image.width(), 3), image.data().to_vec())?)
     }
+}
+
+/// The cause alone, without what the layers between say of it.
+pub(super) fn unwritten(path: &Path, error: impl Into<Error>) -> Error {
+    anyhow!("{}: cannot be written: {}", path.display(), error.into().root_cause())
 }
 
 /// What the batches of a render showed, layer after layer.
@@ -146,13 +150,8 @@ pub(super) fn run(args: &DumpArgs) -> Result<Report> {
     job.photos.tell_notes();
     job.photos.load(&shot.views, &[])?;
     let mut arrays = Arrays::create(&args.output)?;
-    let temporary = arrays.temporary.clone();
-    let finished = write(&mut job, &shot, &mut arrays).and_then(|()| arrays.finish(&args.output));
-    if let Err(error) = finished {
-        // Best effort: the error itself is what the user needs.
-        let _ = std::fs::remove_file(&temporary);
-        return Err(error.context(format!("{}: cannot be written", args.output.display())));
-    }
+    write(&mut job, &shot, &mut arrays)?;
+    arrays.finish()?;
     let json = json!({
         "file": super::shown(&args.output), "target": shot.name, "views": job.photos.names(&shot.views), "near": shot.near,
         "far": shot.far, "layers": job.recipe.to_string(), "model": super::shown(job.engine.network().path()), "library": super::shown(&job.engine.library),

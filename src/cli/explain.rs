@@ -15,7 +15,7 @@ use ndarray::Array2;
 use serde_json::{Value, json};
 
 use super::geometry::percentile;
-use super::output::claim_png;
+use super::place::claim_png;
 use super::render::{SCORE_BORDER, Times};
 use super::report::{stages, total};
 use super::select::{range_picture, width_in_pixels};

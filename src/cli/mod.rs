@@ -1,4 +1,5 @@
-//! The command line: one file per subcommand; what they share is in `setup`, `layers`, `engine`, `targets` and `output`.
+//! The command line: one file per subcommand; what they share is in `setup`, `layers`, `engine`, `targets`, `place`,
+//! `output` and `record`.
 
 mod dump;
 mod engine;
@@ -9,7 +10,9 @@ mod layers;
 mod measured;
 mod output;
 mod path;
+mod place;
 mod pose;
+mod record;
 mod render;
 mod report;
 mod select;
@@ -98,9 +101,15 @@ pub(crate) fn run() -> ExitCode {
     match report {
         Ok(Report { text, json }) => {
             let told = if cli.json { format!("{json:#}") } else { text };
-            // A reader that went away (`| head`) is no error of ours.
-            let _ = writeln!(std::io::stdout(), "{}", told.trim_end());
-            ExitCode::SUCCESS
+            let mut out = std::io::stdout();
+            match writeln!(out, "{}", told.trim_end()).and_then(|()| out.flush()) {
+                // A reader that went away (`| head`) is no error of ours.
+                Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+                    tell("error", format_args!("standard output: cannot be written: {error}"));
+                    ExitCode::from(2)
+                }
+                _ => ExitCode::SUCCESS,
+            }
         }
         Err(error) => {
             let told = in_full(&error);

@@ -1,18 +1,21 @@
 //! What is written, and where: pictures, disparity maps, comparisons.
 
 use std::collections::{HashMap, HashSet};
-use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
-use liveview::image_io::{ImageRgb, save_gray16_png, save_png};
+use liveview::image_io::{ImageRgb, encode_gray16_png, encode_png};
 use liveview::picture::{coloured, difference, side_by_side};
 use liveview::render::Frame;
+use liveview::whole_file;
 use serde_json::json;
 
+use super::place::{Place, Variant, claim, has_ending, photo_files};
+use super::record::{self, Fields, Record};
+use super::render::Rendered;
 use super::setup::{Photos, Shot};
 use super::video::Video;
 
@@ -38,73 +41,16 @@ pub(super) struct OutputArgs {
     /// Frames per second of a video
     #[arg(long, value_name = "N", default_value = "30", value_parser = super::count)]
     fps: usize,
+    /// Go on where a run into the same folder was ended: pictures that are there and whole, as its liveview.json tells, are
+    /// kept, and the rest is rendered. Refused where that file is of another job
+    #[arg(long, requires = "output", conflicts_with = "explain")]
+    resume: bool,
 }
-
-/// One file, or a folder of them.
-enum Place {
-    File(PathBuf),
-    Folder(PathBuf),
-}
-
-impl Place {
-    /// By what is there, else by the extension: a folder has none.
-    fn new(option: &str, path: &Path, endings: &[&str]) -> Result<Self> {
-        if path.is_dir() || path.as_os_str().to_string_lossy().ends_with('/') || path.extension().is_none() {
-            return Ok(Self::Folder(path.to_owned()));
-        }
-        if !endings.iter().any(|ending| has_ending(path, ending)) {
-            bail!("{option} {}: expected a name that ends in .{}, or a folder", path.display(), endings.join(", ."));
-        }
-        Ok(Self::File(path.to_owned()))
-    }
-
-    /// The file of a shot.
-    fn file(&self, shot: &Shot, suffix: &str, ending: Option<&str>) -> PathBuf {
-        let (folder, mut name, own) = match self {
-            Self::File(path) => (path.parent(), path.file_stem().unwrap_or_default().to_owned(), path.extension()),
-            Self::Folder(path) => (Some(path.as_path()), stem(&shot.name).into(), None),
-        };
-        // Joined as they are: a name need not be UTF-8.
-        name.push(suffix);
-        name.push(".");
-        name.push(ending.map(OsStr::new).or(own).unwrap_or(OsStr::new("png")));
-        folder.unwrap_or(Path::new("")).join(name)
-    }
-
-    /// The files of a shot, one per variant.
-    fn files<const N: usize>(&self, shot: &Shot, variants: [Variant; N]) -> [PathBuf; N] {
-        variants.map(|(suffix, ending)| self.file(shot, suffix, ending))
-    }
-}
-
-/// What is added to a name, and its ending if it is not the name's own.
-type Variant = (&'static str, Option<&'static str>);
 
 /// A picture under the name given.
 const PLAIN: [Variant; 1] = [("", None)];
 /// Disparity, in colour, and its scale.
 const DEPTH: [Variant; 3] = [("", None), ("_colour", None), ("_scale", Some("json"))];
-
-/// Refuses a file that cannot be written or is a photo of the scene; creates missing folders.
-fn claim(option: &str, file: &Path, photos: &Photos) -> Result<()> {
-    let refused = |error| anyhow!("{option} {}: cannot be written: {error}", file.display());
-    let probe = temporary(file);
-    std::fs::create_dir_all(file.parent().unwrap_or(Path::new(""))).map_err(refused)?;
-    std::fs::write(&probe, "").and_then(|()| std::fs::remove_file(&probe)).map_err(refused)?;
-    let Ok(taken) = file.canonicalize() else { return Ok(()) };
-    if photos.scene.views.iter().any(|view| view.image_path().canonicalize().is_ok_and(|photo| photo == taken)) {
-        bail!("{option} {}: would overwrite a photo of the scene; expected another place", file.display());
-    }
-    Ok(())
-}
-
-/// Refuses, before any work, a picture that is no PNG or cannot be written.
-pub(super) fn claim_png(option: &str, file: &Path, photos: &Photos) -> Result<()> {
-    match Place::new(option, file, &["png"])? {
-        Place::File(file) => claim(option, &file, photos),
-        Place::Folder(path) => bail!("{option} {}: expected a name that ends in .png", path.display()),
-    }
-}
 
 /// Everything that is written.
 pub(super) struct Outputs {
@@ -112,6 +58,9 @@ pub(super) struct Outputs {
     video: Option<Video>,
     depth: Option<Place>,
     compare: Option<Place>,
+    resume: bool,
+    /// Of pictures that go into a folder.
+    record: Option<Record>,
 }
 
 impl Outputs {
@@ -125,21 +74,24 @@ impl Outputs {
         let place = |option, path: &Option<PathBuf>, endings: &[&str]| {
             path.as_ref().map(|path| Place::new(option, path, endings)).transpose()
         };
+        let pictures =
+            if video.is_some() { None } else { place("-o", &args.output, &["png", "jpg", "jpeg", "mp4", "gif"])? };
+        if let (true, Some(path), None | Some(Place::File(_))) = (args.resume, &args.output, &pictures) {
+            bail!("--resume, -o {}: only a folder of pictures can be gone on with; expected one", path.display());
+        }
         Ok(Self {
-            pictures: if video.is_some() {
-                None
-            } else {
-                place("-o", &args.output, &["png", "jpg", "jpeg", "mp4", "gif"])?
-            },
+            pictures,
             video: video.map(|path| Video::new(path, args.fps)).transpose()?,
             depth: place("--depth", &args.depth, &["png"])?,
             compare: place("--compare", &args.compare, &["png"])?,
+            resume: args.resume,
+            record: None,
         })
     }
 
     /// Checks the options against what will be rendered, before the work; creates missing folders.
     pub(super) fn claim(&mut self, shots: &[Shot], photos: &Photos) -> Result<()> {
-        let mut files = HashMap::new();
+        let (mut files, taken) = (HashMap::new(), photo_files(photos));
         let places: [(&str, &Option<Place>, &[Variant]); 3] =
             [("-o", &self.pictures, &PLAIN), ("--depth", &self.depth, &DEPTH), ("--compare", &self.compare, &PLAIN)];
         for (option, place, variants) in places {
@@ -150,7 +102,7 @@ impl Outputs {
             }
             let wanted = shots.iter().flat_map(|shot| variants.iter().map(|v| place.file(shot, v.0, v.1)));
             for file in wanted {
-                claim(option, &file, photos)?;
+                claim(option, &file, &taken)?;
                 if let Some(other) = files.insert(std::path::absolute(&file)?, option) {
                     let file = file.display();
                     bail!("{option} {file}: {other} would write another picture there; expected different places");
@@ -158,7 +110,7 @@ impl Outputs {
             }
         }
         if let Some(video) = &mut self.video {
-            claim("-o", video.path(), photos)?;
+            claim("-o", video.path(), &taken)?;
             let sizes: HashSet<_> = shots.iter().map(|shot| (shot.target.width(), shot.target.height())).collect();
             match sizes.into_iter().collect::<Vec<_>>()[..] {
                 [size] => video.set_size(size),
@@ -168,29 +120,68 @@ impl Outputs {
         Ok(())
     }
 
-    /// Writes one rendered shot; the files.
-    pub(super) fn write(&mut self, shot: &Shot, frame: &Frame, truth: Option<&ImageRgb>) -> Result<Vec<PathBuf>> {
-        let mut written = Vec::new();
+    /// Opens the record of a folder of pictures, and with `--resume` tells how many are there.
+    pub(super) fn begin(&mut self, shots: &[Shot], fields: impl FnOnce() -> Result<Fields>) -> Result<()> {
+        let Some(Place::Folder(folder)) = &self.pictures else { return Ok(()) };
+        let mut record = Record::new(folder, fields()?);
+        if self.resume {
+            record.resume(&shots.iter().map(|shot| (shot.name.as_str(), self.files(shot))).collect::<Vec<_>>())?;
+        }
+        self.record = Some(record);
+        Ok(())
+    }
+
+    /// A picture that was there.
+    pub(super) fn kept(&self, shot: &Shot) -> Option<Rendered> {
+        self.record.as_ref()?.kept(shot, self.files(shot))
+    }
+
+    /// All files of a shot.
+    pub(super) fn files(&self, shot: &Shot) -> Vec<PathBuf> {
+        let mut files = Vec::new();
+        files.extend(self.pictures.iter().flat_map(|place| place.files(shot, PLAIN)));
+        files.extend(self.depth.iter().flat_map(|place| place.files(shot, DEPTH)));
+        let compare = self.compare.iter().filter(|_| shot.truth.is_some());
+        files.extend(compare.flat_map(|place| place.files(shot, PLAIN)));
+        files
+    }
+
+    /// Writes one rendered shot; what identifies the contents of its files.
+    pub(super) fn write(&mut self, shot: &Shot, frame: &Frame, truth: Option<&ImageRgb>) -> Result<Vec<String>> {
         if let Some(video) = &mut self.video {
             video.add(&frame.picture)?;
         }
+        let mut digests = Vec::new();
+        let mut write = |file: &Path, contents: &[u8]| {
+            // Of what was to be written: in the file, another process may have written since.
+            digests.push(record::digest(contents));
+            write_whole(file, contents)
+        };
         if let Some(place) = &self.pictures {
             let [file] = place.files(shot, PLAIN);
-            save_picture(&file, &frame.picture)?;
-            written.push(file);
+            write(&file, &encoded(&file, &frame.picture)?)?;
         }
         if let Some(place) = &self.depth {
-            let files = place.files(shot, DEPTH);
-            write_depth(&files, shot, frame)?;
-            written.extend(files);
+            for (file, contents) in place.files(shot, DEPTH).iter().zip(disparity(shot, frame)?) {
+                write(file, &contents)?;
+            }
         }
         if let (Some(place), Some(truth)) = (&self.compare, truth) {
             let [file] = place.files(shot, PLAIN);
             let difference = difference(truth, &frame.picture, DIFFERENCE_FACTOR);
-            save_png(&file, &side_by_side(&[truth, &frame.picture, &difference]))?;
-            written.push(file);
+            write(&file, &encode_png(&side_by_side(&[truth, &frame.picture, &difference]))?)?;
         }
-        Ok(written)
+        Ok(digests)
+    }
+
+    /// Records a shot that is written.
+    pub(super) fn written(&mut self, one: &Rendered, digests: Vec<String>) -> Result<()> {
+        self.record.as_mut().map_or(Ok(()), |record| record.add(one, digests))
+    }
+
+    /// After a failure: how to go on, where that is possible.
+    pub(super) fn tell_how_to_go_on(&self, wanted: usize) {
+        self.record.iter().for_each(|record| record.tell_how_to_go_on(wanted));
     }
 
     /// Closes the video, if there is one; its file.
@@ -204,28 +195,29 @@ pub(super) fn disparity_max(frame: &Frame) -> f32 {
     frame.disparity.iter().copied().fold(0.0, f32::max)
 }
 
-fn write_depth([grey, colour, scale]: &[PathBuf; 3], shot: &Shot, frame: &Frame) -> Result<()> {
+/// The files of [`DEPTH`].
+fn disparity(shot: &Shot, frame: &Frame) -> Result<[Vec<u8>; 3]> {
     let largest = disparity_max(frame);
     let unit = if largest > 0.0 { 65535.0 / largest } else { 0.0 };
     let values: Vec<u16> = frame.disparity.iter().map(|disparity| (disparity * unit).round() as u16).collect();
-    save_gray16_png(grey, shot.target.width(), shot.target.height(), &values)?;
-    save_png(colour, &coloured(frame.disparity.view(), (1.0 / shot.far) as f32, (1.0 / shot.near) as f32))?;
-    let sidecar =
+    let colour = coloured(frame.disparity.view(), (1.0 / shot.far) as f32, (1.0 / shot.near) as f32);
+    let scale =
         json!({ "disparity": "value / 65535 * disparity_max", "disparity_max": largest, "unit": "1/scene unit" });
-    write_whole(scale, format!("{sidecar:#}\n").as_bytes())
+    let grey = encode_gray16_png(shot.target.width(), shot.target.height(), &values)?;
+    Ok([grey, encode_png(&colour)?, format!("{scale:#}\n").into_bytes()])
 }
 
 /// PNG, or JPEG by the name's ending.
-fn save_picture(path: &Path, picture: &ImageRgb) -> Result<()> {
+fn encoded(path: &Path, picture: &ImageRgb) -> Result<Vec<u8>> {
     if !has_ending(path, "jpg") && !has_ending(path, "jpeg") {
-        return Ok(save_png(path, picture)?);
+        return Ok(encode_png(picture)?);
     }
-    let mut file = Vec::new();
+    let mut jpeg = Vec::new();
     let (width, height) = (u32::try_from(picture.width())?, u32::try_from(picture.height())?);
-    JpegEncoder::new_with_quality(&mut file, JPEG_QUALITY)
+    JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY)
         .encode(&bytes(picture), width, height, ExtendedColorType::Rgb8)
         .map_err(|error| anyhow!("{}: cannot be written: {error}", path.display()))?;
-    write_whole(path, &file)
+    Ok(jpeg)
 }
 
 /// 8-bit RGB.
@@ -233,28 +225,7 @@ pub(super) fn bytes(picture: &ImageRgb) -> Vec<u8> {
     picture.data().iter().map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
 }
 
-/// All of a file or nothing: under a temporary name first.
+/// All of a file or nothing.
 pub(super) fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
-    let temporary = temporary(path);
-    std::fs::write(&temporary, contents).and_then(|()| std::fs::rename(&temporary, path)).map_err(|error| {
-        // It failed already; a leftover that cannot be removed adds nothing to that.
-        let _ = std::fs::remove_file(&temporary);
-        anyhow!("{}: cannot be written: {error}", path.display())
-    })
-}
-
-/// A hidden name in the same folder, with the same ending.
-pub(super) fn temporary(path: &Path) -> PathBuf {
-    let mut name = OsString::from(format!(".{}.", std::process::id()));
-    name.push(path.file_name().unwrap_or_default());
-    path.with_file_name(name)
-}
-
-/// A view's name as that of a file, without extension.
-fn stem(name: &str) -> String {
-    Path::new(&name.replace('/', "_")).with_extension("").to_string_lossy().into_owned()
-}
-
-fn has_ending(path: &Path, ending: &str) -> bool {
-    path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending))
+    whole_file::write(path, contents).map_err(|error| anyhow!("{}: cannot be written: {error}", path.display()))
 }

@@ -1,6 +1,7 @@
 //! Camera paths around the rig.
 
 use std::f64::consts::TAU;
+use std::fmt;
 use std::str::FromStr;
 
 use anyhow::{Result, anyhow};
@@ -38,6 +39,17 @@ impl FromStr for CameraPath {
             _ => return Err("expected line:N, circle:N or spiral:N, with N frames".to_owned()),
         };
         Ok(Self { shape, frames: super::count(frames).map_err(|error| format!("N in {text}: {error}"))? })
+    }
+}
+
+impl fmt::Display for CameraPath {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let shape = match self.shape {
+            Shape::Line => "line",
+            Shape::Circle => "circle",
+            Shape::Spiral => "spiral",
+        };
+        write!(f, "{shape}:{}", self.frames)
     }
 }
 

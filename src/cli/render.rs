@@ -10,9 +10,10 @@ use liveview::metrics::{psnr, ssim};
 use liveview::render::StageTimes;
 
 use super::engine::EngineArgs;
-use super::explain::{ExplainArgs, Explained};
+use super::explain::{ExplainArgs, Explained, Explanation};
 use super::layers::{LayerArgs, Recipe};
 use super::output::{OutputArgs, Outputs, disparity_max};
+use super::record;
 use super::setup::{Job, Planned, SceneArgs, Shot};
 use super::targets::TargetArgs;
 use super::{Report, progress, report};
@@ -24,7 +25,9 @@ Examples:
   liveview render scene --target IMG_7.jpg --planes 64 -o new.png --depth disparity.png
   liveview render scene --target IMG_7.jpg -o new.png --explain why.png --dense 64
   liveview render scene --pose camera.json --near 1.5 --far 40 -o new.jpg
-  liveview render scene --path circle:120 --select 16 --width 640 -o flight.mp4";
+  liveview render scene --path circle:120 --select 16 --width 640 -o flight.mp4
+  liveview render scene --path spiral:900 -o frames/
+  liveview render scene --path spiral:900 -o frames/ --resume";
 
 /// Pixels left out at each side of a picture when it is scored.
 pub(crate) const SCORE_BORDER: usize = 16;
@@ -51,7 +54,8 @@ pub(super) struct RenderArgs {
 pub(super) struct Rendered {
     pub(super) shot: Shot,
     pub(super) layers: usize,
-    pub(super) times: Times,
+    /// None of a picture that was there.
+    pub(super) times: Option<Times>,
     pub(super) score: Option<Score>,
     /// Share of the pixels that no view sees.
     pub(super) unseen: f64,
@@ -80,21 +84,46 @@ pub(super) fn run(args: &RenderArgs) -> Result<Report> {
     let mut job = Job::open(photos, &args.layers, &args.engine)?;
     let targets = args.targets.resolve(&job.photos)?;
     let moving = targets.moving;
-    let mut shots = job.shots(targets)?;
+    let shots = job.shots(targets)?;
     outputs.claim(&shots, &job.photos)?;
     args.explain.claim(&shots, &job.photos)?;
+    outputs.begin(&shots, || record::fields(&job, &shots, &args.targets, &args.layers))?;
     job.progress = progress("layers")?;
+    let wanted = shots.len();
+    let rendered = render(&mut job, shots, moving, &mut outputs, &args.explain);
+    job.progress.finish_and_clear();
+    let (done, explanation) = rendered.inspect_err(|_| outputs.tell_how_to_go_on(wanted))?;
+    let video = outputs.finish()?;
+    Ok(report::rendered(&job, &done, moving, video, explanation))
+}
 
+/// Renders and writes all shots but those that are there.
+fn render(
+    job: &mut Job,
+    mut shots: Vec<Shot>,
+    moving: bool,
+    outputs: &mut Outputs,
+    explain: &ExplainArgs,
+) -> Result<(Vec<Rendered>, Option<Explanation>)> {
+    // The paper's video: what the first frame selects serves the others.
+    let shared = moving && matches!(job.recipe, Recipe::Select { .. });
     let mut done: Vec<Rendered> = Vec::with_capacity(shots.len());
     let (mut kept, mut explanation) = (None, None);
     shots.reverse();
     while let Some(shot) = shots.pop() {
+        if let Some(there) = outputs.kept(&shot) {
+            done.push(there);
+            continue;
+        }
         job.progress.set_message(shot.name.clone());
         let started = Instant::now();
+        if let (true, None, Some(first)) = (shared, &kept, done.first()) {
+            job.photos.load(&first.shot.views, &shots)?;
+            kept = Some(job.layers(&first.shot)?.layers);
+        }
         job.photos.load(&shot.views, &shots)?;
         let truth = shot.truth.map(|view| job.photos.scene.load_image(view)).transpose()?;
         let photos = started.elapsed();
-        // The paper's video: what the first frame selects serves the others.
         let Planned { layers, coarse, select, range } = match kept.take() {
             Some(layers) => Planned::known(layers),
             None => job.layers(&shot)?,
@@ -118,21 +147,22 @@ pub(super) fn run(args: &RenderArgs) -> Result<Report> {
             times: &times,
             truth: truth.as_ref(),
         };
-        explanation = args.explain.explain(&mut job, &about)?;
+        explanation = explain.explain(job, &about)?;
         frame.picture = fill_unseen(&frame.picture, &frame.transmittance);
+        let digests = outputs.write(&shot, &frame, truth.as_ref())?;
         let pixels = frame.transmittance.len() as f64;
-        done.push(Rendered {
+        let one = Rendered {
             layers: layers.len(),
-            times,
+            times: Some(times),
             score,
             unseen: frame.transmittance.iter().map(|&left| f64::from(left)).sum::<f64>() / pixels,
             disparity_max: disparity_max(&frame),
-            files: outputs.write(&shot, &frame, truth.as_ref())?,
+            files: outputs.files(&shot),
             shot,
-        });
-        kept = Some(layers).filter(|_| moving && matches!(job.recipe, Recipe::Select { .. }));
+        };
+        outputs.written(&one, digests)?;
+        done.push(one);
+        kept = Some(layers).filter(|_| shared);
     }
-    let video = outputs.finish()?;
-    job.progress.finish_and_clear();
-    Ok(report::rendered(&job, &done, moving, video, explanation))
+    Ok((done, explanation))
 }

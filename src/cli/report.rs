@@ -40,7 +40,7 @@ pub(super) fn rendered(
     let mut json = json!({
         "scene": super::shown(&job.photos.scene.root), "format": job.photos.scene.format.to_string(), "layers": job.recipe.to_string(),
         "targets": done.iter().map(|one| target(job, one)).collect::<Vec<_>>(),
-        "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
+        "kept": done.iter().filter(|one| one.times.is_none()).count(), "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
         "border_left_out": SCORE_BORDER, "peak_memory_bytes": memory, "video": video.as_deref().map(super::shown), "notes": job.photos.scene.notes,
         "explanation": explanation.map(|explanation| explanation.json),
     });
@@ -51,11 +51,11 @@ pub(super) fn rendered(
 }
 
 fn target(job: &Job, one: &Rendered) -> Value {
-    let seconds = stages(&one.times).map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
+    let seconds = |times| stages(times).map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
     json!({
         "name": one.shot.name, "width": one.shot.target.width(), "height": one.shot.target.height(),
         "views": job.photos.names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
-        "seconds": seconds.into_iter().collect::<serde_json::Map<_, _>>(),
+        "seconds": one.times.as_ref().map(|times| seconds(times).into_iter().collect::<serde_json::Map<_, _>>()),
         "psnr": one.score.as_ref().map(|score| score.psnr), "ssim": one.score.as_ref().map(|score| score.ssim),
         "seen_by_no_view": one.unseen, "disparity_max": one.disparity_max, "files": one.files.iter().map(|file| super::shown(file)).collect::<Vec<_>>(),
     })
@@ -64,7 +64,7 @@ fn target(job: &Job, one: &Rendered) -> Value {
 fn single(job: &Job, one: &Rendered) -> String {
     let mut text = heading(job, std::slice::from_ref(one), &one.shot.name);
     line(&mut text, "views", &job.photos.names(&one.shot.views).join(", "));
-    line(&mut text, "time", &times(std::slice::from_ref(one)));
+    line_of_times(&mut text, std::slice::from_ref(one), "");
     if let Some(score) = &one.score {
         let told = format!("PSNR {:.2} dB, SSIM {:.4} ({SCORE_BORDER}-pixel border left out)", score.psnr, score.ssim);
         line(&mut text, "score", &told);
@@ -79,7 +79,7 @@ fn flight(job: &Job, done: &[Rendered]) -> String {
     views.sort_unstable();
     views.dedup();
     line(&mut text, "views", &some_of(&job.photos.names(&views)));
-    line(&mut text, "time", &format!("{} (medians per frame)", times(done)));
+    line_of_times(&mut text, done, " (medians per frame)");
     finish(&mut text, done);
     text
 }
@@ -87,17 +87,18 @@ fn flight(job: &Job, done: &[Rendered]) -> String {
 fn table(job: &Job, done: &[Rendered]) -> String {
     let width = done.iter().map(|one| one.shot.name.chars().count()).max().unwrap_or(0).max(4);
     let mut text = heading(job, done, &format!("{} pictures", done.len()));
-    let _ = writeln!(text, "\n{:width$}  PSNR dB    SSIM      time  views", "view");
+    let _ = writeln!(text, "\n{:width$}  PSNR dB    SSIM       time  views", "view");
     for Rendered { shot, score, times, .. } in done {
         let (psnr, ssim) = score.as_ref().map_or((f64::NAN, f64::NAN), |score| (score.psnr, score.ssim));
-        let (time, views) = (told(total(times)), job.photos.names(&shot.views));
-        let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  {time:>8}  {}", shot.name, some_of(&views));
+        let time = times.as_ref().map_or_else(|| "was there".to_owned(), |times| told(total(times)));
+        let views = job.photos.names(&shot.views);
+        let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  {time:>9}  {}", shot.name, some_of(&views));
     }
     if let Some((psnr, ssim)) = mean(done) {
         let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  ({SCORE_BORDER}-pixel border left out)", "mean");
     }
     text.push('\n');
-    line(&mut text, "time", &format!("{} (medians per picture)", times(done)));
+    line_of_times(&mut text, done, " (medians per picture)");
     finish(&mut text, done);
     text
 }
@@ -118,7 +119,8 @@ fn finish(text: &mut String, done: &[Rendered]) {
         let of = if done.len() > 1 { "a picture, at worst," } else { "the picture" };
         line(text, "unseen", &format!("{:.2} % of {of} is seen by no view: filled from around it", 100.0 * worst));
     }
-    let files: Vec<String> = done.iter().flat_map(|one| &one.files).map(|file| file.display().to_string()).collect();
+    let new = done.iter().filter(|one| one.times.is_some());
+    let files: Vec<String> = new.flat_map(|one| &one.files).map(|file| file.display().to_string()).collect();
     if !files.is_empty() {
         line(text, "wrote", &some_of(&files.iter().map(String::as_str).collect::<Vec<_>>()));
     }
@@ -170,20 +172,22 @@ pub(super) fn total(times: &Times) -> Duration {
     stages(times).iter().map(|(_, time)| *time).sum()
 }
 
-/// Median of each stage that takes any time; what only some pictures needed, in all.
-fn times(done: &[Rendered]) -> String {
+/// Median of each stage that takes any time; what only some pictures needed, in all. Nothing where all pictures were there.
+fn line_of_times(text: &mut String, done: &[Rendered], of: &str) {
+    let all: Vec<_> = done.iter().filter_map(|one| one.times.as_ref()).map(stages).collect();
+    let Some(first) = all.first() else { return };
     let stage = |stage: usize| {
-        let mut times: Vec<Duration> = done.iter().map(|one| stages(&one.times)[stage].1).collect();
+        let mut times: Vec<Duration> = all.iter().map(|times| times[stage].1).collect();
         times.sort_unstable();
-        let (name, median, all) =
-            (stages(&done[0].times)[stage].0, times[times.len() / 2], times.iter().sum::<Duration>());
-        match (median.is_zero(), all.is_zero()) {
+        let (name, median, sum) = (first[stage].0, times[times.len() / 2], times.iter().sum::<Duration>());
+        match (median.is_zero(), sum.is_zero()) {
             (false, _) => Some(format!("{name} {}", told(median))),
-            (true, false) => Some(format!("{name} {} in all", told(all))),
+            (true, false) => Some(format!("{name} {} in all", told(sum))),
             (true, true) => None,
         }
     };
-    (0..STAGES).filter_map(stage).collect::<Vec<_>>().join(", ")
+    let told = (0..STAGES).filter_map(stage).collect::<Vec<_>>().join(", ");
+    line(text, "time", &format!("{told}{of}"));
 }
 
 fn told(time: Duration) -> String {

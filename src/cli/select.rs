@@ -21,7 +21,7 @@ use serde_json::{Value, json};
 use super::engine::EngineArgs;
 use super::geometry::{parallax, percentile};
 use super::layers::Recipe;
-use super::output::claim_png;
+use super::place::claim_png;
 use super::setup::{Job, Photos, SceneArgs, Shot};
 use super::targets::{Targets, held_out};
 use super::{Report, progress};

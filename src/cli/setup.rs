@@ -168,6 +168,7 @@ impl Photos {
 }
 
 /// One picture to render.
+#[derive(Clone)]
 pub(super) struct Shot {
     pub(super) name: String,
     pub(super) target: Camera,

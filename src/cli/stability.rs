@@ -151,7 +151,7 @@ fn outcome(case: &Case<'_>, reference: Option<&mut Reference>) -> Result<Outcome
         if let Some(truth) = &truth {
             truth.write(&mut arrays)?;
         }
-        arrays.finish(&file)?;
+        arrays.finish()?;
         let asked = json!({ "case": super::shown(&file), "stage": outcome.stage, "model": reference.model, "bound": case.bound });
         let told = reference.worker.ask(&asked)?;
         if truth.is_none() {

@@ -13,6 +13,7 @@ use super::dump::Arrays;
 use super::engine::{EngineArgs, EngineChoice};
 use super::measured::{Measured, score_all};
 use super::output::write_whole;
+use super::place::{claim, photo_files};
 use super::setup::{Photos, SceneArgs, Shot};
 use super::targets::{held_out, named};
 use super::worker::scaled;
@@ -33,6 +34,9 @@ const LAYERS: &str = "guided 1,guided 2,guided 3,guided 4,guided 6,guided 8,guid
 
 /// Engines of `python -m liveview_ref.worker`.
 const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
+
+/// What is written.
+const FILES: [&str; 3] = ["sweep.json", "sweep.md", "sweep.svg"];
 
 /// Options of `liveview sweep`.
 #[derive(Debug, Args)]
@@ -82,6 +86,9 @@ pub(super) fn run(args: &SweepArgs) -> Result<Report> {
     let folder = tempfile::tempdir().context("a folder for what the workers hand over")?;
     let photos = args.scene.open()?;
     photos.tell_notes();
+    for name in FILES {
+        claim("-o", &args.output.join(name), &photo_files(&photos))?;
+    }
     let held = named(&photos, &args.target)?;
     let truths = held.iter().map(|&view| Ok(photos.scene.load_image(view)?)).collect::<Result<Vec<_>>>()?;
     let widths = if args.widths.is_empty() { vec![None] } else { args.widths.iter().copied().map(Some).collect() };
@@ -103,7 +110,6 @@ pub(super) fn run(args: &SweepArgs) -> Result<Report> {
         if let Some(command) = &args.reference {
             measured.extend(references(args, command, &photos, width, &own, folder.path())?);
         }
-        fs::create_dir_all(&args.output).with_context(|| format!("-o {}: cannot be written", args.output.display()))?;
         bar.inc_length((measured.len() * (args.repetitions + 1)) as u64);
         for one in &mut measured {
             bar.set_message(one.row.name());
@@ -135,9 +141,7 @@ pub(super) fn run(args: &SweepArgs) -> Result<Report> {
         super::tell("warning", "the repetitions lie far apart: the machine is too noisy for these times to be trusted");
     }
     let (text, json) = (report::markdown(&sweep), sweep.json());
-    let files =
-        [("sweep.json", format!("{json:#}\n")), ("sweep.md", text.clone()), ("sweep.svg", report::plot(&sweep))];
-    for (name, contents) in files {
+    for (name, contents) in FILES.into_iter().zip([format!("{json:#}\n"), text.clone(), report::plot(&sweep)]) {
         write_whole(&args.output.join(name), contents.as_bytes())?;
     }
     Ok(Report { text, json })
@@ -207,7 +211,7 @@ fn write_job(path: &Path, photos: &Photos, shot: &Shot, planes: usize) -> Result
     let mut arrays = Arrays::create(path)?;
     arrays.add_rig(photos, shot)?;
     arrays.add("disparities", Array1::from_vec(uniform_disparities(shot.near, shot.far, planes)?))?;
-    arrays.finish(path)
+    arrays.finish()
 }
 
 /// The processor's name, where the system tells it (Linux).

@@ -1,5 +1,6 @@
 //! What to render: held-out views, poses from a file, or a path.
 
+use std::fmt;
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
@@ -46,6 +47,18 @@ pub(super) struct Targets {
     pub(super) held_out: Vec<usize>,
     /// Whether they are the frames of one path.
     pub(super) moving: bool,
+}
+
+/// As on the command line.
+impl fmt::Display for TargetArgs {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self { heldout: Some(step), .. } => write!(f, "--heldout {step}"),
+            Self { pose: Some(file), .. } => write!(f, "--pose {}", file.display()),
+            Self { path: Some(path), .. } => write!(f, "--path {path}"),
+            Self { target, .. } => write!(f, "--target {}", target.join(",")),
+        }
+    }
 }
 
 impl TargetArgs {

@@ -6,16 +6,18 @@ use std::process::{Child, Command, Stdio};
 
 use anyhow::{Result, anyhow};
 use liveview::image_io::ImageRgb;
+use liveview::whole_file::WholeFile;
 
-use super::output::{bytes, temporary};
+use super::output::bytes;
 
-/// An .mp4 or .gif being written under a temporary name; without [`Video::finish`] nothing of it remains.
+/// An .mp4 or .gif being written; without [`Video::finish`] nothing of it remains.
 pub(super) struct Video {
     path: PathBuf,
     ffmpeg: PathBuf,
     fps: usize,
     size: (usize, usize),
-    encoder: Option<Child>,
+    /// ffmpeg, and the file that it writes under its temporary name.
+    encoder: Option<(Child, WholeFile)>,
 }
 
 impl Video {
@@ -44,7 +46,7 @@ impl Video {
             Some(encoder) => encoder,
             None => self.start()?,
         };
-        let pipe = self.encoder.insert(encoder).stdin.as_mut();
+        let pipe = self.encoder.insert(encoder).0.stdin.as_mut();
         match pipe.map(|pipe| pipe.write_all(&bytes(picture))) {
             Some(Ok(())) => Ok(()),
             _ => Err(self.failure()),
@@ -53,21 +55,29 @@ impl Video {
 
     /// Lets ffmpeg finish; the file.
     pub(super) fn finish(mut self) -> Result<PathBuf> {
-        let done = self.encoder.as_mut().map(|encoder| {
+        let done = self.encoder.as_mut().map(|(encoder, _)| {
             // ffmpeg ends when its input does.
             drop(encoder.stdin.take());
             encoder.wait()
         });
-        if !matches!(done, Some(Ok(status)) if status.success()) {
-            return Err(self.failure());
+        match (done, self.encoder.take()) {
+            (Some(Ok(status)), Some((_, file))) if status.success() => {
+                file.finish().map_err(|error| self.unwritten(&error))?;
+            }
+            (_, encoder) => {
+                self.encoder = encoder;
+                return Err(self.failure());
+            }
         }
-        std::fs::rename(temporary(&self.path), &self.path)
-            .map_err(|error| anyhow!("{}: cannot be written: {error}", self.path.display()))?;
-        self.encoder = None;
         Ok(self.path.clone())
     }
 
-    fn start(&self) -> Result<Child> {
+    fn unwritten(&self, error: &std::io::Error) -> anyhow::Error {
+        anyhow!("-o {}: cannot be written: {error}", self.path.display())
+    }
+
+    fn start(&self) -> Result<(Child, WholeFile)> {
+        let file = WholeFile::create(&self.path).map_err(|error| self.unwritten(&error))?;
         let (width, height) = self.size;
         let gif = self.path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("gif"));
         let mut command = Command::new(&self.ffmpeg);
@@ -94,28 +104,30 @@ impl Video {
                 "17",
             ]);
         }
-        command.arg(temporary(&self.path)).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
-        command.spawn().map_err(|error| anyhow!("{}: cannot be started: {error}", self.ffmpeg.display()))
+        command.arg(file.temporary()).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let encoder =
+            command.spawn().map_err(|error| anyhow!("{}: cannot be started: {error}", self.ffmpeg.display()))?;
+        Ok((encoder, file))
     }
 
     fn failure(&mut self) -> anyhow::Error {
-        let mut said = String::new();
-        if let Some(encoder) = &mut self.encoder {
+        let (mut said, mut status) = (String::new(), String::new());
+        if let Some((encoder, _)) = &mut self.encoder {
             drop(encoder.stdin.take());
             // What it cannot say, it cannot say.
             let _ = encoder.stderr.take().map(|mut pipe| pipe.read_to_string(&mut said));
+            let _ = encoder.wait().map(|ended| status = format!(" ({ended})"));
         }
-        anyhow!("-o {}: ffmpeg failed: {}", self.path.display(), said.trim())
+        anyhow!("-o {}: ffmpeg failed{status}: {}", self.path.display(), said.trim())
     }
 }
 
 impl Drop for Video {
     fn drop(&mut self) {
-        if let Some(mut encoder) = self.encoder.take() {
-            // Only after a failure, which has been told.
+        // Only after a failure, which has been told. The file goes after the process that writes it.
+        if let Some((mut encoder, _file)) = self.encoder.take() {
             let _ = encoder.kill();
             let _ = encoder.wait();
-            let _ = std::fs::remove_file(temporary(&self.path));
         }
     }
 }

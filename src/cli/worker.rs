@@ -8,13 +8,16 @@
 use std::io::{BufRead, Write};
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Result, anyhow};
 use clap::Args;
 use liveview::image_io::ImageRgb;
 use liveview::layers::Layers;
+use liveview::whole_file::WholeFile;
 use ndarray::ArrayView3;
+use ndarray_npy::WriteNpyExt;
 use serde_json::{Value, json};
 
+use super::dump::unwritten;
 use super::engine::EngineArgs;
 use super::layers::{LayerArgs, Recipe};
 use super::render::Times;
@@ -113,7 +116,9 @@ impl Worker {
 /// A picture as float32 `[height, width, 3]`.
 fn save(path: &Path, picture: &ImageRgb) -> Result<()> {
     let pixels = ArrayView3::from_shape((picture.height(), picture.width(), 3), picture.data())?;
-    ndarray_npy::write_npy(path, &pixels).with_context(|| format!("{}: cannot be written", path.display()))
+    let mut file = WholeFile::create(path).map_err(|error| unwritten(path, error))?;
+    pixels.write_npy(&mut file).map_err(|error| unwritten(path, error))?;
+    file.finish().map_err(|error| unwritten(path, error))
 }
 
 pub(super) fn say(line: &Value) -> Result<()> {

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
@@ -76,6 +77,15 @@ impl Folders {
         let mut render = self.liveview("render", arguments);
         render.arg("--model").arg(fixture("tiny_v4"));
         render
+    }
+
+    /// A folder to be the PATH, with an `ffmpeg` that is this shell script. Its last argument is the file to write.
+    pub(crate) fn ffmpeg(&self, script: &str) -> String {
+        let folder = self.scene().join("bin");
+        fs::create_dir_all(&folder).unwrap();
+        fs::write(folder.join("ffmpeg"), format!("#!/bin/sh\n{script}\n")).unwrap();
+        fs::set_permissions(folder.join("ffmpeg"), fs::Permissions::from_mode(0o755)).unwrap();
+        folder.to_str().unwrap().to_owned()
     }
 
     /// Asserts that a command is refused with exit code 2, says all these words in one `error:`, and leaves nothing behind.

@@ -1,0 +1,386 @@
+//! What goes wrong outside: a full disk, a process that is killed, photos that vanish, two runs at once. Nothing is ever half
+//! written, and `--resume` goes on.
+#![cfg(target_os = "linux")]
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::os::unix::fs::{MetadataExt, symlink};
+use std::os::unix::process::ExitStatusExt;
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
+
+use common::{Folders, HEIGHT, WIDTH, fixture, photo};
+use liveview::image_io;
+use liveview::whole_file::TEMPORARY;
+use serde_json::Value;
+
+/// Frames of a path whose record passes the file size that [`LIMIT`] allows, and whose frames do not.
+const FRAMES: usize = 100;
+/// For `ulimit -f`, which counts 512 or 1024 bytes.
+const LIMIT: usize = 32;
+
+/// A render that no file larger than `blocks` lets through: with `trap`, the write fails; without, the process is killed in it.
+fn limited(folders: &Folders, blocks: usize, trap: bool, command: &str, arguments: &[&str]) -> assert_cmd::Command {
+    let trap = if trap { "trap '' XFSZ; " } else { "" };
+    let mut limited = assert_cmd::Command::new("/bin/sh");
+    limited.args(["-c", &format!("ulimit -c 0; {trap}ulimit -f {blocks}; exec \"$0\" \"$@\"")]);
+    limited.args([env!("CARGO_BIN_EXE_liveview"), command]).arg(folders.scene()).args(arguments);
+    // ONNX Runtime writes a database of its own, of megabytes, even where its telemetry is switched off in the program.
+    limited.args(["--model", &fixture("tiny_v4")]).env("ORT_DISABLE_TELEMETRY", "1");
+    limited
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn json(command: &mut assert_cmd::Command) -> Value {
+    let output = command.arg("--json").output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// All that was written: name and contents.
+fn contents(folders: &Folders) -> BTreeMap<String, Vec<u8>> {
+    folders.written().into_iter().map(|name| (name.clone(), fs::read(folders.out(&name)).unwrap())).collect()
+}
+
+/// Those under a temporary name, of `contents`.
+fn is_temporary(name: &str) -> bool {
+    name.rsplit('/').next().unwrap().starts_with(TEMPORARY)
+}
+
+/// Asserts that a command is refused with these words, and that what was there stays as it was.
+fn assert_refused(folders: &Folders, command: &mut assert_cmd::Command, words: &[&str]) {
+    let before = contents(folders);
+    let output = command.output().unwrap();
+    let said = said(&output);
+    assert_eq!((output.status.code(), said.matches("error: ").count()), (Some(2), 1), "{said}");
+    words.iter().for_each(|word| assert!(said.contains(word), "\"{word}\" is missing in: {said}"));
+    assert!(contents(folders) == before, "{said}");
+}
+
+/// A scene of seven photos.
+fn seven() -> Folders {
+    let folders = Folders::new();
+    (5..7).for_each(|view| photo(&folders.photo(view), 0.1 * view as f64, WIDTH, HEIGHT));
+    folders.write_scene(7, "", "");
+    folders
+}
+
+#[test]
+fn a_full_disk_leaves_nothing_and_is_named() {
+    let folders = Folders::new();
+    let [picture, jpeg, npz, depth, report] =
+        ["a.png", "a.jpg", "a.npz", "depth.png", "r"].map(|name| folders.out(name));
+    for (command, arguments, file) in [
+        ("render", vec!["--target", "2", "-o", &picture], "a.png"),
+        ("render", vec!["--target", "2", "-o", &jpeg], "a.jpg"),
+        ("render", vec!["--path", "line:2", "-o", &folders.out("frames")], "frame_0000.png"),
+        ("render", vec!["--heldout", "5", "--depth", &depth], "depth.png"),
+        ("render", vec!["--heldout", "5", "--compare", &picture], "a.png"),
+        ("render", vec!["--target", "2", "-o", &jpeg, "--explain", &picture], "a.png"),
+        ("select", vec!["--target", "2", "-o", &picture], "a.png"),
+        ("dump", vec!["--target", "2", "-o", &npz], "a.npz"),
+        ("sweep", vec!["--target", "2", "--layers", "guided 1", "-o", &report], "frame.npy"),
+    ] {
+        let mut command = limited(&folders, 1, true, command, &arguments);
+        folders.assert_refused(&mut command, &[file, "cannot be written: File too large"]);
+    }
+    let copies = "for last; do :; done; /bin/cat > \"$last\" 2>/dev/null || { echo no space >&2; exit 1; }";
+    let mut video = limited(&folders, 1, true, "render", &["--path", "line:3", "-o", &folders.out("a.mp4")]);
+    folders.assert_refused(video.env("PATH", folders.ffmpeg(copies)), &["a.mp4", "ffmpeg failed", "no space"]);
+}
+
+#[test]
+fn what_cannot_be_told_is_an_error() {
+    let folders = Folders::new();
+    let told = |stdout: Stdio| {
+        let mut inspect = Command::new(env!("CARGO_BIN_EXE_liveview"));
+        inspect.arg("inspect").arg(folders.scene()).stdout(stdout).stderr(Stdio::piped()).output().unwrap()
+    };
+    let output = told(fs::File::create("/dev/full").unwrap().into());
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said(&output).contains("standard output: cannot be written: No space left on device"), "{}", said(&output));
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    assert!(told(writer.into()).status.success(), "a reader that went away is no error");
+}
+
+#[test]
+fn a_run_that_fails_half_way_goes_on_where_it_was() {
+    let folders = Folders::new();
+    // What --select finds in the first frame serves the others: it must be found again.
+    let path = format!("line:{FRAMES}");
+    let arguments = |name| {
+        let frames = folders.out(name);
+        ["--path", &path, "--select", "2", "--select-from", "8", "--width", "16", "-o", &frames].map(str::to_owned)
+    };
+    let (whole, parts) = (arguments("whole"), arguments("parts"));
+    let [whole, parts] = [&whole, &parts].map(|list| list.iter().map(String::as_str).collect::<Vec<_>>());
+    json(&mut folders.render(&whole));
+
+    let output = limited(&folders, LIMIT, false, "render", &parts).output().unwrap();
+    assert_eq!(output.status.signal(), Some(25), "SIGXFSZ, in the middle of a write: {}", said(&output));
+    let killed = contents(&folders);
+    let left: Vec<_> = killed.keys().filter(|name| name.starts_with("parts/")).collect();
+    let (temporary, frames): (Vec<_>, Vec<_>) = left.into_iter().partition(|name| is_temporary(name));
+    assert_eq!(temporary.len(), 1, "the file that it was writing");
+    assert!(frames.len() > 3 && frames.len() < FRAMES, "{frames:?}");
+    for frame in frames.iter().filter(|name| name.ends_with(".png")) {
+        image_io::load(folders.out(frame).as_ref()).unwrap();
+    }
+
+    // The disk is still full.
+    let more = [&parts[..], &["--resume"]].concat();
+    let output = limited(&folders, LIMIT, true, "render", &more).output().unwrap();
+    let told = said(&output);
+    // The frames, less the one whose record was being written and the record.
+    let there = frames.len() - 2;
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    for words in [
+        format!("note: {there} of {FRAMES} pictures were there"),
+        format!("note: {there} of {FRAMES} pictures are in {}; the same with --resume", folders.out("parts")),
+        "parts/liveview.json: cannot be written: File too large".to_owned(),
+    ] {
+        assert!(told.contains(&words), "\"{words}\" is missing in: {told}");
+    }
+    assert_eq!(contents(&folders).len(), killed.len(), "no second temporary file");
+
+    let first = || fs::metadata(folders.out("parts/frame_0000.png")).unwrap().ino();
+    let before = first();
+    assert_eq!(json(&mut folders.render(&more))["kept"], there);
+    assert_eq!(first(), before, "kept, not written again");
+    let after = contents(&folders);
+    for (name, frame) in after.iter().filter(|(name, _)| name.starts_with("whole/") && name.ends_with(".png")) {
+        assert!(frame == &after[&name.replace("whole", "parts")], "{name}");
+    }
+    assert_eq!(after.keys().filter(|name| is_temporary(name)).count(), 1, "which --resume leaves alone");
+    let again = folders.render(&more).output().unwrap();
+    assert!(again.status.success() && said(&again).contains(&format!("{FRAMES} of {FRAMES} pictures were there")));
+    folders.render(&parts).assert().success();
+    assert_ne!(first(), before, "without --resume, written again");
+}
+
+#[test]
+fn all_files_of_a_picture_and_its_score_are_kept_or_made_again() {
+    let folders = seven();
+    let [pictures, depth, compare] = ["pictures", "depth", "compare"].map(|name| folders.out(name));
+    let arguments = ["--heldout", "4", "-o", &pictures, "--depth", &depth, "--compare", &compare];
+    let untimed = |mut told: Value| {
+        told["targets"].as_array_mut().unwrap().iter_mut().for_each(|target| drop(target["seconds"].take()));
+        (told["targets"].take(), told["mean"].take())
+    };
+    let first = json(&mut folders.render(&arguments));
+    assert_eq!(first["kept"], 0);
+    let (first, written) = (untimed(first), contents(&folders));
+    for (file, how) in [
+        ("pictures/0.png", "missing"),
+        ("compare/4.png", "missing"),
+        ("pictures/4.png", "truncated"),
+        ("depth/0_scale.json", "truncated"),
+        ("depth/0_colour.png", "another"),
+    ] {
+        let file = folders.out(file);
+        match how {
+            "missing" => fs::remove_file(&file).unwrap(),
+            "truncated" => fs::write(&file, &fs::read(&file).unwrap()[..40]).unwrap(),
+            _ => drop(fs::copy(folders.out("depth/4_colour.png"), &file).unwrap()),
+        }
+        let told = json(folders.render(&arguments).arg("--resume"));
+        assert_eq!(told["kept"], 1, "{file}");
+        assert!(untimed(told) == first && contents(&folders) == written, "{file}, {how}");
+    }
+    let output = folders.render(&arguments).arg("--resume").output().unwrap();
+    let told = String::from_utf8_lossy(&output.stdout);
+    assert!(told.contains("was there") && told.contains("mean") && !told.contains("wrote"), "{told}");
+}
+
+#[test]
+fn frames_of_another_job_are_never_taken() {
+    let folders = Folders::new();
+    let frames = folders.out("frames");
+    let render = |arguments: &[&str]| folders.render(&[&["-o", &frames], arguments].concat());
+    let refused = |arguments: &[&str], words: &[&str]| {
+        let words = [&["--resume", "frames"], words].concat();
+        assert_refused(&folders, render(arguments).arg("--resume"), &words);
+    };
+    let line = ["--path", "line:3"];
+    assert_eq!(json(render(&line).arg("--resume"))["kept"], 0, "an empty folder");
+    let other = "another job";
+    refused(&["--path", "line:4"], &[other, "\"targets\" is --path line:3 there and --path line:4 here"]);
+    refused(&["--path", "line:3", "--guided", "3"], &[other, "\"layers\" is guided 2 there and guided 3 here"]);
+    refused(&["--path", "line:3", "--disparities", "0.3"], &[other, "\"layers\"", "[0.3]"]);
+    refused(&["--path", "line:3", "--opaque", "0.1"], &[other, "\"opaque\" is 0 there and 0.1 here"]);
+    refused(&["--path", "line:3", "--width", "32"], &[other, "\"size\" is 64x48 there and 32x24 here"]);
+    refused(&["--path", "line:3", "--near", "1"], &[other, "\"depth\" is 2 to 8 there and 1 to 8 here"]);
+    let model = folders.scene().join("other.onnx");
+    fs::copy(fixture("tiny_v4"), &model).unwrap();
+    let mut moved = folders.liveview("render", &["--path", "line:3", "-o", &frames, "--resume"]);
+    assert_refused(&folders, moved.arg("--model").arg(&model), &[other, "\"model\"", "other.onnx"]);
+    folders.write_scene(5, "0, 0.2]", "0, 0.21]");
+    refused(&line, &[other, "\"cameras\""]);
+    folders.write_scene(5, "", "");
+    let bytes = fs::read(folders.photo(3)).unwrap();
+    photo(&folders.photo(3), 7.0, WIDTH, HEIGHT);
+    refused(&line, &[other, "\"photos\""]);
+    fs::write(folders.photo(3), bytes).unwrap();
+    assert_eq!(
+        json(render(&line).args(["--resume", "--threads", "1", "--batch", "2"]))["kept"],
+        3,
+        "neither changes a picture"
+    );
+
+    // A frame of another job under the name of one of this. The inner ones lie between views, where layers make a difference.
+    let (guided, planes) = (["--path", "line:4", "--guided", "2"], ["--path", "line:4", "--planes", "3"]);
+    json(&mut render(&guided));
+    let theirs = contents(&folders);
+    json(&mut render(&planes));
+    let ours = contents(&folders);
+    let frame = "frames/frame_0001.png";
+    fs::write(folders.out(frame), &theirs[frame]).unwrap();
+    assert_eq!(json(render(&planes).arg("--resume"))["kept"], 3);
+    assert!(theirs[frame] != ours[frame] && contents(&folders) == ours);
+
+    fs::write(folders.out("frames/liveview.json"), "{").unwrap();
+    refused(&line, &["liveview.json: not JSON"]);
+    fs::write(folders.out("frames/liveview.json"), "[]").unwrap();
+    refused(&line, &["\"liveview\" is missing there"]);
+    fs::remove_file(folders.out("frames/liveview.json")).unwrap();
+    refused(&line, &["liveview.json is missing", "frame_0000.png"]);
+}
+
+#[test]
+fn only_a_folder_can_be_gone_on_with() {
+    let folders = Folders::new();
+    let picture = folders.out("a.png");
+    let refused = |arguments: &[&str], words: &[&str]| {
+        folders.assert_refused(folders.render(arguments).env("PATH", folders.ffmpeg("")).arg("--resume"), words);
+    };
+    refused(&["--target", "2", "-o", &picture], &["--resume, -o", "a.png", "only a folder of pictures"]);
+    refused(
+        &["--path", "line:3", "-o", &folders.out("a.mp4")],
+        &["--resume, -o", "a.mp4", "only a folder of pictures"],
+    );
+    refused(&["--heldout", "5"], &["--output"]);
+    refused(&["--target", "2", "-o", &folders.out("f"), "--explain", &picture], &["--explain", "cannot be used with"]);
+}
+
+#[test]
+fn a_photo_that_vanishes_during_the_run() {
+    let folders = Folders::new();
+    let video = folders.out("a.mp4");
+    let bytes = fs::read(folders.photo(4)).unwrap();
+    // The last photo is read for the second half of the path alone; the encoder is started by the first frame.
+    let photo = folders.photo(4).display().to_string();
+    let ends = |script: &str, words: &[&str]| {
+        let encoder = folders.ffmpeg(&format!("{script}; for last; do :; done; /bin/cat > \"$last\""));
+        let mut render = folders.render(&["--path", "line:400", "--guided", "1", "-o", &video]);
+        folders.assert_refused(render.env("PATH", encoder), &[&["images/4.png"], words].concat());
+        fs::write(&photo, &bytes).unwrap();
+    };
+    ends(&format!("/bin/rm {photo}"), &["cannot be read: No such file"]);
+    ends(&format!("echo > {photo}"), &["not a complete PNG or JPEG"]);
+    common::photo(&folders.scene().join("larger.png"), 0.4, 2 * WIDTH, HEIGHT);
+    ends(&format!("/bin/mv {} {photo}", folders.scene().join("larger.png").display()), &["another size", "128x48"]);
+
+    // Frames that were finished stay.
+    let frames = folders.out("frames");
+    let arguments = ["--path", "line:400", "--guided", "1", "-o", &frames];
+    let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
+    render.arg("render").arg(folders.scene()).args(arguments).args(["--model", &fixture("tiny_v4")]);
+    let running = render.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    while !fs::exists(folders.out("frames/liveview.json")).unwrap() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    fs::remove_file(&photo).unwrap();
+    let output = running.wait_with_output().unwrap();
+    let told = said(&output);
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    for words in ["images/4.png: cannot be read", "of 400 pictures are in", "the same with --resume renders the rest"] {
+        assert!(told.contains(words), "\"{words}\" is missing in: {told}");
+    }
+    let written = folders.written();
+    assert!(written.len() > 100 && !written.iter().any(|name| is_temporary(name)), "{} files", written.len());
+}
+
+#[test]
+fn a_video_is_whole_or_not_there() {
+    let folders = Folders::new();
+    let arguments = ["--path", "line:3", "-o", &folders.out("a.mp4")];
+    let last = "for last; do :; done";
+    let broken = |script: &str, words: &[&str]| {
+        let path = folders.ffmpeg(&format!("{last}; {script}"));
+        folders.assert_refused(
+            folders.render(&arguments).env("PATH", path),
+            &[&["a.mp4", "ffmpeg failed"], words].concat(),
+        );
+    };
+    broken("/usr/bin/head -c 100 > \"$last\"; echo no more >&2; exit 3", &["exit status: 3", "no more"]);
+    broken("/usr/bin/head -c 100 > \"$last\"; kill -9 $$", &["signal: 9"]);
+    // The last write fails: there is no file to give the name to.
+    let path = folders.ffmpeg(&format!("{last}; /bin/cat > /dev/null; /bin/rm \"$last\""));
+    folders.assert_refused(folders.render(&arguments).env("PATH", path), &["a.mp4: cannot be written: No such file"]);
+
+    let path = folders.ffmpeg(&format!("{last}; kill -9 $PPID; /bin/cat > \"$last\""));
+    let output = folders.render(&arguments).env("PATH", path).output().unwrap();
+    assert_eq!(output.status.signal(), Some(9));
+    assert!(folders.written().iter().all(|name| is_temporary(name)), "{:?}", folders.written());
+}
+
+#[test]
+fn two_runs_that_write_the_same_files() {
+    let folders = seven();
+    let picture = |layers: &str, name: &str| {
+        let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
+        render.arg("render").arg(folders.scene()).args(["--model", &fixture("tiny_v4"), "--planes", layers]);
+        render.args(["--path", "line:20", "-o", &folders.out(name)]).stdout(Stdio::null());
+        render
+    };
+    for (layers, name) in [("3", "three"), ("5", "five")] {
+        assert!(picture(layers, name).status().unwrap().success());
+    }
+    let mut running = ["3", "5", "3"].map(|layers| picture(layers, "both").spawn().unwrap());
+    assert!(running.iter_mut().all(|run| run.wait().unwrap().success()));
+    let written = contents(&folders);
+    assert_eq!(written.len(), 3 * 21, "{:?}", written.keys());
+    for frame in (0..20).map(|frame| format!("frame_{frame:04}.png")) {
+        let [both, three, five] = ["both", "three", "five"].map(|folder| &written[&format!("{folder}/{frame}")]);
+        assert!(both == three || both == five, "{frame}");
+    }
+    // Whichever of them wrote it last, the record tells the truth.
+    let record: Value = serde_json::from_slice(&written["both/liveview.json"]).unwrap();
+    let (layers, alone) = if record["job"]["layers"] == "planes 3" { ("3", "three") } else { ("5", "five") };
+    assert!(picture(layers, "both").arg("--resume").status().unwrap().success());
+    let written = contents(&folders);
+    for frame in (0..20).map(|frame| format!("frame_{frame:04}.png")) {
+        assert!(written[&format!("both/{frame}")] == written[&format!("{alone}/{frame}")], "{frame}");
+    }
+}
+
+#[test]
+fn places_that_are_taken() {
+    let folders = Folders::new();
+    let refused = |arguments: &[&str], words: &[&str]| folders.assert_refused(&mut folders.render(arguments), words);
+    let target = |option, path: &str, words: &[&str]| {
+        refused(&["--target", "2", "-o", &folders.out("a.png"), option, path], words);
+    };
+    refused(&["--target", "2", "-o", "/dev/full"], &["-o /dev/full/2.png", "/dev/full is a file; expected a folder"]);
+    let file = folders.scene().join("notes");
+    fs::write(&file, "").unwrap();
+    refused(&["--path", "line:3", "-o", file.to_str().unwrap()], &["notes is a file; expected a folder"]);
+    fs::create_dir(folders.out("d_colour.png")).unwrap();
+    target("--depth", &folders.out("d.png"), &["--depth", "d_colour.png", "it is a folder"]);
+    // A photo of the scene: by its folder, by another name of it, and as what is written beside a picture.
+    let images = folders.scene().join("images");
+    let overwrite = "would overwrite a photo of the scene";
+    refused(&["--target", "2", "-o", images.to_str().unwrap()], &["images/2.png", overwrite]);
+    symlink(&images, folders.scene().join("link")).unwrap();
+    target("--compare", folders.scene().join("link/4.png").to_str().unwrap(), &["--compare", "link/4.png", overwrite]);
+    let sweep = ["--target", "2", "--model", &fixture("tiny_v4"), "-o", "/dev/full"];
+    folders.assert_refused(&mut folders.liveview("sweep", &sweep), &["-o /dev/full/sweep.json", "expected a folder"]);
+    let dump = ["--target", "2", "--model", &fixture("tiny_v4"), "-o", "/dev/full/a.npz"];
+    folders.assert_refused(&mut folders.liveview("dump", &dump), &["/dev/full/a.npz: cannot be written"]);
+}
