@@ -7,6 +7,8 @@
 
 use std::ops::Range;
 
+use crate::taps::{self, Seen};
+
 /// What the distances of the views to the target do to their weights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DistanceWeights {
@@ -63,12 +65,29 @@ const LANES: usize = 128;
 impl DistanceWeights {
     /// Blend the pixels of a layer from pixel `from` on, as many as `out` has room for.
     pub fn blend(&self, samples: &LayerSamples<'_>, from: usize, out: &mut Blended) {
-        blend_run(self, samples, from, out);
+        blend_run(self, samples, from, &[], out);
+    }
+
+    /// As [`Self::blend`] for a row, of whose coverage this is known: for each view, one [`Seen`] per run of its pixels.
+    pub(crate) fn blend_row(&self, samples: &LayerSamples<'_>, from: usize, seen: &[&[Seen]], out: &mut Blended) {
+        blend_run(self, samples, from, seen, out);
     }
 
     /// Weights and products in f32; sums and α in f64: in f32 their mean error is float32 torch's own, or a little above.
     #[inline(always)]
-    fn blend_lanes(&self, samples: &LayerSamples<'_>, at: usize, out: &mut Blended, run: Range<usize>) {
+    fn blend_lanes(
+        &self,
+        samples: &LayerSamples<'_>,
+        from: usize,
+        seen: &[&[Seen]],
+        out: &mut Blended,
+        run: Range<usize>,
+    ) {
+        let at = from + run.start;
+        let seen = |view: usize| {
+            let row = seen.get(view).map(|row| &row[run.start / taps::LANES..run.end.div_ceil(taps::LANES)]);
+            row.filter(|row| row.iter().all(|seen| *seen == row[0])).map_or(Seen::Partly, |row| row[0])
+        };
         let views = self.bias.len();
         let pixels = samples.coverage.len() / views;
         let mut spare = [[0.0; LANES]; 2];
@@ -76,14 +95,14 @@ impl DistanceWeights {
         let span = |plane: usize| plane * pixels + at..plane * pixels + at + run.len();
         let mut on_top = [0.0; LANES]; // 1 where a coincident view sees the pixel: only such views count there
         for view in (0..views).filter(|&view| self.coincident[view] == 1.0) {
-            let coverage = lanes(&samples.coverage[span(view)], spare);
+            let Some(coverage) = covered(seen(view), &samples.coverage[span(view)], spare) else { continue };
             for i in 0..LANES {
                 on_top[i] = if coverage[i] > 0.0 { 1.0 } else { on_top[i] };
             }
         }
         let mut best = [f32::NEG_INFINITY; LANES];
         for view in 0..views {
-            let coverage = lanes(&samples.coverage[span(view)], spare);
+            let Some(coverage) = covered(seen(view), &samples.coverage[span(view)], spare) else { continue };
             let logits = if view == 0 { &ZEROS } else { lanes(&samples.logits[span(view)], other_spare) };
             let (bias, coincident) = (self.bias[view], self.coincident[view]);
             for i in 0..LANES {
@@ -95,7 +114,7 @@ impl DistanceWeights {
         let (mut rgb, mut total) = ([[0.0; LANES]; 3], [0.0; LANES]);
         let mut weights = [0.0; LANES];
         for view in 0..views {
-            let coverage = lanes(&samples.coverage[span(view)], spare);
+            let Some(coverage) = covered(seen(view), &samples.coverage[span(view)], spare) else { continue };
             let logits = if view == 0 { &ZEROS } else { lanes(&samples.logits[span(view)], other_spare) };
             let (bias, coincident) = (self.bias[view], self.coincident[view]);
             for i in 0..LANES {
@@ -137,7 +156,20 @@ fn add_products(sums: &mut [f64; LANES], weights: &[f32; LANES], values: &[f32; 
 /// The nearest view's logits.
 const ZEROS: [f32; LANES] = [0.0; LANES];
 
-/// The values, or the last of them, fewer than [`LANES`], before zeros in `spare`: no view covers such a lane.
+/// Full coverage.
+const ONES: [f32; LANES] = [1.0; LANES];
+
+/// Coverage of a run, read only where it is not known; `None` where the view sees nothing.
+#[inline(always)]
+fn covered<'a>(seen: Seen, coverage: &'a [f32], spare: &'a mut [f32; LANES]) -> Option<&'a [f32; LANES]> {
+    match seen {
+        Seen::None => None,
+        Seen::All => Some(&ONES),
+        Seen::Partly => Some(lanes(coverage, spare)),
+    }
+}
+
+/// The values, or the last of them, fewer than [`LANES`], before zeros in `spare`.
 #[inline(always)]
 fn lanes<'a>(values: &'a [f32], spare: &'a mut [f32; LANES]) -> &'a [f32; LANES] {
     if let Ok(values) = values.try_into() {
@@ -156,11 +188,12 @@ fn blend_run_with<'a, S: pulp::Simd>(
     weights: &'a DistanceWeights,
     samples: &'a LayerSamples<'a>,
     from: usize,
+    seen: &'a [&'a [Seen]],
     out: &'a mut Blended,
 ) {
     for start in (0..out.alpha.len()).step_by(LANES) {
         let end = (start + LANES).min(out.alpha.len());
-        weights.blend_lanes(samples, from + start, out, start..end);
+        weights.blend_lanes(samples, from, seen, out, start..end);
     }
 }
 

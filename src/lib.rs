@@ -25,6 +25,7 @@ pub mod cost;
 pub mod engine;
 pub mod fill;
 pub mod guide;
+mod held;
 pub mod image_io;
 pub mod layers;
 pub mod metrics;

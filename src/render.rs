@@ -2,19 +2,21 @@
 
 use std::time::{Duration, Instant};
 
-use ndarray::{Array2, ArrayView3, ArrayView4, ArrayViewMut4};
+use ndarray::{Array2, ArrayView3, ArrayView4};
 use rayon::prelude::*;
 
 use crate::blend::{Blended, DistanceWeights, LayerSamples};
 use crate::camera::Camera;
 use crate::composite::Accumulated;
+use crate::held::Held;
 use crate::image_io::ImageRgb;
 use crate::layers::{Layers, padded};
 use crate::network::{NetworkError, PlaneNetwork};
 use crate::stops::{LeftOut, Stops};
 use crate::sweep::Sweep;
+use crate::taps::Seen;
 use crate::views::{SourceView, distance};
-use crate::warp::{WarpSource, warp_layers};
+use crate::warp::WarpSource;
 
 /// Why a frame could not be rendered.
 #[derive(Debug, thiserror::Error)]
@@ -61,7 +63,7 @@ pub struct StageTimes {
     pub composite: Duration,
 }
 
-/// The stages of one batch of layers over the padded target, as [`Renderer::render_observed`] shows them.
+/// The stages of some layers over the padded target, as [`Renderer::render_observed`] shows them.
 #[derive(Debug, Clone, Copy)]
 pub struct Batch<'a> {
     /// Disparity of n layers, near → far, `[n, h, w]`, 1/scene unit.
@@ -76,30 +78,23 @@ pub struct Batch<'a> {
     pub weights: &'a DistanceWeights,
 }
 
+/// Layers that are warped, and then composited, together, however few the network takes at once: photos and sums go through
+/// memory once for all of them, and memory is what these stages wait for. At 504×352 each takes 18 MB (V = 5).
+const TOGETHER: usize = 3;
+
 /// Runs a network over layers. Keeps its buffers from frame to frame; their size is set by `batch` and the target, never
 /// by the number of layers.
 pub struct Renderer<N> {
     network: N,
     batch: usize,
     stops: Stops,
-    disparity: Vec<f32>,
-    hwv: Vec<f32>,
-    coverage: Vec<f32>,
-    logits: Vec<f32>,
+    held: Held,
 }
 
 impl<N: PlaneNetwork> Renderer<N> {
     /// `batch` layers go through the network at once (at least one).
     pub fn new(network: N, batch: usize) -> Self {
-        Self {
-            network,
-            batch: batch.max(1),
-            stops: Stops::default(),
-            disparity: Vec::new(),
-            hwv: Vec::new(),
-            coverage: Vec::new(),
-            logits: Vec::new(),
-        }
+        Self { network, batch: batch.max(1), stops: Stops::default(), held: Held::default() }
     }
 
     /// The network it runs.
@@ -122,7 +117,7 @@ impl<N: PlaneNetwork> Renderer<N> {
         self.render_observed(views, target, layers, |_| ())
     }
 
-    /// As [`Self::render`], and show each batch, without the layers left out, to `observe` once the network has run.
+    /// As [`Self::render`], and show the layers, without those left out, some at a time, to `observe` once the network has run.
     pub fn render_observed(
         &mut self,
         views: &[SourceView<'_>],
@@ -137,60 +132,44 @@ impl<N: PlaneNetwork> Renderer<N> {
         let sources = warp_sources(views, target);
         let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
         let weights = DistanceWeights::new(&distances);
-        let (height, width) = (padded(target.height()), padded(target.width()));
-        let pixels = height * width;
-        let batch = self.batch.min(layers.len());
-        self.disparity.resize(batch * pixels, 0.0);
-        self.hwv.resize(batch * 3 * count * pixels, 0.0);
-        self.coverage.resize(batch * count * pixels, 0.0);
-        self.logits.resize(batch * count * pixels, 0.0);
+        // Layers can be hidden only behind those that are composited.
+        let together = if self.stops.transmittance > 0.0 { self.batch } else { TOGETHER.next_multiple_of(self.batch) };
+        let size = (padded(target.height()), padded(target.width()));
+        self.held.make_room(together.min(layers.len()), count, size);
 
         let mut gathered = vec![Accumulated::new(target.width()); target.height()];
         let (mut times, mut left_out) = (StageTimes::default(), LeftOut::default());
         let mut waiting = layers.as_slice().iter().enumerate();
-        let mut indices = Vec::with_capacity(batch);
+        let mut indices = Vec::new();
         while waiting.len() > 0 {
             if let Some(transmittance) = self.stops.hide_rest(&gathered) {
                 left_out.add_hidden(waiting.len(), transmittance);
                 break;
             }
             let started = Instant::now();
-            indices.clear();
-            while indices.len() < batch {
-                let Some((index, layer)) = waiting.next() else { break };
-                let slot = indices.len();
-                let disparity = &mut self.disparity[slot * pixels..][..pixels];
-                let coverage = &mut self.coverage[slot * count * pixels..][..count * pixels];
-                layer.fill(width, disparity);
-                let hwv = &mut self.hwv[slot * 3 * count * pixels..][..3 * count * pixels];
-                warp_layers(disparity, &sources, (height, width), hwv, coverage);
-                match self.stops.hide(coverage, (height, width), &gathered) {
+            self.held.warp(&mut waiting, &sources, &mut indices);
+            let mut n = 0;
+            for slot in 0..indices.len() {
+                match self.stops.hide(self.held.coverage(slot), size, &gathered) {
                     Some(0.0) => left_out.uncovered += 1,
                     Some(transmittance) => left_out.add_hidden(1, transmittance),
-                    None => indices.push(index),
+                    None => {
+                        self.held.move_layer(slot, n);
+                        indices[n] = indices[slot];
+                        n += 1;
+                    }
                 }
             }
+            indices.truncate(n);
             let warped = Instant::now();
             times.warp += warped - started;
-            let n = indices.len();
             if n == 0 {
-                break;
+                continue;
             }
-            let (disparity, coverage) = (&self.disparity[..n * pixels], &self.coverage[..n * count * pixels]);
-            let logits = &mut self.logits[..n * count * pixels];
-            let hwv = ArrayView4::from_shape((n, 3 * count, height, width), &self.hwv[..n * 3 * count * pixels])
-                .expect("sized above");
-            let shape = (n, count, height, width);
-            self.network.infer(hwv, ArrayViewMut4::from_shape(shape, logits).expect("sized above"))?;
+            self.held.infer(&mut self.network, n, self.batch)?;
             let inferred = Instant::now();
-            let shown = Batch {
-                disparity: ArrayView3::from_shape((n, height, width), disparity).expect("sized above"),
-                hwv,
-                coverage: ArrayView4::from_shape(shape, coverage).expect("sized above"),
-                logits: ArrayView4::from_shape(shape, logits).expect("sized above"),
-                weights: &weights,
-            };
-            composite_batch(&shown, &indices, layers.len(), &mut gathered);
+            let (shown, seen) = self.held.batch(n, &weights);
+            composite_batch(&shown, seen, &indices, layers.len(), &mut gathered);
             times.composite += inferred.elapsed();
             times.network += inferred - warped;
             observe(&shown);
@@ -205,13 +184,14 @@ pub fn warp_sources<'a>(views: &[SourceView<'a>], target: &Camera) -> Vec<WarpSo
 }
 
 /// Blend each layer of the batch, of the given indices among `total`, and add it behind what was gathered.
-fn composite_batch(batch: &Batch<'_>, indices: &[usize], total: usize, gathered: &mut [Accumulated]) {
-    let (n, _, _, width) = batch.logits.dim();
+fn composite_batch(batch: &Batch<'_>, seen: &[Seen], indices: &[usize], total: usize, gathered: &mut [Accumulated]) {
+    let (n, views, height, width) = batch.logits.dim();
     let (hwv, coverage, logits) = match (batch.hwv.to_slice(), batch.coverage.to_slice(), batch.logits.to_slice()) {
         (Some(hwv), Some(coverage), Some(logits)) => (hwv, coverage, logits),
         _ => unreachable!("views of the renderer's own buffers"),
     };
-    let size = logits.len() / n;
+    let (size, runs) = (logits.len() / n, seen.len() / n);
+    let per_row = runs / views / height;
     let target_width = gathered.first().map_or(0, |row| row.transmittance.len());
     gathered.par_iter_mut().enumerate().for_each_init(
         || Blended::new(target_width),
@@ -222,7 +202,9 @@ fn composite_batch(batch: &Batch<'_>, indices: &[usize], total: usize, gathered:
                     colour: &hwv[3 * k * size..3 * (k + 1) * size],
                     coverage: &coverage[k * size..(k + 1) * size],
                 };
-                batch.weights.blend(&samples, row * width, blended);
+                let seen = seen[k * runs..(k + 1) * runs].chunks_exact(runs / views);
+                let seen: Vec<_> = seen.map(|view| &view[row * per_row..(row + 1) * per_row]).collect();
+                batch.weights.blend_row(&samples, row * width, &seen, blended);
                 let disparity = disparity.row(row).to_slice().expect("rows of the renderer's own buffer");
                 gathered.add(index as u32, blended, disparity, index + 1 == total);
             }

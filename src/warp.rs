@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::image_io::ImageRgb;
 use crate::sweep::Sweep;
-use crate::taps::{LANES, Taps};
+use crate::taps::{LANES, Seen, Taps};
 
 /// A view's photo made ready for sampling: RGB and a fourth channel of ones (whose sample is the coverage), inside a
 /// border of zeros so that sampling needs no bounds test.
@@ -112,27 +112,52 @@ pub struct WarpSource<'a> {
 pub fn warp_layers(
     disparity: &[f32],
     sources: &[WarpSource<'_>],
+    size: (usize, usize),
+    colour: &mut [f32],
+    coverage: &mut [f32],
+) {
+    let mut seen = vec![Seen::Partly; disparity.len() / (size.0 * size.1) * sources.len() * seen_len(size)];
+    warp_again(disparity, sources, size, colour, coverage, &mut seen);
+}
+
+/// Length of what is known of one view's coverage: one [`Seen`] per run of [`LANES`] pixels of each row.
+pub(crate) fn seen_len((height, width): (usize, usize)) -> usize {
+    height * width.div_ceil(LANES)
+}
+
+/// As [`warp_layers`] into buffers that have been used before: `seen`, `[n, V, seen_len]`, is what their coverage is known
+/// to be (where it is 0 the colour is too), before and after. What would not change is not written: memory is what the warp
+/// waits for.
+pub(crate) fn warp_again(
+    disparity: &[f32],
+    sources: &[WarpSource<'_>],
     (height, width): (usize, usize),
     colour: &mut [f32],
     coverage: &mut [f32],
+    seen: &mut [Seen],
 ) {
     let plane = height * width;
     assert_eq!(colour.len(), 3 * disparity.len() * sources.len(), "colour is [n, 3V, height, width]");
     assert_eq!(3 * coverage.len(), colour.len(), "coverage is [n, V, height, width]");
-    let band = BAND * width;
-    let views = colour.par_chunks_mut(3 * plane).zip(coverage.par_chunks_mut(plane)).enumerate();
-    views.for_each(|(index, (colour, coverage))| {
+    let (band, runs) = (BAND * width, width.div_ceil(LANES));
+    let planes = colour.chunks_mut(3 * plane).zip(coverage.chunks_mut(plane)).zip(seen.chunks_mut(height * runs));
+    let mut views: Vec<_> = planes.enumerate().collect();
+    // All layers of one view, then the next: its photo stays in the cache.
+    views.sort_by_key(|(index, _)| index % sources.len());
+    views.into_par_iter().for_each(|(index, ((colour, coverage), seen))| {
         let (layer, source) = (index / sources.len(), &sources[index % sources.len()]);
         let disparity = &disparity[layer * plane..(layer + 1) * plane];
         let (red, rest) = colour.split_at_mut(plane);
         let (green, blue) = rest.split_at_mut(plane);
         let [red, green, blue, coverage] = [red, green, blue, coverage].map(|plane| plane.par_chunks_mut(band));
-        let bands = disparity.par_chunks(band).zip(red).zip(green).zip(blue).zip(coverage).enumerate();
-        bands.for_each(|(index, ((((disparity, red), green), blue), coverage))| {
-            for (row, disparity) in disparity.chunks_exact(width).enumerate() {
+        let bands = disparity.par_chunks(band).zip(red).zip(green).zip(blue).zip(coverage);
+        let bands = bands.zip(seen.par_chunks_mut(BAND * runs)).enumerate();
+        bands.for_each(|(index, (((((disparity, red), green), blue), coverage), seen))| {
+            let rows = disparity.chunks_exact(width).zip(seen.chunks_exact_mut(runs));
+            for (row, (disparity, seen)) in rows.enumerate() {
                 let span = row * width..(row + 1) * width;
                 let out = [&mut *red, green, blue, coverage].map(|plane| &mut plane[span.clone()]);
-                warp_row(source, index * BAND + row, disparity, out);
+                warp_row(source, index * BAND + row, disparity, out, seen);
             }
         });
     });
@@ -150,29 +175,74 @@ fn warp_row_with<'a, S: pulp::Simd>(
     row: usize,
     disparity: &'a [f32],
     out: [&'a mut [f32]; 4],
+    seen: &'a mut [Seen],
 ) {
     let [red, green, blue, coverage] = out;
     let mut taps = Taps::NONE;
     let mut samples = [[0.0; 4]; LANES];
-    let width = disparity.len();
     let mut padded = [0.0; LANES];
-    for start in (0..width).step_by(LANES) {
-        // The last run overlaps the one before it, so that runs are short in short rows only.
-        let run = start.min(width.saturating_sub(LANES))..(start + LANES).min(width);
-        let disparity = <&[f32; LANES]>::try_from(&disparity[run.clone()]).unwrap_or_else(|_| {
-            padded = [disparity[width - 1]; LANES];
-            padded[..width].copy_from_slice(disparity);
+    for ((index, disparity), seen) in disparity.chunks(LANES).enumerate().zip(seen) {
+        let run = index * LANES..index * LANES + disparity.len();
+        let disparity = <&[f32; LANES]>::try_from(disparity).unwrap_or_else(|_| {
+            padded = [disparity[0]; LANES];
+            padded[..disparity.len()].copy_from_slice(disparity);
             &padded
         });
-        if !taps.find(source, row, &run, disparity) {
-            [&mut *red, green, blue, coverage].into_iter().for_each(|plane| plane[run.clone()].fill(0.0));
-            continue;
+        let before = std::mem::replace(seen, taps.find(source, row, &run, disparity));
+        match *seen {
+            Seen::None if before == Seen::None => continue,
+            Seen::None => {
+                [&mut *red, green, blue, coverage].into_iter().for_each(|plane| plane[run.clone()].fill(0.0));
+                continue;
+            }
+            Seen::All if before == Seen::All => {}
+            Seen::All => coverage[run.clone()].fill(1.0),
+            Seen::Partly => {}
         }
         for (i, sample) in samples.iter_mut().enumerate() {
             *sample = source.texture.sample(taps.texel[i], taps.across[i], taps.down[i]);
         }
-        for (channel, plane) in [&mut *red, green, blue, coverage].into_iter().enumerate() {
+        for (channel, plane) in [&mut *red, green, blue].into_iter().enumerate() {
             plane[run.clone()].iter_mut().zip(&samples).for_each(|(value, sample)| *value = sample[channel]);
         }
+        if *seen == Seen::Partly {
+            coverage[run].iter_mut().zip(&samples).for_each(|(value, sample)| *value = sample[3]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+
+    /// A far layer, seen but for the left edge; a near one, seen in a corner; one beside the photo; and back.
+    #[test]
+    fn buffers_used_before_end_up_as_new_ones_do() {
+        const SIZE: (usize, usize) = (40, 200);
+        let pixels = SIZE.0 * SIZE.1;
+        let values = (0..3 * pixels).map(|i| (i % 251) as f32 / 250.0).collect();
+        let texture = Texture::new(&ImageRgb::new(SIZE.1, SIZE.0, values).unwrap());
+        let homography_at_infinity = DMat3::from_translation(glam::DVec2::new(-3.3, 0.2));
+        let sweep = Sweep { homography_at_infinity, epipole: DVec3::new(-150.0, 20.0, 0.0) };
+        let sources = [WarpSource { texture: &texture, sweep }];
+        let (mut colour, mut coverage) = (vec![9.0; 3 * pixels], vec![9.0; pixels]);
+        let mut seen = vec![Seen::Partly; seen_len(SIZE)];
+        let mut met = [0; 3];
+        for disparity in [0.0, 0.0, 1.0, 3.0, 3.0, 1.0, 0.0] {
+            let disparity = vec![disparity; pixels];
+            warp_again(&disparity, &sources, SIZE, &mut colour, &mut coverage, &mut seen);
+            let (mut new_colour, mut new_coverage) = (vec![7.0; 3 * pixels], vec![7.0; pixels]);
+            warp_layers(&disparity, &sources, SIZE, &mut new_colour, &mut new_coverage);
+            assert!(colour == new_colour && coverage == new_coverage);
+            let rows = coverage.chunks(SIZE.1).flat_map(|row| row.chunks(LANES));
+            for (run, seen) in rows.zip(&seen) {
+                met[*seen as usize] += 1;
+                assert!(*seen != Seen::All || run.iter().all(|&c| c == 1.0));
+                assert!(*seen != Seen::None || run.iter().all(|&c| c == 0.0));
+            }
+        }
+        assert!(met.iter().all(|&runs| runs > 20), "{met:?}");
     }
 }

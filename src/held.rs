@@ -1,0 +1,117 @@
+//! The layers that are on their way through the pipeline: their buffers, from warp to composite.
+
+use ndarray::{ArrayView3, ArrayView4, ArrayViewMut4, Axis};
+
+use crate::blend::DistanceWeights;
+use crate::layers::Layer;
+use crate::network::{NetworkError, PlaneNetwork};
+use crate::render::Batch;
+use crate::taps::Seen;
+use crate::warp::{WarpSource, seen_len, warp_again};
+
+/// Buffers for some layers, kept from frame to frame. A slot holds a layer.
+#[derive(Default)]
+pub(crate) struct Held {
+    views: usize,
+    /// Rows and columns.
+    size: (usize, usize),
+    disparity: Vec<f32>,
+    hwv: Vec<f32>,
+    coverage: Vec<f32>,
+    seen: Vec<Seen>,
+    logits: Vec<f32>,
+}
+
+impl Held {
+    /// Room for `layers` layers of `views` views on a target of `size` (rows, columns).
+    pub(crate) fn make_room(&mut self, layers: usize, views: usize, size: (usize, usize)) {
+        (self.views, self.size) = (views, size);
+        let pixels = layers * size.0 * size.1;
+        self.disparity.resize(pixels, 0.0);
+        self.hwv.resize(3 * views * pixels, 0.0);
+        self.coverage.resize(views * pixels, 0.0);
+        self.logits.resize(views * pixels, 0.0);
+        self.seen.clear(); // it spoke of another target
+        self.seen.resize(layers * views * seen_len(size), Seen::Partly);
+    }
+
+    /// Length of one layer's disparity, of its coverage and of what is known of that.
+    fn lengths(&self) -> [usize; 3] {
+        let pixels = self.size.0 * self.size.1;
+        [pixels, self.views * pixels, self.views * seen_len(self.size)]
+    }
+
+    /// Warp the next of `waiting`, as many as there is room for; `indices` become theirs, slot by slot.
+    pub(crate) fn warp<'a>(
+        &mut self,
+        waiting: impl Iterator<Item = (usize, &'a Layer)>,
+        sources: &[WarpSource<'_>],
+        indices: &mut Vec<usize>,
+    ) {
+        let [pixels, samples, runs] = self.lengths();
+        indices.clear();
+        for (disparity, (index, layer)) in self.disparity.chunks_exact_mut(pixels).zip(waiting) {
+            layer.fill(self.size.1, disparity);
+            indices.push(index);
+        }
+        let n = indices.len();
+        let (colour, coverage) = (&mut self.hwv[..n * 3 * samples], &mut self.coverage[..n * samples]);
+        let seen = &mut self.seen[..n * runs];
+        warp_again(&self.disparity[..n * pixels], sources, self.size, colour, coverage, seen);
+    }
+
+    /// Coverage of the layer in `slot`, `[V, h, w]`.
+    pub(crate) fn coverage(&self, slot: usize) -> &[f32] {
+        let [_, samples, _] = self.lengths();
+        &self.coverage[slot * samples..][..samples]
+    }
+
+    /// Move a layer to a slot that another one leaves.
+    pub(crate) fn move_layer(&mut self, from: usize, to: usize) {
+        fn move_slot<T: Copy>(buffer: &mut [T], length: usize, from: usize, to: usize) {
+            buffer.copy_within(from * length..(from + 1) * length, to * length);
+        }
+        let [pixels, samples, runs] = self.lengths();
+        if from != to {
+            move_slot(&mut self.disparity, pixels, from, to);
+            move_slot(&mut self.hwv, 3 * samples, from, to);
+            move_slot(&mut self.coverage, samples, from, to);
+            move_slot(&mut self.seen, runs, from, to);
+        }
+    }
+
+    /// Run the network on the first `n` layers, `batch` at once.
+    pub(crate) fn infer(
+        &mut self,
+        network: &mut impl PlaneNetwork,
+        n: usize,
+        batch: usize,
+    ) -> Result<(), NetworkError> {
+        let [_, samples, _] = self.lengths();
+        let (views, (height, width)) = (self.views, self.size);
+        let hwv = ArrayView4::from_shape((n, 3 * views, height, width), &self.hwv[..n * 3 * samples]);
+        let logits = ArrayViewMut4::from_shape((n, views, height, width), &mut self.logits[..n * samples]);
+        let (hwv, mut logits) = (hwv.expect("sized alike"), logits.expect("sized alike"));
+        let batches = hwv.axis_chunks_iter(Axis(0), batch).zip(logits.axis_chunks_iter_mut(Axis(0), batch));
+        batches.into_iter().try_for_each(|(hwv, logits)| network.infer(hwv, logits))
+    }
+
+    /// The first `n` layers, and what is known of their coverage.
+    pub(crate) fn batch<'a>(&'a self, n: usize, weights: &'a DistanceWeights) -> (Batch<'a>, &'a [Seen]) {
+        let [pixels, _, runs] = self.lengths();
+        let (views, (height, width)) = (self.views, self.size);
+        let planes = |channels: usize, values: &'a [f32]| {
+            let shape = (n, channels, height, width);
+            ArrayView4::from_shape(shape, &values[..n * channels * pixels]).expect("sized alike")
+        };
+        let disparity = ArrayView3::from_shape((n, height, width), &self.disparity[..n * pixels]);
+        let batch = Batch {
+            disparity: disparity.expect("sized alike"),
+            hwv: planes(3 * views, &self.hwv),
+            coverage: planes(views, &self.coverage),
+            logits: planes(views, &self.logits),
+            weights,
+        };
+        (batch, &self.seen[..n * runs])
+    }
+}
