@@ -23,6 +23,7 @@ pub mod camera;
 pub mod composite;
 pub mod cost;
 pub mod engine;
+mod exp;
 pub mod fill;
 pub mod guide;
 mod held;
