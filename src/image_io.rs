@@ -4,7 +4,7 @@
 //! ignored, as COLMAP and the other pose tools ignore it, so poses belong to the pixels as stored.
 
 use std::fs::{self, File};
-use std::io::{self, BufReader, BufWriter, Cursor, Write};
+use std::io::{self, BufRead, BufReader, BufWriter, Cursor, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use image::codecs::png::PngEncoder;
@@ -12,6 +12,10 @@ use image::imageops::{self, FilterType};
 use image::{ExtendedColorType, ImageEncoder, ImageFormat, ImageReader, Limits, Rgb32FImage};
 
 use crate::camera::MAX_SIDE;
+use crate::file;
+
+/// What a decoder may take beside the pixels, in bytes: a colour profile of a few bytes can unfold to gigabytes.
+const MAX_ASIDE: u64 = 64 << 20;
 
 /// Why a picture could not be read or written. Every message names the file.
 #[derive(Debug, thiserror::Error)]
@@ -136,12 +140,23 @@ impl ImageRgb {
 ///
 /// [`ImageError::Read`], [`ImageError::Decode`] or [`ImageError::TooLarge`], naming the file.
 pub fn read_size(path: &Path) -> Result<(usize, usize), ImageError> {
-    // By content, not by extension: photos called .jpg that are PNG are common.
-    let reader = File::open(path).and_then(|file| ImageReader::new(BufReader::new(file)).with_guessed_format());
+    let file =
+        file::open(path, file::MAX_BYTES).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+    size_of(path, BufReader::new(file))
+}
+
+/// As [`read_size`], of the file at `path`, opened already.
+pub(crate) fn size_of(path: &Path, input: impl BufRead + Seek) -> Result<(usize, usize), ImageError> {
+    let size = reader(path, input)?.into_dimensions().map_err(|error| decode_error(path, &error))?;
+    check_side(path, size)
+}
+
+/// A decoder by content, not by extension: photos called .jpg that are PNG are common.
+fn reader<R: BufRead + Seek>(path: &Path, input: R) -> Result<ImageReader<R>, ImageError> {
+    let reader = ImageReader::new(input).with_guessed_format();
     let reader = reader.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
     check_format(path, reader.format())?;
-    let size = reader.into_dimensions().map_err(|error| decode_error(path, &error))?;
-    check_side(path, size)
+    Ok(reader)
 }
 
 /// Decodes a PNG or JPEG.
@@ -150,19 +165,21 @@ pub fn read_size(path: &Path) -> Result<(usize, usize), ImageError> {
 ///
 /// [`ImageError::Read`], [`ImageError::TooLarge`], or [`ImageError::Decode`] if the file is damaged or ends early.
 pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
-    read_size(path)?;
-    let bytes = fs::read(path).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
-    let mut reader = ImageReader::new(Cursor::new(bytes.as_slice()))
-        .with_guessed_format()
-        .map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
-    check_format(path, reader.format())?;
-    if reader.format() == Some(ImageFormat::Jpeg) && !jpeg_is_complete(&bytes) {
+    let read = file::read(path, file::MAX_BYTES);
+    decode(path, &read.map_err(|source| ImageError::Read { path: path.to_owned(), source })?)
+}
+
+/// As [`load`], of the bytes of the file at `path`.
+pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> {
+    let (width, height) = size_of(path, Cursor::new(bytes))?;
+    let mut reader = reader(path, Cursor::new(bytes))?;
+    if reader.format() == Some(ImageFormat::Jpeg) && !jpeg_is_complete(bytes) {
         let reason = "the JPEG data ends early".to_owned();
         return Err(ImageError::Decode { path: path.to_owned(), reason });
     }
     let mut limits = Limits::no_limits();
-    limits.max_image_width = Some(MAX_SIDE as u32);
-    limits.max_image_height = Some(MAX_SIDE as u32);
+    // Four channels of 16 bits are the most that a PNG has.
+    limits.max_alloc = Some(8 * (width * height) as u64 + MAX_ASIDE);
     reader.limits(limits);
     let decoded = reader.decode().map_err(|error| decode_error(path, &error))?.into_rgb32f();
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);

@@ -23,6 +23,7 @@ pub mod camera;
 pub mod composite;
 pub mod cost;
 pub mod engine;
+pub mod file;
 pub mod fill;
 pub mod guide;
 pub mod image_io;

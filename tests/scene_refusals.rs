@@ -7,7 +7,9 @@ use std::fs;
 use liveview::camera::MAX_SIDE;
 use liveview::image_io;
 use proptest::prelude::*;
-use scene_common::{Bytes, Colmap, LLFF_ROW, assert_says, open, picture, poses_bounds, refusal, transforms, write};
+use scene_common::{
+    Bytes, Colmap, LLFF_ROW, assert_says, crc32, open, picture, poses_bounds, refusal, transforms, write,
+};
 use tempfile::tempdir;
 
 #[test]
@@ -110,13 +112,6 @@ fn oversized_images_are_refused_before_decoding() {
         let message = result.unwrap_err().to_string();
         assert_says(&message, &["wide.png", "20000x8", &MAX_SIDE.to_string()]);
     }
-}
-
-fn crc32(bytes: &[u8]) -> u32 {
-    let step = |crc: u32, byte: &u8| {
-        (0..8).fold(crc ^ u32::from(*byte), |c, _| if c & 1 == 1 { (c >> 1) ^ 0xEDB8_8320 } else { c >> 1 })
-    };
-    !bytes.iter().fold(u32::MAX, step)
 }
 
 #[test]

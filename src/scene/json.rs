@@ -5,12 +5,12 @@ use std::path::Path;
 use serde_json::{Map, Value};
 
 use super::SceneError;
-use super::files::read_text;
+use super::files::text;
 
 /// Parses a file. JSON has no NaN or Infinity, so those end here, with the line that holds them.
-pub(super) fn parse(path: &Path) -> Result<Value, SceneError> {
-    let text = read_text(path)?;
-    serde_json::from_str(&text).map_err(|error| {
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneError> {
+    let text = text(path, bytes)?;
+    serde_json::from_str(text).map_err(|error| {
         let line = text.lines().nth(error.line().saturating_sub(1)).unwrap_or_default();
         let excerpt: String = line.trim().chars().take(80).collect();
         SceneError::malformed(path, format!("{error}: `{excerpt}`"), "JSON, all numbers finite")

@@ -65,13 +65,13 @@ impl Format {
         }
     }
 
-    fn read(self, root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
+    fn open(self, root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
         match self {
-            Self::Transforms => transforms::read(root, options),
-            Self::Llff => llff::read(root, options),
-            Self::Spaces => spaces::read(root, options),
-            Self::RealEstate10k => realestate10k::read(root, options),
-            Self::Colmap => colmap::read(root, options),
+            Self::Transforms => transforms::open(root, options),
+            Self::Llff => llff::open(root, options),
+            Self::Spaces => spaces::open(root, options),
+            Self::RealEstate10k => realestate10k::open(root, options),
+            Self::Colmap => colmap::open(root, options),
         }
     }
 }
@@ -150,7 +150,7 @@ impl Scene {
         }
         let mut found = Format::ALL.into_iter().filter(|format| format.is_in(path));
         let format = found.next().ok_or_else(|| no_scene("no scene found"))?;
-        let (views, mut notes) = draft::finish(path, format.read(path, options)?, options)?;
+        let (views, mut notes) = draft::finish(path, format.open(path, options)?, options)?;
         notes.extend(found.map(|other| format!("the folder also holds {other}: not read, {format} comes first")));
         Ok(Self { root: path.to_owned(), format, views, notes })
     }

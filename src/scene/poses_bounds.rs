@@ -11,8 +11,10 @@ use ndarray::ArrayView2;
 use ndarray_npy::ViewNpyExt;
 
 use super::SceneError;
-use super::files::read;
 use crate::camera::Intrinsics;
+
+/// Longest header that is parsed, in bytes; that of such an array has 128. The parser recurses into brackets.
+const MAX_HEADER: usize = 512;
 
 /// One row of the file.
 pub(super) struct PoseBounds {
@@ -29,12 +31,23 @@ pub(super) struct PoseBounds {
     pub(super) far: f64,
 }
 
-pub(super) fn parse(path: &Path) -> Result<Vec<PoseBounds>, SceneError> {
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<PoseBounds>, SceneError> {
     const EXPECTED: &str = "a float64 array of N rows with 17 numbers";
-    let bytes = read(path)?;
+    let header = match *bytes {
+        [_, _, _, _, _, _, 1, _, a, b, ..] => usize::from(u16::from_le_bytes([a, b])),
+        [_, _, _, _, _, _, _, _, a, b, c, d, ..] => u32::from_le_bytes([a, b, c, d]) as usize,
+        _ => 0,
+    };
+    if header > MAX_HEADER {
+        return Err(SceneError::malformed(
+            path,
+            format!("a header of {header} bytes, more than {MAX_HEADER}"),
+            EXPECTED,
+        ));
+    }
     // A view, so that a shape beyond the file's length is refused before anything is allocated for it.
-    let rows = ArrayView2::<f64>::view_npy(&bytes)
-        .map_err(|error| SceneError::malformed(path, error.to_string(), EXPECTED))?;
+    let rows = ArrayView2::<f64>::view_npy(bytes)
+        .map_err(|error| SceneError::malformed(path, error.to_string().lines().next().unwrap_or_default(), EXPECTED))?;
     if rows.ncols() != 17 {
         return Err(SceneError::malformed(path, format!("the array has shape {:?}", rows.shape()), EXPECTED));
     }
