@@ -25,6 +25,8 @@ pub mod cost;
 pub mod engine;
 pub mod file;
 pub mod fill;
+#[cfg(fuzzing)]
+pub mod fuzz;
 pub mod guide;
 pub mod image_io;
 pub mod layers;

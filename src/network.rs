@@ -100,8 +100,8 @@ impl OrtNetwork {
         let metadata = session.metadata().map_err(|e| engine(e.to_string()))?;
         let card = read_card(path, |key| metadata.custom(key))?;
         drop(metadata);
-        check_outlets(path, session.inputs(), "hwv", 3 * card.views)?;
-        check_outlets(path, session.outputs(), "logits", card.views)?;
+        check_outlets(path, &named(session.inputs()), "hwv", 3 * card.views)?;
+        check_outlets(path, &named(session.outputs()), "logits", card.views)?;
         Ok(Self { session, path: path.to_path_buf(), card })
     }
 
@@ -179,17 +179,27 @@ pub(crate) fn read_card(path: &Path, entry: impl Fn(&str) -> Option<String>) -> 
     })
 }
 
-/// Refuses inputs or outputs other than the one `name`, f32 `[n, channels, h, w]`.
-pub(crate) fn check_outlets(path: &Path, outlets: &[Outlet], name: &str, channels: usize) -> Result<(), NetworkError> {
-    if let [outlet] = outlets
-        && outlet.name() == name
-        && has_shape(outlet.dtype(), channels)
+fn named(outlets: &[Outlet]) -> Vec<(&str, &ValueType)> {
+    outlets.iter().map(|outlet| (outlet.name(), outlet.dtype())).collect()
+}
+
+/// Refuses inputs or outputs other than the one `wanted`, f32 `[n, channels, h, w]`.
+pub(crate) fn check_outlets(
+    path: &Path,
+    outlets: &[(&str, &ValueType)],
+    wanted: &str,
+    channels: usize,
+) -> Result<(), NetworkError> {
+    if let [(name, dtype)] = outlets
+        && *name == wanted
+        && has_shape(dtype, channels)
     {
         return Ok(());
     }
-    let found = outlets.iter().map(|o| format!("{} {}", o.name(), describe(o.dtype()))).collect::<Vec<_>>().join(", ");
-    let field = if name == "hwv" { "the input" } else { "the output" };
-    Err(unfit(path, field, found, format!("{name} f32 [n, {channels}, h, w] with n, h and w free")))
+    let found =
+        outlets.iter().map(|(name, dtype)| format!("{name} {}", describe(dtype))).collect::<Vec<_>>().join(", ");
+    let field = if wanted == "hwv" { "the input" } else { "the output" };
+    Err(unfit(path, field, found, format!("{wanted} f32 [n, {channels}, h, w] with n, h and w free")))
 }
 
 fn has_shape(dtype: &ValueType, channels: usize) -> bool {

@@ -152,7 +152,7 @@ fn llff_bounds_that_are_no_range_are_left_out_and_named() {
     picture(&root.path().join("images/a.png"), 64, 48);
     let scene = open(root.path()).unwrap();
     assert_eq!(scene.views[0].depth_range, None);
-    assert_says(&scene.notes.join("\n"), &["depth range left out", "a.png (NaN to 20)"]);
+    assert_says(&scene.notes.join("\n"), &["depth range left out", "a.png (NaN to 20.0)"]);
 }
 
 #[test]

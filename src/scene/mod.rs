@@ -10,7 +10,8 @@
 //!
 //! All become [`Camera`]s: OpenCV axes, `cam_from_world`, K in pixels with pixel centres at half-integers, which all five
 //! formats share. Where several lie in one folder, the first of the table is read. Nothing in a file is trusted: counts are
-//! checked against the file's length, paths must stay in the folder, and sizes must be those of the photos.
+//! checked against the file's length, paths must stay in the folder, sizes must be those of the photos, and no file may be larger
+//! than [`crate::file`] says.
 
 mod colmap;
 mod colmap_binary;
@@ -19,6 +20,8 @@ mod draft;
 mod error;
 mod files;
 mod find;
+#[cfg(fuzzing)]
+pub mod fuzz;
 mod json;
 mod llff;
 mod poses_bounds;
