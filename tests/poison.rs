@@ -189,7 +189,7 @@ fn spaces() {
     let fields: &[(Range<usize>, &[&str])] = &[
         (12..15, &["principal_point", "pixel_aspect_ratio", "cx", "cy", "fy"]),
         (15..18, &["position", "translation", "centre"]),
-        (18..19, &["focal_length", "fx"]),
+        (18..19, &["focal_length", "fx", "fy"]),
         (19..21, &["width", "height", "size"]),
         (21..24, &["orientation", "rotation"]),
     ];
