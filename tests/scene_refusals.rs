@@ -166,6 +166,18 @@ fn llff_shape_beyond_the_file_is_refused_unallocated() {
     assert_says(&refusal(root.path()), &["poses_bounds.npy", "expected a float64 array"]);
 }
 
+/// What fuzzing found (`make fuzz`): a header that took for ever to parse, a photo that the decoder panics at.
+#[test]
+fn what_fuzzing_found() {
+    let root = tempdir().unwrap();
+    write(&root.path().join("poses_bounds.npy"), include_bytes!("fixtures/damaged/nested_braces.npy"));
+    assert_says(&refusal(root.path()), &["poses_bounds.npy: a header of 116 bytes with", "brackets open"]);
+    let photo = root.path().join("photo.jpg");
+    write(&photo, include_bytes!("fixtures/damaged/fine_chroma.jpg"));
+    let message = image_io::load(&photo).unwrap_err().to_string();
+    assert_says(&message, &["photo.jpg: not a complete PNG or JPEG", "sampled more finely than the first"]);
+}
+
 const ONE: Colmap<'_> = Colmap { camera: Colmap::PINHOLE, names: &["a.png"] };
 
 #[test]
