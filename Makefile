@@ -12,7 +12,7 @@ DATA ?= ../shared/data
 RUFF := --config python/pyproject.toml python parity tests
 
 .PHONY: demo demo-stereo test build runtime runtime-openvino int8 report setup lint docs goldens test-rust test-python parity stability \
-	readme cards setup-evaluation evaluate clean
+	readme cards setup-evaluation evaluate fuzz clean
 
 ## Render the two held-out views of the example scene and compare them with the truth.
 demo: build runtime
@@ -128,5 +128,17 @@ evaluate: setup-evaluation
 			--out $${model%.pt}_scores || exit 1; \
 	done
 
+## Damaged files for every reader, FUZZ_SECONDS each; needs nightly Rust. What breaks one is kept in tests/fuzz/artifacts.
+## No sanitizer: the readers are safe Rust, which can panic, hang or take memory, and all three are caught.
+FUZZ_SECONDS ?= 60
+FUZZ_TARGETS := $(basename $(notdir $(wildcard tests/fuzz/fuzz_targets/*.rs)))
+fuzz:
+	cargo fuzz --version > /dev/null 2>&1 || cargo install cargo-fuzz --locked --version 0.13.2
+	for target in $(FUZZ_TARGETS); do \
+		mkdir -p tests/fuzz/corpus/$$target && \
+		cargo +nightly fuzz run --fuzz-dir tests/fuzz --sanitizer none $$target tests/fuzz/corpus/$$target tests/fuzz/seeds/$$target \
+			-- -max_total_time=$(FUZZ_SECONDS) -timeout=10 -print_final_stats=1 || exit 1; \
+	done
+
 clean:
-	rm -rf target out $(VENV) .venv-openvino
+	rm -rf target out $(VENV) .venv-openvino tests/fuzz/target tests/fuzz/corpus tests/fuzz/artifacts

@@ -24,7 +24,8 @@ impl DistanceWeights {
     /// others, which serve the pixels that the coincident view does not see.
     pub fn new(distances: &[f64]) -> Self {
         let nearest = distances.iter().copied().filter(|&d| d > 0.0).fold(f64::INFINITY, f64::min);
-        let bias = |&d: &f64| if d > 0.0 { (nearest.ln() - d.ln()) as f32 } else { 0.0 };
+        // The logarithm of the quotient: a scene in other units, times a power of two, has the same bits.
+        let bias = |&d: &f64| if d > 0.0 { (nearest / d).max(f64::MIN_POSITIVE).ln() as f32 } else { 0.0 };
         let coincident = |&d: &f64| f32::from(u8::from(d == 0.0));
         Self { bias: distances.iter().map(bias).collect(), coincident: distances.iter().map(coincident).collect() }
     }

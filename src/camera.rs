@@ -39,7 +39,7 @@ pub enum CameraError {
         value: f64,
     },
     /// K has no usable inverse.
-    #[error("K is singular: {field} is {value}, expected a positive focal length in pixels")]
+    #[error("K is singular: {field} is {value:?}, expected a positive focal length in pixels")]
     SingularK {
         /// `fx` or `fy`.
         field: &'static str,
@@ -131,6 +131,9 @@ impl Camera {
             }
             finite(|| format!("translation[{row}]"), self.translation[row])?;
         }
+        // Beyond this, distances between cameras overflow.
+        let square = self.centre().length_squared();
+        finite(|| "the squared distance of the centre from the origin".to_owned(), square)?;
         let residual = self.rotation * self.rotation.transpose() - DMat3::IDENTITY;
         let residual = residual.to_cols_array().map(f64::abs);
         let determinant = self.rotation.determinant();
@@ -315,10 +318,11 @@ mod tests {
         let message = refused(Intrinsics { cx: f64::NAN, ..K }, 640, r, t);
         assert_eq!(message, "cx is NaN: expected a finite number");
         let message = refused(Intrinsics { fy: 0.0, ..K }, 640, r, t);
-        assert_eq!(message, "K is singular: fy is 0, expected a positive focal length in pixels");
+        assert_eq!(message, "K is singular: fy is 0.0, expected a positive focal length in pixels");
         assert!(refused(Intrinsics { fx: -700.0, ..K }, 640, r, t).contains("fx is -700"));
         assert!(refused(Intrinsics { fx: 1e-320, ..K }, 640, r, t).contains("K is singular: fx"));
         assert!(refused(K, 640, r, DVec3::new(0.0, f64::INFINITY, 0.0)).starts_with("translation[1] is inf"));
+        assert!(refused(K, 640, r, DVec3::new(0.0, 1e155, 0.0)).starts_with("the squared distance of the centre"));
         let mut rotation = r;
         rotation.y_axis.x = f64::NAN;
         assert!(refused(K, 640, rotation, t).starts_with("rotation[0][1] is NaN"));

@@ -3,8 +3,9 @@
 //! Colours are sRGB values in [0, 1] as stored in the file (no linearisation). Alpha is dropped; the EXIF orientation is
 //! ignored, as COLMAP and the other pose tools ignore it, so poses belong to the pixels as stored.
 
-use std::fs::{self, File};
-use std::io::{self, BufReader, Cursor};
+use std::fs;
+use std::io::{self, BufRead, BufReader, Cursor, Seek};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 use image::codecs::png::PngEncoder;
@@ -12,7 +13,10 @@ use image::imageops::{self, FilterType};
 use image::{ExtendedColorType, ImageEncoder, ImageFormat, ImageReader, Limits, Rgb32FImage};
 
 use crate::camera::MAX_SIDE;
-use crate::whole_file;
+use crate::{file, whole_file};
+
+/// What a decoder may take beside the pixels, in bytes: a colour profile of a few bytes can unfold to gigabytes.
+const MAX_ASIDE: u64 = 64 << 20;
 
 /// Why a picture could not be read or written. Every message about a file names it.
 #[derive(Debug, thiserror::Error)]
@@ -147,12 +151,23 @@ impl ImageRgb {
 ///
 /// [`ImageError::Read`], [`ImageError::Decode`] or [`ImageError::TooLarge`], naming the file.
 pub fn read_size(path: &Path) -> Result<(usize, usize), ImageError> {
-    // By content, not by extension: photos called .jpg that are PNG are common.
-    let reader = File::open(path).and_then(|file| ImageReader::new(BufReader::new(file)).with_guessed_format());
+    let file =
+        file::open(path, file::MAX_BYTES).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+    size_of(path, BufReader::new(file))
+}
+
+/// As [`read_size`], of the file at `path`, opened already.
+pub(crate) fn size_of(path: &Path, input: impl BufRead + Seek) -> Result<(usize, usize), ImageError> {
+    let size = reader(path, input)?.into_dimensions().map_err(|error| decode_error(path, &error))?;
+    check_side(path, size)
+}
+
+/// A decoder by content, not by extension: photos called .jpg that are PNG are common.
+fn reader<R: BufRead + Seek>(path: &Path, input: R) -> Result<ImageReader<R>, ImageError> {
+    let reader = ImageReader::new(input).with_guessed_format();
     let reader = reader.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
     check_format(path, reader.format())?;
-    let size = reader.into_dimensions().map_err(|error| decode_error(path, &error))?;
-    check_side(path, size)
+    Ok(reader)
 }
 
 /// Decodes a PNG or JPEG.
@@ -161,21 +176,25 @@ pub fn read_size(path: &Path) -> Result<(usize, usize), ImageError> {
 ///
 /// [`ImageError::Read`], [`ImageError::TooLarge`], or [`ImageError::Decode`] if the file is damaged or ends early.
 pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
-    read_size(path)?;
-    let bytes = fs::read(path).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
-    let mut reader = ImageReader::new(Cursor::new(bytes.as_slice()))
-        .with_guessed_format()
-        .map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
-    check_format(path, reader.format())?;
-    if reader.format() == Some(ImageFormat::Jpeg) && !jpeg_is_complete(&bytes) {
-        let reason = "the JPEG data ends early".to_owned();
-        return Err(ImageError::Decode { path: path.to_owned(), reason });
+    let read = file::read(path, file::MAX_BYTES);
+    decode(path, &read.map_err(|source| ImageError::Read { path: path.to_owned(), source })?)
+}
+
+/// As [`load`], of the bytes of the file at `path`.
+pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> {
+    let (width, height) = size_of(path, Cursor::new(bytes))?;
+    let mut reader = reader(path, Cursor::new(bytes))?;
+    let refused = |reason: &str| ImageError::Decode { path: path.to_owned(), reason: reason.to_owned() };
+    if reader.format() == Some(ImageFormat::Jpeg) {
+        check_jpeg(bytes).map_err(refused)?;
     }
     let mut limits = Limits::no_limits();
-    limits.max_image_width = Some(MAX_SIDE as u32);
-    limits.max_image_height = Some(MAX_SIDE as u32);
+    // Four channels of 16 bits are the most that a PNG has.
+    limits.max_alloc = Some(8 * (width * height) as u64 + MAX_ASIDE);
     reader.limits(limits);
-    let decoded = reader.decode().map_err(|error| decode_error(path, &error))?.into_rgb32f();
+    // The decoder is not ours: should it panic, the file is named all the same. It holds no state that outlives the call.
+    let decoded = catch_unwind(AssertUnwindSafe(|| reader.decode())).map_err(|_| refused("the decoder failed"))?;
+    let decoded = decoded.map_err(|error| decode_error(path, &error))?.into_rgb32f();
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
     ImageRgb::new(width, height, decoded.into_raw())
 }
@@ -248,21 +267,33 @@ fn decode_error(path: &Path, error: &image::ImageError) -> ImageError {
     ImageError::Decode { path: path.to_owned(), reason: error.to_string() }
 }
 
-/// Whether the end-of-image marker is reached. The decoder is lenient: it fills what is missing with grey.
-fn jpeg_is_complete(bytes: &[u8]) -> bool {
+/// Whether any channel of a JPEG has more samples across or down than the first; from the number of channels on.
+fn is_finer_than_first(frame: &[u8]) -> bool {
+    let Some((&channels, frame)) = frame.split_first() else { return false };
+    let mut factors = frame.chunks_exact(3).take(channels.into()).map(|channel| (channel[1] >> 4, channel[1] & 15));
+    let Some((across, down)) = factors.next() else { return false };
+    factors.any(|(x, y)| x > across || y > down)
+}
+
+/// Whether the end-of-image marker is reached: the decoder is lenient, and fills what is missing with grey. And whether no
+/// channel is sampled more finely than the first: it panics.
+fn check_jpeg(bytes: &[u8]) -> Result<(), &'static str> {
     let mut at = 2; // past the start-of-image marker
     while let Some(&[prefix, marker]) = bytes.get(at..at + 2) {
         match (prefix, marker) {
-            (0xFF, 0xD9) => return true,
+            (0xFF, 0xD9) => return Ok(()),
             // Bytes of a scan, stuffed zeros, restart markers and fill bytes.
             (0xFF, 0x00 | 0x01 | 0xD0..=0xD7) => at += 2,
             (0xFF, 0xFF) | (0..=0xFE, _) => at += 1,
+            (0xFF, 0xC0..=0xC2) if is_finer_than_first(bytes.get(at + 9..).unwrap_or_default()) => {
+                return Err("a JPEG with a channel sampled more finely than the first");
+            }
             // Any other marker carries a length, which skips embedded thumbnails.
             _ => match bytes.get(at + 2..at + 4) {
                 Some(&[high, low]) => at += 2 + usize::from(u16::from_be_bytes([high, low])),
-                _ => return false,
+                _ => break,
             },
         }
     }
-    false
+    Err("the JPEG data ends early")
 }

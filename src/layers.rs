@@ -43,7 +43,9 @@ pub enum LayersError {
         before: f64,
     },
     /// near and far do not span a range.
-    #[error("near is {near} and far is {far}: expected 0 < near < far, in scene units")]
+    #[error(
+        "near is {near:?} and far is {far:?}: expected 0 < near < far, in scene units, and a 1 / near that f32 holds"
+    )]
     Range {
         /// Nearest depth asked for.
         near: f64,

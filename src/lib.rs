@@ -24,7 +24,10 @@ pub mod composite;
 pub mod cost;
 pub mod engine;
 mod exp;
+pub mod file;
 pub mod fill;
+#[cfg(fuzzing)]
+pub mod fuzz;
 pub mod guide;
 mod held;
 pub mod image_io;

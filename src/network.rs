@@ -4,11 +4,14 @@ use std::path::{Path, PathBuf};
 
 use ndarray::{ArrayView4, ArrayViewMut4};
 use ort::session::Session;
-use ort::value::{TensorRef, ValueType};
+use ort::value::{Outlet, TensorRef, ValueType};
 
 use crate::engine::{Engine, Precision};
 use crate::layers::STRIDE;
 use crate::runtime::Runtime;
+
+/// Largest model file that is opened, in bytes: a hundred times the paper's network.
+pub const MAX_MODEL_BYTES: u64 = 256 << 20;
 
 /// Computes the logits of a batch of layers, each layer alone (paper, section "Neural Network").
 pub trait PlaneNetwork {
@@ -82,6 +85,10 @@ impl OrtNetwork {
         if !path.is_file() {
             return Err(engine("there is no such file".into()));
         }
+        let bytes = path.metadata().map_or(0, |file| file.len());
+        if bytes > MAX_MODEL_BYTES {
+            return Err(unfit(path, "the size", format!("{bytes} bytes"), format!("at most {MAX_MODEL_BYTES}")));
+        }
         if precision == Precision::Bf16 && !runtime.engine().knows_bf16() {
             return Err(engine(format!(
                 "bf16 is for the engine {}, and this is the engine {}",
@@ -90,22 +97,11 @@ impl OrtNetwork {
             )));
         }
         let session = build(runtime, path, threads, precision).map_err(engine)?;
-        let card = read_card(&session, path)?;
-        for (outlet, name, channels) in
-            [(session.inputs(), "hwv", 3 * card.views), (session.outputs(), "logits", card.views)]
-        {
-            let found =
-                outlet.iter().map(|o| format!("{} {}", o.name(), describe(o.dtype()))).collect::<Vec<_>>().join(", ");
-            let fits = outlet.len() == 1 && outlet[0].name() == name && has_shape(outlet[0].dtype(), channels);
-            if !fits {
-                return Err(NetworkError::Unfit {
-                    path: path.to_path_buf(),
-                    field: if name == "hwv" { "the input" } else { "the output" }.into(),
-                    found,
-                    expected: format!("{name} f32 [n, {channels}, h, w] with n, h and w free"),
-                });
-            }
-        }
+        let metadata = session.metadata().map_err(|e| engine(e.to_string()))?;
+        let card = read_card(path, |key| metadata.custom(key))?;
+        drop(metadata);
+        check_outlets(path, &named(session.inputs()), "hwv", 3 * card.views)?;
+        check_outlets(path, &named(session.outputs()), "logits", card.views)?;
         Ok(Self { session, path: path.to_path_buf(), card })
     }
 
@@ -133,12 +129,8 @@ impl PlaneNetwork for OrtNetwork {
         let outputs = self.session.run(ort::inputs!["hwv" => input]).map_err(engine)?;
         let found = outputs["logits"].try_extract_array::<f32>().map_err(engine)?;
         if found.shape() != logits.shape() {
-            return Err(NetworkError::Unfit {
-                path: path.clone(),
-                field: "the output".into(),
-                found: format!("{:?}", found.shape()),
-                expected: format!("{:?}", logits.shape()),
-            });
+            let (found, expected) = (format!("{:?}", found.shape()), format!("{:?}", logits.shape()));
+            return Err(unfit(path, "the output", found, expected));
         }
         logits.assign(&found);
         Ok(())
@@ -162,29 +154,52 @@ fn build(runtime: &Runtime, path: &Path, threads: usize, precision: Precision) -
     builder.commit_from_file(path).map_err(text)
 }
 
-fn read_card(session: &Session, path: &Path) -> Result<ModelCard, NetworkError> {
-    let engine = |e: ort::Error| NetworkError::Engine { path: path.to_path_buf(), reason: e.to_string() };
-    let metadata = session.metadata().map_err(engine)?;
-    let unfit = |key: &str, found: Option<String>, expected: &str| NetworkError::Unfit {
-        path: path.to_path_buf(),
-        field: format!("metadata `{key}`"),
-        found: found.unwrap_or_else(|| "missing".into()),
-        expected: expected.into(),
+fn unfit(path: &Path, field: impl Into<String>, found: String, expected: impl Into<String>) -> NetworkError {
+    NetworkError::Unfit { path: path.to_path_buf(), field: field.into(), found, expected: expected.into() }
+}
+
+/// The card, from the metadata's entries.
+pub(crate) fn read_card(path: &Path, entry: impl Fn(&str) -> Option<String>) -> Result<ModelCard, NetworkError> {
+    let wrong = |key: &str, found: Option<String>, expected: &str| {
+        unfit(path, format!("metadata `{key}`"), found.unwrap_or_else(|| "missing".into()), expected)
     };
-    let text = |key: &str| metadata.custom(key).ok_or_else(|| unfit(key, None, "a text"));
+    let text = |key: &str| entry(key).ok_or_else(|| wrong(key, None, "a text"));
     let views = text("views")?;
     let count = views.parse().ok().filter(|v| (2..=64).contains(v));
     let stride = text("stride")?;
     if stride != STRIDE.to_string() {
-        return Err(unfit("stride", Some(stride), &STRIDE.to_string()));
+        return Err(wrong("stride", Some(stride), &STRIDE.to_string()));
     }
     Ok(ModelCard {
-        views: count.ok_or_else(|| unfit("views", Some(views), "a whole number, 2 to 64"))?,
+        views: count.ok_or_else(|| wrong("views", Some(views), "a whole number, 2 to 64"))?,
         recommended_layers: text("recommended_layers")?,
-        precision: metadata.custom("precision").unwrap_or_else(|| "f32".into()),
+        precision: entry("precision").unwrap_or_else(|| "f32".into()),
         training: text("training")?,
         licence: text("licence")?,
     })
+}
+
+fn named(outlets: &[Outlet]) -> Vec<(&str, &ValueType)> {
+    outlets.iter().map(|outlet| (outlet.name(), outlet.dtype())).collect()
+}
+
+/// Refuses inputs or outputs other than the one `wanted`, f32 `[n, channels, h, w]`.
+pub(crate) fn check_outlets(
+    path: &Path,
+    outlets: &[(&str, &ValueType)],
+    wanted: &str,
+    channels: usize,
+) -> Result<(), NetworkError> {
+    if let [(name, dtype)] = outlets
+        && *name == wanted
+        && has_shape(dtype, channels)
+    {
+        return Ok(());
+    }
+    let found =
+        outlets.iter().map(|(name, dtype)| format!("{name} {}", describe(dtype))).collect::<Vec<_>>().join(", ");
+    let field = if wanted == "hwv" { "the input" } else { "the output" };
+    Err(unfit(path, field, found, format!("{wanted} f32 [n, {channels}, h, w] with n, h and w free")))
 }
 
 fn has_shape(dtype: &ValueType, channels: usize) -> bool {

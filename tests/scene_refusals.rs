@@ -7,7 +7,9 @@ use std::fs;
 use liveview::camera::MAX_SIDE;
 use liveview::image_io;
 use proptest::prelude::*;
-use scene_common::{Bytes, Colmap, LLFF_ROW, assert_says, open, picture, poses_bounds, refusal, transforms, write};
+use scene_common::{
+    Bytes, Colmap, LLFF_ROW, assert_says, crc32, open, picture, poses_bounds, refusal, transforms, write,
+};
 use tempfile::tempdir;
 
 #[test]
@@ -112,13 +114,6 @@ fn oversized_images_are_refused_before_decoding() {
     }
 }
 
-fn crc32(bytes: &[u8]) -> u32 {
-    let step = |crc: u32, byte: &u8| {
-        (0..8).fold(crc ^ u32::from(*byte), |c, _| if c & 1 == 1 { (c >> 1) ^ 0xEDB8_8320 } else { c >> 1 })
-    };
-    !bytes.iter().fold(u32::MAX, step)
-}
-
 #[test]
 fn llff_refusals() {
     let root = tempdir().unwrap();
@@ -157,7 +152,7 @@ fn llff_bounds_that_are_no_range_are_left_out_and_named() {
     picture(&root.path().join("images/a.png"), 64, 48);
     let scene = open(root.path()).unwrap();
     assert_eq!(scene.views[0].depth_range, None);
-    assert_says(&scene.notes.join("\n"), &["depth range left out", "a.png (NaN to 20)"]);
+    assert_says(&scene.notes.join("\n"), &["depth range left out", "a.png (NaN to 20.0)"]);
 }
 
 #[test]
@@ -169,6 +164,18 @@ fn llff_shape_beyond_the_file_is_refused_unallocated() {
     bytes.extend([0; 64]);
     write(&root.path().join("poses_bounds.npy"), bytes);
     assert_says(&refusal(root.path()), &["poses_bounds.npy", "expected a float64 array"]);
+}
+
+/// What fuzzing found (`make fuzz`): a header that took for ever to parse, a photo that the decoder panics at.
+#[test]
+fn what_fuzzing_found() {
+    let root = tempdir().unwrap();
+    write(&root.path().join("poses_bounds.npy"), include_bytes!("fixtures/damaged/nested_braces.npy"));
+    assert_says(&refusal(root.path()), &["poses_bounds.npy: a header of 116 bytes with", "brackets open"]);
+    let photo = root.path().join("photo.jpg");
+    write(&photo, include_bytes!("fixtures/damaged/fine_chroma.jpg"));
+    let message = image_io::load(&photo).unwrap_err().to_string();
+    assert_says(&message, &["photo.jpg: not a complete PNG or JPEG", "sampled more finely than the first"]);
 }
 
 const ONE: Colmap<'_> = Colmap { camera: Colmap::PINHOLE, names: &["a.png"] };

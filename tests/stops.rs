@@ -1,53 +1,21 @@
 //! Layers are left out only where that is exact or within the certified bound, whatever the network says.
 
+mod double;
+
+use double::{Scrambler, camera, photo};
 use glam::{DMat3, DVec3};
 use liveview::blend::Blended;
-use liveview::camera::{Camera, Intrinsics};
+use liveview::camera::Camera;
 use liveview::composite::Accumulated;
-use liveview::image_io::ImageRgb;
 use liveview::layers::Layers;
-use liveview::network::{NetworkError, PlaneNetwork};
 use liveview::render::{Frame, Renderer};
 use liveview::stops::{LeftOut, Stops};
 use liveview::views::SourceView;
 use liveview::warp::Texture;
-use ndarray::{ArrayView4, ArrayViewMut4};
 use proptest::prelude::*;
 
 /// Columns and rows of the target; its padded rows are longer.
 const SIZE: (usize, usize) = (20, 16);
-
-/// Logits that look random but depend on the layer's own pixels alone, around `opacity`.
-struct Scrambler {
-    opacity: f32,
-    layers: usize,
-}
-
-impl PlaneNetwork for Scrambler {
-    fn views(&self) -> usize {
-        2
-    }
-
-    fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
-        self.layers += hwv.dim().0;
-        for ((n, v, y, x), logit) in logits.indexed_iter_mut() {
-            let pixel = (0..6).map(|c| (37 * (c + v) + 1) as f32 * hwv[[n, c, y, x]]).sum::<f32>();
-            *logit = 4.0 * pixel.sin() + if v == 0 { self.opacity } else { 0.0 };
-        }
-        Ok(())
-    }
-}
-
-fn camera(size: (usize, usize), rotation: DMat3, centre: DVec3) -> Camera {
-    let (cx, cy) = (size.0 as f64 / 2.0, size.1 as f64 / 2.0);
-    let intrinsics = Intrinsics { fx: 20.0, fy: 20.0, cx, cy, skew: 0.0 };
-    Camera::new(intrinsics, size.0, size.1, rotation, -(rotation * centre)).unwrap()
-}
-
-fn photo(size: (usize, usize), seed: u32) -> Texture {
-    let value = |i: u32| (i.wrapping_add(seed).wrapping_mul(2_654_435_761) >> 8) as f32 / (1 << 24) as f32;
-    Texture::new(&ImageRgb::new(size.0, size.1, (0..3 * (size.0 * size.1) as u32).map(value).collect()).unwrap())
-}
 
 /// Two wide photos that see every pixel of the target on every layer.
 struct Wide {

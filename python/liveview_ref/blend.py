@@ -17,7 +17,8 @@ def distance_bias(distances: Tensor) -> tuple[Tensor, Tensor]:
     """
     coincident = distances == 0
     nearest = distances.masked_fill(coincident, torch.inf).amin(-1, keepdim=True)
-    bias = torch.log(nearest) - torch.log(distances)
+    # Of the quotient: a scene in other units, times a power of two, has the same bits.
+    bias = torch.log((nearest / distances).clamp_min(torch.finfo(distances.dtype).tiny))
     return bias.masked_fill(coincident, 0.0), coincident
 
 

@@ -5,6 +5,7 @@ use std::path::Path;
 use anyhow::{Result, anyhow, bail};
 use glam::{DMat3, DVec3};
 use liveview::camera::{Camera, Intrinsics};
+use liveview::file;
 use serde_json::Value;
 
 use super::setup::Photos;
@@ -12,8 +13,8 @@ use super::setup::Photos;
 /// The one camera of the file, or the list of them.
 pub(super) fn read(path: &Path, photos: &Photos) -> Result<Vec<Camera>> {
     let at = path.display();
-    let text = std::fs::read_to_string(path).map_err(|error| anyhow!("{at}: cannot be read: {error}"))?;
-    let file: Value = serde_json::from_str(&text).map_err(|error| anyhow!("{at}: not JSON: {error}"))?;
+    let bytes = file::read(path, file::MAX_JSON_BYTES).map_err(|error| anyhow!("{at}: cannot be read: {error}"))?;
+    let file: Value = serde_json::from_slice(&bytes).map_err(|error| anyhow!("{at}: not JSON: {error}"))?;
     let entries = file.as_array().map_or_else(|| std::slice::from_ref(&file), Vec::as_slice);
     if entries.is_empty() {
         bail!("{at}: the list of cameras is empty; expected at least one");

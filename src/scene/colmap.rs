@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DQuat, DVec3};
 
 use super::draft::{Draft, Drafts, Size};
-use super::files::{images_folder, list_photos, photo, safe_name, some_of};
+use super::files::{self, FindPhoto, images_folder, list_photos, photo, safe_name, some_of};
 use super::undistort::Distortion;
 use super::{SceneError, SceneOptions, colmap_binary, colmap_text};
 use crate::camera::{Camera, Intrinsics};
@@ -47,6 +47,39 @@ pub(super) struct Model {
     pub(super) lenses: HashMap<u32, Lens>,
     pub(super) images: Vec<Registered>,
     pub(super) points: HashMap<u64, DVec3>,
+}
+
+/// Reads one file of a model, given its path and bytes.
+type Parse = fn(&Path, &[u8], &mut Model) -> Result<(), SceneError>;
+
+/// Binary or text.
+pub(super) struct ModelFormat {
+    /// Of its files' names.
+    pub(super) ending: &'static str,
+    pub(super) cameras: Parse,
+    pub(super) images: Parse,
+    pub(super) points: Parse,
+}
+
+impl ModelFormat {
+    fn file(&self, folder: &Path, name: &str) -> PathBuf {
+        folder.join(format!("{name}.{}", self.ending))
+    }
+
+    fn is_in(&self, folder: &Path) -> bool {
+        ["cameras", "images"].iter().all(|name| self.file(folder, name).is_file())
+    }
+
+    fn read(&self, folder: &Path) -> Result<Model, SceneError> {
+        let mut model = Model::default();
+        for (name, parse) in [("cameras", self.cameras), ("images", self.images), ("points3D", self.points)] {
+            let path = self.file(folder, name);
+            if name != "points3D" || path.is_file() {
+                parse(&path, &files::read(&path)?, &mut model)?;
+            }
+        }
+        Ok(model)
+    }
 }
 
 /// Camera models by their number in binary files, with their number of parameters.
@@ -107,37 +140,43 @@ pub(super) fn rotation([w, x, y, z]: [f64; 4]) -> DMat3 {
     if length > 0.0 && unit.is_finite() { DMat3::from_quat(unit) } else { DMat3::NAN }
 }
 
-/// The folder of the model, and whether it is binary.
-pub(super) fn model_folder(root: &Path) -> Option<(PathBuf, bool)> {
+/// The folder of the model, and its format.
+pub(super) fn model_folder(root: &Path) -> Option<(PathBuf, ModelFormat)> {
     let folders = ["sparse/0", "sparse", "", "colmap/sparse/0"].map(|folder| root.join(folder));
-    let complete = |folder: &Path, ending: &str| {
-        ["cameras", "images"].iter().all(|name| folder.join(format!("{name}.{ending}")).is_file())
-    };
     folders.into_iter().find_map(|folder| {
-        let binary = complete(&folder, "bin");
-        (binary || complete(&folder, "txt")).then_some((folder, binary))
+        let format = [colmap_binary::FORMAT, colmap_text::FORMAT].into_iter().find(|format| format.is_in(&folder))?;
+        Some((folder, format))
     })
 }
 
-pub(super) fn read(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
-    let Some((folder, binary)) = model_folder(root) else {
+pub(super) fn open(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
+    let Some((folder, format)) = model_folder(root) else {
         return Err(SceneError::malformed(root, "no COLMAP model", "sparse/0 with cameras and images, .bin or .txt"));
     };
-    let model = if binary { colmap_binary::read(&folder)? } else { colmap_text::read(&folder)? };
-    let listed_in = folder.join(if binary { "images.bin" } else { "images.txt" });
+    let model = format.read(&folder)?;
+    let listed_in = format.file(&folder, "images");
     let photos = images_folder(root, options.images.as_deref(), &["images", "images_2", "images_4", "images_8"])?;
+    // Reduced copies may come with another extension.
+    let find = |name: &str| photo(root, &listed_in, name, photos != "images");
+    let mut found = drafts(&listed_in, &model, &photos, &find)?;
+    found.notes.extend(unregistered(root, &photos, &found.drafts)?);
+    Ok(found)
+}
+
+/// From the photos in the folder `photos`.
+pub(super) fn drafts(listed_in: &Path, model: &Model, photos: &str, find: FindPhoto<'_>) -> Result<Drafts, SceneError> {
     let mut notes = Vec::new();
     let mut drafts = Vec::with_capacity(model.images.len());
     let mut errors = Vec::new();
     for image in &model.images {
         let Some(lens) = model.lenses.get(&image.camera) else {
             let what = format!("image {} has camera {}, which is not listed", image.name, image.camera);
-            return Err(SceneError::malformed(&listed_in, what, "the number of a camera of this model"));
+            return Err(SceneError::malformed(listed_in, what, "the number of a camera of this model"));
         };
-        let name = safe_name(&listed_in, &image.name)?;
-        // Reduced copies may come with another extension, and with another size by design.
+        let name = safe_name(listed_in, &image.name)?;
+        let photo = find(&format!("{photos}/{name}"))?;
+        // Reduced copies have another size by design.
         let original = photos == "images";
-        let photo = photo(root, &listed_in, &format!("{photos}/{name}"), !original)?;
         let (depths, worst) = depths_and_errors(image, lens, &model.points);
         errors.extend(worst);
         drafts.push(Draft {
@@ -153,12 +192,11 @@ pub(super) fn read(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneE
     if photos != "images" {
         notes.push(format!("photos are those of {photos}"));
     }
-    notes.extend(unregistered(root, &photos, &drafts)?);
     notes.extend(reprojection(errors));
     if model.points.is_empty() {
         notes.push("no points3D: depth ranges are unknown".to_owned());
     }
-    Ok(Drafts { cameras: listed_in, drafts, notes })
+    Ok(Drafts { cameras: listed_in.to_owned(), drafts, notes })
 }
 
 /// Depths of the tracked points in front of the camera, and their reprojection errors in pixels.

@@ -5,23 +5,13 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::SceneError;
-use super::colmap::{MODELS, Model, Registered, lens, rotation};
-use super::files;
+use super::colmap::{MODELS, Model, ModelFormat, Registered, lens, rotation};
 
-pub(super) fn read(folder: &Path) -> Result<Model, SceneError> {
-    let mut model = Model::default();
-    read_cameras(&folder.join("cameras.bin"), &mut model)?;
-    read_images(&folder.join("images.bin"), &mut model)?;
-    let points = folder.join("points3D.bin");
-    if points.is_file() {
-        read_points(&points, &mut model)?;
-    }
-    Ok(model)
-}
+pub(super) const FORMAT: ModelFormat =
+    ModelFormat { ending: "bin", cameras: read_cameras, images: read_images, points: read_points };
 
-fn read_cameras(path: &Path, model: &mut Model) -> Result<(), SceneError> {
-    let bytes = files::read(path)?;
-    let mut input = Input { path, bytes: &bytes, at: 0 };
+fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
+    let mut input = Input { path, bytes, at: 0 };
     for _ in 0..input.count("cameras", 24)? {
         let (id, number) = (input.u32("camera id")?, input.u32("camera model")?);
         let (width, height) = (input.size("camera width")?, input.size("camera height")?);
@@ -35,9 +25,8 @@ fn read_cameras(path: &Path, model: &mut Model) -> Result<(), SceneError> {
     Ok(())
 }
 
-fn read_images(path: &Path, model: &mut Model) -> Result<(), SceneError> {
-    let bytes = files::read(path)?;
-    let mut input = Input { path, bytes: &bytes, at: 0 };
+fn read_images(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
+    let mut input = Input { path, bytes, at: 0 };
     for _ in 0..input.count("images", 73)? {
         input.u32("image id")?;
         let mut numbers = [0.0; 7];
@@ -61,9 +50,8 @@ fn read_images(path: &Path, model: &mut Model) -> Result<(), SceneError> {
     Ok(())
 }
 
-fn read_points(path: &Path, model: &mut Model) -> Result<(), SceneError> {
-    let bytes = files::read(path)?;
-    let mut input = Input { path, bytes: &bytes, at: 0 };
+fn read_points(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
+    let mut input = Input { path, bytes, at: 0 };
     for _ in 0..input.count("points", 51)? {
         let id = input.u64("point id")?;
         let position = DVec3::new(input.f64("point")?, input.f64("point")?, input.f64("point")?);

@@ -6,22 +6,14 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::SceneError;
-use super::colmap::{Model, Registered, lens, rotation};
-use super::files::read_text;
+use super::colmap::{Model, ModelFormat, Registered, lens, rotation};
+use super::files::text;
 
-pub(super) fn read(folder: &Path) -> Result<Model, SceneError> {
-    let mut model = Model::default();
-    read_cameras(&folder.join("cameras.txt"), &mut model)?;
-    read_images(&folder.join("images.txt"), &mut model)?;
-    let points = folder.join("points3D.txt");
-    if points.is_file() {
-        read_points(&points, &mut model)?;
-    }
-    Ok(model)
-}
+pub(super) const FORMAT: ModelFormat =
+    ModelFormat { ending: "txt", cameras: read_cameras, images: read_images, points: read_points };
 
-fn read_cameras(path: &Path, model: &mut Model) -> Result<(), SceneError> {
-    for line in records(&read_text(path)?) {
+fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
+    for line in records(text(path, bytes)?) {
         let words = Words::new(path, line, "CAMERA_ID MODEL WIDTH HEIGHT PARAMS");
         let parameters = (4..words.len()).map(|i| words.parse(i)).collect::<Result<Vec<f64>, _>>()?;
         let lens = lens(path, words.get(1)?, words.parse(2)?, words.parse(3)?, &parameters)?;
@@ -30,9 +22,8 @@ fn read_cameras(path: &Path, model: &mut Model) -> Result<(), SceneError> {
     Ok(())
 }
 
-fn read_images(path: &Path, model: &mut Model) -> Result<(), SceneError> {
-    let text = read_text(path)?;
-    let mut lines = text.lines().enumerate();
+fn read_images(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
+    let mut lines = text(path, bytes)?.lines().enumerate();
     while let Some((number, line)) = lines.next() {
         if is_blank(line) {
             continue;
@@ -67,8 +58,8 @@ fn keypoints(path: &Path, line: (usize, &str)) -> Result<Vec<(f64, f64, u64)>, S
     Ok(tracked)
 }
 
-fn read_points(path: &Path, model: &mut Model) -> Result<(), SceneError> {
-    for line in records(&read_text(path)?) {
+fn read_points(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
+    for line in records(text(path, bytes)?) {
         let words = Words::new(path, line, "POINT3D_ID X Y Z R G B ERROR TRACK");
         let position = DVec3::new(words.parse(1)?, words.parse(2)?, words.parse(3)?);
         model.points.insert(words.parse(0)?, position);

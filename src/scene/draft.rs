@@ -8,6 +8,7 @@ use super::files::{Photo, some_of};
 use super::undistort::Distortion;
 use super::{SceneError, SceneOptions, View};
 use crate::camera::{Camera, CameraError, Intrinsics};
+use crate::layers::uniform_disparities;
 
 /// How far declared and actual aspect ratios may part when intrinsics are rescaled.
 const ASPECT_TOLERANCE: f64 = 0.01;
@@ -126,10 +127,10 @@ fn view(
         camera = native.with_size_scaled(width, height).map_err(refused)?;
         changes.shrunk.push(format!("{name} {}x{} → {width}x{height}", actual.0, actual.1));
     }
-    let usable = |&(near, far): &(f64, f64)| near > 0.0 && near < far && far.is_finite();
+    let usable = |&(near, far): &(f64, f64)| far.is_finite() && uniform_disparities(near, far, 2).is_ok();
     let depth_range = draft.depth_range.filter(usable);
     if let (Some((near, far)), None) = (draft.depth_range, depth_range) {
-        changes.no_range.push(format!("{name} ({near} to {far})"));
+        changes.no_range.push(format!("{name} ({near:?} to {far:?})"));
     }
     Ok(View { name, camera, depth_range, image, native, distortion })
 }
@@ -157,7 +158,7 @@ impl Changes {
         }
         if !self.no_range.is_empty() {
             let names = some_of(&self.no_range);
-            notes.push(format!("depth range left out, since 0 < near < far does not hold: {names}"));
+            notes.push(format!("depth range left out, not 0 < near < far of ordinary size: {names}"));
         }
     }
 }

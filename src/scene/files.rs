@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Component, Path};
 
 use super::SceneError;
-use crate::image_io;
+use crate::{file, image_io};
 
 /// A photo that exists, with the size its header gives.
 pub(super) struct Photo {
@@ -19,19 +19,31 @@ const MAX_DEPTH: usize = 4;
 
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
+/// Finds the photo of a name.
+pub(super) type FindPhoto<'a> = &'a dyn Fn(&str) -> Result<Photo, SceneError>;
+
 /// A whole file.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, SceneError> {
-    fs::read(path).map_err(|source| SceneError::Read { path: path.to_owned(), source })
+    read_up_to(file::MAX_BYTES, path)
 }
 
-/// A whole text file; bytes that are not UTF-8 are an error.
-pub(super) fn read_text(path: &Path) -> Result<String, SceneError> {
-    String::from_utf8(read(path)?).map_err(|error| {
-        SceneError::malformed(path, format!("byte {} is not text", error.utf8_error().valid_up_to()), "UTF-8")
-    })
+/// A whole JSON file.
+pub(super) fn read_json(path: &Path) -> Result<Vec<u8>, SceneError> {
+    read_up_to(file::MAX_JSON_BYTES, path)
 }
 
-/// `name` made clean (no `./`), or refused if it leads out of the scene folder.
+fn read_up_to(limit: u64, path: &Path) -> Result<Vec<u8>, SceneError> {
+    file::read(path, limit).map_err(|source| SceneError::Read { path: path.to_owned(), source })
+}
+
+/// The text of a file; bytes that are not UTF-8 are an error.
+pub(super) fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, SceneError> {
+    std::str::from_utf8(bytes)
+        .map_err(|error| SceneError::malformed(path, format!("byte {} is not text", error.valid_up_to()), "UTF-8"))
+}
+
+/// `name` made clean (no `./`), or refused if it leads out of the scene folder. Links are followed: a file of the scene cannot
+/// make them, only its owner.
 pub(super) fn safe_name(listed_in: &Path, name: &str) -> Result<String, SceneError> {
     let refuse = || SceneError::UnsafePath { path: listed_in.to_owned(), image: name.to_owned() };
     let mut parts = Vec::new();

@@ -5,15 +5,17 @@ use std::path::Path;
 use serde_json::{Map, Value};
 
 use super::SceneError;
-use super::files::read_text;
+use super::files::text;
 
 /// Parses a file. JSON has no NaN or Infinity, so those end here, with the line that holds them.
-pub(super) fn parse(path: &Path) -> Result<Value, SceneError> {
-    let text = read_text(path)?;
-    serde_json::from_str(&text).map_err(|error| {
-        let line = text.lines().nth(error.line().saturating_sub(1)).unwrap_or_default();
-        let excerpt: String = line.trim().chars().take(80).collect();
-        SceneError::malformed(path, format!("{error}: `{excerpt}`"), "JSON, all numbers finite")
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneError> {
+    let text = text(path, bytes)?;
+    serde_json::from_str(text).map_err(|error| {
+        let line = text.lines().nth(error.line().saturating_sub(1)).unwrap_or_default().as_bytes();
+        // Around the place, whose column is counted in bytes.
+        let around = error.column().saturating_sub(80).min(line.len())..(error.column() + 20).min(line.len());
+        let excerpt = String::from_utf8_lossy(&line[around]);
+        SceneError::malformed(path, format!("{error}: `{}`", excerpt.trim()), "JSON, all numbers finite")
     })
 }
 

@@ -5,26 +5,38 @@
 use std::path::Path;
 
 use super::draft::{Draft, Drafts, Size};
-use super::files::{images_folder, list_photos, photo};
+use super::files::{FindPhoto, images_folder, list_photos, photo, read};
+use super::poses_bounds::{self, PoseBounds};
 use super::undistort::Distortion;
-use super::{SceneError, SceneOptions, poses_bounds};
+use super::{SceneError, SceneOptions};
 
 /// Folders of photos, in the order they are tried.
 const FOLDERS: [&str; 4] = ["images_8", "images_4", "images_2", "images"];
 
-pub(super) fn read(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
+pub(super) fn open(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
     let path = root.join("poses_bounds.npy");
-    let rows = poses_bounds::parse(&path)?;
+    let rows = poses_bounds::parse(&path, &read(&path)?)?;
     let folder = images_folder(root, options.images.as_deref(), &FOLDERS)?;
     let names = list_photos(&root.join(&folder))?;
     if names.len() != rows.len() {
         let folder = root.join(folder);
         return Err(SceneError::CountMismatch { path, rows: rows.len(), folder, images: names.len() });
     }
+    drafts(&path, rows, &folder, &names, &|name| photo(root, &path, name, false))
+}
+
+/// One row of the file for each of the `names` in `folder`.
+pub(super) fn drafts(
+    path: &Path,
+    rows: Vec<PoseBounds>,
+    folder: &str,
+    names: &[String],
+    find: FindPhoto<'_>,
+) -> Result<Drafts, SceneError> {
     let mut drafts = Vec::with_capacity(rows.len());
     for (row, name) in rows.into_iter().zip(names) {
         drafts.push(Draft {
-            photo: photo(root, &path, &format!("{folder}/{name}"), false)?,
+            photo: find(&format!("{folder}/{name}"))?,
             intrinsics: row.intrinsics,
             size: Size::Scaled(row.width, row.height),
             rotation: row.rotation,
@@ -33,5 +45,5 @@ pub(super) fn read(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneE
             depth_range: Some((row.near, row.far)),
         });
     }
-    Ok(Drafts { cameras: path, drafts, notes: vec![format!("photos are those of {folder}")] })
+    Ok(Drafts { cameras: path.to_owned(), drafts, notes: vec![format!("photos are those of {folder}")] })
 }

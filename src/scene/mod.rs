@@ -10,7 +10,8 @@
 //!
 //! All become [`Camera`]s: OpenCV axes, `cam_from_world`, K in pixels with pixel centres at half-integers, which all five
 //! formats share. Where several lie in one folder, the first of the table is read. Nothing in a file is trusted: counts are
-//! checked against the file's length, paths must stay in the folder, and sizes must be those of the photos.
+//! checked against the file's length, paths must stay in the folder, sizes must be those of the photos, and no file may be larger
+//! than [`crate::file`] says.
 
 mod colmap;
 mod colmap_binary;
@@ -19,6 +20,8 @@ mod draft;
 mod error;
 mod files;
 mod find;
+#[cfg(fuzzing)]
+pub mod fuzz;
 mod json;
 mod llff;
 mod poses_bounds;
@@ -65,13 +68,13 @@ impl Format {
         }
     }
 
-    fn read(self, root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
+    fn open(self, root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
         match self {
-            Self::Transforms => transforms::read(root, options),
-            Self::Llff => llff::read(root, options),
-            Self::Spaces => spaces::read(root, options),
-            Self::RealEstate10k => realestate10k::read(root, options),
-            Self::Colmap => colmap::read(root, options),
+            Self::Transforms => transforms::open(root, options),
+            Self::Llff => llff::open(root, options),
+            Self::Spaces => spaces::open(root, options),
+            Self::RealEstate10k => realestate10k::open(root, options),
+            Self::Colmap => colmap::open(root, options),
         }
     }
 }
@@ -150,7 +153,7 @@ impl Scene {
         }
         let mut found = Format::ALL.into_iter().filter(|format| format.is_in(path));
         let format = found.next().ok_or_else(|| no_scene("no scene found"))?;
-        let (views, mut notes) = draft::finish(path, format.read(path, options)?, options)?;
+        let (views, mut notes) = draft::finish(path, format.open(path, options)?, options)?;
         notes.extend(found.map(|other| format!("the folder also holds {other}: not read, {format} comes first")));
         Ok(Self { root: path.to_owned(), format, views, notes })
     }

@@ -10,23 +10,35 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 
 use super::draft::{Draft, Drafts, Size};
-use super::files::{images_folder, list_photos, photo, read_text, some_of};
+use super::files::{FindPhoto, images_folder, list_photos, photo, read, some_of, text};
 use super::undistort::Distortion;
 use super::{SceneError, SceneOptions};
 use crate::camera::Intrinsics;
 
 const LINE: &str = "timestamp fx fy cx cy 0 0 and 12 numbers of the pose";
 
-pub(super) fn read(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
+pub(super) fn open(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
     let path = root.join("cameras.txt");
-    let text = read_text(&path)?;
+    let bytes = read(&path)?;
     let folder = images_folder(root, options.images.as_deref(), &["frames", "images"])?;
     let names = list_photos(&root.join(&folder))?;
+    drafts(&path, &bytes, &folder, &names, &|name| photo(root, &path, name, false))
+}
+
+/// From the photos of these `names` in `folder`.
+pub(super) fn drafts(
+    path: &Path,
+    bytes: &[u8],
+    folder: &str,
+    names: &[String],
+    find: FindPhoto<'_>,
+) -> Result<Drafts, SceneError> {
+    let text = text(path, bytes)?;
     let by_stem: HashMap<&str, &str> =
         names.iter().filter_map(|name| Some((name.rsplit_once('.')?.0, name.as_str()))).collect();
     let (mut drafts, mut absent) = (Vec::new(), Vec::new());
     for (index, line) in text.lines().enumerate().skip(1).filter(|(_, line)| !line.trim().is_empty()) {
-        let wrong = |what: String| SceneError::malformed(&path, format!("line {}: {what}", index + 1), LINE);
+        let wrong = |what: String| SceneError::malformed(path, format!("line {}: {what}", index + 1), LINE);
         let (stamp, numbers) =
             line.trim().split_once(char::is_whitespace).ok_or_else(|| wrong("one word".to_owned()))?;
         let numbers = parse_numbers(numbers).map_err(wrong)?;
@@ -34,7 +46,7 @@ pub(super) fn read(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneE
             absent.push(stamp.to_owned());
             continue;
         };
-        let photo = photo(root, &path, &format!("{folder}/{name}"), false)?;
+        let photo = find(&format!("{folder}/{name}"))?;
         let (width, height) = (photo.width as f64, photo.height as f64);
         let [fx, fy, cx, cy, k1, k2, pose @ ..] = numbers;
         if k1 != 0.0 || k2 != 0.0 {
@@ -59,7 +71,7 @@ pub(super) fn read(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneE
     if !absent.is_empty() {
         notes.push(format!("{} of the listed timestamps have no picture, skipped: {}", absent.len(), some_of(&absent)));
     }
-    Ok(Drafts { cameras: path, drafts, notes })
+    Ok(Drafts { cameras: path.to_owned(), drafts, notes })
 }
 
 fn parse_numbers(text: &str) -> Result<[f64; 18], String> {

@@ -13,36 +13,38 @@ use glam::{DMat3, DVec3};
 use serde_json::Value;
 
 use super::draft::{Draft, Drafts, Size};
-use super::files::photo;
+use super::files::{FindPhoto, photo, read_json};
 use super::json::{Fields, parse};
 use super::undistort::Distortion;
 use super::{SceneError, SceneOptions};
 use crate::camera::Intrinsics;
 
-pub(super) fn read(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
+pub(super) fn open(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
     let path = root.join("models.json");
-    let file = parse(&path)?;
-    let rigs = file
-        .as_array()
-        .ok_or_else(|| SceneError::malformed(&path, "the file is no list", "a list of rig positions"))?;
-    let position = options.rig_position;
+    drafts(&path, &read_json(&path)?, options.rig_position, &|name| photo(root, &path, name, false))
+}
+
+pub(super) fn drafts(path: &Path, bytes: &[u8], position: usize, find: FindPhoto<'_>) -> Result<Drafts, SceneError> {
+    let file = parse(path, bytes)?;
+    let rigs =
+        file.as_array().ok_or_else(|| SceneError::malformed(path, "the file is no list", "a list of rig positions"))?;
     let cameras = rigs.get(position).and_then(Value::as_array).ok_or_else(|| {
         let what = format!("rig position {position} of {} is no list", rigs.len());
-        SceneError::malformed(&path, what, "a list of cameras")
+        SceneError::malformed(path, what, "a list of cameras")
     })?;
     let mut drafts = Vec::with_capacity(cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
         let place = format!("[{position}][{index}]");
-        drafts.push(draft(root, &path, Fields::new(&path, &place, camera, None)?)?);
+        drafts.push(draft(Fields::new(path, &place, camera, None)?, find)?);
     }
     let mut notes = Vec::new();
     if rigs.len() > 1 {
         notes.push(format!("{} rig positions, of which only number {position} is read", rigs.len()));
     }
-    Ok(Drafts { cameras: path, drafts, notes })
+    Ok(Drafts { cameras: path.to_owned(), drafts, notes })
 }
 
-fn draft(root: &Path, path: &Path, camera: Fields<'_>) -> Result<Draft, SceneError> {
+fn draft(camera: Fields<'_>, find: FindPhoto<'_>) -> Result<Draft, SceneError> {
     let (Some(width), Some(height)) = (camera.side("width")?, camera.side("height")?) else {
         return Err(camera.wrong("width", "width and height in pixels"));
     };
@@ -50,7 +52,7 @@ fn draft(root: &Path, path: &Path, camera: Fields<'_>) -> Result<Draft, SceneErr
     let [cx, cy] = camera.numbers("principal_point")?;
     let rotation = rotation(DVec3::from_array(camera.numbers("orientation")?));
     Ok(Draft {
-        photo: photo(root, path, camera.text("relative_path")?, false)?,
+        photo: find(camera.text("relative_path")?)?,
         intrinsics: Intrinsics { fx, fy: fx * camera.number("pixel_aspect_ratio")?, cx, cy, skew: 0.0 },
         size: Size::Scaled(width, height),
         rotation,

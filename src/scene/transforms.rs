@@ -12,7 +12,7 @@ use glam::{DMat3, DVec3};
 use serde_json::Value;
 
 use super::draft::{Draft, Drafts, Size};
-use super::files::photo;
+use super::files::{FindPhoto, photo, read_json};
 use super::json::{Fields, parse};
 use super::undistort::Distortion;
 use super::{SceneError, SceneOptions};
@@ -22,27 +22,31 @@ const REFUSED_MODELS: [&str; 6] = ["FISHEYE", "EQUIRECT", "SPHER", "ORTHO", "OMN
 const KNOWN_MODELS: [&str; 7] =
     ["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "PERSPECTIVE"];
 
-pub(super) fn read(root: &Path, _: &SceneOptions) -> Result<Drafts, SceneError> {
+pub(super) fn open(root: &Path, _: &SceneOptions) -> Result<Drafts, SceneError> {
     let path = root.join("transforms.json");
-    let file = parse(&path)?;
-    let head = Fields::new(&path, "the file", &file, None)?;
+    // Synthetic scenes leave the extension out.
+    drafts(&path, &read_json(&path)?, &|name| photo(root, &path, name, true))
+}
+
+pub(super) fn drafts(path: &Path, bytes: &[u8], find: FindPhoto<'_>) -> Result<Drafts, SceneError> {
+    let file = parse(path, bytes)?;
+    let head = Fields::new(path, "the file", &file, None)?;
     let frames = head.get("frames").and_then(Value::as_array).ok_or_else(|| head.wrong("frames", "a list"))?;
     let mut notes = Vec::new();
     let mut drafts = Vec::with_capacity(frames.len());
     for (index, frame) in frames.iter().enumerate() {
         let place = format!("frames[{index}]");
-        let frame = Fields::new(&path, &place, frame, file.as_object())?;
-        drafts.push(draft(root, &path, frame, &mut notes)?);
+        let frame = Fields::new(path, &place, frame, file.as_object())?;
+        drafts.push(draft(path, frame, find, &mut notes)?);
     }
     notes.sort();
     notes.dedup();
-    Ok(Drafts { cameras: path, drafts, notes })
+    Ok(Drafts { cameras: path.to_owned(), drafts, notes })
 }
 
-fn draft(root: &Path, path: &Path, frame: Fields<'_>, notes: &mut Vec<String>) -> Result<Draft, SceneError> {
+fn draft(path: &Path, frame: Fields<'_>, find: FindPhoto<'_>, notes: &mut Vec<String>) -> Result<Draft, SceneError> {
     check_model(path, frame, notes)?;
-    // Synthetic scenes leave the extension out.
-    let photo = photo(root, path, frame.text("file_path")?, true)?;
+    let photo = find(frame.text("file_path")?)?;
     let size = match (frame.side("w")?, frame.side("h")?) {
         (Some(width), Some(height)) => Size::Scaled(width, height),
         (None, None) => Size::Actual,

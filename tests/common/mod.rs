@@ -93,7 +93,7 @@ impl Folders {
         let output = command.output().unwrap();
         let said = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(2), "{said}");
-        assert_eq!(said.matches("error: ").count(), 1, "{said}");
+        assert_eq!(said.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{said}");
         for word in words {
             assert!(said.contains(word), "\"{word}\" is missing in: {said}");
         }

@@ -15,6 +15,14 @@ pub(crate) fn picture(path: &Path, width: u32, height: u32) {
     image::RgbImage::from_fn(width, height, colour).save(path).unwrap();
 }
 
+/// The checksum of a PNG's chunk.
+pub(crate) fn crc32(bytes: &[u8]) -> u32 {
+    let step = |crc: u32, byte: &u8| {
+        (0..8).fold(crc ^ u32::from(*byte), |c, _| if c & 1 == 1 { (c >> 1) ^ 0xEDB8_8320 } else { c >> 1 })
+    };
+    !bytes.iter().fold(u32::MAX, step)
+}
+
 pub(crate) fn write(path: &Path, contents: impl AsRef<[u8]>) {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     fs::write(path, contents).unwrap();

@@ -1,0 +1,35 @@
+//! What the fuzz targets (`tests/fuzz`) call; compiled by cargo-fuzz alone.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use ort::value::{Shape, SymbolicDimensions, TensorElementType, ValueType};
+
+use crate::image_io::{self, ImageError, ImageRgb};
+use crate::network::{self, ModelCard, NetworkError};
+pub use crate::scene::fuzz as scene;
+
+/// Decodes a PNG or JPEG, if it is as small as a fuzz target can afford.
+pub fn image(bytes: &[u8]) -> Result<Option<ImageRgb>, ImageError> {
+    let path = Path::new("photo");
+    let (width, height) = image_io::size_of(path, Cursor::new(bytes))?;
+    if width * height > 1 << 12 { Ok(None) } else { image_io::decode(path, bytes).map(Some) }
+}
+
+/// Judges a model by its metadata and by the name and shape of its one input and one output.
+pub fn model(
+    entry: impl Fn(&str) -> Option<String>,
+    input: (&str, &[i64]),
+    output: (&str, &[i64]),
+) -> Result<ModelCard, NetworkError> {
+    let path = Path::new("model.onnx");
+    let dtype = |shape: &[i64]| ValueType::Tensor {
+        ty: TensorElementType::Float32,
+        shape: Shape::new(shape.iter().copied()),
+        dimension_symbols: SymbolicDimensions::empty(shape.len()),
+    };
+    let card = network::read_card(path, entry)?;
+    network::check_outlets(path, &[(input.0, &dtype(input.1))], "hwv", 3 * card.views)?;
+    network::check_outlets(path, &[(output.0, &dtype(output.1))], "logits", card.views)?;
+    Ok(card)
+}

@@ -1,0 +1,259 @@
+//! What must hold whatever the photos, the cameras and the network: symmetries of the world, and the algebra of blending and
+//! compositing.
+
+mod double;
+
+use double::{Scrambler, camera, photo};
+use glam::{DMat3, DQuat, DVec3};
+use liveview::blend::{Blended, DistanceWeights, LayerSamples};
+use liveview::camera::Camera;
+use liveview::composite::Accumulated;
+use liveview::guide::CoarsePass;
+use liveview::layers::{Layers, padded};
+use liveview::network::{NetworkError, PlaneNetwork};
+use liveview::render::{Frame, Renderer, warp_sources};
+use liveview::views::SourceView;
+use liveview::warp::Texture;
+use ndarray::{ArrayView4, ArrayViewMut4};
+use proptest::prelude::*;
+
+/// Columns and rows of the target and of the photos, which see every pixel of it on every layer.
+const SIZE: (usize, usize) = (20, 16);
+const PHOTO: (usize, usize) = (80, 64);
+
+/// Logits that change by no more than the colours do: the sum of each logit's weights is 1.
+struct Gentle;
+
+impl PlaneNetwork for Gentle {
+    fn views(&self) -> usize {
+        2
+    }
+
+    fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+        for ((n, v, y, x), logit) in logits.indexed_iter_mut() {
+            *logit = (0..6).map(|c| ((c + 2 * v) % 6) as f32 / 15.0 * hwv[[n, c, y, x]]).sum::<f32>() - 0.5;
+        }
+        Ok(())
+    }
+}
+
+/// Two views and the target between them.
+struct Rig {
+    views: [Camera; 2],
+    photos: [Texture; 2],
+    target: Camera,
+}
+
+impl Rig {
+    fn new(seed: u32) -> Self {
+        let turn = DMat3::from_rotation_y(0.03);
+        let views = [-0.1, 0.15].map(|x| camera(PHOTO, turn, DVec3::new(x, 0.05, 0.0)));
+        let target = camera(SIZE, DMat3::IDENTITY, DVec3::ZERO);
+        Self { views, photos: [photo(PHOTO, seed), photo(PHOTO, !seed)], target }
+    }
+
+    /// The same rig with each camera in another place.
+    fn moved(&self, place: impl Fn(&Camera) -> (DMat3, DVec3)) -> Self {
+        let placed = |camera: &Camera| {
+            let (rotation, translation) = place(camera);
+            camera.with_pose(rotation, translation).unwrap()
+        };
+        let views = [placed(&self.views[0]), placed(&self.views[1])];
+        Self { views, photos: self.photos.clone(), target: placed(&self.target) }
+    }
+
+    fn sources(&self) -> Vec<SourceView<'_>> {
+        self.views.iter().zip(&self.photos).map(|(camera, texture)| SourceView { camera, texture }).collect()
+    }
+
+    fn render(&self, network: impl PlaneNetwork, layers: &Layers, batch: usize) -> Frame {
+        Renderer::new(network, batch).render(&self.sources(), &self.target, layers).unwrap()
+    }
+
+    /// On guided layers between these depths.
+    fn render_guided(&self, network: impl PlaneNetwork, near: f64, far: f64) -> Frame {
+        let size = (padded(SIZE.1), padded(SIZE.0));
+        let sources = warp_sources(&self.sources(), &self.target);
+        let found = CoarsePass { near, far, planes: None }.search(&sources, size).unwrap();
+        self.render(network, &Layers::guided(&found.range, 3).unwrap(), 1)
+    }
+}
+
+const SCRAMBLER: Scrambler = Scrambler { opacity: 0.0, layers: 0 };
+
+fn apart(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+fn vector(range: std::ops::Range<f64>) -> impl Strategy<Value = DVec3> {
+    prop::array::uniform3(range).prop_map(DVec3::from_array)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Poses differ by roundings of f64, which may move a sample from one way of finding its place to the other: they are
+    /// within 8e-6 of a pixel of each other (taps.rs), in each direction, and a photo of noise changes by up to 1 per pixel.
+    /// α changes by at most a quarter of that per layer, and the picture by no more than all α together: 6 layers.
+    #[test]
+    fn a_rigid_motion_of_the_world_changes_nothing(
+        seed in any::<u32>(), axis in vector(-1.0..1.0), angle in -3.0..3.0, shift in vector(-50.0..50.0),
+    ) {
+        prop_assume!(axis.length() > 0.1);
+        let turn = DMat3::from_quat(DQuat::from_axis_angle(axis.normalize(), angle));
+        let rig = Rig::new(seed);
+        let moved = rig.moved(|camera| {
+            let rotation = camera.rotation() * turn.transpose();
+            (rotation, camera.translation() - rotation * shift)
+        });
+        let layers = Layers::uniform(1.0, 8.0, 6).unwrap();
+        let [before, after] = [&rig, &moved].map(|rig| rig.render(Gentle, &layers, 2));
+        let colour = 2.0 * 8e-6;
+        let bound = colour + 6.0 * 0.25 * colour + 1e-6;
+        let picture = apart(before.picture.data(), after.picture.data());
+        prop_assert!(picture <= bound, "pictures {picture:e} apart, bound {bound:e}");
+        let disparity = apart(before.disparity.as_slice().unwrap(), after.disparity.as_slice().unwrap());
+        prop_assert!(disparity <= bound, "disparities {disparity:e} apart, bound {bound:e}");
+    }
+
+    #[test]
+    fn another_unit_of_length_a_power_of_two_changes_no_bit(seed in any::<u32>(), power in -60..60_i32) {
+        let unit = 2.0_f64.powi(power);
+        let rig = Rig::new(seed);
+        let scaled = rig.moved(|camera| (camera.rotation(), camera.translation() * unit));
+        let planes = |unit: f64| Layers::planes(&[1.0, 0.7, 0.3, 0.0].map(|disparity| disparity / unit)).unwrap();
+        for (before, after) in [
+            (rig.render(SCRAMBLER, &planes(1.0), 2), scaled.render(SCRAMBLER, &planes(unit), 2)),
+            (rig.render_guided(SCRAMBLER, 1.0, 9.0), scaled.render_guided(SCRAMBLER, unit, 9.0 * unit)),
+        ] {
+            prop_assert_eq!(before.picture.data(), after.picture.data());
+            prop_assert_eq!(before.transmittance, after.transmittance);
+            prop_assert_eq!(before.best_layer, after.best_layer);
+            prop_assert_eq!(before.disparity, after.disparity * unit as f32);
+        }
+    }
+
+    #[test]
+    fn a_picture_stays_among_the_colours_of_the_photos(
+        low in 0.0_f32..0.5, span in 0.0_f32..0.5, seed in any::<u32>(), opacity in -20.0_f32..20.0,
+    ) {
+        let mut rig = Rig::new(seed);
+        let within = |seed: u32| {
+            let noise = |i: u32| (i.wrapping_add(seed).wrapping_mul(2_654_435_761) >> 8) as f32 / (1 << 24) as f32;
+            let values = (0..3 * (PHOTO.0 * PHOTO.1) as u32).map(|i| low + span * noise(i)).collect();
+            Texture::new(&liveview::image_io::ImageRgb::new(PHOTO.0, PHOTO.1, values).unwrap())
+        };
+        rig.photos = [within(seed), within(!seed)];
+        let frame = rig.render(Scrambler { opacity, layers: 0 }, &Layers::uniform(1.0, 8.0, 5).unwrap(), 2);
+        let outside = frame.picture.data().iter().map(|&value| (low - value).max(value - low - span)).fold(0.0, f32::max);
+        // A sample is two roundings of f32 on each of two axes, blending three more.
+        prop_assert!(outside <= 8.0 * f32::EPSILON, "{outside:e} outside");
+    }
+}
+
+/// Of one pixel seen by several views: distance, logit, colour and coverage of each.
+fn seen_by(views: std::ops::Range<usize>) -> impl Strategy<Value = Vec<(f64, f32, f32, f32)>> {
+    let distance = (-60.0..60.0_f64).prop_map(|power| power.exp2());
+    let logit = prop_oneof![-10.0_f32..10.0, -1e4_f32..1e4];
+    let coverage = prop_oneof![Just(0.0_f32), Just(1.0), 1e-6_f32..1.0];
+    prop::collection::vec((distance, logit, 0.0_f32..1.0, coverage), views)
+}
+
+/// α and the grey of a pixel, and whether it is covered. The volume holds colour times coverage.
+fn blend(views: &[(f64, f32, f32, f32)]) -> (f32, f32, bool) {
+    let distances: Vec<f64> = views.iter().map(|view| view.0).collect();
+    let logits: Vec<f32> = views.iter().map(|view| view.1).collect();
+    let colour: Vec<f32> = views.iter().flat_map(|view| [view.2 * view.3; 3]).collect();
+    let coverage: Vec<f32> = views.iter().map(|view| view.3).collect();
+    let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
+    let mut out = Blended::new(1);
+    DistanceWeights::new(&distances).blend(&samples, 0, &mut out);
+    (out.alpha[0], out.rgb[0][0], out.covered[0])
+}
+
+/// A layer of one pixel: α, grey, disparity.
+type Plane = (f32, f32, f32);
+
+fn composite<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> Accumulated {
+    let mut row = Accumulated::new(1);
+    for &(alpha, grey, disparity) in planes {
+        let layer = Blended { alpha: vec![alpha], rgb: std::array::from_fn(|_| vec![grey]), covered: vec![true] };
+        // One index for all: which layer is best is not what is asked here.
+        row.add(0, &layer, &[disparity], false);
+    }
+    row
+}
+
+fn planes(count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Plane>> {
+    // From clear to opaque, and the floats next to them.
+    let special =
+        prop::sample::select(vec![0.0, f32::from_bits(1), f32::MIN_POSITIVE, 1e-7, 1.0 - f32::EPSILON / 2.0, 1.0]);
+    let alpha = prop_oneof![0.0_f32..1.0, special];
+    prop::collection::vec((alpha, 0.0_f32..1.0, 0.0_f32..1.0), count)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// The network's first logit is α and stands for the nearest view, whose weight has logit 0: the others may change
+    /// places, each with its own logit. Only sums of f64 change their order.
+    #[test]
+    fn views_but_the_nearest_may_change_places(views in seen_by(2..7), by in 0..6_usize) {
+        let mut moved = views.clone();
+        moved[1..].rotate_left(by % (views.len() - 1));
+        let (before, after) = (blend(&views), blend(&moved));
+        prop_assert_eq!((before.0, before.2), (after.0, after.2));
+        prop_assert!((before.1 - after.1).abs() <= f32::EPSILON, "{} and {}", before.1, after.1);
+    }
+
+    #[test]
+    fn a_colour_lies_between_those_of_the_views_that_see_it(views in seen_by(1..7)) {
+        let (alpha, grey, covered) = blend(&views);
+        let seen = || views.iter().filter(|view| view.3 > 0.0).map(|view| view.2);
+        prop_assert_eq!(covered, seen().next().is_some());
+        prop_assert!((0.0..=1.0).contains(&alpha));
+        if covered {
+            let (low, high) = (seen().fold(1.0, f32::min), seen().fold(0.0, f32::max));
+            // Colour times coverage is rounded, and either product with the weight.
+            let margin = 4.0 * f32::EPSILON;
+            prop_assert!((low - margin..=high + margin).contains(&grey), "{grey} is not in {low} to {high}");
+        } else {
+            prop_assert_eq!((alpha, grey), (0.0, 0.0));
+        }
+    }
+
+    #[test]
+    fn a_clear_plane_changes_no_bit(planes in planes(1..40), at in any::<prop::sample::Index>(), grey in 0.0_f32..1.0) {
+        let mut more = planes.clone();
+        more.insert(at.index(planes.len() + 1), (0.0, grey, 0.5));
+        let (mut row, mut expected) = (composite(&more), composite(&planes));
+        // Never the best layer either.
+        (row.best_layer, expected.best_layer) = (Vec::new(), Vec::new());
+        prop_assert_eq!(row, expected);
+    }
+
+    /// C = C_front + T_front C_rest, and T = T_front T_rest; each of n additions and products rounds once.
+    #[test]
+    fn what_is_in_front_and_the_rest_make_the_whole(planes in planes(1..200), at in any::<prop::sample::Index>()) {
+        let (front, rest) = planes.split_at(at.index(planes.len() + 1));
+        let (whole, front, rest) = (composite(&planes), composite(front), composite(rest));
+        let bound = 2.0 * planes.len() as f64 * f64::EPSILON;
+        let left = front.transmittance[0];
+        for (whole, front, rest) in [
+            (whole.rgb[1][0], front.rgb[1][0], rest.rgb[1][0]),
+            (whole.disparity[0], front.disparity[0], rest.disparity[0]),
+            (whole.transmittance[0], 0.0, rest.transmittance[0]),
+        ] {
+            prop_assert!((whole - (front + left * rest)).abs() <= bound, "{whole} and {front} + {left} {rest}");
+        }
+    }
+
+    #[test]
+    fn weights_and_what_is_left_sum_to_one(mut planes in planes(1..400)) {
+        planes.iter_mut().for_each(|plane| plane.1 = 1.0);
+        let row = composite(&planes);
+        let off = (row.rgb[0][0] + row.transmittance[0] - 1.0).abs();
+        prop_assert!(off <= planes.len() as f64 * f64::EPSILON, "{off:e}");
+    }
+}

@@ -1,0 +1,10 @@
+//! Spaces models.json.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use liveview::fuzz::scene;
+use liveview_fuzz::opened;
+
+fuzz_target!(|bytes: &[u8]| {
+    opened(scene::spaces(bytes));
+});

@@ -1,0 +1,36 @@
+//! What the targets share.
+
+use std::path::Component;
+
+use liveview::fuzz::scene::Opened;
+
+/// Whatever was opened is usable, and whatever was refused was refused by name.
+pub fn opened(opened: Opened) {
+    match opened {
+        Ok((views, _)) => {
+            assert!(!views.is_empty());
+            for view in views {
+                let camera = &view.camera;
+                let numbers = [camera.k(), camera.k_inverse(), camera.rotation()].map(|matrix| matrix.to_cols_array());
+                assert!(numbers.as_flattened().iter().all(|number| number.is_finite()), "{camera:?}");
+                assert!(camera.centre().is_finite(), "{camera:?}");
+                assert!(view.depth_range.is_none_or(|(near, far)| 0.0 < near && near < far && far.is_finite()));
+                let leaves = view.image_path().components().any(|part| part == Component::ParentDir);
+                assert!(view.image_path().starts_with("scene") && !leaves, "{}", view.name);
+            }
+        }
+        Err(error) => assert!(error.to_string().starts_with("scene"), "{error}"),
+    }
+}
+
+/// Three files in one: the first two with their length before them, as u16.
+pub fn three_files(bytes: &[u8]) -> [&[u8]; 3] {
+    let file = |bytes: &'_ [u8]| -> (usize, usize) {
+        let Some(length) = bytes.first_chunk() else { return (bytes.len(), bytes.len()) };
+        (2, (2 + usize::from(u16::from_le_bytes(*length))).min(bytes.len()))
+    };
+    let (start, end) = file(bytes);
+    let (first, rest) = (&bytes[start..end], &bytes[end..]);
+    let (start, end) = file(rest);
+    [first, &rest[start..end], &rest[end..]]
+}

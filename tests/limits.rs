@@ -1,0 +1,276 @@
+//! Files that claim, or are, more than the machine holds: refused by name before memory is taken. Everything runs in 1 GiB of
+//! address space, in which one allocation of what is claimed ends the process instead of being refused.
+
+#![cfg(unix)]
+
+mod common;
+mod scene_common;
+
+use std::fs::{self, File};
+use std::path::Path;
+
+use assert_cmd::Command;
+use common::{Folders, fixture};
+use image::ImageEncoder;
+use scene_common::{Bytes, Colmap, LLFF_ROW, poses_bounds, write};
+
+const NAMES: [&str; 5] = ["0.png", "1.png", "2.png", "3.png", "4.png"];
+
+/// `liveview COMMAND scene ARGUMENTS` in 1 GiB.
+fn within_a_gigabyte(folders: &Folders, command: &str, arguments: &[&str]) -> Command {
+    let mut shell = Command::new("sh");
+    shell.args(["-c", "ulimit -v 1048576 && exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_liveview"), command]);
+    // Each thread would take address space of its own.
+    shell.arg(folders.scene()).args(arguments).env("RAYON_NUM_THREADS", "1").env("MALLOC_ARENA_MAX", "1");
+    shell
+}
+
+fn assert_inspect_refused(folders: &Folders, words: &[&str]) {
+    folders.assert_refused(&mut within_a_gigabyte(folders, "inspect", &[]), words);
+}
+
+/// Renders view 2 with the tiny model.
+fn assert_render_refused(folders: &Folders, arguments: &[&str], words: &[&str]) {
+    let (picture, model) = (folders.out("a.png"), fixture("tiny_v4"));
+    let arguments = [&["-o", &picture, "--model", &model, "--threads", "1"], arguments].concat();
+    folders.assert_refused(&mut within_a_gigabyte(folders, "render", &arguments), words);
+}
+
+/// The photos of the tiny scene, without its `transforms.json`.
+fn photos_alone() -> Folders {
+    let folders = Folders::new();
+    fs::remove_file(folders.scene().join("transforms.json")).unwrap();
+    folders
+}
+
+/// 4 GiB that take no room on the disk, after these bytes.
+fn write_huge(path: &Path, start: &[u8]) {
+    write(path, start);
+    File::options().write(true).open(path).unwrap().set_len(4 << 30).unwrap();
+}
+
+fn spaces(width: usize, height: usize, path: &str) -> String {
+    format!(
+        r#"[[{{"principal_point": [32, 24], "pixel_aspect_ratio": 1, "position": [0, 0, 0], "focal_length": 60,
+        "width": {width}, "height": {height}, "relative_path": "{path}", "orientation": [0, 0, 0]}}]]"#
+    )
+}
+
+#[test]
+fn the_tiny_scene_fits() {
+    let folders = Folders::new();
+    within_a_gigabyte(&folders, "inspect", &[]).assert().success();
+}
+
+#[test]
+fn photos_that_claim_60000_pixels() {
+    let folders = Folders::new();
+    let side = 60_000_u32.to_be_bytes();
+    let mut png = fs::read(folders.photo(3)).unwrap();
+    png[16..20].copy_from_slice(&side);
+    png[20..24].copy_from_slice(&side);
+    let checksum = scene_common::crc32(&png[12..29]);
+    png[29..33].copy_from_slice(&checksum.to_be_bytes());
+
+    let photo = folders.scene().join("photo.jpg");
+    scene_common::picture(&photo, 64, 48);
+    let mut jpeg = fs::read(&photo).unwrap();
+    let frame = jpeg.windows(2).position(|marker| marker == [0xFF, 0xC0]).unwrap();
+    jpeg[frame + 5..frame + 7].copy_from_slice(&side[2..]);
+    jpeg[frame + 7..frame + 9].copy_from_slice(&side[2..]);
+
+    for bytes in [png, jpeg] {
+        fs::write(folders.photo(3), bytes).unwrap();
+        assert_inspect_refused(&folders, &["images/3.png", "the image is 60000x60000", "at most 16384"]);
+    }
+}
+
+#[test]
+fn a_colour_profile_that_unfolds_to_gigabytes() {
+    let folders = Folders::new();
+    let mut png = Vec::new();
+    let mut encoder = image::codecs::png::PngEncoder::new(&mut png);
+    encoder.set_icc_profile(vec![0; 1 << 30]).unwrap();
+    encoder.write_image(&[0; 64 * 48 * 3], 64, 48, image::ExtendedColorType::Rgb8).unwrap();
+    assert!(png.len() < 8 << 20, "{} bytes", png.len());
+    fs::write(folders.photo(3), png).unwrap();
+    let (picture, model) = (folders.out("a.png"), fixture("tiny_v4"));
+    let arguments = ["--target", "2", "-o", &picture, "--model", &model, "--threads", "1"];
+    // The decoder gives the profile up; the picture stands without it.
+    within_a_gigabyte(&folders, "render", &arguments).assert().success();
+}
+
+#[test]
+fn cameras_that_claim_60000_pixels() {
+    let folders = Folders::new();
+    folders.write_scene(5, r#""w": 64, "h": 48"#, r#""w": 60000, "h": 45000"#);
+    assert_inspect_refused(&folders, &["transforms.json", "image size is 60000x45000", "1 to 16384"]);
+    folders.write_scene(5, r#""w": 64, "h": 48"#, r#""w": 60000, "h": 60000"#);
+    assert_inspect_refused(&folders, &["images/0.png", "it is 64x48", "transforms.json says 60000x60000"]);
+
+    let folders = photos_alone();
+    let model = folders.scene().join("sparse/0");
+    Colmap { camera: Colmap::PINHOLE, names: &NAMES }.write_binary(&model);
+    let cameras = Bytes::default().u64(1).u32(1).u32(1).u64(60_000).u64(45_000);
+    write(&model.join("cameras.bin"), cameras.f64(50.0).f64(60.0).f64(30.0).f64(25.0).0);
+    assert_inspect_refused(&folders, &["images/0.png", "it is 64x48", "images.bin says 60000x45000"]);
+
+    let folders = photos_alone();
+    let mut row = LLFF_ROW;
+    (row[4], row[9]) = (45_000.0, 60_000.0);
+    poses_bounds(&folders.scene().join("poses_bounds.npy"), &[row; 5]);
+    assert_inspect_refused(&folders, &["poses_bounds.npy", "image size is 60000x45000", "1 to 16384"]);
+
+    let folders = photos_alone();
+    write(&folders.scene().join("models.json"), spaces(60_000, 45_000, "images/0.png"));
+    assert_inspect_refused(&folders, &["models.json", "image size is 60000x45000", "1 to 16384"]);
+}
+
+#[test]
+fn colmap_counts_of_2_to_the_63() {
+    let count = 1_u64 << 63;
+    let pose = Bytes::default().u64(1).u32(1).f64(1.0).f64(0.0).f64(0.0).f64(0.0).f64(0.0).f64(0.0).f64(0.0);
+    let keypoints = pose.u32(1).text("0.png").u64(count).0;
+    let mut track = Bytes::default().u64(1).u64(1).f64(0.0).f64(0.0).f64(2.0).u32(0).f64(0.0);
+    track.0.truncate(track.0.len() - 1);
+    let track = track.u64(count).0;
+    for (file, what, bytes) in [
+        ("cameras.bin", "cameras", Bytes::default().u64(count).0),
+        ("images.bin", "images", Bytes::default().u64(count).0),
+        ("points3D.bin", "points", Bytes::default().u64(count).0),
+        ("images.bin", "keypoints", keypoints),
+        ("points3D.bin", "track", track),
+    ] {
+        let folders = photos_alone();
+        Colmap { camera: Colmap::PINHOLE, names: &NAMES }.write_binary(&folders.scene().join("sparse/0"));
+        write(&folders.scene().join("sparse/0").join(file), bytes);
+        assert_inspect_refused(&folders, &[file, &format!("{count} {what} are declared"), "at most the 0 that fit"]);
+    }
+}
+
+/// An array file whose header is this text.
+fn npy(header: &str) -> Vec<u8> {
+    let mut bytes = b"\x93NUMPY\x02\x00".to_vec();
+    bytes.extend((header.len() as u32).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes
+}
+
+#[test]
+fn arrays_that_claim_too_much() {
+    let folders = photos_alone();
+    let path = folders.scene().join("poses_bounds.npy");
+    let nested = |depth: usize| format!("{{'shape': {}{}}}\n", "(".repeat(depth), ")".repeat(depth));
+    for header in [
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (9223372036854775808, 17), }\n".to_owned(),
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (1099511627776, 17), }\n".to_owned(),
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (0, 99999999999999999999999999), }\n".to_owned(),
+        nested(400),
+        nested(10_000),
+        nested(1_000_000),
+    ] {
+        write(&path, npy(&header));
+        assert_inspect_refused(&folders, &["poses_bounds.npy", "expected a float64 array of N rows with 17 numbers"]);
+    }
+    write(&path, b"\x93NUMPY\x02\x00\xff\xff\xff\xff{");
+    assert_inspect_refused(&folders, &["poses_bounds.npy", "expected a float64 array of N rows with 17 numbers"]);
+}
+
+#[test]
+fn deep_json() {
+    let deep = "[".repeat(1_000_000);
+    let folders = Folders::new();
+    fs::write(folders.scene().join("transforms.json"), format!("{{\"frames\": {deep}")).unwrap();
+    assert_inspect_refused(&folders, &["transforms.json", "recursion limit exceeded", "line 1"]);
+    let folders = photos_alone();
+    fs::write(folders.scene().join("models.json"), &deep).unwrap();
+    assert_inspect_refused(&folders, &["models.json", "recursion limit exceeded", "line 1"]);
+    let folders = Folders::new();
+    let pose = folders.scene().join("pose.json");
+    fs::write(&pose, &deep).unwrap();
+    assert_render_refused(&folders, &["--pose", pose.to_str().unwrap()], &["pose.json", "recursion limit exceeded"]);
+}
+
+#[test]
+fn paths_that_leave_the_scene_folder() {
+    for name in ["../../etc/x.png", "/etc/x.png", "images/../../x.png", "..", ""] {
+        let says = format!("the path \"{name}\" leaves the scene folder");
+        let folders = Folders::new();
+        folders.write_scene(5, "images/3.png", name);
+        assert_inspect_refused(&folders, &["transforms.json", &says]);
+
+        let folders = photos_alone();
+        write(&folders.scene().join("models.json"), spaces(64, 48, name));
+        assert_inspect_refused(&folders, &["models.json", &says]);
+
+        for binary in [true, false] {
+            let folders = photos_alone();
+            let colmap = Colmap { camera: Colmap::PINHOLE, names: &[name] };
+            let model = folders.scene().join("sparse/0");
+            if binary {
+                colmap.write_binary(&model)
+            } else {
+                colmap.write_text(&model)
+            }
+            let words = [if binary { "images.bin" } else { "images.txt" }, &says];
+            // In text, a line without a name is short of a word.
+            assert_inspect_refused(
+                &folders,
+                if name.is_empty() && !binary { &["images.txt", "9 words"] } else { &words },
+            );
+        }
+
+        // The other formats name no files; the option that names the folder of theirs does.
+        let folders = photos_alone();
+        poses_bounds(&folders.scene().join("poses_bounds.npy"), &[LLFF_ROW; 5]);
+        let mut inspect = within_a_gigabyte(&folders, "inspect", &["--images", name]);
+        folders.assert_refused(&mut inspect, &[&says]);
+    }
+}
+
+#[test]
+fn files_of_4_gigabytes() {
+    let more_than = |bytes: u64| format!("more than {bytes} bytes");
+    let (general, json) = (more_than(1 << 30), more_than(64 << 20));
+    for (file, start, limit) in [
+        ("transforms.json", "{", &json),
+        ("models.json", "[", &json),
+        ("poses_bounds.npy", "\u{93}NUMPY", &general),
+        ("cameras.txt", "https://example.org\n", &general),
+        ("sparse/0/cameras.bin", "", &general),
+        ("sparse/0/images.bin", "", &general),
+        ("sparse/0/points3D.bin", "", &general),
+    ] {
+        let folders = photos_alone();
+        if file.ends_with(".bin") {
+            Colmap { camera: Colmap::PINHOLE, names: &NAMES }.write_binary(&folders.scene().join("sparse/0"));
+        }
+        write_huge(&folders.scene().join(file), start.as_bytes());
+        assert_inspect_refused(&folders, &[file, "cannot be read", limit]);
+    }
+
+    let folders = Folders::new();
+    let photo = fs::read(folders.photo(3)).unwrap();
+    write_huge(&folders.photo(3), &photo);
+    assert_inspect_refused(&folders, &["images/3.png", "cannot be read", &general]);
+    write_huge(&folders.photo(3), &[0xFF, 0xD8, 0xFF, 0xE0]);
+    assert_inspect_refused(&folders, &["images/3.png", "cannot be read", &general]);
+
+    let folders = Folders::new();
+    let pose = folders.scene().join("pose.json");
+    write_huge(&pose, b"{");
+    assert_render_refused(&folders, &["--pose", pose.to_str().unwrap()], &["pose.json", "cannot be read", &json]);
+    // A device has no size to ask for.
+    assert_render_refused(&folders, &["--pose", "/dev/zero"], &["/dev/zero", "cannot be read", &json]);
+}
+
+#[test]
+fn a_model_of_4_gigabytes() {
+    let folders = Folders::new();
+    let model = folders.scene().join("huge.onnx");
+    write_huge(&model, &fs::read(fixture("tiny_v4")).unwrap());
+    let picture = folders.out("a.png");
+    let arguments = ["--target", "2", "-o", &picture, "--model", model.to_str().unwrap(), "--threads", "1"];
+    let mut render = within_a_gigabyte(&folders, "render", &arguments);
+    folders.assert_refused(&mut render, &["huge.onnx", "the size is 4294967296 bytes, expected at most 268435456"]);
+}
