@@ -3,7 +3,6 @@
 //! Colours are sRGB values in [0, 1] as stored in the file (no linearisation). Alpha is dropped; the EXIF orientation is
 //! ignored, as COLMAP and the other pose tools ignore it, so poses belong to the pixels as stored.
 
-use std::fs;
 use std::io::{self, BufRead, BufReader, Cursor, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -13,7 +12,7 @@ use image::imageops::{self, FilterType};
 use image::{ExtendedColorType, ImageEncoder, ImageFormat, ImageReader, Limits, Rgb32FImage};
 
 use crate::camera::MAX_SIDE;
-use crate::{file, whole_file};
+use crate::{file, jpeg, whole_file};
 
 /// What a decoder may take beside the pixels, in bytes: a colour profile of a few bytes can unfold to gigabytes.
 const MAX_ASIDE: u64 = 64 << 20;
@@ -186,7 +185,7 @@ pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> 
     let mut reader = reader(path, Cursor::new(bytes))?;
     let refused = |reason: &str| ImageError::Decode { path: path.to_owned(), reason: reason.to_owned() };
     if reader.format() == Some(ImageFormat::Jpeg) {
-        check_jpeg(bytes).map_err(refused)?;
+        jpeg::check(bytes).map_err(refused)?;
     }
     let mut limits = Limits::no_limits();
     // Four channels of 16 bits are the most that a PNG has.
@@ -265,35 +264,4 @@ fn check_side(path: &Path, (width, height): (u32, u32)) -> Result<(usize, usize)
 
 fn decode_error(path: &Path, error: &image::ImageError) -> ImageError {
     ImageError::Decode { path: path.to_owned(), reason: error.to_string() }
-}
-
-/// Whether any channel of a JPEG has more samples across or down than the first; from the number of channels on.
-fn is_finer_than_first(frame: &[u8]) -> bool {
-    let Some((&channels, frame)) = frame.split_first() else { return false };
-    let mut factors = frame.chunks_exact(3).take(channels.into()).map(|channel| (channel[1] >> 4, channel[1] & 15));
-    let Some((across, down)) = factors.next() else { return false };
-    factors.any(|(x, y)| x > across || y > down)
-}
-
-/// Whether the end-of-image marker is reached: the decoder is lenient, and fills what is missing with grey. And whether no
-/// channel is sampled more finely than the first: it panics.
-fn check_jpeg(bytes: &[u8]) -> Result<(), &'static str> {
-    let mut at = 2; // past the start-of-image marker
-    while let Some(&[prefix, marker]) = bytes.get(at..at + 2) {
-        match (prefix, marker) {
-            (0xFF, 0xD9) => return Ok(()),
-            // Bytes of a scan, stuffed zeros, restart markers and fill bytes.
-            (0xFF, 0x00 | 0x01 | 0xD0..=0xD7) => at += 2,
-            (0xFF, 0xFF) | (0..=0xFE, _) => at += 1,
-            (0xFF, 0xC0..=0xC2) if is_finer_than_first(bytes.get(at + 9..).unwrap_or_default()) => {
-                return Err("a JPEG with a channel sampled more finely than the first");
-            }
-            // Any other marker carries a length, which skips embedded thumbnails.
-            _ => match bytes.get(at + 2..at + 4) {
-                Some(&[high, low]) => at += 2 + usize::from(u16::from_be_bytes([high, low])),
-                _ => break,
-            },
-        }
-    }
-    Err("the JPEG data ends early")
 }

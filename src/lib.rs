@@ -31,6 +31,7 @@ pub mod fuzz;
 pub mod guide;
 mod held;
 pub mod image_io;
+mod jpeg;
 pub mod layers;
 pub mod metrics;
 pub mod models;
