@@ -27,6 +27,7 @@ pub mod fill;
 pub mod guide;
 pub mod image_io;
 pub mod layers;
+pub mod live;
 pub mod metrics;
 pub mod models;
 pub mod network;
