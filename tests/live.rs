@@ -156,7 +156,7 @@ fn what_enters_is_found_within_the_frame_and_only_there() {
         let Taken::Carried { refreshed } = frame.taken else { panic!("{:?}", frame.taken) };
         assert!(refreshed > 0.0 && refreshed < 0.4, "{refreshed}");
         let (own, best) = (score(&frame, stage, &target), score(&searched(stage, &target), stage, &target));
-        assert!(own > best - 0.3, "board at {left}: {own:.2} dB, {best:.2} dB if searched");
+        assert!(own > best - 0.5, "board at {left}: {own:.2} dB, {best:.2} dB if searched");
     }
     let away = show(&mut carried, EMPTY, &target);
     assert!(score(&away, EMPTY, &target) > score(&searched(EMPTY, &target), EMPTY, &target) - 0.3);
