@@ -6,26 +6,22 @@ use liveview::image_io::ImageRgb;
 use liveview::live::{LiveError, LiveFrame, LiveSession, LiveSettings, Policy, Taken};
 use liveview::metrics::psnr;
 use liveview::network::{NetworkError, PlaneNetwork};
+use liveview::render::Renderer;
 use ndarray::{ArrayView4, ArrayViewMut4};
 
 const SIZE: (usize, usize) = (384, 256);
 
-/// Opaque where the views agree, and the nearest view's colour there.
-struct Agreement {
-    views: usize,
-    /// Layers it was shown.
-    layers: usize,
-}
+/// Opaque where the views agree, and the nearest view's colour there; of so many views.
+struct Agreement(usize);
 
 impl PlaneNetwork for Agreement {
     fn views(&self) -> usize {
-        self.views
+        self.0
     }
 
     fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
-        self.layers += hwv.dim().0;
         for ((n, v, y, x), logit) in logits.indexed_iter_mut() {
-            let apart = (3..3 * self.views).map(|c| (hwv[[n, c, y, x]] - hwv[[n, c % 3, y, x]]).abs()).sum::<f32>();
+            let apart = (3..3 * self.0).map(|c| (hwv[[n, c, y, x]] - hwv[[n, c % 3, y, x]]).abs()).sum::<f32>();
             *logit = if v == 0 { 4.0 - 40.0 * apart } else { -4.0 };
         }
         Ok(())
@@ -82,9 +78,9 @@ fn rig() -> Vec<Camera> {
 }
 
 fn session_of(policy: Policy, views: &[usize]) -> LiveSession<Agreement> {
-    let settings = LiveSettings { near: 2.0, far: 12.0, policy, layers: 2, coarse_planes: None, batch: 1 };
-    let networks = views.iter().map(|&views| Agreement { views, layers: 0 }).collect();
-    LiveSession::new(rig(), networks, settings).unwrap()
+    let settings = LiveSettings { near: 2.0, far: 12.0, policy, layers: 2, coarse_planes: None };
+    let renderers = views.iter().map(|&views| Renderer::new(Agreement(views), 1)).collect();
+    LiveSession::new(rig(), renderers, settings).unwrap()
 }
 
 fn session(policy: Policy) -> LiveSession<Agreement> {

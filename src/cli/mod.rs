@@ -1,11 +1,13 @@
 //! The command line: one file per subcommand; what they share is in `setup`, `layers`, `engine`, `targets` and `output`.
 
 mod dump;
+mod encoder;
 mod engine;
 mod explain;
 mod geometry;
 mod inspect;
 mod layers;
+mod live;
 mod measured;
 mod output;
 mod path;
@@ -16,7 +18,6 @@ mod select;
 mod setup;
 mod sweep;
 mod targets;
-mod video;
 mod worker;
 mod workers;
 
@@ -41,6 +42,8 @@ Examples:
     liveview render scene --heldout 8
   A flight around the rig:
     liveview render scene --path spiral:90 -o flight.mp4
+  A rig's video from a viewpoint of its own:
+    liveview video rig --path circle:120 -o view.mp4
   Which planes a view needs:
     liveview select scene --target IMG_7.jpg -o planes.png";
 
@@ -59,6 +62,8 @@ struct Cli {
 enum Command {
     /// Render new views, and score them where the photo exists
     Render(render::RenderArgs),
+    /// Turn the frames of a camera rig into the video of a moving viewpoint, live if asked
+    Video(live::VideoArgs),
     /// Tell how a scene is understood, and what will be left out
     Inspect(inspect::InspectArgs),
     /// Show which planes, or which range per pixel, a view needs
@@ -82,6 +87,7 @@ pub(crate) fn run() -> ExitCode {
     let cli = Cli::parse();
     let report = match &cli.command {
         Command::Render(args) => render::run(args),
+        Command::Video(args) => live::run(args),
         Command::Inspect(args) => inspect::run(args),
         Command::Select(args) => select::run(args),
         Command::Dump(args) => dump::run(args),
@@ -94,7 +100,10 @@ pub(crate) fn run() -> ExitCode {
         Ok(Report { text, json }) => {
             let told = if cli.json { format!("{json:#}") } else { text };
             // A reader that went away (`| head`) is no error of ours.
-            let _ = writeln!(std::io::stdout(), "{}", told.trim_end());
+            let _ = match &cli.command {
+                Command::Video(args) if args.takes_stdout() => writeln!(std::io::stderr(), "{}", told.trim_end()),
+                _ => writeln!(std::io::stdout(), "{}", told.trim_end()),
+            };
             ExitCode::SUCCESS
         }
         Err(error) => {

@@ -13,8 +13,8 @@ use liveview::picture::{coloured, difference, side_by_side};
 use liveview::render::Frame;
 use serde_json::json;
 
+use super::encoder::Video;
 use super::setup::{Photos, Shot};
-use super::video::Video;
 
 /// Factor by which a comparison shows the difference.
 const DIFFERENCE_FACTOR: f32 = 4.0;

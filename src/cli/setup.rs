@@ -68,8 +68,13 @@ impl SceneArgs {
 
     /// Opens the scene.
     pub(super) fn open(&self) -> Result<Photos> {
+        self.open_in(&self.scene)
+    }
+
+    /// Opens the scene where it was laid out in another folder.
+    pub(super) fn open_in(&self, folder: &Path) -> Result<Photos> {
         let options = SceneOptions { width: self.width, images: self.images.clone(), rig_position: self.rig_position };
-        let scene = Scene::open(&self.scene, &options)?;
+        let scene = Scene::open(folder, &options)?;
         let textures = scene.views.iter().map(|_| None).collect();
         Ok(Photos { scene, given: (self.near, self.far), textures })
     }

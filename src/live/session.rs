@@ -29,8 +29,6 @@ pub struct LiveSettings {
     pub layers: usize,
     /// Planes of the coarse pass; `None`: see [`CoarsePass`].
     pub coarse_planes: Option<usize>,
-    /// Layers that go through the network at once.
-    pub batch: usize,
 }
 
 /// Why a time step gave no frame. The session can go on with the next.
@@ -116,15 +114,17 @@ pub struct LiveSession<N> {
 
 impl<N: PlaneNetwork> LiveSession<N> {
     /// A session for the cameras of a rig. Of several networks the one with the most views serves, another only while
-    /// fewer photos are at hand than it takes.
+    /// fewer photos are at hand than that takes.
     ///
     /// # Errors
     ///
     /// [`LiveError::NoNetwork`], or [`LiveError::Layers`] unless 0 < near < far.
-    pub fn new(cameras: Vec<Camera>, networks: Vec<N>, settings: LiveSettings) -> Result<Self, LiveError> {
+    pub fn new(
+        cameras: Vec<Camera>,
+        mut renderers: Vec<Renderer<N>>,
+        settings: LiveSettings,
+    ) -> Result<Self, LiveError> {
         uniform_disparities(settings.near, settings.far, 2)?;
-        let mut renderers: Vec<_> =
-            networks.into_iter().map(|network| Renderer::new(network, settings.batch)).collect();
         renderers.sort_by_key(|renderer| std::cmp::Reverse(renderer.network().views()));
         if renderers.is_empty() {
             return Err(LiveError::NoNetwork);
@@ -140,6 +140,11 @@ impl<N: PlaneNetwork> LiveSession<N> {
     /// Guided layers of the frames to come.
     pub fn set_layers(&mut self, layers: usize) {
         self.settings.layers = layers;
+    }
+
+    /// Forgets the frames before, so that the next is a first one.
+    pub fn restart(&mut self) {
+        (self.surface, self.age, self.selected) = (None, 0, None);
     }
 
     /// Renders `target` from the photos of one time step, one per camera in their order; `None` where a camera has
