@@ -22,24 +22,25 @@ const LAG: f64 = 0.5;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Clock {
     start: Instant,
-    first: usize,
+    steps: (usize, usize),
     period: Duration,
     pub(super) latency: Duration,
 }
 
 impl Clock {
-    pub(super) fn new(first: usize, fps: f64, latency: Duration) -> Self {
-        Self { start: Instant::now(), first, period: Duration::from_secs_f64(1.0 / fps), latency }
+    /// Of the steps from the first to before the last.
+    pub(super) fn new(steps: (usize, usize), fps: f64, latency: Duration) -> Self {
+        Self { start: Instant::now(), steps, period: Duration::from_secs_f64(1.0 / fps), latency }
     }
 
     pub(super) fn due(&self, step: usize) -> Instant {
-        self.start + self.period.mul_f64((step - self.first) as f64)
+        self.start + self.period.mul_f64((step - self.steps.0) as f64)
     }
 
     /// Whether the step is too late to be used, and a newer one is due.
     pub(super) fn is_stale(&self, step: usize) -> bool {
         let now = Instant::now();
-        now > self.due(step) + self.latency && now >= self.due(step + 1)
+        step + 1 < self.steps.1 && now > self.due(step) + self.latency && now >= self.due(step + 1)
     }
 }
 

@@ -88,7 +88,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Report> {
         let budget = Duration::from_secs_f64(1.0 / args.fps as f64).min(latency).mul_f64(SHARE);
         let governor = Governor::new(budget, layers, guided);
         warm_up(&mut session, &read, seen.camera(first), &governor)?;
-        live = Some((governor, Clock::new(first, args.fps as f64, latency)));
+        live = Some((governor, Clock::new((first, last), args.fps as f64, latency)));
     }
     // A live video has no time for scores.
     let truth = seen.truth.filter(|_| live.is_none());
