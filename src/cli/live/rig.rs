@@ -67,6 +67,7 @@ impl Rig {
         for (view, feed) in photos.scene.views.iter_mut().zip(&feeds) {
             view.name.clone_from(&feed.name);
         }
+        photos.scene.notes.retain(|note| !note.starts_with("photos are those of")); // the stand-ins'
         photos.scene.notes.extend(notes);
         Ok(Self { photos, feeds })
     }
