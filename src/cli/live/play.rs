@@ -9,11 +9,9 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, anyhow};
 use indicatif::ProgressBar;
 use liveview::camera::Camera;
-use liveview::fill::fill_unseen;
 use liveview::image_io::ImageRgb;
 use liveview::live::{LiveError, LiveSession, LiveSettings, Policy};
 use liveview::network::OrtNetwork;
-use liveview::render::Frame;
 use liveview::views::choose_views;
 use serde_json::{Value, json};
 
@@ -21,9 +19,11 @@ use super::gather::{Clock, Faults, Gathering, Step};
 use super::governor::{Governor, Rung};
 use super::options::{VideoArgs, Viewpoint};
 use super::rig::Rig;
+use super::scorer::Scorer;
 use super::sink::Sink;
-use super::tally::{Latencies, Scorer, Tally};
+use super::tally::Tally;
 use super::told;
+use super::writer::{Shown, Written, write};
 use crate::cli::{Report, progress};
 
 /// Cameras read beyond those that a frame needs, for when one drops out.
@@ -42,13 +42,6 @@ pub(super) struct Played {
     pub(super) changes: Vec<(usize, Rung)>,
     pub(super) wall: Duration,
     pub(super) stopped: bool,
-}
-
-/// What the writer has to tell.
-pub(super) struct Written {
-    pub(super) latencies: Latencies,
-    pub(super) encoding: Duration,
-    pub(super) frames: usize,
 }
 
 pub(crate) fn run(args: &VideoArgs) -> Result<Report> {
@@ -161,14 +154,6 @@ fn scaled(target: &Camera, scale: f64) -> Result<Camera> {
     Ok(target.with_size_scaled(side(target.width()), side(target.height()))?)
 }
 
-/// What the writer is handed.
-enum Shown {
-    /// Filled, scaled and written there: the renderer goes on.
-    Frame { step: usize, frame: Box<Frame> },
-    /// The last frame once more.
-    Repeat,
-}
-
 struct Player<'a> {
     session: LiveSession<OrtNetwork>,
     seen: &'a Viewpoint,
@@ -259,41 +244,6 @@ impl Player<'_> {
         }
         Ok(shown.send(Shown::Frame { step: step.index, frame: Box::new(frame.frame) }).is_ok())
     }
-}
-
-/// Fills, scales and writes frames until there are no more.
-fn write(
-    mut sink: Sink,
-    frames: &Receiver<Shown>,
-    size: (usize, usize),
-    clock: Option<Clock>,
-    stop: &AtomicBool,
-) -> Result<(Written, Sink)> {
-    let mut written = Written { latencies: Latencies::new(), encoding: Duration::ZERO, frames: 0 };
-    // Until there is a first frame.
-    let mut last = ImageRgb::new(size.0, size.1, vec![0.0; 3 * size.0 * size.1])?;
-    for shown in frames {
-        let started = Instant::now();
-        let mut due = None;
-        if let Shown::Frame { step, frame } = shown {
-            due = clock.map(|clock| clock.due(step));
-            last = fill_unseen(&frame.picture, &frame.transmittance);
-            if (last.width(), last.height()) != size {
-                last = last.resized(size.0, size.1)?;
-            }
-        }
-        let wanted = sink.add(&last).inspect_err(|_| stop.store(true, Ordering::Relaxed))?;
-        written.frames += 1;
-        written.encoding += started.elapsed();
-        if let Some(due) = due {
-            written.latencies.add(due.elapsed());
-        }
-        if !wanted {
-            stop.store(true, Ordering::Relaxed);
-            break;
-        }
-    }
-    Ok((written, sink))
 }
 
 /// Where the work changed, for machines.
