@@ -22,11 +22,11 @@ ROOT = Path(__file__).resolve().parents[1]
 POLICIES = ("planes:64", "paper", "each", "every:4", "carried")
 
 
-def video(args, rig: Path, policy: str, folder: Path, more: list[str]) -> tuple[dict, list[dict]]:
+def video(args, rig: Path, policy: str, folder: Path) -> tuple[dict, list[dict]]:
     """One run: its report, and a line per frame."""
     log = folder / "log.jsonl"
     command = [args.liveview, "video", str(rig), "--camera", args.camera, "--policy", policy, "--json"]
-    command += ["-o", str(folder / "frames"), "--log", str(log), *more, *args.options]
+    command += ["-o", str(folder / "frames"), "--log", str(log), *args.options]
     told = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=ROOT).stdout
     return json.loads(told), [json.loads(line) for line in log.read_text().splitlines()]
 
@@ -89,7 +89,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(args.repetitions):
             for policy in POLICIES:
-                report, log = video(args, args.rig, policy, Path(folder), [])
+                report, log = video(args, args.rig, policy, Path(folder))
                 reports.setdefault(policy, report)
                 runs[policy].append(log)
     panels = []
@@ -105,7 +105,7 @@ def main() -> None:
     if args.memory_frames:
         with tempfile.TemporaryDirectory() as links, tempfile.TemporaryDirectory() as folder:
             rig = looped(args.rig, args.memory_frames, Path(links))
-            report, _ = video(args, rig, "carried", Path(folder), ["--guided", "1"])
+            report, _ = video(args, rig, "carried", Path(folder))
         memory = [(frame, size / 1e6) for frame, size in report["memory_bytes"]]
         (args.out / "memory.svg").write_text(chart([Panel("memory in use, MB", "frame", {"carried": memory})]))
         early, late = memory[len(memory) // 10][1], memory[-1][1]
