@@ -232,7 +232,7 @@ pub fn range_of(disparity: &Array2<f32>, margin: f32) -> RangeMap {
 }
 
 /// A function of each cell's 3×3 neighbourhood, edges held; rows in parallel.
-fn neighbourhood(map: &Array2<f32>, f: impl Fn([f32; 9]) -> f32 + Sync) -> Array2<f32> {
+pub(crate) fn neighbourhood(map: &Array2<f32>, f: impl Fn([f32; 9]) -> f32 + Sync) -> Array2<f32> {
     let (height, width) = map.dim();
     let cells = map.as_slice().expect("standard order");
     let mut out = Array2::zeros((height, width));

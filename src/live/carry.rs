@@ -16,7 +16,7 @@ use ndarray::{Array2, Axis, s};
 
 use super::windows::{Window, windows};
 use crate::camera::{Camera, source_from_target};
-use crate::guide::{COARSE, CoarsePass, Levels, RangeMap, WINDOWS, range_of};
+use crate::guide::{COARSE, CoarsePass, Levels, RangeMap, WINDOWS, neighbourhood, range_of};
 use crate::layers::{CELL, LayersError, padded};
 use crate::sweep::Sweep;
 
@@ -108,6 +108,8 @@ impl Surface {
             }
         }
         fill_holes(&mut disparity);
+        // Edges land up to a cell away from where they are: what a neighbour may cost, a cell may.
+        let cost = neighbourhood(&cost, |around| around.into_iter().fold(0.0, f32::max));
         Self { target: target.clone(), disparity, cost, planes: self.planes }
     }
 
@@ -233,13 +235,14 @@ mod tests {
     #[test]
     fn the_nearer_hides_and_what_it_uncovers_is_taken_for_far_and_unproven() {
         let mut disparity = Array2::from_elem((24, 32), 0.0);
-        disparity.slice_mut(s![.., 12..16]).fill(0.5);
+        disparity.slice_mut(s![.., 14..22]).fill(0.5);
         // 1 to the right: what lies at depth 2 moves 16 pixels, 8 cells, to the left.
         let moved = surface(disparity).moved(&camera(1.0, 0.0));
         let row = moved.disparity.row(7);
-        assert!((0..32).all(|x| row[x] == if (4..8).contains(&x) { 0.5 } else { 0.0 }), "{row}");
+        assert!((0..32).all(|x| row[x] == if (6..14).contains(&x) { 0.5 } else { 0.0 }), "{row}");
+        // Uncovered are the cells 14 to 21, the coarse ones 7 to 10; but for those beside what is known.
         let cost = moved.cost.row(4);
-        assert!((0..16).all(|x| cost[x] == if (6..8).contains(&x) { 0.0 } else { 0.5 }), "{cost}");
+        assert!((0..16).all(|x| cost[x] == if (8..10).contains(&x) { 0.0 } else { 0.5 }), "{cost}");
     }
 
     #[test]
