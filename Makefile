@@ -12,7 +12,7 @@ DATA ?= ../shared/data
 RUFF := --config python/pyproject.toml python parity tests
 
 .PHONY: demo demo-stereo test build runtime runtime-openvino int8 report setup lint docs goldens test-rust test-python parity stability \
-	readme cards setup-evaluation evaluate fuzz clean
+	readme live-report cards setup-evaluation evaluate fuzz clean
 
 ## Render the two held-out views of the example scene and compare them with the truth.
 demo: build runtime
@@ -98,6 +98,10 @@ report: build setup
 	$(LIVEVIEW) sweep $(SCENE) --target target_0 --layers "guided 2,guided 4,planes 8,planes 16" --widths 504,800,1200,1760 \
 		--repetitions 3 -o models/report/scaling
 	$(MAKE) readme
+
+## The layer policies of `liveview video` on the rig clip, and memory over 1,000 frames: models/report/live.
+live-report: build setup
+	cd python && ../$(BIN)/python live_report.py --cut 11 -- --guided 2 $(if $(wildcard .venv-openvino/.runtime),--engine openvino --precision int8)
 
 ## The numbers and the picture of README.md, from models/report and the example scene.
 readme: build setup

@@ -5,6 +5,7 @@
 use ndarray::{Array3, ArrayView3, Axis};
 use rayon::prelude::*;
 
+use crate::sweep::Sweep;
 use crate::warp::{Texture, WarpSource, warp_layers};
 
 /// Cost where fewer than two views look: above any variance of colours in [0, 1].
@@ -13,13 +14,33 @@ const UNSEEN: f32 = 1.0;
 /// Variance of the views' colours on layers `maps` `[D, h, w]` (disparity per cell, 1/scene unit), averaged over
 /// `window`×`window` cells: `[D, h, w]`. Cells are `cell` target pixels wide; the views are shrunk by as much.
 pub fn layer_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, cell: usize, window: usize) -> Array3<f32> {
+    let textures: Vec<&Texture> = sources.iter().map(|s| s.texture).collect();
+    let sweeps: Vec<Sweep> = sources.iter().map(|s| s.sweep).collect();
+    Shrunk::new(&textures, cell).costs(&sweeps, maps, window)
+}
+
+/// Views shrunk to cells, which the costs of any part of a target are taken from.
+pub(crate) struct Shrunk {
+    textures: Vec<Texture>,
+    cell: usize,
+}
+
+impl Shrunk {
+    pub(crate) fn new(textures: &[&Texture], cell: usize) -> Self {
+        Self { textures: textures.par_iter().map(|texture| texture.shrunk(cell)).collect(), cell }
+    }
+
+    /// As [`layer_costs`]; one sweep per view.
+    pub(crate) fn costs(&self, sweeps: &[Sweep], maps: ArrayView3<'_, f32>, window: usize) -> Array3<f32> {
+        let source = |(texture, sweep): (_, &Sweep)| WarpSource { texture, sweep: sweep.shrunk(self.cell as f64) };
+        let sources: Vec<_> = self.textures.iter().zip(sweeps).map(source).collect();
+        window_costs(&sources, maps, window)
+    }
+}
+
+/// Costs on views that are shrunk to the maps' cells.
+fn window_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, window: usize) -> Array3<f32> {
     let (_, height, width) = maps.dim();
-    let textures: Vec<Texture> = sources.par_iter().map(|s| s.texture.shrunk(cell)).collect();
-    let shrunk: Vec<_> = textures
-        .iter()
-        .zip(sources)
-        .map(|(texture, source)| WarpSource { texture, sweep: source.sweep.shrunk(cell as f64) })
-        .collect();
     let plane = height * width;
     let mut costs = Array3::zeros(maps.dim());
     let layers = costs.as_slice_mut().expect("standard order").par_chunks_mut(plane).enumerate();
@@ -27,7 +48,7 @@ pub fn layer_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, cell: 
         let disparity: Vec<f32> = maps.index_axis(Axis(0), layer).iter().copied().collect();
         let mut colour = vec![0.0; 3 * sources.len() * plane];
         let mut coverage = vec![0.0; sources.len() * plane];
-        warp_layers(&disparity, &shrunk, (height, width), &mut colour, &mut coverage);
+        warp_layers(&disparity, sources, (height, width), &mut colour, &mut coverage);
         let (variance, seen) = variance(&mut colour, &coverage, plane);
         window_mean(&variance, &seen, width, window, cost);
     });

@@ -15,14 +15,17 @@
 //! A first search at 1/8 resolution lost 0.04 to 0.95 dB on every photo tried. The network's α as its cost, at half a full
 //! layer's time for 8 planes, lost 0.0 to 0.4 dB on four photos of five.
 
+use std::cell::OnceCell;
+
 use glam::DVec3;
 use ndarray::{Array2, Array3, ArrayView3, Axis};
 use rayon::prelude::*;
 
-use crate::cost::layer_costs;
+use crate::cost::Shrunk;
 use crate::layers::{CELL, LayersError, enlarge, uniform_disparities};
 use crate::semiglobal::semi_global;
-use crate::warp::WarpSource;
+use crate::sweep::Sweep;
+use crate::warp::{Texture, WarpSource};
 
 /// Target pixels per cell of the first search.
 pub const COARSE: usize = 4;
@@ -109,30 +112,63 @@ impl CoarsePass {
     /// # Errors
     /// [`LayersError::Range`] unless 0 < near < far; [`LayersError::Empty`] for no planes.
     pub fn search(&self, sources: &[WarpSource<'_>], (height, width): (usize, usize)) -> Result<Search, LayersError> {
-        let wanted = || (parallax(sources, (height, width), self.near, self.far) / COARSE as f64).ceil() as usize;
+        let levels = Levels::new(sources.iter().map(|source| source.texture).collect());
+        let sweeps: Vec<Sweep> = sources.iter().map(|source| source.sweep).collect();
+        self.search_levels(&levels, &sweeps, (height, width))
+    }
+
+    /// As [`Self::search`], of a target or of a window of one.
+    pub(crate) fn search_levels(
+        &self,
+        levels: &Levels<'_>,
+        sweeps: &[Sweep],
+        (height, width): (usize, usize),
+    ) -> Result<Search, LayersError> {
+        let wanted = || (parallax(sweeps, (height, width), self.near, self.far) / COARSE as f64).ceil() as usize;
         let count = self.planes.unwrap_or_else(|| wanted().clamp(*PLANES.start(), *PLANES.end()));
         let disparities = uniform_disparities(self.near, self.far, count)?;
         let shape = (count, height / COARSE, width / COARSE);
         let maps = Array3::from_shape_fn(shape, |(plane, _, _)| disparities[plane] as f32);
-        let costs = layer_costs(sources, maps.view(), COARSE, WINDOWS[0]);
+        let costs = levels.coarse().costs(sweeps, maps.view(), WINDOWS[0]);
         let agreed = semi_global(costs.view());
         let coarse = winner(agreed.view(), maps.view());
         let step = disparities.get(1).map_or(0.0, |second| disparities[0] - second);
         let range = range_of(&coarse, (step / 2.0) as f32);
         let fine_layers = fine_layers(&range);
-        let fine_costs = layer_costs(sources, fine_layers.view(), CELL, WINDOWS[1]);
+        let fine_costs = levels.fine().costs(sweeps, fine_layers.view(), WINDOWS[1]);
         let fine = winner(fine_costs.view(), fine_layers.view());
         let range = range_of(&fine, 0.0);
         Ok(Search { disparities, costs, agreed, coarse, fine_layers, fine_costs, fine, range })
     }
 }
 
+/// The views at the sizes of the two searches, shrunk when first asked for.
+pub(crate) struct Levels<'a> {
+    textures: Vec<&'a Texture>,
+    coarse: OnceCell<Shrunk>,
+    fine: OnceCell<Shrunk>,
+}
+
+impl<'a> Levels<'a> {
+    pub(crate) fn new(textures: Vec<&'a Texture>) -> Self {
+        Self { textures, coarse: OnceCell::new(), fine: OnceCell::new() }
+    }
+
+    pub(crate) fn coarse(&self) -> &Shrunk {
+        self.coarse.get_or_init(|| Shrunk::new(&self.textures, COARSE))
+    }
+
+    fn fine(&self) -> &Shrunk {
+        self.fine.get_or_init(|| Shrunk::new(&self.textures, CELL))
+    }
+}
+
 /// Pixels between near and far in the view that sees most of it: the median over the target's corners and centre.
-fn parallax(sources: &[WarpSource<'_>], (height, width): (usize, usize), near: f64, far: f64) -> f64 {
+fn parallax(sweeps: &[Sweep], (height, width): (usize, usize), near: f64, far: f64) -> f64 {
     let points = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5)];
-    let of_view = |source: &WarpSource<'_>| {
+    let of_view = |sweep: &Sweep| {
         let seen = |disparity: f64, (x, y): (f64, f64)| {
-            let uvw = source.sweep.source_from_target(disparity) * DVec3::new(x * width as f64, y * height as f64, 1.0);
+            let uvw = sweep.source_from_target(disparity) * DVec3::new(x * width as f64, y * height as f64, 1.0);
             (uvw.z > 0.0).then(|| uvw.truncate() / uvw.z)
         };
         let apart = |&point: &_| Some(seen(1.0 / near, point)?.distance(seen(1.0 / far, point)?));
@@ -140,7 +176,7 @@ fn parallax(sources: &[WarpSource<'_>], (height, width): (usize, usize), near: f
         apart.sort_by(f64::total_cmp);
         apart.get(apart.len().saturating_sub(1) / 2).copied().unwrap_or(0.0)
     };
-    sources.iter().map(of_view).fold(0.0, f64::max)
+    sweeps.iter().map(of_view).fold(0.0, f64::max)
 }
 
 /// The layers of the second search: the first one's ranges divided, on cells of [`CELL`] pixels.
@@ -196,7 +232,7 @@ pub fn range_of(disparity: &Array2<f32>, margin: f32) -> RangeMap {
 }
 
 /// A function of each cell's 3×3 neighbourhood, edges held; rows in parallel.
-fn neighbourhood(map: &Array2<f32>, f: impl Fn([f32; 9]) -> f32 + Sync) -> Array2<f32> {
+pub(crate) fn neighbourhood(map: &Array2<f32>, f: impl Fn([f32; 9]) -> f32 + Sync) -> Array2<f32> {
     let (height, width) = map.dim();
     let cells = map.as_slice().expect("standard order");
     let mut out = Array2::zeros((height, width));

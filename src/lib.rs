@@ -8,7 +8,7 @@
 //! ```
 //!
 //! Start at [`scene::Scene`], [`views::choose_views`], [`layers::Layers`] and [`render::Renderer`]; the README below has a
-//! whole program.
+//! whole program. For video: [`live::LiveSession`].
 //!
 //! **Conventions, everywhere.** OpenCV camera axes (x right, y down, z forward); `cam_from_world`: X_c = R X_w + t; K in
 //! pixels; the centre of the pixel in column i, row j is (i + 0.5, j + 0.5). Disparity δ = 1/z in 1/scene unit. Matrices
@@ -33,6 +33,7 @@ mod held;
 pub mod image_io;
 mod jpeg;
 pub mod layers;
+pub mod live;
 pub mod metrics;
 pub mod models;
 pub mod network;

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-COLOURS = "#d1495b", "#30638e", "#2e933c", "#edae49"
+COLOURS = "#d1495b", "#30638e", "#2e933c", "#edae49", "#7b4fa3"
 WIDTH, HEIGHT = 400, 300  # of a panel
 LEFT, RIGHT, TOP, BOTTOM = 56, 16, 24, 44  # margins around its plot
 

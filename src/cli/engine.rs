@@ -172,6 +172,21 @@ impl EngineArgs {
     }
 }
 
+impl EngineArgs {
+    /// Models for fewer views than `views`, to fall back on; none beside a --model of one's own.
+    pub(super) fn open_smaller(&self, views: usize) -> Result<Vec<Renderer<OrtNetwork>>> {
+        if self.model.is_some() {
+            return Ok(Vec::new());
+        }
+        let find = if self.precision == Some(PrecisionName::Int8) { models::find_int8 } else { models::find };
+        let arithmetic = if self.precision == Some(PrecisionName::Bf16) { Precision::Bf16 } else { Precision::F32 };
+        let runtime = Runtime::load_for(self.engine.into(), self.ort_lib.as_deref())?;
+        let open = |path: PathBuf| OrtNetwork::open_in(arithmetic, &runtime, &path, self.threads());
+        let networks = (2..views).filter_map(|views| find(views).ok()).map(open);
+        networks.map(|network| Ok(Renderer::new(network?, self.batch))).collect()
+    }
+}
+
 impl Engine {
     /// What runs the network, in a few words.
     pub(super) fn described(&self) -> String {

@@ -2,11 +2,13 @@
 //! `output` and `record`.
 
 mod dump;
+mod encoder;
 mod engine;
 mod explain;
 mod geometry;
 mod inspect;
 mod layers;
+mod live;
 mod measured;
 mod output;
 mod path;
@@ -20,7 +22,6 @@ mod setup;
 mod stability;
 mod sweep;
 mod targets;
-mod video;
 mod worker;
 mod workers;
 
@@ -46,6 +47,8 @@ Examples:
     liveview render scene --heldout 8
   A flight around the rig:
     liveview render scene --path spiral:90 -o flight.mp4
+  A rig's video from a viewpoint of its own:
+    liveview video rig --path circle:120 -o view.mp4
   Which planes a view needs:
     liveview select scene --target IMG_7.jpg -o planes.png";
 
@@ -64,6 +67,8 @@ struct Cli {
 enum Command {
     /// Render new views, and score them where the photo exists
     Render(render::RenderArgs),
+    /// Turn the frames of a camera rig into the video of a moving viewpoint, live if asked
+    Video(live::VideoArgs),
     /// Tell how a scene is understood, and what will be left out
     Inspect(inspect::InspectArgs),
     /// Show which planes, or which range per pixel, a view needs
@@ -89,6 +94,7 @@ pub(crate) fn run() -> ExitCode {
     let cli = Cli::parse();
     let report = match &cli.command {
         Command::Render(args) => render::run(args),
+        Command::Video(args) => live::run(args),
         Command::Inspect(args) => inspect::run(args),
         Command::Select(args) => select::run(args),
         Command::Dump(args) => dump::run(args),
@@ -101,8 +107,16 @@ pub(crate) fn run() -> ExitCode {
     match report {
         Ok(Report { text, json }) => {
             let told = if cli.json { format!("{json:#}") } else { text };
-            let mut out = std::io::stdout();
-            match writeln!(out, "{}", told.trim_end()).and_then(|()| out.flush()) {
+            let told = told.trim_end();
+            let written = match &cli.command {
+                // The video itself goes there.
+                Command::Video(args) if args.takes_stdout() => writeln!(std::io::stderr(), "{told}"),
+                _ => {
+                    let mut out = std::io::stdout();
+                    writeln!(out, "{told}").and_then(|()| out.flush())
+                }
+            };
+            match written {
                 // A reader that went away (`| head`) is no error of ours.
                 Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
                     tell("error", format_args!("standard output: cannot be written: {error}"));

@@ -13,11 +13,11 @@ use liveview::render::Frame;
 use liveview::whole_file;
 use serde_json::json;
 
+use super::encoder::Video;
 use super::place::{Place, Variant, claim, has_ending, photo_files};
 use super::record::{self, Fields, Record};
 use super::render::Rendered;
 use super::setup::{Photos, Shot};
-use super::video::Video;
 
 /// Factor by which a comparison shows the difference.
 const DIFFERENCE_FACTOR: f32 = 4.0;

@@ -54,6 +54,11 @@ impl fmt::Display for CameraPath {
 }
 
 impl CameraPath {
+    /// Whether the last frame leads to the first.
+    pub(super) fn is_closed(self) -> bool {
+        !matches!(self.shape, Shape::Line)
+    }
+
     /// The camera of each frame, with the intrinsics of the view in the middle of the rig.
     pub(super) fn cameras(self, photos: &Photos) -> Result<Vec<Camera>> {
         let views: Vec<&Camera> = photos.scene.views.iter().map(|view| &view.camera).collect();

@@ -68,17 +68,22 @@ impl SceneArgs {
 
     /// Opens the scene.
     pub(super) fn open(&self) -> Result<Photos> {
-        self.open_scaled(self.width)
+        self.open_scaled(&self.scene, self.width)
     }
 
     /// Opens the scene at this width, unless the options name another.
     pub(super) fn open_at(&self, width: usize) -> Result<Photos> {
-        self.open_scaled(self.width.or(Some(width)))
+        self.open_scaled(&self.scene, self.width.or(Some(width)))
     }
 
-    fn open_scaled(&self, width: Option<usize>) -> Result<Photos> {
+    /// Opens the scene where it was laid out in another folder.
+    pub(super) fn open_in(&self, folder: &Path) -> Result<Photos> {
+        self.open_scaled(folder, self.width)
+    }
+
+    fn open_scaled(&self, folder: &Path, width: Option<usize>) -> Result<Photos> {
         let options = SceneOptions { width, images: self.images.clone(), rig_position: self.rig_position };
-        let scene = Scene::open(&self.scene, &options)?;
+        let scene = Scene::open(folder, &options)?;
         let textures = scene.views.iter().map(|_| None).collect();
         Ok(Photos { scene, given: (self.near, self.far), textures })
     }

@@ -168,8 +168,20 @@ impl Scene {
     ///
     /// If there is no view `index`.
     pub fn load_image(&self, index: usize) -> Result<ImageRgb, SceneError> {
+        self.fit(index, image_io::load(&self.views[index].image)?)
+    }
+
+    /// A photo of the view's camera, made that of [`View::camera`]: distortion undone, then scaled down.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::ImageSize`] if it has another size than the view's own photo.
+    ///
+    /// # Panics
+    ///
+    /// If there is no view `index`.
+    pub fn fit(&self, index: usize, mut photo: ImageRgb) -> Result<ImageRgb, SceneError> {
         let View { camera, native, image, distortion, .. } = &self.views[index];
-        let mut photo = image_io::load(image)?;
         let (actual, declared) = ((photo.width(), photo.height()), (native.width(), native.height()));
         if actual != declared {
             let declared_in = self.root.clone();

@@ -16,20 +16,38 @@ pub(super) struct Video {
     ffmpeg: PathBuf,
     fps: usize,
     size: (usize, usize),
+    apart: bool,
     /// ffmpeg, and the file that it writes under its temporary name.
     encoder: Option<(Child, WholeFile)>,
+}
+
+/// The program, if it is on the PATH.
+pub(super) fn ffmpeg() -> Option<PathBuf> {
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    let name = format!("ffmpeg{}", std::env::consts::EXE_SUFFIX);
+    std::env::split_paths(&folders).map(|folder| folder.join(&name)).find(|file| file.is_file())
+}
+
+/// Keeps a Ctrl-C at the terminal from a program to be started: it ends when we let it.
+pub(super) fn apart(command: &mut Command) {
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(command, 0);
+    #[cfg(not(unix))]
+    let _ = command;
 }
 
 impl Video {
     /// Refuses where there is no ffmpeg.
     pub(super) fn new(path: &Path, fps: usize) -> Result<Self> {
-        let folders = std::env::var_os("PATH").unwrap_or_default();
-        let name = format!("ffmpeg{}", std::env::consts::EXE_SUFFIX);
-        let found = std::env::split_paths(&folders).map(|folder| folder.join(&name)).find(|file| file.is_file());
-        let ffmpeg = found.ok_or_else(|| {
+        let ffmpeg = ffmpeg().ok_or_else(|| {
             anyhow!("-o {}: videos are made by ffmpeg, which is not on the PATH; expected ffmpeg, or a folder for the frames", path.display())
         })?;
-        Ok(Self { path: path.to_owned(), ffmpeg, fps, size: (0, 0), encoder: None })
+        Ok(Self { path: path.to_owned(), ffmpeg, fps, size: (0, 0), apart: false, encoder: None })
+    }
+
+    /// To be finished after a Ctrl-C, not ended by it.
+    pub(super) fn set_apart(&mut self) {
+        self.apart = true;
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -103,6 +121,9 @@ impl Video {
                 "-crf",
                 "17",
             ]);
+        }
+        if self.apart {
+            apart(&mut command);
         }
         command.arg(file.temporary()).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
         let encoder =

@@ -1,0 +1,121 @@
+"""Measure the layer policies of `liveview video` on a rig's clip: tables and figures for models/report/live.
+
+Each policy renders the held-out camera of the clip, in a process of its own, several times in turns; scores are of
+the first time, times the median over all. Memory is that of one long video, the clip over and over.
+
+Usage:
+    python live_report.py [--rig DIR] [--camera NAME] [--cut FRAME] [-- OPTIONS OF liveview video]
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import tempfile
+from itertools import cycle, islice
+from pathlib import Path
+from statistics import mean, median
+
+from liveview_ref.chart import Panel, chart
+
+ROOT = Path(__file__).resolve().parents[1]
+POLICIES = ("planes:64", "paper", "each", "every:4", "carried")
+
+
+def video(args, rig: Path, policy: str, folder: Path) -> tuple[dict, list[dict]]:
+    """One run: its report, and a line per frame."""
+    log = folder / "log.jsonl"
+    command = [args.liveview, "video", str(rig), "--camera", args.camera, "--policy", policy, "--json"]
+    command += ["-o", str(folder / "frames"), "--log", str(log), *args.options]
+    told = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=ROOT).stdout
+    return json.loads(told), [json.loads(line) for line in log.read_text().splitlines()]
+
+
+def spent(line: dict) -> float:
+    return 1e3 * sum(line["seconds"].values())
+
+
+def rows(runs: dict[str, list[list[dict]]], reports: dict[str, dict], cut: int | None) -> list[str]:
+    """A row per policy. The first frame, which all but planes:64 take longer for, is left out of the times."""
+    head = ["policy", "PSNR dB", "SSIM", "its worst frame against 64 planes", "flicker, of 255"]
+    head += ["ms per frame", "of these finding layers", "of 64 planes' time", "how"]
+    if cut is not None:
+        head[5:5] = ["PSNR at the cut", "from it on"]
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    dense = runs["planes:64"]
+    whole = median(mean(map(spent, log[1:])) for log in dense)
+    for policy, logs in runs.items():
+        log, scores = logs[0], reports[policy]["mean"]
+        times = median(mean(map(spent, log[1:])) for log in logs)
+        layers = median(mean(1e3 * line["seconds"]["layers"] for line in log[1:]) for log in logs)
+        worst = min(line["ssim"] / other["ssim"] - 1 for line, other in zip(log, dense[0], strict=True))
+        cells = [policy, f"{scores['psnr']:.2f}", f"{scores['ssim']:.4f}", f"{100 * worst:+.1f} %"]
+        cells.append(f"{255 * scores['flicker']:.3f}")
+        if cut is not None:
+            cells += [f"{log[cut]['psnr']:.2f}", f"{mean(line['psnr'] for line in log[cut:]):.2f}"]
+        cells += [f"{times:.1f}", f"{layers:.1f}", f"{times / whole:.3f}"]
+        cells.append(", ".join(f"{how} {count}" for how, count in reports[policy]["taken"].items()))
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def looped(rig: Path, frames: int, folder: Path) -> Path:
+    """The rig with its clip over and over, as links."""
+    for name in ("transforms.json", "poses_bounds.npy"):
+        if (rig / name).is_file():
+            (folder / name).symlink_to(rig / name)
+    for camera in filter(Path.is_dir, rig.iterdir()):
+        photos = sorted(camera.glob("*.jpg"))
+        (folder / camera.name).mkdir()
+        for index, photo in enumerate(islice(cycle(photos), frames if photos else 0)):
+            (folder / camera.name / f"{index:06}.jpg").symlink_to(photo)
+    return folder
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--rig", type=Path, default=ROOT / "tests/scenes/rig")
+    parser.add_argument("--camera", default="target")
+    parser.add_argument("--cut", type=int, help="the first frame after the hard cut")
+    parser.add_argument("--repetitions", type=int, default=3)
+    parser.add_argument("--memory-frames", type=int, default=1000, help="frames of the long video; 0: none")
+    parser.add_argument("--out", type=Path, default=ROOT / "models/report/live")
+    parser.add_argument("--liveview", default=str(ROOT / "target/release/liveview"))
+    parser.add_argument("options", nargs="*", help="for liveview video, after --")
+    args = parser.parse_args()
+    args.rig, args.out = args.rig.resolve(), args.out.resolve()
+    args.out.mkdir(parents=True, exist_ok=True)
+    runs, reports = {policy: [] for policy in POLICIES}, {}
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(args.repetitions):
+            for policy in POLICIES:
+                report, log = video(args, args.rig, policy, Path(folder))
+                reports.setdefault(policy, report)
+                runs[policy].append(log)
+    panels = []
+    for title, score in (("PSNR, dB", "psnr"), ("SSIM", "ssim")):
+        curves = {policy: [(line["frame"], line[score]) for line in logs[0]] for policy, logs in runs.items()}
+        panels.append(Panel(title, "frame", curves))
+    (args.out / "policies.svg").write_text(chart(panels))
+    last = reports["carried"]
+    told = f"{last['engine']['provider']}, {last['engine']['precision']}, V = {last['model']['views']}, "
+    told += f"{last['engine']['threads']} threads, options: {' '.join(args.options) or 'none'}"
+    text = [f"{args.camera} of {os.path.relpath(args.rig, ROOT)}, {len(runs['carried'][0])} frames, {told}.", ""]
+    text += rows(runs, reports, args.cut)
+    if args.memory_frames:
+        with tempfile.TemporaryDirectory() as links, tempfile.TemporaryDirectory() as folder:
+            rig = looped(args.rig, args.memory_frames, Path(links))
+            report, _ = video(args, rig, "carried", Path(folder))
+        memory = [(frame, size / 1e6) for frame, size in report["memory_bytes"]]
+        (args.out / "memory.svg").write_text(chart([Panel("memory in use, MB", "frame", {"carried": memory})]))
+        early, late = memory[len(memory) // 10][1], memory[-1][1]
+        text += [
+            "",
+            f"Memory over {args.memory_frames} frames: {early:.0f} MB after a tenth, {late:.0f} MB at the end.",
+        ]
+    (args.out / "policies.md").write_text("\n".join(text) + "\n")
+    (args.out / "policies.json").write_text(json.dumps({"reports": reports, "frames": runs}) + "\n")
+
+
+if __name__ == "__main__":
+    main()

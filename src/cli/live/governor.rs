@@ -1,0 +1,122 @@
+//! What a live video gives up when the machine is too slow: guided layers first, then the size of the target; and takes back
+//! when there is room.
+
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+/// Frames in a row over the budget before less is done.
+const LATE: usize = 3;
+/// Frames in a row that would have fitted with more before more is done; twice as many after each time that it was too much.
+const ROOM: usize = 30;
+/// The longest such wait.
+const LONGEST: usize = 30 * 32;
+/// Part of the budget that more work must fit into.
+const COMFORT: f64 = 0.8;
+
+/// How much work a frame is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Rung {
+    /// Guided layers.
+    pub(super) layers: usize,
+    /// Sides of the target, of what was asked for.
+    pub(super) scale: f64,
+}
+
+impl Rung {
+    /// Work, in layers of the full size; finding the layers is about as much as one.
+    fn work(&self) -> f64 {
+        (self.layers as f64 + 1.0) * self.scale * self.scale
+    }
+
+    pub(super) fn json(&self) -> Value {
+        json!({ "layers": self.layers, "scale": self.scale })
+    }
+}
+
+/// Watches the frames' times.
+pub(super) struct Governor {
+    budget: Duration,
+    /// Most work first.
+    rungs: Vec<Rung>,
+    at: usize,
+    late: usize,
+    room: usize,
+    patience: usize,
+}
+
+impl Governor {
+    /// From as many guided layers; planes are as many as they are, so that only the size is left to give.
+    pub(super) fn new(budget: Duration, layers: usize, guided: bool) -> Self {
+        let fewer = [4, 2, 1].into_iter().filter(|&fewer| guided && fewer < layers);
+        let mut rungs: Vec<Rung> =
+            std::iter::once(layers).chain(fewer).map(|layers| Rung { layers, scale: 1.0 }).collect();
+        let least = rungs[rungs.len() - 1];
+        rungs.extend([0.75, 0.5].map(|scale| Rung { scale, ..least }));
+        Self { budget, rungs, at: 0, late: 0, room: 0, patience: ROOM }
+    }
+
+    pub(super) fn rung(&self) -> Rung {
+        self.rungs[self.at]
+    }
+
+    /// The sizes it may come to.
+    pub(super) fn scales(&self) -> Vec<f64> {
+        let mut scales: Vec<f64> = self.rungs.iter().map(|rung| rung.scale).collect();
+        scales.dedup();
+        scales
+    }
+
+    /// Takes note of what a frame took; the new rung, if it changes.
+    pub(super) fn note(&mut self, took: Duration) -> Option<Rung> {
+        if took > self.budget {
+            (self.late, self.room) = (self.late + 1, 0);
+            if self.late >= LATE && self.at + 1 < self.rungs.len() {
+                (self.at, self.late) = (self.at + 1, 0);
+                self.patience = (2 * self.patience).min(LONGEST);
+                return Some(self.rung());
+            }
+            return None;
+        }
+        self.late = 0;
+        let more = self.at.checked_sub(1)?;
+        let expected = took.as_secs_f64() * self.rungs[more].work() / self.rung().work();
+        self.room = if expected < COMFORT * self.budget.as_secs_f64() { self.room + 1 } else { 0 };
+        if self.room < self.patience {
+            return None;
+        }
+        (self.at, self.room) = (more, 0);
+        Some(self.rung())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn after(governor: &mut Governor, frames: usize, milliseconds: u64) -> Vec<Rung> {
+        (0..frames).filter_map(|_| governor.note(Duration::from_millis(milliseconds))).collect()
+    }
+
+    #[test]
+    fn layers_go_first_then_size_and_nothing_below() {
+        let mut governor = Governor::new(Duration::from_millis(33), 4, true);
+        assert_eq!(after(&mut governor, 2, 90), [], "two late frames are an accident");
+        let told: Vec<(usize, f64)> = after(&mut governor, 40, 90).iter().map(|r| (r.layers, r.scale)).collect();
+        assert_eq!(told, [(2, 1.0), (1, 1.0), (1, 0.75), (1, 0.5)]);
+        let planes = Governor::new(Duration::from_millis(33), 1, false);
+        assert_eq!(planes.rungs.len(), 3);
+    }
+
+    #[test]
+    fn it_comes_back_when_there_is_room_and_the_more_slowly_the_more_often_that_failed() {
+        let mut governor = Governor::new(Duration::from_millis(33), 2, true);
+        after(&mut governor, 3, 50);
+        assert_eq!(after(&mut governor, 300, 25), [], "two layers would not fit");
+        let back = |governor: &mut Governor| (1..1000).find(|_| governor.note(Duration::from_millis(10)).is_some());
+        assert_eq!(back(&mut governor), Some(2 * ROOM));
+        assert_eq!(governor.rung().layers, 2);
+        after(&mut governor, 3, 50);
+        assert_eq!(back(&mut governor), Some(4 * ROOM));
+    }
+}

@@ -1,0 +1,95 @@
+//! What `liveview video` tells in the end.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use super::options::{VideoArgs, Viewpoint};
+use super::play::{Played, changes_json};
+use super::rig::Rig;
+use super::tally::STAGES;
+use crate::cli::{Report, SCORE_BORDER, shown};
+
+pub(super) fn told(
+    args: &VideoArgs,
+    rig: &Rig,
+    seen: &Viewpoint,
+    played: &Played,
+    file: Option<&Path>,
+    engine: (String, Value),
+) -> Report {
+    let Played { tally, written, faults, changes, wall, stopped } = played;
+    let scene = &rig.photos.scene;
+    let mut text = String::new();
+    let mut line = |what: &str, told: String| {
+        let _ = writeln!(text, "{what:8} {told}");
+    };
+    let held_out = seen.truth.map(|view| format!(", {} held out", scene.views[view].name)).unwrap_or_default();
+    line("rig", format!("{}: {} cameras{held_out}, {}", scene.root.display(), rig.feeds.len(), scene.format));
+    line("policy", args.policy.to_string());
+    let end = if *stopped { "; stopped early" } else { "" };
+    line(
+        "frames",
+        format!(
+            "{} in, {} rendered, {} repeated, of these {} dropped as too late{end}",
+            tally.rendered + tally.repeated,
+            tally.rendered,
+            tally.repeated,
+            tally.dropped
+        ),
+    );
+    line("layers", tally.taken());
+    if let Some((psnr, ssim, flicker)) = tally.scores() {
+        let flicker = flicker.map(|flicker| format!(", flicker {:.3} of 255", 255.0 * flicker)).unwrap_or_default();
+        line("score", format!("PSNR {psnr:.2} dB, SSIM {ssim:.4}{flicker} ({SCORE_BORDER}-pixel border left out)"));
+    }
+    let seconds = tally.seconds();
+    let total: f64 = seconds.iter().sum();
+    let shares = STAGES.iter().zip(seconds);
+    let shares: Vec<String> =
+        shares.map(|(stage, spent)| format!("{stage} {:.1} ({:.0} %)", 1e3 * spent, 100.0 * spent / total)).collect();
+    let writing = 1e3 * written.encoding.as_secs_f64() / written.frames.max(1) as f64;
+    line("times", format!("{:.1} ms per frame: {}; beside it, writing {writing:.1}", 1e3 * total, shares.join(", ")));
+    line("speed", format!("{:.1} frames per second", written.frames as f64 / wall.as_secs_f64()));
+    let percentiles = (written.latencies.percentile(0.5), written.latencies.percentile(0.99));
+    if let (Some(median), Some(most)) = percentiles {
+        line("latency", format!("median {median} ms, 99 % {most} ms"));
+    }
+    for (step, rung) in changes {
+        line("work", format!("from frame {step}: {} layers at {:.0} % of the size", rung.layers, 100.0 * rung.scale));
+    }
+    let mut cameras = Vec::new();
+    for (feed, (count, first)) in rig.feeds.iter().zip(&faults.cameras) {
+        if let Some(first) = first {
+            line("camera", format!("{}: {count} frames not delivered; the first: {first}", feed.name));
+            cameras.push(json!({ "camera": feed.name, "not_delivered": count, "first": first }));
+        }
+    }
+    if let Some((first, last)) = tally.memory() {
+        line(
+            "memory",
+            format!("{:.0} MB at the first frame, {:.0} MB at the last", first as f64 / 1e6, last as f64 / 1e6),
+        );
+    }
+    if let Some(file) = file {
+        line("wrote", file.display().to_string());
+    }
+    text += &engine.0;
+    let mut json = tally.json();
+    let more = json!({
+        "rig": shown(&scene.root), "format": scene.format.to_string(), "cameras": rig.photos.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
+        "held_out": seen.truth.map(|view| &scene.views[view].name), "policy": args.policy.to_string(), "frames": written.frames,
+        "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "border_left_out": SCORE_BORDER,
+        "latency_ms": { "median": percentiles.0, "percentile_99": percentiles.1 }, "changes": changes_json(changes),
+        "faults": cameras, "stopped": stopped, "file": file.map(shown), "notes": scene.notes,
+    });
+    if let Value::Object(json) = &mut json {
+        [more, engine.1].into_iter().for_each(|part| {
+            if let Value::Object(part) = part {
+                json.extend(part);
+            }
+        });
+    }
+    Report { text, json }
+}

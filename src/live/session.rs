@@ -1,0 +1,245 @@
+//! A session: photos of a time step and a target camera in, a frame out.
+
+use std::time::{Duration, Instant};
+
+use rayon::prelude::*;
+
+use super::carry::{Seen, Surface};
+use super::policy::{Policy, Taken};
+use crate::camera::Camera;
+use crate::guide::{CoarsePass, Levels};
+use crate::image_io::ImageRgb;
+use crate::layers::{Layers, LayersError, uniform_disparities};
+use crate::network::PlaneNetwork;
+use crate::render::{Frame, RenderError, Renderer, StageTimes};
+use crate::select::{plane_histogram, select_planes};
+use crate::views::{SourceView, TooFewViews, choose_views};
+use crate::warp::Texture;
+
+/// How a session renders.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LiveSettings {
+    /// Nearest depth, scene units.
+    pub near: f64,
+    /// Farthest depth, scene units; may be infinite.
+    pub far: f64,
+    /// Where the layers of a frame come from.
+    pub policy: Policy,
+    /// Guided layers per frame; planes are counted by the policy.
+    pub layers: usize,
+    /// Planes of the coarse pass; `None`: see [`CoarsePass`].
+    pub coarse_planes: Option<usize>,
+}
+
+/// Why a time step gave no frame. The session can go on with the next.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LiveError {
+    /// A session without a network.
+    #[error("a session needs a network: expected at least one")]
+    NoNetwork,
+    /// Not one entry per camera.
+    #[error("{found} photos were given for {expected} cameras; expected one for each, or none in its place")]
+    Photos {
+        /// Cameras of the rig.
+        expected: usize,
+        /// Entries given.
+        found: usize,
+    },
+    /// A photo of another size than its camera's.
+    #[error("the photo of camera {camera} is {}x{}; expected {}x{}", found.0, found.1, expected.0, expected.1)]
+    Size {
+        /// Index of the camera.
+        camera: usize,
+        /// Width and height of the photo.
+        found: (usize, usize),
+        /// Width and height of the camera.
+        expected: (usize, usize),
+    },
+    /// Fewer photos than the smallest network takes.
+    #[error(transparent)]
+    Views(#[from] TooFewViews),
+    /// No layers between near and far.
+    #[error(transparent)]
+    Layers(#[from] LayersError),
+    /// The network failed.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+}
+
+/// A rendered time step.
+#[derive(Debug, Clone)]
+pub struct LiveFrame {
+    /// The picture, with its depth.
+    pub frame: Frame,
+    /// Where its layers came from.
+    pub taken: Taken,
+    /// Indices of the cameras it was rendered from, nearest first.
+    pub views: Vec<usize>,
+    /// Where the time went.
+    pub times: LiveTimes,
+}
+
+/// Wall time per stage of one time step.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LiveTimes {
+    /// Making the photos ready for sampling.
+    pub photos: Duration,
+    /// Finding the layers.
+    pub layers: Duration,
+    /// Rendering them.
+    pub stages: StageTimes,
+}
+
+impl LiveTimes {
+    /// All of it.
+    pub fn total(&self) -> Duration {
+        self.photos + self.layers + self.stages.warp + self.stages.network + self.stages.composite
+    }
+}
+
+/// Renders the time steps of a rig, one after the other.
+pub struct LiveSession<N> {
+    cameras: Vec<Camera>,
+    /// Largest V first.
+    renderers: Vec<Renderer<N>>,
+    settings: LiveSettings,
+    /// Of the last frame, for guided layers.
+    surface: Option<Surface>,
+    /// Frames since all of it was searched.
+    age: usize,
+    /// By the paper's policy, once the first frame has been rendered.
+    selected: Option<Layers>,
+}
+
+impl<N: PlaneNetwork> LiveSession<N> {
+    /// A session for the cameras of a rig. Of several networks the one with the most views serves, another only while
+    /// fewer photos are at hand than that takes.
+    ///
+    /// # Errors
+    ///
+    /// [`LiveError::NoNetwork`], or [`LiveError::Layers`] unless 0 < near < far.
+    pub fn new(
+        cameras: Vec<Camera>,
+        mut renderers: Vec<Renderer<N>>,
+        settings: LiveSettings,
+    ) -> Result<Self, LiveError> {
+        uniform_disparities(settings.near, settings.far, 2)?;
+        renderers.sort_by_key(|renderer| std::cmp::Reverse(renderer.network().views()));
+        if renderers.is_empty() {
+            return Err(LiveError::NoNetwork);
+        }
+        Ok(Self { cameras, renderers, settings, surface: None, age: 0, selected: None })
+    }
+
+    /// The cameras of the rig.
+    pub fn cameras(&self) -> &[Camera] {
+        &self.cameras
+    }
+
+    /// Guided layers of the frames to come.
+    pub fn set_layers(&mut self, layers: usize) {
+        self.settings.layers = layers;
+    }
+
+    /// Forgets the frames before, so that the next is a first one.
+    pub fn restart(&mut self) {
+        (self.surface, self.age, self.selected) = (None, 0, None);
+    }
+
+    /// Renders `target` from the photos of one time step, one per camera in their order; `None` where a camera has
+    /// delivered nothing. From the nearest V of those that have.
+    ///
+    /// # Errors
+    ///
+    /// [`LiveError::Photos`] and [`LiveError::Size`] for photos that are not the cameras'; [`LiveError::Views`] where too
+    /// few look the target's way: what to show instead is the caller's choice.
+    pub fn render(&mut self, photos: &[Option<&ImageRgb>], target: &Camera) -> Result<LiveFrame, LiveError> {
+        self.check(photos)?;
+        let (network, views) = self.choose(photos, target)?;
+        let started = Instant::now();
+        let chosen: Vec<&ImageRgb> = views.iter().filter_map(|&view| photos[view]).collect();
+        let textures: Vec<Texture> = chosen.into_par_iter().map(Texture::new).collect();
+        let ready = Instant::now();
+        let cameras: Vec<&Camera> = views.iter().map(|&view| &self.cameras[view]).collect();
+        let sources: Vec<SourceView<'_>> =
+            cameras.iter().zip(&textures).map(|(&camera, texture)| SourceView { camera, texture }).collect();
+        let seen = Seen { levels: Levels::new(textures.iter().collect()), cameras, target };
+        let (layers, taken) = layers(&self.settings, &mut self.surface, &mut self.age, &self.selected, &seen)?;
+        let found = Instant::now();
+        let frame = self.renderers[network].render(&sources, target, &layers)?;
+        if let (Policy::Paper { first, then }, Taken::Planes) = (self.settings.policy, taken) {
+            let best = frame.best_layer.iter().map(|best| best.map(|plane| plane as usize));
+            let kept = select_planes(&plane_histogram(best, first), then);
+            let disparities = uniform_disparities(self.settings.near, self.settings.far, first)?;
+            let kept: Vec<f64> = kept.into_iter().map(|plane| disparities[plane]).collect();
+            self.selected = Some(Layers::planes(&kept)?);
+        }
+        let times = LiveTimes { photos: ready - started, layers: found - ready, stages: frame.times };
+        Ok(LiveFrame { frame, taken, views, times })
+    }
+
+    fn check(&self, photos: &[Option<&ImageRgb>]) -> Result<(), LiveError> {
+        if photos.len() != self.cameras.len() {
+            return Err(LiveError::Photos { expected: self.cameras.len(), found: photos.len() });
+        }
+        for (index, (photo, camera)) in photos.iter().zip(&self.cameras).enumerate() {
+            let expected = (camera.width(), camera.height());
+            let found = photo.map_or(expected, |photo| (photo.width(), photo.height()));
+            if found != expected {
+                return Err(LiveError::Size { camera: index, found, expected });
+            }
+        }
+        Ok(())
+    }
+
+    /// The network, and the cameras it renders from.
+    fn choose(&self, photos: &[Option<&ImageRgb>], target: &Camera) -> Result<(usize, Vec<usize>), LiveError> {
+        let usable: Vec<usize> = (0..photos.len()).filter(|&view| photos[view].is_some()).collect();
+        let cameras: Vec<&Camera> = usable.iter().map(|&view| &self.cameras[view]).collect();
+        let mut refused = None;
+        for (index, renderer) in self.renderers.iter().enumerate() {
+            match choose_views(&cameras, target, renderer.network().views()) {
+                Ok(chosen) => return Ok((index, chosen.into_iter().map(|i| usable[i]).collect())),
+                Err(error) => refused = Some(error),
+            }
+        }
+        Err(refused.map_or(LiveError::NoNetwork, LiveError::Views))
+    }
+}
+
+/// The layers of a frame by the policy.
+fn layers(
+    settings: &LiveSettings,
+    surface: &mut Option<Surface>,
+    age: &mut usize,
+    selected: &Option<Layers>,
+    seen: &Seen<'_>,
+) -> Result<(Layers, Taken), LiveError> {
+    let LiveSettings { near, far, policy, .. } = *settings;
+    let every = match policy {
+        Policy::Planes(count) => return Ok((Layers::uniform(near, far, count)?, Taken::Planes)),
+        Policy::Paper { first, .. } => {
+            return Ok(match selected {
+                Some(layers) => (layers.clone(), Taken::Selected),
+                None => (Layers::uniform(near, far, first)?, Taken::Planes),
+            });
+        }
+        Policy::Every(frames) => Some(frames),
+        Policy::Carried => None,
+    };
+    let pass = CoarsePass { near, far, planes: settings.coarse_planes };
+    let old = every.is_some_and(|frames| *age + 1 >= frames);
+    let (now, taken) = match surface.take().filter(|surface| !old && surface.suits(seen.target)) {
+        Some(before) => {
+            let mut moved = before.moved(seen.target);
+            let refreshed = if every.is_some() { 0.0 } else { moved.refresh(&pass, seen)? };
+            (moved, if refreshed < 1.0 { Taken::Carried { refreshed } } else { Taken::Searched })
+        }
+        None => (Surface::search(&pass, seen)?, Taken::Searched),
+    };
+    *age = if taken == Taken::Searched { 0 } else { *age + 1 };
+    let layers = Layers::guided(&now.range(), settings.layers)?;
+    *surface = Some(now);
+    Ok((layers, taken))
+}

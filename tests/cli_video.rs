@@ -1,0 +1,270 @@
+//! `liveview video` on a tiny rig: what goes in, what comes out, and what is told when a camera fails.
+
+mod common;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use assert_cmd::Command;
+use common::{Folders, HEIGHT, WIDTH, fixture, photo};
+use serde_json::Value;
+
+/// Six cameras in a row before a wall, each a folder of frames; `cam2` to hold out.
+struct Rig {
+    folders: Folders,
+}
+
+impl Rig {
+    fn new(frames: usize) -> Self {
+        let rig = Self { folders: Folders::new() };
+        fs::remove_dir_all(rig.path().join("images")).unwrap();
+        for camera in 0..6 {
+            fs::create_dir(rig.path().join(format!("cam{camera}"))).unwrap();
+            for frame in 0..frames {
+                rig.film(camera, frame, 0.0);
+            }
+        }
+        rig.write_poses(6);
+        rig
+    }
+
+    fn path(&self) -> PathBuf {
+        self.folders.scene()
+    }
+
+    fn frame(&self, camera: usize, frame: usize) -> PathBuf {
+        self.path().join(format!("cam{camera}/{frame:03}.png"))
+    }
+
+    /// A frame of a wall that has moved sideways.
+    fn film(&self, camera: usize, frame: usize, moved: f64) {
+        photo(&self.frame(camera, frame), 0.1 * camera as f64 + moved, WIDTH, HEIGHT);
+    }
+
+    fn write_poses(&self, cameras: usize) {
+        let frame = |camera: usize| {
+            let x = 0.1 * camera as f64;
+            format!(
+                r#"{{"file_path": "cam{camera}/000.png", "transform_matrix": [[1, 0, 0, {x}], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}}"#
+            )
+        };
+        let frames = (0..cameras).map(frame).collect::<Vec<_>>().join(",\n");
+        let head = r#""fl_x": 60, "fl_y": 60, "cx": 32, "cy": 24, "w": 64, "h": 48, "near": 2, "far": 8"#;
+        fs::write(self.path().join("transforms.json"), format!("{{{head}, \"frames\": [{frames}]}}")).unwrap();
+    }
+
+    fn video(&self, arguments: &[&str]) -> Command {
+        let mut video = self.folders.liveview("video", arguments);
+        video.args(["--model", &fixture("tiny_v4"), "--threads", "2"]);
+        video
+    }
+
+    /// Its report, once it has succeeded.
+    fn told(&self, arguments: &[&str]) -> Value {
+        let output = self.video(arguments).arg("--json").output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{said}");
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+}
+
+fn lines(path: &str) -> Vec<Value> {
+    fs::read_to_string(path).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[test]
+fn a_held_out_camera_is_rendered_frame_by_frame_and_scored() {
+    let rig = Rig::new(4);
+    let (out, log) = (rig.folders.out("frames"), rig.folders.out("log.jsonl"));
+    let told = rig.told(&["--camera", "cam2", "--guided", "1", "-o", &out, "--log", &log]);
+    let names: Vec<String> = (0..4).map(|frame| format!("frames/frame_{frame:06}.png")).collect();
+    assert_eq!(rig.folders.written(), [names, vec!["log.jsonl".to_owned()]].concat());
+    assert_eq!((told["rendered"].as_u64(), told["repeated"].as_u64()), (Some(4), Some(0)));
+    assert_eq!(told["taken"], serde_json::json!({ "searched": 1, "carried": 3 }));
+    assert!(told["mean"]["psnr"].as_f64().unwrap() > 15.0, "{told}");
+    assert!(told["mean"]["flicker"].as_f64().unwrap() < 1e-3, "nothing moves: {told}");
+    let lines = lines(&log);
+    assert_eq!(lines.len(), 4);
+    let views = lines[0]["views"].as_array().unwrap();
+    assert!(views.len() == 4 && !views.contains(&Value::from(2)), "held out: {views:?}");
+}
+
+#[test]
+fn paths_poses_ranges_and_policies() {
+    let rig = Rig::new(5);
+    let out = rig.folders.out("frames");
+    let told = rig.told(&["--path", "line:3", "--policy", "every:2", "--frames", "1..", "-o", &out]);
+    assert_eq!((told["rendered"].as_u64(), &told["mean"]["psnr"]), (Some(4), &Value::Null));
+    assert_eq!(told["taken"], serde_json::json!({ "searched": 2, "carried": 2 }));
+    let poses = rig.folders.out("poses.json");
+    fs::write(&poses, r#"[{"cam_from_world": [[1, 0, 0, -0.25], [0, -1, 0, 0], [0, 0, -1, 0]]}]"#).unwrap();
+    let told = rig.told(&["--poses", &poses, "--policy", "paper", "--frames", "..2", "-o", &out]);
+    assert_eq!(told["taken"], serde_json::json!({ "planes": 1, "selected": 1 }));
+}
+
+#[test]
+fn y4m_goes_to_standard_output_and_text_to_standard_error() {
+    let rig = Rig::new(3);
+    let output = rig.video(&["--camera", "cam2", "-o", "-"]).output().unwrap();
+    let (width, height) = (WIDTH as usize, HEIGHT as usize);
+    let header = format!("YUV4MPEG2 W{width} H{height} F30:1 Ip A1:1 C444 XCOLORRANGE=LIMITED\n");
+    assert!(output.stdout.starts_with(header.as_bytes()));
+    assert_eq!(output.stdout.len(), header.len() + 3 * (6 + 3 * width * height));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("3 rendered") && said.contains("PSNR"), "{said}");
+}
+
+#[test]
+fn cameras_that_fail_are_left_out_and_named() {
+    let rig = Rig::new(6);
+    fs::write(rig.frame(1, 2), "no picture").unwrap();
+    fs::remove_file(rig.frame(3, 1)).unwrap();
+    photo(&rig.frame(0, 3), 0.0, 32, 24);
+    [4, 5].into_iter().for_each(|frame| fs::remove_file(rig.frame(5, frame)).unwrap());
+    let (out, log) = (rig.folders.out("frames"), rig.folders.out("log.jsonl"));
+    let told = rig.told(&["--camera", "cam2", "-o", &out, "--log", &log]);
+    assert_eq!((told["rendered"].as_u64(), told["repeated"].as_u64()), (Some(6), Some(0)), "{told}");
+    let fault = |camera: &str| {
+        let faults = told["faults"].as_array().unwrap();
+        faults.iter().find(|fault| fault["camera"] == camera).unwrap()["first"].as_str().unwrap()
+    };
+    assert!(fault("cam1").contains("002.png"), "{told}");
+    assert_eq!(fault("cam3"), "frame 1 is missing");
+    assert_eq!(fault("cam0"), "frame 3 is 32x24, not the size of the others");
+    assert_eq!(fault("cam5"), "no frames from 4 on");
+    let views = |frame: usize| lines(&log)[frame]["views"].as_array().unwrap().clone();
+    assert!(!views(2).contains(&Value::from(1)) && views(3).contains(&Value::from(1)));
+}
+
+#[test]
+fn with_too_few_cameras_the_last_frame_stands() {
+    let rig = Rig::new(3);
+    [0, 1].into_iter().for_each(|camera| fs::remove_file(rig.frame(camera, 1)).unwrap());
+    let out = rig.folders.out("frames");
+    let told = rig.told(&["--camera", "cam2", "-o", &out]);
+    assert_eq!((told["rendered"].as_u64(), told["repeated"].as_u64()), (Some(2), Some(1)));
+    let frame = |index: usize| fs::read(Path::new(&out).join(format!("frame_{index:06}.png"))).unwrap();
+    assert_eq!(frame(0), frame(1));
+}
+
+#[test]
+fn live_frames_are_paced_and_late_ones_dropped() {
+    let rig = Rig::new(12);
+    let out = rig.folders.out("frames");
+    let started = Instant::now();
+    let told = rig.told(&["--camera", "cam2", "--fps", "20", "--latency", "5s", "-o", &out]);
+    assert!(started.elapsed() > Duration::from_millis(11 * 50), "frames come at their times");
+    assert_eq!((told["rendered"].as_u64(), told["dropped"].as_u64()), (Some(12), Some(0)), "{told}");
+    assert!(told["latency_ms"]["median"].as_u64().is_some() && told["mean"]["psnr"].is_null());
+    // Too fast for any machine: the work goes down, frames are dropped, and every one has its place in the video.
+    let told =
+        rig.told(&["--camera", "cam2", "--fps", "256", "--latency", "1ms", "--policy", "planes:512", "-o", &out]);
+    assert!(told["dropped"].as_u64().unwrap() > 0, "{told}");
+    let sum = ["rendered", "repeated"].map(|key| told[key].as_u64().unwrap()).iter().sum::<u64>();
+    assert_eq!(told["frames"].as_u64(), Some(sum), "{told}");
+}
+
+#[test]
+fn refusals() {
+    let rig = Rig::new(1);
+    let folders = &rig.folders;
+    let out = folders.out("frames");
+    let refused = |arguments: &[&str], words: &[&str]| folders.assert_refused(&mut rig.video(arguments), words);
+    refused(&["--camera", "cam9", "-o", &out], &["cam9", "no view is named"]);
+    refused(&["--camera", "cam2", "-o", &folders.out("a.webm")], &["-o", "a.webm", ".mp4"]);
+    let inside = rig.path().join("cam0");
+    refused(&["--camera", "cam2", "-o", inside.to_str().unwrap()], &["-o", "the rig's own folder"]);
+    let mut no_ffmpeg = rig.video(&["--camera", "cam2", "-o", &folders.out("a.mp4")]);
+    folders.assert_refused(no_ffmpeg.env("PATH", "/nowhere"), &["a.mp4", "ffmpeg"]);
+    rig.write_poses(3);
+    refused(&["--camera", "cam2", "-o", &out], &["4 views are needed", "only 2 of the 2"]);
+    fs::remove_file(rig.path().join("transforms.json")).unwrap();
+    refused(&["--camera", "cam2", "-o", &out], &["no poses found", "poses_bounds.npy"]);
+    (0..6).for_each(|camera| fs::remove_dir_all(rig.path().join(format!("cam{camera}"))).unwrap());
+    refused(&["--camera", "cam2", "-o", &out], &["no rig found"]);
+}
+
+/// A stand-in for ffmpeg: what it reads, as a video of the pixmaps in its input; what it writes, its input as it is.
+#[cfg(unix)]
+fn ffmpeg(folders: &Folders) -> String {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = PathBuf::from(folders.out("bin"));
+    fs::create_dir_all(&folder).unwrap();
+    let script = "#!/bin/sh\nfor last; do :; done\nif [ \"$last\" = - ]; then\n\
+        while [ \"$1\" != -i ]; do shift; done; exec /bin/cat \"$2\"\nfi\nexec /bin/cat > \"$last\"\n";
+    fs::write(folder.join("ffmpeg"), script).unwrap();
+    fs::set_permissions(folder.join("ffmpeg"), fs::Permissions::from_mode(0o755)).unwrap();
+    folder.to_str().unwrap().to_owned()
+}
+
+#[cfg(unix)]
+#[test]
+fn video_files_with_poses_bounds_open_as_they_are() {
+    let rig = Rig::new(3);
+    let mut poses = Vec::new();
+    for camera in 0..6 {
+        let mut video = Vec::new();
+        for frame in 0..3 {
+            let picture = image::open(rig.frame(camera, frame)).unwrap().into_rgb8();
+            video.extend(format!("P6\n{WIDTH} {HEIGHT}\n255\n").bytes());
+            video.extend(picture.as_raw());
+        }
+        if camera == 4 {
+            video.truncate(video.len() - 100);
+        }
+        fs::remove_dir_all(rig.path().join(format!("cam{camera}"))).unwrap();
+        fs::write(rig.path().join(format!("cam{camera}.mp4")), video).unwrap();
+        // Columns down, right, backwards, centre, and (height, width, focal length); then near and far.
+        let x = 0.1 * f64::from(camera as u8);
+        poses.extend([0.0, 1.0, 0.0, x, 48.0, 1.0, 0.0, 0.0, 0.0, 64.0, 0.0, 0.0, -1.0, 0.0, 60.0, 2.0, 8.0]);
+    }
+    let poses = ndarray::Array2::from_shape_vec((6, 17), poses).unwrap();
+    ndarray_npy::write_npy(rig.path().join("poses_bounds.npy"), &poses).unwrap();
+    fs::remove_file(rig.path().join("transforms.json")).unwrap();
+    let path = ffmpeg(&rig.folders);
+    let film = rig.folders.out("a.mp4");
+    let output = rig.video(&["--camera", "cam2", "-o", &film, "--json"]).env("PATH", &path).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(told["rendered"], 3, "{told}");
+    assert!(told["mean"]["psnr"].as_f64().unwrap() > 15.0, "{told}");
+    let fault = &told["faults"][0];
+    assert!(fault["camera"] == "cam4" && fault["first"].as_str().unwrap().contains("cam4.mp4"), "{told}");
+    assert_eq!(fs::metadata(&film).unwrap().len(), u64::from(3 * 3 * WIDTH * HEIGHT));
+    let mut cut = rig.video(&["--camera", "cam2", "-o", &rig.folders.out("b.mp4")]);
+    let output = cut.env("PATH", "/nowhere").output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupt_leaves_a_whole_video() {
+    let rig = Rig::new(100);
+    let film = rig.folders.out("a.mp4");
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_liveview"));
+    command.arg("video").arg(rig.path()).args(["--camera", "cam2", "--fps", "10", "--latency", "1s", "--json"]);
+    command.args(["-o", &film, "--model", &fixture("tiny_v4")]).env("PATH", ffmpeg(&rig.folders));
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    std::thread::sleep(Duration::from_millis(2500));
+    Command::new("/bin/kill").args(["-INT", &child.id().to_string()]).assert().success();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let frames = told["frames"].as_u64().unwrap();
+    assert!(told["stopped"] == true && (1..100).contains(&frames), "{told}");
+    assert_eq!(fs::metadata(&film).unwrap().len(), frames * u64::from(3 * WIDTH * HEIGHT));
+}
+
+#[test]
+fn memory_stays_flat() {
+    let rig = Rig::new(300);
+    let out = rig.folders.out("frames");
+    let told = rig.told(&["--camera", "cam2", "-o", &out]);
+    let memory: Vec<f64> = told["memory_bytes"].as_array().unwrap().iter().map(|m| m[1].as_f64().unwrap()).collect();
+    let quarter = memory.len() / 4;
+    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+    let (early, late) = (mean(&memory[quarter..2 * quarter]), mean(&memory[3 * quarter..]));
+    assert!(late < early + 4e6, "{early} to {late} bytes");
+}

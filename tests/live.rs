@@ -1,0 +1,213 @@
+//! A live session against what its policies promise, with a network that only tells where the views agree.
+
+use glam::{DMat3, DVec3};
+use liveview::camera::{Camera, Intrinsics};
+use liveview::image_io::ImageRgb;
+use liveview::live::{LiveError, LiveFrame, LiveSession, LiveSettings, Policy, Taken};
+use liveview::metrics::psnr;
+use liveview::network::{NetworkError, PlaneNetwork};
+use liveview::render::Renderer;
+use ndarray::{ArrayView4, ArrayViewMut4};
+
+const SIZE: (usize, usize) = (384, 256);
+
+/// Opaque where the views agree, and the nearest view's colour there; of so many views.
+struct Agreement(usize);
+
+impl PlaneNetwork for Agreement {
+    fn views(&self) -> usize {
+        self.0
+    }
+
+    fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+        for ((n, v, y, x), logit) in logits.indexed_iter_mut() {
+            let apart = (3..3 * self.0).map(|c| (hwv[[n, c, y, x]] - hwv[[n, c % 3, y, x]]).abs()).sum::<f32>();
+            *logit = if v == 0 { 4.0 - 40.0 * apart } else { -4.0 };
+        }
+        Ok(())
+    }
+}
+
+/// What stands before the rig: a wall, and a board before it.
+#[derive(Clone, Copy)]
+struct Stage {
+    wall: f64,
+    /// Phase of the patterns.
+    paint: f64,
+    /// Where the left edge of the board is, at depth 3; it is 1 wide and high.
+    board: Option<f64>,
+}
+
+const EMPTY: Stage = Stage { wall: 6.0, paint: 0.0, board: None };
+
+impl Stage {
+    fn photo(&self, camera: &Camera) -> ImageRgb {
+        let (eye, to_ray) = (camera.centre(), camera.k_inverse());
+        let colour = |point: DVec3, scale: f64| {
+            let wave = |f: f64, g: f64| {
+                let wave = (scale * f * point.x + self.paint).sin() * (scale * g * point.y + 2.0 * self.paint).cos();
+                (0.5 + 0.25 * wave + 0.2 * (scale * 9.0 * (point.x + g * point.y) + self.paint).sin()) as f32
+            };
+            [wave(2.0, 3.0), wave(4.0, 1.5), wave(3.0, 5.0)]
+        };
+        let pixel = |index: usize| {
+            let (x, y) = ((index % SIZE.0) as f64 + 0.5, (index / SIZE.0) as f64 + 0.5);
+            let ray = camera.rotation().transpose() * (to_ray * DVec3::new(x, y, 1.0));
+            let at = |depth: f64| eye + (depth - eye.z) / ray.z * ray;
+            let on_board = |point: DVec3, left: f64| (left..left + 1.0).contains(&point.x) && point.y.abs() < 0.5;
+            match self.board.filter(|&left| on_board(at(3.0), left)) {
+                Some(left) => colour(at(3.0) - DVec3::X * left, 2.0),
+                None => colour(at(self.wall), 1.0),
+            }
+        };
+        ImageRgb::new(SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).flat_map(pixel).collect()).unwrap()
+    }
+
+    fn photos(&self) -> Vec<ImageRgb> {
+        rig().iter().map(|camera| self.photo(camera)).collect()
+    }
+}
+
+fn camera(x: f64, y: f64) -> Camera {
+    let k = Intrinsics { fx: 150.0, fy: 150.0, cx: 192.0, cy: 128.0, skew: 0.0 };
+    Camera::new(k, SIZE.0, SIZE.1, DMat3::IDENTITY, -DVec3::new(x, y, 0.0)).unwrap()
+}
+
+fn rig() -> Vec<Camera> {
+    [(-0.2, 0.1), (0.0, -0.2), (0.2, 0.1), (0.1, 0.15), (0.5, 0.0)].map(|(x, y)| camera(x, y)).to_vec()
+}
+
+fn session_of(policy: Policy, views: &[usize]) -> LiveSession<Agreement> {
+    let settings = LiveSettings { near: 2.0, far: 12.0, policy, layers: 2, coarse_planes: None };
+    let renderers = views.iter().map(|&views| Renderer::new(Agreement(views), 1)).collect();
+    LiveSession::new(rig(), renderers, settings).unwrap()
+}
+
+fn session(policy: Policy) -> LiveSession<Agreement> {
+    session_of(policy, &[4])
+}
+
+fn show(session: &mut LiveSession<Agreement>, stage: Stage, target: &Camera) -> LiveFrame {
+    let photos = stage.photos();
+    session.render(&photos.iter().map(Some).collect::<Vec<_>>(), target).unwrap()
+}
+
+/// The same frame from a session that searches each.
+fn searched(stage: Stage, target: &Camera) -> LiveFrame {
+    show(&mut session(Policy::Every(1)), stage, target)
+}
+
+fn score(frame: &LiveFrame, stage: Stage, target: &Camera) -> f64 {
+    psnr(&frame.frame.picture, &stage.photo(target), 16)
+}
+
+#[test]
+fn what_does_not_change_is_carried_to_the_bit() {
+    let (mut carried, target) = (session(Policy::Carried), camera(0.05, 0.0));
+    let first = show(&mut carried, EMPTY, &target);
+    let second = show(&mut carried, EMPTY, &target);
+    assert_eq!((first.taken, second.taken), (Taken::Searched, Taken::Carried { refreshed: 0.0 }));
+    assert_eq!(first.frame.picture.data(), second.frame.picture.data());
+    assert_eq!(searched(EMPTY, &target).frame.picture.data(), second.frame.picture.data());
+}
+
+#[test]
+fn a_moving_target_takes_the_surface_with_it() {
+    let stage = Stage { board: Some(-0.5), ..EMPTY };
+    let mut carried = session(Policy::Carried);
+    let mut whole = 0;
+    for step in 0..8 {
+        let target = camera(-0.1 + 0.02 * f64::from(step), 0.0);
+        let frame = show(&mut carried, stage, &target);
+        whole += usize::from(frame.taken == Taken::Searched);
+        let (own, best) = (score(&frame, stage, &target), score(&searched(stage, &target), stage, &target));
+        assert!(own > best - 0.5, "step {step}: {own:.2} dB, {best:.2} dB if searched");
+    }
+    assert_eq!(whole, 1, "only the first frame");
+}
+
+#[test]
+fn a_cut_is_searched_at_once() {
+    let (mut carried, target) = (session(Policy::Carried), camera(0.05, 0.0));
+    show(&mut carried, EMPTY, &target);
+    let cut = Stage { wall: 3.0, paint: 2.0, board: None };
+    let frame = show(&mut carried, cut, &target);
+    assert_eq!(frame.taken, Taken::Searched);
+    assert_eq!(frame.frame.picture.data(), searched(cut, &target).frame.picture.data());
+    // The moved surface alone does not notice.
+    let mut blind = session(Policy::Every(9));
+    show(&mut blind, EMPTY, &target);
+    let blind = show(&mut blind, cut, &target);
+    assert_eq!(blind.taken, Taken::Carried { refreshed: 0.0 });
+    assert!(score(&frame, cut, &target) > score(&blind, cut, &target) + 3.0);
+}
+
+#[test]
+fn what_enters_is_found_within_the_frame_and_only_there() {
+    let (mut carried, target) = (session(Policy::Carried), camera(0.05, 0.0));
+    show(&mut carried, EMPTY, &target);
+    for left in [0.2, 0.1, 0.0] {
+        let stage = Stage { board: Some(left), ..EMPTY };
+        let frame = show(&mut carried, stage, &target);
+        let Taken::Carried { refreshed } = frame.taken else { panic!("{:?}", frame.taken) };
+        assert!(refreshed > 0.0 && refreshed < 0.4, "{refreshed}");
+        let (own, best) = (score(&frame, stage, &target), score(&searched(stage, &target), stage, &target));
+        assert!(own > best - 0.5, "board at {left}: {own:.2} dB, {best:.2} dB if searched");
+    }
+    let away = show(&mut carried, EMPTY, &target);
+    assert!(score(&away, EMPTY, &target) > score(&searched(EMPTY, &target), EMPTY, &target) - 0.3);
+}
+
+#[test]
+fn the_papers_video_chooses_its_planes_on_the_first_frame() {
+    let (mut paper, target) = (session(Policy::PAPER), camera(0.05, 0.0));
+    let taken = [(); 3].map(|()| {
+        let frame = show(&mut paper, EMPTY, &target);
+        let best = frame.frame.best_layer.iter().flatten().max().copied();
+        (frame.taken, best.is_some_and(|best| best >= 16))
+    });
+    assert_eq!(taken, [(Taken::Planes, true), (Taken::Selected, false), (Taken::Selected, false)]);
+}
+
+#[test]
+fn every_so_many_frames() {
+    let mut session = session(Policy::Every(3));
+    let searched = [(); 7].map(|()| show(&mut session, EMPTY, &camera(0.05, 0.0)).taken == Taken::Searched);
+    assert_eq!(searched, [true, false, false, true, false, false, true]);
+}
+
+#[test]
+fn a_camera_that_drops_out_is_left_out_and_with_too_few_a_smaller_network_serves() {
+    let (mut carried, target) = (session_of(Policy::Carried, &[2, 4]), camera(0.05, 0.0));
+    let photos = EMPTY.photos();
+    let mut render = |missing: &[usize]| {
+        let photos: Vec<_> = (0..photos.len()).map(|i| Some(&photos[i]).filter(|_| !missing.contains(&i))).collect();
+        carried.render(&photos, &target)
+    };
+    let views = render(&[]).unwrap().views;
+    assert!(views.len() == 4 && !views.contains(&4), "{views:?}");
+    let views = render(&[1]).unwrap().views;
+    assert!(views.len() == 4 && views.contains(&4) && !views.contains(&1), "{views:?}");
+    assert_eq!(render(&[0, 1]).unwrap().views, [3, 2]);
+    let refused = render(&[0, 1, 2, 3]).unwrap_err();
+    assert!(matches!(refused, LiveError::Views(_)) && refused.to_string().contains("2 views"), "{refused}");
+    assert_eq!(render(&[]).unwrap().views.len(), 4, "and goes on");
+}
+
+#[test]
+fn photos_that_are_not_the_cameras_are_refused() {
+    let mut session = session(Policy::Carried);
+    let small = ImageRgb::new(8, 8, vec![0.5; 192]).unwrap();
+    let refused = session.render(&[Some(&small), None, None, None, None], &camera(0.0, 0.0)).unwrap_err();
+    assert_eq!(refused.to_string(), "the photo of camera 0 is 8x8; expected 384x256");
+    assert!(matches!(session.render(&[None], &camera(0.0, 0.0)), Err(LiveError::Photos { expected: 5, found: 1 })));
+}
+
+#[test]
+fn another_size_of_the_target_starts_anew() {
+    let mut session = session(Policy::Carried);
+    show(&mut session, EMPTY, &camera(0.0, 0.0));
+    let half = camera(0.0, 0.0).with_size_scaled(192, 128).unwrap();
+    let frame = show(&mut session, EMPTY, &half);
+    assert_eq!((frame.taken, frame.frame.picture.width()), (Taken::Searched, 192));
+}
