@@ -17,6 +17,7 @@ The job's arrays are named as in stages.py: photos, cameras and the disparities 
 import json
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TextIO
 
@@ -62,7 +63,8 @@ def serve(requests: TextIO, replies: TextIO) -> None:
         reply(seconds=seconds, peak_memory_bytes=peak)
 
 
-def main() -> int:
+def run(serve: Callable[[TextIO, TextIO], None]) -> int:
+    """Let `serve` answer what comes on stdin; the exit code."""
     replies = private_stdout()
     try:
         serve(sys.stdin, replies)
@@ -73,4 +75,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(serve))

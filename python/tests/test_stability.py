@@ -58,7 +58,7 @@ def test_composite_in_digits_is_the_reference(rng):
 
 
 def test_errors_leave_out_doubtful_pixels_and_tell_what_is_not_finite():
-    data = {"doubtful": np.array([False, True, True]), "truth.rgb": np.zeros(6)}
+    data = {"doubtful": np.array([False, True, True]), "truth.rgb": np.zeros(6), "scale.rgb": np.ones(1)}
     found = np.array([[0.1, 9, 0], [0.2, 0, 0]])
     assert stability.errors({"rgb": found}, data, 1e-3) == {"largest": 0.2, "doubtful": 0.5}
     found[0, 1] = np.nan

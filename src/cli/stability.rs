@@ -1,7 +1,6 @@
 //! `liveview stability`: stiff and extreme cases, made from a scene's own rig, against float64.
 
 use std::cell::RefCell;
-use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
@@ -11,11 +10,12 @@ use serde_json::json;
 use super::dump::Arrays;
 use super::engine::EngineArgs;
 use super::output::write_whole;
+use super::place::{claim, photo_files};
 use super::setup::SceneArgs;
 use super::targets::{held_out, named};
 use super::workers::Worker;
 use super::{Report, progress};
-use crate::stability::{Case, Errors, Outcome, Rig, Table, cases, json, markdown, plot};
+use crate::stability::{Case, Errors, Outcome, Rig, Table, Truth, cases, json, markdown, plot, share};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -50,8 +50,12 @@ pub(super) struct StabilityArgs {
 }
 
 pub(super) fn run(args: &StabilityArgs) -> Result<Report> {
-    let engine = args.engine.open()?;
     let photos = args.scene.open_at(WIDTH)?;
+    let output = |name: &str| args.output.as_ref().map(|folder| folder.join(name));
+    for file in ["stability.md", "stability.svg"].into_iter().filter_map(output) {
+        claim("-o", &file, &photo_files(&photos))?;
+    }
+    let engine = args.engine.open()?;
     photos.tell_notes();
     let targets = held_out(&photos, named(&photos, std::slice::from_ref(&args.target))?);
     let shot = photos.shot(targets, engine.network().card().views)?;
@@ -59,7 +63,8 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Report> {
     let rig = Rig {
         photo: photos.scene.load_image(farthest)?,
         source: photos.scene.views[farthest].camera.clone(),
-        depth: 2.0 / (1.0 / shot.near + 1.0 / shot.far),
+        // Of a disparity that float32 holds, which is what the pixels know.
+        depth: 1.0 / f64::from((0.5 / shot.near + 0.5 / shot.far) as f32),
         distances: photos.cameras(&shot.views).map(|camera| camera.centre().distance(shot.target.centre())).collect(),
         target: shot.target,
     };
@@ -88,14 +93,15 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Report> {
     let table = Table { about, outcomes: outcomes.collect::<Result<_>>()? };
     bar.finish_and_clear();
     let (text, json) = (markdown(&table), json(&table));
-    if let Some(folder) = &args.output {
-        fs::create_dir_all(folder).with_context(|| format!("-o {}: cannot be written", folder.display()))?;
-        for (name, contents) in [("stability.md", &text), ("stability.svg", &plot(&table))] {
-            write_whole(&folder.join(name), contents.as_bytes())?;
-        }
+    for (name, contents) in [("stability.md", &text), ("stability.svg", &plot(&table))] {
+        output(name).map_or(Ok(()), |file| write_whole(&file, contents.as_bytes()))?;
     }
     if table.failed() > 0 {
-        let failures = text.lines().filter(|line| line.contains("**failed**")).collect::<Vec<_>>().join("\n");
+        let failures = text
+            .lines()
+            .filter(|line| line.contains("**failed**") || line.contains("**refused**"))
+            .collect::<Vec<_>>()
+            .join("\n");
         bail!("{} of {} cases do not hold:\n{failures}", table.failed(), table.outcomes.len());
     }
     Ok(Report { text, json })
@@ -123,7 +129,8 @@ fn outcome(case: &Case<'_>, reference: Option<&mut Reference>) -> Result<Outcome
     let ours = match (&answer, &truth) {
         (Ok(found), Some(truth)) => Ok(Some(Errors::between(found, truth, case.bound))),
         (Err(refusal), _) => Err(refusal.clone()),
-        (Ok(_), None) => Ok(None),
+        (Ok(found), None) if found.iter().all(|(_, values)| values.iter().all(|value| value.is_finite())) => Ok(None),
+        (Ok(_), None) => Ok(Some(Errors { largest: f64::INFINITY, doubtful: 0.0 })),
     };
     let equal = question.equal().map(|other| match (&answer, other) {
         (Ok(answer), Ok(other)) => bits(answer) == bits(&other),
@@ -135,7 +142,9 @@ fn outcome(case: &Case<'_>, reference: Option<&mut Reference>) -> Result<Outcome
         name: case.name.clone(),
         stage: question.stage(),
         bound: case.bound,
-        doubtful: truth.as_ref().map_or(0.0, crate::stability::Truth::share_doubtful),
+        doubtful: truth.as_ref().map_or(0.0, |truth| share(&truth.doubtful, |&doubtful| doubtful)),
+        seen: truth.as_ref().and_then(Truth::seen),
+        must_be_seen: question.must_be_seen(),
         ours,
         equal,
         torch: None,

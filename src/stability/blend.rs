@@ -88,7 +88,7 @@ impl Question for BlendCase {
         let pixels: Vec<_> = (0..PIXELS).map(|pixel| self.pixel(pixel)).collect();
         let rgb = (0..3).flat_map(|channel| pixels.iter().map(move |(_, rgb)| rgb[channel])).collect();
         let outputs = vec![("alpha", pixels.iter().map(|(alpha, _)| *alpha).collect()), ("rgb", rgb)];
-        Some(Truth { outputs, doubtful: vec![false; PIXELS] })
+        Some(Truth { outputs, doubtful: vec![false; PIXELS], relative: false })
     }
 
     fn write(&self, arrays: &mut Arrays) -> Result<()> {
@@ -106,7 +106,10 @@ fn case<'a>(family: &'static str, extreme: f64, name: String, question: BlendCas
 
 /// From the distances of an ordinary rig.
 pub(super) fn families<'a>(distances: &[f64]) -> Vec<Vec<Case<'a>>> {
-    let ordinary = || BlendCase::ordinary(distances);
+    // A target on a view has a case of its own.
+    let farthest = distances.iter().fold(f64::MIN_POSITIVE, |far, &d| far.max(d));
+    let distances: Vec<f64> = distances.iter().map(|d| d.max(1e-3 * farthest)).collect();
+    let ordinary = || BlendCase::ordinary(&distances);
     let views = distances.len();
     let logits = |times: f64| {
         let mut blend = ordinary();
@@ -176,7 +179,7 @@ pub(super) fn families<'a>(distances: &[f64]) -> Vec<Vec<Case<'a>>> {
         decades((-30..=0).step_by(3))
             .map(|by| of_ratio(by / distances[0], case("nearest view's distance", by, format!("{by:.0e}"), near(by))))
             .collect(),
-        decades((-44..=0).step_by(4))
+        decades((-40..=0).step_by(4))
             .map(|by| Case {
                 bound: BOUND + 4.0 * DENORMAL_STEP / by,
                 ..case("coverage", by, format!("{by:.0e}"), thin(by))

@@ -23,6 +23,8 @@ struct CompositeCase {
     background: bool,
     /// Composite this many layers and the rest apart, and put the two together.
     split: Option<usize>,
+    /// What little is left over is what counts.
+    relative: bool,
 }
 
 impl CompositeCase {
@@ -38,6 +40,7 @@ impl CompositeCase {
             disparity: (0..layers * PIXELS).map(|i| disparity(at(i).0)).collect(),
             background: true,
             split: None,
+            relative: false,
         }
     }
 
@@ -94,7 +97,7 @@ impl Question for CompositeCase {
             }
         }
         let outputs = vec![("frame", frame), ("disparity", disparity), ("transmittance", transmittance)];
-        Some(Truth { outputs, doubtful: vec![false; PIXELS] })
+        Some(Truth { outputs, doubtful: vec![false; PIXELS], relative: self.relative })
     }
 
     fn write(&self, arrays: &mut Arrays) -> Result<()> {
@@ -112,13 +115,18 @@ fn case<'a>(family: &'static str, extreme: f64, name: String, question: Composit
 
 pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
     let almost = 1.0 - f32::EPSILON / 2.0;
-    let opaque_then_faint = |left: f64| {
-        let first = (1.0 - left) as f32;
-        let first = if first < 1.0 { first } else { almost };
-        CompositeCase::new(1001, 4.0, |layer, _| if layer == 0 { first } else { 1e-3 })
+    // Nothing shows but what comes through the first layer: it is black, there is no background, and errors are relative.
+    let stiff = |layers: usize, alpha: &dyn Fn(usize) -> f32| {
+        let case = CompositeCase::new(layers, 4.0, |layer, _| alpha(layer));
+        let mut case = CompositeCase { background: false, relative: true, ..case };
+        case.rgb[..3 * PIXELS].fill(0.0);
+        case.disparity[..PIXELS].fill(0.0);
+        case
     };
-    let alternating =
-        |faint: f64| CompositeCase::new(64, 4.0, |layer, _| if layer % 2 == 0 { faint } else { 1.0 - faint } as f32);
+    let first = |left: f64| ((1.0 - left) as f32).min(almost);
+    let opaque_then_faint = |first: f32| stiff(1001, &|layer| if layer == 0 { first } else { 1e-3 });
+    // Few enough that what is left is a float32 number.
+    let alternating = |faint: f64| stiff(8, &|layer| if layer % 2 == 0 { faint } else { 1.0 - faint } as f32);
     let many = |layers: usize| {
         let unit = Seeded(5).units(PIXELS);
         CompositeCase::new(layers, 4.0, |layer, pixel| (unit[(pixel + layer) % PIXELS] * 4.0 / layers as f32).min(1.0))
@@ -144,7 +152,11 @@ pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
     let named = named.into_iter().enumerate();
     vec![
         decades(-8..=0)
-            .map(|left| case("1,000 faint behind opaque", left, format!("T {left:.0e}"), opaque_then_faint(left)))
+            .map(first)
+            .map(|first| (1.0 - f64::from(first), first))
+            .map(|(left, first)| {
+                case("1,000 faint behind opaque", left, format!("T {left:.0e}"), opaque_then_faint(first))
+            })
             .collect(),
         decades(-10..=-1)
             .map(|faint| case("alternating α, 1 - α", faint, format!("α {faint:.0e}"), alternating(faint)))

@@ -19,7 +19,7 @@ use anyhow::Result;
 use liveview::network::OrtNetwork;
 use ndarray::Array1;
 
-pub(crate) use self::outcome::{Errors, Outcome, Verdict};
+pub(crate) use self::outcome::{Errors, Outcome, Verdict, share};
 pub(crate) use self::plot::plot;
 pub(crate) use self::rigs::Rig;
 pub(crate) use self::table::{Table, json, markdown};
@@ -33,17 +33,30 @@ pub(crate) struct Truth {
     pub(crate) outputs: Outputs<f64>,
     /// Per pixel.
     pub(crate) doubtful: Vec<bool>,
+    /// Whether errors are relative to the largest element of each output, and not of values in [0, 1].
+    pub(crate) relative: bool,
 }
 
 impl Truth {
-    pub(crate) fn share_doubtful(&self) -> f64 {
-        self.doubtful.iter().filter(|&&doubtful| doubtful).count() as f64 / self.doubtful.len() as f64
+    /// What errors of an output are divided by.
+    pub(crate) fn scale(&self, output: usize) -> f64 {
+        let (name, values) = &self.outputs[output];
+        let top = values.iter().fold(0.0, |top: f64, x| top.max(x.abs()));
+        // Disparities have a unit.
+        if (self.relative || *name == "disparity") && top > 0.0 { top } else { 1.0 }
+    }
+
+    /// Share of the pixels that see the source, where there is one.
+    pub(crate) fn seen(&self) -> Option<f64> {
+        let (_, coverage) = self.outputs.iter().find(|(name, _)| *name == "coverage")?;
+        Some(share(coverage, |&coverage| coverage > 0.0))
     }
 
     /// For the reference.
     pub(crate) fn write(&self, arrays: &mut Arrays) -> Result<()> {
-        for (name, values) in &self.outputs {
+        for (index, (name, values)) in self.outputs.iter().enumerate() {
             arrays.add(&format!("truth.{name}"), Array1::from_vec(values.clone()))?;
+            arrays.add(&format!("scale.{name}"), Array1::from_vec(vec![self.scale(index)]))?;
         }
         arrays.add("doubtful", Array1::from_vec(self.doubtful.clone()))
     }
@@ -64,6 +77,11 @@ pub(crate) trait Question {
 
     /// The same in float64, written plainly; `None` where the reference alone knows (the network).
     fn truth(&self) -> Option<Truth>;
+
+    /// Whether some pixel must see the source, lest nothing be tested.
+    fn must_be_seen(&self) -> bool {
+        false
+    }
 
     /// How many times longer than on ordinary inputs it takes, where that is in question.
     fn slower(&self) -> Option<f64> {

@@ -4,15 +4,15 @@ use serde_json::{Value, json};
 
 use super::{Outputs, Truth};
 
-/// Outputs whose errors are relative to the truth's largest element; the others are values in [0, 1].
-const SCALED: [&str; 2] = ["disparity", "logits"];
-
 /// Of the doubtful pixels of a case, the share that may be off by more than the bound.
 const DOUBTFUL_CAP: f64 = 0.01;
 
 /// One unit in the last place of 1, in float32: the error of an answer that was rounded twice, where the reference happens to
 /// be exact.
 const FLOOR: f64 = 1.2e-7;
+
+/// How many times longer than on noise the network may take on any other input: denormal arithmetic would cost 30.
+const SLOWEST: f64 = 5.0;
 
 /// How far one implementation's answer is off.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,13 +24,14 @@ pub(crate) struct Errors {
 }
 
 impl Errors {
-    /// Of an answer against the truth.
+    /// Of an answer against the truth; both have the same outputs.
     pub(crate) fn between(found: &Outputs<f32>, truth: &Truth, bound: f64) -> Self {
         let pixels = truth.doubtful.len();
         let (mut largest, mut off) = (0.0_f64, vec![false; pixels]);
-        for ((name, found), (_, expected)) in found.iter().zip(&truth.outputs) {
-            let top = expected.iter().fold(0.0, |top: f64, x| top.max(x.abs()));
-            let scale = if SCALED.contains(name) && top > 0.0 { top } else { 1.0 };
+        assert_eq!(found.len(), truth.outputs.len(), "outputs");
+        for (index, ((name, found), (known_as, expected))) in found.iter().zip(&truth.outputs).enumerate() {
+            assert_eq!((name, found.len()), (known_as, expected.len()), "an output and its length");
+            let scale = truth.scale(index);
             for (i, (&found, expected)) in found.iter().zip(expected).enumerate() {
                 let error = (f64::from(found) - expected).abs() / scale;
                 let error = if error.is_finite() { error } else { f64::INFINITY };
@@ -41,9 +42,10 @@ impl Errors {
                 }
             }
         }
-        let share = |which: &[bool]| which.iter().filter(|&&yes| yes).count().max(1) as f64;
-        let doubtful = if off.contains(&true) { share(&off) / share(&truth.doubtful) } else { 0.0 };
-        Self { largest, doubtful }
+        Self {
+            largest,
+            doubtful: share(&off, |&off| off) / share(&truth.doubtful, |&doubtful| doubtful).max(f64::MIN_POSITIVE),
+        }
     }
 
     /// As the reference tells it; `null` is an implementation that does not have this stage.
@@ -66,7 +68,12 @@ pub(crate) struct Outcome {
     pub(crate) bound: f64,
     /// Share of the pixels.
     pub(crate) doubtful: f64,
-    /// The binary's, or what it refuses the inputs with; `None` where the reference alone knows the truth, and there is none.
+    /// Share of the pixels that see the source, where that is in question.
+    pub(crate) seen: Option<f64>,
+    /// Where this must not be 0.
+    pub(crate) must_be_seen: bool,
+    /// The binary's, or what it refuses the inputs with; `None` where the reference alone knows the truth, and there is none: all
+    /// that is known then is that it is finite.
     pub(crate) ours: Result<Option<Errors>, String>,
     /// Whether a second answer that must equal it does.
     pub(crate) equal: Option<bool>,
@@ -84,12 +91,24 @@ pub(crate) struct Outcome {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Verdict {
     Ok,
-    /// A named error in place of an answer.
+    /// Finite, which is all that is known without the reference.
+    NotCompared,
+    /// A named error in place of an answer. None of the cases is such that it may be.
     Refused(String),
     Failed(String),
 }
 
+/// Share of the elements of which it is true.
+pub(crate) fn share<T>(all: &[T], is: impl Fn(&T) -> bool) -> f64 {
+    all.iter().filter(|&one| is(one)).count() as f64 / all.len().max(1) as f64
+}
+
 impl Outcome {
+    /// Whether it counts as holding.
+    pub(crate) fn holds(&self) -> bool {
+        matches!(self.verdict(), Verdict::Ok | Verdict::NotCompared)
+    }
+
     pub(crate) fn verdict(&self) -> Verdict {
         let failed = |why: String| Verdict::Failed(why);
         if self.equal == Some(false) {
@@ -100,9 +119,15 @@ impl Outcome {
         }
         let ours = match &self.ours {
             Err(refusal) => return Verdict::Refused(refusal.clone()),
-            Ok(None) => return Verdict::Ok,
+            Ok(None) => return Verdict::NotCompared,
             Ok(Some(ours)) => ours,
         };
+        if self.must_be_seen && self.seen == Some(0.0) {
+            return failed("no pixel sees the source: nothing is tested".into());
+        }
+        if let Some(slower) = self.slower.filter(|&slower| slower > SLOWEST) {
+            return failed(format!("takes {slower:.1} times the time of noise"));
+        }
         if ours.largest > self.bound {
             return failed(format!("off by {:.1e}, bound {:.0e}", ours.largest, self.bound));
         }
@@ -120,13 +145,14 @@ impl Outcome {
     pub(crate) fn json(&self) -> Value {
         let (verdict, why) = match self.verdict() {
             Verdict::Ok => ("ok", None),
+            Verdict::NotCompared => ("not compared", None),
             Verdict::Refused(why) => ("refused", Some(why)),
             Verdict::Failed(why) => ("failed", Some(why)),
         };
         let errors = |errors: Option<Errors>| errors.map(Errors::json);
         json!({
             "family": self.family, "extreme": self.extreme.is_finite().then_some(self.extreme), "name": self.name,
-            "stage": self.stage, "bound": self.bound, "doubtful": self.doubtful,
+            "stage": self.stage, "bound": self.bound, "doubtful": self.doubtful, "seen": self.seen,
             "rust": errors(self.ours.clone().ok().flatten()), "torch": errors(self.torch),
             "kornia": errors(self.kornia), "onnxruntime": errors(self.onnxruntime), "oracle": self.oracle,
             "slower": self.slower, "verdict": verdict, "why": why,
@@ -147,6 +173,8 @@ mod tests {
             stage: "warp",
             bound: 1e-5,
             doubtful: 0.0,
+            seen: None,
+            must_be_seen: true,
             ours: Ok(errors(ours)),
             equal: None,
             torch: errors(torch),
@@ -165,13 +193,19 @@ mod tests {
             assert!(matches!(bad.verdict(), Verdict::Failed(_)));
         }
         assert!(matches!(Outcome { oracle: Some(1e-4), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
+        assert!(matches!(Outcome { seen: Some(0.0), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
+        assert!(matches!(Outcome { slower: Some(30.0), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
+        assert!(!Outcome { ours: Err("fx is 0".into()), ..outcome(0.0, 0.0) }.holds());
         assert!(matches!(Outcome { equal: Some(false), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
     }
 
     #[test]
     fn doubtful_pixels_are_counted_apart_and_nan_is_infinitely_wrong() {
-        let truth =
-            Truth { outputs: vec![("coverage", vec![0.5, 0.5, 0.5, 0.5])], doubtful: vec![false, true, true, false] };
+        let truth = Truth {
+            outputs: vec![("coverage", vec![0.5, 0.5, 0.5, 0.5])],
+            doubtful: vec![false, true, true, false],
+            relative: false,
+        };
         let found = |values: [f32; 4]| Errors::between(&vec![("coverage", values.to_vec())], &truth, 1e-3);
         assert_eq!(found([0.75, 0.9, 0.5, 0.5]), Errors { largest: 0.25, doubtful: 0.5 });
         assert_eq!(found([0.5, f32::NAN, 0.5, 0.5]).largest, f64::INFINITY);

@@ -41,6 +41,12 @@ impl Parts {
         self.intrinsics.fy *= factor;
     }
 
+    /// With its principal point on the centre of a pixel amid the picture.
+    fn centred(&mut self) {
+        self.intrinsics.cx = (self.size.0 / 2) as f64 + 0.5;
+        self.intrinsics.cy = (self.size.1 / 2) as f64 + 0.5;
+    }
+
     /// Turned to the right, radians.
     fn turn(&mut self, angle: f64) {
         self.rotation = DMat3::from_rotation_y(-angle) * self.rotation;
@@ -67,13 +73,17 @@ impl Rig {
             source: camera(swept.source),
             target: camera(swept.target),
             disparity: 1.0 / swept.depth,
+            nothing_seen: false,
             same_as: None,
             meant: None,
         }
     }
 
-    /// The source turned as the target is, and moved from it by `offset`, in the target's axes and units of the depth.
+    /// The source turned as the target is, and moved from it by `offset`, in the target's axes and units of the depth; the
+    /// target's principal point on the centre of a pixel.
     fn aligned(&self, swept: &mut Swept, offset: DVec3) {
+        swept.target.centred();
+        swept.source.centred();
         swept.source.rotation = self.target.rotation();
         swept.source.centre = swept.target.centre + self.target.rotation().transpose() * offset * self.depth;
     }
@@ -106,21 +116,25 @@ pub(super) fn families(rig: &Rig) -> Vec<Vec<Case<'_>>> {
         })
     };
     let baseline = |times: f64| rig.case(|swept| rig.aligned(swept, behind * times));
-    // To the side, and the less the longer the lens, so that as much is seen.
+    // The longer the lens, the less aside and the less turned, so that as much is seen.
     let focal = |factor: f64| {
         rig.case(|swept| {
             rig.aligned(swept, DVec3::new(0.05, -0.02, 0.0) / factor);
             [&mut swept.source, &mut swept.target].into_iter().for_each(|camera| camera.focal(factor));
+            swept.source.turn(0.05 / f64::max(factor, 1.0));
         })
     };
-    let source_focal = |factor: f64| rig.case(|swept| swept.source.focal(factor));
-    // Amid the picture, so that one pixel sees the source however near its centre is.
-    let through_centre = |gap: f64| {
+    // Along the axis that both share, which is seen through any lens.
+    let source_focal = |factor: f64| {
         rig.case(|swept| {
-            let pixel = DVec3::new(rig.target.width() as f64, rig.target.height() as f64, 2.0) / 2.0;
-            let ray = rig.target.k_inverse() * pixel.with_z(1.0);
-            rig.aligned(swept, (ray - 0.1 * gap * DVec3::X).with_z(1.0 - gap));
+            rig.aligned(swept, DVec3::new(0.0, 0.0, -0.3));
+            swept.source.focal(factor);
         })
+    };
+    // The point amid the picture is at (gap / 10, 0, gap) from the source: seen however near it is.
+    let through_centre = |gap: f64| {
+        let case = rig.case(|swept| rig.aligned(swept, DVec3::new(-0.1 * gap, 0.0, 1.0 - gap)));
+        WarpCase { nothing_seen: gap == 0.0, ..case }
     };
     let turned = |angle: f64, wider: f64| {
         rig.case(|swept| {
@@ -129,12 +143,27 @@ pub(super) fn families(rig: &Rig) -> Vec<Vec<Case<'_>>> {
             swept.source.turn(angle);
         })
     };
-    let skew = |times: f64| rig.case(|swept| swept.source.intrinsics.skew = times * swept.source.intrinsics.fx);
-    // In both cameras, and the baseline across their axes, so that the source is still seen.
+    let away = |from: f64| WarpCase { nothing_seen: true, ..turned(std::f64::consts::PI - from, 1.0) };
+    // The source looks along the plane, from this far beside the point amid the picture: w changes its sign there.
+    let edge_on = |gap: f64| {
+        rig.case(|swept| {
+            rig.aligned(swept, DVec3::new(-gap, 0.0, 1.0));
+            swept.source.turn(std::f64::consts::FRAC_PI_2);
+        })
+    };
+    // The row amid the picture, at the height of both cameras, is not moved by it.
+    let skew = |times: f64| {
+        rig.case(|swept| {
+            rig.aligned(swept, DVec3::new(0.05, 0.0, 0.0));
+            swept.source.intrinsics.skew = times * swept.source.intrinsics.fx;
+        })
+    };
+    // A picture far beside its camera's axis, which is turned so that it shows what the target sees.
     let principal_point = |pixels: f64| {
         rig.case(|swept| {
-            rig.aligned(swept, DVec3::new(0.05, -0.02, 0.0));
-            [&mut swept.source, &mut swept.target].into_iter().for_each(|camera| camera.intrinsics.cx += pixels);
+            rig.aligned(swept, DVec3::new(0.0, 0.0, -0.3));
+            swept.source.turn((pixels / swept.source.intrinsics.fx).atan());
+            swept.source.intrinsics.cx += pixels;
         })
     };
     let unit = |factor: f64| {
@@ -161,16 +190,17 @@ pub(super) fn families(rig: &Rig) -> Vec<Vec<Case<'_>>> {
         family("focal length", decades(-6..=6), focal),
         family("source's focal length", decades(-6..=6), source_focal),
         family("plane near a source centre", decades(-15..=0).chain([0.0]), through_centre),
-        family("vanishing line, before 90°", decades(-9..=0), |from| {
+        // Nearer than this, float64 does not tell either where in the photo the point lies.
+        family("plane seen edge-on", decades(-10..=0), edge_on),
+        family("vanishing line, before 90°", decades(-3..=0), |from| {
             turned(std::f64::consts::FRAC_PI_2 - from, 0.125)
         }),
-        family("vanishing line, beyond 90°", decades(-9..=0), |from| {
+        family("vanishing line, beyond 90°", decades(-3..=-1), |from| {
             turned(std::f64::consts::FRAC_PI_2 + from, 0.125)
         }),
-        family("facing away", decades(-9..=0).chain([0.0]), |from| turned(std::f64::consts::PI - from, 1.0)),
+        family("facing away", [1.0, 1e-3, 0.0], away),
         family("baseline", decades(-16..=9), baseline),
         family("skew", decades(-6..=6), skew),
-        // At 1e8 pixels the oracle's float64 is off by 8e-6, at 1e9 by 8e-4.
         family("far principal point", decades(0..=7), principal_point),
         family("scene unit", powers, unit)
             .into_iter()

@@ -32,11 +32,13 @@ fn camera((width, height): (usize, usize), scale: f64, shift: (f64, f64)) -> Res
 
 /// A photo sampled at `scale` times the pixel, plus `shift`, by a target of this size.
 fn sampled<'a>(photo: ImageRgb, size: (usize, usize), scale: f64, shift: (f64, f64)) -> WarpCase<'a> {
+    let beside = scale == 1.0 && (shift.0.abs() >= photo.width() as f64 || shift.1.abs() >= photo.height() as f64);
     WarpCase {
         source: camera((photo.width(), photo.height()), scale, shift),
         target: camera(size, 1.0, (0.0, 0.0)),
         photo: Cow::Owned(photo),
         disparity: 0.0,
+        nothing_seen: beside,
         same_as: None,
         meant: None,
     }

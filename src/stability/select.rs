@@ -60,7 +60,7 @@ impl Question for SelectCase {
         let chosen = |plane: &usize| (0..planes).filter(|&other| before(other, *plane)).count() < self.count;
         let selected: Vec<usize> = (0..planes).filter(chosen).collect();
         let outputs = outputs(votes.iter().map(|&votes| f64::from(votes)), &selected, planes);
-        Some(Truth { outputs, doubtful: vec![false; planes] })
+        Some(Truth { outputs, doubtful: vec![false; planes], relative: false })
     }
 
     fn write(&self, arrays: &mut Arrays) -> Result<()> {

@@ -20,7 +20,7 @@ impl Table {
     }
 
     pub(crate) fn failed(&self) -> usize {
-        self.outcomes.iter().filter(|outcome| matches!(outcome.verdict(), Verdict::Failed(_))).count()
+        self.outcomes.iter().filter(|outcome| !outcome.holds()).count()
     }
 }
 
@@ -35,8 +35,8 @@ pub(super) fn errors(outcome: &Outcome) -> [(&'static str, Option<Errors>); 4] {
 }
 
 const HOW_TO_READ: &str = "\
-Errors are the largest of a case against float64, of values in [0, 1], or relative to the largest (disparity, logits); **bold** is beyond the
-bound, *NaN* is not finite. Doubtful pixels, whose answer hangs on bits that float32 inputs do not have, are left out of these and
+Errors are the largest of a case against float64, of values in [0, 1], or relative to the largest (disparity, logits, stiff composites);
+\"seen\" is the share of the pixels that see the source. **Bold** is beyond the bound, *NaN* is not finite. Doubtful pixels, whose answer hangs on bits that float32 inputs do not have, are left out of these and
 counted apart: of those, at most 1 % may be beyond the bound. Torch, kornia (as it comes: it does not mask what lies behind the camera) and
 onnxruntime compute in float32. Rust's error must be within the bound and at most twice torch's, or 1.2e-7.";
 
@@ -53,19 +53,20 @@ pub(crate) fn markdown(table: &Table) -> String {
             let worst = family.iter().max_by(|a, b| largest(a, implementation).total_cmp(&largest(b, implementation)));
             let _ = write!(text, " {} |", worst.map_or_else(String::new, |worst| figure(worst, implementation)));
         }
-        let failed = family.iter().filter(|outcome| matches!(outcome.verdict(), Verdict::Failed(_))).count();
+        let failed = family.iter().filter(|outcome| !outcome.holds()).count();
         let _ = writeln!(text, " {} |", if failed == 0 { "ok".to_owned() } else { format!("{failed} failed") });
     }
-    text += "\n| case | | Rust | torch | kornia | onnxruntime | bound | doubtful | |\n|---|---|---|---|---|---|---|---|---|\n";
+    text += "\n| case | | Rust | torch | kornia | onnxruntime | bound | seen | doubtful | |\n|---|---|---|---|---|---|---|---|---|---|\n";
     for outcome in &table.outcomes {
         let figures: Vec<String> = (0..4).map(|implementation| figure(outcome, implementation)).collect();
         let _ = writeln!(
             text,
-            "| {} | {} | {} | {:.0e} | {} | {} |",
+            "| {} | {} | {} | {:.0e} | {} | {} | {} |",
             outcome.family,
             outcome.name,
             figures.join(" | "),
             outcome.bound,
+            outcome.seen.map_or_else(String::new, percent),
             doubtful(outcome),
             judged(outcome)
         );
@@ -92,16 +93,21 @@ fn doubtful(outcome: &Outcome) -> String {
     let off = outcome.ours.as_ref().ok().and_then(|ours| ours.as_ref()).map_or(0.0, |ours| ours.doubtful);
     match outcome.doubtful {
         0.0 => String::new(),
-        share if off > 0.0 => format!("{:.1} %, {:.1} % of them off", 100.0 * share, 100.0 * off),
-        share => format!("{:.1} %", 100.0 * share),
+        share if off > 0.0 => format!("{}, {} of them off", percent(share), percent(off)),
+        share => percent(share),
     }
+}
+
+fn percent(share: f64) -> String {
+    if share > 0.0 && share < 1e-3 { format!("{:.3} %", 100.0 * share) } else { format!("{:.1} %", 100.0 * share) }
 }
 
 fn judged(outcome: &Outcome) -> String {
     let slower = outcome.slower.map_or_else(String::new, |times| format!(", {times:.2} times the time of noise"));
     match outcome.verdict() {
         Verdict::Ok => format!("ok{slower}"),
-        Verdict::Refused(why) => format!("refused: {why}"),
+        Verdict::NotCompared => format!("finite, not compared{slower}"),
+        Verdict::Refused(why) => format!("**refused**: {why}"),
         Verdict::Failed(why) => format!("**failed**: {why}{slower}"),
     }
 }

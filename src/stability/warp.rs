@@ -26,6 +26,8 @@ pub(super) struct WarpCase<'a> {
     pub(super) target: Result<Camera, CameraError>,
     /// Disparity, 1/scene unit.
     pub(super) disparity: f64,
+    /// As it should be: no pixel sees the source.
+    pub(super) nothing_seen: bool,
     /// The same rig, given so that the answer must not change in a bit.
     pub(super) same_as: Option<Box<WarpCase<'a>>>,
     /// The same rig, given so that float64 can hold it; the oracle's.
@@ -43,15 +45,20 @@ impl WarpCase<'_> {
 
     /// Of a point that is the sum of terms of this size.
     fn is_doubtful(&self, size: DVec3, uvw: DVec3) -> bool {
-        let last_bit = f64::from(f32::EPSILON);
-        if uvw.z.abs() <= last_bit * size.z {
-            return true;
+        let last_bit = size * f64::from(f32::EPSILON);
+        if uvw.z < -last_bit.z {
+            return false;
         }
-        let at = uvw / uvw.z;
-        let moved = last_bit * (size + at.abs() * size.z) / uvw.z.abs();
-        let reaches = |at: f64, moved: f64, side: usize| at + moved > -1.0 && at - moved < side as f64 + 1.0;
-        let seen = reaches(at.x, moved.x, self.photo.width()) && reaches(at.y, moved.y, self.photo.height());
-        uvw.z > 0.0 && seen && moved.x.max(moved.y) > DOUBTFUL_PIXELS
+        // Whether the photo can be reached at all: -1 < u/w < side + 1, for the largest w.
+        let w = uvw.z.max(0.0) + last_bit.z;
+        let reaches = |at: f64, bit: f64, side: usize| at + bit > -w && at - bit < (side as f64 + 1.0) * w;
+        let (width, height) = (self.photo.width(), self.photo.height());
+        if !reaches(uvw.x, last_bit.x, width) || !reaches(uvw.y, last_bit.y, height) {
+            return false;
+        }
+        let moved = (last_bit + (uvw / uvw.z).abs() * last_bit.z) / uvw.z.abs();
+        // A quotient by 0 is not within either.
+        !(uvw.z > last_bit.z && moved.x.max(moved.y) <= DOUBTFUL_PIXELS)
     }
 }
 
@@ -70,6 +77,10 @@ impl Question for WarpCase<'_> {
         let view = WarpSource { texture: &Texture::new(&self.photo), sweep: Sweep::new(source, target) };
         warp_layers(&disparity, &[view], size, &mut colour, &mut coverage);
         Ok(vec![("colour", colour), ("coverage", coverage)])
+    }
+
+    fn must_be_seen(&self) -> bool {
+        !self.nothing_seen
     }
 
     fn equal(&self) -> Option<Result<Outputs<f32>, String>> {
@@ -99,7 +110,7 @@ impl Question for WarpCase<'_> {
                 outputs[1].1[i] = sample[3];
             }
         }
-        Some(Truth { outputs, doubtful })
+        Some(Truth { outputs, doubtful, relative: false })
     }
 
     fn write(&self, arrays: &mut Arrays) -> Result<()> {
