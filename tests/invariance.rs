@@ -18,6 +18,8 @@ use ndarray::{ArrayView4, ArrayViewMut4, Axis};
 /// Frames on [0, 1] may differ by this much between thread counts and batch sizes.
 const TOLERANCE: f32 = 1e-6;
 
+type LayersOf = fn(&RangeMap) -> Layers;
+
 /// The example scene's first held-out view, and the four views nearest to it.
 struct Rig {
     target: Camera,
@@ -38,12 +40,7 @@ impl Rig {
     }
 
     /// On a pool of `threads`.
-    fn render<N: PlaneNetwork + Send>(
-        &self,
-        renderer: &mut Renderer<N>,
-        threads: usize,
-        layers: fn(&RangeMap) -> Layers,
-    ) -> Frame {
+    fn render<N: PlaneNetwork + Send>(&self, renderer: &mut Renderer<N>, threads: usize, layers: LayersOf) -> Frame {
         let views: Vec<_> = self.views.iter().map(|(camera, texture)| SourceView { camera, texture }).collect();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
@@ -60,7 +57,7 @@ fn render(threads: usize, batch: usize) -> Frame {
 }
 
 /// Through the engine, on as many threads.
-fn render_stopped(threads: usize, batch: usize, layers: fn(&RangeMap) -> Layers, stops: Stops) -> Frame {
+fn render_stopped(threads: usize, batch: usize, layers: LayersOf, stops: Stops) -> Frame {
     let network = OrtNetwork::open(&Runtime::load(None).unwrap(), &models::find(4).unwrap(), threads).unwrap();
     let mut renderer = Renderer::new(network, batch);
     renderer.set_stops(stops);
@@ -108,7 +105,7 @@ impl PlaneNetwork for Sum {
 fn native_stages_are_the_same_to_the_bit_over_runs_threads_and_batches() {
     // Rows of several runs of pixels; renderers that are used again, for another size and other layers, of which the nearest are
     // seen by no view and make room.
-    let jobs: [(Rig, fn(&RangeMap) -> Layers); 2] = [
+    let jobs: [(Rig, LayersOf); 2] = [
         (Rig::open(200), |range| Layers::guided(range, 5).unwrap()),
         (Rig::open(136), |_| Layers::uniform(0.05, 8.0, 12).unwrap()),
     ];
