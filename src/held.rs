@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn what_the_warp_knows_of_the_coverage_leaves_the_blend_the_same_to_the_bit() {
         let mut held = warped();
-        let logit = |i: usize| if i % 97 == 0 { f32::INFINITY } else { (i * 31 % 113) as f32 / 9.0 - 6.0 };
+        let logit = |i: usize| if i.is_multiple_of(97) { f32::INFINITY } else { (i * 31 % 113) as f32 / 9.0 - 6.0 };
         held.logits.iter_mut().enumerate().for_each(|(i, value)| *value = logit(i));
         let per_row = seen_len((1, SIZE.1));
         let mut met = [0; 3];
