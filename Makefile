@@ -52,10 +52,16 @@ $(VENV)/.setup: python/requirements.txt python/constraints.txt $(VENV)/.runtime
 	$(PIP) -r $<
 	touch $@
 
+# The fuzz targets on stable Rust, in a folder of their own: the flag would have everything else compiled anew. Nothing is
+# linked, so libFuzzer is not built.
+CHECK_FUZZ = CUSTOM_LIBFUZZER_PATH=/dev/null RUSTFLAGS="--cfg fuzzing" cargo check --locked --manifest-path tests/fuzz/Cargo.toml \
+	--target-dir target/fuzzing
+
 lint: setup
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo clippy --locked --features cuda,tensorrt -- -D warnings
+	$(CHECK_FUZZ)
 	$(BIN)/ruff check $(RUFF)
 	$(BIN)/ruff format --check $(RUFF)
 

@@ -131,9 +131,9 @@ impl Camera {
             }
             finite(|| format!("translation[{row}]"), self.translation[row])?;
         }
-        // Beyond this, distances between cameras overflow.
-        let square = self.centre().length_squared();
-        finite(|| "the squared distance of the centre from the origin".to_owned(), square)?;
+        // Beyond this, the distance of two cameras on opposite sides of the origin overflows.
+        let square = 4.0 * self.centre().length_squared();
+        finite(|| "the squared distance of the centre from its opposite".to_owned(), square)?;
         let residual = self.rotation * self.rotation.transpose() - DMat3::IDENTITY;
         let residual = residual.to_cols_array().map(f64::abs);
         let determinant = self.rotation.determinant();
@@ -322,7 +322,10 @@ mod tests {
         assert!(refused(Intrinsics { fx: -700.0, ..K }, 640, r, t).contains("fx is -700"));
         assert!(refused(Intrinsics { fx: 1e-320, ..K }, 640, r, t).contains("K is singular: fx"));
         assert!(refused(K, 640, r, DVec3::new(0.0, f64::INFINITY, 0.0)).starts_with("translation[1] is inf"));
-        assert!(refused(K, 640, r, DVec3::new(0.0, 1e155, 0.0)).starts_with("the squared distance of the centre"));
+        let far = DVec3::new(0.0, 6e153, 0.0);
+        let [here, there] = [far, -far].map(|translation| Camera::new(K, 640, 480, r, translation).unwrap().centre());
+        assert!(here.distance_squared(there).is_finite());
+        assert!(refused(K, 640, r, 1.2 * far).starts_with("the squared distance of the centre"));
         let mut rotation = r;
         rotation.y_axis.x = f64::NAN;
         assert!(refused(K, 640, rotation, t).starts_with("rotation[0][1] is NaN"));

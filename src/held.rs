@@ -115,3 +115,85 @@ impl Held {
         (batch, &self.seen[..n * runs])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DVec2, DVec3};
+
+    use super::*;
+    use crate::blend::{Blended, LayerSamples};
+    use crate::image_io::ImageRgb;
+    use crate::layers::Layers;
+    use crate::sweep::Sweep;
+    use crate::warp::Texture;
+
+    const SIZE: (usize, usize) = (40, 400);
+    const PIXELS: usize = SIZE.0 * SIZE.1;
+
+    /// Planes of which three views see all but an edge, a half and nothing: the first to the left, the second to the right, the
+    /// third always.
+    fn warped() -> Held {
+        let values = (0..3 * PIXELS).map(|i| (i % 251) as f32 / 250.0).collect();
+        let texture = Texture::new(&ImageRgb::new(SIZE.1, SIZE.0, values).unwrap());
+        let source = |x, y| {
+            let sweep = Sweep {
+                homography_at_infinity: DMat3::from_translation(DVec2::new(-3.3, 0.2)),
+                epipole: DVec3::new(x, y, 0.0),
+            };
+            WarpSource { texture: &texture, sweep }
+        };
+        let mut held = Held::default();
+        held.make_room(3, 3, SIZE);
+        let planes = Layers::planes(&[2.0, 1.0, 1e-3]).unwrap();
+        let sources = [source(-210.0, 5.0), source(210.0, -5.0), source(1.0, 0.5)];
+        held.warp(planes.as_slice().iter().enumerate(), &sources, &mut Vec::new());
+        held
+    }
+
+    #[test]
+    fn what_the_warp_knows_of_the_coverage_leaves_the_blend_the_same_to_the_bit() {
+        let mut held = warped();
+        let logit = |i: usize| if i.is_multiple_of(97) { f32::INFINITY } else { (i * 31 % 113) as f32 / 9.0 - 6.0 };
+        held.logits.iter_mut().enumerate().for_each(|(i, value)| *value = logit(i));
+        let per_row = seen_len((1, SIZE.1));
+        let mut met = [0; 3];
+        for distances in [[1.0, 2.0, 3.0], [0.0, 1.0, 0.0]] {
+            let weights = DistanceWeights::new(&distances);
+            for layer in 0..3 {
+                let samples = LayerSamples {
+                    logits: &held.logits[3 * layer * PIXELS..][..3 * PIXELS],
+                    colour: &held.hwv[9 * layer * PIXELS..][..9 * PIXELS],
+                    coverage: held.coverage(layer),
+                };
+                for row in 0..SIZE.0 {
+                    let of_view = |view: usize| &held.seen[((3 * layer + view) * SIZE.0 + row) * per_row..][..per_row];
+                    let seen = [0, 1, 2].map(of_view);
+                    let [mut known, mut unknown] = [(); 2].map(|()| Blended::new(SIZE.1));
+                    weights.blend_row(&samples, row * SIZE.1, &seen, &mut known);
+                    weights.blend(&samples, row * SIZE.1, &mut unknown);
+                    assert_eq!(known, unknown, "{distances:?}, layer {layer}, row {row}");
+                    // Only two runs that are known alike are not read.
+                    let pairs = seen.iter().flat_map(|row| row.chunks_exact(2)).filter(|pair| pair[0] == pair[1]);
+                    pairs.for_each(|pair| met[pair[0] as usize] += 1);
+                }
+            }
+        }
+        assert!(met.iter().all(|&pairs| pairs > 20), "{met:?}");
+    }
+
+    #[test]
+    fn a_layer_that_moves_takes_along_what_is_known_of_it() {
+        let mut held = warped();
+        let weights = DistanceWeights::new(&[1.0; 3]);
+        let layer = |held: &Held, slot: usize| {
+            let (batch, seen) = held.batch(3, &weights);
+            let runs = seen.len() / 3;
+            let planes = [batch.hwv, batch.coverage].map(|planes| planes.index_axis_move(Axis(0), slot).to_owned());
+            (planes, batch.disparity.index_axis(Axis(0), slot).to_owned(), seen[slot * runs..][..runs].to_vec())
+        };
+        let (near, far) = (layer(&held, 0), layer(&held, 2));
+        assert!(near.2 != far.2);
+        held.move_layer(2, 0);
+        assert!(layer(&held, 0) == far);
+    }
+}

@@ -7,10 +7,12 @@ use ort::session::Session;
 use ort::value::{Outlet, TensorRef, ValueType};
 
 use crate::engine::{Engine, Precision};
+use crate::file;
 use crate::layers::STRIDE;
 use crate::runtime::Runtime;
 
-/// Largest model file that is opened, in bytes: a hundred times the paper's network.
+/// Largest model file that is opened, in bytes: a hundred times the paper's network. A model with weights in files of their
+/// own (ONNX external data) is refused.
 pub const MAX_MODEL_BYTES: u64 = 256 << 20;
 
 /// Computes the logits of a batch of layers, each layer alone (paper, section "Neural Network").
@@ -151,7 +153,13 @@ fn build(runtime: &Runtime, path: &Path, threads: usize, precision: Precision) -
             builder = builder.with_disable_cpu_fallback().map_err(|e| e.to_string())?;
         }
     }
-    builder.commit_from_file(path).map_err(text)
+    // Weights in files of their own, which the limit does not count, are looked for where nothing can be: below the model file.
+    let nowhere = path.to_string_lossy();
+    let mut builder = builder
+        .with_config_entry("session.model_external_initializers_file_folder_path", nowhere)
+        .map_err(|e| e.to_string())?;
+    let model = file::read(path, MAX_MODEL_BYTES).map_err(|e| e.to_string())?;
+    builder.commit_from_memory(&model).map_err(text)
 }
 
 fn unfit(path: &Path, field: impl Into<String>, found: String, expected: impl Into<String>) -> NetworkError {

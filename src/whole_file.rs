@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use tempfile::TempPath;
 
-/// How every temporary name begins. What a killed process leaves under one is of no use and in nobody's way.
+/// How every temporary name begins. What a killed process leaves under one is of no use and may be deleted.
 pub const TEMPORARY: &str = ".liveview-tmp-";
 
 /// A file being written under a temporary name, unlike any other process's, in the folder that it will stand in. Without

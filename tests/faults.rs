@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::os::unix::fs::{MetadataExt, symlink};
 use std::os::unix::process::ExitStatusExt;
+use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
@@ -208,6 +209,9 @@ fn frames_of_another_job_are_never_taken() {
         assert_refused(&folders, render(arguments).arg("--resume"), &words);
     };
     let line = ["--path", "line:3"];
+    // What follows the picture's end is not read: photos of one length.
+    let pad = |file: &Path| fs::File::options().write(true).open(file).unwrap().set_len(8192).unwrap();
+    pad(&folders.photo(3));
     assert_eq!(json(render(&line).arg("--resume"))["kept"], 0, "an empty folder");
     let other = "another job";
     refused(&["--path", "line:4"], &[other, "\"targets\" is --path line:3 there and --path line:4 here"]);
@@ -222,9 +226,13 @@ fn frames_of_another_job_are_never_taken() {
     assert_refused(&folders, moved.arg("--model").arg(&model), &[other, "\"model\"", "other.onnx"]);
     folders.write_scene(5, "0, 0.2]", "0, 0.21]");
     refused(&line, &[other, "\"cameras\""]);
+    folders.write_scene(5, "\"near\"", "\"k1\": 0.01, \"near\"");
+    refused(&line, &[other, "\"cameras\""]);
     folders.write_scene(5, "", "");
     let bytes = fs::read(folders.photo(3)).unwrap();
     photo(&folders.photo(3), 7.0, WIDTH, HEIGHT);
+    assert!(folders.photo(3).metadata().unwrap().len() < 8192);
+    pad(&folders.photo(3));
     refused(&line, &[other, "\"photos\""]);
     fs::write(folders.photo(3), bytes).unwrap();
     assert_eq!(

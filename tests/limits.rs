@@ -274,3 +274,18 @@ fn a_model_of_4_gigabytes() {
     let mut render = within_a_gigabyte(&folders, "render", &arguments);
     folders.assert_refused(&mut render, &["huge.onnx", "the size is 4294967296 bytes, expected at most 268435456"]);
 }
+
+#[test]
+fn a_model_with_weights_of_4_gigabytes_beside_it() {
+    let folders = Folders::new();
+    let model = folders.scene().join("beside.onnx");
+    fs::copy(fixture("weights_beside"), &model).unwrap();
+    let picture = folders.out("a.png");
+    let arguments = ["--target", "2", "-o", &picture, "--model", model.to_str().unwrap(), "--threads", "1"];
+    // Small ones, of the right size, are refused too: nothing beside the model is opened.
+    for bytes in [4 << 30, 4 * 4 * 12] {
+        File::create(folders.scene().join("weights")).unwrap().set_len(bytes).unwrap();
+        let mut render = within_a_gigabyte(&folders, "render", &arguments);
+        folders.assert_refused(&mut render, &["beside.onnx", "External data path", "beside.onnx/weights\""]);
+    }
+}

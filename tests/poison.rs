@@ -31,8 +31,7 @@ struct Tally {
 }
 
 impl Tally {
-    /// Renders, and checks the answer: a refusal must name `file` and one of `fields`, unless the number was a legal one and
-    /// what is wrong is where the views look or how near things are.
+    /// Renders, and checks the answer: a refusal must name `file` and one of `fields`, or say one of [`ELSEWHERE`] that they hold.
     fn render(&mut self, folders: &Folders, arguments: &[&str], what: &str, file: &str, fields: &[&str]) {
         let [picture, depth, arrays] = ["a.png", "d.png", "a.npz"].map(|name| folders.out(name));
         let out = Path::new(&picture).parent().unwrap();
@@ -70,8 +69,8 @@ impl Tally {
                 assert!(!said.contains("panicked"), "{what}: {said}");
                 let error = said.split("error: ").nth(1).unwrap_or_else(|| panic!("{what}: {said}"));
                 let says = |words: &[&str]| words.iter().any(|word| error.contains(word));
-                let named = says(&[file]) && says(fields);
-                assert!(named || says(&["look the target's way", "expected --near"]), "{what}: {fields:?} in: {error}");
+                let elsewhere = ELSEWHERE.iter().any(|words| fields.contains(words) && error.contains(words));
+                assert!(elsewhere || says(&[file]) && says(fields), "{what}: {fields:?} in: {error}");
                 assert_eq!(folders.written(), Vec::<String>::new(), "{what}");
             }
             other => panic!("{what}: exit code {other:?}: {said}"),
@@ -156,8 +155,11 @@ const NUMERIC_OPTIONS: [&str; 16] = [
     "--fps",
 ];
 const K: &[&str] = &["fl_x", "fl_y", "fx", "fy", "cx", "cy"];
-const POSE: &[&str] = &["rotation", "translation", "centre", "transform_matrix"];
-const RANGE: &[&str] = &["near", "far"];
+const POSE: &[&str] = &["rotation", "translation", "centre", "transform_matrix", ELSEWHERE[0], ELSEWHERE[1]];
+const RANGE: &[&str] = &["near", "far", ELSEWHERE[1]];
+const POINTS: &[&str] = &["near", ELSEWHERE[1]];
+/// What is said of a legal number of a pose, a point or a depth, without the file: where the views look or how near things are.
+const ELSEWHERE: [&str; 2] = ["look the target's way", "expected --near"];
 
 #[test]
 fn transforms_json() {
@@ -188,10 +190,10 @@ fn spaces() {
     // Of view 1, 12 numbers, after those of view 0.
     let fields: &[(Range<usize>, &[&str])] = &[
         (12..15, &["principal_point", "pixel_aspect_ratio", "cx", "cy", "fy"]),
-        (15..18, &["position", "translation", "centre"]),
+        (15..18, &["position", "translation", "centre", ELSEWHERE[0], ELSEWHERE[1]]),
         (18..19, &["focal_length", "fx", "fy"]),
         (19..21, &["width", "height", "size"]),
-        (21..24, &["orientation", "rotation"]),
+        (21..24, &["orientation", "rotation", ELSEWHERE[0]]),
     ];
     let arguments = ["--target", "2", "--near", "2", "--far", "8"];
     poison_text(&folders, "models.json", &JSON, &arguments, fields).assert_both();
@@ -224,8 +226,15 @@ fn colmap_text() {
         &[(42..43, &[line]), (43..50, POSE), (50..51, &["camera", line]), (51..57, &[line])];
     poison_text(&folders, "sparse/0/images.txt", &TEXTS, &arguments, fields).assert_both();
     // POINT3D_ID X Y Z, which the depth ranges come from.
-    let fields: &[(Range<usize>, &[&str])] = &[(0..1, &[line]), (1..4, &["near"])];
+    let fields: &[(Range<usize>, &[&str])] = &[(0..1, &[line]), (1..4, POINTS)];
     poison_text(&folders, "sparse/0/points3D.txt", &TEXTS, &arguments, fields).assert_both();
+    for (camera, last) in [("OPENCV 64 48 50 60 30 25 0.01 0 0 0", 11), ("SIMPLE_RADIAL 64 48 50 30 25 0.01", 7)] {
+        Colmap { camera, names: &NAMES }.write_text(&folders.scene().join("sparse/0"));
+        let lens: &[&str] = &["k1", "k2", "p1", "p2"];
+        let first = if last == 11 { 7 } else { 6 };
+        let fields: &[(Range<usize>, &[&str])] = &[(3..first, K), (first..last, lens)];
+        poison_text(&folders, "sparse/0/cameras.txt", &TEXTS, &arguments, fields).assert_both();
+    }
 }
 
 #[test]
@@ -240,7 +249,7 @@ fn colmap_binary() {
         ("cameras.bin", 32, 4, K),
         ("images.bin", 12, 7, POSE),
         ("images.bin", 86, 6, &["keypoint"]),
-        ("points3D.bin", 16, 3, &["near"]),
+        ("points3D.bin", 16, 3, POINTS),
     ];
     for (file, start, count, words) in numbers {
         let whole = fs::read(model.join(file)).unwrap();
@@ -309,9 +318,9 @@ fn pose_files() {
         let rows = format!("[[1, 0, 0, {x}], [0, {y}, 0, 0], [0, 0, {y}, 0], [0, 0, 0, 1]]");
         fs::write(&pose, format!("{{\"{key}\": {rows}, {intrinsics}}}")).unwrap();
         let fields: &[(Range<usize>, &[&str])] = &[
-            (0..16, &["rotation", "translation", "centre", key, "JSON"]),
-            (16..20, &["fl_", "f", "c"]),
-            (20..22, &["w is", "h is", "size", "JSON"]),
+            (0..16, &["rotation", "translation", "centre", key, "not JSON", ELSEWHERE[0], ELSEWHERE[1]]),
+            (16..20, &["fl_x", "fl_y", "fx", "fy", "cx", "cy", "not JSON"]),
+            (20..22, &["w is", "h is", "size", "not JSON"]),
         ];
         poison_text(&folders, "pose.json", &JSON, &["--pose", pose.to_str().unwrap()], fields).assert_both();
     }
@@ -328,6 +337,16 @@ fn options() {
             arguments.extend((option == "--coarse-planes").then_some("--guided=2"));
             tally.render(&folders, &arguments, &given, "", &[option, &option[2..]]);
         }
+    }
+    for value in TEXTS.into_iter().chain(["3e-39", "3e38", "0", "1", "4097"]) {
+        let given = format!("--heldout={value}");
+        tally.render(&folders, &[&given], &given, "", &["--heldout"]);
+    }
+    for value in TEXTS.into_iter().chain(["3e-39", "3e38", "0", "1"]) {
+        let given = format!("--path=line:{value}");
+        tally.render(&folders, &[&given], &given, "", &["--path"]);
+        let (given, explain) = (format!("--dense={value}"), format!("--explain={}", folders.out("e.png")));
+        tally.render(&folders, &["--heldout=5", &explain, &given], &given, "", &["--dense"]);
     }
     tally.assert_both();
 }

@@ -1,9 +1,11 @@
 //! `liveview.json` in a folder of pictures: of which job they are and which of them are done. `render --resume` goes by it.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
+use liveview::file;
 use serde_json::{Map, Value, json};
 
 use super::layers::{LayerArgs, Recipe};
@@ -24,15 +26,16 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
     let first = &shots[0];
     let model = job.engine.network().path();
     let disparities = if let Recipe::Disparities(list) = &job.recipe { format!(" {list:?}") } else { String::new() };
-    let (mut cameras, mut photos) = (String::new(), String::new());
+    let mut cameras = String::new();
+    let mut views = BTreeSet::new();
     for shot in shots {
-        cameras += &format!("{} {:?} {:?} {:?}\n", shot.name, shot.target, shot.near, shot.far);
-        for &view in &shot.views {
-            let file = scene.views[view].image_path();
-            let bytes = fs::metadata(file).with_context(|| format!("{}: cannot be read", file.display()))?.len();
-            cameras += &format!("{:?}\n", scene.views[view].camera);
-            photos += &format!("{} {bytes}\n", scene.views[view].name);
-        }
+        cameras += &format!("{} {:?} {:?} {:?} {:?}\n", shot.name, shot.target, shot.near, shot.far, shot.views);
+        views.extend(&shot.views);
+    }
+    let mut photos = String::new();
+    for view in views.into_iter().map(|view: usize| &scene.views[view]) {
+        cameras += &format!("{:?} {:?} {:?}\n", view.camera, view.native_camera(), view.distortion());
+        photos += &format!("{} {}\n", view.name, digest_of(view.image_path())?);
     }
     Ok(vec![
         ("liveview", env!("CARGO_PKG_VERSION").to_owned()),
@@ -54,8 +57,8 @@ pub(super) fn digest(bytes: &[u8]) -> String {
     format!("crc32 {:08x}", crc32fast::hash(bytes))
 }
 
-fn digest_of(file: &Path) -> Result<String> {
-    Ok(digest(&fs::read(file).with_context(|| format!("{}: cannot be read", file.display()))?))
+fn digest_of(path: &Path) -> Result<String> {
+    Ok(digest(&file::read(path, file::MAX_BYTES).with_context(|| format!("{}: cannot be read", path.display()))?))
 }
 
 /// The record of the job that writes into a folder. It is written with each picture; the last of several jobs stands.

@@ -128,7 +128,7 @@ pub(super) fn lens(
     };
     // Checked here, where the file that holds the intrinsics is still known.
     let refused = |source| SceneError::Camera { path: path.to_owned(), image: format!("model {model}"), source };
-    Camera::new(intrinsics, 1, 1, DMat3::IDENTITY, DVec3::ZERO).map_err(refused)?;
+    Camera::new(intrinsics, 1, 1, DMat3::IDENTITY, DVec3::ZERO).and(distortion.check()).map_err(refused)?;
     Ok(Lens { intrinsics, distortion, width, height })
 }
 

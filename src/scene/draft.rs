@@ -112,11 +112,7 @@ fn view(
         native = native.with_size_scaled(actual.0, actual.1).map_err(refused)?;
         changes.rescaled.push(format!("{name} {}x{} → {}x{}", declared.0, declared.1, actual.0, actual.1));
     }
-    for (field, value) in draft.distortion.fields() {
-        if !value.is_finite() {
-            return Err(refused(CameraError::NotFinite { field: field.to_owned(), value }));
-        }
-    }
+    draft.distortion.check().map_err(refused)?;
     let distortion = Some(draft.distortion).filter(|d| !d.is_none());
     if distortion.is_some() {
         changes.undistorted.push(name.clone());

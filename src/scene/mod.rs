@@ -112,7 +112,6 @@ pub struct View {
     /// Near and far depth, in scene units, where the format tells them; 0 < near < far.
     pub depth_range: Option<(f64, f64)>,
     image: PathBuf,
-    /// The camera at the photo's own size.
     native: Camera,
     distortion: Option<Distortion>,
 }
@@ -121,6 +120,16 @@ impl View {
     /// Path of the photo.
     pub fn image_path(&self) -> &Path {
         &self.image
+    }
+
+    /// The camera at the photo's own size.
+    pub fn native_camera(&self) -> &Camera {
+        &self.native
+    }
+
+    /// Name and value of the coefficients of OpenCV's lens distortion, which [`Scene::load_image`] undoes; all 0 for none.
+    pub fn distortion(&self) -> [(&'static str, f64); 5] {
+        self.distortion.unwrap_or_default().fields()
     }
 }
 

@@ -13,7 +13,7 @@
 
 use rayon::prelude::*;
 
-use crate::camera::{Camera, Intrinsics};
+use crate::camera::{Camera, CameraError, Intrinsics};
 use crate::image_io::{ImageError, ImageRgb};
 
 /// Coefficients of OpenCV's radial and tangential model; they act on rays, so they hold at any image size.
@@ -33,6 +33,11 @@ impl Distortion {
 
     pub(super) fn fields(&self) -> [(&'static str, f64); 5] {
         [("k1", self.k1), ("k2", self.k2), ("k3", self.k3), ("p1", self.p1), ("p2", self.p2)]
+    }
+
+    pub(super) fn check(&self) -> Result<(), CameraError> {
+        let wrong = self.fields().into_iter().find(|(_, value)| !value.is_finite());
+        wrong.map_or(Ok(()), |(field, value)| Err(CameraError::NotFinite { field: field.to_owned(), value }))
     }
 
     /// Where the photo shows the pinhole ray (x, y, 1).
