@@ -95,6 +95,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Report> {
         stop: Arc::clone(&stop),
         faults: Mutex::new(Faults { cameras: rig.feeds.iter().map(|_| (0, None)).collect() }),
         wanted: AtomicUsize::new(first),
+        decoders: Mutex::default(),
     };
     let player =
         Player { session, seen: &seen, truth, live, scorer: Scorer::default(), tally, changes: Vec::new(), bar };
