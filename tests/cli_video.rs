@@ -45,7 +45,7 @@ impl Rig {
 
     /// A video file in place of each camera's folder, pixmaps that the stand-in for ffmpeg takes as they are.
     #[cfg(unix)]
-    fn into_videos(&self, frames: usize) {
+    fn as_videos(&self, frames: usize) {
         for camera in 0..6 {
             let mut video = Vec::new();
             for frame in 0..frames {
@@ -218,7 +218,7 @@ fn ffmpeg(folders: &Folders) -> String {
 #[test]
 fn video_files_with_poses_bounds_open_as_they_are() {
     let rig = Rig::new(3);
-    rig.into_videos(3);
+    rig.as_videos(3);
     let cut = rig.path().join("cam4.mp4");
     let video = fs::read(&cut).unwrap();
     fs::write(&cut, &video[..video.len() - 100]).unwrap();
@@ -250,7 +250,7 @@ fn video_files_with_poses_bounds_open_as_they_are() {
 #[test]
 fn a_live_camera_that_stalls_is_left_out_and_no_other() {
     let rig = Rig::new(12);
-    rig.into_videos(12);
+    rig.as_videos(12);
     let path = ffmpeg(&rig.folders);
     // The camera next to the viewpoint delivers four frames and no more, without ending.
     let (program, bytes) = (Path::new(&path).join("ffmpeg"), 4 * (13 + 3 * WIDTH * HEIGHT));
