@@ -8,10 +8,11 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 LIVEVIEW := target/release/liveview
 SCENE := tests/scenes/workshop
+RIG := tests/scenes/rig
 DATA ?= ../shared/data
 RUFF := --config python/pyproject.toml python parity tests
 
-.PHONY: demo demo-stereo test build runtime runtime-openvino int8 report setup lint docs goldens test-rust test-python parity stability \
+.PHONY: demo demo-stereo demo-video test build runtime runtime-openvino int8 report setup lint docs goldens test-rust test-python parity stability \
 	readme live-report cards setup-evaluation evaluate fuzz clean
 
 ## Render the two held-out views of the example scene and compare them with the truth.
@@ -25,6 +26,13 @@ demo-stereo: build setup
 	$(BIN)/python python/make_stereo_scene.py out/motorcycle
 	$(LIVEVIEW) render out/motorcycle --views 2 --path line:5 -o out/stereo --depth out/stereo_depth
 	@echo "Open out/stereo: from one photo to the other in five steps."
+
+## The held-out camera of the example rig's clip, from the others; a video where there is ffmpeg, else its frames.
+DEMO_VIDEO := out/$(if $(shell command -v ffmpeg),rig.mp4,rig)
+demo-video: build runtime
+	mkdir -p out
+	$(LIVEVIEW) video $(RIG) --camera target --guided 2 --fps 10 -o $(DEMO_VIDEO)
+	@echo "Open $(DEMO_VIDEO)."
 
 ## Everything that CI checks.
 test: lint docs test-python test-rust parity
@@ -107,9 +115,9 @@ report: build setup
 
 ## The layer policies of `liveview video` on the rig clip, and memory over 1,000 frames: models/report/live.
 live-report: build setup
-	cd python && ../$(BIN)/python live_report.py --cut 11 -- --guided 2 $(if $(wildcard .venv-openvino/.runtime),--engine openvino --precision int8)
+	cd python && ../$(BIN)/python live_report.py --cut 11 -- $(if $(wildcard .venv-openvino/.runtime),--engine openvino --precision int8)
 
-## The numbers and the picture of README.md, from models/report and the example scene.
+## The numbers and the pictures of README.md, from models/report, the example scene and the example rig.
 readme: build setup
 	$(BIN)/python python/readme.py
 

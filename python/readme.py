@@ -1,7 +1,7 @@
-"""Write the numbers and the picture of README.md: `make readme`.
+"""Write the numbers and the pictures of README.md: `make readme`.
 
 The numbers come from what `liveview sweep` measured (models/report, `make report`), the parity table from a run of
-`python -m liveview_ref.parity` and the picture from `liveview render`, here and now.
+`python -m liveview_ref.parity` and the pictures from `liveview render` and `liveview video`, here and now.
 """
 
 import json
@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 BINARY = ROOT / "target" / "release" / "liveview"
 REPORT = ROOT / "models" / "report"
 SCENE = "tests/scenes/workshop"
+RIG = "tests/scenes/rig"
 SHOWN = "guided 1", "guided 2", "guided 4", "guided 8", "kmeans 16", "select 16 of 64 planes", "planes 16", "planes 64"
 FEW = "guided 1", "guided 2"  # on other engines than the first
 
@@ -79,11 +80,36 @@ def picture() -> None:
         Image.open(compared / "target_0.png").save(ROOT / "models" / "workshop_v4.jpg", quality=90)
 
 
+def clip() -> None:
+    """models/rig_v4.webp: truth and result of the rig's held-out camera, half size, ten frames per second."""
+    with tempfile.TemporaryDirectory() as out:
+        command = [BINARY, "video", RIG, "--camera", "target", "--guided", "2", "-o", out]
+        subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+        frames = []
+        for truth, made in zip(sorted((ROOT / RIG / "target").glob("*.jpg")), sorted(Path(out).iterdir()), strict=True):
+            halves = [Image.open(path).convert("RGB").reduce(2) for path in (truth, made)]
+            width, height = halves[0].size
+            frame = Image.new("RGB", (2 * width + 4, height), "white")
+            for index, half in enumerate(halves):
+                frame.paste(half, (index * (width + 4), 0))
+            frames.append(frame)
+    frames[0].save(
+        ROOT / "models" / "rig_v4.webp",
+        save_all=True,
+        append_images=frames[1:],
+        duration=100,
+        loop=0,
+        quality=80,
+        method=6,
+    )
+
+
 def main() -> None:
     readme = ROOT / "README.md"
     headline, table = numbers()
     fill(readme, {"headline": headline, "numbers": f"\n\n{table}\n\n", "parity": f"\n\n{parity()}\n\n"})
     picture()
+    clip()
 
 
 if __name__ == "__main__":

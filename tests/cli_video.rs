@@ -43,6 +43,21 @@ impl Rig {
         photo(&self.frame(camera, frame), 0.1 * camera as f64 + moved, WIDTH, HEIGHT);
     }
 
+    /// A video file in place of each camera's folder, pixmaps that the stand-in for ffmpeg takes as they are.
+    #[cfg(unix)]
+    fn as_videos(&self, frames: usize) {
+        for camera in 0..6 {
+            let mut video = Vec::new();
+            for frame in 0..frames {
+                let picture = image::open(self.frame(camera, frame)).unwrap().into_rgb8();
+                video.extend(format!("P6\n{WIDTH} {HEIGHT}\n255\n").bytes());
+                video.extend(picture.as_raw());
+            }
+            fs::remove_dir_all(self.path().join(format!("cam{camera}"))).unwrap();
+            fs::write(self.path().join(format!("cam{camera}.mp4")), video).unwrap();
+        }
+    }
+
     fn write_poses(&self, cameras: usize) {
         let frame = |camera: usize| {
             let x = 0.1 * camera as f64;
@@ -203,19 +218,12 @@ fn ffmpeg(folders: &Folders) -> String {
 #[test]
 fn video_files_with_poses_bounds_open_as_they_are() {
     let rig = Rig::new(3);
+    rig.as_videos(3);
+    let cut = rig.path().join("cam4.mp4");
+    let video = fs::read(&cut).unwrap();
+    fs::write(&cut, &video[..video.len() - 100]).unwrap();
     let mut poses = Vec::new();
     for camera in 0..6 {
-        let mut video = Vec::new();
-        for frame in 0..3 {
-            let picture = image::open(rig.frame(camera, frame)).unwrap().into_rgb8();
-            video.extend(format!("P6\n{WIDTH} {HEIGHT}\n255\n").bytes());
-            video.extend(picture.as_raw());
-        }
-        if camera == 4 {
-            video.truncate(video.len() - 100);
-        }
-        fs::remove_dir_all(rig.path().join(format!("cam{camera}"))).unwrap();
-        fs::write(rig.path().join(format!("cam{camera}.mp4")), video).unwrap();
         // Columns down, right, backwards, centre, and (height, width, focal length); then near and far.
         let x = 0.1 * f64::from(camera as u8);
         poses.extend([0.0, 1.0, 0.0, x, 48.0, 1.0, 0.0, 0.0, 0.0, 64.0, 0.0, 0.0, -1.0, 0.0, 60.0, 2.0, 8.0]);
@@ -236,6 +244,33 @@ fn video_files_with_poses_bounds_open_as_they_are() {
     let mut cut = rig.video(&["--camera", "cam2", "-o", &rig.folders.out("b.mp4")]);
     let output = cut.env("PATH", "/nowhere").output().unwrap();
     assert_eq!(output.status.code(), Some(2));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_live_camera_that_stalls_is_left_out_and_no_other() {
+    let rig = Rig::new(12);
+    rig.as_videos(12);
+    let path = ffmpeg(&rig.folders);
+    // The camera next to the viewpoint delivers four frames and no more, without ending.
+    let (program, bytes) = (Path::new(&path).join("ffmpeg"), 4 * (13 + 3 * WIDTH * HEIGHT));
+    let script = fs::read_to_string(&program).unwrap();
+    let stall = format!(
+        "case \"$2\" in *cam1.mp4) /usr/bin/head -c {bytes} \"$2\"; exec /bin/sleep 60;; esac; exec /bin/cat \"$2\""
+    );
+    fs::write(&program, script.replacen("exec /bin/cat \"$2\"", &stall, 1)).unwrap();
+    let (out, log) = (rig.folders.out("frames"), rig.folders.out("log.jsonl"));
+    let mut video =
+        rig.video(&["--camera", "cam2", "--fps", "10", "--latency", "2s", "-o", &out, "--log", &log, "--json"]);
+    let output = video.env("PATH", &path).timeout(Duration::from_secs(50)).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let faults = told["faults"].as_array().unwrap();
+    assert!(faults.len() == 1 && faults[0]["camera"] == "cam1" && faults[0]["first"] == "frame 4 was late", "{told}");
+    let seen = |line: &Value| line["views"].as_array().is_some_and(|views| views.contains(&Value::from(1)));
+    let with: Vec<u64> =
+        lines(&log).iter().filter(|line| seen(line)).map(|line| line["frame"].as_u64().unwrap()).collect();
+    assert!(with.iter().all(|&frame| frame < 4) && told["rendered"].as_u64() > Some(with.len() as u64), "{told}");
 }
 
 #[cfg(unix)]

@@ -3,6 +3,7 @@
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::{Arc, Mutex};
 
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::camera::MAX_SIDE;
@@ -13,7 +14,7 @@ use crate::cli::encoder::{apart, ffmpeg};
 /// ffmpeg, writing portable pixmaps: each frame tells its size.
 pub(super) struct Decoder {
     path: PathBuf,
-    child: Child,
+    child: Running,
     pipe: BufReader<ChildStdout>,
 }
 
@@ -31,7 +32,13 @@ impl Decoder {
             .spawn()
             .map_err(|error| anyhow!("{}: cannot be started: {error}", program.display()))?;
         let pipe = child.stdout.take().expect("piped");
+        let child = Running(Arc::new(Mutex::new(child)));
         Ok(Self { path: path.to_owned(), child, pipe: BufReader::with_capacity(1 << 16, pipe) })
+    }
+
+    /// To end it with while another thread waits for a frame.
+    pub(super) fn running(&self) -> Running {
+        self.child.clone()
     }
 
     /// Width and height of the next frame, whose pixels follow; `None` at the end.
@@ -73,7 +80,18 @@ impl Decoder {
 impl Drop for Decoder {
     fn drop(&mut self) {
         // Reading may stop before the end of the video.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        self.child.end();
+    }
+}
+
+/// The program while it runs.
+#[derive(Clone)]
+pub(super) struct Running(Arc<Mutex<Child>>);
+
+impl Running {
+    pub(super) fn end(&self) {
+        let mut child = self.0.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let _ = child.kill();
+        let _ = child.wait();
     }
 }

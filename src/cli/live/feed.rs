@@ -108,17 +108,11 @@ impl Feed {
         }
     }
 
-    /// Its frames from time step `first` on.
-    pub(super) fn open(&self, first: usize) -> Result<Reader> {
+    /// Its frames, from the first on.
+    pub(super) fn open(&self) -> Result<Reader> {
         Ok(match &self.frames {
             Frames::Photos(photos) => Reader::Photos(photos.clone()),
-            Frames::Video(path) => {
-                let mut decoder = Decoder::start(path)?;
-                for _ in 0..first {
-                    decoder.skip()?;
-                }
-                Reader::Video(decoder)
-            }
+            Frames::Video(path) => Reader::Video(Decoder::start(path)?),
         })
     }
 }

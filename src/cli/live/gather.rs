@@ -2,8 +2,8 @@
 //! Every channel is bounded, so that nothing is held for the length of the video.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
-use std::sync::{Arc, Mutex};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread::{Scope, sleep};
 use std::time::{Duration, Instant};
 
@@ -11,12 +11,14 @@ use anyhow::anyhow;
 use liveview::image_io::ImageRgb;
 use liveview::scene::Scene;
 
+use super::arrivals::{Camera, Frame, await_photos};
+use super::decoder::Running;
 use super::feed::{Delivered, Feed, Reader};
 
 /// Frames that a camera may be ahead of the others.
 const AHEAD: usize = 2;
-/// Part of the latency that a camera may lag behind the clock before it is left out.
-const LAG: f64 = 0.5;
+/// Steps wanted once the video is over.
+const NONE: usize = usize::MAX;
 
 /// When the frames of a live rig are due, and how late they may be used.
 #[derive(Debug, Clone, Copy)]
@@ -73,10 +75,9 @@ pub(super) struct Gathering<'a> {
     pub(super) faults: Mutex<Faults>,
     /// Steps before this are not asked for any more.
     pub(super) wanted: AtomicUsize,
+    /// Of the cameras that are video files.
+    pub(super) decoders: Mutex<Vec<Running>>,
 }
-
-/// A frame from a camera's thread.
-type Frame = (usize, Option<ImageRgb>);
 
 impl Gathering<'_> {
     /// Starts the threads; the time steps, in order, some left out by the clock.
@@ -88,23 +89,34 @@ impl Gathering<'_> {
             for &camera in &self.read {
                 let (sender, frames) = sync_channel(AHEAD);
                 scope.spawn(move || self.read_camera(camera, &sender));
-                cameras.push(Camera { index: camera, frames, held: None, ended: false, told: false });
+                cameras.push(Camera::new(camera, frames));
             }
             self.gather(&mut cameras, &sender);
+            self.wanted.store(NONE, Ordering::Relaxed);
+            // A camera that stalls would keep its thread for ever.
+            self.lock_decoders().iter().for_each(Running::end);
         });
         steps
     }
 
     fn read_camera(&self, camera: usize, frames: &SyncSender<Frame>) {
-        let mut reader = match self.feeds[camera].open(self.steps.start) {
+        let mut reader = match self.feeds[camera].open() {
             Ok(reader) => reader,
             Err(error) => return self.fault(camera, &format!("{error:#}")),
         };
+        if let Reader::Video(decoder) = &reader {
+            self.lock_decoders().push(decoder.running());
+        }
+        for step in 0..self.steps.start {
+            if self.is_over() || !reader.skip(step).is_ok_and(|more| more) {
+                return;
+            }
+        }
         for step in self.steps.clone() {
             if let Some(clock) = self.clock {
                 sleep(clock.due(step).saturating_duration_since(Instant::now()));
             }
-            if self.stop.load(Ordering::Relaxed) {
+            if self.is_over() {
                 return;
             }
             if step < self.wanted.load(Ordering::Relaxed) {
@@ -113,13 +125,15 @@ impl Gathering<'_> {
                     _ => return,
                 }
             }
-            let frame = match self.read(&mut reader, camera, step) {
+            let started = Instant::now();
+            let photo = match self.read(&mut reader, camera, step) {
                 Ok(Delivered::Photo(photo)) => Some(photo),
                 Ok(Delivered::Ended) => return,
                 Ok(Delivered::Missing) => {
                     self.fault(camera, &format!("frame {step} is missing"));
                     None
                 }
+                Err(_) if self.is_over() => return,
                 Err(error) => {
                     self.fault(camera, &format!("{error:#}"));
                     if matches!(reader, Reader::Video(_)) {
@@ -128,7 +142,7 @@ impl Gathering<'_> {
                     None
                 }
             };
-            if frames.send((step, frame)).is_err() {
+            if frames.send(Frame { step, photo, took: started.elapsed() }).is_err() {
                 return;
             }
         }
@@ -154,13 +168,14 @@ impl Gathering<'_> {
             if let Some(clock) = self.clock {
                 sleep(clock.due(index).saturating_duration_since(Instant::now()));
             }
-            let deadline = self.clock.map(|clock| clock.due(index).max(Instant::now()) + clock.latency.mul_f64(LAG));
             let mut photos: Vec<Option<ImageRgb>> = self.feeds.iter().map(|_| None).collect();
-            for camera in cameras.iter_mut() {
-                photos[camera.index] = camera.frame(index, deadline, self);
-            }
+            let late = await_photos(cameras, index, self.clock.map(|clock| clock.latency), &self.stop, &mut photos);
+            late.iter().for_each(|&camera| self.fault(camera, &format!("frame {index} was late")));
             let mut sources = cameras.iter().filter(|camera| Some(camera.index) != self.truth);
-            let over = sources.all(|camera| camera.ended && photos[camera.index].is_none());
+            // A camera that stalls does not keep the video going once all others have ended.
+            let any_ended = cameras.iter().any(|camera| camera.ended && Some(camera.index) != self.truth);
+            let gone = |camera: &Camera| camera.ended || late.contains(&camera.index);
+            let over = any_ended && sources.all(|camera| gone(camera) && photos[camera.index].is_none());
             if over || self.stop.load(Ordering::Relaxed) {
                 return;
             }
@@ -174,60 +189,18 @@ impl Gathering<'_> {
         }
     }
 
+    fn is_over(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.wanted.load(Ordering::Relaxed) == NONE
+    }
+
+    fn lock_decoders(&self) -> MutexGuard<'_, Vec<Running>> {
+        self.decoders.lock().expect("no thread panics with it")
+    }
+
     fn fault(&self, camera: usize, what: &str) {
         let mut faults = self.faults.lock().expect("no thread panics with it");
         let (count, first) = &mut faults.cameras[camera];
         *count += 1;
         first.get_or_insert_with(|| what.to_owned());
-    }
-}
-
-/// A camera as seen from where the frames meet.
-struct Camera {
-    index: usize,
-    frames: Receiver<Frame>,
-    /// Came before its time.
-    held: Option<Frame>,
-    ended: bool,
-    /// That it ended before the others.
-    told: bool,
-}
-
-impl Camera {
-    /// Its frame of a time step; later ones are kept, earlier ones let go.
-    fn frame(&mut self, step: usize, deadline: Option<Instant>, gathering: &Gathering<'_>) -> Option<ImageRgb> {
-        loop {
-            let (at, photo) = match self.held.take() {
-                Some(held) => held,
-                None => match self.next(deadline) {
-                    Ok(frame) => frame,
-                    Err(TryRecvError::Empty) => {
-                        gathering.fault(self.index, &format!("frame {step} was late"));
-                        return None;
-                    }
-                    Err(TryRecvError::Disconnected) => {
-                        self.ended = true;
-                        return None;
-                    }
-                },
-            };
-            match at.cmp(&step) {
-                std::cmp::Ordering::Less => {}
-                std::cmp::Ordering::Equal => return photo,
-                std::cmp::Ordering::Greater => {
-                    self.held = Some((at, photo));
-                    return None;
-                }
-            }
-        }
-    }
-
-    fn next(&self, deadline: Option<Instant>) -> Result<Frame, TryRecvError> {
-        let Some(deadline) = deadline else { return self.frames.recv().map_err(|_| TryRecvError::Disconnected) };
-        let left = deadline.saturating_duration_since(Instant::now());
-        self.frames.recv_timeout(left).map_err(|error| match error {
-            RecvTimeoutError::Timeout => TryRecvError::Empty,
-            RecvTimeoutError::Disconnected => TryRecvError::Disconnected,
-        })
     }
 }

@@ -1,5 +1,6 @@
 //! `liveview video`: the frames of a camera rig become the video of a moving viewpoint.
 
+mod arrivals;
 mod decoder;
 mod feed;
 mod gather;

@@ -54,7 +54,8 @@ pub(crate) struct VideoArgs {
     #[arg(long, value_name = "N", default_value = "30", value_parser = crate::cli::few)]
     pub(super) fps: usize,
     /// Live: frames are due at their times, none is used that is older, and layers, then size, give way where the machine is too
-    /// slow; such as 100ms
+    /// slow: after three frames over the budget, or one of more than twice that, as far as it takes to fit; up again step by step. A
+    /// camera that is half of this late is left out, unless all are read that slowly. Such as 100ms
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub(super) latency: Option<Duration>,
     /// Where the video goes: .mp4 or .gif through ffmpeg, a folder for its frames, or - for raw y4m on standard output

@@ -10,7 +10,7 @@ use anyhow::{Result, anyhow};
 use indicatif::ProgressBar;
 use liveview::camera::Camera;
 use liveview::image_io::ImageRgb;
-use liveview::live::{LiveError, LiveSession, LiveSettings, Policy};
+use liveview::live::{LiveError, LiveSession, LiveSettings, Policy, Taken};
 use liveview::network::OrtNetwork;
 use liveview::views::choose_views;
 use serde_json::{Value, json};
@@ -95,6 +95,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Report> {
         stop: Arc::clone(&stop),
         faults: Mutex::new(Faults { cameras: rig.feeds.iter().map(|_| (0, None)).collect() }),
         wanted: AtomicUsize::new(first),
+        decoders: Mutex::default(),
     };
     let player =
         Player { session, seen: &seen, truth, live, scorer: Scorer::default(), tally, changes: Vec::new(), bar };
@@ -238,7 +239,10 @@ impl Player<'_> {
             }
         };
         self.tally.add(step.index, &frame, scores)?;
-        if let Some(rung) = self.live.as_mut().and_then(|(governor, _)| governor.note(frame.times.total())) {
+        // The paper's first frame has more planes than all others: no measure of them.
+        let usual = self.tally.rendered > 1 || frame.taken != Taken::Planes;
+        let live = self.live.as_mut().filter(|_| usual);
+        if let Some(rung) = live.and_then(|(governor, _)| governor.note(frame.times.total())) {
             self.session.set_layers(rung.layers);
             self.changes.push((step.index + 1, rung));
         }

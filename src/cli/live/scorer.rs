@@ -61,7 +61,7 @@ mod tests {
 
     #[test]
     fn flicker_is_the_change_that_the_truth_does_not_make() {
-        let flat = |value: f32| ImageRgb::new(40, 40, vec![value; 4800]).unwrap();
+        let flat = |value: f32| ImageRgb::new(48, 48, vec![value; 3 * 48 * 48]).unwrap();
         let mut scorer = Scorer::default();
         assert!(scorer.score(&flat(0.5), flat(0.4)).unwrap().flicker.is_none());
         let steady = scorer.score(&flat(0.7), flat(0.6)).unwrap().flicker.unwrap();
