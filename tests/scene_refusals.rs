@@ -229,7 +229,7 @@ const COLMAP: &[(&str, &str, &[&str])] = &[
     ("PINHOLE 64 48 50 30 25", "a.png", &["cameras.txt", "PINHOLE camera with 3 parameters"]),
     ("PINHOLE 64 48 50 sixty 30 25", "a.png", &["cameras.txt: line 2: word 6 is \"sixty\"", "PARAMS"]),
     ("PINHOLE 64 48 nan 50 30 25", "a.png", &["cameras.txt: camera of model PINHOLE: fx is NaN"]),
-    ("RADIAL 64 48 50 30 25 inf 0", "a.png", &["camera of a.png: k1 is inf"]),
+    ("RADIAL 64 48 50 30 25 inf 0", "a.png", &["cameras.txt: camera of model RADIAL: k1 is inf"]),
     ("PINHOLE 80 60 50 50 30 25", "a.png", &["a.png: image of another size than declared: it is 64x48", "80x60"]),
     ("PINHOLE 18446744073709551615 48 50 50 30 25", "a.png", &["a.png: image of another size"]),
     ("PINHOLE 64 48 50 50 30 25", "b.png", &["images/b.png: missing image, listed in", "images.txt"]),
