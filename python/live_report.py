@@ -128,7 +128,6 @@ def main() -> None:
             f"guided layer): {early:.0f} MB after a tenth, {late:.0f} MB at the end.",
         ]
     (args.out / "policies.md").write_text("\n".join(text) + "\n")
-    (args.out / "policies.json").write_text(json.dumps({"reports": reports, "frames": runs}) + "\n")
 
 
 if __name__ == "__main__":
