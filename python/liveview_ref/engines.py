@@ -78,7 +78,7 @@ def batches(planes: int, batch: int) -> list[slice]:
     return [slice(first, min(first + batch, planes)) for first in range(0, planes, batch)]
 
 
-def session(model: Path, threads: int):
+def session(model: Path | bytes, threads: int):
     """onnxruntime on these many threads, which sleep whenever they have nothing to do."""
     import onnxruntime
 

@@ -9,6 +9,7 @@ numpy alone (engine_graph.py), without the memory that torch and the export take
 import sys
 import warnings
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import torch
@@ -87,23 +88,21 @@ def first_planes(inputs: dict[str, Tensor], count: int) -> dict[str, Tensor]:
     return {name: value[:count] if name in of_planes else value for name, value in inputs.items()}
 
 
+def traced(module: nn.Module, inputs: tuple[Tensor, ...], to: Path | BinaryIO, **names) -> None:
+    """Export by tracing; `names` as torch.onnx.export takes them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the trace holds for inputs like these alone, as is meant
+        torch.onnx.export(module, inputs, to, dynamo=False, opset_version=OPSET, **names)
+
+
 @torch.inference_mode()
 def build(data: stages.Arrays, network: UNet, batch: int, folder: Path) -> None:
     """Write the graphs and inputs of a job to `folder`."""
     inputs = inputs_of(data)
     planes = Planes(network, tuple(inputs["transmittance"].shape)).eval()
     for part in {part.stop - part.start for part in batches(len(data["disparities"]), batch)}:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the trace holds for this job alone, as is meant
-            torch.onnx.export(
-                planes,
-                tuple(first_planes(inputs, part).values()),
-                folder / f"planes_{part}.onnx",
-                dynamo=False,
-                input_names=INPUTS,
-                output_names=OUTPUTS,
-                opset_version=OPSET,
-            )
+        graph = folder / f"planes_{part}.onnx"
+        traced(planes, tuple(first_planes(inputs, part).values()), graph, input_names=INPUTS, output_names=OUTPUTS)
     size = data["target.size"]
     np.savez(folder / "inputs.npz", size=size, **{name: value.numpy() for name, value in inputs.items()})
 

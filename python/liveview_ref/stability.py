@@ -104,7 +104,7 @@ def inferred(data: stages.Arrays, model: str) -> dict[str, Outputs]:
     found = {
         "torch": net.float()(hwv).numpy(),
         "onnxruntime": in_graph.run(["logits"], {"hwv": data["colour"]})[0],
-        "rust": data["rust"],
+        "rust": data["rust.logits"].reshape(truth.shape),
     }
     return {name: {"logits": logits} for name, logits in found.items()}
 

@@ -2,7 +2,6 @@
 
 import functools
 import io
-import warnings
 
 import numpy as np
 import onnxruntime
@@ -13,7 +12,8 @@ from torch import Tensor, nn
 from . import blend as blending
 from .camera import Camera
 from .composite import accumulate, empty
-from .one_graph import OPSET
+from .engines import session
+from .one_graph import traced
 from .sweep import plane_homography
 from .warp import grid_from_pixels, outside_masked, with_coverage
 
@@ -40,18 +40,11 @@ class Composite(nn.Module):
         return accumulate((rgb, disparity, transmittance), *plane)
 
 
-def session(module: nn.Module, inputs: tuple[Tensor, ...], dynamic: dict) -> onnxruntime.InferenceSession:
+def graph_of(module: nn.Module, inputs: tuple[Tensor, ...], dynamic: dict) -> onnxruntime.InferenceSession:
     """Traced with these inputs, named input0, input1, ...; `dynamic` axes as torch.onnx.export takes them."""
     file = io.BytesIO()
-    names = [f"input{i}" for i in range(len(inputs))]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # branches of the trace hold for inputs like these
-        torch.onnx.export(
-            module, inputs, file, dynamo=False, input_names=names, dynamic_axes=dynamic, opset_version=OPSET
-        )
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1
-    return onnxruntime.InferenceSession(file.getvalue(), options, providers=["CPUExecutionProvider"])
+    traced(module, inputs, file, input_names=[f"input{i}" for i in range(len(inputs))], dynamic_axes=dynamic)
+    return session(file.getvalue(), 1)
 
 
 def run(graph: onnxruntime.InferenceSession, inputs: tuple[Tensor, ...]) -> list[np.ndarray]:
@@ -63,7 +56,7 @@ def run(graph: onnxruntime.InferenceSession, inputs: tuple[Tensor, ...]) -> list
 @functools.cache
 def warp_graph() -> onnxruntime.InferenceSession:
     inputs = torch.rand(1, 4, 8, 9), torch.eye(3), torch.rand(3, 5)
-    return session(Warp(), inputs, {"input0": {2: "h", 3: "w"}, "input2": {1: "p"}})
+    return graph_of(Warp(), inputs, {"input0": {2: "h", 3: "w"}, "input2": {1: "p"}})
 
 
 def warp(image: Tensor, source: Camera, target: Camera, disparity: float) -> tuple[np.ndarray, np.ndarray]:
@@ -85,7 +78,7 @@ def blend_inputs(data: dict[str, np.ndarray]) -> tuple[Tensor, ...]:
 def blend_graph(views: int, coincident: bool) -> onnxruntime.InferenceSession:
     distances = torch.arange(views) + (0.0 if coincident else 1.0)
     inputs = torch.rand(1, views, 1, 7), torch.rand(1, views, 3, 1, 7), torch.rand(1, views, 1, 7), distances
-    return session(Blend(), inputs, {"input0": {3: "p"}, "input1": {4: "p"}, "input2": {3: "p"}})
+    return graph_of(Blend(), inputs, {"input0": {3: "p"}, "input1": {4: "p"}, "input2": {3: "p"}})
 
 
 def blend(inputs: tuple[Tensor, ...]) -> list[np.ndarray]:
@@ -99,7 +92,7 @@ def blend(inputs: tuple[Tensor, ...]) -> list[np.ndarray]:
 def composite_graph(pixels: int) -> onnxruntime.InferenceSession:
     size = 1, pixels
     plane = torch.rand(1, *size), torch.rand(1, 3, *size), torch.rand(1, 1, *size), torch.rand(1), torch.tensor([True])
-    return session(Composite(), (*empty(size), *plane), {})
+    return graph_of(Composite(), (*empty(size), *plane), {})
 
 
 def composite(alpha: Tensor, rgb: Tensor, covered: Tensor, maps: Tensor) -> tuple[Tensor, ...]:

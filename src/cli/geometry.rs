@@ -42,7 +42,7 @@ pub(super) fn coverage(views: &[(&Camera, Sweep)], grid: &[DVec2], disparity: f6
 }
 
 /// The value below which a share `part` of the values lies; NaN of none.
-pub(super) fn percentile(values: &mut [f64], part: f64) -> f64 {
+pub(crate) fn percentile(values: &mut [f64], part: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get((part * values.len().saturating_sub(1) as f64).round() as usize).copied().unwrap_or(f64::NAN)
 }

@@ -35,6 +35,7 @@ use clap::{Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
 pub(crate) use dump::Arrays;
+pub(crate) use geometry::percentile;
 pub(crate) use render::SCORE_BORDER;
 
 const EXAMPLES: &str = "\

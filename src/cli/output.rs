@@ -66,8 +66,7 @@ pub(super) struct Outputs {
 impl Outputs {
     /// Checks the options by themselves, before anything is opened.
     pub(super) fn new(args: &OutputArgs, have_truth: bool) -> Result<Self> {
-        let video =
-            args.output.as_deref().filter(|path| !path.is_dir() && ["mp4", "gif"].iter().any(|e| has_ending(path, e)));
+        let video = args.output.as_deref().filter(|path| !path.is_dir() && has_ending(path, &["mp4", "gif"]));
         if let (Some(path), false) = (&args.compare, have_truth) {
             bail!("--compare {}: there is no photo to compare with; expected --target or --heldout", path.display());
         }
@@ -209,7 +208,7 @@ fn disparity(shot: &Shot, frame: &Frame) -> Result<[Vec<u8>; 3]> {
 
 /// PNG, or JPEG by the name's ending.
 fn encoded(path: &Path, picture: &ImageRgb) -> Result<Vec<u8>> {
-    if !has_ending(path, "jpg") && !has_ending(path, "jpeg") {
+    if !has_ending(path, &["jpg", "jpeg"]) {
         return Ok(encode_png(picture)?);
     }
     let mut jpeg = Vec::new();

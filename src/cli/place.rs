@@ -24,7 +24,7 @@ impl Place {
         if path.is_dir() || path.as_os_str().to_string_lossy().ends_with('/') || path.extension().is_none() {
             return Ok(Self::Folder(path.to_owned()));
         }
-        if !endings.iter().any(|ending| has_ending(path, ending)) {
+        if !has_ending(path, endings) {
             bail!("{option} {}: expected a name that ends in .{}, or a folder", path.display(), endings.join(", ."));
         }
         Ok(Self::File(path.to_owned()))
@@ -86,6 +86,6 @@ fn stem(name: &str) -> String {
     Path::new(&name.replace('/', "_")).with_extension("").to_string_lossy().into_owned()
 }
 
-pub(super) fn has_ending(path: &Path, ending: &str) -> bool {
-    path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending))
+pub(super) fn has_ending(path: &Path, endings: &[&str]) -> bool {
+    path.extension().is_some_and(|found| endings.iter().any(|ending| found.eq_ignore_ascii_case(ending)))
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use ndarray::Array1;
 use serde_json::json;
 
 use super::dump::Arrays;
@@ -13,7 +14,7 @@ use super::output::write_whole;
 use super::place::{claim, photo_files};
 use super::setup::SceneArgs;
 use super::targets::{held_out, named};
-use super::workers::Worker;
+use super::workers::{Worker, words};
 use super::{Report, progress};
 use crate::stability::{Case, Errors, Outcome, Rig, Table, Truth, cases, json, markdown, plot, share};
 
@@ -116,9 +117,8 @@ struct Reference {
 
 impl Reference {
     fn start(command: &str, model: String) -> Result<Self> {
-        let words: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
         let folder = tempfile::tempdir().context("a folder for what the reference is handed")?;
-        Ok(Self { worker: Worker::start("--reference", &words, None)?.0, folder, model })
+        Ok(Self { worker: Worker::start("--reference", &words(command), None)?.0, folder, model })
     }
 }
 
@@ -153,12 +153,15 @@ fn outcome(case: &Case<'_>, reference: Option<&mut Reference>) -> Result<Outcome
         oracle: None,
         slower: question.slower(),
     };
-    if let (Some(reference), Ok(_)) = (reference, &answer) {
+    if let (Some(reference), Ok(answer)) = (reference, answer) {
         let file = reference.folder.path().join("case.npz");
         let mut arrays = Arrays::create(&file)?;
         question.write(&mut arrays)?;
-        if let Some(truth) = &truth {
-            truth.write(&mut arrays)?;
+        match &truth {
+            Some(truth) => truth.write(&mut arrays)?,
+            None => answer
+                .into_iter()
+                .try_for_each(|(name, values)| arrays.add(&format!("rust.{name}"), Array1::from_vec(values)))?,
         }
         arrays.finish()?;
         let asked = json!({ "case": super::shown(&file), "stage": outcome.stage, "model": reference.model, "bound": case.bound });

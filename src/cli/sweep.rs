@@ -17,7 +17,7 @@ use super::place::{claim, photo_files};
 use super::setup::{Photos, SceneArgs, Shot};
 use super::targets::{held_out, named};
 use super::worker::scaled;
-use super::workers::Worker;
+use super::workers::{Worker, words};
 use super::{Report, progress};
 use crate::report::{self, Row, Sweep};
 
@@ -194,7 +194,7 @@ fn references(
     let shot = photos.shot(targets, views(own))?;
     write_job(&file, photos, &shot, planes)?;
     let weights = model(own).with_extension("pt");
-    let words: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
+    let words = words(command);
     let start = |engine: &str| {
         let job = json!({
             "job": super::shown(&file), "model": super::shown(model(own)), "weights": weights.is_file().then(|| super::shown(&weights)),

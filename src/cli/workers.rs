@@ -6,6 +6,11 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 
+/// The program and arguments of a command line without quotes.
+pub(super) fn words(command: &str) -> Vec<String> {
+    command.split_whitespace().map(str::to_owned).collect()
+}
+
 /// A process that renders one configuration whenever it is asked; ended when dropped.
 pub(super) struct Worker {
     process: Child,

@@ -7,7 +7,7 @@ use liveview::image_io::ImageRgb;
 use serde_json::{Value, json};
 
 pub(crate) use markdown::markdown;
-pub(crate) use plot::plot;
+pub(crate) use plot::{plot, svg_start};
 
 /// Spread of the repetitions (interquartile range / median, median over the rows) above which the times are not to be trusted.
 const NOISY: f64 = 0.15;

@@ -36,10 +36,7 @@ pub(crate) fn plot(sweep: &Sweep) -> String {
         Axis::new(marks.iter().map(|m| m.x), MARGINS[0], WIDTH - MARGINS[1]),
         Axis::new(marks.iter().map(|m| m.y), HEIGHT - MARGINS[3], MARGINS[2]),
     ];
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"sans-serif\" font-size=\"12\" fill=\"#222\">\n\
-         <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
-    );
+    let mut svg = svg_start((WIDTH, HEIGHT), 12);
     axes(&mut svg, (&x, across), (&y, up));
     if !scaling {
         let mut front: Vec<_> =
@@ -78,6 +75,14 @@ pub(crate) fn plot(sweep: &Sweep) -> String {
         let _ = writeln!(svg, "<text x=\"{}\" y=\"{}\">{}</text>", left + 10.0, top + 4.0, escaped(kind));
     }
     svg + "</svg>\n"
+}
+
+/// The beginning of a picture: its size, its letters' size, white ground.
+pub(crate) fn svg_start((width, height): (f64, f64), letters: u32) -> String {
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" font-size=\"{letters}\" fill=\"#222\">\n\
+         <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
+    )
 }
 
 /// A colour per kind; those of the references are hollow.

@@ -101,7 +101,7 @@ impl Question for BlendCase {
 }
 
 fn case<'a>(family: &'static str, extreme: f64, name: String, question: BlendCase) -> Case<'a> {
-    Case { family, extreme, name, question: Box::new(question), bound: BOUND }
+    Case::new(family, extreme, name, question, BOUND)
 }
 
 /// From the distances of an ordinary rig.
@@ -141,10 +141,6 @@ pub(super) fn families<'a>(distances: &[f64]) -> Vec<Vec<Case<'a>>> {
             blend.cover(view, |pixel| if pixel % (view + 2) == 0 { coverage as f32 } else { 0.0 })
         })
     };
-    let mut special = Vec::new();
-    let mut add = |name: &str, question: BlendCase| {
-        special.push(case("special blends", (special.len() + 1) as f64, name.to_owned(), question));
-    };
     let infinite = |mut blend: BlendCase| {
         for (i, logit) in blend.logits.iter_mut().enumerate().filter(|(i, _)| i % 4 != 0) {
             *logit = if i % 4 == 1 { f32::INFINITY } else { f32::NEG_INFINITY };
@@ -154,16 +150,17 @@ pub(super) fn families<'a>(distances: &[f64]) -> Vec<Vec<Case<'a>>> {
     let zeros = || BlendCase { logits: vec![0.0; views * PIXELS], ..ordinary() };
     let mut two_coincide = ordinary();
     two_coincide.distances[..2].fill(0.0);
-    add("all logits equal", zeros());
-    add("infinite logits", infinite(ordinary()));
-    add("infinite logits, coincident view", infinite(near(0.0)));
-    add("target on a view", near(0.0));
-    add("two views coincide with the target", two_coincide.cover(0, |pixel| f32::from(u8::from(pixel % 2 == 0))));
-    add("no view sees anything", (0..views).fold(ordinary(), |blend, view| blend.cover(view, |_| 0.0)));
-    add(
-        "one pixel is seen",
-        (0..views).fold(ordinary(), |blend, view| blend.cover(view, |at| f32::from(u8::from(at == 150)))),
-    );
+    let all_seen_as =
+        |coverage: fn(usize) -> f32| (0..views).fold(ordinary(), |blend, view| blend.cover(view, coverage));
+    let special = [
+        ("all logits equal", zeros()),
+        ("infinite logits", infinite(ordinary())),
+        ("infinite logits, coincident view", infinite(near(0.0))),
+        ("target on a view", near(0.0)),
+        ("two views coincide with the target", two_coincide.cover(0, |pixel| f32::from(u8::from(pixel % 2 == 0)))),
+        ("no view sees anything", all_seen_as(|_| 0.0)),
+        ("one pixel is seen", all_seen_as(|pixel| f32::from(u8::from(pixel == 150)))),
+    ];
     // Logarithms of ratios are float32: large ones have a coarser last bit.
     let of_ratio = |ratio: f64, case: Case<'a>| {
         let last_bit = ratio.ln().abs() * f64::from(f32::EPSILON) / 2.0;
@@ -185,6 +182,6 @@ pub(super) fn families<'a>(distances: &[f64]) -> Vec<Vec<Case<'a>>> {
                 ..case("coverage", by, format!("{by:.0e}"), thin(by))
             })
             .collect(),
-        special,
+        Case::listed("special blends", BOUND, special),
     ]
 }

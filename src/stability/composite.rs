@@ -110,7 +110,7 @@ impl Question for CompositeCase {
 }
 
 fn case<'a>(family: &'static str, extreme: f64, name: String, question: CompositeCase) -> Case<'a> {
-    Case { family, extreme, name, question: Box::new(question), bound: BOUND }
+    Case::new(family, extreme, name, question, BOUND)
 }
 
 pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
@@ -149,7 +149,6 @@ pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
     let mut white = CompositeCase { background: false, ..many(1024) };
     white.rgb.fill(1.0);
     named.push(("white, without background", white));
-    let named = named.into_iter().enumerate();
     vec![
         decades(-8..=0)
             .map(first)
@@ -167,8 +166,6 @@ pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
             .map(|n| case("number of planes", n as f64, format!("{n}"), many(n)))
             .collect(),
         decades(0..=12).map(|by| case("far / near", by, format!("{by:.0e}"), ratio(by))).collect(),
-        named
-            .map(|(index, (name, question))| case("special composites", (index + 1) as f64, name.to_owned(), question))
-            .collect(),
+        Case::listed("special composites", BOUND, named),
     ]
 }

@@ -96,13 +96,31 @@ pub(crate) trait Question {
 pub(crate) struct Case<'a> {
     /// What is swept; one panel of the plot.
     pub(crate) family: &'static str,
-    /// How extreme it is, as the family measures it; positive, or infinite.
+    /// How extreme it is, as the family measures it; not negative, may be infinite.
     pub(crate) extreme: f64,
     /// In words, where a number does not say it.
     pub(crate) name: String,
     pub(crate) question: Box<dyn Question + 'a>,
     /// Largest error allowed outside doubtful pixels: of values in [0, 1], else relative to the largest.
     pub(crate) bound: f64,
+}
+
+impl<'a> Case<'a> {
+    fn new(family: &'static str, extreme: f64, name: String, question: impl Question + 'a, bound: f64) -> Self {
+        Self { family, extreme, name, question: Box::new(question), bound }
+    }
+
+    /// A family that no number orders: its cases count from 1.
+    fn listed<Q: Question + 'a>(
+        family: &'static str,
+        bound: f64,
+        named: impl IntoIterator<Item = (impl Into<String>, Q)>,
+    ) -> Vec<Self> {
+        let named = named.into_iter().enumerate();
+        named
+            .map(|(index, (name, question))| Self::new(family, (index + 1) as f64, name.into(), question, bound))
+            .collect()
+    }
 }
 
 /// All cases of a rig and a model; in the short form, three of each family.

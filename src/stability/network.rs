@@ -10,7 +10,7 @@ use liveview::network::{OrtNetwork, PlaneNetwork};
 use ndarray::{Array4, Axis};
 
 use super::{Case, Outputs, Question, Seeded, Truth};
-use crate::cli::Arrays;
+use crate::cli::{Arrays, percentile};
 
 /// Relative to the largest logit: up to 1,728 products are summed, in orders of their own.
 const BOUND: f64 = 2e-6;
@@ -64,16 +64,13 @@ impl Question for NetworkCase<'_> {
         let times: Vec<[f64; 2]> = times.collect::<Result<_, String>>().ok()?;
         let median = |which: usize| {
             let mut times: Vec<f64> = times[WARM_UP..].iter().map(|pair| pair[which]).collect();
-            times.sort_by(f64::total_cmp);
-            times[times.len() / 2]
+            percentile(&mut times, 0.5)
         };
         Some(median(0) / median(1))
     }
 
     fn write(&self, arrays: &mut Arrays) -> Result<()> {
-        let logits = self.infer(&self.hwv).map_err(anyhow::Error::msg)?;
-        arrays.add("colour", self.hwv.clone())?;
-        arrays.add("rust", logits)
+        arrays.add("colour", self.hwv.clone())
     }
 }
 
@@ -101,9 +98,6 @@ pub(super) fn families<'a>(network: &'a RefCell<OrtNetwork>) -> Vec<Vec<Case<'a>
         ("smallest picture, 8x8", noise(shape((8, 8)))),
         ("longest picture, 16384x8", noise(shape((8, MAX_SIDE)))),
     ];
-    let case = |(index, (name, hwv)): (usize, (&str, Array4<f32>))| {
-        let question = Box::new(NetworkCase { network, hwv });
-        Case { family: "network", extreme: (index + 1) as f64, name: name.to_owned(), question, bound: BOUND }
-    };
-    vec![named.into_iter().enumerate().map(case).collect()]
+    let named = named.map(|(name, hwv)| (name, NetworkCase { network, hwv }));
+    vec![Case::listed("network", BOUND, named)]
 }

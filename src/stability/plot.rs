@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use super::table::errors;
 use super::{Outcome, Table};
+use crate::report::svg_start;
 
 const COLUMNS: usize = 4;
 const PANEL: (f64, f64) = (250.0, 170.0);
@@ -20,10 +21,7 @@ pub(crate) fn plot(table: &Table) -> String {
     let families: Vec<&[Outcome]> = table.families().collect();
     let rows = families.len().div_ceil(COLUMNS);
     let (width, height) = (PANEL.0 * COLUMNS as f64, PANEL.1 * rows as f64 + TOP);
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" font-size=\"10\" fill=\"#222\">\n\
-         <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
-    );
+    let mut svg = svg_start((width, height), 10);
     let shown =
         |implementation: usize| table.outcomes.iter().any(|outcome| errors(outcome)[implementation].1.is_some());
     for (place, implementation) in (0..4).filter(|&i| shown(i)).enumerate() {

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use liveview::camera::{Camera, Intrinsics};
 use liveview::image_io::ImageRgb;
 
-use super::warp::WarpCase;
+use super::warp::{BOUND, WarpCase};
 use super::{Case, decades};
 
 /// What the cases start from: a target, one view of it, and how far the things are that they see.
@@ -89,20 +89,13 @@ impl Rig {
     }
 }
 
-/// Float32 samples of a photo in [0, 1] along float64 coordinates: about what their distance from the middle of a run, in
-/// pixels, has in the last bit.
-const BOUND: f64 = 2e-5;
-
 /// A family of warps.
 fn family<'a>(
     name: &'static str,
     extremes: impl IntoIterator<Item = f64>,
     case: impl Fn(f64) -> WarpCase<'a>,
 ) -> Vec<Case<'a>> {
-    let case = |extreme: f64| {
-        let question = Box::new(case(extreme));
-        Case { family: name, extreme, name: format!("{extreme:.0e}"), question, bound: BOUND }
-    };
+    let case = |extreme: f64| Case::new(name, extreme, format!("{extreme:.0e}"), case(extreme), BOUND);
     extremes.into_iter().map(case).collect()
 }
 

@@ -7,14 +7,11 @@ use glam::{DMat3, DVec3};
 use liveview::camera::{Camera, CameraError, Intrinsics};
 use liveview::image_io::ImageRgb;
 
-use super::warp::WarpCase;
+use super::warp::{BOUND, WarpCase};
 use super::{Case, Seeded, decades};
 
 /// Of the photo that is sampled, but for the family of sizes: odd, and no multiple of anything.
 const SIDES: (usize, usize) = (37, 23);
-
-/// As for [`super::rigs`].
-const BOUND: f64 = 2e-5;
 
 /// Where coordinates are whole or half pixels, samples are pixels or means of two: a rounding or two.
 const EXACT: f64 = 1.2e-7;
@@ -44,26 +41,21 @@ fn sampled<'a>(photo: ImageRgb, size: (usize, usize), scale: f64, shift: (f64, f
     }
 }
 
-fn case<'a>(family: &'static str, extreme: f64, name: String, question: WarpCase<'a>, bound: f64) -> Case<'a> {
-    Case { family, extreme, name, question: Box::new(question), bound }
-}
-
 pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
     let sizes = [(1, 1), (1, 9), (9, 1), (2, 2), (3, 5), (17, 1), (65, 63), (129, 7)];
-    let sizes = sizes.into_iter().enumerate().map(|(index, size)| {
+    let sizes = sizes.map(|size| {
         let target = (size.0 + 2, size.1 + 3);
-        let question = sampled(photo(size), target, 1.0, (-0.75, -1.25));
-        case("photo size", (index + 1) as f64, format!("{}x{}", size.0, size.1), question, BOUND)
+        (format!("{}x{}", size.0, size.1), sampled(photo(size), target, 1.0, (-0.75, -1.25)))
     });
     let (width, height) = (SIDES.0 as f64, SIDES.1 as f64);
     let shifts =
         [0.0, 0.5, 1.0].map(|by| [(by, 0.0), (-by, by), (width - by, 0.0), (by - width, 0.0), (0.0, by - height)]);
-    let edges = shifts.into_iter().flatten().enumerate().map(|(index, shift)| {
-        let question = sampled(photo(SIDES), SIDES, 1.0, shift);
-        case("exact hits of edges", (index + 1) as f64, format!("shift {}, {}", shift.0, shift.1), question, EXACT)
-    });
+    let edges = shifts
+        .into_iter()
+        .flatten()
+        .map(|shift| (format!("shift {}, {}", shift.0, shift.1), sampled(photo(SIDES), SIDES, 1.0, shift)));
     let outside = decades((0..=9).chain([15, 30, 150, 300])).map(|shift| {
-        case(
+        Case::new(
             "far outside",
             shift,
             format!("shift {shift:.0e}"),
@@ -73,7 +65,7 @@ pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
     });
     let scaled = |family: &'static str, scale: f64| {
         let middle = (width / 2.0 * (1.0 - scale) + 0.3, height / 2.0 * (1.0 - scale) - 0.2);
-        case(
+        Case::new(
             family,
             scale.max(1.0 / scale),
             format!("scale {scale:.0e}"),
@@ -82,8 +74,8 @@ pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
         )
     };
     vec![
-        sizes.collect(),
-        edges.collect(),
+        Case::listed("photo size", BOUND, sizes),
+        Case::listed("exact hits of edges", EXACT, edges),
         outside.collect(),
         decades(0..=6).map(|by| scaled("magnification", 1.0 / by)).collect(),
         decades(0..=6).map(|by| scaled("minification", by)).collect(),

@@ -83,9 +83,6 @@ pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
         ("all but one bin empty", one_bin, 3),
         ("4,096 planes", random(4096), 16),
     ];
-    let case = |(index, (name, alpha, count)): (usize, (&str, Vec<f32>, usize))| {
-        let question = Box::new(SelectCase { alpha, count });
-        Case { family: "selection", extreme: (index + 1) as f64, name: name.to_owned(), question, bound: 0.0 }
-    };
-    vec![named.into_iter().enumerate().map(case).collect()]
+    let named = named.map(|(name, alpha, count)| (name, SelectCase { alpha, count }));
+    vec![Case::listed("selection", 0.0, named)]
 }

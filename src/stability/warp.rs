@@ -18,8 +18,11 @@ use crate::cli::Arrays;
 /// of float32, is doubtful: those are the rounded inputs of every float32 implementation.
 const DOUBTFUL_PIXELS: f64 = 0.01;
 
+/// Float32 samples of a photo in [0, 1] along float64 coordinates: about what their distance from the middle of a run, in
+/// pixels, has in the last bit.
+pub(super) const BOUND: f64 = 2e-5;
+
 /// One view, seen along one plane of the target.
-#[derive(Clone)]
 pub(super) struct WarpCase<'a> {
     pub(super) photo: Cow<'a, ImageRgb>,
     pub(super) source: Result<Camera, CameraError>,

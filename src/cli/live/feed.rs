@@ -7,6 +7,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use liveview::image_io::{self, ImageRgb};
 
 use super::decoder::Decoder;
+use crate::cli::place::has_ending;
 
 const PHOTOS: [&str; 3] = ["png", "jpg", "jpeg"];
 const VIDEOS: [&str; 7] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
@@ -181,10 +182,6 @@ fn last_number(path: &Path) -> Option<usize> {
         .rfind(|c: char| !c.is_ascii_digit())
         .map_or(0, |at| at + stem[at..].chars().next().map_or(1, char::len_utf8));
     stem[start..end].parse().ok()
-}
-
-fn has_ending(path: &Path, endings: &[&str]) -> bool {
-    path.extension().is_some_and(|found| endings.iter().any(|ending| found.eq_ignore_ascii_case(ending)))
 }
 
 #[cfg(test)]

@@ -1,11 +1,14 @@
 //! A folder with one folder of frames or one video file per camera, and poses in any format: opened as a scene whose photos
 //! are stand-ins of the frames' size, one per camera.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
-use liveview::image_io::{ImageRgb, save_png};
+use liveview::file;
+use liveview::image_io::{ImageRgb, encode_png};
 use serde_json::Value;
 
 use super::feed::Feed;
@@ -97,19 +100,26 @@ fn camera_of(name: &str) -> &str {
 
 /// Writes the poses and a black photo per camera where they expect one. Only its header is ever read.
 fn lay_out(root: &Path, to: &Path, cameras: &[(&Feed, (usize, usize))], notes: &mut Vec<String>) -> Result<()> {
-    let stand_in = |name: PathBuf, (width, height): (usize, usize)| -> Result<()> {
+    let mut encoded = HashMap::new();
+    let mut stand_in = |name: PathBuf, (width, height): (usize, usize)| -> Result<()> {
         fs::create_dir_all(name.parent().unwrap_or(to))?;
-        Ok(save_png(&name, &ImageRgb::new(width, height, vec![0.0; 3 * width * height])?)?)
+        let png = match encoded.entry((width, height)) {
+            Entry::Occupied(png) => png.into_mut(),
+            Entry::Vacant(none) => {
+                none.insert(encode_png(&ImageRgb::new(width, height, vec![0.0; 3 * width * height])?)?)
+            }
+        };
+        Ok(fs::write(name, png)?)
     };
     let mut known = false;
-    for (file, key) in NAMED.iter().filter(|(file, _)| root.join(file).is_file()) {
-        let path = root.join(file);
-        let text = fs::read(&path).with_context(|| path.display().to_string())?;
+    for (name, key) in NAMED.iter().filter(|(name, _)| root.join(name).is_file()) {
+        let path = root.join(name);
+        let text = file::read(&path, file::MAX_JSON_BYTES).with_context(|| path.display().to_string())?;
         let mut json: Value =
             serde_json::from_slice(&text).map_err(|error| anyhow!("{}: not JSON: {error}", path.display()))?;
         let mut taken = Vec::new();
         rename(&mut json, key, cameras, &mut taken, notes);
-        fs::write(to.join(file), json.to_string())?;
+        fs::write(to.join(name), json.to_string())?;
         for &(feed, size) in cameras.iter().filter(|(feed, _)| taken.contains(&feed.name)) {
             stand_in(to.join(format!("{}/0.png", feed.name)), size)?;
         }
