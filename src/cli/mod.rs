@@ -7,6 +7,7 @@ mod engine;
 mod explain;
 mod geometry;
 mod inspect;
+mod interrupt;
 mod layers;
 mod live;
 mod measured;
@@ -133,7 +134,7 @@ pub(crate) fn run() -> ExitCode {
                 Command::Worker(_) => drop(worker::say(&serde_json::json!({ "error": told }))),
                 _ => tell("error", told),
             }
-            ExitCode::from(2)
+            ExitCode::from(if error.is::<interrupt::Interrupted>() { interrupt::EXIT_CODE } else { 2 })
         }
     }
 }

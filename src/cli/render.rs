@@ -1,6 +1,7 @@
 //! `liveview render`.
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
@@ -16,7 +17,7 @@ use super::output::{OutputArgs, Outputs, disparity_max};
 use super::record;
 use super::setup::{Job, Planned, SceneArgs, Shot};
 use super::targets::TargetArgs;
-use super::{Report, progress, report};
+use super::{Report, interrupt, progress, report};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -90,7 +91,8 @@ pub(super) fn run(args: &RenderArgs) -> Result<Report> {
     outputs.begin(&shots, || record::fields(&job, &shots, &args.targets, &args.layers))?;
     job.progress = progress("layers")?;
     let wanted = shots.len();
-    let rendered = render(&mut job, shots, moving, &mut outputs, &args.explain);
+    let stop = interrupt::watch()?;
+    let rendered = render(&mut job, shots, moving, &mut outputs, &args.explain, &stop);
     job.progress.finish_and_clear();
     let (done, explanation) = rendered.inspect_err(|_| outputs.tell_how_to_go_on(wanted))?;
     let video = outputs.finish()?;
@@ -104,6 +106,7 @@ fn render(
     moving: bool,
     outputs: &mut Outputs,
     explain: &ExplainArgs,
+    stop: &AtomicBool,
 ) -> Result<(Vec<Rendered>, Option<Explanation>)> {
     // The paper's video: what the first frame selects serves the others.
     let shared = moving && matches!(job.recipe, Recipe::Select { .. });
@@ -114,6 +117,9 @@ fn render(
         if let Some(there) = outputs.kept(&shot) {
             done.push(there);
             continue;
+        }
+        if stop.load(Ordering::Relaxed) {
+            return Err(interrupt::Interrupted.into());
         }
         job.progress.set_message(shot.name.clone());
         let started = Instant::now();

@@ -1,7 +1,7 @@
 //! The pipeline: cameras → time steps → frames → file, each stage in threads of its own, bounded channels between them.
 
 use std::collections::BTreeSet;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -24,7 +24,7 @@ use super::sink::Sink;
 use super::tally::Tally;
 use super::told;
 use super::writer::{Shown, Written, write};
-use crate::cli::{Report, progress};
+use crate::cli::{Report, interrupt, progress};
 
 /// Cameras read beyond those that a frame needs, for when one drops out.
 const SPARE: usize = 2;
@@ -65,8 +65,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Report> {
     sink.claim(&rig.photos.scene.root, (target.width(), target.height()))?;
     let tally = Tally::new(args.log.as_deref())?;
 
-    let stop = Arc::new(AtomicBool::new(false));
-    end_on_interrupt(&stop)?;
+    let stop = interrupt::watch()?;
     let first = args.frames.as_ref().map_or(0, |range| range.start);
     let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
     let last = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
@@ -120,16 +119,6 @@ fn cameras_to_read(rig: &Rig, seen: &Viewpoint, fewest: usize, views: usize) -> 
 fn recommended(network: &OrtNetwork) -> usize {
     let layers = network.card().recommended_layers.strip_prefix("guided ").map(crate::cli::count);
     layers.and_then(Result::ok).unwrap_or(2)
-}
-
-/// The first Ctrl-C ends the video where it is; a second one ends the program.
-fn end_on_interrupt(stop: &Arc<AtomicBool>) -> Result<()> {
-    let stop = Arc::clone(stop);
-    Ok(ctrlc::set_handler(move || {
-        if stop.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-    })?)
 }
 
 /// An engine's first picture of a size takes longer than all others.
