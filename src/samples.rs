@@ -4,8 +4,6 @@
 //! registers, with the token's own instructions: plain loops come out by way of memory, which took 20 % longer on planes at
 //! 504×352 and 40 % in the cache.
 
-use std::any::Any;
-
 use pulp::Simd;
 
 use crate::taps::{LANES, Taps};
@@ -16,9 +14,10 @@ pub(crate) type Channels<'a> = [&'a mut [f32; LANES]; 4];
 
 /// Each sample lies between the texel of its tap, its right neighbour and the two below.
 #[inline(always)]
+#[cfg_attr(not(target_arch = "x86_64"), expect(unused_variables))]
 pub(crate) fn sample<S: Simd>(simd: S, texture: &Texture, taps: &Taps, out: Channels<'_>) {
     #[cfg(target_arch = "x86_64")]
-    if let Some(&simd) = (&simd as &dyn Any).downcast_ref() {
+    if let Some(&simd) = (&simd as &dyn std::any::Any).downcast_ref() {
         return transposed::sample(simd, texture, taps, out);
     }
     plain(texture, taps, out);
