@@ -40,6 +40,7 @@ pub mod network;
 pub mod picture;
 pub mod render;
 pub mod runtime;
+mod samples;
 pub mod scene;
 pub mod select;
 pub mod semiglobal;

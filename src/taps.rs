@@ -100,29 +100,42 @@ impl Taps {
         let (top, bottom) = (-whole_y as f32, (source.texture.height() + 1) as f32 - whole_y as f32);
         let stride = source.texture.stride() as i32;
         let (whole_x, whole_y) = (whole_x as i32, whole_y as i32);
-        let [mut small, mut seen, mut inside] = [[0_u32; LANES]; 3];
-        for i in 0..LANES {
+        // w, and how far (u, v)/w moves.
+        let moved = |i: usize| {
             let (k, d) = (i as i32 as f32 - half as f32, disparity[i] - disparity[half]);
             let w = 1.0 + (k * column[2] + d * deeper[2]);
             let per_w = 1.0 / w;
-            let (dx, dy) = ((k * column[0] + d * deeper[0]) * per_w, (k * column[1] + d * deeper[1]) * per_w);
-            small[i] = u32::from((w > 0.5) & (dx.abs() < NEAR_BY) & (dy.abs() < NEAR_BY));
-            let (dx, dy) = (part_x + dx, part_y + dy);
-            seen[i] = u32::from((dx > left) & (dx < right) & (dy > top) & (dy < bottom));
-            let across = (dx >= left + 1.0) & (dx <= right - 1.0);
-            inside[i] = u32::from(across & (dy >= top + 1.0) & (dy <= bottom - 1.0));
-            let (dx, dy) = (clamped(dx, left, right), clamped(dy, top, bottom));
+            (w, (k * column[0] + d * deeper[0]) * per_w, (k * column[1] + d * deeper[1]) * per_w)
+        };
+        // Extremes, of bits in the order of the numbers (NaN beyond all): folds of floats would not vectorise, and flags
+        // for each pixel took longer.
+        let (mut least_w, mut farthest, mut last_x, mut last_y) = (i32::MAX, 0, 0, 0);
+        for i in 0..LANES {
+            let (w, dx, dy) = moved(i);
+            least_w = least_w.min(w.to_bits() as i32);
+            farthest = farthest.max(dx.abs().to_bits()).max(dy.abs().to_bits());
+            let (dx, dy) = (clamped(part_x + dx, left, right), clamped(part_y + dy, top, bottom));
             let (floor_x, floor_y) = (dx.floor(), dy.floor());
             (self.across[i], self.down[i]) = (dx - floor_x, dy - floor_y);
-            self.texel[i] = ((whole(floor_y) + whole_y) * stride + whole(floor_x) + whole_x) as u32;
+            // Without the border: -1, so the largest of all as u32, where the sample begins in it.
+            let (x, y) = (whole(floor_x) + whole_x - 1, whole(floor_y) + whole_y - 1);
+            (last_x, last_y) = (last_x.max(x as u32), last_y.max(y as u32));
+            self.texel[i] = ((y + 1) * stride + x + 1) as u32;
         }
-        let all = |flags: &[u32; LANES]| flags.iter().fold(1, |all, flag| all & flag) == 1;
-        let any = |flags: &[u32; LANES]| flags.iter().fold(0, |any, flag| any | flag) == 1;
-        all(&small).then(|| match (any(&seen), all(&inside)) {
-            (false, _) => Seen::None,
-            (true, false) => Seen::Partly,
-            (true, true) => Seen::All,
-        })
+        if farthest >= NEAR_BY.to_bits() || least_w <= 0.5_f32.to_bits() as i32 {
+            return None;
+        }
+        let (width, height) = (source.texture.width() as u32, source.texture.height() as u32);
+        if last_x < width - 1 && last_y < height - 1 {
+            return Some(Seen::All);
+        }
+        let sees = |i: usize| {
+            let (_, dx, dy) = moved(i);
+            let (dx, dy) = (part_x + dx, part_y + dy);
+            u32::from((dx > left) & (dx < right) & (dy > top) & (dy < bottom))
+        };
+        let any = (0..LANES).fold(0, |any, i| any | sees(i)) == 1;
+        Some(if any { Seen::Partly } else { Seen::None })
     }
 }
 

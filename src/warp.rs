@@ -7,6 +7,7 @@
 use rayon::prelude::*;
 
 use crate::image_io::ImageRgb;
+use crate::samples::sample;
 use crate::sweep::Sweep;
 use crate::taps::{LANES, Seen, Taps};
 
@@ -75,21 +76,13 @@ impl Texture {
         (self.width + BORDER.0 + BORDER.1) as u32
     }
 
-    /// Bilinear sample between texel `at`, its right neighbour and the two below, at the given shares of the latter.
-    /// Neighbours lie side by side in memory: eight numbers at a time go down, four across.
+    /// All texels but the last row, and all but the first: a texel and the one below it have the same index in both, and one
+    /// test of bounds serves both.
     #[inline(always)]
-    fn sample(&self, at: u32, across: f32, down: f32) -> [f32; 4] {
-        // Widened from u32, sums cannot overflow, which saves half of the tests.
-        let pair = |at: usize| self.texels[at..at + 2].as_flattened();
-        let (upper, lower) = (pair(at as usize), pair(at as usize + self.stride() as usize));
-        let (mut pair, mut mixed) = ([0.0; 8], [0.0; 4]);
-        for i in 0..8 {
-            pair[i] = upper[i] + (lower[i] - upper[i]) * down;
-        }
-        for i in 0..4 {
-            mixed[i] = pair[i] + (pair[i + 4] - pair[i]) * across;
-        }
-        mixed
+    pub(crate) fn upper_and_lower(&self) -> (&[[f32; 4]], &[[f32; 4]]) {
+        let stride = self.stride() as usize;
+        let lower = &self.texels[stride..];
+        (&self.texels[..lower.len()], lower)
     }
 }
 
@@ -126,8 +119,8 @@ pub(crate) fn seen_len((height, width): (usize, usize)) -> usize {
 }
 
 /// As [`warp_layers`] into buffers that have been used before: `seen`, `[n, V, seen_len]`, is what their coverage is known
-/// to be (where it is 0 the colour is too), before and after. What would not change is not written: memory is what the warp
-/// waits for.
+/// to be (where it is 0 the colour is too), before and after. What would not change is not written: from memory the warp takes half as long
+/// again as in the cache.
 pub(crate) fn warp_again(
     disparity: &[f32],
     sources: &[WarpSource<'_>],
@@ -170,7 +163,7 @@ const BAND: usize = 32;
 #[pulp::with_simd(warp_row = pulp::Arch::new())]
 #[inline(always)]
 fn warp_row_with<'a, S: pulp::Simd>(
-    _simd: S,
+    simd: S,
     source: &'a WarpSource<'a>,
     row: usize,
     disparity: &'a [f32],
@@ -179,7 +172,7 @@ fn warp_row_with<'a, S: pulp::Simd>(
 ) {
     let [red, green, blue, coverage] = out;
     let mut taps = Taps::NONE;
-    let mut samples = [[0.0; 4]; LANES];
+    let mut spare = [[0.0; LANES]; 4];
     let mut padded = [0.0; LANES];
     for ((index, disparity), seen) in disparity.chunks(LANES).enumerate().zip(seen) {
         let run = index * LANES..index * LANES + disparity.len();
@@ -199,14 +192,19 @@ fn warp_row_with<'a, S: pulp::Simd>(
             Seen::All => coverage[run.clone()].fill(1.0),
             Seen::Partly => {}
         }
-        for (i, sample) in samples.iter_mut().enumerate() {
-            *sample = source.texture.sample(taps.texel[i], taps.across[i], taps.down[i]);
-        }
-        for (channel, plane) in [&mut *red, green, blue].into_iter().enumerate() {
-            plane[run.clone()].iter_mut().zip(&samples).for_each(|(value, sample)| *value = sample[channel]);
-        }
-        if *seen == Seen::Partly {
-            coverage[run].iter_mut().zip(&samples).for_each(|(value, sample)| *value = sample[3]);
+        // Whole runs go straight to their planes; a row's end, and coverage that is known, to `spare`.
+        let planes = [&mut *red, green, blue, coverage].map(|plane| &mut plane[run.clone()]);
+        let planes = planes.into_iter().take(if *seen == Seen::Partly { 4 } else { 3 });
+        let mut channels = spare.each_mut();
+        if run.len() == LANES {
+            channels
+                .iter_mut()
+                .zip(planes)
+                .for_each(|(channel, plane)| *channel = plane.try_into().expect("a whole run"));
+            sample(simd, source.texture, &taps, channels);
+        } else {
+            sample(simd, source.texture, &taps, channels);
+            planes.zip(&spare).for_each(|(plane, spare)| plane.copy_from_slice(&spare[..run.len()]));
         }
     }
 }
