@@ -100,6 +100,16 @@ impl Taps {
         let (top, bottom) = (-whole_y as f32, (source.texture.height() + 1) as f32 - whole_y as f32);
         let stride = source.texture.stride() as i32;
         let (whole_x, whole_y) = (whole_x as i32, whole_y as i32);
+        let (width, height) = (source.texture.width() as u32, source.texture.height() as u32);
+        // On planes of a rectified rig the run moves as one: a quarter less time.
+        if column[0] == 1.0 && column[1].abs().max(column[2].abs()) < STILL && is_flat(disparity) {
+            let first = whole_x - half as i32;
+            if 1 <= first && first + LANES as i32 <= width as i32 && 1 <= whole_y && whole_y < height as i32 {
+                (self.across, self.down) = ([part_x; LANES], [part_y; LANES]);
+                self.texel = std::array::from_fn(|i| (whole_y * stride + first) as u32 + i as u32);
+                return Some(Seen::All);
+            }
+        }
         // w, and how far (u, v)/w moves.
         let moved = |i: usize| {
             let (k, d) = (i as i32 as f32 - half as f32, disparity[i] - disparity[half]);
@@ -125,7 +135,6 @@ impl Taps {
         if farthest >= NEAR_BY.to_bits() || least_w <= 0.5_f32.to_bits() as i32 {
             return None;
         }
-        let (width, height) = (source.texture.width() as u32, source.texture.height() as u32);
         if last_x < width - 1 && last_y < height - 1 {
             return Some(Seen::All);
         }
@@ -144,6 +153,15 @@ const FAR_OUT: f64 = 1e6;
 
 /// As are those that lie further than this from the middle of their run.
 const NEAR_BY: f32 = 128.0;
+
+/// Of a rectified rig, rounded: what moves a sample by less than a hundred-millionth of a pixel.
+const STILL: f32 = 1e-10;
+
+/// Whether the run lies on a plane that faces the target.
+#[inline(always)]
+fn is_flat(disparity: &[f32; LANES]) -> bool {
+    disparity.iter().fold(0, |differs, d| differs | (d.to_bits() ^ disparity[0].to_bits())) == 0
+}
 
 /// A whole number below 2^22 as an integer: `as` would look for overflow.
 #[inline(always)]
@@ -205,6 +223,22 @@ mod tests {
                 assert!((x - exact_x).abs() < 8e-6 && (y - exact_y).abs() < 8e-6, "{x} {y}, not {exact_x} {exact_y}");
             }
         }
+    }
+
+    #[test]
+    fn a_rectified_run_on_a_plane_moves_as_one() {
+        let rectified = |shift: f64, disparity: fn(usize) -> f32| {
+            let (pairs, served) = both(DMat3::IDENTITY, DVec3::new(shift, 7.7, 0.0), disparity);
+            assert!(served);
+            let part = |at: f64| at - at.floor();
+            for [x, y, exact_x, exact_y] in &pairs {
+                assert!((x - exact_x).abs() < 8e-6 && (y - exact_y).abs() < 8e-6, "{x} {y}, not {exact_x} {exact_y}");
+            }
+            pairs.iter().all(|pair| part(pair[0]) == part(pairs[0][0]))
+        };
+        assert!(rectified(210.3, |_| 0.1), "by one amount");
+        assert!(!rectified(210.3, |i| 0.1 + 1e-3 * i as f32), "not on a plane");
+        assert!(!rectified(1700.3, |_| 0.1), "beyond the edge of the photo");
     }
 
     #[test]
