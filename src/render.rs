@@ -80,8 +80,8 @@ pub struct Batch<'a> {
 
 /// Layers that are warped, and then composited, together, however few the network takes at once: photos and sums go through
 /// memory once for all of them, and these stages take half as long again from memory as from the cache. At 504×352 each takes
-/// 18 MB (V = 5); before the warp was made faster, of the network's time, on 24 planes, they took 8.2 % three at a time and
-/// 7.8 % four at a time; 11.2 % one by one with all of the coverage read.
+/// 18 MB (V = 5). One, three and four at a time they take 9.9, 7.5 and 7.0 % of the network's time on 24 planes; 10.1, 8.3 and
+/// 7.4 % at V = 5.
 const TOGETHER: usize = 4;
 
 /// Runs a network over layers. Keeps its buffers from frame to frame; their size is set by `batch` (four layers at least) and the
