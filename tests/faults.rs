@@ -7,7 +7,7 @@ mod common;
 use std::collections::BTreeMap;
 use std::fs;
 use std::os::unix::fs::{MetadataExt, symlink};
-use std::os::unix::process::ExitStatusExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
@@ -173,12 +173,13 @@ fn a_render_that_is_interrupted_leaves_whole_files_alone() {
         let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
         render.arg("render").arg(folders.scene()).args(["--path", "line:2000", "--model", &fixture("tiny_v4")]);
         render.args(["-o", output]).env("PATH", folders.ffmpeg("exec /bin/cat > /dev/null"));
-        let mut render = render.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        // As at a terminal: the signal is for whatever the program started, too.
+        let mut render = render.process_group(0).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         while !begun() {
             assert!(render.try_wait().unwrap().is_none(), "it ended before it was interrupted");
             std::thread::sleep(Duration::from_millis(10));
         }
-        let kill = Command::new("/bin/kill").args([signal, &render.id().to_string()]).status().unwrap();
+        let kill = Command::new("/bin/kill").args([signal, "--", &format!("-{}", render.id())]).status().unwrap();
         let output = render.wait_with_output().unwrap();
         assert!(kill.success() && output.status.code() == Some(130), "{}", said(&output));
         assert!(said(&output).ends_with("error: interrupted\n"), "{}", said(&output));

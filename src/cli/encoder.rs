@@ -16,7 +16,6 @@ pub(super) struct Video {
     ffmpeg: PathBuf,
     fps: usize,
     size: (usize, usize),
-    apart: bool,
     /// ffmpeg, and the file that it writes under its temporary name.
     encoder: Option<(Child, WholeFile)>,
 }
@@ -42,12 +41,7 @@ impl Video {
         let ffmpeg = ffmpeg().ok_or_else(|| {
             anyhow!("-o {}: videos are made by ffmpeg, which is not on the PATH; expected ffmpeg, or a folder for the frames", path.display())
         })?;
-        Ok(Self { path: path.to_owned(), ffmpeg, fps, size: (0, 0), apart: false, encoder: None })
-    }
-
-    /// To be finished after a Ctrl-C, not ended by it.
-    pub(super) fn set_apart(&mut self) {
-        self.apart = true;
+        Ok(Self { path: path.to_owned(), ffmpeg, fps, size: (0, 0), encoder: None })
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -122,9 +116,7 @@ impl Video {
                 "17",
             ]);
         }
-        if self.apart {
-            apart(&mut command);
-        }
+        apart(&mut command);
         command.arg(file.temporary()).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
         let encoder =
             command.spawn().map_err(|error| anyhow!("{}: cannot be started: {error}", self.ffmpeg.display()))?;

@@ -23,9 +23,7 @@ impl Sink {
         }
         let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
         if !path.is_dir() && ending.as_ref().is_some_and(|ending| ending == "mp4" || ending == "gif") {
-            let mut video = Video::new(path, fps)?;
-            video.set_apart();
-            return Ok(Self::Video(video));
+            return Ok(Self::Video(Video::new(path, fps)?));
         }
         if path.is_file() || ending.is_some() && !path.is_dir() {
             bail!(
