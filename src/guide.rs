@@ -15,10 +15,10 @@
 //! A first search at 1/8 resolution lost 0.04 to 0.95 dB on every photo tried. The network's α as its cost, at half a full
 //! layer's time for 8 planes, lost 0.0 to 0.4 dB on four photos of five.
 //!
-//! For occlusion, on the grid of cameras and the path-traced scene (V = 4, two layers): a search over eight views lost 0.3 to
-//! 0.9 dB, one that leaves out views behind the surface found first 0.3 to 1.8, the worst quarter of the views left out -0.2 to
-//! +0.1, windows that keep to edges (guided filter, bilateral) -0.1 to 0.0. The true depth itself, at 1/2 resolution, gains
-//! 0.0 and 0.7 dB on the two targets of the latter: the network's judgement is what limits (models/README.md).
+//! For occlusion, on the grid of cameras and the path-traced scene (V = 4, two layers), dB gained: searching over eight views
+//! -0.9 to -0.3, leaving out of the search the views behind the surface found first -1.8 to -0.3, or the worst quarter of the
+//! views -0.2 to +0.1, windows that keep to edges (guided filter, bilateral) -0.1 to 0.0. The true depth in place of the second
+//! search's gains 0.0 and 0.7 dB on the two targets of the latter: the network's judgement is what limits (models/README.md).
 
 use std::cell::OnceCell;
 

@@ -79,9 +79,9 @@ pub struct Batch<'a> {
 }
 
 /// Layers that are warped, and then composited, together, however few the network takes at once: photos and sums go through
-/// memory once for all of them, and these stages take half as long again from memory as from the cache. At 504×352 each takes
-/// 18 MB (V = 5). One, three and four at a time they take 9.9, 7.5 and 7.0 % of the network's time on 24 planes; 10.1, 8.3 and
-/// 7.4 % at V = 5.
+/// memory once for all of them, and memory makes these stages 1.5 times as slow as the cache. At 504×352 each layer takes 18 MB
+/// (V = 5). One, three and four at a time, they take 9.9, 7.5 and 7.0 % of the network's time at V = 4 on 24 planes; 10.1, 8.3
+/// and 7.4 % at V = 5.
 const TOGETHER: usize = 4;
 
 /// Runs a network over layers. Keeps its buffers from frame to frame; their size is set by `batch` (four layers at least) and the

@@ -117,8 +117,8 @@ impl Taps {
             let per_w = 1.0 / w;
             (w, (k * column[0] + d * deeper[0]) * per_w, (k * column[1] + d * deeper[1]) * per_w)
         };
-        // Extremes, of bits in the order of the numbers (NaN beyond all): folds of floats would not vectorise, and flags
-        // for each pixel took longer.
+        // Extremes of bits, which are in the order of the numbers from 0 on (NaN above all, what is negative below): folds of
+        // floats would not vectorise, and flags for each pixel took longer.
         let (mut least_w, mut farthest, mut last_x, mut last_y) = (i32::MAX, 0, 0, 0);
         for i in 0..LANES {
             let (w, dx, dy) = moved(i);
@@ -154,7 +154,7 @@ const FAR_OUT: f64 = 1e6;
 /// As are those that lie further than this from the middle of their run.
 const NEAR_BY: f32 = 128.0;
 
-/// Of a rectified rig, rounded: what moves a sample by less than a hundred-millionth of a pixel.
+/// Of a rectified rig, rounded: what moves a sample by less than some ten-millionths of a pixel.
 const STILL: f32 = 1e-10;
 
 /// Whether the run lies on a plane that faces the target.
@@ -192,8 +192,8 @@ mod tests {
     use crate::image_io::ImageRgb;
     use crate::warp::Texture;
 
-    /// Taps of the pixels from 100 on of row 50, as positions in the source, by both ways; and whether the first served.
-    fn both(homography: DMat3, epipole: DVec3, disparity: impl Fn(usize) -> f32) -> (Vec<[f64; 4]>, bool) {
+    /// Taps of the pixels from 100 on of row 50, as positions in the source, by both ways; and what the first saw.
+    fn both(homography: DMat3, epipole: DVec3, disparity: impl Fn(usize) -> f32) -> (Vec<[f64; 4]>, Option<Seen>) {
         let photo = ImageRgb::new(320, 200, vec![0.5; 3 * 320 * 200]).unwrap();
         let texture = Texture::new(&photo);
         let source = WarpSource { texture: &texture, sweep: Sweep { homography_at_infinity: homography, epipole } };
@@ -208,37 +208,46 @@ mod tests {
         };
         let (mut near, mut exact) = (Taps::NONE, Taps::NONE);
         exact.exact(&source, 50, 100, &disparity);
-        let served = near.near(&source, 50, &(100..100 + LANES), &disparity).is_some();
+        let seen = near.near(&source, 50, &(100..100 + LANES), &disparity);
         let pairs = positions(&near).into_iter().zip(positions(&exact)).map(|(a, b)| [a[0], a[1], b[0], b[1]]);
-        (pairs.collect(), served)
+        (pairs.collect(), seen)
     }
 
     #[test]
     fn near_the_middle_of_a_run_f32_is_exact_to_some_millionths_of_a_pixel() {
         let tilted = DMat3::from_cols_array(&[1.02, 0.03, 2e-4, -0.02, 0.97, -1e-4, 9.3, -4.1, 1.0]);
         for (homography, step) in [(DMat3::IDENTITY, 0.0), (tilted, 0.0), (tilted, 1e-3)] {
-            let (pairs, served) = both(homography, DVec3::new(210.3, 7.7, 0.01), |i| 0.1 + step * (i as f32).sin());
-            assert!(served);
+            let (pairs, seen) = both(homography, DVec3::new(210.3, 7.7, 0.01), |i| 0.1 + step * (i as f32).sin());
+            assert!(seen.is_some());
             for [x, y, exact_x, exact_y] in pairs {
                 assert!((x - exact_x).abs() < 8e-6 && (y - exact_y).abs() < 8e-6, "{x} {y}, not {exact_x} {exact_y}");
             }
         }
     }
 
+    /// In the source with its border, whose first pixel centre is at 1.
     #[test]
-    fn a_rectified_run_on_a_plane_moves_as_one() {
-        let rectified = |shift: f64, disparity: fn(usize) -> f32| {
-            let (pairs, served) = both(DMat3::IDENTITY, DVec3::new(shift, 7.7, 0.0), disparity);
-            assert!(served);
-            let part = |at: f64| at - at.floor();
-            for [x, y, exact_x, exact_y] in &pairs {
-                assert!((x - exact_x).abs() < 8e-6 && (y - exact_y).abs() < 8e-6, "{x} {y}, not {exact_x} {exact_y}");
+    fn a_rectified_run_on_a_plane_moves_as_one_up_to_the_photos_edges() {
+        let mut as_one = [0; 2];
+        for (epipole, last, axis) in [(DVec3::X, 320.0, 0), (DVec3::Y, 200.0, 1)] {
+            for step in -1500..1500 {
+                let (pairs, seen) = both(DMat3::IDENTITY, f64::from(step) * 1.37 * epipole, |_| 0.1);
+                for [x, y, exact_x, exact_y] in &pairs {
+                    assert!(
+                        (x - exact_x).abs() < 8e-6 && (y - exact_y).abs() < 8e-6,
+                        "{x} {y}, not {exact_x} {exact_y}"
+                    );
+                }
+                let (first, end) = (pairs[0][2 + axis], pairs[LANES - 1][2 + axis]);
+                let inside = first >= 1.0 && end < last;
+                assert_eq!(seen == Some(Seen::All), inside, "{first} to {end}");
+                let part = |at: f64| at - at.floor();
+                as_one[axis] += usize::from(inside && pairs.iter().all(|pair| part(pair[0]) == part(pairs[0][0])));
             }
-            pairs.iter().all(|pair| part(pair[0]) == part(pairs[0][0]))
-        };
-        assert!(rectified(210.3, |_| 0.1), "by one amount");
-        assert!(!rectified(210.3, |i| 0.1 + 1e-3 * i as f32), "not on a plane");
-        assert!(!rectified(1700.3, |_| 0.1), "beyond the edge of the photo");
+        }
+        assert!(as_one.iter().all(|&runs| runs > 100), "{as_one:?}");
+        let (pairs, _) = both(DMat3::IDENTITY, DVec3::new(210.3, 7.7, 0.0), |i| 0.1 + 1e-3 * i as f32);
+        assert!(pairs[1][0] - pairs[0][0] > 1.1, "not on a plane, not as one");
     }
 
     #[test]
@@ -247,8 +256,8 @@ mod tests {
         let horizon = DMat3::from_cols_array(&[1.0, 0.0, 0.01, 0.0, 1.0, 0.0, 0.0, 0.0, -1.4]);
         let behind = DMat3::from_diagonal(DVec3::new(-1.0, -1.0, -1.0));
         for homography in [stretched, horizon, behind] {
-            assert!(!both(homography, DVec3::ZERO, |_| 0.0).1);
+            assert!(both(homography, DVec3::ZERO, |_| 0.0).1.is_none());
         }
-        assert!(!both(DMat3::IDENTITY, DVec3::new(300.0, 0.0, 0.0), |i| i as f32 / 64.0).1, "steep disparity");
+        assert!(both(DMat3::IDENTITY, DVec3::new(300.0, 0.0, 0.0), |i| i as f32 / 64.0).1.is_none(), "steep disparity");
     }
 }

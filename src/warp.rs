@@ -119,8 +119,8 @@ pub(crate) fn seen_len((height, width): (usize, usize)) -> usize {
 }
 
 /// As [`warp_layers`] into buffers that have been used before: `seen`, `[n, V, seen_len]`, is what their coverage is known
-/// to be (where it is 0 the colour is too), before and after. What would not change is not written: to memory the warp takes
-/// half as long again as in the cache.
+/// to be (where it is 0 the colour is too), before and after. What would not change is not written: a warp that writes to
+/// memory takes 1.5 times as long as one that stays in the cache.
 pub(crate) fn warp_again(
     disparity: &[f32],
     sources: &[WarpSource<'_>],

@@ -1,18 +1,19 @@
-//! Ctrl-C, or a request to terminate: the first one lets what is being written be ended, a second one ends the program.
+//! Ctrl-C: the first one lets what is being written be ended, a second one ends the program.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Result;
 
-/// The work was ended before it was done. As a shell tells of it: exit code [`EXIT_CODE`].
+/// The work was ended before it was done: exit code [`EXIT_CODE`].
 #[derive(Debug, thiserror::Error)]
 #[error("interrupted")]
 pub(super) struct Interrupted;
 
+/// As a shell tells of a Ctrl-C.
 pub(super) const EXIT_CODE: u8 = 130;
 
-/// Becomes true at the first interrupt. Once per program.
+/// Becomes true at the first Ctrl-C. Once per program.
 pub(super) fn watch() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let told = Arc::clone(&stop);

@@ -1,6 +1,7 @@
 //! `liveview render`.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -91,7 +92,8 @@ pub(super) fn run(args: &RenderArgs) -> Result<Report> {
     outputs.begin(&shots, || record::fields(&job, &shots, &args.targets, &args.layers))?;
     job.progress = progress("layers")?;
     let wanted = shots.len();
-    let stop = interrupt::watch()?;
+    // One picture has nothing to end but itself.
+    let stop = if wanted > 1 { interrupt::watch()? } else { Arc::default() };
     let rendered = render(&mut job, shots, moving, &mut outputs, &args.explain, &stop);
     job.progress.finish_and_clear();
     let (done, explanation) = rendered.inspect_err(|_| outputs.tell_how_to_go_on(wanted))?;
