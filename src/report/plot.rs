@@ -6,9 +6,9 @@ use std::fmt::Write;
 
 use super::{Row, Sweep};
 
-const WIDTH: f64 = 760.0;
+const WIDTH: f64 = 840.0;
 const HEIGHT: f64 = 460.0;
-const MARGINS: [f64; 4] = [64.0, 250.0, 30.0, 50.0]; // left, right (for the legend), top, bottom
+const MARGINS: [f64; 4] = [64.0, 330.0, 30.0, 50.0]; // left, right (for the legend), top, bottom
 const COLOURS: [&str; 8] = ["#d1495b", "#30638e", "#2e933c", "#edae49", "#7b4fa3", "#00798c", "#8d6a4f", "#555555"];
 
 /// A mark and what it stands for.
