@@ -9,6 +9,7 @@ use liveview::image_io::ImageRgb;
 use liveview::whole_file::WholeFile;
 
 use super::output::bytes;
+use super::place::has_ending;
 
 /// An .mp4 or .gif being written; without [`Video::finish`] nothing of it remains.
 pub(super) struct Video {
@@ -18,6 +19,11 @@ pub(super) struct Video {
     size: (usize, usize),
     /// ffmpeg, and the file that it writes under its temporary name.
     encoder: Option<(Child, WholeFile)>,
+}
+
+/// Whether a video is asked for by this name.
+pub(super) fn is_video(path: &Path) -> bool {
+    !path.is_dir() && has_ending(path, &["mp4", "gif"])
 }
 
 /// The program, if it is on the PATH.
@@ -91,7 +97,7 @@ impl Video {
     fn start(&self) -> Result<(Child, WholeFile)> {
         let file = WholeFile::create(&self.path).map_err(|error| self.unwritten(&error))?;
         let (width, height) = self.size;
-        let gif = self.path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("gif"));
+        let gif = has_ending(&self.path, &["gif"]);
         let mut command = Command::new(&self.ffmpeg);
         command.args(["-v", "error", "-nostdin", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
         command.args(["-s", &format!("{width}x{height}"), "-r", &self.fps.to_string(), "-i", "pipe:0"]);

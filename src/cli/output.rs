@@ -13,7 +13,7 @@ use liveview::render::Frame;
 use liveview::whole_file;
 use serde_json::json;
 
-use super::encoder::Video;
+use super::encoder::{Video, is_video};
 use super::place::{Place, Variant, claim, has_ending, photo_files};
 use super::record::{self, Fields, Record};
 use super::render::Rendered;
@@ -66,7 +66,7 @@ pub(super) struct Outputs {
 impl Outputs {
     /// Checks the options by themselves, before anything is opened.
     pub(super) fn new(args: &OutputArgs, have_truth: bool) -> Result<Self> {
-        let video = args.output.as_deref().filter(|path| !path.is_dir() && has_ending(path, &["mp4", "gif"]));
+        let video = args.output.as_deref().filter(|path| is_video(path));
         if let (Some(path), false) = (&args.compare, have_truth) {
             bail!("--compare {}: there is no photo to compare with; expected --target or --heldout", path.display());
         }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use liveview::image_io::{ImageRgb, save_png};
 
-use crate::cli::encoder::Video;
+use crate::cli::encoder::{Video, is_video};
 
 /// A video being written, frame by frame.
 pub(super) enum Sink {
@@ -21,11 +21,10 @@ impl Sink {
         if path == Path::new("-") {
             return Ok(Self::Y4m { pipe: BufWriter::new(std::io::stdout()), fps, frames: 0 });
         }
-        let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
-        if !path.is_dir() && ending.as_ref().is_some_and(|ending| ending == "mp4" || ending == "gif") {
+        if is_video(path) {
             return Ok(Self::Video(Video::new(path, fps)?));
         }
-        if path.is_file() || ending.is_some() && !path.is_dir() {
+        if path.is_file() || path.extension().is_some() && !path.is_dir() {
             bail!(
                 "-o {}: expected a name that ends in .mp4 or .gif, a folder for the frames, or - for y4m on standard output",
                 path.display()
