@@ -6,12 +6,12 @@
 use divan::Bencher;
 use divan::counter::{BytesCount, ItemsCount};
 use glam::{DMat3, DVec3};
-use liveview::blend::{Blended, DistanceWeights, LayerSamples};
-use liveview::camera::{Camera, Intrinsics};
-use liveview::composite::Accumulated;
-use liveview::guide::CoarsePass;
-use liveview::image_io::ImageRgb;
-use liveview::sweep::Sweep;
+use liveview::geometry::PlaneSweep;
+use liveview::geometry::{Camera, Intrinsics};
+use liveview::image::ImageRgb;
+use liveview::layers::guided::GuidedSearch;
+use liveview::render::Accumulated;
+use liveview::render::{Blended, DistanceWeights, LayerSamples};
 use liveview::warp::{Texture, WarpSource, warp_layers};
 use rayon::prelude::*;
 
@@ -32,7 +32,7 @@ fn camera(shift: f64, turn: f64) -> Camera {
 /// Photos of waves, and what sees them: turned cameras, or a rectified rig.
 fn sources(textures: &[Texture], turn: f64) -> Vec<WarpSource<'_>> {
     let at = |view: usize| camera(0.1 * (view as f64 - 2.0), turn * (view as f64 - 2.0));
-    let source = |(view, texture)| WarpSource { texture, sweep: Sweep::new(&at(view), &camera(0.01, 0.0)) };
+    let source = |(view, texture)| WarpSource { texture, sweep: PlaneSweep::new(&at(view), &camera(0.01, 0.0)) };
     textures.iter().enumerate().map(source).collect()
 }
 
@@ -91,6 +91,6 @@ fn blend_and_composite(bencher: Bencher) {
 fn coarse_pass(bencher: Bencher) {
     let textures = textures();
     let sources = sources(&textures, 0.01);
-    let pass = CoarsePass { near: 1.0, far: 10.0, planes: None };
+    let pass = GuidedSearch { near: 1.0, far: 10.0, planes: None };
     bencher.bench_local(|| pass.search(&sources, SIZE).unwrap());
 }

@@ -6,11 +6,11 @@ use std::error::Error;
 use std::path::Path;
 
 use glam::DVec3;
-use liveview::image_io::{ImageRgb, load, save_png};
+use liveview::image::{ImageRgb, load, save_png};
 use liveview::live::{LiveSession, LiveSettings, Policy};
+use liveview::network::OrtLibrary;
 use liveview::network::OrtNetwork;
 use liveview::render::Renderer;
-use liveview::runtime::Runtime;
 use liveview::scene::{Scene, SceneOptions};
 
 const RIG: &str = "tests/scenes/rig";
@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let cameras: Vec<_> = scene.views.iter().map(|view| view.camera.clone()).collect();
     let middle = cameras[0].clone();
 
-    let network = OrtNetwork::open(&Runtime::load(None)?, "models/liveview_v4.onnx".as_ref(), 2)?;
+    let network = OrtNetwork::open(&OrtLibrary::load(None)?, "models/liveview_v4.onnx".as_ref(), 2)?;
     let settings = LiveSettings { near, far, policy: Policy::Carried, layers: 2, coarse_planes: None };
     let mut session = LiveSession::new(cameras, vec![Renderer::new(network, 1)], settings)?;
 

@@ -5,15 +5,15 @@ use std::path::Path;
 
 use ort::value::{Shape, SymbolicDimensions, TensorElementType, ValueType};
 
-use crate::image_io::{self, ImageError, ImageRgb};
+use crate::image::{self, ImageError, ImageRgb};
 use crate::network::{self, ModelCard, NetworkError};
 pub use crate::scene::fuzz as scene;
 
 /// Decodes a PNG or JPEG, if it is as small as a fuzz target can afford.
 pub fn image(bytes: &[u8]) -> Result<Option<ImageRgb>, ImageError> {
     let path = Path::new("photo");
-    let (width, height) = image_io::size_of(path, Cursor::new(bytes))?;
-    if width * height > 1 << 12 { Ok(None) } else { image_io::decode(path, bytes).map(Some) }
+    let (width, height) = image::size_of(path, Cursor::new(bytes))?;
+    if width * height > 1 << 12 { Ok(None) } else { image::decode(path, bytes).map(Some) }
 }
 
 /// Judges a model by its metadata and by the name and shape of its one input and one output.

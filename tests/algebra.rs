@@ -5,14 +5,14 @@ mod double;
 
 use double::{Scrambler, camera, photo};
 use glam::{DMat3, DQuat, DVec3};
-use liveview::blend::{Blended, DistanceWeights, LayerSamples};
-use liveview::camera::Camera;
-use liveview::composite::Accumulated;
-use liveview::guide::CoarsePass;
+use liveview::geometry::Camera;
+use liveview::geometry::SourceView;
+use liveview::layers::guided::GuidedSearch;
 use liveview::layers::{Layers, padded};
 use liveview::network::{NetworkError, PlaneNetwork};
+use liveview::render::Accumulated;
+use liveview::render::{Blended, DistanceWeights, LayerSamples};
 use liveview::render::{Frame, Renderer, warp_sources};
-use liveview::views::SourceView;
 use liveview::warp::Texture;
 use ndarray::{ArrayView4, ArrayViewMut4};
 use proptest::prelude::*;
@@ -74,8 +74,8 @@ impl Rig {
     fn render_guided(&self, network: impl PlaneNetwork, near: f64, far: f64) -> Frame {
         let size = (padded(SIZE.1), padded(SIZE.0));
         let sources = warp_sources(&self.sources(), &self.target);
-        let found = CoarsePass { near, far, planes: None }.search(&sources, size).unwrap();
-        self.render(network, &Layers::guided(&found.range, 3).unwrap(), 1)
+        let found = GuidedSearch { near, far, planes: None }.search(&sources, size).unwrap();
+        self.render(network, &found.range.layers(3).unwrap(), 1)
     }
 }
 
@@ -142,7 +142,7 @@ proptest! {
         let within = |seed: u32| {
             let noise = |i: u32| (i.wrapping_add(seed).wrapping_mul(2_654_435_761) >> 8) as f32 / (1 << 24) as f32;
             let values = (0..3 * (PHOTO.0 * PHOTO.1) as u32).map(|i| low + span * noise(i)).collect();
-            Texture::new(&liveview::image_io::ImageRgb::new(PHOTO.0, PHOTO.1, values).unwrap())
+            Texture::new(&liveview::image::ImageRgb::new(PHOTO.0, PHOTO.1, values).unwrap())
         };
         rig.photos = [within(seed), within(!seed)];
         let frame = rig.render(Scrambler { opacity, layers: 0 }, &Layers::uniform(1.0, 8.0, 5).unwrap(), 2);

@@ -6,9 +6,9 @@ mod common;
 use std::path::{Path, PathBuf};
 
 use common::{Folders, fixture};
-use liveview::engine::Engine;
+use liveview::network::ExecutionProvider;
+use liveview::network::{OrtLibrary, OrtLibraryError};
 use liveview::network::{OrtNetwork, PlaneNetwork};
-use liveview::runtime::{Runtime, RuntimeError};
 use ndarray::{Array4, Ix4, OwnedRepr};
 use ndarray_npy::{NpzReader, ReadableElement};
 
@@ -34,9 +34,9 @@ fn bound(entry: &str) -> (f64, f64) {
 
 #[test]
 fn openvino_logits() {
-    let runtime = match Runtime::load_for(Engine::OpenVino, None) {
+    let runtime = match OrtLibrary::load_for(ExecutionProvider::OpenVino, None) {
         Ok(runtime) => runtime,
-        Err(RuntimeError::NotFound { .. } | RuntimeError::NoEngine { .. }) => {
+        Err(OrtLibraryError::NotFound { .. } | OrtLibraryError::NoEngine { .. }) => {
             println!("skipped: OpenVINO is not installed (make runtime-openvino)");
             return;
         }

@@ -13,8 +13,8 @@ use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
 use common::{Folders, HEIGHT, WIDTH, fixture, photo};
-use liveview::image_io;
-use liveview::whole_file::TEMPORARY;
+use liveview::fs::atomic::TEMPORARY;
+use liveview::image;
 use serde_json::Value;
 
 /// Frames of a path whose record passes the file size that [`LIMIT`] allows, and whose frames do not.
@@ -131,7 +131,7 @@ fn a_run_that_fails_half_way_goes_on_where_it_was() {
     assert_eq!(temporary.len(), 1, "the file that it was writing");
     assert!(frames.len() > 3 && frames.len() < FRAMES, "{frames:?}");
     for frame in frames.iter().filter(|name| name.ends_with(".png")) {
-        image_io::load(folders.out(frame).as_ref()).unwrap();
+        image::load(folders.out(frame).as_ref()).unwrap();
     }
 
     // The disk is still full.
@@ -194,7 +194,7 @@ fn a_render_that_is_interrupted_leaves_whole_files_alone() {
     let left = contents(&folders);
     assert!(left.keys().all(|name| name.starts_with("frames/") && !is_temporary(name)), "{:?}", left.keys());
     for name in left.keys().filter(|name| name.ends_with(".png")) {
-        image_io::load(folders.out(name).as_ref()).unwrap();
+        image::load(folders.out(name).as_ref()).unwrap();
     }
 }
 

@@ -2,16 +2,16 @@
 
 use std::path::Path;
 
-use liveview::camera::Camera;
-use liveview::guide::{CoarsePass, RangeMap};
+use liveview::geometry::Camera;
+use liveview::geometry::{SourceView, choose_views};
+use liveview::layers::guided::{GuidedSearch, RangeMap};
 use liveview::layers::{Layers, padded};
-use liveview::models;
+use liveview::network;
+use liveview::network::OrtLibrary;
 use liveview::network::{NetworkError, OrtNetwork, PlaneNetwork};
+use liveview::render::Culling;
 use liveview::render::{Frame, Renderer, warp_sources};
-use liveview::runtime::Runtime;
 use liveview::scene::{Scene, SceneOptions};
-use liveview::stops::Stops;
-use liveview::views::{SourceView, choose_views};
 use liveview::warp::Texture;
 use ndarray::{ArrayView4, ArrayViewMut4, Axis};
 
@@ -45,7 +45,7 @@ impl Rig {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let size = (padded(self.target.height()), padded(self.target.width()));
-            let pass = CoarsePass { near: 1.0, far: 8.0, planes: None };
+            let pass = GuidedSearch { near: 1.0, far: 8.0, planes: None };
             let range = pass.search(&warp_sources(&views, &self.target), size).unwrap().range;
             renderer.render(&views, &self.target, &layers(&range)).unwrap()
         })
@@ -53,14 +53,14 @@ impl Rig {
 }
 
 fn render(threads: usize, batch: usize) -> Frame {
-    render_stopped(threads, batch, |range| Layers::guided(range, 5).unwrap(), Stops::default())
+    render_stopped(threads, batch, |range| Layers::guided(range, 5).unwrap(), Culling::default())
 }
 
 /// Through the engine, on as many threads.
-fn render_stopped(threads: usize, batch: usize, layers: LayersOf, stops: Stops) -> Frame {
-    let network = OrtNetwork::open(&Runtime::load(None).unwrap(), &models::find(4).unwrap(), threads).unwrap();
+fn render_stopped(threads: usize, batch: usize, layers: LayersOf, stops: Culling) -> Frame {
+    let network = OrtNetwork::open(&OrtLibrary::load(None).unwrap(), &models::find(4).unwrap(), threads).unwrap();
     let mut renderer = Renderer::new(network, batch);
-    renderer.set_stops(stops);
+    renderer.set_culling(stops);
     Rig::open(200).render(&mut renderer, threads, layers)
 }
 
@@ -112,7 +112,7 @@ fn native_stages_are_the_same_to_the_bit_over_runs_threads_and_batches() {
     let frame = |renderer: &mut Renderer<Sum>, threads: usize, job: usize| {
         let (rig, layers) = &jobs[job];
         let frame = rig.render(renderer, threads, *layers);
-        (frame.picture, frame.disparity, frame.transmittance, frame.best_layer, frame.left_out)
+        (frame.picture, frame.disparity, frame.transmittance, frame.best_layer, frame.culled)
     };
     let first = [0, 1].map(|job| frame(&mut Renderer::new(Sum, 1), 1, job));
     assert!(first[1].4.uncovered > 0 && first[1].4.uncovered < 12, "{:?}", first[1].4);
@@ -126,11 +126,11 @@ fn native_stages_are_the_same_to_the_bit_over_runs_threads_and_batches() {
 #[test]
 fn the_last_planes_left_out_change_a_pixel_by_no_more_than_what_it_had_left() {
     let planes = |_: &RangeMap| Layers::uniform(1.0, f64::INFINITY, 16).unwrap();
-    let dense = render_stopped(2, 1, planes, Stops::NONE);
-    let exact = render_stopped(2, 1, planes, Stops::default());
+    let dense = render_stopped(2, 1, planes, Culling::NONE);
+    let exact = render_stopped(2, 1, planes, Culling::default());
     assert_eq!(dense.picture.data(), exact.picture.data());
-    let stopped = render_stopped(2, 1, planes, Stops { transmittance: 0.9, ..Stops::default() });
-    assert!(stopped.left_out.opaque > 0 && stopped.left_out.transmittance < 0.9, "{:?}", stopped.left_out);
+    let stopped = render_stopped(2, 1, planes, Culling { transmittance: 0.9, ..Culling::default() });
+    assert!(stopped.culled.opaque > 0 && stopped.culled.transmittance < 0.9, "{:?}", stopped.culled);
     let pairs = dense.picture.data().iter().zip(stopped.picture.data());
     for (i, (a, b)) in pairs.enumerate() {
         let left = stopped.transmittance.as_slice().unwrap()[i / 3];

@@ -1,10 +1,10 @@
 //! A live session against what its policies promise, with a network that only tells where the views agree.
 
 use glam::{DMat3, DVec3};
-use liveview::camera::{Camera, Intrinsics};
-use liveview::image_io::ImageRgb;
-use liveview::live::{LiveError, LiveFrame, LiveSession, LiveSettings, Policy, Taken};
-use liveview::metrics::psnr;
+use liveview::geometry::{Camera, Intrinsics};
+use liveview::image::ImageRgb;
+use liveview::image::psnr;
+use liveview::live::{LayerSource, LiveError, LiveFrame, LiveSession, LiveSettings, Policy};
 use liveview::network::{NetworkError, PlaneNetwork};
 use liveview::render::Renderer;
 use ndarray::{ArrayView4, ArrayViewMut4};
@@ -106,7 +106,7 @@ fn what_does_not_change_is_carried_to_the_bit() {
     let (mut carried, target) = (session(Policy::Carried), camera(0.05, 0.0));
     let first = show(&mut carried, EMPTY, &target);
     let second = show(&mut carried, EMPTY, &target);
-    assert_eq!((first.taken, second.taken), (Taken::Searched, Taken::Carried { refreshed: 0.0 }));
+    assert_eq!((first.taken, second.taken), (LayerSource::Searched, LayerSource::Carried { refreshed: 0.0 }));
     assert_eq!(first.frame.picture.data(), second.frame.picture.data());
     assert_eq!(searched(EMPTY, &target).frame.picture.data(), second.frame.picture.data());
 }
@@ -119,7 +119,7 @@ fn a_moving_target_takes_the_surface_with_it() {
     for step in 0..8 {
         let target = camera(-0.1 + 0.02 * f64::from(step), 0.0);
         let frame = show(&mut carried, stage, &target);
-        whole += usize::from(frame.taken == Taken::Searched);
+        whole += usize::from(frame.taken == LayerSource::Searched);
         let (own, best) = (score(&frame, stage, &target), score(&searched(stage, &target), stage, &target));
         assert!(own > best - 0.5, "step {step}: {own:.2} dB, {best:.2} dB if searched");
     }
@@ -132,13 +132,13 @@ fn a_cut_is_searched_at_once() {
     show(&mut carried, EMPTY, &target);
     let cut = Stage { wall: 3.0, paint: 2.0, board: None };
     let frame = show(&mut carried, cut, &target);
-    assert_eq!(frame.taken, Taken::Searched);
+    assert_eq!(frame.taken, LayerSource::Searched);
     assert_eq!(frame.frame.picture.data(), searched(cut, &target).frame.picture.data());
     // The moved surface alone does not notice.
     let mut blind = session(Policy::Every(9));
     show(&mut blind, EMPTY, &target);
     let blind = show(&mut blind, cut, &target);
-    assert_eq!(blind.taken, Taken::Carried { refreshed: 0.0 });
+    assert_eq!(blind.taken, LayerSource::Carried { refreshed: 0.0 });
     assert!(score(&frame, cut, &target) > score(&blind, cut, &target) + 3.0);
 }
 
@@ -149,7 +149,7 @@ fn what_enters_is_found_within_the_frame_and_only_there() {
     for left in [0.2, 0.1, 0.0] {
         let stage = Stage { board: Some(left), ..EMPTY };
         let frame = show(&mut carried, stage, &target);
-        let Taken::Carried { refreshed } = frame.taken else { panic!("{:?}", frame.taken) };
+        let LayerSource::Carried { refreshed } = frame.taken else { panic!("{:?}", frame.taken) };
         assert!(refreshed > 0.0 && refreshed < 0.4, "{refreshed}");
         let (own, best) = (score(&frame, stage, &target), score(&searched(stage, &target), stage, &target));
         assert!(own > best - 0.5, "board at {left}: {own:.2} dB, {best:.2} dB if searched");
@@ -166,13 +166,13 @@ fn the_papers_video_chooses_its_planes_on_the_first_frame() {
         let best = frame.frame.best_layer.iter().flatten().max().copied();
         (frame.taken, best.is_some_and(|best| best >= 16))
     });
-    assert_eq!(taken, [(Taken::Planes, true), (Taken::Selected, false), (Taken::Selected, false)]);
+    assert_eq!(taken, [(LayerSource::Planes, true), (LayerSource::Selected, false), (LayerSource::Selected, false)]);
 }
 
 #[test]
 fn every_so_many_frames() {
     let mut session = session(Policy::Every(3));
-    let searched = [(); 7].map(|()| show(&mut session, EMPTY, &camera(0.05, 0.0)).taken == Taken::Searched);
+    let searched = [(); 7].map(|()| show(&mut session, EMPTY, &camera(0.05, 0.0)).taken == LayerSource::Searched);
     assert_eq!(searched, [true, false, false, true, false, false, true]);
 }
 
@@ -209,5 +209,5 @@ fn another_size_of_the_target_starts_anew() {
     show(&mut session, EMPTY, &camera(0.0, 0.0));
     let half = camera(0.0, 0.0).with_size_scaled(192, 128).unwrap();
     let frame = show(&mut session, EMPTY, &half);
-    assert_eq!((frame.taken, frame.frame.picture.width()), (Taken::Searched, 192));
+    assert_eq!((frame.taken, frame.frame.picture.width()), (LayerSource::Searched, 192));
 }

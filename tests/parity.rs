@@ -7,19 +7,19 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
-use liveview::blend::{Blended, DistanceWeights, LayerSamples};
-use liveview::camera::{Camera, Intrinsics};
-use liveview::composite::Accumulated;
-use liveview::cost::layer_costs;
-use liveview::guide::{COARSE, CoarsePass, WINDOWS, fine_layers, range_of, winner};
-use liveview::image_io::ImageRgb;
+use liveview::geometry::{Camera, Intrinsics};
+use liveview::geometry::{SourceView, distance};
+use liveview::image::ImageRgb;
+use liveview::layers::guided::layer_costs;
+use liveview::layers::guided::semi_global;
+use liveview::layers::guided::{COARSE, GuidedSearch, WINDOWS, fine_layers, range_of, winner_takes_all};
 use liveview::layers::{CELL, Layer, Layers, padded};
+use liveview::layers::{kmeans_planes, plane_histogram, select_planes};
+use liveview::network::OrtLibrary;
 use liveview::network::{OrtNetwork, PlaneNetwork};
+use liveview::render::Accumulated;
+use liveview::render::{Blended, DistanceWeights, LayerSamples};
 use liveview::render::{Renderer, warp_sources};
-use liveview::runtime::Runtime;
-use liveview::select::{kmeans_planes, plane_histogram, select_planes};
-use liveview::semiglobal::semi_global;
-use liveview::views::{SourceView, distance};
 use liveview::warp::{Texture, warp_layers};
 use ndarray::{Array, Array2, Array3, ArrayD, Axis, Dimension, IxDyn, OwnedRepr, s};
 use ndarray_npy::{NpzReader, ReadNpyError, ReadNpzError, ReadableElement};
@@ -123,7 +123,7 @@ impl Case {
 
     fn network(&self) -> OrtNetwork {
         let path = folder().join(format!("network_v{}.onnx", self.cameras.len()));
-        OrtNetwork::open(&Runtime::load(None).unwrap(), &path, 1).unwrap()
+        OrtNetwork::open(&OrtLibrary::load(None).unwrap(), &path, 1).unwrap()
     }
 
     /// Hold `found` against the oracle's `stage`, within what float32 torch's own error and the tolerance file allow.
@@ -334,12 +334,12 @@ fn coarse_pass() {
         let planes = Array3::from_shape_fn(costs.dim(), |(plane, _, _)| disparities[[plane]] as f32);
         case.check("costs", &layer_costs(&sources, planes.view(), COARSE, WINDOWS[0]));
         case.check("agreed", &semi_global(costs.view()));
-        case.check("coarse", &winner(agreed.view(), planes.view()));
+        case.check("coarse", &winner_takes_all(agreed.view(), planes.view()));
         let coarse = case.get::<f32>("coarse").into_dimensionality::<ndarray::Ix2>().unwrap();
         let margin = ((disparities[[0]] - disparities[[1]]) / 2.0) as f32;
         case.check("fine_layers", &fine_layers(&range_of(&coarse, margin)));
         case.check("fine_costs", &layer_costs(&sources, layers.view(), CELL, WINDOWS[1]));
-        case.check("fine", &winner(fine_costs.view(), layers.view()));
+        case.check("fine", &winner_takes_all(fine_costs.view(), layers.view()));
         let fine = case.get::<f32>("fine").into_dimensionality::<ndarray::Ix2>().unwrap();
         let range = range_of(&fine, 0.0);
         let maps = [range.nearest(), range.surface(), range.farthest()].map(|map| map.view());
@@ -354,7 +354,7 @@ fn coarse_pass() {
         let apart = planes.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(planes.len() == expected.len() && apart < 1e-12, "{}: k-means {planes:?}, {expected:?}", case.name);
 
-        let found = CoarsePass { near: NEAR, far: FAR, planes: None }.search(&sources, case.padded()).unwrap();
+        let found = GuidedSearch { near: NEAR, far: FAR, planes: None }.search(&sources, case.padded()).unwrap();
         assert_eq!(found.disparities, flat(disparities), "{}: planes searched", case.name);
     });
 }

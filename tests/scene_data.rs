@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
-use liveview::camera::source_from_target;
-use liveview::image_io::ImageRgb;
+use liveview::geometry::source_from_target;
+use liveview::image::ImageRgb;
 use liveview::scene::{Format, Scene, SceneOptions};
 
 fn data() -> Option<PathBuf> {

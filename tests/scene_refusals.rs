@@ -4,8 +4,8 @@ mod scene_common;
 
 use std::fs;
 
-use liveview::camera::MAX_SIDE;
-use liveview::image_io;
+use liveview::geometry::MAX_SIDE;
+use liveview::image;
 use proptest::prelude::*;
 use scene_common::{
     Bytes, Colmap, LLFF_ROW, assert_says, crc32, open, picture, poses_bounds, refusal, transforms, write,
@@ -108,7 +108,7 @@ fn oversized_images_are_refused_before_decoding() {
     let checksum = crc32(&bytes[12..29]);
     bytes[29..33].copy_from_slice(&checksum.to_be_bytes());
     fs::write(&path, bytes).unwrap();
-    for result in [image_io::load(&path).map(|_| ()), image_io::read_size(&path).map(|_| ())] {
+    for result in [image::load(&path).map(|_| ()), image::read_size(&path).map(|_| ())] {
         let message = result.unwrap_err().to_string();
         assert_says(&message, &["wide.png", "20000x8", &MAX_SIDE.to_string()]);
     }
@@ -174,7 +174,7 @@ fn what_fuzzing_found() {
     assert_says(&refusal(root.path()), &["poses_bounds.npy: a header of 116 bytes with", "brackets open"]);
     let photo = root.path().join("photo.jpg");
     write(&photo, include_bytes!("fixtures/damaged/fine_chroma.jpg"));
-    let message = image_io::load(&photo).unwrap_err().to_string();
+    let message = image::load(&photo).unwrap_err().to_string();
     assert_says(&message, &["photo.jpg: not a complete PNG or JPEG", "sampled more finely than the first"]);
 }
 
@@ -307,35 +307,35 @@ fn spaces_refusals() {
 fn saved_pictures_come_back() {
     let root = tempdir().unwrap();
     let values: Vec<f32> = (0..5 * 3 * 3).map(|i| i as f32 / 44.0).collect();
-    let picture = image_io::ImageRgb::new(5, 3, values).unwrap();
+    let picture = image::ImageRgb::new(5, 3, values).unwrap();
     let path = root.path().join("out.png");
-    image_io::save_png(&path, &picture).unwrap();
-    let back = image_io::load(&path).unwrap();
+    image::save_png(&path, &picture).unwrap();
+    let back = image::load(&path).unwrap();
     let worst = picture.data().iter().zip(back.data()).fold(0.0_f32, |worst, (a, b)| worst.max((a - b).abs()));
     assert!(worst <= 0.5 / 255.0 + 1e-6, "{worst}");
     let depth: Vec<u16> = (0..15).map(|i| i * 4000).collect();
-    let grey = image_io::encode_gray16_png(5, 3, &depth).unwrap();
+    let grey = image::encode_gray16_png(5, 3, &depth).unwrap();
     assert_eq!(image::load_from_memory(&grey).unwrap().into_luma16().into_raw(), depth);
     // Only the file is left, none under a temporary name.
     assert_eq!(fs::read_dir(root.path()).unwrap().count(), 1);
-    let odd = image_io::ImageRgb::new(1, 1, vec![f32::NAN, -1.0, 7.0]).unwrap();
-    image_io::save_png(&path, &odd).unwrap();
-    assert_eq!(image_io::load(&path).unwrap().pixel(0, 0), [0.0, 0.0, 1.0]);
+    let odd = image::ImageRgb::new(1, 1, vec![f32::NAN, -1.0, 7.0]).unwrap();
+    image::save_png(&path, &odd).unwrap();
+    assert_eq!(image::load(&path).unwrap().pixel(0, 0), [0.0, 0.0, 1.0]);
 }
 
 #[test]
 fn unwritable_outputs_and_wrong_buffers_are_named() {
     let root = tempdir().unwrap();
-    let picture = image_io::ImageRgb::new(1, 1, vec![0.0; 3]).unwrap();
-    let message = image_io::save_png(&root.path().join("no/where.png"), &picture).unwrap_err().to_string();
+    let picture = image::ImageRgb::new(1, 1, vec![0.0; 3]).unwrap();
+    let message = image::save_png(&root.path().join("no/where.png"), &picture).unwrap_err().to_string();
     assert_says(&message, &["where.png: cannot be written"]);
     fs::create_dir(root.path().join("folder.png")).unwrap();
-    let message = image_io::save_png(&root.path().join("folder.png"), &picture).unwrap_err().to_string();
+    let message = image::save_png(&root.path().join("folder.png"), &picture).unwrap_err().to_string();
     assert_says(&message, &["folder.png: cannot be written"]);
     assert_eq!(fs::read_dir(root.path()).unwrap().count(), 1, "the temporary file is gone");
-    let message = image_io::ImageRgb::new(2, 2, vec![0.0; 11]).unwrap_err().to_string();
+    let message = image::ImageRgb::new(2, 2, vec![0.0; 11]).unwrap_err().to_string();
     assert_eq!(message, "11 values given for a 2x2 image with 3 channels");
-    let message = image_io::encode_gray16_png(usize::MAX, 2, &[]).unwrap_err().to_string();
+    let message = image::encode_gray16_png(usize::MAX, 2, &[]).unwrap_err().to_string();
     assert_says(&message, &["0 values given"]);
 }
 

@@ -4,13 +4,13 @@ mod double;
 
 use double::{Scrambler, camera, photo};
 use glam::{DMat3, DVec3};
-use liveview::blend::Blended;
-use liveview::camera::Camera;
-use liveview::composite::Accumulated;
+use liveview::geometry::Camera;
+use liveview::geometry::SourceView;
 use liveview::layers::Layers;
+use liveview::render::Accumulated;
+use liveview::render::Blended;
+use liveview::render::{Culled, Culling};
 use liveview::render::{Frame, Renderer};
-use liveview::stops::{LeftOut, Stops};
-use liveview::views::SourceView;
 use liveview::warp::Texture;
 use proptest::prelude::*;
 
@@ -31,7 +31,7 @@ impl Wide {
         Self { cameras, photos: [photo(Self::PHOTO, seed), photo(Self::PHOTO, !seed)] }
     }
 
-    fn render(&self, layers: &Layers, opacity: f32, batch: usize, stops: Stops) -> (Frame, usize) {
+    fn render(&self, layers: &Layers, opacity: f32, batch: usize, stops: Culling) -> (Frame, usize) {
         render(&self.cameras, &self.photos, layers, opacity, batch, stops)
     }
 }
@@ -43,11 +43,11 @@ fn render(
     layers: &Layers,
     opacity: f32,
     batch: usize,
-    stops: Stops,
+    stops: Culling,
 ) -> (Frame, usize) {
     let views: Vec<_> = cameras.iter().zip(photos).map(|(camera, texture)| SourceView { camera, texture }).collect();
     let mut renderer = Renderer::new(Scrambler { opacity, layers: 0 }, batch);
-    renderer.set_stops(stops);
+    renderer.set_culling(stops);
     let frame = renderer.render(&views, &camera(SIZE, DMat3::IDENTITY, DVec3::ZERO), layers).unwrap();
     (frame, renderer.network().layers)
 }
@@ -70,13 +70,13 @@ fn layers_that_no_view_covers_are_left_out_to_the_bit_the_farthest_too() {
     let cameras = turned.map(|(side, rotation)| camera(SIZE, rotation, DVec3::new(side, 0.0, 2.0)));
     let photos = [photo(SIZE, 1), photo(SIZE, 2)];
     let layers = Layers::planes(&[10.0, 0.6, 0.5, 0.45, 0.01, 0.0]).unwrap();
-    let (dense, all) = render(&cameras, &photos, &layers, 0.0, 1, Stops::NONE);
-    assert_eq!((dense.left_out, all), (LeftOut::default(), 6));
+    let (dense, all) = render(&cameras, &photos, &layers, 0.0, 1, Culling::NONE);
+    assert_eq!((dense.culled, all), (Culled::default(), 6));
     assert!(dense.transmittance.iter().any(|&t| t < 0.9), "the middle layers show");
     for batch in [1, 2, 5] {
-        let (frame, inferred) = render(&cameras, &photos, &layers, 0.0, batch, Stops::default());
+        let (frame, inferred) = render(&cameras, &photos, &layers, 0.0, batch, Culling::default());
         assert_same(&dense, &frame);
-        assert_eq!((frame.left_out.uncovered, inferred, frame.left_out.opaque), (3, 3, 0));
+        assert_eq!((frame.culled.uncovered, inferred, frame.culled.opaque), (3, 3, 0));
     }
 }
 
@@ -87,17 +87,17 @@ proptest! {
     ) {
         let layers = Layers::uniform(1.0, 8.0, count).unwrap();
         let scene = Wide::new(seed);
-        let (dense, _) = scene.render(&layers, opacity, 1, Stops::NONE);
-        let (exact, all) = scene.render(&layers, opacity, batch, Stops::default());
+        let (dense, _) = scene.render(&layers, opacity, 1, Culling::NONE);
+        let (exact, all) = scene.render(&layers, opacity, batch, Culling::default());
         assert_same(&dense, &exact);
-        prop_assert_eq!((exact.left_out, all), (LeftOut::default(), count));
+        prop_assert_eq!((exact.culled, all), (Culled::default(), count));
 
-        let (frame, inferred) = scene.render(&layers, opacity, batch, Stops { transmittance: tau, ..Stops::NONE });
-        let LeftOut { uncovered, opaque, transmittance } = frame.left_out;
+        let (frame, inferred) = scene.render(&layers, opacity, batch, Culling { transmittance: tau, ..Culling::NONE });
+        let Culled { uncovered, opaque, transmittance } = frame.culled;
         prop_assert_eq!(inferred + opaque + uncovered, count);
-        prop_assert!(opaque == 0 || transmittance < tau, "{:?}", frame.left_out);
+        prop_assert!(opaque == 0 || transmittance < tau, "{:?}", frame.culled);
         let apart = furthest_apart(&dense, &frame);
-        prop_assert!(apart <= transmittance + 1e-6, "{} apart, {:?}", apart, frame.left_out);
+        prop_assert!(apart <= transmittance + 1e-6, "{} apart, {:?}", apart, frame.culled);
     }
 
     /// Drop the planes back to front and telescope: each changes the pixel by at most its own weight.
@@ -127,7 +127,7 @@ proptest! {
 #[test]
 fn an_opaque_front_spares_the_network_the_rest() {
     let layers = Layers::uniform(1.0, 8.0, 8).unwrap();
-    let (frame, inferred) = Wide::new(3).render(&layers, 12.0, 1, Stops { transmittance: 0.01, ..Stops::NONE });
-    assert_eq!((inferred, frame.left_out.opaque), (1, 7), "{:?}", frame.left_out);
-    assert!(frame.left_out.transmittance > 0.0);
+    let (frame, inferred) = Wide::new(3).render(&layers, 12.0, 1, Culling { transmittance: 0.01, ..Culling::NONE });
+    assert_eq!((inferred, frame.culled.opaque), (1, 7), "{:?}", frame.culled);
+    assert!(frame.culled.transmittance > 0.0);
 }

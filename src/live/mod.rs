@@ -4,10 +4,10 @@
 //! the frames before, it uses by its [`Policy`]: the paper's planes, chosen once, or the surface that the last frame found,
 //! carried to the next as long as the photos agree with it. It holds one frame, whatever the length of the video.
 
-mod carry;
+mod dirty_tiles;
 mod policy;
+mod propagate;
 mod session;
-mod windows;
 
-pub use policy::{Policy, Taken};
+pub use policy::{LayerSource, Policy};
 pub use session::{LiveError, LiveFrame, LiveSession, LiveSettings, LiveTimes};

@@ -42,7 +42,7 @@ impl fmt::Display for Policy {
 
 /// Where the layers of a frame came from.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Taken {
+pub enum LayerSource {
     /// All of the evenly spaced planes.
     Planes,
     /// The planes that the first frame selected.
@@ -56,7 +56,7 @@ pub enum Taken {
     },
 }
 
-impl fmt::Display for Taken {
+impl fmt::Display for LayerSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Planes => write!(f, "planes"),

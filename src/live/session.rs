@@ -1,20 +1,21 @@
 //! A session: photos of a time step and a target camera in, a frame out.
 
+use std::fmt;
 use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use super::carry::{Seen, Surface};
-use super::policy::{Policy, Taken};
-use crate::camera::Camera;
-use crate::guide::{CoarsePass, Levels};
-use crate::image_io::ImageRgb;
+use super::policy::{LayerSource, Policy};
+use super::propagate::{Surface, TargetViews};
+use crate::geometry::Camera;
+use crate::geometry::{TooFewViews, choose_views};
+use crate::image::ImageRgb;
+use crate::layers::guided::{GuidedSearch, Levels};
 use crate::layers::{Layers, LayersError, uniform_disparities};
+use crate::layers::{plane_histogram, select_planes};
 use crate::network::PlaneNetwork;
 use crate::render::{Frame, RenderError, Renderer, StageTimes};
-use crate::select::{plane_histogram, select_planes};
-use crate::views::{SourceView, TooFewViews, choose_views};
-use crate::warp::Texture;
+use crate::warp::{SourceView, Texture};
 
 /// How a session renders.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,7 +28,7 @@ pub struct LiveSettings {
     pub policy: Policy,
     /// Guided layers per frame; planes are counted by the policy.
     pub layers: usize,
-    /// Planes of the coarse pass; `None`: see [`CoarsePass`].
+    /// Planes of the coarse pass; `None`: see [`GuidedSearch`].
     pub coarse_planes: Option<usize>,
 }
 
@@ -73,7 +74,7 @@ pub struct LiveFrame {
     /// The picture, with its depth.
     pub frame: Frame,
     /// Where its layers came from.
-    pub taken: Taken,
+    pub taken: LayerSource,
     /// Indices of the cameras it was rendered from, nearest first.
     pub views: Vec<usize>,
     /// Where the time went.
@@ -110,6 +111,15 @@ pub struct LiveSession<N> {
     age: usize,
     /// By the paper's policy, once the first frame has been rendered.
     selected: Option<Layers>,
+}
+
+impl<N> fmt::Debug for LiveSession<N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("LiveSession")
+            .field("cameras", &self.cameras.len())
+            .field("settings", &self.settings)
+            .finish_non_exhaustive()
+    }
 }
 
 impl<N: PlaneNetwork> LiveSession<N> {
@@ -164,11 +174,11 @@ impl<N: PlaneNetwork> LiveSession<N> {
         let cameras: Vec<&Camera> = views.iter().map(|&view| &self.cameras[view]).collect();
         let sources: Vec<SourceView<'_>> =
             cameras.iter().zip(&textures).map(|(&camera, texture)| SourceView { camera, texture }).collect();
-        let seen = Seen { levels: Levels::new(textures.iter().collect()), cameras, target };
+        let seen = TargetViews { levels: Levels::new(textures.iter().collect()), cameras, target };
         let (layers, taken) = layers(&self.settings, &mut self.surface, &mut self.age, &self.selected, &seen)?;
         let found = Instant::now();
         let frame = self.renderers[network].render(&sources, target, &layers)?;
-        if let (Policy::Paper { first, then }, Taken::Planes) = (self.settings.policy, taken) {
+        if let (Policy::Paper { first, then }, LayerSource::Planes) = (self.settings.policy, taken) {
             let best = frame.best_layer.iter().map(|best| best.map(|plane| plane as usize));
             let kept = select_planes(&plane_histogram(best, first), then);
             let disparities = uniform_disparities(self.settings.near, self.settings.far, first)?;
@@ -214,32 +224,32 @@ fn layers(
     surface: &mut Option<Surface>,
     age: &mut usize,
     selected: &Option<Layers>,
-    seen: &Seen<'_>,
-) -> Result<(Layers, Taken), LiveError> {
+    seen: &TargetViews<'_>,
+) -> Result<(Layers, LayerSource), LiveError> {
     let LiveSettings { near, far, policy, .. } = *settings;
     let every = match policy {
-        Policy::Planes(count) => return Ok((Layers::uniform(near, far, count)?, Taken::Planes)),
+        Policy::Planes(count) => return Ok((Layers::uniform(near, far, count)?, LayerSource::Planes)),
         Policy::Paper { first, .. } => {
             return Ok(match selected {
-                Some(layers) => (layers.clone(), Taken::Selected),
-                None => (Layers::uniform(near, far, first)?, Taken::Planes),
+                Some(layers) => (layers.clone(), LayerSource::Selected),
+                None => (Layers::uniform(near, far, first)?, LayerSource::Planes),
             });
         }
         Policy::Every(frames) => Some(frames),
         Policy::Carried => None,
     };
-    let pass = CoarsePass { near, far, planes: settings.coarse_planes };
+    let pass = GuidedSearch { near, far, planes: settings.coarse_planes };
     let old = every.is_some_and(|frames| *age + 1 >= frames);
     let (now, taken) = match surface.take().filter(|surface| !old && surface.suits(seen.target)) {
         Some(before) => {
             let mut moved = before.moved(seen.target);
             let refreshed = if every.is_some() { 0.0 } else { moved.refresh(&pass, seen)? };
-            (moved, if refreshed < 1.0 { Taken::Carried { refreshed } } else { Taken::Searched })
+            (moved, if refreshed < 1.0 { LayerSource::Carried { refreshed } } else { LayerSource::Searched })
         }
-        None => (Surface::search(&pass, seen)?, Taken::Searched),
+        None => (Surface::search(&pass, seen)?, LayerSource::Searched),
     };
-    *age = if taken == Taken::Searched { 0 } else { *age + 1 };
-    let layers = Layers::guided(&now.range(), settings.layers)?;
+    *age = if taken == LayerSource::Searched { 0 } else { *age + 1 };
+    let layers = now.range().layers(settings.layers)?;
     *surface = Some(now);
     Ok((layers, taken))
 }

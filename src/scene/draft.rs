@@ -7,7 +7,7 @@ use glam::{DMat3, DVec3};
 use super::files::{Photo, some_of};
 use super::undistort::Distortion;
 use super::{SceneError, SceneOptions, View};
-use crate::camera::{Camera, CameraError, Intrinsics};
+use crate::geometry::{Camera, CameraError, Intrinsics};
 use crate::layers::uniform_disparities;
 
 /// How far declared and actual aspect ratios may part when intrinsics are rescaled.

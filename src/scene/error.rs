@@ -3,8 +3,8 @@
 use std::io;
 use std::path::PathBuf;
 
-use crate::camera::CameraError;
-use crate::image_io::ImageError;
+use crate::geometry::CameraError;
+use crate::image::ImageError;
 
 /// Why a scene was refused. Every message names the file, the field and what was expected.
 #[derive(Debug, thiserror::Error)]

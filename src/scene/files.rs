@@ -4,7 +4,8 @@ use std::fs;
 use std::path::{Component, Path};
 
 use super::SceneError;
-use crate::{file, image_io};
+use crate::fs::bounded;
+use crate::image;
 
 /// A photo that exists, with the size its header gives.
 pub(super) struct Photo {
@@ -24,16 +25,16 @@ pub(super) type FindPhoto<'a> = &'a dyn Fn(&str) -> Result<Photo, SceneError>;
 
 /// A whole file.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, SceneError> {
-    read_up_to(file::MAX_BYTES, path)
+    read_up_to(bounded::MAX_BYTES, path)
 }
 
 /// A whole JSON file.
 pub(super) fn read_json(path: &Path) -> Result<Vec<u8>, SceneError> {
-    read_up_to(file::MAX_JSON_BYTES, path)
+    read_up_to(bounded::MAX_JSON_BYTES, path)
 }
 
 fn read_up_to(limit: u64, path: &Path) -> Result<Vec<u8>, SceneError> {
-    file::read(path, limit).map_err(|source| SceneError::Read { path: path.to_owned(), source })
+    bounded::read(path, limit).map_err(|source| SceneError::Read { path: path.to_owned(), source })
 }
 
 /// The text of a file; bytes that are not UTF-8 are an error.
@@ -70,7 +71,7 @@ pub(super) fn photo(root: &Path, listed_in: &Path, name: &str, try_extensions: b
     let Some(name) = found else {
         return Err(SceneError::MissingImage { path: root.join(&name), listed_in: listed_in.to_owned() });
     };
-    let (width, height) = image_io::read_size(&root.join(&name))?;
+    let (width, height) = image::read_size(&root.join(&name))?;
     Ok(Photo { name, width, height })
 }
 

@@ -11,23 +11,15 @@
 //! All become [`Camera`]s: OpenCV axes, `cam_from_world`, K in pixels with pixel centres at half-integers, which all five
 //! formats share. Where several lie in one folder, the first of the table is read. Nothing in a file is trusted: counts are
 //! checked against the file's length, paths must stay in the folder, sizes must be those of the photos, and no file may be larger
-//! than [`crate::file`] says.
+//! than [`crate::fs::bounded`] says.
 
-mod colmap;
-mod colmap_binary;
-mod colmap_text;
 mod draft;
 mod error;
 mod files;
 mod find;
+mod formats;
 #[cfg(fuzzing)]
 pub mod fuzz;
-mod json;
-mod llff;
-mod poses_bounds;
-mod realestate10k;
-mod spaces;
-mod transforms;
 mod undistort;
 
 use std::fmt;
@@ -35,10 +27,11 @@ use std::path::{Path, PathBuf};
 
 use draft::Drafts;
 pub use error::SceneError;
+use formats::{colmap, llff, realestate10k, spaces, transforms};
 use undistort::Distortion;
 
-use crate::camera::Camera;
-use crate::image_io::{self, ImageRgb};
+use crate::geometry::Camera;
+use crate::image::{self, ImageRgb};
 
 /// The format a scene was read from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -177,7 +170,7 @@ impl Scene {
     ///
     /// If there is no view `index`.
     pub fn load_image(&self, index: usize) -> Result<ImageRgb, SceneError> {
-        self.fit(index, image_io::load(&self.views[index].image)?)
+        self.fit(index, image::load(&self.views[index].image)?)
     }
 
     /// A photo of the view's camera, made that of [`View::camera`]: distortion undone, then scaled down.

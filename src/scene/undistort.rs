@@ -13,8 +13,8 @@
 
 use rayon::prelude::*;
 
-use crate::camera::{Camera, CameraError, Intrinsics};
-use crate::image_io::{ImageError, ImageRgb};
+use crate::geometry::{Camera, CameraError, Intrinsics};
+use crate::image::{ImageError, ImageRgb};
 
 /// Coefficients of OpenCV's radial and tangential model; they act on rays, so they hold at any image size.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

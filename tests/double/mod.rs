@@ -2,8 +2,8 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use glam::{DMat3, DVec3};
-use liveview::camera::{Camera, Intrinsics};
-use liveview::image_io::ImageRgb;
+use liveview::geometry::{Camera, Intrinsics};
+use liveview::image::ImageRgb;
 use liveview::network::{NetworkError, PlaneNetwork};
 use liveview::warp::Texture;
 use ndarray::{ArrayView4, ArrayViewMut4};

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use glam::DVec3;
-use liveview::camera::Camera;
+use liveview::geometry::Camera;
 use liveview::scene::{Scene, SceneError, SceneOptions};
 
 /// A picture with a gradient and a pattern, PNG or JPEG by the extension.

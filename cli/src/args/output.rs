@@ -1,0 +1,91 @@
+//! Where pictures go: one file, or a folder of them; checked before any work.
+
+use std::collections::HashSet;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, anyhow, bail};
+use liveview::fs::atomic::AtomicFile;
+
+use super::setup::{Photos, Shot};
+
+/// One file, or a folder of them.
+pub(super) enum Place {
+    File(PathBuf),
+    Folder(PathBuf),
+}
+
+/// What is added to a name, and its ending if it is not the name's own.
+pub(super) type Variant = (&'static str, Option<&'static str>);
+
+impl Place {
+    /// By what is there, else by the extension: a folder has none.
+    pub(super) fn new(option: &str, path: &Path, endings: &[&str]) -> Result<Self> {
+        if path.is_dir() || path.as_os_str().to_string_lossy().ends_with('/') || path.extension().is_none() {
+            return Ok(Self::Folder(path.to_owned()));
+        }
+        if !has_ending(path, endings) {
+            bail!("{option} {}: expected a name that ends in .{}, or a folder", path.display(), endings.join(", ."));
+        }
+        Ok(Self::File(path.to_owned()))
+    }
+
+    /// The file of a shot.
+    pub(super) fn file(&self, shot: &Shot, suffix: &str, ending: Option<&str>) -> PathBuf {
+        let (folder, mut name, own) = match self {
+            Self::File(path) => (path.parent(), path.file_stem().unwrap_or_default().to_owned(), path.extension()),
+            Self::Folder(path) => (Some(path.as_path()), stem(&shot.name).into(), None),
+        };
+        // Joined as they are: a name need not be UTF-8.
+        name.push(suffix);
+        name.push(".");
+        name.push(ending.map(OsStr::new).or(own).unwrap_or(OsStr::new("png")));
+        folder.unwrap_or(Path::new("")).join(name)
+    }
+
+    /// The files of a shot, one per variant.
+    pub(super) fn files<const N: usize>(&self, shot: &Shot, variants: [Variant; N]) -> [PathBuf; N] {
+        variants.map(|(suffix, ending)| self.file(shot, suffix, ending))
+    }
+}
+
+/// The files of all photos of a scene, which nothing may overwrite.
+pub(super) fn photo_files(photos: &Photos) -> HashSet<PathBuf> {
+    photos.scene.views.iter().filter_map(|view| view.image_path().canonicalize().ok()).collect()
+}
+
+/// Refuses a file that cannot be written or is one of the `photos`; creates missing folders.
+pub(super) fn claim(option: &str, file: &Path, photos: &HashSet<PathBuf>) -> Result<()> {
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let refused = |why: String| anyhow!("{option} {}: cannot be written: {why}", file.display());
+    if folder.exists() && !folder.is_dir() {
+        return Err(refused(format!("{} is a file; expected a folder", folder.display())));
+    }
+    if file.is_dir() {
+        return Err(refused("it is a folder; expected a file, or nothing yet".to_owned()));
+    }
+    std::fs::create_dir_all(folder)
+        .and_then(|()| AtomicFile::create(file).map(drop))
+        .map_err(|error| refused(error.to_string()))?;
+    if file.canonicalize().is_ok_and(|taken| photos.contains(&taken)) {
+        bail!("{option} {}: would overwrite a photo of the scene; expected another place", file.display());
+    }
+    Ok(())
+}
+
+/// Refuses, before any work, a picture that is no PNG or cannot be written.
+pub(super) fn claim_png(option: &str, file: &Path, photos: &Photos) -> Result<()> {
+    match Place::new(option, file, &["png"])? {
+        Place::File(file) => claim(option, &file, &photo_files(photos)),
+        Place::Folder(path) => bail!("{option} {}: expected a name that ends in .png", path.display()),
+    }
+}
+
+/// A view's name as that of a file, without extension.
+fn stem(name: &str) -> String {
+    Path::new(&name.replace('/', "_")).with_extension("").to_string_lossy().into_owned()
+}
+
+pub(super) fn has_ending(path: &Path, endings: &[&str]) -> bool {
+    path.extension().is_some_and(|found| endings.iter().any(|ending| found.eq_ignore_ascii_case(ending)))
+}

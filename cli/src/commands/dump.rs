@@ -1,0 +1,220 @@
+//! `liveview dump`: every stage of one render as arrays, for `python -m liveview_ref.parity`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Error, Result, anyhow, bail};
+use clap::Args;
+use liveview::render::{Blended, LayerSamples};
+use liveview::geometry::Camera;
+use liveview::layers::guided::SearchStages;
+use liveview::image::ImageRgb;
+use liveview::layers::{Layer, Layers};
+use liveview::render::{Batch, Frame, warp_sources};
+use liveview::render::Culling;
+use liveview::fs::atomic::AtomicFile;
+use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate, s};
+use ndarray_npy::{NpzWriter, WritableElement};
+use serde_json::json;
+
+use super::Report;
+use super::engine::ModelArgs;
+use super::layers::{LayerArgs, Recipe};
+use super::setup::{Job, Photos, SceneArgs, Shot};
+use super::targets::held_out;
+
+/// Options of `liveview dump`.
+#[derive(Debug, Args)]
+pub(super) struct DumpArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// The view to render, by name; it is held out
+    #[arg(long, value_name = "NAME")]
+    target: String,
+    #[command(flatten)]
+    layers: LayerArgs,
+    #[command(flatten)]
+    engine: ModelArgs,
+    /// Where to write the arrays
+    #[arg(short, long, value_name = "NPZ")]
+    output: PathBuf,
+}
+
+/// The arrays of a file that appears only once it is whole.
+pub(crate) struct Arrays {
+    file: NpzWriter<AtomicFile>,
+    path: PathBuf,
+}
+
+impl Arrays {
+    pub(crate) fn create(path: &Path) -> Result<Self> {
+        let file = AtomicFile::create(path).map_err(|error| unwritten(path, error))?;
+        Ok(Self { file: NpzWriter::new(file), path: path.to_owned() })
+    }
+
+    pub(crate) fn add<A: WritableElement, D: Dimension>(&mut self, name: &str, array: Array<A, D>) -> Result<()> {
+        self.file.add_array(name, &array).map_err(|error| unwritten(&self.path, error))
+    }
+
+    pub(crate) fn add_camera(&mut self, name: &str, camera: &Camera) -> Result<()> {
+        let matrix = |m: glam::DMat3| Array::from_shape_fn((3, 3), |(row, column)| m.row(row)[column]);
+        self.add(&format!("{name}.k"), matrix(camera.k()))?;
+        self.add(&format!("{name}.rotation"), matrix(camera.rotation()))?;
+        self.add(&format!("{name}.translation"), Array1::from_vec(camera.translation().to_array().to_vec()))
+    }
+
+    /// The photos that a shot is rendered from, their cameras, and the target's.
+    pub(super) fn add_rig(&mut self, photos: &Photos, shot: &Shot) -> Result<()> {
+        for (index, &view) in shot.views.iter().enumerate() {
+            self.add_camera(&format!("view{index}"), &photos.scene.views[view].camera)?;
+            self.add_image(&format!("view{index}.image"), &photos.scene.load_image(view)?)?;
+        }
+        self.add_camera("target", &shot.target)?;
+        self.add("target.size", Array1::from_vec(vec![shot.target.width() as i64, shot.target.height() as i64]))
+    }
+
+    /// Gives the file its name.
+    pub(super) fn finish(self) -> Result<()> {
+        let file = self.file.finish().map_err(|error| unwritten(&self.path, error))?;
+        file.finish().map_err(|error| unwritten(&self.path, error))
+    }
+
+    pub(crate) fn add_image(&mut self, name: &str, image: &ImageRgb) -> Result<()> {
+        self.add(name, Array3::from_shape_vec((image.height(), image.width(), 3), image.data().to_vec())?)
+    }
+}
+
+/// The cause alone, without what the layers between say of it.
+pub(super) fn unwritten(path: &Path, error: impl Into<Error>) -> Error {
+    anyhow!("{}: cannot be written: {}", path.display(), error.into().root_cause())
+}
+
+/// What the batches of a render showed, layer after layer.
+#[derive(Default)]
+struct Stages {
+    maps: Vec<Array3<f32>>,
+    colour: Vec<Array4<f32>>,
+    coverage: Vec<Array4<f32>>,
+    logits: Vec<Array4<f32>>,
+    alpha: Vec<Array3<f32>>,
+    rgb: Vec<Array4<f32>>,
+}
+
+impl Stages {
+    fn gather(&mut self, batch: &Batch<'_>) {
+        let (n, views, height, width) = batch.logits.dim();
+        let mut alpha = Array3::zeros((n, height, width));
+        let mut rgb = Array4::zeros((n, 3, height, width));
+        let flat = |all: ArrayView4<'_, f32>, k: usize| all.index_axis(Axis(0), k).iter().copied().collect::<Vec<_>>();
+        for k in 0..n {
+            let (logits, colour) = (flat(batch.logits, k), flat(batch.hwv, k));
+            let coverage = flat(batch.coverage, k);
+            debug_assert_eq!(coverage.len(), views * height * width);
+            let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
+            let mut blended = Blended::new(height * width);
+            batch.weights.blend(&samples, 0, &mut blended);
+            let plane = |values: Vec<f32>| Array::from_shape_vec((height, width), values).expect("one per pixel");
+            alpha.index_axis_mut(Axis(0), k).assign(&plane(blended.alpha));
+            for (c, values) in blended.rgb.into_iter().enumerate() {
+                rgb.slice_mut(s![k, c, .., ..]).assign(&plane(values));
+            }
+        }
+        self.maps.push(batch.disparity.to_owned());
+        self.alpha.push(alpha);
+        self.rgb.push(rgb);
+        self.colour.push(batch.hwv.to_owned());
+        self.coverage.push(batch.coverage.to_owned());
+        self.logits.push(batch.logits.to_owned());
+    }
+
+    fn write(&self, arrays: &mut Arrays) -> Result<()> {
+        fn joined<D: Dimension + ndarray::RemoveAxis>(parts: &[Array<f32, D>]) -> Result<Array<f32, D>> {
+            Ok(concatenate(Axis(0), &parts.iter().map(|p| p.view()).collect::<Vec<_>>())?)
+        }
+        arrays.add("maps", joined(&self.maps)?)?;
+        arrays.add("colour", joined(&self.colour)?)?;
+        arrays.add("coverage", joined(&self.coverage)?)?;
+        arrays.add("logits", joined(&self.logits)?)?;
+        arrays.add("alpha", joined(&self.alpha)?)?;
+        arrays.add("rgb", joined(&self.rgb)?)
+    }
+}
+
+pub(super) fn run(args: &DumpArgs) -> Result<Report> {
+    if args.output.extension().is_none_or(|ending| ending != "npz") {
+        bail!("-o {}: expected a name that ends in .npz", args.output.display());
+    }
+    let mut job = Job::open(args.scene.open()?, &args.layers, &args.engine)?;
+    let view = job.photos.scene.view_index(&args.target)?;
+    let targets = held_out(&job.photos, vec![view]);
+    let Some(shot) = job.shots(targets)?.pop() else { bail!("{}: nothing to render", args.target) };
+    job.photos.tell_notes();
+    job.photos.load(&shot.views, &[])?;
+    let mut arrays = Arrays::create(&args.output)?;
+    write(&mut job, &shot, &mut arrays)?;
+    arrays.finish()?;
+    let json = json!({
+        "file": super::shown(&args.output), "target": shot.name, "views": job.photos.names(&shot.views), "near": shot.near,
+        "far": shot.far, "layers": job.recipe.to_string(), "model": super::shown(job.engine.network().path()), "library": super::shown(&job.engine.library),
+        "engine": job.engine.name.name(), "precision": job.engine.precision, "threads": job.engine.threads, "batch": job.engine.batch,
+    });
+    Ok(Report { text: format!("{}: every stage of {}, {}", args.output.display(), shot.name, job.recipe), json })
+}
+
+fn write(job: &mut Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
+    arrays.add_rig(&job.photos, shot)?;
+    let layers = if let Recipe::Guided { layers, coarse_planes } = job.recipe {
+        let found = job.photos.search(shot, coarse_planes)?;
+        let layers = found.range.layers(layers)?;
+        write_search(found, arrays)?;
+        layers
+    } else {
+        job.layers(shot)?.layers
+    };
+    write_layers(&layers, job, shot, arrays)?;
+    let mut stages = Stages::default();
+    let sources = job.photos.sources(&shot.views);
+    job.engine.renderer.set_culling(Culling::NONE);
+    let frame = job.engine.renderer.render_observed(&sources, &shot.target, &layers, |batch| stages.gather(batch))?;
+    stages.write(arrays)?;
+    write_frame(frame, arrays)
+}
+
+fn write_search(found: SearchStages, arrays: &mut Arrays) -> Result<()> {
+    arrays.add("coarse.disparities", Array1::from_vec(found.disparities))?;
+    arrays.add("costs", found.costs)?;
+    arrays.add("agreed", found.agreed)?;
+    arrays.add("coarse", found.coarse)?;
+    arrays.add("fine_layers", found.fine_layers)?;
+    arrays.add("fine_costs", found.fine_costs)?;
+    arrays.add("fine", found.fine)?;
+    let range = &found.range;
+    let maps = [range.nearest(), range.surface(), range.farthest()].map(|map| map.view());
+    arrays.add("range", ndarray::stack(Axis(0), &maps)?)
+}
+
+/// The layers as they were asked for: planes and their homographies, or maps on cells.
+fn write_layers(layers: &Layers, job: &Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
+    let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
+    let map = |layer: &Layer| if let Layer::Map(map) = layer { Some(map.clone()) } else { None };
+    let maps: Vec<_> = layers.as_slice().iter().filter_map(map).collect();
+    if !maps.is_empty() {
+        return arrays.add("cell_maps", ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>())?);
+    }
+    let disparities: Vec<f64> = layers.as_slice().iter().filter_map(plane).collect();
+    let sweeps: Vec<_> = warp_sources(&job.photos.sources(&shot.views), &shot.target).iter().map(|s| s.sweep).collect();
+    let shape = (disparities.len(), sweeps.len(), 3, 3);
+    let homography = Array4::from_shape_fn(shape, |(d, v, row, column)| {
+        sweeps[v].source_from_target(disparities[d]).row(row)[column]
+    });
+    arrays.add("homography", homography)?;
+    arrays.add("disparities", Array1::from_vec(disparities))
+}
+
+fn write_frame(frame: Frame, arrays: &mut Arrays) -> Result<()> {
+    let (height, width) = frame.disparity.dim();
+    let picture = Array3::from_shape_fn((3, height, width), |(c, y, x)| frame.picture.pixel(x, y)[c]);
+    arrays.add("frame", picture)?;
+    arrays.add("disparity", frame.disparity)?;
+    arrays.add("transmittance", frame.transmittance)?;
+    arrays.add("best_layer", frame.best_layer.map(|best| best.map_or(-1, i64::from)))
+}

@@ -1,0 +1,232 @@
+//! `liveview inspect`: how a scene is understood, and what will be left out.
+
+use std::fmt::Write;
+
+use anyhow::Result;
+use clap::Args;
+use glam::{DMat3, DVec2, DVec3};
+use liveview::geometry::Camera;
+use liveview::layers::{LayersError, uniform_disparities};
+use liveview::scene::{Format, View};
+use liveview::geometry::PlaneSweep;
+use liveview::geometry::{choose_views, distance};
+use serde_json::{Value, json};
+
+use super::Report;
+use super::geometry::{coverage, grid, parallax, percentile};
+use super::path::Rig;
+use super::setup::{Photos, SceneArgs};
+
+const EXAMPLES: &str = "\
+Examples:
+  liveview inspect scene
+  liveview inspect scene --target IMG_7.jpg --views 5 --planes 128
+  liveview inspect scene --near 1.5 --far 40 --json";
+
+/// Neighbouring planes further apart than this show as steps.
+const MAX_STEP: f64 = 1.0;
+
+/// Options of `liveview inspect`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct InspectArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// View to look at as a target, held out [default: the one in the middle]
+    #[arg(long, value_name = "NAME")]
+    target: Option<String>,
+    /// Views to render it from
+    #[arg(long, value_name = "V", default_value = "4", value_parser = super::count)]
+    views: usize,
+    /// Planes to judge the spacing of
+    #[arg(long, value_name = "D", default_value = "64", value_parser = super::count)]
+    planes: usize,
+}
+
+/// What is told about one part: in words, and for machines.
+type Section = (String, Value);
+
+pub(super) fn run(args: &InspectArgs) -> Result<Report> {
+    let photos = args.scene.open()?;
+    let scene = &photos.scene;
+    let target = match &args.target {
+        Some(name) => scene.view_index(name)?,
+        None => photos.middle_view(),
+    };
+    let mut text =
+        format!("scene      {}: {}\nposes      {}\n", scene.root.display(), scene.format, conventions(scene.format));
+    let (told, views) = lenses(&scene.views);
+    text += &told;
+    let (told, rig) = rig(&scene.views);
+    text += &told;
+    let (told, target) = about_target(&photos, target, args)?;
+    text += &told;
+    for note in &scene.notes {
+        let _ = writeln!(text, "note       {note}");
+    }
+    let json = json!({
+        "scene": super::shown(&scene.root), "format": scene.format.to_string(), "conventions": conventions(scene.format),
+        "views": views, "rig": rig, "target": target, "notes": scene.notes,
+    });
+    Ok(Report { text, json })
+}
+
+fn conventions(format: Format) -> &'static str {
+    match format {
+        Format::Transforms => "world from camera with OpenGL axes (x right, y up, z backwards); K in pixels of w x h",
+        Format::Llff => "world from camera with columns [down, right, backwards]; K in pixels of the declared size",
+        Format::Spaces => "angle-axis and centre, OpenCV axes; K in pixels of the declared size",
+        Format::RealEstate10k => "camera from world, OpenCV axes; K as fractions of width and height",
+        Format::Colmap => "camera from world, OpenCV axes (x right, y down, z forward); K in pixels",
+    }
+}
+
+fn lenses(views: &[View]) -> Section {
+    let range = |of: &dyn Fn(&Camera) -> f64| {
+        let values = || views.iter().map(|view| of(&view.camera));
+        (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))
+    };
+    let told = |(low, high): (f64, f64)| {
+        if high - low < 0.05 { format!("{low:.1}") } else { format!("{low:.1} to {high:.1}") }
+    };
+    let whole = |(low, high): (f64, f64)| if low == high { format!("{low}") } else { format!("{low} to {high}") };
+    let (width, height) = (range(&|c| c.width() as f64), range(&|c| c.height() as f64));
+    let k: [(&str, (f64, f64)); 4] = [
+        ("fx", range(&|c| c.intrinsics().fx)),
+        ("fy", range(&|c| c.intrinsics().fy)),
+        ("cx", range(&|c| c.intrinsics().cx)),
+        ("cy", range(&|c| c.intrinsics().cy)),
+    ];
+    let field = range(&|c| 2.0 * (0.5 * c.width() as f64 / c.intrinsics().fx).atan().to_degrees());
+    let all = k.iter().map(|&(name, values)| format!("{name} {}", told(values))).collect::<Vec<_>>().join(", ");
+    let text = format!(
+        "views      {}, {} x {} pixels\nintrinsics {all} pixels; {} degrees across\n",
+        views.len(),
+        whole(width),
+        whole(height),
+        told(field)
+    );
+    let intrinsics: serde_json::Map<_, _> =
+        k.into_iter().map(|(name, values)| (name.to_owned(), json!(values))).collect();
+    let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
+    (text, json!({ "count": views.len(), "names": names, "width": width, "height": height, "intrinsics": intrinsics }))
+}
+
+fn rig(views: &[View]) -> Section {
+    let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
+    let axes = Rig::new(&cameras).map_or(DMat3::IDENTITY, |rig| rig.rotation);
+    let centres: Vec<DVec3> = cameras.iter().map(|camera| axes * camera.centre()).collect();
+    let low = centres.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+    let high = centres.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let others =
+        |i: usize| (0..cameras.len()).filter(move |&j| j != i).map(|j| (cameras[i], cameras[j])).collect::<Vec<_>>();
+    let nearest = |i: usize| others(i).into_iter().map(|(a, b)| distance(a, b)).fold(f64::INFINITY, f64::min);
+    let mut nearest: Vec<f64> = (0..cameras.len()).map(nearest).filter(|d| d.is_finite()).collect();
+    let [least, median, most] = [0.0, 0.5, 1.0].map(|part| percentile(&mut nearest, part));
+    let angle = |(a, b): (&Camera, &Camera)| a.forward().angle_between(b.forward()).to_degrees();
+    let angle = (0..cameras.len()).flat_map(others).map(angle).fold(0.0, f64::max);
+    let DVec3 { x, y, z } = high - low;
+    let text = format!(
+        "rig        {x:.4} across, {y:.4} down, {z:.4} forward, in scene units; axes up to {angle:.1} degrees apart\n\
+         baseline   {median:.4} to the nearest view (median; {least:.4} to {most:.4})\n"
+    );
+    let baseline = json!({ "min": least, "median": median, "max": most });
+    (text, json!({ "extent": [x, y, z], "baseline": baseline, "largest_angle_degrees": angle }))
+}
+
+/// The target, the views it would be rendered from, and what its planes would leave out.
+fn about_target(photos: &Photos, target: usize, args: &InspectArgs) -> Result<Section> {
+    let View { name, camera, .. } = &photos.scene.views[target];
+    let elsewhere = |view: &&View| choose_views(&[&view.camera], camera, 1).is_err();
+    let elsewhere: Vec<&str> = photos.scene.views.iter().filter(elsewhere).map(|view| view.name.as_str()).collect();
+    let mut text = format!("\ntarget     {name}, held out, from {} views\n", args.views);
+    let mut json = json!({ "name": name, "look_elsewhere": elsewhere });
+    if !elsewhere.is_empty() {
+        let _ = writeln!(text, "left out   look elsewhere (more than 60 degrees away): {}", elsewhere.join(", "));
+    }
+    let views = match photos.choose(name, camera, &[target], args.views) {
+        Ok(views) => views,
+        Err(error) => {
+            let _ = writeln!(text, "warning    cannot be rendered: {error}");
+            json["warning"] = json!(error.to_string());
+            return Ok((text, json));
+        }
+    };
+    let (near, far) = match photos.depth_range(&views) {
+        Ok(range) => range,
+        // Nothing known is something to tell; a wrong range is an error.
+        Err(error) if error.is::<LayersError>() => return Err(error),
+        Err(error) => {
+            let _ = writeln!(text, "views      {}\nwarning    {error}", photos.names(&views).join(", "));
+            json["views"] = json!(photos.names(&views));
+            json["warning"] = json!(error.to_string());
+            return Ok((text, json));
+        }
+    };
+    let source = match photos.given {
+        (Some(_), Some(_)) => "as given",
+        (None, None) => "from the scene: the extremes of these views",
+        _ => "one given, one from the scene",
+    };
+    let _ = writeln!(text, "depth      {near:.4} to {far:.4} scene units, {source}");
+    json["near"] = json!(near);
+    json["far"] = json!(far);
+    let disparities = uniform_disparities(near, far, args.planes)?;
+    let sources: Vec<(&Camera, PlaneSweep)> = photos.cameras(&views).map(|view| (view, PlaneSweep::new(view, camera))).collect();
+    let grid = grid(camera);
+    let (told, rows, step) = spacing(photos, &views, &sources, &grid, &disparities, camera);
+    text += &told;
+    json["views"] = rows;
+    let _ = writeln!(text, "planes     {} from near to far: neighbours at most {step:.2} pixels apart", args.planes);
+    json["planes"] = json!({ "count": args.planes, "largest_step_pixels": step });
+    if step > MAX_STEP {
+        let enough = (step / MAX_STEP * (args.planes.max(2) - 1) as f64).ceil() + 1.0;
+        let _ = writeln!(
+            text,
+            "warning    above {MAX_STEP} pixel, planes show as steps: about --planes {enough} are enough, or --guided layers"
+        );
+    }
+    let uncovered: Vec<usize> =
+        (0..disparities.len()).filter(|&k| coverage(&sources, &grid, disparities[k]) == 0.0).collect();
+    if !uncovered.is_empty() {
+        let _ = writeln!(text, "left out   planes that no view covers (0 is the nearest): {uncovered:?}");
+    }
+    json["planes"]["covered_by_no_view"] = json!(uncovered);
+    Ok((text, json))
+}
+
+/// A row per view, then one for all; and the largest step between neighbouring planes.
+fn spacing(
+    photos: &Photos,
+    views: &[usize],
+    sources: &[(&Camera, PlaneSweep)],
+    grid: &[DVec2],
+    disparities: &[f64],
+    target: &Camera,
+) -> (String, Value, f64) {
+    let (nearest, farthest) = (disparities[0], disparities[disparities.len() - 1]);
+    let depths = [nearest, 0.5 * (nearest + farthest), farthest];
+    let shares = |of: &[(&Camera, PlaneSweep)]| depths.map(|disparity| 100.0 * coverage(of, grid, disparity));
+    let cells = |shares: [f64; 3]| shares.map(|share| format!("{share:4.0} %")).join(" ");
+    let width = views.iter().map(|&view| photos.scene.views[view].name.chars().count()).max().unwrap_or(0).max(8);
+    let mut text = format!("\n           {:width$}  distance  parallax      step  seen: near, middle, far\n", "view");
+    let mut rows = Vec::new();
+    let mut largest: f64 = 0.0;
+    for (&view, (camera, sweep)) in views.iter().zip(sources) {
+        let moved = |pair: (f64, f64)| {
+            grid.iter().filter_map(move |&pixel| parallax(camera, sweep, pixel, pair)).fold(0.0, f64::max)
+        };
+        let whole = moved((nearest, farthest));
+        let step = disparities.windows(2).map(|pair| moved((pair[0], pair[1]))).fold(0.0, f64::max);
+        largest = largest.max(step);
+        let (name, apart) = (&photos.scene.views[view].name, distance(camera, target));
+        let shares = shares(&[(camera, *sweep)]);
+        let _ =
+            writeln!(text, "           {name:width$}  {apart:8.4}  {whole:5.1} px  {step:5.2} px  {}", cells(shares));
+        rows.push(json!({
+            "name": name, "distance": apart, "parallax_pixels": whole, "step_pixels": step, "seen_percent": shares,
+        }));
+    }
+    let _ = writeln!(text, "           {:width$}  {:28}  {}\n", "any view", "", cells(shares(sources)));
+    (text, Value::Array(rows), largest)
+}

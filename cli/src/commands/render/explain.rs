@@ -1,0 +1,181 @@
+//! `render --explain`: what was left out and why, where the time went, and what it cost in quality.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use clap::Args;
+use liveview::layers::guided::RangeMap;
+use liveview::image::{ImageRgb, save_png};
+use liveview::layers::{Layer, Layers};
+use liveview::image::psnr;
+use liveview::image::coloured;
+use liveview::render::Frame;
+use ndarray::Array2;
+use serde_json::{Value, json};
+
+use super::geometry::percentile;
+use super::place::claim_png;
+use super::render::{SCORE_BORDER, Times};
+use super::report::{stages, total};
+use super::select::{range_picture, width_in_pixels};
+use super::setup::{Job, Photos, Shot};
+use crate::report::PixelError;
+
+/// Options that ask for reasons.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Reasons")]
+pub(super) struct ExplainArgs {
+    /// Tell what was left out and why, and where the time went; and draw it: guided layers' nearest and farthest disparity and
+    /// the width between them, or each pixel's plane. For one target
+    #[arg(long, value_name = "PNG")]
+    explain: Option<PathBuf>,
+    /// Render D uniform planes too, and tell how far the result is from them
+    #[arg(long, value_name = "D", value_parser = super::count, requires = "explain")]
+    dense: Option<usize>,
+}
+
+/// A render, as far as it is to be explained.
+pub(super) struct Explained<'a> {
+    pub(super) shot: &'a Shot,
+    pub(super) layers: &'a Layers,
+    pub(super) range: Option<&'a RangeMap>,
+    pub(super) frame: &'a Frame,
+    pub(super) times: &'a Times,
+    pub(super) truth: Option<&'a ImageRgb>,
+}
+
+/// What there is to tell.
+pub(super) struct Explanation {
+    pub(super) text: String,
+    pub(super) json: Value,
+}
+
+impl ExplainArgs {
+    /// Checks the options before any work.
+    pub(super) fn claim(&self, shots: &[Shot], photos: &Photos) -> Result<()> {
+        let Some(file) = &self.explain else { return Ok(()) };
+        if shots.len() != 1 {
+            bail!("--explain {}: {} pictures are rendered; expected one target", file.display(), shots.len());
+        }
+        claim_png("--explain", file, photos)
+    }
+
+    /// Explains a render, if asked to.
+    pub(super) fn explain(&self, job: &mut Job, about: &Explained<'_>) -> Result<Option<Explanation>> {
+        let Some(file) = &self.explain else { return Ok(None) };
+        let mut text = String::new();
+        let mut json = json!({ "file": super::shown(file) });
+        let picture = match about.range {
+            Some(range) => guided(job, about, range, &mut text, &mut json),
+            None => planes(about, &mut text, &mut json),
+        };
+        stops(about.frame, &mut text, &mut json);
+        time(about.times, &mut text, &mut json);
+        if let Some(planes) = self.dense {
+            dense(job, about, planes, &mut text, &mut json)?;
+        }
+        save_png(file, &picture)?;
+        Ok(Some(Explanation { text, json }))
+    }
+}
+
+/// Each pixel's range, and how many planes would be as close together.
+fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String, json: &mut Value) -> ImageRgb {
+    let whole = 1.0 / about.shot.near - 1.0 / about.shot.far;
+    let spans = range.nearest() - range.farthest();
+    let mut shares: Vec<f64> = spans.iter().map(|&span| f64::from(span) / whole).collect();
+    let [median, wide] = [0.5, 0.95].map(|part| percentile(&mut shares, part));
+    let width = width_in_pixels(&job.photos, about.shot, range);
+    let mut steps: Vec<f64> = width.iter().map(|&w| f64::from(w)).collect();
+    let pixels = percentile(&mut steps, 0.5);
+    let layers = about.layers.len();
+    let as_close = ((layers.saturating_sub(1)) as f64 / median).ceil().max(1.0) + 1.0;
+    let _ = writeln!(
+        text,
+        "layers  {layers}, each pixel's own: half of the pixels need only {:.1} % of the depth range ({pixels:.1} pixels of \
+         parallax), 95 in 100 of them {:.1} %",
+        100.0 * median,
+        100.0 * wide
+    );
+    if layers > 1 {
+        let _ = writeln!(
+            text,
+            "left    what uniform planes would spend elsewhere: {as_close:.0} of them would be as close together"
+        );
+    }
+    json["range_share"] = json!({ "median": median, "95 %": wide });
+    json["range_pixels_median"] = json!(pixels);
+    json["uniform_planes_as_close"] = json!((layers > 1).then_some(as_close));
+    range_picture(about.shot, range, &width)
+}
+
+/// Which planes the pixels choose.
+fn planes(about: &Explained<'_>, text: &mut String, json: &mut Value) -> ImageRgb {
+    let mut votes = vec![0usize; about.layers.len()];
+    about.frame.best_layer.iter().flatten().for_each(|&layer| votes[layer as usize] += 1);
+    votes.sort_unstable_by(|a, b| b.cmp(a));
+    let chosen: usize = votes.iter().sum();
+    let sums = votes.iter().scan(0, |sum, &count| {
+        *sum += count;
+        Some(*sum)
+    });
+    let needed = 1 + sums.take_while(|sum| 10 * sum < 9 * chosen).count();
+    let _ = writeln!(
+        text,
+        "layers  {} planes, of which {needed} are the most opaque one for 90 % of the pixels: the others could be left out (--select)",
+        about.layers.len()
+    );
+    json["planes_for_90_percent"] = json!(needed);
+    let disparity = |layer: Option<u32>| match layer.map(|layer| &about.layers.as_slice()[layer as usize]) {
+        Some(&Layer::Plane(disparity)) => disparity as f32,
+        _ => f32::NAN,
+    };
+    let map: Array2<f32> = about.frame.best_layer.mapv(disparity);
+    coloured(map.view(), (1.0 / about.shot.far) as f32, (1.0 / about.shot.near) as f32)
+}
+
+/// Whole layers that were never inferred.
+fn stops(frame: &Frame, text: &mut String, json: &mut Value) {
+    let culled = frame.culled;
+    if culled.uncovered > 0 {
+        let _ = writeln!(text, "left    {} layers that no view sees: exact", culled.uncovered);
+    }
+    if culled.opaque > 0 {
+        let bound = culled.transmittance;
+        let _ =
+            writeln!(text, "left    {} layers hidden behind the others: at most {bound:.4} of 1 away", culled.opaque);
+    }
+    json["left_out"] =
+        json!({ "uncovered": culled.uncovered, "opaque": culled.opaque, "transmittance": culled.transmittance });
+}
+
+/// Each stage's share.
+fn time(times: &Times, text: &mut String, json: &mut Value) {
+    let all = total(times).as_secs_f64();
+    let shares = stages(times).map(|(stage, time)| (stage, time.as_secs_f64() / all)).into_iter();
+    let shares: Vec<_> = shares.filter(|&(_, share)| share > 0.0).collect();
+    let told: Vec<String> = shares.iter().map(|(stage, share)| format!("{stage} {:.0} %", 100.0 * share)).collect();
+    let _ = writeln!(text, "shares  {} of {:.0} ms", told.join(", "), 1e3 * all);
+    json["time_shares"] = shares.into_iter().map(|(stage, share)| (stage.to_owned(), json!(share))).collect();
+}
+
+/// How far the result is from that on `planes` uniform planes.
+fn dense(job: &mut Job, about: &Explained<'_>, planes: usize, text: &mut String, json: &mut Value) -> Result<()> {
+    let layers = Layers::uniform(about.shot.near, about.shot.far, planes)?;
+    let dense = job.render(about.shot, &layers)?;
+    let PixelError { max, mean } = PixelError::between(std::iter::once((&about.frame.picture, &dense.picture)));
+    let seconds = (dense.times.warp + dense.times.network + dense.times.composite).as_secs_f64();
+    let faster = seconds / total(about.times).as_secs_f64();
+    let _ = writeln!(
+        text,
+        "dense   {planes} planes: {mean:.4} away in the mean, {max:.2} at most (of 1); they take {faster:.1} times as long"
+    );
+    json["dense"] = json!({ "planes": planes, "error_max": max, "error_mean": mean, "seconds": seconds });
+    if let Some(truth) = about.truth {
+        let [ours, theirs] = [&about.frame.picture, &dense.picture].map(|picture| psnr(picture, truth, SCORE_BORDER));
+        let _ = writeln!(text, "        against the photo: {ours:.2} dB, theirs {theirs:.2} dB");
+        json["dense"]["psnr"] = json!(theirs);
+    }
+    Ok(())
+}

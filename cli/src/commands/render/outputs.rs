@@ -1,0 +1,230 @@
+//! What is written, and where: pictures, disparity maps, comparisons.
+
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, anyhow, bail};
+use clap::Args;
+use image::ExtendedColorType;
+use image::codecs::jpeg::JpegEncoder;
+use liveview::image::{ImageRgb, encode_gray16_png, encode_png};
+use liveview::image::{coloured, difference, side_by_side};
+use liveview::render::Frame;
+use liveview::fs::atomic;
+use serde_json::json;
+
+use super::encoder::{Video, is_video};
+use super::place::{Place, Variant, claim, has_ending, photo_files};
+use super::record::{self, Fields, Record};
+use super::render::Rendered;
+use super::setup::{Photos, Shot};
+
+/// Factor by which a comparison shows the difference.
+const DIFFERENCE_FACTOR: f32 = 4.0;
+
+const JPEG_QUALITY: u8 = 95;
+
+/// Options that say what to write.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Output (several pictures go into a folder, each under its view's name)")]
+pub(super) struct OutputArgs {
+    /// The picture: .png or .jpg; or a folder; or .mp4 or .gif through ffmpeg
+    #[arg(short, long, value_name = "PATH", required_unless_present = "heldout")]
+    output: Option<PathBuf>,
+    /// Disparity as 16-bit PNG (0 to 65535 is 0 to the disparity_max in *_scale.json beside it, in 1/scene unit), and in
+    /// colour as *_colour.png (dark at far, light at near)
+    #[arg(long, value_name = "PNG")]
+    depth: Option<PathBuf>,
+    /// Truth, result and 4 × their absolute difference, side by side
+    #[arg(long, value_name = "PNG")]
+    compare: Option<PathBuf>,
+    /// Frames per second of a video
+    #[arg(long, value_name = "N", default_value = "30", value_parser = super::count)]
+    fps: usize,
+    /// Go on where a run into the same folder was ended: pictures that are there and whole, as its liveview.json tells, are
+    /// kept, and the rest is rendered. Refused where that file is of another job
+    #[arg(long, requires = "output", conflicts_with = "explain")]
+    resume: bool,
+}
+
+/// A picture under the name given.
+const PLAIN: [Variant; 1] = [("", None)];
+/// Disparity, in colour, and its scale.
+const DEPTH: [Variant; 3] = [("", None), ("_colour", None), ("_scale", Some("json"))];
+
+/// Everything that is written.
+pub(super) struct Outputs {
+    pictures: Option<Place>,
+    video: Option<Video>,
+    depth: Option<Place>,
+    compare: Option<Place>,
+    resume: bool,
+    /// Of pictures that go into a folder.
+    record: Option<Record>,
+}
+
+impl Outputs {
+    /// Checks the options by themselves, before anything is opened.
+    pub(super) fn new(args: &OutputArgs, have_truth: bool) -> Result<Self> {
+        let video = args.output.as_deref().filter(|path| is_video(path));
+        if let (Some(path), false) = (&args.compare, have_truth) {
+            bail!("--compare {}: there is no photo to compare with; expected --target or --heldout", path.display());
+        }
+        let place = |option, path: &Option<PathBuf>, endings: &[&str]| {
+            path.as_ref().map(|path| Place::new(option, path, endings)).transpose()
+        };
+        let pictures =
+            if video.is_some() { None } else { place("-o", &args.output, &["png", "jpg", "jpeg", "mp4", "gif"])? };
+        if let (true, Some(path), None | Some(Place::File(_))) = (args.resume, &args.output, &pictures) {
+            bail!("--resume, -o {}: only a folder of pictures can be gone on with; expected one", path.display());
+        }
+        Ok(Self {
+            pictures,
+            video: video.map(|path| Video::new(path, args.fps)).transpose()?,
+            depth: place("--depth", &args.depth, &["png"])?,
+            compare: place("--compare", &args.compare, &["png"])?,
+            resume: args.resume,
+            record: None,
+        })
+    }
+
+    /// Checks the options against what will be rendered, before the work; creates missing folders.
+    pub(super) fn claim(&mut self, shots: &[Shot], photos: &Photos) -> Result<()> {
+        let (mut files, taken) = (HashMap::new(), photo_files(photos));
+        let places: [(&str, &Option<Place>, &[Variant]); 3] =
+            [("-o", &self.pictures, &PLAIN), ("--depth", &self.depth, &DEPTH), ("--compare", &self.compare, &PLAIN)];
+        for (option, place, variants) in places {
+            let Some(place) = place else { continue };
+            if let (Place::File(path), true) = (place, shots.len() > 1) {
+                let (path, count) = (path.display(), shots.len());
+                bail!("{option} {path}: one file, but {count} pictures are rendered; expected a folder");
+            }
+            let wanted = shots.iter().flat_map(|shot| variants.iter().map(|v| place.file(shot, v.0, v.1)));
+            for file in wanted {
+                claim(option, &file, &taken)?;
+                if let Some(other) = files.insert(std::path::absolute(&file)?, option) {
+                    let file = file.display();
+                    bail!("{option} {file}: {other} would write another picture there; expected different places");
+                }
+            }
+        }
+        if let Some(video) = &mut self.video {
+            claim("-o", video.path(), &taken)?;
+            let sizes: HashSet<_> = shots.iter().map(|shot| (shot.target.width(), shot.target.height())).collect();
+            match sizes.into_iter().collect::<Vec<_>>()[..] {
+                [size] => video.set_size(size),
+                _ => bail!("-o {}: the pictures have different sizes; expected a folder", video.path().display()),
+            }
+        }
+        Ok(())
+    }
+
+    /// Opens the record of a folder of pictures, and with `--resume` tells how many are there.
+    pub(super) fn begin(&mut self, shots: &[Shot], fields: impl FnOnce() -> Result<Fields>) -> Result<()> {
+        let Some(Place::Folder(folder)) = &self.pictures else { return Ok(()) };
+        let mut record = Record::new(folder, fields()?);
+        if self.resume {
+            record.resume(&shots.iter().map(|shot| (shot.name.as_str(), self.files(shot))).collect::<Vec<_>>())?;
+        }
+        self.record = Some(record);
+        Ok(())
+    }
+
+    /// A picture that was there.
+    pub(super) fn kept(&self, shot: &Shot) -> Option<Rendered> {
+        self.record.as_ref()?.kept(shot, self.files(shot))
+    }
+
+    /// All files of a shot.
+    pub(super) fn files(&self, shot: &Shot) -> Vec<PathBuf> {
+        let mut files = Vec::new();
+        files.extend(self.pictures.iter().flat_map(|place| place.files(shot, PLAIN)));
+        files.extend(self.depth.iter().flat_map(|place| place.files(shot, DEPTH)));
+        let compare = self.compare.iter().filter(|_| shot.truth.is_some());
+        files.extend(compare.flat_map(|place| place.files(shot, PLAIN)));
+        files
+    }
+
+    /// Writes one rendered shot; what identifies the contents of its files.
+    pub(super) fn write(&mut self, shot: &Shot, frame: &Frame, truth: Option<&ImageRgb>) -> Result<Vec<String>> {
+        if let Some(video) = &mut self.video {
+            video.add(&frame.picture)?;
+        }
+        let mut digests = Vec::new();
+        let mut write = |file: &Path, contents: &[u8]| {
+            // Of what was to be written: in the file, another process may have written since.
+            digests.push(record::digest(contents));
+            write_whole(file, contents)
+        };
+        if let Some(place) = &self.pictures {
+            let [file] = place.files(shot, PLAIN);
+            write(&file, &encoded(&file, &frame.picture)?)?;
+        }
+        if let Some(place) = &self.depth {
+            for (file, contents) in place.files(shot, DEPTH).iter().zip(disparity(shot, frame)?) {
+                write(file, &contents)?;
+            }
+        }
+        if let (Some(place), Some(truth)) = (&self.compare, truth) {
+            let [file] = place.files(shot, PLAIN);
+            let difference = difference(truth, &frame.picture, DIFFERENCE_FACTOR);
+            write(&file, &encode_png(&side_by_side(&[truth, &frame.picture, &difference]))?)?;
+        }
+        Ok(digests)
+    }
+
+    /// Records a shot that is written.
+    pub(super) fn written(&mut self, one: &Rendered, digests: Vec<String>) -> Result<()> {
+        self.record.as_mut().map_or(Ok(()), |record| record.add(one, digests))
+    }
+
+    /// After a failure: how to go on, where that is possible.
+    pub(super) fn tell_how_to_go_on(&self, wanted: usize) {
+        self.record.iter().for_each(|record| record.tell_how_to_go_on(wanted));
+    }
+
+    /// Closes the video, if there is one; its file.
+    pub(super) fn finish(self) -> Result<Option<PathBuf>> {
+        self.video.map(Video::finish).transpose()
+    }
+}
+
+/// Largest disparity of a frame: what 65535 stands for.
+pub(super) fn disparity_max(frame: &Frame) -> f32 {
+    frame.disparity.iter().copied().fold(0.0, f32::max)
+}
+
+/// The files of [`DEPTH`].
+fn disparity(shot: &Shot, frame: &Frame) -> Result<[Vec<u8>; 3]> {
+    let largest = disparity_max(frame);
+    let unit = if largest > 0.0 { 65535.0 / largest } else { 0.0 };
+    let values: Vec<u16> = frame.disparity.iter().map(|disparity| (disparity * unit).round() as u16).collect();
+    let colour = coloured(frame.disparity.view(), (1.0 / shot.far) as f32, (1.0 / shot.near) as f32);
+    let scale =
+        json!({ "disparity": "value / 65535 * disparity_max", "disparity_max": largest, "unit": "1/scene unit" });
+    let grey = encode_gray16_png(shot.target.width(), shot.target.height(), &values)?;
+    Ok([grey, encode_png(&colour)?, format!("{scale:#}\n").into_bytes()])
+}
+
+/// PNG, or JPEG by the name's ending.
+fn encoded(path: &Path, picture: &ImageRgb) -> Result<Vec<u8>> {
+    if !has_ending(path, &["jpg", "jpeg"]) {
+        return Ok(encode_png(picture)?);
+    }
+    let mut jpeg = Vec::new();
+    let (width, height) = (u32::try_from(picture.width())?, u32::try_from(picture.height())?);
+    JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY)
+        .encode(&bytes(picture), width, height, ExtendedColorType::Rgb8)
+        .map_err(|error| anyhow!("{}: cannot be written: {error}", path.display()))?;
+    Ok(jpeg)
+}
+
+/// 8-bit RGB.
+pub(super) fn bytes(picture: &ImageRgb) -> Vec<u8> {
+    picture.data().iter().map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
+}
+
+/// All of a file or nothing.
+pub(super) fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
+    atomic::write(path, contents).map_err(|error| anyhow!("{}: cannot be written: {error}", path.display()))
+}

@@ -1,0 +1,204 @@
+//! `liveview select`: the planes that a view needs, or its range of depths per pixel.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Result;
+use clap::Args;
+use glam::DVec2;
+use indicatif::ProgressBar;
+use liveview::geometry::Camera;
+use liveview::layers::guided::{COARSE, RangeMap};
+use liveview::image::{ImageRgb, save_png};
+use liveview::layers::{CELL, uniform_disparities};
+use liveview::image::{bar_chart, coloured, side_by_side};
+use liveview::layers::select_planes;
+use liveview::geometry::PlaneSweep;
+use ndarray::Array2;
+use serde_json::{Value, json};
+
+use super::engine::ModelArgs;
+use super::geometry::{parallax, percentile};
+use super::layers::Recipe;
+use super::place::claim_png;
+use super::setup::{Job, Photos, SceneArgs, Shot};
+use super::targets::{Targets, held_out};
+use super::{Report, progress};
+
+const EXAMPLES: &str = "\
+Examples:
+  The paper's histogram over 64 planes, and the 16 it keeps:
+    liveview select scene --target IMG_7.jpg -o planes.png
+  Another choice:
+    liveview select scene --target IMG_7.jpg --select 8 --select-from 128
+  The range of depths that guided layers divide, per pixel:
+    liveview select scene --target IMG_7.jpg --guided 4 -o range.png";
+
+/// Shares of the pixels at which the range map is told.
+const PERCENTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
+
+/// Options of `liveview select`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct SelectArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// The view, by name; held out
+    #[arg(long, value_name = "NAME")]
+    target: String,
+    /// Planes to keep
+    #[arg(long, value_name = "K", default_value = "16", value_parser = super::count)]
+    select: usize,
+    /// Planes to choose from, evenly spaced in disparity
+    #[arg(long, value_name = "D", default_value = "64", value_parser = super::count)]
+    select_from: usize,
+    /// Show the range of depths that L guided layers divide instead; needs no model
+    #[arg(long, value_name = "L", value_parser = super::count, conflicts_with_all = ["select", "select_from"])]
+    guided: Option<usize>,
+    /// Planes of the coarse pass [default: one per four pixels of parallax, 8 to 128]
+    #[arg(long, value_name = "D", value_parser = super::two_or_more, requires = "guided")]
+    coarse_planes: Option<usize>,
+    /// A picture of it: one bar per plane, near to far, those kept in colour; or nearest disparity, farthest disparity and
+    /// width of the range in pixels of parallax, side by side
+    #[arg(short, long, value_name = "PNG")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    engine: ModelArgs,
+}
+
+pub(super) fn run(args: &SelectArgs) -> Result<Report> {
+    let photos = args.scene.open()?;
+    photos.tell_notes();
+    let target = held_out(&photos, vec![photos.scene.view_index(&args.target)?]);
+    if let Some(file) = &args.output {
+        claim_png("-o", file, &photos)?;
+    }
+    let (mut report, picture) = match args.guided {
+        Some(layers) => guided(args, photos, target, layers)?,
+        None => planes(args, photos, target)?,
+    };
+    if let Some(file) = &args.output {
+        save_png(file, &picture)?;
+        let _ = writeln!(report.text, "wrote    {}", file.display());
+        report.json["file"] = json!(super::shown(file));
+    }
+    Ok(report)
+}
+
+/// The paper's histogram over planes.
+fn planes(args: &SelectArgs, photos: Photos, target: Targets) -> Result<(Report, ImageRgb)> {
+    let recipe = Recipe::select(args.select, args.select_from)?;
+    let mut job = Job { photos, engine: args.engine.open()?, recipe, progress: ProgressBar::hidden() };
+    let shot = job.shots(target)?.remove(0);
+    job.photos.load(&shot.views, &[])?;
+    job.progress = progress("layers")?;
+    let disparities = uniform_disparities(shot.near, shot.far, args.select_from)?;
+    let histogram = job.histogram(&shot, &disparities)?;
+    job.progress.finish_and_clear();
+    let chosen = select_planes(&histogram, args.select);
+
+    let pixels = (shot.target.width() * shot.target.height()) as f64;
+    let share = |k: usize| 100.0 * histogram[k] as f64 / pixels;
+    let kept: f64 = chosen.iter().map(|&k| share(k)).sum();
+    let unseen = 100.0 * (pixels - histogram.iter().sum::<u64>() as f64) / pixels;
+    let mut text = heading(&job.photos, &shot);
+    let _ = writeln!(
+        text,
+        "kept     {} of {} planes, which {kept:.1} % of the pixels choose",
+        chosen.len(),
+        args.select_from
+    );
+    let _ = writeln!(
+        text,
+        "left out {} planes; {unseen:.1} % of the pixels are seen by no view",
+        histogram.len() - chosen.len()
+    );
+    let _ = writeln!(text, "\nplane  disparity      depth  pixels");
+    for &k in &chosen {
+        let _ = writeln!(text, "{k:5}  {:9.5}  {:9.4}  {:4.1} %", disparities[k], 1.0 / disparities[k], share(k));
+    }
+    let mut json = about(&job.photos, &shot);
+    json["disparities"] = json!(disparities);
+    json["histogram"] = json!(histogram);
+    json["chosen"] = json!(chosen);
+    Ok((Report { text, json }, bar_chart(&histogram, &chosen)))
+}
+
+/// The range per pixel that guided layers divide.
+fn guided(args: &SelectArgs, mut photos: Photos, target: Targets, layers: usize) -> Result<(Report, ImageRgb)> {
+    args.engine.set_threads()?;
+    let shot = photos.shot(target, args.engine.views_or_default())?;
+    photos.load(&shot.views, &[])?;
+    let started = Instant::now();
+    let found = photos.search(&shot, args.coarse_planes)?;
+    let coarse = started.elapsed();
+    let range = &found.range;
+    let width = width_in_pixels(&photos, &shot, range);
+
+    let mut text = heading(&photos, &shot);
+    let _ = writeln!(
+        text,
+        "coarse   {} planes on cells of {COARSE}x{COARSE} pixels, {} layers on {CELL}x{CELL}, {:.0} ms",
+        found.disparities.len(),
+        found.fine_layers.dim().0,
+        1e3 * coarse.as_secs_f64()
+    );
+    let shares = PERCENTILES.map(|part| format!("{:>9}", format!("{:.0} %", 100.0 * part))).concat();
+    let _ = writeln!(text, "\nof the pixels                   {shares}");
+    let mut json = about(&photos, &shot);
+    let rows: [(&str, &str, Array2<f32>); 4] = [
+        ("farthest depth, scene units", "farthest_depth", range.farthest().mapv(|disparity| 1.0 / disparity)),
+        ("nearest depth, scene units", "nearest_depth", range.nearest().mapv(|disparity| 1.0 / disparity)),
+        ("width, pixels of parallax", "width_pixels", width.clone()),
+        ("between layers, pixels", "step_pixels", width.mapv(|width| width / layers.saturating_sub(1).max(1) as f32)),
+    ];
+    for (told, key, map) in rows {
+        let mut values: Vec<f64> = map.iter().map(|&value| value.into()).collect();
+        let values = PERCENTILES.map(|part| percentile(&mut values, part));
+        let _ = writeln!(text, "{told:32}{}", values.map(|value| format!("{value:9.3}")).concat());
+        json[key] = json!(values);
+    }
+    json["percentiles"] = json!(PERCENTILES.map(|part| 100.0 * part));
+    let widest = width.iter().copied().fold(0.0, f32::max);
+    let _ = writeln!(
+        text,
+        "\nthe picture: nearest | farthest disparity (dark at far, light at near) | width (light at {widest:.1} pixels)"
+    );
+    Ok((Report { text, json }, range_picture(&shot, range, &width)))
+}
+
+/// Nearest disparity, farthest disparity and width of the range, side by side.
+pub(super) fn range_picture(shot: &Shot, range: &RangeMap, width: &Array2<f32>) -> ImageRgb {
+    let (low, high) = ((1.0 / shot.far) as f32, (1.0 / shot.near) as f32);
+    let widest = width.iter().copied().fold(0.0, f32::max);
+    let size = (shot.target.height(), shot.target.width());
+    let full = |map: &Array2<f32>| Array2::from_shape_fn(size, |(y, x)| map[(y / CELL, x / CELL)]);
+    let maps = [(range.nearest(), low, high), (range.farthest(), low, high), (width, 0.0, widest)]
+        .map(|(map, low, high)| coloured(full(map).view(), low, high));
+    side_by_side(&maps.each_ref())
+}
+
+/// Per cell, how far its range moves it in the view that sees most of that.
+pub(super) fn width_in_pixels(photos: &Photos, shot: &Shot, range: &RangeMap) -> Array2<f32> {
+    let views: Vec<(&Camera, PlaneSweep)> =
+        photos.cameras(&shot.views).map(|view| (view, PlaneSweep::new(view, &shot.target))).collect();
+    Array2::from_shape_fn(range.nearest().dim(), |(y, x)| {
+        let pixel = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) * CELL as f64;
+        let ends = (range.nearest()[(y, x)].into(), range.farthest()[(y, x)].into());
+        views.iter().filter_map(|(view, sweep)| parallax(view, sweep, pixel, ends)).fold(0.0, f64::max) as f32
+    })
+}
+
+fn heading(photos: &Photos, shot: &Shot) -> String {
+    let (width, height) = (shot.target.width(), shot.target.height());
+    let views = photos.names(&shot.views).join(", ");
+    format!(
+        "target   {}, {width}x{height}, held out, from {views}\ndepth    {:.4} to {:.4} scene units\n",
+        shot.name, shot.near, shot.far
+    )
+}
+
+fn about(photos: &Photos, shot: &Shot) -> Value {
+    json!({ "scene": super::shown(&photos.scene.root), "target": shot.name, "views": photos.names(&shot.views), "near": shot.near, "far": shot.far, "notes": photos.scene.notes })
+}

@@ -1,0 +1,187 @@
+//! Extreme blends: logits, distances and coverages over all of float32's decades, and the same in float64.
+
+use anyhow::Result;
+use liveview::render::{Blended, DistanceWeights, LayerSamples};
+use ndarray::{Array1, Array2};
+
+use super::{Case, Outputs, Question, Seeded, Truth, decades};
+use crate::cli::Arrays;
+
+/// Pixels per case: no multiple of the lanes that are computed side by side.
+const PIXELS: usize = 301;
+
+/// Values in [0, 1]: rounded weights, products and quotients.
+const BOUND: f64 = 1e-6;
+
+/// The step between denormal numbers: coverages and colours near it have no digits left.
+const DENORMAL_STEP: f64 = 1.4e-45;
+
+/// One layer: logits and coverage `[V, pixels]`, colour `[3V, pixels]`.
+struct BlendCase {
+    distances: Vec<f64>,
+    logits: Vec<f32>,
+    colour: Vec<f32>,
+    coverage: Vec<f32>,
+}
+
+impl BlendCase {
+    /// Seen by all views, with ordinary logits.
+    fn ordinary(distances: &[f64]) -> Self {
+        let (mut seeded, views) = (Seeded(7), distances.len());
+        let logits = seeded.units(views * PIXELS).into_iter().map(|unit| 8.0 * unit - 4.0).collect();
+        let colour = seeded.units(3 * views * PIXELS);
+        Self { distances: distances.to_vec(), logits, colour, coverage: vec![1.0; views * PIXELS] }
+    }
+
+    /// Let a view see each pixel with the coverage that is said; its colour shrinks with it.
+    fn cover(mut self, view: usize, coverage: impl Fn(usize) -> f32) -> Self {
+        for pixel in 0..PIXELS {
+            self.coverage[view * PIXELS + pixel] = coverage(pixel);
+            (0..3).for_each(|channel| self.colour[(3 * view + channel) * PIXELS + pixel] *= coverage(pixel));
+        }
+        self
+    }
+
+    fn views(&self) -> usize {
+        self.distances.len()
+    }
+
+    /// α and colour of a pixel.
+    fn pixel(&self, pixel: usize) -> (f64, [f64; 3]) {
+        let at = |plane: usize| plane * PIXELS + pixel;
+        let seen: Vec<usize> = (0..self.views()).filter(|&view| self.coverage[at(view)] > 0.0).collect();
+        let coincident: Vec<usize> = seen.iter().copied().filter(|&view| self.distances[view] == 0.0).collect();
+        let counted = if coincident.is_empty() { &seen } else { &coincident };
+        // Infinite logits are as the largest of their sign.
+        let logit = |view: usize| f64::from(self.logits[at(view)].clamp(f32::MIN, f32::MAX));
+        // Logits and distances apart, since a large logit swallows the distance in float64 too.
+        let parts = |view: usize| {
+            let distance = if coincident.is_empty() { self.distances[view].ln() } else { 0.0 };
+            (if view == 0 { 0.0 } else { logit(view) }, distance)
+        };
+        let over = |a: (f64, f64), b: (f64, f64)| (a.0 - b.0) - (a.1 - b.1);
+        let best = counted.iter().map(|&view| parts(view)).reduce(|a, b| if over(b, a) > 0.0 { b } else { a });
+        let (mut total, mut rgb) = (0.0, [0.0; 3]);
+        for view in counted {
+            let weight = best.map_or(0.0, |best| over(parts(*view), best).exp());
+            total += weight * f64::from(self.coverage[at(*view)]);
+            let colour = (0..3).map(|channel| f64::from(self.colour[at(3 * view + channel)]));
+            rgb.iter_mut().zip(colour).for_each(|(sum, colour)| *sum += weight * colour);
+        }
+        if seen.is_empty() { (0.0, rgb) } else { (1.0 / (1.0 + (-logit(0)).exp()), rgb.map(|sum| sum / total)) }
+    }
+}
+
+impl Question for BlendCase {
+    fn stage(&self) -> &'static str {
+        "blend"
+    }
+
+    fn answer(&self) -> Result<Outputs<f32>, String> {
+        let mut out = Blended::new(PIXELS);
+        let samples = LayerSamples { logits: &self.logits, colour: &self.colour, coverage: &self.coverage };
+        DistanceWeights::new(&self.distances).blend(&samples, 0, &mut out);
+        Ok(vec![("alpha", out.alpha), ("rgb", out.rgb.concat())])
+    }
+
+    fn truth(&self) -> Option<Truth> {
+        let pixels: Vec<_> = (0..PIXELS).map(|pixel| self.pixel(pixel)).collect();
+        let rgb = (0..3).flat_map(|channel| pixels.iter().map(move |(_, rgb)| rgb[channel])).collect();
+        let outputs = vec![("alpha", pixels.iter().map(|(alpha, _)| *alpha).collect()), ("rgb", rgb)];
+        Some(Truth { outputs, doubtful: vec![false; PIXELS], relative: false })
+    }
+
+    fn write(&self, arrays: &mut Arrays) -> Result<()> {
+        arrays.add("distances", Array1::from_vec(self.distances.clone()))?;
+        for (name, values) in [("logits", &self.logits), ("colour", &self.colour), ("coverage", &self.coverage)] {
+            arrays.add(name, Array2::from_shape_vec((values.len() / PIXELS, PIXELS), values.clone())?)?;
+        }
+        Ok(())
+    }
+}
+
+fn case<'a>(family: &'static str, extreme: f64, name: String, question: BlendCase) -> Case<'a> {
+    Case::new(family, extreme, name, question, BOUND)
+}
+
+/// From the distances of an ordinary rig.
+pub(super) fn families<'a>(distances: &[f64]) -> Vec<Vec<Case<'a>>> {
+    // A target on a view has a case of its own.
+    let farthest = distances.iter().fold(f64::MIN_POSITIVE, |far, &d| far.max(d));
+    let distances: Vec<f64> = distances.iter().map(|d| d.max(1e-3 * farthest)).collect();
+    let ordinary = || BlendCase::ordinary(&distances);
+    let views = distances.len();
+    let logits = |times: f64| {
+        let mut blend = ordinary();
+        // Differences between large logits are what counts: half of the pixels have all of them near the same large number.
+        let large = (4.0 * times).min(f64::from(f32::MAX)) as f32;
+        for (i, logit) in blend.logits.iter_mut().enumerate() {
+            let offset = if i % 2 == 0 { large } else { 0.0 };
+            *logit = if offset > 0.0 { *logit + offset } else { (f64::from(*logit) * times) as f32 };
+        }
+        blend
+    };
+    // Far views whose logits make up for their distance.
+    let far = |ratio: f64| {
+        let mut blend = ordinary();
+        blend.distances = (0..views).map(|view| distances[0] * ratio.powf(view as f64 / (views - 1) as f64)).collect();
+        for view in 1..views {
+            let makes_up = (blend.distances[view] / blend.distances[0]).ln() as f32;
+            blend.logits[view * PIXELS..(view + 1) * PIXELS].iter_mut().for_each(|logit| *logit += makes_up);
+        }
+        blend
+    };
+    let near = |distance: f64| {
+        let mut blend = ordinary();
+        blend.distances[0] = distance;
+        blend.cover(0, |pixel| if pixel % 3 == 0 { 0.0 } else { 1.0 })
+    };
+    let thin = |coverage: f64| {
+        (0..views).fold(ordinary(), |blend, view| {
+            blend.cover(view, |pixel| if pixel % (view + 2) == 0 { coverage as f32 } else { 0.0 })
+        })
+    };
+    let infinite = |mut blend: BlendCase| {
+        for (i, logit) in blend.logits.iter_mut().enumerate().filter(|(i, _)| i % 4 != 0) {
+            *logit = if i % 4 == 1 { f32::INFINITY } else { f32::NEG_INFINITY };
+        }
+        blend
+    };
+    let zeros = || BlendCase { logits: vec![0.0; views * PIXELS], ..ordinary() };
+    let mut two_coincide = ordinary();
+    two_coincide.distances[..2].fill(0.0);
+    let all_seen_as =
+        |coverage: fn(usize) -> f32| (0..views).fold(ordinary(), |blend, view| blend.cover(view, coverage));
+    let special = [
+        ("all logits equal", zeros()),
+        ("infinite logits", infinite(ordinary())),
+        ("infinite logits, coincident view", infinite(near(0.0))),
+        ("target on a view", near(0.0)),
+        ("two views coincide with the target", two_coincide.cover(0, |pixel| f32::from(u8::from(pixel % 2 == 0)))),
+        ("no view sees anything", all_seen_as(|_| 0.0)),
+        ("one pixel is seen", all_seen_as(|pixel| f32::from(u8::from(pixel == 150)))),
+    ];
+    // Logarithms of ratios are float32: large ones have a coarser last bit.
+    let of_ratio = |ratio: f64, case: Case<'a>| {
+        let last_bit = ratio.ln().abs() * f64::from(f32::EPSILON) / 2.0;
+        Case { bound: BOUND + last_bit, ..case }
+    };
+    vec![
+        decades((-6..=4).chain([8, 16, 30, 38]))
+            .map(|by| case("logits", by, format!("times {by:.0e}"), logits(by)))
+            .collect(),
+        decades((0..=30).step_by(3))
+            .map(|by| of_ratio(by, case("ratio of distances", by, format!("{by:.0e}"), far(by))))
+            .collect(),
+        decades((-30..=0).step_by(3))
+            .map(|by| of_ratio(by / distances[0], case("nearest view's distance", by, format!("{by:.0e}"), near(by))))
+            .collect(),
+        decades((-40..=0).step_by(4))
+            .map(|by| Case {
+                bound: BOUND + 4.0 * DENORMAL_STEP / by,
+                ..case("coverage", by, format!("{by:.0e}"), thin(by))
+            })
+            .collect(),
+        Case::listed("special blends", BOUND, special),
+    ]
+}

@@ -1,0 +1,186 @@
+//! `liveview stability`: stiff and extreme cases, made from a scene's own rig, against float64.
+
+use std::cell::RefCell;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use ndarray::Array1;
+use serde_json::json;
+
+use super::dump::Arrays;
+use super::engine::ModelArgs;
+use super::output::write_whole;
+use super::place::{claim, photo_files};
+use super::setup::SceneArgs;
+use super::targets::{held_out, named};
+use super::workers::{Worker, words};
+use super::{Report, progress};
+use crate::stability::{Case, Errors, Outcome, Rig, Table, Truth, cases, json, markdown, plot, share};
+
+const EXAMPLES: &str = "\
+Examples:
+  liveview stability scene --target IMG_7.jpg
+  Beside PyTorch, kornia and onnxruntime, with a table and a plot:
+    liveview stability scene --target IMG_7.jpg --reference \".venv/bin/python -m liveview_ref.stability\" -o report/";
+
+/// Photos are scaled to this width where `--width` does not say: what breaks breaks at any size.
+const WIDTH: usize = 126;
+
+/// Options of `liveview stability`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct StabilityArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// The view whose camera is the target, by name
+    #[arg(long, value_name = "NAME")]
+    target: String,
+    /// Three cases of each family: the ends and the middle
+    #[arg(long)]
+    short: bool,
+    /// A command that answers as `python -m liveview_ref.stability` does, to hold torch, kornia and onnxruntime against the same
+    /// oracle
+    #[arg(long, value_name = "COMMAND")]
+    reference: Option<String>,
+    #[command(flatten)]
+    engine: ModelArgs,
+    /// Folder for stability.md and stability.svg
+    #[arg(short, long, value_name = "FOLDER")]
+    output: Option<PathBuf>,
+}
+
+pub(super) fn run(args: &StabilityArgs) -> Result<Report> {
+    let photos = args.scene.open_at(WIDTH)?;
+    let output = |name: &str| args.output.as_ref().map(|folder| folder.join(name));
+    for file in ["stability.md", "stability.svg"].into_iter().filter_map(output) {
+        claim("-o", &file, &photo_files(&photos))?;
+    }
+    let engine = args.engine.open()?;
+    photos.tell_notes();
+    let targets = held_out(&photos, named(&photos, std::slice::from_ref(&args.target))?);
+    let shot = photos.shot(targets, engine.network().card().views)?;
+    let Some(&farthest) = shot.views.last() else { bail!("{}: no views", args.target) };
+    let rig = Rig {
+        photo: photos.scene.load_image(farthest)?,
+        source: photos.scene.views[farthest].camera.clone(),
+        // Of a disparity that float32 holds, which is what the pixels know.
+        depth: 1.0 / f64::from((0.5 / shot.near + 0.5 / shot.far) as f32),
+        distances: photos.cameras(&shot.views).map(|camera| camera.centre().distance(shot.target.centre())).collect(),
+        target: shot.target,
+    };
+    let about = format!(
+        "{}, target {}, views {} ({}x{}); {}, {}.",
+        args.scene.folder().display(),
+        args.target,
+        photos.names(&shot.views).join(", "),
+        rig.photo.width(),
+        rig.photo.height(),
+        engine.network().path().file_name().unwrap_or_default().display(),
+        engine.described()
+    );
+    let model = super::shown(engine.network().path());
+    let network = RefCell::new(engine.renderer.into_network());
+    let mut reference = args.reference.as_ref().map(|command| Reference::start(command, model)).transpose()?;
+    let cases = cases(&rig, &network, args.short);
+    let bar = progress("cases")?;
+    bar.set_length(cases.len() as u64);
+    let outcomes = cases.iter().map(|case| {
+        bar.set_message(format!("{}, {}", case.family, case.name));
+        let outcome = outcome(case, reference.as_mut());
+        bar.inc(1);
+        outcome
+    });
+    let table = Table { about, outcomes: outcomes.collect::<Result<_>>()? };
+    bar.finish_and_clear();
+    let (text, json) = (markdown(&table), json(&table));
+    for (name, contents) in [("stability.md", &text), ("stability.svg", &plot(&table))] {
+        output(name).map_or(Ok(()), |file| write_whole(&file, contents.as_bytes()))?;
+    }
+    if table.failed() > 0 {
+        let failures = text
+            .lines()
+            .filter(|line| line.contains("**failed**") || line.contains("**refused**"))
+            .collect::<Vec<_>>()
+            .join("\n");
+        bail!("{} of {} cases do not hold:\n{failures}", table.failed(), table.outcomes.len());
+    }
+    Ok(Report { text, json })
+}
+
+/// The other implementations, in a process of their own.
+struct Reference {
+    worker: Worker,
+    folder: tempfile::TempDir,
+    model: String,
+}
+
+impl Reference {
+    fn start(command: &str, model: String) -> Result<Self> {
+        let folder = tempfile::tempdir().context("a folder for what the reference is handed")?;
+        Ok(Self { worker: Worker::start("--reference", &words(command), None)?.0, folder, model })
+    }
+}
+
+fn outcome(case: &Case<'_>, reference: Option<&mut Reference>) -> Result<Outcome> {
+    let question = &case.question;
+    let answer = question.answer();
+    let truth = question.truth();
+    let ours = match (&answer, &truth) {
+        (Ok(found), Some(truth)) => Ok(Some(Errors::between(found, truth, case.bound))),
+        (Err(refusal), _) => Err(refusal.clone()),
+        (Ok(found), None) if found.iter().all(|(_, values)| values.iter().all(|value| value.is_finite())) => Ok(None),
+        (Ok(_), None) => Ok(Some(Errors { largest: f64::INFINITY, doubtful: 0.0 })),
+    };
+    let equal = question.equal().map(|other| match (&answer, other) {
+        (Ok(answer), Ok(other)) => bits(answer) == bits(&other),
+        (answer, other) => answer.is_err() && other.is_err(),
+    });
+    let mut outcome = Outcome {
+        family: case.family,
+        extreme: case.extreme,
+        name: case.name.clone(),
+        stage: question.stage(),
+        bound: case.bound,
+        doubtful: truth.as_ref().map_or(0.0, |truth| share(&truth.doubtful, |&doubtful| doubtful)),
+        seen: truth.as_ref().and_then(Truth::seen),
+        must_be_seen: question.must_be_seen(),
+        ours,
+        equal,
+        torch: None,
+        kornia: None,
+        onnxruntime: None,
+        oracle: None,
+        slower: question.slower(),
+    };
+    if let (Some(reference), Ok(answer)) = (reference, answer) {
+        let file = reference.folder.path().join("case.npz");
+        let mut arrays = Arrays::create(&file)?;
+        question.write(&mut arrays)?;
+        match &truth {
+            Some(truth) => truth.write(&mut arrays)?,
+            None => answer
+                .into_iter()
+                .try_for_each(|(name, values)| arrays.add(&format!("rust.{name}"), Array1::from_vec(values)))?,
+        }
+        arrays.finish()?;
+        let asked = json!({ "case": super::shown(&file), "stage": outcome.stage, "model": reference.model, "bound": case.bound });
+        let told = reference.worker.ask(&asked)?;
+        if truth.is_none() {
+            outcome.ours = Ok(Errors::told(&told["rust"]));
+        }
+        outcome.torch = Errors::told(&told["torch"]);
+        outcome.kornia = Errors::told(&told["kornia"]);
+        outcome.onnxruntime = Errors::told(&told["onnxruntime"]);
+        outcome.oracle = told["oracle"].as_f64();
+        // ort runs the same library.
+        if truth.is_none() {
+            outcome.equal = told["equal"].as_bool();
+        }
+    }
+    Ok(outcome)
+}
+
+fn bits(outputs: &[(&'static str, Vec<f32>)]) -> Vec<u32> {
+    outputs.iter().flat_map(|(_, values)| values.iter().map(|value| value.to_bits())).collect()
+}

@@ -1,0 +1,148 @@
+//! The warp of one view by one plane, and the same in float64.
+
+use std::borrow::Cow;
+
+use anyhow::Result;
+use glam::DVec3;
+use liveview::geometry::{Camera, CameraError};
+use liveview::image::ImageRgb;
+use liveview::layers::Layers;
+use liveview::geometry::PlaneSweep;
+use liveview::warp::{Texture, WarpSource, warp_layers};
+use ndarray::Array1;
+
+use super::{Outputs, Question, Truth};
+use crate::cli::Arrays;
+
+/// A pixel whose source coordinates move by more than this, in pixels, when the terms that they are sums of change in the last bit
+/// of float32, is doubtful: those are the rounded inputs of every float32 implementation.
+const DOUBTFUL_PIXELS: f64 = 0.01;
+
+/// Float32 samples of a photo in [0, 1] along float64 coordinates: about what their distance from the middle of a run, in
+/// pixels, has in the last bit.
+pub(super) const BOUND: f64 = 2e-5;
+
+/// One view, seen along one plane of the target.
+pub(super) struct WarpCase<'a> {
+    pub(super) photo: Cow<'a, ImageRgb>,
+    pub(super) source: Result<Camera, CameraError>,
+    pub(super) target: Result<Camera, CameraError>,
+    /// Disparity, 1/scene unit.
+    pub(super) disparity: f64,
+    /// As it should be: no pixel sees the source.
+    pub(super) nothing_seen: bool,
+    /// The same rig, given so that the answer must not change in a bit.
+    pub(super) same_as: Option<Box<WarpCase<'a>>>,
+    /// The same rig, given so that float64 can hold it; the oracle's.
+    pub(super) meant: Option<Box<WarpCase<'a>>>,
+}
+
+impl WarpCase<'_> {
+    fn cameras(&self) -> Result<(&Camera, &Camera), String> {
+        let camera = |camera: &'_ Result<Camera, CameraError>| camera.as_ref().err().map(ToString::to_string);
+        match (&self.source, &self.target) {
+            (Ok(source), Ok(target)) => Ok((source, target)),
+            (source, target) => Err(camera(source).or(camera(target)).unwrap_or_default()),
+        }
+    }
+
+    /// Of a point that is the sum of terms of this size.
+    fn is_doubtful(&self, size: DVec3, uvw: DVec3) -> bool {
+        let last_bit = size * f64::from(f32::EPSILON);
+        if uvw.z < -last_bit.z {
+            return false;
+        }
+        // Whether the photo can be reached at all: -1 < u/w < side + 1, for the largest w.
+        let w = uvw.z.max(0.0) + last_bit.z;
+        let reaches = |at: f64, bit: f64, side: usize| at + bit > -w && at - bit < (side as f64 + 1.0) * w;
+        let (width, height) = (self.photo.width(), self.photo.height());
+        if !reaches(uvw.x, last_bit.x, width) || !reaches(uvw.y, last_bit.y, height) {
+            return false;
+        }
+        let moved = (last_bit + (uvw / uvw.z).abs() * last_bit.z) / uvw.z.abs();
+        // A quotient by 0 is not within either.
+        !(uvw.z > last_bit.z && moved.x.max(moved.y) <= DOUBTFUL_PIXELS)
+    }
+}
+
+impl Question for WarpCase<'_> {
+    fn stage(&self) -> &'static str {
+        "warp"
+    }
+
+    fn answer(&self) -> Result<Outputs<f32>, String> {
+        let (source, target) = self.cameras()?;
+        let size = (target.height(), target.width());
+        let layers = Layers::planes(&[self.disparity]).map_err(|error| error.to_string())?;
+        let pixels = size.0 * size.1;
+        let (mut disparity, mut colour, mut coverage) = (vec![0.0; pixels], vec![0.0; 3 * pixels], vec![0.0; pixels]);
+        layers.as_slice()[0].fill(size.1, &mut disparity);
+        let view = WarpSource { texture: &Texture::new(&self.photo), sweep: PlaneSweep::new(source, target) };
+        warp_layers(&disparity, &[view], size, &mut colour, &mut coverage);
+        Ok(vec![("colour", colour), ("coverage", coverage)])
+    }
+
+    fn must_be_seen(&self) -> bool {
+        !self.nothing_seen
+    }
+
+    fn equal(&self) -> Option<Result<Outputs<f32>, String>> {
+        Some(self.same_as.as_ref()?.answer())
+    }
+
+    fn truth(&self) -> Option<Truth> {
+        if let Some(meant) = &self.meant {
+            return meant.truth();
+        }
+        let (source, target) = self.cameras().ok()?;
+        let (height, width) = (target.height(), target.width());
+        let mut outputs = vec![("colour", vec![0.0; 3 * height * width]), ("coverage", vec![0.0; height * width])];
+        let mut doubtful = vec![false; height * width];
+        let PlaneSweep { homography_at_infinity: homography, epipole } = PlaneSweep::new(source, target);
+        // As the pixels know it.
+        let disparity = f64::from(self.disparity as f32);
+        for (i, doubtful) in doubtful.iter_mut().enumerate() {
+            let (x, y) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+            let terms = [homography.x_axis * x, homography.y_axis * y, homography.z_axis, epipole * disparity];
+            let uvw: DVec3 = terms.into_iter().sum();
+            let at = uvw / uvw.z;
+            *doubtful = self.is_doubtful(terms.into_iter().map(DVec3::abs).sum(), uvw);
+            if uvw.z > 0.0 && at.is_finite() {
+                let sample = bilinear(&self.photo, at.x, at.y);
+                (0..3).for_each(|c| outputs[0].1[c * height * width + i] = sample[c]);
+                outputs[1].1[i] = sample[3];
+            }
+        }
+        Some(Truth { outputs, doubtful, relative: false })
+    }
+
+    fn write(&self, arrays: &mut Arrays) -> Result<()> {
+        let (source, target) = self.cameras().map_err(anyhow::Error::msg)?;
+        arrays.add_camera("view0", source)?;
+        arrays.add_image("view0.image", &self.photo)?;
+        arrays.add_camera("target", target)?;
+        arrays.add("target.size", Array1::from_vec(vec![target.width() as i64, target.height() as i64]))?;
+        arrays.add("disparities", Array1::from_vec(vec![f64::from(self.disparity as f32)]))?;
+        // The oracle is not that of these very cameras.
+        if self.meant.is_some() { arrays.add("meant", Array1::from_vec(vec![1_u8])) } else { Ok(()) }
+    }
+}
+
+/// RGB and coverage at a point of the photo (pixel centres at halves), zeros outside.
+fn bilinear(photo: &ImageRgb, x: f64, y: f64) -> [f64; 4] {
+    let (left, top) = ((x - 0.5).floor(), (y - 0.5).floor());
+    let (across, down) = (x - 0.5 - left, y - 0.5 - top);
+    let mut sum = [0.0; 4];
+    for (column, row, weight) in [
+        (left, top, (1.0 - across) * (1.0 - down)),
+        (left + 1.0, top, across * (1.0 - down)),
+        (left, top + 1.0, (1.0 - across) * down),
+        (left + 1.0, top + 1.0, across * down),
+    ] {
+        if column >= 0.0 && row >= 0.0 && column < photo.width() as f64 && row < photo.height() as f64 {
+            let [red, green, blue] = photo.pixel(column as usize, row as usize).map(f64::from);
+            [red, green, blue, 1.0].into_iter().zip(&mut sum).for_each(|(value, sum)| *sum += weight * value);
+        }
+    }
+    sum
+}

@@ -1,0 +1,85 @@
+//! The sweep as a table.
+
+use std::fmt::Write;
+
+use super::{Row, SweepReport};
+
+/// A heading that says how it was measured, and a row per configuration.
+pub(crate) fn markdown(sweep: &SweepReport) -> String {
+    let sizes: Vec<_> = sweep.rows.iter().map(|row| row.size).collect();
+    let many = sizes.iter().any(|&size| size != sizes[0]);
+    let mut text = format!(
+        "{}, {}{} from {} views, {} threads, batch {}, {}; {} repetitions, interleaved, each configuration in a process of its own; \
+         scores against the held-out photos, errors against the most planes.\n\n",
+        sweep.scene,
+        sweep.targets.join(" and "),
+        if many { String::new() } else { format!(" at {}x{}", sizes[0].0, sizes[0].1) },
+        sweep.views,
+        sweep.threads,
+        sweep.batch,
+        sweep.cpu,
+        sweep.rows.iter().map(|row| row.runs.len()).max().unwrap_or(0),
+    );
+    if sweep.noisy() {
+        text += "**The machine was noisy: the times are not to be trusted.**\n\n";
+    }
+    let size = if many { " size |" } else { "" };
+    let _ = writeln!(
+        text,
+        "| |{size} layers | engine | PSNR dB | SSIM | error mean | error max | seconds (range) | times faster | MB | time goes to |\n\
+         |---|{}---|---|---|---|---|---|---|---|---|---|",
+        if many { "---|" } else { "" }
+    );
+    for row in &sweep.rows {
+        let front = if sweep.on_front(row) { "●" } else { "" };
+        let size = if many { format!(" {}x{} |", row.size.0, row.size.1) } else { String::new() };
+        let [psnr, ssim] = [(row.score.map(|s| s.psnr), 2), (row.score.map(|s| s.ssim), 4)].map(told);
+        let [mean, max] = [(row.error.map(|e| e.mean), 4), (row.error.map(|e| e.max), 2)].map(told);
+        let totals = row.totals();
+        let faster = sweep.dense(row.size).map(|dense| dense.median() / row.median());
+        let _ = writeln!(
+            text,
+            "| {front} |{size} {} | {} | {psnr} | {ssim} | {mean} | {max} | {:.3} ({:.3} to {:.3}){} | {} | {} | {} |",
+            row.layers,
+            row.engine,
+            row.median(),
+            totals.first().unwrap_or(&f64::NAN),
+            totals.last().unwrap_or(&f64::NAN),
+            if row.once > 0.0 { format!(", once {:.2}", row.once) } else { String::new() },
+            told((faster, if faster.is_some_and(|f| f < 9.95) { 1 } else { 0 })),
+            row.peak_memory_bytes.map_or("-".into(), |bytes| format!("{:.0}", bytes as f64 / 1e6)),
+            shares(row),
+        );
+    }
+    text += "\n● on the Pareto front of time and PSNR. `once`: planes selected in a first pass, which all further frames share.\n";
+    text
+}
+
+fn told((value, digits): (Option<f64>, usize)) -> String {
+    value.map_or("-".into(), |value| format!("{value:.digits$}"))
+}
+
+/// Where the time goes, the largest part first.
+fn shares(row: &Row) -> String {
+    let mut stages = row.stages();
+    let total: f64 = stages.iter().map(|(_, time)| time).sum();
+    stages.sort_by(|a, b| b.1.total_cmp(&a.1));
+    stages.iter().map(|(stage, time)| format!("{stage} {:.0} %", 100.0 * time / total)).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn every_row_has_every_column() {
+        let sweep = super::super::tests::sweep();
+        let text = super::markdown(&sweep);
+        let lines: Vec<&str> = text.lines().filter(|line| line.starts_with('|')).collect();
+        assert_eq!(lines.len(), 2 + sweep.rows.len(), "{text}");
+        let columns = |line: &&str| line.matches('|').count();
+        assert!(lines.iter().all(|line| columns(line) == columns(&lines[0])), "{text}");
+        assert!(
+            text.contains("| ● | guided 4 | test | 22.00 | 0.5000 | 0.0100 | 0.50 | 1.000 (1.000 to 1.100) | 11 |"),
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,78 @@
+//! One configuration of `liveview sweep`, while it is being measured.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use liveview::image::ImageRgb;
+use liveview::image::{psnr, ssim};
+use ndarray::Array3;
+use serde_json::json;
+
+use super::render::SCORE_BORDER;
+use super::workers::Worker;
+use crate::report::{PixelError, Row, Score, densest};
+
+/// A worker and what is known of it.
+pub(super) struct Measured {
+    worker: Worker,
+    pub(super) row: Row,
+    /// The pictures of all targets that it renders, until they are scored.
+    pictures: Vec<ImageRgb>,
+}
+
+impl Measured {
+    pub(super) fn new(worker: Worker, row: Row) -> Self {
+        Self { worker, row, pictures: Vec::new() }
+    }
+
+    /// Renders every target once and keeps the pictures; a reference renders the first alone.
+    pub(super) fn warm_up(&mut self, targets: usize, folder: &Path) -> Result<()> {
+        let targets = if self.row.reference { 1 } else { targets };
+        for target in 0..targets {
+            let frame = folder.join("frame.npy");
+            let answer = self.worker.ask(&json!({ "run": true, "target": target, "frame": super::shown(&frame) }))?;
+            let pixels: Array3<f32> = ndarray_npy::read_npy(&frame).context("the picture that a worker handed over")?;
+            let (height, width, _) = pixels.dim();
+            self.pictures.push(ImageRgb::new(width, height, pixels.iter().copied().collect())?);
+            if let (0, Some(once)) = (target, answer["seconds"]["select"].as_f64()) {
+                self.row.once = once;
+            }
+            if let Some(count) = answer["layers"].as_u64() {
+                self.row.count = count as usize;
+            }
+        }
+        Ok(())
+    }
+
+    /// Renders the first target once more; what that took.
+    pub(super) fn time(&mut self) -> Result<()> {
+        let answer = self.worker.ask(&json!({ "run": true, "target": 0 }))?;
+        let Some(seconds) = answer["seconds"].as_object() else { bail!("{}: told no times", self.row.engine) };
+        let stages = seconds.iter().map(|(stage, time)| (stage.clone(), time.as_f64().unwrap_or(f64::NAN)));
+        self.row.runs.push(stages.collect());
+        self.row.peak_memory_bytes = answer["peak_memory_bytes"].as_u64();
+        Ok(())
+    }
+
+    fn score(&mut self, truths: &[ImageRgb], dense: Option<&[ImageRgb]>) {
+        let count = self.pictures.len() as f64;
+        let mean = |of: &dyn Fn(&ImageRgb, &ImageRgb) -> f64| {
+            self.pictures.iter().zip(truths).map(|(picture, truth)| of(picture, truth)).sum::<f64>() / count
+        };
+        let score = Score {
+            psnr: mean(&|picture, truth| psnr(picture, truth, SCORE_BORDER)),
+            ssim: mean(&|picture, truth| ssim(picture, truth, SCORE_BORDER)),
+        };
+        self.row.score = Some(score).filter(|score| score.psnr.is_finite() && score.ssim.is_finite());
+        self.row.error = dense.map(|dense| PixelError::between(self.pictures.iter().zip(dense)));
+    }
+}
+
+/// Scores all pictures against the photos and against those of the most planes, and lets them go.
+pub(super) fn score_all(measured: &mut [Measured], truths: &[ImageRgb]) {
+    let dense = densest(measured.iter(), |one| &one.row).map(|one| one.pictures.clone());
+    for one in measured {
+        one.score(truths, dense.as_deref());
+        one.pictures.clear();
+    }
+}

@@ -1,0 +1,128 @@
+//! `liveview worker`: one configuration of `liveview sweep` in a process of its own, so that its peak memory is its own and
+//! engines that need different libraries can be timed in turn.
+//!
+//! Speaks JSON lines: `{"ready": true, "size": [width, height], …}` once; then for each `{"run": true, "target": 0, "frame":
+//! "a.npy"}` one render, answered by `{"seconds": {stage: time}, "peak_memory_bytes": …}`; ends with its input. The picture
+//! is saved, as it was rendered, where `frame` says so. The Python worker (`liveview_ref.worker`) speaks the same.
+
+use std::io::{BufRead, Write};
+use std::path::Path;
+
+use anyhow::{Result, anyhow};
+use clap::Args;
+use liveview::image::ImageRgb;
+use liveview::layers::Layers;
+use liveview::fs::atomic::AtomicFile;
+use ndarray::ArrayView3;
+use ndarray_npy::WriteNpyExt;
+use serde_json::{Value, json};
+
+use super::dump::unwritten;
+use super::engine::ModelArgs;
+use super::layers::{LayerArgs, Recipe};
+use super::render::Times;
+use super::report::{peak_memory, stages};
+use super::setup::{Job, Planned, SceneArgs, Shot};
+use super::targets::{Targets, held_out, named};
+
+/// Options of `liveview worker`.
+#[derive(Debug, Args)]
+pub(super) struct WorkerArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Views to render, by name; all are held out
+    #[arg(long, value_name = "NAME", value_delimiter = ',', required = true)]
+    target: Vec<String>,
+    /// Scale the target cameras to this width
+    #[arg(long, value_name = "PIXELS", value_parser = super::count)]
+    target_width: Option<usize>,
+    #[command(flatten)]
+    layers: LayerArgs,
+    #[command(flatten)]
+    engine: ModelArgs,
+}
+
+/// What a worker renders, and what it keeps between runs.
+struct Worker {
+    job: Job,
+    shots: Vec<Shot>,
+    /// The paper's video: planes once selected serve the frames that follow.
+    kept: Vec<Option<Layers>>,
+}
+
+pub(super) fn run(args: &WorkerArgs) -> Result<()> {
+    let photos = args.scene.open()?;
+    let mut job = Job::open(photos, &args.layers, &args.engine)?;
+    let views = named(&job.photos, &args.target)?;
+    let targets = scaled(held_out(&job.photos, views), args.target_width)?;
+    let shots = job.shots(targets)?;
+    for shot in &shots {
+        job.photos.load(&shot.views, &shots)?;
+    }
+    let sources = |shot: &Shot| job.photos.names(&shot.views).into_iter().map(str::to_owned).collect::<Vec<_>>();
+    say(&json!({
+        "ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]),
+        "engine": job.engine.described(), "layers": job.recipe.to_string(), "model": super::shown(job.engine.network().path()), "views": shots.iter().map(sources).collect::<Vec<_>>(),
+    }))?;
+    let mut worker = Worker { kept: shots.iter().map(|_| None).collect(), job, shots };
+    for line in std::io::stdin().lock().lines() {
+        let asked: Value = serde_json::from_str(&line?)?;
+        if asked["run"] != true {
+            break;
+        }
+        let answer = worker.render(asked["target"].as_u64().unwrap_or(0) as usize, asked["frame"].as_str())?;
+        say(&answer)?;
+    }
+    Ok(())
+}
+
+/// The same targets, `width` pixels wide.
+pub(super) fn scaled(mut targets: Targets, width: Option<usize>) -> Result<Targets> {
+    let Some(width) = width else { return Ok(targets) };
+    for target in &mut targets.list {
+        let height = target.camera.height() as f64 * width as f64 / target.camera.width() as f64;
+        target.camera = target.camera.with_size_scaled(width, (height.round() as usize).max(1))?;
+    }
+    Ok(targets)
+}
+
+impl Worker {
+    fn render(&mut self, target: usize, frame: Option<&str>) -> Result<Value> {
+        let shot = self.shots.get(target).ok_or_else(|| anyhow!("target {target}: there are {}", self.shots.len()))?;
+        let planned = match self.kept[target].take() {
+            Some(layers) => Planned::known(layers),
+            None => self.job.layers(shot)?,
+        };
+        let rendered = self.job.render(shot, &planned.layers)?;
+        if let Some(path) = frame {
+            save(path.as_ref(), &rendered.picture)?;
+        }
+        let times = Times {
+            photos: std::time::Duration::ZERO,
+            coarse: planned.coarse,
+            select: planned.select,
+            stages: rendered.times,
+        };
+        let seconds = stages(&times).map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
+        let layers = planned.layers.len();
+        self.kept[target] = Some(planned.layers).filter(|_| matches!(self.job.recipe, Recipe::Select { .. }));
+        Ok(json!({
+            "seconds": seconds.into_iter().filter(|(stage, _)| stage != "photos").collect::<serde_json::Map<_, _>>(),
+            "layers": layers, "peak_memory_bytes": peak_memory(),
+        }))
+    }
+}
+
+/// A picture as float32 `[height, width, 3]`.
+fn save(path: &Path, picture: &ImageRgb) -> Result<()> {
+    let pixels = ArrayView3::from_shape((picture.height(), picture.width(), 3), picture.data())?;
+    let mut file = AtomicFile::create(path).map_err(|error| unwritten(path, error))?;
+    pixels.write_npy(&mut file).map_err(|error| unwritten(path, error))?;
+    file.finish().map_err(|error| unwritten(path, error))
+}
+
+pub(super) fn say(line: &Value) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "{line}")?;
+    Ok(out.flush()?)
+}

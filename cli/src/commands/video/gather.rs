@@ -1,0 +1,206 @@
+//! From the cameras to time steps: one thread reads and decodes each camera, one brings together what belongs together.
+//! Every channel is bounded, so that nothing is held for the length of the video.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::thread::{Scope, sleep};
+use std::time::{Duration, Instant};
+
+use anyhow::anyhow;
+use liveview::image::ImageRgb;
+use liveview::scene::Scene;
+
+use super::arrivals::{Camera, Frame, await_photos};
+use super::decoder::Running;
+use super::feed::{Delivered, Feed, Reader};
+
+/// Frames that a camera may be ahead of the others.
+const AHEAD: usize = 2;
+/// Steps wanted once the video is over.
+const NONE: usize = usize::MAX;
+
+/// When the frames of a live rig are due, and how late they may be used.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Clock {
+    start: Instant,
+    steps: (usize, usize),
+    period: Duration,
+    pub(super) latency: Duration,
+}
+
+impl Clock {
+    /// Of the steps from the first to before the last.
+    pub(super) fn new(steps: (usize, usize), fps: f64, latency: Duration) -> Self {
+        Self { start: Instant::now(), steps, period: Duration::from_secs_f64(1.0 / fps), latency }
+    }
+
+    pub(super) fn due(&self, step: usize) -> Instant {
+        self.start + self.period.mul_f64((step - self.steps.0) as f64)
+    }
+
+    /// Whether the step is too late to be used, and a newer one is due.
+    pub(super) fn is_stale(&self, step: usize) -> bool {
+        let now = Instant::now();
+        step + 1 < self.steps.1 && now > self.due(step) + self.latency && now >= self.due(step + 1)
+    }
+}
+
+/// The photos of one time step.
+pub(super) struct Step {
+    pub(super) index: usize,
+    /// By camera; `None` where it has delivered none, or is not read.
+    pub(super) photos: Vec<Option<ImageRgb>>,
+}
+
+/// What the cameras did not deliver.
+#[derive(Debug, Default)]
+pub(super) struct Faults {
+    /// By camera: frames missing, damaged or late, and what was said of the first.
+    pub(super) cameras: Vec<(usize, Option<String>)>,
+}
+
+/// What the threads share.
+pub(super) struct Gathering<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) feeds: &'a [Feed],
+    /// Cameras to read.
+    pub(super) read: Vec<usize>,
+    /// A camera that shows the truth: the video ends without it going on.
+    pub(super) truth: Option<usize>,
+    pub(super) steps: std::ops::Range<usize>,
+    pub(super) clock: Option<Clock>,
+    /// Set to end the video early.
+    pub(super) stop: Arc<AtomicBool>,
+    pub(super) faults: Mutex<Faults>,
+    /// Steps before this are not asked for any more.
+    pub(super) wanted: AtomicUsize,
+    /// Of the cameras that are video files.
+    pub(super) decoders: Mutex<Vec<Running>>,
+}
+
+impl Gathering<'_> {
+    /// Starts the threads; the time steps, in order, some left out by the clock.
+    pub(super) fn start<'scope, 'env>(&'env self, scope: &'scope Scope<'scope, 'env>) -> Receiver<Step> {
+        // With a clock a step waits here until it is wanted, and no second one behind it.
+        let (sender, steps) = sync_channel(if self.clock.is_some() { 0 } else { 1 });
+        scope.spawn(move || {
+            let mut cameras = Vec::new();
+            for &camera in &self.read {
+                let (sender, frames) = sync_channel(AHEAD);
+                scope.spawn(move || self.read_camera(camera, &sender));
+                cameras.push(Camera::new(camera, frames));
+            }
+            self.gather(&mut cameras, &sender);
+            self.wanted.store(NONE, Ordering::Relaxed);
+            // A camera that stalls would keep its thread for ever.
+            self.lock_decoders().iter().for_each(Running::end);
+        });
+        steps
+    }
+
+    fn read_camera(&self, camera: usize, frames: &SyncSender<Frame>) {
+        let mut reader = match self.feeds[camera].open() {
+            Ok(reader) => reader,
+            Err(error) => return self.fault(camera, &format!("{error:#}")),
+        };
+        if let Reader::Video(decoder) = &reader {
+            self.lock_decoders().push(decoder.running());
+        }
+        for step in 0..self.steps.start {
+            if self.is_over() || !reader.skip(step).is_ok_and(|more| more) {
+                return;
+            }
+        }
+        for step in self.steps.clone() {
+            if let Some(clock) = self.clock {
+                sleep(clock.due(step).saturating_duration_since(Instant::now()));
+            }
+            if self.is_over() {
+                return;
+            }
+            if step < self.wanted.load(Ordering::Relaxed) {
+                match reader.skip(step) {
+                    Ok(true) => continue,
+                    _ => return,
+                }
+            }
+            let started = Instant::now();
+            let photo = match self.read(&mut reader, camera, step) {
+                Ok(Delivered::Photo(photo)) => Some(photo),
+                Ok(Delivered::Ended) => return,
+                Ok(Delivered::Missing) => {
+                    self.fault(camera, &format!("frame {step} is missing"));
+                    None
+                }
+                Err(_) if self.is_over() => return,
+                Err(error) => {
+                    self.fault(camera, &format!("{error:#}"));
+                    if matches!(reader, Reader::Video(_)) {
+                        return;
+                    }
+                    None
+                }
+            };
+            if frames.send(Frame { step, photo, took: started.elapsed() }).is_err() {
+                return;
+            }
+        }
+    }
+
+    fn read(&self, reader: &mut Reader, camera: usize, step: usize) -> anyhow::Result<Delivered> {
+        let photo = match reader.read(step)? {
+            Delivered::Photo(photo) => photo,
+            nothing => return Ok(nothing),
+        };
+        let size = (photo.width(), photo.height());
+        let photo = self.scene.fit(camera, photo);
+        let wrong = |_| anyhow!("frame {step} is {}x{}, not the size of the others", size.0, size.1);
+        Ok(Delivered::Photo(photo.map_err(wrong)?))
+    }
+
+    fn gather(&self, cameras: &mut [Camera], steps: &SyncSender<Step>) {
+        for index in self.steps.clone() {
+            if self.clock.is_some_and(|clock| clock.is_stale(index)) {
+                continue;
+            }
+            self.wanted.store(index, Ordering::Relaxed);
+            if let Some(clock) = self.clock {
+                sleep(clock.due(index).saturating_duration_since(Instant::now()));
+            }
+            let mut photos: Vec<Option<ImageRgb>> = self.feeds.iter().map(|_| None).collect();
+            let late = await_photos(cameras, index, self.clock.map(|clock| clock.latency), &self.stop, &mut photos);
+            late.iter().for_each(|&camera| self.fault(camera, &format!("frame {index} was late")));
+            let mut sources = cameras.iter().filter(|camera| Some(camera.index) != self.truth);
+            // A camera that stalls does not keep the video going once all others have ended.
+            let any_ended = cameras.iter().any(|camera| camera.ended && Some(camera.index) != self.truth);
+            let gone = |camera: &Camera| camera.ended || late.contains(&camera.index);
+            let over = any_ended && sources.all(|camera| gone(camera) && photos[camera.index].is_none());
+            if over || self.stop.load(Ordering::Relaxed) {
+                return;
+            }
+            for camera in cameras.iter_mut().filter(|camera| camera.ended && !camera.told) {
+                camera.told = true;
+                self.fault(camera.index, &format!("no frames from {index} on"));
+            }
+            if steps.send(Step { index, photos }).is_err() {
+                return;
+            }
+        }
+    }
+
+    fn is_over(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.wanted.load(Ordering::Relaxed) == NONE
+    }
+
+    fn lock_decoders(&self) -> MutexGuard<'_, Vec<Running>> {
+        self.decoders.lock().expect("no thread panics with it")
+    }
+
+    fn fault(&self, camera: usize, what: &str) {
+        let mut faults = self.faults.lock().expect("no thread panics with it");
+        let (count, first) = &mut faults.cameras[camera];
+        *count += 1;
+        first.get_or_insert_with(|| what.to_owned());
+    }
+}

@@ -1,0 +1,71 @@
+//! Frames against what the held-out camera shows: PSNR, SSIM and flicker.
+
+use liveview::image::ImageRgb;
+use liveview::image::{psnr, ssim};
+
+use crate::cli::SCORE_BORDER;
+
+/// A frame against its truth.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scores {
+    pub(super) psnr: f64,
+    pub(super) ssim: f64,
+    /// Mean |change of the picture − change of the truth| since the frame before, of 1.
+    pub(super) flicker: Option<f64>,
+}
+
+/// Scores the frames of a video.
+#[derive(Default)]
+pub(super) struct Scorer {
+    before: Option<(ImageRgb, ImageRgb)>,
+}
+
+impl Scorer {
+    pub(super) fn score(&mut self, picture: &ImageRgb, truth: ImageRgb) -> Option<Scores> {
+        let scores = Scores {
+            psnr: psnr(picture, &truth, SCORE_BORDER),
+            ssim: ssim(picture, &truth, SCORE_BORDER),
+            flicker: self
+                .before
+                .as_ref()
+                .map(|(before, truth_before)| flicker([before, picture], [truth_before, &truth])),
+        };
+        self.before = Some((picture.clone(), truth));
+        Some(scores).filter(|scores| !scores.psnr.is_nan() && !scores.ssim.is_nan())
+    }
+
+    /// The frame to come does not follow the one before.
+    pub(super) fn interrupt(&mut self) {
+        self.before = None;
+    }
+}
+
+fn flicker(pictures: [&ImageRgb; 2], truths: [&ImageRgb; 2]) -> f64 {
+    let (width, height) = (truths[1].width(), truths[1].height());
+    let (mut sum, mut count) = (0.0, 0.0);
+    for y in SCORE_BORDER..height.saturating_sub(SCORE_BORDER) {
+        let row = 3 * (y * width + SCORE_BORDER)..3 * ((y + 1) * width - SCORE_BORDER);
+        let [before, now, truth_before, truth] =
+            [pictures[0], pictures[1], truths[0], truths[1]].map(|picture| &picture.data()[row.clone()]);
+        for i in 0..before.len() {
+            sum += f64::from(((now[i] - before[i]) - (truth[i] - truth_before[i])).abs());
+            count += 1.0;
+        }
+    }
+    sum / count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flicker_is_the_change_that_the_truth_does_not_make() {
+        let flat = |value: f32| ImageRgb::new(48, 48, vec![value; 3 * 48 * 48]).unwrap();
+        let mut scorer = Scorer::default();
+        assert!(scorer.score(&flat(0.5), flat(0.4)).unwrap().flicker.is_none());
+        let steady = scorer.score(&flat(0.7), flat(0.6)).unwrap().flicker.unwrap();
+        let flickers = scorer.score(&flat(0.6), flat(0.6)).unwrap().flicker.unwrap();
+        assert!(steady < 1e-6 && (flickers - 0.1).abs() < 1e-6, "{steady} {flickers}");
+    }
+}

@@ -1,0 +1,117 @@
+//! Where the frames of a video go: a folder, ffmpeg, or standard output.
+
+use std::io::{BufWriter, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use liveview::image::{ImageRgb, save_png};
+
+use crate::cli::encoder::{Video, is_video};
+
+/// A video being written, frame by frame.
+pub(super) enum Sink {
+    Folder { path: PathBuf, frames: usize },
+    Video(Video),
+    Y4m { pipe: BufWriter<std::io::Stdout>, fps: usize, frames: usize },
+}
+
+impl Sink {
+    /// By the name: `-` is raw y4m on standard output, .mp4 and .gif go through ffmpeg, all else is a folder.
+    pub(super) fn new(path: &Path, fps: usize) -> Result<Self> {
+        if path == Path::new("-") {
+            return Ok(Self::Y4m { pipe: BufWriter::new(std::io::stdout()), fps, frames: 0 });
+        }
+        if is_video(path) {
+            return Ok(Self::Video(Video::new(path, fps)?));
+        }
+        if path.is_file() || path.extension().is_some() && !path.is_dir() {
+            bail!(
+                "-o {}: expected a name that ends in .mp4 or .gif, a folder for the frames, or - for y4m on standard output",
+                path.display()
+            );
+        }
+        Ok(Self::Folder { path: path.to_owned(), frames: 0 })
+    }
+
+    /// Makes ready for frames of a size; creates missing folders. Nothing may go where the rig lies.
+    pub(super) fn claim(&mut self, rig: &Path, (width, height): (usize, usize)) -> Result<()> {
+        let folder = match self {
+            Self::Folder { path, .. } => path.clone(),
+            Self::Video(video) => {
+                video.set_size((width, height));
+                video.path().parent().map_or_else(PathBuf::new, Path::to_owned)
+            }
+            Self::Y4m { .. } => return Ok(()),
+        };
+        std::fs::create_dir_all(&folder).with_context(|| format!("-o {}: cannot be created", folder.display()))?;
+        let is_folder = matches!(self, Self::Folder { .. });
+        if is_folder && folder.canonicalize()?.starts_with(rig.canonicalize()?) {
+            bail!("-o {}: lies in the rig's own folder; expected another place", folder.display());
+        }
+        Ok(())
+    }
+
+    /// Adds a frame; false where nobody reads on.
+    pub(super) fn add(&mut self, picture: &ImageRgb) -> Result<bool> {
+        match self {
+            Self::Folder { path, frames } => {
+                save_png(&path.join(format!("frame_{frames:06}.png")), picture)?;
+                *frames += 1;
+            }
+            Self::Video(video) => video.add(picture)?,
+            Self::Y4m { pipe, fps, frames } => {
+                let mut bytes = Vec::new();
+                if *frames == 0 {
+                    let (width, height) = (picture.width(), picture.height());
+                    bytes = format!("YUV4MPEG2 W{width} H{height} F{fps}:1 Ip A1:1 C444 XCOLORRANGE=LIMITED\n")
+                        .into_bytes();
+                }
+                *frames += 1;
+                y4m_frame(picture, &mut bytes);
+                return match pipe.write_all(&bytes).and_then(|()| pipe.flush()) {
+                    Ok(()) => Ok(true),
+                    // The player was closed.
+                    Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
+                    Err(error) => Err(error).context("-o -: cannot be written"),
+                };
+            }
+        }
+        Ok(true)
+    }
+
+    /// Closes it; what was written, but to standard output.
+    pub(super) fn finish(self) -> Result<Option<PathBuf>> {
+        match self {
+            Self::Folder { path, .. } => Ok(Some(path)),
+            Self::Video(video) => video.finish().map(Some),
+            Self::Y4m { .. } => Ok(None),
+        }
+    }
+}
+
+/// A frame of a y4m stream: BT.601 at limited range, which players assume, one chroma sample per pixel.
+fn y4m_frame(picture: &ImageRgb, out: &mut Vec<u8>) {
+    const ROWS: [[f32; 4]; 3] =
+        [[16.0, 65.481, 128.553, 24.966], [128.0, -37.797, -74.203, 112.0], [128.0, 112.0, -93.786, -18.214]];
+    out.extend_from_slice(b"FRAME\n");
+    for [offset, red, green, blue] in ROWS {
+        let value = |rgb: &[f32]| {
+            let [r, g, b] = [rgb[0], rgb[1], rgb[2]].map(|value| value.clamp(0.0, 1.0));
+            (offset + red * r + green * g + blue * b).round() as u8
+        };
+        out.extend(picture.data().chunks_exact(3).map(value));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_become_those_of_bt_601() {
+        let picture = ImageRgb::new(3, 1, vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0]).unwrap();
+        let mut bytes = Vec::new();
+        y4m_frame(&picture, &mut bytes);
+        assert_eq!(bytes, [&b"FRAME\n"[..], &[16, 235, 81, 128, 128, 90, 128, 128, 240]].concat());
+    }
+}

@@ -1,0 +1,64 @@
+//! The last stage of the pipeline: frames are made fit to be seen, and written.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Receiver;
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use liveview::image::inpaint_unseen;
+use liveview::image::ImageRgb;
+use liveview::render::Frame;
+
+use super::gather::Clock;
+use super::sink::Sink;
+use super::tally::Latencies;
+
+/// What the writer has to tell.
+pub(super) struct Written {
+    pub(super) latencies: Latencies,
+    pub(super) encoding: Duration,
+    pub(super) frames: usize,
+}
+
+/// What the writer is handed.
+pub(super) enum Shown {
+    /// Filled, scaled and written there: the renderer goes on.
+    Frame { step: usize, frame: Box<Frame> },
+    /// The last frame once more.
+    Repeat,
+}
+
+/// Fills, scales and writes frames until there are no more.
+pub(super) fn write(
+    mut sink: Sink,
+    frames: &Receiver<Shown>,
+    size: (usize, usize),
+    clock: Option<Clock>,
+    stop: &AtomicBool,
+) -> Result<(Written, Sink)> {
+    let mut written = Written { latencies: Latencies::new(), encoding: Duration::ZERO, frames: 0 };
+    // Until there is a first frame.
+    let mut last = ImageRgb::new(size.0, size.1, vec![0.0; 3 * size.0 * size.1])?;
+    for shown in frames {
+        let started = Instant::now();
+        let mut due = None;
+        if let Shown::Frame { step, frame } = shown {
+            due = clock.map(|clock| clock.due(step));
+            last = inpaint_unseen(&frame.picture, &frame.transmittance);
+            if (last.width(), last.height()) != size {
+                last = last.resized(size.0, size.1)?;
+            }
+        }
+        let wanted = sink.add(&last).inspect_err(|_| stop.store(true, Ordering::Relaxed))?;
+        written.frames += 1;
+        written.encoding += started.elapsed();
+        if let Some(due) = due {
+            written.latencies.add(due.elapsed());
+        }
+        if !wanted {
+            stop.store(true, Ordering::Relaxed);
+            break;
+        }
+    }
+    Ok((written, sink))
+}

@@ -1,0 +1,152 @@
+//! Videos, through the ffmpeg program.
+
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use anyhow::{Result, anyhow};
+use liveview::image::ImageRgb;
+use liveview::fs::atomic::AtomicFile;
+
+use super::output::bytes;
+use super::place::has_ending;
+
+/// An .mp4 or .gif being written; without [`Video::finish`] nothing of it remains.
+pub(super) struct Video {
+    path: PathBuf,
+    ffmpeg: PathBuf,
+    fps: usize,
+    size: (usize, usize),
+    /// ffmpeg, and the file that it writes under its temporary name.
+    encoder: Option<(Child, AtomicFile)>,
+}
+
+/// Whether a video is asked for by this name.
+pub(super) fn is_video(path: &Path) -> bool {
+    !path.is_dir() && has_ending(path, &["mp4", "gif"])
+}
+
+/// The program, if it is on the PATH.
+pub(super) fn ffmpeg() -> Option<PathBuf> {
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    let name = format!("ffmpeg{}", std::env::consts::EXE_SUFFIX);
+    std::env::split_paths(&folders).map(|folder| folder.join(&name)).find(|file| file.is_file())
+}
+
+/// Keeps a Ctrl-C at the terminal from a program to be started: it ends when we let it.
+pub(super) fn apart(command: &mut Command) {
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(command, 0);
+    #[cfg(not(unix))]
+    let _ = command;
+}
+
+impl Video {
+    /// Refuses where there is no ffmpeg.
+    pub(super) fn new(path: &Path, fps: usize) -> Result<Self> {
+        let ffmpeg = ffmpeg().ok_or_else(|| {
+            anyhow!("-o {}: videos are made by ffmpeg, which is not on the PATH; expected ffmpeg, or a folder for the frames", path.display())
+        })?;
+        Ok(Self { path: path.to_owned(), ffmpeg, fps, size: (0, 0), encoder: None })
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Width and height of all frames.
+    pub(super) fn set_size(&mut self, size: (usize, usize)) {
+        self.size = size;
+    }
+
+    pub(super) fn add(&mut self, picture: &ImageRgb) -> Result<()> {
+        let encoder = match self.encoder.take() {
+            Some(encoder) => encoder,
+            None => self.start()?,
+        };
+        let pipe = self.encoder.insert(encoder).0.stdin.as_mut();
+        match pipe.map(|pipe| pipe.write_all(&bytes(picture))) {
+            Some(Ok(())) => Ok(()),
+            _ => Err(self.failure()),
+        }
+    }
+
+    /// Lets ffmpeg finish; the file.
+    pub(super) fn finish(mut self) -> Result<PathBuf> {
+        let done = self.encoder.as_mut().map(|(encoder, _)| {
+            // ffmpeg ends when its input does.
+            drop(encoder.stdin.take());
+            encoder.wait()
+        });
+        match (done, self.encoder.take()) {
+            (Some(Ok(status)), Some((_, file))) if status.success() => {
+                file.finish().map_err(|error| self.unwritten(&error))?;
+            }
+            (_, encoder) => {
+                self.encoder = encoder;
+                return Err(self.failure());
+            }
+        }
+        Ok(self.path.clone())
+    }
+
+    fn unwritten(&self, error: &std::io::Error) -> anyhow::Error {
+        anyhow!("-o {}: cannot be written: {error}", self.path.display())
+    }
+
+    fn start(&self) -> Result<(Child, AtomicFile)> {
+        let file = AtomicFile::create(&self.path).map_err(|error| self.unwritten(&error))?;
+        let (width, height) = self.size;
+        let gif = has_ending(&self.path, &["gif"]);
+        let mut command = Command::new(&self.ffmpeg);
+        command.args(["-v", "error", "-nostdin", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
+        command.args(["-s", &format!("{width}x{height}"), "-r", &self.fps.to_string(), "-i", "pipe:0"]);
+        if gif {
+            command.args(["-vf", "split[a][b];[a]palettegen[p];[b][p]paletteuse", "-loop", "0"]);
+        } else {
+            // Players want yuv420p, and that wants even sides.
+            if width % 2 + height % 2 > 0 {
+                super::tell(
+                    "note",
+                    format!("{width}x{height} is odd: the last row or column is left out of the video"),
+                );
+            }
+            command.args([
+                "-vf",
+                "crop=trunc(iw/2)*2:trunc(ih/2)*2",
+                "-c:v",
+                "libx264",
+                "-pix_fmt",
+                "yuv420p",
+                "-crf",
+                "17",
+            ]);
+        }
+        apart(&mut command);
+        command.arg(file.temporary()).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let encoder =
+            command.spawn().map_err(|error| anyhow!("{}: cannot be started: {error}", self.ffmpeg.display()))?;
+        Ok((encoder, file))
+    }
+
+    fn failure(&mut self) -> anyhow::Error {
+        let (mut said, mut status) = (String::new(), String::new());
+        if let Some((encoder, _)) = &mut self.encoder {
+            drop(encoder.stdin.take());
+            // What it cannot say, it cannot say.
+            let _ = encoder.stderr.take().map(|mut pipe| pipe.read_to_string(&mut said));
+            let _ = encoder.wait().map(|ended| status = format!(" ({ended})"));
+        }
+        anyhow!("-o {}: ffmpeg failed{status}: {}", self.path.display(), said.trim())
+    }
+}
+
+impl Drop for Video {
+    fn drop(&mut self) {
+        // Only after a failure, which has been told. The file goes after the process that writes it.
+        if let Some((mut encoder, _file)) = self.encoder.take() {
+            let _ = encoder.kill();
+            let _ = encoder.wait();
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! Bad input: each is refused with exit code 2 and one message that names the file, the field and what was expected.
+
+mod common;
+mod scene_common;
+
+use std::fs;
+
+use common::{Folders, fixture, photo};
+use liveview::network::OrtLibrary;
+
+/// Renders view 2 of the scene, which must be refused.
+fn assert_render_refused(folders: &Folders, arguments: &[&str], words: &[&str]) {
+    let picture = folders.out("a.png");
+    let arguments = [&["--target", "2", "-o", &picture], arguments].concat();
+    folders.assert_refused(&mut folders.render(&arguments), words);
+}
+
+#[test]
+fn missing_image() {
+    let folders = Folders::new();
+    fs::remove_file(folders.photo(3)).unwrap();
+    assert_render_refused(&folders, &[], &["images/3.png", "missing image", "transforms.json"]);
+}
+
+#[test]
+fn truncated_image() {
+    // 3 is rendered from, 2 is the truth; 100 bytes still hold the header, 20 do not.
+    for (view, kept) in [(3, 100), (3, 20), (2, 100), (3, 0)] {
+        let folders = Folders::new();
+        let bytes = fs::read(folders.photo(view)).unwrap();
+        fs::write(folders.photo(view), &bytes[..kept]).unwrap();
+        let name = format!("images/{view}.png");
+        assert_render_refused(&folders, &[], &[&name, "not a complete PNG or JPEG"]);
+    }
+}
+
+#[test]
+fn image_of_another_size() {
+    let folders = Folders::new();
+    photo(&folders.photo(3), 0.3, 60, 48);
+    assert_render_refused(&folders, &[], &["images/3.png", "another size than declared", "60x48", "64x48"]);
+}
+
+#[test]
+fn intrinsics_that_are_not_finite() {
+    let folders = Folders::new();
+    folders.write_scene(5, "\"fl_x\": 60", "\"fl_x\": NaN");
+    assert_render_refused(&folders, &[], &["transforms.json"]);
+    folders.write_scene(5, "\"fl_x\": 60", "\"fl_x\": 1e999");
+    assert_render_refused(&folders, &[], &["transforms.json"]);
+
+    let folders = Folders::new();
+    fs::remove_file(folders.scene().join("transforms.json")).unwrap();
+    let names = &["0.png", "1.png", "2.png", "3.png", "4.png"];
+    let colmap = scene_common::Colmap { camera: "PINHOLE 64 48 nan 60 30 25", names };
+    colmap.write_text(&folders.scene().join("sparse/0"));
+    assert_render_refused(&folders, &[], &["sparse/0/cameras.txt", "PINHOLE", "fx is NaN", "finite"]);
+}
+
+#[test]
+fn singular_intrinsics() {
+    let folders = Folders::new();
+    folders.write_scene(5, "\"fl_y\": 60", "\"fl_y\": 0");
+    assert_render_refused(&folders, &[], &["transforms.json", "K is singular", "fy is 0"]);
+}
+
+#[test]
+fn a_rotation_that_is_not_orthonormal() {
+    let folders = Folders::new();
+    folders.write_scene(5, "[[1, 0, 0, 0.2]", "[[1.1, 0, 0, 0.2]");
+    assert_render_refused(&folders, &[], &["transforms.json", "2.png", "not orthonormal"]);
+}
+
+#[test]
+fn fewer_views_than_the_model_takes() {
+    let folders = Folders::new();
+    folders.write_scene(3, "", "");
+    assert_render_refused(&folders, &[], &["2.png", "4 views are needed", "only 2 of the 2"]);
+}
+
+#[test]
+fn near_and_far() {
+    let folders = Folders::new();
+    assert_render_refused(&folders, &["--near", "5", "--far", "2"], &["near is 5", "far is 2", "0 < near < far"]);
+    assert_render_refused(&folders, &["--near", "3", "--far", "3"], &["0 < near < far"]);
+    assert_render_refused(&folders, &["--near", "0"], &["near is 0"]);
+    assert_render_refused(&folders, &["--near", "-1"], &["near is -1"]);
+    assert_render_refused(&folders, &["--far", "nan"], &["far is NaN"]);
+    folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
+    assert_render_refused(&folders, &[], &["expected --near and --far, in scene units"]);
+    assert_render_refused(&folders, &["--near", "2"], &["expected --far, in scene units"]);
+}
+
+#[test]
+fn lists_of_disparities() {
+    let folders = Folders::new();
+    let refused = |list: &str, words: &[&str]| assert_render_refused(&folders, &["--disparities", list], words);
+    refused("", &["--disparities", "empty", "at least one"]);
+    refused("0.1,0.3", &["--disparities", "disparity 1 (0.3)", "descending"]);
+    refused("0.3,x", &["--disparities", "\"x\" is not a number"]);
+    refused("0.3,,0.1", &["--disparities", "\"\" is not a number"]);
+    refused("0.3,nan", &["--disparities", "disparity 1 is NaN"]);
+    refused("-0.3", &["--disparities", "disparity 0 is -0.3"]);
+    for count in ["--planes=0", "--planes=-3", "--planes=1e9", "--planes=1000000000"] {
+        assert_render_refused(&folders, &[count], &["--planes", "a whole number from 1 to 4096"]);
+    }
+    assert_render_refused(&folders, &["--select", "9", "--select-from", "8"], &["9 planes", "from 8"]);
+}
+
+#[test]
+fn models_of_another_shape() {
+    let folders = Folders::new();
+    let refused = |arguments: &[&str], words: &[&str]| {
+        let picture = folders.out("a.png");
+        let arguments = [&["--target", "2", "-o", &picture], arguments].concat();
+        folders.assert_refused(&mut folders.liveview("render", &arguments), words);
+    };
+    let other = fixture("other_channels");
+    refused(&["--model", &other], &[&other, "the input is hwv", "9", "expected hwv f32 [n, 12, h, w]"]);
+    refused(&["--model", &fixture("fixed_size")], &["fixed_size.onnx", "n, h and w free"]);
+    refused(&["--model", &fixture("other_stride")], &["metadata `stride` is 16", "expected 8"]);
+    refused(&["--model", &fixture("no_card")], &["metadata `views` is missing"]);
+    refused(&["--model", &fixture("odd_advice")], &["`recommended_layers`", "many", "guided 4"]);
+    refused(&["--model", &fixture("tiny_v4"), "--views", "5"], &["metadata `views` is 4", "expected 5"]);
+    refused(&["--model", &fixture("absent")], &["absent.onnx", "no such file"]);
+    refused(&["--model", &format!("{}/Cargo.toml", env!("CARGO_MANIFEST_DIR"))], &["Cargo.toml", "ONNX Runtime"]);
+    refused(&["--views", "63"], &["liveview_v63.onnx", "models"]);
+}
+
+#[test]
+fn runtime_library() {
+    let folders = Folders::new();
+    assert_render_refused(
+        &folders,
+        &["--ort-lib", "/nonexistent/libonnxruntime.so"],
+        &["/nonexistent/libonnxruntime.so", "no such file"],
+    );
+    let text = format!("{}/Cargo.toml", env!("CARGO_MANIFEST_DIR"));
+    assert_render_refused(&folders, &["--ort-lib", &text], &[&text, "not a usable ONNX Runtime library"]);
+}
+
+#[test]
+fn engines_that_are_not_there() {
+    let folders = Folders::new();
+    let refused = |arguments: &[&str], words: &[&str]| assert_render_refused(&folders, arguments, words);
+    refused(&["--engine", "gpu"], &["'gpu'", "cpu, openvino, cuda, tensorrt"]);
+    refused(&["--precision", "int4"], &["'int4'", "f32, bf16, int8"]);
+    refused(&["--precision", "bf16"], &["--precision bf16", "--engine openvino"]);
+    refused(&["--precision", "int8"], &["tiny_v4.onnx", "metadata `precision` is f32", "expected int8"]);
+    let library = OrtLibrary::load(None).unwrap().library().to_str().unwrap().to_owned();
+    refused(
+        &["--engine", "openvino", "--ort-lib", &library],
+        &[&library, "no engine openvino", "make runtime-openvino", "--ort-lib"],
+    );
+    if cfg!(not(feature = "cuda")) {
+        refused(&["--engine", "cuda"], &["engine cuda", "cargo feature `cuda`"]);
+    }
+    if cfg!(not(feature = "tensorrt")) {
+        refused(&["--engine", "tensorrt"], &["engine tensorrt", "cargo feature `tensorrt`"]);
+    }
+}
+
+#[test]
+fn outputs_that_cannot_be_written() {
+    let folders = Folders::new();
+    let below_a_file = folders.photo(0).join("a.png");
+    for place in [below_a_file.to_str().unwrap(), "/proc/a.png", "/proc/nowhere/"] {
+        folders.assert_refused(
+            &mut folders.render(&["--target", "2", "-o", place]),
+            &["-o", place.trim_end_matches('/'), "cannot be written"],
+        );
+        assert_render_refused(&folders, &["--depth", place], &["--depth", "cannot be written"]);
+    }
+    let own_photo = folders.photo(2);
+    let before = fs::read(&own_photo).unwrap();
+    let arguments = ["--target", "2", "-o", own_photo.to_str().unwrap()];
+    folders.assert_refused(&mut folders.render(&arguments), &["would overwrite a photo of the scene"]);
+    assert_eq!(fs::read(&own_photo).unwrap(), before);
+}
+
+#[test]
+fn outputs_that_do_not_fit() {
+    let folders = Folders::new();
+    let refused = |arguments: &[&str], words: &[&str]| folders.assert_refused(&mut folders.render(arguments), words);
+    refused(&["--target", "2"], &["--output"]);
+    refused(&["--target", "2", "-o", &folders.out("a.bmp")], &["a.bmp", "expected", ".png"]);
+    refused(
+        &["--target", "2", "-o", &folders.out("a.png"), "--depth", &folders.out("d.jpg")],
+        &["--depth", "d.jpg", "expected", ".png"],
+    );
+    refused(&["--path", "line:3", "-o", &folders.out("a.png")], &["a.png", "3 pictures", "a folder"]);
+    refused(
+        &["--path", "line:3", "-o", &folders.out("frames"), "--compare", &folders.out("c")],
+        &["--compare", "no photo to compare with"],
+    );
+}
+
+#[test]
+fn outputs_that_collide() {
+    let folders = Folders::new();
+    let refused = |arguments: [&str; 4]| {
+        let arguments = [&["--target", "2"], &arguments[..]].concat();
+        folders.assert_refused(&mut folders.render(&arguments), &["another picture", "different places"]);
+    };
+    let [out, a, colour] = ["", "a.png", "a_colour.png"].map(|name| folders.out(name));
+    refused(["-o", &out, "--compare", &out]);
+    refused(["-o", &out, "--depth", &format!("{out}.")]);
+    refused(["-o", &colour, "--depth", &a]);
+}
+
+#[test]
+fn targets() {
+    let folders = Folders::new();
+    let picture = folders.out("a.png");
+    let refused = |arguments: &[&str], words: &[&str]| {
+        folders.assert_refused(&mut folders.render(&[arguments, &["-o", &picture]].concat()), words);
+    };
+    refused(&[], &["--target", "--heldout", "--pose", "--path"]);
+    refused(&["--target", "2", "--path", "line:3"], &["cannot be used with"]);
+    refused(&["--target", "7"], &["no view is named \"7\"", "0.png"]);
+    refused(&["--target", "2,2.png"], &["twice"]);
+    refused(&["--heldout", "1"], &["--heldout 1", "none to render from"]);
+    refused(&["--path", "helix:9"], &["line:N, circle:N or spiral:N"]);
+    refused(&["--path", "line:0"], &["whole number"]);
+    for (pose, words) in [
+        ("{", "not JSON"),
+        ("{}", "expected either"),
+        ("[]", "at least one"),
+        (r#"{"cam_from_world": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}"#, "3 or 4 rows of 4 numbers"),
+        (r#"{"cam_from_world": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}"#, "not orthonormal"),
+        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "w": -3}"#, "w is -3"),
+        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "w": 99999}"#, "image size"),
+        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "fl_x": 0}"#, "K is singular"),
+    ] {
+        let file = folders.scene().join("pose.json");
+        fs::write(&file, pose).unwrap();
+        refused(&["--pose", file.to_str().unwrap()], &["pose.json", words]);
+    }
+    refused(&["--pose", "/nonexistent.json"], &["/nonexistent.json", "cannot be read"]);
+}
+
+#[test]
+fn scenes_that_are_none() {
+    let folders = Folders::new();
+    fs::remove_file(folders.scene().join("transforms.json")).unwrap();
+    assert_render_refused(&folders, &[], &["no scene found", "transforms.json", "sparse/0"]);
+    for command in ["inspect", "select"] {
+        let arguments: &[&str] = if command == "select" { &["--target", "2"] } else { &[] };
+        folders.assert_refused(&mut folders.liveview(command, arguments), &["no scene found"]);
+    }
+}

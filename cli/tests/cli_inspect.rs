@@ -1,0 +1,86 @@
+//! `liveview inspect` and `liveview select`.
+
+mod common;
+
+use common::{Folders, fixture};
+use liveview::image;
+use serde_json::Value;
+
+fn json(command: &mut assert_cmd::Command) -> Value {
+    let output = command.arg("--json").output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+fn close(value: &Value, expected: f64) {
+    assert!((value.as_f64().unwrap() - expected).abs() < 1e-6, "{value}, expected {expected}");
+}
+
+#[test]
+fn inspect_tells_what_was_understood() {
+    let folders = Folders::new();
+    let told = json(&mut folders.liveview("inspect", &[]));
+    assert_eq!((&told["views"]["count"], &told["target"]["name"]), (&5.into(), &"2.png".into()));
+    close(&told["rig"]["extent"][0], 0.4);
+    close(&told["rig"]["baseline"]["median"], 0.1);
+    close(&told["target"]["near"], 2.0);
+    let view = &told["target"]["views"][0];
+    close(&view["distance"], 0.1);
+    // 60 pixels · 0.1 · (1/2 − 1/8), and that over 63 steps; the farthest of the four is twice as far.
+    close(&view["parallax_pixels"], 2.25);
+    close(&told["target"]["planes"]["largest_step_pixels"], 4.5 / 63.0);
+    let text = folders.liveview("inspect", &["--planes", "3"]).output().unwrap();
+    let text = String::from_utf8(text.stdout).unwrap();
+    assert!(text.contains("2.25 pixels apart") && text.contains("--planes 6 are enough"), "{text}");
+}
+
+#[test]
+fn inspect_tells_what_will_be_left_out() {
+    let folders = Folders::new();
+    // View 4 turns round; nothing is known of depth.
+    folders.write_scene(
+        5,
+        "[[1, 0, 0, 0.4], [0, 1, 0, 0], [0, 0, 1, 0]",
+        "[[-1, 0, 0, 0.4], [0, 1, 0, 0], [0, 0, -1, 0]",
+    );
+    let told = json(&mut folders.liveview("inspect", &["--target", "1"]));
+    assert_eq!(told["target"]["look_elsewhere"], serde_json::json!(["4.png"]));
+    assert!(told["target"]["warning"].as_str().unwrap().contains("4 views are needed"), "{told}");
+    folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
+    let told = json(&mut folders.liveview("inspect", &[]));
+    assert!(told["target"]["warning"].as_str().unwrap().contains("--near and --far"), "{told}");
+    folders.assert_refused(&mut folders.liveview("inspect", &["--near", "5", "--far", "2"]), &["0 < near < far"]);
+    // Planes nearer than the views can see together: 60 · 0.1 / 0.01 is far beyond the photo.
+    let told = json(&mut folders.liveview("inspect", &["--near", "0.01", "--far", "8", "--planes", "4"]));
+    assert_eq!(told["target"]["planes"]["covered_by_no_view"], serde_json::json!([0, 1, 2]));
+}
+
+#[test]
+fn select_shows_the_histogram() {
+    let folders = Folders::new();
+    let (picture, model) = (folders.out("planes.png"), fixture("tiny_v4"));
+    let arguments = ["--target", "2", "--select", "3", "--select-from", "8", "--model", &model, "-o", &picture];
+    let told = json(&mut folders.liveview("select", &arguments));
+    let histogram: Vec<u64> =
+        told["histogram"].as_array().unwrap().iter().map(|votes| votes.as_u64().unwrap()).collect();
+    assert_eq!((histogram.len(), histogram.iter().sum::<u64>()), (8, 64 * 48));
+    // The fixture finds all planes alike, so the nearer one wins.
+    assert_eq!(told["chosen"][0], 0);
+    assert_eq!(image::read_size(picture.as_ref()).unwrap(), (8 * 12 + 24, 264));
+    let refused = ["--target", "2", "--select", "9", "--select-from", "8", "--model", &model];
+    std::fs::remove_file(&picture).unwrap();
+    folders.assert_refused(&mut folders.liveview("select", &refused), &["9 planes"]);
+}
+
+#[test]
+fn select_shows_the_range_of_guided_layers_without_a_model() {
+    let folders = Folders::new();
+    let picture = folders.out("range.png");
+    let arguments = ["--target", "2", "--guided", "4", "-o", &picture, "--ort-lib", "/nonexistent"];
+    let told = json(&mut folders.liveview("select", &arguments));
+    let median = |key: &str| told[key][2].as_f64().unwrap();
+    let (nearest, farthest) = (median("nearest_depth"), median("farthest_depth"));
+    assert!(3.8 < nearest && nearest <= farthest && farthest < 4.2, "the wall is at depth 4: {told}");
+    assert!((median("step_pixels") - median("width_pixels") / 3.0).abs() < 1e-6, "{told}");
+    assert_eq!(image::read_size(picture.as_ref()).unwrap(), (3 * 64 + 8, 48));
+}

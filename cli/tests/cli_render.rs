@@ -1,0 +1,236 @@
+//! `liveview render`: what it writes and what it tells.
+
+mod common;
+
+use std::fs;
+
+use common::{Folders, HEIGHT, WIDTH};
+use liveview::image;
+use liveview::image::psnr;
+use serde_json::Value;
+
+/// Runs a command that must succeed; its stdout.
+fn run(command: &mut assert_cmd::Command) -> String {
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn json(command: &mut assert_cmd::Command) -> Value {
+    serde_json::from_str(&run(command.arg("--json"))).unwrap()
+}
+
+#[test]
+fn a_held_out_view_is_rendered_scored_and_compared() {
+    let folders = Folders::new();
+    let [picture, depth, compare] = ["a.png", "d.png", "c.png"].map(|name| folders.out(name));
+    let told = json(&mut folders.render(&["--target", "2", "-o", &picture, "--depth", &depth, "--compare", &compare]));
+    assert_eq!(folders.written(), ["a.png", "c.png", "d.png", "d_colour.png", "d_scale.json"]);
+    let target = &told["targets"][0];
+    assert_eq!(target["name"], "2.png");
+    let mut views: Vec<&str> = target["views"].as_array().unwrap().iter().map(|name| name.as_str().unwrap()).collect();
+    views.sort_unstable();
+    assert_eq!(views, ["0.png", "1.png", "3.png", "4.png"], "never from itself");
+    assert_eq!((&target["near"], &target["far"]), (&2.0.into(), &8.0.into()));
+    assert_eq!(told["layers"], "guided 2", "as the model recommends");
+
+    let (result, truth) = (image::load(picture.as_ref()).unwrap(), image::load(&folders.photo(2)).unwrap());
+    let score = psnr(&result, &truth, 16);
+    assert!(score > 40.0, "{score}");
+    // The rounding of each value to 8 bits, at most half a level, bounds the distance of the root mean squares.
+    let rms = |psnr: f64| 10f64.powf(-psnr / 20.0);
+    let apart = (rms(target["psnr"].as_f64().unwrap()) - rms(score)).abs();
+    assert!(apart <= 0.5 / 255.0, "8-bit rounding apart, the score is the picture's: {score} dB, {told}");
+    let size = image::read_size(compare.as_ref()).unwrap();
+    assert_eq!(size, (3 * WIDTH as usize + 8, HEIGHT as usize));
+
+    let scale: Value = serde_json::from_slice(&fs::read(folders.out("d_scale.json")).unwrap()).unwrap();
+    let grey = image::open(&depth).unwrap().into_luma16();
+    assert_eq!(grey.iter().max(), Some(&65535));
+    let disparity = f64::from(grey.get_pixel(32, 24).0[0]) / 65535.0 * scale["disparity_max"].as_f64().unwrap();
+    assert!((disparity - 0.25).abs() < 0.05, "the wall is at depth 4: {disparity}");
+}
+
+#[test]
+fn every_second_view_from_the_others() {
+    let folders = Folders::new();
+    folders.write_scene(5, "images/4.png", "images/9.png");
+    fs::rename(folders.photo(4), folders.photo(9)).unwrap();
+    // Of five, two remain: too few for V = 4.
+    folders.assert_refused(&mut folders.render(&["--heldout", "2"]), &["0.png", "only 2 of the 2"]);
+    let text = run(&mut folders.render(&["--heldout", "5"]));
+    assert!(text.contains("PSNR") && text.contains("0.png"), "{text}");
+    assert!(folders.written().is_empty(), "pictures only where asked for");
+    let told = json(&mut folders.render(&["--target", "0", "-o", &folders.out("a.png")]));
+    assert_eq!(told["mean"]["psnr"], told["targets"][0]["psnr"]);
+}
+
+#[test]
+fn the_result_depends_on_neither_threads_nor_batch() {
+    let folders = Folders::new();
+    let pictures = [("1", "1"), ("2", "3"), ("2", "3")].map(|(threads, batch)| {
+        let picture = folders.out("a.png");
+        run(&mut folders.render(&[
+            "--target",
+            "2",
+            "--planes",
+            "8",
+            "--threads",
+            threads,
+            "--batch",
+            batch,
+            "-o",
+            &picture,
+        ]));
+        fs::read(picture).unwrap()
+    });
+    assert!(pictures[0] == pictures[1] && pictures[1] == pictures[2]);
+}
+
+#[test]
+fn a_pose_on_top_of_a_view_shows_its_photo() {
+    let folders = Folders::new();
+    for pose in [
+        r#"{"transform_matrix": [[1, 0, 0, 0.2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}"#,
+        r#"{"cam_from_world": [[1, 0, 0, -0.2], [0, -1, 0, 0], [0, 0, -1, 0]]}"#,
+    ] {
+        let file = folders.scene().join("pose.json");
+        fs::write(&file, pose).unwrap();
+        let picture = folders.out("a.png");
+        run(&mut folders.render(&["--pose", file.to_str().unwrap(), "-o", &picture]));
+        let score = psnr(&image::load(picture.as_ref()).unwrap(), &image::load(&folders.photo(2)).unwrap(), 0);
+        assert!(score > 45.0, "{pose}: {score}");
+    }
+    let (file, picture) = (folders.scene().join("pose.json"), folders.out("wide.jpg"));
+    fs::write(&file, r#"{"transform_matrix": [[1, 0, 0, 0.2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "w": 96, "h": 48, "cx": 48}"#).unwrap();
+    run(&mut folders.render(&["--pose", file.to_str().unwrap(), "-o", &picture]));
+    assert_eq!(image::read_size(picture.as_ref()).unwrap(), (96, 48));
+}
+
+#[test]
+fn a_path_becomes_a_folder_of_frames_and_keeps_the_planes_of_the_first() {
+    let folders = Folders::new();
+    let told = json(&mut folders.render(&[
+        "--path",
+        "line:3",
+        "--select",
+        "2",
+        "--select-from",
+        "8",
+        "-o",
+        &folders.out("frames"),
+    ]));
+    let frames = ["frames/frame_0000.png", "frames/frame_0001.png", "frames/frame_0002.png"];
+    assert_eq!(folders.written(), [&frames[..], &["frames/liveview.json"]].concat());
+    let seconds = |frame: usize| told["targets"][frame]["seconds"]["select"].as_f64().unwrap();
+    assert!(seconds(0) > 0.0 && seconds(1) == 0.0 && seconds(2) == 0.0, "{told}");
+    assert_eq!((&told["targets"][2]["layers"], &told["layers"]), (&2.into(), &"select 2 of 8 planes".into()));
+    // The ends of a line are the outermost views.
+    for (frame, view) in [(0, 0), (2, 4)] {
+        let frame = image::load(folders.out(&format!("frames/frame_{frame:04}.png")).as_ref()).unwrap();
+        let score = psnr(&frame, &image::load(&folders.photo(view)).unwrap(), 0);
+        assert!(score > 45.0, "{score}");
+    }
+    for path in ["circle:2", "spiral:2"] {
+        run(&mut folders.render(&["--path", path, "-o", &folders.out("frames")]));
+    }
+}
+
+#[test]
+fn other_layers() {
+    let folders = Folders::new();
+    let picture = folders.out("a.png");
+    for (how, layers) in [
+        (["--guided", "3"], 3),
+        (["--planes", "5"], 5),
+        (["--disparities", "0.25"], 1),
+        (["--disparities", "0.4,0.2,0"], 3),
+    ] {
+        let told = json(&mut folders.render(&[&["--target", "2", "-o", &picture], &how[..]].concat()));
+        assert_eq!(told["targets"][0]["layers"], layers, "{how:?}");
+    }
+    let told = json(&mut folders.render(&["--target", "2", "--width", "32", "-o", &picture]));
+    assert_eq!((&told["targets"][0]["width"], &told["targets"][0]["height"]), (&32.into(), &24.into()));
+    assert!(told["notes"][0].as_str().unwrap().contains("scaled down"), "{told}");
+}
+
+#[test]
+fn videos_go_through_ffmpeg() {
+    let folders = Folders::new();
+    let copies = "for last; do :; done; /bin/cat > \"$last\"";
+    for name in ["a.mp4", "a.gif"] {
+        let arguments = ["--path", "line:3", "-o", &folders.out(name)];
+        folders
+            .assert_refused(folders.render(&arguments).env("PATH", "/nowhere"), &[name, "ffmpeg", "not on the PATH"]);
+        folders.assert_refused(
+            folders.render(&arguments).env("PATH", folders.ffmpeg("echo no such codec >&2; exit 1")),
+            &[name, "no such codec", "exit status: 1"],
+        );
+        let told = json(folders.render(&arguments).env("PATH", folders.ffmpeg(copies)));
+        assert_eq!((told["video"].as_str(), folders.written()), (Some(arguments[3]), vec![name.to_owned()]));
+        assert_eq!(fs::read(arguments[3]).unwrap().len() as u32, 3 * 3 * WIDTH * HEIGHT);
+        fs::remove_file(arguments[3]).unwrap();
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn memory_does_not_grow_with_the_number_of_layers() {
+    let folders = Folders::new();
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scenes/workshop");
+    let peak = |planes: &str| {
+        let mut command = assert_cmd::Command::cargo_bin("liveview").unwrap();
+        command.args(["render", scene, "--target", "target_0", "--width", "252", "--planes", planes]);
+        json(command.args(["-o", &folders.out("a.png")]))["peak_memory_bytes"].as_f64().unwrap()
+    };
+    let (few, many) = (peak("8"), peak("64"));
+    assert!(many <= 1.2 * few, "{few} bytes at 8 planes, {many} at 64");
+}
+
+#[test]
+fn what_was_left_out_is_explained() {
+    let folders = Folders::new();
+    let [picture, why] = ["a.png", "why.png"].map(|name| folders.out(name));
+    let told = json(&mut folders.render(&["--target", "2", "-o", &picture, "--explain", &why, "--dense", "9"]));
+    let explained = &told["explanation"];
+    let share = explained["range_share"]["median"].as_f64().unwrap();
+    assert!(share > 0.0 && share < 0.5, "a wall needs little of the depth range: {explained}");
+    let shares: f64 = explained["time_shares"].as_object().unwrap().values().map(|share| share.as_f64().unwrap()).sum();
+    assert!((shares - 1.0).abs() < 1e-9, "{explained}");
+    let dense = json(&mut folders.render(&["--target", "2", "-o", &folders.out("b.png"), "--planes", "9"]));
+    assert_eq!(explained["dense"]["psnr"], dense["mean"]["psnr"]);
+    assert!(explained["dense"]["error_max"].as_f64().unwrap() >= explained["dense"]["error_mean"].as_f64().unwrap());
+    assert_eq!(image::read_size(why.as_ref()).unwrap(), (3 * WIDTH as usize + 8, HEIGHT as usize));
+
+    // 60 · 0.1 / 0.01 pixels of parallax: the first three of these planes are beyond every photo.
+    let near = ["--target", "2", "-o", &picture, "--near", "0.01", "--planes", "4", "--explain", &why];
+    let told = json(&mut folders.render(&near));
+    assert_eq!(told["explanation"]["left_out"]["uncovered"], 3, "as `inspect` says: {told}");
+    assert_eq!(json(folders.render(&near).args(["--opaque", "0.5"]))["explanation"]["left_out"]["uncovered"], 3);
+
+    let text = run(&mut folders.render(&["--target", "2", "-o", &picture, "--planes", "5", "--explain", &why]));
+    assert!(text.contains("5 planes, of which"), "{text}");
+    assert_eq!(image::read_size(why.as_ref()).unwrap(), (WIDTH as usize, HEIGHT as usize));
+    fs::remove_dir_all(folders.out("")).unwrap();
+    fs::create_dir(folders.out("")).unwrap();
+    let refused = |arguments: &[&str], words: &[&str]| folders.assert_refused(&mut folders.render(arguments), words);
+    refused(
+        &["--path", "line:2", "-o", &folders.out("many"), "--explain", &why],
+        &["--explain", "2 pictures", "one target"],
+    );
+    refused(&["--target", "2", "-o", &picture, "--dense", "9"], &["--explain"]);
+}
+
+#[test]
+fn qualities_are_choices_of_layers() {
+    let folders = Folders::new();
+    let layers = |arguments: &[&str]| {
+        let told = json(folders.render(&["--target", "2", "-o", &folders.out("a.png")]).args(arguments));
+        told["layers"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(layers(&["--quality", "draft"]), "guided 1");
+    assert_eq!(layers(&["--quality", "balanced"]), "guided 2");
+    assert_eq!(layers(&["--quality", "full"]), "guided 4");
+    assert_eq!(layers(&["--quality", "paper"]), "select 16 of 64 planes");
+    assert_eq!(layers(&["--kmeans", "3"]), "kmeans 3");
+}

@@ -1,0 +1,145 @@
+//! Files that appear under their name only once they are whole.
+
+use std::ffi::OsString;
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use tempfile::TempPath;
+
+/// How every temporary name begins. What a killed process leaves under one is of no use and may be deleted.
+pub const TEMPORARY: &str = ".liveview-tmp-";
+
+/// A file being written under a temporary name, unlike any other process's, in the folder that it will stand in. Without
+/// [`AtomicFile::finish`] nothing of it remains.
+#[derive(Debug)]
+pub struct AtomicFile {
+    file: BufWriter<File>,
+    temporary: TempPath,
+    path: PathBuf,
+    /// Where the next byte goes.
+    position: u64,
+    failed: bool,
+}
+
+impl AtomicFile {
+    /// Starts the file that will be `path`. The temporary name has the same ending.
+    ///
+    /// # Errors
+    ///
+    /// Those of creating a file in `path`'s folder.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        let mut ending = OsString::new();
+        if let Some(extension) = path.extension() {
+            ending.push(".");
+            ending.push(extension);
+        }
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        // Opened here and not by tempfile, whose files are for their owner's eyes only.
+        let open = |name: &Path| OpenOptions::new().write(true).create_new(true).open(name);
+        let made = tempfile::Builder::new().prefix(TEMPORARY).suffix(&ending).make_in(folder, open)?;
+        let (file, temporary) = made.into_parts();
+        Ok(Self { file: BufWriter::new(file), temporary, path: path.to_owned(), position: 0, failed: false })
+    }
+
+    /// The temporary name, for a program that writes the file itself.
+    pub fn temporary(&self) -> &Path {
+        &self.temporary
+    }
+
+    /// Gives the file its name, in place of what stood there.
+    ///
+    /// # Errors
+    ///
+    /// Those of writing what was buffered and of storing it (some file systems tell only then that they are full), and of
+    /// renaming. Nothing of the file remains then, and what stood there before does.
+    pub fn finish(self) -> io::Result<()> {
+        if self.failed {
+            return Err(io::Error::other("an earlier write failed"));
+        }
+        let file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
+        file.sync_data()?;
+        drop(file);
+        self.temporary.persist(&self.path).map_err(|refused| refused.error)
+    }
+}
+
+/// After the first error, which it returns, it writes nothing and lets everything pass: an archive that is dropped tries to
+/// close itself once more, and complains on stderr where it cannot.
+impl Write for AtomicFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = if self.failed { Ok(bytes.len()) } else { self.file.write(bytes) };
+        self.failed |= written.is_err();
+        self.position += *written.as_ref().unwrap_or(&0) as u64;
+        written
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let flushed = if self.failed { Ok(()) } else { self.file.flush() };
+        self.failed |= flushed.is_err();
+        flushed
+    }
+}
+
+impl Seek for AtomicFile {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let reached = match to {
+            _ if !self.failed => self.file.seek(to),
+            SeekFrom::Start(position) => Ok(position),
+            SeekFrom::Current(by) | SeekFrom::End(by) => Ok(self.position.saturating_add_signed(by)),
+        };
+        self.failed |= reached.is_err();
+        self.position = *reached.as_ref().unwrap_or(&self.position);
+        reached
+    }
+}
+
+/// Writes a whole file, or nothing.
+///
+/// # Errors
+///
+/// Those of [`AtomicFile`].
+pub fn write(path: &Path, contents: &[u8]) -> io::Result<()> {
+    let mut file = AtomicFile::create(path)?;
+    file.write_all(contents)?;
+    file.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = std::fs::read_dir(folder).unwrap();
+        entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+    }
+
+    #[test]
+    fn a_file_appears_when_it_is_finished_and_not_before() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("a.txt");
+        write(&path, b"first").unwrap();
+        let mut files = [0, 1].map(|_| AtomicFile::create(&path).unwrap());
+        assert_ne!(files[0].temporary(), files[1].temporary());
+        for (file, text) in files.iter_mut().zip(["second", "third"]) {
+            file.write_all(text.as_bytes()).unwrap();
+            assert!(file.temporary().file_name().unwrap().to_str().unwrap().starts_with(TEMPORARY));
+            assert_eq!(file.temporary().extension(), path.extension());
+        }
+        assert_eq!((std::fs::read(&path).unwrap(), names(root.path()).len()), (b"first".to_vec(), 3));
+        let [second, third] = files;
+        third.finish().unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"third");
+        drop(second);
+        assert_eq!((std::fs::read(&path).unwrap(), names(root.path())), (b"third".to_vec(), vec!["a.txt".to_owned()]));
+    }
+
+    #[test]
+    fn a_name_that_is_taken_by_a_folder_is_refused_and_leaves_nothing() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("a");
+        std::fs::create_dir(&path).unwrap();
+        write(&path, b"text").unwrap_err();
+        assert_eq!(names(root.path()), ["a"]);
+    }
+}

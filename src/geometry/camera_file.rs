@@ -1,0 +1,101 @@
+//! Cameras from a JSON file: `{"transform_matrix": 4x4 world from camera, OpenGL axes}` or `{"cam_from_world": 3x4 or 4x4,
+//! OpenCV axes}`, with `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h` (pixels) where they differ from those of the nearest view; or a list of
+//! such.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DVec3};
+use serde_json::Value;
+
+use super::camera::{Camera, Intrinsics};
+use super::pose::cam_from_opengl_world;
+use super::view_selection::nearest_camera;
+use crate::fs::bounded;
+
+/// Why a file of cameras was refused.
+#[derive(Debug, thiserror::Error)]
+#[error("{}{}: {reason}", path.display(), index.map(|index| format!(": camera {index}")).unwrap_or_default())]
+pub struct CameraFileError {
+    /// The file.
+    pub path: PathBuf,
+    /// Which camera of its list.
+    pub index: Option<usize>,
+    /// What is wrong, and what was expected.
+    pub reason: String,
+}
+
+/// The one camera of the file, or its list of them. What an entry leaves out is taken from the nearest of the `views`.
+///
+/// # Errors
+///
+/// [`CameraFileError`], naming the file, the camera and the field.
+///
+/// # Panics
+///
+/// If there are no views.
+pub fn read_cameras(path: &Path, views: &[&Camera]) -> Result<Vec<Camera>, CameraFileError> {
+    let refused = |index, reason| CameraFileError { path: path.to_owned(), index, reason };
+    let bytes = bounded::read(path, bounded::MAX_JSON_BYTES);
+    let bytes = bytes.map_err(|error| refused(None, format!("cannot be read: {error}")))?;
+    let file: Value = serde_json::from_slice(&bytes).map_err(|error| refused(None, format!("not JSON: {error}")))?;
+    let entries = file.as_array().map_or_else(|| std::slice::from_ref(&file), Vec::as_slice);
+    if entries.is_empty() {
+        return Err(refused(None, "the list of cameras is empty; expected at least one".to_owned()));
+    }
+    let cameras = entries.iter().enumerate();
+    let index = |index: usize| file.is_array().then_some(index);
+    cameras.map(|(at, entry)| camera(entry, views).map_err(|reason| refused(index(at), reason))).collect()
+}
+
+fn camera(entry: &Value, views: &[&Camera]) -> Result<Camera, String> {
+    let (rotation, translation) = match (entry.get("transform_matrix"), entry.get("cam_from_world")) {
+        (Some(matrix), None) => {
+            let (axes, centre) = split(matrix, "transform_matrix", 4)?;
+            cam_from_opengl_world(axes, centre)
+        }
+        (None, Some(matrix)) => split(matrix, "cam_from_world", 3)?,
+        _ => return Err("expected either \"transform_matrix\" or \"cam_from_world\"".to_owned()),
+    };
+    let centre = -(rotation.transpose() * translation);
+    let text = |error: super::camera::CameraError| error.to_string();
+    let like = views[nearest_camera(views, centre)].with_pose(rotation, translation).map_err(text)?;
+    let (width, height) = (side(entry, "w", like.width())?, side(entry, "h", like.height())?);
+    let sized = like.with_size_scaled(width, height).map_err(text)?;
+    let Intrinsics { fx, fy, cx, cy, skew } = sized.intrinsics();
+    let number = |key: &str, default: f64| match entry.get(key) {
+        None => Ok(default),
+        Some(value) => value.as_f64().ok_or_else(|| format!("{key} is {value}; expected a number, in pixels")),
+    };
+    let fx = number("fl_x", fx)?;
+    // As in transforms.json, fl_x alone stands for both.
+    let fy = number("fl_y", if entry.get("fl_x").is_some() { fx } else { fy })?;
+    let intrinsics = Intrinsics { fx, fy, cx: number("cx", cx)?, cy: number("cy", cy)?, skew };
+    Camera::new(intrinsics, sized.width(), sized.height(), rotation, translation).map_err(text)
+}
+
+fn side(entry: &Value, key: &str, default: usize) -> Result<usize, String> {
+    let Some(value) = entry.get(key) else { return Ok(default) };
+    let side = value.as_f64().filter(|side| side.fract() == 0.0 && (1.0..=1e6).contains(side));
+    Ok(side.ok_or_else(|| format!("{key} is {value}; expected a whole number of pixels"))? as usize)
+}
+
+/// The 3×3 part and the last column of a 4×4 matrix, or of one with only `rows` rows.
+fn split(matrix: &Value, key: &str, rows: usize) -> Result<(DMat3, DVec3), String> {
+    let wrong = || {
+        format!(
+            "{key}: expected {} rows of 4 numbers, a fourth row being 0 0 0 1",
+            if rows == 3 { "3 or 4" } else { "4" }
+        )
+    };
+    let row = |row: &Value| -> Option<[f64; 4]> {
+        let numbers: Option<Vec<f64>> = row.as_array()?.iter().map(Value::as_f64).collect();
+        numbers?.try_into().ok()
+    };
+    let found: Option<Vec<[f64; 4]>> = matrix.as_array().ok_or_else(wrong)?.iter().map(row).collect();
+    let found = found.filter(|found| (rows..=4).contains(&found.len())).ok_or_else(wrong)?;
+    if found.get(3).is_some_and(|last| *last != [0.0, 0.0, 0.0, 1.0]) {
+        return Err(wrong());
+    }
+    let column = |i: usize| DVec3::new(found[0][i], found[1][i], found[2][i]);
+    Ok((DMat3::from_cols(column(0), column(1), column(2)), column(3)))
+}

@@ -1,0 +1,47 @@
+//! source_from_target of a layer: the point of a source image that a target pixel sees at a given disparity.
+//!
+//! For target pixel p and disparity δ: (u, v, w) = H∞ p + δ e, with H∞ = K_s R K_t⁻¹ and e = K_s t; the source pixel is
+//! (u/w, v/w), in front of the source camera iff w > 0. Exact at δ = 0; never in need of 1/δ, an inverse of a
+//! homography or a division by h33 (paper, section "HWV").
+
+use glam::{DMat3, DVec3};
+
+use super::camera::{Camera, source_from_target};
+
+/// The sweep of one view over the target's disparities.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlaneSweep {
+    /// Source pixel from target pixel at disparity 0, homogeneous.
+    pub homography_at_infinity: DMat3,
+    /// What one unit of disparity adds to (u, v, w).
+    pub epipole: DVec3,
+}
+
+impl PlaneSweep {
+    /// The sweep of `source` as seen from `target`.
+    pub fn new(source: &Camera, target: &Camera) -> Self {
+        let pose = source_from_target(source, target);
+        Self {
+            homography_at_infinity: source.k() * pose.rotation * target.k_inverse(),
+            epipole: source.k() * pose.translation,
+        }
+    }
+
+    /// Source pixel from target pixel for the plane at `disparity` (1/scene unit), homogeneous. Its sign carries meaning
+    /// (w > 0 is in front): never normalise by its last element.
+    pub fn source_from_target(&self, disparity: f64) -> DMat3 {
+        let mut homography = self.homography_at_infinity;
+        homography.z_axis += disparity * self.epipole;
+        homography
+    }
+
+    /// The same sweep between images shrunk by `scale` (pixel edges stay on pixel edges).
+    pub fn shrunk(&self, scale: f64) -> Self {
+        let down = DVec3::new(1.0 / scale, 1.0 / scale, 1.0);
+        let up = DMat3::from_diagonal(DVec3::new(scale, scale, 1.0));
+        Self {
+            homography_at_infinity: DMat3::from_diagonal(down) * self.homography_at_infinity * up,
+            epipole: down * self.epipole,
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! Which views a target is rendered from.
+
+use glam::DVec3;
+
+use super::camera::Camera;
+
+/// Optical axes further apart than this (60 degrees) look at different things.
+const MIN_COSINE: f64 = 0.5;
+
+/// Too few views look the target's way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "{wanted} views are needed, but only {found} of the {of} at hand look the target's way (axes within 60 degrees)"
+)]
+pub struct TooFewViews {
+    /// V of the model.
+    pub wanted: usize,
+    /// How many qualify.
+    pub found: usize,
+    /// How many there are.
+    pub of: usize,
+}
+
+/// Indices of the `count` cameras nearest to the target, nearest first (ties: the earlier), among those that look the same
+/// way.
+///
+/// # Errors
+///
+/// [`TooFewViews`] if fewer than `count` do.
+pub fn choose_views(cameras: &[&Camera], target: &Camera, count: usize) -> Result<Vec<usize>, TooFewViews> {
+    let mut looking: Vec<usize> =
+        (0..cameras.len()).filter(|&i| cameras[i].forward().dot(target.forward()) > MIN_COSINE).collect();
+    if looking.len() < count {
+        return Err(TooFewViews { wanted: count, found: looking.len(), of: cameras.len() });
+    }
+    looking.sort_by(|&a, &b| distance(cameras[a], target).total_cmp(&distance(cameras[b], target)));
+    looking.truncate(count);
+    Ok(looking)
+}
+
+/// Index of the camera nearest to a point (scene units); 0 of none.
+pub fn nearest_camera(cameras: &[&Camera], point: DVec3) -> usize {
+    let distances = cameras.iter().map(|camera| camera.centre().distance(point)).enumerate();
+    distances.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
+}
+
+/// Index of the camera nearest to the mean of all centres; 0 of none.
+pub fn middle_camera(cameras: &[&Camera]) -> usize {
+    nearest_camera(cameras, cameras.iter().map(|camera| camera.centre()).sum::<DVec3>() / cameras.len() as f64)
+}
+
+/// Between the centres of two cameras, scene units.
+pub fn distance(a: &Camera, b: &Camera) -> f64 {
+    a.centre().distance(b.centre())
+}

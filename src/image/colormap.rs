@@ -1,0 +1,123 @@
+//! Pictures for the eye: coloured maps, pictures side by side, and a bar chart.
+
+use ndarray::ArrayView2;
+
+use crate::image::ImageRgb;
+
+/// From 0 (far, dark) to 1 (near, light), evenly spaced; lightness rises throughout, so that it reads in grey as well.
+const COLOURS: [[f32; 3]; 6] = [
+    [0.05, 0.03, 0.16],
+    [0.24, 0.08, 0.45],
+    [0.56, 0.16, 0.50],
+    [0.87, 0.32, 0.38],
+    [0.99, 0.62, 0.33],
+    [0.99, 0.95, 0.70],
+];
+
+/// Pixels between pictures side by side.
+const GAP: usize = 4;
+
+/// A map in colour: dark at `low`, light at `high`, held beyond; what is not finite is black.
+pub fn coloured(map: ArrayView2<'_, f32>, low: f32, high: f32) -> ImageRgb {
+    let colour = |value: f32| {
+        let step = ((value - low) / (high - low)).clamp(0.0, 1.0) * (COLOURS.len() - 1) as f32;
+        if !step.is_finite() {
+            return [0.0; 3];
+        }
+        let first = (step as usize).min(COLOURS.len() - 2);
+        let mix = step - first as f32;
+        std::array::from_fn(|c| (1.0 - mix) * COLOURS[first][c] + mix * COLOURS[first + 1][c])
+    };
+    let (height, width) = map.dim();
+    picture(width, height, |x, y| colour(map[(y, x)]))
+}
+
+/// `factor` · |a − b| per channel, held at 1; where sizes differ, of the part both have.
+pub fn difference(a: &ImageRgb, b: &ImageRgb, factor: f32) -> ImageRgb {
+    picture(a.width().min(b.width()), a.height().min(b.height()), |x, y| {
+        let (a, b) = (a.pixel(x, y), b.pixel(x, y));
+        std::array::from_fn(|c| (factor * (a[c] - b[c]).abs()).min(1.0))
+    })
+}
+
+/// Pictures in a row from left to right, tops aligned, on white.
+pub fn side_by_side(pictures: &[&ImageRgb]) -> ImageRgb {
+    let height = pictures.iter().map(|p| p.height()).max().unwrap_or(0);
+    let width = pictures.iter().map(|p| p.width() + GAP).sum::<usize>().saturating_sub(GAP);
+    let mut data = vec![1.0; 3 * width * height];
+    let mut left = 0;
+    for picture in pictures {
+        for (y, row) in picture.data().chunks_exact(3 * picture.width().max(1)).enumerate() {
+            let at = 3 * (y * width + left);
+            data[at..at + row.len()].copy_from_slice(row);
+        }
+        left += picture.width() + GAP;
+    }
+    ImageRgb::new(width, height, data).expect("three values per pixel")
+}
+
+/// One bar per bin from left to right, those `chosen` in colour, the others in grey, with light lines at each quarter of
+/// the fullest. A bin that is not empty shows at least one pixel.
+pub fn bar_chart(bins: &[u64], chosen: &[usize]) -> ImageRgb {
+    const BAR: usize = 10;
+    const SPACE: usize = 2;
+    const HEIGHT: usize = 240;
+    const MARGIN: usize = 12;
+    let fullest = bins.iter().copied().max().unwrap_or(0).max(1);
+    let bar_height = |votes: u64| (votes as f64 / fullest as f64 * HEIGHT as f64).ceil() as usize;
+    picture(bins.len() * (BAR + SPACE) + 2 * MARGIN, HEIGHT + 2 * MARGIN, |x, y| {
+        let above_base = (HEIGHT + MARGIN).checked_sub(y + 1).filter(|&up| up < HEIGHT);
+        let along = x.checked_sub(MARGIN).filter(|along| along / (BAR + SPACE) < bins.len());
+        let (Some(up), Some(along)) = (above_base, along) else { return [1.0; 3] };
+        let bin = along / (BAR + SPACE);
+        let inside = along % (BAR + SPACE) < BAR && up < bar_height(bins[bin]);
+        match (inside, chosen.contains(&bin)) {
+            (true, true) => COLOURS[3],
+            (true, false) => [0.62; 3],
+            (false, _) if up % (HEIGHT / 4) == 0 => [0.9; 3],
+            (false, _) => [1.0; 3],
+        }
+    })
+}
+
+fn picture(width: usize, height: usize, colour: impl Fn(usize, usize) -> [f32; 3]) -> ImageRgb {
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    let data = pixels.flat_map(|(x, y)| colour(x, y)).collect();
+    ImageRgb::new(width, height, data).expect("three values per pixel")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_run_from_dark_to_light_and_what_is_not_finite_is_black() {
+        let map = ndarray::array![[0.0, 1.0, 2.0, 9.0, f32::NAN]];
+        let picture = coloured(map.view(), 0.0, 2.0);
+        let lightness: Vec<f32> = (0..5).map(|x| picture.pixel(x, 0).iter().sum()).collect();
+        assert!(lightness[0] < lightness[1] && lightness[1] < lightness[2], "{lightness:?}");
+        assert_eq!((lightness[2], lightness[4]), (lightness[3], 0.0));
+        assert_eq!(coloured(map.view(), 1.0, 1.0).pixel(1, 0), [0.0; 3]);
+    }
+
+    #[test]
+    fn pictures_stand_side_by_side_on_white() {
+        let (red, blue) = (picture(2, 1, |_, _| [1.0, 0.0, 0.0]), picture(1, 2, |_, _| [0.0, 0.0, 1.0]));
+        let both = side_by_side(&[&red, &blue]);
+        assert_eq!((both.width(), both.height()), (2 + GAP + 1, 2));
+        assert_eq!((both.pixel(1, 0), both.pixel(2 + GAP, 1)), ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]));
+        assert_eq!((both.pixel(1, 1), both.pixel(3, 0)), ([1.0; 3], [1.0; 3]));
+        assert_eq!(difference(&red, &blue, 4.0).pixel(0, 0), [1.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn each_bin_has_its_bar() {
+        let chart = bar_chart(&[0, 1, 1000], &[2]);
+        let heights: Vec<usize> = (0..3)
+            .map(|bin| {
+                (0..chart.height()).filter(|&y| chart.pixel(12 + 12 * bin + 5, y).iter().sum::<f32>() < 2.5).count()
+            })
+            .collect();
+        assert_eq!(heights, [0, 1, 240]);
+    }
+}

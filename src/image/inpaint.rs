@@ -1,0 +1,97 @@
+//! What no view sees, filled from around it, so that a picture has no black edges. A guess, and reported as one: the share
+//! of such pixels is told, and [`crate::render::Frame`] keeps them black.
+
+use ndarray::Array2;
+
+use crate::image::ImageRgb;
+
+/// One level of the pyramid: colour times weight, and weight in [0, 1].
+struct Level {
+    width: usize,
+    height: usize,
+    pixels: Vec<[f32; 4]>,
+}
+
+impl Level {
+    fn at(&self, x: usize, y: usize) -> [f32; 4] {
+        self.pixels[y.min(self.height - 1) * self.width + x.min(self.width - 1)]
+    }
+
+    /// Half the size; a weight saturates at 1, so that far pixels fill only what near ones leave.
+    fn halved(&self) -> Self {
+        let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
+        let pixel = |i: usize| {
+            let (x, y) = (2 * (i % width), 2 * (i / width));
+            let four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].map(|(x, y)| self.at(x, y));
+            let sum: [f32; 4] = std::array::from_fn(|c| four.iter().map(|p| p[c]).sum());
+            sum.map(|s| s / sum[3].max(1.0))
+        };
+        Self { width, height, pixels: (0..width * height).map(pixel).collect() }
+    }
+
+    /// Bilinear sample of this level, seen from the one twice its size.
+    fn enlarged(&self, x: usize, y: usize) -> [f32; 4] {
+        let tap = |at: usize, side: usize| {
+            let position = ((at as f32 + 0.5) / 2.0 - 0.5).clamp(0.0, (side - 1) as f32);
+            (position as usize, position.fract())
+        };
+        let ((left, across), (top, down)) = (tap(x, self.width), tap(y, self.height));
+        let mix = |a: [f32; 4], b: [f32; 4], t: f32| std::array::from_fn(|c| a[c] + t * (b[c] - a[c]));
+        let row = |y| mix(self.at(left, y), self.at(left + 1, y), across);
+        mix(row(top), row(top + 1), down)
+    }
+}
+
+/// `picture` with what is missing (`transmittance` `[height, width]`, as in [`crate::render::Frame`]) filled with the colours
+/// around it (push-pull pyramid, Gortler et al. 1996). Unchanged, to the bit, where nothing is missing.
+///
+/// # Panics
+/// If the sizes differ.
+pub fn inpaint_unseen(picture: &ImageRgb, transmittance: &Array2<f32>) -> ImageRgb {
+    let (width, height) = (picture.width(), picture.height());
+    assert_eq!(transmittance.dim(), (height, width), "one transmittance per pixel");
+    let base = picture.data().chunks_exact(3).zip(transmittance).map(|(rgb, t)| [rgb[0], rgb[1], rgb[2], 1.0 - t]);
+    let mut levels = vec![Level { width, height, pixels: base.collect() }];
+    while let Some(last) = levels.last().filter(|level| level.width * level.height > 1) {
+        let next = last.halved();
+        levels.push(next);
+    }
+    let mut coarse = levels.pop().unwrap_or(Level { width: 1, height: 1, pixels: vec![[0.0; 4]] });
+    while let Some(mut level) = levels.pop() {
+        for (i, pixel) in level.pixels.iter_mut().enumerate().filter(|(_, pixel)| pixel[3] < 1.0) {
+            let behind = coarse.enlarged(i % level.width, i / level.width);
+            let missing = 1.0 - pixel[3];
+            (0..4).for_each(|c| pixel[c] += missing * behind[c]);
+        }
+        coarse = level;
+    }
+    let rgb = coarse.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
+    ImageRgb::new(width, height, rgb).expect("three values per pixel")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_seen_stays_and_what_is_not_takes_its_neighbours_colour() {
+        let mut transmittance = Array2::zeros((9, 13));
+        let mut rgb = vec![0.25; 3 * 9 * 13];
+        for y in 0..9 {
+            for x in 0..4 {
+                transmittance[(y, x)] = 1.0;
+                rgb[3 * (13 * y + x)..3 * (13 * y + x) + 3].fill(0.0);
+            }
+        }
+        let filled = inpaint_unseen(&ImageRgb::new(13, 9, rgb).unwrap(), &transmittance);
+        assert!(filled.data().iter().all(|c| (c - 0.25).abs() < 1e-6), "{:?}", filled.data());
+    }
+
+    #[test]
+    fn a_whole_picture_is_unchanged_and_an_empty_one_stays_black() {
+        let picture = ImageRgb::new(5, 3, (0..45).map(|i| i as f32 / 45.0).collect()).unwrap();
+        assert_eq!(inpaint_unseen(&picture, &Array2::zeros((3, 5))).data(), picture.data());
+        let black = ImageRgb::new(5, 3, vec![0.0; 45]).unwrap();
+        assert_eq!(inpaint_unseen(&black, &Array2::ones((3, 5))).data(), black.data());
+    }
+}

@@ -1,0 +1,66 @@
+//! PSNR and SSIM of a picture against the truth, over all channels of pictures in [0, 1].
+
+use crate::image::ImageRgb;
+
+/// Peak signal-to-noise ratio in dB, leaving out a `border` of pixels on each side. Infinite for equal pictures;
+/// NaN where the sizes differ or nothing is left.
+pub fn psnr(picture: &ImageRgb, truth: &ImageRgb, border: usize) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for_inner_rows(picture, truth, border, |a, b| {
+        sum += a.iter().zip(b).map(|(&x, &y)| f64::from(x - y).powi(2)).sum::<f64>();
+        count += a.len() as f64;
+    });
+    -10.0 * (sum / count).log10()
+}
+
+/// Mean SSIM per channel (Wang et al. 2004): Gaussian window σ 1.5, 11×11, only where the window fits; the figure of skimage's
+/// `structural_similarity(gaussian_weights=True, sigma=1.5, use_sample_covariance=False)`. NaN where the window does not fit.
+pub fn ssim(picture: &ImageRgb, truth: &ImageRgb, border: usize) -> f64 {
+    let (mut a, mut b, mut width) = (Vec::new(), Vec::new(), 0);
+    for_inner_rows(picture, truth, border, |x, y| {
+        width = x.len() / 3;
+        a.extend(x.iter().map(|&v| f64::from(v)));
+        b.extend(y.iter().map(|&v| f64::from(v)));
+    });
+    if width < KERNEL || a.len() < KERNEL * 3 * width {
+        return f64::NAN;
+    }
+    let product = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(x, y)| x * y).collect::<Vec<_>>();
+    let [mean_a, mean_b, aa, bb, ab] =
+        [a.clone(), b.clone(), product(&a, &a), product(&b, &b), product(&a, &b)].map(|map| blur(&map, width));
+    let (c1, c2) = (0.01f64.powi(2), 0.03f64.powi(2));
+    let score = |i: usize| {
+        let (ma, mb) = (mean_a[i], mean_b[i]);
+        let (va, vb, cov) = (aa[i] - ma * ma, bb[i] - mb * mb, ab[i] - ma * mb);
+        (2.0 * ma * mb + c1) * (2.0 * cov + c2) / ((ma * ma + mb * mb + c1) * (va + vb + c2))
+    };
+    (0..mean_a.len()).map(score).sum::<f64>() / mean_a.len() as f64
+}
+
+/// SamplePositions of the SSIM window.
+const KERNEL: usize = 11;
+
+/// Gaussian blur of an interleaved RGB map, only where the window fits.
+fn blur(map: &[f64], width: usize) -> Vec<f64> {
+    let half = (KERNEL / 2) as f64;
+    let weights: [f64; KERNEL] = std::array::from_fn(|i| (-(i as f64 - half).powi(2) / (2.0 * 1.5 * 1.5)).exp());
+    let total: f64 = weights.iter().sum();
+    let tap =
+        |values: &[f64], at: usize, step: usize| (0..KERNEL).map(|i| weights[i] / total * values[at + i * step]).sum();
+    let (row, kept) = (3 * width, 3 * (width - KERNEL + 1));
+    let rows = map.len() / row;
+    let across: Vec<f64> = (0..rows * kept).map(|i| tap(map, i / kept * row + i % kept, 3)).collect();
+    (0..(rows - KERNEL + 1) * kept).map(|i| tap(&across, i, kept)).collect()
+}
+
+/// Rows of both pictures without the border; none where the sizes differ.
+fn for_inner_rows(a: &ImageRgb, b: &ImageRgb, border: usize, mut f: impl FnMut(&[f32], &[f32])) {
+    let (width, height) = (a.width(), a.height());
+    if (width, height) != (b.width(), b.height()) || width <= 2 * border {
+        return;
+    }
+    for y in border..height.saturating_sub(border) {
+        let row = 3 * (y * width + border)..3 * ((y + 1) * width - border);
+        f(&a.data()[row.clone()], &b.data()[row]);
+    }
+}

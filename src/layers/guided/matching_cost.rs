@@ -1,0 +1,114 @@
+//! Matching cost of layers on a coarse grid: how little the views agree, by the variance of their warped colours.
+//!
+//! No network is needed: what the guided search ([`super::GuidedSearch`]) searches through.
+
+use ndarray::{Array3, ArrayView3, Axis};
+use rayon::prelude::*;
+
+use crate::geometry::PlaneSweep;
+use crate::warp::{Texture, WarpSource, warp_layers};
+
+/// Cost where fewer than two views look: above any variance of colours in [0, 1].
+const UNSEEN: f32 = 1.0;
+
+/// Variance of the views' colours on layers `maps` `[D, h, w]` (disparity per cell, 1/scene unit), averaged over
+/// `window`×`window` cells: `[D, h, w]`. Cells are `cell` target pixels wide; the views are shrunk by as much.
+pub fn layer_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, cell: usize, window: usize) -> Array3<f32> {
+    let textures: Vec<&Texture> = sources.iter().map(|s| s.texture).collect();
+    let sweeps: Vec<PlaneSweep> = sources.iter().map(|s| s.sweep).collect();
+    Shrunk::new(&textures, cell).costs(&sweeps, maps, window)
+}
+
+/// Views shrunk to cells, which the costs of any part of a target are taken from.
+pub(crate) struct Shrunk {
+    textures: Vec<Texture>,
+    cell: usize,
+}
+
+impl Shrunk {
+    pub(crate) fn new(textures: &[&Texture], cell: usize) -> Self {
+        Self { textures: textures.par_iter().map(|texture| texture.shrunk(cell)).collect(), cell }
+    }
+
+    /// As [`layer_costs`]; one sweep per view.
+    pub(crate) fn costs(&self, sweeps: &[PlaneSweep], maps: ArrayView3<'_, f32>, window: usize) -> Array3<f32> {
+        let source = |(texture, sweep): (_, &PlaneSweep)| WarpSource { texture, sweep: sweep.shrunk(self.cell as f64) };
+        let sources: Vec<_> = self.textures.iter().zip(sweeps).map(source).collect();
+        window_costs(&sources, maps, window)
+    }
+}
+
+/// Costs on views that are shrunk to the maps' cells.
+fn window_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, window: usize) -> Array3<f32> {
+    let (_, height, width) = maps.dim();
+    let plane = height * width;
+    let mut costs = Array3::zeros(maps.dim());
+    let layers = costs.as_slice_mut().expect("standard order").par_chunks_mut(plane).enumerate();
+    layers.for_each(|(layer, cost)| {
+        let disparity: Vec<f32> = maps.index_axis(Axis(0), layer).iter().copied().collect();
+        let mut colour = vec![0.0; 3 * sources.len() * plane];
+        let mut coverage = vec![0.0; sources.len() * plane];
+        warp_layers(&disparity, sources, (height, width), &mut colour, &mut coverage);
+        let (variance, seen) = variance(&mut colour, &coverage, plane);
+        window_mean(&variance, &seen, width, window, cost);
+    });
+    costs
+}
+
+/// Variance of the colours of the views that see a cell (0 where fewer than two do), and whether two do (1 or 0).
+/// `colour` becomes the colours by themselves, without their coverage. Plain loops over planes, which vectorise.
+fn variance(colour: &mut [f32], coverage: &[f32], plane: usize) -> (Vec<f32>, Vec<f32>) {
+    let seen = |coverage: f32| if coverage > 0.5 { 1.0 } else { 0.0 };
+    let mut count = vec![0.0; plane];
+    for coverage in coverage.chunks_exact(plane) {
+        count.iter_mut().zip(coverage).for_each(|(count, &c)| *count += seen(c));
+    }
+    let mut total = vec![0.0; plane];
+    for channel in 0..3 {
+        let mut mean = vec![0.0; plane];
+        for (colour, coverage) in
+            colour.chunks_exact_mut(plane).skip(channel).step_by(3).zip(coverage.chunks_exact(plane))
+        {
+            for ((value, mean), &c) in colour.iter_mut().zip(&mut mean).zip(coverage) {
+                *value = *value / if c > 0.5 { c } else { 1.0 } * seen(c);
+                *mean += *value;
+            }
+        }
+        mean.iter_mut().zip(&count).for_each(|(mean, &count): (&mut f32, &f32)| *mean /= count.max(1.0));
+        let mut squares = vec![0.0; plane];
+        for (colour, coverage) in colour.chunks_exact(plane).skip(channel).step_by(3).zip(coverage.chunks_exact(plane))
+        {
+            for (((square, &value), &mean), &c) in squares.iter_mut().zip(colour).zip(&mean).zip(coverage) {
+                *square += (value - mean) * (value - mean) * seen(c);
+            }
+        }
+        total.iter_mut().zip(&squares).for_each(|(total, square): (&mut f32, &f32)| *total += square);
+    }
+    for (total, count) in total.iter_mut().zip(&mut count) {
+        let two = if *count >= 2.0 { 1.0 } else { 0.0 };
+        *total = *total / (3.0 * (*count - 1.0).max(1.0)) * two;
+        *count = two;
+    }
+    (total, count)
+}
+
+/// Mean of `value` over the cells of a window for which `seen` is 1.
+fn window_mean(value: &[f32], seen: &[f32], width: usize, window: usize, out: &mut [f32]) {
+    let (half, height) = (window / 2, out.len() / width);
+    let (mut sums, mut counts) = (vec![0.0; width + 2 * half], vec![0.0; width + 2 * half]); // zeros beyond the edges
+    for (y, out) in out.chunks_exact_mut(width).enumerate() {
+        let rows = y.saturating_sub(half) * width..(y + half + 1).min(height) * width;
+        for (sums, values) in [(&mut sums, value), (&mut counts, seen)] {
+            let sums = &mut sums[half..half + width];
+            sums.fill(0.0);
+            for row in values[rows.clone()].chunks_exact(width) {
+                sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += v);
+            }
+        }
+        let across = |sums: &[f32], x: usize| sums[x..x + 2 * half + 1].iter().sum::<f32>();
+        for (x, out) in out.iter_mut().enumerate() {
+            let count = across(&counts, x);
+            *out = if count > 0.0 { across(&sums, x) / count } else { UNSEEN };
+        }
+    }
+}

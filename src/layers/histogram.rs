@@ -1,0 +1,32 @@
+//! The paper's dynamic selection: the K fullest bins of the histogram of per-pixel best planes (section "Plane selection").
+
+/// Pixels per plane, from the index of each pixel's plane of largest α (`None` where no plane covers it: no vote).
+pub fn plane_histogram(best: impl IntoIterator<Item = Option<usize>>, planes: usize) -> Vec<u64> {
+    let mut bins = vec![0; planes];
+    for plane in best.into_iter().flatten() {
+        bins[plane] += 1;
+    }
+    bins
+}
+
+/// Indices of the `count` fullest bins (ties: the nearer), near → far; all planes if there are no more.
+pub fn select_planes(histogram: &[u64], count: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..histogram.len()).collect();
+    order.sort_by_key(|&k| (std::cmp::Reverse(histogram[k]), k));
+    order.truncate(count);
+    order.sort_unstable();
+    order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fullest_bins_win_and_ties_go_to_the_nearer() {
+        let bins = plane_histogram([Some(3), Some(1), Some(2), Some(3), None], 5);
+        assert_eq!(bins, [0, 1, 1, 2, 0]);
+        assert_eq!(select_planes(&bins, 2), [1, 3]);
+        assert_eq!(select_planes(&bins, 9), [0, 1, 2, 3, 4]);
+    }
+}

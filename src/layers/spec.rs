@@ -1,0 +1,174 @@
+//! Which layers to render on, as text: on the command line, in a model's card, in every table and JSON.
+//!
+//! | text | layers |
+//! |---|---|
+//! | `planes:64` | planes evenly spaced in disparity from near to far (the paper's) |
+//! | `guided:2` | layers that follow the scene, each pixel's own; `guided:2/32` with 32 planes in the first search |
+//! | `select:16/64` | the paper's selection: of 64 planes the 16 that most pixels choose; `select:16` is of 64 |
+//! | `kmeans:16` | planes where the guided search finds the scene; `kmeans:16/32` as above |
+//! | `list:0.5,0.25,0` | planes at these disparities (1/scene unit), near to far: descending |
+
+use std::fmt;
+use std::ops::RangeInclusive;
+use std::str::FromStr;
+
+use super::Layers;
+
+/// Most layers of one render.
+pub const MAX_LAYERS: usize = 4096;
+
+/// Planes that are selected from where the text does not say.
+const SELECT_FROM: usize = 64;
+
+/// Which layers to render on.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum LayerSpec {
+    /// Planes evenly spaced in disparity.
+    Planes(usize),
+    /// Layers that follow the scene.
+    Guided {
+        /// How many.
+        layers: usize,
+        /// Planes of the first search; `None`: as the parallax asks ([`super::guided::GuidedSearch`]).
+        coarse_planes: Option<usize>,
+    },
+    /// The paper's selection.
+    Select {
+        /// Planes kept.
+        keep: usize,
+        /// Planes that they are selected from.
+        from: usize,
+    },
+    /// Planes where the guided search finds the scene.
+    KMeans {
+        /// How many.
+        planes: usize,
+        /// As of [`LayerSpec::Guided`].
+        coarse_planes: Option<usize>,
+    },
+    /// Planes at these disparities, 1/scene unit, near → far; valid ([`Layers::planes`]).
+    List(Vec<f64>),
+}
+
+/// Why a text names no layers.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{text:?} names no layers: {reason}")]
+pub struct LayerSpecError {
+    /// The text.
+    pub text: String,
+    /// What is wrong with it, and what was expected.
+    pub reason: String,
+}
+
+impl LayerSpec {
+    /// The paper's: 16 planes selected from 64.
+    pub const PAPER: Self = Self::Select { keep: 16, from: SELECT_FROM };
+
+    /// That many guided layers.
+    pub fn guided(layers: usize) -> Self {
+        Self::Guided { layers, coarse_planes: None }
+    }
+
+    /// Guided layers or k-means planes, of which the scene decides where they lie: those that need a guided search.
+    pub fn coarse_planes(&self) -> Option<usize> {
+        match self {
+            Self::Guided { coarse_planes, .. } | Self::KMeans { coarse_planes, .. } => *coarse_planes,
+            _ => None,
+        }
+    }
+}
+
+impl FromStr for LayerSpec {
+    type Err = LayerSpecError;
+
+    fn from_str(text: &str) -> Result<Self, LayerSpecError> {
+        parse(text).map_err(|reason| LayerSpecError { text: text.to_owned(), reason })
+    }
+}
+
+fn parse(text: &str) -> Result<LayerSpec, String> {
+    let kinds = || "expected planes:D, guided:L, select:K/D, kmeans:K or list:DISPARITIES".to_owned();
+    let (kind, rest) = text.trim().split_once(':').ok_or_else(kinds)?;
+    let (count, of) = rest.split_once('/').map_or((rest, None), |(count, of)| (count, Some(of)));
+    let layers = || whole(count, 1..=MAX_LAYERS);
+    let coarse_planes = || of.map(|of| whole(of, 2..=MAX_LAYERS)).transpose();
+    Ok(match kind {
+        "planes" => LayerSpec::Planes(whole(rest, 1..=MAX_LAYERS)?),
+        "guided" => LayerSpec::Guided { layers: layers()?, coarse_planes: coarse_planes()? },
+        "kmeans" => LayerSpec::KMeans { planes: layers()?, coarse_planes: coarse_planes()? },
+        "select" => {
+            let (keep, from) = (layers()?, of.map_or(Ok(SELECT_FROM), |of| whole(of, 1..=MAX_LAYERS))?);
+            if keep > from {
+                return Err(format!("{keep} planes cannot be selected from {from}; expected at most that many"));
+            }
+            LayerSpec::Select { keep, from }
+        }
+        "list" => {
+            let number = |item: &str| item.trim().parse().map_err(|_| format!("\"{}\" is not a number", item.trim()));
+            let list: Vec<f64> =
+                rest.split(',').filter(|_| !rest.trim().is_empty()).map(number).collect::<Result<_, _>>()?;
+            Layers::planes(&list).map_err(|error| error.to_string())?;
+            LayerSpec::List(list)
+        }
+        _ => return Err(kinds()),
+    })
+}
+
+fn whole(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {
+    let number = text.trim().parse().ok().filter(|number| range.contains(number));
+    number.ok_or_else(|| {
+        format!("\"{text}\" is not a number of them; expected a whole number from {} to {}", range.start(), range.end())
+    })
+}
+
+impl fmt::Display for LayerSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let of = |planes: &Option<usize>| planes.map(|planes| format!("/{planes}")).unwrap_or_default();
+        match self {
+            Self::Planes(planes) => write!(f, "planes:{planes}"),
+            Self::Guided { layers, coarse_planes } => write!(f, "guided:{layers}{}", of(coarse_planes)),
+            Self::Select { keep, from } => write!(f, "select:{keep}/{from}"),
+            Self::KMeans { planes, coarse_planes } => write!(f, "kmeans:{planes}{}", of(coarse_planes)),
+            Self::List(list) => {
+                let list: Vec<String> = list.iter().map(f64::to_string).collect();
+                write!(f, "list:{}", list.join(","))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let texts =
+            ["planes:64", "guided:2", "guided:2/32", "select:16/64", "kmeans:16", "kmeans:4/8", "list:0.5,0.25,0"];
+        for text in texts {
+            assert_eq!(text.parse::<LayerSpec>().unwrap().to_string(), text);
+        }
+        assert_eq!("select:16".parse(), Ok(LayerSpec::PAPER));
+        assert_eq!("guided:3".parse(), Ok(LayerSpec::guided(3)));
+    }
+
+    #[test]
+    fn what_is_wrong_is_told() {
+        let cases = [
+            ("guided", "expected planes:D"),
+            ("tiles:3", "expected planes:D"),
+            ("planes:0", "whole number from 1 to 4096"),
+            ("planes:8/2", "\"8/2\" is not a number"),
+            ("guided:2/1", "whole number from 2 to 4096"),
+            ("select:9/8", "9 planes cannot be selected from 8"),
+            ("list:", "expected at least one"),
+            ("list:1,x", "\"x\" is not a number"),
+            ("list:0.1,0.2", "nearer than the one before it"),
+        ];
+        for (text, expected) in cases {
+            let told = text.parse::<LayerSpec>().unwrap_err().to_string();
+            assert!(told.contains(expected) && told.contains(text), "{told}");
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! Where the model of a number of views is found: `models/liveview_v{V}.onnx`, one file per V, and `liveview_v{V}_int8.onnx`.
+
+use std::path::{Path, PathBuf};
+
+/// No model of that V in any of the folders.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("no model for {views} views: liveview_v{views}{ending} is not in {looked_in}; there, {found}", looked_in = listed(looked_in), found = described(found))]
+pub struct ModelNotFound {
+    /// V asked for.
+    pub views: usize,
+    /// What names of such models end in.
+    pub ending: &'static str,
+    /// The folders, in the order they were looked into.
+    pub looked_in: Vec<PathBuf>,
+    /// V of the models they do hold.
+    pub found: Vec<usize>,
+}
+
+/// Where models are looked for by default: the folder `LIVEVIEW_MODELS` if that is set, else a `models` folder beside the
+/// running program or up to three folders above it.
+pub fn model_folders() -> Vec<PathBuf> {
+    if let Some(named) = std::env::var_os("LIVEVIEW_MODELS").filter(|v| !v.is_empty()) {
+        return vec![named.into()];
+    }
+    let program = std::env::current_exe().unwrap_or_default();
+    program.ancestors().skip(1).take(4).map(|folder| folder.join("models")).collect()
+}
+
+/// The model file for `views` views in the first of the folders that has it, the `quantized` one (int8) if asked for.
+///
+/// # Errors
+///
+/// [`ModelNotFound`], with the folders and the V that exist.
+pub fn find_model(folders: Vec<PathBuf>, views: usize, quantized: bool) -> Result<PathBuf, ModelNotFound> {
+    find_in(folders, views, if quantized { "_int8.onnx" } else { ".onnx" })
+}
+
+fn find_in(mut folders: Vec<PathBuf>, views: usize, ending: &'static str) -> Result<PathBuf, ModelNotFound> {
+    let mut seen = std::collections::HashSet::new();
+    folders.retain(|folder| seen.insert(folder.clone()));
+    let candidates = folders.iter().map(|folder| folder.join(format!("liveview_v{views}{ending}")));
+    if let Some(file) = candidates.into_iter().find(|file| file.is_file()) {
+        return Ok(file);
+    }
+    let mut found: Vec<usize> = folders.iter().flat_map(|folder| models_in(folder, ending)).collect();
+    found.sort_unstable();
+    found.dedup();
+    Err(ModelNotFound { views, ending, looked_in: folders, found })
+}
+
+/// V of each model in a folder; nothing if it cannot be read.
+fn models_in(folder: &Path, ending: &str) -> Vec<usize> {
+    let views = |name: &str| name.strip_prefix("liveview_v")?.strip_suffix(ending)?.parse().ok();
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.filter_map(|entry| views(entry.file_name().to_str()?)).collect()
+}
+
+fn listed(folders: &[PathBuf]) -> String {
+    folders.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(", ")
+}
+
+fn described(found: &[usize]) -> String {
+    if found.is_empty() {
+        return "no model at all".to_owned();
+    }
+    let found = found.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+    format!("models for V = {found}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_folder_with_the_model_wins_and_a_miss_tells_what_there_is() {
+        let root = tempfile::tempdir().unwrap();
+        let folders = ["a", "b", "absent"].map(|name| root.path().join(name));
+        for (folder, file) in [
+            (0, "liveview_v4.onnx"),
+            (1, "liveview_v4.onnx"),
+            (1, "liveview_v5_int8.onnx"),
+            (1, "liveview_v10.onnx"),
+            (0, "notes.onnx"),
+        ] {
+            std::fs::create_dir_all(&folders[folder]).unwrap();
+            std::fs::write(folders[folder].join(file), "").unwrap();
+        }
+        assert_eq!(find_in(folders.to_vec(), 4, ".onnx").unwrap(), folders[0].join("liveview_v4.onnx"));
+        assert_eq!(find_in(folders.to_vec(), 10, ".onnx").unwrap(), folders[1].join("liveview_v10.onnx"));
+        assert_eq!(find_in(folders.to_vec(), 5, "_int8.onnx").unwrap(), folders[1].join("liveview_v5_int8.onnx"));
+        let missing = find_in(folders.to_vec(), 5, ".onnx").unwrap_err();
+        assert_eq!(missing.found, [4, 10]);
+        let message = missing.to_string();
+        assert!(message.contains("no model for 5 views") && message.contains("V = 4, 10"), "{message}");
+    }
+}

@@ -1,0 +1,175 @@
+//! A network run by ONNX Runtime.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use ndarray::{ArrayView4, ArrayViewMut4};
+use ort::session::Session;
+use ort::value::{Outlet, TensorRef, ValueType};
+
+use super::{ExecutionProvider, ModelCard, NetworkError, OrtLibrary, PlaneNetwork, Precision, read_card, unfit};
+use crate::fs::bounded;
+use crate::layers::LayerSpec;
+
+/// Largest model file that is opened, in bytes: a hundred times the paper's network. A model with weights in files of their
+/// own (ONNX external data) is refused.
+pub const MAX_MODEL_BYTES: u64 = 256 << 20;
+
+/// A LiveView model run by ONNX Runtime.
+pub struct OrtNetwork {
+    session: Session,
+    path: PathBuf,
+    card: ModelCard,
+}
+
+impl fmt::Debug for OrtNetwork {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("OrtNetwork").field("path", &self.path).field("card", &self.card).finish_non_exhaustive()
+    }
+}
+
+impl OrtNetwork {
+    /// Open the ONNX model at `path` on `threads` threads, in the precision it was made in. Refuses, naming what differs, a model whose metadata, inputs or
+    /// outputs are not a LiveView model's: `hwv` `[n, 3V, h, w]` → `logits` `[n, V, h, w]`, f32, n, h and w free.
+    pub fn open(library: &OrtLibrary, path: &Path, threads: usize) -> Result<Self, NetworkError> {
+        Self::open_in(Precision::F32, library, path, threads)
+    }
+
+    /// As [`OrtNetwork::open`], float32 arithmetic replaced by `precision`. [`Precision::Bf16`] is refused by engines other
+    /// than [`ExecutionProvider::OpenVino`]; a CPU that lacks it ([`crate::network::cpu_has_bf16`]) computes in float32 all the same.
+    pub fn open_in(
+        precision: Precision,
+        library: &OrtLibrary,
+        path: &Path,
+        threads: usize,
+    ) -> Result<Self, NetworkError> {
+        let engine = |reason: String| NetworkError::OnnxRuntime { path: path.to_path_buf(), reason };
+        if !path.is_file() {
+            return Err(engine("there is no such file".into()));
+        }
+        let bytes = path.metadata().map_or(0, |file| file.len());
+        if bytes > MAX_MODEL_BYTES {
+            return Err(unfit(path, "the size", format!("{bytes} bytes"), format!("at most {MAX_MODEL_BYTES}")));
+        }
+        if precision == Precision::Bf16 && !library.provider().knows_bf16() {
+            return Err(engine(format!(
+                "bf16 is for the engine {}, and this is the engine {}",
+                ExecutionProvider::OpenVino,
+                library.provider()
+            )));
+        }
+        let session = build(library, path, threads, precision).map_err(engine)?;
+        let metadata = session.metadata().map_err(|e| engine(e.to_string()))?;
+        let card = read_card(path, |key| metadata.custom(key))?;
+        drop(metadata);
+        check_outlets(path, &named(session.inputs()), "hwv", 3 * card.views)?;
+        check_outlets(path, &named(session.outputs()), "logits", card.views)?;
+        Ok(Self { session, path: path.to_path_buf(), card })
+    }
+
+    /// The layers that the model's metadata recommends.
+    ///
+    /// # Errors
+    ///
+    /// [`NetworkError::Unfit`] if they name none.
+    pub fn recommended_layers(&self) -> Result<LayerSpec, NetworkError> {
+        let found = &self.card.recommended_layers;
+        found.parse().map_err(|_| {
+            unfit(
+                &self.path,
+                "metadata `recommended_layers`",
+                format!("\"{found}\""),
+                "such as \"guided:2\" or \"planes:64\"",
+            )
+        })
+    }
+
+    /// The model's metadata.
+    pub fn card(&self) -> &ModelCard {
+        &self.card
+    }
+
+    /// The model file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl PlaneNetwork for OrtNetwork {
+    fn views(&self) -> usize {
+        self.card.views
+    }
+
+    fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+        let path = &self.path;
+        let engine = |e: ort::Error| NetworkError::OnnxRuntime { path: path.clone(), reason: e.to_string() };
+        let input = TensorRef::from_array_view(hwv).map_err(engine)?;
+        // Not IoBinding: rc.15 copies a bound input through a session of its own, and deadlocks in it.
+        let outputs = self.session.run(ort::inputs!["hwv" => input]).map_err(engine)?;
+        let found = outputs["logits"].try_extract_array::<f32>().map_err(engine)?;
+        if found.shape() != logits.shape() {
+            let (found, expected) = (format!("{:?}", found.shape()), format!("{:?}", logits.shape()));
+            return Err(unfit(path, "the output", found, expected));
+        }
+        logits.assign(&found);
+        Ok(())
+    }
+}
+
+fn build(library: &OrtLibrary, path: &Path, threads: usize, precision: Precision) -> Result<Session, String> {
+    let text = |e: ort::Error| e.to_string();
+    let builder = Session::builder(&library.environment).map_err(text)?;
+    let builder = builder.with_intra_threads(threads).map_err(|e| e.to_string())?;
+    let builder = builder.with_inter_threads(1).map_err(|e| e.to_string())?;
+    // The warp and the blend run on the same cores: an idle engine must not spin on them.
+    let mut builder = builder.with_intra_op_spinning(false).map_err(|e| e.to_string())?;
+    if let Some(provider) = library.provider().dispatch(threads, precision) {
+        builder = builder.with_execution_providers([provider]).map_err(|e| e.to_string())?;
+        if library.provider() == ExecutionProvider::OpenVino {
+            // It takes the whole graph: a part left to ONNX Runtime's own code would go unnoticed.
+            builder = builder.with_disable_cpu_fallback().map_err(|e| e.to_string())?;
+        }
+    }
+    // Weights in files of their own, which the limit does not count, are looked for where nothing can be: below the model file.
+    let nowhere = path.to_string_lossy();
+    let mut builder = builder
+        .with_config_entry("session.model_external_initializers_file_folder_path", nowhere)
+        .map_err(|e| e.to_string())?;
+    let model = bounded::read(path, MAX_MODEL_BYTES).map_err(|e| e.to_string())?;
+    builder.commit_from_memory(&model).map_err(text)
+}
+
+fn named(outlets: &[Outlet]) -> Vec<(&str, &ValueType)> {
+    outlets.iter().map(|outlet| (outlet.name(), outlet.dtype())).collect()
+}
+
+/// Refuses inputs or outputs other than the one `wanted`, f32 `[n, channels, h, w]`.
+pub(crate) fn check_outlets(
+    path: &Path,
+    outlets: &[(&str, &ValueType)],
+    wanted: &str,
+    channels: usize,
+) -> Result<(), NetworkError> {
+    if let [(name, dtype)] = outlets
+        && *name == wanted
+        && has_shape(dtype, channels)
+    {
+        return Ok(());
+    }
+    let found =
+        outlets.iter().map(|(name, dtype)| format!("{name} {}", describe(dtype))).collect::<Vec<_>>().join(", ");
+    let field = if wanted == "hwv" { "the input" } else { "the output" };
+    Err(unfit(path, field, found, format!("{wanted} f32 [n, {channels}, h, w] with n, h and w free")))
+}
+
+fn has_shape(dtype: &ValueType, channels: usize) -> bool {
+    let ValueType::Tensor { ty: ort::value::TensorElementType::Float32, shape, .. } = dtype else { return false };
+    shape.len() == 4 && shape[1] == channels as i64 && [0, 2, 3].iter().all(|&axis| shape[axis] == -1)
+}
+
+fn describe(dtype: &ValueType) -> String {
+    match dtype {
+        ValueType::Tensor { ty, shape, .. } => format!("{ty:?} {:?}", shape.iter().collect::<Vec<_>>()),
+        other => format!("{other:?}"),
+    }
+}

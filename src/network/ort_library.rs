@@ -1,0 +1,180 @@
+//! The ONNX Runtime library: where it is found, and the one environment of the process.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use ort::environment::Environment;
+
+use super::execution_provider::ExecutionProvider;
+
+/// Why ONNX Runtime could not be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum OrtLibraryError {
+    /// No library file was found.
+    #[error("no ONNX Runtime library with the execution provider {provider} was found (looked in {looked_in})")]
+    NotFound {
+        /// The provider asked for.
+        provider: ExecutionProvider,
+        /// The places, in words.
+        looked_in: String,
+    },
+    /// A library was named, or found, and could not be loaded.
+    #[error("{path}: not a usable ONNX Runtime library (version 1.24 or later is expected): {reason}", path = path.display())]
+    NotUsable {
+        /// The file.
+        path: PathBuf,
+        /// What the loader said.
+        reason: String,
+    },
+    /// The library does not have the provider asked for.
+    #[error("{path}: this ONNX Runtime library has no execution provider {provider}", path = path.display())]
+    NoProvider {
+        /// The file.
+        path: PathBuf,
+        /// The provider asked for.
+        provider: ExecutionProvider,
+    },
+    /// This build does not have the provider asked for.
+    #[error("the execution provider {provider} is not compiled in: build with the cargo feature `{feature}`")]
+    NotCompiled {
+        /// The provider asked for.
+        provider: ExecutionProvider,
+        /// The feature it needs.
+        feature: &'static str,
+    },
+    /// This process already runs another library.
+    #[error("{asked}: this process already loaded {loaded}, and can load only one", asked = asked.display(), loaded = loaded.display())]
+    AlreadyLoaded {
+        /// The file asked for.
+        asked: PathBuf,
+        /// The file in use.
+        loaded: PathBuf,
+    },
+}
+
+/// A loaded ONNX Runtime, and which of its execution providers to use. Clones share it.
+#[derive(Clone)]
+pub struct OrtLibrary {
+    pub(super) environment: Environment,
+    path: PathBuf,
+    provider: ExecutionProvider,
+}
+
+impl fmt::Debug for OrtLibrary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("OrtLibrary").field("path", &self.path).field("provider", &self.provider).finish_non_exhaustive()
+    }
+}
+
+/// One environment per process is all that ONNX Runtime has.
+static LOADED: Mutex<Option<OrtLibrary>> = Mutex::new(None);
+
+impl OrtLibrary {
+    /// Loads the library that lies at `path` if given, else at `ORT_DYLIB_PATH`, else in the system's library folders, to
+    /// compute on `provider`. A process can load one library only.
+    ///
+    /// # Errors
+    ///
+    /// [`OrtLibraryError`] where there is none, or none that has the provider.
+    pub fn load(provider: ExecutionProvider, path: Option<&Path>) -> Result<Self, OrtLibraryError> {
+        if let Some(feature) = provider.missing_feature() {
+            return Err(OrtLibraryError::NotCompiled { provider, feature });
+        }
+        let library = Self { provider, ..Self::load_library(provider, path)? };
+        match provider.is_available() {
+            Ok(true) => Ok(library),
+            Ok(false) => Err(OrtLibraryError::NoProvider { path: library.path, provider }),
+            Err(error) => Err(OrtLibraryError::NotUsable { path: library.path, reason: error.to_string() }),
+        }
+    }
+
+    /// Whether a folder holds a library with `provider`; its file.
+    #[cfg(feature = "load-dynamic")]
+    pub fn find_in(folder: &Path, provider: ExecutionProvider) -> Option<PathBuf> {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        let mut files: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+        files.sort();
+        let name = |file: &PathBuf| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let beside = format!("onnxruntime_providers_{provider}.");
+        if provider != ExecutionProvider::Cpu && !files.iter().any(|file| name(file).contains(&beside)) {
+            return None;
+        }
+        files.into_iter().find(|file| {
+            let name = name(file);
+            name.starts_with("libonnxruntime.so") || name == "libonnxruntime.dylib" || name == "onnxruntime.dll"
+        })
+    }
+
+    #[cfg(feature = "load-dynamic")]
+    fn load_library(provider: ExecutionProvider, path: Option<&Path>) -> Result<Self, OrtLibraryError> {
+        let library = match path.map(Path::to_path_buf).or_else(from_environment) {
+            Some(named) => named,
+            None => find(provider)?,
+        };
+        let library = std::path::absolute(&library).unwrap_or(library);
+        let mut loaded = LOADED.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if let Some(loaded) = loaded.as_ref() {
+            if loaded.path == library {
+                return Ok(loaded.clone());
+            }
+            return Err(OrtLibraryError::AlreadyLoaded { asked: library, loaded: loaded.path.clone() });
+        }
+        let unusable = |reason: String| OrtLibraryError::NotUsable { path: library.clone(), reason };
+        if !library.is_file() {
+            return Err(unusable("there is no such file".into()));
+        }
+        let builder = ort::init_from(&library).map_err(|e| unusable(e.to_string()))?;
+        let environment =
+            builder.with_name("liveview").with_telemetry(false).build().map_err(|e| unusable(e.to_string()))?;
+        let library = Self { environment, path: library, provider };
+        *loaded = Some(library.clone());
+        Ok(library)
+    }
+
+    /// The library linked at build time; `library` must not be given.
+    #[cfg(not(feature = "load-dynamic"))]
+    fn load_library(provider: ExecutionProvider, library: Option<&Path>) -> Result<Self, OrtLibraryError> {
+        let linked = PathBuf::from("(linked at build time)");
+        if let Some(asked) = library {
+            return Err(OrtLibraryError::AlreadyLoaded { asked: asked.to_path_buf(), loaded: linked });
+        }
+        let mut loaded = LOADED.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if let Some(library) = loaded.as_ref() {
+            return Ok(library.clone());
+        }
+        let unusable = |e: ort::Error| OrtLibraryError::NotUsable { path: linked.clone(), reason: e.to_string() };
+        let environment = ort::init().with_name("liveview").with_telemetry(false).build().map_err(unusable)?;
+        let library = Self { environment, path: linked, provider };
+        *loaded = Some(library.clone());
+        Ok(library)
+    }
+
+    /// The library file in use.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The execution provider that sessions use.
+    pub fn provider(&self) -> ExecutionProvider {
+        self.provider
+    }
+}
+
+#[cfg(feature = "load-dynamic")]
+fn from_environment() -> Option<PathBuf> {
+    std::env::var_os("ORT_DYLIB_PATH").filter(|v| !v.is_empty()).map(PathBuf::from)
+}
+
+/// The system's library with that provider.
+#[cfg(feature = "load-dynamic")]
+fn find(provider: ExecutionProvider) -> Result<PathBuf, OrtLibraryError> {
+    let folders =
+        ["/usr/local/lib", "/usr/lib", "/usr/lib64", "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu"];
+    let found = folders.iter().find_map(|folder| OrtLibrary::find_in(Path::new(folder), provider));
+    found.ok_or_else(|| OrtLibraryError::NotFound {
+        provider,
+        looked_in: "ORT_DYLIB_PATH, system library folders".to_owned(),
+    })
+}

@@ -1,0 +1,266 @@
+//! Network output → α and colour of a layer (paper: "Rendering the MPI").
+//!
+//! α = sigmoid(logit 0). The view weights are softmax(0, logit 1 … logit V−1), the implicit zero being the nearest view's,
+//! times d_min/d_i (the paper's normalisation by distance, made free of units); the colour is normalised by coverage, so
+//! that a view that does not see a pixel does not darken it. All in the log domain over the views that cover the pixel:
+//! neither extreme logits nor extreme distances ever give 0/0.
+
+use std::ops::Range;
+
+use super::exp::{exp, exp_f64};
+use crate::warp::{RUN, RunCoverage};
+
+/// What the distances of the views to the target do to their weights.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DistanceWeights {
+    /// log(d_min / d_i).
+    bias: Vec<f32>,
+    /// 1 where d_i = 0, else 0: such a view takes all the weight where it sees anything.
+    coincident: Vec<f32>,
+}
+
+impl DistanceWeights {
+    /// From the distance of each view's centre to the target's, scene units. Where one is 0, d_min is taken over the
+    /// others, which serve the pixels that the coincident view does not see.
+    pub fn new(distances: &[f64]) -> Self {
+        let nearest = distances.iter().copied().filter(|&d| d > 0.0).fold(f64::INFINITY, f64::min);
+        // The logarithm of the quotient: a scene in other units, times a power of two, has the same bits.
+        let bias = |&d: &f64| if d > 0.0 { (nearest / d).max(f64::MIN_POSITIVE).ln() as f32 } else { 0.0 };
+        let coincident = |&d: &f64| f32::from(u8::from(d == 0.0));
+        Self { bias: distances.iter().map(bias).collect(), coincident: distances.iter().map(coincident).collect() }
+    }
+}
+
+/// One layer of a batch: `logits` `[V, pixels]`, `colour` `[3V, pixels]`, `coverage` `[V, pixels]`.
+#[derive(Debug, Clone, Copy)]
+pub struct LayerSamples<'a> {
+    /// What the network gave.
+    pub logits: &'a [f32],
+    /// The homography warped volume, 0 where nothing is seen.
+    pub colour: &'a [f32],
+    /// Coverage of each sample.
+    pub coverage: &'a [f32],
+}
+
+/// A run of a layer's pixels: α and colour.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Blended {
+    /// Opacity in [0, 1]; 0 where no view sees the pixel.
+    pub alpha: Vec<f32>,
+    /// Colour in [0, 1] per channel, straight (not multiplied by α).
+    pub rgb: [Vec<f32>; 3],
+    /// Whether any view sees the pixel.
+    pub covered: Vec<bool>,
+}
+
+impl Blended {
+    /// Room for `pixels`.
+    pub fn new(pixels: usize) -> Self {
+        Self { alpha: vec![0.0; pixels], rgb: std::array::from_fn(|_| vec![0.0; pixels]), covered: vec![false; pixels] }
+    }
+}
+
+/// Pixels computed side by side: enough that loops over them stay loops, which vectorise (at 32 the sums were unrolled
+/// into scalars).
+const LANES: usize = 128;
+
+impl DistanceWeights {
+    /// Blend the pixels of a layer from pixel `from` on, as many as `out` has room for.
+    pub fn blend(&self, samples: &LayerSamples<'_>, from: usize, out: &mut Blended) {
+        blend_run(self, samples, from, &[], out);
+    }
+
+    /// As [`Self::blend`] for a row, of whose coverage this is known: for each view, one [`RunCoverage`] per run of its pixels.
+    pub(crate) fn blend_row(
+        &self,
+        samples: &LayerSamples<'_>,
+        from: usize,
+        seen: &[&[RunCoverage]],
+        out: &mut Blended,
+    ) {
+        blend_run(self, samples, from, seen, out);
+    }
+
+    /// Weights and products in f32; sums and α in f64: in f32 their mean error is float32 torch's own, or a little above.
+    #[inline(always)]
+    fn blend_lanes(
+        &self,
+        samples: &LayerSamples<'_>,
+        from: usize,
+        seen: &[&[RunCoverage]],
+        out: &mut Blended,
+        run: Range<usize>,
+    ) {
+        let at = from + run.start;
+        let seen = |view: usize| {
+            let row = seen.get(view).map(|row| &row[run.start / RUN..run.end.div_ceil(RUN)]);
+            row.filter(|row| row.iter().all(|seen| *seen == row[0])).map_or(RunCoverage::Partly, |row| row[0])
+        };
+        let views = self.bias.len();
+        let pixels = samples.coverage.len() / views;
+        let mut spare = [[0.0; LANES]; 2];
+        let [spare, other_spare] = &mut spare;
+        let span = |plane: usize| plane * pixels + at..plane * pixels + at + run.len();
+        let mut on_top = [0.0; LANES]; // 1 where a coincident view sees the pixel: only such views count there
+        for view in (0..views).filter(|&view| self.coincident[view] == 1.0) {
+            let Some(coverage) = covered(seen(view), &samples.coverage[span(view)], spare) else { continue };
+            for i in 0..LANES {
+                on_top[i] = if coverage[i] > 0.0 { 1.0 } else { on_top[i] };
+            }
+        }
+        let mut best = [f32::NEG_INFINITY; LANES];
+        for view in 0..views {
+            let Some(coverage) = covered(seen(view), &samples.coverage[span(view)], spare) else { continue };
+            let logits = if view == 0 { &ZEROS } else { lanes(&samples.logits[span(view)], other_spare) };
+            let (bias, coincident) = (self.bias[view], self.coincident[view]);
+            for i in 0..LANES {
+                let counts = (coverage[i] > 0.0) & (coincident == on_top[i]);
+                let score = if counts { finite(logits[i]) + bias } else { f32::NEG_INFINITY };
+                best[i] = if score > best[i] { score } else { best[i] };
+            }
+        }
+        let (mut rgb, mut total) = ([[0.0; LANES]; 3], [0.0; LANES]);
+        let mut weights = [0.0; LANES];
+        for view in 0..views {
+            let Some(coverage) = covered(seen(view), &samples.coverage[span(view)], spare) else { continue };
+            let logits = if view == 0 { &ZEROS } else { lanes(&samples.logits[span(view)], other_spare) };
+            let (bias, coincident) = (self.bias[view], self.coincident[view]);
+            for i in 0..LANES {
+                let counts = (coverage[i] > 0.0) & (coincident == on_top[i]);
+                let (score, lost) = two_sum(finite(logits[i]), bias);
+                let weight = exp(score - best[i] + lost);
+                weights[i] = if counts { weight } else { 0.0 };
+            }
+            add_products(&mut total, &weights, coverage);
+            for (channel, sums) in rgb.iter_mut().enumerate() {
+                add_products(sums, &weights, lanes(&samples.colour[span(3 * view + channel)], spare));
+            }
+        }
+        let (opacity, mut alpha) = (lanes(&samples.logits[span(0)], spare), [0.0; LANES]);
+        for i in 0..LANES {
+            let covered = best[i] > f32::NEG_INFINITY;
+            alpha[i] = if covered { (1.0 / (1.0 + exp_f64(-f64::from(opacity[i])))) as f32 } else { 0.0 };
+            total[i] = if covered { 1.0 / total[i] } else { 0.0 };
+        }
+        out.alpha[run.clone()].copy_from_slice(&alpha[..run.len()]);
+        for (out, sums) in out.rgb.iter_mut().zip(&rgb) {
+            for ((out, sum), per) in out[run.clone()].iter_mut().zip(sums).zip(&total) {
+                *out = (sum * per) as f32;
+            }
+        }
+        for (covered, best) in out.covered[run].iter_mut().zip(&best) {
+            *covered = *best > f32::NEG_INFINITY;
+        }
+    }
+}
+
+#[inline(always)]
+fn add_products(sums: &mut [f64; LANES], weights: &[f32; LANES], values: &[f32; LANES]) {
+    for i in 0..LANES {
+        sums[i] += f64::from(weights[i] * values[i]);
+    }
+}
+
+/// The nearest view's logits.
+const ZEROS: [f32; LANES] = [0.0; LANES];
+
+/// Full coverage.
+const ONES: [f32; LANES] = [1.0; LANES];
+
+/// Coverage of a run, read only where it is not known; `None` where the view sees nothing.
+#[inline(always)]
+fn covered<'a>(seen: RunCoverage, coverage: &'a [f32], spare: &'a mut [f32; LANES]) -> Option<&'a [f32; LANES]> {
+    match seen {
+        RunCoverage::None => None,
+        RunCoverage::All => Some(&ONES),
+        RunCoverage::Partly => Some(lanes(coverage, spare)),
+    }
+}
+
+/// The values, or the last of them, fewer than [`LANES`], before zeros in `spare`.
+#[inline(always)]
+fn lanes<'a>(values: &'a [f32], spare: &'a mut [f32; LANES]) -> &'a [f32; LANES] {
+    if let Ok(values) = values.try_into() {
+        return values;
+    }
+    *spare = ZEROS;
+    spare[..values.len()].copy_from_slice(values);
+    spare
+}
+
+/// Plain loops over lanes, compiled for the vector instructions that the machine has.
+#[pulp::with_simd(blend_run = pulp::Arch::new())]
+#[inline(always)]
+fn blend_run_with<'a, S: pulp::Simd>(
+    _simd: S,
+    weights: &'a DistanceWeights,
+    samples: &'a LayerSamples<'a>,
+    from: usize,
+    seen: &'a [&'a [RunCoverage]],
+    out: &'a mut Blended,
+) {
+    for start in (0..out.alpha.len()).step_by(LANES) {
+        let end = (start + LANES).min(out.alpha.len());
+        weights.blend_lanes(samples, from, seen, out, start..end);
+    }
+}
+
+/// a + b in f32, and what rounding it lost (Knuth): a far view's logit, or a large one, keeps its small differences.
+#[inline(always)]
+fn two_sum(a: f32, b: f32) -> (f32, f32) {
+    let sum = a + b;
+    let from_b = sum - a;
+    (sum, (a - (sum - from_b)) + (b - from_b))
+}
+
+/// An infinite logit as the largest of its sign, so that no two of them make a NaN.
+#[inline(always)]
+fn finite(logit: f32) -> f32 {
+    let logit = if logit < f32::MAX { logit } else { f32::MAX };
+    if logit > f32::MIN { logit } else { f32::MIN }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One pixel: α, colour and whether it is covered.
+    fn blend(distances: &[f64], logits: &[f32], coverage: &[f32]) -> (f32, [f32; 3], bool) {
+        let grey: Vec<f32> = coverage.iter().enumerate().flat_map(|(v, c)| [c * (v + 1) as f32 / 10.0; 3]).collect();
+        let mut out = Blended::new(1);
+        DistanceWeights::new(distances).blend(&LayerSamples { logits, colour: &grey, coverage }, 0, &mut out);
+        (out.alpha[0], std::array::from_fn(|c| out.rgb[c][0]), out.covered[0])
+    }
+
+    #[test]
+    fn equal_logits_weigh_by_inverse_distance() {
+        let (alpha, rgb, _) = blend(&[1.0, 3.0], &[0.0, 0.0], &[1.0, 1.0]);
+        assert_eq!(alpha, 0.5);
+        assert!((rgb[0] - (0.75 * 0.1 + 0.25 * 0.2)).abs() < 1e-7, "{rgb:?}");
+    }
+
+    #[test]
+    fn a_view_that_sees_little_does_not_darken() {
+        let (_, rgb, _) = blend(&[1.0, 1.0], &[0.0, 0.0], &[1e-6, 0.0]);
+        assert!((rgb[0] - 0.1).abs() < 1e-7, "{rgb:?}");
+    }
+
+    #[test]
+    fn a_coincident_view_takes_all_and_the_others_serve_what_it_does_not_see() {
+        assert_eq!(blend(&[0.0, 1.0], &[0.0, 50.0], &[1.0, 1.0]).1, [0.1; 3]);
+        assert_eq!(blend(&[0.0, 1.0], &[0.0, 50.0], &[0.0, 1.0]).1, [0.2; 3]);
+    }
+
+    #[test]
+    fn extreme_logits_and_distances_stay_finite() {
+        assert_eq!(blend(&[1e-30, 1e30], &[-1e4, 1e4], &[1.0, 1.0]), (0.0, [0.2; 3], true));
+        assert_eq!(blend(&[1e-30, 1.0], &[1e4, -1e4], &[0.0, 1.0]), (1.0, [0.2; 3], true));
+        let infinity = f32::INFINITY;
+        assert_eq!(blend(&[1.0; 3], &[-infinity, infinity, infinity], &[1.0; 3]).1, [0.25; 3]);
+    }
+
+    #[test]
+    fn a_pixel_that_no_view_covers_is_transparent() {
+        assert_eq!(blend(&[1.0, 2.0], &[9.0, 0.0], &[0.0, 0.0]), (0.0, [0.0; 3], false));
+    }
+}

@@ -1,0 +1,212 @@
+//! The layers that are on their way through the pipeline: their buffers, from warp to composite.
+
+use ndarray::{ArrayView3, ArrayView4, ArrayViewMut4, Axis};
+
+use super::blend::DistanceWeights;
+use crate::layers::Layer;
+use crate::network::{NetworkError, PlaneNetwork};
+use crate::warp::{RunCoverage, WarpSource, seen_len, warp_again};
+
+/// The stages of some layers over the padded target, as [`super::Renderer::render_observed`] shows them.
+#[derive(Debug, Clone, Copy)]
+pub struct Batch<'a> {
+    /// Disparity of n layers, near → far, `[n, h, w]`, 1/scene unit.
+    pub disparity: ArrayView3<'a, f32>,
+    /// HWV `[n, 3V, h, w]`.
+    pub hwv: ArrayView4<'a, f32>,
+    /// `[n, V, h, w]`.
+    pub coverage: ArrayView4<'a, f32>,
+    /// `[n, V, h, w]`.
+    pub logits: ArrayView4<'a, f32>,
+    /// What the views' distances do to their weights.
+    pub weights: &'a DistanceWeights,
+}
+
+/// Buffers for some layers, kept from frame to frame. A slot holds a layer.
+#[derive(Default)]
+pub(crate) struct Buffers {
+    views: usize,
+    /// Rows and columns.
+    size: (usize, usize),
+    disparity: Vec<f32>,
+    hwv: Vec<f32>,
+    coverage: Vec<f32>,
+    seen: Vec<RunCoverage>,
+    logits: Vec<f32>,
+}
+
+impl Buffers {
+    /// Room for `layers` layers of `views` views on a target of `size` (rows, columns).
+    pub(crate) fn make_room(&mut self, layers: usize, views: usize, size: (usize, usize)) {
+        (self.views, self.size) = (views, size);
+        let pixels = layers * size.0 * size.1;
+        self.disparity.resize(pixels, 0.0);
+        self.hwv.resize(3 * views * pixels, 0.0);
+        self.coverage.resize(views * pixels, 0.0);
+        self.logits.resize(views * pixels, 0.0);
+        self.seen.clear(); // it spoke of another target
+        self.seen.resize(layers * views * seen_len(size), RunCoverage::Partly);
+    }
+
+    /// Length of one layer's disparity, of its coverage and of what is known of that.
+    fn lengths(&self) -> [usize; 3] {
+        let pixels = self.size.0 * self.size.1;
+        [pixels, self.views * pixels, self.views * seen_len(self.size)]
+    }
+
+    /// Warp the next of `waiting`, as many as there is room for; `indices` become theirs, slot by slot.
+    pub(crate) fn warp<'a>(
+        &mut self,
+        waiting: impl Iterator<Item = (usize, &'a Layer)>,
+        sources: &[WarpSource<'_>],
+        indices: &mut Vec<usize>,
+    ) {
+        let [pixels, samples, runs] = self.lengths();
+        indices.clear();
+        for (disparity, (index, layer)) in self.disparity.chunks_exact_mut(pixels).zip(waiting) {
+            layer.fill(self.size.1, disparity);
+            indices.push(index);
+        }
+        let n = indices.len();
+        let (colour, coverage) = (&mut self.hwv[..n * 3 * samples], &mut self.coverage[..n * samples]);
+        let seen = &mut self.seen[..n * runs];
+        warp_again(&self.disparity[..n * pixels], sources, self.size, colour, coverage, seen);
+    }
+
+    /// Coverage of the layer in `slot`, `[V, h, w]`.
+    pub(crate) fn coverage(&self, slot: usize) -> &[f32] {
+        let [_, samples, _] = self.lengths();
+        &self.coverage[slot * samples..][..samples]
+    }
+
+    /// Move a layer to a slot that another one leaves.
+    pub(crate) fn move_layer(&mut self, from: usize, to: usize) {
+        fn move_slot<T: Copy>(buffer: &mut [T], length: usize, from: usize, to: usize) {
+            buffer.copy_within(from * length..(from + 1) * length, to * length);
+        }
+        let [pixels, samples, runs] = self.lengths();
+        if from != to {
+            move_slot(&mut self.disparity, pixels, from, to);
+            move_slot(&mut self.hwv, 3 * samples, from, to);
+            move_slot(&mut self.coverage, samples, from, to);
+            move_slot(&mut self.seen, runs, from, to);
+        }
+    }
+
+    /// Run the network on the first `n` layers, `batch` at once.
+    pub(crate) fn infer(
+        &mut self,
+        network: &mut impl PlaneNetwork,
+        n: usize,
+        batch: usize,
+    ) -> Result<(), NetworkError> {
+        let [_, samples, _] = self.lengths();
+        let (views, (height, width)) = (self.views, self.size);
+        let hwv = ArrayView4::from_shape((n, 3 * views, height, width), &self.hwv[..n * 3 * samples]);
+        let logits = ArrayViewMut4::from_shape((n, views, height, width), &mut self.logits[..n * samples]);
+        let (hwv, mut logits) = (hwv.expect("sized alike"), logits.expect("sized alike"));
+        let batches = hwv.axis_chunks_iter(Axis(0), batch).zip(logits.axis_chunks_iter_mut(Axis(0), batch));
+        batches.into_iter().try_for_each(|(hwv, logits)| network.infer(hwv, logits))
+    }
+
+    /// The first `n` layers, and what is known of their coverage.
+    pub(crate) fn batch<'a>(&'a self, n: usize, weights: &'a DistanceWeights) -> (Batch<'a>, &'a [RunCoverage]) {
+        let [pixels, _, runs] = self.lengths();
+        let (views, (height, width)) = (self.views, self.size);
+        let planes = |channels: usize, values: &'a [f32]| {
+            let shape = (n, channels, height, width);
+            ArrayView4::from_shape(shape, &values[..n * channels * pixels]).expect("sized alike")
+        };
+        let disparity = ArrayView3::from_shape((n, height, width), &self.disparity[..n * pixels]);
+        let batch = Batch {
+            disparity: disparity.expect("sized alike"),
+            hwv: planes(3 * views, &self.hwv),
+            coverage: planes(views, &self.coverage),
+            logits: planes(views, &self.logits),
+            weights,
+        };
+        (batch, &self.seen[..n * runs])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DVec2, DVec3};
+
+    use super::*;
+    use crate::geometry::PlaneSweep;
+    use crate::image::ImageRgb;
+    use crate::layers::Layers;
+    use crate::render::{Blended, LayerSamples};
+    use crate::warp::Texture;
+
+    const SIZE: (usize, usize) = (40, 400);
+    const PIXELS: usize = SIZE.0 * SIZE.1;
+
+    /// Planes of which three views see all but an edge, a half and nothing: the first to the left, the second to the right, the
+    /// third always.
+    fn warped() -> Buffers {
+        let values = (0..3 * PIXELS).map(|i| (i % 251) as f32 / 250.0).collect();
+        let texture = Texture::new(&ImageRgb::new(SIZE.1, SIZE.0, values).unwrap());
+        let source = |x, y| {
+            let sweep = PlaneSweep {
+                homography_at_infinity: DMat3::from_translation(DVec2::new(-3.3, 0.2)),
+                epipole: DVec3::new(x, y, 0.0),
+            };
+            WarpSource { texture: &texture, sweep }
+        };
+        let mut held = Buffers::default();
+        held.make_room(3, 3, SIZE);
+        let planes = Layers::planes(&[2.0, 1.0, 1e-3]).unwrap();
+        let sources = [source(-210.0, 5.0), source(210.0, -5.0), source(1.0, 0.5)];
+        held.warp(planes.as_slice().iter().enumerate(), &sources, &mut Vec::new());
+        held
+    }
+
+    #[test]
+    fn what_the_warp_knows_of_the_coverage_leaves_the_blend_the_same_to_the_bit() {
+        let mut held = warped();
+        let logit = |i: usize| if i.is_multiple_of(97) { f32::INFINITY } else { (i * 31 % 113) as f32 / 9.0 - 6.0 };
+        held.logits.iter_mut().enumerate().for_each(|(i, value)| *value = logit(i));
+        let per_row = seen_len((1, SIZE.1));
+        let mut met = [0; 3];
+        for distances in [[1.0, 2.0, 3.0], [0.0, 1.0, 0.0]] {
+            let weights = DistanceWeights::new(&distances);
+            for layer in 0..3 {
+                let samples = LayerSamples {
+                    logits: &held.logits[3 * layer * PIXELS..][..3 * PIXELS],
+                    colour: &held.hwv[9 * layer * PIXELS..][..9 * PIXELS],
+                    coverage: held.coverage(layer),
+                };
+                for row in 0..SIZE.0 {
+                    let of_view = |view: usize| &held.seen[((3 * layer + view) * SIZE.0 + row) * per_row..][..per_row];
+                    let seen = [0, 1, 2].map(of_view);
+                    let [mut known, mut unknown] = [(); 2].map(|()| Blended::new(SIZE.1));
+                    weights.blend_row(&samples, row * SIZE.1, &seen, &mut known);
+                    weights.blend(&samples, row * SIZE.1, &mut unknown);
+                    assert_eq!(known, unknown, "{distances:?}, layer {layer}, row {row}");
+                    // Only two runs that are known alike are not read.
+                    let pairs = seen.iter().flat_map(|row| row.chunks_exact(2)).filter(|pair| pair[0] == pair[1]);
+                    pairs.for_each(|pair| met[pair[0] as usize] += 1);
+                }
+            }
+        }
+        assert!(met.iter().all(|&pairs| pairs > 20), "{met:?}");
+    }
+
+    #[test]
+    fn a_layer_that_moves_takes_along_what_is_known_of_it() {
+        let mut held = warped();
+        let weights = DistanceWeights::new(&[1.0; 3]);
+        let layer = |held: &Buffers, slot: usize| {
+            let (batch, seen) = held.batch(3, &weights);
+            let runs = seen.len() / 3;
+            let planes = [batch.hwv, batch.coverage].map(|planes| planes.index_axis_move(Axis(0), slot).to_owned());
+            (planes, batch.disparity.index_axis(Axis(0), slot).to_owned(), seen[slot * runs..][..runs].to_vec())
+        };
+        let (near, far) = (layer(&held, 0), layer(&held, 2));
+        assert!(near.2 != far.2);
+        held.move_layer(2, 0);
+        assert!(layer(&held, 0) == far);
+    }
+}

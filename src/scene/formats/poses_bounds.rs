@@ -1,0 +1,79 @@
+//! `poses_bounds.npy`, the pose file of LLFF and of rigs that follow it.
+//!
+//! One row of 17 f64 per camera: a 3×5 matrix, row by row, then near and far depth. The matrix holds the camera's axes in the
+//! world as columns [down, right, backwards], its centre, and (height, width, focal length) of the full-size photos: LLFF's
+//! README, "Using your own poses". OpenCV's axes are [right, down, −backwards]. The principal point is the image centre.
+
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use ndarray::ArrayView2;
+use ndarray_npy::ViewNpyExt;
+
+use crate::geometry::Intrinsics;
+use crate::scene::SceneError;
+
+/// Longest header that is parsed, in bytes; that of such an array has 128.
+const MAX_HEADER: usize = 512;
+
+/// Brackets that it may open: of its dictionary and of the shape. The parser's time doubles with each.
+const MAX_BRACKETS: usize = 2;
+
+/// One row of the file.
+pub(in crate::scene) struct PoseBounds {
+    /// For the declared size.
+    pub(in crate::scene) intrinsics: Intrinsics,
+    /// Declared, full size in pixels.
+    pub(in crate::scene) width: usize,
+    pub(in crate::scene) height: usize,
+    /// `cam_from_world`, OpenCV axes.
+    pub(in crate::scene) rotation: DMat3,
+    pub(in crate::scene) translation: DVec3,
+    /// As stored, in scene units.
+    pub(in crate::scene) near: f64,
+    pub(in crate::scene) far: f64,
+}
+
+pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<PoseBounds>, SceneError> {
+    const EXPECTED: &str = "a float64 array of N rows with 17 numbers";
+    let (start, header) = match *bytes {
+        [_, _, _, _, _, _, 1, _, a, b, ..] => (10, usize::from(u16::from_le_bytes([a, b]))),
+        [_, _, _, _, _, _, _, _, a, b, c, d, ..] => (12, u32::from_le_bytes([a, b, c, d]) as usize),
+        _ => (0, 0),
+    };
+    let brackets = bytes.iter().skip(start).take(header).filter(|byte| b"([{".contains(byte)).count();
+    if header > MAX_HEADER || brackets > MAX_BRACKETS {
+        let what = format!("a header of {header} bytes with {brackets} brackets open");
+        return Err(SceneError::malformed(path, what, EXPECTED));
+    }
+    // A view, so that a shape beyond the file's length is refused before anything is allocated for it.
+    let rows = ArrayView2::<f64>::view_npy(bytes)
+        .map_err(|error| SceneError::malformed(path, error.to_string().lines().next().unwrap_or_default(), EXPECTED))?;
+    if rows.ncols() != 17 {
+        return Err(SceneError::malformed(path, format!("the array has shape {:?}", rows.shape()), EXPECTED));
+    }
+    rows.rows().into_iter().enumerate().map(|(index, row)| pose_bounds(path, index, |i| row[i])).collect()
+}
+
+fn pose_bounds(path: &Path, index: usize, at: impl Fn(usize) -> f64) -> Result<PoseBounds, SceneError> {
+    let column = |i: usize| DVec3::new(at(i), at(5 + i), at(10 + i));
+    let (down, right, backwards, centre) = (column(0), column(1), column(2), column(3));
+    let side = |name: &str, value: f64| {
+        let whole = value.fract() == 0.0 && (1.0..=1e9).contains(&value);
+        let wrong =
+            || SceneError::malformed(path, format!("row {index}: {name} is {value}"), "a whole number of pixels");
+        whole.then_some(value as usize).ok_or_else(wrong)
+    };
+    let (height, width, focal) = (side("height", at(4))?, side("width", at(9))?, at(14));
+    let rotation = DMat3::from_rows(right, down, -backwards);
+    let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
+    Ok(PoseBounds {
+        intrinsics: Intrinsics { fx: focal, fy: focal, cx, cy, skew: 0.0 },
+        width,
+        height,
+        rotation,
+        translation: -(rotation * centre),
+        near: at(15),
+        far: at(16),
+    })
+}

@@ -1,0 +1,82 @@
+//! RealEstate10K: `cameras.txt` and a folder `frames` of pictures named by timestamp.
+//!
+//! The file is the data set's own (google.github.io/realestate10k, "Camera format"): the first line is the video's address,
+//! each further line `timestamp fx fy cx cy 0 0` and a 3×4 `cam_from_world` row by row, OpenCV axes. Intrinsics are fractions
+//! of the image's width (fx, cx) and height (fy, cy), so they hold at any size. Timestamps are microseconds.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+
+use crate::geometry::Intrinsics;
+use crate::scene::draft::{Draft, Drafts, Size};
+use crate::scene::files::{FindPhoto, images_folder, list_photos, photo, read, some_of, text};
+use crate::scene::undistort::Distortion;
+use crate::scene::{SceneError, SceneOptions};
+
+const LINE: &str = "timestamp fx fy cx cy 0 0 and 12 numbers of the pose";
+
+pub(in crate::scene) fn open(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
+    let path = root.join("cameras.txt");
+    let bytes = read(&path)?;
+    let folder = images_folder(root, options.images.as_deref(), &["frames", "images"])?;
+    let names = list_photos(&root.join(&folder))?;
+    drafts(&path, &bytes, &folder, &names, &|name| photo(root, &path, name, false))
+}
+
+/// From the photos of these `names` in `folder`.
+pub(in crate::scene) fn drafts(
+    path: &Path,
+    bytes: &[u8],
+    folder: &str,
+    names: &[String],
+    find: FindPhoto<'_>,
+) -> Result<Drafts, SceneError> {
+    let text = text(path, bytes)?;
+    let by_stem: HashMap<&str, &str> =
+        names.iter().filter_map(|name| Some((name.rsplit_once('.')?.0, name.as_str()))).collect();
+    let (mut drafts, mut absent) = (Vec::new(), Vec::new());
+    for (index, line) in text.lines().enumerate().skip(1).filter(|(_, line)| !line.trim().is_empty()) {
+        let wrong = |what: String| SceneError::malformed(path, format!("line {}: {what}", index + 1), LINE);
+        let (stamp, numbers) =
+            line.trim().split_once(char::is_whitespace).ok_or_else(|| wrong("one word".to_owned()))?;
+        let numbers = parse_numbers(numbers).map_err(wrong)?;
+        let Some(name) = by_stem.get(stamp) else {
+            absent.push(stamp.to_owned());
+            continue;
+        };
+        let photo = find(&format!("{folder}/{name}"))?;
+        let (width, height) = (photo.width as f64, photo.height as f64);
+        let [fx, fy, cx, cy, k1, k2, pose @ ..] = numbers;
+        if k1 != 0.0 || k2 != 0.0 {
+            return Err(wrong(format!("columns 6 and 7 are {k1} and {k2}")));
+        }
+        let row = |i: usize| DVec3::new(pose[4 * i], pose[4 * i + 1], pose[4 * i + 2]);
+        drafts.push(Draft {
+            photo,
+            intrinsics: Intrinsics { fx: fx * width, fy: fy * height, cx: cx * width, cy: cy * height, skew: 0.0 },
+            size: Size::Actual,
+            rotation: DMat3::from_rows(row(0), row(1), row(2)),
+            translation: DVec3::new(pose[3], pose[7], pose[11]),
+            distortion: Distortion::default(),
+            depth_range: None,
+        });
+    }
+    if drafts.is_empty() {
+        let what = format!("none of its {} timestamps has a picture in {folder}", absent.len());
+        return Err(SceneError::malformed(path, what, "pictures named by timestamp, such as 50016633.jpg"));
+    }
+    let mut notes = Vec::new();
+    if !absent.is_empty() {
+        notes.push(format!("{} of the listed timestamps have no picture, skipped: {}", absent.len(), some_of(&absent)));
+    }
+    Ok(Drafts { cameras: path.to_owned(), drafts, notes })
+}
+
+fn parse_numbers(text: &str) -> Result<[f64; 18], String> {
+    let words: Vec<&str> = text.split_whitespace().collect();
+    let number = |word: &&str| word.parse::<f64>().map_err(|_| format!("\"{word}\" is no number"));
+    let numbers = words.iter().map(number).collect::<Result<Vec<_>, _>>()?;
+    numbers.try_into().map_err(|_| format!("{} words", words.len() + 1))
+}

@@ -1,0 +1,75 @@
+//! DeepView's Spaces data set: `models.json`, a list of rig positions, each a list of cameras.
+//!
+//! As read by the data set's own `code/utils.py`: OpenCV axes, metres, pixel centres at half-integers. `orientation` is axis
+//! times angle (radians) of `cam_from_world` (that code builds world from camera out of the *negated* angle), `position` is
+//! the camera's centre; fx = `focal_length`, fy = `focal_length` · `pixel_aspect_ratio`, (cx, cy) = `principal_point`.
+//!
+//! Two traps: heights differ from camera to camera, and in some scenes the declared size (2048 wide) is not that of the
+//! photos (800 wide), so K is always scaled by the actual over the declared size.
+
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use serde_json::Value;
+
+use super::json::{Fields, parse};
+use crate::geometry::Intrinsics;
+use crate::scene::draft::{Draft, Drafts, Size};
+use crate::scene::files::{FindPhoto, photo, read_json};
+use crate::scene::undistort::Distortion;
+use crate::scene::{SceneError, SceneOptions};
+
+pub(in crate::scene) fn open(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
+    let path = root.join("models.json");
+    drafts(&path, &read_json(&path)?, options.rig_position, &|name| photo(root, &path, name, false))
+}
+
+pub(in crate::scene) fn drafts(
+    path: &Path,
+    bytes: &[u8],
+    position: usize,
+    find: FindPhoto<'_>,
+) -> Result<Drafts, SceneError> {
+    let file = parse(path, bytes)?;
+    let rigs =
+        file.as_array().ok_or_else(|| SceneError::malformed(path, "the file is no list", "a list of rig positions"))?;
+    let cameras = rigs.get(position).and_then(Value::as_array).ok_or_else(|| {
+        let what = format!("rig position {position} of {} is no list", rigs.len());
+        SceneError::malformed(path, what, "a list of cameras")
+    })?;
+    let mut drafts = Vec::with_capacity(cameras.len());
+    for (index, camera) in cameras.iter().enumerate() {
+        let place = format!("[{position}][{index}]");
+        drafts.push(draft(Fields::new(path, &place, camera, None)?, find)?);
+    }
+    let mut notes = Vec::new();
+    if rigs.len() > 1 {
+        notes.push(format!("{} rig positions, of which only number {position} is read", rigs.len()));
+    }
+    Ok(Drafts { cameras: path.to_owned(), drafts, notes })
+}
+
+fn draft(camera: Fields<'_>, find: FindPhoto<'_>) -> Result<Draft, SceneError> {
+    let (Some(width), Some(height)) = (camera.side("width")?, camera.side("height")?) else {
+        return Err(camera.wrong("width", "width and height in pixels"));
+    };
+    let fx = camera.number("focal_length")?;
+    let [cx, cy] = camera.numbers("principal_point")?;
+    let rotation = rotation(DVec3::from_array(camera.numbers("orientation")?));
+    Ok(Draft {
+        photo: find(camera.text("relative_path")?)?,
+        intrinsics: Intrinsics { fx, fy: fx * camera.number("pixel_aspect_ratio")?, cx, cy, skew: 0.0 },
+        size: Size::Scaled(width, height),
+        rotation,
+        translation: -(rotation * DVec3::from_array(camera.numbers("position")?)),
+        distortion: Distortion::default(),
+        depth_range: None,
+    })
+}
+
+/// `cam_from_world` of axis times angle.
+fn rotation(angle_axis: DVec3) -> DMat3 {
+    let angle = angle_axis.length();
+    // The data set's own threshold.
+    if angle < 1e-7 { DMat3::IDENTITY } else { DMat3::from_axis_angle(angle_axis / angle, angle) }
+}

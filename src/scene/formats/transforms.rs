@@ -1,0 +1,148 @@
+//! nerfstudio's and instant-ngp's `transforms.json`.
+//!
+//! `transform_matrix` is world from camera with OpenGL camera axes (x right, y up, z backwards), 4×4 or 3×4: nerfstudio's
+//! "Data conventions" page. Negating its second and third column gives OpenCV's. Intrinsics are pixels of a `w` × `h` image
+//! whose pixel centres lie at half-integers, for the whole file or per frame; `camera_angle_x` (radians, across the whole
+//! width) stands in for a missing `fl_x`. Distortion is OpenCV's k1, k2, k3, p1, p2. `near` and `far` (scene units) are no
+//! part of the format but used when present.
+
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use serde_json::Value;
+
+use super::json::{Fields, parse};
+use crate::geometry::{Intrinsics, cam_from_opengl_world};
+use crate::scene::draft::{Draft, Drafts, Size};
+use crate::scene::files::{FindPhoto, photo, read_json};
+use crate::scene::undistort::Distortion;
+use crate::scene::{SceneError, SceneOptions};
+
+const REFUSED_MODELS: [&str; 6] = ["FISHEYE", "EQUIRECT", "SPHER", "ORTHO", "OMNI", "FOV"];
+const KNOWN_MODELS: [&str; 7] =
+    ["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "PERSPECTIVE"];
+
+pub(in crate::scene) fn open(root: &Path, _: &SceneOptions) -> Result<Drafts, SceneError> {
+    let path = root.join("transforms.json");
+    // Synthetic scenes leave the extension out.
+    drafts(&path, &read_json(&path)?, &|name| photo(root, &path, name, true))
+}
+
+pub(in crate::scene) fn drafts(path: &Path, bytes: &[u8], find: FindPhoto<'_>) -> Result<Drafts, SceneError> {
+    let file = parse(path, bytes)?;
+    let head = Fields::new(path, "the file", &file, None)?;
+    let frames = head.get("frames").and_then(Value::as_array).ok_or_else(|| head.wrong("frames", "a list"))?;
+    let mut notes = Vec::new();
+    let mut drafts = Vec::with_capacity(frames.len());
+    for (index, frame) in frames.iter().enumerate() {
+        let place = format!("frames[{index}]");
+        let frame = Fields::new(path, &place, frame, file.as_object())?;
+        drafts.push(draft(path, frame, find, &mut notes)?);
+    }
+    notes.sort();
+    notes.dedup();
+    Ok(Drafts { cameras: path.to_owned(), drafts, notes })
+}
+
+fn draft(path: &Path, frame: Fields<'_>, find: FindPhoto<'_>, notes: &mut Vec<String>) -> Result<Draft, SceneError> {
+    check_model(path, frame, notes)?;
+    let photo = find(frame.text("file_path")?)?;
+    let size = match (frame.side("w")?, frame.side("h")?) {
+        (Some(width), Some(height)) => Size::Scaled(width, height),
+        (None, None) => Size::Actual,
+        (Some(_), None) => return Err(frame.wrong("h", "both w and h, or neither")),
+        (None, Some(_)) => return Err(frame.wrong("w", "both w and h, or neither")),
+    };
+    let (width, height) = match size {
+        Size::Scaled(width, height) | Size::Exactly(width, height) => (width, height),
+        Size::Actual => {
+            notes.push("w and h are not given: intrinsics taken as those of the images as they are".to_owned());
+            (photo.width, photo.height)
+        }
+    };
+    let (rotation, translation) = pose(frame)?;
+    let distortion = |key| Ok::<_, SceneError>(frame.optional(key)?.unwrap_or(0.0));
+    Ok(Draft {
+        photo,
+        intrinsics: intrinsics(frame, width as f64, height as f64)?,
+        size,
+        rotation,
+        translation,
+        distortion: Distortion {
+            k1: distortion("k1")?,
+            k2: distortion("k2")?,
+            k3: distortion("k3")?,
+            p1: distortion("p1")?,
+            p2: distortion("p2")?,
+        },
+        depth_range: frame.optional("near")?.zip(frame.optional("far")?),
+    })
+}
+
+fn check_model(path: &Path, frame: Fields<'_>, notes: &mut Vec<String>) -> Result<(), SceneError> {
+    let refuse = |what: String| {
+        let hint = "undistort the photos first (pinhole, or OpenCV's k1, k2, k3, p1, p2, is read)".to_owned();
+        Err(SceneError::Unsupported { path: path.to_owned(), what, hint })
+    };
+    if let Some(model) = frame.get("camera_model").and_then(Value::as_str) {
+        let upper = model.to_uppercase();
+        if REFUSED_MODELS.iter().any(|refused| upper.contains(refused)) {
+            return refuse(format!("camera_model {model}"));
+        }
+        if !KNOWN_MODELS.contains(&upper.as_str()) {
+            notes.push(format!("camera_model {model} is unknown: read as a pinhole with k1, k2, k3, p1, p2"));
+        }
+    }
+    if frame.get("is_fisheye").is_some_and(|flag| *flag != Value::Bool(false)) {
+        return refuse("is_fisheye".to_owned());
+    }
+    for key in ["k4", "k5", "k6"] {
+        if let Some(value) = frame.optional(key)?.filter(|&value| value != 0.0) {
+            return refuse(format!("distortion {key} = {value}"));
+        }
+    }
+    Ok(())
+}
+
+/// A frame's own `fl_x` or `camera_angle_x` comes before either of the file's.
+fn intrinsics(frame: Fields<'_>, width: f64, height: f64) -> Result<Intrinsics, SceneError> {
+    let focal = |length: &str, angle: &str, side: f64| -> Result<Option<f64>, SceneError> {
+        for fields in [frame.own(), frame] {
+            if let Some(focal) = fields.optional(length)? {
+                return Ok(Some(focal));
+            }
+            if let Some(angle) = fields.optional(angle)? {
+                return Ok(Some(0.5 * side / (0.5 * angle).tan()));
+            }
+        }
+        Ok(None)
+    };
+    let fx = focal("fl_x", "camera_angle_x", width)?
+        .ok_or_else(|| frame.wrong("fl_x", "a focal length in pixels, or camera_angle_x in radians"))?;
+    let fy = focal("fl_y", "camera_angle_y", height)?.unwrap_or(fx);
+    let cx = frame.optional("cx")?.unwrap_or(0.5 * width);
+    let cy = frame.optional("cy")?.unwrap_or(0.5 * height);
+    Ok(Intrinsics { fx, fy, cx, cy, skew: 0.0 })
+}
+
+/// `cam_from_world`, OpenCV axes.
+fn pose(frame: Fields<'_>) -> Result<(DMat3, DVec3), SceneError> {
+    const KEY: &str = "transform_matrix";
+    let wrong = || frame.wrong(KEY, "4 rows of 4 numbers, the last 0 0 0 1");
+    let rows = frame.get(KEY).and_then(Value::as_array).ok_or_else(wrong)?;
+    let row = |row: &Value| -> Option<[f64; 4]> {
+        let values: Option<Vec<f64>> = row.as_array()?.iter().map(Value::as_f64).collect();
+        values?.try_into().ok()
+    };
+    let rows = rows.iter().map(row).collect::<Option<Vec<_>>>().ok_or_else(wrong)?;
+    let (rows, last) = match rows.as_slice() {
+        [a, b, c] => ([a, b, c], &[0.0, 0.0, 0.0, 1.0]),
+        [a, b, c, last] => ([a, b, c], last),
+        _ => return Err(wrong()),
+    };
+    if *last != [0.0, 0.0, 0.0, 1.0] {
+        return Err(wrong());
+    }
+    let column = |i: usize| DVec3::new(rows[0][i], rows[1][i], rows[2][i]);
+    Ok(cam_from_opengl_world(DMat3::from_cols(column(0), column(1), column(2)), column(3)))
+}

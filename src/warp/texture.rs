@@ -1,0 +1,78 @@
+//! Photos made ready for sampling.
+
+use crate::image::ImageRgb;
+
+/// A view's photo made ready for sampling: RGB and a fourth channel of ones (whose sample is the coverage), inside a
+/// border of zeros so that sampling needs no bounds test.
+#[derive(Debug, Clone)]
+pub struct Texture {
+    texels: Vec<[f32; 4]>,
+    width: usize,
+    height: usize,
+}
+
+/// Zeros before the first and after the last pixel of a row or column: a coordinate clamped to one pixel outside the
+/// image still has both its neighbours.
+const BORDER: (usize, usize) = (1, 2);
+
+impl Texture {
+    /// Copies the photo.
+    pub fn new(photo: &ImageRgb) -> Self {
+        let (width, height) = (photo.width(), photo.height());
+        let stride = width + BORDER.0 + BORDER.1;
+        let mut texels = vec![[0.0; 4]; stride * (height + BORDER.0 + BORDER.1)];
+        for (y, row) in photo.data().chunks_exact(3 * width).enumerate() {
+            let at = (y + BORDER.0) * stride + BORDER.0;
+            for (texel, rgb) in texels[at..at + width].iter_mut().zip(row.chunks_exact(3)) {
+                *texel = [rgb[0], rgb[1], rgb[2], 1.0];
+            }
+        }
+        Self { texels, width, height }
+    }
+
+    /// Columns of the photo.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows of the photo.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// The photo with its fourth channel shrunk by `cell`: area average; cells at the border average the pixels they have.
+    pub(crate) fn shrunk(&self, cell: usize) -> Self {
+        let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
+        let (stride, shrunk_stride) = (self.width + BORDER.0 + BORDER.1, width + BORDER.0 + BORDER.1);
+        let mut texels = vec![[0.0; 4]; shrunk_stride * (height + BORDER.0 + BORDER.1)];
+        let rows = texels.chunks_exact_mut(shrunk_stride).skip(BORDER.0).take(height);
+        for (y, row) in rows.enumerate() {
+            for (x, texel) in row[BORDER.0..BORDER.0 + width].iter_mut().enumerate() {
+                let (last_y, last_x) = ((y * cell + cell).min(self.height), (x * cell + cell).min(self.width));
+                let mut sum = [0.0; 4];
+                for yy in y * cell..last_y {
+                    let at = (yy + BORDER.0) * stride + BORDER.0;
+                    for pixel in &self.texels[at + x * cell..at + last_x] {
+                        (0..4).for_each(|c| sum[c] += pixel[c]);
+                    }
+                }
+                *texel = sum.map(|s| s / sum[3]);
+            }
+        }
+        Self { texels, width, height }
+    }
+
+    /// Texels from one row to the next; as indices of texels, u32.
+    pub(super) fn stride(&self) -> u32 {
+        (self.width + BORDER.0 + BORDER.1) as u32
+    }
+
+    /// All texels but the last row, and all but the first: a texel and the one below it have the same index in both, and one
+    /// test of bounds serves both.
+    #[inline(always)]
+    pub(super) fn upper_and_lower(&self) -> (&[[f32; 4]], &[[f32; 4]]) {
+        let stride = self.stride() as usize;
+        let lower = &self.texels[stride..];
+        (&self.texels[..lower.len()], lower)
+    }
+}
