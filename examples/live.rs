@@ -6,7 +6,7 @@ use std::error::Error;
 use std::path::Path;
 
 use glam::DVec3;
-use liveview::image::{ImageRgb, load, save_png};
+use liveview::image::{ImageRgb, load};
 use liveview::live::{LiveSession, LiveSettings, Policy};
 use liveview::network::OrtLibrary;
 use liveview::network::OrtNetwork;
@@ -41,7 +41,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let sway = DVec3::X * 0.03 * (0.3 * f64::from(step)).sin();
         let target = middle.with_pose(middle.rotation(), middle.translation() + sway)?;
         let shown = session.render(&photos.iter().map(Option::as_ref).collect::<Vec<_>>(), &target)?;
-        save_png(&Path::new("out/live").join(format!("{step:04}.png")), &shown.frame.picture)?;
+        shown.frame.picture.save(Path::new("out/live").join(format!("{step:04}.png")))?;
         println!("frame {step}: {}, {:.0} ms", shown.taken, 1e3 * shown.times.total().as_secs_f64());
     }
     Ok(())

@@ -11,4 +11,13 @@ pub mod live;
 pub mod network;
 pub mod render;
 pub mod scene;
+mod synthesizer;
 pub mod warp;
+
+pub use geometry::{Camera, CameraPath, Intrinsics};
+pub use image::ImageRgb;
+pub use layers::{LayerSpec, Layers};
+pub use render::Frame;
+pub use scene::{Scene, SceneOptions};
+pub use synthesizer::*;
+pub use {glam, ndarray};

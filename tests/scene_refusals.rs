@@ -309,7 +309,7 @@ fn saved_pictures_come_back() {
     let values: Vec<f32> = (0..5 * 3 * 3).map(|i| i as f32 / 44.0).collect();
     let picture = image::ImageRgb::new(5, 3, values).unwrap();
     let path = root.path().join("out.png");
-    image::save_png(&path, &picture).unwrap();
+    picture.save(&path).unwrap();
     let back = image::load(&path).unwrap();
     let worst = picture.data().iter().zip(back.data()).fold(0.0_f32, |worst, (a, b)| worst.max((a - b).abs()));
     assert!(worst <= 0.5 / 255.0 + 1e-6, "{worst}");
@@ -319,7 +319,7 @@ fn saved_pictures_come_back() {
     // Only the file is left, none under a temporary name.
     assert_eq!(fs::read_dir(root.path()).unwrap().count(), 1);
     let odd = image::ImageRgb::new(1, 1, vec![f32::NAN, -1.0, 7.0]).unwrap();
-    image::save_png(&path, &odd).unwrap();
+    odd.save(&path).unwrap();
     assert_eq!(image::load(&path).unwrap().pixel(0, 0), [0.0, 0.0, 1.0]);
 }
 
@@ -327,10 +327,10 @@ fn saved_pictures_come_back() {
 fn unwritable_outputs_and_wrong_buffers_are_named() {
     let root = tempdir().unwrap();
     let picture = image::ImageRgb::new(1, 1, vec![0.0; 3]).unwrap();
-    let message = image::save_png(&root.path().join("no/where.png"), &picture).unwrap_err().to_string();
+    let message = picture.save(&root.path().join("no/where.png")).unwrap_err().to_string();
     assert_says(&message, &["where.png: cannot be written"]);
     fs::create_dir(root.path().join("folder.png")).unwrap();
-    let message = image::save_png(&root.path().join("folder.png"), &picture).unwrap_err().to_string();
+    let message = picture.save(&root.path().join("folder.png")).unwrap_err().to_string();
     assert_says(&message, &["folder.png: cannot be written"]);
     assert_eq!(fs::read_dir(root.path()).unwrap().count(), 1, "the temporary file is gone");
     let message = image::ImageRgb::new(2, 2, vec![0.0; 11]).unwrap_err().to_string();

@@ -8,13 +8,13 @@ use anyhow::Result;
 /// The work was ended before it was done: exit code [`EXIT_CODE`].
 #[derive(Debug, thiserror::Error)]
 #[error("interrupted")]
-pub(super) struct Interrupted;
+pub(crate) struct Interrupted;
 
 /// As a shell tells of a Ctrl-C.
-pub(super) const EXIT_CODE: u8 = 130;
+pub(crate) const EXIT_CODE: u8 = 130;
 
 /// Becomes true at the first Ctrl-C. Once per program.
-pub(super) fn watch() -> Result<Arc<AtomicBool>> {
+pub(crate) fn watch() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let told = Arc::clone(&stop);
     ctrlc::set_handler(move || {

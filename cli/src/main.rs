@@ -1,9 +1,111 @@
 //! The `liveview` command; `liveview --help` says what it does.
 
-mod cli;
-mod report;
-mod stability;
+mod args;
+mod commands;
+mod console;
+mod ffmpeg;
+mod interrupt;
+mod job;
+mod measure;
+mod npz;
+mod statistics;
+mod svg;
+mod worker_process;
 
-fn main() -> std::process::ExitCode {
-    cli::run()
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use commands::{dump, inspect, render, select, stability, sweep, video};
+
+const EXAMPLES: &str = "\
+Examples:
+  What is in the folder, and what will be left out:
+    liveview inspect scene
+  A held-out photo, rendered from the others and scored:
+    liveview render scene --target IMG_7.jpg -o new.png
+  Every 8th photo from the rest, with a table of scores:
+    liveview render scene --heldout 8
+  A flight around the rig:
+    liveview render scene --path spiral:90 -o flight.mp4
+  A rig's video from a viewpoint of its own:
+    liveview video rig --path circle:120 -o view.mp4
+  Which planes a view needs:
+    liveview select scene --target IMG_7.jpg -o planes.png";
+
+/// A folder of posed photos becomes a new view.
+#[derive(Debug, Parser)]
+#[command(name = "liveview", version, after_help = EXAMPLES)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    /// Print one JSON object on stdout, and nothing else there
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Render new views, and score them where the photo exists
+    Render(render::RenderArgs),
+    /// Turn the frames of a camera rig into the video of a moving viewpoint, live if asked
+    Video(video::VideoArgs),
+    /// Tell how a scene is understood, and what will be left out
+    Inspect(inspect::InspectArgs),
+    /// Show which planes, or which range per pixel, a view needs
+    Select(select::SelectArgs),
+    /// Write every stage of one render as arrays (.npz), to hold against the Python reference
+    Dump(dump::DumpArgs),
+    /// Measure error against run time: kinds and numbers of layers, and the Python reference beside them
+    Sweep(sweep::SweepArgs),
+    /// Hold stiff and extreme cases of a scene's rig against float64, and the Python reference beside them
+    Stability(stability::StabilityArgs),
+    /// One configuration of a sweep, driven over JSON lines
+    #[command(hide = true)]
+    Worker(sweep::WorkerArgs),
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let output = match &cli.command {
+        Command::Render(args) => render::run(args),
+        Command::Video(args) => video::run(args),
+        Command::Inspect(args) => inspect::run(args),
+        Command::Select(args) => select::run(args),
+        Command::Dump(args) => dump::run(args),
+        Command::Sweep(args) => sweep::run(args),
+        Command::Stability(args) => stability::run(args),
+        Command::Worker(args) => sweep::run_worker(args),
+    };
+    match output {
+        Ok(console::Output { text, json }) => {
+            let printed = if cli.json { format!("{json:#}") } else { text };
+            let printed = printed.trim_end();
+            let written = match &cli.command {
+                // The video itself goes there.
+                Command::Video(args) if args.takes_stdout() => writeln!(std::io::stderr(), "{printed}"),
+                _ => {
+                    let mut out = std::io::stdout();
+                    writeln!(out, "{printed}").and_then(|()| out.flush())
+                }
+            };
+            match written {
+                // A reader that went away (`| head`) is no error of ours.
+                Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+                    console::tell("error", format_args!("standard output: cannot be written: {error}"));
+                    ExitCode::from(2)
+                }
+                _ => ExitCode::SUCCESS,
+            }
+        }
+        Err(error) => {
+            let message = console::in_full(&error);
+            match &cli.command {
+                // To the sweep that started it, which tells.
+                Command::Worker(_) => drop(worker_process::say(&serde_json::json!({ "error": message }))),
+                _ => console::tell("error", message),
+            }
+            ExitCode::from(if error.is::<interrupt::Interrupted>() { interrupt::EXIT_CODE } else { 2 })
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! Worker processes that `liveview sweep` drives over JSON lines.
+//! Processes that answer JSON lines: those of `liveview sweep`, and the Python references.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -7,22 +7,22 @@ use anyhow::{Context, Result, bail};
 use serde_json::Value;
 
 /// The program and arguments of a command line without quotes.
-pub(super) fn words(command: &str) -> Vec<String> {
+pub(crate) fn words(command: &str) -> Vec<String> {
     command.split_whitespace().map(str::to_owned).collect()
 }
 
 /// A process that renders one configuration whenever it is asked; ended when dropped.
-pub(super) struct Worker {
+pub(crate) struct WorkerProcess {
     process: Child,
     to: Option<ChildStdin>,
     from: BufReader<ChildStdout>,
     name: String,
 }
 
-impl Worker {
+impl WorkerProcess {
     /// Starts a command, hands it its job if it takes one, and waits until it is ready; what it says of itself. Errors call it
     /// by its name.
-    pub(super) fn start(name: &str, command: &[String], job: Option<&Value>) -> Result<(Self, Value)> {
+    pub(crate) fn start(name: &str, command: &[String], job: Option<&Value>) -> Result<(Self, Value)> {
         let (program, args) =
             command.split_first().map_or(("", [].as_slice()), |(program, args)| (program.as_str(), args));
         let mut command = Command::new(program);
@@ -38,7 +38,7 @@ impl Worker {
     }
 
     /// Says something and waits for the answer.
-    pub(super) fn ask(&mut self, line: &Value) -> Result<Value> {
+    pub(crate) fn ask(&mut self, line: &Value) -> Result<Value> {
         self.say(line)?;
         self.listen()
     }
@@ -63,7 +63,7 @@ impl Worker {
     }
 }
 
-impl Drop for Worker {
+impl Drop for WorkerProcess {
     /// It ends with its input; one that does not is ended.
     fn drop(&mut self) {
         self.to = None;
@@ -71,4 +71,11 @@ impl Drop for Worker {
             let _ = self.process.kill();
         }
     }
+}
+
+/// A line of JSON for whoever started this process.
+pub(crate) fn say(line: &Value) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "{line}")?;
+    Ok(out.flush()?)
 }

@@ -2,6 +2,26 @@
 
 use crate::image::ImageRgb;
 
+/// How near a picture is to the truth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Score {
+    /// Peak signal-to-noise ratio in dB.
+    pub psnr: f64,
+    /// Structural similarity, at most 1.
+    pub ssim: f64,
+}
+
+impl Score {
+    /// Pixels left out at each side by [`Score::of`].
+    pub const BORDER: usize = 16;
+
+    /// Of a picture, a border left out; `None` if it is too small for that.
+    pub fn of(picture: &ImageRgb, truth: &ImageRgb) -> Option<Self> {
+        let score = Self { psnr: psnr(picture, truth, Self::BORDER), ssim: ssim(picture, truth, Self::BORDER) };
+        (!score.psnr.is_nan() && !score.ssim.is_nan()).then_some(score)
+    }
+}
+
 /// Peak signal-to-noise ratio in dB, leaving out a `border` of pixels on each side. Infinite for equal pictures;
 /// NaN where the sizes differ or nothing is left.
 pub fn psnr(picture: &ImageRgb, truth: &ImageRgb, border: usize) -> f64 {

@@ -1,12 +1,20 @@
 //! Pictures: reading and writing, comparing, colouring, and filling in what no view sees.
 
 mod colormap;
+mod decode;
+mod encode;
+mod error;
 mod inpaint;
-mod io;
 mod jpeg;
 mod metrics;
+mod rgb;
 
 pub use colormap::{bar_chart, coloured, difference, side_by_side};
+#[cfg(fuzzing)]
+pub(crate) use decode::{decode, size_of};
+pub use decode::{load, read_size};
+pub use encode::{encode, encode_gray16_png};
+pub use error::ImageError;
 pub use inpaint::inpaint_unseen;
-pub use io::*;
-pub use metrics::{psnr, ssim};
+pub use metrics::{Score, psnr, ssim};
+pub use rgb::ImageRgb;

@@ -1,15 +1,10 @@
-//! The surface of a frame, carried to the next: moved to its camera, held against its photos, searched anew where it does
+//! The surface of a frame, propagated to the next: moved to its camera, held against its photos, searched anew where it does
 //! not fit.
 //!
 //! The test is the coarse pass's own measure, the windowed variance of the warped colours, of one layer: the surface as it
-//! was carried. A search has as many of these as it has planes.
+//! was propagated. A search has as many of these as it has planes.
 //!
-//! On the rig clip (504×352, 18 frames, things that move, one that enters, a cut; V = 4, int8) against a search of every frame, with
-//! 1, 2 and 4 guided layers: PSNR +0.001, +0.006 and +0.006 dB, no frame more than 0.02 dB lower, less flicker (of 255: 2.166, 2.082
-//! and 2.108 for 2.173, 2.087 and 2.112), in about 0.6 of the time; 6 of 18 frames were searched whole, the cut among them.
-//! What else was tried there, with one layer: costs twice as high and 4e-4 allowed, −0.009 dB and 3 searched; 1.2 times and 1e-4, +0.003 dB and
-//! 13 searched; windows up to 0.7 of the target, −0.005 dB, somewhat faster; no halo, −0.04 dB; the second search over the
-//! whole of every frame, within the carried range, +0.004 dB at 1.5 times the time and more flicker (2.253).
+//! What this gains, and what was tried beside it: `docs/experiments.md` in the repository.
 
 use glam::DVec3;
 use ndarray::{Array2, Axis, s};
@@ -60,8 +55,13 @@ impl Surface {
     pub(super) fn search(pass: &GuidedSearch, seen: &TargetViews<'_>) -> Result<Self, LayersError> {
         let (target, sweeps) = (seen.target, seen.sweeps(seen.target));
         let found = pass.search_levels(&seen.levels, &sweeps, (padded(target.height()), padded(target.width())))?;
-        let cost = cost(&found.fine, seen);
-        Ok(Self { target: target.clone(), disparity: found.fine, cost, planes: found.disparities.len() })
+        let cost = cost(&found.fine_disparity, seen);
+        Ok(Self { target: target.clone(), disparity: found.fine_disparity, cost, planes: found.disparities.len() })
+    }
+
+    /// Disparity per cell, 1/scene unit.
+    pub(super) fn disparities(&self) -> &[f32] {
+        self.disparity.as_slice().expect("standard order")
     }
 
     /// What guided layers divide.
@@ -157,7 +157,7 @@ impl Surface {
         self.disparity
             .slice_mut(s![fine(window.top)..fine(window.bottom), fine(window.left)..fine(window.right)])
             .assign(
-                &found.fine.slice(s![
+                &found.fine_disparity.slice(s![
                     inner(window.top, window.bottom, grown.top),
                     inner(window.left, window.right, grown.left)
                 ]),

@@ -11,25 +11,33 @@ use crate::geometry::Camera;
 use crate::geometry::{TooFewViews, choose_views};
 use crate::image::ImageRgb;
 use crate::layers::guided::{GuidedSearch, Levels};
-use crate::layers::{Layers, LayersError, uniform_disparities};
-use crate::layers::{plane_histogram, select_planes};
+use crate::layers::{
+    LayerSpec, Layers, LayersError, kmeans_planes, plane_histogram, select_planes, uniform_disparities,
+};
 use crate::network::PlaneNetwork;
 use crate::render::{Frame, RenderError, Renderer, StageTimes};
 use crate::warp::{SourceView, Texture};
 
 /// How a session renders.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct LiveSettings {
     /// Nearest depth, scene units.
     pub near: f64,
     /// Farthest depth, scene units; may be infinite.
     pub far: f64,
-    /// Where the layers of a frame come from.
+    /// Which layers each frame is rendered on.
+    pub layers: LayerSpec,
+    /// When they are found anew.
     pub policy: Policy,
-    /// Guided layers per frame; planes are counted by the policy.
-    pub layers: usize,
-    /// Planes of the coarse pass; `None`: see [`GuidedSearch`].
-    pub coarse_planes: Option<usize>,
+}
+
+impl LiveSettings {
+    /// Two guided layers, the surface propagated from frame to frame.
+    pub fn new(near: f64, far: f64) -> Self {
+        let layers = LayerSpec::guided(2);
+        Self { near, far, policy: Policy::default_for(&layers), layers }
+    }
 }
 
 /// Why a time step gave no frame. The session can go on with the next.
@@ -74,7 +82,7 @@ pub struct LiveFrame {
     /// The picture, with its depth.
     pub frame: Frame,
     /// Where its layers came from.
-    pub taken: LayerSource,
+    pub layer_source: LayerSource,
     /// Indices of the cameras it was rendered from, nearest first.
     pub views: Vec<usize>,
     /// Where the time went.
@@ -105,12 +113,18 @@ pub struct LiveSession<N> {
     /// Largest V first.
     renderers: Vec<Renderer<N>>,
     settings: LiveSettings,
+    history: History,
+}
+
+/// What a session knows from the frames before.
+#[derive(Default)]
+struct History {
     /// Of the last frame, for guided layers.
     surface: Option<Surface>,
-    /// Frames since all of it was searched.
+    /// Planes that an earlier frame found.
+    planes: Option<Layers>,
+    /// Frames since these were found.
     age: usize,
-    /// By the paper's policy, once the first frame has been rendered.
-    selected: Option<Layers>,
 }
 
 impl<N> fmt::Debug for LiveSession<N> {
@@ -139,7 +153,7 @@ impl<N: PlaneNetwork> LiveSession<N> {
         if renderers.is_empty() {
             return Err(LiveError::NoNetwork);
         }
-        Ok(Self { cameras, renderers, settings, surface: None, age: 0, selected: None })
+        Ok(Self { cameras, renderers, settings, history: History::default() })
     }
 
     /// The cameras of the rig.
@@ -147,14 +161,14 @@ impl<N: PlaneNetwork> LiveSession<N> {
         &self.cameras
     }
 
-    /// Guided layers of the frames to come.
-    pub fn set_layers(&mut self, layers: usize) {
+    /// Layers of the frames to come.
+    pub fn set_layers(&mut self, layers: LayerSpec) {
         self.settings.layers = layers;
     }
 
     /// Forgets the frames before, so that the next is a first one.
     pub fn restart(&mut self) {
-        (self.surface, self.age, self.selected) = (None, 0, None);
+        self.history = History::default();
     }
 
     /// Renders `target` from the photos of one time step, one per camera in their order; `None` where a camera has
@@ -175,18 +189,18 @@ impl<N: PlaneNetwork> LiveSession<N> {
         let sources: Vec<SourceView<'_>> =
             cameras.iter().zip(&textures).map(|(&camera, texture)| SourceView { camera, texture }).collect();
         let seen = TargetViews { levels: Levels::new(textures.iter().collect()), cameras, target };
-        let (layers, taken) = layers(&self.settings, &mut self.surface, &mut self.age, &self.selected, &seen)?;
+        let (layers, layer_source) = self.history.layers(&self.settings, &seen)?;
         let found = Instant::now();
         let frame = self.renderers[network].render(&sources, target, &layers)?;
-        if let (Policy::Paper { first, then }, LayerSource::Planes) = (self.settings.policy, taken) {
+        if let (LayerSpec::Select { keep, from }, LayerSource::Dense) = (&self.settings.layers, layer_source) {
             let best = frame.best_layer.iter().map(|best| best.map(|plane| plane as usize));
-            let kept = select_planes(&plane_histogram(best, first), then);
-            let disparities = uniform_disparities(self.settings.near, self.settings.far, first)?;
+            let kept = select_planes(&plane_histogram(best, *from), *keep);
+            let disparities = uniform_disparities(self.settings.near, self.settings.far, *from)?;
             let kept: Vec<f64> = kept.into_iter().map(|plane| disparities[plane]).collect();
-            self.selected = Some(Layers::planes(&kept)?);
+            self.history.planes = Some(Layers::planes(&kept)?);
         }
         let times = LiveTimes { photos: ready - started, layers: found - ready, stages: frame.times };
-        Ok(LiveFrame { frame, taken, views, times })
+        Ok(LiveFrame { frame, layer_source, views, times })
     }
 
     fn check(&self, photos: &[Option<&ImageRgb>]) -> Result<(), LiveError> {
@@ -218,38 +232,62 @@ impl<N: PlaneNetwork> LiveSession<N> {
     }
 }
 
-/// The layers of a frame by the policy.
-fn layers(
-    settings: &LiveSettings,
-    surface: &mut Option<Surface>,
-    age: &mut usize,
-    selected: &Option<Layers>,
-    seen: &TargetViews<'_>,
-) -> Result<(Layers, LayerSource), LiveError> {
-    let LiveSettings { near, far, policy, .. } = *settings;
-    let every = match policy {
-        Policy::Planes(count) => return Ok((Layers::uniform(near, far, count)?, LayerSource::Planes)),
-        Policy::Paper { first, .. } => {
-            return Ok(match selected {
-                Some(layers) => (layers.clone(), LayerSource::Selected),
-                None => (Layers::uniform(near, far, first)?, LayerSource::Planes),
-            });
-        }
-        Policy::Every(frames) => Some(frames),
-        Policy::Carried => None,
-    };
-    let pass = GuidedSearch { near, far, planes: settings.coarse_planes };
-    let old = every.is_some_and(|frames| *age + 1 >= frames);
-    let (now, taken) = match surface.take().filter(|surface| !old && surface.suits(seen.target)) {
-        Some(before) => {
-            let mut moved = before.moved(seen.target);
-            let refreshed = if every.is_some() { 0.0 } else { moved.refresh(&pass, seen)? };
-            (moved, if refreshed < 1.0 { LayerSource::Carried { refreshed } } else { LayerSource::Searched })
-        }
-        None => (Surface::search(&pass, seen)?, LayerSource::Searched),
-    };
-    *age = if taken == LayerSource::Searched { 0 } else { *age + 1 };
-    let layers = now.range().layers(settings.layers)?;
-    *surface = Some(now);
-    Ok((layers, taken))
+impl History {
+    /// The layers of a frame, and where they came from.
+    fn layers(&mut self, settings: &LiveSettings, seen: &TargetViews<'_>) -> Result<(Layers, LayerSource), LiveError> {
+        let (near, far) = (settings.near, settings.far);
+        let search = |coarse_planes| GuidedSearch { near, far, planes: coarse_planes };
+        let due = match settings.policy {
+            Policy::Every(frames) => self.age + 1 >= frames,
+            Policy::Once | Policy::Propagate => false,
+        };
+        let (layers, source) = match settings.layers {
+            LayerSpec::Planes(count) => (Layers::uniform(near, far, count)?, LayerSource::Fixed),
+            LayerSpec::List(ref disparities) => (Layers::planes(disparities)?, LayerSource::Fixed),
+            LayerSpec::Select { from, .. } => match self.planes.take().filter(|_| !due) {
+                Some(planes) => {
+                    self.planes = Some(planes.clone());
+                    (planes, LayerSource::Selected)
+                }
+                None => (Layers::uniform(near, far, from)?, LayerSource::Dense),
+            },
+            LayerSpec::KMeans { planes: count, coarse_planes } => match self.planes.take().filter(|_| !due) {
+                Some(planes) => {
+                    self.planes = Some(planes.clone());
+                    (planes, LayerSource::Propagated { refreshed: 0.0 })
+                }
+                None => {
+                    let surface = Surface::search(&search(coarse_planes), seen)?;
+                    let planes = Layers::planes(&kmeans_planes(surface.disparities(), count))?;
+                    self.planes = Some(planes.clone());
+                    (planes, LayerSource::Searched)
+                }
+            },
+            LayerSpec::Guided { layers, coarse_planes } => {
+                let pass = search(coarse_planes);
+                let (surface, source) = self.surface(&pass, settings.policy, due, seen)?;
+                let layers = surface.range().layers(layers)?;
+                self.surface = Some(surface);
+                (layers, source)
+            }
+        };
+        self.age = if matches!(source, LayerSource::Searched | LayerSource::Dense) { 0 } else { self.age + 1 };
+        Ok((layers, source))
+    }
+
+    /// The surface of a frame.
+    fn surface(
+        &mut self,
+        pass: &GuidedSearch,
+        policy: Policy,
+        due: bool,
+        seen: &TargetViews<'_>,
+    ) -> Result<(Surface, LayerSource), LiveError> {
+        let before = self.surface.take().filter(|surface| !due && surface.suits(seen.target));
+        let Some(before) = before else { return Ok((Surface::search(pass, seen)?, LayerSource::Searched)) };
+        let mut moved = before.moved(seen.target);
+        let refreshed = if policy == Policy::Propagate { moved.refresh(pass, seen)? } else { 0.0 };
+        let source = if refreshed < 1.0 { LayerSource::Propagated { refreshed } } else { LayerSource::Searched };
+        Ok((moved, source))
+    }
 }

@@ -1,27 +1,25 @@
 //! What to render with: the model, ONNX Runtime, threads.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
-use liveview::network::{self, Precision};
-use liveview::network;
-use liveview::network::OrtNetwork;
+use liveview::network::{ExecutionProvider, OrtLibrary, OrtLibraryError, OrtNetwork, Precision, cpu_has_bf16};
 use liveview::render::Renderer;
-use liveview::network::OrtLibrary;
+use liveview::{Model, ModelOptions};
 use serde_json::{Value, json};
 
-/// V where neither `--views` nor `--model` says.
-const DEFAULT_VIEWS: usize = 4;
+use super::numbers;
+use crate::console::{shown, tell};
 
 /// Options that choose the model and how it is run.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Model and engine")]
-pub(super) struct ModelArgs {
+pub(crate) struct ModelArgs {
     /// Views that each picture is made from; picks the model [default: 4, or the --model's own]
-    #[arg(long, value_name = "V", value_parser = super::count)]
-    pub(super) views: Option<usize>,
+    #[arg(long, value_name = "V", value_parser = numbers::count)]
+    pub(crate) views: Option<usize>,
     /// Model file [default: liveview_v<V>.onnx in LIVEVIEW_MODELS, or in a `models` folder beside or above the binary, or
     /// in the working directory's]
     #[arg(long, value_name = "FILE")]
@@ -38,11 +36,11 @@ pub(super) struct ModelArgs {
     #[arg(long, value_name = "FILE")]
     ort_lib: Option<PathBuf>,
     /// Threads, for the network and for everything else [default: one per core]
-    #[arg(long, value_name = "N", value_parser = super::few)]
+    #[arg(long, value_name = "N", value_parser = numbers::few)]
     threads: Option<usize>,
     /// Layers that go through the network at once: memory grows with it, the result does not change
-    #[arg(long, value_name = "N", default_value = "1", value_parser = super::few)]
-    pub(super) batch: usize,
+    #[arg(long, value_name = "N", default_value = "1", value_parser = numbers::few)]
+    pub(crate) batch: usize,
 }
 
 /// `--engine`.
@@ -80,7 +78,7 @@ fn flag(name: &str, value: &impl ValueEnum) -> Option<String> {
 
 /// An engine and a precision, such as `openvino int8`.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct ProviderChoice {
+pub(crate) struct ProviderChoice {
     engine: ProviderName,
     precision: Option<PrecisionName>,
 }
@@ -95,131 +93,187 @@ impl FromStr for ProviderChoice {
     }
 }
 
-/// A model, ready to render.
-pub(super) struct LoadedModel {
-    pub(super) renderer: Renderer<OrtNetwork>,
-    pub(super) library: PathBuf,
-    pub(super) name: ExecutionProvider,
+/// A model and what runs it, to tell of.
+pub(crate) struct ModelInfo {
+    pub(crate) path: PathBuf,
+    card: liveview::network::ModelCard,
+    pub(crate) library: PathBuf,
+    pub(crate) provider: ExecutionProvider,
     /// Of the arithmetic: f32, bf16 or int8.
-    pub(super) precision: String,
-    pub(super) threads: usize,
-    pub(super) batch: usize,
+    pub(crate) precision: String,
+    pub(crate) threads: usize,
+    pub(crate) batch: usize,
 }
 
 impl ModelArgs {
     /// The same options on a command line, on another engine if one is named.
-    pub(super) fn to_args(&self, other: Option<ProviderChoice>) -> Vec<String> {
+    pub(crate) fn to_args(&self, other: Option<ProviderChoice>) -> Vec<String> {
         let ProviderChoice { engine, precision } =
             other.unwrap_or(ProviderChoice { engine: self.engine, precision: self.precision });
         let mut args = vec![format!("--threads={}", self.threads()), format!("--batch={}", self.batch)];
         args.extend(flag("engine", &engine));
         args.extend(precision.and_then(|precision| flag("precision", &precision)));
         args.extend(self.views.map(|views| format!("--views={views}")));
-        args.extend(self.model.as_ref().map(|model| format!("--model={}", super::shown(model))));
-        args.extend(self.ort_lib.as_ref().map(|library| format!("--ort-lib={}", super::shown(library))));
+        args.extend(self.model.as_ref().map(|model| format!("--model={}", shown(model))));
+        args.extend(self.ort_lib.as_ref().map(|library| format!("--ort-lib={}", shown(library))));
         args
     }
 
     /// As given, else one per core.
-    pub(super) fn threads(&self) -> usize {
+    pub(crate) fn threads(&self) -> usize {
         self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, Into::into))
     }
 
     /// Sets the threads of everything but the network; once per process, before any other work.
-    pub(super) fn set_threads(&self) -> Result<usize> {
+    pub(crate) fn set_threads(&self) -> Result<usize> {
         let threads = self.threads();
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
         Ok(threads)
     }
 
     /// V where no model says otherwise.
-    pub(super) fn views_or_default(&self) -> usize {
-        self.views.unwrap_or(DEFAULT_VIEWS)
+    pub(crate) fn views_or_default(&self) -> usize {
+        self.views.unwrap_or(liveview::DEFAULT_VIEWS)
     }
 
-    /// Finds and opens the model.
-    pub(super) fn open(&self) -> Result<LoadedModel> {
-        let threads = self.set_threads()?;
+    fn options(&self) -> Result<ModelOptions> {
         let bf16 = self.precision == Some(PrecisionName::Bf16);
         if bf16 && !ExecutionProvider::from(self.engine).knows_bf16() {
             bail!("--precision bf16: expected --engine {}, the only one that has it", ExecutionProvider::OpenVino);
         }
-        let path = match &self.model {
-            Some(path) => path.clone(),
-            None if self.precision == Some(PrecisionName::Int8) => models::find_int8(self.views_or_default())?,
-            None => models::find(self.views_or_default())?,
-        };
-        let runtime = OrtLibrary::load_for(self.engine.into(), self.ort_lib.as_deref())?;
-        let arithmetic = if bf16 { Precision::Bf16 } else { Precision::F32 };
-        let network = OrtNetwork::open_in(arithmetic, &runtime, &path, threads)?;
-        let precision = &network.card().precision;
-        let expected = if self.precision == Some(PrecisionName::Int8) { "int8" } else { "f32" };
-        if self.precision.is_some() && precision != expected {
-            bail!("{}: metadata `precision` is {precision}, expected {expected} (--precision)", path.display());
+        let mut options = ModelOptions::default();
+        options.views = self.views;
+        options.file.clone_from(&self.model);
+        if std::env::var_os("LIVEVIEW_MODELS").is_none_or(|folder| folder.is_empty()) {
+            options.folders.push(std::env::current_dir().unwrap_or_default().join("models"));
         }
-        let computed = bf16 && network::cpu_has_bf16();
-        if bf16 && !computed {
-            super::tell("note", "--precision bf16: this CPU has no instructions for it; OpenVINO computes in f32");
-        }
-        let precision = if computed { "bf16".to_owned() } else { precision.clone() };
-        let views = network.card().views;
-        if let Some(asked) = self.views.filter(|&asked| asked != views) {
-            bail!("{}: metadata `views` is {views}, expected {asked} (--views {asked})", path.display());
-        }
-        let (library, name) = (runtime.library().to_owned(), runtime.engine());
-        let renderer = Renderer::new(network, self.batch);
-        Ok(LoadedModel { renderer, library, name, precision, threads, batch: self.batch })
+        options.quantized = self.precision == Some(PrecisionName::Int8);
+        options.provider = self.engine.into();
+        options.precision = if bf16 { Precision::Bf16 } else { Precision::F32 };
+        options.library = self.ort_lib.clone().or_else(|| wheel(options.provider));
+        options.threads = Some(self.threads());
+        options.batch = self.batch;
+        Ok(options)
     }
-}
 
-impl ModelArgs {
+    /// Finds and opens the model.
+    pub(crate) fn open(&self) -> Result<(Renderer<OrtNetwork>, ModelInfo)> {
+        let options = self.options()?;
+        let threads = self.set_threads()?;
+        let Model { renderer, library, precision, .. } = Model::open(&options)?;
+        let network = renderer.network();
+        let (path, card) = (network.path().to_owned(), network.card().clone());
+        let expected = if options.quantized { "int8" } else { "f32" };
+        if self.precision.is_some() && card.precision != expected {
+            bail!("{}: metadata `precision` is {}, expected {expected} (--precision)", path.display(), card.precision);
+        }
+        if options.precision == Precision::Bf16 && !cpu_has_bf16() {
+            tell("note", "--precision bf16: this CPU has no instructions for it; OpenVINO computes in f32");
+        }
+        if let Some(asked) = self.views.filter(|&asked| asked != card.views) {
+            bail!("{}: metadata `views` is {}, expected {asked} (--views {asked})", path.display(), card.views);
+        }
+        let (provider, library) = (library.provider(), library.path().to_owned());
+        Ok((renderer, ModelInfo { path, card, library, provider, precision, threads, batch: self.batch }))
+    }
+
     /// Models for fewer views than `views`, to fall back on; none beside a --model of one's own.
-    pub(super) fn open_smaller(&self, views: usize) -> Result<Vec<Renderer<OrtNetwork>>> {
+    pub(crate) fn open_smaller(&self, views: usize) -> Result<Vec<Renderer<OrtNetwork>>> {
         if self.model.is_some() {
             return Ok(Vec::new());
         }
-        let find = if self.precision == Some(PrecisionName::Int8) { models::find_int8 } else { models::find };
-        let arithmetic = if self.precision == Some(PrecisionName::Bf16) { Precision::Bf16 } else { Precision::F32 };
-        let runtime = OrtLibrary::load_for(self.engine.into(), self.ort_lib.as_deref())?;
-        let open = |path: PathBuf| OrtNetwork::open_in(arithmetic, &runtime, &path, self.threads());
-        let networks = (2..views).filter_map(|views| find(views).ok()).map(open);
+        let options = self.options()?;
+        let library =
+            OrtLibrary::load(options.provider, options.library.as_deref()).map_err(liveview::SynthesisError::from)?;
+        let open = |path: PathBuf| OrtNetwork::open_in(options.precision, &library, &path, self.threads());
+        let networks = (2..views).filter_map(|views| options.find(views).ok()).map(open);
         networks.map(|network| Ok(Renderer::new(network?, self.batch))).collect()
     }
 }
 
-impl LoadedModel {
+/// The library of a wheel in a virtual environment of the working directory or above the program, unless `ORT_DYLIB_PATH` names
+/// one.
+fn wheel(provider: ExecutionProvider) -> Option<PathBuf> {
+    if std::env::var_os("ORT_DYLIB_PATH").is_some_and(|path| !path.is_empty()) {
+        return None;
+    }
+    let working = std::env::current_dir().unwrap_or_default();
+    let program = std::env::current_exe().unwrap_or_default();
+    let places: Vec<&Path> = program.ancestors().skip(1).take(4).chain([working.as_path()]).collect();
+    let environments = environments(provider).iter().flat_map(|name| places.iter().map(move |place| place.join(name)));
+    let pythons = environments.flat_map(|environment| {
+        let entries = std::fs::read_dir(environment.join("lib")).into_iter().flatten().flatten();
+        let mut pythons: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+        pythons.sort();
+        pythons
+    });
+    let mut folders = pythons.map(|python| python.join("site-packages").join("onnxruntime").join("capi"));
+    folders.find_map(|folder| OrtLibrary::find_in(&folder, provider))
+}
+
+/// Virtual environments that hold the wheel with a provider.
+fn environments(provider: ExecutionProvider) -> &'static [&'static str] {
+    match provider {
+        ExecutionProvider::Cpu => &[".venv"],
+        ExecutionProvider::OpenVino => &[".venv-openvino", ".venv"],
+        _ => &[".venv-cuda", ".venv"],
+    }
+}
+
+/// How a user gets a library that was not found, or one that has the provider.
+pub(crate) fn library_advice(error: &OrtLibraryError) -> Option<String> {
+    let (provider, searched) = match error {
+        OrtLibraryError::NotFound { provider, .. } => (*provider, true),
+        OrtLibraryError::NoProvider { provider, .. } => (*provider, false),
+        _ => return None,
+    };
+    let get = match provider {
+        ExecutionProvider::Cpu => {
+            "Get it with `make runtime`, or `pip install onnxruntime` and pass its \
+             onnxruntime/capi/libonnxruntime.so.* by --ort-lib or ORT_DYLIB_PATH"
+        }
+        ExecutionProvider::OpenVino => {
+            "Get it with `make runtime-openvino`, or `pip install onnxruntime-openvino` into an environment of its own \
+             and pass its onnxruntime/capi/libonnxruntime.so.* by --ort-lib or ORT_DYLIB_PATH"
+        }
+        _ => {
+            "Get it with `pip install onnxruntime-gpu` into an environment of its own, .venv-cuda, or pass its \
+             onnxruntime/capi/libonnxruntime.so.* by --ort-lib or ORT_DYLIB_PATH"
+        }
+    };
+    let environments = environments(provider).join(" and ");
+    let looked = format!("Nor is it in {environments} of the working directory and above the program. ");
+    Some(if searched { looked + get } else { get.to_owned() })
+}
+
+impl ModelInfo {
     /// What runs the network, in a few words.
-    pub(super) fn described(&self) -> String {
-        format!("{}, {}", self.name, self.precision)
+    pub(crate) fn described(&self) -> String {
+        format!("{}, {}", self.provider, self.precision)
     }
 
-    pub(super) fn network(&self) -> &OrtNetwork {
-        self.renderer.network()
-    }
-
-    pub(super) fn text(&self) -> String {
-        let (network, library) = (self.network(), self.library.file_name().unwrap_or_default());
+    pub(crate) fn text(&self) -> String {
         format!(
             "engine  ONNX Runtime ({}), {} {}, {} threads, {} layers at once\nmodel   {}: {}\n",
-            library.display(),
-            self.name,
+            self.library.file_name().unwrap_or_default().display(),
+            self.provider,
             self.precision,
             self.threads,
             self.batch,
-            network.path().display(),
-            network.card().training
+            self.path.display(),
+            self.card.training
         )
     }
 
-    pub(super) fn json(&self) -> Value {
-        let card = self.network().card();
+    pub(crate) fn json(&self) -> Value {
+        let card = &self.card;
         json!({
             "model": {
-                "file": super::shown(self.network().path()), "views": card.views, "recommended_layers": card.recommended_layers,
+                "file": shown(&self.path), "views": card.views, "recommended_layers": card.recommended_layers,
                 "training": card.training, "licence": card.licence,
             },
             "engine": {
-                "name": "ONNX Runtime", "library": super::shown(&self.library), "provider": self.name.name(),
+                "name": "ONNX Runtime", "library": shown(&self.library), "provider": self.provider.name(),
                 "precision": self.precision, "threads": self.threads, "batch": self.batch,
             },
         })

@@ -5,22 +5,22 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow, bail};
-use liveview::fs::atomic::AtomicFile;
+use liveview::fs::atomic::{self, AtomicFile};
 
-use super::setup::{Photos, Shot};
+use liveview::{Scene, Shot};
 
 /// One file, or a folder of them.
-pub(super) enum Place {
+pub(crate) enum Place {
     File(PathBuf),
     Folder(PathBuf),
 }
 
 /// What is added to a name, and its ending if it is not the name's own.
-pub(super) type Variant = (&'static str, Option<&'static str>);
+pub(crate) type Variant = (&'static str, Option<&'static str>);
 
 impl Place {
     /// By what is there, else by the extension: a folder has none.
-    pub(super) fn new(option: &str, path: &Path, endings: &[&str]) -> Result<Self> {
+    pub(crate) fn new(option: &str, path: &Path, endings: &[&str]) -> Result<Self> {
         if path.is_dir() || path.as_os_str().to_string_lossy().ends_with('/') || path.extension().is_none() {
             return Ok(Self::Folder(path.to_owned()));
         }
@@ -31,7 +31,7 @@ impl Place {
     }
 
     /// The file of a shot.
-    pub(super) fn file(&self, shot: &Shot, suffix: &str, ending: Option<&str>) -> PathBuf {
+    pub(crate) fn file(&self, shot: &Shot, suffix: &str, ending: Option<&str>) -> PathBuf {
         let (folder, mut name, own) = match self {
             Self::File(path) => (path.parent(), path.file_stem().unwrap_or_default().to_owned(), path.extension()),
             Self::Folder(path) => (Some(path.as_path()), stem(&shot.name).into(), None),
@@ -44,18 +44,18 @@ impl Place {
     }
 
     /// The files of a shot, one per variant.
-    pub(super) fn files<const N: usize>(&self, shot: &Shot, variants: [Variant; N]) -> [PathBuf; N] {
+    pub(crate) fn files<const N: usize>(&self, shot: &Shot, variants: [Variant; N]) -> [PathBuf; N] {
         variants.map(|(suffix, ending)| self.file(shot, suffix, ending))
     }
 }
 
 /// The files of all photos of a scene, which nothing may overwrite.
-pub(super) fn photo_files(photos: &Photos) -> HashSet<PathBuf> {
-    photos.scene.views.iter().filter_map(|view| view.image_path().canonicalize().ok()).collect()
+pub(crate) fn photo_files(scene: &Scene) -> HashSet<PathBuf> {
+    scene.views.iter().filter_map(|view| view.image_path().canonicalize().ok()).collect()
 }
 
 /// Refuses a file that cannot be written or is one of the `photos`; creates missing folders.
-pub(super) fn claim(option: &str, file: &Path, photos: &HashSet<PathBuf>) -> Result<()> {
+pub(crate) fn claim(option: &str, file: &Path, photos: &HashSet<PathBuf>) -> Result<()> {
     let folder = file.parent().unwrap_or(Path::new(""));
     let refused = |why: String| anyhow!("{option} {}: cannot be written: {why}", file.display());
     if folder.exists() && !folder.is_dir() {
@@ -74,9 +74,9 @@ pub(super) fn claim(option: &str, file: &Path, photos: &HashSet<PathBuf>) -> Res
 }
 
 /// Refuses, before any work, a picture that is no PNG or cannot be written.
-pub(super) fn claim_png(option: &str, file: &Path, photos: &Photos) -> Result<()> {
+pub(crate) fn claim_png(option: &str, file: &Path, scene: &Scene) -> Result<()> {
     match Place::new(option, file, &["png"])? {
-        Place::File(file) => claim(option, &file, &photo_files(photos)),
+        Place::File(file) => claim(option, &file, &photo_files(scene)),
         Place::Folder(path) => bail!("{option} {}: expected a name that ends in .png", path.display()),
     }
 }
@@ -86,6 +86,11 @@ fn stem(name: &str) -> String {
     Path::new(&name.replace('/', "_")).with_extension("").to_string_lossy().into_owned()
 }
 
-pub(super) fn has_ending(path: &Path, endings: &[&str]) -> bool {
+pub(crate) fn has_ending(path: &Path, endings: &[&str]) -> bool {
     path.extension().is_some_and(|found| endings.iter().any(|ending| found.eq_ignore_ascii_case(ending)))
+}
+
+/// All of a file or nothing.
+pub(crate) fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
+    atomic::write(path, contents).map_err(|error| anyhow!("{}: cannot be written: {error}", path.display()))
 }

@@ -5,22 +5,21 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::Args;
-use liveview::geometry::Camera;
+use liveview::geometry::{CameraPath, read_cameras};
+use liveview::{PhotoCache, Scene, SynthesisError, Targets};
 
-use super::path::CameraPath;
-use super::pose;
-use super::setup::Photos;
+use super::numbers;
 
 /// Options that say what to render; exactly one.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "What to render (one of these)")]
 #[group(required = true, multiple = false)]
-pub(super) struct TargetArgs {
+pub(crate) struct TargetArgs {
     /// A view of the scene, by name; it is held out: never rendered from. Several are held out together
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     target: Vec<String>,
     /// Every Nth view in name order, from the first on, each rendered from those not held out (the LLFF protocol)
-    #[arg(long, value_name = "N", value_parser = super::count)]
+    #[arg(long, value_name = "N", value_parser = numbers::count)]
     heldout: Option<usize>,
     /// Camera in a JSON file: {"transform_matrix": 4x4 world from camera, OpenGL axes} or {"cam_from_world": 3x4 or 4x4,
     /// OpenCV axes}, with fl_x, fl_y, cx, cy, w, h if they differ from those of the nearest view; or a list of such, one
@@ -31,22 +30,6 @@ pub(super) struct TargetArgs {
     /// the views do
     #[arg(long, value_name = "SHAPE:N")]
     path: Option<CameraPath>,
-}
-
-/// A camera to render, and the view that shows the truth, if there is one.
-pub(super) struct Target {
-    pub(super) name: String,
-    pub(super) camera: Camera,
-    pub(super) truth: Option<usize>,
-}
-
-/// What to render.
-pub(super) struct Targets {
-    pub(super) list: Vec<Target>,
-    /// Views that must not be rendered from.
-    pub(super) held_out: Vec<usize>,
-    /// Whether they are the frames of one path.
-    pub(super) moving: bool,
 }
 
 /// As on the command line.
@@ -63,47 +46,35 @@ impl fmt::Display for TargetArgs {
 
 impl TargetArgs {
     /// Whether there will be photos to compare with.
-    pub(super) fn have_truth(&self) -> bool {
+    pub(crate) fn have_truth(&self) -> bool {
         self.pose.is_none() && self.path.is_none()
     }
 
     /// The targets.
-    pub(super) fn resolve(&self, photos: &Photos) -> Result<Targets> {
-        let frames = |cameras: Vec<Camera>, name: &str, moving| {
-            let named = |index| if moving { format!("{name}_{index:04}") } else { name.to_owned() };
-            let target = |(index, camera)| Target { name: named(index), camera, truth: None };
-            Targets { list: cameras.into_iter().enumerate().map(target).collect(), held_out: Vec::new(), moving }
-        };
+    pub(crate) fn resolve(&self, photos: &PhotoCache) -> Result<Targets> {
+        let scene = photos.scene();
         if let Some(file) = &self.pose {
-            let cameras = pose::read(file, photos)?;
-            let moving = cameras.len() > 1;
-            return Ok(frames(cameras, if moving { "frame" } else { "pose" }, moving));
+            return Ok(Targets::cameras(read_cameras(file, &photos.all_cameras())?));
         }
-        if let Some(path) = &self.path {
-            return Ok(frames(path.cameras(photos)?, "frame", true));
+        if let Some(path) = self.path {
+            return match Targets::path(scene, path) {
+                Err(error @ SynthesisError::Path(_)) => bail!("{error}; expected --pose instead"),
+                targets => Ok(targets?),
+            };
         }
         let views = match self.heldout {
             Some(1) => bail!("--heldout 1 holds out every view and leaves none to render from; expected 2 or more"),
-            Some(step) => (0..photos.scene.views.len()).step_by(step).collect(),
-            None => named(photos, &self.target)?,
+            Some(step) => (0..scene.views.len()).step_by(step).collect(),
+            None => named(scene, &self.target)?,
         };
         if let Some(twice) = (1..views.len()).find(|&i| views[..i].contains(&views[i])) {
-            bail!("--target names \"{}\" twice; expected each view once", photos.scene.views[views[twice]].name);
+            bail!("--target names \"{}\" twice; expected each view once", scene.views[views[twice]].name);
         }
-        Ok(held_out(photos, views))
+        Ok(Targets::held_out(scene, views))
     }
 }
 
 /// The views of these names.
-pub(super) fn named(photos: &Photos, names: &[String]) -> Result<Vec<usize>> {
-    names.iter().map(|name| Ok(photos.scene.view_index(name)?)).collect()
-}
-
-/// These views as targets, each with the truth.
-pub(super) fn held_out(photos: &Photos, views: Vec<usize>) -> Targets {
-    let target = |&view: &usize| {
-        let found = &photos.scene.views[view];
-        Target { name: found.name.clone(), camera: found.camera.clone(), truth: Some(view) }
-    };
-    Targets { list: views.iter().map(target).collect(), held_out: views, moving: false }
+pub(crate) fn named(scene: &Scene, names: &[String]) -> Result<Vec<usize>> {
+    names.iter().map(|name| Ok(scene.view_index(name)?)).collect()
 }

@@ -1,30 +1,27 @@
 //! `liveview dump`: every stage of one render as arrays, for `python -m liveview_ref.parity`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Error, Result, anyhow, bail};
+use anyhow::{Result, bail};
 use clap::Args;
-use liveview::render::{Blended, LayerSamples};
-use liveview::geometry::Camera;
 use liveview::layers::guided::SearchStages;
-use liveview::image::ImageRgb;
 use liveview::layers::{Layer, Layers};
-use liveview::render::{Batch, Frame, warp_sources};
-use liveview::render::Culling;
-use liveview::fs::atomic::AtomicFile;
+use liveview::render::{Batch, Blended, Culling, Frame, LayerSamples};
+use liveview::warp::warp_sources;
+use liveview::{LayerSpec, Shot, Targets};
 use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate, s};
-use ndarray_npy::{NpzWriter, WritableElement};
 use serde_json::json;
 
-use super::Report;
-use super::engine::ModelArgs;
-use super::layers::{LayerArgs, Recipe};
-use super::setup::{Job, Photos, SceneArgs, Shot};
-use super::targets::held_out;
+use crate::args::layers::LayerArgs;
+use crate::args::model::ModelArgs;
+use crate::args::scene::SceneArgs;
+use crate::console::{Output, shown, tell_notes};
+use crate::job::Job;
+use crate::npz::Arrays;
 
 /// Options of `liveview dump`.
 #[derive(Debug, Args)]
-pub(super) struct DumpArgs {
+pub(crate) struct DumpArgs {
     #[command(flatten)]
     scene: SceneArgs,
     /// The view to render, by name; it is held out
@@ -33,59 +30,10 @@ pub(super) struct DumpArgs {
     #[command(flatten)]
     layers: LayerArgs,
     #[command(flatten)]
-    engine: ModelArgs,
+    model: ModelArgs,
     /// Where to write the arrays
     #[arg(short, long, value_name = "NPZ")]
     output: PathBuf,
-}
-
-/// The arrays of a file that appears only once it is whole.
-pub(crate) struct Arrays {
-    file: NpzWriter<AtomicFile>,
-    path: PathBuf,
-}
-
-impl Arrays {
-    pub(crate) fn create(path: &Path) -> Result<Self> {
-        let file = AtomicFile::create(path).map_err(|error| unwritten(path, error))?;
-        Ok(Self { file: NpzWriter::new(file), path: path.to_owned() })
-    }
-
-    pub(crate) fn add<A: WritableElement, D: Dimension>(&mut self, name: &str, array: Array<A, D>) -> Result<()> {
-        self.file.add_array(name, &array).map_err(|error| unwritten(&self.path, error))
-    }
-
-    pub(crate) fn add_camera(&mut self, name: &str, camera: &Camera) -> Result<()> {
-        let matrix = |m: glam::DMat3| Array::from_shape_fn((3, 3), |(row, column)| m.row(row)[column]);
-        self.add(&format!("{name}.k"), matrix(camera.k()))?;
-        self.add(&format!("{name}.rotation"), matrix(camera.rotation()))?;
-        self.add(&format!("{name}.translation"), Array1::from_vec(camera.translation().to_array().to_vec()))
-    }
-
-    /// The photos that a shot is rendered from, their cameras, and the target's.
-    pub(super) fn add_rig(&mut self, photos: &Photos, shot: &Shot) -> Result<()> {
-        for (index, &view) in shot.views.iter().enumerate() {
-            self.add_camera(&format!("view{index}"), &photos.scene.views[view].camera)?;
-            self.add_image(&format!("view{index}.image"), &photos.scene.load_image(view)?)?;
-        }
-        self.add_camera("target", &shot.target)?;
-        self.add("target.size", Array1::from_vec(vec![shot.target.width() as i64, shot.target.height() as i64]))
-    }
-
-    /// Gives the file its name.
-    pub(super) fn finish(self) -> Result<()> {
-        let file = self.file.finish().map_err(|error| unwritten(&self.path, error))?;
-        file.finish().map_err(|error| unwritten(&self.path, error))
-    }
-
-    pub(crate) fn add_image(&mut self, name: &str, image: &ImageRgb) -> Result<()> {
-        self.add(name, Array3::from_shape_vec((image.height(), image.width(), 3), image.data().to_vec())?)
-    }
-}
-
-/// The cause alone, without what the layers between say of it.
-pub(super) fn unwritten(path: &Path, error: impl Into<Error>) -> Error {
-    anyhow!("{}: cannot be written: {}", path.display(), error.into().root_cause())
 }
 
 /// What the batches of a render showed, layer after layer.
@@ -139,54 +87,53 @@ impl Stages {
     }
 }
 
-pub(super) fn run(args: &DumpArgs) -> Result<Report> {
+pub(crate) fn run(args: &DumpArgs) -> Result<Output> {
     if args.output.extension().is_none_or(|ending| ending != "npz") {
         bail!("-o {}: expected a name that ends in .npz", args.output.display());
     }
-    let mut job = Job::open(args.scene.open()?, &args.layers, &args.engine)?;
-    let view = job.photos.scene.view_index(&args.target)?;
-    let targets = held_out(&job.photos, vec![view]);
-    let Some(shot) = job.shots(targets)?.pop() else { bail!("{}: nothing to render", args.target) };
-    job.photos.tell_notes();
-    job.photos.load(&shot.views, &[])?;
+    let mut job = Job::open(args.scene.open()?, &args.layers, &args.model)?;
+    let targets = Targets::held_out(job.scene(), vec![job.scene().view_index(&args.target)?]);
+    let Some(shot) = job.synthesizer.shots(targets)?.pop() else { bail!("{}: nothing to render", args.target) };
+    tell_notes(&job.scene().notes);
+    job.synthesizer.photos_mut().load_for(&shot, &[])?;
     let mut arrays = Arrays::create(&args.output)?;
     write(&mut job, &shot, &mut arrays)?;
     arrays.finish()?;
     let json = json!({
-        "file": super::shown(&args.output), "target": shot.name, "views": job.photos.names(&shot.views), "near": shot.near,
-        "far": shot.far, "layers": job.recipe.to_string(), "model": super::shown(job.engine.network().path()), "library": super::shown(&job.engine.library),
-        "engine": job.engine.name.name(), "precision": job.engine.precision, "threads": job.engine.threads, "batch": job.engine.batch,
+        "file": shown(&args.output), "target": shot.name, "views": job.photos().names(&shot.views), "near": shot.near,
+        "far": shot.far, "layers": job.layers().to_string(), "model": shown(&job.model.path),
+        "library": shown(&job.model.library), "engine": job.model.provider.name(), "precision": job.model.precision,
+        "threads": job.model.threads, "batch": job.model.batch,
     });
-    Ok(Report { text: format!("{}: every stage of {}, {}", args.output.display(), shot.name, job.recipe), json })
+    Ok(Output { text: format!("{}: every stage of {}, {}", args.output.display(), shot.name, job.layers()), json })
 }
 
 fn write(job: &mut Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
-    arrays.add_rig(&job.photos, shot)?;
-    let layers = if let Recipe::Guided { layers, coarse_planes } = job.recipe {
-        let found = job.photos.search(shot, coarse_planes)?;
+    arrays.add_rig(job.photos(), shot)?;
+    let layers = if let LayerSpec::Guided { layers, coarse_planes } = *job.layers() {
+        let found = job.photos().search(shot, coarse_planes)?;
         let layers = found.range.layers(layers)?;
         write_search(found, arrays)?;
         layers
     } else {
-        job.layers(shot)?.layers
+        job.plan(shot)?.layers
     };
     write_layers(&layers, job, shot, arrays)?;
     let mut stages = Stages::default();
-    let sources = job.photos.sources(&shot.views);
-    job.engine.renderer.set_culling(Culling::NONE);
-    let frame = job.engine.renderer.render_observed(&sources, &shot.target, &layers, |batch| stages.gather(batch))?;
+    job.synthesizer.renderer_mut().set_culling(Culling::NONE);
+    let frame = job.synthesizer.render_layers(shot, &layers, |batch| stages.gather(batch))?;
     stages.write(arrays)?;
     write_frame(frame, arrays)
 }
 
 fn write_search(found: SearchStages, arrays: &mut Arrays) -> Result<()> {
-    arrays.add("coarse.disparities", Array1::from_vec(found.disparities))?;
+    arrays.add("coarse_disparities", Array1::from_vec(found.disparities))?;
     arrays.add("costs", found.costs)?;
-    arrays.add("agreed", found.agreed)?;
-    arrays.add("coarse", found.coarse)?;
+    arrays.add("aggregated_costs", found.aggregated_costs)?;
+    arrays.add("coarse_disparity", found.coarse_disparity)?;
     arrays.add("fine_layers", found.fine_layers)?;
     arrays.add("fine_costs", found.fine_costs)?;
-    arrays.add("fine", found.fine)?;
+    arrays.add("fine_disparity", found.fine_disparity)?;
     let range = &found.range;
     let maps = [range.nearest(), range.surface(), range.farthest()].map(|map| map.view());
     arrays.add("range", ndarray::stack(Axis(0), &maps)?)
@@ -201,7 +148,8 @@ fn write_layers(layers: &Layers, job: &Job, shot: &Shot, arrays: &mut Arrays) ->
         return arrays.add("cell_maps", ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>())?);
     }
     let disparities: Vec<f64> = layers.as_slice().iter().filter_map(plane).collect();
-    let sweeps: Vec<_> = warp_sources(&job.photos.sources(&shot.views), &shot.target).iter().map(|s| s.sweep).collect();
+    let sweeps: Vec<_> =
+        warp_sources(&job.photos().sources(&shot.views), &shot.target).iter().map(|s| s.sweep).collect();
     let shape = (disparities.len(), sweeps.len(), 3, 3);
     let homography = Array4::from_shape_fn(shape, |(d, v, row, column)| {
         sweeps[v].source_from_target(disparities[d]).row(row)[column]

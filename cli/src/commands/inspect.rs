@@ -5,17 +5,17 @@ use std::fmt::Write;
 use anyhow::Result;
 use clap::Args;
 use glam::{DMat3, DVec2, DVec3};
-use liveview::geometry::Camera;
-use liveview::layers::{LayersError, uniform_disparities};
+use liveview::geometry::parallax::{coverage, grid, parallax};
+use liveview::geometry::{MeanPose, PlaneSweep, choose_views, distance, middle_camera};
+use liveview::layers::uniform_disparities;
 use liveview::scene::{Format, View};
-use liveview::geometry::PlaneSweep;
-use liveview::geometry::{choose_views, distance};
+use liveview::{Camera, PhotoCache, SynthesisError};
 use serde_json::{Value, json};
 
-use super::Report;
-use super::geometry::{coverage, grid, parallax, percentile};
-use super::path::Rig;
-use super::setup::{Photos, SceneArgs};
+use crate::args::numbers;
+use crate::args::scene::SceneArgs;
+use crate::console::{Output, advice, shown};
+use crate::statistics::percentile;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -29,29 +29,29 @@ const MAX_STEP: f64 = 1.0;
 /// Options of `liveview inspect`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct InspectArgs {
+pub(crate) struct InspectArgs {
     #[command(flatten)]
     scene: SceneArgs,
     /// View to look at as a target, held out [default: the one in the middle]
     #[arg(long, value_name = "NAME")]
     target: Option<String>,
     /// Views to render it from
-    #[arg(long, value_name = "V", default_value = "4", value_parser = super::count)]
+    #[arg(long, value_name = "V", default_value = "4", value_parser = numbers::count)]
     views: usize,
     /// Planes to judge the spacing of
-    #[arg(long, value_name = "D", default_value = "64", value_parser = super::count)]
+    #[arg(long, value_name = "D", default_value = "64", value_parser = numbers::count)]
     planes: usize,
 }
 
 /// What is told about one part: in words, and for machines.
 type Section = (String, Value);
 
-pub(super) fn run(args: &InspectArgs) -> Result<Report> {
+pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
     let photos = args.scene.open()?;
-    let scene = &photos.scene;
+    let scene = photos.scene();
     let target = match &args.target {
         Some(name) => scene.view_index(name)?,
-        None => photos.middle_view(),
+        None => middle_camera(&photos.all_cameras()),
     };
     let mut text =
         format!("scene      {}: {}\nposes      {}\n", scene.root.display(), scene.format, conventions(scene.format));
@@ -65,10 +65,10 @@ pub(super) fn run(args: &InspectArgs) -> Result<Report> {
         let _ = writeln!(text, "note       {note}");
     }
     let json = json!({
-        "scene": super::shown(&scene.root), "format": scene.format.to_string(), "conventions": conventions(scene.format),
+        "scene": shown(&scene.root), "format": scene.format.to_string(), "conventions": conventions(scene.format),
         "views": views, "rig": rig, "target": target, "notes": scene.notes,
     });
-    Ok(Report { text, json })
+    Ok(Output { text, json })
 }
 
 fn conventions(format: Format) -> &'static str {
@@ -114,7 +114,7 @@ fn lenses(views: &[View]) -> Section {
 
 fn rig(views: &[View]) -> Section {
     let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
-    let axes = Rig::new(&cameras).map_or(DMat3::IDENTITY, |rig| rig.rotation);
+    let axes = MeanPose::new(&cameras).map_or(DMat3::IDENTITY, |rig| rig.rotation);
     let centres: Vec<DVec3> = cameras.iter().map(|camera| axes * camera.centre()).collect();
     let low = centres.iter().copied().fold(DVec3::INFINITY, DVec3::min);
     let high = centres.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
@@ -135,10 +135,10 @@ fn rig(views: &[View]) -> Section {
 }
 
 /// The target, the views it would be rendered from, and what its planes would leave out.
-fn about_target(photos: &Photos, target: usize, args: &InspectArgs) -> Result<Section> {
-    let View { name, camera, .. } = &photos.scene.views[target];
+fn about_target(photos: &PhotoCache, target: usize, args: &InspectArgs) -> Result<Section> {
+    let View { name, camera, .. } = &photos.scene().views[target];
     let elsewhere = |view: &&View| choose_views(&[&view.camera], camera, 1).is_err();
-    let elsewhere: Vec<&str> = photos.scene.views.iter().filter(elsewhere).map(|view| view.name.as_str()).collect();
+    let elsewhere: Vec<&str> = photos.scene().views.iter().filter(elsewhere).map(|view| view.name.as_str()).collect();
     let mut text = format!("\ntarget     {name}, held out, from {} views\n", args.views);
     let mut json = json!({ "name": name, "look_elsewhere": elsewhere });
     if !elsewhere.is_empty() {
@@ -155,15 +155,16 @@ fn about_target(photos: &Photos, target: usize, args: &InspectArgs) -> Result<Se
     let (near, far) = match photos.depth_range(&views) {
         Ok(range) => range,
         // Nothing known is something to tell; a wrong range is an error.
-        Err(error) if error.is::<LayersError>() => return Err(error),
+        Err(error @ SynthesisError::Layers(_)) => return Err(error.into()),
         Err(error) => {
+            let error = advice(&error).map_or_else(|| error.to_string(), |advice| format!("{error}. {advice}"));
             let _ = writeln!(text, "views      {}\nwarning    {error}", photos.names(&views).join(", "));
             json["views"] = json!(photos.names(&views));
-            json["warning"] = json!(error.to_string());
+            json["warning"] = json!(error);
             return Ok((text, json));
         }
     };
-    let source = match photos.given {
+    let source = match photos.given_depth() {
         (Some(_), Some(_)) => "as given",
         (None, None) => "from the scene: the extremes of these views",
         _ => "one given, one from the scene",
@@ -172,7 +173,8 @@ fn about_target(photos: &Photos, target: usize, args: &InspectArgs) -> Result<Se
     json["near"] = json!(near);
     json["far"] = json!(far);
     let disparities = uniform_disparities(near, far, args.planes)?;
-    let sources: Vec<(&Camera, PlaneSweep)> = photos.cameras(&views).map(|view| (view, PlaneSweep::new(view, camera))).collect();
+    let sources: Vec<(&Camera, PlaneSweep)> =
+        photos.cameras(&views).map(|view| (view, PlaneSweep::new(view, camera))).collect();
     let grid = grid(camera);
     let (told, rows, step) = spacing(photos, &views, &sources, &grid, &disparities, camera);
     text += &told;
@@ -183,7 +185,7 @@ fn about_target(photos: &Photos, target: usize, args: &InspectArgs) -> Result<Se
         let enough = (step / MAX_STEP * (args.planes.max(2) - 1) as f64).ceil() + 1.0;
         let _ = writeln!(
             text,
-            "warning    above {MAX_STEP} pixel, planes show as steps: about --planes {enough} are enough, or --guided layers"
+            "warning    above {MAX_STEP} pixel, planes show as steps: about planes:{enough} are enough, or guided layers"
         );
     }
     let uncovered: Vec<usize> =
@@ -197,7 +199,7 @@ fn about_target(photos: &Photos, target: usize, args: &InspectArgs) -> Result<Se
 
 /// A row per view, then one for all; and the largest step between neighbouring planes.
 fn spacing(
-    photos: &Photos,
+    photos: &PhotoCache,
     views: &[usize],
     sources: &[(&Camera, PlaneSweep)],
     grid: &[DVec2],
@@ -208,7 +210,7 @@ fn spacing(
     let depths = [nearest, 0.5 * (nearest + farthest), farthest];
     let shares = |of: &[(&Camera, PlaneSweep)]| depths.map(|disparity| 100.0 * coverage(of, grid, disparity));
     let cells = |shares: [f64; 3]| shares.map(|share| format!("{share:4.0} %")).join(" ");
-    let width = views.iter().map(|&view| photos.scene.views[view].name.chars().count()).max().unwrap_or(0).max(8);
+    let width = views.iter().map(|&view| photos.scene().views[view].name.chars().count()).max().unwrap_or(0).max(8);
     let mut text = format!("\n           {:width$}  distance  parallax      step  seen: near, middle, far\n", "view");
     let mut rows = Vec::new();
     let mut largest: f64 = 0.0;
@@ -219,7 +221,7 @@ fn spacing(
         let whole = moved((nearest, farthest));
         let step = disparities.windows(2).map(|pair| moved((pair[0], pair[1]))).fold(0.0, f64::max);
         largest = largest.max(step);
-        let (name, apart) = (&photos.scene.views[view].name, distance(camera, target));
+        let (name, apart) = (&photos.scene().views[view].name, distance(camera, target));
         let shares = shares(&[(camera, *sweep)]);
         let _ =
             writeln!(text, "           {name:width$}  {apart:8.4}  {whole:5.1} px  {step:5.2} px  {}", cells(shares));

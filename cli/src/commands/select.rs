@@ -4,36 +4,33 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::Args;
 use glam::DVec2;
-use indicatif::ProgressBar;
-use liveview::geometry::Camera;
-use liveview::layers::guided::{COARSE, RangeMap};
-use liveview::image::{ImageRgb, save_png};
-use liveview::layers::{CELL, uniform_disparities};
-use liveview::image::{bar_chart, coloured, side_by_side};
-use liveview::layers::select_planes;
 use liveview::geometry::PlaneSweep;
+use liveview::geometry::parallax::parallax;
+use liveview::image::{bar_chart, coloured, side_by_side};
+use liveview::layers::guided::{COARSE, RangeMap};
+use liveview::layers::{CELL, select_planes, uniform_disparities};
+use liveview::{Camera, ImageRgb, LayerSpec, PhotoCache, Shot, Targets};
 use ndarray::Array2;
 use serde_json::{Value, json};
 
-use super::engine::ModelArgs;
-use super::geometry::{parallax, percentile};
-use super::layers::Recipe;
-use super::place::claim_png;
-use super::setup::{Job, Photos, SceneArgs, Shot};
-use super::targets::{Targets, held_out};
-use super::{Report, progress};
+use crate::args::model::ModelArgs;
+use crate::args::output::claim_png;
+use crate::args::scene::SceneArgs;
+use crate::console::{Output, progress, shown, tell_notes};
+use crate::job::Job;
+use crate::statistics::percentile;
 
 const EXAMPLES: &str = "\
 Examples:
   The paper's histogram over 64 planes, and the 16 it keeps:
     liveview select scene --target IMG_7.jpg -o planes.png
   Another choice:
-    liveview select scene --target IMG_7.jpg --select 8 --select-from 128
+    liveview select scene --target IMG_7.jpg --layers select:8/128
   The range of depths that guided layers divide, per pixel:
-    liveview select scene --target IMG_7.jpg --guided 4 -o range.png";
+    liveview select scene --target IMG_7.jpg --layers guided:4 -o range.png";
 
 /// Shares of the pixels at which the range map is told.
 const PERCENTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
@@ -41,74 +38,67 @@ const PERCENTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
 /// Options of `liveview select`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct SelectArgs {
+pub(crate) struct SelectArgs {
     #[command(flatten)]
     scene: SceneArgs,
     /// The view, by name; held out
     #[arg(long, value_name = "NAME")]
     target: String,
-    /// Planes to keep
-    #[arg(long, value_name = "K", default_value = "16", value_parser = super::count)]
-    select: usize,
-    /// Planes to choose from, evenly spaced in disparity
-    #[arg(long, value_name = "D", default_value = "64", value_parser = super::count)]
-    select_from: usize,
-    /// Show the range of depths that L guided layers divide instead; needs no model
-    #[arg(long, value_name = "L", value_parser = super::count, conflicts_with_all = ["select", "select_from"])]
-    guided: Option<usize>,
-    /// Planes of the coarse pass [default: one per four pixels of parallax, 8 to 128]
-    #[arg(long, value_name = "D", value_parser = super::two_or_more, requires = "guided")]
-    coarse_planes: Option<usize>,
+    /// What to show: select:K/D, the paper's histogram over D planes and the K it keeps; or guided:L, the range of depths that L
+    /// guided layers divide (needs no model)
+    #[arg(long, value_name = "SPEC", default_value = "select:16/64")]
+    layers: LayerSpec,
     /// A picture of it: one bar per plane, near to far, those kept in colour; or nearest disparity, farthest disparity and
     /// width of the range in pixels of parallax, side by side
     #[arg(short, long, value_name = "PNG")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    engine: ModelArgs,
+    model: ModelArgs,
 }
 
-pub(super) fn run(args: &SelectArgs) -> Result<Report> {
+pub(crate) fn run(args: &SelectArgs) -> Result<Output> {
     let photos = args.scene.open()?;
-    photos.tell_notes();
-    let target = held_out(&photos, vec![photos.scene.view_index(&args.target)?]);
+    tell_notes(&photos.scene().notes);
+    let target = Targets::held_out(photos.scene(), vec![photos.scene().view_index(&args.target)?]);
     if let Some(file) = &args.output {
-        claim_png("-o", file, &photos)?;
+        claim_png("-o", file, photos.scene())?;
     }
-    let (mut report, picture) = match args.guided {
-        Some(layers) => guided(args, photos, target, layers)?,
-        None => planes(args, photos, target)?,
+    let (mut output, picture) = match args.layers {
+        LayerSpec::Guided { layers, coarse_planes } => guided(args, photos, target, layers, coarse_planes)?,
+        LayerSpec::Select { keep, from } => planes(args, photos, target, keep, from)?,
+        _ => bail!("--layers {}: expected select:K/D or guided:L", args.layers),
     };
     if let Some(file) = &args.output {
-        save_png(file, &picture)?;
-        let _ = writeln!(report.text, "wrote    {}", file.display());
-        report.json["file"] = json!(super::shown(file));
+        picture.save(file)?;
+        let _ = writeln!(output.text, "wrote    {}", file.display());
+        output.json["file"] = json!(shown(file));
     }
-    Ok(report)
+    Ok(output)
 }
 
 /// The paper's histogram over planes.
-fn planes(args: &SelectArgs, photos: Photos, target: Targets) -> Result<(Report, ImageRgb)> {
-    let recipe = Recipe::select(args.select, args.select_from)?;
-    let mut job = Job { photos, engine: args.engine.open()?, recipe, progress: ProgressBar::hidden() };
-    let shot = job.shots(target)?.remove(0);
-    job.photos.load(&shot.views, &[])?;
+fn planes(
+    args: &SelectArgs,
+    photos: PhotoCache,
+    target: Targets,
+    keep: usize,
+    from: usize,
+) -> Result<(Output, ImageRgb)> {
+    let mut job = Job::with_layers(photos, &args.model, |_| Ok(args.layers.clone()))?;
+    let shot = job.synthesizer.shots(target)?.remove(0);
+    job.synthesizer.photos_mut().load_for(&shot, &[])?;
     job.progress = progress("layers")?;
-    let disparities = uniform_disparities(shot.near, shot.far, args.select_from)?;
-    let histogram = job.histogram(&shot, &disparities)?;
+    let disparities = uniform_disparities(shot.near, shot.far, from)?;
+    let histogram = job.synthesizer.histogram(&shot, &disparities)?;
     job.progress.finish_and_clear();
-    let chosen = select_planes(&histogram, args.select);
+    let chosen = select_planes(&histogram, keep);
 
     let pixels = (shot.target.width() * shot.target.height()) as f64;
     let share = |k: usize| 100.0 * histogram[k] as f64 / pixels;
     let kept: f64 = chosen.iter().map(|&k| share(k)).sum();
     let unseen = 100.0 * (pixels - histogram.iter().sum::<u64>() as f64) / pixels;
-    let mut text = heading(&job.photos, &shot);
-    let _ = writeln!(
-        text,
-        "kept     {} of {} planes, which {kept:.1} % of the pixels choose",
-        chosen.len(),
-        args.select_from
-    );
+    let mut text = heading(job.photos(), &shot);
+    let _ = writeln!(text, "kept     {} of {} planes, which {kept:.1} % of the pixels choose", chosen.len(), from);
     let _ = writeln!(
         text,
         "left out {} planes; {unseen:.1} % of the pixels are seen by no view",
@@ -118,20 +108,26 @@ fn planes(args: &SelectArgs, photos: Photos, target: Targets) -> Result<(Report,
     for &k in &chosen {
         let _ = writeln!(text, "{k:5}  {:9.5}  {:9.4}  {:4.1} %", disparities[k], 1.0 / disparities[k], share(k));
     }
-    let mut json = about(&job.photos, &shot);
+    let mut json = about(job.photos(), &shot);
     json["disparities"] = json!(disparities);
     json["histogram"] = json!(histogram);
     json["chosen"] = json!(chosen);
-    Ok((Report { text, json }, bar_chart(&histogram, &chosen)))
+    Ok((Output { text, json }, bar_chart(&histogram, &chosen)))
 }
 
 /// The range per pixel that guided layers divide.
-fn guided(args: &SelectArgs, mut photos: Photos, target: Targets, layers: usize) -> Result<(Report, ImageRgb)> {
-    args.engine.set_threads()?;
-    let shot = photos.shot(target, args.engine.views_or_default())?;
-    photos.load(&shot.views, &[])?;
+fn guided(
+    args: &SelectArgs,
+    mut photos: PhotoCache,
+    target: Targets,
+    layers: usize,
+    coarse_planes: Option<usize>,
+) -> Result<(Output, ImageRgb)> {
+    args.model.set_threads()?;
+    let shot = photos.shots(target, args.model.views_or_default(), None)?.remove(0);
+    photos.load_for(&shot, &[])?;
     let started = Instant::now();
-    let found = photos.search(&shot, args.coarse_planes)?;
+    let found = photos.search(&shot, coarse_planes)?;
     let coarse = started.elapsed();
     let range = &found.range;
     let width = width_in_pixels(&photos, &shot, range);
@@ -165,7 +161,7 @@ fn guided(args: &SelectArgs, mut photos: Photos, target: Targets, layers: usize)
         text,
         "\nthe picture: nearest | farthest disparity (dark at far, light at near) | width (light at {widest:.1} pixels)"
     );
-    Ok((Report { text, json }, range_picture(&shot, range, &width)))
+    Ok((Output { text, json }, range_picture(&shot, range, &width)))
 }
 
 /// Nearest disparity, farthest disparity and width of the range, side by side.
@@ -180,7 +176,7 @@ pub(super) fn range_picture(shot: &Shot, range: &RangeMap, width: &Array2<f32>) 
 }
 
 /// Per cell, how far its range moves it in the view that sees most of that.
-pub(super) fn width_in_pixels(photos: &Photos, shot: &Shot, range: &RangeMap) -> Array2<f32> {
+pub(super) fn width_in_pixels(photos: &PhotoCache, shot: &Shot, range: &RangeMap) -> Array2<f32> {
     let views: Vec<(&Camera, PlaneSweep)> =
         photos.cameras(&shot.views).map(|view| (view, PlaneSweep::new(view, &shot.target))).collect();
     Array2::from_shape_fn(range.nearest().dim(), |(y, x)| {
@@ -190,7 +186,7 @@ pub(super) fn width_in_pixels(photos: &Photos, shot: &Shot, range: &RangeMap) ->
     })
 }
 
-fn heading(photos: &Photos, shot: &Shot) -> String {
+fn heading(photos: &PhotoCache, shot: &Shot) -> String {
     let (width, height) = (shot.target.width(), shot.target.height());
     let views = photos.names(&shot.views).join(", ");
     format!(
@@ -199,6 +195,6 @@ fn heading(photos: &Photos, shot: &Shot) -> String {
     )
 }
 
-fn about(photos: &Photos, shot: &Shot) -> Value {
-    json!({ "scene": super::shown(&photos.scene.root), "target": shot.name, "views": photos.names(&shot.views), "near": shot.near, "far": shot.far, "notes": photos.scene.notes })
+fn about(photos: &PhotoCache, shot: &Shot) -> Value {
+    json!({ "scene": shown(&photos.scene().root), "target": shot.name, "views": photos.names(&shot.views), "near": shot.near, "far": shot.far, "notes": photos.scene().notes })
 }

@@ -6,25 +6,25 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::{Arc, Mutex};
 
 use anyhow::{Context, Result, anyhow, bail};
+use liveview::ImageRgb;
 use liveview::geometry::MAX_SIDE;
-use liveview::image::ImageRgb;
 
-use crate::cli::encoder::{apart, ffmpeg};
+use super::{detach, program};
 
 /// ffmpeg, writing portable pixmaps: each frame tells its size.
-pub(super) struct Decoder {
+pub(crate) struct Decoder {
     path: PathBuf,
     child: Running,
     pipe: BufReader<ChildStdout>,
 }
 
 impl Decoder {
-    pub(super) fn start(path: &Path) -> Result<Self> {
-        let program = ffmpeg()
+    pub(crate) fn start(path: &Path) -> Result<Self> {
+        let program = program()
             .ok_or_else(|| anyhow!("{}: videos are read by ffmpeg, which is not on the PATH", path.display()))?;
         let mut command = Command::new(&program);
         command.args(["-v", "error", "-nostdin", "-i"]).arg(path).args(["-an", "-f", "image2pipe", "-c:v", "ppm", "-"]);
-        apart(&mut command);
+        detach(&mut command);
         let mut child = command
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -37,7 +37,7 @@ impl Decoder {
     }
 
     /// To end it with while another thread waits for a frame.
-    pub(super) fn running(&self) -> Running {
+    pub(crate) fn running(&self) -> Running {
         self.child.clone()
     }
 
@@ -62,7 +62,7 @@ impl Decoder {
     }
 
     /// The next frame; `None` at the end.
-    pub(super) fn next(&mut self) -> Result<Option<ImageRgb>> {
+    pub(crate) fn next(&mut self) -> Result<Option<ImageRgb>> {
         let Some((width, height)) = self.header()? else { return Ok(None) };
         let mut bytes = vec![0; 3 * width * height];
         self.pipe.read_exact(&mut bytes).with_context(|| format!("{}: cut short", self.path.display()))?;
@@ -70,7 +70,7 @@ impl Decoder {
     }
 
     /// Passes over a frame; whether there was one.
-    pub(super) fn skip(&mut self) -> Result<bool> {
+    pub(crate) fn skip(&mut self) -> Result<bool> {
         let Some((width, height)) = self.header()? else { return Ok(false) };
         let size = 3 * (width * height) as u64;
         Ok(std::io::copy(&mut self.pipe.by_ref().take(size), &mut std::io::sink())? == size)
@@ -86,10 +86,10 @@ impl Drop for Decoder {
 
 /// The program while it runs.
 #[derive(Clone)]
-pub(super) struct Running(Arc<Mutex<Child>>);
+pub(crate) struct Running(Arc<Mutex<Child>>);
 
 impl Running {
-    pub(super) fn end(&self) {
+    pub(crate) fn end(&self) {
         let mut child = self.0.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         let _ = child.kill();
         let _ = child.wait();

@@ -5,14 +5,15 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 use anyhow::{Result, anyhow};
-use liveview::image::ImageRgb;
+use liveview::ImageRgb;
 use liveview::fs::atomic::AtomicFile;
 
-use super::output::bytes;
-use super::place::has_ending;
+use super::{detach, program};
+use crate::args::output::has_ending;
+use crate::console::tell;
 
-/// An .mp4 or .gif being written; without [`Video::finish`] nothing of it remains.
-pub(super) struct Video {
+/// An .mp4 or .gif being written; without [`Encoder::finish`] nothing of it remains.
+pub(crate) struct Encoder {
     path: PathBuf,
     ffmpeg: PathBuf,
     fps: usize,
@@ -22,57 +23,42 @@ pub(super) struct Video {
 }
 
 /// Whether a video is asked for by this name.
-pub(super) fn is_video(path: &Path) -> bool {
+pub(crate) fn is_video(path: &Path) -> bool {
     !path.is_dir() && has_ending(path, &["mp4", "gif"])
 }
 
-/// The program, if it is on the PATH.
-pub(super) fn ffmpeg() -> Option<PathBuf> {
-    let folders = std::env::var_os("PATH").unwrap_or_default();
-    let name = format!("ffmpeg{}", std::env::consts::EXE_SUFFIX);
-    std::env::split_paths(&folders).map(|folder| folder.join(&name)).find(|file| file.is_file())
-}
-
-/// Keeps a Ctrl-C at the terminal from a program to be started: it ends when we let it.
-pub(super) fn apart(command: &mut Command) {
-    #[cfg(unix)]
-    std::os::unix::process::CommandExt::process_group(command, 0);
-    #[cfg(not(unix))]
-    let _ = command;
-}
-
-impl Video {
+impl Encoder {
     /// Refuses where there is no ffmpeg.
-    pub(super) fn new(path: &Path, fps: usize) -> Result<Self> {
-        let ffmpeg = ffmpeg().ok_or_else(|| {
+    pub(crate) fn new(path: &Path, fps: usize) -> Result<Self> {
+        let ffmpeg = program().ok_or_else(|| {
             anyhow!("-o {}: videos are made by ffmpeg, which is not on the PATH; expected ffmpeg, or a folder for the frames", path.display())
         })?;
         Ok(Self { path: path.to_owned(), ffmpeg, fps, size: (0, 0), encoder: None })
     }
 
-    pub(super) fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
     /// Width and height of all frames.
-    pub(super) fn set_size(&mut self, size: (usize, usize)) {
+    pub(crate) fn set_size(&mut self, size: (usize, usize)) {
         self.size = size;
     }
 
-    pub(super) fn add(&mut self, picture: &ImageRgb) -> Result<()> {
+    pub(crate) fn add(&mut self, picture: &ImageRgb) -> Result<()> {
         let encoder = match self.encoder.take() {
             Some(encoder) => encoder,
             None => self.start()?,
         };
         let pipe = self.encoder.insert(encoder).0.stdin.as_mut();
-        match pipe.map(|pipe| pipe.write_all(&bytes(picture))) {
+        match pipe.map(|pipe| pipe.write_all(&picture.to_rgb8())) {
             Some(Ok(())) => Ok(()),
             _ => Err(self.failure()),
         }
     }
 
     /// Lets ffmpeg finish; the file.
-    pub(super) fn finish(mut self) -> Result<PathBuf> {
+    pub(crate) fn finish(mut self) -> Result<PathBuf> {
         let done = self.encoder.as_mut().map(|(encoder, _)| {
             // ffmpeg ends when its input does.
             drop(encoder.stdin.take());
@@ -106,10 +92,7 @@ impl Video {
         } else {
             // Players want yuv420p, and that wants even sides.
             if width % 2 + height % 2 > 0 {
-                super::tell(
-                    "note",
-                    format!("{width}x{height} is odd: the last row or column is left out of the video"),
-                );
+                tell("note", format!("{width}x{height} is odd: the last row or column is left out of the video"));
             }
             command.args([
                 "-vf",
@@ -122,7 +105,7 @@ impl Video {
                 "17",
             ]);
         }
-        apart(&mut command);
+        detach(&mut command);
         command.arg(file.temporary()).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
         let encoder =
             command.spawn().map_err(|error| anyhow!("{}: cannot be started: {error}", self.ffmpeg.display()))?;
@@ -141,7 +124,7 @@ impl Video {
     }
 }
 
-impl Drop for Video {
+impl Drop for Encoder {
     fn drop(&mut self) {
         // Only after a failure, which has been told. The file goes after the process that writes it.
         if let Some((mut encoder, _file)) = self.encoder.take() {

@@ -55,15 +55,15 @@ pub struct SearchStages {
     /// Their costs per cell of [`COARSE`] pixels, `[D, h, w]`.
     pub costs: Array3<f32>,
     /// The costs after [`semi_global`].
-    pub agreed: Array3<f32>,
+    pub aggregated_costs: Array3<f32>,
     /// The disparity they point at, `[h, w]`.
-    pub coarse: Array2<f32>,
+    pub coarse_disparity: Array2<f32>,
     /// Layers of the second search, `[D, h, w]` in cells of [`CELL`] pixels.
     pub fine_layers: Array3<f32>,
     /// Their costs.
     pub fine_costs: Array3<f32>,
     /// The disparity those point at, `[h, w]`.
-    pub fine: Array2<f32>,
+    pub fine_disparity: Array2<f32>,
     /// The range of each cell of [`CELL`]×[`CELL`] pixels.
     pub range: RangeMap,
 }
@@ -96,15 +96,24 @@ impl GuidedSearch {
         let shape = (count, height / COARSE, width / COARSE);
         let maps = Array3::from_shape_fn(shape, |(plane, _, _)| disparities[plane] as f32);
         let costs = levels.coarse().costs(sweeps, maps.view(), WINDOWS[0]);
-        let agreed = semi_global(costs.view());
-        let coarse = winner_takes_all(agreed.view(), maps.view());
+        let aggregated_costs = semi_global(costs.view());
+        let coarse_disparity = winner_takes_all(aggregated_costs.view(), maps.view());
         let step = disparities.get(1).map_or(0.0, |second| disparities[0] - second);
-        let range = range_of(&coarse, (step / 2.0) as f32);
+        let range = range_of(&coarse_disparity, (step / 2.0) as f32);
         let fine_layers = fine_layers(&range);
         let fine_costs = levels.fine().costs(sweeps, fine_layers.view(), WINDOWS[1]);
-        let fine = winner_takes_all(fine_costs.view(), fine_layers.view());
-        let range = range_of(&fine, 0.0);
-        Ok(SearchStages { disparities, costs, agreed, coarse, fine_layers, fine_costs, fine, range })
+        let fine_disparity = winner_takes_all(fine_costs.view(), fine_layers.view());
+        let range = range_of(&fine_disparity, 0.0);
+        Ok(SearchStages {
+            disparities,
+            costs,
+            aggregated_costs,
+            coarse_disparity,
+            fine_layers,
+            fine_costs,
+            fine_disparity,
+            range,
+        })
     }
 }
 

@@ -5,22 +5,20 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::Args;
+use liveview::image::{Score, coloured, psnr};
 use liveview::layers::guided::RangeMap;
-use liveview::image::{ImageRgb, save_png};
 use liveview::layers::{Layer, Layers};
-use liveview::image::psnr;
-use liveview::image::coloured;
-use liveview::render::Frame;
+use liveview::{Frame, ImageRgb, Scene, Shot};
 use ndarray::Array2;
 use serde_json::{Value, json};
 
-use super::geometry::percentile;
-use super::place::claim_png;
-use super::render::{SCORE_BORDER, Times};
-use super::report::{stages, total};
-use super::select::{range_picture, width_in_pixels};
-use super::setup::{Job, Photos, Shot};
-use crate::report::PixelError;
+use crate::args::numbers;
+use crate::args::output::claim_png;
+use crate::commands::select::{range_picture, width_in_pixels};
+use crate::console::shown;
+use crate::job::Job;
+use crate::measure::Times;
+use crate::statistics::{PixelError, percentile};
 
 /// Options that ask for reasons.
 #[derive(Debug, Args)]
@@ -31,7 +29,7 @@ pub(super) struct ExplainArgs {
     #[arg(long, value_name = "PNG")]
     explain: Option<PathBuf>,
     /// Render D uniform planes too, and tell how far the result is from them
-    #[arg(long, value_name = "D", value_parser = super::count, requires = "explain")]
+    #[arg(long, value_name = "D", value_parser = numbers::count, requires = "explain")]
     dense: Option<usize>,
 }
 
@@ -53,19 +51,19 @@ pub(super) struct Explanation {
 
 impl ExplainArgs {
     /// Checks the options before any work.
-    pub(super) fn claim(&self, shots: &[Shot], photos: &Photos) -> Result<()> {
+    pub(super) fn claim(&self, shots: &[Shot], scene: &Scene) -> Result<()> {
         let Some(file) = &self.explain else { return Ok(()) };
         if shots.len() != 1 {
             bail!("--explain {}: {} pictures are rendered; expected one target", file.display(), shots.len());
         }
-        claim_png("--explain", file, photos)
+        claim_png("--explain", file, scene)
     }
 
     /// Explains a render, if asked to.
     pub(super) fn explain(&self, job: &mut Job, about: &Explained<'_>) -> Result<Option<Explanation>> {
         let Some(file) = &self.explain else { return Ok(None) };
         let mut text = String::new();
-        let mut json = json!({ "file": super::shown(file) });
+        let mut json = json!({ "file": shown(file) });
         let picture = match about.range {
             Some(range) => guided(job, about, range, &mut text, &mut json),
             None => planes(about, &mut text, &mut json),
@@ -75,7 +73,7 @@ impl ExplainArgs {
         if let Some(planes) = self.dense {
             dense(job, about, planes, &mut text, &mut json)?;
         }
-        save_png(file, &picture)?;
+        picture.save(file)?;
         Ok(Some(Explanation { text, json }))
     }
 }
@@ -86,7 +84,7 @@ fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String,
     let spans = range.nearest() - range.farthest();
     let mut shares: Vec<f64> = spans.iter().map(|&span| f64::from(span) / whole).collect();
     let [median, wide] = [0.5, 0.95].map(|part| percentile(&mut shares, part));
-    let width = width_in_pixels(&job.photos, about.shot, range);
+    let width = width_in_pixels(job.photos(), about.shot, range);
     let mut steps: Vec<f64> = width.iter().map(|&w| f64::from(w)).collect();
     let pixels = percentile(&mut steps, 0.5);
     let layers = about.layers.len();
@@ -123,7 +121,7 @@ fn planes(about: &Explained<'_>, text: &mut String, json: &mut Value) -> ImageRg
     let needed = 1 + sums.take_while(|sum| 10 * sum < 9 * chosen).count();
     let _ = writeln!(
         text,
-        "layers  {} planes, of which {needed} are the most opaque one for 90 % of the pixels: the others could be left out (--select)",
+        "layers  {} planes, of which {needed} are the most opaque one for 90 % of the pixels: the others could be left out (--layers select:K)",
         about.layers.len()
     );
     json["planes_for_90_percent"] = json!(needed);
@@ -152,8 +150,8 @@ fn stops(frame: &Frame, text: &mut String, json: &mut Value) {
 
 /// Each stage's share.
 fn time(times: &Times, text: &mut String, json: &mut Value) {
-    let all = total(times).as_secs_f64();
-    let shares = stages(times).map(|(stage, time)| (stage, time.as_secs_f64() / all)).into_iter();
+    let all = times.total().as_secs_f64();
+    let shares = times.stages().map(|(stage, time)| (stage, time.as_secs_f64() / all)).into_iter();
     let shares: Vec<_> = shares.filter(|&(_, share)| share > 0.0).collect();
     let told: Vec<String> = shares.iter().map(|(stage, share)| format!("{stage} {:.0} %", 100.0 * share)).collect();
     let _ = writeln!(text, "shares  {} of {:.0} ms", told.join(", "), 1e3 * all);
@@ -166,14 +164,14 @@ fn dense(job: &mut Job, about: &Explained<'_>, planes: usize, text: &mut String,
     let dense = job.render(about.shot, &layers)?;
     let PixelError { max, mean } = PixelError::between(std::iter::once((&about.frame.picture, &dense.picture)));
     let seconds = (dense.times.warp + dense.times.network + dense.times.composite).as_secs_f64();
-    let faster = seconds / total(about.times).as_secs_f64();
+    let faster = seconds / about.times.total().as_secs_f64();
     let _ = writeln!(
         text,
         "dense   {planes} planes: {mean:.4} away in the mean, {max:.2} at most (of 1); they take {faster:.1} times as long"
     );
     json["dense"] = json!({ "planes": planes, "error_max": max, "error_mean": mean, "seconds": seconds });
     if let Some(truth) = about.truth {
-        let [ours, theirs] = [&about.frame.picture, &dense.picture].map(|picture| psnr(picture, truth, SCORE_BORDER));
+        let [ours, theirs] = [&about.frame.picture, &dense.picture].map(|picture| psnr(picture, truth, Score::BORDER));
         let _ = writeln!(text, "        against the photo: {ours:.2} dB, theirs {theirs:.2} dB");
         json["dense"]["psnr"] = json!(theirs);
     }

@@ -1,43 +1,46 @@
 //! `liveview render`.
 
+mod explain;
+mod outputs;
+mod record;
+mod summary;
+
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::Result;
 use clap::Args;
-use liveview::image::inpaint_unseen;
-use liveview::image::{psnr, ssim};
-use liveview::render::StageTimes;
+use explain::{ExplainArgs, Explained, Explanation};
+use liveview::image::{Score, inpaint_unseen};
+use liveview::{LayerSpec, Plan, Shot};
+use outputs::{OutputArgs, Outputs, disparity_max};
 
-use super::engine::ModelArgs;
-use super::explain::{ExplainArgs, Explained, Explanation};
-use super::layers::{LayerArgs, Recipe};
-use super::output::{OutputArgs, Outputs, disparity_max};
-use super::record;
-use super::setup::{Job, Planned, SceneArgs, Shot};
-use super::targets::TargetArgs;
-use super::{Report, interrupt, progress, report};
+use crate::args::layers::LayerArgs;
+use crate::args::model::ModelArgs;
+use crate::args::scene::SceneArgs;
+use crate::args::targets::TargetArgs;
+use crate::console::{Output, progress, tell, tell_notes};
+use crate::interrupt;
+use crate::job::Job;
+use crate::measure::Times;
 
 const EXAMPLES: &str = "\
 Examples:
   liveview render scene --target IMG_7.jpg -o new.png --compare compare.png
-  liveview render scene --heldout 8 --guided 4 --compare compared/
-  liveview render scene --target IMG_7.jpg --planes 64 -o new.png --depth disparity.png
+  liveview render scene --heldout 8 --layers guided:4 --compare compared/
+  liveview render scene --target IMG_7.jpg --layers planes:64 -o new.png --depth disparity.png
   liveview render scene --target IMG_7.jpg -o new.png --explain why.png --dense 64
   liveview render scene --pose camera.json --near 1.5 --far 40 -o new.jpg
-  liveview render scene --path circle:120 --select 16 --width 640 -o flight.mp4
+  liveview render scene --path circle:120 --layers select:16/64 --width 640 -o flight.mp4
   liveview render scene --path spiral:900 -o frames/
   liveview render scene --path spiral:900 -o frames/ --resume";
-
-/// Pixels left out at each side of a picture when it is scored.
-pub(crate) const SCORE_BORDER: usize = 16;
 
 /// Options of `liveview render`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct RenderArgs {
+pub(crate) struct RenderArgs {
     #[command(flatten)]
     scene: SceneArgs,
     #[command(flatten)]
@@ -45,7 +48,7 @@ pub(super) struct RenderArgs {
     #[command(flatten)]
     layers: LayerArgs,
     #[command(flatten)]
-    engine: ModelArgs,
+    model: ModelArgs,
     #[command(flatten)]
     output: OutputArgs,
     #[command(flatten)]
@@ -65,30 +68,16 @@ pub(super) struct Rendered {
     pub(super) files: Vec<PathBuf>,
 }
 
-pub(super) struct Score {
-    pub(super) psnr: f64,
-    pub(super) ssim: f64,
-}
-
-/// Wall time of one picture, by stage.
-pub(super) struct Times {
-    /// Reading and decoding those photos that were not in memory yet.
-    pub(super) photos: Duration,
-    pub(super) coarse: Duration,
-    pub(super) select: Duration,
-    pub(super) stages: StageTimes,
-}
-
-pub(super) fn run(args: &RenderArgs) -> Result<Report> {
+pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     let mut outputs = Outputs::new(&args.output, args.targets.have_truth())?;
     let photos = args.scene.open()?;
-    photos.tell_notes();
-    let mut job = Job::open(photos, &args.layers, &args.engine)?;
-    let targets = args.targets.resolve(&job.photos)?;
+    tell_notes(&photos.scene().notes);
+    let mut job = Job::open(photos, &args.layers, &args.model)?;
+    let targets = args.targets.resolve(job.photos())?;
     let moving = targets.moving;
-    let shots = job.shots(targets)?;
-    outputs.claim(&shots, &job.photos)?;
-    args.explain.claim(&shots, &job.photos)?;
+    let shots = job.synthesizer.shots(targets)?;
+    outputs.claim(&shots, job.scene())?;
+    args.explain.claim(&shots, job.scene())?;
     outputs.begin(&shots, || record::fields(&job, &shots, &args.targets, &args.layers))?;
     job.progress = progress("layers")?;
     let wanted = shots.len();
@@ -98,7 +87,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<Report> {
     job.progress.finish_and_clear();
     let (done, explanation) = rendered.inspect_err(|_| outputs.tell_how_to_go_on(wanted))?;
     let video = outputs.finish()?;
-    Ok(report::rendered(&job, &done, moving, video, explanation))
+    Ok(summary::rendered(&job, &done, moving, video, explanation))
 }
 
 /// Renders and writes all shots but those that are there.
@@ -111,7 +100,7 @@ fn render(
     stop: &AtomicBool,
 ) -> Result<(Vec<Rendered>, Option<Explanation>)> {
     // The paper's video: what the first frame selects serves the others.
-    let shared = moving && matches!(job.recipe, Recipe::Select { .. });
+    let shared = moving && matches!(job.layers(), LayerSpec::Select { .. });
     let mut done: Vec<Rendered> = Vec::with_capacity(shots.len());
     let (mut kept, mut explanation) = (None, None);
     shots.reverse();
@@ -126,25 +115,21 @@ fn render(
         job.progress.set_message(shot.name.clone());
         let started = Instant::now();
         if let (true, None, Some(first)) = (shared, &kept, done.first()) {
-            job.photos.load(&first.shot.views, &shots)?;
-            kept = Some(job.layers(&first.shot)?.layers);
+            job.synthesizer.photos_mut().load_for(&first.shot, &shots)?;
+            kept = Some(job.plan(&first.shot)?.layers);
         }
-        job.photos.load(&shot.views, &shots)?;
-        let truth = shot.truth.map(|view| job.photos.scene.load_image(view)).transpose()?;
+        job.synthesizer.photos_mut().load_for(&shot, &shots)?;
+        let truth = shot.truth.map(|view| job.scene().load_image(view)).transpose()?;
         let photos = started.elapsed();
-        let Planned { layers, coarse, select, range } = match kept.take() {
-            Some(layers) => Planned::known(layers),
-            None => job.layers(&shot)?,
+        let Plan { layers, search: coarse, selection: select, range, .. } = match kept.take() {
+            Some(layers) => Plan::known(layers),
+            None => job.plan(&shot)?,
         };
         let mut frame = job.render(&shot, &layers)?;
         // Scored as it was rendered; filled for the eye.
-        let score = truth.as_ref().map(|truth| Score {
-            psnr: psnr(&frame.picture, truth, SCORE_BORDER),
-            ssim: ssim(&frame.picture, truth, SCORE_BORDER),
-        });
-        let score = score.filter(|score| !score.psnr.is_nan() && !score.ssim.is_nan());
+        let score = truth.as_ref().and_then(|truth| Score::of(&frame.picture, truth));
         if truth.is_some() && score.is_none() {
-            super::tell("note", format!("{}: too small to be scored", shot.name));
+            tell("note", format!("{}: too small to be scored", shot.name));
         }
         let times = Times { photos, coarse, select, stages: frame.times };
         let about = Explained {

@@ -3,26 +3,20 @@
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Result, bail};
 use clap::Args;
-use image::ExtendedColorType;
-use image::codecs::jpeg::JpegEncoder;
-use liveview::image::{ImageRgb, encode_gray16_png, encode_png};
-use liveview::image::{coloured, difference, side_by_side};
-use liveview::render::Frame;
-use liveview::fs::atomic;
+use liveview::image::{coloured, difference, encode, encode_gray16_png, side_by_side};
+use liveview::{Frame, ImageRgb, Scene, Shot};
 use serde_json::json;
 
-use super::encoder::{Video, is_video};
-use super::place::{Place, Variant, claim, has_ending, photo_files};
+use super::Rendered;
 use super::record::{self, Fields, Record};
-use super::render::Rendered;
-use super::setup::{Photos, Shot};
+use crate::args::numbers;
+use crate::args::output::{Place, Variant, claim, photo_files, write_whole};
+use crate::ffmpeg::{Encoder, is_video};
 
 /// Factor by which a comparison shows the difference.
 const DIFFERENCE_FACTOR: f32 = 4.0;
-
-const JPEG_QUALITY: u8 = 95;
 
 /// Options that say what to write.
 #[derive(Debug, Args)]
@@ -39,7 +33,7 @@ pub(super) struct OutputArgs {
     #[arg(long, value_name = "PNG")]
     compare: Option<PathBuf>,
     /// Frames per second of a video
-    #[arg(long, value_name = "N", default_value = "30", value_parser = super::count)]
+    #[arg(long, value_name = "N", default_value = "30", value_parser = numbers::count)]
     fps: usize,
     /// Go on where a run into the same folder was ended: pictures that are there and whole, as its liveview.json tells, are
     /// kept, and the rest is rendered. Refused where that file is of another job
@@ -55,7 +49,7 @@ const DEPTH: [Variant; 3] = [("", None), ("_colour", None), ("_scale", Some("jso
 /// Everything that is written.
 pub(super) struct Outputs {
     pictures: Option<Place>,
-    video: Option<Video>,
+    video: Option<Encoder>,
     depth: Option<Place>,
     compare: Option<Place>,
     resume: bool,
@@ -80,7 +74,7 @@ impl Outputs {
         }
         Ok(Self {
             pictures,
-            video: video.map(|path| Video::new(path, args.fps)).transpose()?,
+            video: video.map(|path| Encoder::new(path, args.fps)).transpose()?,
             depth: place("--depth", &args.depth, &["png"])?,
             compare: place("--compare", &args.compare, &["png"])?,
             resume: args.resume,
@@ -89,8 +83,8 @@ impl Outputs {
     }
 
     /// Checks the options against what will be rendered, before the work; creates missing folders.
-    pub(super) fn claim(&mut self, shots: &[Shot], photos: &Photos) -> Result<()> {
-        let (mut files, taken) = (HashMap::new(), photo_files(photos));
+    pub(super) fn claim(&mut self, shots: &[Shot], scene: &Scene) -> Result<()> {
+        let (mut files, taken) = (HashMap::new(), photo_files(scene));
         let places: [(&str, &Option<Place>, &[Variant]); 3] =
             [("-o", &self.pictures, &PLAIN), ("--depth", &self.depth, &DEPTH), ("--compare", &self.compare, &PLAIN)];
         for (option, place, variants) in places {
@@ -158,7 +152,7 @@ impl Outputs {
         };
         if let Some(place) = &self.pictures {
             let [file] = place.files(shot, PLAIN);
-            write(&file, &encoded(&file, &frame.picture)?)?;
+            write(&file, &encode(&file, &frame.picture)?)?;
         }
         if let Some(place) = &self.depth {
             for (file, contents) in place.files(shot, DEPTH).iter().zip(disparity(shot, frame)?) {
@@ -168,7 +162,7 @@ impl Outputs {
         if let (Some(place), Some(truth)) = (&self.compare, truth) {
             let [file] = place.files(shot, PLAIN);
             let difference = difference(truth, &frame.picture, DIFFERENCE_FACTOR);
-            write(&file, &encode_png(&side_by_side(&[truth, &frame.picture, &difference]))?)?;
+            write(&file, &encode(&file, &side_by_side(&[truth, &frame.picture, &difference]))?)?;
         }
         Ok(digests)
     }
@@ -185,7 +179,7 @@ impl Outputs {
 
     /// Closes the video, if there is one; its file.
     pub(super) fn finish(self) -> Result<Option<PathBuf>> {
-        self.video.map(Video::finish).transpose()
+        self.video.map(Encoder::finish).transpose()
     }
 }
 
@@ -203,28 +197,5 @@ fn disparity(shot: &Shot, frame: &Frame) -> Result<[Vec<u8>; 3]> {
     let scale =
         json!({ "disparity": "value / 65535 * disparity_max", "disparity_max": largest, "unit": "1/scene unit" });
     let grey = encode_gray16_png(shot.target.width(), shot.target.height(), &values)?;
-    Ok([grey, encode_png(&colour)?, format!("{scale:#}\n").into_bytes()])
-}
-
-/// PNG, or JPEG by the name's ending.
-fn encoded(path: &Path, picture: &ImageRgb) -> Result<Vec<u8>> {
-    if !has_ending(path, &["jpg", "jpeg"]) {
-        return Ok(encode_png(picture)?);
-    }
-    let mut jpeg = Vec::new();
-    let (width, height) = (u32::try_from(picture.width())?, u32::try_from(picture.height())?);
-    JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY)
-        .encode(&bytes(picture), width, height, ExtendedColorType::Rgb8)
-        .map_err(|error| anyhow!("{}: cannot be written: {error}", path.display()))?;
-    Ok(jpeg)
-}
-
-/// 8-bit RGB.
-pub(super) fn bytes(picture: &ImageRgb) -> Vec<u8> {
-    picture.data().iter().map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
-}
-
-/// All of a file or nothing.
-pub(super) fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
-    atomic::write(path, contents).map_err(|error| anyhow!("{}: cannot be written: {error}", path.display()))
+    Ok([grey, encode("disparity.png".as_ref(), &colour)?, format!("{scale:#}\n").into_bytes()])
 }

@@ -5,14 +5,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
+use liveview::Shot;
 use liveview::fs::bounded;
+use liveview::image::Score;
 use serde_json::{Map, Value, json};
 
-use super::layers::{LayerArgs, Recipe};
-use super::output::write_whole;
-use super::render::{Rendered, Score};
-use super::setup::{Job, Shot};
-use super::targets::TargetArgs;
+use super::Rendered;
+use crate::args::layers::LayerArgs;
+use crate::args::output::write_whole;
+use crate::args::targets::TargetArgs;
+use crate::console::{shown, tell};
+use crate::job::Job;
 
 const NAME: &str = "liveview.json";
 
@@ -21,11 +24,10 @@ pub(super) type Fields = Vec<(&'static str, String)>;
 
 /// The fields of a job. Threads and batch are none: pictures do not depend on them.
 pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &LayerArgs) -> Result<Fields> {
-    let scene = &job.photos.scene;
+    let scene = job.scene();
     let root = scene.root.canonicalize().unwrap_or_else(|_| scene.root.clone());
     let first = &shots[0];
-    let model = job.engine.network().path();
-    let disparities = if let Recipe::Disparities(list) = &job.recipe { format!(" {list:?}") } else { String::new() };
+    let model = &job.model.path;
     let mut cameras = String::new();
     let mut views = BTreeSet::new();
     for shot in shots {
@@ -39,12 +41,12 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
     }
     Ok(vec![
         ("liveview", env!("CARGO_PKG_VERSION").to_owned()),
-        ("scene", super::shown(&root)),
+        ("scene", shown(&root)),
         ("targets", targets.to_string()),
-        ("layers", format!("{}{disparities}", job.recipe)),
+        ("layers", job.layers().to_string()),
         ("opaque", layers.opaque.to_string()),
         ("model", format!("{}, {}", model.file_name().unwrap_or_default().display(), digest_of(model)?)),
-        ("engine", job.engine.described()),
+        ("engine", job.model.described()),
         ("size", format!("{}x{}", first.target.width(), first.target.height())),
         ("depth", format!("{} to {}", first.near, first.far)),
         ("cameras", digest(cameras.as_bytes())),
@@ -110,7 +112,7 @@ impl Record {
                 self.done.insert((*name).to_owned(), entry);
             }
         }
-        super::tell("note", format!("{} of {} pictures were there", self.done.len(), wanted.len()));
+        tell("note", format!("{} of {} pictures were there", self.done.len(), wanted.len()));
         Ok(())
     }
 
@@ -147,7 +149,7 @@ impl Record {
         let (done, folder) = (self.done.len(), self.path.parent().unwrap_or(Path::new("")).display());
         if done > 0 {
             let told = format!("{done} of {wanted} pictures are in {folder}; the same with --resume renders the rest");
-            super::tell("note", told);
+            tell("note", told);
         }
     }
 }

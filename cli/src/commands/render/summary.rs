@@ -4,15 +4,19 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use liveview::image::Score;
 use serde_json::{Value, json};
 
-use super::Report;
+use super::Rendered;
 use super::explain::Explanation;
-use super::render::{Rendered, SCORE_BORDER, Times};
-use super::setup::Job;
+use crate::console::{Output, shown};
+use crate::job::Job;
+use crate::measure::{Times, in_words, peak_memory};
 
 /// Names listed in one line of a table.
 const SHOWN: usize = 6;
+
+const BORDER: usize = Score::BORDER;
 
 pub(super) fn rendered(
     job: &Job,
@@ -20,7 +24,7 @@ pub(super) fn rendered(
     moving: bool,
     video: Option<PathBuf>,
     explanation: Option<Explanation>,
-) -> Report {
+) -> Output {
     let mut text = match done {
         [one] => single(job, one),
         many if moving => flight(job, many),
@@ -36,38 +40,39 @@ pub(super) fn rendered(
     if let Some(bytes) = memory {
         line(&mut text, "memory", &format!("{:.0} MB at most", bytes as f64 / 1e6));
     }
-    text += &job.engine.text();
+    text += &job.model.text();
     let mut json = json!({
-        "scene": super::shown(&job.photos.scene.root), "format": job.photos.scene.format.to_string(), "layers": job.recipe.to_string(),
+        "scene": shown(&job.scene().root), "format": job.scene().format.to_string(), "layers": job.layers().to_string(),
         "targets": done.iter().map(|one| target(job, one)).collect::<Vec<_>>(),
         "kept": done.iter().filter(|one| one.times.is_none()).count(), "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
-        "border_left_out": SCORE_BORDER, "peak_memory_bytes": memory, "video": video.as_deref().map(super::shown), "notes": job.photos.scene.notes,
+        "border_left_out": BORDER, "peak_memory_bytes": memory, "video": video.as_deref().map(shown), "notes": job.scene().notes,
         "explanation": explanation.map(|explanation| explanation.json),
     });
-    if let (Value::Object(json), Value::Object(engine)) = (&mut json, job.engine.json()) {
+    if let (Value::Object(json), Value::Object(engine)) = (&mut json, job.model.json()) {
         json.extend(engine);
     }
-    Report { text, json }
+    Output { text, json }
 }
 
 fn target(job: &Job, one: &Rendered) -> Value {
-    let seconds = |times| stages(times).map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
+    let seconds = |times: &Times| times.stages().map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
     json!({
         "name": one.shot.name, "width": one.shot.target.width(), "height": one.shot.target.height(),
-        "views": job.photos.names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
+        "views": job.photos().names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
         "seconds": one.times.as_ref().map(|times| seconds(times).into_iter().collect::<serde_json::Map<_, _>>()),
         "psnr": one.score.as_ref().map(|score| score.psnr), "ssim": one.score.as_ref().map(|score| score.ssim),
-        "seen_by_no_view": one.unseen, "disparity_max": one.disparity_max, "files": one.files.iter().map(|file| super::shown(file)).collect::<Vec<_>>(),
+        "seen_by_no_view": one.unseen, "disparity_max": one.disparity_max, "files": one.files.iter().map(|file| shown(file)).collect::<Vec<_>>(),
     })
 }
 
 fn single(job: &Job, one: &Rendered) -> String {
     let mut text = heading(job, std::slice::from_ref(one), &one.shot.name);
-    line(&mut text, "views", &job.photos.names(&one.shot.views).join(", "));
+    line(&mut text, "views", &job.photos().names(&one.shot.views).join(", "));
     line_of_times(&mut text, std::slice::from_ref(one), "");
     if let Some(score) = &one.score {
-        let told = format!("PSNR {:.2} dB, SSIM {:.4} ({SCORE_BORDER}-pixel border left out)", score.psnr, score.ssim);
-        line(&mut text, "score", &told);
+        let text_of_score =
+            format!("PSNR {:.2} dB, SSIM {:.4} ({BORDER}-pixel border left out)", score.psnr, score.ssim);
+        line(&mut text, "score", &text_of_score);
     }
     finish(&mut text, std::slice::from_ref(one));
     text
@@ -78,7 +83,7 @@ fn flight(job: &Job, done: &[Rendered]) -> String {
     let mut views = done.iter().flat_map(|one| one.shot.views.iter().copied()).collect::<Vec<_>>();
     views.sort_unstable();
     views.dedup();
-    line(&mut text, "views", &some_of(&job.photos.names(&views)));
+    line(&mut text, "views", &some_of(&job.photos().names(&views)));
     line_of_times(&mut text, done, " (medians per frame)");
     finish(&mut text, done);
     text
@@ -90,12 +95,12 @@ fn table(job: &Job, done: &[Rendered]) -> String {
     let _ = writeln!(text, "\n{:width$}  PSNR dB    SSIM       time  views", "view");
     for Rendered { shot, score, times, .. } in done {
         let (psnr, ssim) = score.as_ref().map_or((f64::NAN, f64::NAN), |score| (score.psnr, score.ssim));
-        let time = times.as_ref().map_or_else(|| "was there".to_owned(), |times| told(total(times)));
-        let views = job.photos.names(&shot.views);
+        let time = times.as_ref().map_or_else(|| "was there".to_owned(), |times| in_words(times.total()));
+        let views = job.photos().names(&shot.views);
         let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  {time:>9}  {}", shot.name, some_of(&views));
     }
     if let Some((psnr, ssim)) = mean(done) {
-        let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  ({SCORE_BORDER}-pixel border left out)", "mean");
+        let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  ({BORDER}-pixel border left out)", "mean");
     }
     text.push('\n');
     line_of_times(&mut text, done, " (medians per picture)");
@@ -108,7 +113,7 @@ fn heading(job: &Job, done: &[Rendered], what: &str) -> String {
     let first = &done[0].shot;
     let near = done.iter().map(|one| one.shot.near).fold(f64::INFINITY, f64::min);
     let far = done.iter().map(|one| one.shot.far).fold(0.0, f64::max);
-    let (size, layers) = (format!("{}x{}", first.target.width(), first.target.height()), &job.recipe);
+    let (size, layers) = (format!("{}x{}", first.target.width(), first.target.height()), job.layers());
     format!("{what}, {size}, from {} views, {layers}, depth {near:.4} to {far:.4} scene units\n", first.views.len())
 }
 
@@ -129,13 +134,6 @@ fn finish(text: &mut String, done: &[Rendered]) {
     }
 }
 
-/// The most memory that the process has held so far, where the system tells it (Linux).
-pub(super) fn peak_memory() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let kilobytes = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"))?;
-    Some(1024 * kilobytes.trim().parse::<u64>().ok()?)
-}
-
 fn line(text: &mut String, what: &str, told: &str) {
     let _ = writeln!(text, "{what:7} {told}");
 }
@@ -150,50 +148,24 @@ fn some_of(names: &[&str]) -> String {
 fn mean(done: &[Rendered]) -> Option<(f64, f64)> {
     let scores: Vec<_> = done.iter().filter_map(|one| one.score.as_ref()).collect();
     let count = scores.len() as f64;
-    let mean = |of: fn(&&super::render::Score) -> f64| scores.iter().map(of).sum::<f64>() / count;
+    let mean = |of: fn(&&Score) -> f64| scores.iter().map(of).sum::<f64>() / count;
     (!scores.is_empty()).then(|| (mean(|score| score.psnr), mean(|score| score.ssim)))
-}
-
-const STAGES: usize = 6;
-
-pub(super) fn stages(times: &Times) -> [(&'static str, Duration); STAGES] {
-    let Times { photos, coarse, select, stages } = *times;
-    [
-        ("photos", photos),
-        ("coarse", coarse),
-        ("select", select),
-        ("warp", stages.warp),
-        ("network", stages.network),
-        ("composite", stages.composite),
-    ]
-}
-
-pub(super) fn total(times: &Times) -> Duration {
-    stages(times).iter().map(|(_, time)| *time).sum()
 }
 
 /// Median of each stage that takes any time; what only some pictures needed, in all. Nothing where all pictures were there.
 fn line_of_times(text: &mut String, done: &[Rendered], of: &str) {
-    let all: Vec<_> = done.iter().filter_map(|one| one.times.as_ref()).map(stages).collect();
+    let all: Vec<_> = done.iter().filter_map(|one| one.times.as_ref()).map(Times::stages).collect();
     let Some(first) = all.first() else { return };
     let stage = |stage: usize| {
         let mut times: Vec<Duration> = all.iter().map(|times| times[stage].1).collect();
         times.sort_unstable();
         let (name, median, sum) = (first[stage].0, times[times.len() / 2], times.iter().sum::<Duration>());
         match (median.is_zero(), sum.is_zero()) {
-            (false, _) => Some(format!("{name} {}", told(median))),
-            (true, false) => Some(format!("{name} {} in all", told(sum))),
+            (false, _) => Some(format!("{name} {}", in_words(median))),
+            (true, false) => Some(format!("{name} {} in all", in_words(sum))),
             (true, true) => None,
         }
     };
-    let told = (0..STAGES).filter_map(stage).collect::<Vec<_>>().join(", ");
+    let told = (0..first.len()).filter_map(stage).collect::<Vec<_>>().join(", ");
     line(text, "time", &format!("{told}{of}"));
-}
-
-fn told(time: Duration) -> String {
-    match time.as_secs_f64() {
-        seconds if seconds >= 10.0 => format!("{seconds:.1} s"),
-        seconds if seconds >= 0.01 => format!("{:.0} ms", 1e3 * seconds),
-        seconds => format!("{:.1} ms", 1e3 * seconds),
-    }
 }

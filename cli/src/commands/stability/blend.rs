@@ -4,8 +4,8 @@ use anyhow::Result;
 use liveview::render::{Blended, DistanceWeights, LayerSamples};
 use ndarray::{Array1, Array2};
 
-use super::{Case, Outputs, Question, Seeded, Truth, decades};
-use crate::cli::Arrays;
+use super::case::{Case, Outputs, Question, Seeded, Truth, decades};
+use crate::npz::Arrays;
 
 /// Pixels per case: no multiple of the lanes that are computed side by side.
 const PIXELS: usize = 301;

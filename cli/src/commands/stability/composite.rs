@@ -1,12 +1,12 @@
 //! Extreme composites: stiff opacities, thousands of planes, and the same in float64.
 
 use anyhow::Result;
-use liveview::render::Blended;
 use liveview::render::Accumulated;
+use liveview::render::Blended;
 use ndarray::{Array1, Array2, Array3};
 
-use super::{Case, Outputs, Question, Seeded, Truth, decades};
-use crate::cli::Arrays;
+use super::case::{Case, Outputs, Question, Seeded, Truth, decades};
+use crate::npz::Arrays;
 
 /// Pixels per case.
 const PIXELS: usize = 67;

@@ -1,28 +1,47 @@
 //! `liveview stability`: stiff and extreme cases, made from a scene's own rig, against float64.
 
+mod blend;
+mod case;
+mod cases;
+mod composite;
+mod network;
+mod outcome;
+mod plot;
+mod rigs;
+mod sampling;
+mod select;
+mod table;
+mod warp;
+
 use std::cell::RefCell;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
+use case::{Case, Truth};
+use cases::cases;
 use clap::Args;
+use liveview::Targets;
 use ndarray::Array1;
+use outcome::{Errors, Outcome};
+use plot::plot;
+use rigs::TestRig;
 use serde_json::json;
+use table::{Table, markdown};
 
-use super::dump::Arrays;
-use super::engine::ModelArgs;
-use super::output::write_whole;
-use super::place::{claim, photo_files};
-use super::setup::SceneArgs;
-use super::targets::{held_out, named};
-use super::workers::{Worker, words};
-use super::{Report, progress};
-use crate::stability::{Case, Errors, Outcome, Rig, Table, Truth, cases, json, markdown, plot, share};
+use crate::args::model::ModelArgs;
+use crate::args::output::{claim, photo_files, write_whole};
+use crate::args::scene::SceneArgs;
+use crate::args::targets::named;
+use crate::console::{Output, progress, shown, tell_notes};
+use crate::npz::Arrays;
+use crate::statistics::share;
+use crate::worker_process::{WorkerProcess, words};
 
 const EXAMPLES: &str = "\
 Examples:
   liveview stability scene --target IMG_7.jpg
   Beside PyTorch, kornia and onnxruntime, with a table and a plot:
-    liveview stability scene --target IMG_7.jpg --reference \".venv/bin/python -m liveview_ref.stability\" -o report/";
+    liveview stability scene --target IMG_7.jpg --reference \".venv/bin/python -m liveview_ref.parity.stability\" -o report/";
 
 /// Photos are scaled to this width where `--width` does not say: what breaks breaks at any size.
 const WIDTH: usize = 126;
@@ -30,7 +49,7 @@ const WIDTH: usize = 126;
 /// Options of `liveview stability`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct StabilityArgs {
+pub(crate) struct StabilityArgs {
     #[command(flatten)]
     scene: SceneArgs,
     /// The view whose camera is the target, by name
@@ -39,31 +58,31 @@ pub(super) struct StabilityArgs {
     /// Three cases of each family: the ends and the middle
     #[arg(long)]
     short: bool,
-    /// A command that answers as `python -m liveview_ref.stability` does, to hold torch, kornia and onnxruntime against the same
+    /// A command that answers as `python -m liveview_ref.parity.stability` does, to hold torch, kornia and onnxruntime against the same
     /// oracle
     #[arg(long, value_name = "COMMAND")]
     reference: Option<String>,
     #[command(flatten)]
-    engine: ModelArgs,
+    model: ModelArgs,
     /// Folder for stability.md and stability.svg
     #[arg(short, long, value_name = "FOLDER")]
     output: Option<PathBuf>,
 }
 
-pub(super) fn run(args: &StabilityArgs) -> Result<Report> {
+pub(crate) fn run(args: &StabilityArgs) -> Result<Output> {
     let photos = args.scene.open_at(WIDTH)?;
     let output = |name: &str| args.output.as_ref().map(|folder| folder.join(name));
     for file in ["stability.md", "stability.svg"].into_iter().filter_map(output) {
-        claim("-o", &file, &photo_files(&photos))?;
+        claim("-o", &file, &photo_files(photos.scene()))?;
     }
-    let engine = args.engine.open()?;
-    photos.tell_notes();
-    let targets = held_out(&photos, named(&photos, std::slice::from_ref(&args.target))?);
-    let shot = photos.shot(targets, engine.network().card().views)?;
+    let (renderer, model) = args.model.open()?;
+    tell_notes(&photos.scene().notes);
+    let targets = Targets::held_out(photos.scene(), named(photos.scene(), std::slice::from_ref(&args.target))?);
+    let shot = photos.shots(targets, renderer.network().card().views, None)?.remove(0);
     let Some(&farthest) = shot.views.last() else { bail!("{}: no views", args.target) };
-    let rig = Rig {
-        photo: photos.scene.load_image(farthest)?,
-        source: photos.scene.views[farthest].camera.clone(),
+    let rig = TestRig {
+        photo: photos.scene().load_image(farthest)?,
+        source: photos.scene().views[farthest].camera.clone(),
         // Of a disparity that float32 holds, which is what the pixels know.
         depth: 1.0 / f64::from((0.5 / shot.near + 0.5 / shot.far) as f32),
         distances: photos.cameras(&shot.views).map(|camera| camera.centre().distance(shot.target.centre())).collect(),
@@ -76,12 +95,12 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Report> {
         photos.names(&shot.views).join(", "),
         rig.photo.width(),
         rig.photo.height(),
-        engine.network().path().file_name().unwrap_or_default().display(),
-        engine.described()
+        model.path.file_name().unwrap_or_default().display(),
+        model.described()
     );
-    let model = super::shown(engine.network().path());
-    let network = RefCell::new(engine.renderer.into_network());
-    let mut reference = args.reference.as_ref().map(|command| Reference::start(command, model)).transpose()?;
+    let path = shown(&model.path);
+    let network = RefCell::new(renderer.into_network());
+    let mut reference = args.reference.as_ref().map(|command| Reference::start(command, path)).transpose()?;
     let cases = cases(&rig, &network, args.short);
     let bar = progress("cases")?;
     bar.set_length(cases.len() as u64);
@@ -93,7 +112,7 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Report> {
     });
     let table = Table { about, outcomes: outcomes.collect::<Result<_>>()? };
     bar.finish_and_clear();
-    let (text, json) = (markdown(&table), json(&table));
+    let (text, json) = (markdown(&table), table::json(&table));
     for (name, contents) in [("stability.md", &text), ("stability.svg", &plot(&table))] {
         output(name).map_or(Ok(()), |file| write_whole(&file, contents.as_bytes()))?;
     }
@@ -105,12 +124,12 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Report> {
             .join("\n");
         bail!("{} of {} cases do not hold:\n{failures}", table.failed(), table.outcomes.len());
     }
-    Ok(Report { text, json })
+    Ok(Output { text, json })
 }
 
 /// The other implementations, in a process of their own.
 struct Reference {
-    worker: Worker,
+    worker: WorkerProcess,
     folder: tempfile::TempDir,
     model: String,
 }
@@ -118,7 +137,7 @@ struct Reference {
 impl Reference {
     fn start(command: &str, model: String) -> Result<Self> {
         let folder = tempfile::tempdir().context("a folder for what the reference is handed")?;
-        Ok(Self { worker: Worker::start("--reference", &words(command), None)?.0, folder, model })
+        Ok(Self { worker: WorkerProcess::start("--reference", &words(command), None)?.0, folder, model })
     }
 }
 
@@ -164,7 +183,8 @@ fn outcome(case: &Case<'_>, reference: Option<&mut Reference>) -> Result<Outcome
                 .try_for_each(|(name, values)| arrays.add(&format!("rust.{name}"), Array1::from_vec(values)))?,
         }
         arrays.finish()?;
-        let asked = json!({ "case": super::shown(&file), "stage": outcome.stage, "model": reference.model, "bound": case.bound });
+        let asked =
+            json!({ "case": shown(&file), "stage": outcome.stage, "model": reference.model, "bound": case.bound });
         let told = reference.worker.ask(&asked)?;
         if truth.is_none() {
             outcome.ours = Ok(Errors::told(&told["rust"]));

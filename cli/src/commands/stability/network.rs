@@ -9,8 +9,9 @@ use liveview::geometry::MAX_SIDE;
 use liveview::network::{OrtNetwork, PlaneNetwork};
 use ndarray::{Array4, Axis};
 
-use super::{Case, Outputs, Question, Seeded, Truth};
-use crate::cli::{Arrays, percentile};
+use super::case::{Case, Outputs, Question, Seeded, Truth};
+use crate::npz::Arrays;
+use crate::statistics::percentile;
 
 /// Relative to the largest logit: up to 1,728 products are summed, in orders of their own.
 const BOUND: f64 = 2e-6;

@@ -2,7 +2,8 @@
 
 use serde_json::{Value, json};
 
-use super::{Outputs, Truth};
+use super::case::{Outputs, Truth};
+use crate::statistics::share;
 
 /// Of the doubtful pixels of a case, the share that may be off by more than the bound.
 const DOUBTFUL_CAP: f64 = 0.01;
@@ -96,11 +97,6 @@ pub(crate) enum Verdict {
     /// A named error in place of an answer. None of the cases is such that it may be.
     Refused(String),
     Failed(String),
-}
-
-/// Share of the elements of which it is true.
-pub(crate) fn share<T>(all: &[T], is: impl Fn(&T) -> bool) -> f64 {
-    all.iter().filter(|&one| is(one)).count() as f64 / all.len().max(1) as f64
 }
 
 impl Outcome {

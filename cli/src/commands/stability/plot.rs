@@ -2,9 +2,10 @@
 
 use std::fmt::Write;
 
+use super::outcome::Outcome;
+use super::table::Table;
 use super::table::errors;
-use super::{Outcome, Table};
-use crate::report::svg_start;
+use crate::svg::svg_start;
 
 const COLUMNS: usize = 4;
 const PANEL: (f64, f64) = (250.0, 170.0);

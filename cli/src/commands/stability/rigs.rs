@@ -6,11 +6,11 @@ use glam::{DMat3, DVec3};
 use liveview::geometry::{Camera, Intrinsics};
 use liveview::image::ImageRgb;
 
+use super::case::{Case, decades};
 use super::warp::{BOUND, WarpCase};
-use super::{Case, decades};
 
 /// What the cases start from: a target, one view of it, and how far the things are that they see.
-pub(crate) struct Rig {
+pub(crate) struct TestRig {
     pub(crate) photo: ImageRgb,
     pub(crate) source: Camera,
     pub(crate) target: Camera,
@@ -60,7 +60,7 @@ struct Swept {
     depth: f64,
 }
 
-impl Rig {
+impl TestRig {
     fn case<'a>(&'a self, change: impl FnOnce(&mut Swept)) -> WarpCase<'a> {
         let mut swept = Swept { source: Parts::of(&self.source), target: Parts::of(&self.target), depth: self.depth };
         change(&mut swept);
@@ -99,7 +99,7 @@ fn family<'a>(
     extremes.into_iter().map(case).collect()
 }
 
-pub(super) fn families(rig: &Rig) -> Vec<Vec<Case<'_>>> {
+pub(super) fn families(rig: &TestRig) -> Vec<Vec<Case<'_>>> {
     // Behind the target, so that however near things are, and however long the baseline, the source sees them.
     let behind = DVec3::new(0.02, -0.01, -0.3);
     let depth = |times: f64| {

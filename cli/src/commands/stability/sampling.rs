@@ -7,8 +7,8 @@ use glam::{DMat3, DVec3};
 use liveview::geometry::{Camera, CameraError, Intrinsics};
 use liveview::image::ImageRgb;
 
+use super::case::{Case, Seeded, decades};
 use super::warp::{BOUND, WarpCase};
-use super::{Case, Seeded, decades};
 
 /// Of the photo that is sampled, but for the family of sizes: odd, and no multiple of anything.
 const SIDES: (usize, usize) = (37, 23);

@@ -1,13 +1,13 @@
 //! Plane selection where there is nothing, or too much, to choose from; and the same by counting.
 
 use anyhow::Result;
-use liveview::render::Blended;
-use liveview::render::Accumulated;
 use liveview::layers::{plane_histogram, select_planes};
+use liveview::render::Accumulated;
+use liveview::render::Blended;
 use ndarray::{Array1, Array2};
 
-use super::{Case, Outputs, Question, Seeded, Truth};
-use crate::cli::Arrays;
+use super::case::{Case, Outputs, Question, Seeded, Truth};
+use crate::npz::Arrays;
 
 /// Pixels per case.
 const PIXELS: usize = 67;

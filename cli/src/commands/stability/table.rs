@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use serde_json::{Value, json};
 
-use super::{Errors, Outcome, Verdict};
+use super::outcome::{Errors, Outcome, Verdict};
 
 /// What was tested, and what came of it.
 pub(crate) struct Table {

@@ -4,15 +4,15 @@ use std::borrow::Cow;
 
 use anyhow::Result;
 use glam::DVec3;
+use liveview::geometry::PlaneSweep;
 use liveview::geometry::{Camera, CameraError};
 use liveview::image::ImageRgb;
 use liveview::layers::Layers;
-use liveview::geometry::PlaneSweep;
 use liveview::warp::{Texture, WarpSource, warp_layers};
 use ndarray::Array1;
 
-use super::{Outputs, Question, Truth};
-use crate::cli::Arrays;
+use super::case::{Outputs, Question, Truth};
+use crate::npz::Arrays;
 
 /// A pixel whose source coordinates move by more than this, in pixels, when the terms that they are sums of change in the last bit
 /// of float32, is doubtful: those are the rounded inputs of every float32 implementation.

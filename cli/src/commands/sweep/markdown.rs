@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{Row, SweepReport};
+use super::rows::{Row, SweepReport};
 
 /// A heading that says how it was measured, and a row per configuration.
 pub(crate) fn markdown(sweep: &SweepReport) -> String {

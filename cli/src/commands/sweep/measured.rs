@@ -3,25 +3,26 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use liveview::image::ImageRgb;
-use liveview::image::{psnr, ssim};
+use liveview::ImageRgb;
+use liveview::image::{Score, psnr, ssim};
 use ndarray::Array3;
 use serde_json::json;
 
-use super::render::SCORE_BORDER;
-use super::workers::Worker;
-use crate::report::{PixelError, Row, Score, densest};
+use super::rows::{Row, densest};
+use crate::console::shown;
+use crate::statistics::PixelError;
+use crate::worker_process::WorkerProcess;
 
 /// A worker and what is known of it.
 pub(super) struct Measured {
-    worker: Worker,
+    worker: WorkerProcess,
     pub(super) row: Row,
     /// The pictures of all targets that it renders, until they are scored.
     pictures: Vec<ImageRgb>,
 }
 
 impl Measured {
-    pub(super) fn new(worker: Worker, row: Row) -> Self {
+    pub(super) fn new(worker: WorkerProcess, row: Row) -> Self {
         Self { worker, row, pictures: Vec::new() }
     }
 
@@ -30,7 +31,7 @@ impl Measured {
         let targets = if self.row.reference { 1 } else { targets };
         for target in 0..targets {
             let frame = folder.join("frame.npy");
-            let answer = self.worker.ask(&json!({ "run": true, "target": target, "frame": super::shown(&frame) }))?;
+            let answer = self.worker.ask(&json!({ "run": true, "target": target, "frame": shown(&frame) }))?;
             let pixels: Array3<f32> = ndarray_npy::read_npy(&frame).context("the picture that a worker handed over")?;
             let (height, width, _) = pixels.dim();
             self.pictures.push(ImageRgb::new(width, height, pixels.iter().copied().collect())?);
@@ -60,8 +61,8 @@ impl Measured {
             self.pictures.iter().zip(truths).map(|(picture, truth)| of(picture, truth)).sum::<f64>() / count
         };
         let score = Score {
-            psnr: mean(&|picture, truth| psnr(picture, truth, SCORE_BORDER)),
-            ssim: mean(&|picture, truth| ssim(picture, truth, SCORE_BORDER)),
+            psnr: mean(&|picture, truth| psnr(picture, truth, Score::BORDER)),
+            ssim: mean(&|picture, truth| ssim(picture, truth, Score::BORDER)),
         };
         self.row.score = Some(score).filter(|score| score.psnr.is_finite() && score.ssim.is_finite());
         self.row.error = dense.map(|dense| PixelError::between(self.pictures.iter().zip(dense)));

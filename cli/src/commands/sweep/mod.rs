@@ -1,38 +1,46 @@
 //! `liveview sweep`: error against run time, each configuration in a worker process, their repetitions interleaved.
 
+mod markdown;
+mod measured;
+mod plot;
+mod rows;
+mod worker;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use liveview::layers::uniform_disparities;
+use liveview::{LayerSpec, PhotoCache, Shot, Targets};
+use measured::{Measured, score_all};
 use ndarray::Array1;
+use rows::{Row, SweepReport};
 use serde_json::{Value, json};
+use worker::scaled;
+pub(crate) use worker::{WorkerArgs, run as run_worker};
 
-use super::dump::Arrays;
-use super::engine::{ModelArgs, ProviderChoice};
-use super::measured::{Measured, score_all};
-use super::output::write_whole;
-use super::place::{claim, photo_files};
-use super::setup::{Photos, SceneArgs, Shot};
-use super::targets::{held_out, named};
-use super::worker::scaled;
-use super::workers::{Worker, words};
-use super::{Report, progress};
-use crate::report::{self, Row, SweepReport};
+use crate::args::model::{ModelArgs, ProviderChoice};
+use crate::args::numbers;
+use crate::args::output::{claim, photo_files, write_whole};
+use crate::args::scene::SceneArgs;
+use crate::args::targets::named;
+use crate::console::{Output, progress, shown, tell, tell_notes};
+use crate::npz::Arrays;
+use crate::worker_process::{WorkerProcess, words};
 
 const EXAMPLES: &str = "\
 Examples:
   liveview sweep scene --target IMG_7.jpg -o report/
-  liveview sweep scene --target IMG_7.jpg --layers \"guided 2,guided 4,planes 64\" --repetitions 9 -o report/
+  liveview sweep scene --target IMG_7.jpg --layers guided:2,guided:4,planes:64 --repetitions 9 -o report/
   Time against size:
-    liveview sweep scene --target IMG_7.jpg --layers \"guided 4,planes 16\" --widths 500,1000,2000 -o scaling/";
+    liveview sweep scene --target IMG_7.jpg --layers guided:4,planes:16 --widths 500,1000,2000 -o scaling/";
 
 /// Every kind of layers, fewest first; the last is what the others are compared with.
-const LAYERS: &str = "guided 1,guided 2,guided 3,guided 4,guided 6,guided 8,guided 12,kmeans 8,kmeans 16,select 8,select 16,\
-                      select 32,planes 8,planes 16,planes 32,planes 64";
+const LAYERS: &str = "guided:1,guided:2,guided:3,guided:4,guided:6,guided:8,guided:12,kmeans:8,kmeans:16,select:8,select:16,\
+                      select:32,planes:8,planes:16,planes:32,planes:64";
 
-/// Engines of `python -m liveview_ref.worker`.
+/// Engines of `python -m liveview_ref.competitors.worker`.
 const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
 
 /// What is written.
@@ -41,71 +49,59 @@ const FILES: [&str; 3] = ["sweep.json", "sweep.md", "sweep.svg"];
 /// Options of `liveview sweep`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct SweepArgs {
+pub(crate) struct SweepArgs {
     #[command(flatten)]
     scene: SceneArgs,
     /// Views to render, by name; all are held out. Scores are means over them, times are the first one's
     #[arg(long, value_name = "NAME", value_delimiter = ',', required = true)]
     target: Vec<String>,
-    /// What to measure, separated by commas: guided L, planes D, kmeans K or select K
-    #[arg(long, value_name = "LIST", default_value = LAYERS, value_delimiter = ',', value_parser = kind_and_count)]
-    layers: Vec<(String, usize)>,
+    /// What to measure, separated by commas: guided:L, planes:D, kmeans:K or select:K/D
+    #[arg(long, value_name = "LIST", default_value = LAYERS, value_delimiter = ',')]
+    layers: Vec<LayerSpec>,
     /// Widths of the picture, separated by commas: time against size; scored where it has the photo's [default: the photo's]
-    #[arg(long, value_name = "PIXELS", value_delimiter = ',', value_parser = super::count)]
+    #[arg(long, value_name = "PIXELS", value_delimiter = ',', value_parser = numbers::count)]
     widths: Vec<usize>,
     /// Engines to measure the guided layers on as well, each with its precision, separated by commas, such as "cpu int8,openvino
     /// int8"
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     engines: Vec<ProviderChoice>,
     /// Times that each is rendered, after one to warm up
-    #[arg(long, value_name = "N", default_value = "5", value_parser = super::count)]
+    #[arg(long, value_name = "N", default_value = "5", value_parser = numbers::count)]
     repetitions: usize,
     /// A command that speaks as `liveview worker` does, to measure the reference implementations on the most planes, such as
-    /// ".venv/bin/python -m liveview_ref.worker"
+    /// ".venv/bin/python -m liveview_ref.competitors.worker"
     #[arg(long, value_name = "COMMAND")]
     reference: Option<String>,
     #[command(flatten)]
-    engine: ModelArgs,
+    model: ModelArgs,
     /// Folder for sweep.json, sweep.md and sweep.svg
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
 }
 
-/// `guided 4` and the like.
-fn kind_and_count(text: &str) -> Result<(String, usize), String> {
-    let known = |kind: &&str| ["guided", "planes", "kmeans", "select"].contains(kind);
-    let (kind, number) = text
-        .trim()
-        .split_once(' ')
-        .filter(|(kind, _)| known(kind))
-        .ok_or("expected guided L, planes D, kmeans K or select K")?;
-    Ok((kind.to_owned(), super::count(number.trim())?))
-}
-
-pub(super) fn run(args: &SweepArgs) -> Result<Report> {
+pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
     let folder = tempfile::tempdir().context("a folder for what the workers hand over")?;
     let photos = args.scene.open()?;
-    photos.tell_notes();
+    tell_notes(&photos.scene().notes);
     for name in FILES {
-        claim("-o", &args.output.join(name), &photo_files(&photos))?;
+        claim("-o", &args.output.join(name), &photo_files(photos.scene()))?;
     }
-    let held = named(&photos, &args.target)?;
-    let truths = held.iter().map(|&view| Ok(photos.scene.load_image(view)?)).collect::<Result<Vec<_>>>()?;
+    let held = named(photos.scene(), &args.target)?;
+    let truths = held.iter().map(|&view| Ok(photos.scene().load_image(view)?)).collect::<Result<Vec<_>>>()?;
     let widths = if args.widths.is_empty() { vec![None] } else { args.widths.iter().copied().map(Some).collect() };
     let bar = progress("renders")?;
     let (mut all, mut own) = (Vec::new(), Value::Null);
     for width in widths {
         let mut measured = Vec::new();
-        let guided = args.layers.iter().filter(|(kind, _)| kind == "guided");
+        let guided = args.layers.iter().filter(|layers| matches!(layers, LayerSpec::Guided { .. }));
         let others = args.engines.iter().flat_map(|&engine| guided.clone().map(move |layers| (layers, Some(engine))));
-        for ((kind, count), engine) in args.layers.iter().map(|layers| (layers, None)).chain(others) {
-            let name = format!("{kind} {count}");
-            let (worker, ready) = Worker::start(&name, &worker_command(args, width, (kind, *count), engine)?, None)?;
+        for (layers, engine) in args.layers.iter().map(|layers| (layers, None)).chain(others) {
+            let name = layers.to_string();
+            let (worker, ready) = WorkerProcess::start(&name, &worker_command(args, width, layers, engine)?, None)?;
             if engine.is_none() {
                 own = ready.clone();
             }
-            let layers = ready["layers"].as_str().unwrap_or(&name);
-            measured.push(Measured::new(worker, Row::new(layers, &ready, false, size(&ready))));
+            measured.push(Measured::new(worker, Row::new(&name, &ready, false, size(&ready))));
         }
         if let Some(command) = &args.reference {
             measured.extend(references(args, command, &photos, width, &own, folder.path())?);
@@ -132,19 +128,19 @@ pub(super) fn run(args: &SweepArgs) -> Result<Report> {
         targets: args.target.clone(),
         views: views(&own),
         model: model(&own).file_name().unwrap_or_default().to_string_lossy().into_owned(),
-        threads: args.engine.threads(),
-        batch: args.engine.batch,
+        threads: args.model.threads(),
+        batch: args.model.batch,
         cpu: cpu(),
         rows: all.into_iter().map(|measured| measured.row).collect(),
     };
     if sweep.noisy() {
-        super::tell("warning", "the repetitions lie far apart: the machine is too noisy for these times to be trusted");
+        tell("warning", "the repetitions lie far apart: the machine is too noisy for these times to be trusted");
     }
-    let (text, json) = (report::markdown(&sweep), sweep.json());
-    for (name, contents) in FILES.into_iter().zip([format!("{json:#}\n"), text.clone(), report::plot(&sweep)]) {
+    let (text, json) = (markdown::markdown(&sweep), sweep.json());
+    for (name, contents) in FILES.into_iter().zip([format!("{json:#}\n"), text.clone(), plot::plot(&sweep)]) {
         write_whole(&args.output.join(name), contents.as_bytes())?;
     }
-    Ok(Report { text, json })
+    Ok(Output { text, json })
 }
 
 /// What a worker that is ready says of its first target: width and height.
@@ -166,13 +162,13 @@ fn model(ready: &Value) -> &Path {
 fn worker_command(
     args: &SweepArgs,
     width: Option<usize>,
-    (kind, count): (&str, usize),
+    layers: &LayerSpec,
     engine: Option<ProviderChoice>,
 ) -> Result<Vec<String>> {
-    let mut command = vec![super::shown(&std::env::current_exe()?), "worker".to_owned()];
+    let mut command = vec![shown(&std::env::current_exe()?), "worker".to_owned()];
     command.extend(args.scene.to_args());
-    command.extend(args.engine.to_args(engine));
-    command.extend([format!("--target={}", args.target.join(",")), format!("--{kind}={count}")]);
+    command.extend(args.model.to_args(engine));
+    command.extend([format!("--target={}", args.target.join(",")), format!("--layers={layers}")]);
     command.extend(width.map(|width| format!("--target-width={width}")));
     Ok(command)
 }
@@ -181,33 +177,36 @@ fn worker_command(
 fn references(
     args: &SweepArgs,
     command: &str,
-    photos: &Photos,
+    photos: &PhotoCache,
     width: Option<usize>,
     own: &Value,
     folder: &Path,
 ) -> Result<Vec<Measured>> {
-    let planes = args.layers.iter().filter(|(kind, _)| kind == "planes").map(|&(_, count)| count).max();
-    let Some(planes) = planes else { bail!("--reference: expected planes among --layers, to measure it on") };
+    let planes = args.layers.iter().filter_map(|layers| match layers {
+        LayerSpec::Planes(count) => Some(*count),
+        _ => None,
+    });
+    let Some(planes) = planes.max() else { bail!("--reference: expected planes among --layers, to measure it on") };
     let size = size(own);
     let file = folder.join(format!("job_{}.npz", size.0));
-    let targets = scaled(held_out(photos, named(photos, &args.target)?), width)?;
-    let shot = photos.shot(targets, views(own))?;
+    let targets = scaled(Targets::held_out(photos.scene(), named(photos.scene(), &args.target)?), width)?;
+    let shot = photos.shots(targets, views(own), None)?.remove(0);
     write_job(&file, photos, &shot, planes)?;
     let weights = model(own).with_extension("pt");
     let words = words(command);
     let start = |engine: &str| {
         let job = json!({
-            "job": super::shown(&file), "model": super::shown(model(own)), "weights": weights.is_file().then(|| super::shown(&weights)),
-            "engine": engine, "threads": args.engine.threads(), "batch": args.engine.batch,
+            "job": shown(&file), "model": shown(model(own)), "weights": weights.is_file().then(|| shown(&weights)),
+            "engine": engine, "threads": args.model.threads(), "batch": args.model.batch,
         });
-        let (worker, ready) = Worker::start(engine, &words, Some(&job))?;
-        Ok(Measured::new(worker, Row { count: planes, ..Row::new(&format!("planes {planes}"), &ready, true, size) }))
+        let (worker, ready) = WorkerProcess::start(engine, &words, Some(&job))?;
+        Ok(Measured::new(worker, Row { count: planes, ..Row::new(&format!("planes:{planes}"), &ready, true, size) }))
     };
     REFERENCES.into_iter().map(start).collect()
 }
 
 /// What a reference renders: one target on uniform planes, everything chosen.
-fn write_job(path: &Path, photos: &Photos, shot: &Shot, planes: usize) -> Result<()> {
+fn write_job(path: &Path, photos: &PhotoCache, shot: &Shot, planes: usize) -> Result<()> {
     let mut arrays = Arrays::create(path)?;
     arrays.add_rig(photos, shot)?;
     arrays.add("disparities", Array1::from_vec(uniform_disparities(shot.near, shot.far, planes)?))?;

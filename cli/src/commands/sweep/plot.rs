@@ -4,7 +4,8 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use super::{Row, SweepReport};
+use super::rows::{Row, SweepReport};
+use crate::svg::{escaped, svg_start};
 
 const WIDTH: f64 = 840.0;
 const HEIGHT: f64 = 460.0;
@@ -77,14 +78,6 @@ pub(crate) fn plot(sweep: &SweepReport) -> String {
     svg + "</svg>\n"
 }
 
-/// The beginning of a picture: its size, its letters' size, white ground.
-pub(crate) fn svg_start((width, height): (f64, f64), letters: u32) -> String {
-    format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" font-size=\"{letters}\" fill=\"#222\">\n\
-         <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
-    )
-}
-
 /// A colour per kind; those of the references are hollow.
 fn style((index, reference): (usize, bool)) -> String {
     let colour = COLOURS[index % COLOURS.len()];
@@ -94,7 +87,7 @@ fn style((index, reference): (usize, bool)) -> String {
 
 /// What a colour stands for: the kind of layers and the engine.
 fn kind(row: &Row) -> String {
-    let layers = row.layers.split(' ').next().unwrap_or_default();
+    let layers = row.layers.split(':').next().unwrap_or_default();
     if row.reference { row.engine.clone() } else { format!("{layers}, {}", row.engine) }
 }
 
@@ -161,13 +154,9 @@ fn tick_text(value: f64) -> String {
     rounded.to_string()
 }
 
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::tests::sweep;
+    use super::super::rows::tests::sweep;
 
     #[test]
     fn better_is_lower_and_slower_is_further_right() {

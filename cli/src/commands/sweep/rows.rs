@@ -1,20 +1,16 @@
 //! Error against run time: what `liveview sweep` measured, as JSON, as a Markdown table and as a plot.
 
-mod markdown;
-mod plot;
-
-use liveview::image::ImageRgb;
+use liveview::image::Score;
 use serde_json::{Value, json};
 
-pub(crate) use markdown::markdown;
-pub(crate) use plot::{plot, svg_start};
+use crate::statistics::{PixelError, quantile};
 
 /// Spread of the repetitions (interquartile range / median, median over the rows) above which the times are not to be trusted.
 const NOISY: f64 = 0.15;
 
 /// One configuration: what it costs and how good it is.
 pub(crate) struct Row {
-    /// Such as `guided 4`.
+    /// Such as `guided:4`.
     pub(crate) layers: String,
     pub(crate) engine: String,
     /// What is measured against, not of this program.
@@ -31,32 +27,6 @@ pub(crate) struct Row {
     /// Against the dense result of the same size, if it was rendered.
     pub(crate) error: Option<PixelError>,
     pub(crate) peak_memory_bytes: Option<u64>,
-}
-
-/// Against the held-out photos, the mean over them.
-#[derive(Clone, Copy)]
-pub(crate) struct Score {
-    pub(crate) psnr: f64,
-    pub(crate) ssim: f64,
-}
-
-/// Of the pictures' values in [0, 1].
-#[derive(Clone, Copy)]
-pub(crate) struct PixelError {
-    pub(crate) max: f64,
-    pub(crate) mean: f64,
-}
-
-impl PixelError {
-    /// Of pictures against others, pair by pair.
-    pub(crate) fn between<'a>(pairs: impl Iterator<Item = (&'a ImageRgb, &'a ImageRgb)>) -> Self {
-        let values = pairs.flat_map(|(a, b)| a.data().iter().zip(b.data()));
-        let (max, sum, count) = values.fold((0.0, 0.0, 0), |(max, sum, count): (f64, f64, usize), (a, b)| {
-            let apart = f64::from((a - b).abs());
-            (max.max(apart), sum + apart, count + 1)
-        });
-        Self { max, mean: sum / count as f64 }
-    }
 }
 
 impl Row {
@@ -104,17 +74,17 @@ impl Row {
     }
 
     /// Interquartile range over median.
-    fn spread(&self) -> f64 {
+    pub(super) fn spread(&self) -> f64 {
         let totals = self.totals();
         (quantile(&totals, 0.75) - quantile(&totals, 0.25)) / quantile(&totals, 0.5)
     }
 
     /// Root mean square error against the photos, of values in [0, 255].
-    fn levels(&self) -> Option<f64> {
+    pub(super) fn levels(&self) -> Option<f64> {
         self.score.map(|score| 255.0 * 10f64.powf(-score.psnr / 20.0))
     }
 
-    fn megapixels(&self) -> f64 {
+    pub(super) fn megapixels(&self) -> f64 {
         (self.size.0 * self.size.1) as f64 / 1e6
     }
 }
@@ -140,7 +110,7 @@ impl SweepReport {
     }
 
     /// Whether no other row of that size is as fast and as near to the photos, and better in one.
-    fn on_front(&self, row: &Row) -> bool {
+    pub(super) fn on_front(&self, row: &Row) -> bool {
         let Some(error) = row.levels() else { return false };
         let beats = |other: &Row| {
             let (time, other_error) = (other.median(), other.levels().unwrap_or(f64::INFINITY));
@@ -150,7 +120,7 @@ impl SweepReport {
     }
 
     /// The row that others of this size are compared with.
-    fn dense(&self, size: (usize, usize)) -> Option<&Row> {
+    pub(super) fn dense(&self, size: (usize, usize)) -> Option<&Row> {
         densest(self.rows.iter().filter(|row| row.size == size), |row| row)
     }
 
@@ -172,7 +142,7 @@ impl SweepReport {
         };
         json!({
             "scene": self.scene, "targets": self.targets, "views": self.views, "model": self.model, "threads": self.threads,
-            "batch": self.batch, "cpu": self.cpu, "noisy": self.noisy(), "border_left_out": crate::cli::SCORE_BORDER,
+            "batch": self.batch, "cpu": self.cpu, "noisy": self.noisy(), "border_left_out": Score::BORDER,
             "rows": self.rows.iter().map(row).collect::<Vec<_>>(),
         })
     }
@@ -180,18 +150,8 @@ impl SweepReport {
 
 /// What others of one size are compared with: this program's, on the most uniform planes; of equals the first.
 pub(crate) fn densest<T>(all: impl Iterator<Item = T>, row: impl Fn(&T) -> &Row) -> Option<T> {
-    let planes = all.filter(|one| !row(one).reference && row(one).layers.starts_with("planes "));
+    let planes = all.filter(|one| !row(one).reference && row(one).layers.starts_with("planes:"));
     planes.reduce(|most, one| if row(&one).count > row(&most).count { one } else { most })
-}
-
-/// Linear between the values of a sorted list; NaN of an empty one.
-fn quantile(sorted: &[f64], part: f64) -> f64 {
-    let at = part * sorted.len().saturating_sub(1) as f64;
-    let (low, high) = (sorted.get(at.floor() as usize), sorted.get(at.ceil() as usize));
-    match (low, high) {
-        (Some(low), Some(high)) => low + at.fract() * (high - low),
-        _ => f64::NAN,
-    }
 }
 
 #[cfg(test)]
@@ -224,10 +184,10 @@ pub(crate) mod tests {
             batch: 1,
             cpu: "cpu".into(),
             rows: vec![
-                row("planes 64", 64, &[10.0, 12.0, 11.0], 20.0),
-                row("guided 4", 4, &[1.0, 1.1, 1.0], 22.0),
-                row("guided 8", 8, &[2.0, 2.0, 2.0], 21.0),
-                row("guided 2", 2, &[0.5, 0.5, 0.5], 21.5),
+                row("planes:64", 64, &[10.0, 12.0, 11.0], 20.0),
+                row("guided:4", 4, &[1.0, 1.1, 1.0], 22.0),
+                row("guided:8", 8, &[2.0, 2.0, 2.0], 21.0),
+                row("guided:2", 2, &[0.5, 0.5, 0.5], 21.5),
             ],
         }
     }
@@ -238,7 +198,7 @@ pub(crate) mod tests {
         let [dense, four, eight, two] = &sweep.rows[..] else { unreachable!() };
         assert_eq!((dense.median(), dense.stages()[0].1), (11.0, 2.75));
         assert_eq!([dense, four, eight, two].map(|row| sweep.on_front(row)), [false, true, false, true]);
-        assert_eq!(sweep.dense((40, 30)).unwrap().layers, "planes 64");
+        assert_eq!(sweep.dense((40, 30)).unwrap().layers, "planes:64");
         assert!(sweep.dense((1, 1)).is_none());
         assert!((four.levels().unwrap() - 255.0 * 0.0794).abs() < 0.01);
         assert!(!sweep.noisy());
@@ -248,7 +208,7 @@ pub(crate) mod tests {
     #[test]
     fn a_shaky_machine_is_called_noisy() {
         let mut sweep = sweep();
-        sweep.rows = vec![row("guided 4", 4, &[1.0, 1.5, 2.0], 20.0)];
+        sweep.rows = vec![row("guided:4", 4, &[1.0, 1.5, 2.0], 20.0)];
         assert!(sweep.noisy());
     }
 }

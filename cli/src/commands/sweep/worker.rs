@@ -3,68 +3,72 @@
 //!
 //! Speaks JSON lines: `{"ready": true, "size": [width, height], …}` once; then for each `{"run": true, "target": 0, "frame":
 //! "a.npy"}` one render, answered by `{"seconds": {stage: time}, "peak_memory_bytes": …}`; ends with its input. The picture
-//! is saved, as it was rendered, where `frame` says so. The Python worker (`liveview_ref.worker`) speaks the same.
+//! is saved, as it was rendered, where `frame` says so. The Python worker (`liveview_ref.competitors.worker`) speaks the same.
 
-use std::io::{BufRead, Write};
+use std::io::BufRead;
 use std::path::Path;
+use std::time::Duration;
 
 use anyhow::{Result, anyhow};
 use clap::Args;
-use liveview::image::ImageRgb;
-use liveview::layers::Layers;
 use liveview::fs::atomic::AtomicFile;
+use liveview::layers::Layers;
+use liveview::{ImageRgb, LayerSpec, Plan, Shot, Targets};
 use ndarray::ArrayView3;
 use ndarray_npy::WriteNpyExt;
 use serde_json::{Value, json};
 
-use super::dump::unwritten;
-use super::engine::ModelArgs;
-use super::layers::{LayerArgs, Recipe};
-use super::render::Times;
-use super::report::{peak_memory, stages};
-use super::setup::{Job, Planned, SceneArgs, Shot};
-use super::targets::{Targets, held_out, named};
+use crate::args::layers::LayerArgs;
+use crate::args::model::ModelArgs;
+use crate::args::numbers;
+use crate::args::scene::SceneArgs;
+use crate::args::targets::named;
+use crate::console::{Output, shown};
+use crate::job::Job;
+use crate::measure::{Times, peak_memory};
+use crate::npz::unwritten;
+use crate::worker_process::say;
 
 /// Options of `liveview worker`.
 #[derive(Debug, Args)]
-pub(super) struct WorkerArgs {
+pub(crate) struct WorkerArgs {
     #[command(flatten)]
     scene: SceneArgs,
     /// Views to render, by name; all are held out
     #[arg(long, value_name = "NAME", value_delimiter = ',', required = true)]
     target: Vec<String>,
     /// Scale the target cameras to this width
-    #[arg(long, value_name = "PIXELS", value_parser = super::count)]
+    #[arg(long, value_name = "PIXELS", value_parser = numbers::count)]
     target_width: Option<usize>,
     #[command(flatten)]
     layers: LayerArgs,
     #[command(flatten)]
-    engine: ModelArgs,
+    model: ModelArgs,
 }
 
 /// What a worker renders, and what it keeps between runs.
-struct Worker {
+struct Renders {
     job: Job,
     shots: Vec<Shot>,
     /// The paper's video: planes once selected serve the frames that follow.
     kept: Vec<Option<Layers>>,
 }
 
-pub(super) fn run(args: &WorkerArgs) -> Result<()> {
+pub(crate) fn run(args: &WorkerArgs) -> Result<Output> {
     let photos = args.scene.open()?;
-    let mut job = Job::open(photos, &args.layers, &args.engine)?;
-    let views = named(&job.photos, &args.target)?;
-    let targets = scaled(held_out(&job.photos, views), args.target_width)?;
-    let shots = job.shots(targets)?;
+    let mut job = Job::open(photos, &args.layers, &args.model)?;
+    let views = named(job.scene(), &args.target)?;
+    let targets = scaled(Targets::held_out(job.scene(), views), args.target_width)?;
+    let shots = job.synthesizer.shots(targets)?;
     for shot in &shots {
-        job.photos.load(&shot.views, &shots)?;
+        job.synthesizer.photos_mut().load_for(shot, &shots)?;
     }
-    let sources = |shot: &Shot| job.photos.names(&shot.views).into_iter().map(str::to_owned).collect::<Vec<_>>();
+    let sources = |shot: &Shot| job.photos().names(&shot.views).into_iter().map(str::to_owned).collect::<Vec<_>>();
     say(&json!({
         "ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]),
-        "engine": job.engine.described(), "layers": job.recipe.to_string(), "model": super::shown(job.engine.network().path()), "views": shots.iter().map(sources).collect::<Vec<_>>(),
+        "engine": job.model.described(), "layers": job.layers().to_string(), "model": shown(&job.model.path), "views": shots.iter().map(sources).collect::<Vec<_>>(),
     }))?;
-    let mut worker = Worker { kept: shots.iter().map(|_| None).collect(), job, shots };
+    let mut worker = Renders { kept: shots.iter().map(|_| None).collect(), job, shots };
     for line in std::io::stdin().lock().lines() {
         let asked: Value = serde_json::from_str(&line?)?;
         if asked["run"] != true {
@@ -73,7 +77,7 @@ pub(super) fn run(args: &WorkerArgs) -> Result<()> {
         let answer = worker.render(asked["target"].as_u64().unwrap_or(0) as usize, asked["frame"].as_str())?;
         say(&answer)?;
     }
-    Ok(())
+    Ok(Output { text: String::new(), json: Value::Null })
 }
 
 /// The same targets, `width` pixels wide.
@@ -86,26 +90,22 @@ pub(super) fn scaled(mut targets: Targets, width: Option<usize>) -> Result<Targe
     Ok(targets)
 }
 
-impl Worker {
+impl Renders {
     fn render(&mut self, target: usize, frame: Option<&str>) -> Result<Value> {
         let shot = self.shots.get(target).ok_or_else(|| anyhow!("target {target}: there are {}", self.shots.len()))?;
         let planned = match self.kept[target].take() {
-            Some(layers) => Planned::known(layers),
-            None => self.job.layers(shot)?,
+            Some(layers) => Plan::known(layers),
+            None => self.job.plan(shot)?,
         };
         let rendered = self.job.render(shot, &planned.layers)?;
         if let Some(path) = frame {
             save(path.as_ref(), &rendered.picture)?;
         }
-        let times = Times {
-            photos: std::time::Duration::ZERO,
-            coarse: planned.coarse,
-            select: planned.select,
-            stages: rendered.times,
-        };
-        let seconds = stages(&times).map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
+        let times =
+            Times { photos: Duration::ZERO, coarse: planned.search, select: planned.selection, stages: rendered.times };
+        let seconds = times.stages().map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
         let layers = planned.layers.len();
-        self.kept[target] = Some(planned.layers).filter(|_| matches!(self.job.recipe, Recipe::Select { .. }));
+        self.kept[target] = Some(planned.layers).filter(|_| matches!(self.job.layers(), LayerSpec::Select { .. }));
         Ok(json!({
             "seconds": seconds.into_iter().filter(|(stage, _)| stage != "photos").collect::<serde_json::Map<_, _>>(),
             "layers": layers, "peak_memory_bytes": peak_memory(),
@@ -119,10 +119,4 @@ fn save(path: &Path, picture: &ImageRgb) -> Result<()> {
     let mut file = AtomicFile::create(path).map_err(|error| unwritten(path, error))?;
     pixels.write_npy(&mut file).map_err(|error| unwritten(path, error))?;
     file.finish().map_err(|error| unwritten(path, error))
-}
-
-pub(super) fn say(line: &Value) -> Result<()> {
-    let mut out = std::io::stdout().lock();
-    writeln!(out, "{line}")?;
-    Ok(out.flush()?)
 }

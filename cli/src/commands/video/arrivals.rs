@@ -9,7 +9,7 @@ use std::sync::mpsc::{Receiver, TryRecvError};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use liveview::image::ImageRgb;
+use liveview::ImageRgb;
 
 /// Part of the latency that a camera may lag behind the clock, or behind the time from which its frame was asked for.
 const LAG: f64 = 0.5;
@@ -73,7 +73,7 @@ pub(super) struct Camera {
     pub(super) index: usize,
     frames: Receiver<Frame>,
     /// Came before its time.
-    held: Option<Frame>,
+    early: Option<Frame>,
     pub(super) ended: bool,
     /// That it ended before the others.
     pub(super) told: bool,
@@ -81,21 +81,21 @@ pub(super) struct Camera {
 
 impl Camera {
     pub(super) fn new(index: usize, frames: Receiver<Frame>) -> Self {
-        Self { index, frames, held: None, ended: false, told: false }
+        Self { index, frames, early: None, ended: false, told: false }
     }
 
     /// Its photo of a time step, if there is one, and what reading it took; later ones are kept, earlier ones let go.
     fn frame(&mut self, step: usize) -> Result<(Option<ImageRgb>, Duration), TryRecvError> {
         loop {
-            let frame = match self.buffers.take() {
-                Some(held) => held,
+            let frame = match self.early.take() {
+                Some(early) => early,
                 None => self.frames.try_recv()?,
             };
             match frame.step.cmp(&step) {
                 std::cmp::Ordering::Less => {}
                 std::cmp::Ordering::Equal => return Ok((frame.photo, frame.took)),
                 std::cmp::Ordering::Greater => {
-                    self.buffers = Some(frame);
+                    self.early = Some(frame);
                     return Ok((None, Duration::ZERO));
                 }
             }

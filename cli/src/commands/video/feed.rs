@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::image::{self, ImageRgb};
 
-use super::decoder::Decoder;
-use crate::cli::place::has_ending;
+use crate::args::output::has_ending;
+use crate::ffmpeg::Decoder;
 
 const PHOTOS: [&str; 3] = ["png", "jpg", "jpeg"];
 const VIDEOS: [&str; 7] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];

@@ -8,12 +8,12 @@ use std::thread::{Scope, sleep};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
-use liveview::image::ImageRgb;
-use liveview::scene::Scene;
+use liveview::ImageRgb;
+use liveview::Scene;
 
 use super::arrivals::{Camera, Frame, await_photos};
-use super::decoder::Running;
 use super::feed::{Delivered, Feed, Reader};
+use crate::ffmpeg::Running;
 
 /// Frames that a camera may be ahead of the others.
 const AHEAD: usize = 2;

@@ -19,8 +19,8 @@ const COMFORT: f64 = 0.8;
 /// How much work a frame is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rung {
-    /// Guided layers.
-    pub(super) layers: usize,
+    /// Guided layers; `None` of planes, which stay as many as they are.
+    pub(super) layers: Option<usize>,
     /// Sides of the target, of what was asked for.
     pub(super) scale: f64,
 }
@@ -28,7 +28,7 @@ pub(super) struct Rung {
 impl Rung {
     /// Work, in layers of the full size; finding the layers is about as much as one.
     fn work(&self) -> f64 {
-        (self.layers as f64 + 1.0) * self.scale * self.scale
+        (self.layers.unwrap_or(0) as f64 + 1.0) * self.scale * self.scale
     }
 
     pub(super) fn json(&self) -> Value {
@@ -48,11 +48,11 @@ pub(super) struct Governor {
 }
 
 impl Governor {
-    /// From as many guided layers; planes are as many as they are, so that only the size is left to give.
-    pub(super) fn new(budget: Duration, layers: usize, guided: bool) -> Self {
-        let fewer = [4, 2, 1].into_iter().filter(|&fewer| guided && fewer < layers);
+    /// From as many guided layers; of planes (`None`) only the size is left to give.
+    pub(super) fn new(budget: Duration, guided: Option<usize>) -> Self {
+        let fewer = [4, 2, 1].into_iter().map(Some).filter(|&fewer| fewer < guided);
         let mut rungs: Vec<Rung> =
-            std::iter::once(layers).chain(fewer).map(|layers| Rung { layers, scale: 1.0 }).collect();
+            std::iter::once(guided).chain(fewer).map(|layers| Rung { layers, scale: 1.0 }).collect();
         let least = rungs[rungs.len() - 1];
         rungs.extend([0.75, 0.5].map(|scale| Rung { scale, ..least }));
         Self { budget, rungs, at: 0, late: 0, room: 0, patience: ROOM }
@@ -109,37 +109,37 @@ mod tests {
     }
 
     fn told(rungs: &[Rung]) -> Vec<(usize, f64)> {
-        rungs.iter().map(|rung| (rung.layers, rung.scale)).collect()
+        rungs.iter().map(|rung| (rung.layers.unwrap_or(0), rung.scale)).collect()
     }
 
     #[test]
     fn layers_go_first_then_size_and_nothing_below() {
-        let mut governor = Governor::new(Duration::from_millis(33), 4, true);
+        let mut governor = Governor::new(Duration::from_millis(33), Some(4));
         assert_eq!(after(&mut governor, 2, 40), [], "two late frames are an accident");
         assert_eq!(told(&after(&mut governor, 40, 40)), [(2, 1.0), (1, 1.0), (1, 0.75), (1, 0.5)]);
-        let planes = Governor::new(Duration::from_millis(33), 1, false);
+        let planes = Governor::new(Duration::from_millis(33), None);
         assert_eq!(planes.rungs.len(), 3);
     }
 
     #[test]
     fn it_goes_straight_to_the_most_that_fits() {
         // Work 5, 3, 2, 1.125 and 0.5: of 60 ms 36, 24, …, of 100 ms 60, 40, 22.5.
-        let mut governor = Governor::new(Duration::from_millis(33), 4, true);
+        let mut governor = Governor::new(Duration::from_millis(33), Some(4));
         assert_eq!(told(&after(&mut governor, 3, 60)), [(1, 1.0)], "not past what fits");
-        let mut governor = Governor::new(Duration::from_millis(33), 4, true);
+        let mut governor = Governor::new(Duration::from_millis(33), Some(4));
         assert_eq!(told(&after(&mut governor, 1, 100)), [(1, 0.75)], "far too much: at once");
-        let mut governor = Governor::new(Duration::from_millis(33), 4, true);
+        let mut governor = Governor::new(Duration::from_millis(33), Some(4));
         assert_eq!(told(&after(&mut governor, 9, 1000)), [(1, 0.5)], "where nothing fits, the least, once");
     }
 
     #[test]
     fn it_comes_back_when_there_is_room_and_the_more_slowly_the_more_often_that_failed() {
-        let mut governor = Governor::new(Duration::from_millis(33), 2, true);
+        let mut governor = Governor::new(Duration::from_millis(33), Some(2));
         after(&mut governor, 3, 45);
         assert_eq!(after(&mut governor, 300, 25), [], "two layers would not fit");
         let back = |governor: &mut Governor| (1..1000).find(|_| governor.note(Duration::from_millis(10)).is_some());
         assert_eq!(back(&mut governor), Some(2 * ROOM));
-        assert_eq!(governor.rung().layers, 2);
+        assert_eq!(governor.rung().layers, Some(2));
         after(&mut governor, 3, 45);
         assert_eq!(back(&mut governor), Some(4 * ROOM));
     }

@@ -1,18 +1,19 @@
 //! `liveview video`: the frames of a camera rig become the video of a moving viewpoint.
 
 mod arrivals;
-mod decoder;
 mod feed;
 mod gather;
 mod governor;
 mod options;
 mod play;
+mod played;
 mod rig;
 mod scorer;
 mod sink;
+mod summary;
 mod tally;
-mod told;
+mod viewpoint;
 mod writer;
 
-pub(super) use options::VideoArgs;
-pub(super) use play::run;
+pub(crate) use options::VideoArgs;
+pub(crate) use play::run;

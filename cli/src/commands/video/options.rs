@@ -4,16 +4,15 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::{Result, bail};
 use clap::Args;
-use liveview::geometry::Camera;
+use liveview::LayerSpec;
 use liveview::live::Policy;
 
-use super::rig::Rig;
-use crate::cli::engine::ModelArgs;
-use crate::cli::path::CameraPath;
-use crate::cli::pose;
-use crate::cli::setup::SceneArgs;
+use super::viewpoint::ViewpointArgs;
+use crate::args::layers::Quality;
+use crate::args::model::ModelArgs;
+use crate::args::numbers;
+use crate::args::scene::SceneArgs;
 
 const EXAMPLES: &str = "\
 A rig is a folder with a folder of frames or a video file for each camera (cam00/0000.jpg … or cam00.mp4 …), and poses:
@@ -35,23 +34,24 @@ pub(crate) struct VideoArgs {
     #[command(flatten)]
     pub(super) scene: SceneArgs,
     #[command(flatten)]
-    viewpoint: ViewpointArgs,
-    /// Where the layers of a frame come from: carried (the last frame's surface, searched anew where the photos no longer agree
-    /// with it), each (a coarse pass per frame), every:N (one every N frames), paper (64 planes on the first frame, the 16
-    /// that most pixels choose from then on), planes:D
-    #[arg(long, default_value = "carried", value_parser = policy)]
-    pub(super) policy: Policy,
-    /// Guided layers per frame [default: what the model recommends]
-    #[arg(long, value_name = "L", value_parser = crate::cli::count)]
-    pub(super) guided: Option<usize>,
-    /// Planes of the coarse pass [default: one per four pixels of parallax, 8 to 128]
-    #[arg(long, value_name = "D", value_parser = crate::cli::two_or_more)]
-    pub(super) coarse_planes: Option<usize>,
+    pub(super) viewpoint: ViewpointArgs,
+    /// Which layers each frame is rendered on: guided:L, planes:D, select:K/D (the paper's: D planes on the first frame, the K that
+    /// most pixels choose from then on), kmeans:K or list:… [default: what the model recommends]
+    #[arg(long, value_name = "SPEC", group = "which_layers", allow_hyphen_values = true)]
+    pub(super) layers: Option<LayerSpec>,
+    /// A choice of layers that was measured (README, "Error against run time")
+    #[arg(long, value_enum, group = "which_layers")]
+    pub(super) quality: Option<Quality>,
+    /// When the layers are found anew: propagate (guided layers: the last frame's surface, searched anew where the photos no
+    /// longer agree with it), each (every frame), every:N (one every N frames), once (the first frame alone) [default: propagate
+    /// for guided layers, each for k-means planes, once for selected planes]
+    #[arg(long)]
+    pub(super) policy: Option<Policy>,
     /// Time steps A to B, without B: A.., ..B or A..B, counted from 0
     #[arg(long, value_name = "A..B", value_parser = range)]
     pub(super) frames: Option<Range<usize>>,
     /// Frames per second
-    #[arg(long, value_name = "N", default_value = "30", value_parser = crate::cli::few)]
+    #[arg(long, value_name = "N", default_value = "30", value_parser = numbers::few)]
     pub(super) fps: usize,
     /// Live: frames are due at their times, none is used that is older, and layers, then size, give way where the machine is too
     /// slow: after three frames over the budget, or one of more than twice that, as far as it takes to fit; up again step by step. A
@@ -65,102 +65,13 @@ pub(crate) struct VideoArgs {
     #[arg(long, value_name = "FILE")]
     pub(super) log: Option<PathBuf>,
     #[command(flatten)]
-    pub(super) engine: ModelArgs,
-}
-
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Viewpoint (one of these)")]
-#[group(required = true, multiple = false)]
-struct ViewpointArgs {
-    /// A camera of the rig, by name; it is held out: never rendered from, and what it shows scores the frames
-    #[arg(long, value_name = "NAME")]
-    camera: Option<String>,
-    /// A path of N frames: line:N there and back, circle:N or spiral:N, over and over
-    #[arg(long, value_name = "SHAPE:N")]
-    path: Option<CameraPath>,
-    /// A camera per frame, in a JSON file as `render --pose` takes; the last one stays
-    #[arg(long, value_name = "FILE")]
-    poses: Option<PathBuf>,
-}
-
-/// Where each frame is seen from.
-pub(super) struct Viewpoint {
-    cameras: Vec<Camera>,
-    repeat: Repeat,
-    /// The camera of the rig that is held out.
-    pub(super) truth: Option<usize>,
-}
-
-enum Repeat {
-    Over,
-    Back,
-    Last,
-}
-
-impl Viewpoint {
-    /// The camera of a time step.
-    pub(super) fn camera(&self, step: usize) -> &Camera {
-        let count = self.cameras.len();
-        &self.cameras[match self.repeat {
-            Repeat::Over => step % count,
-            Repeat::Last => step.min(count - 1),
-            Repeat::Back => {
-                let there = step % (2 * count - 2).max(1);
-                if there < count { there } else { 2 * count - 2 - there }
-            }
-        }]
-    }
-
-    /// All of them.
-    pub(super) fn cameras(&self) -> &[Camera] {
-        &self.cameras
-    }
+    pub(super) model: ModelArgs,
 }
 
 impl VideoArgs {
     /// Whether the video itself goes to standard output.
     pub(crate) fn takes_stdout(&self) -> bool {
         self.output == Path::new("-")
-    }
-
-    pub(super) fn viewpoint(&self, rig: &Rig) -> Result<Viewpoint> {
-        let ViewpointArgs { camera, path, poses } = &self.viewpoint;
-        let seen = match (camera, path, poses) {
-            (Some(name), ..) => {
-                let view = rig.photos.scene.view_index(name)?;
-                let camera = rig.photos.scene.views[view].camera.clone();
-                Viewpoint { cameras: vec![camera], repeat: Repeat::Last, truth: Some(view) }
-            }
-            (_, Some(path), _) => {
-                let repeat = if path.is_closed() { Repeat::Over } else { Repeat::Back };
-                Viewpoint { cameras: path.cameras(&rig.photos)?, repeat, truth: None }
-            }
-            (.., Some(file)) => {
-                Viewpoint { cameras: pose::read(file, &rig.photos)?, repeat: Repeat::Last, truth: None }
-            }
-            (None, None, None) => bail!("expected --camera, --path or --poses"),
-        };
-        let size = |camera: &Camera| (camera.width(), camera.height());
-        if seen.cameras.iter().any(|camera| size(camera) != size(&seen.cameras[0])) {
-            bail!("the cameras of the viewpoint have different sizes; expected one size for the whole video");
-        }
-        Ok(seen)
-    }
-}
-
-fn policy(text: &str) -> Result<Policy, String> {
-    let expected = || "expected carried, each, every:N, paper or planes:D".to_owned();
-    let number = |text: &str| crate::cli::count(text).map_err(|error| format!("{}: {error}", expected()));
-    match text.split_once(':') {
-        None => match text {
-            "carried" => Ok(Policy::Carried),
-            "each" => Ok(Policy::Every(1)),
-            "paper" => Ok(Policy::PAPER),
-            _ => Err(expected()),
-        },
-        Some(("every", frames)) => Ok(Policy::Every(number(frames)?)),
-        Some(("planes", count)) => Ok(Policy::Planes(number(count)?)),
-        Some(_) => Err(expected()),
     }
 }
 
@@ -188,12 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn policies_ranges_and_times_are_read() {
-        assert_eq!(policy("each"), Ok(Policy::Every(1)));
-        assert_eq!(policy("every:5"), Ok(Policy::Every(5)));
-        assert_eq!(policy("planes:64"), Ok(Policy::Planes(64)));
-        assert!(policy("every:0").unwrap_err().contains("whole number"));
-        assert!(policy("sometimes").is_err() && policy("some:3").is_err());
+    fn ranges_and_times_are_read() {
         assert_eq!(range("3..9"), Ok(3..9));
         assert_eq!(range("..9"), Ok(0..9));
         assert_eq!(range("3.."), Ok(3..usize::MAX));

@@ -1,30 +1,33 @@
 //! The pipeline: cameras → time steps → frames → file, each stage in threads of its own, bounded channels between them.
 
 use std::collections::BTreeSet;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use indicatif::ProgressBar;
-use liveview::geometry::Camera;
-use liveview::image::ImageRgb;
-use liveview::live::{LiveError, LiveSession, LiveSettings, Policy, LayerSource};
-use liveview::network::OrtNetwork;
 use liveview::geometry::choose_views;
-use serde_json::{Value, json};
+use liveview::live::{LayerSource, LiveError, LiveSession, LiveSettings, Policy};
+use liveview::network::OrtNetwork;
+use liveview::{Camera, ImageRgb, LayerSpec};
 
 use super::gather::{Clock, Faults, Gathering, Step};
 use super::governor::{Governor, Rung};
-use super::options::{VideoArgs, Viewpoint};
+use super::options::VideoArgs;
+use super::played::Played;
 use super::rig::Rig;
 use super::scorer::Scorer;
 use super::sink::Sink;
+use super::summary::summary;
 use super::tally::Tally;
-use super::told;
-use super::writer::{Shown, Written, write};
-use crate::cli::{Report, interrupt, progress};
+use super::viewpoint::Viewpoint;
+use super::writer::{Shown, write};
+use crate::args::layers::recommended;
+use crate::console::{Output, progress, tell_notes};
+use crate::interrupt;
 
 /// Cameras read beyond those that a frame needs, for when one drops out.
 const SPARE: usize = 2;
@@ -33,36 +36,30 @@ const AHEAD: usize = 2;
 /// Part of the time between two frames, or of the latency, that rendering may take: reading and writing need the rest.
 const SHARE: f64 = 0.9;
 
-/// What there is to tell about a video.
-pub(super) struct Played {
-    pub(super) tally: Tally,
-    pub(super) written: Written,
-    pub(super) faults: Faults,
-    /// Steps at which less, or more, was done, and how much from then on.
-    pub(super) changes: Vec<(usize, Rung)>,
-    pub(super) wall: Duration,
-    pub(super) stopped: bool,
-}
-
-pub(crate) fn run(args: &VideoArgs) -> Result<Report> {
+pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let mut sink = Sink::new(&args.output, args.fps)?;
     let rig = Rig::open(&args.scene)?;
-    rig.photos.tell_notes();
-    let seen = args.viewpoint(&rig)?;
-    let engine = args.engine.open()?;
-    let views = engine.network().card().views;
-    let (text, json) = (engine.text(), engine.json());
-    let mut renderers = args.engine.open_smaller(views)?;
+    tell_notes(&rig.photos.scene().notes);
+    let seen = args.viewpoint.resolve(&rig.photos)?;
+    let (renderer, model) = args.model.open()?;
+    let views = renderer.network().card().views;
+    let layers = match (&args.layers, args.quality) {
+        (Some(layers), _) => layers.clone(),
+        (None, Some(quality)) => quality.into(),
+        (None, None) => recommended(renderer.network())?,
+    };
+    let policy = policy(args.policy, &layers)?;
+    let mut renderers = args.model.open_smaller(views)?;
     let fewest = renderers.iter().map(|renderer| renderer.network().card().views).min().unwrap_or(views);
     let read = cameras_to_read(&rig, &seen, fewest, views)?;
     let (near, far) = rig.photos.depth_range(&read)?;
-    let layers = args.guided.unwrap_or_else(|| recommended(engine.network()));
-    let settings = LiveSettings { near, far, policy: args.policy, layers, coarse_planes: args.coarse_planes };
-    renderers.push(engine.renderer);
-    let cameras = rig.photos.scene.views.iter().map(|view| view.camera.clone()).collect();
+    let mut settings = LiveSettings::new(near, far);
+    (settings.layers, settings.policy) = (layers.clone(), policy);
+    renderers.push(renderer);
+    let cameras = rig.photos.scene().views.iter().map(|view| view.camera.clone()).collect();
     let mut session = LiveSession::new(cameras, renderers, settings)?;
     let target = seen.camera(0);
-    sink.claim(&rig.photos.scene.root, (target.width(), target.height()))?;
+    sink.claim(&rig.photos.scene().root, (target.width(), target.height()))?;
     let tally = Tally::new(args.log.as_deref())?;
 
     let stop = interrupt::watch()?;
@@ -74,18 +71,18 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Report> {
     if last < usize::MAX {
         bar.set_length(last.saturating_sub(first) as u64);
     }
-    let guided = matches!(args.policy, Policy::Every(_) | Policy::Carried);
+    let guided = if let LayerSpec::Guided { layers, .. } = layers { Some(layers) } else { None };
     let mut live = None;
     if let Some(latency) = args.latency {
         let budget = Duration::from_secs_f64(1.0 / args.fps as f64).min(latency).mul_f64(SHARE);
-        let governor = Governor::new(budget, layers, guided);
+        let governor = Governor::new(budget, guided);
         warm_up(&mut session, &read, seen.camera(first), &governor)?;
         live = Some((governor, Clock::new((first, last), args.fps as f64, latency)));
     }
     // A live video has no time for scores.
     let truth = seen.truth.filter(|_| live.is_none());
     let gathering = Gathering {
-        scene: &rig.photos.scene,
+        scene: rig.photos.scene(),
         feeds: &rig.feeds,
         read: read.iter().copied().chain(truth).collect(),
         truth,
@@ -96,10 +93,19 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Report> {
         wanted: AtomicUsize::new(first),
         decoders: Mutex::default(),
     };
-    let player =
-        Player { session, seen: &seen, truth, live, scorer: Scorer::default(), tally, changes: Vec::new(), bar };
+    let player = Player {
+        layers: layers.clone(),
+        session,
+        seen: &seen,
+        truth,
+        live,
+        scorer: Scorer::default(),
+        tally,
+        changes: Vec::new(),
+        bar,
+    };
     let (played, file) = player.play(gathering, sink)?;
-    Ok(told::told(args, &rig, &seen, &played, file.as_deref(), (text, json)))
+    Ok(summary(&rig, &seen, &played, file.as_deref(), &model, (&layers, policy)))
 }
 
 /// The nearest cameras of each viewpoint, some more than are needed; never the one held out.
@@ -110,18 +116,25 @@ fn cameras_to_read(rig: &Rig, seen: &Viewpoint, fewest: usize, views: usize) -> 
     for target in seen.cameras() {
         let some = (fewest..=views + SPARE).rev().find_map(|count| choose_views(&cameras, target, count).ok());
         let some = some.map_or_else(|| choose_views(&cameras, target, fewest), Ok);
-        read.extend(some.map_err(|error| anyhow!("{}: {error}", rig.photos.scene.root.display()))?);
+        read.extend(some.map_err(|error| anyhow!("{}: {error}", rig.photos.scene().root.display()))?);
     }
     Ok(read.into_iter().map(|camera| free[camera]).collect())
 }
 
-/// Guided layers that the model's card recommends.
-fn recommended(network: &OrtNetwork) -> usize {
-    let layers = network.card().recommended_layers.strip_prefix("guided ").map(crate::cli::count);
-    layers.and_then(Result::ok).unwrap_or(2)
+/// As given, if it suits the layers, else what suits them best.
+fn policy(given: Option<Policy>, layers: &LayerSpec) -> Result<Policy> {
+    match given {
+        Some(Policy::Propagate) if !matches!(layers, LayerSpec::Guided { .. }) => {
+            bail!(
+                "--policy propagate: guided layers alone have a surface that can be; expected each, every:N or once for {layers}"
+            )
+        }
+        Some(policy) => Ok(policy),
+        None => Ok(Policy::default_for(layers)),
+    }
 }
 
-/// An engine's first picture of a size takes longer than all others.
+/// The first picture of a size takes longer than all others.
 fn warm_up(session: &mut LiveSession<OrtNetwork>, read: &[usize], target: &Camera, governor: &Governor) -> Result<()> {
     let grey = |camera: &Camera| {
         let (width, height) = (camera.width(), camera.height());
@@ -145,6 +158,7 @@ fn scaled(target: &Camera, scale: f64) -> Result<Camera> {
 }
 
 struct Player<'a> {
+    layers: LayerSpec,
     session: LiveSession<OrtNetwork>,
     seen: &'a Viewpoint,
     truth: Option<usize>,
@@ -156,7 +170,7 @@ struct Player<'a> {
 }
 
 impl Player<'_> {
-    fn play(mut self, gathering: Gathering<'_>, sink: Sink) -> Result<(Played, Option<std::path::PathBuf>)> {
+    fn play(mut self, gathering: Gathering<'_>, sink: Sink) -> Result<(Played, Option<PathBuf>)> {
         let started = Instant::now();
         let target = self.seen.camera(0);
         let (size, clock) = ((target.width(), target.height()), gathering.clock);
@@ -229,22 +243,15 @@ impl Player<'_> {
         };
         self.tally.add(step.index, &frame, scores)?;
         // The paper's first frame has more planes than all others: no measure of them.
-        let usual = self.tally.rendered > 1 || frame.taken != LayerSource::Planes;
+        let usual = self.tally.rendered > 1 || frame.layer_source != LayerSource::Dense;
         let live = self.live.as_mut().filter(|_| usual);
         if let Some(rung) = live.and_then(|(governor, _)| governor.note(frame.times.total())) {
-            self.session.set_layers(rung.layers);
+            if let (LayerSpec::Guided { layers, .. }, Some(fewer)) = (&mut self.layers, rung.layers) {
+                *layers = fewer;
+            }
+            self.session.set_layers(self.layers.clone());
             self.changes.push((step.index + 1, rung));
         }
         Ok(shown.send(Shown::Frame { step: step.index, frame: Box::new(frame.frame) }).is_ok())
     }
-}
-
-/// Where the work changed, for machines.
-pub(super) fn changes_json(changes: &[(usize, Rung)]) -> Value {
-    let told = |(step, rung): &(usize, Rung)| {
-        let mut told = rung.json();
-        told["from_frame"] = json!(step);
-        told
-    };
-    changes.iter().map(told).collect()
 }

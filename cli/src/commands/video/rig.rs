@@ -8,11 +8,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::fs::bounded;
-use liveview::image::{ImageRgb, encode_png};
+use liveview::image::encode;
+use liveview::{ImageRgb, PhotoCache, Scene};
 use serde_json::Value;
 
 use super::feed::Feed;
-use crate::cli::setup::{Photos, SceneArgs};
+use crate::args::scene::SceneArgs;
+use crate::console::shown;
 
 /// Folders of a rig that may hold its cameras.
 const FOLDERS: [&str; 4] = ["", "images", "frames", "videos"];
@@ -21,7 +23,7 @@ const NAMED: [(&str, &str); 2] = [("transforms.json", "file_path"), ("models.jso
 
 /// A rig: the poses and what each delivers.
 pub(super) struct Rig {
-    pub(super) photos: Photos,
+    pub(super) photos: PhotoCache,
     /// One per view of the scene.
     pub(super) feeds: Vec<Feed>,
 }
@@ -55,24 +57,24 @@ impl Rig {
             bail!("{}: poses_bounds.npy goes by the order of the cameras, but {}", root.display(), notes.join("; "));
         }
         lay_out(root, stand_ins.path(), &cameras, &mut notes)?;
-        let mut photos = args.open_in(stand_ins.path()).map_err(|error| {
+        let mut scene = Scene::open(stand_ins.path(), &args.options()).map_err(|error| {
             // What was laid out speaks of where it came from.
-            anyhow!(format!("{error:#}").replace(&crate::cli::shown(stand_ins.path()), &crate::cli::shown(root)))
+            anyhow!(format!("{error:#}").replace(&shown(stand_ins.path()), &shown(root)))
         })?;
-        root.clone_into(&mut photos.scene.root);
-        let names: Vec<&str> = photos.scene.views.iter().map(|view| camera_of(&view.name)).collect();
+        root.clone_into(&mut scene.root);
+        let names: Vec<&str> = scene.views.iter().map(|view| camera_of(&view.name)).collect();
         if let Some(posed) = cameras.iter().find(|(feed, _)| !names.contains(&feed.name.as_str())) {
             notes.push(format!("camera {} has no pose: left out", posed.0.name));
         }
         let feed = |name: &&str| feeds.iter().find(|feed| feed.name == *name).cloned();
         let feeds = names.iter().map(feed).collect::<Option<Vec<_>>>();
         let feeds = feeds.ok_or_else(|| anyhow!("{}: poses name photos that are no camera's", root.display()))?;
-        for (view, feed) in photos.scene.views.iter_mut().zip(&feeds) {
+        for (view, feed) in scene.views.iter_mut().zip(&feeds) {
             view.name.clone_from(&feed.name);
         }
-        photos.scene.notes.retain(|note| !note.starts_with("photos are those of")); // the stand-ins'
-        photos.scene.notes.extend(notes);
-        Ok(Self { photos, feeds })
+        scene.notes.retain(|note| !note.starts_with("photos are those of")); // the stand-ins'
+        scene.notes.extend(notes);
+        Ok(Self { photos: args.with_depth(scene), feeds })
     }
 }
 
@@ -106,7 +108,7 @@ fn lay_out(root: &Path, to: &Path, cameras: &[(&Feed, (usize, usize))], notes: &
         let png = match encoded.entry((width, height)) {
             Entry::Occupied(png) => png.into_mut(),
             Entry::Vacant(none) => {
-                none.insert(encode_png(&ImageRgb::new(width, height, vec![0.0; 3 * width * height])?)?)
+                none.insert(encode("a.png".as_ref(), &ImageRgb::new(width, height, vec![0.0; 3 * width * height])?)?)
             }
         };
         Ok(fs::write(name, png)?)

@@ -1,15 +1,12 @@
 //! Frames against what the held-out camera shows: PSNR, SSIM and flicker.
 
-use liveview::image::ImageRgb;
-use liveview::image::{psnr, ssim};
-
-use crate::cli::SCORE_BORDER;
+use liveview::ImageRgb;
+use liveview::image::Score;
 
 /// A frame against its truth.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scores {
-    pub(super) psnr: f64,
-    pub(super) ssim: f64,
+    pub(super) score: Score,
     /// Mean |change of the picture − change of the truth| since the frame before, of 1.
     pub(super) flicker: Option<f64>,
 }
@@ -22,16 +19,11 @@ pub(super) struct Scorer {
 
 impl Scorer {
     pub(super) fn score(&mut self, picture: &ImageRgb, truth: ImageRgb) -> Option<Scores> {
-        let scores = Scores {
-            psnr: psnr(picture, &truth, SCORE_BORDER),
-            ssim: ssim(picture, &truth, SCORE_BORDER),
-            flicker: self
-                .before
-                .as_ref()
-                .map(|(before, truth_before)| flicker([before, picture], [truth_before, &truth])),
-        };
+        let score = Score::of(picture, &truth);
+        let before = self.before.as_ref();
+        let flicker = before.map(|(before, truth_before)| flicker([before, picture], [truth_before, &truth]));
         self.before = Some((picture.clone(), truth));
-        Some(scores).filter(|scores| !scores.psnr.is_nan() && !scores.ssim.is_nan())
+        score.map(|score| Scores { score, flicker })
     }
 
     /// The frame to come does not follow the one before.
@@ -43,8 +35,8 @@ impl Scorer {
 fn flicker(pictures: [&ImageRgb; 2], truths: [&ImageRgb; 2]) -> f64 {
     let (width, height) = (truths[1].width(), truths[1].height());
     let (mut sum, mut count) = (0.0, 0.0);
-    for y in SCORE_BORDER..height.saturating_sub(SCORE_BORDER) {
-        let row = 3 * (y * width + SCORE_BORDER)..3 * ((y + 1) * width - SCORE_BORDER);
+    for y in Score::BORDER..height.saturating_sub(Score::BORDER) {
+        let row = 3 * (y * width + Score::BORDER)..3 * ((y + 1) * width - Score::BORDER);
         let [before, now, truth_before, truth] =
             [pictures[0], pictures[1], truths[0], truths[1]].map(|picture| &picture.data()[row.clone()]);
         for i in 0..before.len() {

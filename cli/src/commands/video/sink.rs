@@ -4,14 +4,14 @@ use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use liveview::image::{ImageRgb, save_png};
+use liveview::ImageRgb;
 
-use crate::cli::encoder::{Video, is_video};
+use crate::ffmpeg::{Encoder, is_video};
 
 /// A video being written, frame by frame.
 pub(super) enum Sink {
     Folder { path: PathBuf, frames: usize },
-    Video(Video),
+    Video(Encoder),
     Y4m { pipe: BufWriter<std::io::Stdout>, fps: usize, frames: usize },
 }
 
@@ -22,7 +22,7 @@ impl Sink {
             return Ok(Self::Y4m { pipe: BufWriter::new(std::io::stdout()), fps, frames: 0 });
         }
         if is_video(path) {
-            return Ok(Self::Video(Video::new(path, fps)?));
+            return Ok(Self::Video(Encoder::new(path, fps)?));
         }
         if path.is_file() || path.extension().is_some() && !path.is_dir() {
             bail!(
@@ -55,7 +55,7 @@ impl Sink {
     pub(super) fn add(&mut self, picture: &ImageRgb) -> Result<bool> {
         match self {
             Self::Folder { path, frames } => {
-                save_png(&path.join(format!("frame_{frames:06}.png")), picture)?;
+                picture.save(path.join(format!("frame_{frames:06}.png")))?;
                 *frames += 1;
             }
             Self::Video(video) => video.add(picture)?,

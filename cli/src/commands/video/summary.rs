@@ -3,31 +3,37 @@
 use std::fmt::Write;
 use std::path::Path;
 
+use liveview::LayerSpec;
+use liveview::image::Score;
+use liveview::live::Policy;
 use serde_json::{Value, json};
 
-use super::options::{VideoArgs, Viewpoint};
-use super::play::{Played, changes_json};
+use super::played::{Played, changes_json};
 use super::rig::Rig;
 use super::tally::STAGES;
-use crate::cli::{Report, SCORE_BORDER, shown};
+use super::viewpoint::Viewpoint;
+use crate::args::model::ModelInfo;
+use crate::console::{Output, shown};
 
-pub(super) fn told(
-    args: &VideoArgs,
+const BORDER: usize = Score::BORDER;
+
+pub(super) fn summary(
     rig: &Rig,
     seen: &Viewpoint,
     played: &Played,
     file: Option<&Path>,
-    engine: (String, Value),
-) -> Report {
+    model: &ModelInfo,
+    (layers, policy): (&LayerSpec, Policy),
+) -> Output {
     let Played { tally, written, faults, changes, wall, stopped } = played;
-    let scene = &rig.photos.scene;
+    let scene = rig.photos.scene();
     let mut text = String::new();
     let mut line = |what: &str, told: String| {
         let _ = writeln!(text, "{what:8} {told}");
     };
     let held_out = seen.truth.map(|view| format!(", {} held out", scene.views[view].name)).unwrap_or_default();
     line("rig", format!("{}: {} cameras{held_out}, {}", scene.root.display(), rig.feeds.len(), scene.format));
-    line("policy", args.policy.to_string());
+    line("layers", format!("{layers}, {policy}"));
     let end = if *stopped { "; stopped early" } else { "" };
     line(
         "frames",
@@ -39,10 +45,10 @@ pub(super) fn told(
             tally.dropped
         ),
     );
-    line("layers", tally.taken());
+    line("found", tally.layer_sources());
     if let Some((psnr, ssim, flicker)) = tally.scores() {
         let flicker = flicker.map(|flicker| format!(", flicker {:.3} of 255", 255.0 * flicker)).unwrap_or_default();
-        line("score", format!("PSNR {psnr:.2} dB, SSIM {ssim:.4}{flicker} ({SCORE_BORDER}-pixel border left out)"));
+        line("score", format!("PSNR {psnr:.2} dB, SSIM {ssim:.4}{flicker} ({BORDER}-pixel border left out)"));
     }
     let seconds = tally.seconds();
     let total: f64 = seconds.iter().sum();
@@ -57,7 +63,8 @@ pub(super) fn told(
         line("latency", format!("median {median} ms, 99 % {most} ms"));
     }
     for (step, rung) in changes {
-        line("work", format!("from frame {step}: {} layers at {:.0} % of the size", rung.layers, 100.0 * rung.scale));
+        let layers = rung.layers.map_or_else(|| "all".to_owned(), |layers| layers.to_string());
+        line("work", format!("from frame {step}: {layers} layers at {:.0} % of the size", 100.0 * rung.scale));
     }
     let mut cameras = Vec::new();
     for (feed, (count, first)) in rig.feeds.iter().zip(&faults.cameras) {
@@ -75,21 +82,21 @@ pub(super) fn told(
     if let Some(file) = file {
         line("wrote", file.display().to_string());
     }
-    text += &engine.0;
+    text += &model.text();
     let mut json = tally.json();
     let more = json!({
         "rig": shown(&scene.root), "format": scene.format.to_string(), "cameras": rig.photos.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
-        "held_out": seen.truth.map(|view| &scene.views[view].name), "policy": args.policy.to_string(), "frames": written.frames,
-        "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "border_left_out": SCORE_BORDER,
+        "held_out": seen.truth.map(|view| &scene.views[view].name), "layers": layers.to_string(), "policy": policy.to_string(), "frames": written.frames,
+        "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "border_left_out": BORDER,
         "latency_ms": { "median": percentiles.0, "percentile_99": percentiles.1 }, "changes": changes_json(changes),
         "faults": cameras, "stopped": stopped, "file": file.map(shown), "notes": scene.notes,
     });
     if let Value::Object(json) = &mut json {
-        [more, engine.1].into_iter().for_each(|part| {
+        [more, model.json()].into_iter().for_each(|part| {
             if let Value::Object(part) = part {
                 json.extend(part);
             }
         });
     }
-    Report { text, json }
+    Output { text, json }
 }

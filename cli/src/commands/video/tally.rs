@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use liveview::live::{LiveFrame, LiveTimes, LayerSource};
 use liveview::fs::atomic::AtomicFile;
+use liveview::live::{LayerSource, LiveFrame, LiveTimes};
 use serde_json::{Value, json};
 
 use super::scorer::Scores;
@@ -52,7 +52,7 @@ pub(super) struct Tally {
     pub(super) rendered: usize,
     pub(super) repeated: usize,
     pub(super) dropped: usize,
-    taken: BTreeMap<String, usize>,
+    layer_sources: BTreeMap<String, usize>,
     refreshed: f64,
     spent: [Duration; 5],
     /// PSNR, SSIM and flicker: sums and counts.
@@ -81,14 +81,14 @@ impl Tally {
 
     pub(super) fn add(&mut self, step: usize, frame: &LiveFrame, scores: Option<Scores>) -> Result<()> {
         self.rendered += 1;
-        *self.taken.entry(frame.taken.to_string()).or_default() += 1;
-        if let LayerSource::Carried { refreshed } = frame.taken {
+        *self.layer_sources.entry(frame.layer_source.to_string()).or_default() += 1;
+        if let LayerSource::Propagated { refreshed } = frame.layer_source {
             self.refreshed += refreshed;
         }
         let spent = stages(&frame.times);
         self.spent.iter_mut().zip(spent).for_each(|(sum, spent)| *sum += spent);
-        if let Some(Scores { psnr, ssim, flicker }) = scores {
-            for (sum, score) in self.scores.iter_mut().zip([Some(psnr), Some(ssim), flicker]) {
+        if let Some(Scores { score, flicker }) = scores {
+            for (sum, score) in self.scores.iter_mut().zip([Some(score.psnr), Some(score.ssim), flicker]) {
                 if let Some(score) = score {
                     *sum = (sum.0 + score, sum.1 + 1);
                 }
@@ -96,16 +96,16 @@ impl Tally {
         }
         let times: serde_json::Map<String, Value> =
             STAGES.iter().zip(spent).map(|(stage, spent)| ((*stage).to_owned(), json!(spent.as_secs_f64()))).collect();
-        let refreshed = if let LayerSource::Carried { refreshed } = frame.taken { refreshed } else { 0.0 };
+        let refreshed = if let LayerSource::Propagated { refreshed } = frame.layer_source { refreshed } else { 0.0 };
         self.line(json!({
-            "frame": step, "taken": frame.taken.to_string(), "refreshed": refreshed, "views": frame.views, "seconds": times,
-            "psnr": scores.map(|s| s.psnr), "ssim": scores.map(|s| s.ssim), "flicker": scores.and_then(|s| s.flicker),
+            "frame": step, "layers_from": frame.layer_source.to_string(), "refreshed": refreshed, "views": frame.views, "seconds": times,
+            "psnr": scores.map(|s| s.score.psnr), "ssim": scores.map(|s| s.score.ssim), "flicker": scores.and_then(|s| s.flicker),
         }))
     }
 
     pub(super) fn repeat(&mut self, step: usize, why: &str) -> Result<()> {
         self.repeated += 1;
-        self.line(json!({ "frame": step, "taken": "repeated", "why": why }))
+        self.line(json!({ "frame": step, "layers_from": "repeated", "why": why }))
     }
 
     fn line(&mut self, mut line: Value) -> Result<()> {
@@ -146,8 +146,8 @@ impl Tally {
     }
 
     /// How the frames got their layers, in words.
-    pub(super) fn taken(&self) -> String {
-        let told: Vec<String> = self.taken.iter().map(|(taken, frames)| format!("{taken} {frames}")).collect();
+    pub(super) fn layer_sources(&self) -> String {
+        let told: Vec<String> = self.layer_sources.iter().map(|(taken, frames)| format!("{taken} {frames}")).collect();
         let share = self.refreshed / self.rendered.max(1) as f64;
         let refreshed = if share > 0.0 {
             format!("; {:.1} % of a frame refreshed on average", 100.0 * share)
@@ -166,7 +166,7 @@ impl Tally {
         let seconds: serde_json::Map<String, Value> =
             STAGES.iter().zip(self.seconds()).map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds))).collect();
         json!({
-            "rendered": self.rendered, "repeated": self.repeated, "dropped": self.dropped, "taken": self.taken,
+            "rendered": self.rendered, "repeated": self.repeated, "dropped": self.dropped, "layers_from": self.layer_sources,
             "refreshed_share": self.refreshed / self.rendered.max(1) as f64, "seconds_per_frame": seconds,
             "mean": { "psnr": self.mean(0), "ssim": self.mean(1), "flicker": self.mean(2) },
             "memory_bytes": self.memory,

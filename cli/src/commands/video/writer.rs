@@ -5,8 +5,8 @@ use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
+use liveview::ImageRgb;
 use liveview::image::inpaint_unseen;
-use liveview::image::ImageRgb;
 use liveview::render::Frame;
 
 use super::gather::Clock;

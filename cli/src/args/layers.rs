@@ -1,0 +1,65 @@
+//! Which layers to render on.
+
+use anyhow::Result;
+use clap::Args;
+use liveview::LayerSpec;
+use liveview::network::OrtNetwork;
+
+/// Options that choose the layers of a render.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Layers (default: what the model recommends)")]
+pub(crate) struct LayerArgs {
+    /// Which layers: guided:L (L layers that follow the scene, each pixel's own range of depths; guided:L/D with D planes in
+    /// the first search), planes:D (evenly spaced in disparity from near to far), select:K/D (the paper's selection: of D planes
+    /// the K that most pixels choose; a path keeps those of its first frame), kmeans:K (planes where the search finds the
+    /// scene), list:… (disparities in 1/scene unit, separated by commas, near to far: descending)
+    #[arg(long, value_name = "SPEC", group = "which_layers", allow_hyphen_values = true)]
+    layers: Option<LayerSpec>,
+    /// A choice of layers that was measured (README, "Error against run time")
+    #[arg(long, value_enum, group = "which_layers")]
+    quality: Option<Quality>,
+    /// Leave out layers behind which less than this part of the light is left at every pixel: the picture changes by at most
+    /// as much (of 1) [default: 0, none]
+    #[arg(long, value_name = "TAU", value_parser = super::numbers::part, default_value_t = 0.0, hide_default_value = true)]
+    pub(crate) opaque: f64,
+}
+
+/// What to give for what time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Quality {
+    /// 1 guided layer, along the surface: the fastest
+    Draft,
+    /// 2 guided layers: nearly as good as any, at half the time of 4
+    Balanced,
+    /// 4 guided layers: more gain less than 0.1 dB in the mean
+    Full,
+    /// The paper's: 16 planes selected from 64
+    Paper,
+}
+
+impl From<Quality> for LayerSpec {
+    fn from(quality: Quality) -> Self {
+        match quality {
+            Quality::Draft => Self::guided(1),
+            Quality::Balanced => Self::guided(2),
+            Quality::Full => Self::guided(4),
+            Quality::Paper => Self::PAPER,
+        }
+    }
+}
+
+impl LayerArgs {
+    /// What was asked for, or else what the model's card recommends.
+    pub(crate) fn spec(&self, network: &OrtNetwork) -> Result<LayerSpec> {
+        match (&self.layers, self.quality) {
+            (Some(layers), _) => Ok(layers.clone()),
+            (None, Some(quality)) => Ok(quality.into()),
+            (None, None) => recommended(network),
+        }
+    }
+}
+
+/// What the model's card recommends.
+pub(crate) fn recommended(network: &OrtNetwork) -> Result<LayerSpec> {
+    network.recommended_layers().map_err(|error| anyhow::anyhow!("{error}; --layers decides instead"))
+}

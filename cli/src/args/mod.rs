@@ -1,0 +1,8 @@
+//! Options that several commands share.
+
+pub(crate) mod layers;
+pub(crate) mod model;
+pub(crate) mod numbers;
+pub(crate) mod output;
+pub(crate) mod scene;
+pub(crate) mod targets;

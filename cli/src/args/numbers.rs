@@ -1,0 +1,26 @@
+//! Numbers on the command line.
+
+use std::ops::RangeInclusive;
+
+/// Parses a number of things: at least one, and not so many that it must be a mistake.
+pub(crate) fn count(text: &str) -> Result<usize, String> {
+    whole(text, 1..=4096)
+}
+
+/// Parses a number that memory or the machine bounds.
+pub(crate) fn few(text: &str) -> Result<usize, String> {
+    whole(text, 1..=256)
+}
+
+fn whole(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {
+    let number = text.parse().ok().filter(|number| range.contains(number));
+    number.ok_or_else(|| format!("expected a whole number from {} to {}", range.start(), range.end()))
+}
+
+/// Parses a number from 0 to 1.
+pub(crate) fn part(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|part| (0.0..=1.0).contains(part))
+        .ok_or_else(|| "expected a number from 0 to 1".to_owned())
+}

@@ -1,0 +1,9 @@
+//! One module per subcommand.
+
+pub(crate) mod dump;
+pub(crate) mod inspect;
+pub(crate) mod render;
+pub(crate) mod select;
+pub(crate) mod stability;
+pub(crate) mod sweep;
+pub(crate) mod video;

@@ -1,0 +1,68 @@
+//! A scene, a model, and which layers to use: what every command that renders stands on.
+
+use anyhow::Result;
+use indicatif::ProgressBar;
+use liveview::layers::Layers;
+use liveview::network::OrtNetwork;
+use liveview::render::{Culling, Frame};
+use liveview::{LayerSpec, PhotoCache, Plan, Scene, Shot, Synthesizer};
+use ndarray::Axis;
+
+use crate::args::layers::LayerArgs;
+use crate::args::model::{ModelArgs, ModelInfo};
+
+/// A synthesizer, and what there is to tell of it.
+pub(crate) struct Job {
+    pub(crate) synthesizer: Synthesizer,
+    pub(crate) model: ModelInfo,
+    /// Counts layers.
+    pub(crate) progress: ProgressBar,
+}
+
+impl Job {
+    pub(crate) fn open(photos: PhotoCache, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
+        let mut job = Self::with_layers(photos, model, |network| layers.spec(network))?;
+        let culling = Culling { transmittance: layers.opaque, ..Culling::default() };
+        job.synthesizer.renderer_mut().set_culling(culling);
+        Ok(job)
+    }
+
+    pub(crate) fn with_layers(
+        photos: PhotoCache,
+        model: &ModelArgs,
+        layers: impl FnOnce(&OrtNetwork) -> Result<LayerSpec>,
+    ) -> Result<Self> {
+        let (renderer, model) = model.open()?;
+        let layers = layers(renderer.network())?;
+        let synthesizer = Synthesizer::new(photos, renderer, layers);
+        Ok(Self { synthesizer, model, progress: ProgressBar::hidden() })
+    }
+
+    pub(crate) fn scene(&self) -> &Scene {
+        self.photos().scene()
+    }
+
+    pub(crate) fn photos(&self) -> &PhotoCache {
+        self.synthesizer.photos()
+    }
+
+    pub(crate) fn layers(&self) -> &LayerSpec {
+        self.synthesizer.layers()
+    }
+
+    /// The layers of a shot whose photos are loaded.
+    pub(crate) fn plan(&mut self, shot: &Shot) -> Result<Plan> {
+        if let LayerSpec::Select { from, .. } = self.layers() {
+            self.progress.inc_length(*from as u64);
+        }
+        Ok(self.synthesizer.plan(shot)?)
+    }
+
+    /// Renders a shot whose photos are loaded.
+    pub(crate) fn render(&mut self, shot: &Shot, layers: &Layers) -> Result<Frame> {
+        let progress = &self.progress;
+        progress.inc_length(layers.len() as u64);
+        let count = |batch: &liveview::render::Batch<'_>| progress.inc(batch.disparity.len_of(Axis(0)) as u64);
+        Ok(self.synthesizer.render_layers(shot, layers, count)?)
+    }
+}

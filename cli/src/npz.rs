@@ -1,0 +1,58 @@
+//! Arrays for the Python side: .npz files that appear only once they are whole.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Error, Result, anyhow};
+use liveview::fs::atomic::AtomicFile;
+use liveview::{Camera, ImageRgb, PhotoCache, Shot};
+use ndarray::{Array, Array1, Array3, Dimension};
+use ndarray_npy::{NpzWriter, WritableElement};
+
+/// The arrays of a file that appears only once it is whole.
+pub(crate) struct Arrays {
+    file: NpzWriter<AtomicFile>,
+    path: PathBuf,
+}
+
+impl Arrays {
+    pub(crate) fn create(path: &Path) -> Result<Self> {
+        let file = AtomicFile::create(path).map_err(|error| unwritten(path, error))?;
+        Ok(Self { file: NpzWriter::new(file), path: path.to_owned() })
+    }
+
+    pub(crate) fn add<A: WritableElement, D: Dimension>(&mut self, name: &str, array: Array<A, D>) -> Result<()> {
+        self.file.add_array(name, &array).map_err(|error| unwritten(&self.path, error))
+    }
+
+    pub(crate) fn add_camera(&mut self, name: &str, camera: &Camera) -> Result<()> {
+        let matrix = |m: glam::DMat3| Array::from_shape_fn((3, 3), |(row, column)| m.row(row)[column]);
+        self.add(&format!("{name}.k"), matrix(camera.k()))?;
+        self.add(&format!("{name}.rotation"), matrix(camera.rotation()))?;
+        self.add(&format!("{name}.translation"), Array1::from_vec(camera.translation().to_array().to_vec()))
+    }
+
+    /// The photos that a shot is rendered from, their cameras, and the target's.
+    pub(crate) fn add_rig(&mut self, photos: &PhotoCache, shot: &Shot) -> Result<()> {
+        for (index, &view) in shot.views.iter().enumerate() {
+            self.add_camera(&format!("view{index}"), &photos.scene().views[view].camera)?;
+            self.add_image(&format!("view{index}.image"), &photos.scene().load_image(view)?)?;
+        }
+        self.add_camera("target", &shot.target)?;
+        self.add("target.size", Array1::from_vec(vec![shot.target.width() as i64, shot.target.height() as i64]))
+    }
+
+    /// Gives the file its name.
+    pub(crate) fn finish(self) -> Result<()> {
+        let file = self.file.finish().map_err(|error| unwritten(&self.path, error))?;
+        file.finish().map_err(|error| unwritten(&self.path, error))
+    }
+
+    pub(crate) fn add_image(&mut self, name: &str, image: &ImageRgb) -> Result<()> {
+        self.add(name, Array3::from_shape_vec((image.height(), image.width(), 3), image.data().to_vec())?)
+    }
+}
+
+/// The cause alone, without what the layers between say of it.
+pub(crate) fn unwritten(path: &Path, error: impl Into<Error>) -> Error {
+    anyhow!("{}: cannot be written: {}", path.display(), error.into().root_cause())
+}

@@ -1,0 +1,43 @@
+//! Statistics of lists of numbers and of pictures.
+
+use liveview::ImageRgb;
+
+/// The value below which a share `part` of the values lies, by the nearest rank; NaN of none.
+pub(crate) fn percentile(values: &mut [f64], part: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get((part * values.len().saturating_sub(1) as f64).round() as usize).copied().unwrap_or(f64::NAN)
+}
+
+/// Linear between the values of a sorted list; NaN of an empty one.
+pub(crate) fn quantile(sorted: &[f64], part: f64) -> f64 {
+    let at = part * sorted.len().saturating_sub(1) as f64;
+    let (low, high) = (sorted.get(at.floor() as usize), sorted.get(at.ceil() as usize));
+    match (low, high) {
+        (Some(low), Some(high)) => low + at.fract() * (high - low),
+        _ => f64::NAN,
+    }
+}
+
+/// How far pictures are apart, of values in [0, 1].
+#[derive(Clone, Copy)]
+pub(crate) struct PixelError {
+    pub(crate) max: f64,
+    pub(crate) mean: f64,
+}
+
+impl PixelError {
+    /// Of pictures against others, pair by pair.
+    pub(crate) fn between<'a>(pairs: impl Iterator<Item = (&'a ImageRgb, &'a ImageRgb)>) -> Self {
+        let values = pairs.flat_map(|(a, b)| a.data().iter().zip(b.data()));
+        let (max, sum, count) = values.fold((0.0, 0.0, 0), |(max, sum, count): (f64, f64, usize), (a, b)| {
+            let apart = f64::from((a - b).abs());
+            (max.max(apart), sum + apart, count + 1)
+        });
+        Self { max, mean: sum / count as f64 }
+    }
+}
+
+/// Share of the elements of which it is true.
+pub(crate) fn share<T>(all: &[T], is: impl Fn(&T) -> bool) -> f64 {
+    all.iter().filter(|&one| is(one)).count() as f64 / all.len().max(1) as f64
+}

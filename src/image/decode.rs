@@ -1,0 +1,93 @@
+//! Reading pictures: PNG and JPEG to interleaved f32 RGB.
+//!
+//! Colours are sRGB values in [0, 1] as stored in the file (no linearisation). Alpha is dropped; the EXIF orientation is
+//! ignored, as COLMAP and the other pose tools ignore it, so poses belong to the pixels as stored.
+
+use std::io::{BufRead, BufReader, Cursor, Seek};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use image::{ImageFormat, ImageReader, Limits};
+
+use super::error::ImageError;
+use super::jpeg;
+use super::rgb::ImageRgb;
+use crate::fs::bounded;
+use crate::geometry::MAX_SIDE;
+
+/// What a decoder may take beside the pixels, in bytes: a colour profile of a few bytes can unfold to gigabytes.
+const MAX_ASIDE: u64 = 64 << 20;
+
+/// Width and height of a PNG or JPEG in pixels, from its header alone.
+///
+/// # Errors
+///
+/// [`ImageError::Read`], [`ImageError::Decode`] or [`ImageError::TooLarge`], naming the file.
+pub fn read_size(path: &Path) -> Result<(usize, usize), ImageError> {
+    let file =
+        bounded::open(path, bounded::MAX_BYTES).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+    size_of(path, BufReader::new(file))
+}
+
+/// As [`read_size`], of the file at `path`, opened already.
+pub(crate) fn size_of(path: &Path, input: impl BufRead + Seek) -> Result<(usize, usize), ImageError> {
+    let size = reader(path, input)?.into_dimensions().map_err(|error| decode_error(path, &error))?;
+    check_side(path, size)
+}
+
+/// A decoder by content, not by extension: photos called .jpg that are PNG are common.
+fn reader<R: BufRead + Seek>(path: &Path, input: R) -> Result<ImageReader<R>, ImageError> {
+    let reader = ImageReader::new(input).with_guessed_format();
+    let reader = reader.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+    check_format(path, reader.format())?;
+    Ok(reader)
+}
+
+/// Decodes a PNG or JPEG.
+///
+/// # Errors
+///
+/// [`ImageError::Read`], [`ImageError::TooLarge`], or [`ImageError::Decode`] if the file is damaged or ends early.
+pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
+    let read = bounded::read(path, bounded::MAX_BYTES);
+    decode(path, &read.map_err(|source| ImageError::Read { path: path.to_owned(), source })?)
+}
+
+/// As [`load`], of the bytes of the file at `path`.
+pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> {
+    let (width, height) = size_of(path, Cursor::new(bytes))?;
+    let mut reader = reader(path, Cursor::new(bytes))?;
+    let refused = |reason: &str| ImageError::Decode { path: path.to_owned(), reason: reason.to_owned() };
+    if reader.format() == Some(ImageFormat::Jpeg) {
+        jpeg::check(bytes).map_err(refused)?;
+    }
+    let mut limits = Limits::no_limits();
+    // Four channels of 16 bits are the most that a PNG has.
+    limits.max_alloc = Some(8 * (width * height) as u64 + MAX_ASIDE);
+    reader.limits(limits);
+    // The decoder is not ours: should it panic, the file is named all the same. It holds no state that outlives the call.
+    let decoded = catch_unwind(AssertUnwindSafe(|| reader.decode())).map_err(|_| refused("the decoder failed"))?;
+    let decoded = decoded.map_err(|error| decode_error(path, &error))?.into_rgb32f();
+    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+    ImageRgb::new(width, height, decoded.into_raw())
+}
+
+fn check_format(path: &Path, format: Option<ImageFormat>) -> Result<(), ImageError> {
+    match format {
+        Some(ImageFormat::Png | ImageFormat::Jpeg) => Ok(()),
+        Some(other) => Err(ImageError::Decode { path: path.to_owned(), reason: format!("{other:?} is not read") }),
+        None => Err(ImageError::Decode { path: path.to_owned(), reason: "unknown kind of file".to_owned() }),
+    }
+}
+
+fn check_side(path: &Path, (width, height): (u32, u32)) -> Result<(usize, usize), ImageError> {
+    let (width, height) = (width as usize, height as usize);
+    if width > MAX_SIDE || height > MAX_SIDE {
+        return Err(ImageError::TooLarge { path: path.to_owned(), width, height });
+    }
+    Ok((width, height))
+}
+
+fn decode_error(path: &Path, error: &image::ImageError) -> ImageError {
+    ImageError::Decode { path: path.to_owned(), reason: error.to_string() }
+}

@@ -1,0 +1,97 @@
+//! Pictures in memory.
+
+use std::path::Path;
+
+use image::Rgb32FImage;
+use image::imageops::{self, FilterType};
+
+use super::encode::encode;
+use super::error::ImageError;
+use crate::fs::atomic;
+
+/// An sRGB picture: interleaved RGB, f32 in [0, 1], row-major, `data.len() == 3 * width * height`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImageRgb {
+    data: Vec<f32>,
+    width: usize,
+    height: usize,
+}
+
+impl ImageRgb {
+    /// Wraps interleaved RGB values.
+    ///
+    /// # Errors
+    ///
+    /// [`ImageError::Buffer`] unless `data` holds 3 · width · height values.
+    pub fn new(width: usize, height: usize, data: Vec<f32>) -> Result<Self, ImageError> {
+        check_buffer(data.len(), width, height, 3)?;
+        Ok(Self { data, width, height })
+    }
+
+    /// Width in pixels.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All values, interleaved RGB, row by row.
+    pub fn data(&self) -> &[f32] {
+        &self.data
+    }
+
+    /// Takes the values out.
+    pub fn into_data(self) -> Vec<f32> {
+        self.data
+    }
+
+    /// The pixel in column `x`, row `y`.
+    ///
+    /// # Panics
+    ///
+    /// If the pixel is outside the image.
+    pub fn pixel(&self, x: usize, y: usize) -> [f32; 3] {
+        assert!(x < self.width && y < self.height, "pixel ({x}, {y}) of a {}x{} image", self.width, self.height);
+        let at = 3 * (y * self.width + x);
+        [self.data[at], self.data[at + 1], self.data[at + 2]]
+    }
+
+    /// The picture scaled to another size. The triangle filter widens when scaling down, so nothing aliases.
+    ///
+    /// # Errors
+    ///
+    /// [`ImageError::Buffer`] if either size is beyond what a picture file holds.
+    pub fn resized(self, width: usize, height: usize) -> Result<Self, ImageError> {
+        let refused = ImageError::Buffer { len: self.data.len(), width, height, channels: 3 };
+        let sides = [self.width, self.height, width, height].map(u32::try_from);
+        let [Ok(across), Ok(down), Ok(new_across), Ok(new_down)] = sides else { return Err(refused) };
+        let Some(buffer) = Rgb32FImage::from_raw(across, down, self.data) else { return Err(refused) };
+        let scaled = imageops::resize(&buffer, new_across, new_down, FilterType::Triangle);
+        Self::new(width, height, scaled.into_raw())
+    }
+
+    /// 8-bit RGB, rounded, values outside [0, 1] held.
+    pub fn to_rgb8(&self) -> Vec<u8> {
+        self.data.iter().map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
+    }
+
+    /// Writes the picture whole or not at all: JPEG where the name ends in .jpg or .jpeg, else PNG.
+    ///
+    /// # Errors
+    ///
+    /// [`ImageError::Encode`], or [`ImageError::Write`], naming the file.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), ImageError> {
+        let path = path.as_ref();
+        let failed = |source| ImageError::Write { path: path.to_owned(), source };
+        atomic::write(path, &encode(path, self)?).map_err(failed)
+    }
+}
+
+/// Refuses a buffer of another length than width · height · channels.
+pub(super) fn check_buffer(len: usize, width: usize, height: usize, channels: usize) -> Result<(), ImageError> {
+    let expected = width.checked_mul(height).and_then(|pixels| pixels.checked_mul(channels));
+    if expected == Some(len) { Ok(()) } else { Err(ImageError::Buffer { len, width, height, channels }) }
+}

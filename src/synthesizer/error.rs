@@ -1,0 +1,58 @@
+//! Why there is no picture.
+
+use std::path::PathBuf;
+
+use crate::geometry::{CameraPathError, TooFewViews};
+use crate::layers::LayersError;
+use crate::network::{ModelNotFound, NetworkError, OrtLibraryError};
+use crate::render::RenderError;
+use crate::scene::SceneError;
+
+/// Why a scene could not be opened or rendered.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SynthesisError {
+    /// The folder or a photo in it.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// Too few views look a target's way.
+    #[error("{target}: {source}")]
+    Views {
+        /// Name of the target.
+        target: String,
+        /// How many do.
+        source: TooFewViews,
+    },
+    /// Neither the scene nor the options tell the depth range.
+    #[error(
+        "{}: the scene does not tell how near and far things are; expected {}, in scene units",
+        scene.display(),
+        match (near, far) { (true, true) => "near and far", (true, false) => "near", _ => "far" }
+    )]
+    UnknownDepth {
+        /// Folder of the scene.
+        scene: PathBuf,
+        /// Whether the nearest depth is unknown.
+        near: bool,
+        /// Whether the farthest depth is unknown.
+        far: bool,
+    },
+    /// No layers between near and far.
+    #[error(transparent)]
+    Layers(#[from] LayersError),
+    /// No path around the views.
+    #[error(transparent)]
+    Path(#[from] CameraPathError),
+    /// No model for that number of views.
+    #[error(transparent)]
+    Model(#[from] ModelNotFound),
+    /// ONNX Runtime.
+    #[error(transparent)]
+    Library(#[from] OrtLibraryError),
+    /// The model does not fit.
+    #[error(transparent)]
+    Network(#[from] NetworkError),
+    /// The network failed.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+}

@@ -1,0 +1,103 @@
+//! Which model, and what runs it.
+
+use std::num::NonZero;
+use std::path::PathBuf;
+
+use super::SynthesisError;
+use crate::network::{ExecutionProvider, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16, find_model, model_folders};
+use crate::render::Renderer;
+
+/// V where neither the options nor a model file say.
+pub const DEFAULT_VIEWS: usize = 4;
+
+/// Which model, and what runs it.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct ModelOptions {
+    /// V, the number of views that each picture is made from; `None`: the file's own, else [`DEFAULT_VIEWS`].
+    pub views: Option<usize>,
+    /// The model file; `None`: `liveview_v{V}.onnx`, or the quantised `liveview_v{V}_int8.onnx`, in one of the `folders`.
+    pub file: Option<PathBuf>,
+    /// Where models are looked for; by default [`model_folders`].
+    pub folders: Vec<PathBuf>,
+    /// Whether to look for the quantised model.
+    pub quantized: bool,
+    /// What computes the network.
+    pub provider: ExecutionProvider,
+    /// Arithmetic on float32 weights.
+    pub precision: Precision,
+    /// The ONNX Runtime library; `None`: see [`OrtLibrary::load`].
+    pub library: Option<PathBuf>,
+    /// Threads of the network; `None`: one per core. Everything else runs in rayon's pool.
+    pub threads: Option<usize>,
+    /// Layers that go through the network at once: memory grows with it, the result does not change.
+    pub batch: usize,
+}
+
+impl Default for ModelOptions {
+    fn default() -> Self {
+        Self {
+            views: None,
+            file: None,
+            folders: model_folders(),
+            quantized: false,
+            provider: ExecutionProvider::default(),
+            precision: Precision::default(),
+            library: None,
+            threads: None,
+            batch: 1,
+        }
+    }
+}
+
+impl ModelOptions {
+    /// V, as far as it is known before the model is opened.
+    pub fn views_or_default(&self) -> usize {
+        self.views.unwrap_or(DEFAULT_VIEWS)
+    }
+
+    /// As given, else one per core.
+    pub fn threads_or_default(&self) -> usize {
+        self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, NonZero::get))
+    }
+
+    /// The file of the model for `views` views.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Model`] if it is in none of the folders.
+    pub fn find(&self, views: usize) -> Result<PathBuf, SynthesisError> {
+        Ok(find_model(self.folders.clone(), views, self.quantized)?)
+    }
+}
+
+/// A model, ready to render.
+#[derive(Debug)]
+#[non_exhaustive]
+pub struct Model {
+    /// What renders with it.
+    pub renderer: Renderer<OrtNetwork>,
+    /// What runs it.
+    pub library: OrtLibrary,
+    /// Of the arithmetic: f32, bf16 or int8.
+    pub precision: String,
+}
+
+impl Model {
+    /// Finds and opens the model.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Model`], [`SynthesisError::Library`] and [`SynthesisError::Network`].
+    pub fn open(options: &ModelOptions) -> Result<Self, SynthesisError> {
+        let path = match &options.file {
+            Some(path) => path.clone(),
+            None => options.find(options.views_or_default())?,
+        };
+        let library = OrtLibrary::load(options.provider, options.library.as_deref())?;
+        let network = OrtNetwork::open_in(options.precision, &library, &path, options.threads_or_default())?;
+        let in_bf16 = options.precision == Precision::Bf16 && cpu_has_bf16();
+        let precision = if in_bf16 { "bf16".to_owned() } else { network.card().precision.clone() };
+        Ok(Self { renderer: Renderer::new(network, options.batch), library, precision })
+    }
+}

@@ -1,0 +1,159 @@
+//! A scene and those of its photos that are in use.
+
+use std::fmt;
+
+use super::{Shot, SynthesisError, Targets};
+use crate::geometry::{Camera, choose_views};
+use crate::layers::guided::{GuidedSearch, SearchStages};
+use crate::layers::{padded, uniform_disparities};
+use crate::scene::Scene;
+use crate::warp::{SourceView, Texture, warp_sources};
+
+/// A scene, its depth range as far as it is given, and those of its photos that are in memory.
+pub struct PhotoCache {
+    scene: Scene,
+    given: (Option<f64>, Option<f64>),
+    textures: Vec<Option<Texture>>,
+}
+
+impl fmt::Debug for PhotoCache {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let loaded = self.textures.iter().flatten().count();
+        f.debug_struct("PhotoCache").field("scene", &self.scene.root).field("loaded", &loaded).finish_non_exhaustive()
+    }
+}
+
+impl PhotoCache {
+    /// None of the photos is read yet. Depths in scene units; those that are `None` are the scene's own.
+    pub fn new(scene: Scene, near: Option<f64>, far: Option<f64>) -> Self {
+        let textures = scene.views.iter().map(|_| None).collect();
+        Self { scene, given: (near, far), textures }
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Near and far as they were given, scene units.
+    pub fn given_depth(&self) -> (Option<f64>, Option<f64>) {
+        self.given
+    }
+
+    /// The cameras of all views.
+    pub fn all_cameras(&self) -> Vec<&Camera> {
+        self.scene.views.iter().map(|view| &view.camera).collect()
+    }
+
+    /// The cameras of these views.
+    pub fn cameras(&self, views: &[usize]) -> impl Iterator<Item = &Camera> {
+        views.iter().map(|&view| &self.scene.views[view].camera)
+    }
+
+    /// The names of these views.
+    pub fn names(&self, views: &[usize]) -> Vec<&str> {
+        views.iter().map(|&view| self.scene.views[view].name.as_str()).collect()
+    }
+
+    /// Indices of the `count` views for a target of that name, nearest first; never one that is held out.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Views`] if fewer look the target's way.
+    pub fn choose(
+        &self,
+        name: &str,
+        target: &Camera,
+        held_out: &[usize],
+        count: usize,
+    ) -> Result<Vec<usize>, SynthesisError> {
+        let free: Vec<usize> = (0..self.scene.views.len()).filter(|view| !held_out.contains(view)).collect();
+        let cameras: Vec<&Camera> = self.cameras(&free).collect();
+        let chosen = choose_views(&cameras, target, count)
+            .map_err(|source| SynthesisError::Views { target: name.to_owned(), source })?;
+        Ok(chosen.into_iter().map(|i| free[i]).collect())
+    }
+
+    /// Near and far: as given, else the extremes of these views, in scene units.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::UnknownDepth`] where neither is known; [`SynthesisError::Layers`] unless 0 < near < far.
+    pub fn depth_range(&self, views: &[usize]) -> Result<(f64, f64), SynthesisError> {
+        let known = || views.iter().filter_map(|&view| self.scene.views[view].depth_range);
+        let near = self.given.0.or_else(|| known().map(|range| range.0).reduce(f64::min));
+        let far = self.given.1.or_else(|| known().map(|range| range.1).reduce(f64::max));
+        let (Some(near), Some(far)) = (near, far) else {
+            let (near, far) = (near.is_none(), far.is_none());
+            return Err(SynthesisError::UnknownDepth { scene: self.scene.root.clone(), near, far });
+        };
+        uniform_disparities(near, far, 2)?;
+        Ok((near, far))
+    }
+
+    /// The `count` views and the depth range of each target, `given` or by [`Self::depth_range`]. The frames of a path share
+    /// one range.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Views`], and those of [`Self::depth_range`].
+    pub fn shots(
+        &self,
+        targets: Targets,
+        count: usize,
+        given: Option<(f64, f64)>,
+    ) -> Result<Vec<Shot>, SynthesisError> {
+        let choose = |name: &str, target: &Camera| self.choose(name, target, &targets.held_out, count);
+        let views = targets.list.iter().map(|t| choose(&t.name, &t.camera)).collect::<Result<Vec<_>, _>>()?;
+        let range = |views: &[usize]| given.map_or_else(|| self.depth_range(views), Ok);
+        let shared = if targets.moving { Some(range(&views.concat())?) } else { None };
+        let shots = targets.list.into_iter().zip(views).map(|(target, views)| {
+            let (near, far) = shared.map_or_else(|| range(&views), Ok)?;
+            Ok(Shot { name: target.name, target: target.camera, truth: target.truth, views, near, far })
+        });
+        shots.collect()
+    }
+
+    /// Loads the photos of a shot, and forgets those that neither it nor a `later` one needs.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Scene`] for a photo that cannot be read.
+    pub fn load_for(&mut self, shot: &Shot, later: &[Shot]) -> Result<(), SynthesisError> {
+        for (view, texture) in self.textures.iter_mut().enumerate() {
+            if shot.views.contains(&view) {
+                if texture.is_none() {
+                    *texture = Some(Texture::new(&self.scene.load_image(view)?));
+                }
+            } else if !later.iter().any(|shot| shot.views.contains(&view)) {
+                *texture = None;
+            }
+        }
+        Ok(())
+    }
+
+    /// The views as the renderer takes them.
+    ///
+    /// # Panics
+    ///
+    /// If the photo of one is not loaded ([`Self::load_for`]).
+    pub fn sources(&self, views: &[usize]) -> Vec<SourceView<'_>> {
+        let texture = |view: usize| self.textures[view].as_ref().expect("loaded before");
+        views
+            .iter()
+            .map(|&view| SourceView { camera: &self.scene.views[view].camera, texture: texture(view) })
+            .collect()
+    }
+
+    /// The guided search for a shot whose photos are loaded: each pixel's range of disparities.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Layers`].
+    pub fn search(&self, shot: &Shot, coarse_planes: Option<usize>) -> Result<SearchStages, SynthesisError> {
+        let sources = self.sources(&shot.views);
+        let size = (padded(shot.target.height()), padded(shot.target.width()));
+        let search = GuidedSearch { near: shot.near, far: shot.far, planes: coarse_planes };
+        Ok(search.search(&warp_sources(&sources, &shot.target), size)?)
+    }
+}

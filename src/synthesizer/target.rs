@@ -1,0 +1,113 @@
+//! What to render: a view that is held out, a camera, or the frames of a path.
+
+use super::SynthesisError;
+use crate::geometry::{Camera, CameraPath};
+use crate::scene::Scene;
+
+/// One thing to render.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub enum Target {
+    /// A view of the scene, by name; never rendered from.
+    HeldOut(String),
+    /// A camera.
+    Camera(Camera),
+}
+
+impl Target {
+    /// The view of that name (see [`Scene::view_index`]), rendered from the others.
+    pub fn held_out(name: impl Into<String>) -> Self {
+        Self::HeldOut(name.into())
+    }
+
+    /// A camera of one's own.
+    pub fn camera(camera: Camera) -> Self {
+        Self::Camera(camera)
+    }
+
+    pub(super) fn resolve(&self, scene: &Scene) -> Result<Targets, SynthesisError> {
+        Ok(match self {
+            Self::HeldOut(name) => Targets::held_out(scene, vec![scene.view_index(name)?]),
+            Self::Camera(camera) => Targets::cameras(vec![camera.clone()]),
+        })
+    }
+}
+
+/// A camera to render, and the view that shows the truth, if there is one.
+#[derive(Debug, Clone)]
+pub struct TargetView {
+    /// What it is called.
+    pub name: String,
+    /// The camera.
+    pub camera: Camera,
+    /// Index of the view that shows the truth.
+    pub truth: Option<usize>,
+}
+
+/// Everything to render.
+#[derive(Debug, Clone)]
+pub struct Targets {
+    /// In order.
+    pub list: Vec<TargetView>,
+    /// Indices of the views that must not be rendered from.
+    pub held_out: Vec<usize>,
+    /// Whether they are the frames of one path.
+    pub moving: bool,
+}
+
+impl Targets {
+    /// These views, each with the truth; all of them are held out.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such view.
+    pub fn held_out(scene: &Scene, views: Vec<usize>) -> Self {
+        let target = |&view: &usize| {
+            let found = &scene.views[view];
+            TargetView { name: found.name.clone(), camera: found.camera.clone(), truth: Some(view) }
+        };
+        Self { list: views.iter().map(target).collect(), held_out: views, moving: false }
+    }
+
+    /// One camera, or several as the frames of a path.
+    pub fn cameras(cameras: Vec<Camera>) -> Self {
+        let moving = cameras.len() > 1;
+        if moving { Self::frames(cameras) } else { Self::named(cameras, |_| "pose".to_owned(), moving) }
+    }
+
+    /// The frames of a path around the views.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Path`] for views all round.
+    pub fn path(scene: &Scene, path: CameraPath) -> Result<Self, SynthesisError> {
+        let cameras: Vec<&Camera> = scene.views.iter().map(|view| &view.camera).collect();
+        Ok(Self::frames(path.cameras(&cameras)?))
+    }
+
+    fn frames(cameras: Vec<Camera>) -> Self {
+        Self::named(cameras, |index| format!("frame_{index:04}"), true)
+    }
+
+    fn named(cameras: Vec<Camera>, name: impl Fn(usize) -> String, moving: bool) -> Self {
+        let target = |(index, camera)| TargetView { name: name(index), camera, truth: None };
+        Self { list: cameras.into_iter().enumerate().map(target).collect(), held_out: Vec::new(), moving }
+    }
+}
+
+/// A target with all that is decided before its layers are found.
+#[derive(Debug, Clone)]
+pub struct Shot {
+    /// What it is called.
+    pub name: String,
+    /// The camera.
+    pub target: Camera,
+    /// Index of the view that shows the truth.
+    pub truth: Option<usize>,
+    /// Indices of the views to render from, nearest first.
+    pub views: Vec<usize>,
+    /// Nearest depth, scene units.
+    pub near: f64,
+    /// Farthest depth, scene units; may be infinite.
+    pub far: f64,
+}
