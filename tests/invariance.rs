@@ -6,8 +6,6 @@ use liveview::geometry::Camera;
 use liveview::geometry::{SourceView, choose_views};
 use liveview::layers::guided::{GuidedSearch, RangeMap};
 use liveview::layers::{Layers, padded};
-use liveview::network;
-use liveview::network::OrtLibrary;
 use liveview::network::{NetworkError, OrtNetwork, PlaneNetwork};
 use liveview::render::Culling;
 use liveview::render::{Frame, Renderer, warp_sources};
@@ -58,7 +56,7 @@ fn render(threads: usize, batch: usize) -> Frame {
 
 /// Through the engine, on as many threads.
 fn render_stopped(threads: usize, batch: usize, layers: LayersOf, stops: Culling) -> Frame {
-    let network = OrtNetwork::open(&OrtLibrary::load(None).unwrap(), &models::find(4).unwrap(), threads).unwrap();
+    let network = OrtNetwork::open(&wheel::load(ExecutionProvider::Cpu).unwrap(), &model, threads).unwrap();
     let mut renderer = Renderer::new(network, batch);
     renderer.set_culling(stops);
     Rig::open(200).render(&mut renderer, threads, layers)

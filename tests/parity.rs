@@ -15,7 +15,7 @@ use liveview::layers::guided::semi_global;
 use liveview::layers::guided::{COARSE, GuidedSearch, WINDOWS, fine_layers, range_of, winner_takes_all};
 use liveview::layers::{CELL, Layer, Layers, padded};
 use liveview::layers::{kmeans_planes, plane_histogram, select_planes};
-use liveview::network::OrtLibrary;
+use liveview::network::ExecutionProvider;
 use liveview::network::{OrtNetwork, PlaneNetwork};
 use liveview::render::Accumulated;
 use liveview::render::{Blended, DistanceWeights, LayerSamples};
@@ -123,7 +123,7 @@ impl Case {
 
     fn network(&self) -> OrtNetwork {
         let path = folder().join(format!("network_v{}.onnx", self.cameras.len()));
-        OrtNetwork::open(&OrtLibrary::load(None).unwrap(), &path, 1).unwrap()
+        OrtNetwork::open(&wheel::load(ExecutionProvider::Cpu).unwrap(), &path, 1).unwrap()
     }
 
     /// Hold `found` against the oracle's `stage`, within what float32 torch's own error and the tolerance file allow.

@@ -2,14 +2,14 @@
 
 use std::fmt::Write;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::Args;
 use glam::{DMat3, DVec2, DVec3};
 use liveview::geometry::parallax::{coverage, grid, parallax};
 use liveview::geometry::{MeanPose, PlaneSweep, choose_views, distance, middle_camera};
 use liveview::layers::uniform_disparities;
 use liveview::scene::{Format, View};
-use liveview::{Camera, PhotoCache, SynthesisError};
+use liveview::{Camera, LayerSpec, PhotoCache, SynthesisError};
 use serde_json::{Value, json};
 
 use crate::args::numbers;
@@ -20,7 +20,7 @@ use crate::statistics::percentile;
 const EXAMPLES: &str = "\
 Examples:
   liveview inspect scene
-  liveview inspect scene --target IMG_7.jpg --views 5 --planes 128
+  liveview inspect scene --target IMG_7.jpg --views 5 --layers planes:128
   liveview inspect scene --near 1.5 --far 40 --json";
 
 /// Neighbouring planes further apart than this show as steps.
@@ -38,9 +38,9 @@ pub(crate) struct InspectArgs {
     /// Views to render it from
     #[arg(long, value_name = "V", default_value = "4", value_parser = numbers::count)]
     views: usize,
-    /// Planes to judge the spacing of
-    #[arg(long, value_name = "D", default_value = "64", value_parser = numbers::count)]
-    planes: usize,
+    /// Planes to judge the spacing of: planes:D or list:…
+    #[arg(long, value_name = "SPEC", default_value = "planes:64")]
+    layers: LayerSpec,
 }
 
 /// What is told about one part: in words, and for machines.
@@ -172,17 +172,22 @@ fn about_target(photos: &PhotoCache, target: usize, args: &InspectArgs) -> Resul
     let _ = writeln!(text, "depth      {near:.4} to {far:.4} scene units, {source}");
     json["near"] = json!(near);
     json["far"] = json!(far);
-    let disparities = uniform_disparities(near, far, args.planes)?;
+    let disparities = match &args.layers {
+        LayerSpec::Planes(count) => uniform_disparities(near, far, *count)?,
+        LayerSpec::List(disparities) => disparities.clone(),
+        other => bail!("--layers {other}: expected planes:D or list:…"),
+    };
+    let count = disparities.len();
     let sources: Vec<(&Camera, PlaneSweep)> =
         photos.cameras(&views).map(|view| (view, PlaneSweep::new(view, camera))).collect();
     let grid = grid(camera);
     let (told, rows, step) = spacing(photos, &views, &sources, &grid, &disparities, camera);
     text += &told;
     json["views"] = rows;
-    let _ = writeln!(text, "planes     {} from near to far: neighbours at most {step:.2} pixels apart", args.planes);
-    json["planes"] = json!({ "count": args.planes, "largest_step_pixels": step });
+    let _ = writeln!(text, "planes     {count} from near to far: neighbours at most {step:.2} pixels apart");
+    json["planes"] = json!({ "count": count, "largest_step_pixels": step });
     if step > MAX_STEP {
-        let enough = (step / MAX_STEP * (args.planes.max(2) - 1) as f64).ceil() + 1.0;
+        let enough = (step / MAX_STEP * (count.max(2) - 1) as f64).ceil() + 1.0;
         let _ = writeln!(
             text,
             "warning    above {MAX_STEP} pixel, planes show as steps: about planes:{enough} are enough, or guided layers"

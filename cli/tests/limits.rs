@@ -4,6 +4,7 @@
 #![cfg(unix)]
 
 mod common;
+#[path = "../../tests/scene_common/mod.rs"]
 mod scene_common;
 
 use std::fs::{self, File};

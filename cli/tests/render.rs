@@ -141,10 +141,10 @@ fn other_layers() {
     let folders = Folders::new();
     let picture = folders.out("a.png");
     for (how, layers) in [
-        (["--guided", "3"], 3),
-        (["--planes", "5"], 5),
-        (["--disparities", "0.25"], 1),
-        (["--disparities", "0.4,0.2,0"], 3),
+        (["--layers", "guided:3"], 3),
+        (["--layers", "planes:5"], 5),
+        (["--layers", "list:0.25"], 1),
+        (["--layers", "list:0.4,0.2,0"], 3),
     ] {
         let told = json(&mut folders.render(&[&["--target", "2", "-o", &picture], &how[..]].concat()));
         assert_eq!(told["targets"][0]["layers"], layers, "{how:?}");
@@ -177,7 +177,7 @@ fn videos_go_through_ffmpeg() {
 #[test]
 fn memory_does_not_grow_with_the_number_of_layers() {
     let folders = Folders::new();
-    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scenes/workshop");
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/scenes/workshop");
     let peak = |planes: &str| {
         let mut command = assert_cmd::Command::cargo_bin("liveview").unwrap();
         command.args(["render", scene, "--target", "target_0", "--width", "252", "--planes", planes]);
@@ -197,18 +197,18 @@ fn what_was_left_out_is_explained() {
     assert!(share > 0.0 && share < 0.5, "a wall needs little of the depth range: {explained}");
     let shares: f64 = explained["time_shares"].as_object().unwrap().values().map(|share| share.as_f64().unwrap()).sum();
     assert!((shares - 1.0).abs() < 1e-9, "{explained}");
-    let dense = json(&mut folders.render(&["--target", "2", "-o", &folders.out("b.png"), "--planes", "9"]));
+    let dense = json(&mut folders.render(&["--target", "2", "-o", &folders.out("b.png"), "--layers", "planes:9"]));
     assert_eq!(explained["dense"]["psnr"], dense["mean"]["psnr"]);
     assert!(explained["dense"]["error_max"].as_f64().unwrap() >= explained["dense"]["error_mean"].as_f64().unwrap());
     assert_eq!(image::read_size(why.as_ref()).unwrap(), (3 * WIDTH as usize + 8, HEIGHT as usize));
 
     // 60 · 0.1 / 0.01 pixels of parallax: the first three of these planes are beyond every photo.
-    let near = ["--target", "2", "-o", &picture, "--near", "0.01", "--planes", "4", "--explain", &why];
+    let near = ["--target", "2", "-o", &picture, "--near", "0.01", "--layers", "planes:4", "--explain", &why];
     let told = json(&mut folders.render(&near));
     assert_eq!(told["explanation"]["left_out"]["uncovered"], 3, "as `inspect` says: {told}");
     assert_eq!(json(folders.render(&near).args(["--opaque", "0.5"]))["explanation"]["left_out"]["uncovered"], 3);
 
-    let text = run(&mut folders.render(&["--target", "2", "-o", &picture, "--planes", "5", "--explain", &why]));
+    let text = run(&mut folders.render(&["--target", "2", "-o", &picture, "--layers", "planes:5", "--explain", &why]));
     assert!(text.contains("5 planes, of which"), "{text}");
     assert_eq!(image::read_size(why.as_ref()).unwrap(), (WIDTH as usize, HEIGHT as usize));
     fs::remove_dir_all(folders.out("")).unwrap();
@@ -232,5 +232,5 @@ fn qualities_are_choices_of_layers() {
     assert_eq!(layers(&["--quality", "balanced"]), "guided 2");
     assert_eq!(layers(&["--quality", "full"]), "guided 4");
     assert_eq!(layers(&["--quality", "paper"]), "select 16 of 64 planes");
-    assert_eq!(layers(&["--kmeans", "3"]), "kmeans 3");
+    assert_eq!(layers(&["--layers", "kmeans:3"]), "kmeans 3");
 }

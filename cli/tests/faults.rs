@@ -117,7 +117,7 @@ fn a_run_that_fails_half_way_goes_on_where_it_was() {
     let path = format!("line:{FRAMES}");
     let arguments = |name| {
         let frames = folders.out(name);
-        ["--path", &path, "--select", "2", "--select-from", "8", "--width", "16", "-o", &frames].map(str::to_owned)
+        ["--path", &path, "--layers", "select:2/8", "--width", "16", "-o", &frames].map(str::to_owned)
     };
     let (whole, parts) = (arguments("whole"), arguments("parts"));
     let [whole, parts] = [&whole, &parts].map(|list| list.iter().map(String::as_str).collect::<Vec<_>>());
@@ -248,8 +248,8 @@ fn frames_of_another_job_are_never_taken() {
     assert_eq!(json(render(&line).arg("--resume"))["kept"], 0, "an empty folder");
     let other = "another job";
     refused(&["--path", "line:4"], &[other, "\"targets\" is --path line:3 there and --path line:4 here"]);
-    refused(&["--path", "line:3", "--guided", "3"], &[other, "\"layers\" is guided 2 there and guided 3 here"]);
-    refused(&["--path", "line:3", "--disparities", "0.3"], &[other, "\"layers\"", "[0.3]"]);
+    refused(&["--path", "line:3", "--layers", "guided:3"], &[other, "\"layers\" is guided 2 there and guided 3 here"]);
+    refused(&["--path", "line:3", "--layers", "list:0.3"], &[other, "\"layers\"", "[0.3]"]);
     refused(&["--path", "line:3", "--opaque", "0.1"], &[other, "\"opaque\" is 0 there and 0.1 here"]);
     refused(&["--path", "line:3", "--width", "32"], &[other, "\"size\" is 64x48 there and 32x24 here"]);
     refused(&["--path", "line:3", "--near", "1"], &[other, "\"depth\" is 2 to 8 there and 1 to 8 here"]);
@@ -275,7 +275,7 @@ fn frames_of_another_job_are_never_taken() {
     );
 
     // A frame of another job under the name of one of this. The inner ones lie between views, where layers make a difference.
-    let (guided, planes) = (["--path", "line:4", "--guided", "2"], ["--path", "line:4", "--planes", "3"]);
+    let (guided, planes) = (["--path", "line:4", "--layers", "guided:2"], ["--path", "line:4", "--layers", "planes:3"]);
     json(&mut render(&guided));
     let theirs = contents(&folders);
     json(&mut render(&planes));
@@ -318,7 +318,7 @@ fn a_photo_that_vanishes_during_the_run() {
     let photo = folders.photo(4).display().to_string();
     let ends = |script: &str, words: &[&str]| {
         let encoder = folders.ffmpeg(&format!("{script}; for last; do :; done; /bin/cat > \"$last\""));
-        let mut render = folders.render(&["--path", "line:400", "--guided", "1", "-o", &video]);
+        let mut render = folders.render(&["--path", "line:400", "--layers", "guided:1", "-o", &video]);
         folders.assert_refused(render.env("PATH", encoder), &[&["images/4.png"], words].concat());
         fs::write(&photo, &bytes).unwrap();
     };
@@ -329,7 +329,7 @@ fn a_photo_that_vanishes_during_the_run() {
 
     // Frames that were finished stay.
     let frames = folders.out("frames");
-    let arguments = ["--path", "line:400", "--guided", "1", "-o", &frames];
+    let arguments = ["--path", "line:400", "--layers", "guided:1", "-o", &frames];
     let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
     render.arg("render").arg(folders.scene()).args(arguments).args(["--model", &fixture("tiny_v4")]);
     let running = render.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();

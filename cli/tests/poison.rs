@@ -2,6 +2,7 @@
 //! code 2 and a message that names the file and the field. Never a panic, a signal, a hang or a file half written.
 
 mod common;
+#[path = "../../tests/scene_common/mod.rs"]
 mod scene_common;
 
 use std::fs;
@@ -334,7 +335,7 @@ fn options() {
         for value in TEXTS.into_iter().chain(["3e-39", "3e38", "0", "1", "4097"]) {
             let given = format!("{option}={value}");
             let mut arguments = vec!["--target", "2", &given];
-            arguments.extend((option == "--coarse-planes").then_some("--guided=2"));
+            arguments.extend((option == "--coarse-planes").then_some("--layers=guided:2"));
             tally.render(&folders, &arguments, &given, "", &[option, &option[2..]]);
         }
     }

@@ -93,7 +93,7 @@ fn lines(path: &str) -> Vec<Value> {
 fn a_held_out_camera_is_rendered_frame_by_frame_and_scored() {
     let rig = Rig::new(4);
     let (out, log) = (rig.folders.out("frames"), rig.folders.out("log.jsonl"));
-    let told = rig.told(&["--camera", "cam2", "--guided", "1", "-o", &out, "--log", &log]);
+    let told = rig.told(&["--camera", "cam2", "--layers", "guided:1", "-o", &out, "--log", &log]);
     let names: Vec<String> = (0..4).map(|frame| format!("frames/frame_{frame:06}.png")).collect();
     assert_eq!(rig.folders.written(), [names, vec!["log.jsonl".to_owned()]].concat());
     assert_eq!((told["rendered"].as_u64(), told["repeated"].as_u64()), (Some(4), Some(0)));

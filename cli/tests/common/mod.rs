@@ -105,7 +105,7 @@ impl Folders {
 
 /// One of the models that tests/fixtures/make_models.py writes.
 pub(crate) fn fixture(name: &str) -> String {
-    format!("{}/tests/fixtures/{name}.onnx", env!("CARGO_MANIFEST_DIR"))
+    format!("{}/../tests/fixtures/{name}.onnx", env!("CARGO_MANIFEST_DIR"))
 }
 
 /// A wall at depth 4 with a smooth pattern, seen from `x` by a camera of focal length 60.

@@ -1,14 +1,11 @@
-//! Engines other than ONNX Runtime's own, where they are installed: their logits against float64, on the goldens of
+//! Execution providers other than ONNX Runtime's own, where they are installed: their logits against float64, on the goldens of
 //! `make goldens`, within the bounds of `parity/tolerances.json`. A process can load one library: hence a file of its own.
 
-mod common;
+mod wheel;
 
 use std::path::{Path, PathBuf};
 
-use common::{Folders, fixture};
-use liveview::network::ExecutionProvider;
-use liveview::network::{OrtLibrary, OrtLibraryError};
-use liveview::network::{OrtNetwork, PlaneNetwork};
+use liveview::network::{ExecutionProvider, OrtLibraryError, OrtNetwork, PlaneNetwork};
 use ndarray::{Array4, Ix4, OwnedRepr};
 use ndarray_npy::{NpzReader, ReadableElement};
 
@@ -34,9 +31,9 @@ fn bound(entry: &str) -> (f64, f64) {
 
 #[test]
 fn openvino_logits() {
-    let runtime = match OrtLibrary::load_for(ExecutionProvider::OpenVino, None) {
-        Ok(runtime) => runtime,
-        Err(OrtLibraryError::NotFound { .. } | OrtLibraryError::NoEngine { .. }) => {
+    let library = match wheel::load(ExecutionProvider::OpenVino) {
+        Ok(library) => library,
+        Err(OrtLibraryError::NotFound { .. } | OrtLibraryError::NoProvider { .. }) => {
             println!("skipped: OpenVINO is not installed (make runtime-openvino)");
             return;
         }
@@ -46,7 +43,7 @@ fn openvino_logits() {
     // Of different sizes: one session serves them all.
     for views in [4, 5, 2] {
         let path = folder().join(format!("network_v{views}.onnx"));
-        let mut network = OrtNetwork::open(&runtime, &path, 2).unwrap();
+        let mut network = OrtNetwork::open(&library, &path, 2).unwrap();
         for case in [format!("guided_v{views}"), format!("random_v{views}")] {
             if !folder().join(format!("{case}.npz")).is_file() {
                 continue;
@@ -65,18 +62,4 @@ fn openvino_logits() {
             );
         }
     }
-}
-
-/// A binary elsewhere finds no wheel of this checkout. Here, where no other test forks: a fork that inherits the copy while it
-/// is open for writing makes it "text file busy".
-#[test]
-fn no_library_with_the_engine() {
-    let folders = Folders::new();
-    let binary = tempfile::tempdir().unwrap();
-    let copy = binary.path().join("liveview");
-    std::fs::copy(env!("CARGO_BIN_EXE_liveview"), &copy).unwrap();
-    let mut render = assert_cmd::Command::new(copy);
-    render.current_dir(binary.path()).env_remove("ORT_DYLIB_PATH").arg("render").arg(folders.scene());
-    render.args(["--target", "2", "--engine", "openvino", "--model", &fixture("tiny_v4"), "-o", &folders.out("a.png")]);
-    folders.assert_refused(&mut render, &["engine openvino", "looked in", ".venv-openvino", "make runtime-openvino"]);
 }

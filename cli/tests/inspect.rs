@@ -29,7 +29,7 @@ fn inspect_tells_what_was_understood() {
     // 60 pixels · 0.1 · (1/2 − 1/8), and that over 63 steps; the farthest of the four is twice as far.
     close(&view["parallax_pixels"], 2.25);
     close(&told["target"]["planes"]["largest_step_pixels"], 4.5 / 63.0);
-    let text = folders.liveview("inspect", &["--planes", "3"]).output().unwrap();
+    let text = folders.liveview("inspect", &["--layers", "planes:3"]).output().unwrap();
     let text = String::from_utf8(text.stdout).unwrap();
     assert!(text.contains("2.25 pixels apart") && text.contains("--planes 6 are enough"), "{text}");
 }
@@ -51,7 +51,7 @@ fn inspect_tells_what_will_be_left_out() {
     assert!(told["target"]["warning"].as_str().unwrap().contains("--near and --far"), "{told}");
     folders.assert_refused(&mut folders.liveview("inspect", &["--near", "5", "--far", "2"]), &["0 < near < far"]);
     // Planes nearer than the views can see together: 60 · 0.1 / 0.01 is far beyond the photo.
-    let told = json(&mut folders.liveview("inspect", &["--near", "0.01", "--far", "8", "--planes", "4"]));
+    let told = json(&mut folders.liveview("inspect", &["--near", "0.01", "--far", "8", "--layers", "planes:4"]));
     assert_eq!(told["target"]["planes"]["covered_by_no_view"], serde_json::json!([0, 1, 2]));
 }
 
@@ -59,7 +59,7 @@ fn inspect_tells_what_will_be_left_out() {
 fn select_shows_the_histogram() {
     let folders = Folders::new();
     let (picture, model) = (folders.out("planes.png"), fixture("tiny_v4"));
-    let arguments = ["--target", "2", "--select", "3", "--select-from", "8", "--model", &model, "-o", &picture];
+    let arguments = ["--target", "2", "--layers", "select:3/8", "--model", &model, "-o", &picture];
     let told = json(&mut folders.liveview("select", &arguments));
     let histogram: Vec<u64> =
         told["histogram"].as_array().unwrap().iter().map(|votes| votes.as_u64().unwrap()).collect();
@@ -67,7 +67,7 @@ fn select_shows_the_histogram() {
     // The fixture finds all planes alike, so the nearer one wins.
     assert_eq!(told["chosen"][0], 0);
     assert_eq!(image::read_size(picture.as_ref()).unwrap(), (8 * 12 + 24, 264));
-    let refused = ["--target", "2", "--select", "9", "--select-from", "8", "--model", &model];
+    let refused = ["--target", "2", "--layers", "select:9/8", "--model", &model];
     std::fs::remove_file(&picture).unwrap();
     folders.assert_refused(&mut folders.liveview("select", &refused), &["9 planes"]);
 }
@@ -76,7 +76,7 @@ fn select_shows_the_histogram() {
 fn select_shows_the_range_of_guided_layers_without_a_model() {
     let folders = Folders::new();
     let picture = folders.out("range.png");
-    let arguments = ["--target", "2", "--guided", "4", "-o", &picture, "--ort-lib", "/nonexistent"];
+    let arguments = ["--target", "2", "--layers", "guided:4", "-o", &picture, "--ort-lib", "/nonexistent"];
     let told = json(&mut folders.liveview("select", &arguments));
     let median = |key: &str| told[key][2].as_f64().unwrap();
     let (nearest, farthest) = (median("nearest_depth"), median("farthest_depth"));

@@ -1,12 +1,15 @@
 //! Bad input: each is refused with exit code 2 and one message that names the file, the field and what was expected.
 
 mod common;
+#[path = "../../tests/scene_common/mod.rs"]
 mod scene_common;
+#[path = "../../tests/wheel/mod.rs"]
+mod wheel;
 
 use std::fs;
 
 use common::{Folders, fixture, photo};
-use liveview::network::OrtLibrary;
+use liveview::network::ExecutionProvider;
 
 /// Renders view 2 of the scene, which must be refused.
 fn assert_render_refused(folders: &Folders, arguments: &[&str], words: &[&str]) {
@@ -95,16 +98,16 @@ fn near_and_far() {
 fn lists_of_disparities() {
     let folders = Folders::new();
     let refused = |list: &str, words: &[&str]| assert_render_refused(&folders, &["--disparities", list], words);
-    refused("", &["--disparities", "empty", "at least one"]);
-    refused("0.1,0.3", &["--disparities", "disparity 1 (0.3)", "descending"]);
-    refused("0.3,x", &["--disparities", "\"x\" is not a number"]);
-    refused("0.3,,0.1", &["--disparities", "\"\" is not a number"]);
-    refused("0.3,nan", &["--disparities", "disparity 1 is NaN"]);
-    refused("-0.3", &["--disparities", "disparity 0 is -0.3"]);
-    for count in ["--planes=0", "--planes=-3", "--planes=1e9", "--planes=1000000000"] {
+    refused("", &["--layers", "list:empty", "at least one"]);
+    refused("0.1,0.3", &["--layers", "list:disparity 1 (0.3)", "descending"]);
+    refused("0.3,x", &["--layers", "list:\"x\" is not a number"]);
+    refused("0.3,,0.1", &["--layers", "list:\"\" is not a number"]);
+    refused("0.3,nan", &["--layers", "list:disparity 1 is NaN"]);
+    refused("-0.3", &["--layers", "list:disparity 0 is -0.3"]);
+    for count in ["--layers=planes:0", "--planes=-3", "--planes=1e9", "--layers=planes:1000000000"] {
         assert_render_refused(&folders, &[count], &["--planes", "a whole number from 1 to 4096"]);
     }
-    assert_render_refused(&folders, &["--select", "9", "--select-from", "8"], &["9 planes", "from 8"]);
+    assert_render_refused(&folders, &["--layers", "select:9/8"], &["9 planes", "from 8"]);
 }
 
 #[test]
@@ -147,7 +150,7 @@ fn engines_that_are_not_there() {
     refused(&["--precision", "int4"], &["'int4'", "f32, bf16, int8"]);
     refused(&["--precision", "bf16"], &["--precision bf16", "--engine openvino"]);
     refused(&["--precision", "int8"], &["tiny_v4.onnx", "metadata `precision` is f32", "expected int8"]);
-    let library = OrtLibrary::load(None).unwrap().library().to_str().unwrap().to_owned();
+    let library = wheel::file(ExecutionProvider::Cpu).unwrap().to_str().unwrap().to_owned();
     refused(
         &["--engine", "openvino", "--ort-lib", &library],
         &[&library, "no engine openvino", "make runtime-openvino", "--ort-lib"],

@@ -46,7 +46,7 @@ fn every_configuration_has_its_error_and_its_time() {
     assert!(rows[2]["seconds"]["stages"].get("select").is_none(), "and is not part of what each frame takes");
     assert!(rows[4]["seconds"]["stages"]["network"].as_f64().unwrap() > 0.0);
     // The same picture as `render` makes.
-    let rendered = json(&mut folders.render(&["--target", "2", "--planes", "4", "-o", &folders.out("a.png")]));
+    let rendered = json(&mut folders.render(&["--target", "2", "--layers", "planes:4", "-o", &folders.out("a.png")]));
     assert!((rendered["mean"]["psnr"].as_f64().unwrap() - rows[3]["psnr"].as_f64().unwrap()).abs() < 1e-6);
 }
 

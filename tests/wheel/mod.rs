@@ -1,0 +1,21 @@
+//! ONNX Runtime for the tests: `ORT_DYLIB_PATH`, else the wheel that `make runtime` or `make runtime-openvino` fetched.
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use std::path::{Path, PathBuf};
+
+use liveview::network::{ExecutionProvider, OrtLibrary, OrtLibraryError};
+
+/// The library file, in the virtual environment of the checkout.
+pub(crate) fn file(provider: ExecutionProvider) -> Option<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = if root.join(".venv").exists() { root } else { root.parent().unwrap_or(root) };
+    let environment = root.join(if provider == ExecutionProvider::Cpu { ".venv" } else { ".venv-openvino" });
+    let pythons = std::fs::read_dir(environment.join("lib")).into_iter().flatten().flatten();
+    let mut folders = pythons.map(|python| python.path().join("site-packages/onnxruntime/capi"));
+    folders.find_map(|folder| OrtLibrary::find_in(&folder, provider))
+}
+
+pub(crate) fn load(provider: ExecutionProvider) -> Result<OrtLibrary, OrtLibraryError> {
+    let named = std::env::var_os("ORT_DYLIB_PATH").is_some_and(|path| !path.is_empty());
+    OrtLibrary::load(provider, if named { None } else { file(provider) }.as_deref())
+}
