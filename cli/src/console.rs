@@ -7,6 +7,8 @@ use std::path::Path;
 use indicatif::{ProgressBar, ProgressStyle};
 use liveview::SynthesisError;
 
+use crate::ort_wheel;
+
 /// What a command prints on stdout.
 pub(crate) struct Output {
     pub(crate) text: String,
@@ -35,7 +37,7 @@ pub(crate) fn advice(error: &SynthesisError) -> Option<String> {
             };
             Some(format!("{options} give it (`liveview inspect` shows the size of the rig)"))
         }
-        SynthesisError::Library(error) => crate::args::model::library_advice(error),
+        SynthesisError::Library(error) => ort_wheel::advice(error),
         _ => None,
     }
 }

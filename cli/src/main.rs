@@ -8,6 +8,7 @@ mod interrupt;
 mod job;
 mod measure;
 mod npz;
+mod ort_wheel;
 mod statistics;
 mod svg;
 mod worker_process;

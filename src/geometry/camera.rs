@@ -5,8 +5,7 @@
 
 use glam::{DMat3, DVec3};
 
-/// Largest width or height of a camera or a photo, in pixels.
-pub const MAX_SIDE: usize = 16_384;
+use super::size::{MAX_SIDE, Size};
 
 /// Largest entry of `|R Rᵀ − I|` accepted for a rotation: pose files carry as few as three decimals.
 const ROTATION_TOLERANCE: f64 = 1e-3;
@@ -158,6 +157,11 @@ impl Camera {
     /// Image height in pixels.
     pub fn height(&self) -> usize {
         self.height
+    }
+
+    /// Image size in pixels.
+    pub fn size(&self) -> Size {
+        Size::new(self.width, self.height)
     }
 
     /// K: pixels from camera rays.

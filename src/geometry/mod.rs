@@ -6,11 +6,13 @@ mod camera_path;
 pub mod parallax;
 mod plane_sweep;
 mod pose;
+mod size;
 mod view_selection;
 
-pub use camera::{Camera, CameraError, Intrinsics, MAX_SIDE, RelativePose, source_from_target};
+pub use camera::{Camera, CameraError, Intrinsics, RelativePose, source_from_target};
 pub use camera_file::{CameraFileError, read_cameras};
 pub use camera_path::{CameraPath, CameraPathError, MeanPose};
 pub use plane_sweep::PlaneSweep;
 pub(crate) use pose::cam_from_opengl_world;
+pub use size::{MAX_SIDE, Size};
 pub use view_selection::{TooFewViews, choose_views, distance, middle_camera, nearest_camera};

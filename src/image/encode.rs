@@ -8,8 +8,22 @@ use image::{ExtendedColorType, ImageEncoder};
 
 use super::error::ImageError;
 use super::rgb::{ImageRgb, check_buffer};
+use crate::fs::atomic;
 
 const JPEG_QUALITY: u8 = 95;
+
+impl ImageRgb {
+    /// Writes the picture whole or not at all: JPEG where the name ends in .jpg or .jpeg, else PNG.
+    ///
+    /// # Errors
+    ///
+    /// [`ImageError::Encode`], or [`ImageError::Write`], naming the file.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), ImageError> {
+        let path = path.as_ref();
+        let failed = |source| ImageError::Write { path: path.to_owned(), source };
+        atomic::write(path, &encode(path, self)?).map_err(failed)
+    }
+}
 
 /// 8-bit RGB, as JPEG where the name ends in .jpg or .jpeg, else as PNG.
 ///

@@ -1,13 +1,10 @@
 //! Pictures in memory.
 
-use std::path::Path;
-
 use image::Rgb32FImage;
 use image::imageops::{self, FilterType};
 
-use super::encode::encode;
 use super::error::ImageError;
-use crate::fs::atomic;
+use crate::geometry::Size;
 
 /// An sRGB picture: interleaved RGB, f32 in [0, 1], row-major, `data.len() == 3 * width * height`.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,6 +33,11 @@ impl ImageRgb {
     /// Height in pixels.
     pub fn height(&self) -> usize {
         self.height
+    }
+
+    /// Size in pixels.
+    pub fn size(&self) -> Size {
+        Size::new(self.width, self.height)
     }
 
     /// All values, interleaved RGB, row by row.
@@ -76,17 +78,6 @@ impl ImageRgb {
     /// 8-bit RGB, rounded, values outside [0, 1] held.
     pub fn to_rgb8(&self) -> Vec<u8> {
         self.data.iter().map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
-    }
-
-    /// Writes the picture whole or not at all: JPEG where the name ends in .jpg or .jpeg, else PNG.
-    ///
-    /// # Errors
-    ///
-    /// [`ImageError::Encode`], or [`ImageError::Write`], naming the file.
-    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), ImageError> {
-        let path = path.as_ref();
-        let failed = |source| ImageError::Write { path: path.to_owned(), source };
-        atomic::write(path, &encode(path, self)?).map_err(failed)
     }
 }
 

@@ -16,6 +16,8 @@ pub use histogram::{plane_histogram, select_planes};
 pub use kmeans::kmeans_planes;
 pub use spec::{LayerSpec, LayerSpecError, MAX_LAYERS};
 
+use crate::geometry::Size;
+
 /// The network halves its input three times: it takes heights and widths that are multiples of this.
 pub const STRIDE: usize = 8;
 
@@ -152,9 +154,9 @@ pub fn uniform_disparities(near: f64, far: f64, count: usize) -> Result<Vec<f64>
     })
 }
 
-/// A side of the image rounded up to a multiple of [`STRIDE`].
-pub fn padded(side: usize) -> usize {
-    side.next_multiple_of(STRIDE)
+/// A target's size, each side rounded up to a multiple of [`STRIDE`].
+pub fn padded(size: Size) -> Size {
+    Size::new(size.width.next_multiple_of(STRIDE), size.height.next_multiple_of(STRIDE))
 }
 
 impl Layer {

@@ -10,8 +10,7 @@ use glam::DVec3;
 use ndarray::{Array2, Axis, s};
 
 use super::dirty_tiles::{Window, dirty_windows};
-use crate::geometry::PlaneSweep;
-use crate::geometry::{Camera, source_from_target};
+use crate::geometry::{Camera, PlaneSweep, Size, source_from_target};
 use crate::layers::guided::{COARSE, GuidedSearch, Levels, RangeMap, WINDOWS, neighbourhood, range_of};
 use crate::layers::{CELL, LayersError, padded};
 
@@ -54,7 +53,7 @@ impl Surface {
     /// A coarse pass over the whole target.
     pub(super) fn search(pass: &GuidedSearch, seen: &TargetViews<'_>) -> Result<Self, LayersError> {
         let (target, sweeps) = (seen.target, seen.sweeps(seen.target));
-        let found = pass.search_levels(&seen.levels, &sweeps, (padded(target.height()), padded(target.width())))?;
+        let found = pass.search_levels(&seen.levels, &sweeps, padded(target.size()))?;
         let cost = cost(&found.fine_disparity, seen);
         Ok(Self { target: target.clone(), disparity: found.fine_disparity, cost, planes: found.disparities.len() })
     }
@@ -71,7 +70,7 @@ impl Surface {
 
     /// Whether it can be carried to a target: of the same size.
     pub(super) fn suits(&self, target: &Camera) -> bool {
-        (self.target.width(), self.target.height()) == (target.width(), target.height())
+        self.target.size() == target.size()
     }
 
     /// The surface as seen from another camera: the nearest where several points meet; where there is none, the farther of
@@ -149,9 +148,9 @@ impl Surface {
         grown: &Window,
     ) -> Result<(), LayersError> {
         let [left, top] = [grown.left, grown.top].map(|cell| (cell * COARSE) as f64);
-        let (height, width) = (grown.height() * COARSE, grown.width() * COARSE);
-        let part = seen.target.with_window(left, top, width, height).expect("a part of a padded target");
-        let found = pass.search_levels(&seen.levels, &seen.sweeps(&part), (height, width))?;
+        let size = Size::new(grown.width() * COARSE, grown.height() * COARSE);
+        let part = seen.target.with_window(left, top, size.width, size.height).expect("a part of a padded target");
+        let found = pass.search_levels(&seen.levels, &seen.sweeps(&part), size)?;
         let fine = |cell: usize| cell * COARSE / CELL;
         let inner = |start: usize, end: usize, from: usize| fine(start - from)..fine(end - from);
         self.disparity

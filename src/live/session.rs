@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::policy::{LayerSource, Policy};
 use super::propagate::{Surface, TargetViews};
 use crate::geometry::Camera;
-use crate::geometry::{TooFewViews, choose_views};
+use crate::geometry::{Size, TooFewViews, choose_views};
 use crate::image::ImageRgb;
 use crate::layers::guided::{GuidedSearch, Levels};
 use crate::layers::{
@@ -56,14 +56,14 @@ pub enum LiveError {
         found: usize,
     },
     /// A photo of another size than its camera's.
-    #[error("the photo of camera {camera} is {}x{}; expected {}x{}", found.0, found.1, expected.0, expected.1)]
+    #[error("the photo of camera {camera} is {found}; expected {expected}")]
     Size {
         /// Index of the camera.
         camera: usize,
-        /// Width and height of the photo.
-        found: (usize, usize),
-        /// Width and height of the camera.
-        expected: (usize, usize),
+        /// Of the photo.
+        found: Size,
+        /// Of the camera.
+        expected: Size,
     },
     /// Fewer photos than the smallest network takes.
     #[error(transparent)]
@@ -208,8 +208,8 @@ impl<N: PlaneNetwork> LiveSession<N> {
             return Err(LiveError::Photos { expected: self.cameras.len(), found: photos.len() });
         }
         for (index, (photo, camera)) in photos.iter().zip(&self.cameras).enumerate() {
-            let expected = (camera.width(), camera.height());
-            let found = photo.map_or(expected, |photo| (photo.width(), photo.height()));
+            let expected = camera.size();
+            let found = photo.map_or(expected, ImageRgb::size);
             if found != expected {
                 return Err(LiveError::Size { camera: index, found, expected });
             }

@@ -3,6 +3,7 @@
 use ndarray::{ArrayView3, ArrayView4, ArrayViewMut4, Axis};
 
 use super::blend::DistanceWeights;
+use crate::geometry::Size;
 use crate::layers::Layer;
 use crate::network::{NetworkError, PlaneNetwork};
 use crate::warp::{RunCoverage, WarpSource, seen_len, warp_again};
@@ -26,8 +27,8 @@ pub struct Batch<'a> {
 #[derive(Default)]
 pub(crate) struct Buffers {
     views: usize,
-    /// Rows and columns.
-    size: (usize, usize),
+    /// Of the padded target.
+    size: Size,
     disparity: Vec<f32>,
     hwv: Vec<f32>,
     coverage: Vec<f32>,
@@ -36,10 +37,10 @@ pub(crate) struct Buffers {
 }
 
 impl Buffers {
-    /// Room for `layers` layers of `views` views on a target of `size` (rows, columns).
-    pub(crate) fn make_room(&mut self, layers: usize, views: usize, size: (usize, usize)) {
+    /// Room for `layers` layers of `views` views on a padded target of that size.
+    pub(crate) fn make_room(&mut self, layers: usize, views: usize, size: Size) {
         (self.views, self.size) = (views, size);
-        let pixels = layers * size.0 * size.1;
+        let pixels = layers * size.pixels();
         self.disparity.resize(pixels, 0.0);
         self.hwv.resize(3 * views * pixels, 0.0);
         self.coverage.resize(views * pixels, 0.0);
@@ -50,7 +51,7 @@ impl Buffers {
 
     /// Length of one layer's disparity, of its coverage and of what is known of that.
     fn lengths(&self) -> [usize; 3] {
-        let pixels = self.size.0 * self.size.1;
+        let pixels = self.size.pixels();
         [pixels, self.views * pixels, self.views * seen_len(self.size)]
     }
 
@@ -64,7 +65,7 @@ impl Buffers {
         let [pixels, samples, runs] = self.lengths();
         indices.clear();
         for (disparity, (index, layer)) in self.disparity.chunks_exact_mut(pixels).zip(waiting) {
-            layer.fill(self.size.1, disparity);
+            layer.fill(self.size.width, disparity);
             indices.push(index);
         }
         let n = indices.len();
@@ -101,7 +102,7 @@ impl Buffers {
         batch: usize,
     ) -> Result<(), NetworkError> {
         let [_, samples, _] = self.lengths();
-        let (views, (height, width)) = (self.views, self.size);
+        let (views, Size { width, height }) = (self.views, self.size);
         let hwv = ArrayView4::from_shape((n, 3 * views, height, width), &self.hwv[..n * 3 * samples]);
         let logits = ArrayViewMut4::from_shape((n, views, height, width), &mut self.logits[..n * samples]);
         let (hwv, mut logits) = (hwv.expect("sized alike"), logits.expect("sized alike"));
@@ -112,7 +113,7 @@ impl Buffers {
     /// The first `n` layers, and what is known of their coverage.
     pub(crate) fn batch<'a>(&'a self, n: usize, weights: &'a DistanceWeights) -> (Batch<'a>, &'a [RunCoverage]) {
         let [pixels, _, runs] = self.lengths();
-        let (views, (height, width)) = (self.views, self.size);
+        let (views, Size { width, height }) = (self.views, self.size);
         let planes = |channels: usize, values: &'a [f32]| {
             let shape = (n, channels, height, width);
             ArrayView4::from_shape(shape, &values[..n * channels * pixels]).expect("sized alike")
@@ -140,14 +141,14 @@ mod tests {
     use crate::render::{Blended, LayerSamples};
     use crate::warp::Texture;
 
-    const SIZE: (usize, usize) = (40, 400);
-    const PIXELS: usize = SIZE.0 * SIZE.1;
+    const SIZE: Size = Size::new(400, 40);
+    const PIXELS: usize = SIZE.pixels();
 
     /// Planes of which three views see all but an edge, a half and nothing: the first to the left, the second to the right, the
     /// third always.
     fn warped() -> Buffers {
         let values = (0..3 * PIXELS).map(|i| (i % 251) as f32 / 250.0).collect();
-        let texture = Texture::new(&ImageRgb::new(SIZE.1, SIZE.0, values).unwrap());
+        let texture = Texture::new(&ImageRgb::new(SIZE.width, SIZE.height, values).unwrap());
         let source = |x, y| {
             let sweep = PlaneSweep {
                 homography_at_infinity: DMat3::from_translation(DVec2::new(-3.3, 0.2)),
@@ -155,35 +156,36 @@ mod tests {
             };
             WarpSource { texture: &texture, sweep }
         };
-        let mut held = Buffers::default();
-        held.make_room(3, 3, SIZE);
+        let mut buffers = Buffers::default();
+        buffers.make_room(3, 3, SIZE);
         let planes = Layers::planes(&[2.0, 1.0, 1e-3]).unwrap();
         let sources = [source(-210.0, 5.0), source(210.0, -5.0), source(1.0, 0.5)];
-        held.warp(planes.as_slice().iter().enumerate(), &sources, &mut Vec::new());
-        held
+        buffers.warp(planes.as_slice().iter().enumerate(), &sources, &mut Vec::new());
+        buffers
     }
 
     #[test]
     fn what_the_warp_knows_of_the_coverage_leaves_the_blend_the_same_to_the_bit() {
-        let mut held = warped();
+        let mut buffers = warped();
         let logit = |i: usize| if i.is_multiple_of(97) { f32::INFINITY } else { (i * 31 % 113) as f32 / 9.0 - 6.0 };
-        held.logits.iter_mut().enumerate().for_each(|(i, value)| *value = logit(i));
-        let per_row = seen_len((1, SIZE.1));
+        buffers.logits.iter_mut().enumerate().for_each(|(i, value)| *value = logit(i));
+        let per_row = seen_len(Size::new(SIZE.width, 1));
         let mut met = [0; 3];
         for distances in [[1.0, 2.0, 3.0], [0.0, 1.0, 0.0]] {
             let weights = DistanceWeights::new(&distances);
             for layer in 0..3 {
                 let samples = LayerSamples {
-                    logits: &held.logits[3 * layer * PIXELS..][..3 * PIXELS],
-                    colour: &held.hwv[9 * layer * PIXELS..][..9 * PIXELS],
-                    coverage: held.coverage(layer),
+                    logits: &buffers.logits[3 * layer * PIXELS..][..3 * PIXELS],
+                    colour: &buffers.hwv[9 * layer * PIXELS..][..9 * PIXELS],
+                    coverage: buffers.coverage(layer),
                 };
-                for row in 0..SIZE.0 {
-                    let of_view = |view: usize| &held.seen[((3 * layer + view) * SIZE.0 + row) * per_row..][..per_row];
+                for row in 0..SIZE.height {
+                    let of_view =
+                        |view: usize| &buffers.seen[((3 * layer + view) * SIZE.height + row) * per_row..][..per_row];
                     let seen = [0, 1, 2].map(of_view);
-                    let [mut known, mut unknown] = [(); 2].map(|()| Blended::new(SIZE.1));
-                    weights.blend_row(&samples, row * SIZE.1, &seen, &mut known);
-                    weights.blend(&samples, row * SIZE.1, &mut unknown);
+                    let [mut known, mut unknown] = [(); 2].map(|()| Blended::new(SIZE.width));
+                    weights.blend_row(&samples, row * SIZE.width, &seen, &mut known);
+                    weights.blend(&samples, row * SIZE.width, &mut unknown);
                     assert_eq!(known, unknown, "{distances:?}, layer {layer}, row {row}");
                     // Only two runs that are known alike are not read.
                     let pairs = seen.iter().flat_map(|row| row.chunks_exact(2)).filter(|pair| pair[0] == pair[1]);
@@ -196,17 +198,17 @@ mod tests {
 
     #[test]
     fn a_layer_that_moves_takes_along_what_is_known_of_it() {
-        let mut held = warped();
+        let mut buffers = warped();
         let weights = DistanceWeights::new(&[1.0; 3]);
-        let layer = |held: &Buffers, slot: usize| {
-            let (batch, seen) = held.batch(3, &weights);
+        let layer = |buffers: &Buffers, slot: usize| {
+            let (batch, seen) = buffers.batch(3, &weights);
             let runs = seen.len() / 3;
             let planes = [batch.hwv, batch.coverage].map(|planes| planes.index_axis_move(Axis(0), slot).to_owned());
             (planes, batch.disparity.index_axis(Axis(0), slot).to_owned(), seen[slot * runs..][..runs].to_vec())
         };
-        let (near, far) = (layer(&held, 0), layer(&held, 2));
+        let (near, far) = (layer(&buffers, 0), layer(&buffers, 2));
         assert!(near.2 != far.2);
-        held.move_layer(2, 0);
-        assert!(layer(&held, 0) == far);
+        buffers.move_layer(2, 0);
+        assert!(layer(&buffers, 0) == far);
     }
 }

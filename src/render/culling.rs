@@ -4,6 +4,7 @@
 //! [0, 1], leaving out layers where T is below τ changes no channel of a pixel by more than τ, whatever their α.
 
 use super::composite::Accumulated;
+use crate::geometry::Size;
 
 /// When a layer may be left out.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,12 +23,7 @@ impl Culling {
 
     /// Whether a layer may be left out behind what was gathered: the largest T of a pixel that it covers, 0 if it covers
     /// none. `coverage` is `[V, height, width]` of the padded target.
-    pub(crate) fn hide(
-        &self,
-        coverage: &[f32],
-        (height, width): (usize, usize),
-        gathered: &[Accumulated],
-    ) -> Option<f64> {
+    pub(crate) fn hide(&self, coverage: &[f32], Size { width, height }: Size, gathered: &[Accumulated]) -> Option<f64> {
         if *self == Self::NONE {
             return None;
         }

@@ -134,7 +134,7 @@ impl<N: PlaneNetwork> Renderer<N> {
         // Layers can be hidden only behind those that are composited.
         let together =
             if self.culling.transmittance > 0.0 { self.batch } else { TOGETHER.next_multiple_of(self.batch) };
-        let size = (padded(target.height()), padded(target.width()));
+        let size = padded(target.size());
         self.buffers.make_room(together.min(layers.len()), count, size);
 
         let mut gathered = vec![Accumulated::new(target.width()); target.height()];

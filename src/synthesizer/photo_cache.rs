@@ -152,7 +152,7 @@ impl PhotoCache {
     /// [`SynthesisError::Layers`].
     pub fn search(&self, shot: &Shot, coarse_planes: Option<usize>) -> Result<SearchStages, SynthesisError> {
         let sources = self.sources(&shot.views);
-        let size = (padded(shot.target.height()), padded(shot.target.width()));
+        let size = padded(shot.target.size());
         let search = GuidedSearch { near: shot.near, far: shot.far, planes: coarse_planes };
         Ok(search.search(&warp_sources(&sources, &shot.target), size)?)
     }

@@ -15,7 +15,7 @@ use sample_positions::SamplePositions;
 pub(crate) use sample_positions::{RUN, RunCoverage};
 pub use texture::Texture;
 
-use crate::geometry::{Camera, PlaneSweep};
+use crate::geometry::{Camera, PlaneSweep, Size};
 
 /// A view ready to be warped.
 #[derive(Debug, Clone, Copy)]
@@ -40,7 +40,7 @@ pub fn warp_sources<'a>(views: &[SourceView<'a>], target: &Camera) -> Vec<WarpSo
     views.iter().map(|v| WarpSource { texture: v.texture, sweep: PlaneSweep::new(v.camera, target) }).collect()
 }
 
-/// Warp all views by n layers onto a target of `width`×`height` pixels (paper, section "HWV").
+/// Warp all views by n layers onto a target of that size (paper, section "HWV").
 ///
 /// `disparity` is `[n, height, width]`, in 1/scene unit ([`crate::layers::Layer::fill`]). `colour` becomes
 /// `[n, 3V, height, width]`: the homography warped volume; `coverage` becomes `[n, V, height, width]`.
@@ -50,16 +50,16 @@ pub fn warp_sources<'a>(views: &[SourceView<'a>], target: &Camera) -> Vec<WarpSo
 pub fn warp_layers(
     disparity: &[f32],
     sources: &[WarpSource<'_>],
-    size: (usize, usize),
+    size: Size,
     colour: &mut [f32],
     coverage: &mut [f32],
 ) {
-    let mut seen = vec![RunCoverage::Partly; disparity.len() / (size.0 * size.1) * sources.len() * seen_len(size)];
+    let mut seen = vec![RunCoverage::Partly; disparity.len() / size.pixels() * sources.len() * seen_len(size)];
     warp_again(disparity, sources, size, colour, coverage, &mut seen);
 }
 
 /// Length of what is known of one view's coverage: one [`RunCoverage`] per run of [`RUN`] pixels of each row.
-pub(crate) fn seen_len((height, width): (usize, usize)) -> usize {
+pub(crate) fn seen_len(Size { width, height }: Size) -> usize {
     height * width.div_ceil(RUN)
 }
 
@@ -69,7 +69,7 @@ pub(crate) fn seen_len((height, width): (usize, usize)) -> usize {
 pub(crate) fn warp_again(
     disparity: &[f32],
     sources: &[WarpSource<'_>],
-    (height, width): (usize, usize),
+    Size { width, height }: Size,
     colour: &mut [f32],
     coverage: &mut [f32],
     seen: &mut [RunCoverage],
@@ -164,10 +164,10 @@ mod tests {
     /// A far layer, seen but for the left edge; a near one, seen in a corner; one beside the photo; and back.
     #[test]
     fn buffers_used_before_end_up_as_new_ones_do() {
-        const SIZE: (usize, usize) = (40, 200);
-        let pixels = SIZE.0 * SIZE.1;
+        const SIZE: Size = Size::new(200, 40);
+        let pixels = SIZE.pixels();
         let values = (0..3 * pixels).map(|i| (i % 251) as f32 / 250.0).collect();
-        let texture = Texture::new(&ImageRgb::new(SIZE.1, SIZE.0, values).unwrap());
+        let texture = Texture::new(&ImageRgb::new(SIZE.width, SIZE.height, values).unwrap());
         let homography_at_infinity = DMat3::from_translation(glam::DVec2::new(-3.3, 0.2));
         let sweep = PlaneSweep { homography_at_infinity, epipole: DVec3::new(-150.0, 20.0, 0.0) };
         let sources = [WarpSource { texture: &texture, sweep }];
@@ -180,7 +180,7 @@ mod tests {
             let (mut new_colour, mut new_coverage) = (vec![7.0; 3 * pixels], vec![7.0; pixels]);
             warp_layers(&disparity, &sources, SIZE, &mut new_colour, &mut new_coverage);
             assert!(colour == new_colour && coverage == new_coverage);
-            let rows = coverage.chunks(SIZE.1).flat_map(|row| row.chunks(RUN));
+            let rows = coverage.chunks(SIZE.width).flat_map(|row| row.chunks(RUN));
             for (run, seen) in rows.zip(&seen) {
                 met[*seen as usize] += 1;
                 assert!(*seen != RunCoverage::All || run.iter().all(|&c| c == 1.0));

@@ -1,17 +1,18 @@
 //! What to render with: the model, ONNX Runtime, threads.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
-use liveview::network::{ExecutionProvider, OrtLibrary, OrtLibraryError, OrtNetwork, Precision, cpu_has_bf16};
+use liveview::network::{ExecutionProvider, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16};
 use liveview::render::Renderer;
 use liveview::{Model, ModelOptions};
 use serde_json::{Value, json};
 
 use super::numbers;
 use crate::console::{shown, tell};
+use crate::ort_wheel::wheel;
 
 /// Options that choose the model and how it is run.
 #[derive(Debug, Args)]
@@ -189,61 +190,6 @@ impl ModelArgs {
         let networks = (2..views).filter_map(|views| options.find(views).ok()).map(open);
         networks.map(|network| Ok(Renderer::new(network?, self.batch))).collect()
     }
-}
-
-/// The library of a wheel in a virtual environment of the working directory or above the program, unless `ORT_DYLIB_PATH` names
-/// one.
-fn wheel(provider: ExecutionProvider) -> Option<PathBuf> {
-    if std::env::var_os("ORT_DYLIB_PATH").is_some_and(|path| !path.is_empty()) {
-        return None;
-    }
-    let working = std::env::current_dir().unwrap_or_default();
-    let program = std::env::current_exe().unwrap_or_default();
-    let places: Vec<&Path> = program.ancestors().skip(1).take(4).chain([working.as_path()]).collect();
-    let environments = environments(provider).iter().flat_map(|name| places.iter().map(move |place| place.join(name)));
-    let pythons = environments.flat_map(|environment| {
-        let entries = std::fs::read_dir(environment.join("lib")).into_iter().flatten().flatten();
-        let mut pythons: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
-        pythons.sort();
-        pythons
-    });
-    let mut folders = pythons.map(|python| python.join("site-packages").join("onnxruntime").join("capi"));
-    folders.find_map(|folder| OrtLibrary::find_in(&folder, provider))
-}
-
-/// Virtual environments that hold the wheel with a provider.
-fn environments(provider: ExecutionProvider) -> &'static [&'static str] {
-    match provider {
-        ExecutionProvider::Cpu => &[".venv"],
-        ExecutionProvider::OpenVino => &[".venv-openvino", ".venv"],
-        _ => &[".venv-cuda", ".venv"],
-    }
-}
-
-/// How a user gets a library that was not found, or one that has the provider.
-pub(crate) fn library_advice(error: &OrtLibraryError) -> Option<String> {
-    let (provider, searched) = match error {
-        OrtLibraryError::NotFound { provider, .. } => (*provider, true),
-        OrtLibraryError::NoProvider { provider, .. } => (*provider, false),
-        _ => return None,
-    };
-    let get = match provider {
-        ExecutionProvider::Cpu => {
-            "Get it with `make runtime`, or `pip install onnxruntime` and pass its \
-             onnxruntime/capi/libonnxruntime.so.* by --ort-lib or ORT_DYLIB_PATH"
-        }
-        ExecutionProvider::OpenVino => {
-            "Get it with `make runtime-openvino`, or `pip install onnxruntime-openvino` into an environment of its own \
-             and pass its onnxruntime/capi/libonnxruntime.so.* by --ort-lib or ORT_DYLIB_PATH"
-        }
-        _ => {
-            "Get it with `pip install onnxruntime-gpu` into an environment of its own, .venv-cuda, or pass its \
-             onnxruntime/capi/libonnxruntime.so.* by --ort-lib or ORT_DYLIB_PATH"
-        }
-    };
-    let environments = environments(provider).join(" and ");
-    let looked = format!("Nor is it in {environments} of the working directory and above the program. ");
-    Some(if searched { looked + get } else { get.to_owned() })
 }
 
 impl ModelInfo {

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::ImageRgb;
-use liveview::geometry::MAX_SIDE;
+use liveview::geometry::{MAX_SIDE, Size};
 
 use super::{detach, program};
 
@@ -42,7 +42,7 @@ impl Decoder {
     }
 
     /// Width and height of the next frame, whose pixels follow; `None` at the end.
-    fn header(&mut self) -> Result<Option<(usize, usize)>> {
+    fn header(&mut self) -> Result<Option<Size>> {
         if self.pipe.fill_buf()?.is_empty() {
             return Ok(None);
         }
@@ -56,23 +56,23 @@ impl Decoder {
         }
         let side = |word: &str| word.parse().ok().filter(|side| (1..=MAX_SIDE).contains(side));
         match (words[0].as_str(), side(&words[1]), side(&words[2]), words[3].as_str()) {
-            ("P6", Some(width), Some(height), "255") => Ok(Some((width, height))),
+            ("P6", Some(width), Some(height), "255") => Ok(Some(Size::new(width, height))),
             _ => bail!("{}: ffmpeg wrote {}; expected an 8-bit pixmap", self.path.display(), words.join(" ")),
         }
     }
 
     /// The next frame; `None` at the end.
     pub(crate) fn next(&mut self) -> Result<Option<ImageRgb>> {
-        let Some((width, height)) = self.header()? else { return Ok(None) };
-        let mut bytes = vec![0; 3 * width * height];
+        let Some(size) = self.header()? else { return Ok(None) };
+        let mut bytes = vec![0; 3 * size.pixels()];
         self.pipe.read_exact(&mut bytes).with_context(|| format!("{}: cut short", self.path.display()))?;
-        Ok(Some(ImageRgb::new(width, height, bytes.iter().map(|&byte| f32::from(byte) / 255.0).collect())?))
+        Ok(Some(ImageRgb::new(size.width, size.height, bytes.iter().map(|&byte| f32::from(byte) / 255.0).collect())?))
     }
 
     /// Passes over a frame; whether there was one.
     pub(crate) fn skip(&mut self) -> Result<bool> {
-        let Some((width, height)) = self.header()? else { return Ok(false) };
-        let size = 3 * (width * height) as u64;
+        let Some(size) = self.header()? else { return Ok(false) };
+        let size = 3 * size.pixels() as u64;
         Ok(std::io::copy(&mut self.pipe.by_ref().take(size), &mut std::io::sink())? == size)
     }
 }

@@ -7,6 +7,7 @@ use std::process::{Child, Command, Stdio};
 use anyhow::{Result, anyhow};
 use liveview::ImageRgb;
 use liveview::fs::atomic::AtomicFile;
+use liveview::geometry::Size;
 
 use super::{detach, program};
 use crate::args::output::has_ending;
@@ -17,7 +18,7 @@ pub(crate) struct Encoder {
     path: PathBuf,
     ffmpeg: PathBuf,
     fps: usize,
-    size: (usize, usize),
+    size: Size,
     /// ffmpeg, and the file that it writes under its temporary name.
     encoder: Option<(Child, AtomicFile)>,
 }
@@ -33,15 +34,15 @@ impl Encoder {
         let ffmpeg = program().ok_or_else(|| {
             anyhow!("-o {}: videos are made by ffmpeg, which is not on the PATH; expected ffmpeg, or a folder for the frames", path.display())
         })?;
-        Ok(Self { path: path.to_owned(), ffmpeg, fps, size: (0, 0), encoder: None })
+        Ok(Self { path: path.to_owned(), ffmpeg, fps, size: Size::default(), encoder: None })
     }
 
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Width and height of all frames.
-    pub(crate) fn set_size(&mut self, size: (usize, usize)) {
+    /// Of all frames.
+    pub(crate) fn set_size(&mut self, size: Size) {
         self.size = size;
     }
 
@@ -82,7 +83,7 @@ impl Encoder {
 
     fn start(&self) -> Result<(Child, AtomicFile)> {
         let file = AtomicFile::create(&self.path).map_err(|error| self.unwritten(&error))?;
-        let (width, height) = self.size;
+        let Size { width, height } = self.size;
         let gif = has_ending(&self.path, &["gif"]);
         let mut command = Command::new(&self.ffmpeg);
         command.args(["-v", "error", "-nostdin", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);

@@ -5,7 +5,7 @@
 use ndarray::{Array3, ArrayView3, Axis};
 use rayon::prelude::*;
 
-use crate::geometry::PlaneSweep;
+use crate::geometry::{PlaneSweep, Size};
 use crate::warp::{Texture, WarpSource, warp_layers};
 
 /// Cost where fewer than two views look: above any variance of colours in [0, 1].
@@ -48,7 +48,7 @@ fn window_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, window: u
         let disparity: Vec<f32> = maps.index_axis(Axis(0), layer).iter().copied().collect();
         let mut colour = vec![0.0; 3 * sources.len() * plane];
         let mut coverage = vec![0.0; sources.len() * plane];
-        warp_layers(&disparity, sources, (height, width), &mut colour, &mut coverage);
+        warp_layers(&disparity, sources, Size::new(width, height), &mut colour, &mut coverage);
         let (variance, seen) = variance(&mut colour, &coverage, plane);
         window_mean(&variance, &seen, width, window, cost);
     });

@@ -24,7 +24,7 @@ pub use range_map::{RangeMap, range_of};
 pub use semi_global::semi_global;
 
 use super::{CELL, LayersError, enlarge, uniform_disparities};
-use crate::geometry::PlaneSweep;
+use crate::geometry::{PlaneSweep, Size};
 use crate::warp::{Texture, WarpSource};
 
 /// Target pixels per cell of the first search.
@@ -69,18 +69,14 @@ pub struct SearchStages {
 }
 
 impl GuidedSearch {
-    /// Searches a padded target of `height`×`width` pixels (multiples of 8).
+    /// Searches a padded target (sides that are multiples of 8).
     ///
     /// # Errors
     /// [`LayersError::Range`] unless 0 < near < far; [`LayersError::Empty`] for no planes.
-    pub fn search(
-        &self,
-        sources: &[WarpSource<'_>],
-        (height, width): (usize, usize),
-    ) -> Result<SearchStages, LayersError> {
+    pub fn search(&self, sources: &[WarpSource<'_>], size: Size) -> Result<SearchStages, LayersError> {
         let levels = Levels::new(sources.iter().map(|source| source.texture).collect());
         let sweeps: Vec<PlaneSweep> = sources.iter().map(|source| source.sweep).collect();
-        self.search_levels(&levels, &sweeps, (height, width))
+        self.search_levels(&levels, &sweeps, size)
     }
 
     /// As [`Self::search`], of a target or of a window of one.
@@ -88,12 +84,12 @@ impl GuidedSearch {
         &self,
         levels: &Levels<'_>,
         sweeps: &[PlaneSweep],
-        (height, width): (usize, usize),
+        size: Size,
     ) -> Result<SearchStages, LayersError> {
-        let wanted = || (parallax(sweeps, (height, width), self.near, self.far) / COARSE as f64).ceil() as usize;
+        let wanted = || (parallax(sweeps, size, self.near, self.far) / COARSE as f64).ceil() as usize;
         let count = self.planes.unwrap_or_else(|| wanted().clamp(*PLANES.start(), *PLANES.end()));
         let disparities = uniform_disparities(self.near, self.far, count)?;
-        let shape = (count, height / COARSE, width / COARSE);
+        let shape = (count, size.height / COARSE, size.width / COARSE);
         let maps = Array3::from_shape_fn(shape, |(plane, _, _)| disparities[plane] as f32);
         let costs = levels.coarse().costs(sweeps, maps.view(), WINDOWS[0]);
         let aggregated_costs = semi_global(costs.view());
@@ -139,11 +135,12 @@ impl<'a> Levels<'a> {
 }
 
 /// Pixels between near and far in the view that sees most of it: the median over the target's corners and centre.
-fn parallax(sweeps: &[PlaneSweep], (height, width): (usize, usize), near: f64, far: f64) -> f64 {
+fn parallax(sweeps: &[PlaneSweep], size: Size, near: f64, far: f64) -> f64 {
     let points = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5)];
     let of_view = |sweep: &PlaneSweep| {
         let seen = |disparity: f64, (x, y): (f64, f64)| {
-            let uvw = sweep.source_from_target(disparity) * DVec3::new(x * width as f64, y * height as f64, 1.0);
+            let uvw =
+                sweep.source_from_target(disparity) * DVec3::new(x * size.width as f64, y * size.height as f64, 1.0);
             (uvw.z > 0.0).then(|| uvw.truncate() / uvw.z)
         };
         let apart = |&point: &_| Some(seen(1.0 / near, point)?.distance(seen(1.0 / far, point)?));

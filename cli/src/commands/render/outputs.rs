@@ -104,7 +104,7 @@ impl Outputs {
         }
         if let Some(video) = &mut self.video {
             claim("-o", video.path(), &taken)?;
-            let sizes: HashSet<_> = shots.iter().map(|shot| (shot.target.width(), shot.target.height())).collect();
+            let sizes: HashSet<_> = shots.iter().map(|shot| shot.target.size()).collect();
             match sizes.into_iter().collect::<Vec<_>>()[..] {
                 [size] => video.set_size(size),
                 _ => bail!("-o {}: the pictures have different sizes; expected a folder", video.path().display()),

@@ -72,11 +72,11 @@ impl Question for WarpCase<'_> {
 
     fn answer(&self) -> Result<Outputs<f32>, String> {
         let (source, target) = self.cameras()?;
-        let size = (target.height(), target.width());
+        let size = target.size();
         let layers = Layers::planes(&[self.disparity]).map_err(|error| error.to_string())?;
-        let pixels = size.0 * size.1;
+        let pixels = size.pixels();
         let (mut disparity, mut colour, mut coverage) = (vec![0.0; pixels], vec![0.0; 3 * pixels], vec![0.0; pixels]);
-        layers.as_slice()[0].fill(size.1, &mut disparity);
+        layers.as_slice()[0].fill(size.width, &mut disparity);
         let view = WarpSource { texture: &Texture::new(&self.photo), sweep: PlaneSweep::new(source, target) };
         warp_layers(&disparity, &[view], size, &mut colour, &mut coverage);
         Ok(vec![("colour", colour), ("coverage", coverage)])

@@ -13,7 +13,7 @@ pub(crate) fn markdown(sweep: &SweepReport) -> String {
          scores against the held-out photos, errors against the most planes.\n\n",
         sweep.scene,
         sweep.targets.join(" and "),
-        if many { String::new() } else { format!(" at {}x{}", sizes[0].0, sizes[0].1) },
+        if many { String::new() } else { format!(" at {}", sizes[0]) },
         sweep.views,
         sweep.threads,
         sweep.batch,
@@ -32,7 +32,7 @@ pub(crate) fn markdown(sweep: &SweepReport) -> String {
     );
     for row in &sweep.rows {
         let front = if sweep.on_front(row) { "●" } else { "" };
-        let size = if many { format!(" {}x{} |", row.size.0, row.size.1) } else { String::new() };
+        let size = if many { format!(" {} |", row.size) } else { String::new() };
         let [psnr, ssim] = [(row.score.map(|s| s.psnr), 2), (row.score.map(|s| s.ssim), 4)].map(told);
         let [mean, max] = [(row.error.map(|e| e.mean), 4), (row.error.map(|e| e.max), 2)].map(told);
         let totals = row.totals();

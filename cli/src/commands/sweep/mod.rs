@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use liveview::geometry::Size;
 use liveview::layers::uniform_disparities;
 use liveview::{LayerSpec, PhotoCache, Shot, Targets};
 use measured::{Measured, score_all};
@@ -144,9 +145,9 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
 }
 
 /// What a worker that is ready says of its first target: width and height.
-fn size(ready: &Value) -> (usize, usize) {
+fn size(ready: &Value) -> Size {
     let side = |index: usize| ready["size"][index].as_u64().unwrap_or(0) as usize;
-    (side(0), side(1))
+    Size::new(side(0), side(1))
 }
 
 /// Of its model: how many views it takes, and its file.
@@ -188,7 +189,7 @@ fn references(
     });
     let Some(planes) = planes.max() else { bail!("--reference: expected planes among --layers, to measure it on") };
     let size = size(own);
-    let file = folder.join(format!("job_{}.npz", size.0));
+    let file = folder.join(format!("job_{}.npz", size.width));
     let targets = scaled(Targets::held_out(photos.scene(), named(photos.scene(), &args.target)?), width)?;
     let shot = photos.shots(targets, views(own), None)?.remove(0);
     write_job(&file, photos, &shot, planes)?;

@@ -178,7 +178,7 @@ mod tests {
     #[test]
     fn several_sizes_show_time_against_work() {
         let mut sweep = sweep();
-        sweep.rows[1].size = (80, 60);
+        sweep.rows[1].size = liveview::geometry::Size::new(80, 60);
         let svg = super::plot(&sweep);
         assert!(svg.contains("megapixels × layers") && !svg.contains("polyline"), "{svg}");
     }

@@ -1,5 +1,6 @@
 //! Error against run time: what `liveview sweep` measured, as JSON, as a Markdown table and as a plot.
 
+use liveview::geometry::Size;
 use liveview::image::Score;
 use serde_json::{Value, json};
 
@@ -15,8 +16,8 @@ pub(crate) struct Row {
     pub(crate) engine: String,
     /// What is measured against, not of this program.
     pub(crate) reference: bool,
-    /// Width and height of the target.
-    pub(crate) size: (usize, usize),
+    /// Of the target.
+    pub(crate) size: Size,
     /// Layers that went through the network.
     pub(crate) count: usize,
     /// Seconds of each repetition, by stage.
@@ -31,7 +32,7 @@ pub(crate) struct Row {
 
 impl Row {
     /// Of a worker that is ready: nothing measured yet.
-    pub(crate) fn new(layers: &str, ready: &Value, reference: bool, size: (usize, usize)) -> Self {
+    pub(crate) fn new(layers: &str, ready: &Value, reference: bool, size: Size) -> Self {
         Self {
             layers: layers.to_owned(),
             engine: ready["engine"].as_str().unwrap_or("unnamed").to_owned(),
@@ -85,7 +86,7 @@ impl Row {
     }
 
     pub(super) fn megapixels(&self) -> f64 {
-        (self.size.0 * self.size.1) as f64 / 1e6
+        self.size.pixels() as f64 / 1e6
     }
 }
 
@@ -120,7 +121,7 @@ impl SweepReport {
     }
 
     /// The row that others of this size are compared with.
-    pub(super) fn dense(&self, size: (usize, usize)) -> Option<&Row> {
+    pub(super) fn dense(&self, size: Size) -> Option<&Row> {
         densest(self.rows.iter().filter(|row| row.size == size), |row| row)
     }
 
@@ -129,7 +130,7 @@ impl SweepReport {
             let totals = row.totals();
             let stages = row.stages().into_iter().map(|(stage, time)| (stage, json!(time)));
             json!({
-                "layers": row.layers, "engine": row.engine, "reference": row.reference, "width": row.size.0, "height": row.size.1,
+                "layers": row.layers, "engine": row.engine, "reference": row.reference, "width": row.size.width, "height": row.size.height,
                 "count": row.count, "seconds": {
                     "median": row.median(), "min": totals.first(), "max": totals.last(),
                     "quartiles": [quantile(&totals, 0.25), quantile(&totals, 0.75)], "all": totals,
@@ -164,7 +165,7 @@ pub(crate) mod tests {
             layers: layers.to_owned(),
             engine: "test".to_owned(),
             reference: false,
-            size: (40, 30),
+            size: Size::new(40, 30),
             count,
             runs: times.iter().map(run).collect(),
             once: 0.0,
@@ -198,8 +199,8 @@ pub(crate) mod tests {
         let [dense, four, eight, two] = &sweep.rows[..] else { unreachable!() };
         assert_eq!((dense.median(), dense.stages()[0].1), (11.0, 2.75));
         assert_eq!([dense, four, eight, two].map(|row| sweep.on_front(row)), [false, true, false, true]);
-        assert_eq!(sweep.dense((40, 30)).unwrap().layers, "planes:64");
-        assert!(sweep.dense((1, 1)).is_none());
+        assert_eq!(sweep.dense(Size::new(40, 30)).unwrap().layers, "planes:64");
+        assert!(sweep.dense(Size::new(1, 1)).is_none());
         assert!((four.levels().unwrap() - 255.0 * 0.0794).abs() < 0.01);
         assert!(!sweep.noisy());
         assert_eq!(sweep.json()["rows"][1]["on_front"], true);

@@ -59,7 +59,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let cameras = rig.photos.scene().views.iter().map(|view| view.camera.clone()).collect();
     let mut session = LiveSession::new(cameras, renderers, settings)?;
     let target = seen.camera(0);
-    sink.claim(&rig.photos.scene().root, (target.width(), target.height()))?;
+    sink.claim(&rig.photos.scene().root, target.size())?;
     let tally = Tally::new(args.log.as_deref())?;
 
     let stop = interrupt::watch()?;
@@ -173,7 +173,7 @@ impl Player<'_> {
     fn play(mut self, gathering: Gathering<'_>, sink: Sink) -> Result<(Played, Option<PathBuf>)> {
         let started = Instant::now();
         let target = self.seen.camera(0);
-        let (size, clock) = ((target.width(), target.height()), gathering.clock);
+        let (size, clock) = (target.size(), gathering.clock);
         let first = gathering.steps.start;
         let stop = Arc::clone(&gathering.stop);
         let (rendered, written) = std::thread::scope(|scope| {

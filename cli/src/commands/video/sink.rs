@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use liveview::ImageRgb;
+use liveview::geometry::Size;
 
 use crate::ffmpeg::{Encoder, is_video};
 
@@ -34,11 +35,11 @@ impl Sink {
     }
 
     /// Makes ready for frames of a size; creates missing folders. Nothing may go where the rig lies.
-    pub(super) fn claim(&mut self, rig: &Path, (width, height): (usize, usize)) -> Result<()> {
+    pub(super) fn claim(&mut self, rig: &Path, size: Size) -> Result<()> {
         let folder = match self {
             Self::Folder { path, .. } => path.clone(),
             Self::Video(video) => {
-                video.set_size((width, height));
+                video.set_size(size);
                 video.path().parent().map_or_else(PathBuf::new, Path::to_owned)
             }
             Self::Y4m { .. } => return Ok(()),

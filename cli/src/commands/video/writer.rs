@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use liveview::ImageRgb;
+use liveview::geometry::Size;
 use liveview::image::inpaint_unseen;
 use liveview::render::Frame;
 
@@ -32,21 +33,21 @@ pub(super) enum Shown {
 pub(super) fn write(
     mut sink: Sink,
     frames: &Receiver<Shown>,
-    size: (usize, usize),
+    size: Size,
     clock: Option<Clock>,
     stop: &AtomicBool,
 ) -> Result<(Written, Sink)> {
     let mut written = Written { latencies: Latencies::new(), encoding: Duration::ZERO, frames: 0 };
     // Until there is a first frame.
-    let mut last = ImageRgb::new(size.0, size.1, vec![0.0; 3 * size.0 * size.1])?;
+    let mut last = ImageRgb::new(size.width, size.height, vec![0.0; 3 * size.pixels()])?;
     for shown in frames {
         let started = Instant::now();
         let mut due = None;
         if let Shown::Frame { step, frame } = shown {
             due = clock.map(|clock| clock.due(step));
             last = inpaint_unseen(&frame.picture, &frame.transmittance);
-            if (last.width(), last.height()) != size {
-                last = last.resized(size.0, size.1)?;
+            if last.size() != size {
+                last = last.resized(size.width, size.height)?;
             }
         }
         let wanted = sink.add(&last).inspect_err(|_| stop.store(true, Ordering::Relaxed))?;

@@ -1,0 +1,34 @@
+//! Width and height.
+
+use std::fmt;
+
+/// Largest side of an image or a camera, in pixels.
+pub const MAX_SIDE: usize = 16_384;
+
+/// Width and height in pixels (or in cells, where it says so).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct Size {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl Size {
+    /// Width first.
+    pub const fn new(width: usize, height: usize) -> Self {
+        Self { width, height }
+    }
+
+    /// Width times height.
+    pub const fn pixels(self) -> usize {
+        self.width * self.height
+    }
+}
+
+/// `504x352`
+impl fmt::Display for Size {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}x{}", self.width, self.height)
+    }
+}
