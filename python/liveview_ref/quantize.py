@@ -14,10 +14,10 @@ import onnx
 import onnxruntime
 from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
 
-from .procedural import Textures
-from .quantize_loss import Photo, loss, photos
-from .samples import RealScene, make_example, procedural
-from .train import read_config
+from .data.examples import RealScene, make_example, procedural
+from .data.procedural.textures import Textures
+from .evaluation.quantize_loss import Photo, loss, photos
+from .training.train import read_config
 
 # conv1 takes signed differences of photos: to quantise it costs four times what all other layers together cost (the
 # card has the figures), and saves a thirtieth of the time.

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
-from liveview_ref.camera import Camera
-from liveview_ref.procedural import Textures, make_world, render, sample_scene
-from liveview_ref.warp import warp_maps
+
+from liveview_ref.data.procedural.scene import make_world, render, sample_scene
+from liveview_ref.data.procedural.surfaces import bars, slab
+from liveview_ref.data.procedural.textures import Textures
+from liveview_ref.reference.camera import Camera
+from liveview_ref.reference.warp import warp_maps
 
 
 @pytest.fixture(scope="module")
@@ -84,8 +87,6 @@ def test_a_seed_makes_one_scene(textures):
 
 
 def test_thin_bars_keep_their_share_of_a_pixel(textures):
-    from liveview_ref.procedural_surfaces import bars, slab
-
     x = torch.linspace(-3, 3, 601)
     assert bars(x, 1.0, 0.25, torch.full_like(x, 7.0)).sub(0.25).abs().max() < 0.04
     assert abs(float(slab(x, 0.05, torch.full_like(x, 1.0)).sum()) * 0.01 - 0.1) < 2e-3

@@ -4,22 +4,20 @@ from pathlib import Path
 
 import numpy as np
 import onnx
-import onnxruntime
 import pytest
+
+from liveview_ref.onnx_session import logits, session
 from liveview_ref.quantize import KEPT, convolutions, quantise, samples
-from liveview_ref.train import read_config
+from liveview_ref.training.train import read_config
 
 ROOT = Path(__file__).parents[2]
 MODELS = ROOT / "models"
 
 
-def logits(path: Path, hwv: np.ndarray) -> np.ndarray:
-    return onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"]).run(["logits"], {"hwv": hwv})[0]
-
-
 def off(path: Path, original: Path, hwvs: list[np.ndarray]) -> float:
     """Root mean square error of the logits, as a share of theirs."""
-    pairs = [(logits(path, hwv), logits(original, hwv)) for hwv in hwvs]
+    networks = session(path), session(original)
+    pairs = [[logits(network, hwv) for network in networks] for hwv in hwvs]
     return float(np.sqrt(sum(((a - b) ** 2).sum() for a, b in pairs) / sum((b**2).sum() for _, b in pairs)))
 
 
