@@ -1,6 +1,7 @@
 """The house itself: no module imports another in a circle, and the arrows between the folders point one way."""
 
 import ast
+import tomllib
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -44,3 +45,15 @@ def test_folders_import_one_way():
         if module[0] == "liveview_ref" and len(module) > 2:
             folders = {other[1] for other in imported if len(other) > 2} - {module[1]}
             assert folders <= MAY_IMPORT[module[1]], f"{'.'.join(module)} imports from {folders}"
+
+
+def test_the_package_depends_on_what_make_setup_installs():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+
+    def pins(*names: str) -> set[str]:
+        lines = [line for name in names for line in (ROOT / f"{name}.txt").read_text().splitlines()]
+        return {line for line in lines if line and not line.startswith(("#", "-"))}
+
+    assert {*project["dependencies"], *extras["test"]} == pins("requirements", "requirements-runtime")
+    assert set(extras["evaluation"]) == pins("requirements-evaluation")

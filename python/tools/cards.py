@@ -1,36 +1,28 @@
-"""Write the tables of models/README.md and the training curves from what lies beside it: `make cards`."""
+"""Write the tables of models/README.md and the training curves from the weights and scores in models/: `make cards`."""
 
 import json
 from pathlib import Path
 
-import torch
-from liveview_ref.chart import Panel, chart
+from liveview_ref.checkpoint import load_state
+from liveview_ref.evaluation.chart import Panel, chart
 
-MODELS = Path(__file__).resolve().parents[1] / "models"
+from .marked_text import fill
+
+MODELS = Path(__file__).resolve().parents[2] / "models"
 METHODS = (
-    "guided 2", "guided 4", "guided 8", "selected 16 of 64", "planes 64",
-    "sweep, guided 4", "sweep, planes 64", "DIS flow", "best single plane", "nearest view",
+    "guided:2", "guided:4", "guided:8", "select:16/64", "planes:64",
+    "sweep, guided:4", "sweep, planes:64", "DIS flow", "best single plane", "nearest view",
 )  # fmt: skip
-
-
-def fill(path: Path, blocks: dict[str, str]) -> None:
-    """Put each text between its two marks in the file."""
-    text = path.read_text()
-    for name, block in blocks.items():
-        begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
-        head, rest = text.split(begin)
-        text = f"{head}{begin}{block}{end}{rest.split(end)[1]}"
-    path.write_text(text)
 
 
 def trained(models: list[dict]) -> str:
     lines = ["| V | training | last validation, PSNR in dB | of |", "|---|---|---|---|"]
     for state in models:
         runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
-        told = ", then ".join(f"V = {v}: {steps:,} steps, {seconds / 60:.0f} minutes" for v, steps, seconds in runs)
+        training = ", then ".join(f"V = {v}: {steps:,} steps, {seconds / 60:.0f} minutes" for v, steps, seconds in runs)
         last = {kind: value for kind, value in state["history"][-1].items() if kind not in ("step", "seconds")}
         scenes = ", ".join(f"{Path(s['path']).name} at {s['width']}" for s in state["config"]["validation"])
-        row = (state["views"], told, ", ".join(f"{kind}: {value:.2f}" for kind, value in last.items()), scenes)
+        row = (state["views"], training, ", ".join(f"{kind}: {value:.2f}" for kind, value in last.items()), scenes)
         lines.append("| " + " | ".join(map(str, row)) + " |")
     return "\n".join(lines)
 
@@ -52,7 +44,7 @@ def curves(state: dict) -> Panel:
 
 
 def main() -> None:
-    models = [torch.load(path, weights_only=True) for path in MODELS.glob("*.pt")]
+    models = [load_state(path) for path in MODELS.glob("*.pt")]
     models.sort(key=lambda state: state["views"])
     report = json.loads((MODELS / "liveview_v4_scores" / "scores.json").read_text())
     fill(MODELS / "README.md", {"trained": f"\n\n{trained(models)}\n\n", "scores": f"\n\n{scores(report)}\n\n"})

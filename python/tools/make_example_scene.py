@@ -1,9 +1,9 @@
 """Makes tests/scenes/workshop, the example scene: the still life of its scene.py, path-traced with Mitsuba 3.
 
-Usage:
-    python make_example_scene.py [--spp N]           render everything (needs mitsuba, numpy, pillow)
-    python make_example_scene.py --preview out.png   render target_0 alone
-    python make_example_scene.py --check             reproject the depth on disk (needs numpy, pillow)
+Usage, in python/:
+    python -m tools.make_example_scene [--spp N]           render everything (needs mitsuba, numpy, pillow)
+    python -m tools.make_example_scene --preview out.png   render target_0 alone
+    python -m tools.make_example_scene --check             reproject the depth on disk (needs numpy, pillow)
 """
 
 import argparse
@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from liveview_ref.data.image import to_u8
+
 W, H = 504, 352
 FOCAL = W / 2 / np.tan(np.radians(55 / 2))
 DELTA_MAX = 1.0  # the disparity that the depth PNG's 65535 stands for
-OUT = Path(__file__).resolve().parents[1] / "tests" / "scenes" / "workshop"
+OUT = Path(__file__).resolve().parents[2] / "tests" / "scenes" / "workshop"
 
 
 def turn(axis, angle):
@@ -58,7 +60,7 @@ def photo(mi, scene, pose, spp, seed):
     x = np.array(mi.render(scene, sensor=sensor(mi, pose, spp), integrator=path, spp=spp, seed=seed))[..., :3]
     x = np.where(x < 0.7, x, 0.7 + 0.3 * np.tanh((x - 0.7) / 0.3))
     x = np.where(x < 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055)
-    return (np.clip(x, 0, 1) * 255 + 0.5).astype(np.uint8)
+    return to_u8(x)
 
 
 def rays(pose):

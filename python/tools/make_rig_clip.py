@@ -1,8 +1,8 @@
 """Makes tests/scenes/rig, the example clip: the sets of its scene.py as five cameras and a held-out one see them move.
 
-Usage:
-    python make_rig_clip.py [--frames N] [--size WxH] [--out DIR]   draw the clip (needs numpy, pillow)
-    python make_rig_clip.py --check [--out DIR]                     reproject the photos on disk, by its poses
+Usage, in python/ (needs numpy, pillow):
+    python -m tools.make_rig_clip [--frames N] [--size WxH] [--out DIR]   draw the clip
+    python -m tools.make_rig_clip --check [--out DIR]                     reproject the photos on disk, by its poses
 """
 
 import argparse
@@ -15,9 +15,12 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from raycaster import Texture, cast, picture, rays
 
-OUT = Path(__file__).resolve().parents[1] / "tests" / "scenes" / "rig"
+from liveview_ref.data.opengl import flip_axes
+
+from .raycaster import Texture, cast, picture, rays
+
+OUT = Path(__file__).resolve().parents[2] / "tests" / "scenes" / "rig"
 SCENE = runpy.run_path(str(OUT / "scene.py"))
 RATE = 30  # frames per second
 SPOTS = [(-0.033, -0.03), (0.033, -0.03), (-0.066, 0.03), (0, 0.03), (0.066, 0.03)]  # x, y of the sources
@@ -63,7 +66,7 @@ def write_cameras(out, width, height):
     head = {"camera_model": "PINHOLE", "w": width, "h": height, "cx": width / 2, "cy": height / 2}
     frames = []
     for name, (focal, pose) in rig(width, height).items():
-        matrix = np.vstack([pose, [0, 0, 0, 1]]) @ np.diag([1, -1, -1, 1])
+        matrix = flip_axes(np.vstack([pose, [0, 0, 0, 1]]))
         file = {"file_path": f"{name}/0000.jpg", "fl_x": round(focal, 6), "fl_y": round(focal, 6)}
         frames.append(file | {"transform_matrix": matrix.round(9).tolist()})
     head |= {"near": SCENE["NEAR"], "far": SCENE["FAR"], "frames": frames}
@@ -78,7 +81,7 @@ def check(out):
     file = json.loads((out / "transforms.json").read_text())
     frames, size = len(list((out / "target").glob("*.jpg"))), (file["w"], file["h"])
     cameras = {
-        view["file_path"].split("/")[0]: (view["fl_x"], (np.array(view["transform_matrix"]) * (1, -1, -1, 1))[:3])
+        view["file_path"].split("/")[0]: (view["fl_x"], flip_axes(np.array(view["transform_matrix"]))[:3])
         for view in file["frames"]
     }
     for frame in (0, round(0.6 * frames) - 1, frames - 1):

@@ -6,6 +6,8 @@ World axes are OpenCV's (x right, y down, z forward).
 
 import numpy as np
 
+from liveview_ref.data.image import to_u8
+
 S = 3  # rays across a pixel
 BAND = 32  # rows of pixels drawn at once: what they need stays in the cache
 LIGHT, SPREAD = np.array([-1.7, -3.6, 0.2]), 0.16  # the lamp that casts shadows, and half its width
@@ -157,7 +159,7 @@ def picture(shapes, textures, camera, width, height):
     colour = np.vstack([linear(shapes, textures, camera, x, band) for band in bands])
     colour = np.where(colour < 0.7, colour, 0.7 + 0.3 * np.tanh((colour - 0.7) / 0.3))
     colour = np.where(colour < 0.0031308, 12.92 * colour, 1.055 * np.maximum(colour, 1e-9) ** (1 / 2.4) - 0.055)
-    return (np.clip(colour, 0, 1) * 255 + 0.5).astype(np.uint8)
+    return to_u8(colour)
 
 
 def linear(shapes, textures, camera, x, y):

@@ -1,7 +1,7 @@
 """Write the numbers and the pictures of README.md: `make readme`.
 
-The numbers come from what `liveview sweep` measured (models/report, `make report`), the parity table from a run of
-`python -m liveview_ref.parity` and the pictures from `liveview render` and `liveview video`, here and now.
+The numbers are those that `liveview sweep` measured (models/report, `make report`); the parity table is made anew by
+`python -m liveview_ref.parity`, the pictures by `liveview render` and `liveview video`.
 """
 
 import json
@@ -10,23 +10,24 @@ import sys
 import tempfile
 from pathlib import Path
 
-from cards import fill
 from PIL import Image
 
-ROOT = Path(__file__).resolve().parents[1]
+from .marked_text import fill
+
+ROOT = Path(__file__).resolve().parents[2]
 BINARY = ROOT / "target" / "release" / "liveview"
 REPORT = ROOT / "models" / "report"
 SCENE = "tests/scenes/workshop"
 RIG = "tests/scenes/rig"
-SHOWN = "guided 1", "guided 2", "guided 4", "guided 8", "kmeans 16", "select 16 of 64 planes", "planes 16", "planes 64"
-FEW = "guided 1", "guided 2"  # on other engines than the first
+SHOWN = "guided:1", "guided:2", "guided:4", "guided:8", "kmeans:16", "select:16/64", "planes:16", "planes:64"
+FEW = "guided:1", "guided:2"  # on other engines than the first
 
 
 def numbers() -> tuple[str, str]:
     """A line, and the table: an excerpt of V = 4."""
     report = json.loads((REPORT / "v4" / "sweep.json").read_text())
     own = [row for row in report["rows"] if not row["reference"]]
-    dense = max((row for row in own if row["layers"].startswith("planes")), key=lambda row: row["count"])
+    dense = max((row for row in own if row["layers"].startswith("planes:")), key=lambda row: row["count"])
     size = f"{dense['width']}x{dense['height']}"
     flags = "AVX-512" if "avx512f" in Path("/proc/cpuinfo").read_text() else "no AVX-512"
     lines = [
@@ -56,8 +57,8 @@ def headline(report: dict, size: str) -> str:
         rows = (r for r in report["rows"] if (r["layers"], r["engine"]) == (layers, engine))
         return next(rows, None)
 
-    few, dense = find("guided 2", "cpu, f32"), find("planes 64", "cpu, f32")
-    fastest = min((r for r in report["rows"] if r["layers"] == "guided 2"), key=lambda r: r["seconds"]["median"])
+    few, dense = find("guided:2", "cpu, f32"), find("planes:64", "cpu, f32")
+    fastest = min((r for r in report["rows"] if r["layers"] == "guided:2"), key=lambda r: r["seconds"]["median"])
     taken, whole = few["seconds"]["median"], dense["seconds"]["median"]
     return (
         f"Two guided layers at {size}: {taken:.2f} s on {report['threads']} CPU threads, {whole / taken:.0f} times "
@@ -67,7 +68,8 @@ def headline(report: dict, size: str) -> str:
 
 
 def parity() -> str:
-    command = [sys.executable, "-m", "liveview_ref.parity", f"../{SCENE}", "--target", "target_0", "--guided", "4"]
+    command = [sys.executable, "-m", "liveview_ref.parity", f"../{SCENE}", "--target", "target_0"]
+    command += ["--layers", "guided:4"]
     return subprocess.run(command, cwd=ROOT / "python", check=True, capture_output=True, text=True).stdout.strip()
 
 
@@ -83,7 +85,7 @@ def picture() -> None:
 def clip() -> None:
     """models/rig_v4.webp: truth and result of the rig's held-out camera, half size, ten frames per second."""
     with tempfile.TemporaryDirectory() as out:
-        command = [BINARY, "video", RIG, "--camera", "target", "--guided", "2", "-o", out]
+        command = [BINARY, "video", RIG, "--camera", "target", "--layers", "guided:2", "-o", out]
         subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
         frames = []
         for truth, made in zip(sorted((ROOT / RIG / "target").glob("*.jpg")), sorted(Path(out).iterdir()), strict=True):
