@@ -11,8 +11,8 @@ from .reference.unet import UNet, fold_batchnorm
 
 
 def load_state(path: Path, device: torch.device | str = "cpu") -> dict:
-    """What training keeps: `views`, the weights `average`, `step`, `seconds`, `earlier`, `config` and `history`; while it
-    runs also `net` and `optimiser`."""
+    """What training keeps: `views`, the averaged weights `average`, `step`, `seconds`, `earlier`, `config`, `history`;
+    while it runs also `net` and `optimiser`."""
     return torch.load(path, weights_only=True, map_location=device)
 
 
@@ -29,7 +29,7 @@ def load_network(path: Path) -> UNet:
 
 
 def exported_network(path: Path) -> UNet:
-    """The network of a float32 model: its convolutions carry all of it."""
+    """The network of a float32 model: all its weights are those of its convolutions."""
     model = onnx.load(path)
     weights = {i.name: torch.from_numpy(numpy_helper.to_array(i).copy()) for i in model.graph.initializer}
     convolutions = [node for node in model.graph.node if node.op_type == "Conv"]

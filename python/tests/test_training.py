@@ -22,7 +22,7 @@ def mixed_batch(config, scenes: int):
     rng, textures = np.random.default_rng(1), Textures(None)
     photos = RealScene(ROOT / "tests/scenes", {"path": "workshop", "reach": 2, "widths": [300], "weight": 1}, 4)
     sources = [
-        procedural(rng, 4, (64, 64), textures) if i % 2 else photos.sample(rng, 4, (64, 64)) for i in range(scenes)
+        procedural(rng, 4, (64, 64), textures) if i % 2 else photos.draw(rng, 4, (64, 64)) for i in range(scenes)
     ]
     return [make_example(rng, source, config) for source in sources]
 

@@ -21,10 +21,10 @@ from liveview_ref.reference.renderer import render
 from liveview_ref.reference.unet import UNet, start_from_agreement
 from liveview_ref.rig_arrays import Arrays, cameras_of, images_of
 
-LARGEST = 1e-4  # 3e-6 was seen: coordinates are off by 1e-5 pixels, at which noisy photos change by 0.5 per pixel
+LARGEST = 1e-4  # coordinates are off by 1e-5 pixels, and these noisy photos change by up to 0.5 per pixel
 MEAN = 1e-6
-EDGE = 1e-3  # pixels from the edge of what a photo covers: nearer, whether it is seen at all hangs on rounding
-BATCH = 2  # of 3 planes: the sums are carried over, and the last batch is a smaller one
+EDGE = 1e-3  # pixels from the edge of what a photo covers: nearer, rounding decides whether it is seen at all
+BATCH = 2  # of 3 planes: the sums continue over batches, and the last batch is a smaller one
 
 CASES = {  # name: (V, rig, disparities)
     "random": (4, "random", [0.9, 0.45, 0.15]),
@@ -110,10 +110,10 @@ def test_every_competitor_speaks_the_protocol(name, models, tmp_path):
     data = arrays_of("random")
     asked = job_of(data, models, 4, name, tmp_path)
     runs = [{"run": True}, {"run": True, "frame": str(tmp_path / "frame.npy")}, {"quit": True}]
-    code, (ready, *told), notes = drive([asked, *runs])
-    assert code == 0 and ready["ready"] and len(told) == 2, notes
+    code, (ready, *timed), notes = drive([asked, *runs])
+    assert code == 0 and ready["ready"] and len(timed) == 2, notes
     assert ("ONNX Runtime" if name in ("onnxruntime + kornia", "one graph") else "PyTorch") in ready["engine"]
-    for reply in told:
+    for reply in timed:
         parts = ["total"] if name in ("reference", "one graph") else ["warp", "network", "composite"]
         assert list(reply["seconds"]) == parts and min(reply["seconds"].values()) > 0
         assert 2**24 < reply["peak_memory_bytes"] < 2**34
@@ -163,7 +163,7 @@ def test_what_fails_is_reported(models, tmp_path, monkeypatch):
     monkeypatch.setattr(os, "environ", os.environ.copy())
     asked = job_of(arrays_of("pair"), models, 2, "torch", tmp_path)
     for changes, message in [
-        ({"engine": "jax"}, "no engine 'jax'"),
+        ({"engine": "jax"}, "no competitor 'jax'"),
         ({"job": str(tmp_path / "none.npz")}, "none.npz"),
         ({"engine": "one graph", "weights": str(tmp_path / "none.pt")}, "could not be built"),
         ({"batch": 0}, "at least 1"),

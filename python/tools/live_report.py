@@ -49,10 +49,10 @@ def milliseconds(line: dict) -> float:
 
 def rows(runs: dict[str, list[list[dict]]], reports: dict[str, dict], cut: int | None) -> list[str]:
     """A row per policy. The times leave out the first frame, for which all but DENSE take longer."""
-    head = ["policy", "PSNR dB", "SSIM", "its worst frame against 64 planes", "flicker, of 255"]
-    head += ["ms per frame", "of these finding layers", "of 64 planes' time", "how"]
+    head = ["layers, policy", "PSNR dB", "SSIM", f"worst frame's SSIM against {DENSE}", "flicker, of 255"]
+    head += ["ms per frame", "of these for layers", f"time, {DENSE} = 1", "frames by how their layers came"]
     if cut is not None:
-        head[5:5] = ["PSNR at the cut", "from it on"]
+        head[5:5] = ["PSNR at the cut", "PSNR from the cut on"]
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     dense = runs[DENSE]
     whole = median(mean(map(milliseconds, log[1:])) for log in dense)

@@ -1,5 +1,6 @@
-"""What the competitors have in common: the job that they render, and how they are timed. No torch and no onnxruntime here:
-in a process that does not need them they would count as its memory.
+"""What the competitors have in common: the job that they render, and how they are timed.
+
+No torch and no onnxruntime here: in a process that does not need them they would count as its memory.
 
 All warp, run the network, blend and composite `batch` planes at a time, so that memory does not grow with their number.
 What does not depend on the target (photos as tensors, network) is made before the clock starts.
@@ -19,8 +20,8 @@ NAMES = ("reference", "torch", "torch channels_last", "onnxruntime + kornia", "o
 
 @dataclass(frozen=True)
 class Job:
-    """What to render (`path`: arrays as rig_arrays.py names them, and `disparities` of planes), by which competitor (one of
-    NAMES) and with what. `weights` None: those of the model."""
+    """What to render, by which competitor (one of NAMES) and with what. `path`: arrays as rig_arrays.py names them, and
+    `disparities` of planes. `weights` None: those of the model."""
 
     path: Path
     model: Path
@@ -47,7 +48,7 @@ class Job:
             int(message.get("batch", 1)),
         )
         if job.competitor not in NAMES:
-            raise ValueError(f"no engine {job.competitor!r}: there are {', '.join(NAMES)}")
+            raise ValueError(f"no competitor {job.competitor!r}: there are {', '.join(NAMES)}")
         if job.threads < 1 or job.batch < 1:
             raise ValueError(f"threads ({job.threads}) and batch ({job.batch}) must be at least 1")
         return job

@@ -1,9 +1,11 @@
-"""The whole pipeline as one ONNX graph: python -m liveview_ref.competitors.one_graph JOB.npz WEIGHTS.pt|MODEL.onnx BATCH FOLDER
+"""The whole pipeline as one ONNX graph.
+
+    python -m liveview_ref.competitors.one_graph JOB.npz WEIGHTS.pt|MODEL.onnx BATCH FOLDER
 
 Made for one job, at fixed shapes. A run takes a batch of planes and the sums of the planes before it, and returns the
 sums with these planes: front to back, so that memory does not grow with the number of planes. Written to FOLDER:
-`planes_N.onnx` for each size of batch that the job needs, and `inputs.npz`, so that running them (graph_pipeline.py) takes
-onnxruntime and numpy alone, without the memory that torch and the export take.
+`planes_N.onnx` for each size of batch that the job needs, and `inputs.npz`, so that running them (graph_pipeline.py)
+takes onnxruntime and numpy alone, without the memory that torch and the export take.
 """
 
 import sys

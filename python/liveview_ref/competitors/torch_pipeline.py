@@ -1,9 +1,9 @@
 """The pipeline in PyTorch, written for speed, and the reference itself.
 
-Where TorchPipeline departs from the reference (renderer.py) it is to be faster, with the same result: BatchNorm is folded; nothing but the sums of
-the composite is kept; a plane needs no disparity map, so that its coordinates are three multiply-adds and a division on
-the rays of the target; and the mask for what lies behind a camera, or is huge, is left out where the corners of
-the target show that there is none (w is affine over the target, so its extremes lie there).
+TorchPipeline departs from the reference (renderer.py) to be faster, with the same result: BatchNorm is folded; nothing
+but the sums of the composite is kept; a plane needs no disparity map, so its coordinates are three multiply-adds and a
+division on the rays of the target; and the mask for what lies behind a camera, or is huge, is left out where the
+corners of the target show that there is none (w is affine over the target, so its extremes lie there).
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ from ..rig_arrays import cameras_of, images_of
 from .job import Job, Stopwatch, batches
 
 PlaneWarp = Callable[[Tensor], Tensor]  # disparities [n] -> colour and coverage of a view [n, 4, H8, W8]
-FRONT = 1e-3  # of the largest w: a smaller one somewhere on the target calls for the mask
+FRONT = 1e-3  # of the largest w: where the target has a smaller one, points behind the camera are masked
 
 
 def in_front(w: Tensor) -> Tensor:
@@ -56,9 +56,9 @@ def grid_warp(rgbc: Tensor, source: Camera, target: Camera, size: tuple[int, int
 
 
 def kornia_warp(rgbc: Tensor, source: Camera, target: Camera, size: tuple[int, int]) -> PlaneWarp:
-    """Planes by kornia's homography_warp, as its users write it; arguments as for grid_warp.
+    """Planes by kornia's homography_warp; arguments as for grid_warp.
 
-    kornia shows what lies behind the camera mirrored, hence the mask on its result.
+    kornia shows what lies behind the camera mirrored, so its result is masked.
     """
     from kornia.geometry.transform import homography_warp
 

@@ -1,7 +1,7 @@
 """One competitor in a process of its own, driven line by line: python -m liveview_ref.competitors.worker
 
-`liveview sweep --reference` starts a worker for each competitor, so that each has a peak memory of its own, and asks them
-in turn, so that other load on the machine falls on all alike. One JSON object per line, in and out; stdout carries
+`liveview sweep --reference` starts a worker for each competitor, so that each has a peak memory of its own, and asks
+them in turn, so that other load on the machine falls on all alike. One JSON object per line, in and out; stdout carries
 nothing else, notes go to stderr. Relative paths are relative to the worker's working directory.
 
     in   {"job": FILE.npz, "model": FILE.onnx, "weights": FILE.pt or null, "engine": NAME, "threads": 2, "batch": 1}
@@ -33,8 +33,8 @@ def peak_memory() -> int:
 
 
 def start(job: Job) -> Competitor:
-    """The competitor of this job. Threads are told to sleep when idle before any library that has some is loaded: other
-    workers are timed in the meantime."""
+    """The competitor of this job. The variables that make idle threads sleep are set before any library that has
+    threads is loaded: other workers are timed in the meantime."""
     os.environ |= {"OMP_NUM_THREADS": str(job.threads), "OMP_WAIT_POLICY": "passive"}
     if job.competitor == "one graph":
         from .graph_pipeline import GraphPipeline
@@ -46,7 +46,7 @@ def start(job: Job) -> Competitor:
 
 
 def serve(requests: TextIO, replies: TextIO) -> None:
-    """Answer requests until told to quit."""
+    """Answer requests until one says quit, or there are no more."""
 
     def reply(**message) -> None:
         print(json.dumps(message), file=replies, flush=True)

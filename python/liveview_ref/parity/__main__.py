@@ -1,4 +1,4 @@
-"""Parity on your own scene: python -m liveview_ref.parity SCENE --target NAME [--layers guided:4 and so on, as render takes]
+"""Parity on your own scene: python -m liveview_ref.parity SCENE --target NAME [options of liveview dump]
 
 Lets the Rust binary dump every stage of one render, computes each stage again from the same inputs, in float64 (the
 oracle) and float32 torch, and prints a table: elements, largest and mean error of Rust and of torch. Exit code 1 if
@@ -31,7 +31,7 @@ def source_model(about: dict) -> Path:
 
 
 def bounded_as(name: str, about: dict) -> str:
-    """The entry of the tolerance file: int8, and other engines than ONNX Runtime's own, have bounds of their own."""
+    """The entry of the tolerance file: logits in another precision, or by another engine than cpu, have their own."""
     if name != "logits" or (about["precision"], about["engine"]) == ("f32", "cpu"):
         return name
     return f"logits {about['precision'] if about['precision'] != 'f32' else about['engine']}"
@@ -91,7 +91,7 @@ def main() -> int:
     chosen = np.array_equal(stages.best_layer(data), data["best_layer"])
     print(f"\nthe same layer chosen at each pixel: {'yes' if chosen else 'NO'}")
     if about["engine"] != "cpu":
-        print(f"engine {about['engine']}: not onnxruntime's own, so not held against it bit for bit")
+        print(f"engine {about['engine']}: logits are compared with onnxruntime's bit for bit for engine cpu alone")
         return int(failed or not chosen)
     network = onnx_session.session(Path(about["model"]), about["threads"])
     python = onnx_session.logits(network, data["colour"], about["batch"])

@@ -1,4 +1,4 @@
-"""Pixels of warp, blend and composite in 50 decimal digits: what holds the float64 oracle itself to account.
+"""Pixels of warp, blend and composite in 50 decimal digits: what the float64 truth of stability.py is checked against.
 
 Written plainly from the formulas of the paper, one pixel at a time; arrays are numpy, as stability.py reads them.
 """

@@ -9,8 +9,8 @@ One JSON object per line, in and out:
 
 `largest` is the largest error against the case's float64 truth outside doubtful pixels, null where anything is not
 finite; `doubtful` the share of the doubtful pixels that is off by more than the bound. An implementation that has no
-such stage is left out. `oracle`: how far the truth itself is from 50 digits, at some pixels. The truth of the network is
-computed here, so its reply has `rust` as well, and whether Rust's logits are `equal` to onnxruntime's bit for bit.
+such stage is left out. `oracle`: how far the truth itself is from 50 digits, at some pixels. The truth of the network
+is computed here, so its reply has `rust` as well, and whether Rust's logits are `equal` to onnxruntime's bit for bit.
 """
 
 import functools

@@ -3,10 +3,12 @@
 Each stage reads its inputs from `data` (numpy arrays, as `liveview dump` and parity/generate.py write them) and
 returns its outputs by name.
 
-Photos and cameras are named as rig_arrays.py says. `disparities` [D] float64 of planes, or `cell_maps` [L, h, w] float32
-of guided layers, with the steps of the coarse pass: `coarse_disparities` [D], `costs`, `aggregated_costs` [D, h/2, w/2],
-`coarse_disparity` [h/2, w/2], `fine_layers`, `fine_costs` [D, h, w], `fine_disparity` [h, w]; `maps` [L, H8, W8];
-`colour` (the HWV) [L, 3V, H8, W8]; `coverage`, `logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8].
+Photos and cameras are named as rig_arrays.py says. `disparities` [D] float64 of planes, or `cell_maps` [L, h, w]
+float32 of guided layers, with the steps of the coarse pass: `coarse_disparities` [D] float64, the planes searched;
+`costs`, `aggregated_costs` [D, h/2, w/2], `coarse_disparity` [h/2, w/2]; `fine_layers`, `fine_costs` [D, h, w],
+`fine_disparity` [h, w]; `range` [3, h, w]. `maps` [L, H8, W8]; `colour` (the HWV) [L, 3V, H8, W8]; `coverage`,
+`logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8]; `frame` [3, H, W]; `disparity`, `transmittance`
+[H, W].
 """
 
 import numpy as np
@@ -91,7 +93,7 @@ def composited(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 def planes_of_search(data: Arrays, shape: tuple[int, ...], dtype: torch.dtype) -> Tensor:
-    """The planes of the first search as maps of this shape: the float32 numbers that Rust and torch both search through."""
+    """The planes of the first search as maps of this shape: the float32 numbers that both Rust and torch search."""
     disparities = tensor(data, "coarse_disparities", torch.float32).to(dtype)
     return disparities[:, None, None].expand(shape)
 

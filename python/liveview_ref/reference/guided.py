@@ -1,10 +1,10 @@
 """Guided layers: a coarse-to-fine search gives each pixel its own range of disparities, which the layers divide.
 
 At 1/4 resolution: sweep the views through planes a cell of parallax apart, take the variance of their colours over a
-window, aggregate it along rows and columns (semi_global), keep the cheapest plane, refined between planes by a parabola.
-The neighbourhood's largest and smallest disparity, half a plane step wider, are the range searched at 1/2 resolution: the
-same over a few layers that divide it, each cell for itself. The extremes of what this finds are the range.
-Known in stereo as adaptive thin volumes (Cheng et al., UCS-Net, 2020).
+window, aggregate it along rows and columns (semi_global), keep the cheapest plane, refined between planes by a
+parabola. The neighbourhood's largest and smallest disparity, half a plane step wider, are the range that is searched at
+1/2 resolution: the same, without aggregation, over a few layers that divide the range of each cell. The extremes of
+what this finds are the final range. Known in stereo as adaptive thin volumes (Cheng et al., UCS-Net, 2020).
 """
 
 import math
@@ -75,8 +75,8 @@ def median3(x: Tensor) -> Tensor:
 
 
 def range_of(disparity: Tensor, margin: float = 0.0) -> RangeMap:
-    """Disparity found [h, w] -> its range: the surface is median-filtered; the extremes of its neighbourhood, wider by a
-    margin (disparity) and smoothed, are nearest and farthest."""
+    """Disparity found [h, w] -> its range: the surface is median-filtered; the extremes of its neighbourhood, wider by
+    a margin (disparity) and smoothed, are nearest and farthest."""
     surface = median3(disparity)
     disparity = surface[None, None]
     nearest = F.max_pool2d(disparity, 3, 1, 1) + margin
@@ -87,7 +87,8 @@ def range_of(disparity: Tensor, margin: float = 0.0) -> RangeMap:
 
 
 def fine_layers(found: RangeMap) -> Tensor:
-    """The layers of the second search: the range that the first found, divided, [FINE, h, w] on cells of CELL pixels."""
+    """The layers of the second search, which divide the range that the first found: [FINE, h, w], cells of CELL
+    pixels."""
     return upsample_maps(guided_maps(*found, FINE), COARSE // CELL)
 
 

@@ -1,7 +1,8 @@
 """source_from_target of a layer: which point of a source image a target pixel sees at a given disparity.
 
-For target pixel p and disparity d: (u, v, w) = H_inf p + d e, with H_inf = K_s R K_t^-1 and e = K_s t; the source pixel
-is (u/w, v/w), in front of the source camera where w > 0. Exact at d = 0, and never in need of 1/d (paper, section "HWV").
+For target pixel p and disparity d: (u, v, w) = H_inf p + d e, with H_inf = K_s R K_t^-1 and e = K_s t; the source
+pixel is (u/w, v/w), in front of the source camera where w > 0. Exact at d = 0, and never in need of 1/d (paper, section
+"HWV").
 """
 
 from typing import NamedTuple

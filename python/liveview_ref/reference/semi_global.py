@@ -8,8 +8,8 @@ JUMP = 0.1  # of a move to any other
 
 
 def semi_global(costs: Tensor) -> Tensor:
-    """Aggregated costs: the sum over the four paths (down, up, right, left) of the cheapest path that ends in each cell and
-    plane, [D, h, w] -> [D, h, w]."""
+    """Aggregated costs [D, h, w] -> [D, h, w]: the sum over four directions (down, up, right, left) of the cheapest
+    path that ends in each cell and plane."""
     columns = costs.transpose(1, 2)
     vertical = scan(costs) + scan(costs.flip(1)).flip(1)
     horizontal = scan(columns) + scan(columns.flip(1)).flip(1)
@@ -17,8 +17,8 @@ def semi_global(costs: Tensor) -> Tensor:
 
 
 def scan(costs: Tensor) -> Tensor:
-    """One path along dimension 1: the cost here, plus the cheapest of staying on the plane, stepping to the next and jumping
-    to any other, less the cheapest before (which keeps the sums small and changes no comparison)."""
+    """One direction, along dimension 1: the cost here, plus the cheapest of staying on the plane, stepping to the next
+    and jumping to any other, less the cheapest before (which keeps the sums small and changes no comparison)."""
     before = costs[:, 0]
     total = [before]
     edge = torch.full_like(before[:1], torch.inf)

@@ -45,8 +45,8 @@ def upsample(x: Tensor) -> Tensor:
 
 
 def start_from_agreement(net: UNet) -> None:
-    """Start as a plane sweep: conv1 as signed differences of pairs of views, conv8 and conv9 as a window over them that
-    makes a layer the more opaque the better its views agree. The rest starts small and learns what that misses."""
+    """Initial weights that act as a plane sweep: conv1 takes signed differences of pairs of views, conv8 and conv9
+    average them over a window, so that a layer is the more opaque the better its views agree."""
     pairs = [(i, j) for i in range(net.views) for j in range(i + 1, net.views)]  # the nearest view's first
     differences = 14  # of 16 channels: seven pairs (or colours of them), both signs
     with torch.no_grad():

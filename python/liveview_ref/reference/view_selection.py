@@ -14,8 +14,8 @@ def looking_the_same_way(cameras: list[Camera], target: Camera) -> list[int]:
 
 
 def choose_views(cameras: list[Camera], target: Camera, count: int) -> list[int]:
-    """Indices of the `count` cameras nearest to the target, nearest first, among those that look the same way. Ties keep
-    the order of the list. ValueError where too few do."""
+    """Indices of the `count` cameras nearest to the target, nearest first, among those that look the same way. Ties
+    keep the order of the list. ValueError where too few do."""
     looking = looking_the_same_way(cameras, target)
     if len(looking) < count:
         raise ValueError(f"{count} views asked for, but only {len(looking)} of {len(cameras)} look the target's way")

@@ -1,7 +1,7 @@
 """Warp source views to the target at a layer's disparities: colour and coverage.
 
-Rule: bilinear, zeros outside; a sample is valid iff w > 0 (in front of the source camera). Whatever is not finite,
-or has w <= 0, is brought to "outside" before sampling, since kornia and grid_sample would sample it all the same.
+Bilinear, zeros outside the image; a sample is valid if w > 0 (in front of the source camera). Coordinates that are not
+finite, huge, or have w <= 0 are moved outside the image before sampling, since grid_sample would sample them as well.
 Coverage is the same bilinear sample of an all-ones image.
 """
 
@@ -16,7 +16,7 @@ OUTSIDE = -2.0  # normalised coordinate: beyond the footprint of any border pixe
 
 
 def with_coverage(image: Tensor) -> Tensor:
-    """[3, H, W] -> [4, H, W]: the all-ones channel whose sample is the coverage."""
+    """[3, H, W] -> [4, H, W]: with the all-ones channel whose sample is the coverage."""
     return torch.cat([image, torch.ones_like(image[:1])])
 
 

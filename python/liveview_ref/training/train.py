@@ -25,7 +25,7 @@ from .validate import validate
 
 
 def fast_bfloat16(device: torch.device) -> bool:
-    """Without hardware for it, bfloat16 convolutions are some ten times slower than float32 ones."""
+    """Whether the hardware computes in bfloat16: elsewhere it is slower than float32."""
     return device.type == "cuda" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
 
 
@@ -56,8 +56,9 @@ def image_loss(image: Tensor, truth: Tensor, seen: Tensor) -> Tensor:
 
 def alpha_loss(alpha: Tensor, offset: Tensor) -> Tensor:
     """Cross entropy of alpha [L, H, W], given how far each layer lies in front of the true surface in pixels of
-    parallax: 1 on it, 0 in front of it. Layers in between are neither aligned nor wrong, those behind are hidden. Each
-    pixel counts once, so that where nothing tells layers apart alpha stays as low as their number asks for."""
+    parallax: 1 on it, 0 in front of it. Layers in between are not judged, nor are those behind, which are hidden. The
+    mean is over all that is judged, so that where nothing tells layers apart alpha stays as low as their number
+    asks."""
     on, front = offset.abs() < 0.5, offset > 2
     judged = on | front
     loss = F.binary_cross_entropy(alpha.clamp(1e-5, 1 - 1e-5), on.float(), reduction="none")
@@ -171,7 +172,7 @@ def main() -> None:
             seconds += now - began
             began, running, waited = now, 0.0, 0.0
         if step % config["validate_every"] == 0 or step == config["steps"]:
-            if step == config["steps"]:  # a last word: 48 batches alone moved 32 planes by 0.4 dB
+            if step == config["steps"]:  # the weights that are kept deserve statistics of more than 48 batches
                 recent = [*recent, *(queues[(step + i) % config["makers"]].get() for i in range(80))]
             estimate_statistics(average, list(recent), device)
             scores = validate(average, config["validation"], args.data, args.out / "validation.png", device)

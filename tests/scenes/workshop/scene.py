@@ -1,4 +1,4 @@
-"""What stands in the workshop: textures, shapes, light. python/tools/make_example_scene.py renders what `build` returns.
+"""What stands in the workshop: textures, shapes, light. python/tools/make_example_scene.py renders what `build` makes.
 
 World axes are OpenCV's (x right, y down, z forward); a length of 1 is about a metre.
 """

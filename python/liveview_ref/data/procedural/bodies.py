@@ -64,7 +64,7 @@ def round_body(rng, world: World, textures: Textures, x, y, disparity, radius_pi
     along = (normal * rays_world).sum(0)
     slant = (length(rays_world) / (-along).clamp(min=1e-6)).clamp(1, 6)
     style = look(rng, world, textures, 3 * radius_pixels, 1, centre, facing)
-    if radius_pixels < 2:  # wires are of one colour, nearly
+    if radius_pixels < 2:  # wires are nearly of one colour
         style.atlas = torch.lerp(style.atlas[..., :1, :1], style.atlas, 0.3)
     texel = pixel / style.density
     light = facing + rng.normal(0, 0.7, 3)

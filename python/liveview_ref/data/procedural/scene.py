@@ -21,7 +21,7 @@ LARGEST = 224  # pixels, of a view
 
 
 @dataclass
-class Sample:
+class ProceduralScene:
     """One multi-view example: views V of [3, Hs, Ws] and target [3, H, W], float32 RGB in [0, 1]; k [3, 3], r [3, 3]
     (cam_from_world) and t [3] float64, of the views stacked along V; disparity [H, W] = 1/z at pixel centres of the
     surface with the largest compositing weight; [near, far] contains all depths seen in the target."""
@@ -39,7 +39,7 @@ class Sample:
     disparity: Tensor | None
 
 
-def sample_scene(rng: np.random.Generator, n_views: int, size: tuple[int, int], textures: Textures) -> Sample:
+def random_scene(rng: np.random.Generator, n_views: int, size: tuple[int, int], textures: Textures) -> ProceduralScene:
     """Draw a scene and a rig from `rng`; the target is `size` = (H, W) pixels."""
     world = make_world(rng, n_views, size)
     images, disparities = render(rng, world, textures)
@@ -54,7 +54,9 @@ def sample_scene(rng: np.random.Generator, n_views: int, size: tuple[int, int], 
     r = torch.from_numpy(world.r @ turn)
     t = torch.from_numpy((world.r @ shift + world.t) * unit)
     near, far = unit / (high * 1.01), unit / (low * 0.99)
-    return Sample(views, k[1:], r[1:], t[1:], images[0].contiguous(), k[0], r[0], t[0], near, far, disparity / unit)
+    return ProceduralScene(
+        views, k[1:], r[1:], t[1:], images[0].contiguous(), k[0], r[0], t[0], near, far, disparity / unit
+    )
 
 
 def render(rng: np.random.Generator, world: World, textures: Textures) -> tuple[list[Tensor], list[Tensor]]:
@@ -184,7 +186,7 @@ def composite(world: World, fragments: list[Fragments]) -> tuple[Tensor, Tensor]
 
 
 def imperfections(rng: np.random.Generator, views: list[Tensor]) -> list[Tensor]:
-    """What cameras do: exposure and white balance, blur, noise, coarse quantisation. Views [3, H, W]."""
+    """What real cameras add: exposure and white balance, blur, noise, compression. Views [3, H, W]."""
     exposure = rng.choice([0, 0.02, 0.15], p=[0.2, 0.75, 0.05])
     noisy = rng.uniform(0.003, 0.015) if rng.random() < 0.3 else 0
     blurred, blocky = rng.random() < 0.1, rng.random() < 0.1
@@ -205,7 +207,7 @@ def imperfections(rng: np.random.Generator, views: list[Tensor]) -> list[Tensor]
 
 
 def jpeg_like(view: Tensor, step: float) -> Tensor:
-    """8x8 cosine blocks with coefficients rounded, the more so the higher their frequency. [3, H, W]"""
+    """8x8 cosine blocks with coefficients rounded, high frequencies more coarsely. [3, H, W]"""
     height, width = view.shape[1:]
     padded = F.pad(view[None], (0, -width % 8, 0, -height % 8), mode="replicate")[0]
     i = torch.arange(8)

@@ -1,4 +1,4 @@
-"""Flat surfaces of procedural scenes, intersected with the rays of all cameras at once, and how surfaces are painted."""
+"""Flat surfaces of procedural scenes, intersected with the rays of all cameras at once; how surfaces are painted."""
 
 from dataclasses import dataclass
 
@@ -213,10 +213,10 @@ def length(vectors: Tensor) -> Tensor:
 
 
 def cross(a, b) -> np.ndarray:
-    """Of two vectors; numpy's takes longer than all else about a leaf."""
+    """Cross product of two vectors; numpy's is slow for so few numbers."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def everything(u, v, pixel, rows):
-    """No cutting."""
+    """A cut that leaves the whole pane."""
     return torch.ones_like(u)

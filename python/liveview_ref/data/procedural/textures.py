@@ -1,4 +1,4 @@
-"""What procedural scenes are painted with: texture patches (photos or made up), cut-out shapes as distance fields."""
+"""What procedural scenes are painted with: texture patches (photos or generated), cut-out shapes as distance fields."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ LEVELS = 4
 
 
 class Textures:
-    """Photos under `folder` (mip-mapped) mixed with made-up textures, and the library of shapes. Never changed."""
+    """Photos under `folder` (mip-mapped) mixed with generated textures, and the library of shapes. Immutable."""
 
     def __init__(self, folder: Path | None = None):
         self.photos: list[list[Tensor]] = []  # per photo: levels 1, 1/2, 1/4 as uint8 [3, H, W]
@@ -30,7 +30,7 @@ class Textures:
         """A texture [3, size, size] in [0, 1] with about one texel per pixel of detail; sometimes smoother."""
         smooth = int(rng.choice([1, 2, 4], p=[0.84, 0.11, 0.05]))
         texels = max(8, size // smooth)
-        patch = self._photo(rng, texels) if self.photos and rng.random() < 0.65 else _made_up(rng, texels)
+        patch = self._photo(rng, texels) if self.photos and rng.random() < 0.65 else _generated(rng, texels)
         if smooth > 1:
             patch = F.interpolate(patch[None], (size, size), mode="bicubic", align_corners=False)[0]
         return patch.clamp(0, 1)
@@ -125,7 +125,7 @@ def noise(rng: np.random.Generator, size: int, cells: int, stretch: int = 1) -> 
     )
 
 
-def _made_up(rng: np.random.Generator, size: int) -> Tensor:
+def _generated(rng: np.random.Generator, size: int) -> Tensor:
     """One of: noise, stripes, checkers, text-like marks, a gradient, nearly flat colour. [3, size, size]"""
     colours = torch.from_numpy(rng.beta(0.9, 0.9, (3, 3)).astype(np.float32))[:, :, None, None]
     colours = torch.lerp(colours.mean(1, keepdim=True), colours, float(rng.uniform(0, 0.8) ** 1.3))  # seldom gaudy
