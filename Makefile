@@ -23,7 +23,7 @@ demo: build runtime
 
 ## Two photos alone: the middle between the views of the Middlebury motorcycle pair (from scikit-image), by V = 2.
 demo-stereo: build setup
-	$(BIN)/python python/make_stereo_scene.py out/motorcycle
+	cd python && ../$(BIN)/python -m tools.make_stereo_scene ../out/motorcycle
 	$(LIVEVIEW) render out/motorcycle --views 2 --path line:5 -o out/stereo --depth out/stereo_depth
 	@echo "Open out/stereo: from one photo to the other in five steps."
 
@@ -78,7 +78,8 @@ docs:
 
 ## Seeded goldens for tests/parity.rs; made anew when the reference changes.
 goldens: target/goldens/cases.txt
-target/goldens/cases.txt: parity/generate.py $(wildcard python/liveview_ref/*.py) | setup
+REFERENCE := $(wildcard python/liveview_ref/*.py python/liveview_ref/reference/*.py python/liveview_ref/parity/*.py)
+target/goldens/cases.txt: parity/generate.py $(REFERENCE) | setup
 	$(BIN)/python parity/generate.py target/goldens
 
 test-rust: setup goldens
@@ -89,8 +90,8 @@ test-python: setup
 
 ## Every stage of the example scene, live: Rust and float32 torch against float64.
 parity: build setup
-	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --guided 4
-	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_1 --views 5 --planes 6
+	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --layers guided:4
+	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_1 --views 5 --layers planes:6
 	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --precision int8
 	$(STABILITY) --short > target/stability.md
 	test ! -e .venv-openvino/.runtime || for precision in f32 int8; do ( cd python && ../$(BIN)/python -m \
@@ -98,7 +99,7 @@ parity: build setup
 
 ## Stiff and extreme cases: Rust, torch, kornia and onnxruntime against float64; the table and the plot in parity/.
 STABILITY = PYTHONPATH=python $(LIVEVIEW) stability $(SCENE) --target target_0 --threads 1 \
-	--reference "$(BIN)/python -m liveview_ref.stability"
+	--reference "$(BIN)/python -m liveview_ref.parity.stability"
 stability: build setup
 	$(STABILITY) -o parity
 
@@ -107,7 +108,7 @@ ENGINES := cpu int8$(if $(wildcard .venv-openvino/.runtime),$(comma)openvino f32
 report: build setup
 	for v in 4 5; do \
 		PYTHONPATH=python $(LIVEVIEW) sweep $(SCENE) --target target_0,target_1 --views $$v --engines "$(ENGINES)" \
-			--reference "$(BIN)/python -m liveview_ref.worker" --repetitions 3 -o models/report/v$$v || exit 1; \
+			--reference "$(BIN)/python -m liveview_ref.competitors.worker" --repetitions 3 -o models/report/v$$v || exit 1; \
 	done
 	$(LIVEVIEW) sweep $(SCENE) --target target_0 --layers "guided 2,guided 4,planes 8,planes 16" --widths 504,800,1200,1760 \
 		--repetitions 3 -o models/report/scaling
@@ -115,15 +116,15 @@ report: build setup
 
 ## The layer policies of `liveview video` on the rig clip, and memory over 1,000 frames: models/report/live.
 live-report: build setup
-	cd python && ../$(BIN)/python live_report.py --cut 11 -- $(if $(wildcard .venv-openvino/.runtime),--engine openvino --precision int8)
+	cd python && ../$(BIN)/python -m tools.live_report --cut 11 -- $(if $(wildcard .venv-openvino/.runtime),--engine openvino --precision int8)
 
 ## The numbers and the pictures of README.md, from models/report, the example scene and the example rig.
 readme: build setup
-	$(BIN)/python python/readme.py
+	cd python && ../$(BIN)/python -m tools.readme
 
 ## The tables of models/README.md and the training curves, from the weights and the scores that lie there.
 cards: setup
-	$(BIN)/python python/cards.py
+	cd python && ../$(BIN)/python -m tools.cards
 
 ## The int8 models and their cards, anew, from the float32 ones; takes minutes each, and DATA.
 int8: setup
@@ -142,7 +143,7 @@ $(VENV)/.evaluation: python/requirements-evaluation.txt $(VENV)/.setup
 ## skipped; the example scene is always there.
 evaluate: setup-evaluation
 	cd python && for model in ../models/*.pt; do \
-		../$(BIN)/python -m liveview_ref.evaluate $$model configs/evaluation.json --data $(abspath $(DATA)) \
+		../$(BIN)/python -m liveview_ref.evaluation.evaluate $$model configs/evaluation.json --data $(abspath $(DATA)) \
 			--out $${model%.pt}_scores || exit 1; \
 	done
 

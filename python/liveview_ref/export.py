@@ -1,21 +1,28 @@
-"""Export a checkpoint to ONNX: python -m liveview_ref.export CHECKPOINT MODEL.onnx CONFIG
+"""Export a checkpoint to ONNX: python -m liveview_ref.export CHECKPOINT MODEL.onnx --licence TEXT
 
-One file, opset 20, dynamic n, h and w, BatchNorm folded, metadata for the runtime; then checked: torch = onnxruntime
-at batch sizes and image sizes that it was not exported with.
+One file, opset 20, dynamic n, h and w, BatchNorm folded, with metadata for the Rust crate: views, stride,
+recommended_layers, training, trained_layers, licence. Then checked: torch = onnxruntime at batch sizes and image sizes
+that it was not exported with. The checkpoint without the optimiser is written beside it, as MODEL.pt.
 """
 
 import argparse
+import warnings
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import onnx
-import onnxruntime
 import torch
+from torch import Tensor, nn
 
-from .layers import STRIDE
-from .unet import UNet, fold_batchnorm
+from .checkpoint import load_state, trained_network
+from .onnx_session import logits, session
+from .reference import layer_spec
+from .reference.layers import STRIDE
+from .reference.unet import UNet, fold_batchnorm
 
-TOLERANCE = 1e-5  # of the largest logit: float32 sums of up to 1,728 products in another order; 7e-7 was seen
+OPSET = 20  # GridSample came with 16, and with 20 took the names of its modes that torch exports
+TOLERANCE = 1e-5  # of the largest logit: float32 sums of up to 1,728 products in another order
 CHECKED = [(1, 8, 8), (3, 56, 72), (5, 24, 200), (2, 352, 504)]
 
 
@@ -30,7 +37,7 @@ def export(net: UNet, path: Path, metadata: dict[str, str]) -> None:
         input_names=["hwv"],
         output_names=["logits"],
         dynamic_shapes=(dynamic,),
-        opset_version=20,
+        opset_version=OPSET,
         verbose=False,
     )
     model = program.model_proto
@@ -47,16 +54,23 @@ def export(net: UNet, path: Path, metadata: dict[str, str]) -> None:
     temporary.rename(path)
 
 
+def export_traced(module: nn.Module, inputs: tuple[Tensor, ...], to: Path | BinaryIO, **names) -> None:
+    """Export any module by tracing it with these inputs; `names` as torch.onnx.export takes them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # they warn that the trace holds for inputs like these alone, as it is meant to
+        torch.onnx.export(module, inputs, to, dynamo=False, opset_version=OPSET, **names)
+
+
 def check(net: UNet, path: Path) -> float:
     """Largest departure of onnxruntime from torch over CHECKED, relative to the logits' largest magnitude."""
-    session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    network = session(path)
     worst = 0.0
     generator = torch.Generator().manual_seed(0)
     for n, height, width in CHECKED:
         hwv = torch.rand(n, 3 * net.views, height, width, generator=generator)
         with torch.no_grad():
             expected = net.eval()(hwv).numpy()
-        (found,) = session.run(["logits"], {"hwv": hwv.numpy()})
+        found = logits(network, hwv.numpy())
         assert found.shape == expected.shape == (n, net.views, height, width), (found.shape, expected.shape)
         worst = max(worst, float(np.abs(found - expected).max() / np.abs(expected).max()))
     if worst > TOLERANCE:
@@ -67,23 +81,25 @@ def check(net: UNet, path: Path) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("model", type=Path)
-    parser.add_argument("--recommended-layers", default="guided 2")
+    parser.add_argument(
+        "--recommended-layers", type=layer_spec.argument, default="guided:2", help="such as %(default)s or planes:64"
+    )
     parser.add_argument("--licence", required=True, help="of the weights and of what they were trained on, in a line")
     args = parser.parse_args()
-    state = torch.load(args.checkpoint, weights_only=True)
-    net = UNet(state["views"]).eval()
-    net.load_state_dict(state["average"])
-    config = state["config"]
+    state = load_state(args.checkpoint)
+    net, config = trained_network(state), state["config"]
     runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
-    told = ", then ".join(f"V = {views}: {steps} steps, {seconds / 60:.0f} minutes" for views, steps, seconds in runs)
+    training = ", then ".join(
+        f"V = {views}: {steps} steps, {seconds / 60:.0f} minutes" for views, steps, seconds in runs
+    )
     guided, planes = ([min(x), max(x)] for x in (config["guided_layers"], config["uniform_planes"]))
     metadata = {
-        "recommended_layers": args.recommended_layers,
-        "training": f"batches of {config['batch']} scenes; {told}",
-        "trained_layers": "guided {}-{}, uniform planes {}-{}".format(*guided, *planes),
+        "recommended_layers": str(args.recommended_layers),
+        "training": f"batches of {config['batch']} scenes; {training}",
+        "trained_layers": "guided:{} to guided:{}, planes:{} to planes:{}".format(*guided, *planes),
         "licence": args.licence,
     }
     export(net, args.model, metadata)

@@ -1,8 +1,9 @@
 """Quantise an exported model to int8: python -m liveview_ref.quantize MODEL.onnx OUT.onnx CONFIG --data DATA
 
-Static, through onnxruntime: activations uint8, weights int8 per channel. Calibrated on samples such as CONFIG trains on
-(crops of its real scenes and procedural scenes, on guided layers and planes). Inputs, outputs and metadata stay as they
-are, but for `precision`. Writes OUT.onnx and its card, OUT.md: what each layer's quantisation costs, alone and all.
+Static, through onnxruntime: activations uint8, weights int8 per channel. Calibrated on examples made as for the
+training of CONFIG (crops of its real scenes and procedural scenes, on guided layers and planes). Inputs, outputs and
+metadata stay, with `precision` and `quantised` added. Writes OUT.onnx and its card, OUT.md, which says what quantising
+costs: each layer alone, and all.
 """
 
 import argparse
@@ -14,19 +15,18 @@ import onnx
 import onnxruntime
 from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
 
-from .procedural import Textures
-from .quantize_loss import Photo, loss, photos
-from .samples import RealScene, make_example, procedural
-from .train import read_config
+from .data.examples import RealScene, make_example, procedural
+from .data.procedural.textures import Textures
+from .evaluation.quantize_loss import Photo, loss, photos
+from .training.train import read_config
 
-# conv1 takes signed differences of photos: to quantise it costs four times what all other layers together cost (the
-# card has the figures), and saves a thirtieth of the time.
+# Stays float32: quantising it costs more than quantising all other layers together (the card has the figures).
 KEPT = ("conv1",)
-SAMPLES = 48
+EXAMPLES = 48
 CROP = (96, 96)
 
 
-class Samples(CalibrationDataReader):
+class Calibration(CalibrationDataReader):
     """Hands out HWVs [L, 3V, h, w]."""
 
     def __init__(self, hwvs: list[np.ndarray]):
@@ -37,8 +37,8 @@ class Samples(CalibrationDataReader):
         return None if hwv is None else {"hwv": hwv}
 
 
-def samples(config: dict, data: Path | None, count: int) -> list[np.ndarray]:
-    """HWVs such as training sees, other ones than it saw; procedural scenes alone where there is no data."""
+def calibration_hwvs(config: dict, data: Path | None, count: int) -> list[np.ndarray]:
+    """HWVs made as for training, from another seed; procedural scenes alone where there is no data."""
     rng = np.random.default_rng([config["seed"], 8])
     real = [RealScene(data, spec, config["views"]) for spec in config["real"]] if data else []
     real = [scene for scene in real if scene.weight]
@@ -46,7 +46,7 @@ def samples(config: dict, data: Path | None, count: int) -> list[np.ndarray]:
     found = []
     for index in range(count):
         if index % 2 and real:
-            source = real[index // 2 % len(real)].sample(rng, config["views"], CROP)
+            source = real[index // 2 % len(real)].draw(rng, config["views"], CROP)
         else:
             source = procedural(rng, config["views"], CROP, textures)
         found.append(make_example(rng, source, config).hwv.float().numpy())
@@ -68,7 +68,7 @@ def quantise(path: Path, out: Path, hwvs: list[np.ndarray], layers: set[str], re
     quantize_static(
         model,
         out,
-        Samples(hwvs),
+        Calibration(hwvs),
         quant_format=QuantFormat.QDQ,
         activation_type=QuantType.QUInt8,
         weight_type=QuantType.QInt8,
@@ -79,16 +79,16 @@ def quantise(path: Path, out: Path, hwvs: list[np.ndarray], layers: set[str], re
     )
     quantised = onnx.load(out)
     free_logits(quantised.graph)
-    told = f"{len(layers)} of {len(names)} layers, calibrated on {len(hwvs)} training samples"
+    summary = f"{len(layers)} of {len(names)} layers, calibrated on {len(hwvs)} training examples"
     onnx.helper.set_model_props(
-        quantised, {p.key: p.value for p in model.metadata_props} | {"precision": "int8", "quantised": told}
+        quantised, {p.key: p.value for p in model.metadata_props} | {"precision": "int8", "quantised": summary}
     )
     onnx.checker.check_model(quantised, full_check=True)
     onnx.save(quantised, out)
 
 
 def free_logits(graph: onnx.GraphProto) -> None:
-    """Take the rounding off the output: nothing computes with it, and 256 steps are few for a sigmoid's tail."""
+    """Leave the logits float32: 256 steps are few for the tails of a sigmoid, and no convolution follows."""
     made_by = {name: node for node in graph.node for name in node.output}
     dequantise = made_by["logits"]
     if dequantise.op_type != "DequantizeLinear":
@@ -124,19 +124,19 @@ def card(path: Path, out: Path, hwvs: list[np.ndarray], held_out: list[Photo], c
             print(rows[-1], flush=True)
     vnni = any(flag in Path("/proc/cpuinfo").read_text() for flag in ("avx512_vnni", "avx_vnni"))
     kinds = " | ".join(f"{kind}, dB" for kind in exact.psnr)
-    told = (
+    summary = (
         f"[`{path.name}`]({path.name}) with {len(chosen)} of its {len(names)} layers in int8: activations uint8, "
         "weights int8 per channel,\nof 7 bits (CPUs without VNNI add pairs of products in 16 bits, which 8 can "
         "saturate). Input and output are float32.\n"
-        f"Calibrated on {len(hwvs)} samples of `{config_name}`, half of them procedural. Made by `make int8`. Training "
-        "and licence: the original's."
+        f"Calibrated on {len(hwvs)} examples made as for `{config_name}`, half of them procedural. Made by `make int8`."
+        " Training and licence: the original's."
     )
     measured = (
         "What quantising costs: root mean square error of the logits beside that of the logits themselves, and change "
         f"of PSNR,\nover {len(held_out)} held-out renders of `dev/`, by onnxruntime {onnxruntime.__version__} on a CPU "
         f"{'with' if vnni else 'without'} VNNI."
     )
-    head = [f"# {out.name}", "", told, "", measured, "", f"| quantised | logits | {kinds} |"]
+    head = [f"# {out.name}", "", summary, "", measured, "", f"| quantised | logits | {kinds} |"]
     return "\n".join([*head, "|---" * (2 + len(exact.psnr)) + "|", *rows, ""])
 
 
@@ -148,7 +148,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="folder with train/, dev/ and textures/")
     args = parser.parse_args()
     config = read_config(args.config)
-    hwvs = samples(config, args.data, SAMPLES)
+    hwvs = calibration_hwvs(config, args.data, EXAMPLES)
     layers = set(convolutions(onnx.load(args.model))) - set(KEPT)
     quantise(args.model, args.out, hwvs, layers)
     held_out = photos(config["validation"], args.data, config["views"])

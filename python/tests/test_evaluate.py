@@ -8,13 +8,17 @@ from pathlib import Path
 
 import pytest
 import torch
-from liveview_ref import baselines, evaluate, figure, methods, scene, select
-from liveview_ref.heldout import Case
-from liveview_ref.lpips import load_lpips, lpips, weights_file
-from liveview_ref.metrics import psnr
-from liveview_ref.render import render
-from liveview_ref.warp import warp_maps
 from test_reference import rig_of
+
+from liveview_ref.data import scene
+from liveview_ref.data.held_out import Case
+from liveview_ref.evaluation import baselines, evaluate, figure, methods
+from liveview_ref.evaluation.lpips import load_lpips, lpips, weights_file
+from liveview_ref.reference.histogram import plane_histogram
+from liveview_ref.reference.layer_spec import DisparityList, Guided, Planes, Select
+from liveview_ref.reference.metrics import psnr
+from liveview_ref.reference.renderer import render
+from liveview_ref.reference.warp import warp_maps
 
 ROOT = Path(__file__).parents[2]
 
@@ -30,7 +34,7 @@ def wall(disparity: float = 0.5) -> Case:
     case = case_of_rig("rectified")
     texture = torch.rand(1, 3, 256, 256, generator=torch.Generator().manual_seed(1))
     texture = torch.nn.functional.avg_pool2d(texture, 5, 1, 2)[0]
-    painted = case.target.cropped(-100, -100, 256, 256)
+    painted = case.target.with_window(-100, -100, 256, 256)
 
     def seen(camera):
         return warp_maps(texture, painted, camera, torch.full((1, camera.height, camera.width), disparity))[0][0]
@@ -40,7 +44,7 @@ def wall(disparity: float = 0.5) -> Case:
 
 def test_streamed_layers_are_the_reference_render():
     case = case_of_rig("random")
-    maps = methods.uniform_maps(case, 10)
+    maps = methods.maps_of(case, Planes(10))
 
     def network(hwv):
         return hwv[:, 2:6] * 4 - 2
@@ -49,9 +53,18 @@ def test_streamed_layers_are_the_reference_render():
     layers = methods.infer(network, case, maps)
     torch.testing.assert_close(methods.composited(layers, maps, list(range(10))), out.rgb)
     alpha = stages.alpha[:, : case.target.height, : case.target.width]
-    assert torch.equal(select.plane_histogram(layers[0]), select.plane_histogram(alpha))
+    assert torch.equal(plane_histogram(layers[0]), plane_histogram(alpha))
     some = [1, 4, 7]
     torch.testing.assert_close(methods.composited(layers, maps, some), render(network, *case[:3], maps[some])[0].rgb)
+
+
+def test_layers_that_need_no_network_are_made_of_their_spec():
+    case = case_of_rig("random")
+    listed = methods.maps_of(case, DisparityList((0.5, 0.25)))
+    assert listed.shape == (2, 40, 56) and listed[:, 7, 9].tolist() == [0.5, 0.25]
+    assert torch.equal(methods.maps_of(case, Guided(2)), methods.guided_maps_of(case)["guided:2"])
+    with pytest.raises(ValueError, match="select:2/4: expected"):
+        methods.maps_of(case, Select(2, 4))
 
 
 def test_nearest_view_is_the_photo():
@@ -111,7 +124,7 @@ def test_text_and_binary_colmap_agree(tmp_path):
 
 
 def test_figure_is_a_drawing_of_three_curves():
-    names = [*(f"guided {n}" for n in (2, 4)), "planes 8", "planes 64", "selected 8 of 64", "sweep, planes 64"]
+    names = ["guided:2", "guided:4", "planes:8", "planes:64", "select:8/64", "sweep, planes:64"]
     mean = {name: {"psnr": 20.0 + i, "ssim": 0.5 + i / 100} for i, name in enumerate(names)}
     assert figure.curves(mean, "psnr")["selected of 64 planes"] == [(8, 24.0), (64, 23.0)]
     drawing = ElementTree.fromstring(figure.figure(mean))
@@ -147,6 +160,6 @@ def test_evaluation_writes_its_files_and_names_what_it_skips(tmp_path, monkeypat
     targets = report["scenes"]["workshop"]["targets"]
     assert [t["target"] for t in targets] == ["images/target_0.jpg", "images/target_1.jpg"]
     assert not any("target" in view for t in targets for view in t["views"])
-    assert report["mean"]["guided 4"]["psnr"] > report["mean"]["nearest view"]["psnr"] + 3
+    assert report["mean"]["guided:4"]["psnr"] > report["mean"]["nearest view"]["psnr"] + 3
     assert (tmp_path / "out" / "sheet.jpg").stat().st_size > 1000
-    assert "| guided 4 |" in (tmp_path / "out" / "scores.md").read_text()
+    assert "| guided:4 |" in (tmp_path / "out" / "scores.md").read_text()

@@ -4,28 +4,26 @@ from pathlib import Path
 
 import numpy as np
 import onnx
-import onnxruntime
 import pytest
-from liveview_ref.quantize import KEPT, convolutions, quantise, samples
-from liveview_ref.train import read_config
+
+from liveview_ref.onnx_session import logits, session
+from liveview_ref.quantize import KEPT, calibration_hwvs, convolutions, quantise
+from liveview_ref.training.train import read_config
 
 ROOT = Path(__file__).parents[2]
 MODELS = ROOT / "models"
 
 
-def logits(path: Path, hwv: np.ndarray) -> np.ndarray:
-    return onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"]).run(["logits"], {"hwv": hwv})[0]
-
-
 def off(path: Path, original: Path, hwvs: list[np.ndarray]) -> float:
     """Root mean square error of the logits, as a share of theirs."""
-    pairs = [(logits(path, hwv), logits(original, hwv)) for hwv in hwvs]
+    networks = session(path), session(original)
+    pairs = [[logits(network, hwv) for network in networks] for hwv in hwvs]
     return float(np.sqrt(sum(((a - b) ** 2).sum() for a, b in pairs) / sum((b**2).sum() for _, b in pairs)))
 
 
 @pytest.fixture(scope="module")
 def hwvs():
-    return samples(read_config(ROOT / "python/configs/v4.json"), None, 4)
+    return calibration_hwvs(read_config(ROOT / "python/configs/v4.json"), None, 4)
 
 
 def test_quantised_model_keeps_its_interface_and_stays_near(tmp_path, hwvs):
@@ -39,11 +37,11 @@ def test_quantised_model_keeps_its_interface_and_stays_near(tmp_path, hwvs):
     assert card.pop("precision") == "int8" and card.pop("quantised").startswith("8 of 9 layers")
     assert card == {p.key: p.value for p in model.metadata_props}
     assert sum(node.op_type == "QuantizeLinear" for node in found.graph.node) > 8
-    assert off(made, original, hwvs) < 0.03  # of what it was calibrated on: rounding alone; four samples clip others
+    assert off(made, original, hwvs) < 0.03  # on what it was calibrated on; four examples are too few for others
 
 
 @pytest.mark.parametrize("path", sorted(MODELS.glob("*_int8.onnx")), ids=lambda path: path.stem)
 def test_shipped_int8_model_is_of_the_shipped_float32_model(path):
     original = path.with_name(path.name.replace("_int8", ""))
     config = read_config(ROOT / f"python/configs/{original.stem.removeprefix('liveview_')}.json")
-    assert off(path, original, samples(config, None, 4)) < 0.05
+    assert off(path, original, calibration_hwvs(config, None, 4)) < 0.05

@@ -1,31 +1,34 @@
 """The reference against kornia, against figures worked by hand, and against the paper's own counts."""
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import onnx
 import pytest
 import torch
-from liveview_ref import guide, layers, metrics, parity, select, stages
-from liveview_ref.blend import blend
-from liveview_ref.camera import choose_views
-from liveview_ref.composite import composite
-from liveview_ref.export import check, export
-from liveview_ref.render import planes_over, render
-from liveview_ref.unet import UNet, adapt_views, fold_batchnorm, start_from_agreement
-from liveview_ref.warp import warp_maps, warp_plane_kornia
 from skimage.metrics import structural_similarity
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "parity"))
-from generate import rig  # noqa: E402
+from liveview_ref.checkpoint import load_network
+from liveview_ref.export import check, export
+from liveview_ref.parity.kornia_warp import warp_plane_kornia
+from liveview_ref.parity.rigs import rig
+from liveview_ref.reference.blend import blend
+from liveview_ref.reference.composite import composite
+from liveview_ref.reference.guided import guided_search, search_planes
+from liveview_ref.reference.histogram import plane_histogram, select_planes
+from liveview_ref.reference.layers import plane_maps, uniform_disparities
+from liveview_ref.reference.metrics import ssim
+from liveview_ref.reference.renderer import render
+from liveview_ref.reference.unet import UNet, adapt_views, fold_batchnorm, start_from_agreement
+from liveview_ref.reference.view_selection import choose_views
+from liveview_ref.reference.warp import warp_maps
+from liveview_ref.rig_arrays import cameras_of, images_of
 
 
 def rig_of(kind: str, views: int = 4):
     data = rig(np.random.default_rng(7), views, kind)
-    cameras, target = stages.cameras_of(data)
-    return stages.images_of(data, torch.float64), cameras, target
+    cameras, target = cameras_of(data)
+    return images_of(data, torch.float64), cameras, target
 
 
 @pytest.mark.parametrize("kind", ["random", "rectified", "coincident", "unseen"])
@@ -93,7 +96,7 @@ def test_export_is_one_plain_checked_graph(tmp_path):
     assert operators == ["Concat"] * 3 + ["Conv"] * 9 + ["Relu"] * 8 + ["Resize"] * 3
     assert not list(tmp_path.glob("*.data")) and model.opset_import[0].version == 20
     hwv = torch.rand(1, 9, 16, 16)
-    torch.testing.assert_close(parity.load_network(path)(hwv), net(hwv), rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(load_network(path)(hwv), net(hwv), rtol=1e-4, atol=1e-5)
 
 
 def test_blend_by_hand():
@@ -124,13 +127,19 @@ def test_composite_by_hand():
 
 def test_selection_takes_the_fullest_bins_and_the_nearer_of_equals():
     alpha = torch.tensor([[0.1, 0.9, 0.2, 0.0], [0.5, 0.9, 0.1, 0.0], [0.2, 0.1, 0.3, 0.0]])[:, None]
-    histogram = select.plane_histogram(alpha)
+    histogram = plane_histogram(alpha)
     assert histogram.tolist() == [1, 1, 1]
-    assert select.select_planes(histogram, 2) == [0, 1]
+    assert select_planes(histogram, 2) == [0, 1]
+
+
+def test_the_coarse_pass_has_as_many_planes_as_asked_for():
+    _, cameras, target = rig_of("random")
+    assert len(search_planes(cameras, target, 1.0, 8.0, 32)) == 32
+    assert 8 <= len(search_planes(cameras, target, 1.0, 8.0)) <= 128
 
 
 def test_uniform_planes_reach_infinity():
-    assert layers.uniform_planes(0.5, math.inf, 3).tolist() == [2.0, 1.0, 0.0]
+    assert uniform_disparities(0.5, math.inf, 3).tolist() == [2.0, 1.0, 0.0]
 
 
 def test_guided_layers_enclose_the_surface():
@@ -141,10 +150,10 @@ def test_guided_layers_enclose_the_surface():
     seen = []
     for camera in cameras:
         plane = torch.full((1, 45, 61), 0.5, dtype=torch.float64)
-        wall = camera.cropped(-100, -100, 256, 256)
+        wall = camera.with_window(-100, -100, 256, 256)
         wall = type(wall)(wall.k, target.rotation, target.translation, 256, 256)
         seen.append(warp_maps(texture, wall, camera, plane)[0][0])
-    nearest, surface, farthest = guide.coarse_range(seen, cameras, target, 1.0, 8.0)
+    nearest, surface, farthest = guided_search(seen, cameras, target, 1.0, 8.0)
     outside = torch.maximum(0.5 - nearest, farthest - 0.5).clamp(min=0)
     scale = max(50 * float((c.centre - target.centre).norm()) for c in cameras)  # pixels per unit of disparity
     assert scale * outside.max() < 0.5
@@ -155,7 +164,7 @@ def test_guided_layers_enclose_the_surface():
 def test_a_scene_of_one_plane_comes_out_whatever_the_network_says():
     """Any alpha gives the same picture when all layers show it: here one plane, the background."""
     images, cameras, target = rig_of("coincident")
-    maps = planes_over(target, torch.tensor([0.4]), torch.float64)
+    maps = plane_maps(target, torch.tensor([0.4]), torch.float64)
     out, parts = render(lambda hwv: torch.randn(len(hwv), 4, *hwv.shape[2:]).double(), images, cameras, target, maps)
     seen = parts.coverage[0, 0, :38, :53] > 0
     expected = parts.colour[0, 0, :, :38, :53] / parts.coverage[0, 0, :38, :53].clamp(min=1e-300)
@@ -180,4 +189,4 @@ def test_ssim_is_skimages():
         a.numpy(), b.numpy(), channel_axis=0, data_range=1, gaussian_weights=True, sigma=1.5,
         use_sample_covariance=False, full=True,
     )[1]  # fmt: skip
-    assert metrics.ssim(a, b) == pytest.approx(whole[:, 5:-5, 5:-5].mean(), abs=1e-12)
+    assert ssim(a, b) == pytest.approx(whole[:, 5:-5, 5:-5].mean(), abs=1e-12)

@@ -1,12 +1,14 @@
-"""The 50-digit oracle against the float64 reference, and the errors that are told of the others."""
+"""The 50-digit formulas against the float64 reference, and how errors are reported."""
 
 import numpy as np
 import pytest
 import torch
-from liveview_ref import oracle, stability, stages
-from liveview_ref.blend import blend
-from liveview_ref.composite import composite
-from liveview_ref.warp import warp_maps
+
+from liveview_ref.parity import fifty_digits, stability
+from liveview_ref.reference.blend import blend
+from liveview_ref.reference.composite import composite
+from liveview_ref.reference.warp import warp_maps
+from liveview_ref.rig_arrays import cameras_of, images_of
 
 PIXELS = 6
 
@@ -22,11 +24,11 @@ def test_warp_in_digits_is_the_reference(rng):
     data |= {f"{name}.k": np.array([[9.0, 0.5, 4], [0, 8, 3], [0, 0, 1]]) for name in ("view0", "target")}
     data |= {"view0.image": rng.random((6, 8, 3)).astype(np.float32), "target.size": np.array([7, 5])}
     data |= {"disparities": np.array([0.75])}
-    (source,), target = stages.cameras_of(data)
-    (image,) = stages.images_of(data, torch.float64)
+    (source,), target = cameras_of(data)
+    (image,) = images_of(data, torch.float64)
     colour, coverage = warp_maps(image, source, target, torch.full((1, 5, 7), 0.75, dtype=torch.float64))
     found = torch.cat([colour[0], coverage])
-    digits = np.array([oracle.warp(data, pixel) for pixel in range(35)], dtype=np.float64)
+    digits = np.array([fifty_digits.warp(data, pixel) for pixel in range(35)], dtype=np.float64)
     assert np.abs(found.flatten(1).T.numpy() - digits).max() < 1e-12
     assert 0 < digits[:, 3].sum() < 35  # some pixels see the source, some do not
 
@@ -42,7 +44,7 @@ def test_blend_in_digits_is_the_reference(rng):
     )
     alpha, rgb = blend(logits, colour.unflatten(1, (3, 3)), coverage, torch.from_numpy(data["distances"]))
     found = torch.cat([alpha, rgb[0]]).flatten(1).T.numpy()
-    digits = np.array([oracle.blend(data, pixel) for pixel in range(PIXELS)], dtype=np.float64)
+    digits = np.array([fifty_digits.blend(data, pixel) for pixel in range(PIXELS)], dtype=np.float64)
     assert np.abs(found - digits).max() < 1e-12
 
 
@@ -53,11 +55,11 @@ def test_composite_in_digits_is_the_reference(rng):
         alpha, rgb, maps = (torch.from_numpy(data[name])[..., None, :] for name in ("alpha", "rgb", "maps"))
         out = composite(alpha, rgb, torch.full((1, PIXELS), background), maps)
         found = torch.cat([out.rgb[:, 0], out.disparity, out.transmittance]).T.numpy()
-        digits = np.array([oracle.composite(data, pixel) for pixel in range(PIXELS)], dtype=np.float64)
+        digits = np.array([fifty_digits.composite(data, pixel) for pixel in range(PIXELS)], dtype=np.float64)
         assert np.abs(found - digits).max() < 1e-14
 
 
-def test_errors_leave_out_doubtful_pixels_and_tell_what_is_not_finite():
+def test_errors_leave_out_doubtful_pixels_and_report_what_is_not_finite():
     data = {"doubtful": np.array([False, True, True]), "truth.rgb": np.zeros(6), "scale.rgb": np.ones(1)}
     found = np.array([[0.1, 9, 0], [0.2, 0, 0]])
     assert stability.errors({"rgb": found}, data, 1e-3) == {"largest": 0.2, "doubtful": 0.5}

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from liveview_ref.metrics import psnr
-from liveview_ref.procedural import Textures
-from liveview_ref.samples import RealScene, make_example, procedural
-from liveview_ref.train import batch_loss, forward, read_config
-from liveview_ref.unet import UNet
+
+from liveview_ref.checkpoint import load_state, trained_network
+from liveview_ref.data.examples import RealScene, make_example, procedural
+from liveview_ref.data.procedural.textures import Textures
+from liveview_ref.reference.metrics import psnr
+from liveview_ref.training.train import batch_loss, forward, read_config
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = sorted((ROOT / "python/configs").glob("v*.json"))
@@ -21,7 +22,7 @@ def mixed_batch(config, scenes: int):
     rng, textures = np.random.default_rng(1), Textures(None)
     photos = RealScene(ROOT / "tests/scenes", {"path": "workshop", "reach": 2, "widths": [300], "weight": 1}, 4)
     sources = [
-        procedural(rng, 4, (64, 64), textures) if i % 2 else photos.sample(rng, 4, (64, 64)) for i in range(scenes)
+        procedural(rng, 4, (64, 64), textures) if i % 2 else photos.draw(rng, 4, (64, 64)) for i in range(scenes)
     ]
     return [make_example(rng, source, config) for source in sources]
 
@@ -29,8 +30,7 @@ def mixed_batch(config, scenes: int):
 @pytest.fixture(scope="module")
 def trained():
     config = read_config(ROOT / "python/configs/v4.json")
-    net = UNet(4).eval()
-    net.load_state_dict(torch.load(ROOT / "models/liveview_v4.pt", weights_only=True)["average"])
+    net = trained_network(load_state(ROOT / "models/liveview_v4.pt"))
     return net, config, mixed_batch(config, 12)
 
 

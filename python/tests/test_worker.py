@@ -1,4 +1,4 @@
-"""Every engine of the worker, through its real protocol, against the float64 reference."""
+"""Every competitor, through the real protocol of its worker, against the float64 reference."""
 
 import io
 import json
@@ -10,20 +10,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from liveview_ref import engines, stages, worker
-from liveview_ref.engine_torch import folded_network
+
+from liveview_ref.checkpoint import load_network
+from liveview_ref.competitors import job, worker
 from liveview_ref.export import export
-from liveview_ref.render import planes_over, render
-from liveview_ref.sweep import source_coordinates, sweep_terms
-from liveview_ref.unet import UNet, start_from_agreement
+from liveview_ref.parity.rigs import rig
+from liveview_ref.reference.layers import plane_maps
+from liveview_ref.reference.plane_sweep import PlaneSweep, source_coordinates
+from liveview_ref.reference.renderer import render
+from liveview_ref.reference.unet import UNet, start_from_agreement
+from liveview_ref.rig_arrays import Arrays, cameras_of, images_of
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "parity"))
-from generate import rig  # noqa: E402
-
-LARGEST = 1e-4  # 3e-6 was seen: coordinates are off by 1e-5 pixels, at which noisy photos change by 0.5 per pixel
+LARGEST = 1e-4  # coordinates are off by 1e-5 pixels, and these noisy photos change by up to 0.5 per pixel
 MEAN = 1e-6
-EDGE = 1e-3  # pixels from the edge of what a photo covers: nearer, whether it is seen at all hangs on rounding
-BATCH = 2  # of 3 planes: the sums are carried over, and the last batch is a smaller one
+EDGE = 1e-3  # pixels from the edge of what a photo covers: nearer, rounding decides whether it is seen at all
+BATCH = 2  # of 3 planes: the sums continue over batches, and the last batch is a smaller one
 
 CASES = {  # name: (V, rig, disparities)
     "random": (4, "random", [0.9, 0.45, 0.15]),
@@ -49,7 +50,7 @@ def models(tmp_path_factory):
     return folder
 
 
-def arrays_of(name: str) -> stages.Arrays:
+def arrays_of(name: str) -> Arrays:
     """A job with a target of 53 x 38 pixels; one photo is smaller than the others."""
     views, kind, disparities = CASES[name]
     data = rig(np.random.default_rng([7, views]), views, kind)
@@ -57,26 +58,22 @@ def arrays_of(name: str) -> stages.Arrays:
     return data | {"disparities": np.array(disparities)}
 
 
-def reference(data: stages.Arrays, weights: Path) -> np.ndarray:
+def reference(data: Arrays, weights: Path) -> np.ndarray:
     """The frame in float64, [h, w, 3]."""
-    cameras, target = stages.cameras_of(data)
-    maps = planes_over(target, torch.from_numpy(data["disparities"]), torch.float64)
-    network = folded_network(weights, None).double()
+    cameras, target = cameras_of(data)
+    maps = plane_maps(target, torch.from_numpy(data["disparities"]), torch.float64)
+    network = load_network(weights).double()
     with torch.no_grad():
-        return (
-            render(network, stages.images_of(data, torch.float64), cameras, target, maps)[0]
-            .rgb.permute(1, 2, 0)
-            .numpy()
-        )
+        return render(network, images_of(data, torch.float64), cameras, target, maps)[0].rgb.permute(1, 2, 0).numpy()
 
 
-def clear_of_edges(data: stages.Arrays) -> np.ndarray:
+def clear_of_edges(data: Arrays) -> np.ndarray:
     """Pixels [h, w] that no plane puts within EDGE of where a photo begins or ends to be seen."""
-    cameras, target = stages.cameras_of(data)
+    cameras, target = cameras_of(data)
     maps = torch.from_numpy(data["disparities"])[:, None, None].expand(-1, target.height, target.width)
     clear = torch.ones(target.height, target.width, dtype=torch.bool)
     for camera in cameras:
-        coordinates, w = source_coordinates(sweep_terms(camera, target), maps)
+        coordinates, w = source_coordinates(PlaneSweep.of(camera, target), maps)
         for at, side in zip(coordinates.unbind(-1), (camera.width, camera.height), strict=True):
             near = torch.minimum((at + 0.5).abs(), (at - side - 0.5).abs()) < EDGE
             clear &= ~near.any(0)
@@ -87,13 +84,13 @@ def clear_of_edges(data: stages.Arrays) -> np.ndarray:
 def drive(requests: list[dict | str]) -> tuple[int, list[dict], str]:
     """(exit code, replies, notes) of a worker that reads these lines."""
     lines = "".join((r if isinstance(r, str) else json.dumps(r)) + "\n" for r in requests)
-    command = [sys.executable, "-m", "liveview_ref.worker"]
+    command = [sys.executable, "-m", "liveview_ref.competitors.worker"]
     where = {"cwd": Path(__file__).parents[1], "env": os.environ | {"PYTHONPATH": "."}}
     done = subprocess.run(command, input=lines, capture_output=True, text=True, timeout=300, **where)
     return done.returncode, [json.loads(line) for line in done.stdout.splitlines()], done.stderr
 
 
-def departs(found: np.ndarray, data: stages.Arrays, weights: Path) -> bool:
+def departs(found: np.ndarray, data: Arrays, weights: Path) -> bool:
     """Whether a frame is off by more than the bounds."""
     clear = clear_of_edges(data)
     assert clear.mean() > 0.95
@@ -101,23 +98,23 @@ def departs(found: np.ndarray, data: stages.Arrays, weights: Path) -> bool:
     return not (difference.max() < LARGEST and difference.mean() < MEAN)
 
 
-def job_of(data: stages.Arrays, models: Path, views: int, engine: str, folder: Path) -> dict:
+def job_of(data: Arrays, models: Path, views: int, name: str, folder: Path) -> dict:
     """The first line to a worker."""
     np.savez(folder / "job.npz", **data)
     model = {"model": str(models / f"v{views}.onnx"), "weights": str(models / f"v{views}.pt")}
-    return {"job": str(folder / "job.npz"), **model, "engine": engine, "threads": 2, "batch": BATCH}
+    return {"job": str(folder / "job.npz"), **model, "engine": name, "threads": 2, "batch": BATCH}
 
 
-@pytest.mark.parametrize("engine", engines.NAMES)
-def test_every_engine_speaks_the_protocol(engine, models, tmp_path):
+@pytest.mark.parametrize("name", job.NAMES)
+def test_every_competitor_speaks_the_protocol(name, models, tmp_path):
     data = arrays_of("random")
-    job = job_of(data, models, 4, engine, tmp_path)
+    asked = job_of(data, models, 4, name, tmp_path)
     runs = [{"run": True}, {"run": True, "frame": str(tmp_path / "frame.npy")}, {"quit": True}]
-    code, (ready, *told), notes = drive([job, *runs])
-    assert code == 0 and ready["ready"] and len(told) == 2, notes
-    assert ("ONNX Runtime" if engine in ("onnxruntime + kornia", "one graph") else "PyTorch") in ready["engine"]
-    for reply in told:
-        parts = ["total"] if engine in ("reference", "one graph") else ["warp", "network", "composite"]
+    code, (ready, *timed), notes = drive([asked, *runs])
+    assert code == 0 and ready["ready"] and len(timed) == 2, notes
+    assert ("ONNX Runtime" if name in ("onnxruntime + kornia", "one graph") else "PyTorch") in ready["engine"]
+    for reply in timed:
+        parts = ["total"] if name in ("reference", "one graph") else ["warp", "network", "composite"]
         assert list(reply["seconds"]) == parts and min(reply["seconds"].values()) > 0
         assert 2**24 < reply["peak_memory_bytes"] < 2**34
     frame = np.load(tmp_path / "frame.npy")
@@ -125,14 +122,14 @@ def test_every_engine_speaks_the_protocol(engine, models, tmp_path):
     assert not departs(frame, data, models / "v4.pt")
 
 
-@pytest.mark.parametrize("engine", engines.NAMES)
+@pytest.mark.parametrize("name", job.NAMES)
 @pytest.mark.parametrize("case", [case for case in CASES if case != "random"])
-def test_every_engine_renders_what_the_reference_renders(case, engine, models, tmp_path, monkeypatch):
+def test_every_competitor_renders_what_the_reference_renders(case, name, models, tmp_path, monkeypatch):
     monkeypatch.setattr(os, "environ", os.environ.copy())
     data, views = arrays_of(case), CASES[case][0]
-    engine = engines.start(engines.Job.of(job_of(data, models, views, engine, tmp_path)))
+    competitor = worker.start(job.Job.of(job_of(data, models, views, name, tmp_path)))
     for _ in range(2):  # the second render starts anew
-        assert not departs(engine.render()[0], data, models / f"v{views}.pt")
+        assert not departs(competitor.render()[0], data, models / f"v{views}.pt")
 
 
 @pytest.mark.parametrize("change", ["half a pixel", "planes reversed", "a view's distance", "no background"])
@@ -154,26 +151,26 @@ def test_the_bounds_tell_a_wrong_render(change, models):
 
 def test_without_weights_the_models_are_taken(models, tmp_path):
     data = arrays_of("pair")
-    for engine in ("torch", "one graph"):
-        frame = tmp_path / f"{engine}.npy"
-        job = job_of(data, models, 2, engine, tmp_path) | {"weights": None, "batch": 1, "threads": 1}
-        code, _, notes = drive([job, {"run": True, "frame": str(frame)}])  # end of input: quits
+    for name in ("torch", "one graph"):
+        frame = tmp_path / f"{name}.npy"
+        asked = job_of(data, models, 2, name, tmp_path) | {"weights": None, "batch": 1, "threads": 1}
+        code, _, notes = drive([asked, {"run": True, "frame": str(frame)}])  # end of input: quits
         assert code == 0, notes
         assert not departs(np.load(frame), data, models / "v2.pt")
 
 
-def test_what_fails_is_told(models, tmp_path, monkeypatch):
+def test_what_fails_is_reported(models, tmp_path, monkeypatch):
     monkeypatch.setattr(os, "environ", os.environ.copy())
-    job = job_of(arrays_of("pair"), models, 2, "torch", tmp_path)
+    asked = job_of(arrays_of("pair"), models, 2, "torch", tmp_path)
     for changes, message in [
-        ({"engine": "jax"}, "no engine 'jax'"),
+        ({"engine": "jax"}, "no competitor 'jax'"),
         ({"job": str(tmp_path / "none.npz")}, "none.npz"),
         ({"engine": "one graph", "weights": str(tmp_path / "none.pt")}, "could not be built"),
         ({"batch": 0}, "at least 1"),
     ]:
         with pytest.raises((ValueError, OSError), match=message):
-            worker.serve(io.StringIO(json.dumps(job | changes) + "\n"), io.StringIO())
-    code, (ready, error), _ = drive([job, {"walk": True}])
+            worker.serve(io.StringIO(json.dumps(asked | changes) + "\n"), io.StringIO())
+    code, (ready, error), _ = drive([asked, {"walk": True}])
     assert code == 2 and ready["ready"] and "neither run nor quit" in error["error"]
     code, (error,), _ = drive(["not json"])
     assert code == 2 and "JSONDecodeError" in error["error"]

@@ -1,4 +1,4 @@
-"""What stands and moves before the rig: `yard`, and `hall` after the cut. python/make_rig_clip.py draws it.
+"""What stands and moves before the rig: `yard`, and `hall` after the cut. python/tools/make_rig_clip.py draws it.
 
 World axes are OpenCV's (x right, y down, z forward); a length of 1 is about a metre. The textures are the workshop's.
 """
@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
+
+from liveview_ref.data.image import to_u8
 
 WORKSHOP = runpy.run_path(str(Path(__file__).parents[1] / "workshop" / "scene.py"))
 NEAR, FAR = 1.2, 7.2  # no depth of either set, from any camera, lies outside
@@ -40,7 +42,7 @@ def textures():
     for name, image in WORKSHOP["textures"](np.random.default_rng(7)).items():
         most = COARSE.get(name, 1024)
         side = [2 ** round(np.log2(min(n, most))) for n in image.shape[1::-1]]
-        out[name] = np.asarray(Image.fromarray(np.uint8(np.clip(image, 0, 1) * 255 + 0.5)).resize(side))
+        out[name] = np.asarray(Image.fromarray(to_u8(image)).resize(side))
     return out
 
 

@@ -1,4 +1,4 @@
-"""What stands in the workshop: textures, shapes, light. `build` is what python/make_example_scene.py renders.
+"""What stands in the workshop: textures, shapes, light. python/tools/make_example_scene.py renders what `build` makes.
 
 World axes are OpenCV's (x right, y down, z forward); a length of 1 is about a metre.
 """
@@ -7,6 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
+
+from liveview_ref.data.image import to_u8
 
 FLOOR, WALL, SIDE = 1.45, 6.9, 2.4  # y of the floor, z of the back wall, |x| of the side walls
 
@@ -113,7 +115,7 @@ class Builder:
         if isinstance(colour, str):
             tex = {"type": "rgb", "value": (ramp(np.zeros(()), colour, colour) ** 2.2).tolist()}
         else:
-            image = self.mi.Bitmap((np.clip(colour, 0, 1) * 255 + 0.5).astype(np.uint8))
+            image = self.mi.Bitmap(to_u8(colour))
             tex = {"type": "bitmap", "bitmap": image, "to_uv": self.mi.ScalarTransform4f().scale([*repeat, 1])}
         bsdf = {"type": "diffuse", "reflectance": tex}
         if gloss:

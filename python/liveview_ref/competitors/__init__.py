@@ -1,0 +1,1 @@
+"""Other implementations of the pipeline, which `liveview sweep --reference` times beside the Rust crate."""

@@ -1,0 +1,161 @@
+"""The pipeline in PyTorch, written for speed, and the reference itself.
+
+TorchPipeline departs from the reference (renderer.py) to be faster, with the same result: BatchNorm is folded; nothing
+but the sums of the composite is kept; a plane needs no disparity map, so its coordinates are three multiply-adds and a
+division on the rays of the target; and the mask for what lies behind a camera, or is huge, is left out where the
+corners of the target show that there is none (w is affine over the target, so its extremes lie there).
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ..checkpoint import load_network
+from ..reference.blend import blend
+from ..reference.camera import Camera
+from ..reference.composite import accumulate, empty
+from ..reference.layers import padded_size, plane_maps
+from ..reference.plane_sweep import PlaneSweep
+from ..reference.renderer import Network, render
+from ..reference.view_selection import view_distances
+from ..reference.warp import OUTSIDE, grid_from_pixels, outside_masked, with_coverage
+from ..rig_arrays import cameras_of, images_of
+from .job import Job, Stopwatch, batches
+
+PlaneWarp = Callable[[Tensor], Tensor]  # disparities [n] -> colour and coverage of a view [n, 4, H8, W8]
+FRONT = 1e-3  # of the largest w: where the target has a smaller one, points behind the camera are masked
+
+
+def in_front(w: Tensor) -> Tensor:
+    """Whether a plane lies well in front of the source, from w at the target's corners [n, h, w] -> [n] bool."""
+    corners = w[:, [0, 0, -1, -1], [0, -1, 0, -1]]
+    return corners.amin(1) > FRONT * corners.amax(1)
+
+
+def grid_warp(rgbc: Tensor, source: Camera, target: Camera, size: tuple[int, int]) -> PlaneWarp:
+    """Planes by grid_sample. rgbc [4, Hs, Ws]: photo and ones; size: of the padded target (height, width)."""
+    height, width = size
+    into_grid = grid_from_pixels(source.width, source.height)
+    homography, epipole = ((into_grid @ term).float() for term in PlaneSweep.of(source, target))
+    x, y = torch.arange(width) + 0.5, torch.arange(height)[:, None] + 0.5
+    rays = [row[0] * x + (row[1] * y + row[2]) for row in homography]
+
+    def warp(disparities: Tensor) -> Tensor:
+        u, v, w = (ray + shift * disparities[:, None, None] for ray, shift in zip(rays, epipole, strict=True))
+        grid = torch.stack([u / w, v / w], -1)
+        if not bool(in_front(w).all()):
+            grid = outside_masked(grid, w)
+        stacked = grid.reshape(1, -1, width, 2)  # one image, all planes: no copy of the image per plane
+        warped = F.grid_sample(rgbc[None], stacked, padding_mode="zeros", align_corners=False)
+        return warped.reshape(4, -1, height, width).transpose(0, 1)
+
+    return warp
+
+
+def kornia_warp(rgbc: Tensor, source: Camera, target: Camera, size: tuple[int, int]) -> PlaneWarp:
+    """Planes by kornia's homography_warp; arguments as for grid_warp.
+
+    kornia shows what lies behind the camera mirrored, so its result is masked.
+    """
+    from kornia.geometry.transform import homography_warp
+
+    height, width = size
+    into_grid, target_grid = grid_from_pixels(source.width, source.height), grid_from_pixels(width, height)
+    x, y = torch.arange(width) + 0.5, torch.arange(height)[:, None] + 0.5
+    sweep = PlaneSweep.of(source, target)
+
+    def warp(disparities: Tensor) -> Tensor:
+        homographies = into_grid @ torch.stack([sweep.source_from_target(float(d)) for d in disparities])
+        images = rgbc.expand(len(disparities), -1, -1, -1)
+        normal = (homographies @ torch.linalg.inv(target_grid)).float()
+        warped = homography_warp(images, normal, size, align_corners=False)
+        for plane, homography in zip(warped, homographies.float(), strict=True):
+            u, v, w = (row[0] * x + (row[1] * y + row[2]) for row in homography)
+            if not bool(in_front(w[None])):
+                outside = outside_masked(torch.stack([u / w, v / w], -1), w)[..., 0] == OUTSIDE
+                plane.masked_fill_(outside, 0.0)
+        return warped
+
+    return warp
+
+
+class TorchPipeline:
+    """Warp by grid_warp or kornia_warp, any network, blend and composite in torch."""
+
+    def __init__(self, job: Job, title: str, warp: Callable[..., PlaneWarp], network: Network):
+        data = job.arrays()
+        self.title, self.warp, self.network = title, warp, network
+        self.cameras, self.target = cameras_of(data)
+        self.images = [with_coverage(image) for image in images_of(data, torch.float32)]
+        self.disparities = torch.from_numpy(data["disparities"])
+        self.batches = batches(len(self.disparities), job.batch)
+
+    @torch.inference_mode()
+    def render(self) -> tuple[np.ndarray, dict[str, float]]:
+        clock = Stopwatch()
+        size = padded_size(self.target.height, self.target.width)
+        with clock("warp"):
+            rig = zip(self.images, self.cameras, strict=True)
+            warps = [self.warp(image, camera, self.target, size) for image, camera in rig]
+            distances = view_distances(self.cameras, self.target)
+        state = empty(size)
+        for part in self.batches:
+            disparities = self.disparities[part].float()
+            with clock("warp"):
+                warped = [warp(disparities) for warp in warps]
+                colour = torch.stack([rgbc[:, :3] for rgbc in warped], 1)
+                coverage = torch.stack([rgbc[:, 3] for rgbc in warped], 1)
+            with clock("network"):
+                logits = self.network(colour.flatten(1, 2))
+            with clock("composite"):
+                alpha, rgb = blend(logits, colour, coverage, distances)
+                background = torch.arange(part.start, part.stop) == len(self.disparities) - 1
+                state = accumulate(state, alpha, rgb, coverage, disparities, background)
+        with clock("composite"):
+            frame = state[0][:, : self.target.height, : self.target.width].permute(1, 2, 0).contiguous()
+        return frame.numpy(), clock.seconds
+
+
+class ReferencePipeline:
+    """renderer.py as it stands, in float32 and with its own batches: every stage is kept."""
+
+    title = f"PyTorch {torch.__version__} reference"
+
+    def __init__(self, job: Job):
+        data = job.arrays()
+        self.network = load_network(job.network)
+        self.cameras, self.target = cameras_of(data)
+        self.images = images_of(data, torch.float32)
+        self.maps = plane_maps(self.target, torch.from_numpy(data["disparities"]), torch.float32)
+
+    @torch.inference_mode()
+    def render(self) -> tuple[np.ndarray, dict[str, float]]:
+        clock = Stopwatch()
+        with clock("total"):
+            frame, _ = render(self.network, self.images, self.cameras, self.target, self.maps)
+        return frame.rgb.permute(1, 2, 0).contiguous().numpy(), clock.seconds
+
+
+def start(job: Job) -> TorchPipeline | ReferencePipeline:
+    torch.set_num_threads(job.threads)
+    if job.competitor == "reference":
+        return ReferencePipeline(job)
+    if job.competitor == "onnxruntime + kornia":
+        import kornia
+        import onnxruntime
+
+        from ..onnx_session import logits, session
+
+        model = session(job.model, job.threads)
+        title = f"ONNX Runtime {onnxruntime.__version__} (Python), kornia {kornia.__version__}"
+        return TorchPipeline(job, title, kornia_warp, lambda hwv: torch.from_numpy(logits(model, hwv.numpy())))
+    net = load_network(job.network)
+    title = f"PyTorch {torch.__version__} eager"
+    if job.competitor == "torch":
+        return TorchPipeline(job, title, grid_warp, net)
+    net = net.to(memory_format=torch.channels_last)
+    network = lambda hwv: net(hwv.contiguous(memory_format=torch.channels_last))  # noqa: E731
+    return TorchPipeline(job, f"{title}, channels_last", grid_warp, network)

@@ -1,0 +1,73 @@
+"""One competitor in a process of its own, driven line by line: python -m liveview_ref.competitors.worker
+
+`liveview sweep --reference` starts a worker for each competitor, so that each has a peak memory of its own, and asks
+them in turn, so that other load on the machine falls on all alike. One JSON object per line, in and out; stdout carries
+nothing else, notes go to stderr. Relative paths are relative to the worker's working directory.
+
+    in   {"job": FILE.npz, "model": FILE.onnx, "weights": FILE.pt or null, "engine": NAME, "threads": 2, "batch": 1}
+    out  {"ready": true, "engine": "the competitor with its version"}
+    in   {"run": true, "frame": FILE.npy}       `frame`, float32 [h, w, 3], may be left out; writing it is not timed
+    out  {"seconds": {"warp": s, "network": s, "composite": s} or {"total": s}, "peak_memory_bytes": since the start}
+    in   {"quit": true}, or the end of input
+    out  {"error": "..."} after whatever fails, and exit code 2
+
+The job's arrays are named as rig_arrays.py says, and `disparities` of planes. NAME is one of job.NAMES.
+"""
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from ..json_lines import run
+from .job import Competitor, Job
+
+
+def peak_memory() -> int:
+    """Largest resident memory of this process so far, bytes (VmHWM)."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.split("VmHWM:")[1].split()[0]) * 1024
+
+
+def start(job: Job) -> Competitor:
+    """The competitor of this job. The variables that make idle threads sleep are set before any library that has
+    threads is loaded: other workers are timed in the meantime."""
+    os.environ |= {"OMP_NUM_THREADS": str(job.threads), "OMP_WAIT_POLICY": "passive"}
+    if job.competitor == "one graph":
+        from .graph_pipeline import GraphPipeline
+
+        return GraphPipeline(job)
+    from . import torch_pipeline
+
+    return torch_pipeline.start(job)
+
+
+def serve(requests: TextIO, replies: TextIO) -> None:
+    """Answer requests until one says quit, or there are no more."""
+
+    def reply(**message) -> None:
+        print(json.dumps(message), file=replies, flush=True)
+
+    line = requests.readline()
+    if not line:
+        return
+    competitor = start(Job.of(json.loads(line)))
+    reply(ready=True, engine=competitor.title)
+    for line in requests:
+        request = json.loads(line)
+        if request.get("quit"):
+            return
+        if not request.get("run"):
+            raise ValueError(f"neither run nor quit: {line.strip()}")
+        frame, seconds = competitor.render()
+        peak = peak_memory()
+        if "frame" in request:
+            np.save(request["frame"], frame)
+        reply(seconds=seconds, peak_memory_bytes=peak)
+
+
+if __name__ == "__main__":
+    sys.exit(run(serve))

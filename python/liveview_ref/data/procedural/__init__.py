@@ -1,0 +1,1 @@
+"""Procedural training scenes: random textured surfaces at known depths, seen by random cameras."""

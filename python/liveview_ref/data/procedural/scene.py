@@ -1,0 +1,218 @@
+"""Procedural training scenes: a handful of textured surfaces at all depths, seen by a target camera and V views.
+
+Everything lives in the target camera's frame until the end, where nearest depth is 1; then a random rigid motion and a
+random unit of length are applied. Every surface is intersected analytically with the rays of all cameras at once, which
+gives fragments (pixels, colour, alpha, disparity); these are composited far to near, with a depth test. Camera 0 is the
+target. Pixels of all cameras lie in one flat list.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from .contents import draw_background, draw_objects
+from .textures import Textures
+from .world import Fragments, World
+
+LARGEST = 224  # pixels, of a view
+
+
+@dataclass
+class ProceduralScene:
+    """One multi-view example: views V of [3, Hs, Ws] and target [3, H, W], float32 RGB in [0, 1]; k [3, 3], r [3, 3]
+    (cam_from_world) and t [3] float64, of the views stacked along V; disparity [H, W] = 1/z at pixel centres of the
+    surface with the largest compositing weight; [near, far] contains all depths seen in the target."""
+
+    views: list[Tensor]
+    view_k: Tensor
+    view_r: Tensor
+    view_t: Tensor
+    target: Tensor
+    target_k: Tensor
+    target_r: Tensor
+    target_t: Tensor
+    near: float
+    far: float
+    disparity: Tensor | None
+
+
+def random_scene(rng: np.random.Generator, n_views: int, size: tuple[int, int], textures: Textures) -> ProceduralScene:
+    """Draw a scene and a rig from `rng`; the target is `size` = (H, W) pixels."""
+    world = make_world(rng, n_views, size)
+    images, disparities = render(rng, world, textures)
+    views = imperfections(rng, images[1:])
+    disparity = disparities[0]
+    low, high = float(disparity.min()), float(disparity.max())
+    if rng.random() < 0.5:  # the bounds of a whole photo reach further than those of a crop
+        low, high = min(low, world.farthest), max(high, 1.0)
+    unit = float(np.exp(rng.uniform(-2, 2)))
+    turn, shift = rotation(rng.normal(0, 1, 3)), rng.normal(0, 3, 3)  # target_from_world
+    k = torch.from_numpy(world.k)
+    r = torch.from_numpy(world.r @ turn)
+    t = torch.from_numpy((world.r @ shift + world.t) * unit)
+    near, far = unit / (high * 1.01), unit / (low * 0.99)
+    return ProceduralScene(
+        views, k[1:], r[1:], t[1:], images[0].contiguous(), k[0], r[0], t[0], near, far, disparity / unit
+    )
+
+
+def render(rng: np.random.Generator, world: World, textures: Textures) -> tuple[list[Tensor], list[Tensor]]:
+    """Fill the world and look at it: images [3, H, W] and disparities [H, W] of all cameras, the target first."""
+    fragments = draw_background(rng, world, textures) + draw_objects(rng, world, textures)
+    colour, disparity = composite(world, fragments)
+    images, disparities = [], []
+    for c, (height, width) in enumerate(world.sizes):
+        span = slice(world.base[c], world.base[c + 1])
+        images.append(colour[:, span].reshape(3, height, width))
+        disparities.append(disparity[span].reshape(height, width))
+    return images, disparities
+
+
+def make_world(rng: np.random.Generator, n_views: int, size: tuple[int, int]) -> World:
+    """Cameras: the target a crop of a photo's frustum, the views around it, large enough for what the target sees."""
+    height, width = size
+    photo = rng.uniform(350, 600)
+    focal = photo / 2 / np.tan(np.radians(rng.uniform(50, 75)) / 2)
+    tall = max(photo * rng.uniform(0.56, 0.8), height + 1)
+    left, top = rng.uniform(0, max(1, photo - width)), rng.uniform(0, tall - height)
+    k = np.array([[[focal, 0, photo / 2 - left], [0, focal, tall / 2 - top], [0, 0, 1]]])
+    ratio = np.exp(rng.uniform(np.log(1.5), np.log(30)))
+    farthest = 1 / ratio
+    logs = np.log([4, 22, 100])
+    spread = np.exp(rng.uniform(logs[0], logs[2]) if rng.random() < 0.5 else rng.triangular(*logs))
+    baseline = min(spread / (focal * (1 - farthest)), 0.8)
+    centres = rig(rng, n_views) * baseline
+    centres[:, 2] = centres[:, 2].clip(-0.25, 0.25)
+
+    most = np.radians(rng.choice([0, 1, rng.uniform(1, 8)], p=[0.25, 0.15, 0.6]))
+    zoom = rng.normal(0, 0.04, n_views) if rng.random() < 0.3 else np.zeros(n_views)
+    cut = rng.random() < 0.15  # borders of views show inside the target
+    sizes, rs, ts, ks = [size], [np.eye(3)], [np.zeros(3)], [k[0]]
+    corners = np.array([[x, y, 1] for x in (0, width) for y in (0, height)]).T
+    for v in range(n_views):
+        axis = rng.normal(0, 1, 3)
+        r = rotation(axis / np.linalg.norm(axis) * rng.uniform(0, most))
+        k_view = np.diag([focal * np.exp(zoom[v])] * 2 + [1])
+        seen = []
+        for disparity in (farthest, 1.0):
+            points = r @ (np.linalg.inv(k[0]) @ corners / disparity - centres[v][:, None])
+            points = k_view @ (points / np.maximum(points[2], 0.1))
+            seen.append(points[:2])
+        low = np.concatenate(seen, 1).min(1) - 3
+        high = np.concatenate(seen, 1).max(1) + 3
+        middle, extent = (low + high) / 2, np.minimum(high - low, LARGEST)
+        if cut and rng.random() < 0.7:
+            middle = middle + rng.uniform(-0.3, 0.3, 2) * extent
+            extent = extent * rng.uniform(0.55, 1, 2)
+        w, h = (int(e) for e in np.clip(np.ceil(extent), 48, LARGEST))
+        k_view[:2, 2] = np.array([w, h]) / 2 - middle
+        sizes.append((h, w))
+        ks.append(k_view), rs.append(r), ts.append(-r @ centres[v])
+    return World(
+        np.stack(ks), np.stack(rs), np.stack(ts), sizes, farthest, float(np.linalg.norm(centres, axis=1).max())
+    )
+
+
+def rig(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Camera centres [count, 3] about the target at the origin, the farthest at distance 1."""
+    kind = rng.choice(6, p=[0.35, 0.15, 0.2, 0.1, 0.1, 0.1])
+    i = np.arange(count)
+    points = np.zeros((count, 3))
+    if kind == 0:  # hand-held cloud
+        points = rng.normal(0, 1, (count, 3)) * [1, rng.uniform(0.3, 1), rng.uniform(0, 0.5)]
+    elif kind == 1:  # line
+        points[:, 0] = i + rng.normal(0, 0.12, count)
+    elif kind == 2:  # grid
+        side = int(np.ceil(count**0.5))
+        points[:, :2] = np.stack([i % side, i // side], 1) * [1, rng.uniform(0.5, 1.2)]
+        points[:, :2] += rng.normal(0, rng.choice([0, 0.12]), (count, 2))
+    elif kind == 3:  # stereo: two stations, each with its cameras close by
+        points[:, 0] = i % 2
+        points += rng.normal(0, 0.1, (count, 3)) * (i >= 2)[:, None]
+    elif kind == 4:  # spiral
+        points[:, 0], points[:, 1] = np.sqrt(i + 0.5) * np.cos(2.4 * i), np.sqrt(i + 0.5) * np.sin(2.4 * i)
+        points[:, 2] = 0.15 * np.cos(1.3 * i)
+    else:  # walk, partly forwards
+        points[:, 0], points[:, 2] = i, i * rng.uniform(0.3, 2)
+        points += rng.normal(0, 0.08, (count, 3))
+    if kind in (0, 1, 2, 3, 5):
+        angle = rng.choice([0, np.pi / 2, rng.uniform(0, np.pi)], p=[0.4, 0.2, 0.4])
+        c, s = np.cos(angle), np.sin(angle)
+        points[:, :2] = points[:, :2] @ np.array([[c, s], [-s, c]])
+    points += rng.normal(0, 0.02, (count, 3)) * (rng.random() < 0.6)
+    place = rng.random()
+    if place < 0.8:  # inside the hull
+        target = rng.dirichlet(np.full(count, 1.5)) @ points
+        target = target + rng.normal(0, 0.05, 3) * [1, 1, 0.5] * np.ptp(points, axis=0).max()
+    elif place < 0.9:  # nearly on a view
+        target = points[rng.integers(count)] + rng.normal(0, 0.03, 3) * np.ptp(points, axis=0).max()
+    else:  # beyond the hull
+        target = points.mean(0) + (points[rng.integers(count)] - points.mean(0)) * rng.uniform(1.1, 1.5)
+    points = points - target
+    return points / max(np.linalg.norm(points, axis=1).max(), 1e-6)
+
+
+def rotation(vector: np.ndarray) -> np.ndarray:
+    """Rotation matrix [3, 3] of an axis times angle."""
+    angle = np.linalg.norm(vector)
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def composite(world: World, fragments: list[Fragments]) -> tuple[Tensor, Tensor]:
+    """Far to near: colour [3, N] and the disparity [N] (1/z) of the surface with the largest weight."""
+    n = world.base[-1]
+    colour, disparity, weight = torch.zeros(3, n), torch.zeros(n), torch.zeros(n)
+    for f in sorted(fragments, key=lambda f: f.order):
+        everywhere = f.pixels is None
+        old = disparity if everywhere else disparity.index_select(0, f.pixels)
+        alpha = f.alpha * ((f.disparity - old) * (1 / f.soft) + 0.5).clamp(0, 1)
+        behind = (weight if everywhere else weight.index_select(0, f.pixels)) * (1 - alpha)
+        front = alpha > behind
+        if everywhere:
+            colour.lerp_(f.colour, alpha)
+            disparity, weight = torch.where(front, f.disparity, old), torch.maximum(alpha, behind)
+        else:
+            colour.index_copy_(1, f.pixels, torch.lerp(colour.index_select(1, f.pixels), f.colour, alpha))
+            disparity.index_copy_(0, f.pixels, torch.where(front, f.disparity, old))
+            weight.index_copy_(0, f.pixels, torch.maximum(alpha, behind))
+    return colour, disparity
+
+
+def imperfections(rng: np.random.Generator, views: list[Tensor]) -> list[Tensor]:
+    """What real cameras add: exposure and white balance, blur, noise, compression. Views [3, H, W]."""
+    exposure = rng.choice([0, 0.02, 0.15], p=[0.2, 0.75, 0.05])
+    noisy = rng.uniform(0.003, 0.015) if rng.random() < 0.3 else 0
+    blurred, blocky = rng.random() < 0.1, rng.random() < 0.1
+    out = []
+    for view in views:
+        gain = np.exp(rng.normal(0, exposure) + rng.normal(0, exposure / 2, (3, 1, 1)))
+        view = view * torch.from_numpy(gain.astype(np.float32))
+        if blurred:
+            view = torch.lerp(
+                view, F.avg_pool2d(view[None], 3, 1, 1, count_include_pad=False)[0], float(rng.uniform(0, 0.7))
+            )
+        if blocky:
+            view = jpeg_like(view, float(rng.uniform(0.02, 0.1)))
+        if noisy:
+            view = view + noisy * torch.from_numpy(rng.standard_normal(view.shape, dtype=np.float32))
+        out.append(view.clamp(0, 1).contiguous())
+    return out
+
+
+def jpeg_like(view: Tensor, step: float) -> Tensor:
+    """8x8 cosine blocks with coefficients rounded, high frequencies more coarsely. [3, H, W]"""
+    height, width = view.shape[1:]
+    padded = F.pad(view[None], (0, -width % 8, 0, -height % 8), mode="replicate")[0]
+    i = torch.arange(8)
+    basis = torch.cos((2 * i + 1) * i[:, None] * (torch.pi / 16)) * torch.where(i == 0, 8**-0.5, 0.5)[:, None]
+    blocks = padded.reshape(3, padded.shape[1] // 8, 8, padded.shape[2] // 8, 8).transpose(2, 3)
+    steps = step * (0.5 + 0.25 * (i + i[:, None]))
+    blocks = basis.T @ (torch.round(basis @ blocks @ basis.T / steps) * steps) @ basis
+    return blocks.transpose(2, 3).reshape(padded.shape)[:, :height, :width]

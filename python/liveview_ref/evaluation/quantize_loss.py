@@ -1,0 +1,71 @@
+"""What quantising a model costs: errors of its logits, and PSNR on held-out photos."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..data.held_out import INNER, Case, cases
+from ..onnx_session import logits, session
+from ..reference.blend import blend
+from ..reference.composite import composite
+from ..reference.layer_spec import Guided, LayerSpec, Planes
+from ..reference.metrics import psnr
+from ..reference.renderer import warp_views
+from ..reference.view_selection import view_distances
+from .methods import maps_of
+
+LAYERS = Guided(4), Planes(16)
+
+
+@dataclass
+class Photo:
+    """A held-out photo and its views, warped once for all models, as warp_views gives them; maps [L, H, W]."""
+
+    layers: LayerSpec
+    case: Case
+    colour: Tensor
+    coverage: Tensor
+    maps: Tensor
+
+    def score(self, logits: Tensor) -> float:
+        """PSNR of the picture that these logits make."""
+        alpha, rgb = blend(logits, self.colour, self.coverage, view_distances(self.case.cameras, self.case.target))
+        full = composite(alpha, rgb, (self.coverage[-1] > 0).any(0), self.maps).rgb
+        image = full[..., : self.case.target.height, : self.case.target.width]
+        return psnr(image[INNER], self.case.truth[INNER])
+
+
+class Loss(NamedTuple):
+    """Logits of each photo; their root mean square error as a share of the original's; PSNR or its change, by
+    layers."""
+
+    found: list[Tensor]
+    logits: float
+    psnr: dict[str, float]
+
+
+def photos(specs: list[dict], data: Path, views: int) -> list[Photo]:
+    found = []
+    for case in cases(specs, data, views):
+        for layers in LAYERS:
+            maps = maps_of(case, layers)
+            found.append(Photo(layers, case, *warp_views(case.sources, case.cameras, case.target, maps), maps))
+    return found
+
+
+def loss(model: Path, held_out: list[Photo], exact: Loss | None = None) -> Loss:
+    """Of the model beside `exact`; without it, PSNR itself."""
+    network = session(model)
+    found = [torch.from_numpy(logits(network, photo.colour.flatten(1, 2).numpy(), 1)) for photo in held_out]
+    scores = [(photo.layers, photo.score(logits)) for photo, logits in zip(held_out, found, strict=True)]
+    mean = {str(layers): float(np.mean([score for of, score in scores if of == layers])) for layers in LAYERS}
+    if exact is None:
+        return Loss(found, 0.0, mean)
+    pairs = list(zip(found, exact.found, strict=True))
+    wrong = np.mean([float(((a - b) ** 2).mean()) for a, b in pairs])
+    share = float(np.sqrt(wrong / np.mean([float((b**2).mean()) for _, b in pairs])))
+    return Loss(found, share, {layers: mean[layers] - exact.psnr[layers] for layers in mean})

@@ -1,0 +1,26 @@
+"""Programs that another one drives line by line: a JSON object per line on stdin, one per line on stdout."""
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from typing import TextIO
+
+
+def private_stdout() -> TextIO:
+    """The stream for replies; whatever else writes to stdout, in Python or below it, lands on stderr from now on."""
+    replies = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    return replies
+
+
+def run(serve: Callable[[TextIO, TextIO], None]) -> int:
+    """Let `serve(requests, replies)` answer what comes on stdin. Whatever fails is replied as {"error": ...}; the exit
+    code is then 2, else 0."""
+    replies = private_stdout()
+    try:
+        serve(sys.stdin, replies)
+    except Exception as error:
+        print(json.dumps({"error": f"{type(error).__name__}: {error}"}), file=replies, flush=True)
+        return 2
+    return 0

@@ -1,0 +1,180 @@
+"""The stages as functions of plain arrays, in either precision: what the Rust crate is held against.
+
+Each stage reads its inputs from `data` (numpy arrays, as `liveview dump` and parity/generate.py write them) and
+returns its outputs by name.
+
+Photos and cameras are named as rig_arrays.py says. `disparities` [D] float64 of planes, or `cell_maps` [L, h, w]
+float32 of guided layers, with the steps of the coarse pass: `coarse_disparities` [D] float64, the planes searched;
+`costs`, `aggregated_costs` [D, h/2, w/2], `coarse_disparity` [h/2, w/2]; `fine_layers`, `fine_costs` [D, h, w],
+`fine_disparity` [h, w]; `range` [3, h, w]. `maps` [L, H8, W8]; `colour` (the HWV) [L, 3V, H8, W8]; `coverage`,
+`logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8]; `frame` [3, H, W]; `disparity`, `transmittance`
+[H, W].
+"""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..reference import guided
+from ..reference.blend import blend
+from ..reference.composite import composite
+from ..reference.layers import CELL, guided_maps, padded_size, plane_maps, upsample_maps
+from ..reference.matching_cost import layer_costs
+from ..reference.plane_sweep import PlaneSweep
+from ..reference.renderer import warp_views
+from ..reference.semi_global import semi_global
+from ..reference.unet import UNet
+from ..reference.view_selection import view_distances
+from ..rig_arrays import Arrays, cameras_of, images_of
+
+SCALED = (
+    "homography",
+    "coarse_disparity",
+    "fine_layers",
+    "fine_disparity",
+    "range",
+    "cell_maps",
+    "maps",
+    "logits",
+    "disparity",
+)  # errors relative to the largest element of the oracle
+
+
+def tensor(data: Arrays, name: str, dtype: torch.dtype) -> Tensor:
+    return torch.from_numpy(data[name]).to(dtype)
+
+
+def homography(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """source_from_target of each view and plane [D, V, 3, 3]; float64 whatever the dtype."""
+    views, target = cameras_of(data)
+    if "disparities" not in data:
+        return {}
+    sweeps = [PlaneSweep.of(view, target) for view in views]
+    rows = [torch.stack([sweep.source_from_target(float(d)) for sweep in sweeps]) for d in data["disparities"]]
+    return {"homography": torch.stack(rows).numpy()}
+
+
+def maps(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Disparity of each layer and pixel of the padded target [L, H8, W8]."""
+    _, target = cameras_of(data)
+    if "disparities" in data:
+        return {"maps": plane_maps(target, torch.from_numpy(data["disparities"]), dtype).numpy()}
+    return {"maps": upsample_maps(tensor(data, "cell_maps", dtype)).numpy()}
+
+
+def warp(data: Arrays, dtype: torch.dtype) -> Arrays:
+    views, target = cameras_of(data)
+    colour, coverage = warp_views(images_of(data, dtype), views, target, tensor(data, "maps", dtype))
+    return {"colour": colour.flatten(1, 2).numpy(), "coverage": coverage.numpy()}
+
+
+def logits(net: UNet, hwv: np.ndarray, dtype: torch.dtype) -> np.ndarray:
+    """The network on an HWV [n, 3V, H8, W8], layer by layer."""
+    with torch.no_grad():
+        return torch.cat([net.to(dtype)(torch.from_numpy(x[None]).to(dtype)) for x in hwv]).numpy()
+
+
+def blended(data: Arrays, dtype: torch.dtype) -> Arrays:
+    views, target = cameras_of(data)
+    logits, coverage = tensor(data, "logits", dtype), tensor(data, "coverage", dtype)
+    colour = tensor(data, "colour", dtype).unflatten(1, (len(views), 3))
+    alpha, rgb = blend(logits, colour, coverage, view_distances(views, target))
+    return {"alpha": alpha.numpy(), "rgb": rgb.numpy()}
+
+
+def composited(data: Arrays, dtype: torch.dtype) -> Arrays:
+    _, target = cameras_of(data)
+    inputs = (tensor(data, x, dtype) for x in ("alpha", "rgb"))
+    covered = torch.from_numpy(data["coverage"][-1] > 0).any(0)
+    out = composite(*inputs, covered, tensor(data, "maps", dtype))
+    crop = (..., slice(target.height), slice(target.width))
+    parts = {"frame": out.rgb, "disparity": out.disparity, "transmittance": out.transmittance}
+    return {name: value[crop].numpy() for name, value in parts.items()}
+
+
+def planes_of_search(data: Arrays, shape: tuple[int, ...], dtype: torch.dtype) -> Tensor:
+    """The planes of the first search as maps of this shape: the float32 numbers that both Rust and torch search."""
+    disparities = tensor(data, "coarse_disparities", torch.float32).to(dtype)
+    return disparities[:, None, None].expand(shape)
+
+
+def costs(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Windowed variance on the planes of the first search."""
+    if "coarse_disparities" not in data:
+        return {}
+    views, target = cameras_of(data)
+    height, width = padded_size(target.height, target.width)
+    shape = (len(data["coarse_disparities"]), height // guided.COARSE, width // guided.COARSE)
+    planes = planes_of_search(data, shape, dtype)
+    found = layer_costs(images_of(data, dtype), views, target, planes, guided.COARSE, guided.WINDOWS[0])
+    return {"costs": found.numpy()}
+
+
+def aggregated_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The costs, aggregated along rows and columns."""
+    return {"aggregated_costs": semi_global(tensor(data, "costs", dtype)).numpy()} if "costs" in data else {}
+
+
+def coarse_disparity(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The disparity that the first search finds."""
+    if "aggregated_costs" not in data:
+        return {}
+    costs = tensor(data, "aggregated_costs", dtype)
+    return {"coarse_disparity": guided.winner_takes_all(costs, planes_of_search(data, costs.shape, dtype)).numpy()}
+
+
+def fine_layers(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The layers of the second search, from what the first found."""
+    if "coarse_disparity" not in data:
+        return {}
+    step = float(data["coarse_disparities"][0] - data["coarse_disparities"][1])
+    found = guided.range_of(tensor(data, "coarse_disparity", dtype), step / 2)
+    return {"fine_layers": guided.fine_layers(found).numpy()}
+
+
+def fine_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Windowed variance on the layers of the second search."""
+    if "fine_layers" not in data:
+        return {}
+    views, target = cameras_of(data)
+    layers = tensor(data, "fine_layers", dtype)
+    found = layer_costs(images_of(data, dtype), views, target, layers, CELL, guided.WINDOWS[1])
+    return {"fine_costs": found.numpy()}
+
+
+def fine_disparity(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The disparity that the second search finds."""
+    if "fine_costs" not in data:
+        return {}
+    found = guided.winner_takes_all(tensor(data, "fine_costs", dtype), tensor(data, "fine_layers", dtype))
+    return {"fine_disparity": found.numpy()}
+
+
+def ranges(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Nearest, surface and farthest disparity of each cell [3, h, w]; the layers that divide that range [L, h, w]."""
+    if "fine_disparity" not in data:
+        return {}
+    found = guided.range_of(tensor(data, "fine_disparity", dtype))
+    divided = guided_maps(*found, len(data["cell_maps"]))
+    return {"range": torch.stack(found).numpy(), "cell_maps": divided.numpy()}
+
+
+def best_layer(data: Arrays) -> np.ndarray:
+    """Index of the layer of largest alpha (ties: the nearer) per pixel of the target [H, W]; -1 where all are 0."""
+    width, height = data["target.size"]
+    alpha = data["alpha"][:, :height, :width]
+    return np.where(alpha.max(0) > 0, alpha.argmax(0), -1)
+
+
+SEARCH = (costs, aggregated_costs, coarse_disparity, fine_layers, fine_costs, fine_disparity, ranges)
+STAGES = (homography, *SEARCH, maps, warp, blended, composited)
+
+
+def errors(found: np.ndarray, oracle: np.ndarray, name: str) -> tuple[float, float, tuple[int, ...]]:
+    """(largest, mean, index of the largest) absolute error; relative to the oracle's largest element where SCALED."""
+    difference = np.abs(found.astype(np.float64) - oracle)
+    if not np.isfinite(difference).all():
+        raise ValueError(f"{name}: not finite at {tuple(np.argwhere(~np.isfinite(difference))[0])}")
+    if name in SCALED:
+        difference = difference / np.abs(oracle).max()
+    return float(difference.max()), float(difference.mean()), np.unravel_index(difference.argmax(), difference.shape)

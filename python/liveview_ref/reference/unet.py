@@ -1,0 +1,92 @@
+"""The paper's U-Net (its table "Network architecture") for any V: HWV [N, 3V, H, W] -> logits [N, V, H, W].
+
+conv1 .. conv5 go down to 1/8, conv6 .. conv8 up again with skips; 3x3, BatchNorm + ReLU except conv9.
+391,680 convolution weights at V = 4; 28,800 multiply-adds per pixel and layer. H and W are multiples of 8.
+"""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+
+def block(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(inputs, outputs, 3, stride, padding=1, bias=False), nn.BatchNorm2d(outputs), nn.ReLU(inplace=True)
+    )
+
+
+class UNet(nn.Module):
+    def __init__(self, views: int):
+        super().__init__()
+        self.views = views
+        self.conv1 = block(3 * views, 16)
+        self.conv2 = block(16, 32, 2)
+        self.conv3 = block(32, 64, 2)
+        self.conv4 = block(64, 128, 2)
+        self.conv5 = block(128, 128)
+        self.conv6 = block(192, 64)
+        self.conv7 = block(96, 32)
+        self.conv8 = block(48, 16)
+        self.conv9 = nn.Conv2d(16, views, 3, padding=1)
+
+    def forward(self, hwv: Tensor) -> Tensor:
+        full = self.conv1(hwv)
+        half = self.conv2(full)
+        quarter = self.conv3(half)
+        deep = self.conv5(self.conv4(quarter))
+        up = self.conv6(torch.cat([upsample(deep), quarter], 1))
+        up = self.conv7(torch.cat([upsample(up), half], 1))
+        up = self.conv8(torch.cat([upsample(up), full], 1))
+        return self.conv9(up)
+
+
+def upsample(x: Tensor) -> Tensor:
+    return F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
+
+
+def start_from_agreement(net: UNet) -> None:
+    """Initial weights that act as a plane sweep: conv1 takes signed differences of pairs of views, conv8 and conv9
+    average them over a window, so that a layer is the more opaque the better its views agree."""
+    pairs = [(i, j) for i in range(net.views) for j in range(i + 1, net.views)]  # the nearest view's first
+    differences = 14  # of 16 channels: seven pairs (or colours of them), both signs
+    with torch.no_grad():
+        first, window, alpha = net.conv1[0].weight, net.conv8[0].weight, net.conv9.weight
+        first.mul_(0.2)
+        for channel in range(differences):
+            (a, b), colour = pairs[channel // 2 % len(pairs)], channel // 2 // len(pairs) % 3
+            mix = torch.full((3,), 1 / 3) if colour == 0 else torch.eye(3)[colour]
+            sign = 1 - channel % 2 * 2
+            first[channel, 3 * a : 3 * a + 3, 1, 1] += sign * mix
+            first[channel, 3 * b : 3 * b + 3, 1, 1] -= sign * mix
+        for channel, sign in ((0, 1), (1, -1)):  # BatchNorm and ReLU keep one half each
+            window[channel].mul_(0.1)
+            window[channel, 32 : 32 + differences] += sign / (9 * differences)
+            alpha[0, channel] -= 0.3 * sign
+
+
+def adapt_views(state: dict[str, Tensor], net: UNet) -> None:
+    """Start `net` from the weights of another V: the inner layers as they are, the first and last by their views."""
+    own = net.state_dict()
+    for name, value in state.items():
+        if own[name].shape == value.shape:
+            own[name] = value
+        elif name == "conv1.0.weight":
+            views = value.shape[1] // 3
+            pick = [min(v, views - 1) for v in range(net.views)]
+            own[name] = torch.cat([value[:, 3 * v : 3 * v + 3] for v in pick], 1) * (views / net.views)
+        else:  # conv9: alpha and one weight per view
+            pick = [min(v, value.shape[0] - 1) for v in range(net.views)]
+            own[name] = value[pick]
+    net.load_state_dict(own)
+
+
+def fold_batchnorm(net: UNet) -> UNet:
+    """A copy for inference in which each BatchNorm is folded into its convolution."""
+    folded = UNet(net.views).to(next(net.parameters()).dtype).eval()
+    folded.conv9.load_state_dict(net.conv9.state_dict())
+    for index in range(1, 9):
+        name = f"conv{index}"
+        source = getattr(net, name)
+        fused = torch.nn.utils.fusion.fuse_conv_bn_eval(source[0].eval(), source[1].eval())
+        setattr(folded, name, nn.Sequential(fused, nn.ReLU(inplace=True)))
+    return folded

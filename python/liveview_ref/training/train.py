@@ -1,0 +1,197 @@
+"""Train a model: python -m liveview_ref.training.train configs/v4.json --data ../../shared/data --out runs/v4
+
+Seeded and resumable (run the same command again). Scenes are mixed within a batch, since BatchNorm statistics of one
+scene do not fit another; they are estimated anew over many batches whenever the averaged weights are used.
+"""
+
+import argparse
+import copy
+import json
+import math
+import time
+from collections import deque
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, multiprocessing
+
+from ..checkpoint import load_state
+from ..data.examples import Example, maker
+from ..reference.blend import blend
+from ..reference.composite import composite
+from ..reference.unet import UNet, adapt_views, start_from_agreement
+from .validate import validate
+
+
+def fast_bfloat16(device: torch.device) -> bool:
+    """Whether the hardware computes in bfloat16: elsewhere it is slower than float32."""
+    return device.type == "cuda" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
+
+
+def forward(net: UNet, batch: list[Example], device: torch.device) -> list[tuple[Tensor, Tensor]]:
+    """(rendered [3, H, W], alpha [L, H, W]) of each example; all layers of all scenes in one pass of the network."""
+    hwv = torch.cat([e.hwv for e in batch]).to(device).float().contiguous(memory_format=torch.channels_last)
+    with torch.autocast(device.type, dtype=torch.bfloat16, enabled=fast_bfloat16(device)):
+        logits = net(hwv)
+    results, at = [], 0
+    for e in batch:
+        n, views = len(e.hwv), net.views
+        coverage = e.coverage.to(device).float()
+        colour = hwv[at : at + n].contiguous().reshape(n, views, 3, *hwv.shape[2:])
+        alpha, rgb = blend(logits[at : at + n].float(), colour, coverage, e.distances.to(device))
+        covered = (coverage[-1] > 0).any(0)
+        results.append((composite(alpha, rgb, covered, e.maps.to(device)).rgb, alpha))
+        at += n
+    return results
+
+
+def image_loss(image: Tensor, truth: Tensor, seen: Tensor) -> Tensor:
+    """L1 plus half of the L1 of the image gradients, over the pixels that any view sees at all."""
+    difference = (image - truth) * seen
+    dx = difference[..., 1:] - difference[..., :-1]
+    dy = difference[..., 1:, :] - difference[..., :-1, :]
+    return difference.abs().mean() + 0.5 * (dx.abs().mean() + dy.abs().mean())
+
+
+def alpha_loss(alpha: Tensor, offset: Tensor) -> Tensor:
+    """Cross entropy of alpha [L, H, W], given how far each layer lies in front of the true surface in pixels of
+    parallax: 1 on it, 0 in front of it. Layers in between are not judged, nor are those behind, which are hidden. The
+    mean is over all that is judged, so that where nothing tells layers apart alpha stays as low as their number
+    asks."""
+    on, front = offset.abs() < 0.5, offset > 2
+    judged = on | front
+    loss = F.binary_cross_entropy(alpha.clamp(1e-5, 1 - 1e-5), on.float(), reduction="none")
+    return (loss * judged).sum() / judged.sum().clamp(min=1)
+
+
+def batch_loss(net: UNet, batch: list[Example], alpha_weight: float, device: torch.device) -> Tensor:
+    loss = torch.zeros((), device=device)
+    for e, (image, alpha) in zip(batch, forward(net, batch, device), strict=True):
+        seen = (e.coverage.to(device) > 0).flatten(0, 1).any(0)
+        loss = loss + image_loss(image, e.target.to(device), seen)
+        if alpha_weight > 0 and bool(torch.isfinite(e.disparity).any()):
+            loss = loss + alpha_weight * alpha_loss(alpha, (e.maps - e.disparity).to(device) * e.parallax)
+    return loss / len(batch)
+
+
+def estimate_statistics(net: UNet, batches: list[list[Example]], device: torch.device) -> None:
+    """BatchNorm statistics of `net` anew: the plain mean over many mixed batches."""
+    norms = [m for m in net.modules() if isinstance(m, torch.nn.BatchNorm2d)]
+    for norm in norms:
+        norm.reset_running_stats()
+        norm.momentum = None  # cumulative average
+    net.train()
+    with torch.no_grad():
+        for batch in batches:
+            forward(net, batch, device)
+    for norm in norms:
+        norm.momentum = 0.1
+    net.eval()
+
+
+def rate(step: int, config: dict) -> float:
+    """Warm-up, then a cosine to 2 % of the learning rate."""
+    warm = min(1.0, (step + 1) / config["warm_up"])
+    return warm * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(1.0, step / config["steps"]))))
+
+
+def read_config(path: Path) -> dict:
+    """A config file; what it leaves out stands in the file that its "base" names, beside it."""
+    config = json.loads(path.read_text())
+    return read_config(path.parent / config.pop("base")) | config if "base" in config else config
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("config", type=Path)
+    parser.add_argument("--data", type=Path, required=True, help="folder with train/, dev/ and textures/")
+    parser.add_argument("--out", type=Path, required=True, help="checkpoints, log and validation images")
+    parser.add_argument("--start", type=Path, help="weights to start from, of any V")
+    parser.add_argument("--steps", type=int, help="overrides the config")
+    args = parser.parse_args()
+    config = read_config(args.config)
+    config["steps"] = args.steps or config["steps"]
+    args.out.mkdir(parents=True, exist_ok=True)
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    torch.set_num_threads(config["threads"])
+    torch.manual_seed(config["seed"])
+
+    net = UNet(config["views"])
+    start_from_agreement(net)
+    earlier = []  # (views, steps, seconds) of the trainings that these weights went through before
+    if args.start:
+        start = load_state(args.start)
+        adapt_views(start["average"], net)
+        earlier = [*start.get("earlier", []), (start["views"], start["step"], round(start["seconds"]))]
+    net = net.to(device, memory_format=torch.channels_last)
+    average = copy.deepcopy(net)
+    optimiser = torch.optim.AdamW(net.parameters(), lr=config["learning_rate"], weight_decay=1e-4)
+    step, seconds, history = 0, 0.0, []
+    checkpoint = args.out / "checkpoint.pt"
+    if checkpoint.exists():
+        state = load_state(checkpoint, device)
+        net.load_state_dict(state["net"])
+        average.load_state_dict(state["average"])
+        optimiser.load_state_dict(state["optimiser"])
+        step, seconds, history = state["step"], state["seconds"], state["history"]
+
+    spawn = multiprocessing.get_context("spawn")
+    queues = [spawn.Queue(4) for _ in range(config["makers"])]
+    for worker, queue in enumerate(queues):
+        start = -(-(step - worker) // config["makers"])
+        spawn.Process(target=maker, args=(queue, config, args.data, worker, start), daemon=True).start()
+    recent: deque[list[Example]] | list = deque(maxlen=48)
+    began, running, waited = time.perf_counter(), 0.0, 0.0
+    while step < config["steps"]:
+        t = time.perf_counter()
+        batch = queues[step % config["makers"]].get()
+        waited += time.perf_counter() - t
+        recent.append(batch)
+        for group in optimiser.param_groups:
+            group["lr"] = config["learning_rate"] * rate(step, config)
+        net.train()
+        fade = max(0.0, 1 - step / config["alpha_fade"])
+        loss = batch_loss(net, batch, config["alpha_weight"] * (0.1 + 0.9 * fade), device)
+        optimiser.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(net.parameters(), config["clip"])
+        optimiser.step()
+        step += 1
+        decay = min(config["average"], (1 + step) / (10 + step))
+        with torch.no_grad():
+            for a, b in zip(average.parameters(), net.parameters(), strict=True):
+                a.lerp_(b, 1 - decay)
+        running += float(loss.detach())
+        if step % 100 == 0:
+            now = time.perf_counter()
+            print(
+                f"step {step} loss {running / 100:.4f} {(now - began) * 10:.0f} ms/step, waited {waited:.0f} s",
+                flush=True,
+            )
+            seconds += now - began
+            began, running, waited = now, 0.0, 0.0
+        if step % config["validate_every"] == 0 or step == config["steps"]:
+            if step == config["steps"]:  # the weights that are kept deserve statistics of more than 48 batches
+                recent = [*recent, *(queues[(step + i) % config["makers"]].get() for i in range(80))]
+            estimate_statistics(average, list(recent), device)
+            scores = validate(average, config["validation"], args.data, args.out / "validation.png", device)
+            history.append({"step": step, "seconds": round(seconds), **scores})
+            print(json.dumps(history[-1]), flush=True)
+            state = {"net": net.state_dict(), "average": average.state_dict(), "optimiser": optimiser.state_dict()}
+            state |= {
+                "step": step,
+                "seconds": seconds,
+                "history": history,
+                "views": config["views"],
+                "config": config,
+                "earlier": earlier,
+            }
+            torch.save(state, checkpoint.with_suffix(".tmp"))
+            checkpoint.with_suffix(".tmp").rename(checkpoint)
+            (args.out / "history.json").write_text(json.dumps(history, indent=1))
+            began = time.perf_counter()
+
+
+if __name__ == "__main__":
+    main()

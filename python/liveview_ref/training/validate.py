@@ -1,0 +1,38 @@
+"""Validation during training: PSNR on held-out photos on guided layers and uniform planes, and a picture to look at."""
+
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ..data.held_out import INNER, cases
+from ..data.image import picture
+from ..evaluation.methods import maps_of
+from ..reference.layer_spec import Guided, Planes
+from ..reference.metrics import psnr
+from ..reference.renderer import render
+
+LAYERS = Guided(4), Guided(8), Planes(32)
+SHOWN = Guided(4)  # beside the truth, on the picture
+
+
+def validate(net, specs: list[dict], data: Path, file: Path, device: torch.device) -> dict[str, float]:
+    """Mean PSNR over the held-out photos for each of LAYERS; the file shows truth and SHOWN side by side."""
+    scores = {str(layers): [] for layers in LAYERS}
+    rows = []
+
+    def network(hwv: Tensor) -> Tensor:
+        with torch.no_grad():
+            return net(hwv.to(device, memory_format=torch.channels_last)).cpu()
+
+    for case in cases(specs, data, net.views):
+        for layers in LAYERS:
+            image = render(network, *case[:3], maps_of(case, layers))[0].rgb
+            scores[str(layers)].append(psnr(image[INNER], case.truth[INNER]))
+            if layers == SHOWN:
+                rows.append(torch.cat([case.truth, image], 2))
+    width = max(r.shape[2] for r in rows)
+    sheet = torch.cat([F.pad(r, (0, width - r.shape[2])) for r in rows], 1)
+    picture(sheet).save(file)
+    return {layers: round(sum(s) / len(s), 3) for layers, s in scores.items()}

@@ -1,0 +1,55 @@
+"""Write the tables of models/README.md and the training curves from the weights and scores in models/: `make cards`."""
+
+import json
+from pathlib import Path
+
+from liveview_ref.checkpoint import load_state
+from liveview_ref.evaluation.chart import Panel, chart
+
+from .marked_text import fill
+
+MODELS = Path(__file__).resolve().parents[2] / "models"
+METHODS = (
+    "guided:2", "guided:4", "guided:8", "select:16/64", "planes:64",
+    "sweep, guided:4", "sweep, planes:64", "DIS flow", "best single plane", "nearest view",
+)  # fmt: skip
+
+
+def trained(models: list[dict]) -> str:
+    lines = ["| V | training | last validation, PSNR in dB | of |", "|---|---|---|---|"]
+    for state in models:
+        runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
+        training = ", then ".join(f"V = {v}: {steps:,} steps, {seconds / 60:.0f} minutes" for v, steps, seconds in runs)
+        last = {kind: value for kind, value in state["history"][-1].items() if kind not in ("step", "seconds")}
+        scenes = ", ".join(f"{Path(s['path']).name} at {s['width']}" for s in state["config"]["validation"])
+        row = (state["views"], training, ", ".join(f"{kind}: {value:.2f}" for kind, value in last.items()), scenes)
+        lines.append("| " + " | ".join(map(str, row)) + " |")
+    return "\n".join(lines)
+
+
+def scores(report: dict) -> str:
+    scenes = {**report["scenes"], "mean over scenes": {"mean": report["mean"]}}
+    lines = ["| PSNR dB / SSIM / LPIPS | " + " | ".join(scenes) + " |", "|---" * (len(scenes) + 1) + "|"]
+    for method in METHODS:
+        rows = [scene["mean"][method] for scene in scenes.values()]
+        cells = [f"{row['psnr']:.2f} / {row['ssim']:.3f} / {row['lpips']:.3f}" for row in rows]
+        lines.append(f"| {method} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def curves(state: dict) -> Panel:
+    kinds = [kind for kind in state["history"][0] if kind not in ("step", "seconds")]
+    points = {kind: [(row["step"], row[kind]) for row in state["history"]] for kind in kinds}
+    return Panel(f"V = {state['views']}: PSNR of validation, dB", "steps of the last training", points)
+
+
+def main() -> None:
+    models = [load_state(path) for path in MODELS.glob("*.pt")]
+    models.sort(key=lambda state: state["views"])
+    report = json.loads((MODELS / "liveview_v4_scores" / "scores.json").read_text())
+    fill(MODELS / "README.md", {"trained": f"\n\n{trained(models)}\n\n", "scores": f"\n\n{scores(report)}\n\n"})
+    (MODELS / "curves.svg").write_text(chart([curves(state) for state in models]))
+
+
+if __name__ == "__main__":
+    main()
