@@ -31,7 +31,7 @@ demo-stereo: build setup
 DEMO_VIDEO := out/$(if $(shell command -v ffmpeg),rig.mp4,rig)
 demo-video: build runtime
 	mkdir -p out
-	$(LIVEVIEW) video $(RIG) --camera target --guided 2 --fps 10 -o $(DEMO_VIDEO)
+	$(LIVEVIEW) video $(RIG) --camera target --layers guided:2 --fps 10 -o $(DEMO_VIDEO)
 	@echo "Open $(DEMO_VIDEO)."
 
 ## Everything that CI checks.
@@ -110,7 +110,7 @@ report: build setup
 		PYTHONPATH=python $(LIVEVIEW) sweep $(SCENE) --target target_0,target_1 --views $$v --engines "$(ENGINES)" \
 			--reference "$(BIN)/python -m liveview_ref.competitors.worker" --repetitions 3 -o models/report/v$$v || exit 1; \
 	done
-	$(LIVEVIEW) sweep $(SCENE) --target target_0 --layers "guided 2,guided 4,planes 8,planes 16" --widths 504,800,1200,1760 \
+	$(LIVEVIEW) sweep $(SCENE) --target target_0 --layers guided:2,guided:4,planes:8,planes:16 --widths 504,800,1200,1760 \
 		--repetitions 3 -o models/report/scaling
 	$(MAKE) readme
 

@@ -31,7 +31,7 @@ def test_a_spec_is_read_and_written_alike(text):
         ("planes:6/4", "not a positive whole number"),
         ("guided:2.5", "not a positive whole number"),
         ("guided:2/1", "at least 2 planes"),
-        ("select:16", "how many planes"),
+        ("select:65", "how many planes"),
         ("select:16/8", "of at least as many"),
         ("kmeans:-4", "not a positive whole number"),
         ("list:", "could not convert"),

@@ -28,7 +28,7 @@ PAPER = "select:16/64"  # its default policy is the paper's: once
 def policies(layers: str) -> dict[str, list[str]]:
     """What is compared, the most expensive first: name -> options of `liveview video`."""
     searched = {
-        f"{layers} {policy}": ["--layers", layers, "--policy", policy] for policy in ("each", "every:4", "carried")
+        f"{layers} {policy}": ["--layers", layers, "--policy", policy] for policy in ("each", "every:4", "propagate")
     }
     return {DENSE: ["--layers", DENSE], PAPER: ["--layers", PAPER], **searched}
 
@@ -66,7 +66,7 @@ def rows(runs: dict[str, list[list[dict]]], reports: dict[str, dict], cut: int |
         if cut is not None:
             cells += [f"{log[cut]['psnr']:.2f}", f"{mean(line['psnr'] for line in log[cut:]):.2f}"]
         cells += [f"{times:.1f}", f"{layers:.1f}", f"{times / whole:.3f}"]
-        cells.append(", ".join(f"{how} {count}" for how, count in reports[policy]["taken"].items()))
+        cells.append(", ".join(f"{how} {count}" for how, count in reports[policy]["layers_from"].items()))
         lines.append("| " + " | ".join(cells) + " |")
     return lines
 
@@ -130,15 +130,15 @@ def main() -> None:
     if args.memory_frames:
         with tempfile.TemporaryDirectory() as links, tempfile.TemporaryDirectory() as folder:
             rig = looped(args.rig, args.memory_frames, Path(links))
-            small = ["--layers", "guided:1", "--policy", "carried", "--width", str(args.memory_width)]
+            small = ["--layers", "guided:1", "--policy", "propagate", "--width", str(args.memory_width)]
             report, _ = video(args, rig, Path(folder), *small)
         memory = [(frame, size / 1e6) for frame, size in report["memory_bytes"]]
-        (args.out / "memory.svg").write_text(chart([Panel("memory in use, MB", "frame", {"guided:1 carried": memory})]))
+        (args.out / "memory.svg").write_text(chart([Panel("memory in use, MB", "frame", {"guided:1 propagate": memory})]))
         early, late = memory[len(memory) // 10][1], memory[-1][1]
         text += [
             "",
             f"Memory over {args.memory_frames} frames (the clip repeated, {args.memory_width} pixels wide, guided:1, "
-            f"carried): {early:.0f} MB after a tenth, {late:.0f} MB at the end.",
+            f"propagate): {early:.0f} MB after a tenth, {late:.0f} MB at the end.",
         ]
     (args.out / "policies.md").write_text("\n".join(text) + "\n")
 

@@ -2,7 +2,7 @@
 
 - `planes:64`: 64 planes, evenly spaced in disparity
 - `guided:2`: 2 layers that follow the scene; `guided:2/32`: found by a coarse pass of 32 planes
-- `select:16/64`: of 64 planes the 16 that most pixels choose (the paper's selection)
+- `select:16/64`: of 64 planes the 16 that most pixels choose (the paper's selection); `select:16` is of 64
 - `kmeans:16`: 16 planes, k-means over the disparities that the coarse pass finds; `kmeans:16/32` as above
 - `list:0.5,0.25,0`: planes at these disparities, near -> far
 """
@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
+SELECT_FROM = 64  # planes, where select:16 does not say
 EXPECTED = "planes:64, guided:2, guided:2/32, select:16/64, kmeans:16, kmeans:16/32 or list:0.5,0.25,0"
 
 
@@ -87,7 +88,8 @@ def parse(text: str) -> LayerSpec:
                 return (Guided if kind == "guided" else KMeans)(count, coarse_planes)
             case "select":
                 count, planes = _two_counts(rest)
-                if planes is None or count > planes:
+                planes = SELECT_FROM if planes is None else planes
+                if count > planes:
                     raise ValueError("how many planes, of at least as many")
                 return Select(count, planes)
             case "list":
