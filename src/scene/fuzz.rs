@@ -2,57 +2,78 @@
 
 use std::path::Path;
 
-use super::colmap::{self, Model};
-use super::draft::{self, Drafts};
-use super::files::{Photo, safe_name};
-use super::{SceneError, SceneOptions, View, colmap_binary, colmap_text, llff, poses_bounds};
-use super::{realestate10k, spaces, transforms};
+use super::declared::DeclaredViews;
+use super::error::SceneError;
+use super::formats::colmap::model::Model;
+use super::formats::{colmap, llff, poses_bounds, realestate10k, spaces, transforms};
+use super::options::SceneOptions;
+use super::photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+use super::pose_file::safe_name;
+use super::view::{self, View};
+use crate::image::ImageRgb;
 
 /// What [`super::Scene::open`] makes of a scene's files.
 pub type Opened = Result<(Vec<View>, Vec<String>), SceneError>;
 
-/// Names of the photos of formats that go by what lies in the folder.
-const NAMES: [&str; 2] = ["1.png", "2.png"];
+/// Any photo, 64×48.
+#[derive(Debug)]
+struct AnyPhoto;
+
+impl PhotoSource for AnyPhoto {
+    fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError> {
+        let name = safe_name(Path::new("scene"), listed.name)?;
+        let path = Path::new("scene").join(&name);
+        Ok(Found::Photo(Photo { name, path, width: 64, height: 48 }))
+    }
+
+    fn list(&self, folders: &[&str]) -> Result<Option<PhotoList>, SceneError> {
+        Ok(folders.first().map(|folder| photos(folder, 2)))
+    }
+
+    fn load(&self, _: &str) -> Result<ImageRgb, SceneError> {
+        Ok(ImageRgb::new(64, 48, vec![0.5; 3 * 64 * 48])?)
+    }
+}
+
+/// `1.png`, `2.png`, … of a folder.
+fn photos(folder: &str, count: usize) -> PhotoList {
+    PhotoList { folder: Some(folder.to_owned()), names: (1..=count).map(|number| format!("{number}.png")).collect() }
+}
 
 /// `transforms.json`.
 pub fn transforms(bytes: &[u8]) -> Opened {
-    finish(transforms::drafts(Path::new("scene/transforms.json"), bytes, &photo)?)
+    finish(transforms::views(Path::new("scene/transforms.json"), bytes, &AnyPhoto)?)
 }
 
 /// `models.json`.
 pub fn spaces(bytes: &[u8]) -> Opened {
-    finish(spaces::drafts(Path::new("scene/models.json"), bytes, 0, &photo)?)
+    finish(spaces::views(Path::new("scene/models.json"), bytes, 0, &AnyPhoto)?)
 }
 
 /// `cameras.txt`, beside the pictures 1 and 2.
 pub fn realestate10k(bytes: &[u8]) -> Opened {
-    let names = NAMES.map(str::to_owned);
-    finish(realestate10k::drafts(Path::new("scene/cameras.txt"), bytes, "frames", &names, &photo)?)
+    finish(realestate10k::views(Path::new("scene/cameras.txt"), bytes, &photos("frames", 2), &AnyPhoto)?)
 }
 
 /// `poses_bounds.npy`, beside as many photos as it has rows.
 pub fn llff(bytes: &[u8]) -> Opened {
     let path = Path::new("scene/poses_bounds.npy");
     let rows = poses_bounds::parse(path, bytes)?;
-    let names: Vec<String> = (0..rows.len()).map(|row| format!("{row}.png")).collect();
-    finish(llff::drafts(path, rows, "images", &names, &photo)?)
+    let list = photos("images", rows.len());
+    finish(llff::views(path, rows, &list, &AnyPhoto)?)
 }
 
 /// `cameras`, `images` and `points3D`, binary or text.
 pub fn colmap(binary: bool, [cameras, images, points]: [&[u8]; 3]) -> Opened {
-    let format = if binary { colmap_binary::FORMAT } else { colmap_text::FORMAT };
+    let format = if binary { colmap::binary::FORMAT } else { colmap::text::FORMAT };
     let mut model = Model::default();
     let listed_in = Path::new("scene/sparse/0/images");
     (format.cameras)(Path::new("scene/sparse/0/cameras"), cameras, &mut model)?;
     (format.images)(listed_in, images, &mut model)?;
     (format.points)(Path::new("scene/sparse/0/points3D"), points, &mut model)?;
-    finish(colmap::drafts(listed_in, &model, "images_2", &photo)?)
+    finish(colmap::views(listed_in, &model, &photos("images_2", 2), &AnyPhoto)?)
 }
 
-fn photo(name: &str) -> Result<Photo, SceneError> {
-    Ok(Photo { name: safe_name(Path::new("scene"), name)?, width: 64, height: 48 })
-}
-
-fn finish(found: Drafts) -> Opened {
-    draft::finish(Path::new("scene"), found, &SceneOptions { width: Some(32), ..SceneOptions::default() })
+fn finish(found: DeclaredViews) -> Opened {
+    view::views(found, &SceneOptions { width: Some(32), ..SceneOptions::default() })
 }

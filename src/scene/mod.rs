@@ -1,4 +1,5 @@
-//! Posed photos from a folder, in whichever of five formats it holds.
+//! Posed photos: the poses from a folder, in whichever of five formats it holds, the photos from the same folder or from any
+//! other [`PhotoSource`].
 //!
 //! | format | recognised by | camera axes, pose | intrinsics |
 //! |---|---|---|---|
@@ -13,123 +14,37 @@
 //! checked against the file's length, paths must stay in the folder, sizes must be those of the photos, and no file may be larger
 //! than [`crate::fs::bounded`] says.
 
-mod draft;
+mod declared;
 mod error;
-mod files;
-mod find;
+mod format;
 mod formats;
 #[cfg(fuzzing)]
 pub mod fuzz;
+mod options;
+mod photo_folder;
+mod photo_lookup;
+mod photo_source;
+mod pose_file;
 mod undistort;
+mod view;
+mod view_names;
 
-use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use draft::Drafts;
 pub use error::SceneError;
-use formats::{colmap, llff, realestate10k, spaces, transforms};
-use undistort::Distortion;
+pub use format::Format;
+pub use options::SceneOptions;
+pub use photo_folder::PhotoFolder;
+pub use photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+pub use view::View;
 
-use crate::geometry::Camera;
-use crate::image::{self, ImageRgb};
+use crate::image::ImageRgb;
 
-/// The format a scene was read from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
-    /// nerfstudio / instant-ngp `transforms.json`.
-    Transforms,
-    /// LLFF `poses_bounds.npy`.
-    Llff,
-    /// DeepView Spaces `models.json`.
-    Spaces,
-    /// RealEstate10K `cameras.txt` with `frames/`.
-    RealEstate10k,
-    /// COLMAP sparse model, binary or text.
-    Colmap,
-}
-
-impl Format {
-    const ALL: [Self; 5] = [Self::Transforms, Self::Llff, Self::Spaces, Self::RealEstate10k, Self::Colmap];
-
-    fn is_in(self, root: &Path) -> bool {
-        match self {
-            Self::Transforms => root.join("transforms.json").is_file(),
-            Self::Llff => root.join("poses_bounds.npy").is_file(),
-            Self::Spaces => root.join("models.json").is_file(),
-            Self::RealEstate10k => root.join("cameras.txt").is_file() && !root.join("images.txt").is_file(),
-            Self::Colmap => colmap::model_folder(root).is_some(),
-        }
-    }
-
-    fn open(self, root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
-        match self {
-            Self::Transforms => transforms::open(root, options),
-            Self::Llff => llff::open(root, options),
-            Self::Spaces => spaces::open(root, options),
-            Self::RealEstate10k => realestate10k::open(root, options),
-            Self::Colmap => colmap::open(root, options),
-        }
-    }
-}
-
-impl fmt::Display for Format {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Transforms => "transforms.json (nerfstudio, instant-ngp)",
-            Self::Llff => "LLFF poses_bounds.npy",
-            Self::Spaces => "Spaces models.json",
-            Self::RealEstate10k => "RealEstate10K",
-            Self::Colmap => "COLMAP",
-        })
-    }
-}
-
-/// How to open a scene.
-#[derive(Debug, Clone, Default)]
-pub struct SceneOptions {
-    /// Photos wider than this many pixels are scaled down on load, their intrinsics with them.
-    pub width: Option<usize>,
-    /// Folder of the photos inside an LLFF, RealEstate10K or COLMAP scene, instead of the usual search (`images_8`, `images_4`, …).
-    pub images: Option<String>,
-    /// Which rig position of a Spaces scene, counted from 0.
-    pub rig_position: usize,
-}
-
-/// One posed photo.
-#[derive(Debug, Clone)]
-pub struct View {
-    /// The photo's path below the folder that all photos share: usually its file name.
-    pub name: String,
-    /// The camera, at the size [`Scene::load_image`] returns.
-    pub camera: Camera,
-    /// Near and far depth, in scene units, where the format tells them; 0 < near < far.
-    pub depth_range: Option<(f64, f64)>,
-    image: PathBuf,
-    native: Camera,
-    distortion: Option<Distortion>,
-}
-
-impl View {
-    /// Path of the photo.
-    pub fn image_path(&self) -> &Path {
-        &self.image
-    }
-
-    /// The camera at the photo's own size.
-    pub fn native_camera(&self) -> &Camera {
-        &self.native
-    }
-
-    /// Name and value of the coefficients of OpenCV's lens distortion, which [`Scene::load_image`] undoes; all 0 for none.
-    pub fn distortion(&self) -> [(&'static str, f64); 5] {
-        self.distortion.unwrap_or_default().fields()
-    }
-}
-
-/// The posed photos of a folder.
+/// Posed photos.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// The folder.
+    /// The folder of the poses.
     pub root: PathBuf,
     /// What it was read as.
     pub format: Format,
@@ -137,15 +52,26 @@ pub struct Scene {
     pub views: Vec<View>,
     /// Everything that was skipped or assumed, by name, for the user to read.
     pub notes: Vec<String>,
+    photos: Arc<dyn PhotoSource>,
 }
 
 impl Scene {
-    /// Opens a folder. Only the headers of the photos are read; every camera is valid and every photo has the right size.
+    /// Opens a folder of poses and photos. Only the headers of the photos are read; every camera is valid and every photo has the
+    /// right size.
     ///
     /// # Errors
     ///
     /// [`SceneError`], naming the file and the field.
     pub fn open(path: &Path, options: &SceneOptions) -> Result<Self, SceneError> {
+        Self::open_with(path, Arc::new(PhotoFolder::new(path)), options)
+    }
+
+    /// Opens a folder of poses, whose photos come from elsewhere: for `photos` the folder need not hold any.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError`], naming the file and the field; what the source refuses.
+    pub fn open_with(path: &Path, photos: Arc<dyn PhotoSource>, options: &SceneOptions) -> Result<Self, SceneError> {
         let no_scene = |reason: &str| SceneError::NoScene { path: path.to_owned(), reason: reason.to_owned() };
         if !path.exists() {
             return Err(no_scene("does not exist"));
@@ -153,24 +79,35 @@ impl Scene {
         if !path.is_dir() {
             return Err(no_scene("is not a folder"));
         }
-        let mut found = Format::ALL.into_iter().filter(|format| format.is_in(path));
+        let mut found = formats::all_in(path).filter(|&format| photos.serves(format));
         let format = found.next().ok_or_else(|| no_scene("no scene found"))?;
-        let (views, mut notes) = draft::finish(path, format.open(path, options)?, options)?;
+        let (views, mut notes) = view::views(formats::read(format, path, &*photos, options)?, options)?;
         notes.extend(found.map(|other| format!("the folder also holds {other}: not read, {format} comes first")));
-        Ok(Self { root: path.to_owned(), format, views, notes })
+        Ok(Self { root: path.to_owned(), format, views, notes, photos })
+    }
+
+    /// Index of the view with this name, file name, or file name without extension.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::UnknownView`] if none or several match, listing the closest names.
+    pub fn view_index(&self, name: &str) -> Result<usize, SceneError> {
+        let names: Vec<&str> = self.views.iter().map(|view| view.name.as_str()).collect();
+        view_names::index_of(&names, name)
     }
 
     /// Decodes the photo of a view: distortion undone, then scaled down to the size of its camera.
     ///
     /// # Errors
     ///
-    /// [`SceneError::Image`] if the file is damaged or cut short; [`SceneError::ImageSize`] if it changed since `open`.
+    /// [`SceneError::Image`] if the file is damaged or cut short; [`SceneError::ImageSize`] if it changed since `open`; what
+    /// else the source refuses.
     ///
     /// # Panics
     ///
     /// If there is no view `index`.
     pub fn load_image(&self, index: usize) -> Result<ImageRgb, SceneError> {
-        self.fit(index, image::load(&self.views[index].image)?)
+        self.fit(index, self.photos.load(self.views[index].photo())?)
     }
 
     /// A photo of the view's camera, made that of [`View::camera`]: distortion undone, then scaled down.
@@ -182,19 +119,7 @@ impl Scene {
     /// # Panics
     ///
     /// If there is no view `index`.
-    pub fn fit(&self, index: usize, mut photo: ImageRgb) -> Result<ImageRgb, SceneError> {
-        let View { camera, native, image, distortion, .. } = &self.views[index];
-        let (actual, declared) = ((photo.width(), photo.height()), (native.width(), native.height()));
-        if actual != declared {
-            let declared_in = self.root.clone();
-            return Err(SceneError::ImageSize { path: image.clone(), actual, declared_in, declared });
-        }
-        if let Some(distortion) = distortion {
-            photo = undistort::undistort(&photo, native, distortion)?;
-        }
-        if (camera.width(), camera.height()) != actual {
-            photo = photo.resized(camera.width(), camera.height())?;
-        }
-        Ok(photo)
+    pub fn fit(&self, index: usize, photo: ImageRgb) -> Result<ImageRgb, SceneError> {
+        self.views[index].fit(&self.root, photo)
     }
 }

@@ -4,11 +4,11 @@ use std::path::Path;
 
 use serde_json::{Map, Value};
 
-use crate::scene::SceneError;
-use crate::scene::files::text;
+use crate::scene::error::SceneError;
+use crate::scene::pose_file::text;
 
 /// Parses a file. JSON has no NaN or Infinity, so those end here, with the line that holds them.
-pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneError> {
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneError> {
     let text = text(path, bytes)?;
     serde_json::from_str(text).map_err(|error| {
         let line = text.lines().nth(error.line().saturating_sub(1)).unwrap_or_default().as_bytes();
@@ -21,7 +21,7 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneE
 
 /// An object's fields, backed by those of an outer object: what a frame does not say, the file says for all.
 #[derive(Clone, Copy)]
-pub(in crate::scene) struct Fields<'a> {
+pub(super) struct Fields<'a> {
     path: &'a Path,
     /// Where the object stands, such as `frames[3]`.
     place: &'a str,
@@ -30,7 +30,7 @@ pub(in crate::scene) struct Fields<'a> {
 }
 
 impl<'a> Fields<'a> {
-    pub(in crate::scene) fn new(
+    pub(super) fn new(
         path: &'a Path,
         place: &'a str,
         value: &'a Value,
@@ -43,15 +43,15 @@ impl<'a> Fields<'a> {
     }
 
     /// These fields without those of the outer object.
-    pub(in crate::scene) fn own(self) -> Self {
+    pub(super) fn own(self) -> Self {
         Self { outer: None, ..self }
     }
 
-    pub(in crate::scene) fn get(&self, key: &str) -> Option<&'a Value> {
+    pub(super) fn get(&self, key: &str) -> Option<&'a Value> {
         self.own.get(key).or_else(|| self.outer?.get(key)).filter(|value| !value.is_null())
     }
 
-    pub(in crate::scene) fn wrong(&self, key: &str, expected: &str) -> SceneError {
+    pub(super) fn wrong(&self, key: &str, expected: &str) -> SceneError {
         let found = self.get(key).map_or_else(
             || "is missing".to_owned(),
             |value| format!("is {}", value.to_string().chars().take(60).collect::<String>()),
@@ -59,30 +59,30 @@ impl<'a> Fields<'a> {
         SceneError::malformed(self.path, format!("{}: {key} {found}", self.place), expected)
     }
 
-    pub(in crate::scene) fn optional(&self, key: &str) -> Result<Option<f64>, SceneError> {
+    pub(super) fn optional(&self, key: &str) -> Result<Option<f64>, SceneError> {
         match self.get(key) {
             None => Ok(None),
             Some(value) => value.as_f64().map(Some).ok_or_else(|| self.wrong(key, "a number")),
         }
     }
 
-    pub(in crate::scene) fn number(&self, key: &str) -> Result<f64, SceneError> {
+    pub(super) fn number(&self, key: &str) -> Result<f64, SceneError> {
         self.optional(key)?.ok_or_else(|| self.wrong(key, "a number"))
     }
 
-    pub(in crate::scene) fn numbers<const N: usize>(&self, key: &str) -> Result<[f64; N], SceneError> {
+    pub(super) fn numbers<const N: usize>(&self, key: &str) -> Result<[f64; N], SceneError> {
         let wrong = || self.wrong(key, &format!("{N} numbers"));
         let values = self.get(key).and_then(Value::as_array).ok_or_else(wrong)?;
         let values: Option<Vec<f64>> = values.iter().map(Value::as_f64).collect();
         values.and_then(|values| values.try_into().ok()).ok_or_else(wrong)
     }
 
-    pub(in crate::scene) fn text(&self, key: &str) -> Result<&'a str, SceneError> {
+    pub(super) fn text(&self, key: &str) -> Result<&'a str, SceneError> {
         self.get(key).and_then(Value::as_str).ok_or_else(|| self.wrong(key, "text"))
     }
 
     /// A width or height, which some writers store as 540.0.
-    pub(in crate::scene) fn side(&self, key: &str) -> Result<Option<usize>, SceneError> {
+    pub(super) fn side(&self, key: &str) -> Result<Option<usize>, SceneError> {
         let Some(value) = self.optional(key)? else { return Ok(None) };
         let whole = value.fract() == 0.0 && (1.0..=1e9).contains(&value);
         if whole { Ok(Some(value as usize)) } else { Err(self.wrong(key, "a whole number of pixels")) }

@@ -5,45 +5,54 @@
 use std::path::Path;
 
 use super::poses_bounds::{self, PoseBounds};
-use crate::scene::draft::{Draft, Drafts, Size};
-use crate::scene::files::{FindPhoto, images_folder, list_photos, photo, read};
+use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
+use crate::scene::error::SceneError;
+use crate::scene::options::SceneOptions;
+use crate::scene::photo_lookup::{PhotoLookup, list_photos};
+use crate::scene::photo_source::{PhotoList, PhotoSource};
+use crate::scene::pose_file::read;
 use crate::scene::undistort::Distortion;
-use crate::scene::{SceneError, SceneOptions};
 
 /// Folders of photos, in the order they are tried.
 const FOLDERS: [&str; 4] = ["images_8", "images_4", "images_2", "images"];
 
-pub(in crate::scene) fn open(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
+pub(in crate::scene) fn open(
+    root: &Path,
+    photos: &dyn PhotoSource,
+    options: &SceneOptions,
+) -> Result<DeclaredViews, SceneError> {
     let path = root.join("poses_bounds.npy");
     let rows = poses_bounds::parse(&path, &read(&path)?)?;
-    let folder = images_folder(root, options.images.as_deref(), &FOLDERS)?;
-    let names = list_photos(&root.join(&folder))?;
-    if names.len() != rows.len() {
-        let folder = root.join(folder);
-        return Err(SceneError::CountMismatch { path, rows: rows.len(), folder, images: names.len() });
+    let list = list_photos(root, photos, options.images.as_deref(), &FOLDERS)?;
+    if list.names.len() != rows.len() {
+        let folder = list.folder.map_or_else(|| root.to_owned(), |folder| root.join(folder));
+        return Err(SceneError::CountMismatch { path, rows: rows.len(), folder, images: list.names.len() });
     }
-    drafts(&path, rows, &folder, &names, &|name| photo(root, &path, name, false))
+    views(&path, rows, &list, photos)
 }
 
-/// One row of the file for each of the `names` in `folder`.
-pub(in crate::scene) fn drafts(
+/// One row of the file for each photo of the list.
+pub(in crate::scene) fn views(
     path: &Path,
     rows: Vec<PoseBounds>,
-    folder: &str,
-    names: &[String],
-    find: FindPhoto<'_>,
-) -> Result<Drafts, SceneError> {
-    let mut drafts = Vec::with_capacity(rows.len());
-    for (row, name) in rows.into_iter().zip(names) {
-        drafts.push(Draft {
-            photo: find(&format!("{folder}/{name}"))?,
+    list: &PhotoList,
+    photos: &dyn PhotoSource,
+) -> Result<DeclaredViews, SceneError> {
+    let mut lookup = PhotoLookup::new(photos, path);
+    let mut views = Vec::with_capacity(rows.len());
+    for (row, name) in rows.into_iter().zip(&list.names) {
+        let Some(photo) = lookup.find(&list.with_folder(name))? else { continue };
+        views.push(DeclaredView {
+            photo,
             intrinsics: row.intrinsics,
-            size: Size::Scaled(row.width, row.height),
+            size: DeclaredSize::Scaled(row.width, row.height),
             rotation: row.rotation,
             translation: row.translation,
             distortion: Distortion::default(),
             depth_range: Some((row.near, row.far)),
         });
     }
-    Ok(Drafts { cameras: path.to_owned(), drafts, notes: vec![format!("photos are those of {folder}")] })
+    let mut notes = lookup.into_notes();
+    notes.extend(list.folder.iter().map(|folder| format!("photos are those of {folder}")));
+    Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
 }

@@ -1,4 +1,4 @@
-//! One module per format; each makes [`super::draft::Drafts`] of the files it knows.
+//! One module per format; each makes [`DeclaredViews`] of the files it knows.
 
 pub(super) mod colmap;
 mod json;
@@ -7,3 +7,42 @@ pub(super) mod poses_bounds;
 pub(super) mod realestate10k;
 pub(super) mod spaces;
 pub(super) mod transforms;
+
+use std::path::Path;
+
+use super::declared::DeclaredViews;
+use super::error::SceneError;
+use super::format::Format;
+use super::options::SceneOptions;
+use super::photo_source::PhotoSource;
+
+/// The formats whose files lie in a folder, the one to read first.
+pub(super) fn all_in(root: &Path) -> impl Iterator<Item = Format> {
+    Format::ALL.into_iter().filter(move |&format| is_in(format, root))
+}
+
+fn is_in(format: Format, root: &Path) -> bool {
+    match format {
+        Format::Transforms => root.join("transforms.json").is_file(),
+        Format::Llff => root.join("poses_bounds.npy").is_file(),
+        Format::Spaces => root.join("models.json").is_file(),
+        Format::RealEstate10k => root.join("cameras.txt").is_file() && !root.join("images.txt").is_file(),
+        Format::Colmap => colmap::model_folder(root).is_some(),
+    }
+}
+
+/// Reads the files of a format.
+pub(super) fn read(
+    format: Format,
+    root: &Path,
+    photos: &dyn PhotoSource,
+    options: &SceneOptions,
+) -> Result<DeclaredViews, SceneError> {
+    match format {
+        Format::Transforms => transforms::open(root, photos),
+        Format::Llff => llff::open(root, photos, options),
+        Format::Spaces => spaces::open(root, photos, options),
+        Format::RealEstate10k => realestate10k::open(root, photos, options),
+        Format::Colmap => colmap::open(root, photos, options),
+    }
+}

@@ -11,7 +11,7 @@ use ndarray::ArrayView2;
 use ndarray_npy::ViewNpyExt;
 
 use crate::geometry::Intrinsics;
-use crate::scene::SceneError;
+use crate::scene::error::SceneError;
 
 /// Longest header that is parsed, in bytes; that of such an array has 128.
 const MAX_HEADER: usize = 512;

@@ -10,33 +10,39 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 
 use crate::geometry::Intrinsics;
-use crate::scene::draft::{Draft, Drafts, Size};
-use crate::scene::files::{FindPhoto, images_folder, list_photos, photo, read, some_of, text};
+use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
+use crate::scene::error::SceneError;
+use crate::scene::options::SceneOptions;
+use crate::scene::photo_lookup::{PhotoLookup, list_photos};
+use crate::scene::photo_source::{PhotoList, PhotoSource};
+use crate::scene::pose_file::{read, some_of, text};
 use crate::scene::undistort::Distortion;
-use crate::scene::{SceneError, SceneOptions};
 
 const LINE: &str = "timestamp fx fy cx cy 0 0 and 12 numbers of the pose";
 
-pub(in crate::scene) fn open(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
+pub(in crate::scene) fn open(
+    root: &Path,
+    photos: &dyn PhotoSource,
+    options: &SceneOptions,
+) -> Result<DeclaredViews, SceneError> {
     let path = root.join("cameras.txt");
     let bytes = read(&path)?;
-    let folder = images_folder(root, options.images.as_deref(), &["frames", "images"])?;
-    let names = list_photos(&root.join(&folder))?;
-    drafts(&path, &bytes, &folder, &names, &|name| photo(root, &path, name, false))
+    let list = list_photos(root, photos, options.images.as_deref(), &["frames", "images"])?;
+    views(&path, &bytes, &list, photos)
 }
 
-/// From the photos of these `names` in `folder`.
-pub(in crate::scene) fn drafts(
+/// From the photos of this list.
+pub(in crate::scene) fn views(
     path: &Path,
     bytes: &[u8],
-    folder: &str,
-    names: &[String],
-    find: FindPhoto<'_>,
-) -> Result<Drafts, SceneError> {
+    list: &PhotoList,
+    photos: &dyn PhotoSource,
+) -> Result<DeclaredViews, SceneError> {
     let text = text(path, bytes)?;
     let by_stem: HashMap<&str, &str> =
-        names.iter().filter_map(|name| Some((name.rsplit_once('.')?.0, name.as_str()))).collect();
-    let (mut drafts, mut absent) = (Vec::new(), Vec::new());
+        list.names.iter().filter_map(|name| Some((name.rsplit_once('.')?.0, name.as_str()))).collect();
+    let mut lookup = PhotoLookup::new(photos, path);
+    let (mut views, mut absent) = (Vec::new(), Vec::new());
     for (index, line) in text.lines().enumerate().skip(1).filter(|(_, line)| !line.trim().is_empty()) {
         let wrong = |what: String| SceneError::malformed(path, format!("line {}: {what}", index + 1), LINE);
         let (stamp, numbers) =
@@ -46,32 +52,33 @@ pub(in crate::scene) fn drafts(
             absent.push(stamp.to_owned());
             continue;
         };
-        let photo = find(&format!("{folder}/{name}"))?;
+        let Some(photo) = lookup.find(&list.with_folder(name))? else { continue };
         let (width, height) = (photo.width as f64, photo.height as f64);
         let [fx, fy, cx, cy, k1, k2, pose @ ..] = numbers;
         if k1 != 0.0 || k2 != 0.0 {
             return Err(wrong(format!("columns 6 and 7 are {k1} and {k2}")));
         }
         let row = |i: usize| DVec3::new(pose[4 * i], pose[4 * i + 1], pose[4 * i + 2]);
-        drafts.push(Draft {
+        views.push(DeclaredView {
             photo,
             intrinsics: Intrinsics { fx: fx * width, fy: fy * height, cx: cx * width, cy: cy * height, skew: 0.0 },
-            size: Size::Actual,
+            size: DeclaredSize::Actual,
             rotation: DMat3::from_rows(row(0), row(1), row(2)),
             translation: DVec3::new(pose[3], pose[7], pose[11]),
             distortion: Distortion::default(),
             depth_range: None,
         });
     }
-    if drafts.is_empty() {
-        let what = format!("none of its {} timestamps has a picture in {folder}", absent.len());
+    if views.is_empty() {
+        let place = list.folder.as_ref().map(|folder| format!(" in {folder}")).unwrap_or_default();
+        let what = format!("none of its {} timestamps has a picture{place}", absent.len());
         return Err(SceneError::malformed(path, what, "pictures named by timestamp, such as 50016633.jpg"));
     }
-    let mut notes = Vec::new();
+    let mut notes = lookup.into_notes();
     if !absent.is_empty() {
         notes.push(format!("{} of the listed timestamps have no picture, skipped: {}", absent.len(), some_of(&absent)));
     }
-    Ok(Drafts { cameras: path.to_owned(), drafts, notes })
+    Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
 }
 
 fn parse_numbers(text: &str) -> Result<[f64; 18], String> {

@@ -14,22 +14,29 @@ use serde_json::Value;
 
 use super::json::{Fields, parse};
 use crate::geometry::Intrinsics;
-use crate::scene::draft::{Draft, Drafts, Size};
-use crate::scene::files::{FindPhoto, photo, read_json};
+use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
+use crate::scene::error::SceneError;
+use crate::scene::options::SceneOptions;
+use crate::scene::photo_lookup::PhotoLookup;
+use crate::scene::photo_source::PhotoSource;
+use crate::scene::pose_file::read_json;
 use crate::scene::undistort::Distortion;
-use crate::scene::{SceneError, SceneOptions};
 
-pub(in crate::scene) fn open(root: &Path, options: &SceneOptions) -> Result<Drafts, SceneError> {
+pub(in crate::scene) fn open(
+    root: &Path,
+    photos: &dyn PhotoSource,
+    options: &SceneOptions,
+) -> Result<DeclaredViews, SceneError> {
     let path = root.join("models.json");
-    drafts(&path, &read_json(&path)?, options.rig_position, &|name| photo(root, &path, name, false))
+    views(&path, &read_json(&path)?, options.rig_position, photos)
 }
 
-pub(in crate::scene) fn drafts(
+pub(in crate::scene) fn views(
     path: &Path,
     bytes: &[u8],
     position: usize,
-    find: FindPhoto<'_>,
-) -> Result<Drafts, SceneError> {
+    photos: &dyn PhotoSource,
+) -> Result<DeclaredViews, SceneError> {
     let file = parse(path, bytes)?;
     let rigs =
         file.as_array().ok_or_else(|| SceneError::malformed(path, "the file is no list", "a list of rig positions"))?;
@@ -37,34 +44,40 @@ pub(in crate::scene) fn drafts(
         let what = format!("rig position {position} of {} is no list", rigs.len());
         SceneError::malformed(path, what, "a list of cameras")
     })?;
-    let mut drafts = Vec::with_capacity(cameras.len());
+    let mut lookup = PhotoLookup::new(photos, path);
+    let mut views = Vec::with_capacity(cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
         let place = format!("[{position}][{index}]");
-        drafts.push(draft(Fields::new(path, &place, camera, None)?, find)?);
+        views.extend(view(Fields::new(path, &place, camera, None)?, &mut lookup)?);
     }
-    let mut notes = Vec::new();
+    let mut notes = lookup.into_notes();
     if rigs.len() > 1 {
         notes.push(format!("{} rig positions, of which only number {position} is read", rigs.len()));
     }
-    Ok(Drafts { cameras: path.to_owned(), drafts, notes })
+    Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
 }
 
-fn draft(camera: Fields<'_>, find: FindPhoto<'_>) -> Result<Draft, SceneError> {
+/// A camera's view; `None` if its entry is to be left out.
+fn view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<Option<DeclaredView>, SceneError> {
+    // First of all, so that nothing is asked of an entry that is left out.
+    let Some(photo) = camera.text("relative_path").and_then(|name| lookup.find(name)).transpose() else {
+        return Ok(None);
+    };
     let (Some(width), Some(height)) = (camera.side("width")?, camera.side("height")?) else {
         return Err(camera.wrong("width", "width and height in pixels"));
     };
     let fx = camera.number("focal_length")?;
     let [cx, cy] = camera.numbers("principal_point")?;
     let rotation = rotation(DVec3::from_array(camera.numbers("orientation")?));
-    Ok(Draft {
-        photo: find(camera.text("relative_path")?)?,
+    Ok(Some(DeclaredView {
+        photo: photo?,
         intrinsics: Intrinsics { fx, fy: fx * camera.number("pixel_aspect_ratio")?, cx, cy, skew: 0.0 },
-        size: Size::Scaled(width, height),
+        size: DeclaredSize::Scaled(width, height),
         rotation,
         translation: -(rotation * DVec3::from_array(camera.numbers("position")?)),
         distortion: Distortion::default(),
         depth_range: None,
-    })
+    }))
 }
 
 /// `cam_from_world` of axis times angle.

@@ -13,56 +13,72 @@ use serde_json::Value;
 
 use super::json::{Fields, parse};
 use crate::geometry::{Intrinsics, cam_from_opengl_world};
-use crate::scene::draft::{Draft, Drafts, Size};
-use crate::scene::files::{FindPhoto, photo, read_json};
+use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
+use crate::scene::error::SceneError;
+use crate::scene::photo_lookup::PhotoLookup;
+use crate::scene::photo_source::PhotoSource;
+use crate::scene::pose_file::read_json;
 use crate::scene::undistort::Distortion;
-use crate::scene::{SceneError, SceneOptions};
 
 const REFUSED_MODELS: [&str; 6] = ["FISHEYE", "EQUIRECT", "SPHER", "ORTHO", "OMNI", "FOV"];
 const KNOWN_MODELS: [&str; 7] =
     ["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "PERSPECTIVE"];
 
-pub(in crate::scene) fn open(root: &Path, _: &SceneOptions) -> Result<Drafts, SceneError> {
+pub(in crate::scene) fn open(root: &Path, photos: &dyn PhotoSource) -> Result<DeclaredViews, SceneError> {
     let path = root.join("transforms.json");
-    // Synthetic scenes leave the extension out.
-    drafts(&path, &read_json(&path)?, &|name| photo(root, &path, name, true))
+    views(&path, &read_json(&path)?, photos)
 }
 
-pub(in crate::scene) fn drafts(path: &Path, bytes: &[u8], find: FindPhoto<'_>) -> Result<Drafts, SceneError> {
+pub(in crate::scene) fn views(
+    path: &Path,
+    bytes: &[u8],
+    photos: &dyn PhotoSource,
+) -> Result<DeclaredViews, SceneError> {
     let file = parse(path, bytes)?;
     let head = Fields::new(path, "the file", &file, None)?;
     let frames = head.get("frames").and_then(Value::as_array).ok_or_else(|| head.wrong("frames", "a list"))?;
+    // Synthetic scenes leave the extension out.
+    let mut lookup = PhotoLookup::new(photos, path).any_extension(true);
     let mut notes = Vec::new();
-    let mut drafts = Vec::with_capacity(frames.len());
+    let mut views = Vec::with_capacity(frames.len());
     for (index, frame) in frames.iter().enumerate() {
         let place = format!("frames[{index}]");
         let frame = Fields::new(path, &place, frame, file.as_object())?;
-        drafts.push(draft(path, frame, find, &mut notes)?);
+        views.extend(view(path, frame, &mut lookup, &mut notes)?);
     }
     notes.sort();
     notes.dedup();
-    Ok(Drafts { cameras: path.to_owned(), drafts, notes })
+    notes.extend(lookup.into_notes());
+    Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
 }
 
-fn draft(path: &Path, frame: Fields<'_>, find: FindPhoto<'_>, notes: &mut Vec<String>) -> Result<Draft, SceneError> {
+/// A frame's view; `None` if its entry is to be left out.
+fn view(
+    path: &Path,
+    frame: Fields<'_>,
+    lookup: &mut PhotoLookup<'_>,
+    notes: &mut Vec<String>,
+) -> Result<Option<DeclaredView>, SceneError> {
+    // First of all, so that nothing is asked of an entry that is left out.
+    let Some(photo) = frame.text("file_path").and_then(|name| lookup.find(name)).transpose() else { return Ok(None) };
     check_model(path, frame, notes)?;
-    let photo = find(frame.text("file_path")?)?;
+    let photo = photo?;
     let size = match (frame.side("w")?, frame.side("h")?) {
-        (Some(width), Some(height)) => Size::Scaled(width, height),
-        (None, None) => Size::Actual,
+        (Some(width), Some(height)) => DeclaredSize::Scaled(width, height),
+        (None, None) => DeclaredSize::Actual,
         (Some(_), None) => return Err(frame.wrong("h", "both w and h, or neither")),
         (None, Some(_)) => return Err(frame.wrong("w", "both w and h, or neither")),
     };
     let (width, height) = match size {
-        Size::Scaled(width, height) | Size::Exactly(width, height) => (width, height),
-        Size::Actual => {
+        DeclaredSize::Scaled(width, height) | DeclaredSize::Exactly(width, height) => (width, height),
+        DeclaredSize::Actual => {
             notes.push("w and h are not given: intrinsics taken as those of the images as they are".to_owned());
             (photo.width, photo.height)
         }
     };
     let (rotation, translation) = pose(frame)?;
     let distortion = |key| Ok::<_, SceneError>(frame.optional(key)?.unwrap_or(0.0));
-    Ok(Draft {
+    Ok(Some(DeclaredView {
         photo,
         intrinsics: intrinsics(frame, width as f64, height as f64)?,
         size,
@@ -76,7 +92,7 @@ fn draft(path: &Path, frame: Fields<'_>, find: FindPhoto<'_>, notes: &mut Vec<St
             p2: distortion("p2")?,
         },
         depth_range: frame.optional("near")?.zip(frame.optional("far")?),
-    })
+    }))
 }
 
 fn check_model(path: &Path, frame: Fields<'_>, notes: &mut Vec<String>) -> Result<(), SceneError> {

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::{MODELS, Model, ModelFormat, Registered, lens, rotation};
-use crate::scene::SceneError;
+use super::model::{MODELS, Model, ModelFormat, Registered, lens, rotation};
+use crate::scene::error::SceneError;
 
 pub(in crate::scene) const FORMAT: ModelFormat =
     ModelFormat { ending: "bin", cameras: read_cameras, images: read_images, points: read_points };

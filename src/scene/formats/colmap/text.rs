@@ -5,9 +5,9 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::{Model, ModelFormat, Registered, lens, rotation};
-use crate::scene::SceneError;
-use crate::scene::files::text;
+use super::model::{Model, ModelFormat, Registered, lens, rotation};
+use crate::scene::error::SceneError;
+use crate::scene::pose_file::text;
 
 pub(in crate::scene) const FORMAT: ModelFormat =
     ModelFormat { ending: "txt", cameras: read_cameras, images: read_images, points: read_points };

@@ -1,0 +1,101 @@
+//! The photos of a scene that is a folder of files.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::error::SceneError;
+use super::photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+use super::pose_file::safe_name;
+use crate::image::{self, ImageRgb};
+
+/// Folders nested deeper than this are not searched for photos.
+const MAX_DEPTH: usize = 4;
+
+const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// PNG and JPEG files below a folder, by their path relative to it. None that a pose file lists may be missing, and no path may
+/// leave the folder.
+#[derive(Debug, Clone)]
+pub struct PhotoFolder {
+    root: PathBuf,
+}
+
+impl PhotoFolder {
+    /// The photos below this folder.
+    pub fn new(root: impl Into<PathBuf>) -> Self {
+        Self { root: root.into() }
+    }
+
+    fn is_file(&self, name: &str) -> bool {
+        self.root.join(name).is_file()
+    }
+}
+
+impl PhotoSource for PhotoFolder {
+    fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError> {
+        let name = safe_name(listed.listed_in, listed.name)?;
+        let found = if self.is_file(&name) {
+            Some(name.clone())
+        } else if listed.any_extension {
+            other_extensions(&name).into_iter().find(|other| self.is_file(other))
+        } else {
+            None
+        };
+        let Some(name) = found else {
+            return Err(SceneError::MissingImage {
+                path: self.root.join(&name),
+                listed_in: listed.listed_in.to_owned(),
+            });
+        };
+        let path = self.root.join(&name);
+        let (width, height) = image::read_size(&path)?;
+        Ok(Found::Photo(Photo { name, path, width, height }))
+    }
+
+    fn list(&self, folders: &[&str]) -> Result<Option<PhotoList>, SceneError> {
+        let Some(&folder) = folders.iter().find(|folder| self.root.join(folder).is_dir()) else { return Ok(None) };
+        let mut names = Vec::new();
+        collect(&self.root.join(folder), "", MAX_DEPTH, &mut names)?;
+        names.sort();
+        Ok(Some(PhotoList { folder: Some(folder.to_owned()), names }))
+    }
+
+    fn load(&self, name: &str) -> Result<ImageRgb, SceneError> {
+        Ok(image::load(&self.root.join(name))?)
+    }
+}
+
+/// `name` with an extension added, then with its extension replaced.
+fn other_extensions(name: &str) -> Vec<String> {
+    let stem = match name.rsplit_once('.') {
+        Some((stem, extension)) if !extension.contains('/') => stem,
+        _ => name,
+    };
+    let endings = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
+    [name, stem].iter().flat_map(|base| endings.map(|ending| format!("{base}.{ending}"))).collect()
+}
+
+/// Adds the names of the photos below `folder`, each after `prefix`.
+fn collect(folder: &Path, prefix: &str, depth: usize, names: &mut Vec<String>) -> Result<(), SceneError> {
+    let failed = |source| SceneError::Read { path: folder.to_owned(), source };
+    for entry in fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        // A name that is not UTF-8 cannot be listed in any scene file.
+        let Some(name) = path.file_name().and_then(|name| name.to_str()) else { continue };
+        if name.starts_with('.') {
+            continue;
+        }
+        if path.is_dir() {
+            if depth > 0 {
+                collect(&path, &format!("{prefix}{name}/"), depth - 1, names)?;
+            }
+        } else if is_photo(name) {
+            names.push(format!("{prefix}{name}"));
+        }
+    }
+    Ok(())
+}
+
+fn is_photo(name: &str) -> bool {
+    Path::new(name).extension().is_some_and(|found| EXTENSIONS.iter().any(|e| found.eq_ignore_ascii_case(e)))
+}

@@ -1,0 +1,51 @@
+//! Pose files: whole, as text, and the names they hold.
+
+use std::path::{Component, Path};
+
+use super::error::SceneError;
+use crate::fs::bounded;
+
+/// A whole file.
+pub(super) fn read(path: &Path) -> Result<Vec<u8>, SceneError> {
+    read_up_to(bounded::MAX_BYTES, path)
+}
+
+/// A whole JSON file.
+pub(super) fn read_json(path: &Path) -> Result<Vec<u8>, SceneError> {
+    read_up_to(bounded::MAX_JSON_BYTES, path)
+}
+
+fn read_up_to(limit: u64, path: &Path) -> Result<Vec<u8>, SceneError> {
+    bounded::read(path, limit).map_err(|source| SceneError::Read { path: path.to_owned(), source })
+}
+
+/// The text of a file; bytes that are not UTF-8 are an error.
+pub(super) fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, SceneError> {
+    std::str::from_utf8(bytes)
+        .map_err(|error| SceneError::malformed(path, format!("byte {} is not text", error.valid_up_to()), "UTF-8"))
+}
+
+/// `name` made clean (no `./`), or refused if it leads out of the scene folder. Links are followed: a file of the scene cannot
+/// make them, only its owner.
+pub(super) fn safe_name(listed_in: &Path, name: &str) -> Result<String, SceneError> {
+    let refuse = || SceneError::UnsafePath { path: listed_in.to_owned(), image: name.to_owned() };
+    let mut parts = Vec::new();
+    for component in Path::new(name).components() {
+        match component {
+            Component::Normal(part) => parts.push(part.to_str().ok_or_else(refuse)?),
+            Component::CurDir => {}
+            Component::ParentDir | Component::RootDir | Component::Prefix(_) => return Err(refuse()),
+        }
+    }
+    if parts.is_empty() { Err(refuse()) } else { Ok(parts.join("/")) }
+}
+
+/// Names in a note: all of them, or the first few and how many more.
+pub(super) fn some_of(names: &[String]) -> String {
+    const SHOWN: usize = 12;
+    let shown = names.iter().take(SHOWN).map(String::as_str).collect::<Vec<_>>().join(", ");
+    match names.len().checked_sub(SHOWN) {
+        Some(more) if more > 0 => format!("{shown} and {more} more"),
+        _ => shown,
+    }
+}
