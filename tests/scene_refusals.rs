@@ -315,7 +315,7 @@ fn saved_pictures_come_back() {
     assert!(worst <= 0.5 / 255.0 + 1e-6, "{worst}");
     let depth: Vec<u16> = (0..15).map(|i| i * 4000).collect();
     let grey = image::encode_gray16_png(5, 3, &depth).unwrap();
-    assert_eq!(image::load_from_memory(&grey).unwrap().into_luma16().into_raw(), depth);
+    assert_eq!(::image::load_from_memory(&grey).unwrap().into_luma16().into_raw(), depth);
     // Only the file is left, none under a temporary name.
     assert_eq!(fs::read_dir(root.path()).unwrap().count(), 1);
     let odd = image::ImageRgb::new(1, 1, vec![f32::NAN, -1.0, 7.0]).unwrap();

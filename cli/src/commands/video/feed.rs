@@ -78,34 +78,37 @@ impl Feed {
         }
     }
 
-    /// File name of the first frame, or of the video.
-    pub(super) fn file_name(&self) -> String {
-        let path = match &self.frames {
-            Frames::Photos(photos) => photos.first_key_value().map(|(_, path)| path.as_path()),
-            Frames::Video(path) => Some(path.as_path()),
-        };
-        path.and_then(Path::file_name).unwrap_or_default().to_string_lossy().into_owned()
-    }
-
-    /// Width and height of its first frame that can be read.
-    pub(super) fn size(&self) -> Result<(usize, usize)> {
+    /// Its first frame that can be read.
+    ///
+    /// # Errors
+    /// None can; what is wrong with the first.
+    pub(super) fn first_frame(&self) -> Result<FirstFrame> {
         match &self.frames {
             Frames::Photos(photos) => {
-                let sizes = photos.values().map(|path| image::read_size(path));
                 let mut failed = None;
-                for size in sizes {
-                    match size {
-                        Ok(size) => return Ok(size),
+                for path in photos.values() {
+                    match image::read_size(path) {
+                        Ok((width, height)) => return Ok(FirstFrame { path: path.clone(), width, height }),
                         Err(error) => failed = failed.or(Some(error)),
                     }
                 }
                 Err(failed.map_or_else(|| anyhow!("{}: no frames", self.name), Into::into))
             }
             Frames::Video(path) => {
-                let first = Decoder::start(path)?.next()?;
-                let photo = first.ok_or_else(|| anyhow!("{}: the video holds no frame", path.display()))?;
-                Ok((photo.width(), photo.height()))
+                let photo = first_of_video(path)?;
+                Ok(FirstFrame { path: path.clone(), width: photo.width(), height: photo.height() })
             }
+        }
+    }
+
+    /// The pixels of that frame.
+    ///
+    /// # Errors
+    /// It is damaged, or gone.
+    pub(super) fn load_first(&self, first: &FirstFrame) -> Result<ImageRgb> {
+        match &self.frames {
+            Frames::Photos(_) => Ok(image::load(&first.path)?),
+            Frames::Video(path) => first_of_video(path),
         }
     }
 
@@ -116,6 +119,21 @@ impl Feed {
             Frames::Video(path) => Reader::Video(Decoder::start(path)?),
         })
     }
+}
+
+/// The first frame of a camera that can be read.
+#[derive(Debug, Clone)]
+pub(super) struct FirstFrame {
+    /// Its file, or that of the video.
+    pub(super) path: PathBuf,
+    /// In pixels.
+    pub(super) width: usize,
+    pub(super) height: usize,
+}
+
+fn first_of_video(path: &Path) -> Result<ImageRgb> {
+    let first = Decoder::start(path)?.next()?;
+    first.ok_or_else(|| anyhow!("{}: the video holds no frame", path.display()))
 }
 
 /// Frames of a camera in the order of time.

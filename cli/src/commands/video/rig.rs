@@ -1,25 +1,20 @@
-//! A folder with one folder of frames or one video file per camera, and poses in any format: opened as a scene whose photos
-//! are stand-ins of the frames' size, one per camera.
+//! A camera rig: a folder with a folder of frames or a video file for each camera, and their poses in any format. Opened as a
+//! scene whose photos are the cameras' first frames.
 
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
 
-use anyhow::{Context, Result, anyhow, bail};
-use liveview::fs::bounded;
-use liveview::image::encode;
-use liveview::{ImageRgb, PhotoCache, Scene};
-use serde_json::Value;
+use anyhow::{Result, anyhow, bail};
+use liveview::image::ImageError;
+use liveview::scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError};
+use liveview::{ImageRgb, PhotoCache, Scene, SceneOptions};
 
-use super::feed::Feed;
+use super::feed::{Feed, FirstFrame};
 use crate::args::scene::SceneArgs;
-use crate::console::shown;
 
 /// Folders of a rig that may hold its cameras.
 const FOLDERS: [&str; 4] = ["", "images", "frames", "videos"];
-/// JSON files that name photos, and the key they do it by.
-const NAMED: [(&str, &str); 2] = [("transforms.json", "file_path"), ("models.json", "relative_path")];
 
 /// A rig: the poses and what each delivers.
 pub(super) struct Rig {
@@ -30,52 +25,52 @@ pub(super) struct Rig {
 
 impl Rig {
     /// Opens a rig; what was left out stands in the scene's notes.
+    ///
+    /// # Errors
+    /// No cameras, fewer than two that can be read, or no poses; what the scene refuses.
     pub(super) fn open(args: &SceneArgs) -> Result<Self> {
-        let root = args.folder();
-        if !root.is_dir() {
-            bail!("{}: expected the folder of a rig", root.display());
-        }
-        let mut feeds = find(root)?;
-        let mut notes = Vec::new();
-        let sizes: Vec<Option<(usize, usize)>> = feeds
-            .iter()
-            .map(|feed| {
-                feed.size().map_err(|error| notes.push(format!("camera {} is left out: {error}", feed.name))).ok()
-            })
-            .collect();
-        // Where every frame is numbered from 1, or from 100, that is the first.
-        let first = feeds.iter().map(Feed::first).min().unwrap_or(0);
-        feeds.iter_mut().for_each(|feed| feed.counted_from(first));
-
-        let stand_ins = tempfile::tempdir()?;
-        let cameras: Vec<(&Feed, (usize, usize))> =
-            feeds.iter().zip(&sizes).filter_map(|(feed, size)| Some((feed, (*size)?))).collect();
-        if cameras.len() < 2 {
-            bail!("{}: {} of {} cameras can be read; expected 2 or more", root.display(), cameras.len(), feeds.len());
-        }
-        if cameras.len() < feeds.len() && root.join("poses_bounds.npy").is_file() {
-            bail!("{}: poses_bounds.npy goes by the order of the cameras, but {}", root.display(), notes.join("; "));
-        }
-        lay_out(root, stand_ins.path(), &cameras, &mut notes)?;
-        let mut scene = Scene::open(stand_ins.path(), &args.options()).map_err(|error| {
-            // What was laid out speaks of where it came from.
-            anyhow!(format!("{error:#}").replace(&shown(stand_ins.path()), &shown(root)))
-        })?;
-        root.clone_into(&mut scene.root);
-        let names: Vec<&str> = scene.views.iter().map(|view| camera_of(&view.name)).collect();
-        if let Some(posed) = cameras.iter().find(|(feed, _)| !names.contains(&feed.name.as_str())) {
-            notes.push(format!("camera {} has no pose: left out", posed.0.name));
-        }
-        let feed = |name: &&str| feeds.iter().find(|feed| feed.name == *name).cloned();
-        let feeds = names.iter().map(feed).collect::<Option<Vec<_>>>();
-        let feeds = feeds.ok_or_else(|| anyhow!("{}: poses name photos that are no camera's", root.display()))?;
-        for (view, feed) in scene.views.iter_mut().zip(&feeds) {
-            view.name.clone_from(&feed.name);
-        }
-        scene.notes.retain(|note| !note.starts_with("photos are those of")); // the stand-ins'
-        scene.notes.extend(notes);
+        let (scene, feeds) = open_scene(args.folder(), &args.options())?;
         Ok(Self { photos: args.with_depth(scene), feeds })
     }
+}
+
+/// The scene of the rig's cameras, and the camera of each view.
+fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)> {
+    if !root.is_dir() {
+        bail!("{}: expected the folder of a rig", root.display());
+    }
+    let mut feeds = find(root)?;
+    // Where every frame is numbered from 1, or from 100, that is the first.
+    let first = feeds.iter().map(Feed::first).min().unwrap_or(0);
+    feeds.iter_mut().for_each(|feed| feed.counted_from(first));
+    let (count, mut cameras, mut notes) = (feeds.len(), Vec::new(), Vec::new());
+    for feed in feeds {
+        match feed.first_frame() {
+            Ok(first) => cameras.push(RigCamera { feed, first }),
+            Err(error) => notes.push(format!("camera {} is left out: {error}", feed.name)),
+        }
+    }
+    if cameras.len() < 2 {
+        bail!("{}: {} of {count} cameras can be read; expected 2 or more", root.display(), cameras.len());
+    }
+    if cameras.len() < count && root.join("poses_bounds.npy").is_file() {
+        bail!("{}: poses_bounds.npy goes by the order of the cameras, but {}", root.display(), notes.join("; "));
+    }
+    let photos = Arc::new(RigPhotos { cameras });
+    let mut scene = Scene::open_with(root, photos.clone(), options).map_err(|error| match error {
+        SceneError::NoScene { .. } => anyhow!(
+            "{}: no poses found; expected transforms.json, poses_bounds.npy, models.json or a COLMAP model in sparse/0",
+            root.display()
+        ),
+        error => error.into(),
+    })?;
+    let is_posed = |camera: &&RigCamera| scene.views.iter().any(|view| view.name == camera.feed.name);
+    let unposed = photos.cameras.iter().filter(|camera| !is_posed(camera));
+    notes.extend(unposed.map(|camera| format!("camera {} has no pose: left out", camera.feed.name)));
+    scene.notes.extend(notes);
+    let feed = |name: &str| photos.named(name).expect("views are named after their cameras").feed.clone();
+    let feeds = scene.views.iter().map(|view| feed(&view.name)).collect();
+    Ok((scene, feeds))
 }
 
 /// The first folder that holds cameras.
@@ -92,106 +87,155 @@ fn find(root: &Path) -> Result<Vec<Feed>> {
     )
 }
 
-/// `cam00` of `cam00.png`, of `cam00/0000.jpg` and of `images/cam00/0000.jpg`.
-fn camera_of(name: &str) -> &str {
-    match name.rsplit_once('/') {
-        Some((folder, _)) => folder.rsplit('/').next().unwrap_or(folder),
-        None => name.rsplit_once('.').map_or(name, |(stem, _)| stem),
+/// A camera that can be read.
+#[derive(Debug)]
+struct RigCamera {
+    feed: Feed,
+    first: FirstFrame,
+}
+
+impl RigCamera {
+    fn photo(&self) -> Photo {
+        let FirstFrame { path, width, height } = &self.first;
+        Photo { name: self.feed.name.clone(), path: path.clone(), width: *width, height: *height }
     }
 }
 
-/// Writes the poses and a black photo per camera where they expect one. Only its header is ever read.
-fn lay_out(root: &Path, to: &Path, cameras: &[(&Feed, (usize, usize))], notes: &mut Vec<String>) -> Result<()> {
-    let mut encoded = HashMap::new();
-    let mut stand_in = |name: PathBuf, (width, height): (usize, usize)| -> Result<()> {
-        fs::create_dir_all(name.parent().unwrap_or(to))?;
-        let png = match encoded.entry((width, height)) {
-            Entry::Occupied(png) => png.into_mut(),
-            Entry::Vacant(none) => {
-                none.insert(encode("a.png".as_ref(), &ImageRgb::new(width, height, vec![0.0; 3 * width * height])?)?)
-            }
+/// The first frame of each camera, under the camera's name and under every name that a pose file may have for it: that of any of
+/// its frames, or of its video.
+#[derive(Debug)]
+struct RigPhotos {
+    /// In byte order of their names.
+    cameras: Vec<RigCamera>,
+}
+
+impl RigPhotos {
+    fn named(&self, name: &str) -> Option<&RigCamera> {
+        self.cameras.iter().find(|camera| camera.feed.name == name)
+    }
+
+    /// `cam00` of `cam00`, `cam00.mp4`, `images/cam00.png` and `cam00/0000.jpg`: the last part of the path that names a camera.
+    fn of_frame(&self, name: &str) -> Option<&RigCamera> {
+        let stem = |part: &str| part.rsplit_once('.').map_or_else(|| part.to_owned(), |(stem, _)| stem.to_owned());
+        name.rsplit('/')
+            .find_map(|part| self.cameras.iter().find(|camera| [part, &stem(part)].contains(&&*camera.feed.name)))
+    }
+}
+
+impl PhotoSource for RigPhotos {
+    /// RealEstate10K's poses are those of one camera on its way.
+    fn serves(&self, format: Format) -> bool {
+        format != Format::RealEstate10k
+    }
+
+    fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError> {
+        Ok(match self.of_frame(listed.name) {
+            Some(camera) => Found::OneOfMany(camera.photo()),
+            None => Found::LeftOut(format!("{} belongs to no camera: left out", listed.name)),
+        })
+    }
+
+    fn list(&self, _: &[&str]) -> Result<Option<PhotoList>, SceneError> {
+        let names = self.cameras.iter().map(|camera| camera.feed.name.clone()).collect();
+        Ok(Some(PhotoList { folder: None, names }))
+    }
+
+    fn load(&self, name: &str) -> Result<ImageRgb, SceneError> {
+        let missing = || io::Error::from(io::ErrorKind::NotFound);
+        let Some(RigCamera { feed, first }) = self.named(name) else {
+            return Err(SceneError::Read { path: name.into(), source: missing() });
         };
-        Ok(fs::write(name, png)?)
-    };
-    let mut known = false;
-    for (name, key) in NAMED.iter().filter(|(name, _)| root.join(name).is_file()) {
-        let path = root.join(name);
-        let text = bounded::read(&path, bounded::MAX_JSON_BYTES).with_context(|| path.display().to_string())?;
-        let mut json: Value =
-            serde_json::from_slice(&text).map_err(|error| anyhow!("{}: not JSON: {error}", path.display()))?;
-        let mut taken = Vec::new();
-        rename(&mut json, key, cameras, &mut taken, notes);
-        fs::write(to.join(name), json.to_string())?;
-        for &(feed, size) in cameras.iter().filter(|(feed, _)| taken.contains(&feed.name)) {
-            stand_in(to.join(format!("{}/0.png", feed.name)), size)?;
-        }
-        known = true;
+        feed.load_first(first).map_err(|error| match error.downcast::<ImageError>() {
+            Ok(error) => error.into(),
+            Err(error) => SceneError::Read { path: first.path.clone(), source: io::Error::other(format!("{error:#}")) },
+        })
     }
-    if root.join("poses_bounds.npy").is_file() {
-        fs::copy(root.join("poses_bounds.npy"), to.join("poses_bounds.npy"))?;
-        cameras.iter().try_for_each(|(feed, size)| stand_in(to.join(format!("images/{}.png", feed.name)), *size))?;
-        known = true;
-    } else if let Some(model) = ["sparse/0", "sparse"].into_iter().find(|model| is_colmap(&root.join(model))) {
-        fs::create_dir_all(to.join(model))?;
-        for entry in fs::read_dir(root.join(model))? {
-            let path = entry?.path();
-            if let (true, Some(name)) = (path.is_file(), path.file_name()) {
-                fs::copy(&path, to.join(model).join(name))?;
-            }
-        }
-        // A model names its photos; each of these it may.
-        for (feed, size) in cameras {
-            let (name, file) = (&feed.name, feed.file_name());
-            for name in [format!("{name}/{file}"), format!("{name}.png"), format!("{name}.jpg")] {
-                let probe = to.join("images").join(name);
-                stand_in(probe, *size)?;
-            }
-        }
-        known = true;
-    }
-    if !known {
-        bail!(
-            "{}: no poses found; expected transforms.json, poses_bounds.npy, models.json or a COLMAP model in sparse/0",
-            root.display()
-        );
-    }
-    Ok(())
 }
 
-fn is_colmap(folder: &Path) -> bool {
-    ["cameras.bin", "cameras.txt"].iter().any(|file| folder.join(file).is_file())
-}
+#[cfg(test)]
+mod tests {
+    use std::fs;
 
-/// Points each entry at its camera's stand-in; entries of no camera, and second ones of the same, are taken out.
-fn rename(
-    json: &mut Value,
-    key: &str,
-    cameras: &[(&Feed, (usize, usize))],
-    taken: &mut Vec<String>,
-    notes: &mut Vec<String>,
-) {
-    match json {
-        Value::Array(entries) => entries.retain_mut(|entry| {
-            let Some(name) = entry.get(key).and_then(Value::as_str).map(str::to_owned) else {
-                rename(entry, key, cameras, taken, notes);
-                return true;
-            };
-            let of = |part: &str| {
-                let stem = part.rsplit_once('.').map_or(part, |(stem, _)| stem);
-                cameras.iter().find(|(feed, _)| feed.name == part || feed.name == stem)
-            };
-            let Some((feed, _)) = name.rsplit('/').find_map(of) else {
-                notes.push(format!("{name} belongs to no camera: left out"));
-                return false;
-            };
-            if taken.contains(&feed.name) {
-                return false;
-            }
-            taken.push(feed.name.clone());
-            entry[key] = Value::from(format!("{}/0.png", feed.name));
-            true
-        }),
-        Value::Object(fields) => fields.values_mut().for_each(|value| rename(value, key, cameras, taken, notes)),
-        _ => {}
+    use tempfile::{TempDir, tempdir};
+
+    use super::*;
+
+    const COLMAP_CAMERA: &str = "1 PINHOLE 8 6 8 8 4 3\n";
+
+    /// Three cameras, `a`, `b` and `c`, of two frames, 8x6 each, and a file of poses.
+    fn rig(poses: &str, text: &str) -> TempDir {
+        let root = tempdir().unwrap();
+        let photo = ImageRgb::new(8, 6, vec![0.5; 3 * 8 * 6]).unwrap();
+        for frame in ["a/1.png", "a/2.png", "b/1.png", "b/2.png", "c/1.png", "c/2.png"] {
+            write(&root, frame, b"");
+            photo.save(root.path().join(frame)).unwrap();
+        }
+        write(&root, poses, text.as_bytes());
+        root
+    }
+
+    fn write(root: &TempDir, name: &str, bytes: &[u8]) {
+        let path = root.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+    }
+
+    fn transforms(names: &[&str]) -> String {
+        let pose = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]";
+        let frame = |name: &&str| format!(r#"{{"file_path": "{name}", "transform_matrix": {pose}}}"#);
+        let frames = names.iter().map(frame).collect::<Vec<_>>().join(", ");
+        format!(r#"{{"fl_x": 8, "w": 8, "h": 6, "frames": [{frames}]}}"#)
+    }
+
+    fn opened(root: &TempDir) -> (Vec<String>, Vec<String>) {
+        let (scene, feeds) = open_scene(root.path(), &SceneOptions::default()).unwrap();
+        let names: Vec<String> = scene.views.iter().map(|view| view.name.clone()).collect();
+        assert_eq!(names, feeds.iter().map(|feed| feed.name.clone()).collect::<Vec<_>>());
+        assert!(scene.views.iter().all(|view| view.image_path().ends_with(format!("{}/1.png", view.name))));
+        assert_eq!((scene.load_image(0).unwrap().width(), scene.load_image(0).unwrap().height()), (8, 6));
+        (names, scene.notes)
+    }
+
+    #[test]
+    fn an_entry_of_any_frame_is_its_camera_s_and_the_first_counts() {
+        let names = ["../rig/images/b/2.png", "b/1.png", "a.mp4", "other/1.png", "/far/away/c"];
+        let (names, notes) = opened(&rig("transforms.json", &transforms(&names)));
+        assert_eq!(names, ["a", "b", "c"]);
+        assert_eq!(notes, ["other/1.png belongs to no camera: left out"]);
+    }
+
+    #[test]
+    fn entries_left_out_are_asked_for_nothing() {
+        let text = transforms(&["a", "b", "c"]).replace("[{", "[{\"file_path\": \"other\", \"is_fisheye\": true}, {");
+        let (names, notes) = opened(&rig("transforms.json", &text));
+        assert_eq!((names.len(), notes), (3, vec!["other belongs to no camera: left out".to_owned()]));
+    }
+
+    #[test]
+    fn cameras_without_pose_or_frame_are_told() {
+        let root = rig("transforms.json", &transforms(&["a/1.png", "b/1.png"]));
+        let (names, notes) = opened(&root);
+        assert_eq!((names.len(), notes), (2, vec!["camera c has no pose: left out".to_owned()]));
+        ["c/1.png", "c/2.png"].into_iter().for_each(|frame| write(&root, frame, b"no picture"));
+        let (_, notes) = opened(&root);
+        assert!(notes.len() == 1 && notes[0].starts_with("camera c is left out: "), "{notes:?}");
+        // RealEstate10K's file does not make a rig.
+        fs::rename(root.path().join("transforms.json"), root.path().join("cameras.txt")).unwrap();
+        let error = open_scene(root.path(), &SceneOptions::default()).unwrap_err().to_string();
+        assert!(error.contains("no poses found; expected transforms.json"), "{error}");
+    }
+
+    #[test]
+    fn colmap_names_frames_or_cameras() {
+        for names in [["a/1.png", "b/1.png", "c/1.png"], ["a.png", "b.jpg", "c.png"]] {
+            let root = rig("sparse/0/cameras.txt", COLMAP_CAMERA);
+            let line = |(i, name): (usize, &&str)| format!("{i} 1 0 0 0 {i} 0 0 1 {name}\n\n");
+            let images: String = names.iter().enumerate().map(line).collect();
+            write(&root, "sparse/0/images.txt", images.as_bytes());
+            assert_eq!(
+                opened(&root),
+                (["a", "b", "c"].map(str::to_owned).to_vec(), vec!["no points3D: depth ranges are unknown".to_owned()])
+            );
+        }
     }
 }

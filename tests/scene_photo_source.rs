@@ -1,0 +1,139 @@
+//! Scenes whose photos are no files: what a source of one's own says is what the scene holds.
+
+mod scene_common;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use liveview::image::ImageRgb;
+use liveview::scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource, Scene, SceneError, SceneOptions};
+use scene_common::{Colmap, LLFF_ROW, assert_says, poses_bounds, transforms, write};
+use tempfile::tempdir;
+
+/// Grey photos of 64×48: `a.png` to `c.png`, and `d`, which is whatever lies in a folder `d`.
+#[derive(Debug)]
+struct Grey {
+    folder: Option<&'static str>,
+}
+
+impl PhotoSource for Grey {
+    fn serves(&self, format: Format) -> bool {
+        format != Format::Spaces
+    }
+
+    fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError> {
+        let photo = |name: &str| Photo { name: name.into(), path: PathBuf::from("memory"), width: 64, height: 48 };
+        let file = listed.name.rsplit('/').next().unwrap_or_default();
+        Ok(match file {
+            "a.png" | "b.png" | "c.png" => Found::Photo(photo(listed.name)),
+            _ if listed.name.contains("d/") => Found::OneOfMany(photo("d")),
+            "lost.png" => {
+                let (path, listed_in) = (PathBuf::from("lost"), listed.listed_in.to_owned());
+                return Err(SceneError::MissingImage { path, listed_in });
+            }
+            _ => Found::LeftOut(format!("{file} is not mine")),
+        })
+    }
+
+    fn list(&self, folders: &[&str]) -> Result<Option<PhotoList>, SceneError> {
+        let names = ["a.png", "b.png", "c.png"].map(str::to_owned).to_vec();
+        let folder = self.folder.filter(|folder| folders.contains(folder)).map(str::to_owned);
+        Ok((folder.is_some() || self.folder.is_none()).then_some(PhotoList { folder, names }))
+    }
+
+    fn load(&self, name: &str) -> Result<ImageRgb, SceneError> {
+        Ok(ImageRgb::new(64, 48, vec![if name == "d" { 0.25 } else { 0.5 }; 3 * 64 * 48])?)
+    }
+}
+
+fn open(root: &Path, folder: Option<&'static str>) -> Result<Scene, SceneError> {
+    Scene::open_with(root, Arc::new(Grey { folder }), &SceneOptions::default())
+}
+
+fn names(scene: &Scene) -> Vec<&str> {
+    scene.views.iter().map(|view| view.name.as_str()).collect()
+}
+
+/// A `transforms.json` of these entries alone.
+fn entries(root: &Path, entries: &[&str]) {
+    let pose = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]";
+    let frame = |entry: &&str| format!("{{\"file_path\": \"{entry}\", \"transform_matrix\": {pose}}}");
+    let frames = entries.iter().map(frame).collect::<Vec<_>>().join(", ");
+    write(&root.join("transforms.json"), format!("{{\"fl_x\": 50, \"w\": 64, \"h\": 48, \"frames\": [{frames}]}}"));
+}
+
+#[test]
+fn entries_are_taken_once_or_left_out_as_the_source_says() {
+    let root = tempdir().unwrap();
+    entries(root.path(), &["a.png", "d/7.png", "../d/8.png", "other.png", "b.png"]);
+    let scene = open(root.path(), None).unwrap();
+    assert_eq!(names(&scene), ["a.png", "b.png", "d"]);
+    assert_eq!(scene.notes, ["other.png is not mine"]);
+    assert_eq!(scene.load_image(2).unwrap().pixel(3, 3), [0.25; 3]);
+    assert_eq!(scene.views[2].image_path(), Path::new("memory"));
+    // A photo of one name is named once, by whatever source.
+    entries(root.path(), &["a.png", "a.png"]);
+    assert_says(&open(root.path(), None).unwrap_err().to_string(), &["\"a.png\" is listed twice"]);
+    entries(root.path(), &["a.png", "lost.png"]);
+    assert_says(&open(root.path(), None).unwrap_err().to_string(), &["lost: missing image, listed in"]);
+    entries(root.path(), &["other.png"]);
+    assert_says(&open(root.path(), None).unwrap_err().to_string(), &["no views; expected at least one"]);
+}
+
+#[test]
+fn what_is_left_out_is_not_judged_and_everything_else_is() {
+    let root = tempdir().unwrap();
+    for (name, refused) in [("other.png", false), ("b.png", true)] {
+        transforms(
+            root.path(),
+            "\"frames\": [",
+            &format!("\"frames\": [{{\"file_path\": \"{name}\", \"is_fisheye\": true}},"),
+        );
+        match open(root.path(), None) {
+            Ok(scene) => assert!(!refused && names(&scene) == ["a.png"], "{name}"),
+            Err(error) => assert!(refused && error.to_string().contains("is_fisheye is not supported"), "{error}"),
+        }
+    }
+}
+
+#[test]
+fn photos_by_order_come_from_the_source_s_folder_or_from_none() {
+    let root = tempdir().unwrap();
+    poses_bounds(&root.path().join("poses_bounds.npy"), &[LLFF_ROW; 3]);
+    let scene = open(root.path(), Some("images_4")).unwrap();
+    assert_eq!(
+        (names(&scene), scene.notes.as_slice()),
+        (vec!["a.png", "b.png", "c.png"], &["photos are those of images_4".to_owned()][..])
+    );
+    let scene = open(root.path(), None).unwrap();
+    assert_eq!((scene.views.len(), scene.notes.len()), (3, 0));
+    assert_says(
+        &open(root.path(), Some("elsewhere")).unwrap_err().to_string(),
+        &["no folder of photos; expected one of: images_8"],
+    );
+    let options = SceneOptions { images: Some("images".to_owned()), ..SceneOptions::default() };
+    let error = Scene::open_with(root.path(), Arc::new(Grey { folder: None }), &options).unwrap_err().to_string();
+    assert_says(&error, &["no folder of photos; expected one of: images"]);
+    poses_bounds(&root.path().join("poses_bounds.npy"), &[LLFF_ROW; 2]);
+    let error = open(root.path(), None).unwrap_err().to_string();
+    assert_says(&error, &["2 poses, but", &format!("{} holds 3 images", root.path().display())]);
+}
+
+#[test]
+fn colmap_names_stand_alone_without_a_folder() {
+    let root = tempdir().unwrap();
+    Colmap { camera: Colmap::PINHOLE, names: &["b.png", "d/2.png"] }.write_text(&root.path().join("sparse/0"));
+    let scene = open(root.path(), None).unwrap();
+    assert_eq!(names(&scene), ["b.png", "d"]);
+    assert_says(&scene.notes.join("\n"), &["2 photos were not registered by COLMAP, skipped: a.png, c.png"]);
+}
+
+#[test]
+fn formats_that_a_source_does_not_serve_are_passed_over() {
+    let root = tempdir().unwrap();
+    write(&root.path().join("models.json"), "[]");
+    assert_says(&open(root.path(), None).unwrap_err().to_string(), &["no scene found"]);
+    Colmap { camera: Colmap::PINHOLE, names: &["b.png"] }.write_text(&root.path().join("sparse/0"));
+    let scene = open(root.path(), None).unwrap();
+    assert!(scene.format == Format::Colmap && !scene.notes.iter().any(|note| note.contains("Spaces")));
+}
