@@ -116,9 +116,9 @@ impl RigPhotos {
 
     /// `cam00` of `cam00`, `cam00.mp4`, `images/cam00.png` and `cam00/0000.jpg`: the last part of the path that names a camera.
     fn of_frame(&self, name: &str) -> Option<&RigCamera> {
-        let stem = |part: &str| part.rsplit_once('.').map_or_else(|| part.to_owned(), |(stem, _)| stem.to_owned());
-        name.rsplit('/')
-            .find_map(|part| self.cameras.iter().find(|camera| [part, &stem(part)].contains(&&*camera.feed.name)))
+        // A folder may be called `cam.0`, beside one called `cam`.
+        let of_part = |part: &str| self.named(part).or_else(|| self.named(part.rsplit_once('.')?.0));
+        name.rsplit('/').find_map(of_part)
     }
 }
 
@@ -141,9 +141,8 @@ impl PhotoSource for RigPhotos {
     }
 
     fn load(&self, name: &str) -> Result<ImageRgb, SceneError> {
-        let missing = || io::Error::from(io::ErrorKind::NotFound);
         let Some(RigCamera { feed, first }) = self.named(name) else {
-            return Err(SceneError::Read { path: name.into(), source: missing() });
+            return Err(SceneError::Read { path: name.into(), source: io::ErrorKind::NotFound.into() });
         };
         feed.load_first(first).map_err(|error| match error.downcast::<ImageError>() {
             Ok(error) => error.into(),
@@ -162,11 +161,11 @@ mod tests {
 
     const COLMAP_CAMERA: &str = "1 PINHOLE 8 6 8 8 4 3\n";
 
-    /// Three cameras, `a`, `b` and `c`, of two frames, 8x6 each, and a file of poses.
+    /// Three cameras, `a`, `a.0` and `c`, of two frames, 8x6 each, and a file of poses.
     fn rig(poses: &str, text: &str) -> TempDir {
         let root = tempdir().unwrap();
         let photo = ImageRgb::new(8, 6, vec![0.5; 3 * 8 * 6]).unwrap();
-        for frame in ["a/1.png", "a/2.png", "b/1.png", "b/2.png", "c/1.png", "c/2.png"] {
+        for frame in ["a/1.png", "a/2.png", "a.0/1.png", "a.0/2.png", "c/1.png", "c/2.png"] {
             write(&root, frame, b"");
             photo.save(root.path().join(frame)).unwrap();
         }
@@ -198,22 +197,22 @@ mod tests {
 
     #[test]
     fn an_entry_of_any_frame_is_its_camera_s_and_the_first_counts() {
-        let names = ["../rig/images/b/2.png", "b/1.png", "a.mp4", "other/1.png", "/far/away/c"];
+        let names = ["../rig/images/a.0/2.png", "a.0/1.png", "a.mp4", "other/1.png", "/far/away/c"];
         let (names, notes) = opened(&rig("transforms.json", &transforms(&names)));
-        assert_eq!(names, ["a", "b", "c"]);
+        assert_eq!(names, ["a", "a.0", "c"]);
         assert_eq!(notes, ["other/1.png belongs to no camera: left out"]);
     }
 
     #[test]
     fn entries_left_out_are_asked_for_nothing() {
-        let text = transforms(&["a", "b", "c"]).replace("[{", "[{\"file_path\": \"other\", \"is_fisheye\": true}, {");
+        let text = transforms(&["a", "a.0", "c"]).replace("[{", "[{\"file_path\": \"other\", \"is_fisheye\": true}, {");
         let (names, notes) = opened(&rig("transforms.json", &text));
         assert_eq!((names.len(), notes), (3, vec!["other belongs to no camera: left out".to_owned()]));
     }
 
     #[test]
     fn cameras_without_pose_or_frame_are_told() {
-        let root = rig("transforms.json", &transforms(&["a/1.png", "b/1.png"]));
+        let root = rig("transforms.json", &transforms(&["a/1.png", "a.0/1.png"]));
         let (names, notes) = opened(&root);
         assert_eq!((names.len(), notes), (2, vec!["camera c has no pose: left out".to_owned()]));
         ["c/1.png", "c/2.png"].into_iter().for_each(|frame| write(&root, frame, b"no picture"));
@@ -227,14 +226,17 @@ mod tests {
 
     #[test]
     fn colmap_names_frames_or_cameras() {
-        for names in [["a/1.png", "b/1.png", "c/1.png"], ["a.png", "b.jpg", "c.png"]] {
+        for names in [["a/1.png", "a.0/1.png", "c/1.png"], ["a.png", "a.0.jpg", "c.png"]] {
             let root = rig("sparse/0/cameras.txt", COLMAP_CAMERA);
             let line = |(i, name): (usize, &&str)| format!("{i} 1 0 0 0 {i} 0 0 1 {name}\n\n");
             let images: String = names.iter().enumerate().map(line).collect();
             write(&root, "sparse/0/images.txt", images.as_bytes());
             assert_eq!(
                 opened(&root),
-                (["a", "b", "c"].map(str::to_owned).to_vec(), vec!["no points3D: depth ranges are unknown".to_owned()])
+                (
+                    ["a", "a.0", "c"].map(str::to_owned).to_vec(),
+                    vec!["no points3D: depth ranges are unknown".to_owned()]
+                )
             );
         }
     }
