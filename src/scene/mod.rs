@@ -9,10 +9,10 @@
 //! | RealEstate10K | `cameras.txt` and `frames/` | OpenCV, camera from world | fractions of width and height |
 //! | COLMAP | `sparse/0`, `sparse` or the folder itself | OpenCV, camera from world | pixels |
 //!
-//! All become [`Camera`]s: OpenCV axes, `cam_from_world`, K in pixels with pixel centres at half-integers, which all five
-//! formats share. Where several lie in one folder, the first of the table is read. Nothing in a file is trusted: counts are
-//! checked against the file's length, paths must stay in the folder, sizes must be those of the photos, and no file may be larger
-//! than [`crate::fs::bounded`] says.
+//! All become [`Camera`](crate::geometry::Camera)s: OpenCV axes, `cam_from_world`, K in pixels with pixel centres at
+//! half-integers, which all five formats share. Where several lie in one folder, the first of the table is read. Nothing in a
+//! file is trusted: counts are checked against the file's length, paths must stay in the folder, sizes must be those of the
+//! photos, and no file may be larger than [`crate::fs::bounded`] says.
 
 mod declared;
 mod error;
