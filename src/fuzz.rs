@@ -12,8 +12,8 @@ pub use crate::scene::fuzz as scene;
 /// Decodes a PNG or JPEG, if it is as small as a fuzz target can afford.
 pub fn image(bytes: &[u8]) -> Result<Option<ImageRgb>, ImageError> {
     let path = Path::new("photo");
-    let (width, height) = image::size_of(path, Cursor::new(bytes))?;
-    if width * height > 1 << 12 { Ok(None) } else { image::decode(path, bytes).map(Some) }
+    let size = image::size_of(path, Cursor::new(bytes))?;
+    if size.pixels() > 1 << 12 { Ok(None) } else { image::decode(path, bytes).map(Some) }
 }
 
 /// Judges a model by its metadata and by the name and shape of its one input and one output.

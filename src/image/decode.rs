@@ -13,24 +13,24 @@ use super::error::ImageError;
 use super::jpeg;
 use super::rgb::ImageRgb;
 use crate::fs::bounded;
-use crate::geometry::MAX_SIDE;
+use crate::geometry::{MAX_SIDE, Size};
 
 /// What a decoder may take beside the pixels, in bytes: a colour profile of a few bytes can unfold to gigabytes.
 const MAX_ASIDE: u64 = 64 << 20;
 
-/// Width and height of a PNG or JPEG in pixels, from its header alone.
+/// Size of a PNG or JPEG in pixels, from its header alone.
 ///
 /// # Errors
 ///
 /// [`ImageError::Read`], [`ImageError::Decode`] or [`ImageError::TooLarge`], naming the file.
-pub fn read_size(path: &Path) -> Result<(usize, usize), ImageError> {
+pub fn read_size(path: &Path) -> Result<Size, ImageError> {
     let file =
         bounded::open(path, bounded::MAX_BYTES).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
     size_of(path, BufReader::new(file))
 }
 
 /// As [`read_size`], of the file at `path`, opened already.
-pub(crate) fn size_of(path: &Path, input: impl BufRead + Seek) -> Result<(usize, usize), ImageError> {
+pub(crate) fn size_of(path: &Path, input: impl BufRead + Seek) -> Result<Size, ImageError> {
     let size = reader(path, input)?.into_dimensions().map_err(|error| decode_error(path, &error))?;
     check_side(path, size)
 }
@@ -55,7 +55,7 @@ pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
 
 /// As [`load`], of the bytes of the file at `path`.
 pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> {
-    let (width, height) = size_of(path, Cursor::new(bytes))?;
+    let size = size_of(path, Cursor::new(bytes))?;
     let mut reader = reader(path, Cursor::new(bytes))?;
     let refused = |reason: &str| ImageError::Decode { path: path.to_owned(), reason: reason.to_owned() };
     if reader.format() == Some(ImageFormat::Jpeg) {
@@ -63,7 +63,7 @@ pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> 
     }
     let mut limits = Limits::no_limits();
     // Four channels of 16 bits are the most that a PNG has.
-    limits.max_alloc = Some(8 * (width * height) as u64 + MAX_ASIDE);
+    limits.max_alloc = Some(8 * size.pixels() as u64 + MAX_ASIDE);
     reader.limits(limits);
     // The decoder is not ours: should it panic, the file is named all the same. It holds no state that outlives the call.
     let decoded = catch_unwind(AssertUnwindSafe(|| reader.decode())).map_err(|_| refused("the decoder failed"))?;
@@ -80,12 +80,12 @@ fn check_format(path: &Path, format: Option<ImageFormat>) -> Result<(), ImageErr
     }
 }
 
-fn check_side(path: &Path, (width, height): (u32, u32)) -> Result<(usize, usize), ImageError> {
+fn check_side(path: &Path, (width, height): (u32, u32)) -> Result<Size, ImageError> {
     let (width, height) = (width as usize, height as usize);
     if width > MAX_SIDE || height > MAX_SIDE {
         return Err(ImageError::TooLarge { path: path.to_owned(), width, height });
     }
-    Ok((width, height))
+    Ok(Size::new(width, height))
 }
 
 fn decode_error(path: &Path, error: &image::ImageError) -> ImageError {

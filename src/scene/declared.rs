@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 
 use super::photo_source::Photo;
 use super::undistort::Distortion;
-use crate::geometry::Intrinsics;
+use crate::geometry::{Intrinsics, Size};
 
 /// The size a format's intrinsics are for, in pixels.
 #[derive(Clone, Copy)]
@@ -14,9 +14,9 @@ pub(super) enum DeclaredSize {
     /// The photo's own.
     Actual,
     /// Declared; the photo must have it.
-    Exactly(usize, usize),
+    Exactly(Size),
     /// Declared; a photo resampled to another size is fine, K follows it.
-    Scaled(usize, usize),
+    Scaled(Size),
 }
 
 /// One view as its format declares it. The pose is `cam_from_world`, OpenCV axes; intrinsics in pixels of `size`.

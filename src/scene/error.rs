@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use crate::geometry::CameraError;
+use crate::geometry::{CameraError, Size};
 use crate::image::ImageError;
 
 /// Why a scene was refused. Every message names the file, the field and what was expected.
@@ -74,17 +74,17 @@ pub enum SceneError {
         listed_in: PathBuf,
     },
     /// A photo's size is not the one its intrinsics are for.
-    #[error("{}: image of another size than declared: it is {}x{}, {} says {}x{}",
-            path.display(), actual.0, actual.1, declared_in.display(), declared.0, declared.1)]
+    #[error("{}: image of another size than declared: it is {actual}, {} says {declared}",
+            path.display(), declared_in.display())]
     ImageSize {
         /// The photo.
         path: PathBuf,
-        /// Its width and height in pixels.
-        actual: (usize, usize),
+        /// Its size in pixels.
+        actual: Size,
         /// The file that declares another.
         declared_in: PathBuf,
-        /// The declared width and height.
-        declared: (usize, usize),
+        /// The declared size.
+        declared: Size,
     },
     /// LLFF: as many photos as poses are needed, since they are matched by order.
     #[error("{}: {rows} poses, but {} holds {images} images; expected one pose per image", path.display(), folder.display())]

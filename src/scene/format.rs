@@ -4,6 +4,7 @@ use std::fmt;
 
 /// The format a scene was read from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Format {
     /// nerfstudio / instant-ngp `transforms.json`.
     Transforms,
@@ -20,6 +21,19 @@ pub enum Format {
 impl Format {
     /// In the order in which they are looked for.
     pub(super) const ALL: [Self; 5] = [Self::Transforms, Self::Llff, Self::Spaces, Self::RealEstate10k, Self::Colmap];
+}
+
+impl Format {
+    /// How its poses and intrinsics are written, in words.
+    pub fn conventions(self) -> &'static str {
+        match self {
+            Self::Transforms => "world from camera with OpenGL axes (x right, y up, z backwards); K in pixels of w x h",
+            Self::Llff => "world from camera with columns [down, right, backwards]; K in pixels of the declared size",
+            Self::Spaces => "angle-axis and centre, OpenCV axes; K in pixels of the declared size",
+            Self::RealEstate10k => "camera from world, OpenCV axes; K as fractions of width and height",
+            Self::Colmap => "camera from world, OpenCV axes (x right, y down, z forward); K in pixels",
+        }
+    }
 }
 
 impl fmt::Display for Format {

@@ -10,6 +10,7 @@ use super::options::SceneOptions;
 use super::photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 use super::pose_file::safe_name;
 use super::view::{self, View};
+use crate::geometry::Size;
 use crate::image::ImageRgb;
 
 /// What [`super::Scene::open`] makes of a scene's files.
@@ -23,7 +24,7 @@ impl PhotoSource for AnyPhoto {
     fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError> {
         let name = safe_name(Path::new("scene"), listed.name)?;
         let path = Path::new("scene").join(&name);
-        Ok(Found::Photo(Photo { name, path, width: 64, height: 48 }))
+        Ok(Found::Photo(Photo { name, path, size: Size::new(64, 48) }))
     }
 
     fn list(&self, folders: &[&str]) -> Result<Option<PhotoList>, SceneError> {

@@ -2,6 +2,7 @@
 
 /// How to open a scene.
 #[derive(Debug, Clone, Default)]
+#[non_exhaustive]
 pub struct SceneOptions {
     /// Photos wider than this many pixels are scaled down on load, their intrinsics with them.
     pub width: Option<usize>,

@@ -48,8 +48,8 @@ impl PhotoSource for PhotoFolder {
             });
         };
         let path = self.root.join(&name);
-        let (width, height) = image::read_size(&path)?;
-        Ok(Found::Photo(Photo { name, path, width, height }))
+        let size = image::read_size(&path)?;
+        Ok(Found::Photo(Photo { name, path, size }))
     }
 
     fn list(&self, folders: &[&str]) -> Result<Option<PhotoList>, SceneError> {

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use super::error::SceneError;
 use super::format::Format;
+use crate::geometry::Size;
 use crate::image::ImageRgb;
 
 /// A photo that exists.
@@ -18,10 +19,8 @@ pub struct Photo {
     pub name: String,
     /// The file it comes from, for messages and so that no output overwrites it.
     pub path: PathBuf,
-    /// Width in pixels.
-    pub width: usize,
-    /// Height in pixels.
-    pub height: usize,
+    /// In pixels.
+    pub size: Size,
 }
 
 /// A photo as a pose file lists it.

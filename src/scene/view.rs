@@ -7,7 +7,7 @@ use super::error::SceneError;
 use super::options::SceneOptions;
 use super::pose_file::some_of;
 use super::undistort::{Distortion, undistort};
-use crate::geometry::{Camera, CameraError};
+use crate::geometry::{Camera, CameraError, Size};
 use crate::image::ImageRgb;
 use crate::layers::uniform_disparities;
 
@@ -55,7 +55,7 @@ impl View {
     /// See [`Scene::fit`](super::Scene::fit); `root` is the scene's, for messages.
     pub(super) fn fit(&self, root: &Path, mut photo: ImageRgb) -> Result<ImageRgb, SceneError> {
         let Self { camera, native, image, distortion, .. } = self;
-        let (actual, declared) = ((photo.width(), photo.height()), (native.width(), native.height()));
+        let (actual, declared) = (photo.size(), native.size());
         if actual != declared {
             let declared_in = root.to_owned();
             return Err(SceneError::ImageSize { path: image.clone(), actual, declared_in, declared });
@@ -63,7 +63,7 @@ impl View {
         if let Some(distortion) = distortion {
             photo = undistort(&photo, native, distortion)?;
         }
-        if (camera.width(), camera.height()) != actual {
+        if camera.size() != actual {
             photo = photo.resized(camera.width(), camera.height())?;
         }
         Ok(photo)
@@ -118,19 +118,20 @@ fn view(
     let DeclaredView { photo, intrinsics, size, rotation, translation, distortion, depth_range } = declared;
     let name = photo.name[shared..].to_owned();
     let refused = |source: CameraError| SceneError::Camera { path: cameras.to_owned(), image: name.clone(), source };
-    let actual = (photo.width, photo.height);
+    let actual = photo.size;
     let declared = match size {
         DeclaredSize::Actual => actual,
-        DeclaredSize::Exactly(width, height) | DeclaredSize::Scaled(width, height) => (width, height),
+        DeclaredSize::Exactly(declared) | DeclaredSize::Scaled(declared) => declared,
     };
     let may_scale = matches!(size, DeclaredSize::Scaled(..));
     if declared != actual && !(may_scale && same_shape(declared, actual)) {
         return Err(SceneError::ImageSize { path: photo.path, actual, declared_in: cameras.to_owned(), declared });
     }
-    let mut native = Camera::new(intrinsics, declared.0, declared.1, rotation, translation).map_err(refused)?;
+    let mut native =
+        Camera::new(intrinsics, declared.width, declared.height, rotation, translation).map_err(refused)?;
     if declared != actual {
-        native = native.with_size_scaled(actual.0, actual.1).map_err(refused)?;
-        changes.rescaled.push(format!("{name} {}x{} → {}x{}", declared.0, declared.1, actual.0, actual.1));
+        native = native.with_size_scaled(actual.width, actual.height).map_err(refused)?;
+        changes.rescaled.push(format!("{name} {declared} → {actual}"));
     }
     distortion.check().map_err(refused)?;
     let distortion = Some(distortion).filter(|d| !d.is_none());
@@ -138,10 +139,10 @@ fn view(
         changes.undistorted.push(name.clone());
     }
     let mut camera = native.clone();
-    if let Some(width) = options.width.filter(|&width| width < actual.0) {
-        let height = (actual.1 as f64 * width as f64 / actual.0 as f64).round().max(1.0) as usize;
+    if let Some(width) = options.width.filter(|&width| width < actual.width) {
+        let height = (actual.height as f64 * width as f64 / actual.width as f64).round().max(1.0) as usize;
         camera = native.with_size_scaled(width, height).map_err(refused)?;
-        changes.shrunk.push(format!("{name} {}x{} → {width}x{height}", actual.0, actual.1));
+        changes.shrunk.push(format!("{name} {actual} → {width}x{height}"));
     }
     let usable = |&(near, far): &(f64, f64)| far.is_finite() && uniform_disparities(near, far, 2).is_ok();
     let usable_range = depth_range.filter(usable);
@@ -153,8 +154,8 @@ fn view(
 }
 
 /// Whether one size is the other resampled: equal aspect within 1 %, or within the rounding of one pixel.
-fn same_shape(declared: (usize, usize), actual: (usize, usize)) -> bool {
-    let [w, h, width, height] = [declared.0, declared.1, actual.0, actual.1].map(|side| side as f64);
+fn same_shape(declared: Size, actual: Size) -> bool {
+    let [w, h, width, height] = [declared.width, declared.height, actual.width, actual.height].map(|side| side as f64);
     let expected = h * width / w;
     (height / expected - 1.0).abs() <= ASPECT_TOLERANCE || (height - expected).abs() <= 1.0
 }

@@ -8,7 +8,7 @@ use glam::{DMat3, DVec2, DVec3};
 use liveview::geometry::parallax::{coverage, grid, parallax};
 use liveview::geometry::{MeanPose, PlaneSweep, choose_views, distance, middle_camera};
 use liveview::layers::uniform_disparities;
-use liveview::scene::{Format, View};
+use liveview::scene::View;
 use liveview::{Camera, LayerSpec, PhotoCache, SynthesisError};
 use serde_json::{Value, json};
 
@@ -54,7 +54,7 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
         None => middle_camera(&photos.all_cameras()),
     };
     let mut text =
-        format!("scene      {}: {}\nposes      {}\n", scene.root.display(), scene.format, conventions(scene.format));
+        format!("scene      {}: {}\nposes      {}\n", scene.root.display(), scene.format, scene.format.conventions());
     let (told, views) = lenses(&scene.views);
     text += &told;
     let (told, rig) = rig(&scene.views);
@@ -65,20 +65,10 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
         let _ = writeln!(text, "note       {note}");
     }
     let json = json!({
-        "scene": shown(&scene.root), "format": scene.format.to_string(), "conventions": conventions(scene.format),
+        "scene": shown(&scene.root), "format": scene.format.to_string(), "conventions": scene.format.conventions(),
         "views": views, "rig": rig, "target": target, "notes": scene.notes,
     });
     Ok(Output { text, json })
-}
-
-fn conventions(format: Format) -> &'static str {
-    match format {
-        Format::Transforms => "world from camera with OpenGL axes (x right, y up, z backwards); K in pixels of w x h",
-        Format::Llff => "world from camera with columns [down, right, backwards]; K in pixels of the declared size",
-        Format::Spaces => "angle-axis and centre, OpenCV axes; K in pixels of the declared size",
-        Format::RealEstate10k => "camera from world, OpenCV axes; K as fractions of width and height",
-        Format::Colmap => "camera from world, OpenCV axes (x right, y down, z forward); K in pixels",
-    }
 }
 
 fn lenses(views: &[View]) -> Section {

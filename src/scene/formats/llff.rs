@@ -45,7 +45,7 @@ pub(in crate::scene) fn views(
         views.push(DeclaredView {
             photo,
             intrinsics: row.intrinsics,
-            size: DeclaredSize::Scaled(row.width, row.height),
+            size: DeclaredSize::Scaled(row.size),
             rotation: row.rotation,
             translation: row.translation,
             distortion: Distortion::default(),

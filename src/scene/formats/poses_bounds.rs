@@ -10,7 +10,7 @@ use glam::{DMat3, DVec3};
 use ndarray::ArrayView2;
 use ndarray_npy::ViewNpyExt;
 
-use crate::geometry::Intrinsics;
+use crate::geometry::{Intrinsics, Size};
 use crate::scene::error::SceneError;
 
 /// Longest header that is parsed, in bytes; that of such an array has 128.
@@ -24,8 +24,7 @@ pub(in crate::scene) struct PoseBounds {
     /// For the declared size.
     pub(in crate::scene) intrinsics: Intrinsics,
     /// Declared, full size in pixels.
-    pub(in crate::scene) width: usize,
-    pub(in crate::scene) height: usize,
+    pub(in crate::scene) size: Size,
     /// `cam_from_world`, OpenCV axes.
     pub(in crate::scene) rotation: DMat3,
     pub(in crate::scene) translation: DVec3,
@@ -69,8 +68,7 @@ fn pose_bounds(path: &Path, index: usize, at: impl Fn(usize) -> f64) -> Result<P
     let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
     Ok(PoseBounds {
         intrinsics: Intrinsics { fx: focal, fy: focal, cx, cy, skew: 0.0 },
-        width,
-        height,
+        size: Size::new(width, height),
         rotation,
         translation: -(rotation * centre),
         near: at(15),

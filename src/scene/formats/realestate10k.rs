@@ -53,7 +53,7 @@ pub(in crate::scene) fn views(
             continue;
         };
         let Some(photo) = lookup.find(&list.with_folder(name))? else { continue };
-        let (width, height) = (photo.width as f64, photo.height as f64);
+        let (width, height) = (photo.size.width as f64, photo.size.height as f64);
         let [fx, fy, cx, cy, k1, k2, pose @ ..] = numbers;
         if k1 != 0.0 || k2 != 0.0 {
             return Err(wrong(format!("columns 6 and 7 are {k1} and {k2}")));

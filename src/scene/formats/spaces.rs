@@ -13,7 +13,7 @@ use glam::{DMat3, DVec3};
 use serde_json::Value;
 
 use super::json::{Fields, parse};
-use crate::geometry::Intrinsics;
+use crate::geometry::{Intrinsics, Size};
 use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::error::SceneError;
 use crate::scene::options::SceneOptions;
@@ -72,7 +72,7 @@ fn view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<Option<Decla
     Ok(Some(DeclaredView {
         photo: photo?,
         intrinsics: Intrinsics { fx, fy: fx * camera.number("pixel_aspect_ratio")?, cx, cy, skew: 0.0 },
-        size: DeclaredSize::Scaled(width, height),
+        size: DeclaredSize::Scaled(Size::new(width, height)),
         rotation,
         translation: -(rotation * DVec3::from_array(camera.numbers("position")?)),
         distortion: Distortion::default(),

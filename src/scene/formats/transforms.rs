@@ -12,7 +12,7 @@ use glam::{DMat3, DVec3};
 use serde_json::Value;
 
 use super::json::{Fields, parse};
-use crate::geometry::{Intrinsics, cam_from_opengl_world};
+use crate::geometry::{Intrinsics, Size, cam_from_opengl_world};
 use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::error::SceneError;
 use crate::scene::photo_lookup::PhotoLookup;
@@ -64,16 +64,16 @@ fn view(
     check_model(path, frame, notes)?;
     let photo = photo?;
     let size = match (frame.side("w")?, frame.side("h")?) {
-        (Some(width), Some(height)) => DeclaredSize::Scaled(width, height),
+        (Some(width), Some(height)) => DeclaredSize::Scaled(Size::new(width, height)),
         (None, None) => DeclaredSize::Actual,
         (Some(_), None) => return Err(frame.wrong("h", "both w and h, or neither")),
         (None, Some(_)) => return Err(frame.wrong("w", "both w and h, or neither")),
     };
-    let (width, height) = match size {
-        DeclaredSize::Scaled(width, height) | DeclaredSize::Exactly(width, height) => (width, height),
+    let Size { width, height } = match size {
+        DeclaredSize::Scaled(declared) | DeclaredSize::Exactly(declared) => declared,
         DeclaredSize::Actual => {
             notes.push("w and h are not given: intrinsics taken as those of the images as they are".to_owned());
-            (photo.width, photo.height)
+            photo.size
         }
     };
     let (rotation, translation) = pose(frame)?;

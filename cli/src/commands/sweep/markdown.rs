@@ -71,7 +71,7 @@ fn shares(row: &Row) -> String {
 mod tests {
     #[test]
     fn every_row_has_every_column() {
-        let sweep = super::super::tests::sweep();
+        let sweep = super::super::rows::tests::sweep();
         let text = super::markdown(&sweep);
         let lines: Vec<&str> = text.lines().filter(|line| line.starts_with('|')).collect();
         assert_eq!(lines.len(), 2 + sweep.rows.len(), "{text}");

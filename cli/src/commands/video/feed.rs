@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
+use liveview::geometry::Size;
 use liveview::image::{self, ImageRgb};
 
 use crate::args::output::has_ending;
@@ -88,7 +89,7 @@ impl Feed {
                 let mut failed = None;
                 for path in photos.values() {
                     match image::read_size(path) {
-                        Ok((width, height)) => return Ok(FirstFrame { path: path.clone(), width, height }),
+                        Ok(size) => return Ok(FirstFrame { path: path.clone(), size }),
                         Err(error) => failed = failed.or(Some(error)),
                     }
                 }
@@ -96,7 +97,7 @@ impl Feed {
             }
             Frames::Video(path) => {
                 let photo = first_of_video(path)?;
-                Ok(FirstFrame { path: path.clone(), width: photo.width(), height: photo.height() })
+                Ok(FirstFrame { path: path.clone(), size: photo.size() })
             }
         }
     }
@@ -127,8 +128,7 @@ pub(super) struct FirstFrame {
     /// Its file, or that of the video.
     pub(super) path: PathBuf,
     /// In pixels.
-    pub(super) width: usize,
-    pub(super) height: usize,
+    pub(super) size: Size,
 }
 
 fn first_of_video(path: &Path) -> Result<ImageRgb> {

@@ -96,8 +96,8 @@ struct RigCamera {
 
 impl RigCamera {
     fn photo(&self) -> Photo {
-        let FirstFrame { path, width, height } = &self.first;
-        Photo { name: self.feed.name.clone(), path: path.clone(), width: *width, height: *height }
+        let FirstFrame { path, size } = &self.first;
+        Photo { name: self.feed.name.clone(), path: path.clone(), size: *size }
     }
 }
 

@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 use model::{Model, ModelFormat};
 use tracked_points::{depth_range, depths_and_errors, reprojection};
 
+use crate::geometry::Size;
 use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::error::SceneError;
 use crate::scene::options::SceneOptions;
@@ -75,8 +76,8 @@ pub(in crate::scene) fn views(
             photo,
             intrinsics: lens.intrinsics,
             size: match reduced {
-                Some(_) => DeclaredSize::Scaled(lens.width, lens.height),
-                None => DeclaredSize::Exactly(lens.width, lens.height),
+                Some(_) => DeclaredSize::Scaled(Size::new(lens.width, lens.height)),
+                None => DeclaredSize::Exactly(Size::new(lens.width, lens.height)),
             },
             rotation: image.rotation,
             translation: image.translation,
