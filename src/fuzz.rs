@@ -1,4 +1,4 @@
-//! What the fuzz targets (`tests/fuzz`) call; compiled by cargo-fuzz alone.
+//! Entry points of the fuzz targets (`tests/fuzz`); compiled by cargo-fuzz alone.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -9,14 +9,22 @@ use crate::image::{self, ImageError, ImageRgb};
 use crate::network::{self, ModelCard, NetworkError};
 pub use crate::scene::fuzz as scene;
 
-/// Decodes a PNG or JPEG, if it is as small as a fuzz target can afford.
+/// Decodes a PNG or JPEG of at most 4096 pixels; `None` for a larger one.
+///
+/// # Errors
+///
+/// Those of [`image::load`].
 pub fn image(bytes: &[u8]) -> Result<Option<ImageRgb>, ImageError> {
     let path = Path::new("photo");
     let size = image::size_of(path, Cursor::new(bytes))?;
     if size.pixels() > 1 << 12 { Ok(None) } else { image::decode(path, bytes).map(Some) }
 }
 
-/// Judges a model by its metadata and by the name and shape of its one input and one output.
+/// Checks a model's metadata, and the name and shape of its input and its output.
+///
+/// # Errors
+///
+/// [`NetworkError::Unfit`].
 pub fn model(
     entry: impl Fn(&str) -> Option<String>,
     input: (&str, &[i64]),

@@ -1,5 +1,48 @@
-//! A handful of posed photos becomes a new view: dynamic target-centred multiplane images (LiveView, CVPR 2021), the
-//! network run by ONNX Runtime, everything else native.
+//! New views of a scene from a handful of posed photos: dynamic target-centred multiplane images
+//! ([LiveView, CVPR 2021](https://openaccess.thecvf.com/content/CVPR2021/html/Ghosh_LiveView_Dynamic_Target-Centered_MPI_for_View_Synthesis_CVPR_2021_paper.html)).
+//! The nearest photos are warped onto layers of the target camera, a small network gives each layer its opacity and the weights of the
+//! photos, and the layers are blended and composited. ONNX Runtime runs the network; everything else is native.
+//!
+//! # Example
+//!
+//! ```no_run
+//! # use liveview::{Options, Synthesizer, Target};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let mut synthesizer = Synthesizer::open("scene", &Options::default())?;
+//! let frame = synthesizer.render(&Target::held_out("IMG_7.jpg"))?;
+//! frame.picture.save("new.png")?;
+//! # Ok(()) }
+//! ```
+//!
+//! # Main types
+//!
+//! - [`Synthesizer`]: scene, model and layers in one; renders a [`Target`] to a [`Frame`].
+//! - [`Scene`]: posed photos, from a folder in one of five formats.
+//! - [`LayerSpec`]: which layers to render on, as text such as `guided:2` or `planes:64`; [`Layers`] are the layers themselves.
+//! - [`network::PlaneNetwork`]: the trait that a network of another kind implements; [`network::OrtNetwork`] runs the LiveView models.
+//! - [`render::Renderer`]: views, target and layers to a frame, for programs that choose these themselves.
+//! - [`live::LiveSession`]: the same for the time steps of a camera rig, reusing layers from frame to frame.
+//!
+//! # Conventions
+//!
+//! - Camera axes are OpenCV's: x right, y down, z forward. Poses are `cam_from_world`: X_cam = R X_world + t, in scene units.
+//! - Intrinsics are in pixels. The centre of the pixel in column i, row j is (i + 0.5, j + 0.5).
+//! - Disparity is 1/z in 1/scene unit, 0 at infinity; layers are ordered near → far.
+//! - Matrices are named result_from_input: `source_from_target`, `cam_from_world`.
+//! - Colours are sRGB values in [0, 1], as stored in the photos. Array shapes are `[…, height, width]`.
+//! - Cameras and depths are f64; values per pixel are f32.
+//!
+//! # Out of scope
+//!
+//! Training, pose estimation, an interactive viewer, fetching models or libraries at run time, and extrapolation far beyond the
+//! photos. Gloss and reflections are only as good as the nearest photos; pixels that no photo covers are black in a [`Frame`]
+//! ([`image::inpaint_unseen`] fills them).
+//!
+//! # Features
+//!
+//! - `load-dynamic` (default): ONNX Runtime is loaded at run time ([`network::OrtLibrary`]); the library may hold OpenVINO.
+//! - `cuda`, `tensorrt`: these execution providers, for libraries that hold them.
+//! - `download-binaries`: ONNX Runtime is fetched and linked at build time instead (without default features).
 
 pub mod fs;
 #[cfg(fuzzing)]
@@ -14,10 +57,20 @@ pub mod scene;
 mod synthesizer;
 pub mod warp;
 
+// Targets are cameras, and paths of them.
 pub use geometry::{Camera, CameraPath, Intrinsics};
+// Photos in, pictures out.
 pub use image::ImageRgb;
+// Options name layers by their text; stages take the layers.
 pub use layers::{LayerSpec, Layers};
+// What rendering returns.
 pub use render::Frame;
+// What a synthesizer opens.
 pub use scene::{Scene, SceneOptions};
-pub use synthesizer::*;
+// The high-level interface has no other path.
+pub use synthesizer::{
+    DEFAULT_VIEWS, Model, ModelOptions, Options, PhotoCache, Plan, Shot, SynthesisError, Synthesizer, Target,
+    TargetView, Targets,
+};
+// Their types are part of the interface.
 pub use {glam, ndarray};

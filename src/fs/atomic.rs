@@ -1,4 +1,4 @@
-//! Files that appear under their name only once they are whole.
+//! Files written whole or not at all: under a temporary name first, then renamed.
 
 use std::ffi::OsString;
 use std::fs::{File, OpenOptions};
@@ -10,8 +10,8 @@ use tempfile::TempPath;
 /// How every temporary name begins. What a killed process leaves under one is of no use and may be deleted.
 pub const TEMPORARY: &str = ".liveview-tmp-";
 
-/// A file being written under a temporary name, unlike any other process's, in the folder that it will stand in. Without
-/// [`AtomicFile::finish`] nothing of it remains.
+/// A file being written under a temporary name of its own, in the folder of the final file. Dropped without
+/// [`AtomicFile::finish`] it is deleted.
 #[derive(Debug)]
 pub struct AtomicFile {
     file: BufWriter<File>,
@@ -35,7 +35,7 @@ impl AtomicFile {
             ending.push(extension);
         }
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        // Opened here and not by tempfile, whose files are for their owner's eyes only.
+        // Opened here and not by tempfile, whose files only their owner may read.
         let open = |name: &Path| OpenOptions::new().write(true).create_new(true).open(name);
         let made = tempfile::Builder::new().prefix(TEMPORARY).suffix(&ending).make_in(folder, open)?;
         let (file, temporary) = made.into_parts();
@@ -47,12 +47,12 @@ impl AtomicFile {
         &self.temporary
     }
 
-    /// Gives the file its name, in place of what stood there.
+    /// Gives the file its name; a file of that name is replaced.
     ///
     /// # Errors
     ///
-    /// Those of writing what was buffered and of storing it (some file systems tell only then that they are full), and of
-    /// renaming. Nothing of the file remains then, and what stood there before does.
+    /// Those of writing what was buffered, of storing it (some file systems report only then that they are full) and of renaming.
+    /// The temporary file is deleted then, and a file that already had the name is unchanged.
     pub fn finish(self) -> io::Result<()> {
         if self.failed {
             return Err(io::Error::other("an earlier write failed"));
@@ -64,8 +64,8 @@ impl AtomicFile {
     }
 }
 
-/// After the first error, which it returns, it writes nothing and lets everything pass: an archive that is dropped tries to
-/// close itself once more, and complains on stderr where it cannot.
+/// After the first error, which is returned, nothing more is written and every call succeeds: a dropped archive writer tries to
+/// close the archive once more, and would print an error on stderr.
 impl Write for AtomicFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let written = if self.failed { Ok(bytes.len()) } else { self.file.write(bytes) };

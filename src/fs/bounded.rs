@@ -1,4 +1,4 @@
-//! Whole files, up to a size: a file that is larger is refused before memory is taken for it.
+//! Files read whole, up to a limit: a larger file is refused before memory is allocated for it.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -17,7 +17,7 @@ pub const MAX_JSON_BYTES: u64 = 64 << 20;
 /// Those of the file system; [`io::ErrorKind::FileTooLarge`] for more than `limit` bytes.
 pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    // A device or a pipe does not tell its size beforehand.
+    // A device or a pipe does not report its size beforehand.
     open(path, limit)?.take(limit + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit { Err(too_large(limit)) } else { Ok(bytes) }
 }

@@ -1,14 +1,12 @@
-//! Pinhole cameras and the relative pose between two of them, in f64.
+//! Pinhole cameras, in f64.
 //!
 //! Camera axes are OpenCV's: x right, y down, z forward. A pose is `cam_from_world`: `X_cam = R X_world + t`, in scene units.
 //! Intrinsics are in pixels, and the centre of the pixel in column i, row j is (i + 0.5, j + 0.5).
 
 use glam::{DMat3, DVec3};
 
+use super::camera_error::{CameraError, ROTATION_TOLERANCE};
 use super::size::{MAX_SIDE, Size};
-
-/// Largest entry of `|R Rᵀ − I|` accepted for a rotation: pose files carry as few as three decimals.
-const ROTATION_TOLERANCE: f64 = 1e-3;
 
 /// Focal lengths, principal point and skew, in pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,47 +23,6 @@ pub struct Intrinsics {
     pub skew: f64,
 }
 
-/// Why a camera was refused.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum CameraError {
-    /// NaN or infinity in a field.
-    #[error("{field} is {value}: expected a finite number")]
-    NotFinite {
-        /// The field, such as `fx` or `rotation[0][2]`.
-        field: String,
-        /// What it holds.
-        value: f64,
-    },
-    /// K has no usable inverse.
-    #[error("K is singular: {field} is {value:?}, expected a positive focal length in pixels")]
-    SingularK {
-        /// `fx` or `fy`.
-        field: &'static str,
-        /// What it holds.
-        value: f64,
-    },
-    /// The rotation's rows are not orthonormal, or it mirrors.
-    #[error(
-        "the rotation is not orthonormal: max |R Rᵀ − I| is {deviation:.3e} (at most {ROTATION_TOLERANCE:.0e} \
-         is accepted), det R is {determinant:.6}"
-    )]
-    NotARotation {
-        /// The largest entry of `|R Rᵀ − I|`.
-        deviation: f64,
-        /// det R; negative for a mirror.
-        determinant: f64,
-    },
-    /// A width or height of zero, or one beyond [`MAX_SIDE`].
-    #[error("the image size is {width}x{height}: each side must be 1 to {MAX_SIDE} pixels")]
-    Size {
-        /// Width in pixels.
-        width: usize,
-        /// Height in pixels.
-        height: usize,
-    },
-}
-
 /// A pinhole camera: intrinsics, image size and pose. Always valid: [`Camera::new`] checks, and the fields are private.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
@@ -79,7 +36,8 @@ pub struct Camera {
 impl Camera {
     /// A camera from its intrinsics (pixels), image size (pixels) and pose (scene units).
     ///
-    /// The rotation is used as given, never re-orthonormalised, so that both languages compute from the same numbers.
+    /// The rotation is used as given, never re-orthonormalised, so that the Rust and the Python implementation compute from the
+    /// same numbers.
     ///
     /// # Errors
     ///
@@ -130,7 +88,7 @@ impl Camera {
             }
             finite(|| format!("translation[{row}]"), self.translation[row])?;
         }
-        // Beyond this, the distance of two cameras on opposite sides of the origin overflows.
+        // Were this infinite, the squared distance of two cameras on opposite sides of the origin would overflow.
         let square = 4.0 * self.centre().length_squared();
         finite(|| "the squared distance of the centre from its opposite".to_owned(), square)?;
         let residual = self.rotation * self.rotation.transpose() - DMat3::IDENTITY;
@@ -180,7 +138,7 @@ impl Camera {
         )
     }
 
-    /// R of `cam_from_world`.
+    /// R of `cam_from_world`: its rows are the camera's right, down and forward in the world.
     pub fn rotation(&self) -> DMat3 {
         self.rotation
     }
@@ -235,21 +193,6 @@ impl Camera {
     }
 }
 
-/// `X_source = rotation · X_target + translation`, between the axes of two cameras.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RelativePose {
-    /// Rotation `source_from_target`.
-    pub rotation: DMat3,
-    /// Translation `source_from_target`, in scene units.
-    pub translation: DVec3,
-}
-
-/// The pose of the target in the source camera: R = R_s R_tᵀ, t = t_s − R t_t.
-pub fn source_from_target(source: &Camera, target: &Camera) -> RelativePose {
-    let rotation = source.rotation * target.rotation.transpose();
-    RelativePose { rotation, translation: source.translation - rotation * target.translation }
-}
-
 fn check_size(width: usize, height: usize) -> Result<(), CameraError> {
     if (1..=MAX_SIDE).contains(&width) && (1..=MAX_SIDE).contains(&height) {
         Ok(())
@@ -265,6 +208,7 @@ fn finite(field: impl Fn() -> String, value: f64) -> Result<(), CameraError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::source_from_target;
 
     const K: Intrinsics = Intrinsics { fx: 700.0, fy: 650.0, cx: 320.5, cy: 240.25, skew: 1.5 };
 

@@ -1,6 +1,8 @@
-//! Cameras from a JSON file: `{"transform_matrix": 4x4 world from camera, OpenGL axes}` or `{"cam_from_world": 3x4 or 4x4,
-//! OpenCV axes}`, with `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h` (pixels) where they differ from those of the nearest view; or a list of
-//! such.
+//! Cameras from a JSON file.
+//!
+//! A camera is an object `{"transform_matrix": 4x4 world from camera, OpenGL axes}` or `{"cam_from_world": 3x4 or 4x4, OpenCV
+//! axes}`, with `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h` (pixels) where they differ from those of the nearest view. The file holds one
+//! such object, or a list of them.
 
 use std::path::{Path, PathBuf};
 
@@ -8,6 +10,7 @@ use glam::{DMat3, DVec3};
 use serde_json::Value;
 
 use super::camera::{Camera, Intrinsics};
+use super::camera_error::CameraError;
 use super::pose::cam_from_opengl_world;
 use super::view_selection::nearest_camera;
 use crate::fs::bounded;
@@ -24,7 +27,7 @@ pub struct CameraFileError {
     pub reason: String,
 }
 
-/// The one camera of the file, or its list of them. What an entry leaves out is taken from the nearest of the `views`.
+/// Reads all cameras of the file. What an entry leaves out is taken from the nearest of the `views`.
 ///
 /// # Errors
 ///
@@ -57,7 +60,7 @@ fn camera(entry: &Value, views: &[&Camera]) -> Result<Camera, String> {
         _ => return Err("expected either \"transform_matrix\" or \"cam_from_world\"".to_owned()),
     };
     let centre = -(rotation.transpose() * translation);
-    let text = |error: super::camera::CameraError| error.to_string();
+    let text = |error: CameraError| error.to_string();
     let like = views[nearest_camera(views, centre)].with_pose(rotation, translation).map_err(text)?;
     let (width, height) = (side(entry, "w", like.width())?, side(entry, "h", like.height())?);
     let sized = like.with_size_scaled(width, height).map_err(text)?;

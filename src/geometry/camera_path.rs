@@ -1,4 +1,5 @@
-//! Camera paths around the views.
+//! Camera paths around the views: a line, a circle or a spiral about their mean pose, turning towards the point that the views'
+//! optical axes converge on.
 
 use std::f64::consts::TAU;
 use std::fmt;
@@ -6,7 +7,8 @@ use std::str::FromStr;
 
 use glam::{DMat3, DVec3};
 
-use super::camera::{Camera, CameraError};
+use super::camera::Camera;
+use super::camera_error::CameraError;
 use super::view_selection::nearest_camera;
 
 /// Most frames of a path.
@@ -76,11 +78,12 @@ impl CameraPath {
         !matches!(self.shape, Shape::Line)
     }
 
-    /// The camera of each frame, with the intrinsics of the view in the middle.
+    /// The camera of each frame, with the intrinsics and the size of the view nearest to the mean pose.
     ///
     /// # Errors
     ///
-    /// [`CameraPathError::NoMiddle`] for views all round.
+    /// [`CameraPathError::NoMiddle`] where the views' directions cancel out; [`CameraPathError::Camera`] if a frame's camera is
+    /// not usable.
     ///
     /// # Panics
     ///
@@ -121,29 +124,31 @@ pub struct MeanPose {
 }
 
 impl MeanPose {
-    /// Of these views; `None` where their directions or their downs cancel out.
+    /// The mean pose of these views; `None` where their forward or their down directions cancel out.
     pub fn new(views: &[&Camera]) -> Option<Self> {
         let mean = |of: fn(&Camera) -> DVec3| views.iter().map(|view| of(view)).sum::<DVec3>() / views.len() as f64;
         let rotation = facing(mean(|view| view.forward()), mean(|view| view.rotation().row(1)))?;
         Some(Self { centre: mean(Camera::centre), rotation })
     }
 
-    /// 1 / distance of the point that the axes meet at, by least squares: 0 for parallel axes, negative where they part.
+    /// 1 / distance (1/scene unit) of the point that the axes converge on, by least squares: 0 for parallel axes, negative where
+    /// they diverge.
     fn convergence(&self, views: &[&Camera]) -> f64 {
         let across = |v: DVec3| (self.rotation * v).with_z(0.0);
         let pairs = views.iter().map(|view| (across(view.centre() - self.centre), across(view.forward())));
-        let (turned, moved) = pairs
+        let (products, squares) = pairs
             .fold((0.0, 0.0), |sums, (offset, axis)| (sums.0 - axis.dot(offset), sums.1 + offset.length_squared()));
-        if moved > 0.0 { turned / moved } else { 0.0 }
+        if squares > 0.0 { products / squares } else { 0.0 }
     }
 
-    /// Turned with the offset from the middle as the views are, so that they see what a frame sees.
+    /// The rotation of a frame at `centre`: turned with its offset from the mean as the views are, so that the frame looks at what
+    /// they look at.
     fn looking_from(&self, centre: DVec3, convergence: f64) -> DMat3 {
         let forward = self.rotation.row(2) - convergence * (centre - self.centre);
         facing(forward, self.rotation.row(1)).unwrap_or(self.rotation)
     }
 
-    /// Half the sides of an ellipse that stays among the views: root mean square distance from the middle, across and down.
+    /// Semi-axes (scene units) of an ellipse that stays among the views: root mean square distance from the mean, across and down.
     fn radius(&self, views: &[&Camera]) -> DVec3 {
         let square = |view: &&Camera| (self.rotation * (view.centre() - self.centre)).powf(2.0);
         (views.iter().map(square).sum::<DVec3>() / views.len() as f64).powf(0.5)
@@ -158,7 +163,7 @@ impl MeanPose {
     }
 }
 
-/// The rotation that looks along `forward`, with `down` as near to down as that allows.
+/// The rotation that looks along `forward`, its down axis as near to `down` as that allows.
 fn facing(forward: DVec3, down: DVec3) -> Option<DMat3> {
     let forward = forward.try_normalize()?;
     let right = down.cross(forward).try_normalize()?;

@@ -1,6 +1,7 @@
-//! Cameras, and where a pixel of one is seen by another.
+//! Cameras, and where a pixel of one lies in another.
 
 mod camera;
+mod camera_error;
 mod camera_file;
 mod camera_path;
 pub mod parallax;
@@ -9,10 +10,12 @@ mod pose;
 mod size;
 mod view_selection;
 
-pub use camera::{Camera, CameraError, Intrinsics, RelativePose, source_from_target};
+pub use camera::{Camera, Intrinsics};
+pub use camera_error::CameraError;
 pub use camera_file::{CameraFileError, read_cameras};
 pub use camera_path::{CameraPath, CameraPathError, MeanPose};
 pub use plane_sweep::PlaneSweep;
 pub(crate) use pose::cam_from_opengl_world;
+pub use pose::{RelativePose, source_from_target};
 pub use size::{MAX_SIDE, Size};
 pub use view_selection::{TooFewViews, choose_views, distance, middle_camera, nearest_camera};

@@ -1,4 +1,4 @@
-//! Where target pixels land in the views: parallax and coverage, on a grid of samples.
+//! Where target pixels lie in the views: parallax and coverage, on a grid of sample positions.
 
 use glam::{DVec2, DVec3};
 
@@ -8,7 +8,7 @@ use super::plane_sweep::PlaneSweep;
 /// Samples across and down a target.
 const GRID: (usize, usize) = (48, 36);
 
-/// Evenly spread pixel positions of a target.
+/// Evenly spread positions on a target, in pixels.
 pub fn grid(target: &Camera) -> Vec<DVec2> {
     let (width, height) = (target.width() as f64, target.height() as f64);
     let at = |x: usize, y: usize| {
@@ -17,27 +17,28 @@ pub fn grid(target: &Camera) -> Vec<DVec2> {
     (0..GRID.1).flat_map(|y| (0..GRID.0).map(move |x| at(x, y))).collect()
 }
 
-/// The pixel of the view that shows a target pixel at a disparity, if it lies in front of the view.
-pub fn seen_at(sweep: &PlaneSweep, pixel: DVec2, disparity: f64) -> Option<DVec2> {
+/// Position in the view (pixels) of a target pixel at a disparity (1/scene unit), if it lies in front of the view.
+pub(crate) fn project(sweep: &PlaneSweep, pixel: DVec2, disparity: f64) -> Option<DVec2> {
     let DVec3 { x, y, z } = sweep.source_from_target(disparity) * pixel.extend(1.0);
     (z > 0.0).then(|| DVec2::new(x / z, y / z))
 }
 
-/// Whether a pixel position lies in the view's photo.
-pub fn covers(view: &Camera, at: DVec2) -> bool {
+/// Whether a position in pixels lies in the view's photo.
+fn covers(view: &Camera, at: DVec2) -> bool {
     (0.0..=view.width() as f64).contains(&at.x) && (0.0..=view.height() as f64).contains(&at.y)
 }
 
-/// Pixels that a target pixel moves in the view between two disparities, if the view is looking at both.
+/// Distance (pixels) between the positions of a target pixel in the view at two disparities (1/scene unit); `None` unless both
+/// lie in front of the view and one of them in its photo.
 pub fn parallax(view: &Camera, sweep: &PlaneSweep, pixel: DVec2, disparities: (f64, f64)) -> Option<f64> {
-    let ends = seen_at(sweep, pixel, disparities.0).zip(seen_at(sweep, pixel, disparities.1));
+    let ends = project(sweep, pixel, disparities.0).zip(project(sweep, pixel, disparities.1));
     ends.filter(|&(a, b)| covers(view, a) || covers(view, b)).map(|(a, b)| a.distance(b))
 }
 
-/// Share of the samples that any of the views covers at a disparity.
+/// Share (0 to 1) of the positions that any of the views covers at a disparity (1/scene unit).
 pub fn coverage(views: &[(&Camera, PlaneSweep)], grid: &[DVec2], disparity: f64) -> f64 {
-    let seen = |pixel: DVec2| {
-        views.iter().any(|(view, sweep)| seen_at(sweep, pixel, disparity).is_some_and(|at| covers(view, at)))
+    let covered = |pixel: DVec2| {
+        views.iter().any(|(view, sweep)| project(sweep, pixel, disparity).is_some_and(|at| covers(view, at)))
     };
-    grid.iter().filter(|&&pixel| seen(pixel)).count() as f64 / grid.len() as f64
+    grid.iter().filter(|&&pixel| covered(pixel)).count() as f64 / grid.len() as f64
 }

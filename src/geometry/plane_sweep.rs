@@ -1,4 +1,4 @@
-//! source_from_target of a layer: the point of a source image that a target pixel sees at a given disparity.
+//! The plane sweep: where a target pixel at a given disparity lies in a source image.
 //!
 //! For target pixel p and disparity δ: (u, v, w) = H∞ p + δ e, with H∞ = K_s R K_t⁻¹ and e = K_s t; the source pixel is
 //! (u/w, v/w), in front of the source camera iff w > 0. Exact at δ = 0; never in need of 1/δ, an inverse of a
@@ -6,14 +6,15 @@
 
 use glam::{DMat3, DVec3};
 
-use super::camera::{Camera, source_from_target};
+use super::camera::Camera;
+use super::pose::source_from_target;
 
 /// The sweep of one view over the target's disparities.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlaneSweep {
-    /// Source pixel from target pixel at disparity 0, homogeneous.
+    /// H∞: source pixel from target pixel at disparity 0, homogeneous.
     pub homography_at_infinity: DMat3,
-    /// What one unit of disparity adds to (u, v, w).
+    /// e: what one unit of disparity adds to (u, v, w).
     pub epipole: DVec3,
 }
 
@@ -27,16 +28,16 @@ impl PlaneSweep {
         }
     }
 
-    /// Source pixel from target pixel for the plane at `disparity` (1/scene unit), homogeneous. Its sign carries meaning
-    /// (w > 0 is in front): never normalise by its last element.
+    /// The homography of the plane at `disparity` (1/scene unit): source pixel from target pixel, homogeneous. w > 0 is in front
+    /// of the source camera: never normalise the matrix by its last element, which may change that sign.
     pub fn source_from_target(&self, disparity: f64) -> DMat3 {
         let mut homography = self.homography_at_infinity;
         homography.z_axis += disparity * self.epipole;
         homography
     }
 
-    /// The same sweep between images shrunk by `scale` (pixel edges stay on pixel edges).
-    pub fn shrunk(&self, scale: f64) -> Self {
+    /// The same sweep between images shrunk by `scale`, where corners stay corners.
+    pub(crate) fn shrunk(&self, scale: f64) -> Self {
         let down = DVec3::new(1.0 / scale, 1.0 / scale, 1.0);
         let up = DMat3::from_diagonal(DVec3::new(scale, scale, 1.0));
         Self {

@@ -4,16 +4,16 @@ use glam::DVec3;
 
 use super::camera::Camera;
 
-/// Optical axes further apart than this (60 degrees) look at different things.
+/// Cosine of the largest angle (60 degrees) between the optical axes of a target and of a view that it is rendered from.
 const MIN_COSINE: f64 = 0.5;
 
-/// Too few views look the target's way.
+/// Too few views look the target's way: with optical axes within 60 degrees of the target's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{wanted} views are needed, but only {found} of the {of} at hand look the target's way (axes within 60 degrees)"
 )]
 pub struct TooFewViews {
-    /// V of the model.
+    /// How many are needed: V of the model.
     pub wanted: usize,
     /// How many qualify.
     pub found: usize,
@@ -21,12 +21,12 @@ pub struct TooFewViews {
     pub of: usize,
 }
 
-/// Indices of the `count` cameras nearest to the target, nearest first (ties: the earlier), among those that look the same
-/// way.
+/// Indices of the `count` cameras nearest to the target, nearest first (ties: the earlier), among those with optical axes within
+/// 60 degrees of the target's.
 ///
 /// # Errors
 ///
-/// [`TooFewViews`] if fewer than `count` do.
+/// [`TooFewViews`] if there are fewer than `count` of them.
 pub fn choose_views(cameras: &[&Camera], target: &Camera, count: usize) -> Result<Vec<usize>, TooFewViews> {
     let mut looking: Vec<usize> =
         (0..cameras.len()).filter(|&i| cameras[i].forward().dot(target.forward()) > MIN_COSINE).collect();
@@ -38,18 +38,18 @@ pub fn choose_views(cameras: &[&Camera], target: &Camera, count: usize) -> Resul
     Ok(looking)
 }
 
-/// Index of the camera nearest to a point (scene units); 0 of none.
+/// Index of the camera whose centre is nearest to a point (scene units); 0 if there are no cameras.
 pub fn nearest_camera(cameras: &[&Camera], point: DVec3) -> usize {
     let distances = cameras.iter().map(|camera| camera.centre().distance(point)).enumerate();
     distances.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
 }
 
-/// Index of the camera nearest to the mean of all centres; 0 of none.
+/// Index of the camera nearest to the mean of all centres; 0 if there are no cameras.
 pub fn middle_camera(cameras: &[&Camera]) -> usize {
     nearest_camera(cameras, cameras.iter().map(|camera| camera.centre()).sum::<DVec3>() / cameras.len() as f64)
 }
 
-/// Between the centres of two cameras, scene units.
+/// Distance between the centres of two cameras, scene units.
 pub fn distance(a: &Camera, b: &Camera) -> f64 {
     a.centre().distance(b.centre())
 }

@@ -1,10 +1,10 @@
-//! Pictures for the eye: coloured maps, pictures side by side, and a bar chart.
+//! Data as pictures: colour maps, differences, pictures side by side, and a bar chart.
 
 use ndarray::ArrayView2;
 
 use crate::image::ImageRgb;
 
-/// From 0 (far, dark) to 1 (near, light), evenly spaced; lightness rises throughout, so that it reads in grey as well.
+/// Evenly spaced colours from 0 (far, dark) to 1 (near, light); lightness rises throughout, so that it reads in grey as well.
 const COLOURS: [[f32; 3]; 6] = [
     [0.05, 0.03, 0.16],
     [0.24, 0.08, 0.45],
@@ -17,7 +17,7 @@ const COLOURS: [[f32; 3]; 6] = [
 /// Pixels between pictures side by side.
 const GAP: usize = 4;
 
-/// A map in colour: dark at `low`, light at `high`, held beyond; what is not finite is black.
+/// A map `[height, width]` in colour: dark at `low`, light at `high`, clamped beyond; values that are not finite are black.
 pub fn coloured(map: ArrayView2<'_, f32>, low: f32, high: f32) -> ImageRgb {
     let colour = |value: f32| {
         let step = ((value - low) / (high - low)).clamp(0.0, 1.0) * (COLOURS.len() - 1) as f32;
@@ -29,12 +29,12 @@ pub fn coloured(map: ArrayView2<'_, f32>, low: f32, high: f32) -> ImageRgb {
         std::array::from_fn(|c| (1.0 - mix) * COLOURS[first][c] + mix * COLOURS[first + 1][c])
     };
     let (height, width) = map.dim();
-    picture(width, height, |x, y| colour(map[(y, x)]))
+    from_pixels(width, height, |x, y| colour(map[(y, x)]))
 }
 
-/// `factor` · |a − b| per channel, held at 1; where sizes differ, of the part both have.
+/// `factor` · |a − b| per channel, at most 1; where sizes differ, of the part that both have.
 pub fn difference(a: &ImageRgb, b: &ImageRgb, factor: f32) -> ImageRgb {
-    picture(a.width().min(b.width()), a.height().min(b.height()), |x, y| {
+    from_pixels(a.width().min(b.width()), a.height().min(b.height()), |x, y| {
         let (a, b) = (a.pixel(x, y), b.pixel(x, y));
         std::array::from_fn(|c| (factor * (a[c] - b[c]).abs()).min(1.0))
     })
@@ -57,7 +57,7 @@ pub fn side_by_side(pictures: &[&ImageRgb]) -> ImageRgb {
 }
 
 /// One bar per bin from left to right, those `chosen` in colour, the others in grey, with light lines at each quarter of
-/// the fullest. A bin that is not empty shows at least one pixel.
+/// the fullest bin's height. A bin that is not empty shows at least one pixel.
 pub fn bar_chart(bins: &[u64], chosen: &[usize]) -> ImageRgb {
     const BAR: usize = 10;
     const SPACE: usize = 2;
@@ -65,7 +65,7 @@ pub fn bar_chart(bins: &[u64], chosen: &[usize]) -> ImageRgb {
     const MARGIN: usize = 12;
     let fullest = bins.iter().copied().max().unwrap_or(0).max(1);
     let bar_height = |votes: u64| (votes as f64 / fullest as f64 * HEIGHT as f64).ceil() as usize;
-    picture(bins.len() * (BAR + SPACE) + 2 * MARGIN, HEIGHT + 2 * MARGIN, |x, y| {
+    from_pixels(bins.len() * (BAR + SPACE) + 2 * MARGIN, HEIGHT + 2 * MARGIN, |x, y| {
         let above_base = (HEIGHT + MARGIN).checked_sub(y + 1).filter(|&up| up < HEIGHT);
         let along = x.checked_sub(MARGIN).filter(|along| along / (BAR + SPACE) < bins.len());
         let (Some(up), Some(along)) = (above_base, along) else { return [1.0; 3] };
@@ -80,7 +80,7 @@ pub fn bar_chart(bins: &[u64], chosen: &[usize]) -> ImageRgb {
     })
 }
 
-fn picture(width: usize, height: usize, colour: impl Fn(usize, usize) -> [f32; 3]) -> ImageRgb {
+fn from_pixels(width: usize, height: usize, colour: impl Fn(usize, usize) -> [f32; 3]) -> ImageRgb {
     let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
     let data = pixels.flat_map(|(x, y)| colour(x, y)).collect();
     ImageRgb::new(width, height, data).expect("three values per pixel")
@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn pictures_stand_side_by_side_on_white() {
-        let (red, blue) = (picture(2, 1, |_, _| [1.0, 0.0, 0.0]), picture(1, 2, |_, _| [0.0, 0.0, 1.0]));
+        let (red, blue) = (from_pixels(2, 1, |_, _| [1.0, 0.0, 0.0]), from_pixels(1, 2, |_, _| [0.0, 0.0, 1.0]));
         let both = side_by_side(&[&red, &blue]);
         assert_eq!((both.width(), both.height()), (2 + GAP + 1, 2));
         assert_eq!((both.pixel(1, 0), both.pixel(2 + GAP, 1)), ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]));

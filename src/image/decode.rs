@@ -15,8 +15,8 @@ use super::rgb::ImageRgb;
 use crate::fs::bounded;
 use crate::geometry::{MAX_SIDE, Size};
 
-/// What a decoder may take beside the pixels, in bytes: a colour profile of a few bytes can unfold to gigabytes.
-const MAX_ASIDE: u64 = 64 << 20;
+/// Memory that a decoder may use in addition to the pixels, in bytes: a colour profile of a few bytes can inflate to gigabytes.
+const MAX_EXTRA: u64 = 64 << 20;
 
 /// Size of a PNG or JPEG in pixels, from its header alone.
 ///
@@ -29,7 +29,7 @@ pub fn read_size(path: &Path) -> Result<Size, ImageError> {
     size_of(path, BufReader::new(file))
 }
 
-/// As [`read_size`], of the file at `path`, opened already.
+/// As [`read_size`], of a file that is open already; `path` is for errors.
 pub(crate) fn size_of(path: &Path, input: impl BufRead + Seek) -> Result<Size, ImageError> {
     let size = reader(path, input)?.into_dimensions().map_err(|error| decode_error(path, &error))?;
     check_side(path, size)
@@ -53,7 +53,7 @@ pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
     decode(path, &read.map_err(|source| ImageError::Read { path: path.to_owned(), source })?)
 }
 
-/// As [`load`], of the bytes of the file at `path`.
+/// As [`load`], from the bytes of a file; `path` is for errors.
 pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> {
     let size = size_of(path, Cursor::new(bytes))?;
     let mut reader = reader(path, Cursor::new(bytes))?;
@@ -63,9 +63,9 @@ pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> 
     }
     let mut limits = Limits::no_limits();
     // Four channels of 16 bits are the most that a PNG has.
-    limits.max_alloc = Some(8 * size.pixels() as u64 + MAX_ASIDE);
+    limits.max_alloc = Some(8 * size.pixels() as u64 + MAX_EXTRA);
     reader.limits(limits);
-    // The decoder is not ours: should it panic, the file is named all the same. It holds no state that outlives the call.
+    // Should the decoder panic, the error still names the file; no state of the decoder outlives the call.
     let decoded = catch_unwind(AssertUnwindSafe(|| reader.decode())).map_err(|_| refused("the decoder failed"))?;
     let decoded = decoded.map_err(|error| decode_error(path, &error))?.into_rgb32f();
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);

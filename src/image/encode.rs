@@ -1,4 +1,5 @@
-//! Writing pictures: PNG and JPEG. In memory first: on a file, the PNG encoder would swallow the error of its last write.
+//! Writing pictures: PNG and JPEG. Encoded in memory first: writing to a file, the PNG encoder would lose the error of its last
+//! write.
 
 use std::path::Path;
 
@@ -32,13 +33,12 @@ impl ImageRgb {
 /// [`ImageError::Encode`] if the picture is too large for such a file.
 pub fn encode(path: &Path, picture: &ImageRgb) -> Result<Vec<u8>, ImageError> {
     let jpeg = path.extension().is_some_and(|found| ["jpg", "jpeg"].iter().any(|e| found.eq_ignore_ascii_case(e)));
-    let mut bytes = Vec::new();
+    let (mut bytes, rgb8, color) = (Vec::new(), picture.to_rgb8(), ExtendedColorType::Rgb8);
     if jpeg {
         let encoder = JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY);
-        write(encoder, &picture.to_rgb8(), picture.width(), picture.height(), ExtendedColorType::Rgb8)?;
+        write(encoder, &rgb8, picture.width(), picture.height(), color)?;
     } else {
-        let encoder = PngEncoder::new(&mut bytes);
-        write(encoder, &picture.to_rgb8(), picture.width(), picture.height(), ExtendedColorType::Rgb8)?;
+        write(PngEncoder::new(&mut bytes), &rgb8, picture.width(), picture.height(), color)?;
     }
     Ok(bytes)
 }

@@ -35,7 +35,7 @@ pub enum ImageError {
         /// Declared height in pixels.
         height: usize,
     },
-    /// The pixel buffer handed in does not hold width × height pixels.
+    /// The pixel buffer given does not hold width × height pixels.
     #[error("{len} values given for a {width}x{height} image with {channels} channels")]
     Buffer {
         /// Values given.

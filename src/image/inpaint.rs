@@ -1,5 +1,5 @@
-//! What no view sees, filled from around it, so that a picture has no black edges. A guess, and reported as one: the share
-//! of such pixels is told, and [`crate::render::Frame`] keeps them black.
+//! Fills the pixels that no view covers from those around them, so that a picture has no black edges. That is a guess:
+//! [`crate::render::Frame`] keeps these pixels black, and the program reports their share.
 
 use ndarray::Array2;
 
@@ -29,13 +29,13 @@ impl Level {
         Self { width, height, pixels: (0..width * height).map(pixel).collect() }
     }
 
-    /// Bilinear sample of this level, seen from the one twice its size.
+    /// Bilinear sample of this level at pixel (`x`, `y`) of the level twice its size.
     fn enlarged(&self, x: usize, y: usize) -> [f32; 4] {
-        let tap = |at: usize, side: usize| {
+        let split = |at: usize, side: usize| {
             let position = ((at as f32 + 0.5) / 2.0 - 0.5).clamp(0.0, (side - 1) as f32);
             (position as usize, position.fract())
         };
-        let ((left, across), (top, down)) = (tap(x, self.width), tap(y, self.height));
+        let ((left, across), (top, down)) = (split(x, self.width), split(y, self.height));
         let mix = |a: [f32; 4], b: [f32; 4], t: f32| std::array::from_fn(|c| a[c] + t * (b[c] - a[c]));
         let row = |y| mix(self.at(left, y), self.at(left + 1, y), across);
         mix(row(top), row(top + 1), down)
@@ -46,6 +46,7 @@ impl Level {
 /// around it (push-pull pyramid, Gortler et al. 1996). Unchanged, to the bit, where nothing is missing.
 ///
 /// # Panics
+///
 /// If the sizes differ.
 pub fn inpaint_unseen(picture: &ImageRgb, transmittance: &Array2<f32>) -> ImageRgb {
     let (width, height) = (picture.width(), picture.height());

@@ -1,6 +1,7 @@
-//! What the JPEG decoder lets pass, or breaks on.
+//! Checks of JPEG data that the decoder does not make, or fails without.
 
-/// Whether any channel of a JPEG has more samples across or down than the first; from the number of channels on.
+/// Whether any channel of a JPEG has more samples across or down than the first. `frame` is the frame header from the number of
+/// channels on.
 fn is_finer_than_first(frame: &[u8]) -> bool {
     let Some((&channels, frame)) = frame.split_first() else { return false };
     let mut factors = frame.chunks_exact(3).take(channels.into()).map(|channel| (channel[1] >> 4, channel[1] & 15));
@@ -8,8 +9,8 @@ fn is_finer_than_first(frame: &[u8]) -> bool {
     factors.any(|(x, y)| x > across || y > down)
 }
 
-/// Whether the end-of-image marker is reached: the decoder is lenient, and fills what is missing with grey. And whether no
-/// channel is sampled more finely than the first: it panics.
+/// Refuses data without an end-of-image marker, where the decoder would fill what is missing with grey, and data with a channel
+/// that is sampled more finely than the first, on which the decoder panics.
 pub(crate) fn check(bytes: &[u8]) -> Result<(), &'static str> {
     let mut at = 2; // past the start-of-image marker
     while let Some(&[prefix, marker]) = bytes.get(at..at + 2) {

@@ -1,8 +1,8 @@
-//! PSNR and SSIM of a picture against the truth, over all channels of pictures in [0, 1].
+//! PSNR and SSIM of a picture against the ground truth, over all channels, values in [0, 1].
 
 use crate::image::ImageRgb;
 
-/// How near a picture is to the truth.
+/// PSNR and SSIM of a picture against the ground truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Score {
     /// Peak signal-to-noise ratio in dB.
@@ -12,10 +12,10 @@ pub struct Score {
 }
 
 impl Score {
-    /// Pixels left out at each side by [`Score::of`].
+    /// Pixels that [`Score::of`] leaves out at each side.
     pub const BORDER: usize = 16;
 
-    /// Of a picture, a border left out; `None` if it is too small for that.
+    /// The score of a picture without its border; `None` if the picture is too small for that, or the sizes differ.
     pub fn of(picture: &ImageRgb, truth: &ImageRgb) -> Option<Self> {
         let score = Self { psnr: psnr(picture, truth, Self::BORDER), ssim: ssim(picture, truth, Self::BORDER) };
         (!score.psnr.is_nan() && !score.ssim.is_nan()).then_some(score)
@@ -57,7 +57,7 @@ pub fn ssim(picture: &ImageRgb, truth: &ImageRgb, border: usize) -> f64 {
     (0..mean_a.len()).map(score).sum::<f64>() / mean_a.len() as f64
 }
 
-/// SamplePositions of the SSIM window.
+/// Side of the SSIM window, in pixels.
 const KERNEL: usize = 11;
 
 /// Gaussian blur of an interleaved RGB map, only where the window fits.
@@ -65,12 +65,12 @@ fn blur(map: &[f64], width: usize) -> Vec<f64> {
     let half = (KERNEL / 2) as f64;
     let weights: [f64; KERNEL] = std::array::from_fn(|i| (-(i as f64 - half).powi(2) / (2.0 * 1.5 * 1.5)).exp());
     let total: f64 = weights.iter().sum();
-    let tap =
+    let blurred =
         |values: &[f64], at: usize, step: usize| (0..KERNEL).map(|i| weights[i] / total * values[at + i * step]).sum();
     let (row, kept) = (3 * width, 3 * (width - KERNEL + 1));
     let rows = map.len() / row;
-    let across: Vec<f64> = (0..rows * kept).map(|i| tap(map, i / kept * row + i % kept, 3)).collect();
-    (0..(rows - KERNEL + 1) * kept).map(|i| tap(&across, i, kept)).collect()
+    let across: Vec<f64> = (0..rows * kept).map(|i| blurred(map, i / kept * row + i % kept, 3)).collect();
+    (0..(rows - KERNEL + 1) * kept).map(|i| blurred(&across, i, kept)).collect()
 }
 
 /// Rows of both pictures without the border; none where the sizes differ.

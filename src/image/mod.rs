@@ -1,4 +1,4 @@
-//! Pictures: reading and writing, comparing, colouring, and filling in what no view sees.
+//! Pictures: reading and writing, PSNR and SSIM, colour maps, and filling in what no view covers.
 
 mod colormap;
 mod decode;

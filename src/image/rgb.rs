@@ -45,7 +45,7 @@ impl ImageRgb {
         &self.data
     }
 
-    /// Takes the values out.
+    /// All values, as [`Self::data`], without a copy.
     pub fn into_data(self) -> Vec<f32> {
         self.data
     }
@@ -61,7 +61,7 @@ impl ImageRgb {
         [self.data[at], self.data[at + 1], self.data[at + 2]]
     }
 
-    /// The picture scaled to another size. The triangle filter widens when scaling down, so nothing aliases.
+    /// The picture scaled to another size (pixels) with a triangle filter, which widens when scaling down: nothing aliases.
     ///
     /// # Errors
     ///
@@ -75,7 +75,7 @@ impl ImageRgb {
         Self::new(width, height, scaled.into_raw())
     }
 
-    /// 8-bit RGB, rounded, values outside [0, 1] held.
+    /// 8-bit interleaved RGB, rounded; values outside [0, 1] are clamped.
     pub fn to_rgb8(&self) -> Vec<u8> {
         self.data.iter().map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
     }

@@ -1,6 +1,11 @@
-//! The paper's dynamic selection: the K fullest bins of the histogram of per-pixel best planes (section "Plane selection").
+//! The paper's plane selection: the K fullest bins of the histogram of per-pixel best planes (section "Plane selection").
 
-/// Pixels per plane, from the index of each pixel's plane of largest α (`None` where no plane covers it: no vote).
+/// How many pixels have each plane as their best one. `best` is the index of the plane with the largest α per pixel; `None`, where all
+/// α are 0, is not counted.
+///
+/// # Panics
+///
+/// If an index is not below `planes`.
 pub fn plane_histogram(best: impl IntoIterator<Item = Option<usize>>, planes: usize) -> Vec<u64> {
     let mut bins = vec![0; planes];
     for plane in best.into_iter().flatten() {
@@ -9,13 +14,18 @@ pub fn plane_histogram(best: impl IntoIterator<Item = Option<usize>>, planes: us
     bins
 }
 
-/// Indices of the `count` fullest bins (ties: the nearer), near → far; all planes if there are no more.
+/// Indices of the `count` fullest bins (ties: the nearer), near → far; all planes if there are no more than that.
 pub fn select_planes(histogram: &[u64], count: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..histogram.len()).collect();
     order.sort_by_key(|&k| (std::cmp::Reverse(histogram[k]), k));
     order.truncate(count);
     order.sort_unstable();
     order
+}
+
+/// The disparities of the planes that [`select_planes`] keeps.
+pub(crate) fn select_disparities(disparities: &[f64], histogram: &[u64], count: usize) -> Vec<f64> {
+    select_planes(histogram, count).into_iter().map(|plane| disparities[plane]).collect()
 }
 
 #[cfg(test)]

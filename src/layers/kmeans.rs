@@ -1,20 +1,20 @@
-//! Planes where the scene is: 1-D k-means over the disparities that the guided search finds, the optimal counterpart of the
-//! paper's selection, with planes free to move.
+//! Planes at the disparities of the scene: 1-D k-means over the disparities that the guided search finds. Unlike the paper's
+//! selection, the planes are not taken from a fixed list.
 
-/// Bins that k-means runs over: far finer than planes are apart.
+/// Bins of the histogram that k-means runs over: far finer than the planes' spacing.
 const BINS: usize = 512;
 
-/// The `count` planes (1/scene unit, near → far) whose sum of squared distances to the `disparities` is least: 1-D k-means,
-/// exact over a histogram of 512 bins (dynamic programming over where each cluster begins, as in Ckmeans.1d.dp). Fewer where
-/// fewer bins hold anything; values that are not finite are left out.
+/// The `count` planes (1/scene unit, near → far) whose sum of squared distances to the `disparities` (1/scene unit) is least: 1-D
+/// k-means, exact over a histogram of 512 bins (dynamic programming over where each cluster begins: Ckmeans.1d.dp, Wang and Song,
+/// 2011). Fewer where fewer bins hold anything; values that are not finite are left out.
 pub fn kmeans_planes(disparities: &[f32], count: usize) -> Vec<f64> {
     let known = || disparities.iter().copied().filter(|d| d.is_finite()).map(f64::from);
     let (low, high) = known().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), d| (low.min(d), high.max(d)));
-    let mut bins = [[0.0; 3]; BINS]; // Σ 1, Σ x, Σ x², of what lies in each
+    let mut bins = [[0.0; 3]; BINS]; // of the values x in each bin: Σ 1, Σ x, Σ x²
     for disparity in known() {
         let part = if high > low { (disparity - low) / (high - low) } else { 0.0 };
         let bin = &mut bins[((part * BINS as f64) as usize).min(BINS - 1)];
-        // From `low`, which keeps the sums of squares small.
+        // Relative to `low`, which keeps the sums of squares small.
         let x = disparity - low;
         [1.0, x, x * x].into_iter().zip(bin).for_each(|(term, sum)| *sum += term);
     }
@@ -29,7 +29,8 @@ pub fn kmeans_planes(disparities: &[f32], count: usize) -> Vec<f64> {
         let [weight, x, squares]: [f64; 3] = moments(from, to);
         (squares - x * x / weight).max(0.0)
     };
-    // least[to]: of the first `to` bins in as many clusters as rows so far; begins: where the last of these clusters begins.
+    // least[to]: the least sum of squares of the first `to` bins in as many clusters as there are rows in `begins`; a row says for
+    // each `to` where the last of these clusters begins.
     let mut least: Vec<f64> = (0..=filled).map(|to| if to == 0 { 0.0 } else { spread(0, to) }).collect();
     let mut begins = vec![vec![0; filled + 1]];
     for clusters in 1..count.min(filled) {

@@ -1,23 +1,23 @@
-//! Which layers to render on, as text: on the command line, in a model's card, in every table and JSON.
+//! Which layers to render on, as text: the same on the command line, in a model's card, in tables and in JSON.
 //!
 //! | text | layers |
 //! |---|---|
 //! | `planes:64` | planes evenly spaced in disparity from near to far (the paper's) |
-//! | `guided:2` | layers that follow the scene, each pixel's own; `guided:2/32` with 32 planes in the first search |
-//! | `select:16/64` | the paper's selection: of 64 planes the 16 that most pixels choose; `select:16` is of 64 |
-//! | `kmeans:16` | planes where the guided search finds the scene; `kmeans:16/32` as above |
+//! | `guided:2` | layers that follow the scene, with a range of disparities for each pixel; `guided:2/32`: 32 planes in the first search |
+//! | `select:16/64` | the paper's selection: of 64 planes the 16 that are most pixels' best; `select:16` is of 64 |
+//! | `kmeans:16` | planes at the disparities that the guided search finds; `kmeans:16/32`: 32 planes in the first search |
 //! | `list:0.5,0.25,0` | planes at these disparities (1/scene unit), near to far: descending |
 
 use std::fmt;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-use super::Layers;
+use super::layer::Layers;
 
 /// Most layers of one render.
 pub const MAX_LAYERS: usize = 4096;
 
-/// Planes that are selected from where the text does not say.
+/// How many planes `select:K` selects from.
 const SELECT_FROM: usize = 64;
 
 /// Which layers to render on.
@@ -30,7 +30,7 @@ pub enum LayerSpec {
     Guided {
         /// How many.
         layers: usize,
-        /// Planes of the first search; `None`: as the parallax asks ([`super::guided::GuidedSearch`]).
+        /// Planes of the first search; `None`: by the parallax ([`super::guided::GuidedSearch`]).
         coarse_planes: Option<usize>,
     },
     /// The paper's selection.
@@ -40,11 +40,11 @@ pub enum LayerSpec {
         /// Planes that they are selected from.
         from: usize,
     },
-    /// Planes where the guided search finds the scene.
+    /// Planes at the disparities that the guided search finds.
     KMeans {
         /// How many.
         planes: usize,
-        /// As of [`LayerSpec::Guided`].
+        /// As for [`LayerSpec::Guided`].
         coarse_planes: Option<usize>,
     },
     /// Planes at these disparities, 1/scene unit, near → far; valid ([`Layers::planes`]).
@@ -68,14 +68,6 @@ impl LayerSpec {
     /// That many guided layers.
     pub fn guided(layers: usize) -> Self {
         Self::Guided { layers, coarse_planes: None }
-    }
-
-    /// Guided layers or k-means planes, of which the scene decides where they lie: those that need a guided search.
-    pub fn coarse_planes(&self) -> Option<usize> {
-        match self {
-            Self::Guided { coarse_planes, .. } | Self::KMeans { coarse_planes, .. } => *coarse_planes,
-            _ => None,
-        }
     }
 }
 
@@ -154,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told() {
+    fn errors_say_what_is_wrong() {
         let cases = [
             ("guided", "expected planes:D"),
             ("tiles:3", "expected planes:D"),
@@ -167,8 +159,8 @@ mod tests {
             ("list:0.1,0.2", "nearer than the one before it"),
         ];
         for (text, expected) in cases {
-            let told = text.parse::<LayerSpec>().unwrap_err().to_string();
-            assert!(told.contains(expected) && told.contains(text), "{told}");
+            let message = text.parse::<LayerSpec>().unwrap_err().to_string();
+            assert!(message.contains(expected) && message.contains(text), "{message}");
         }
     }
 }

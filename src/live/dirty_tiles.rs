@@ -1,22 +1,22 @@
-//! Which parts of a target to search anew: rectangles around the cells that no longer fit.
+//! Dirty tiles: rectangles around the cells whose disparity no longer agrees with the photos.
 
 use ndarray::{Array2, ArrayView2};
 
-/// Cells of a side of a tile, the unit of what is searched anew.
+/// Cells per side of a tile.
 const TILE: usize = 8;
-/// Cells of a tile that may be out of place before it is searched.
-const STRAY: usize = 2;
+/// A tile is dirty if more than this many of its cells are outliers.
+const MAX_OUTLIERS: usize = 2;
 
 /// A rectangle of cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Window {
+pub(super) struct Region {
     pub(super) left: usize,
     pub(super) top: usize,
     pub(super) right: usize,
     pub(super) bottom: usize,
 }
 
-impl Window {
+impl Region {
     pub(super) fn width(&self) -> usize {
         self.right - self.left
     }
@@ -29,8 +29,8 @@ impl Window {
         self.width() * self.height()
     }
 
-    /// Wider by as many tiles on each side, where the map of `(height, width)` cells has them: whole tiles again.
-    pub(super) fn grown(&self, tiles: usize, (height, width): (usize, usize)) -> Self {
+    /// The rectangle, expanded by a number of tiles on each side, as far as the map of `(height, width)` cells reaches.
+    pub(super) fn expanded(&self, tiles: usize, (height, width): (usize, usize)) -> Self {
         Self {
             left: self.left.saturating_sub(tiles * TILE),
             top: self.top.saturating_sub(tiles * TILE),
@@ -40,20 +40,19 @@ impl Window {
     }
 }
 
-/// The rectangles around each group of adjoining tiles that hold more than a stray cell out of place; whole tiles, cut at
-/// the edges of the map.
-pub(super) fn dirty_windows(misfits: ArrayView2<'_, bool>) -> Vec<Window> {
-    let (height, width) = misfits.dim();
-    let mut open = Array2::from_shape_fn((height.div_ceil(TILE), width.div_ceil(TILE)), |(y, x)| {
+/// The bounding rectangle of each group of adjoining dirty tiles: whole tiles, cut at the edges of the map.
+pub(super) fn dirty_regions(outliers: ArrayView2<'_, bool>) -> Vec<Region> {
+    let (height, width) = outliers.dim();
+    let mut dirty = Array2::from_shape_fn((height.div_ceil(TILE), width.div_ceil(TILE)), |(y, x)| {
         let rows = y * TILE..(y * TILE + TILE).min(height);
         let cells = rows.flat_map(|y| (x * TILE..(x * TILE + TILE).min(width)).map(move |x| (y, x)));
-        cells.filter(|&cell| misfits[cell]).count() > STRAY
+        cells.filter(|&cell| outliers[cell]).count() > MAX_OUTLIERS
     });
-    let (rows, columns) = open.dim();
+    let (rows, columns) = dirty.dim();
     let mut found = Vec::new();
     for y in 0..rows {
         for x in 0..columns {
-            if !std::mem::take(&mut open[(y, x)]) {
+            if !std::mem::take(&mut dirty[(y, x)]) {
                 continue;
             }
             let (mut left, mut right, mut bottom) = (x, x, y);
@@ -62,13 +61,13 @@ pub(super) fn dirty_windows(misfits: ArrayView2<'_, bool>) -> Vec<Window> {
                 (left, right, bottom) = (left.min(x), right.max(x), bottom.max(y));
                 for y in y.saturating_sub(1)..(y + 2).min(rows) {
                     for x in x.saturating_sub(1)..(x + 2).min(columns) {
-                        if std::mem::take(&mut open[(y, x)]) {
+                        if std::mem::take(&mut dirty[(y, x)]) {
                             group.push((y, x));
                         }
                     }
                 }
             }
-            found.push(Window {
+            found.push(Region {
                 left: left * TILE,
                 top: y * TILE,
                 right: ((right + 1) * TILE).min(width),
@@ -84,19 +83,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn groups_of_tiles_become_rectangles_and_strays_none() {
-        let mut misfits = Array2::from_elem((30, 44), false);
-        misfits[(20, 30)] = true;
-        assert_eq!(dirty_windows(misfits.view()), []);
+    fn groups_of_tiles_become_rectangles_and_single_outliers_none() {
+        let mut outliers = Array2::from_elem((30, 44), false);
+        outliers[(20, 30)] = true;
+        assert_eq!(dirty_regions(outliers.view()), []);
         // Two tiles that touch at a corner, and one at the lower right edge.
         for (y, x) in [(7, 15), (8, 16), (29, 43)] {
-            (0..4).for_each(|i| misfits[(y / 8 * 8 + i, x)] = true);
+            (0..4).for_each(|i| outliers[(y / 8 * 8 + i, x)] = true);
         }
-        let found = dirty_windows(misfits.view());
+        let found = dirty_regions(outliers.view());
         assert_eq!(
             found,
-            [Window { left: 8, top: 0, right: 24, bottom: 16 }, Window { left: 40, top: 24, right: 44, bottom: 30 }]
+            [Region { left: 8, top: 0, right: 24, bottom: 16 }, Region { left: 40, top: 24, right: 44, bottom: 30 }]
         );
-        assert_eq!(found[0].grown(1, misfits.dim()), Window { left: 0, top: 0, right: 32, bottom: 24 });
+        assert_eq!(found[0].expanded(1, outliers.dim()), Region { left: 0, top: 0, right: 32, bottom: 24 });
     }
 }

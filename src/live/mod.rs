@@ -1,13 +1,20 @@
 //! Live: the synchronised frames of a camera rig become the frames of a moving viewpoint.
 //!
-//! A [`LiveSession`] takes the photos of one time step and a target camera, and returns a [`LiveFrame`]. What it knows from
-//! the frames before, it uses by its [`Policy`]: the paper's planes, chosen once, or the surface that the last frame found,
-//! carried to the next as long as the photos agree with it. It holds one frame, whatever the length of the video.
+//! A [`LiveSession`] takes the photos of one time step and a target camera, and returns a [`LiveFrame`]. What it reuses from the frames
+//! before is its [`Policy`]: the paper's planes, selected once, or the surface of the last frame, propagated to the next as long as
+//! the photos agree with it. Memory does not grow with the length of the video.
 
 mod dirty_tiles;
+mod error;
+mod frame;
+mod history;
 mod policy;
 mod propagate;
 mod session;
+mod settings;
 
+pub use error::LiveError;
+pub use frame::{LiveFrame, LiveTimes};
 pub use policy::{LayerSource, Policy};
-pub use session::{LiveError, LiveFrame, LiveSession, LiveSettings, LiveTimes};
+pub use session::LiveSession;
+pub use settings::LiveSettings;

@@ -1,27 +1,27 @@
-//! When the layers of a video are found anew, and where those of a frame came from.
+//! When a session searches for layers, and where those of a frame came from.
 
 use std::fmt;
 use std::str::FromStr;
 
 use crate::layers::LayerSpec;
 
-/// When a session finds the layers of its frames anew, where the scene decides on them ([`LayerSpec`]): fixed planes never.
+/// When a session searches for the layers of its frames, where these depend on the scene ([`LayerSpec`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Policy {
-    /// Every so many frames (1: each). Guided layers move their surface with the target camera in between, without looking at
-    /// the photos.
+    /// Every so many frames (1: each). In between, the surface of guided layers moves with the target camera, whatever the photos
+    /// show.
     Every(usize),
-    /// On the first frame (the paper's video, with `select:16/64`: 64 planes first, the 16 fullest of their histogram from then
-    /// on).
+    /// On the first frame: with `select:16/64` the paper's video, which renders 64 planes once and the 16 fullest of their histogram
+    /// from then on.
     Once,
-    /// Guided layers: the surface of the last frame, moved with the target camera, stays where the photos agree with it as well
-    /// as they did; elsewhere it is searched anew.
+    /// Guided layers: the surface of the last frame moves with the target camera, and is searched anew where the photos agree with
+    /// it less well than they did.
     Propagate,
 }
 
 impl Policy {
-    /// What serves these layers best.
+    /// The default for these layers: `propagate` for guided layers, `each` for k-means planes, `once` for all others.
     pub fn default_for(layers: &LayerSpec) -> Self {
         match layers {
             LayerSpec::Guided { .. } => Self::Propagate,
@@ -66,15 +66,15 @@ impl FromStr for Policy {
 pub enum LayerSource {
     /// The same planes for every frame.
     Fixed,
-    /// All of the planes that those of the next frames are selected from.
+    /// All planes, from which those of the next frames are selected.
     Dense,
     /// The planes that an earlier frame selected.
     Selected,
     /// A guided search over the whole target.
     Searched,
-    /// The surface or the planes of an earlier frame, but for this share of the target, which was searched anew: 0 for none.
+    /// The surface or the planes of an earlier frame, but for a share of the target that was searched anew.
     Propagated {
-        /// Share of the target, 0 to 1.
+        /// That share, 0 to 1.
         refreshed: f64,
     },
 }

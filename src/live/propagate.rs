@@ -1,29 +1,29 @@
-//! The surface of a frame, propagated to the next: moved to its camera, held against its photos, searched anew where it does
-//! not fit.
+//! The surface of a frame, propagated to the next: forward-warped to its camera, compared with its photos, and searched anew where
+//! they disagree.
 //!
-//! The test is the coarse pass's own measure, the windowed variance of the warped colours, of one layer: the surface as it
-//! was propagated. A search has as many of these as it has planes.
+//! The comparison uses the matching cost of the guided search, the windowed variance of the warped colours, on a single layer: the
+//! propagated surface. A search computes that cost on every one of its planes.
 //!
-//! What this gains, and what was tried beside it: `docs/experiments.md` in the repository.
+//! Measured alternatives: docs/experiments.md.
 
 use glam::DVec3;
 use ndarray::{Array2, Axis, s};
 
-use super::dirty_tiles::{Window, dirty_windows};
+use super::dirty_tiles::{Region, dirty_regions};
 use crate::geometry::{Camera, PlaneSweep, Size, source_from_target};
 use crate::layers::guided::{COARSE, GuidedSearch, Levels, RangeMap, WINDOWS, neighbourhood, range_of};
 use crate::layers::{CELL, LayersError, padded};
 
-/// A cell fits while its cost is at most this many times what it was when it was searched …
+/// A cell is an outlier if its cost is more than this many times what it was when the cell was searched …
 const RATIO: f32 = 1.5;
-/// … and this much more: a variance of colours in [0, 1].
+/// … plus this: a variance of colours in [0, 1].
 const NOISE: f32 = 2e-4;
-/// Where windows cover more than this share of the target, all of it is searched: that costs no more.
+/// Where the dirty regions cover more than this share of the target, all of it is searched: that takes no longer.
 const WHOLE: f64 = 0.5;
-/// Tiles around a window that are searched with it, so that its edges agree with what lies beside them.
+/// Tiles around a dirty region that are searched with it, so that its edges agree with their surroundings.
 const HALO: usize = 1;
 
-/// The views of one time step as the coarse pass sees them from a target.
+/// The views of one time step, and the target that they are searched for.
 pub(super) struct TargetViews<'a> {
     pub(super) levels: Levels<'a>,
     /// In the order of the levels' textures.
@@ -32,7 +32,7 @@ pub(super) struct TargetViews<'a> {
 }
 
 impl TargetViews<'_> {
-    /// Sweeps over a target, or a window of one.
+    /// Plane sweeps for a target, or for a part of one.
     fn sweeps(&self, target: &Camera) -> Vec<PlaneSweep> {
         self.cameras.iter().map(|camera| PlaneSweep::new(camera, target)).collect()
     }
@@ -43,18 +43,18 @@ pub(super) struct Surface {
     target: Camera,
     /// Per cell of [`CELL`] pixels of the padded target, 1/scene unit.
     disparity: Array2<f32>,
-    /// What it cost, per cell of [`COARSE`] pixels, when it was searched.
+    /// Its matching cost per cell of [`COARSE`] pixels, when it was searched.
     cost: Array2<f32>,
-    /// Planes of the search.
+    /// Planes of the first search.
     planes: usize,
 }
 
 impl Surface {
-    /// A coarse pass over the whole target.
-    pub(super) fn search(pass: &GuidedSearch, seen: &TargetViews<'_>) -> Result<Self, LayersError> {
-        let (target, sweeps) = (seen.target, seen.sweeps(seen.target));
-        let found = pass.search_levels(&seen.levels, &sweeps, padded(target.size()))?;
-        let cost = cost(&found.fine_disparity, seen);
+    /// A guided search of the whole target.
+    pub(super) fn search(search: &GuidedSearch, views: &TargetViews<'_>) -> Result<Self, LayersError> {
+        let (target, sweeps) = (views.target, views.sweeps(views.target));
+        let found = search.search_levels(&views.levels, &sweeps, padded(target.size()))?;
+        let cost = cost(&found.fine_disparity, views);
         Ok(Self { target: target.clone(), disparity: found.fine_disparity, cost, planes: found.disparities.len() })
     }
 
@@ -63,25 +63,25 @@ impl Surface {
         self.disparity.as_slice().expect("standard order")
     }
 
-    /// What guided layers divide.
+    /// The range of each cell, which guided layers divide.
     pub(super) fn range(&self) -> RangeMap {
         range_of(&self.disparity, 0.0)
     }
 
-    /// Whether it can be carried to a target: of the same size.
-    pub(super) fn suits(&self, target: &Camera) -> bool {
+    /// Whether it can be propagated to a target: only to one of the same size.
+    pub(super) fn has_size_of(&self, target: &Camera) -> bool {
         self.target.size() == target.size()
     }
 
-    /// The surface as seen from another camera: the nearest where several points meet; where there is none, the farther of
-    /// those beside it.
+    /// The surface forward-warped to another camera: the nearest where several points fall on one cell; where none does, the farther
+    /// of those left and right.
     pub(super) fn moved(self, target: &Camera) -> Self {
         if self.target == *target {
             return self;
         }
         let (height, width) = self.disparity.dim();
         let mut disparity = Array2::from_elem((height, width), f32::NAN);
-        // What was not seen before has cost nothing yet: it fits by itself or is searched.
+        // Cells that were hidden before have no cost yet: with 0 they are searched unless the photos agree with what fills them.
         let mut cost = Array2::zeros(self.cost.dim());
         let sweep = PlaneSweep::new(target, &self.target);
         let pose = source_from_target(target, &self.target);
@@ -107,75 +107,73 @@ impl Surface {
             }
         }
         fill_holes(&mut disparity);
-        // Edges land up to a cell away from where they are: what a neighbour may cost, a cell may.
+        // Edges are displaced by up to a cell: a cell may cost as much as any of its neighbours.
         let cost = neighbourhood(&cost, |around| around.into_iter().fold(0.0, f32::max));
         Self { target: target.clone(), disparity, cost, planes: self.planes }
     }
 
-    /// Holds the surface, moved to the target, against the photos, and searches what does not fit; the share of the target
-    /// that was searched, 1 for a search of the whole.
-    pub(super) fn refresh(&mut self, pass: &GuidedSearch, seen: &TargetViews<'_>) -> Result<f64, LayersError> {
-        let now = cost(&self.disparity, seen);
-        let misfits = ndarray::Zip::from(&now).and(&self.cost).map_collect(|&now, &then| now > RATIO * then + NOISE);
-        let found = dirty_windows(misfits.view());
-        if found.is_empty() {
+    /// Compares the surface, moved to the target already, with the photos, and searches the regions where they disagree. Returns the
+    /// share of the target that was searched, 1 for all of it.
+    pub(super) fn refresh(&mut self, search: &GuidedSearch, views: &TargetViews<'_>) -> Result<f64, LayersError> {
+        let now = cost(&self.disparity, views);
+        let outliers = ndarray::Zip::from(&now).and(&self.cost).map_collect(|&now, &then| now > RATIO * then + NOISE);
+        let dirty = dirty_regions(outliers.view());
+        if dirty.is_empty() {
             return Ok(0.0);
         }
         let share = |cells: usize| cells as f64 / now.len() as f64;
-        let grown: Vec<Window> = found.iter().map(|window| window.grown(HALO, now.dim())).collect();
-        if share(grown.iter().map(Window::area).sum()) > WHOLE {
-            *self = Self::search(pass, seen)?;
+        let expanded: Vec<Region> = dirty.iter().map(|region| region.expanded(HALO, now.dim())).collect();
+        if share(expanded.iter().map(Region::area).sum()) > WHOLE {
+            *self = Self::search(search, views)?;
             return Ok(1.0);
         }
-        let pass = GuidedSearch { planes: Some(self.planes), ..*pass };
-        for (window, grown) in found.iter().zip(&grown) {
-            self.search_window(&pass, seen, window, grown)?;
+        let search = GuidedSearch { planes: Some(self.planes), ..*search };
+        for (region, expanded) in dirty.iter().zip(&expanded) {
+            self.search_region(&search, views, region, expanded)?;
         }
-        let after = cost(&self.disparity, seen);
-        for window in &found {
-            let cells = s![window.top..window.bottom, window.left..window.right];
+        let after = cost(&self.disparity, views);
+        for region in &dirty {
+            let cells = s![region.top..region.bottom, region.left..region.right];
             self.cost.slice_mut(cells).assign(&after.slice(cells));
         }
-        Ok(share(found.iter().map(Window::area).sum()))
+        Ok(share(dirty.iter().map(Region::area).sum()))
     }
 
-    /// Searches `grown`, and takes over what lies in `window`.
-    fn search_window(
+    /// Searches `expanded`, and replaces the disparities of `region` in it.
+    fn search_region(
         &mut self,
-        pass: &GuidedSearch,
-        seen: &TargetViews<'_>,
-        window: &Window,
-        grown: &Window,
+        search: &GuidedSearch,
+        views: &TargetViews<'_>,
+        region: &Region,
+        expanded: &Region,
     ) -> Result<(), LayersError> {
-        let [left, top] = [grown.left, grown.top].map(|cell| (cell * COARSE) as f64);
-        let size = Size::new(grown.width() * COARSE, grown.height() * COARSE);
-        let part = seen.target.with_window(left, top, size.width, size.height).expect("a part of a padded target");
-        let found = pass.search_levels(&seen.levels, &seen.sweeps(&part), size)?;
+        let [left, top] = [expanded.left, expanded.top].map(|cell| (cell * COARSE) as f64);
+        let size = Size::new(expanded.width() * COARSE, expanded.height() * COARSE);
+        let part = views.target.with_window(left, top, size.width, size.height).expect("a part of a padded target");
+        let found = search.search_levels(&views.levels, &views.sweeps(&part), size)?;
         let fine = |cell: usize| cell * COARSE / CELL;
         let inner = |start: usize, end: usize, from: usize| fine(start - from)..fine(end - from);
         self.disparity
-            .slice_mut(s![fine(window.top)..fine(window.bottom), fine(window.left)..fine(window.right)])
-            .assign(
-                &found.fine_disparity.slice(s![
-                    inner(window.top, window.bottom, grown.top),
-                    inner(window.left, window.right, grown.left)
-                ]),
-            );
+            .slice_mut(s![fine(region.top)..fine(region.bottom), fine(region.left)..fine(region.right)])
+            .assign(&found.fine_disparity.slice(s![
+                inner(region.top, region.bottom, expanded.top),
+                inner(region.left, region.right, expanded.left)
+            ]));
         Ok(())
     }
 }
 
-/// Cost of a surface per cell of [`COARSE`] pixels.
-fn cost(disparity: &Array2<f32>, seen: &TargetViews<'_>) -> Array2<f32> {
-    // One cell of each group, not their mean: at an edge that would be no surface at all.
+/// Matching cost of a surface per cell of [`COARSE`] pixels.
+fn cost(disparity: &Array2<f32>, views: &TargetViews<'_>) -> Array2<f32> {
+    // One fine cell of each coarse one, not their mean: at a depth edge the mean lies on neither side.
     let step = (COARSE / CELL) as isize;
     let map = disparity.slice(s![..;step, ..;step]).insert_axis(Axis(0));
-    let costs = seen.levels.coarse().costs(&seen.sweeps(seen.target), map, WINDOWS[0]);
+    let costs = views.levels.coarse().costs(&views.sweeps(views.target), map, WINDOWS[0]);
     costs.index_axis_move(Axis(0), 0)
 }
 
-/// Cells without a value take the farther of the nearest ones left and right, whole rows without any that of the row above,
-/// or below.
+/// Cells without a value (NaN) take the farther of the nearest values left and right; rows without any are copied from the nearest row
+/// that has some.
 fn fill_holes(disparity: &mut Array2<f32>) {
     let (height, width) = disparity.dim();
     let mut empty = Vec::new();
@@ -189,7 +187,7 @@ fn fill_holes(disparity: &mut Array2<f32>) {
                 continue;
             }
             let end = (x..width).find(|&x| !row[x].is_nan()).unwrap_or(width);
-            // f32::min leaves out NaN: the edge of the target.
+            // `f32::min` ignores NaN, which stands for the edge of the target.
             let value = before.min(if end < width { row[end] } else { f32::NAN });
             row.slice_mut(s![x..end]).fill(value);
             x = end;
@@ -228,11 +226,11 @@ mod tests {
         assert!(moved.disparity.iter().all(|&d| (d - 0.5).abs() < 1e-6), "{}", moved.disparity);
         assert_eq!(wall().moved(&camera(0.0, 0.0)).disparity, wall().disparity);
         let away = wall().moved(&camera(0.0, 5.0));
-        assert!(away.disparity.iter().all(|&d| d == 0.0), "behind the camera: nothing known");
+        assert!(away.disparity.iter().all(|&d| d == 0.0), "behind the camera nothing is known");
     }
 
     #[test]
-    fn the_nearer_hides_and_what_it_uncovers_is_taken_for_far_and_unproven() {
+    fn the_nearer_hides_and_what_it_uncovers_is_far_and_has_no_cost_yet() {
         let mut disparity = Array2::from_elem((24, 32), 0.0);
         disparity.slice_mut(s![.., 14..22]).fill(0.5);
         // 1 to the right: what lies at depth 2 moves 16 pixels, 8 cells, to the left.

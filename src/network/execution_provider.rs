@@ -1,4 +1,4 @@
-//! Which of ONNX Runtime's execution providers computes the network, and in which precision.
+//! Execution providers of ONNX Runtime, and the precision of their arithmetic.
 
 use std::fmt;
 
@@ -10,7 +10,7 @@ use ort::ep::{self, ExecutionProvider as _};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum ExecutionProvider {
-    /// ONNX Runtime's own, in every build of it.
+    /// ONNX Runtime's CPU provider, in every build of it.
     #[default]
     Cpu,
     /// Intel's OpenVINO on the CPU (any x86-64), from the wheel `onnxruntime-openvino`.
@@ -28,7 +28,7 @@ pub enum Precision {
     /// float32.
     #[default]
     F32,
-    /// bfloat16, where the provider knows how and the CPU has instructions for it.
+    /// bfloat16, where the provider supports it and the CPU has instructions for it.
     Bf16,
 }
 
@@ -36,7 +36,7 @@ impl ExecutionProvider {
     /// Every provider.
     pub const ALL: [Self; 4] = [Self::Cpu, Self::OpenVino, Self::Cuda, Self::TensorRt];
 
-    /// Its name on the command line, and in the names of its library files.
+    /// Its name, as in the names of its library files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Cpu => "cpu",
@@ -51,7 +51,7 @@ impl ExecutionProvider {
         self == Self::OpenVino
     }
 
-    /// The cargo feature it is compiled with, if this build lacks it.
+    /// The cargo feature that it needs, if this build lacks it.
     pub(super) fn missing_feature(self) -> Option<&'static str> {
         match self {
             Self::OpenVino if cfg!(not(feature = "load-dynamic")) => Some("load-dynamic"),
@@ -61,7 +61,7 @@ impl ExecutionProvider {
         }
     }
 
-    /// Whether the library in use was built with it.
+    /// Whether the loaded library was built with it.
     pub(super) fn is_available(self) -> ort::Result<bool> {
         match self {
             Self::Cpu => Ok(true),
@@ -76,9 +76,9 @@ impl ExecutionProvider {
         }
     }
 
-    /// What a session is told to compute on; nothing for ONNX Runtime's own.
+    /// The provider as a session is configured with it; `None` for ONNX Runtime's CPU provider, which needs no configuration.
     pub(super) fn dispatch(self, threads: usize, precision: Precision) -> Option<ExecutionProviderDispatch> {
-        // Unused where no feature brings a provider that takes them.
+        // Used only where a feature adds a provider that takes them.
         let _ = (threads, precision);
         match self {
             Self::Cpu => None,
@@ -100,8 +100,7 @@ impl fmt::Display for ExecutionProvider {
     }
 }
 
-/// Its options go through `load_config`, the provider's way to OpenVINO's own; `num_of_threads` and `precision` are older
-/// and cover less.
+/// OpenVINO's own options go through the provider's `load_config`; its older `num_of_threads` and `precision` cover fewer cases.
 #[cfg(feature = "load-dynamic")]
 fn openvino(threads: usize, precision: Precision) -> ExecutionProviderDispatch {
     use ep::ArbitrarilyConfigurableExecutionProvider;
@@ -115,7 +114,7 @@ fn openvino(threads: usize, precision: Precision) -> ExecutionProviderDispatch {
     provider.build().error_on_failure()
 }
 
-/// Whether this CPU has the instructions that OpenVINO computes bfloat16 with; without them it stays with float32.
+/// Whether this CPU has the instructions that OpenVINO needs for bfloat16; without them it computes in float32.
 pub fn cpu_has_bf16() -> bool {
     #[cfg(target_arch = "x86_64")]
     {

@@ -1,22 +1,22 @@
-//! Where the model of a number of views is found: `models/liveview_v{V}.onnx`, one file per V, and `liveview_v{V}_int8.onnx`.
+//! Finding model files: `liveview_v{V}.onnx` and the quantised `liveview_v{V}_int8.onnx`, one of each per number of views V.
 
 use std::path::{Path, PathBuf};
 
-/// No model of that V in any of the folders.
+/// No model for that number of views in any of the folders.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("no model for {views} views: liveview_v{views}{ending} is not in {looked_in}; there, {found}", looked_in = listed(looked_in), found = described(found))]
+#[error("no model for {views} views: liveview_v{views}{ending} is not in {looked_in}; there, {found}", looked_in = folder_list(looked_in), found = found_text(found))]
 pub struct ModelNotFound {
     /// V asked for.
     pub views: usize,
-    /// What names of such models end in.
+    /// The ending of such a model's file name.
     pub ending: &'static str,
-    /// The folders, in the order they were looked into.
+    /// The folders, in the order of the search.
     pub looked_in: Vec<PathBuf>,
-    /// V of the models they do hold.
+    /// V of the models of that ending in them.
     pub found: Vec<usize>,
 }
 
-/// Where models are looked for by default: the folder `LIVEVIEW_MODELS` if that is set, else a `models` folder beside the
+/// The default folders of models: that of the environment variable `LIVEVIEW_MODELS` if it is set, else a `models` folder beside the
 /// running program or up to three folders above it.
 pub fn model_folders() -> Vec<PathBuf> {
     if let Some(named) = std::env::var_os("LIVEVIEW_MODELS").filter(|v| !v.is_empty()) {
@@ -36,8 +36,8 @@ pub fn find_model(folders: Vec<PathBuf>, views: usize, quantized: bool) -> Resul
 }
 
 fn find_in(mut folders: Vec<PathBuf>, views: usize, ending: &'static str) -> Result<PathBuf, ModelNotFound> {
-    let mut seen = std::collections::HashSet::new();
-    folders.retain(|folder| seen.insert(folder.clone()));
+    let mut distinct = std::collections::HashSet::new();
+    folders.retain(|folder| distinct.insert(folder.clone()));
     let candidates = folders.iter().map(|folder| folder.join(format!("liveview_v{views}{ending}")));
     if let Some(file) = candidates.into_iter().find(|file| file.is_file()) {
         return Ok(file);
@@ -55,11 +55,11 @@ fn models_in(folder: &Path, ending: &str) -> Vec<usize> {
     entries.filter_map(|entry| views(entry.file_name().to_str()?)).collect()
 }
 
-fn listed(folders: &[PathBuf]) -> String {
+fn folder_list(folders: &[PathBuf]) -> String {
     folders.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(", ")
 }
 
-fn described(found: &[usize]) -> String {
+fn found_text(found: &[usize]) -> String {
     if found.is_empty() {
         return "no model at all".to_owned();
     }
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_folder_with_the_model_wins_and_a_miss_tells_what_there_is() {
+    fn the_first_folder_with_the_model_counts_and_an_error_lists_what_there_is() {
         let root = tempfile::tempdir().unwrap();
         let folders = ["a", "b", "absent"].map(|name| root.path().join(name));
         for (folder, file) in [

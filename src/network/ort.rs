@@ -7,12 +7,16 @@ use ndarray::{ArrayView4, ArrayViewMut4};
 use ort::session::Session;
 use ort::value::{Outlet, TensorRef, ValueType};
 
-use super::{ExecutionProvider, ModelCard, NetworkError, OrtLibrary, PlaneNetwork, Precision, read_card, unfit};
+use super::error::{NetworkError, unfit};
+use super::execution_provider::{ExecutionProvider, Precision};
+use super::model_card::{ModelCard, read_card};
+use super::ort_library::OrtLibrary;
+use super::plane_network::PlaneNetwork;
 use crate::fs::bounded;
 use crate::layers::LayerSpec;
 
-/// Largest model file that is opened, in bytes: a hundred times the paper's network. A model with weights in files of their
-/// own (ONNX external data) is refused.
+/// Largest model file that is opened, in bytes: a hundred times the paper's network. A model with weights in separate files (ONNX
+/// external data) is refused.
 pub const MAX_MODEL_BYTES: u64 = 256 << 20;
 
 /// A LiveView model run by ONNX Runtime.
@@ -29,37 +33,46 @@ impl fmt::Debug for OrtNetwork {
 }
 
 impl OrtNetwork {
-    /// Open the ONNX model at `path` on `threads` threads, in the precision it was made in. Refuses, naming what differs, a model whose metadata, inputs or
-    /// outputs are not a LiveView model's: `hwv` `[n, 3V, h, w]` → `logits` `[n, V, h, w]`, f32, n, h and w free.
+    /// Opens the ONNX model at `path` on `threads` threads, in its own precision. Its input is `hwv` `[n, 3V, h, w]`, its output
+    /// `logits` `[n, V, h, w]`, f32, n, h and w free.
+    ///
+    /// # Errors
+    ///
+    /// [`NetworkError::Unfit`] if the size, the metadata, the inputs or the outputs are not a LiveView model's, naming what differs;
+    /// [`NetworkError::OnnxRuntime`] if there is no such file, or ONNX Runtime refuses it.
     pub fn open(library: &OrtLibrary, path: &Path, threads: usize) -> Result<Self, NetworkError> {
         Self::open_in(Precision::F32, library, path, threads)
     }
 
-    /// As [`OrtNetwork::open`], float32 arithmetic replaced by `precision`. [`Precision::Bf16`] is refused by engines other
-    /// than [`ExecutionProvider::OpenVino`]; a CPU that lacks it ([`crate::network::cpu_has_bf16`]) computes in float32 all the same.
+    /// As [`OrtNetwork::open`], with float32 arithmetic replaced by `precision`. [`Precision::Bf16`] needs
+    /// [`ExecutionProvider::OpenVino`]; a CPU without the instructions ([`crate::network::cpu_has_bf16`]) computes in float32.
+    ///
+    /// # Errors
+    ///
+    /// As [`OrtNetwork::open`]; [`NetworkError::OnnxRuntime`] for a precision that the execution provider does not have.
     pub fn open_in(
         precision: Precision,
         library: &OrtLibrary,
         path: &Path,
         threads: usize,
     ) -> Result<Self, NetworkError> {
-        let engine = |reason: String| NetworkError::OnnxRuntime { path: path.to_path_buf(), reason };
+        let failed = |reason: String| NetworkError::OnnxRuntime { path: path.to_path_buf(), reason };
         if !path.is_file() {
-            return Err(engine("there is no such file".into()));
+            return Err(failed("there is no such file".into()));
         }
         let bytes = path.metadata().map_or(0, |file| file.len());
         if bytes > MAX_MODEL_BYTES {
             return Err(unfit(path, "the size", format!("{bytes} bytes"), format!("at most {MAX_MODEL_BYTES}")));
         }
         if precision == Precision::Bf16 && !library.provider().knows_bf16() {
-            return Err(engine(format!(
-                "bf16 is for the engine {}, and this is the engine {}",
+            return Err(failed(format!(
+                "bf16 is for the failed {}, and this is the failed {}",
                 ExecutionProvider::OpenVino,
                 library.provider()
             )));
         }
-        let session = build(library, path, threads, precision).map_err(engine)?;
-        let metadata = session.metadata().map_err(|e| engine(e.to_string()))?;
+        let session = build(library, path, threads, precision).map_err(failed)?;
+        let metadata = session.metadata().map_err(|e| failed(e.to_string()))?;
         let card = read_card(path, |key| metadata.custom(key))?;
         drop(metadata);
         check_outlets(path, &named(session.inputs()), "hwv", 3 * card.views)?;
@@ -71,7 +84,7 @@ impl OrtNetwork {
     ///
     /// # Errors
     ///
-    /// [`NetworkError::Unfit`] if they name none.
+    /// [`NetworkError::Unfit`] if that entry is no [`LayerSpec`].
     pub fn recommended_layers(&self) -> Result<LayerSpec, NetworkError> {
         let found = &self.card.recommended_layers;
         found.parse().map_err(|_| {
@@ -102,11 +115,11 @@ impl PlaneNetwork for OrtNetwork {
 
     fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
         let path = &self.path;
-        let engine = |e: ort::Error| NetworkError::OnnxRuntime { path: path.clone(), reason: e.to_string() };
-        let input = TensorRef::from_array_view(hwv).map_err(engine)?;
-        // Not IoBinding: rc.15 copies a bound input through a session of its own, and deadlocks in it.
-        let outputs = self.session.run(ort::inputs!["hwv" => input]).map_err(engine)?;
-        let found = outputs["logits"].try_extract_array::<f32>().map_err(engine)?;
+        let failed = |e: ort::Error| NetworkError::OnnxRuntime { path: path.clone(), reason: e.to_string() };
+        let input = TensorRef::from_array_view(hwv).map_err(failed)?;
+        // Not IoBinding: ort 2.0.0-rc.15 copies a bound input through another session, and deadlocks in it.
+        let outputs = self.session.run(ort::inputs!["hwv" => input]).map_err(failed)?;
+        let found = outputs["logits"].try_extract_array::<f32>().map_err(failed)?;
         if found.shape() != logits.shape() {
             let (found, expected) = (format!("{:?}", found.shape()), format!("{:?}", logits.shape()));
             return Err(unfit(path, "the output", found, expected));
@@ -121,16 +134,17 @@ fn build(library: &OrtLibrary, path: &Path, threads: usize, precision: Precision
     let builder = Session::builder(&library.environment).map_err(text)?;
     let builder = builder.with_intra_threads(threads).map_err(|e| e.to_string())?;
     let builder = builder.with_inter_threads(1).map_err(|e| e.to_string())?;
-    // The warp and the blend run on the same cores: an idle engine must not spin on them.
+    // The warp and the blend run on the same cores: idle threads of ONNX Runtime must not spin on them.
     let mut builder = builder.with_intra_op_spinning(false).map_err(|e| e.to_string())?;
     if let Some(provider) = library.provider().dispatch(threads, precision) {
         builder = builder.with_execution_providers([provider]).map_err(|e| e.to_string())?;
         if library.provider() == ExecutionProvider::OpenVino {
-            // It takes the whole graph: a part left to ONNX Runtime's own code would go unnoticed.
+            // OpenVINO can run the whole graph; a part that fell back to ONNX Runtime's CPU provider would go unnoticed.
             builder = builder.with_disable_cpu_fallback().map_err(|e| e.to_string())?;
         }
     }
-    // Weights in files of their own, which the limit does not count, are looked for where nothing can be: below the model file.
+    // Weights in separate files, which the size limit does not count, are searched for in a folder that cannot exist: below the model
+    // file.
     let nowhere = path.to_string_lossy();
     let mut builder = builder
         .with_config_entry("session.model_external_initializers_file_folder_path", nowhere)

@@ -1,4 +1,4 @@
-//! The ONNX Runtime library: where it is found, and the one environment of the process.
+//! The ONNX Runtime library: finding it, loading it, and its environment, one per process.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ pub enum OrtLibraryError {
     NotFound {
         /// The provider asked for.
         provider: ExecutionProvider,
-        /// The places, in words.
+        /// The places that were searched, in words.
         looked_in: String,
     },
     /// A library was named, or found, and could not be loaded.
@@ -54,7 +54,7 @@ pub enum OrtLibraryError {
     },
 }
 
-/// A loaded ONNX Runtime, and which of its execution providers to use. Clones share it.
+/// A loaded ONNX Runtime library, and which of its execution providers to use. Clones share the library.
 #[derive(Clone)]
 pub struct OrtLibrary {
     pub(super) environment: Environment,
@@ -68,16 +68,18 @@ impl fmt::Debug for OrtLibrary {
     }
 }
 
-/// One environment per process is all that ONNX Runtime has.
+/// ONNX Runtime has one environment per process.
 static LOADED: Mutex<Option<OrtLibrary>> = Mutex::new(None);
 
 impl OrtLibrary {
-    /// Loads the library that lies at `path` if given, else at `ORT_DYLIB_PATH`, else in the system's library folders, to
-    /// compute on `provider`. A process can load one library only.
+    /// Loads the library at `path` if given, else at the environment variable `ORT_DYLIB_PATH`, else from the system's library folders,
+    /// to compute on `provider`. A process can load only one library. With the cargo feature `download-binaries` in place of
+    /// `load-dynamic` the library is linked at build time, and `path` must be `None`.
     ///
     /// # Errors
     ///
-    /// [`OrtLibraryError`] where there is none, or none that has the provider.
+    /// [`OrtLibraryError`] if there is no library, it cannot be loaded, it or this build lacks the provider, or another one is loaded
+    /// already.
     pub fn load(provider: ExecutionProvider, path: Option<&Path>) -> Result<Self, OrtLibraryError> {
         if let Some(feature) = provider.missing_feature() {
             return Err(OrtLibraryError::NotCompiled { provider, feature });
@@ -90,7 +92,7 @@ impl OrtLibrary {
         }
     }
 
-    /// Whether a folder holds a library with `provider`; its file.
+    /// The ONNX Runtime library file in a folder, if the folder holds one with `provider`.
     #[cfg(feature = "load-dynamic")]
     pub fn find_in(folder: &Path, provider: ExecutionProvider) -> Option<PathBuf> {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();

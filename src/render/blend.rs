@@ -10,7 +10,7 @@ use std::ops::Range;
 use super::exp::{exp, exp_f64};
 use crate::warp::{RUN, RunCoverage};
 
-/// What the distances of the views to the target do to their weights.
+/// Factors of the view weights, from the distances of the views to the target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DistanceWeights {
     /// log(d_min / d_i).
@@ -20,36 +20,36 @@ pub struct DistanceWeights {
 }
 
 impl DistanceWeights {
-    /// From the distance of each view's centre to the target's, scene units. Where one is 0, d_min is taken over the
-    /// others, which serve the pixels that the coincident view does not see.
+    /// From the distance of each view's centre to the target's, scene units. Where one is 0, d_min is the least of the others,
+    /// which serve the pixels that the coincident view does not cover.
     pub fn new(distances: &[f64]) -> Self {
         let nearest = distances.iter().copied().filter(|&d| d > 0.0).fold(f64::INFINITY, f64::min);
-        // The logarithm of the quotient: a scene in other units, times a power of two, has the same bits.
+        // The logarithm of the quotient: a scene scaled by a power of two has the same bits.
         let bias = |&d: &f64| if d > 0.0 { (nearest / d).max(f64::MIN_POSITIVE).ln() as f32 } else { 0.0 };
         let coincident = |&d: &f64| f32::from(u8::from(d == 0.0));
         Self { bias: distances.iter().map(bias).collect(), coincident: distances.iter().map(coincident).collect() }
     }
 }
 
-/// One layer of a batch: `logits` `[V, pixels]`, `colour` `[3V, pixels]`, `coverage` `[V, pixels]`.
+/// One layer of a batch, views nearest first.
 #[derive(Debug, Clone, Copy)]
 pub struct LayerSamples<'a> {
-    /// What the network gave.
+    /// The network's output, `[V, pixels]`.
     pub logits: &'a [f32],
-    /// The homography warped volume, 0 where nothing is seen.
+    /// The homography warped volume, `[3V, pixels]`: RGB in [0, 1], 0 outside the photos.
     pub colour: &'a [f32],
-    /// Coverage of each sample.
+    /// Coverage of each sample, `[V, pixels]`, in [0, 1].
     pub coverage: &'a [f32],
 }
 
 /// A run of a layer's pixels: α and colour.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Blended {
-    /// Opacity in [0, 1]; 0 where no view sees the pixel.
+    /// Opacity in [0, 1]; 0 where no view covers the pixel.
     pub alpha: Vec<f32>,
     /// Colour in [0, 1] per channel, straight (not multiplied by α).
     pub rgb: [Vec<f32>; 3],
-    /// Whether any view sees the pixel.
+    /// Whether any view covers the pixel.
     pub covered: Vec<bool>,
 }
 
@@ -60,61 +60,64 @@ impl Blended {
     }
 }
 
-/// Pixels computed side by side: enough that loops over them stay loops, which vectorise (at 32 the sums were unrolled
-/// into scalars).
+/// Pixels computed side by side: enough that the compiler keeps loops over them as loops, and vectorises them.
 const LANES: usize = 128;
 
 impl DistanceWeights {
-    /// Blend the pixels of a layer from pixel `from` on, as many as `out` has room for.
+    /// Blends the pixels of a layer from pixel `from` on, as many as `out` holds.
+    ///
+    /// # Panics
+    ///
+    /// If the samples hold fewer pixels. They are of as many views as there are distances.
     pub fn blend(&self, samples: &LayerSamples<'_>, from: usize, out: &mut Blended) {
         blend_run(self, samples, from, &[], out);
     }
 
-    /// As [`Self::blend`] for a row, of whose coverage this is known: for each view, one [`RunCoverage`] per run of its pixels.
+    /// As [`Self::blend`] for a row. `run_coverage` is what is known about its coverage: for each view, one [`RunCoverage`] per run.
     pub(crate) fn blend_row(
         &self,
         samples: &LayerSamples<'_>,
         from: usize,
-        seen: &[&[RunCoverage]],
+        run_coverage: &[&[RunCoverage]],
         out: &mut Blended,
     ) {
-        blend_run(self, samples, from, seen, out);
+        blend_run(self, samples, from, run_coverage, out);
     }
 
-    /// Weights and products in f32; sums and α in f64: in f32 their mean error is float32 torch's own, or a little above.
+    /// Weights and products in f32. Sums and α in f64: in f32 their mean error is that of torch's float32, or a little above.
     #[inline(always)]
     fn blend_lanes(
         &self,
         samples: &LayerSamples<'_>,
         from: usize,
-        seen: &[&[RunCoverage]],
+        run_coverage: &[&[RunCoverage]],
         out: &mut Blended,
         run: Range<usize>,
     ) {
         let at = from + run.start;
-        let seen = |view: usize| {
-            let row = seen.get(view).map(|row| &row[run.start / RUN..run.end.div_ceil(RUN)]);
-            row.filter(|row| row.iter().all(|seen| *seen == row[0])).map_or(RunCoverage::Partly, |row| row[0])
+        let known = |view: usize| {
+            let row = run_coverage.get(view).map(|row| &row[run.start / RUN..run.end.div_ceil(RUN)]);
+            row.filter(|row| row.iter().all(|run| *run == row[0])).map_or(RunCoverage::Partly, |row| row[0])
         };
         let views = self.bias.len();
         let pixels = samples.coverage.len() / views;
         let mut spare = [[0.0; LANES]; 2];
         let [spare, other_spare] = &mut spare;
         let span = |plane: usize| plane * pixels + at..plane * pixels + at + run.len();
-        let mut on_top = [0.0; LANES]; // 1 where a coincident view sees the pixel: only such views count there
+        let mut by_coincident = [0.0; LANES]; // 1 where a coincident view covers the pixel: only such views count there
         for view in (0..views).filter(|&view| self.coincident[view] == 1.0) {
-            let Some(coverage) = covered(seen(view), &samples.coverage[span(view)], spare) else { continue };
+            let Some(coverage) = covered(known(view), &samples.coverage[span(view)], spare) else { continue };
             for i in 0..LANES {
-                on_top[i] = if coverage[i] > 0.0 { 1.0 } else { on_top[i] };
+                by_coincident[i] = if coverage[i] > 0.0 { 1.0 } else { by_coincident[i] };
             }
         }
         let mut best = [f32::NEG_INFINITY; LANES];
         for view in 0..views {
-            let Some(coverage) = covered(seen(view), &samples.coverage[span(view)], spare) else { continue };
+            let Some(coverage) = covered(known(view), &samples.coverage[span(view)], spare) else { continue };
             let logits = if view == 0 { &ZEROS } else { lanes(&samples.logits[span(view)], other_spare) };
             let (bias, coincident) = (self.bias[view], self.coincident[view]);
             for i in 0..LANES {
-                let counts = (coverage[i] > 0.0) & (coincident == on_top[i]);
+                let counts = (coverage[i] > 0.0) & (coincident == by_coincident[i]);
                 let score = if counts { finite(logits[i]) + bias } else { f32::NEG_INFINITY };
                 best[i] = if score > best[i] { score } else { best[i] };
             }
@@ -122,11 +125,11 @@ impl DistanceWeights {
         let (mut rgb, mut total) = ([[0.0; LANES]; 3], [0.0; LANES]);
         let mut weights = [0.0; LANES];
         for view in 0..views {
-            let Some(coverage) = covered(seen(view), &samples.coverage[span(view)], spare) else { continue };
+            let Some(coverage) = covered(known(view), &samples.coverage[span(view)], spare) else { continue };
             let logits = if view == 0 { &ZEROS } else { lanes(&samples.logits[span(view)], other_spare) };
             let (bias, coincident) = (self.bias[view], self.coincident[view]);
             for i in 0..LANES {
-                let counts = (coverage[i] > 0.0) & (coincident == on_top[i]);
+                let counts = (coverage[i] > 0.0) & (coincident == by_coincident[i]);
                 let (score, lost) = two_sum(finite(logits[i]), bias);
                 let weight = exp(score - best[i] + lost);
                 weights[i] = if counts { weight } else { 0.0 };
@@ -167,17 +170,17 @@ const ZEROS: [f32; LANES] = [0.0; LANES];
 /// Full coverage.
 const ONES: [f32; LANES] = [1.0; LANES];
 
-/// Coverage of a run, read only where it is not known; `None` where the view sees nothing.
+/// Coverage of a run, read only where it is not known; `None` where it is 0 throughout.
 #[inline(always)]
-fn covered<'a>(seen: RunCoverage, coverage: &'a [f32], spare: &'a mut [f32; LANES]) -> Option<&'a [f32; LANES]> {
-    match seen {
+fn covered<'a>(known: RunCoverage, coverage: &'a [f32], spare: &'a mut [f32; LANES]) -> Option<&'a [f32; LANES]> {
+    match known {
         RunCoverage::None => None,
         RunCoverage::All => Some(&ONES),
         RunCoverage::Partly => Some(lanes(coverage, spare)),
     }
 }
 
-/// The values, or the last of them, fewer than [`LANES`], before zeros in `spare`.
+/// The values; where they are fewer than [`LANES`] (the last ones), copied to `spare` and followed by zeros.
 #[inline(always)]
 fn lanes<'a>(values: &'a [f32], spare: &'a mut [f32; LANES]) -> &'a [f32; LANES] {
     if let Ok(values) = values.try_into() {
@@ -188,7 +191,7 @@ fn lanes<'a>(values: &'a [f32], spare: &'a mut [f32; LANES]) -> &'a [f32; LANES]
     spare
 }
 
-/// Plain loops over lanes, compiled for the vector instructions that the machine has.
+/// Plain loops over lanes, compiled for the vector instructions of this processor.
 #[pulp::with_simd(blend_run = pulp::Arch::new())]
 #[inline(always)]
 fn blend_run_with<'a, S: pulp::Simd>(
@@ -196,16 +199,17 @@ fn blend_run_with<'a, S: pulp::Simd>(
     weights: &'a DistanceWeights,
     samples: &'a LayerSamples<'a>,
     from: usize,
-    seen: &'a [&'a [RunCoverage]],
+    run_coverage: &'a [&'a [RunCoverage]],
     out: &'a mut Blended,
 ) {
     for start in (0..out.alpha.len()).step_by(LANES) {
         let end = (start + LANES).min(out.alpha.len());
-        weights.blend_lanes(samples, from, seen, out, start..end);
+        weights.blend_lanes(samples, from, run_coverage, out, start..end);
     }
 }
 
-/// a + b in f32, and what rounding it lost (Knuth): a far view's logit, or a large one, keeps its small differences.
+/// a + b in f32, and the rounding error of that (Knuth's two-sum): small differences of large logits, or of those of far views,
+/// are kept.
 #[inline(always)]
 fn two_sum(a: f32, b: f32) -> (f32, f32) {
     let sum = a + b;
@@ -213,7 +217,7 @@ fn two_sum(a: f32, b: f32) -> (f32, f32) {
     (sum, (a - (sum - from_b)) + (b - from_b))
 }
 
-/// An infinite logit as the largest of its sign, so that no two of them make a NaN.
+/// An infinite logit becomes the largest finite one of its sign, so that the difference of two is not NaN.
 #[inline(always)]
 fn finite(logit: f32) -> f32 {
     let logit = if logit < f32::MAX { logit } else { f32::MAX };

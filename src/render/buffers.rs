@@ -1,4 +1,4 @@
-//! The layers that are on their way through the pipeline: their buffers, from warp to composite.
+//! Buffers of the layers that go through the pipeline together, from warp to composite.
 
 use ndarray::{ArrayView3, ArrayView4, ArrayViewMut4, Axis};
 
@@ -6,24 +6,24 @@ use super::blend::DistanceWeights;
 use crate::geometry::Size;
 use crate::layers::Layer;
 use crate::network::{NetworkError, PlaneNetwork};
-use crate::warp::{RunCoverage, WarpSource, seen_len, warp_again};
+use crate::warp::{RunCoverage, WarpSource, run_coverage_len, warp_layers_again};
 
-/// The stages of some layers over the padded target, as [`super::Renderer::render_observed`] shows them.
+/// The stages of n layers over the padded target of h × w pixels, as [`super::Renderer::render_observed`] shows them.
 #[derive(Debug, Clone, Copy)]
 pub struct Batch<'a> {
     /// Disparity of n layers, near → far, `[n, h, w]`, 1/scene unit.
     pub disparity: ArrayView3<'a, f32>,
-    /// HWV `[n, 3V, h, w]`.
+    /// Homography warped volume `[n, 3V, h, w]`, RGB in [0, 1].
     pub hwv: ArrayView4<'a, f32>,
-    /// `[n, V, h, w]`.
+    /// Coverage `[n, V, h, w]`, in [0, 1].
     pub coverage: ArrayView4<'a, f32>,
-    /// `[n, V, h, w]`.
+    /// The network's output `[n, V, h, w]`.
     pub logits: ArrayView4<'a, f32>,
-    /// What the views' distances do to their weights.
+    /// Factors of the view weights.
     pub weights: &'a DistanceWeights,
 }
 
-/// Buffers for some layers, kept from frame to frame. A slot holds a layer.
+/// Buffers for a number of layers, kept from frame to frame. Each slot holds one layer.
 #[derive(Default)]
 pub(crate) struct Buffers {
     views: usize,
@@ -32,7 +32,7 @@ pub(crate) struct Buffers {
     disparity: Vec<f32>,
     hwv: Vec<f32>,
     coverage: Vec<f32>,
-    seen: Vec<RunCoverage>,
+    run_coverage: Vec<RunCoverage>,
     logits: Vec<f32>,
 }
 
@@ -45,17 +45,17 @@ impl Buffers {
         self.hwv.resize(3 * views * pixels, 0.0);
         self.coverage.resize(views * pixels, 0.0);
         self.logits.resize(views * pixels, 0.0);
-        self.seen.clear(); // it spoke of another target
-        self.seen.resize(layers * views * seen_len(size), RunCoverage::Partly);
+        self.run_coverage.clear(); // it was known for another target
+        self.run_coverage.resize(layers * views * run_coverage_len(size), RunCoverage::Partly);
     }
 
-    /// Length of one layer's disparity, of its coverage and of what is known of that.
+    /// Length of one layer's disparity, coverage and run coverage.
     fn lengths(&self) -> [usize; 3] {
         let pixels = self.size.pixels();
-        [pixels, self.views * pixels, self.views * seen_len(self.size)]
+        [pixels, self.views * pixels, self.views * run_coverage_len(self.size)]
     }
 
-    /// Warp the next of `waiting`, as many as there is room for; `indices` become theirs, slot by slot.
+    /// Warps the next layers of `waiting`, one per slot, and writes their indices to `indices`, slot by slot.
     pub(crate) fn warp<'a>(
         &mut self,
         waiting: impl Iterator<Item = (usize, &'a Layer)>,
@@ -70,8 +70,8 @@ impl Buffers {
         }
         let n = indices.len();
         let (colour, coverage) = (&mut self.hwv[..n * 3 * samples], &mut self.coverage[..n * samples]);
-        let seen = &mut self.seen[..n * runs];
-        warp_again(&self.disparity[..n * pixels], sources, self.size, colour, coverage, seen);
+        let run_coverage = &mut self.run_coverage[..n * runs];
+        warp_layers_again(&self.disparity[..n * pixels], sources, self.size, colour, coverage, run_coverage);
     }
 
     /// Coverage of the layer in `slot`, `[V, h, w]`.
@@ -80,7 +80,7 @@ impl Buffers {
         &self.coverage[slot * samples..][..samples]
     }
 
-    /// Move a layer to a slot that another one leaves.
+    /// Copies a layer to a slot whose layer is no longer needed.
     pub(crate) fn move_layer(&mut self, from: usize, to: usize) {
         fn move_slot<T: Copy>(buffer: &mut [T], length: usize, from: usize, to: usize) {
             buffer.copy_within(from * length..(from + 1) * length, to * length);
@@ -90,11 +90,11 @@ impl Buffers {
             move_slot(&mut self.disparity, pixels, from, to);
             move_slot(&mut self.hwv, 3 * samples, from, to);
             move_slot(&mut self.coverage, samples, from, to);
-            move_slot(&mut self.seen, runs, from, to);
+            move_slot(&mut self.run_coverage, runs, from, to);
         }
     }
 
-    /// Run the network on the first `n` layers, `batch` at once.
+    /// Runs the network on the first `n` layers, `batch` at once.
     pub(crate) fn infer(
         &mut self,
         network: &mut impl PlaneNetwork,
@@ -110,7 +110,7 @@ impl Buffers {
         batches.into_iter().try_for_each(|(hwv, logits)| network.infer(hwv, logits))
     }
 
-    /// The first `n` layers, and what is known of their coverage.
+    /// The first `n` layers, and their run coverage `[n, V, run_coverage_len]`.
     pub(crate) fn batch<'a>(&'a self, n: usize, weights: &'a DistanceWeights) -> (Batch<'a>, &'a [RunCoverage]) {
         let [pixels, _, runs] = self.lengths();
         let (views, Size { width, height }) = (self.views, self.size);
@@ -126,7 +126,7 @@ impl Buffers {
             logits: planes(views, &self.logits),
             weights,
         };
-        (batch, &self.seen[..n * runs])
+        (batch, &self.run_coverage[..n * runs])
     }
 }
 
@@ -138,14 +138,14 @@ mod tests {
     use crate::geometry::PlaneSweep;
     use crate::image::ImageRgb;
     use crate::layers::Layers;
-    use crate::render::{Blended, LayerSamples};
+    use crate::render::blend::{Blended, LayerSamples};
     use crate::warp::Texture;
 
     const SIZE: Size = Size::new(400, 40);
     const PIXELS: usize = SIZE.pixels();
 
-    /// Planes of which three views see all but an edge, a half and nothing: the first to the left, the second to the right, the
-    /// third always.
+    /// Three planes, of which three views cover all but an edge, a half and nothing: the first view on the left, the second on the
+    /// right, the third everywhere.
     fn warped() -> Buffers {
         let values = (0..3 * PIXELS).map(|i| (i % 251) as f32 / 250.0).collect();
         let texture = Texture::new(&ImageRgb::new(SIZE.width, SIZE.height, values).unwrap());
@@ -169,7 +169,7 @@ mod tests {
         let mut buffers = warped();
         let logit = |i: usize| if i.is_multiple_of(97) { f32::INFINITY } else { (i * 31 % 113) as f32 / 9.0 - 6.0 };
         buffers.logits.iter_mut().enumerate().for_each(|(i, value)| *value = logit(i));
-        let per_row = seen_len(Size::new(SIZE.width, 1));
+        let per_row = run_coverage_len(Size::new(SIZE.width, 1));
         let mut met = [0; 3];
         for distances in [[1.0, 2.0, 3.0], [0.0, 1.0, 0.0]] {
             let weights = DistanceWeights::new(&distances);
@@ -180,15 +180,17 @@ mod tests {
                     coverage: buffers.coverage(layer),
                 };
                 for row in 0..SIZE.height {
-                    let of_view =
-                        |view: usize| &buffers.seen[((3 * layer + view) * SIZE.height + row) * per_row..][..per_row];
-                    let seen = [0, 1, 2].map(of_view);
+                    let of_view = |view: usize| {
+                        &buffers.run_coverage[((3 * layer + view) * SIZE.height + row) * per_row..][..per_row]
+                    };
+                    let run_coverage = [0, 1, 2].map(of_view);
                     let [mut known, mut unknown] = [(); 2].map(|()| Blended::new(SIZE.width));
-                    weights.blend_row(&samples, row * SIZE.width, &seen, &mut known);
+                    weights.blend_row(&samples, row * SIZE.width, &run_coverage, &mut known);
                     weights.blend(&samples, row * SIZE.width, &mut unknown);
                     assert_eq!(known, unknown, "{distances:?}, layer {layer}, row {row}");
-                    // Only two runs that are known alike are not read.
-                    let pairs = seen.iter().flat_map(|row| row.chunks_exact(2)).filter(|pair| pair[0] == pair[1]);
+                    // The blend takes two runs at once: it reads their coverage unless the same is known of both.
+                    let pairs =
+                        run_coverage.iter().flat_map(|row| row.chunks_exact(2)).filter(|pair| pair[0] == pair[1]);
                     pairs.for_each(|pair| met[pair[0] as usize] += 1);
                 }
             }
@@ -201,10 +203,10 @@ mod tests {
         let mut buffers = warped();
         let weights = DistanceWeights::new(&[1.0; 3]);
         let layer = |buffers: &Buffers, slot: usize| {
-            let (batch, seen) = buffers.batch(3, &weights);
-            let runs = seen.len() / 3;
+            let (batch, run_coverage) = buffers.batch(3, &weights);
+            let runs = run_coverage.len() / 3;
             let planes = [batch.hwv, batch.coverage].map(|planes| planes.index_axis_move(Axis(0), slot).to_owned());
-            (planes, batch.disparity.index_axis(Axis(0), slot).to_owned(), seen[slot * runs..][..runs].to_vec())
+            (planes, batch.disparity.index_axis(Axis(0), slot).to_owned(), run_coverage[slot * runs..][..runs].to_vec())
         };
         let (near, far) = (layer(&buffers, 0), layer(&buffers, 2));
         assert!(near.2 != far.2);

@@ -1,26 +1,26 @@
 //! Front-to-back compositing, near → far: C = Σ T α c, T ← T (1 − α), with no epsilon inside the product.
 //!
-//! Sums and T are f64: in f32 the mean error ties with float32 torch's, and is above it in some cases.
+//! Sums and T are f64: in f32 their mean error equals that of torch's float32, and exceeds it in some cases.
 
 use super::blend::Blended;
 
-/// What a row of the target has gathered so far.
+/// Sums over the layers composited so far, for one row of the target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Accumulated {
-    /// Σ T α c per channel.
+    /// Σ T α c per channel, in [0, 1].
     pub rgb: [Vec<f64>; 3],
     /// Σ T α δ, 1/scene unit.
     pub disparity: Vec<f64>,
-    /// T: what no layer has covered yet.
+    /// T: Π (1 − α), the share of the light from behind that comes through.
     pub transmittance: Vec<f64>,
-    /// Largest α so far; the paper's selection votes with it.
+    /// Largest α so far, which the paper's plane selection counts.
     pub best_alpha: Vec<f32>,
     /// The layer that has it (ties: the nearer); `u32::MAX` while all are 0.
     pub best_layer: Vec<u32>,
 }
 
 impl Accumulated {
-    /// Nothing gathered yet.
+    /// No layer yet, for a row of that many pixels.
     pub fn new(pixels: usize) -> Self {
         Self {
             rgb: std::array::from_fn(|_| vec![0.0; pixels]),
@@ -31,14 +31,14 @@ impl Accumulated {
         }
     }
 
-    /// Add layer `index` at `disparity` (one per pixel, or more), behind all that was added before. The farthest layer is
-    /// the `background`: its α is 1 wherever any view covers it, so that any subset of planes yields a full image.
+    /// Adds layer `index` at `disparity` (1/scene unit, one per pixel, or more) behind all that were added before. The farthest layer
+    /// is the `background`: its α is 1 wherever any view covers it, so that any subset of planes yields a full image.
     pub fn add(&mut self, index: u32, layer: &Blended, disparity: &[f32], background: bool) {
         add_row(self, index, layer, disparity, background);
     }
 }
 
-/// Plain loops over the pixels, compiled for the vector instructions that the machine has.
+/// Plain loops over the pixels, compiled for the vector instructions of this processor.
 #[pulp::with_simd(add_row = pulp::Arch::new())]
 #[inline(always)]
 fn add_row_with<'a, S: pulp::Simd>(

@@ -1,4 +1,4 @@
-//! Layers that need not be rendered, each left out only where the error is zero or certified.
+//! Layers that need not be rendered: each is left out only where the error is zero or bounded.
 //!
 //! Along a target ray the weights T α of a layer and of all behind it sum to at most the T in front of it. So with colours in
 //! [0, 1], leaving out layers where T is below τ changes no channel of a pixel by more than τ, whatever their α.
@@ -12,8 +12,8 @@ pub struct Culling {
     /// Leave out a layer that no view covers at any pixel of the target. Exact: its α is 0.
     pub uncovered: bool,
     /// τ: leave out a layer where the views cover only pixels with T below this, 0 for never. No channel of the picture
-    /// changes by more than τ, no disparity by more than τ times the nearest layer's. What is left out does not vote for
-    /// the best layer, and within τ the picture depends on the size of the batches: T is known from one to the next.
+    /// changes by more than τ, no disparity by more than τ times the nearest layer's. A layer left out is never a pixel's best
+    /// layer, and within τ the picture depends on the size of the batches: T is known only between them.
     pub transmittance: f64,
 }
 
@@ -21,8 +21,8 @@ impl Culling {
     /// Every layer is rendered.
     pub const NONE: Self = Self { uncovered: false, transmittance: 0.0 };
 
-    /// Whether a layer may be left out behind what was gathered: the largest T of a pixel that it covers, 0 if it covers
-    /// none. `coverage` is `[V, height, width]` of the padded target.
+    /// Whether a layer may be left out behind the layers in `gathered` (rows of the target): the largest T of a pixel that it
+    /// covers, 0 if it covers none. `coverage` is `[V, height, width]` of the padded target.
     pub(crate) fn hide(&self, coverage: &[f32], Size { width, height }: Size, gathered: &[Accumulated]) -> Option<f64> {
         if *self == Self::NONE {
             return None;
@@ -42,7 +42,7 @@ impl Culling {
         (self.uncovered || largest > 0.0).then_some(largest)
     }
 
-    /// Whether all layers behind what was gathered may be left out, seen or not: the largest T.
+    /// Whether all layers behind those in `gathered` may be left out, whatever they cover: the largest T.
     pub(crate) fn hide_rest(&self, gathered: &[Accumulated]) -> Option<f64> {
         if self.transmittance <= 0.0 {
             return None;
@@ -53,7 +53,7 @@ impl Culling {
 }
 
 impl Default for Culling {
-    /// What is exact.
+    /// Leaves out only what does not change the picture at all.
     fn default() -> Self {
         Self { uncovered: true, ..Self::NONE }
     }
@@ -62,12 +62,12 @@ impl Default for Culling {
 /// Layers that were left out of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Culled {
-    /// Those that no view covers.
+    /// How many no view covers.
     pub uncovered: usize,
-    /// Those hidden behind what was rendered before.
+    /// How many are hidden behind nearer layers.
     pub opaque: usize,
-    /// The largest T at which one of the latter was left out, 0 if none was: no channel of the picture is further than
-    /// this from the full render.
+    /// The largest T at which a hidden layer was left out, 0 if none was: no channel of the picture is further than this from the
+    /// full render.
     pub transmittance: f64,
 }
 

@@ -1,4 +1,4 @@
-//! Exponentials in plain arithmetic, which loops over pixels vectorise.
+//! Exponentials in plain arithmetic, so that the compiler vectorises loops over them.
 
 /// eˣ to 1e-7 of its value, saturating at x = ±87: 2ᵏ times a polynomial on [-ln 2 / 2, ln 2 / 2], without branches or calls.
 #[inline(always)]

@@ -1,4 +1,4 @@
-//! Why there is no picture.
+//! Why a scene could not be opened or rendered.
 
 use std::path::PathBuf;
 
@@ -12,7 +12,7 @@ use crate::scene::SceneError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SynthesisError {
-    /// The folder or a photo in it.
+    /// The scene's folder, or a photo in it, is not usable.
     #[error(transparent)]
     Scene(#[from] SceneError),
     /// Too few views look a target's way.
@@ -20,10 +20,10 @@ pub enum SynthesisError {
     Views {
         /// Name of the target.
         target: String,
-        /// How many do.
+        /// How many views are needed, and how many look that way.
         source: TooFewViews,
     },
-    /// Neither the scene nor the options tell the depth range.
+    /// Neither the scene nor the options give the depth range.
     #[error(
         "{}: the scene does not tell how near and far things are; expected {}, in scene units",
         scene.display(),
@@ -37,7 +37,7 @@ pub enum SynthesisError {
         /// Whether the farthest depth is unknown.
         far: bool,
     },
-    /// No layers between near and far.
+    /// No valid layers, or near and far span no range of depths.
     #[error(transparent)]
     Layers(#[from] LayersError),
     /// No path around the views.
@@ -46,10 +46,10 @@ pub enum SynthesisError {
     /// No model for that number of views.
     #[error(transparent)]
     Model(#[from] ModelNotFound),
-    /// ONNX Runtime.
+    /// ONNX Runtime cannot be used.
     #[error(transparent)]
     Library(#[from] OrtLibraryError),
-    /// The model does not fit.
+    /// The model file is no LiveView model, or does not fit the options.
     #[error(transparent)]
     Network(#[from] NetworkError),
     /// The network failed.

@@ -1,4 +1,4 @@
-//! From a folder of posed photos to a picture: scene, views, depth range, layers and network in one.
+//! From posed photos to a picture: scene, views, depth range, layers and network in one.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -10,7 +10,7 @@
 //! # Ok(()) }
 //! ```
 //!
-//! What it does by itself can be done step by step: [`Synthesizer::shots`] chooses the views and the depth range of each target,
+//! The same step by step: [`Synthesizer::shots`] chooses the views and the depth range of each target,
 //! [`Synthesizer::plan`] finds its layers, [`Synthesizer::render_layers`] renders them.
 
 mod error;
@@ -33,17 +33,17 @@ use crate::network::{OrtNetwork, PlaneNetwork};
 use crate::render::{Batch, Frame, Renderer};
 use crate::scene::{Scene, SceneOptions};
 
-/// How a [`Synthesizer`] is opened.
+/// Options of [`Synthesizer::open`].
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct Options {
     /// How the scene is read.
     pub scene: SceneOptions,
-    /// Nearest depth, scene units; `None`: the smallest that the scene tells of the views chosen.
+    /// Nearest depth, scene units; `None`: the smallest of the chosen views' depth ranges.
     pub near: Option<f64>,
-    /// Farthest depth, scene units, may be infinite; `None`: the largest that the scene tells of the views chosen.
+    /// Farthest depth, scene units, may be infinite; `None`: the largest of the chosen views' depth ranges.
     pub far: Option<f64>,
-    /// Which model, and what runs it.
+    /// Which model, and how ONNX Runtime runs it.
     pub model: ModelOptions,
     /// Which layers; `None`: those that the model recommends.
     pub layers: Option<LayerSpec>,
@@ -85,27 +85,27 @@ impl Synthesizer {
 }
 
 impl<N: PlaneNetwork> Synthesizer<N> {
-    /// Of parts that are there already.
+    /// A synthesizer of parts that are open already; any [`PlaneNetwork`] can be its network.
     pub fn new(photos: PhotoCache, renderer: Renderer<N>, layers: LayerSpec) -> Self {
         Self { photos, renderer, layers }
     }
 
-    /// The scene, with those of its photos that are in memory.
+    /// The scene and its loaded photos.
     pub fn photos(&self) -> &PhotoCache {
         &self.photos
     }
 
-    /// As [`Self::photos`], to load or to forget some.
+    /// As [`Self::photos`], to load photos.
     pub fn photos_mut(&mut self) -> &mut PhotoCache {
         &mut self.photos
     }
 
-    /// What runs the network.
+    /// The renderer, with the network.
     pub fn renderer(&self) -> &Renderer<N> {
         &self.renderer
     }
 
-    /// As [`Self::renderer`], to change what it may leave out.
+    /// As [`Self::renderer`], to set its culling.
     pub fn renderer_mut(&mut self) -> &mut Renderer<N> {
         &mut self.renderer
     }
@@ -115,19 +115,19 @@ impl<N: PlaneNetwork> Synthesizer<N> {
         &self.layers
     }
 
-    /// Renders one target from the nearest V views, never from one that is held out.
+    /// Renders one target from the nearest V views; a held-out view is never one of these.
     ///
     /// # Errors
     ///
-    /// [`SynthesisError`]: no such view, too few views that look the target's way, a depth range that nobody tells, a photo
-    /// that is damaged, or a network that failed.
+    /// [`SynthesisError`]: no such view, too few views that look the target's way, an unknown depth range, a photo that is damaged,
+    /// or a network that failed.
     pub fn render(&mut self, target: &Target) -> Result<Frame, SynthesisError> {
         let mut frame = None;
         self.render_all(target.resolve(self.photos.scene())?, |_, rendered| frame = Some(rendered))?;
         Ok(frame.expect("one target"))
     }
 
-    /// Renders targets one after the other, and hands each frame to `take`; photos that no later one needs are let go.
+    /// Renders targets one after the other, and passes each frame to `take`. Photos that no later target needs are dropped.
     ///
     /// # Errors
     ///
@@ -142,7 +142,7 @@ impl<N: PlaneNetwork> Synthesizer<N> {
         Ok(())
     }
 
-    /// The views and the depth range of each target. The frames of a path share one range, lest their planes jump.
+    /// Chooses the views and the depth range of each target. The frames of a path share one range, so that their planes do not jump.
     ///
     /// # Errors
     ///
@@ -155,12 +155,41 @@ impl<N: PlaneNetwork> Synthesizer<N> {
         self.photos.shots(targets, self.renderer.network().views(), given)
     }
 
-    /// Renders a shot whose photos are loaded on these layers, and shows its stages to `observe`
-    /// ([`Renderer::render_observed`]).
+    /// Finds the layers of a shot.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Layers`], and [`SynthesisError::Render`] where planes are selected from a render.
+    ///
+    /// # Panics
+    ///
+    /// If its photos are not loaded ([`PhotoCache::load_for`]).
+    pub fn plan(&mut self, shot: &Shot) -> Result<Plan, SynthesisError> {
+        plan::plan(&self.layers, &self.photos, &mut self.renderer, shot)
+    }
+
+    /// How many pixels of a shot have each of these planes (1/scene unit, near → far) as their best one: the paper's histogram.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Layers`] and [`SynthesisError::Render`].
+    ///
+    /// # Panics
+    ///
+    /// If its photos are not loaded ([`PhotoCache::load_for`]).
+    pub fn histogram(&mut self, shot: &Shot, disparities: &[f64]) -> Result<Vec<u64>, SynthesisError> {
+        plan::histogram(&self.photos, &mut self.renderer, shot, disparities)
+    }
+
+    /// Renders a shot on these layers; `observe` is shown its stages ([`Renderer::render_observed`]).
     ///
     /// # Errors
     ///
     /// [`SynthesisError::Render`].
+    ///
+    /// # Panics
+    ///
+    /// If its photos are not loaded ([`PhotoCache::load_for`]).
     pub fn render_layers(
         &mut self,
         shot: &Shot,

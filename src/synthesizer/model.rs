@@ -1,16 +1,16 @@
-//! Which model, and what runs it.
+//! The model, and ONNX Runtime that runs it.
 
 use std::num::NonZero;
 use std::path::PathBuf;
 
-use super::SynthesisError;
+use super::error::SynthesisError;
 use crate::network::{ExecutionProvider, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16, find_model, model_folders};
 use crate::render::Renderer;
 
-/// V where neither the options nor a model file say.
+/// V, the number of views, where neither the options nor a model file say.
 pub const DEFAULT_VIEWS: usize = 4;
 
-/// Which model, and what runs it.
+/// Options of the model and of ONNX Runtime.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct ModelOptions {
@@ -18,13 +18,13 @@ pub struct ModelOptions {
     pub views: Option<usize>,
     /// The model file; `None`: `liveview_v{V}.onnx`, or the quantised `liveview_v{V}_int8.onnx`, in one of the `folders`.
     pub file: Option<PathBuf>,
-    /// Where models are looked for; by default [`model_folders`].
+    /// Folders of models; by default [`model_folders`].
     pub folders: Vec<PathBuf>,
-    /// Whether to look for the quantised model.
+    /// Whether to search for the quantised model (int8).
     pub quantized: bool,
-    /// What computes the network.
+    /// Execution provider that computes the network.
     pub provider: ExecutionProvider,
-    /// Arithmetic on float32 weights.
+    /// Precision of the arithmetic on float32 weights.
     pub precision: Precision,
     /// The ONNX Runtime library; `None`: see [`OrtLibrary::load`].
     pub library: Option<PathBuf>,
@@ -56,7 +56,7 @@ impl ModelOptions {
         self.views.unwrap_or(DEFAULT_VIEWS)
     }
 
-    /// As given, else one per core.
+    /// Threads of the network, as given, else one per core.
     pub fn threads_or_default(&self) -> usize {
         self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, NonZero::get))
     }
@@ -75,11 +75,11 @@ impl ModelOptions {
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct Model {
-    /// What renders with it.
+    /// A renderer with the network.
     pub renderer: Renderer<OrtNetwork>,
-    /// What runs it.
+    /// ONNX Runtime.
     pub library: OrtLibrary,
-    /// Of the arithmetic: f32, bf16 or int8.
+    /// Precision of the arithmetic: f32, bf16 or int8.
     pub precision: String,
 }
 

@@ -1,15 +1,16 @@
-//! A scene and those of its photos that are in use.
+//! A scene, and its photos in memory.
 
 use std::fmt;
 
-use super::{Shot, SynthesisError, Targets};
+use super::error::SynthesisError;
+use super::target::{Shot, Targets};
 use crate::geometry::{Camera, choose_views};
 use crate::layers::guided::{GuidedSearch, SearchStages};
 use crate::layers::{padded, uniform_disparities};
 use crate::scene::Scene;
 use crate::warp::{SourceView, Texture, warp_sources};
 
-/// A scene, its depth range as far as it is given, and those of its photos that are in memory.
+/// A scene, the depth range given for it, and the photos that are loaded.
 pub struct PhotoCache {
     scene: Scene,
     given: (Option<f64>, Option<f64>),
@@ -24,7 +25,7 @@ impl fmt::Debug for PhotoCache {
 }
 
 impl PhotoCache {
-    /// None of the photos is read yet. Depths in scene units; those that are `None` are the scene's own.
+    /// A scene of which no photo is loaded yet. `near` and `far` are in scene units; `None` takes the scene's own.
     pub fn new(scene: Scene, near: Option<f64>, far: Option<f64>) -> Self {
         let textures = scene.views.iter().map(|_| None).collect();
         Self { scene, given: (near, far), textures }
@@ -35,7 +36,7 @@ impl PhotoCache {
         &self.scene
     }
 
-    /// Near and far as they were given, scene units.
+    /// Near and far as given to [`Self::new`], scene units.
     pub fn given_depth(&self) -> (Option<f64>, Option<f64>) {
         self.given
     }
@@ -46,16 +47,24 @@ impl PhotoCache {
     }
 
     /// The cameras of these views.
+    ///
+    /// # Panics
+    ///
+    /// Iterating panics if there is no such view.
     pub fn cameras(&self, views: &[usize]) -> impl Iterator<Item = &Camera> {
         views.iter().map(|&view| &self.scene.views[view].camera)
     }
 
     /// The names of these views.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such view.
     pub fn names(&self, views: &[usize]) -> Vec<&str> {
         views.iter().map(|&view| self.scene.views[view].name.as_str()).collect()
     }
 
-    /// Indices of the `count` views for a target of that name, nearest first; never one that is held out.
+    /// Indices of the `count` views nearest to the target, nearest first, without those held out. `name` is the target's, for errors.
     ///
     /// # Errors
     ///
@@ -74,11 +83,15 @@ impl PhotoCache {
         Ok(chosen.into_iter().map(|i| free[i]).collect())
     }
 
-    /// Near and far: as given, else the extremes of these views, in scene units.
+    /// Near and far in scene units: as given to [`Self::new`], else the extremes of these views' depth ranges.
     ///
     /// # Errors
     ///
-    /// [`SynthesisError::UnknownDepth`] where neither is known; [`SynthesisError::Layers`] unless 0 < near < far.
+    /// [`SynthesisError::UnknownDepth`] if one of them is not known; [`SynthesisError::Layers`] unless 0 < near < far.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such view.
     pub fn depth_range(&self, views: &[usize]) -> Result<(f64, f64), SynthesisError> {
         let known = || views.iter().filter_map(|&view| self.scene.views[view].depth_range);
         let near = self.given.0.or_else(|| known().map(|range| range.0).reduce(f64::min));
@@ -91,8 +104,8 @@ impl PhotoCache {
         Ok((near, far))
     }
 
-    /// The `count` views and the depth range of each target, `given` or by [`Self::depth_range`]. The frames of a path share
-    /// one range.
+    /// Chooses the `count` views and the depth range of each target: `given` (near, far; scene units), or by [`Self::depth_range`]. The
+    /// frames of a path share one range.
     ///
     /// # Errors
     ///
@@ -114,7 +127,7 @@ impl PhotoCache {
         shots.collect()
     }
 
-    /// Loads the photos of a shot, and forgets those that neither it nor a `later` one needs.
+    /// Loads the photos of a shot, and drops those that neither it nor a `later` one needs.
     ///
     /// # Errors
     ///
@@ -132,7 +145,7 @@ impl PhotoCache {
         Ok(())
     }
 
-    /// The views as the renderer takes them.
+    /// These views as the renderer takes them.
     ///
     /// # Panics
     ///
@@ -145,11 +158,15 @@ impl PhotoCache {
             .collect()
     }
 
-    /// The guided search for a shot whose photos are loaded: each pixel's range of disparities.
+    /// The guided search for a shot, with a number of planes in the first search or by the parallax.
     ///
     /// # Errors
     ///
     /// [`SynthesisError::Layers`].
+    ///
+    /// # Panics
+    ///
+    /// If its photos are not loaded ([`Self::load_for`]).
     pub fn search(&self, shot: &Shot, coarse_planes: Option<usize>) -> Result<SearchStages, SynthesisError> {
         let sources = self.sources(&shot.views);
         let size = padded(shot.target.size());

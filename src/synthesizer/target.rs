@@ -1,14 +1,14 @@
-//! What to render: a view that is held out, a camera, or the frames of a path.
+//! Targets: a held-out view, a camera, or the frames of a path.
 
-use super::SynthesisError;
+use super::error::SynthesisError;
 use crate::geometry::{Camera, CameraPath};
 use crate::scene::Scene;
 
-/// One thing to render.
+/// One target to render.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum Target {
-    /// A view of the scene, by name; never rendered from.
+    /// A view of the scene, by name; it is rendered from the others.
     HeldOut(String),
     /// A camera.
     Camera(Camera),
@@ -20,7 +20,7 @@ impl Target {
         Self::HeldOut(name.into())
     }
 
-    /// A camera of one's own.
+    /// Any camera.
     pub fn camera(camera: Camera) -> Self {
         Self::Camera(camera)
     }
@@ -33,30 +33,30 @@ impl Target {
     }
 }
 
-/// A camera to render, and the view that shows the truth, if there is one.
+/// A target's camera, and the view that is its ground truth, if there is one.
 #[derive(Debug, Clone)]
 pub struct TargetView {
-    /// What it is called.
+    /// Its name.
     pub name: String,
-    /// The camera.
+    /// Its camera.
     pub camera: Camera,
-    /// Index of the view that shows the truth.
+    /// Index of the view that is its ground truth.
     pub truth: Option<usize>,
 }
 
-/// Everything to render.
+/// All targets of a job.
 #[derive(Debug, Clone)]
 pub struct Targets {
     /// In order.
     pub list: Vec<TargetView>,
-    /// Indices of the views that must not be rendered from.
+    /// Indices of the views that no target is rendered from.
     pub held_out: Vec<usize>,
-    /// Whether they are the frames of one path.
+    /// Whether the targets are the frames of one path.
     pub moving: bool,
 }
 
 impl Targets {
-    /// These views, each with the truth; all of them are held out.
+    /// These views, each its own ground truth; all of them are held out.
     ///
     /// # Panics
     ///
@@ -69,7 +69,7 @@ impl Targets {
         Self { list: views.iter().map(target).collect(), held_out: views, moving: false }
     }
 
-    /// One camera, or several as the frames of a path.
+    /// One camera, called `pose`, or several as the frames of a path, called `frame_0000` and so on.
     pub fn cameras(cameras: Vec<Camera>) -> Self {
         let moving = cameras.len() > 1;
         if moving { Self::frames(cameras) } else { Self::named(cameras, |_| "pose".to_owned(), moving) }
@@ -79,7 +79,11 @@ impl Targets {
     ///
     /// # Errors
     ///
-    /// [`SynthesisError::Path`] for views all round.
+    /// [`SynthesisError::Path`] if the views' directions cancel out.
+    ///
+    /// # Panics
+    ///
+    /// If the scene has no views.
     pub fn path(scene: &Scene, path: CameraPath) -> Result<Self, SynthesisError> {
         let cameras: Vec<&Camera> = scene.views.iter().map(|view| &view.camera).collect();
         Ok(Self::frames(path.cameras(&cameras)?))
@@ -95,14 +99,14 @@ impl Targets {
     }
 }
 
-/// A target with all that is decided before its layers are found.
+/// A target with its views and its depth range: all that its layers are found from.
 #[derive(Debug, Clone)]
 pub struct Shot {
-    /// What it is called.
+    /// Its name.
     pub name: String,
-    /// The camera.
+    /// Its camera.
     pub target: Camera,
-    /// Index of the view that shows the truth.
+    /// Index of the view that is its ground truth.
     pub truth: Option<usize>,
     /// Indices of the views to render from, nearest first.
     pub views: Vec<usize>,

@@ -1,8 +1,8 @@
-//! Bilinear samples of a run of pixels, from their taps, channel by channel.
+//! Bilinear interpolation at the [`SamplePositions`] of a run of pixels, one output array per channel.
 //!
-//! Neighbours lie side by side in memory: eight numbers at a time go down. What goes across is first transposed, in
-//! registers, with the token's own instructions: plain loops come out by way of memory, which took 20 % longer on planes at
-//! 504×352 and 40 % in the cache.
+//! A texel and its right neighbour lie side by side in memory: the vertical step takes both, eight numbers at once. For the
+//! horizontal step they are transposed to one register per channel, with instructions that plain loops do not compile to (those
+//! transpose through memory). Measured alternatives: docs/experiments.md.
 
 use pulp::Simd;
 
@@ -12,24 +12,24 @@ use super::texture::Texture;
 /// Red, green, blue and coverage.
 pub(crate) type Channels<'a> = [&'a mut [f32; RUN]; 4];
 
-/// Each sample lies between the texel of its tap, its right neighbour and the two below.
+/// Each sample is interpolated between the texel of its position, its right neighbour and the two below.
 #[inline(always)]
 #[cfg_attr(not(target_arch = "x86_64"), expect(unused_variables))]
-pub(crate) fn sample<S: Simd>(simd: S, texture: &Texture, taps: &SamplePositions, out: Channels<'_>) {
+pub(crate) fn sample<S: Simd>(simd: S, texture: &Texture, positions: &SamplePositions, out: Channels<'_>) {
     #[cfg(target_arch = "x86_64")]
     if let Some(&simd) = (&simd as &dyn std::any::Any).downcast_ref() {
-        return transposed::sample(simd, texture, taps, out);
+        return transposed::sample(simd, texture, positions, out);
     }
-    plain(texture, taps, out);
+    plain(texture, positions, out);
 }
 
-/// In plain loops, for any machine.
+/// In plain loops, for any processor.
 #[inline(always)]
-fn plain(texture: &Texture, taps: &SamplePositions, out: Channels<'_>) {
+fn plain(texture: &Texture, positions: &SamplePositions, out: Channels<'_>) {
     let (upper, lower) = texture.upper_and_lower();
     let mut samples = [[0.0; 4]; RUN];
     for (k, sample) in samples.iter_mut().enumerate() {
-        let (at, across, down) = (taps.texel[k] as usize, taps.across[k], taps.down[k]);
+        let (at, across, down) = (positions.texel[k] as usize, positions.across[k], positions.down[k]);
         let (upper, lower) = (upper[at..at + 2].as_flattened(), lower[at..at + 2].as_flattened());
         let mut pair = [0.0; 8];
         for i in 0..8 {
@@ -44,7 +44,7 @@ fn plain(texture: &Texture, taps: &SamplePositions, out: Channels<'_>) {
     }
 }
 
-/// The same, to the bit, eight samples at a time with AVX.
+/// The same to the bit, eight samples at a time with AVX.
 #[cfg(target_arch = "x86_64")]
 mod transposed {
     use std::arch::x86_64::__m256;
@@ -55,41 +55,41 @@ mod transposed {
     use super::{Channels, RUN, SamplePositions, Texture};
 
     #[inline(always)]
-    pub(super) fn sample(simd: V3, texture: &Texture, taps: &SamplePositions, out: Channels<'_>) {
+    pub(super) fn sample(simd: V3, texture: &Texture, positions: &SamplePositions, out: Channels<'_>) {
         let rows = texture.upper_and_lower();
         let [red, green, blue, coverage] = out.map(|values| values.as_chunks_mut::<8>().0);
         for i in 0..RUN / 8 {
-            let pair = |k: usize| pair(simd, rows, taps.texel[8 * i + k], taps.down[8 * i + k]);
-            // Pixels k and k + 4 in one register: their left texels, their right ones.
+            let pair = |k: usize| pair(simd, rows, positions.texel[8 * i + k], positions.down[8 * i + k]);
+            // One register holds the left texels of the samples k and k + 4, another their right ones.
             let [p0, p1, p2, p3, p4, p5, p6, p7] =
                 [pair(0), pair(1), pair(2), pair(3), pair(4), pair(5), pair(6), pair(7)];
             let left = |a, b| simd.avx._mm256_permute2f128_ps::<0x20>(a, b);
             let right = |a, b| simd.avx._mm256_permute2f128_ps::<0x31>(a, b);
             let left = by_channel(simd, [left(p0, p4), left(p1, p5), left(p2, p6), left(p3, p7)]);
             let right = by_channel(simd, [right(p0, p4), right(p1, p5), right(p2, p6), right(p3, p7)]);
-            let across = cast(taps.across.as_chunks::<8>().0[i]);
-            red[i] = cast(mixed(simd, left[0], right[0], across));
-            green[i] = cast(mixed(simd, left[1], right[1], across));
-            blue[i] = cast(mixed(simd, left[2], right[2], across));
-            coverage[i] = cast(mixed(simd, left[3], right[3], across));
+            let across = cast(positions.across.as_chunks::<8>().0[i]);
+            red[i] = cast(lerp(simd, left[0], right[0], across));
+            green[i] = cast(lerp(simd, left[1], right[1], across));
+            blue[i] = cast(lerp(simd, left[2], right[2], across));
+            coverage[i] = cast(lerp(simd, left[3], right[3], across));
         }
     }
 
-    /// The texel at `at` and its right neighbour, mixed with the two below.
+    /// The texel at `at` and its right neighbour, interpolated with the two below.
     #[inline(always)]
     fn pair(simd: V3, (upper, lower): (&[[f32; 4]], &[[f32; 4]]), at: u32, down: f32) -> __m256 {
         let (at, end) = (at as usize, at as usize + 2);
         let (upper, lower) = (&upper[at..end], &lower[at..end]);
-        mixed(simd, cast([upper[0], upper[1]]), cast([lower[0], lower[1]]), cast(simd.splat_f32x8(down)))
+        lerp(simd, cast([upper[0], upper[1]]), cast([lower[0], lower[1]]), cast(simd.splat_f32x8(down)))
     }
 
     #[inline(always)]
-    fn mixed(simd: V3, from: __m256, to: __m256, share: __m256) -> __m256 {
+    fn lerp(simd: V3, from: __m256, to: __m256, share: __m256) -> __m256 {
         let avx = simd.avx;
         avx._mm256_add_ps(from, avx._mm256_mul_ps(avx._mm256_sub_ps(to, from), share))
     }
 
-    /// The transpose of both halves, four by four.
+    /// Transposes both halves, four by four: one register per channel.
     #[inline(always)]
     fn by_channel(simd: V3, [a, b, c, d]: [__m256; 4]) -> [__m256; 4] {
         let avx = simd.avx;
@@ -117,14 +117,14 @@ mod tests {
         };
         let values = (0..3 * 40 * 30).map(|i| (i * 31 % 113) as f32 / 112.0).collect();
         let texture = Texture::new(&ImageRgb::new(40, 30, values).unwrap());
-        let mut taps = SamplePositions::NONE;
+        let mut positions = SamplePositions::NONE;
         for i in 0..RUN {
-            taps.texel[i] = (i as u32 * 211) % (texture.stride() * 31);
-            (taps.across[i], taps.down[i]) = ((i as f32).sin().abs(), (i as f32 * 0.7).cos().abs());
+            positions.texel[i] = (i as u32 * 211) % (texture.stride() * 31);
+            (positions.across[i], positions.down[i]) = ((i as f32).sin().abs(), (i as f32 * 0.7).cos().abs());
         }
         let [mut found, mut expected] = [[[9.0; RUN]; 4]; 2];
-        plain(&texture, &taps, expected.each_mut());
-        simd.vectorize(Sample(simd, &texture, &taps, found.each_mut()));
+        plain(&texture, &positions, expected.each_mut());
+        simd.vectorize(Sample(simd, &texture, &positions, found.each_mut()));
         let bits = |samples: [[f32; RUN]; 4]| samples.map(|channel| channel.map(f32::to_bits));
         assert_eq!(bits(found), bits(expected));
         assert!(expected.iter().all(|channel| channel.iter().any(|&value| value > 0.0)));

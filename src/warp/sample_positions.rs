@@ -1,29 +1,34 @@
-//! SamplePositions of the warp: where the samples of a run of pixels lie in the source, as texels and shares of their neighbours.
+//! Where the samples of a run of target pixels lie in the source: the texel above left, and the weights of its right and lower
+//! neighbours.
+//!
+//! With H∞ and e of the [`PlaneSweep`], (u, v, w) = H∞ p + δ e and the position is (u, v)/w. A run computes the position of its
+//! middle pixel in f64 and the others' distances from it in f32: these are small, and f32 holds them three times more exactly
+//! than whole coordinates. Runs where they are not small are computed in f64. Measured alternatives: docs/experiments.md.
 
 use std::ops::Range;
 
 use glam::DVec3;
 
+use super::source::WarpSource;
 use crate::geometry::PlaneSweep;
-use crate::warp::WarpSource;
 
-/// Pixels computed side by side: enough that loops over them stay loops, which vectorise.
+/// Pixels of a run, computed side by side: enough that the compiler keeps loops over them as loops, and vectorises them.
 pub(crate) const RUN: usize = 64;
 
-/// What the coverage of a run of [`RUN`] pixels is known to be.
+/// What is known about the coverage of a run of [`RUN`] pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) enum RunCoverage {
-    /// Anything.
+    /// Nothing: any values in [0, 1].
     #[default]
     Partly,
-    /// 0: the view sees none of it.
+    /// 0 throughout: every sample lies outside the photo.
     None,
-    /// 1: every sample lies between the centres of four pixels.
+    /// 1 throughout: every sample lies between the centres of four pixels.
     All,
 }
 
-/// Texel up left of each sample, in the bordered source, and the shares of its right and lower neighbours. Samples outside
-/// lie on the border: they are 0.
+/// Index of the texel above left of each sample, in the source with its border, and the weights of its right and lower
+/// neighbours. Samples outside the photo are clamped to the border, which is 0.
 pub(crate) struct SamplePositions {
     pub(crate) texel: [u32; RUN],
     pub(crate) across: [f32; RUN],
@@ -34,11 +39,8 @@ impl SamplePositions {
     /// Room for a run.
     pub(crate) const NONE: Self = Self { texel: [0; RUN], across: [0.0; RUN], down: [0.0; RUN] };
 
-    /// The taps of the pixels `run` of a row, at the given disparities (beyond the run's end: anything finite), and whether
-    /// they see the source.
-    ///
-    /// f32 coordinates by themselves were less exact than float32 torch's in the mean on rectified rigs (1.4e-7 against
-    /// 1.2e-7); measured from an exact point within 32 pixels they are three times more exact.
+    /// The positions of the pixels `run` of a row, at the given disparities (beyond the run's end: anything finite), and their
+    /// coverage as far as that is known.
     #[inline(always)]
     pub(crate) fn find(
         &mut self,
@@ -53,7 +55,7 @@ impl SamplePositions {
         })
     }
 
-    /// Everything in f64, pixel by pixel.
+    /// All positions in f64, pixel by pixel.
     #[inline(always)]
     fn exact(&mut self, source: &WarpSource<'_>, row: usize, start: usize, disparity: &[f32; RUN]) {
         let PlaneSweep { homography_at_infinity: homography, epipole } = source.sweep;
@@ -71,8 +73,7 @@ impl SamplePositions {
         }
     }
 
-    /// Exact in the run's middle, and from there in f32, where the distances are small: whether the pixels see the source.
-    /// `None` where they are not small.
+    /// The middle of the run in f64, the others' distances from it in f32; the coverage. `None` where the distances are not small.
     #[inline(always)]
     fn near(
         &mut self,
@@ -89,7 +90,7 @@ impl SamplePositions {
         if !(middle.z > 0.0 && x.abs() < FAR_OUT && y.abs() < FAR_OUT) {
             return None;
         }
-        // Step k columns and d in disparity away, (u, v)/w moves by (k column + d deeper) / (1 + k column.z + d deeper.z).
+        // k columns and d in disparity away, (u, v)/w moves by (k column + d deeper) / (1 + k column.z + d deeper.z).
         let change =
             |uvw: DVec3| [uvw.x - x * uvw.z, uvw.y - y * uvw.z, uvw.z].map(|change| (change / middle.z) as f32);
         let (column, deeper) = (change(homography.x_axis), change(epipole));
@@ -101,8 +102,8 @@ impl SamplePositions {
         let stride = source.texture.stride() as i32;
         let (whole_x, whole_y) = (whole_x as i32, whole_y as i32);
         let (width, height) = (source.texture.width() as u32, source.texture.height() as u32);
-        // On planes of a rectified rig the run moves as one: a quarter less time.
-        if column[0] == 1.0 && column[1].abs().max(column[2].abs()) < STILL && is_flat(disparity) {
+        // On a plane of a rectified rig the whole run moves by one offset: a quarter less time.
+        if column[0] == 1.0 && column[1].abs().max(column[2].abs()) < RECTIFIED && is_constant(disparity) {
             let first = whole_x - half as i32;
             if 1 <= first && first + RUN as i32 <= width as i32 && 1 <= whole_y && whole_y < height as i32 {
                 (self.across, self.down) = ([part_x; RUN], [part_y; RUN]);
@@ -110,15 +111,15 @@ impl SamplePositions {
                 return Some(RunCoverage::All);
             }
         }
-        // w, and how far (u, v)/w moves.
+        // w, and by how much (u, v)/w moves.
         let moved = |i: usize| {
             let (k, d) = (i as i32 as f32 - half as f32, disparity[i] - disparity[half]);
             let w = 1.0 + (k * column[2] + d * deeper[2]);
             let per_w = 1.0 / w;
             (w, (k * column[0] + d * deeper[0]) * per_w, (k * column[1] + d * deeper[1]) * per_w)
         };
-        // Extremes of bits, which are in the order of the numbers from 0 on (NaN above all, what is negative below): folds of
-        // floats would not vectorise, and flags for each pixel took longer.
+        // Minima and maxima of the bits, which are ordered as the numbers are from 0 on (NaN is above all, negative numbers are
+        // below): unlike folds of floats, these vectorise.
         let (mut least_w, mut farthest, mut last_x, mut last_y) = (i32::MAX, 0, 0, 0);
         for i in 0..RUN {
             let (w, dx, dy) = moved(i);
@@ -127,7 +128,7 @@ impl SamplePositions {
             let (dx, dy) = (clamped(part_x + dx, left, right), clamped(part_y + dy, top, bottom));
             let (floor_x, floor_y) = (dx.floor(), dy.floor());
             (self.across[i], self.down[i]) = (dx - floor_x, dy - floor_y);
-            // Without the border: -1, so the largest of all as u32, where the sample begins in it.
+            // Without the border; a sample that begins in the border is at -1, the largest number as u32.
             let (x, y) = (whole(floor_x) + whole_x - 1, whole(floor_y) + whole_y - 1);
             (last_x, last_y) = (last_x.max(x as u32), last_y.max(y as u32));
             self.texel[i] = ((y + 1) * stride + x + 1) as u32;
@@ -138,46 +139,46 @@ impl SamplePositions {
         if last_x < width - 1 && last_y < height - 1 {
             return Some(RunCoverage::All);
         }
-        let sees = |i: usize| {
+        let is_inside = |i: usize| {
             let (_, dx, dy) = moved(i);
             let (dx, dy) = (part_x + dx, part_y + dy);
             u32::from((dx > left) & (dx < right) & (dy > top) & (dy < bottom))
         };
-        let any = (0..RUN).fold(0, |any, i| any | sees(i)) == 1;
+        let any = (0..RUN).fold(0, |any, i| any | is_inside(i)) == 1;
         Some(if any { RunCoverage::Partly } else { RunCoverage::None })
     }
 }
 
-/// Coordinates beyond this, in pixels, are left to f64.
+/// Runs with coordinates beyond this, in pixels, are computed in f64.
 const FAR_OUT: f64 = 1e6;
 
-/// As are those that lie further than this from the middle of their run.
+/// So are runs with samples further than this from their middle, in pixels.
 const NEAR_BY: f32 = 128.0;
 
-/// Of a rectified rig, rounded: what moves a sample by less than some ten-millionths of a pixel.
-const STILL: f32 = 1e-10;
+/// What rounding leaves of the terms that are 0 on a rectified rig: it moves a sample by less than some ten-millionths of a pixel.
+const RECTIFIED: f32 = 1e-10;
 
 /// Whether the run lies on a plane that faces the target.
 #[inline(always)]
-fn is_flat(disparity: &[f32; RUN]) -> bool {
+fn is_constant(disparity: &[f32; RUN]) -> bool {
     disparity.iter().fold(0, |differs, d| differs | (d.to_bits() ^ disparity[0].to_bits())) == 0
 }
 
 /// A whole number below 2^22 as an integer: `as` would look for overflow.
 #[inline(always)]
 fn whole(x: f32) -> i32 {
-    const ZERO: f32 = 12_582_912.0; // 1.5 * 2^23: whole numbers around it follow each other bit by bit
+    const ZERO: f32 = 12_582_912.0; // 1.5 * 2^23: the bits of whole numbers around it are consecutive
     (x + ZERO).to_bits().wrapping_sub(ZERO.to_bits()) as i32
 }
 
-/// `x` brought into [low, high]: two instructions, where `f32::max` and `min` take eight.
+/// `x` clamped to [low, high]: two instructions, where `f32::max` and `min` take eight.
 #[inline(always)]
 fn clamped(x: f32, low: f32, high: f32) -> f32 {
     let x = if x > low { x } else { low };
     if x < high { x } else { high }
 }
 
-/// `x` brought into [0, last], NaN to 0: two instructions, where `f64::max` and `min` take eight.
+/// `x` clamped to [0, last], NaN to 0: two instructions, where `f64::max` and `min` take eight.
 #[inline(always)]
 fn within(x: f64, last: f64) -> f64 {
     let x = if x > 0.0 { x } else { 0.0 };
@@ -188,11 +189,11 @@ fn within(x: f64, last: f64) -> f64 {
 mod tests {
     use glam::{DMat3, DVec3};
 
-    use super::texture::Texture;
+    use super::super::texture::Texture;
     use super::*;
     use crate::image::ImageRgb;
 
-    /// SamplePositions of the pixels from 100 on of row 50, as positions in the source, by both ways; and what the first saw.
+    /// Positions in the source of the pixels from 100 on of row 50, in both ways (x and y of each), and the coverage of the first.
     fn both(
         homography: DMat3,
         epipole: DVec3,
@@ -203,27 +204,27 @@ mod tests {
         let source =
             WarpSource { texture: &texture, sweep: PlaneSweep { homography_at_infinity: homography, epipole } };
         let disparity = std::array::from_fn(disparity);
-        let positions = |taps: &SamplePositions| {
+        let positions = |positions: &SamplePositions| {
             let stride = texture.stride();
             let position = |i: usize| {
-                let [column, row] = [taps.texel[i] % stride, taps.texel[i] / stride];
-                [f64::from(column) + f64::from(taps.across[i]), f64::from(row) + f64::from(taps.down[i])]
+                let [column, row] = [positions.texel[i] % stride, positions.texel[i] / stride];
+                [f64::from(column) + f64::from(positions.across[i]), f64::from(row) + f64::from(positions.down[i])]
             };
             (0..RUN).map(position).collect::<Vec<_>>()
         };
         let (mut near, mut exact) = (SamplePositions::NONE, SamplePositions::NONE);
         exact.exact(&source, 50, 100, &disparity);
-        let seen = near.near(&source, 50, &(100..100 + RUN), &disparity);
+        let coverage = near.near(&source, 50, &(100..100 + RUN), &disparity);
         let pairs = positions(&near).into_iter().zip(positions(&exact)).map(|(a, b)| [a[0], a[1], b[0], b[1]]);
-        (pairs.collect(), seen)
+        (pairs.collect(), coverage)
     }
 
     #[test]
     fn near_the_middle_of_a_run_f32_is_exact_to_some_millionths_of_a_pixel() {
         let tilted = DMat3::from_cols_array(&[1.02, 0.03, 2e-4, -0.02, 0.97, -1e-4, 9.3, -4.1, 1.0]);
         for (homography, step) in [(DMat3::IDENTITY, 0.0), (tilted, 0.0), (tilted, 1e-3)] {
-            let (pairs, seen) = both(homography, DVec3::new(210.3, 7.7, 0.01), |i| 0.1 + step * (i as f32).sin());
-            assert!(seen.is_some());
+            let (pairs, coverage) = both(homography, DVec3::new(210.3, 7.7, 0.01), |i| 0.1 + step * (i as f32).sin());
+            assert!(coverage.is_some());
             for [x, y, exact_x, exact_y] in pairs {
                 assert!((x - exact_x).abs() < 8e-6 && (y - exact_y).abs() < 8e-6, "{x} {y}, not {exact_x} {exact_y}");
             }
@@ -236,7 +237,7 @@ mod tests {
         let mut as_one = [0; 2];
         for (epipole, last, axis) in [(DVec3::X, 320.0, 0), (DVec3::Y, 200.0, 1)] {
             for step in -1500..1500 {
-                let (pairs, seen) = both(DMat3::IDENTITY, f64::from(step) * 1.37 * epipole, |_| 0.1);
+                let (pairs, coverage) = both(DMat3::IDENTITY, f64::from(step) * 1.37 * epipole, |_| 0.1);
                 for [x, y, exact_x, exact_y] in &pairs {
                     assert!(
                         (x - exact_x).abs() < 8e-6 && (y - exact_y).abs() < 8e-6,
@@ -245,7 +246,7 @@ mod tests {
                 }
                 let (first, end) = (pairs[0][2 + axis], pairs[RUN - 1][2 + axis]);
                 let inside = first >= 1.0 && end < last;
-                assert_eq!(seen == Some(RunCoverage::All), inside, "{first} to {end}");
+                assert_eq!(coverage == Some(RunCoverage::All), inside, "{first} to {end}");
                 let part = |at: f64| at - at.floor();
                 as_one[axis] += usize::from(inside && pairs.iter().all(|pair| part(pair[0]) == part(pairs[0][0])));
             }

@@ -1,9 +1,9 @@
-//! Photos made ready for sampling.
+//! Photos as textures.
 
 use crate::image::ImageRgb;
 
-/// A view's photo made ready for sampling: RGB and a fourth channel of ones (whose sample is the coverage), inside a
-/// border of zeros so that sampling needs no bounds test.
+/// A view's photo as the warp samples it: RGB and a fourth channel of ones (whose sample is the coverage), inside a border of
+/// zeros so that sampling needs no bounds test.
 #[derive(Debug, Clone)]
 pub struct Texture {
     texels: Vec<[f32; 4]>,
@@ -40,7 +40,7 @@ impl Texture {
         self.height
     }
 
-    /// The photo with its fourth channel shrunk by `cell`: area average; cells at the border average the pixels they have.
+    /// The photo and its fourth channel shrunk by `cell`: area averages, at the right and lower edge of the pixels that there are.
     pub(crate) fn shrunk(&self, cell: usize) -> Self {
         let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
         let (stride, shrunk_stride) = (self.width + BORDER.0 + BORDER.1, width + BORDER.0 + BORDER.1);
@@ -62,7 +62,7 @@ impl Texture {
         Self { texels, width, height }
     }
 
-    /// Texels from one row to the next; as indices of texels, u32.
+    /// Texels from one row to the next.
     pub(super) fn stride(&self) -> u32 {
         (self.width + BORDER.0 + BORDER.1) as u32
     }

@@ -1,6 +1,5 @@
-//! Matching cost of layers on a coarse grid: how little the views agree, by the variance of their warped colours.
-//!
-//! No network is needed: what the guided search ([`super::GuidedSearch`]) searches through.
+//! Matching cost of layers on a grid of cells: the variance of the views' warped colours, averaged over a window. The guided search
+//! ([`super::GuidedSearch`]) minimises it; no network is needed.
 
 use ndarray::{Array3, ArrayView3, Axis};
 use rayon::prelude::*;
@@ -8,18 +7,18 @@ use rayon::prelude::*;
 use crate::geometry::{PlaneSweep, Size};
 use crate::warp::{Texture, WarpSource, warp_layers};
 
-/// Cost where fewer than two views look: above any variance of colours in [0, 1].
-const UNSEEN: f32 = 1.0;
+/// Cost where fewer than two views cover any cell of the window: above any variance of colours in [0, 1].
+const UNCOVERED: f32 = 1.0;
 
-/// Variance of the views' colours on layers `maps` `[D, h, w]` (disparity per cell, 1/scene unit), averaged over
-/// `window`×`window` cells: `[D, h, w]`. Cells are `cell` target pixels wide; the views are shrunk by as much.
+/// Variance of the views' colours in [0, 1] on layers `maps` `[D, h, w]` (disparity per cell, 1/scene unit), averaged over
+/// `window`×`window` cells: `[D, h, w]`. Cells are `cell` target pixels wide; the views are shrunk by the same factor.
 pub fn layer_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, cell: usize, window: usize) -> Array3<f32> {
     let textures: Vec<&Texture> = sources.iter().map(|s| s.texture).collect();
     let sweeps: Vec<PlaneSweep> = sources.iter().map(|s| s.sweep).collect();
     Shrunk::new(&textures, cell).costs(&sweeps, maps, window)
 }
 
-/// Views shrunk to cells, which the costs of any part of a target are taken from.
+/// Views shrunk to cells; costs of any part of a target are computed from them.
 pub(crate) struct Shrunk {
     textures: Vec<Texture>,
     cell: usize,
@@ -38,7 +37,7 @@ impl Shrunk {
     }
 }
 
-/// Costs on views that are shrunk to the maps' cells.
+/// As [`layer_costs`], of views that are shrunk already.
 fn window_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, window: usize) -> Array3<f32> {
     let (_, height, width) = maps.dim();
     let plane = height * width;
@@ -49,19 +48,19 @@ fn window_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, window: u
         let mut colour = vec![0.0; 3 * sources.len() * plane];
         let mut coverage = vec![0.0; sources.len() * plane];
         warp_layers(&disparity, sources, Size::new(width, height), &mut colour, &mut coverage);
-        let (variance, seen) = variance(&mut colour, &coverage, plane);
-        window_mean(&variance, &seen, width, window, cost);
+        let (variance, covered) = variance(&mut colour, &coverage, plane);
+        window_mean(&variance, &covered, width, window, cost);
     });
     costs
 }
 
-/// Variance of the colours of the views that see a cell (0 where fewer than two do), and whether two do (1 or 0).
-/// `colour` becomes the colours by themselves, without their coverage. Plain loops over planes, which vectorise.
+/// Variance of the colours of the views that cover more than half of a cell (0 where fewer than two do), and whether two do (1 or 0).
+/// `colour` is divided by the coverage. Plain loops over planes, which the compiler vectorises.
 fn variance(colour: &mut [f32], coverage: &[f32], plane: usize) -> (Vec<f32>, Vec<f32>) {
-    let seen = |coverage: f32| if coverage > 0.5 { 1.0 } else { 0.0 };
+    let covered = |coverage: f32| if coverage > 0.5 { 1.0 } else { 0.0 };
     let mut count = vec![0.0; plane];
     for coverage in coverage.chunks_exact(plane) {
-        count.iter_mut().zip(coverage).for_each(|(count, &c)| *count += seen(c));
+        count.iter_mut().zip(coverage).for_each(|(count, &c)| *count += covered(c));
     }
     let mut total = vec![0.0; plane];
     for channel in 0..3 {
@@ -70,7 +69,7 @@ fn variance(colour: &mut [f32], coverage: &[f32], plane: usize) -> (Vec<f32>, Ve
             colour.chunks_exact_mut(plane).skip(channel).step_by(3).zip(coverage.chunks_exact(plane))
         {
             for ((value, mean), &c) in colour.iter_mut().zip(&mut mean).zip(coverage) {
-                *value = *value / if c > 0.5 { c } else { 1.0 } * seen(c);
+                *value = *value / if c > 0.5 { c } else { 1.0 } * covered(c);
                 *mean += *value;
             }
         }
@@ -79,7 +78,7 @@ fn variance(colour: &mut [f32], coverage: &[f32], plane: usize) -> (Vec<f32>, Ve
         for (colour, coverage) in colour.chunks_exact(plane).skip(channel).step_by(3).zip(coverage.chunks_exact(plane))
         {
             for (((square, &value), &mean), &c) in squares.iter_mut().zip(colour).zip(&mean).zip(coverage) {
-                *square += (value - mean) * (value - mean) * seen(c);
+                *square += (value - mean) * (value - mean) * covered(c);
             }
         }
         total.iter_mut().zip(&squares).for_each(|(total, square): (&mut f32, &f32)| *total += square);
@@ -92,13 +91,13 @@ fn variance(colour: &mut [f32], coverage: &[f32], plane: usize) -> (Vec<f32>, Ve
     (total, count)
 }
 
-/// Mean of `value` over the cells of a window for which `seen` is 1.
-fn window_mean(value: &[f32], seen: &[f32], width: usize, window: usize, out: &mut [f32]) {
+/// Mean of `value` over the cells of a window for which `covered` is 1.
+fn window_mean(value: &[f32], covered: &[f32], width: usize, window: usize, out: &mut [f32]) {
     let (half, height) = (window / 2, out.len() / width);
     let (mut sums, mut counts) = (vec![0.0; width + 2 * half], vec![0.0; width + 2 * half]); // zeros beyond the edges
     for (y, out) in out.chunks_exact_mut(width).enumerate() {
         let rows = y.saturating_sub(half) * width..(y + half + 1).min(height) * width;
-        for (sums, values) in [(&mut sums, value), (&mut counts, seen)] {
+        for (sums, values) in [(&mut sums, value), (&mut counts, covered)] {
             let sums = &mut sums[half..half + width];
             sums.fill(0.0);
             for row in values[rows.clone()].chunks_exact(width) {
@@ -108,7 +107,7 @@ fn window_mean(value: &[f32], seen: &[f32], width: usize, window: usize, out: &m
         let across = |sums: &[f32], x: usize| sums[x..x + 2 * half + 1].iter().sum::<f32>();
         for (x, out) in out.iter_mut().enumerate() {
             let count = across(&counts, x);
-            *out = if count > 0.0 { across(&sums, x) / count } else { UNSEEN };
+            *out = if count > 0.0 { across(&sums, x) / count } else { UNCOVERED };
         }
     }
 }

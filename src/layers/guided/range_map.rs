@@ -1,9 +1,10 @@
-//! Each cell's range of disparities, and what divides it.
+//! The range of disparities of each cell, and the layers that divide it.
 
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use crate::layers::{Layers, LayersError};
+use super::super::error::LayersError;
+use super::super::layer::Layers;
 
 /// Nearest and farthest disparity (1/scene unit) per cell of the target, and the surface between them, `[h, w]` each.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,8 +39,8 @@ impl RangeMap {
         &self.farthest
     }
 
-    /// `count` maps that divide each cell's range evenly, near → far; one alone follows the surface, which beats the middle
-    /// of the range by 0.1 to 0.3 dB (the same with three layers or more: 0.03).
+    /// `count` maps that divide each cell's range evenly, near → far; one alone follows the surface. Measured alternatives:
+    /// docs/experiments.md.
     pub(super) fn divided(&self, count: usize) -> impl Iterator<Item = Array2<f32>> {
         (0..count).map(move |k| {
             if count == 1 {
@@ -52,8 +53,12 @@ impl RangeMap {
     }
 }
 
-/// The range around the disparities found: of the median-filtered neighbourhood the extremes, a `margin` wider, smoothed by
-/// a 3×3 mean.
+/// The range around the disparities found (1/scene unit, `[h, w]`): a 3×3 median filter, then the minimum and the maximum over 3×3
+/// cells, `margin` wider on both sides, each smoothed by a 3×3 mean.
+///
+/// # Panics
+///
+/// If the map is not in standard layout (rows one after the other).
 pub fn range_of(disparity: &Array2<f32>, margin: f32) -> RangeMap {
     let disparity = neighbourhood(disparity, |mut n| {
         n.sort_unstable_by(f32::total_cmp);
@@ -66,7 +71,7 @@ pub fn range_of(disparity: &Array2<f32>, margin: f32) -> RangeMap {
     RangeMap { nearest: neighbourhood(&nearest, mean), surface: disparity, farthest: neighbourhood(&farthest, mean) }
 }
 
-/// A function of each cell's 3×3 neighbourhood, edges held; rows in parallel.
+/// A function of each cell's 3×3 neighbourhood, clamped at the edges; rows in parallel.
 pub(crate) fn neighbourhood(map: &Array2<f32>, f: impl Fn([f32; 9]) -> f32 + Sync) -> Array2<f32> {
     let (height, width) = map.dim();
     let cells = map.as_slice().expect("standard order");

@@ -1,4 +1,4 @@
-//! Semi-global matching: costs of planes made to agree along image rows and columns (Hirschmüller, 2008), four paths.
+//! Semi-global matching (Hirschmüller, 2008): matching costs aggregated along image rows and columns, four paths.
 
 use ndarray::{Array3, ArrayView3};
 
@@ -7,9 +7,9 @@ const STEP: f32 = 0.004;
 /// Penalty of a move to any other plane.
 const JUMP: f32 = 0.1;
 
-/// Sum over the four paths (down, up, right, left) of each cell's cheapest way there, `[D, h, w]` to `[D, h, w]`.
+/// Sum over the four paths (down, up, right, left) of the cost of each cell's cheapest path, `[D, h, w]` to `[D, h, w]`.
 pub fn semi_global(costs: ArrayView3<'_, f32>) -> Array3<f32> {
-    // The dimension walked along comes first, the one side by side last: each step is then one pass over rows in memory.
+    // The dimension that a path runs along comes first, that of parallel paths last: each step is one pass over rows in memory.
     let down = costs.permuted_axes([1, 0, 2]).as_standard_layout().into_owned();
     let across = costs.permuted_axes([2, 0, 1]).as_standard_layout().into_owned();
     let both = |costs: &Array3<f32>| {
@@ -21,8 +21,8 @@ pub fn semi_global(costs: ArrayView3<'_, f32>) -> Array3<f32> {
     vertical.permuted_axes([1, 0, 2]).as_standard_layout().into_owned() + horizontal.permuted_axes([1, 2, 0])
 }
 
-/// One path through `costs` `[steps, D, lanes]`: cost here, plus the cheapest of staying, stepping and jumping, less the
-/// best before (which keeps the sums small and changes no comparison).
+/// One path through `costs` `[steps, D, lanes]`: the cost here, plus the least of staying on the plane, going to the next and going to
+/// any other, less the least cost of the step before (which keeps the sums small and changes no comparison).
 fn path(costs: &Array3<f32>, backwards: bool) -> Array3<f32> {
     let (steps, planes, lanes) = costs.dim();
     let mut total = costs.clone();
@@ -46,7 +46,7 @@ fn path(costs: &Array3<f32>, backwards: bool) -> Array3<f32> {
             let (nearer, same, farther) = (row(plane.saturating_sub(1)), row(plane), row((plane + 1).min(planes - 1)));
             let beside = here.iter_mut().zip(nearer).zip(farther).zip(same).zip(&best);
             for ((((here, &nearer), &farther), &same), &best) in beside {
-                // At the first and last plane one of the two is the plane itself, dearer by STEP: never the cheapest.
+                // At the first and the last plane one of the two is the plane itself, whose cost plus STEP is never the least.
                 let step = if nearer < farther { nearer } else { farther } + STEP;
                 let stay = if same < step { same } else { step };
                 let jump = best + JUMP;
@@ -65,8 +65,9 @@ mod tests {
     fn a_cell_that_nothing_tells_apart_takes_its_neighbours_plane() {
         let mut costs = Array3::from_elem((3, 1, 5), 0.05);
         (0..5).filter(|&x| x != 2).for_each(|x| costs[(1, 0, x)] = 0.0);
-        let agreed = semi_global(costs.view());
-        assert!(agreed[(1, 0, 2)] < agreed[(0, 0, 2)] && agreed[(1, 0, 2)] < agreed[(2, 0, 2)], "{agreed}");
+        let aggregated = semi_global(costs.view());
+        let [nearer, here, farther] = [0, 1, 2].map(|plane| aggregated[(plane, 0, 2)]);
+        assert!(here < nearer && here < farther, "{aggregated}");
     }
 
     #[test]

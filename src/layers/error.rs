@@ -1,0 +1,50 @@
+//! Why a list of layers was refused.
+
+/// Why a list of layers was refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LayersError {
+    /// No layer at all.
+    #[error("the list of disparities is empty: expected at least one")]
+    Empty,
+    /// A disparity that is negative or not finite.
+    #[error("disparity {index} is {value}: expected a number of ordinary size, 0 (infinity) or more")]
+    NotADisparity {
+        /// Its place in the list.
+        index: usize,
+        /// What it is.
+        value: f64,
+    },
+    /// Not sorted near → far.
+    #[error(
+        "disparity {index} ({value}) is nearer than the one before it ({before}): expected descending disparities, near to far"
+    )]
+    Unsorted {
+        /// Its place in the list.
+        index: usize,
+        /// What it is.
+        value: f64,
+        /// The one before it.
+        before: f64,
+    },
+    /// Near and far do not span a range of depths.
+    #[error(
+        "near is {near:?} and far is {far:?}: expected 0 < near < far, in scene units, and a 1 / near that f32 holds"
+    )]
+    Range {
+        /// Nearest depth asked for.
+        near: f64,
+        /// Farthest depth asked for.
+        far: f64,
+    },
+    /// Maps of different shapes.
+    #[error("the map of layer {index} has {found:?} cells: expected {expected:?}, like the first")]
+    Shape {
+        /// Which layer.
+        index: usize,
+        /// Its shape.
+        found: (usize, usize),
+        /// The shape of the first.
+        expected: (usize, usize),
+    },
+}

@@ -1,0 +1,152 @@
+//! The guided search: two searches for the disparity of least matching cost, the second at twice the resolution.
+
+use std::cell::OnceCell;
+
+use glam::DVec2;
+use ndarray::{Array2, Array3};
+
+use super::super::cells::{CELL, enlarge};
+use super::super::error::LayersError;
+use super::super::uniform::uniform_disparities;
+use super::matching_cost::Shrunk;
+use super::range_map::{RangeMap, range_of};
+use super::semi_global::semi_global;
+use super::winner_takes_all::winner_takes_all;
+use crate::geometry::parallax::project;
+use crate::geometry::{PlaneSweep, Size};
+use crate::warp::{Texture, WarpSource};
+
+/// Target pixels per cell of the first search.
+pub const COARSE: usize = 4;
+/// Planes of the first search, where the parallax decides: at least, at most.
+const PLANES: std::ops::RangeInclusive<usize> = 8..=128;
+/// Layers of the second search.
+const FINE: usize = 6;
+/// Cells over which the variance is averaged in the first search and in the second.
+pub const WINDOWS: [usize; 2] = [3, 7];
+
+/// Settings of the guided search.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GuidedSearch {
+    /// Nearest depth, scene units.
+    pub near: f64,
+    /// Farthest depth, scene units; may be infinite.
+    pub far: f64,
+    /// Planes of the first search; `None`: a cell of parallax apart, 8 to 128.
+    pub planes: Option<usize>,
+}
+
+/// Results of the guided search, step by step.
+#[derive(Debug, Clone)]
+pub struct SearchStages {
+    /// Disparities of the planes of the first search (1/scene unit), near → far, `[D]`.
+    pub disparities: Vec<f64>,
+    /// Their matching costs per cell of [`COARSE`] pixels, `[D, h, w]`.
+    pub costs: Array3<f32>,
+    /// The costs after [`semi_global`].
+    pub aggregated_costs: Array3<f32>,
+    /// Disparity of least aggregated cost (1/scene unit), `[h, w]`.
+    pub coarse_disparity: Array2<f32>,
+    /// Layers of the second search (1/scene unit), `[D, h, w]` in cells of [`CELL`] pixels.
+    pub fine_layers: Array3<f32>,
+    /// Their matching costs, `[D, h, w]`.
+    pub fine_costs: Array3<f32>,
+    /// Disparity of least cost (1/scene unit), `[h, w]`.
+    pub fine_disparity: Array2<f32>,
+    /// The range of each cell of [`CELL`]×[`CELL`] pixels.
+    pub range: RangeMap,
+}
+
+impl GuidedSearch {
+    /// Searches a padded target ([`crate::layers::padded`]) of that size in pixels.
+    ///
+    /// # Errors
+    ///
+    /// [`LayersError::Range`] unless 0 < near < far; [`LayersError::Empty`] for no planes.
+    pub fn search(&self, sources: &[WarpSource<'_>], size: Size) -> Result<SearchStages, LayersError> {
+        let levels = Levels::new(sources.iter().map(|source| source.texture).collect());
+        let sweeps: Vec<PlaneSweep> = sources.iter().map(|source| source.sweep).collect();
+        self.search_levels(&levels, &sweeps, size)
+    }
+
+    /// As [`Self::search`], on views that are shrunk already: of a target or of a part of one.
+    pub(crate) fn search_levels(
+        &self,
+        levels: &Levels<'_>,
+        sweeps: &[PlaneSweep],
+        size: Size,
+    ) -> Result<SearchStages, LayersError> {
+        let by_parallax = || (parallax(sweeps, size, self.near, self.far) / COARSE as f64).ceil() as usize;
+        let count = self.planes.unwrap_or_else(|| by_parallax().clamp(*PLANES.start(), *PLANES.end()));
+        let disparities = uniform_disparities(self.near, self.far, count)?;
+        let shape = (count, size.height / COARSE, size.width / COARSE);
+        let maps = Array3::from_shape_fn(shape, |(plane, _, _)| disparities[plane] as f32);
+        let costs = levels.coarse().costs(sweeps, maps.view(), WINDOWS[0]);
+        let aggregated_costs = semi_global(costs.view());
+        let coarse_disparity = winner_takes_all(aggregated_costs.view(), maps.view());
+        let step = disparities.get(1).map_or(0.0, |second| disparities[0] - second);
+        let range = range_of(&coarse_disparity, (step / 2.0) as f32);
+        let fine_layers = fine_layers(&range);
+        let fine_costs = levels.fine().costs(sweeps, fine_layers.view(), WINDOWS[1]);
+        let fine_disparity = winner_takes_all(fine_costs.view(), fine_layers.view());
+        let range = range_of(&fine_disparity, 0.0);
+        Ok(SearchStages {
+            disparities,
+            costs,
+            aggregated_costs,
+            coarse_disparity,
+            fine_layers,
+            fine_costs,
+            fine_disparity,
+            range,
+        })
+    }
+}
+
+/// The views at the resolutions of the two searches, shrunk when first used.
+pub(crate) struct Levels<'a> {
+    textures: Vec<&'a Texture>,
+    coarse: OnceCell<Shrunk>,
+    fine: OnceCell<Shrunk>,
+}
+
+impl<'a> Levels<'a> {
+    pub(crate) fn new(textures: Vec<&'a Texture>) -> Self {
+        Self { textures, coarse: OnceCell::new(), fine: OnceCell::new() }
+    }
+
+    pub(crate) fn coarse(&self) -> &Shrunk {
+        self.coarse.get_or_init(|| Shrunk::new(&self.textures, COARSE))
+    }
+
+    fn fine(&self) -> &Shrunk {
+        self.fine.get_or_init(|| Shrunk::new(&self.textures, CELL))
+    }
+}
+
+/// Parallax between near and far (pixels) in the view where it is largest: the median over the target's corners and centre.
+fn parallax(sweeps: &[PlaneSweep], size: Size, near: f64, far: f64) -> f64 {
+    let points = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5)];
+    let in_view = |sweep: &PlaneSweep| {
+        let apart = |&(x, y): &(f64, f64)| {
+            let pixel = DVec2::new(x * size.width as f64, y * size.height as f64);
+            Some(project(sweep, pixel, 1.0 / near)?.distance(project(sweep, pixel, 1.0 / far)?))
+        };
+        let mut apart: Vec<f64> = points.iter().filter_map(apart).collect();
+        apart.sort_by(f64::total_cmp);
+        apart.get(apart.len().saturating_sub(1) / 2).copied().unwrap_or(0.0)
+    };
+    sweeps.iter().map(in_view).fold(0.0, f64::max)
+}
+
+/// The layers of the second search (1/scene unit, `[D, h, w]` in cells of [`CELL`] pixels), which divide the ranges that the first
+/// found.
+pub fn fine_layers(range: &RangeMap) -> Array3<f32> {
+    let factor = COARSE / CELL;
+    let (height, width) = range.nearest.dim();
+    let mut layers = Array3::zeros((FINE, factor * height, factor * width));
+    for (map, mut layer) in range.divided(FINE).zip(layers.outer_iter_mut()) {
+        enlarge(map.view(), factor, factor * width, layer.as_slice_mut().expect("standard order"));
+    }
+    layers
+}

@@ -1,0 +1,119 @@
+//! Layers: planes, or maps of disparity per cell.
+
+use ndarray::Array2;
+
+use super::cells::{CELL, enlarge};
+use super::error::LayersError;
+use super::uniform::uniform_disparities;
+
+/// One layer of the target: its disparity at each pixel, in 1/scene unit.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub enum Layer {
+    /// A plane: the same disparity everywhere.
+    Plane(f64),
+    /// Disparity per cell of [`CELL`]×[`CELL`] pixels of the padded target, `[h, w]`, interpolated bilinearly.
+    Map(Array2<f32>),
+}
+
+/// A validated list of layers, near → far. Never empty.
+#[derive(Debug, Clone)]
+pub struct Layers(Vec<Layer>);
+
+impl Layers {
+    /// Planes at the given disparities (1/scene unit), descending, in any spacing; 0 is the plane at infinity.
+    ///
+    /// # Errors
+    ///
+    /// [`LayersError::Empty`] for none; [`LayersError::NotADisparity`] and [`LayersError::Unsorted`], with the place in the list.
+    pub fn planes(disparities: &[f64]) -> Result<Self, LayersError> {
+        if disparities.is_empty() {
+            return Err(LayersError::Empty);
+        }
+        for (index, &value) in disparities.iter().enumerate() {
+            // Checked as f32: the precision of the pixels' disparities.
+            if !(value as f32).is_finite() || value < 0.0 {
+                return Err(LayersError::NotADisparity { index, value });
+            }
+            if index > 0 && value > disparities[index - 1] {
+                return Err(LayersError::Unsorted { index, value, before: disparities[index - 1] });
+            }
+        }
+        Ok(Self(disparities.iter().map(|&d| Layer::Plane(d)).collect()))
+    }
+
+    /// `count` planes evenly spaced in disparity from 1/near to 1/far (the paper's choice); see [`uniform_disparities`].
+    ///
+    /// # Errors
+    ///
+    /// [`LayersError::Range`] unless 0 < near < far; [`LayersError::Empty`] for no planes.
+    pub fn uniform(near: f64, far: f64, count: usize) -> Result<Self, LayersError> {
+        Self::planes(&uniform_disparities(near, far, count)?)
+    }
+
+    /// Layers given as maps of disparity (1/scene unit) on the cells of the padded target, `[h, w]` each, of one shape; descending at
+    /// every cell.
+    ///
+    /// # Errors
+    ///
+    /// [`LayersError::Empty`] for none; [`LayersError::Shape`], [`LayersError::NotADisparity`] and [`LayersError::Unsorted`].
+    pub fn maps(maps: Vec<Array2<f32>>) -> Result<Self, LayersError> {
+        let expected = maps.first().ok_or(LayersError::Empty)?.dim();
+        for (index, map) in maps.iter().enumerate() {
+            if map.dim() != expected {
+                return Err(LayersError::Shape { index, found: map.dim(), expected });
+            }
+            if let Some(&value) = map.iter().find(|v| !v.is_finite() || **v < 0.0) {
+                return Err(LayersError::NotADisparity { index, value: value.into() });
+            }
+            if index > 0 {
+                let pair = map.iter().zip(&maps[index - 1]).find(|(value, before)| value > before);
+                if let Some((&value, &before)) = pair {
+                    return Err(LayersError::Unsorted { index, value: value.into(), before: before.into() });
+                }
+            }
+        }
+        Ok(Self(maps.into_iter().map(Layer::Map).collect()))
+    }
+
+    /// The layers, near → far.
+    pub fn as_slice(&self) -> &[Layer] {
+        &self.0
+    }
+
+    /// How many there are; at least one.
+    #[allow(clippy::len_without_is_empty)]
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+}
+
+impl Layer {
+    /// Writes the disparity (1/scene unit) of each pixel of a padded target, `width` pixels wide, to `out` `[height, width]`; in
+    /// parallel.
+    ///
+    /// # Panics
+    ///
+    /// If the layer is a map without cells, or `width` is 0.
+    pub fn fill(&self, width: usize, out: &mut [f32]) {
+        match self {
+            Self::Plane(disparity) => out.fill(*disparity as f32),
+            Self::Map(map) => enlarge(map.view(), CELL, width, out),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bad_lists_are_refused_by_name() {
+        assert_eq!(Layers::planes(&[]).unwrap_err(), LayersError::Empty);
+        assert!(matches!(Layers::planes(&[0.1, 0.2]), Err(LayersError::Unsorted { index: 1, .. })));
+        assert!(matches!(Layers::planes(&[f64::NAN]), Err(LayersError::NotADisparity { index: 0, .. })));
+        assert!(matches!(Layers::uniform(2.0, 1.0, 4), Err(LayersError::Range { .. })));
+        assert!(matches!(Layers::uniform(0.0, 1.0, 4), Err(LayersError::Range { .. })));
+        assert!(matches!(Layers::uniform(f64::NAN, 1.0, 4), Err(LayersError::Range { .. })));
+    }
+}

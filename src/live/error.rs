@@ -1,0 +1,41 @@
+//! Why a session, or one of its time steps, failed.
+
+use crate::geometry::{Size, TooFewViews};
+use crate::layers::LayersError;
+use crate::render::RenderError;
+
+/// Why a session, or one of its time steps, failed. After a failed time step the session can go on with the next.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LiveError {
+    /// A session without a network.
+    #[error("a session needs a network: expected at least one")]
+    NoNetwork,
+    /// The number of photos differs from that of the cameras.
+    #[error("{found} photos were given for {expected} cameras; expected one for each, or none in its place")]
+    Photos {
+        /// Cameras of the rig.
+        expected: usize,
+        /// Entries given.
+        found: usize,
+    },
+    /// A photo's size differs from its camera's.
+    #[error("the photo of camera {camera} is {found}; expected {expected}")]
+    Size {
+        /// Index of the camera.
+        camera: usize,
+        /// The photo's size, pixels.
+        found: Size,
+        /// The camera's size, pixels.
+        expected: Size,
+    },
+    /// Fewer photos look the target's way than the smallest network takes.
+    #[error(transparent)]
+    Views(#[from] TooFewViews),
+    /// Near and far span no range of depths.
+    #[error(transparent)]
+    Layers(#[from] LayersError),
+    /// The network failed.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+}

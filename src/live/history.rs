@@ -1,0 +1,87 @@
+//! What a session keeps from the frames before, and the layers of the next frame.
+
+use super::policy::{LayerSource, Policy};
+use super::propagate::{Surface, TargetViews};
+use super::settings::LiveSettings;
+use crate::layers::guided::GuidedSearch;
+use crate::layers::{LayerSpec, Layers, LayersError, kmeans_planes};
+
+/// What a session knows from the frames before.
+#[derive(Default)]
+pub(super) struct History {
+    /// The last frame's surface, for guided layers.
+    surface: Option<Surface>,
+    /// Planes that an earlier frame selected.
+    planes: Option<Layers>,
+    /// Frames since the last search or selection.
+    age: usize,
+}
+
+impl History {
+    /// Renders the next frames on these planes.
+    pub(super) fn keep_planes(&mut self, planes: Layers) {
+        self.planes = Some(planes);
+    }
+
+    /// The layers of the next frame, and where they came from.
+    pub(super) fn layers(
+        &mut self,
+        settings: &LiveSettings,
+        views: &TargetViews<'_>,
+    ) -> Result<(Layers, LayerSource), LayersError> {
+        let (near, far) = (settings.near, settings.far);
+        let search = |coarse_planes| GuidedSearch { near, far, planes: coarse_planes };
+        let due = match settings.policy {
+            Policy::Every(frames) => self.age + 1 >= frames,
+            Policy::Once | Policy::Propagate => false,
+        };
+        let (layers, source) = match settings.layers {
+            LayerSpec::Planes(count) => (Layers::uniform(near, far, count)?, LayerSource::Fixed),
+            LayerSpec::List(ref disparities) => (Layers::planes(disparities)?, LayerSource::Fixed),
+            LayerSpec::Select { from, .. } => match self.planes.take().filter(|_| !due) {
+                Some(planes) => {
+                    self.planes = Some(planes.clone());
+                    (planes, LayerSource::Selected)
+                }
+                None => (Layers::uniform(near, far, from)?, LayerSource::Dense),
+            },
+            LayerSpec::KMeans { planes: count, coarse_planes } => match self.planes.take().filter(|_| !due) {
+                Some(planes) => {
+                    self.planes = Some(planes.clone());
+                    (planes, LayerSource::Propagated { refreshed: 0.0 })
+                }
+                None => {
+                    let surface = Surface::search(&search(coarse_planes), views)?;
+                    let planes = Layers::planes(&kmeans_planes(surface.disparities(), count))?;
+                    self.planes = Some(planes.clone());
+                    (planes, LayerSource::Searched)
+                }
+            },
+            LayerSpec::Guided { layers, coarse_planes } => {
+                let search = search(coarse_planes);
+                let (surface, source) = self.surface(&search, settings.policy, due, views)?;
+                let layers = surface.range().layers(layers)?;
+                self.surface = Some(surface);
+                (layers, source)
+            }
+        };
+        self.age = if matches!(source, LayerSource::Searched | LayerSource::Dense) { 0 } else { self.age + 1 };
+        Ok((layers, source))
+    }
+
+    /// The surface of the next frame: searched, or propagated from the last one's.
+    fn surface(
+        &mut self,
+        search: &GuidedSearch,
+        policy: Policy,
+        due: bool,
+        views: &TargetViews<'_>,
+    ) -> Result<(Surface, LayerSource), LayersError> {
+        let before = self.surface.take().filter(|surface| !due && surface.has_size_of(views.target));
+        let Some(before) = before else { return Ok((Surface::search(search, views)?, LayerSource::Searched)) };
+        let mut moved = before.moved(views.target);
+        let refreshed = if policy == Policy::Propagate { moved.refresh(search, views)? } else { 0.0 };
+        let source = if refreshed < 1.0 { LayerSource::Propagated { refreshed } } else { LayerSource::Searched };
+        Ok((moved, source))
+    }
+}

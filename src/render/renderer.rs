@@ -1,0 +1,168 @@
+//! Views, target and layers → frame, a batch of layers at a time: warp, network, blend, composite.
+
+use std::fmt;
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use super::blend::{Blended, DistanceWeights, LayerSamples};
+use super::buffers::{Batch, Buffers};
+use super::composite::Accumulated;
+use super::culling::{Culled, Culling};
+use super::error::RenderError;
+use super::frame::{Frame, StageTimes};
+use crate::geometry::{Camera, distance};
+use crate::layers::{Layers, padded};
+use crate::network::PlaneNetwork;
+use crate::warp::{RunCoverage, SourceView, warp_sources};
+
+/// Layers that are warped, and then composited, together, however few the network takes at once: photos and sums then go through
+/// memory once for all of them. Measured alternatives: docs/experiments.md.
+const LAYERS_TOGETHER: usize = 4;
+
+/// Runs a network over layers. Keeps its buffers from frame to frame; their size depends on `batch` (four layers at least) and the
+/// target, not on the number of layers.
+pub struct Renderer<N> {
+    network: N,
+    batch: usize,
+    culling: Culling,
+    buffers: Buffers,
+}
+
+impl<N> fmt::Debug for Renderer<N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Renderer").field("batch", &self.batch).field("culling", &self.culling).finish_non_exhaustive()
+    }
+}
+
+impl<N: PlaneNetwork> Renderer<N> {
+    /// A renderer that runs the network on `batch` layers at once (at least one).
+    pub fn new(network: N, batch: usize) -> Self {
+        Self { network, batch: batch.max(1), culling: Culling::default(), buffers: Buffers::default() }
+    }
+
+    /// The network it runs.
+    pub fn network(&self) -> &N {
+        &self.network
+    }
+
+    /// The network, without the buffers.
+    pub fn into_network(self) -> N {
+        self.network
+    }
+
+    /// Sets which layers the next renders may leave out: by default those that no view covers.
+    pub fn set_culling(&mut self, culling: Culling) {
+        self.culling = culling;
+    }
+
+    /// Renders `target` from `views` (V of them, nearest first: see [`crate::geometry::choose_views`]) on `layers`; maps among these
+    /// are on the cells of the padded target ([`padded`]).
+    ///
+    /// # Errors
+    ///
+    /// [`RenderError::Views`] unless there are as many views as the network takes; [`RenderError::Network`] if it fails.
+    pub fn render(&mut self, views: &[SourceView<'_>], target: &Camera, layers: &Layers) -> Result<Frame, RenderError> {
+        self.render_observed(views, target, layers, |_| ())
+    }
+
+    /// As [`Self::render`]; `observe` is shown the stages of the layers that are not left out, batch by batch, near → far.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::render`].
+    pub fn render_observed(
+        &mut self,
+        views: &[SourceView<'_>],
+        target: &Camera,
+        layers: &Layers,
+        mut observe: impl FnMut(&Batch<'_>),
+    ) -> Result<Frame, RenderError> {
+        let count = self.network.views();
+        if views.len() != count {
+            return Err(RenderError::Views { expected: count, found: views.len() });
+        }
+        let sources = warp_sources(views, target);
+        let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
+        let weights = DistanceWeights::new(&distances);
+        // Layers can be hidden only behind layers that are composited already.
+        let together =
+            if self.culling.transmittance > 0.0 { self.batch } else { LAYERS_TOGETHER.next_multiple_of(self.batch) };
+        let size = padded(target.size());
+        self.buffers.make_room(together.min(layers.len()), count, size);
+
+        let mut gathered = vec![Accumulated::new(target.width()); target.height()];
+        let (mut times, mut culled) = (StageTimes::default(), Culled::default());
+        let mut waiting = layers.as_slice().iter().enumerate();
+        let mut indices = Vec::new();
+        while waiting.len() > 0 {
+            if let Some(transmittance) = self.culling.hide_rest(&gathered) {
+                culled.add_hidden(waiting.len(), transmittance);
+                break;
+            }
+            let started = Instant::now();
+            self.buffers.warp(&mut waiting, &sources, &mut indices);
+            let mut n = 0;
+            for slot in 0..indices.len() {
+                match self.culling.hide(self.buffers.coverage(slot), size, &gathered) {
+                    Some(0.0) => culled.uncovered += 1,
+                    Some(transmittance) => culled.add_hidden(1, transmittance),
+                    None => {
+                        self.buffers.move_layer(slot, n);
+                        indices[n] = indices[slot];
+                        n += 1;
+                    }
+                }
+            }
+            indices.truncate(n);
+            let warped = Instant::now();
+            times.warp += warped - started;
+            if n == 0 {
+                continue;
+            }
+            self.buffers.infer(&mut self.network, n, self.batch)?;
+            let inferred = Instant::now();
+            let (shown, run_coverage) = self.buffers.batch(n, &weights);
+            composite_batch(&shown, run_coverage, &indices, layers.len(), &mut gathered);
+            times.composite += inferred.elapsed();
+            times.network += inferred - warped;
+            observe(&shown);
+        }
+        Ok(Frame::new(&gathered, target, culled, times))
+    }
+}
+
+/// Blends each layer of the batch, of the given indices among `total`, and adds it to `gathered`, the rows of the target.
+fn composite_batch(
+    batch: &Batch<'_>,
+    run_coverage: &[RunCoverage],
+    indices: &[usize],
+    total: usize,
+    gathered: &mut [Accumulated],
+) {
+    let (n, views, height, width) = batch.logits.dim();
+    let (hwv, coverage, logits) = match (batch.hwv.to_slice(), batch.coverage.to_slice(), batch.logits.to_slice()) {
+        (Some(hwv), Some(coverage), Some(logits)) => (hwv, coverage, logits),
+        _ => unreachable!("views of the renderer's own buffers"),
+    };
+    let (size, runs) = (logits.len() / n, run_coverage.len() / n);
+    let per_row = runs / views / height;
+    let target_width = gathered.first().map_or(0, |row| row.transmittance.len());
+    gathered.par_iter_mut().enumerate().for_each_init(
+        || Blended::new(target_width),
+        |blended, (row, gathered)| {
+            for ((k, disparity), &index) in batch.disparity.outer_iter().enumerate().zip(indices) {
+                let samples = LayerSamples {
+                    logits: &logits[k * size..(k + 1) * size],
+                    colour: &hwv[3 * k * size..3 * (k + 1) * size],
+                    coverage: &coverage[k * size..(k + 1) * size],
+                };
+                let known = run_coverage[k * runs..(k + 1) * runs].chunks_exact(runs / views);
+                let known: Vec<_> = known.map(|view| &view[row * per_row..(row + 1) * per_row]).collect();
+                batch.weights.blend_row(&samples, row * width, &known, blended);
+                let disparity = disparity.row(row).to_slice().expect("rows of the renderer's own buffer");
+                gathered.add(index as u32, blended, disparity, index + 1 == total);
+            }
+        },
+    );
+}
