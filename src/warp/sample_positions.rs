@@ -188,9 +188,9 @@ fn within(x: f64, last: f64) -> f64 {
 mod tests {
     use glam::{DMat3, DVec3};
 
-    use super::texture::Texture;
     use super::*;
     use crate::image::ImageRgb;
+    use crate::warp::Texture;
 
     /// SamplePositions of the pixels from 100 on of row 50, as positions in the source, by both ways; and what the first saw.
     fn both(

@@ -71,14 +71,14 @@ fn shares(row: &Row) -> String {
 mod tests {
     #[test]
     fn every_row_has_every_column() {
-        let sweep = super::super::tests::sweep();
+        let sweep = super::super::rows::tests::sweep();
         let text = super::markdown(&sweep);
         let lines: Vec<&str> = text.lines().filter(|line| line.starts_with('|')).collect();
         assert_eq!(lines.len(), 2 + sweep.rows.len(), "{text}");
         let columns = |line: &&str| line.matches('|').count();
         assert!(lines.iter().all(|line| columns(line) == columns(&lines[0])), "{text}");
         assert!(
-            text.contains("| ● | guided 4 | test | 22.00 | 0.5000 | 0.0100 | 0.50 | 1.000 (1.000 to 1.100) | 11 |"),
+            text.contains("| ● | guided:4 | test | 22.00 | 0.5000 | 0.0100 | 0.50 | 1.000 (1.000 to 1.100) | 11 |"),
             "{text}"
         );
     }
