@@ -6,12 +6,10 @@
 use divan::Bencher;
 use divan::counter::{BytesCount, ItemsCount};
 use glam::{DMat3, DVec3};
-use liveview::geometry::PlaneSweep;
-use liveview::geometry::{Camera, Intrinsics};
+use liveview::geometry::{Camera, Intrinsics, PlaneSweep};
 use liveview::image::ImageRgb;
 use liveview::layers::guided::GuidedSearch;
-use liveview::render::Accumulated;
-use liveview::render::{Blended, DistanceWeights, LayerSamples};
+use liveview::render::{Accumulated, Blended, DistanceWeights, LayerSamples};
 use liveview::warp::{Texture, WarpSource, warp_layers};
 use rayon::prelude::*;
 
@@ -88,9 +86,9 @@ fn blend_and_composite(bencher: Bencher) {
 }
 
 #[divan::bench]
-fn coarse_pass(bencher: Bencher) {
+fn guided_search(bencher: Bencher) {
     let textures = textures();
     let sources = sources(&textures, 0.01);
-    let pass = GuidedSearch { near: 1.0, far: 10.0, planes: None };
-    bencher.bench_local(|| pass.search(&sources, SIZE).unwrap());
+    let search = GuidedSearch { near: 1.0, far: 10.0, planes: None };
+    bencher.bench_local(|| search.search(&sources, SIZE).unwrap());
 }

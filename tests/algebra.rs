@@ -6,14 +6,11 @@ mod double;
 use double::{Scrambler, camera, photo};
 use glam::{DMat3, DQuat, DVec3};
 use liveview::geometry::Camera;
-use liveview::geometry::SourceView;
 use liveview::layers::guided::GuidedSearch;
 use liveview::layers::{Layers, padded};
 use liveview::network::{NetworkError, PlaneNetwork};
-use liveview::render::Accumulated;
-use liveview::render::{Blended, DistanceWeights, LayerSamples};
-use liveview::render::{Frame, Renderer, warp_sources};
-use liveview::warp::Texture;
+use liveview::render::{Accumulated, Blended, DistanceWeights, Frame, LayerSamples, Renderer};
+use liveview::warp::{SourceView, Texture, warp_sources};
 use ndarray::{ArrayView4, ArrayViewMut4};
 use proptest::prelude::*;
 
@@ -94,7 +91,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
     /// Poses differ by roundings of f64, which may move a sample from one way of finding its place to the other: they are
-    /// within 8e-6 of a pixel of each other (taps.rs), in each direction, and a photo of noise changes by up to 1 per pixel.
+    /// within 8e-6 of a pixel of each other (warp/sample_positions.rs), in each direction, and a photo of noise changes by up to 1 per pixel.
     /// α changes by at most a quarter of that per layer, and the picture by no more than all α together: 6 layers.
     #[test]
     fn a_rigid_motion_of_the_world_changes_nothing(

@@ -1,16 +1,16 @@
 //! The frame does not depend on how it was computed: threads, batch size, run.
 
+mod wheel;
+
 use std::path::Path;
 
-use liveview::geometry::Camera;
-use liveview::geometry::{SourceView, choose_views};
+use liveview::geometry::{Camera, choose_views};
 use liveview::layers::guided::{GuidedSearch, RangeMap};
 use liveview::layers::{Layers, padded};
-use liveview::network::{NetworkError, OrtNetwork, PlaneNetwork};
-use liveview::render::Culling;
-use liveview::render::{Frame, Renderer, warp_sources};
+use liveview::network::{ExecutionProvider, NetworkError, OrtNetwork, PlaneNetwork};
+use liveview::render::{Culling, Frame, Renderer};
 use liveview::scene::{Scene, SceneOptions};
-use liveview::warp::Texture;
+use liveview::warp::{SourceView, Texture, warp_sources};
 use ndarray::{ArrayView4, ArrayViewMut4, Axis};
 
 /// Frames on [0, 1] may differ by this much between thread counts and batch sizes.
@@ -27,7 +27,9 @@ struct Rig {
 impl Rig {
     fn open(width: usize) -> Self {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scenes/workshop");
-        let scene = Scene::open(&root, &SceneOptions { width: Some(width), ..SceneOptions::default() }).unwrap();
+        let mut options = SceneOptions::default();
+        options.width = Some(width);
+        let scene = Scene::open(&root, &options).unwrap();
         let held_out = scene.view_index("target_0").unwrap();
         let target = scene.views[held_out].camera.clone();
         let others: Vec<usize> = (0..scene.views.len()).filter(|&view| view != held_out).collect();
@@ -51,14 +53,15 @@ impl Rig {
 }
 
 fn render(threads: usize, batch: usize) -> Frame {
-    render_stopped(threads, batch, |range| Layers::guided(range, 5).unwrap(), Culling::default())
+    render_culled(threads, batch, |range| range.layers(5).unwrap(), Culling::default())
 }
 
-/// Through the engine, on as many threads.
-fn render_stopped(threads: usize, batch: usize, layers: LayersOf, stops: Culling) -> Frame {
+/// Through ONNX Runtime, on as many threads.
+fn render_culled(threads: usize, batch: usize, layers: LayersOf, culling: Culling) -> Frame {
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/liveview_v4.onnx");
     let network = OrtNetwork::open(&wheel::load(ExecutionProvider::Cpu).unwrap(), &model, threads).unwrap();
     let mut renderer = Renderer::new(network, batch);
-    renderer.set_culling(stops);
+    renderer.set_culling(culling);
     Rig::open(200).render(&mut renderer, threads, layers)
 }
 
@@ -104,7 +107,7 @@ fn native_stages_are_the_same_to_the_bit_over_runs_threads_and_batches() {
     // Rows of several runs of pixels; renderers that are used again, for another size and other layers, of which the nearest are
     // seen by no view and make room.
     let jobs: [(Rig, LayersOf); 2] = [
-        (Rig::open(200), |range| Layers::guided(range, 5).unwrap()),
+        (Rig::open(200), |range| range.layers(5).unwrap()),
         (Rig::open(136), |_| Layers::uniform(0.05, 8.0, 12).unwrap()),
     ];
     let frame = |renderer: &mut Renderer<Sum>, threads: usize, job: usize| {
@@ -124,14 +127,14 @@ fn native_stages_are_the_same_to_the_bit_over_runs_threads_and_batches() {
 #[test]
 fn the_last_planes_left_out_change_a_pixel_by_no_more_than_what_it_had_left() {
     let planes = |_: &RangeMap| Layers::uniform(1.0, f64::INFINITY, 16).unwrap();
-    let dense = render_stopped(2, 1, planes, Culling::NONE);
-    let exact = render_stopped(2, 1, planes, Culling::default());
+    let dense = render_culled(2, 1, planes, Culling::NONE);
+    let exact = render_culled(2, 1, planes, Culling::default());
     assert_eq!(dense.picture.data(), exact.picture.data());
-    let stopped = render_stopped(2, 1, planes, Culling { transmittance: 0.9, ..Culling::default() });
-    assert!(stopped.culled.opaque > 0 && stopped.culled.transmittance < 0.9, "{:?}", stopped.culled);
-    let pairs = dense.picture.data().iter().zip(stopped.picture.data());
+    let fewer = render_culled(2, 1, planes, Culling { transmittance: 0.9, ..Culling::default() });
+    assert!(fewer.culled.opaque > 0 && fewer.culled.transmittance < 0.9, "{:?}", fewer.culled);
+    let pairs = dense.picture.data().iter().zip(fewer.picture.data());
     for (i, (a, b)) in pairs.enumerate() {
-        let left = stopped.transmittance.as_slice().unwrap()[i / 3];
+        let left = fewer.transmittance.as_slice().unwrap()[i / 3];
         assert!((a - b).abs() <= left + TOLERANCE, "{} apart where {left} was left", (a - b).abs());
     }
 }

@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DVec3};
 use liveview::geometry::{Camera, Intrinsics};
-use liveview::image::ImageRgb;
-use liveview::image::psnr;
+use liveview::image::{ImageRgb, psnr};
+use liveview::layers::LayerSpec;
 use liveview::live::{LayerSource, LiveError, LiveFrame, LiveSession, LiveSettings, Policy};
 use liveview::network::{NetworkError, PlaneNetwork};
 use liveview::render::Renderer;
@@ -77,14 +77,15 @@ fn rig() -> Vec<Camera> {
     [(-0.2, 0.1), (0.0, -0.2), (0.2, 0.1), (0.1, 0.15), (0.5, 0.0)].map(|(x, y)| camera(x, y)).to_vec()
 }
 
-fn session_of(policy: Policy, views: &[usize]) -> LiveSession<Agreement> {
-    let settings = LiveSettings { near: 2.0, far: 12.0, policy, layers: 2, coarse_planes: None };
+fn session_of(layers: LayerSpec, policy: Policy, views: &[usize]) -> LiveSession<Agreement> {
+    let mut settings = LiveSettings::new(2.0, 12.0);
+    (settings.layers, settings.policy) = (layers, policy);
     let renderers = views.iter().map(|&views| Renderer::new(Agreement(views), 1)).collect();
     LiveSession::new(rig(), renderers, settings).unwrap()
 }
 
 fn session(policy: Policy) -> LiveSession<Agreement> {
-    session_of(policy, &[4])
+    session_of(LayerSpec::guided(2), policy, &[4])
 }
 
 fn show(session: &mut LiveSession<Agreement>, stage: Stage, target: &Camera) -> LiveFrame {
@@ -102,11 +103,14 @@ fn score(frame: &LiveFrame, stage: Stage, target: &Camera) -> f64 {
 }
 
 #[test]
-fn what_does_not_change_is_carried_to_the_bit() {
-    let (mut carried, target) = (session(Policy::Carried), camera(0.05, 0.0));
-    let first = show(&mut carried, EMPTY, &target);
-    let second = show(&mut carried, EMPTY, &target);
-    assert_eq!((first.taken, second.taken), (LayerSource::Searched, LayerSource::Carried { refreshed: 0.0 }));
+fn what_does_not_change_is_propagated_to_the_bit() {
+    let (mut propagated, target) = (session(Policy::Propagate), camera(0.05, 0.0));
+    let first = show(&mut propagated, EMPTY, &target);
+    let second = show(&mut propagated, EMPTY, &target);
+    assert_eq!(
+        (first.layer_source, second.layer_source),
+        (LayerSource::Searched, LayerSource::Propagated { refreshed: 0.0 })
+    );
     assert_eq!(first.frame.picture.data(), second.frame.picture.data());
     assert_eq!(searched(EMPTY, &target).frame.picture.data(), second.frame.picture.data());
 }
@@ -114,12 +118,12 @@ fn what_does_not_change_is_carried_to_the_bit() {
 #[test]
 fn a_moving_target_takes_the_surface_with_it() {
     let stage = Stage { board: Some(-0.5), ..EMPTY };
-    let mut carried = session(Policy::Carried);
+    let mut propagated = session(Policy::Propagate);
     let mut whole = 0;
     for step in 0..8 {
         let target = camera(-0.1 + 0.02 * f64::from(step), 0.0);
-        let frame = show(&mut carried, stage, &target);
-        whole += usize::from(frame.taken == LayerSource::Searched);
+        let frame = show(&mut propagated, stage, &target);
+        whole += usize::from(frame.layer_source == LayerSource::Searched);
         let (own, best) = (score(&frame, stage, &target), score(&searched(stage, &target), stage, &target));
         assert!(own > best - 0.5, "step {step}: {own:.2} dB, {best:.2} dB if searched");
     }
@@ -128,61 +132,76 @@ fn a_moving_target_takes_the_surface_with_it() {
 
 #[test]
 fn a_cut_is_searched_at_once() {
-    let (mut carried, target) = (session(Policy::Carried), camera(0.05, 0.0));
-    show(&mut carried, EMPTY, &target);
+    let (mut propagated, target) = (session(Policy::Propagate), camera(0.05, 0.0));
+    show(&mut propagated, EMPTY, &target);
     let cut = Stage { wall: 3.0, paint: 2.0, board: None };
-    let frame = show(&mut carried, cut, &target);
-    assert_eq!(frame.taken, LayerSource::Searched);
+    let frame = show(&mut propagated, cut, &target);
+    assert_eq!(frame.layer_source, LayerSource::Searched);
     assert_eq!(frame.frame.picture.data(), searched(cut, &target).frame.picture.data());
     // The moved surface alone does not notice.
     let mut blind = session(Policy::Every(9));
     show(&mut blind, EMPTY, &target);
     let blind = show(&mut blind, cut, &target);
-    assert_eq!(blind.taken, LayerSource::Carried { refreshed: 0.0 });
+    assert_eq!(blind.layer_source, LayerSource::Propagated { refreshed: 0.0 });
     assert!(score(&frame, cut, &target) > score(&blind, cut, &target) + 3.0);
 }
 
 #[test]
 fn what_enters_is_found_within_the_frame_and_only_there() {
-    let (mut carried, target) = (session(Policy::Carried), camera(0.05, 0.0));
-    show(&mut carried, EMPTY, &target);
+    let (mut propagated, target) = (session(Policy::Propagate), camera(0.05, 0.0));
+    show(&mut propagated, EMPTY, &target);
     for left in [0.2, 0.1, 0.0] {
         let stage = Stage { board: Some(left), ..EMPTY };
-        let frame = show(&mut carried, stage, &target);
-        let LayerSource::Carried { refreshed } = frame.taken else { panic!("{:?}", frame.taken) };
+        let frame = show(&mut propagated, stage, &target);
+        let LayerSource::Propagated { refreshed } = frame.layer_source else { panic!("{:?}", frame.layer_source) };
         assert!(refreshed > 0.0 && refreshed < 0.4, "{refreshed}");
         let (own, best) = (score(&frame, stage, &target), score(&searched(stage, &target), stage, &target));
         assert!(own > best - 0.5, "board at {left}: {own:.2} dB, {best:.2} dB if searched");
     }
-    let away = show(&mut carried, EMPTY, &target);
+    let away = show(&mut propagated, EMPTY, &target);
     assert!(score(&away, EMPTY, &target) > score(&searched(EMPTY, &target), EMPTY, &target) - 0.3);
 }
 
 #[test]
 fn the_papers_video_chooses_its_planes_on_the_first_frame() {
-    let (mut paper, target) = (session(Policy::PAPER), camera(0.05, 0.0));
-    let taken = [(); 3].map(|()| {
+    let (mut paper, target) = (session_of(LayerSpec::PAPER, Policy::Once, &[4]), camera(0.05, 0.0));
+    let sources = [(); 3].map(|()| {
         let frame = show(&mut paper, EMPTY, &target);
         let best = frame.frame.best_layer.iter().flatten().max().copied();
-        (frame.taken, best.is_some_and(|best| best >= 16))
+        (frame.layer_source, best.is_some_and(|best| best >= 16))
     });
-    assert_eq!(taken, [(LayerSource::Planes, true), (LayerSource::Selected, false), (LayerSource::Selected, false)]);
+    assert_eq!(sources, [(LayerSource::Dense, true), (LayerSource::Selected, false), (LayerSource::Selected, false)]);
+}
+
+#[test]
+fn planes_of_k_means_stay_until_the_policy_finds_them_anew() {
+    let target = camera(0.05, 0.0);
+    let layers = LayerSpec::KMeans { planes: 4, coarse_planes: None };
+    for (policy, expected) in
+        [(Policy::Every(1), [true; 3]), (Policy::Every(2), [true, false, true]), (Policy::Once, [true, false, false])]
+    {
+        let mut session = session_of(layers.clone(), policy, &[4]);
+        let sources = [(); 3].map(|()| show(&mut session, EMPTY, &target).layer_source);
+        let kept = LayerSource::Propagated { refreshed: 0.0 };
+        assert_eq!(sources, expected.map(|searched| if searched { LayerSource::Searched } else { kept }), "{policy}");
+    }
 }
 
 #[test]
 fn every_so_many_frames() {
     let mut session = session(Policy::Every(3));
-    let searched = [(); 7].map(|()| show(&mut session, EMPTY, &camera(0.05, 0.0)).taken == LayerSource::Searched);
+    let searched =
+        [(); 7].map(|()| show(&mut session, EMPTY, &camera(0.05, 0.0)).layer_source == LayerSource::Searched);
     assert_eq!(searched, [true, false, false, true, false, false, true]);
 }
 
 #[test]
 fn a_camera_that_drops_out_is_left_out_and_with_too_few_a_smaller_network_serves() {
-    let (mut carried, target) = (session_of(Policy::Carried, &[2, 4]), camera(0.05, 0.0));
+    let (mut propagated, target) = (session_of(LayerSpec::guided(2), Policy::Propagate, &[2, 4]), camera(0.05, 0.0));
     let photos = EMPTY.photos();
     let mut render = |missing: &[usize]| {
         let photos: Vec<_> = (0..photos.len()).map(|i| Some(&photos[i]).filter(|_| !missing.contains(&i))).collect();
-        carried.render(&photos, &target)
+        propagated.render(&photos, &target)
     };
     let views = render(&[]).unwrap().views;
     assert!(views.len() == 4 && !views.contains(&4), "{views:?}");
@@ -196,7 +215,7 @@ fn a_camera_that_drops_out_is_left_out_and_with_too_few_a_smaller_network_serves
 
 #[test]
 fn photos_that_are_not_the_cameras_are_refused() {
-    let mut session = session(Policy::Carried);
+    let mut session = session(Policy::Propagate);
     let small = ImageRgb::new(8, 8, vec![0.5; 192]).unwrap();
     let refused = session.render(&[Some(&small), None, None, None, None], &camera(0.0, 0.0)).unwrap_err();
     assert_eq!(refused.to_string(), "the photo of camera 0 is 8x8; expected 384x256");
@@ -205,9 +224,9 @@ fn photos_that_are_not_the_cameras_are_refused() {
 
 #[test]
 fn another_size_of_the_target_starts_anew() {
-    let mut session = session(Policy::Carried);
+    let mut session = session(Policy::Propagate);
     show(&mut session, EMPTY, &camera(0.0, 0.0));
     let half = camera(0.0, 0.0).with_size_scaled(192, 128).unwrap();
     let frame = show(&mut session, EMPTY, &half);
-    assert_eq!((frame.taken, frame.frame.picture.width()), (LayerSource::Searched, 192));
+    assert_eq!((frame.layer_source, frame.frame.picture.width()), (LayerSource::Searched, 192));
 }

@@ -3,24 +3,21 @@
 //! Each stage is fed the float32 roundings of the oracle's outputs of the stage before: the first stage that fails is the
 //! one that departs. Bounds are those of `parity/tolerances.json`.
 
+mod wheel;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
-use liveview::geometry::{Camera, Intrinsics};
-use liveview::geometry::{SourceView, distance};
+use liveview::geometry::{Camera, Intrinsics, distance};
 use liveview::image::ImageRgb;
-use liveview::layers::guided::layer_costs;
-use liveview::layers::guided::semi_global;
-use liveview::layers::guided::{COARSE, GuidedSearch, WINDOWS, fine_layers, range_of, winner_takes_all};
-use liveview::layers::{CELL, Layer, Layers, padded};
-use liveview::layers::{kmeans_planes, plane_histogram, select_planes};
-use liveview::network::ExecutionProvider;
-use liveview::network::{OrtNetwork, PlaneNetwork};
-use liveview::render::Accumulated;
-use liveview::render::{Blended, DistanceWeights, LayerSamples};
-use liveview::render::{Renderer, warp_sources};
-use liveview::warp::{Texture, warp_layers};
+use liveview::layers::guided::{
+    COARSE, GuidedSearch, WINDOWS, fine_layers, layer_costs, range_of, semi_global, winner_takes_all,
+};
+use liveview::layers::{CELL, Layer, Layers, kmeans_planes, padded, plane_histogram, select_planes};
+use liveview::network::{ExecutionProvider, OrtNetwork, PlaneNetwork};
+use liveview::render::{Accumulated, Blended, DistanceWeights, LayerSamples, Renderer};
+use liveview::warp::{SourceView, Texture, warp_layers, warp_sources};
 use ndarray::{Array, Array2, Array3, ArrayD, Axis, Dimension, IxDyn, OwnedRepr, s};
 use ndarray_npy::{NpzReader, ReadNpyError, ReadNpzError, ReadableElement};
 
@@ -324,7 +321,7 @@ fn selection() {
 }
 
 #[test]
-fn coarse_pass() {
+fn guided_search() {
     for_all(|case| {
         let Some(disparities) = case.find::<f64>("coarse.disparities") else { return };
         let [costs, agreed, layers, fine_costs] =
@@ -344,7 +341,7 @@ fn coarse_pass() {
         let range = range_of(&fine, 0.0);
         let maps = [range.nearest(), range.surface(), range.farthest()].map(|map| map.view());
         case.check("range", &ndarray::stack(Axis(0), &maps).unwrap());
-        let layers = Layers::guided(&range, case.layers().len()).unwrap();
+        let layers = range.layers(case.layers().len()).unwrap();
         let map = |layer: &Layer| if let Layer::Map(map) = layer { map.clone() } else { unreachable!("guided layers") };
         let maps: Vec<_> = layers.as_slice().iter().map(map).collect();
         case.check("cell_maps", &ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>()).unwrap());

@@ -90,24 +90,45 @@ fn near_and_far() {
     assert_render_refused(&folders, &["--near", "-1"], &["near is -1"]);
     assert_render_refused(&folders, &["--far", "nan"], &["far is NaN"]);
     folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
-    assert_render_refused(&folders, &[], &["expected --near and --far, in scene units"]);
-    assert_render_refused(&folders, &["--near", "2"], &["expected --far, in scene units"]);
+    let unknown = "the scene does not tell how near and far things are; expected";
+    assert_render_refused(&folders, &[], &[&format!("{unknown} near and far, in scene units. --near and --far ")]);
+    assert_render_refused(&folders, &["--near", "2"], &[&format!("{unknown} far, in scene units. --far ")]);
 }
 
 #[test]
 fn lists_of_disparities() {
     let folders = Folders::new();
-    let refused = |list: &str, words: &[&str]| assert_render_refused(&folders, &["--disparities", list], words);
-    refused("", &["--layers", "list:empty", "at least one"]);
-    refused("0.1,0.3", &["--layers", "list:disparity 1 (0.3)", "descending"]);
-    refused("0.3,x", &["--layers", "list:\"x\" is not a number"]);
-    refused("0.3,,0.1", &["--layers", "list:\"\" is not a number"]);
-    refused("0.3,nan", &["--layers", "list:disparity 1 is NaN"]);
-    refused("-0.3", &["--layers", "list:disparity 0 is -0.3"]);
-    for count in ["--layers=planes:0", "--planes=-3", "--planes=1e9", "--layers=planes:1000000000"] {
-        assert_render_refused(&folders, &[count], &["--planes", "a whole number from 1 to 4096"]);
+    let refused = |list: &str, words: &[&str]| {
+        let layers = format!("list:{list}");
+        assert_render_refused(&folders, &["--layers", &layers], &[&["--layers", layers.as_str()], words].concat());
+    };
+    refused("", &["empty", "at least one"]);
+    refused("0.1,0.3", &["disparity 1 (0.3)", "descending"]);
+    refused("0.3,x", &["\"x\" is not a number"]);
+    refused("0.3,,0.1", &["\"\" is not a number"]);
+    refused("0.3,nan", &["disparity 1 is NaN"]);
+    refused("-0.3", &["disparity 0 is -0.3"]);
+}
+
+#[test]
+fn layers_that_are_none() {
+    let folders = Folders::new();
+    let refused = |layers: &str, words: &[&str]| {
+        assert_render_refused(&folders, &["--layers", layers], &[&["--layers", layers], words].concat());
+    };
+    for kind in ["planes", "guided", "select", "kmeans"] {
+        for count in ["0", "-3", "1e9", "1000000000", ""] {
+            refused(&format!("{kind}:{count}"), &["a whole number from 1 to 4096"]);
+        }
     }
-    assert_render_refused(&folders, &["--layers", "select:9/8"], &["9 planes", "from 8"]);
+    for layers in ["guided:2/1", "kmeans:2/1", "guided:2/4097"] {
+        refused(layers, &["a whole number from 2 to 4096"]);
+    }
+    refused("select:9/8", &["9 planes", "from 8"]);
+    for layers in ["", "64", "planes", "planes 64", "tiles:64"] {
+        refused(layers, &["expected planes:D, guided:L, select:K/D, kmeans:K or list:DISPARITIES"]);
+    }
+    assert_render_refused(&folders, &["--layers", "planes:4", "--quality", "draft"], &["cannot be used with"]);
 }
 
 #[test]
@@ -123,7 +144,10 @@ fn models_of_another_shape() {
     refused(&["--model", &fixture("fixed_size")], &["fixed_size.onnx", "n, h and w free"]);
     refused(&["--model", &fixture("other_stride")], &["metadata `stride` is 16", "expected 8"]);
     refused(&["--model", &fixture("no_card")], &["metadata `views` is missing"]);
-    refused(&["--model", &fixture("odd_advice")], &["`recommended_layers`", "many", "guided 4"]);
+    refused(
+        &["--model", &fixture("odd_advice")],
+        &["`recommended_layers`", "many", "such as \"guided:2\"", "--layers"],
+    );
     refused(&["--model", &fixture("tiny_v4"), "--views", "5"], &["metadata `views` is 4", "expected 5"]);
     refused(&["--model", &fixture("absent")], &["absent.onnx", "no such file"]);
     refused(&["--model", &format!("{}/Cargo.toml", env!("CARGO_MANIFEST_DIR"))], &["Cargo.toml", "ONNX Runtime"]);
@@ -153,13 +177,13 @@ fn engines_that_are_not_there() {
     let library = wheel::file(ExecutionProvider::Cpu).unwrap().to_str().unwrap().to_owned();
     refused(
         &["--engine", "openvino", "--ort-lib", &library],
-        &[&library, "no engine openvino", "make runtime-openvino", "--ort-lib"],
+        &[&library, "has no execution provider openvino", "make runtime-openvino", "--ort-lib"],
     );
     if cfg!(not(feature = "cuda")) {
-        refused(&["--engine", "cuda"], &["engine cuda", "cargo feature `cuda`"]);
+        refused(&["--engine", "cuda"], &["execution provider cuda", "cargo feature `cuda`"]);
     }
     if cfg!(not(feature = "tensorrt")) {
-        refused(&["--engine", "tensorrt"], &["engine tensorrt", "cargo feature `tensorrt`"]);
+        refused(&["--engine", "tensorrt"], &["execution provider tensorrt", "cargo feature `tensorrt`"]);
     }
 }
 

@@ -85,7 +85,7 @@ fn a_full_disk_leaves_nothing_and_is_named() {
         ("render", vec!["--target", "2", "-o", &jpeg, "--explain", &picture], "a.png"),
         ("select", vec!["--target", "2", "-o", &picture], "a.png"),
         ("dump", vec!["--target", "2", "-o", &npz], "a.npz"),
-        ("sweep", vec!["--target", "2", "--layers", "guided 1", "-o", &report], "frame.npy"),
+        ("sweep", vec!["--target", "2", "--layers", "guided:1", "-o", &report], "frame.npy"),
     ] {
         let mut command = limited(&folders, 1, true, command, &arguments);
         folders.assert_refused(&mut command, &[file, "cannot be written: File too large"]);
@@ -113,7 +113,7 @@ fn what_cannot_be_told_is_an_error() {
 #[test]
 fn a_run_that_fails_half_way_goes_on_where_it_was() {
     let folders = Folders::new();
-    // What --select finds in the first frame serves the others: it must be found again.
+    // What `select` finds in the first frame serves the others: it must be found again.
     let path = format!("line:{FRAMES}");
     let arguments = |name| {
         let frames = folders.out(name);
@@ -248,8 +248,8 @@ fn frames_of_another_job_are_never_taken() {
     assert_eq!(json(render(&line).arg("--resume"))["kept"], 0, "an empty folder");
     let other = "another job";
     refused(&["--path", "line:4"], &[other, "\"targets\" is --path line:3 there and --path line:4 here"]);
-    refused(&["--path", "line:3", "--layers", "guided:3"], &[other, "\"layers\" is guided 2 there and guided 3 here"]);
-    refused(&["--path", "line:3", "--layers", "list:0.3"], &[other, "\"layers\"", "[0.3]"]);
+    refused(&["--path", "line:3", "--layers", "guided:3"], &[other, "\"layers\" is guided:2 there and guided:3 here"]);
+    refused(&["--path", "line:3", "--layers", "list:0.3"], &[other, "\"layers\"", "list:0.3 here"]);
     refused(&["--path", "line:3", "--opaque", "0.1"], &[other, "\"opaque\" is 0 there and 0.1 here"]);
     refused(&["--path", "line:3", "--width", "32"], &[other, "\"size\" is 64x48 there and 32x24 here"]);
     refused(&["--path", "line:3", "--near", "1"], &[other, "\"depth\" is 2 to 8 there and 1 to 8 here"]);
@@ -376,14 +376,14 @@ fn two_runs_that_write_the_same_files() {
     let folders = seven();
     let picture = |layers: &str, name: &str| {
         let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
-        render.arg("render").arg(folders.scene()).args(["--model", &fixture("tiny_v4"), "--planes", layers]);
+        render.arg("render").arg(folders.scene()).args(["--model", &fixture("tiny_v4"), "--layers", layers]);
         render.args(["--path", "line:20", "-o", &folders.out(name)]).stdout(Stdio::null());
         render
     };
-    for (layers, name) in [("3", "three"), ("5", "five")] {
+    for (layers, name) in [("planes:3", "three"), ("planes:5", "five")] {
         assert!(picture(layers, name).status().unwrap().success());
     }
-    let mut running = ["3", "5", "3"].map(|layers| picture(layers, "both").spawn().unwrap());
+    let mut running = ["planes:3", "planes:5", "planes:3"].map(|layers| picture(layers, "both").spawn().unwrap());
     assert!(running.iter_mut().all(|run| run.wait().unwrap().success()));
     let written = contents(&folders);
     assert_eq!(written.len(), 3 * 21, "{:?}", written.keys());
@@ -393,7 +393,8 @@ fn two_runs_that_write_the_same_files() {
     }
     // Whichever of them wrote it last, the record tells the truth.
     let record: Value = serde_json::from_slice(&written["both/liveview.json"]).unwrap();
-    let (layers, alone) = if record["job"]["layers"] == "planes 3" { ("3", "three") } else { ("5", "five") };
+    let first = record["job"]["layers"] == "planes:3";
+    let (layers, alone) = if first { ("planes:3", "three") } else { ("planes:5", "five") };
     assert!(picture(layers, "both").arg("--resume").status().unwrap().success());
     let written = contents(&folders);
     for frame in (0..20).map(|frame| format!("frame_{frame:04}.png")) {

@@ -31,7 +31,7 @@ fn inspect_tells_what_was_understood() {
     close(&told["target"]["planes"]["largest_step_pixels"], 4.5 / 63.0);
     let text = folders.liveview("inspect", &["--layers", "planes:3"]).output().unwrap();
     let text = String::from_utf8(text.stdout).unwrap();
-    assert!(text.contains("2.25 pixels apart") && text.contains("--planes 6 are enough"), "{text}");
+    assert!(text.contains("2.25 pixels apart") && text.contains("planes:6 are enough"), "{text}");
 }
 
 #[test]
@@ -53,6 +53,20 @@ fn inspect_tells_what_will_be_left_out() {
     // Planes nearer than the views can see together: 60 · 0.1 / 0.01 is far beyond the photo.
     let told = json(&mut folders.liveview("inspect", &["--near", "0.01", "--far", "8", "--layers", "planes:4"]));
     assert_eq!(told["target"]["planes"]["covered_by_no_view"], serde_json::json!([0, 1, 2]));
+}
+
+#[test]
+fn other_kinds_of_layers_are_refused() {
+    let folders = Folders::new();
+    let refused = |command: &str, arguments: &[&str], words: &[&str]| {
+        folders.assert_refused(&mut folders.liveview(command, arguments), words);
+    };
+    refused("inspect", &["--layers", "guided:2"], &["--layers guided:2", "expected planes:D or list:"]);
+    refused("inspect", &["--layers", "planes:0"], &["--layers", "planes:0", "a whole number from 1 to 4096"]);
+    let target = |layers| ["--target", "2", "--layers", layers];
+    refused("select", &target("planes:4"), &["--layers planes:4", "expected select:K/D or guided:L"]);
+    refused("select", &target("kmeans:4"), &["--layers kmeans:4", "expected select:K/D or guided:L"]);
+    refused("select", &target("guided:0"), &["--layers", "guided:0", "a whole number from 1 to 4096"]);
 }
 
 #[test]

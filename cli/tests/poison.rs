@@ -137,30 +137,33 @@ fn photos(folder: &str) -> Folders {
 }
 
 const NAMES: [&str; 5] = ["0.png", "1.png", "2.png", "3.png", "4.png"];
-const NUMERIC_OPTIONS: [&str; 16] = [
-    "--near",
-    "--far",
-    "--disparities",
-    "--opaque",
-    "--guided",
-    "--planes",
-    "--kmeans",
-    "--select",
-    "--select-from",
-    "--coarse-planes",
-    "--width",
-    "--views",
-    "--batch",
-    "--threads",
-    "--rig-position",
-    "--fps",
+/// Options up to where their number stands; of `--layers`, each kind's.
+const NUMERIC_OPTIONS: [&str; 18] = [
+    "--near=",
+    "--far=",
+    "--opaque=",
+    "--layers=list:",
+    "--layers=list:1e3,",
+    "--layers=guided:",
+    "--layers=guided:2/",
+    "--layers=planes:",
+    "--layers=kmeans:",
+    "--layers=kmeans:2/",
+    "--layers=select:",
+    "--layers=select:1/",
+    "--width=",
+    "--views=",
+    "--batch=",
+    "--threads=",
+    "--rig-position=",
+    "--fps=",
 ];
 const K: &[&str] = &["fl_x", "fl_y", "fx", "fy", "cx", "cy"];
 const POSE: &[&str] = &["rotation", "translation", "centre", "transform_matrix", ELSEWHERE[0], ELSEWHERE[1]];
 const RANGE: &[&str] = &["near", "far", ELSEWHERE[1]];
 const POINTS: &[&str] = &["near", ELSEWHERE[1]];
 /// What is said of a legal number of a pose, a point or a depth, without the file: where the views look or how near things are.
-const ELSEWHERE: [&str; 2] = ["look the target's way", "expected --near"];
+const ELSEWHERE: [&str; 2] = ["look the target's way", "expected near"];
 
 #[test]
 fn transforms_json() {
@@ -333,10 +336,10 @@ fn options() {
     let mut tally = Tally::default();
     for option in NUMERIC_OPTIONS {
         for value in TEXTS.into_iter().chain(["3e-39", "3e38", "0", "1", "4097"]) {
-            let given = format!("{option}={value}");
-            let mut arguments = vec!["--target", "2", &given];
-            arguments.extend((option == "--coarse-planes").then_some("--layers=guided:2"));
-            tally.render(&folders, &arguments, &given, "", &[option, &option[2..]]);
+            let given = format!("{option}{value}");
+            let name = option.split('=').next().unwrap();
+            let words = if name == "--layers" { &[name][..] } else { &[name, &name[2..]] };
+            tally.render(&folders, &["--target", "2", &given], &given, "", words);
         }
     }
     for value in TEXTS.into_iter().chain(["3e-39", "3e38", "0", "1", "4097"]) {

@@ -5,8 +5,7 @@ mod common;
 use std::fs;
 
 use common::{Folders, HEIGHT, WIDTH};
-use liveview::image;
-use liveview::image::psnr;
+use liveview::image::{self, psnr};
 use serde_json::Value;
 
 /// Runs a command that must succeed; its stdout.
@@ -32,7 +31,7 @@ fn a_held_out_view_is_rendered_scored_and_compared() {
     views.sort_unstable();
     assert_eq!(views, ["0.png", "1.png", "3.png", "4.png"], "never from itself");
     assert_eq!((&target["near"], &target["far"]), (&2.0.into(), &8.0.into()));
-    assert_eq!(told["layers"], "guided 2", "as the model recommends");
+    assert_eq!(told["layers"], "guided:2", "as the model recommends");
 
     let (result, truth) = (image::load(picture.as_ref()).unwrap(), image::load(&folders.photo(2)).unwrap());
     let score = psnr(&result, &truth, 16);
@@ -45,7 +44,7 @@ fn a_held_out_view_is_rendered_scored_and_compared() {
     assert_eq!(size, (3 * WIDTH as usize + 8, HEIGHT as usize));
 
     let scale: Value = serde_json::from_slice(&fs::read(folders.out("d_scale.json")).unwrap()).unwrap();
-    let grey = image::open(&depth).unwrap().into_luma16();
+    let grey = ::image::open(&depth).unwrap().into_luma16();
     assert_eq!(grey.iter().max(), Some(&65535));
     let disparity = f64::from(grey.get_pixel(32, 24).0[0]) / 65535.0 * scale["disparity_max"].as_f64().unwrap();
     assert!((disparity - 0.25).abs() < 0.05, "the wall is at depth 4: {disparity}");
@@ -73,8 +72,8 @@ fn the_result_depends_on_neither_threads_nor_batch() {
         run(&mut folders.render(&[
             "--target",
             "2",
-            "--planes",
-            "8",
+            "--layers",
+            "planes:8",
             "--threads",
             threads,
             "--batch",
@@ -110,21 +109,12 @@ fn a_pose_on_top_of_a_view_shows_its_photo() {
 #[test]
 fn a_path_becomes_a_folder_of_frames_and_keeps_the_planes_of_the_first() {
     let folders = Folders::new();
-    let told = json(&mut folders.render(&[
-        "--path",
-        "line:3",
-        "--select",
-        "2",
-        "--select-from",
-        "8",
-        "-o",
-        &folders.out("frames"),
-    ]));
+    let told = json(&mut folders.render(&["--path", "line:3", "--layers", "select:2/8", "-o", &folders.out("frames")]));
     let frames = ["frames/frame_0000.png", "frames/frame_0001.png", "frames/frame_0002.png"];
     assert_eq!(folders.written(), [&frames[..], &["frames/liveview.json"]].concat());
     let seconds = |frame: usize| told["targets"][frame]["seconds"]["select"].as_f64().unwrap();
     assert!(seconds(0) > 0.0 && seconds(1) == 0.0 && seconds(2) == 0.0, "{told}");
-    assert_eq!((&told["targets"][2]["layers"], &told["layers"]), (&2.into(), &"select 2 of 8 planes".into()));
+    assert_eq!((&told["targets"][2]["layers"], &told["layers"]), (&2.into(), &"select:2/8".into()));
     // The ends of a line are the outermost views.
     for (frame, view) in [(0, 0), (2, 4)] {
         let frame = image::load(folders.out(&format!("frames/frame_{frame:04}.png")).as_ref()).unwrap();
@@ -155,6 +145,17 @@ fn other_layers() {
 }
 
 #[test]
+fn layers_are_those_that_the_model_recommends() {
+    let folders = Folders::new();
+    for (layers, count) in [("planes:3", 3), ("kmeans:4", 4)] {
+        let model = folders.recommending(layers);
+        let arguments = ["--target", "2", "--model", &model, "-o", &folders.out("a.png")];
+        let told = json(&mut folders.liveview("render", &arguments));
+        assert_eq!((told["layers"].as_str(), told["targets"][0]["layers"].as_u64()), (Some(layers), Some(count)));
+    }
+}
+
+#[test]
 fn videos_go_through_ffmpeg() {
     let folders = Folders::new();
     let copies = "for last; do :; done; /bin/cat > \"$last\"";
@@ -179,11 +180,11 @@ fn memory_does_not_grow_with_the_number_of_layers() {
     let folders = Folders::new();
     let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/scenes/workshop");
     let peak = |planes: &str| {
-        let mut command = assert_cmd::Command::cargo_bin("liveview").unwrap();
-        command.args(["render", scene, "--target", "target_0", "--width", "252", "--planes", planes]);
+        let mut command = assert_cmd::Command::new(env!("CARGO_BIN_EXE_liveview"));
+        command.args(["render", scene, "--target", "target_0", "--width", "252", "--layers", planes]);
         json(command.args(["-o", &folders.out("a.png")]))["peak_memory_bytes"].as_f64().unwrap()
     };
-    let (few, many) = (peak("8"), peak("64"));
+    let (few, many) = (peak("planes:8"), peak("planes:64"));
     assert!(many <= 1.2 * few, "{few} bytes at 8 planes, {many} at 64");
 }
 
@@ -228,9 +229,9 @@ fn qualities_are_choices_of_layers() {
         let told = json(folders.render(&["--target", "2", "-o", &folders.out("a.png")]).args(arguments));
         told["layers"].as_str().unwrap().to_owned()
     };
-    assert_eq!(layers(&["--quality", "draft"]), "guided 1");
-    assert_eq!(layers(&["--quality", "balanced"]), "guided 2");
-    assert_eq!(layers(&["--quality", "full"]), "guided 4");
-    assert_eq!(layers(&["--quality", "paper"]), "select 16 of 64 planes");
-    assert_eq!(layers(&["--layers", "kmeans:3"]), "kmeans 3");
+    assert_eq!(layers(&["--quality", "draft"]), "guided:1");
+    assert_eq!(layers(&["--quality", "balanced"]), "guided:2");
+    assert_eq!(layers(&["--quality", "full"]), "guided:4");
+    assert_eq!(layers(&["--quality", "paper"]), "select:16/64");
+    assert_eq!(layers(&["--layers", "kmeans:3"]), "kmeans:3");
 }

@@ -25,11 +25,11 @@ fn json(command: &mut Command) -> Value {
 #[test]
 fn every_configuration_has_its_error_and_its_time() {
     let folders = Folders::new();
-    let told = json(&mut sweep(&folders, &["--layers", "guided 1,kmeans 3,select 2,planes 4,planes 64"]));
+    let told = json(&mut sweep(&folders, &["--layers", "guided:1,kmeans:3,select:2,planes:4,planes:64"]));
     assert_eq!(folders.written(), ["report/sweep.json", "report/sweep.md", "report/sweep.svg"]);
     let rows = told["rows"].as_array().unwrap();
     let named: Vec<&str> = rows.iter().map(|row| row["layers"].as_str().unwrap()).collect();
-    assert_eq!(named, ["guided 1", "kmeans 3", "select 2 of 64 planes", "planes 4", "planes 64"]);
+    assert_eq!(named, ["guided:1", "kmeans:3", "select:2/64", "planes:4", "planes:64"]);
     for row in rows {
         let times = row["seconds"]["all"].as_array().unwrap();
         assert_eq!(times.len(), 2, "{row}");
@@ -53,9 +53,9 @@ fn every_configuration_has_its_error_and_its_time() {
 #[test]
 fn guided_layers_are_measured_on_other_engines_too() {
     let folders = Folders::new();
-    let told = json(&mut sweep(&folders, &["--layers", "guided 1,planes 2", "--engines", "cpu f32"]));
+    let told = json(&mut sweep(&folders, &["--layers", "guided:1,planes:2", "--engines", "cpu f32"]));
     let rows: Vec<_> = told["rows"].as_array().unwrap().iter().map(|row| (&row["layers"], &row["engine"])).collect();
-    let [guided, planes] = ["guided 1", "planes 2"].map(Value::from);
+    let [guided, planes] = ["guided:1", "planes:2"].map(Value::from);
     let cpu = Value::from("cpu, f32");
     assert_eq!(rows, [(&guided, &cpu), (&planes, &cpu), (&guided, &cpu)]);
     let mut unknown = sweep(&folders, &["--engines", "abacus"]);
@@ -66,7 +66,7 @@ fn guided_layers_are_measured_on_other_engines_too() {
 #[test]
 fn widths_scale_the_photos() {
     let folders = Folders::new();
-    let told = json(&mut sweep(&folders, &["--layers", "planes 2", "--widths", "32,64"]));
+    let told = json(&mut sweep(&folders, &["--layers", "planes:2", "--widths", "32,64"]));
     let widths: Vec<u64> = told["rows"].as_array().unwrap().iter().map(|row| row["width"].as_u64().unwrap()).collect();
     assert_eq!(widths, [32, 64]);
     assert!(fs::read_to_string(folders.out("report/sweep.svg")).unwrap().contains("megapixels"));
@@ -86,7 +86,7 @@ fn a_reference_joins_in_its_own_process() {
     )
     .unwrap();
     fs::set_permissions(&script, fs::Permissions::from_mode(0o755)).unwrap();
-    let told = json(&mut sweep(&folders, &["--layers", "planes 2", "--reference", script.to_str().unwrap()]));
+    let told = json(&mut sweep(&folders, &["--layers", "planes:2", "--reference", script.to_str().unwrap()]));
     let rows = told["rows"].as_array().unwrap();
     assert_eq!(rows.len(), 6, "five references");
     assert_eq!((&rows[1]["reference"], &rows[1]["engine"]), (&true.into(), &"reference".into()));
@@ -98,11 +98,13 @@ fn a_reference_joins_in_its_own_process() {
 fn what_cannot_be_measured_is_refused() {
     let folders = Folders::new();
     let refused = |arguments: &[&str], words: &[&str]| folders.assert_refused(&mut sweep(&folders, arguments), words);
-    refused(&["--layers", "guessed 4"], &["guessed 4", "guided L"]);
-    refused(&["--layers", "planes 0"], &["planes 0", "from 1 to 4096"]);
-    refused(&["--layers", "guided 2", "--reference", "true"], &["--reference", "planes among --layers"]);
-    refused(&["--layers", "planes 2", "--reference", "false"], &["reference", "ended before its time"]);
-    refused(&["--layers", "planes 2", "--reference", "no-such-program"], &["no-such-program", "cannot be started"]);
+    refused(&["--layers", "guessed:4"], &["guessed:4", "guided:L"]);
+    refused(&["--layers", "planes:0"], &["planes:0", "from 1 to 4096"]);
+    // Commas separate configurations: a list of disparities falls apart.
+    refused(&["--layers", "list:0.5,0.25"], &["--layers", "\"0.25\" names no layers"]);
+    refused(&["--layers", "guided:2", "--reference", "true"], &["--reference", "planes among --layers"]);
+    refused(&["--layers", "planes:2", "--reference", "false"], &["reference", "ended before its time"]);
+    refused(&["--layers", "planes:2", "--reference", "no-such-program"], &["no-such-program", "cannot be started"]);
     refused(&["--near", "9", "--far", "3"], &["0 < near < far"]);
     let mut unknown = folders.liveview("sweep", &["--target", "nobody", "-o", &folders.out("report")]);
     folders.assert_refused(&mut unknown, &["nobody"]);

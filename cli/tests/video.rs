@@ -97,7 +97,7 @@ fn a_held_out_camera_is_rendered_frame_by_frame_and_scored() {
     let names: Vec<String> = (0..4).map(|frame| format!("frames/frame_{frame:06}.png")).collect();
     assert_eq!(rig.folders.written(), [names, vec!["log.jsonl".to_owned()]].concat());
     assert_eq!((told["rendered"].as_u64(), told["repeated"].as_u64()), (Some(4), Some(0)));
-    assert_eq!(told["taken"], serde_json::json!({ "searched": 1, "carried": 3 }));
+    assert_eq!(told["layers_from"], serde_json::json!({ "searched": 1, "propagated": 3 }));
     assert!(told["mean"]["psnr"].as_f64().unwrap() > 15.0, "{told}");
     assert!(told["mean"]["flicker"].as_f64().unwrap() < 1e-3, "nothing moves: {told}");
     let lines = lines(&log);
@@ -112,11 +112,37 @@ fn paths_poses_ranges_and_policies() {
     let out = rig.folders.out("frames");
     let told = rig.told(&["--path", "line:3", "--policy", "every:2", "--frames", "1..", "-o", &out]);
     assert_eq!((told["rendered"].as_u64(), &told["mean"]["psnr"]), (Some(4), &Value::Null));
-    assert_eq!(told["taken"], serde_json::json!({ "searched": 2, "carried": 2 }));
+    assert_eq!(told["layers_from"], serde_json::json!({ "searched": 2, "propagated": 2 }));
     let poses = rig.folders.out("poses.json");
     fs::write(&poses, r#"[{"cam_from_world": [[1, 0, 0, -0.25], [0, -1, 0, 0], [0, 0, -1, 0]]}]"#).unwrap();
-    let told = rig.told(&["--poses", &poses, "--policy", "paper", "--frames", "..2", "-o", &out]);
-    assert_eq!(told["taken"], serde_json::json!({ "planes": 1, "selected": 1 }));
+    let told = rig.told(&["--poses", &poses, "--layers", "select:16/64", "--frames", "..2", "-o", &out]);
+    assert_eq!(told["layers_from"], serde_json::json!({ "dense": 1, "selected": 1 }));
+    assert_eq!((&told["layers"], &told["policy"]), (&"select:16/64".into(), &"once".into()));
+}
+
+#[test]
+fn every_kind_of_layers_with_every_policy() {
+    let rig = Rig::new(3);
+    let out = rig.folders.out("frames");
+    for (layers, policy, default, from) in [
+        ("guided:2", "propagate", true, serde_json::json!({ "searched": 1, "propagated": 2 })),
+        ("guided:2", "each", false, serde_json::json!({ "searched": 3 })),
+        ("guided:2/32", "once", false, serde_json::json!({ "searched": 1, "propagated": 2 })),
+        ("kmeans:3", "each", true, serde_json::json!({ "searched": 3 })),
+        ("kmeans:3", "every:2", false, serde_json::json!({ "searched": 2, "propagated": 1 })),
+        ("select:2/8", "every:2", false, serde_json::json!({ "dense": 2, "selected": 1 })),
+        ("planes:3", "once", true, serde_json::json!({ "fixed": 3 })),
+        ("list:0.4,0.2", "once", true, serde_json::json!({ "fixed": 3 })),
+    ] {
+        let given: &[&str] = if default { &[] } else { &["--policy", policy] };
+        let told = rig.told(&[&["--camera", "cam2", "--layers", layers, "-o", &out], given].concat());
+        assert_eq!(told["layers_from"], from, "{layers}, {policy}");
+        assert_eq!((&told["layers"], &told["policy"]), (&layers.into(), &policy.into()));
+    }
+    let mut obeyed = rig.folders.liveview("video", &["--camera", "cam2", "-o", &out, "--json"]);
+    let output = obeyed.args(["--model", &rig.folders.recommending("planes:3")]).output().unwrap();
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(told["layers_from"], serde_json::json!({ "fixed": 3 }), "as the model recommends");
 }
 
 #[test]
@@ -175,7 +201,7 @@ fn live_frames_are_paced_and_late_ones_dropped() {
     assert!(told["latency_ms"]["median"].as_u64().is_some() && told["mean"]["psnr"].is_null());
     // Too fast for any machine: the work goes down, frames are dropped, and every one has its place in the video.
     let told =
-        rig.told(&["--camera", "cam2", "--fps", "256", "--latency", "1ms", "--policy", "planes:512", "-o", &out]);
+        rig.told(&["--camera", "cam2", "--fps", "256", "--latency", "1ms", "--layers", "planes:512", "-o", &out]);
     assert!(told["dropped"].as_u64().unwrap() > 0, "{told}");
     let sum = ["rendered", "repeated"].map(|key| told[key].as_u64().unwrap()).iter().sum::<u64>();
     assert_eq!(told["frames"].as_u64(), Some(sum), "{told}");
@@ -191,6 +217,13 @@ fn refusals() {
     refused(&["--camera", "cam2", "-o", &folders.out("a.webm")], &["-o", "a.webm", ".mp4"]);
     let inside = rig.path().join("cam0");
     refused(&["--camera", "cam2", "-o", inside.to_str().unwrap()], &["-o", "the rig's own folder"]);
+    refused(&["--camera", "cam2", "-o", &out, "--layers", "planes:0"], &["--layers", "a whole number from 1 to 4096"]);
+    refused(&["--camera", "cam2", "-o", &out, "--policy", "paper"], &["--policy", "propagate, each, every:N or once"]);
+    refused(&["--camera", "cam2", "-o", &out, "--policy", "every:0"], &["--policy", "whole number from 1 to 1000000"]);
+    refused(
+        &["--camera", "cam2", "-o", &out, "--layers", "planes:4", "--policy", "propagate"],
+        &["--policy propagate", "each, every:N or once for planes:4"],
+    );
     let mut no_ffmpeg = rig.video(&["--camera", "cam2", "-o", &folders.out("a.mp4")]);
     folders.assert_refused(no_ffmpeg.env("PATH", "/nowhere"), &["a.mp4", "ffmpeg"]);
     rig.write_poses(3);

@@ -79,6 +79,17 @@ impl Folders {
         render
     }
 
+    /// The tiny model, its card recommending other layers, named in as many letters as "guided:2".
+    pub(crate) fn recommending(&self, layers: &str) -> String {
+        let own = b"guided:2";
+        let mut model = fs::read(fixture("tiny_v4")).unwrap();
+        let at = model.windows(own.len()).position(|text| text == own).expect("what the fixture recommends");
+        model[at..at + own.len()].copy_from_slice(layers.as_bytes());
+        let path = self.scene().join("recommending.onnx");
+        fs::write(&path, model).unwrap();
+        path.to_str().unwrap().to_owned()
+    }
+
     /// A folder to be the PATH, with an `ffmpeg` that is this shell script. Its last argument is the file to write.
     pub(crate) fn ffmpeg(&self, script: &str) -> String {
         let folder = self.scene().join("bin");

@@ -78,7 +78,7 @@ mod tests {
         let columns = |line: &&str| line.matches('|').count();
         assert!(lines.iter().all(|line| columns(line) == columns(&lines[0])), "{text}");
         assert!(
-            text.contains("| ● | guided 4 | test | 22.00 | 0.5000 | 0.0100 | 0.50 | 1.000 (1.000 to 1.100) | 11 |"),
+            text.contains("| ● | guided:4 | test | 22.00 | 0.5000 | 0.0100 | 0.50 | 1.000 (1.000 to 1.100) | 11 |"),
             "{text}"
         );
     }

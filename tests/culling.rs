@@ -5,13 +5,9 @@ mod double;
 use double::{Scrambler, camera, photo};
 use glam::{DMat3, DVec3};
 use liveview::geometry::Camera;
-use liveview::geometry::SourceView;
 use liveview::layers::Layers;
-use liveview::render::Accumulated;
-use liveview::render::Blended;
-use liveview::render::{Culled, Culling};
-use liveview::render::{Frame, Renderer};
-use liveview::warp::Texture;
+use liveview::render::{Accumulated, Blended, Culled, Culling, Frame, Renderer};
+use liveview::warp::{SourceView, Texture};
 use proptest::prelude::*;
 
 /// Columns and rows of the target; its padded rows are longer.
@@ -31,8 +27,8 @@ impl Wide {
         Self { cameras, photos: [photo(Self::PHOTO, seed), photo(Self::PHOTO, !seed)] }
     }
 
-    fn render(&self, layers: &Layers, opacity: f32, batch: usize, stops: Culling) -> (Frame, usize) {
-        render(&self.cameras, &self.photos, layers, opacity, batch, stops)
+    fn render(&self, layers: &Layers, opacity: f32, batch: usize, culling: Culling) -> (Frame, usize) {
+        render(&self.cameras, &self.photos, layers, opacity, batch, culling)
     }
 }
 
@@ -43,11 +39,11 @@ fn render(
     layers: &Layers,
     opacity: f32,
     batch: usize,
-    stops: Culling,
+    culling: Culling,
 ) -> (Frame, usize) {
     let views: Vec<_> = cameras.iter().zip(photos).map(|(camera, texture)| SourceView { camera, texture }).collect();
     let mut renderer = Renderer::new(Scrambler { opacity, layers: 0 }, batch);
-    renderer.set_culling(stops);
+    renderer.set_culling(culling);
     let frame = renderer.render(&views, &camera(SIZE, DMat3::IDENTITY, DVec3::ZERO), layers).unwrap();
     (frame, renderer.network().layers)
 }
@@ -82,7 +78,7 @@ fn layers_that_no_view_covers_are_left_out_to_the_bit_the_farthest_too() {
 
 proptest! {
     #[test]
-    fn what_the_opacity_stop_leaves_out_changes_no_channel_by_more_than_tau(
+    fn what_is_left_out_as_hidden_changes_no_channel_by_more_than_tau(
         seed in any::<u32>(), opacity in -2.0_f32..6.0, count in 1_usize..9, batch in 1_usize..4, tau in 0.0..0.7,
     ) {
         let layers = Layers::uniform(1.0, 8.0, count).unwrap();
