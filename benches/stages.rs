@@ -6,15 +6,15 @@
 use divan::Bencher;
 use divan::counter::{BytesCount, ItemsCount};
 use glam::{DMat3, DVec3};
-use liveview::geometry::{Camera, Intrinsics, PlaneSweep};
+use liveview::geometry::{Size, Camera, Intrinsics, PlaneSweep};
 use liveview::image::ImageRgb;
 use liveview::layers::guided::GuidedSearch;
 use liveview::render::{Accumulated, Blended, DistanceWeights, LayerSamples};
 use liveview::warp::{Texture, WarpSource, warp_layers};
 use rayon::prelude::*;
 
-const SIZE: (usize, usize) = (352, 504);
-const PIXELS: usize = SIZE.0 * SIZE.1;
+const SIZE: Size = Size::new(504, 352);
+const PIXELS: usize = SIZE.pixels();
 const VIEWS: usize = 5;
 
 fn main() {
@@ -24,7 +24,7 @@ fn main() {
 fn camera(shift: f64, turn: f64) -> Camera {
     let intrinsics = Intrinsics { fx: 420.0, fy: 420.0, cx: 252.0, cy: 176.0, skew: 0.0 };
     let rotation = DMat3::from_rotation_y(turn);
-    Camera::new(intrinsics, SIZE.1, SIZE.0, rotation, DVec3::new(shift, 0.3 * shift, 0.0)).unwrap()
+    Camera::new(intrinsics, SIZE.width, SIZE.height, rotation, DVec3::new(shift, 0.3 * shift, 0.0)).unwrap()
 }
 
 /// Photos of waves, and what sees them: turned cameras, or a rectified rig.
@@ -37,7 +37,7 @@ fn sources(textures: &[Texture], turn: f64) -> Vec<WarpSource<'_>> {
 fn textures() -> Vec<Texture> {
     let photo = |view: usize| {
         let wave = |at: usize| 0.5 + 0.5 * (at as f32 * (0.01 + 0.003 * view as f32)).sin();
-        Texture::new(&ImageRgb::new(SIZE.1, SIZE.0, (0..3 * PIXELS).map(wave).collect()).unwrap())
+        Texture::new(&ImageRgb::new(SIZE.width, SIZE.height, (0..3 * PIXELS).map(wave).collect()).unwrap())
     };
     (0..VIEWS).map(photo).collect()
 }
@@ -57,7 +57,7 @@ fn copy(bencher: Bencher, planes: usize) {
 fn warp(bencher: Bencher, case: &str) {
     let textures = textures();
     let sources = sources(&textures, if case == "rectified" { 0.0 } else { 0.01 });
-    let smooth = |at: usize| 0.2 + 0.05 * ((at % SIZE.1) as f32 * 0.02).sin();
+    let smooth = |at: usize| 0.2 + 0.05 * ((at % SIZE.width) as f32 * 0.02).sin();
     let disparity: Vec<_> = (0..PIXELS).map(|at| if case == "maps" { smooth(at) } else { 0.2 }).collect();
     let (mut colour, mut coverage) = (vec![0.0; 3 * VIEWS * PIXELS], vec![0.0; VIEWS * PIXELS]);
     bencher
@@ -72,13 +72,13 @@ fn blend_and_composite(bencher: Bencher) {
     let logits: Vec<f32> = (0..VIEWS * PIXELS).map(|at| 4.0 * (at as f32 * 0.37).sin()).collect();
     let (colour, coverage) = (vec![0.5; 3 * VIEWS * PIXELS], vec![1.0; VIEWS * PIXELS]);
     let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
-    let (disparity, mut rows) = (vec![0.2; SIZE.1], vec![Accumulated::new(SIZE.1); SIZE.0]);
+    let (disparity, mut rows) = (vec![0.2; SIZE.width], vec![Accumulated::new(SIZE.width); SIZE.height]);
     let bytes = BytesCount::of_many::<f32>(5 * VIEWS * PIXELS);
     bencher.counter(ItemsCount::new(VIEWS * PIXELS)).counter(bytes).bench_local(|| {
         rows.par_iter_mut().enumerate().for_each_init(
-            || Blended::new(SIZE.1),
+            || Blended::new(SIZE.width),
             |blended, (y, row)| {
-                weights.blend(&samples, y * SIZE.1, blended);
+                weights.blend(&samples, y * SIZE.width, blended);
                 row.add(0, blended, &disparity, false);
             },
         );

@@ -5,7 +5,7 @@ mod double;
 
 use double::{Scrambler, camera, photo};
 use glam::{DMat3, DQuat, DVec3};
-use liveview::geometry::Camera;
+use liveview::geometry::{Camera, Size};
 use liveview::layers::guided::GuidedSearch;
 use liveview::layers::{Layers, padded};
 use liveview::network::{NetworkError, PlaneNetwork};
@@ -69,7 +69,7 @@ impl Rig {
 
     /// On guided layers between these depths.
     fn render_guided(&self, network: impl PlaneNetwork, near: f64, far: f64) -> Frame {
-        let size = (padded(SIZE.1), padded(SIZE.0));
+        let size = padded(Size::new(SIZE.0, SIZE.1));
         let sources = warp_sources(&self.sources(), &self.target);
         let found = GuidedSearch { near, far, planes: None }.search(&sources, size).unwrap();
         self.render(network, &found.range.layers(3).unwrap(), 1)

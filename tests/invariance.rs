@@ -44,7 +44,7 @@ impl Rig {
         let views: Vec<_> = self.views.iter().map(|(camera, texture)| SourceView { camera, texture }).collect();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let size = (padded(self.target.height()), padded(self.target.width()));
+            let size = padded(self.target.size());
             let pass = GuidedSearch { near: 1.0, far: 8.0, planes: None };
             let range = pass.search(&warp_sources(&views, &self.target), size).unwrap().range;
             renderer.render(&views, &self.target, &layers(&range)).unwrap()

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
-use liveview::geometry::{Camera, Intrinsics, distance};
+use liveview::geometry::{Camera, Intrinsics, Size, distance};
 use liveview::image::ImageRgb;
 use liveview::layers::guided::{
     COARSE, GuidedSearch, WINDOWS, fine_layers, layer_costs, range_of, semi_global, winner_takes_all,
@@ -104,8 +104,8 @@ impl Case {
         self.cameras.iter().zip(&self.textures).map(|(camera, texture)| SourceView { camera, texture }).collect()
     }
 
-    fn padded(&self) -> (usize, usize) {
-        (padded(self.target.height()), padded(self.target.width()))
+    fn padded(&self) -> Size {
+        padded(self.target.size())
     }
 
     fn layers(&self) -> Layers {
@@ -202,7 +202,7 @@ fn homography() {
 #[test]
 fn maps() {
     for_all(|case| {
-        let (height, width) = case.padded();
+        let Size { width, height } = case.padded();
         let layers = case.layers();
         let mut found = Array3::<f32>::zeros((layers.len(), height, width));
         for (layer, mut map) in layers.as_slice().iter().zip(found.outer_iter_mut()) {
@@ -215,13 +215,13 @@ fn maps() {
 #[test]
 fn warp() {
     for_all(|case| {
-        let ((height, width), views) = (case.padded(), case.views());
+        let (Size { width, height }, views) = (case.padded(), case.views());
         let disparity = flat(case.get::<f32>("maps"));
         let (n, v) = (disparity.len() / (height * width), views.len());
         let mut colour = Array::<f32, _>::zeros((n, 3 * v, height, width));
         let mut coverage = Array::<f32, _>::zeros((n, v, height, width));
         let (to_colour, to_coverage) = (colour.as_slice_mut().unwrap(), coverage.as_slice_mut().unwrap());
-        warp_layers(&disparity, &warp_sources(&views, &case.target), (height, width), to_colour, to_coverage);
+        warp_layers(&disparity, &warp_sources(&views, &case.target), Size { width, height }, to_colour, to_coverage);
         case.check("coverage", &coverage);
         case.check("colour", &colour);
     });

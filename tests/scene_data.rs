@@ -35,7 +35,8 @@ const SCENES: &[(&str, Format, usize, bool)] = &[
 fn every_scene_opens_and_loads() {
     let Some(data) = data() else { return };
     for &(name, format, count, ranged) in SCENES {
-        let options = SceneOptions { width: Some(160), ..SceneOptions::default() };
+        let mut options = SceneOptions::default();
+    options.width = Some(160);
         let scene = Scene::open(&data.join(name), &options).unwrap();
         println!("{name}: {} views, {:?}", scene.views.len(), scene.notes);
         assert_eq!((scene.format, scene.views.len()), (format, count), "{name}");
@@ -63,7 +64,8 @@ fn colmap_points_project_onto_their_keypoints() {
 fn neighbours_match_along_epipolar_lines() {
     let Some(data) = data() else { return };
     for &(name, ..) in SCENES {
-        let options = SceneOptions { width: Some(320), ..SceneOptions::default() };
+        let mut options = SceneOptions::default();
+    options.width = Some(320);
         let scene = Scene::open(&data.join(name), &options).unwrap();
         let target = scene.views.len() / 2;
         let distance = |&i: &usize| (scene.views[i].camera.centre() - scene.views[target].camera.centre()).length();

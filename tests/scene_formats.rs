@@ -130,7 +130,8 @@ fn llff_prefers_reduced_photos_scales_to_them_and_sorts_as_text() {
     assert_eq!(scene.views[1].camera.centre().x, 7.0);
     let k = scene.views[0].camera.intrinsics();
     assert_eq!((k.fx, k.fy, k.cx, k.cy), (20.0, 20.0, 8.0, 6.0));
-    let options = SceneOptions { images: Some("images".to_owned()), ..SceneOptions::default() };
+    let mut options = SceneOptions::default();
+    options.images = Some("images".to_owned());
     assert_eq!(Scene::open(root.path(), &options).unwrap().views[0].camera.width(), 64);
 }
 
@@ -281,7 +282,8 @@ fn spaces_heights_differ_and_intrinsics_are_for_another_size() {
 fn width_scales_photos_down_once_and_intrinsics_with_them() {
     let root = tempdir().unwrap();
     transforms(root.path(), "", "");
-    let options = SceneOptions { width: Some(20), ..SceneOptions::default() };
+    let mut options = SceneOptions::default();
+    options.width = Some(20);
     let scene = Scene::open(root.path(), &options).unwrap();
     let camera = &scene.views[0].camera;
     assert_eq!((camera.width(), camera.height()), (20, 15));
@@ -290,7 +292,8 @@ fn width_scales_photos_down_once_and_intrinsics_with_them() {
     assert_eq!((image.width(), image.height()), (20, 15));
     // The red gradient survives: column i of 20 averages x / 64 about its centre.
     assert!((image.pixel(10, 7)[0] - 10.5 / 20.0).abs() < 0.02, "{:?}", image.pixel(10, 7));
-    let wide = SceneOptions { width: Some(1000), ..SceneOptions::default() };
+    let mut wide = SceneOptions::default();
+    wide.width = Some(1000);
     assert_eq!(Scene::open(root.path(), &wide).unwrap().views[0].camera.width(), 64);
 }
 

@@ -5,6 +5,7 @@ mod scene_common;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use liveview::geometry::Size;
 use liveview::image::ImageRgb;
 use liveview::scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource, Scene, SceneError, SceneOptions};
 use scene_common::{Colmap, LLFF_ROW, assert_says, poses_bounds, transforms, write};
@@ -22,7 +23,7 @@ impl PhotoSource for Grey {
     }
 
     fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError> {
-        let photo = |name: &str| Photo { name: name.into(), path: PathBuf::from("memory"), width: 64, height: 48 };
+        let photo = |name: &str| Photo { name: name.into(), path: PathBuf::from("memory"), size: Size::new(64, 48) };
         let file = listed.name.rsplit('/').next().unwrap_or_default();
         Ok(match file {
             "a.png" | "b.png" | "c.png" => Found::Photo(photo(listed.name)),
@@ -111,7 +112,8 @@ fn photos_by_order_come_from_the_source_s_folder_or_from_none() {
         &open(root.path(), Some("elsewhere")).unwrap_err().to_string(),
         &["no folder of photos; expected one of: images_8"],
     );
-    let options = SceneOptions { images: Some("images".to_owned()), ..SceneOptions::default() };
+    let mut options = SceneOptions::default();
+    options.images = Some("images".to_owned());
     let error = Scene::open_with(root.path(), Arc::new(Grey { folder: None }), &options).unwrap_err().to_string();
     assert_says(&error, &["no folder of photos; expected one of: images"]);
     poses_bounds(&root.path().join("poses_bounds.npy"), &[LLFF_ROW; 2]);

@@ -3,6 +3,7 @@
 mod common;
 
 use common::{Folders, fixture};
+use liveview::geometry::Size;
 use liveview::image;
 use serde_json::Value;
 
@@ -80,7 +81,7 @@ fn select_shows_the_histogram() {
     assert_eq!((histogram.len(), histogram.iter().sum::<u64>()), (8, 64 * 48));
     // The fixture finds all planes alike, so the nearer one wins.
     assert_eq!(told["chosen"][0], 0);
-    assert_eq!(image::read_size(picture.as_ref()).unwrap(), (8 * 12 + 24, 264));
+    assert_eq!(image::read_size(picture.as_ref()).unwrap(), Size::new(8 * 12 + 24, 264));
     let refused = ["--target", "2", "--layers", "select:9/8", "--model", &model];
     std::fs::remove_file(&picture).unwrap();
     folders.assert_refused(&mut folders.liveview("select", &refused), &["9 planes"]);
@@ -96,5 +97,5 @@ fn select_shows_the_range_of_guided_layers_without_a_model() {
     let (nearest, farthest) = (median("nearest_depth"), median("farthest_depth"));
     assert!(3.8 < nearest && nearest <= farthest && farthest < 4.2, "the wall is at depth 4: {told}");
     assert!((median("step_pixels") - median("width_pixels") / 3.0).abs() < 1e-6, "{told}");
-    assert_eq!(image::read_size(picture.as_ref()).unwrap(), (3 * 64 + 8, 48));
+    assert_eq!(image::read_size(picture.as_ref()).unwrap(), Size::new(3 * 64 + 8, 48));
 }

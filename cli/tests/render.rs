@@ -5,6 +5,7 @@ mod common;
 use std::fs;
 
 use common::{Folders, HEIGHT, WIDTH};
+use liveview::geometry::Size;
 use liveview::image::{self, psnr};
 use serde_json::Value;
 
@@ -41,7 +42,7 @@ fn a_held_out_view_is_rendered_scored_and_compared() {
     let apart = (rms(target["psnr"].as_f64().unwrap()) - rms(score)).abs();
     assert!(apart <= 0.5 / 255.0, "8-bit rounding apart, the score is the picture's: {score} dB, {told}");
     let size = image::read_size(compare.as_ref()).unwrap();
-    assert_eq!(size, (3 * WIDTH as usize + 8, HEIGHT as usize));
+    assert_eq!(size, Size::new(3 * WIDTH as usize + 8, HEIGHT as usize));
 
     let scale: Value = serde_json::from_slice(&fs::read(folders.out("d_scale.json")).unwrap()).unwrap();
     let grey = ::image::open(&depth).unwrap().into_luma16();
@@ -103,7 +104,7 @@ fn a_pose_on_top_of_a_view_shows_its_photo() {
     let (file, picture) = (folders.scene().join("pose.json"), folders.out("wide.jpg"));
     fs::write(&file, r#"{"transform_matrix": [[1, 0, 0, 0.2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "w": 96, "h": 48, "cx": 48}"#).unwrap();
     run(&mut folders.render(&["--pose", file.to_str().unwrap(), "-o", &picture]));
-    assert_eq!(image::read_size(picture.as_ref()).unwrap(), (96, 48));
+    assert_eq!(image::read_size(picture.as_ref()).unwrap(), Size::new(96, 48));
 }
 
 #[test]
@@ -201,7 +202,7 @@ fn what_was_left_out_is_explained() {
     let dense = json(&mut folders.render(&["--target", "2", "-o", &folders.out("b.png"), "--layers", "planes:9"]));
     assert_eq!(explained["dense"]["psnr"], dense["mean"]["psnr"]);
     assert!(explained["dense"]["error_max"].as_f64().unwrap() >= explained["dense"]["error_mean"].as_f64().unwrap());
-    assert_eq!(image::read_size(why.as_ref()).unwrap(), (3 * WIDTH as usize + 8, HEIGHT as usize));
+    assert_eq!(image::read_size(why.as_ref()).unwrap(), Size::new(3 * WIDTH as usize + 8, HEIGHT as usize));
 
     // 60 · 0.1 / 0.01 pixels of parallax: the first three of these planes are beyond every photo.
     let near = ["--target", "2", "-o", &picture, "--near", "0.01", "--layers", "planes:4", "--explain", &why];
@@ -211,7 +212,7 @@ fn what_was_left_out_is_explained() {
 
     let text = run(&mut folders.render(&["--target", "2", "-o", &picture, "--layers", "planes:5", "--explain", &why]));
     assert!(text.contains("5 planes, of which"), "{text}");
-    assert_eq!(image::read_size(why.as_ref()).unwrap(), (WIDTH as usize, HEIGHT as usize));
+    assert_eq!(image::read_size(why.as_ref()).unwrap(), Size::new(WIDTH as usize, HEIGHT as usize));
     fs::remove_dir_all(folders.out("")).unwrap();
     fs::create_dir(folders.out("")).unwrap();
     let refused = |arguments: &[&str], words: &[&str]| folders.assert_refused(&mut folders.render(arguments), words);
