@@ -1,38 +1,40 @@
-//! A rig's clip seen from a camera that sways among the others: `cargo run --release --example live`.
+//! A live session: the clip of a rig of cameras, seen from a viewpoint that sways among them.
 //!
-//! The frames of each time step go into a session, the pictures to `out/live`.
+//! `cargo run --release --example live [-- FOLDER [WIDTH]]`, with ONNX Runtime's library in `ORT_DYLIB_PATH`.
 
 use std::error::Error;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use glam::DVec3;
+use liveview::glam::DVec3;
 use liveview::image::{ImageRgb, load};
-use liveview::live::{LiveSession, LiveSettings, Policy};
-use liveview::network::OrtLibrary;
-use liveview::network::OrtNetwork;
+use liveview::live::{LiveSession, LiveSettings};
+use liveview::network::{ExecutionProvider, OrtLibrary, OrtNetwork};
 use liveview::render::Renderer;
-use liveview::scene::{Scene, SceneOptions};
-
-const RIG: &str = "tests/scenes/rig";
+use liveview::{Scene, SceneOptions};
 
 fn main() -> Result<(), Box<dyn Error>> {
+    let mut args = std::env::args().skip(1);
+    let out = PathBuf::from(args.next().unwrap_or_else(|| "out/live".to_owned()));
+    std::fs::create_dir_all(&out)?;
+    let mut options = SceneOptions::default();
+    options.width = args.next().map(|width| width.parse()).transpose()?;
+
     // The first frame of each camera carries its pose; all but the held-out one are rendered from.
-    let mut scene = Scene::open(RIG.as_ref(), &SceneOptions::default())?;
+    let mut scene = Scene::open(Path::new("tests/scenes/rig"), &options)?;
     scene.views.retain(|view| !view.name.starts_with("target"));
     let (near, far) = scene.views[0].depth_range.ok_or("the rig does not tell its depths")?;
     let cameras: Vec<_> = scene.views.iter().map(|view| view.camera.clone()).collect();
     let middle = cameras[0].clone();
 
-    let network = OrtNetwork::open(&OrtLibrary::load(None)?, "models/liveview_v4.onnx".as_ref(), 2)?;
-    let settings = LiveSettings { near, far, policy: Policy::Carried, layers: 2, coarse_planes: None };
-    let mut session = LiveSession::new(cameras, vec![Renderer::new(network, 1)], settings)?;
+    let library = OrtLibrary::load(ExecutionProvider::Cpu, None)?;
+    let network = OrtNetwork::open(&library, Path::new("models/liveview_v4.onnx"), 2)?;
+    let mut session = LiveSession::new(cameras, vec![Renderer::new(network, 1)], LiveSettings::new(near, far))?;
 
-    std::fs::create_dir_all("out/live")?;
     for step in 0.. {
         // A camera that has nothing to show is left out of this step.
         let photo = |view: usize| -> Option<ImageRgb> {
             let folder = scene.views[view].image_path().parent()?;
-            load(&folder.join(format!("{step:04}.jpg"))).ok()
+            scene.fit(view, load(&folder.join(format!("{step:04}.jpg"))).ok()?).ok()
         };
         let photos: Vec<_> = (0..scene.views.len()).map(photo).collect();
         if photos.iter().all(Option::is_none) {
@@ -41,8 +43,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         let sway = DVec3::X * 0.03 * (0.3 * f64::from(step)).sin();
         let target = middle.with_pose(middle.rotation(), middle.translation() + sway)?;
         let shown = session.render(&photos.iter().map(Option::as_ref).collect::<Vec<_>>(), &target)?;
-        shown.frame.picture.save(Path::new("out/live").join(format!("{step:04}.png")))?;
-        println!("frame {step}: {}, {:.0} ms", shown.taken, 1e3 * shown.times.total().as_secs_f64());
+        shown.frame.picture.save(out.join(format!("{step:04}.png")))?;
+        println!("frame {step}: layers {}, {:.0} ms", shown.layer_source, 1e3 * shown.times.total().as_secs_f64());
     }
     Ok(())
 }

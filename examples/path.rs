@@ -1,0 +1,47 @@
+//! A path around the example scene becomes a video: each frame a PNG, and all of them in a y4m file, which players take.
+//!
+//! `cargo run --release --example path [-- FOLDER [WIDTH]]`, with ONNX Runtime's library in `ORT_DYLIB_PATH`.
+
+use std::error::Error;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
+
+use liveview::image::inpaint_unseen;
+use liveview::{ImageRgb, Options, Synthesizer, Targets};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut args = std::env::args().skip(1);
+    let folder = PathBuf::from(args.next().unwrap_or_else(|| "out/path".to_owned()));
+    std::fs::create_dir_all(&folder)?;
+    let mut options = Options::default();
+    options.scene.width = args.next().map(|width| width.parse()).transpose()?;
+
+    let mut synthesizer = Synthesizer::open("tests/scenes/workshop", &options)?;
+    let targets = Targets::path(synthesizer.photos().scene(), "circle:12".parse()?)?;
+    let shots = synthesizer.shots(targets)?;
+    let mut video = BufWriter::new(File::create(folder.join("path.y4m"))?);
+    writeln!(video, "YUV4MPEG2 W{} H{} F12:1 Ip A1:1 C444", shots[0].target.width(), shots[0].target.height())?;
+    for (index, shot) in shots.iter().enumerate() {
+        // Photos that later frames need stay in memory.
+        synthesizer.photos_mut().load_for(shot, &shots[index + 1..])?;
+        let layers = synthesizer.plan(shot)?.layers;
+        let frame = synthesizer.render_layers(shot, &layers, |_| ())?;
+        let picture = inpaint_unseen(&frame.picture, &frame.transmittance);
+        picture.save(folder.join(format!("{}.png", shot.name)))?;
+        write_frame(&mut video, &picture)?;
+    }
+    Ok(video.flush()?)
+}
+
+/// Y, Cb and Cr of BT.601, in the limited range that players assume.
+fn write_frame(video: &mut impl Write, picture: &ImageRgb) -> std::io::Result<()> {
+    const FROM_RGB: [[f32; 4]; 3] =
+        [[16.0, 65.481, 128.553, 24.966], [128.0, -37.797, -74.203, 112.0], [128.0, 112.0, -93.786, -18.214]];
+    writeln!(video, "FRAME")?;
+    for [offset, red, green, blue] in FROM_RGB {
+        let value = |rgb: &[f32]| (offset + red * rgb[0] + green * rgb[1] + blue * rgb[2]).round() as u8;
+        video.write_all(&picture.data().chunks_exact(3).map(value).collect::<Vec<_>>())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,114 @@
+//! The examples, each run as its reader runs it, at a small width: the pictures are there and show what they should.
+
+mod wheel;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use liveview::image::{ImageRgb, load, psnr};
+use liveview::network::ExecutionProvider;
+use liveview::scene::{Scene, SceneOptions};
+use tempfile::TempDir;
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+const WIDTH: usize = 168;
+const HEIGHT: usize = 117;
+
+/// Runs an example into a folder of its own, with that library of ONNX Runtime.
+fn run_with(example: &str, library: &Path) -> TempDir {
+    // `cargo test` puts this test into `deps`, and the examples beside that.
+    let test = std::env::current_exe().unwrap();
+    let built = test.ancestors().nth(2).unwrap().join("examples");
+    let program = built.join(format!("{example}{}", std::env::consts::EXE_SUFFIX));
+    assert!(program.is_file(), "{}: `cargo test` builds it, and so does `cargo build --examples`", program.display());
+    let out = tempfile::tempdir().unwrap();
+    let mut command = Command::new(program);
+    command.arg(out.path()).arg(WIDTH.to_string()).current_dir(ROOT).env("ORT_DYLIB_PATH", library);
+    let output = command.env("LIVEVIEW_MODELS", Path::new(ROOT).join("models")).output().unwrap();
+    assert!(output.status.success(), "{example}: {}", String::from_utf8_lossy(&output.stderr));
+    out
+}
+
+fn run(example: &str) -> TempDir {
+    let named = std::env::var_os("ORT_DYLIB_PATH").filter(|path| !path.is_empty()).map(PathBuf::from);
+    run_with(example, &named.or_else(|| wheel::file(ExecutionProvider::Cpu)).expect("run `make runtime` first"))
+}
+
+/// A photo of an example scene, at the width of the pictures.
+fn photo(scene: &str, name: &str) -> ImageRgb {
+    let mut options = SceneOptions::default();
+    options.width = Some(WIDTH);
+    let scene = Scene::open(&Path::new(ROOT).join("tests/scenes").join(scene), &options).unwrap();
+    scene.load_image(scene.view_index(name).unwrap()).unwrap()
+}
+
+/// All pictures of a folder, in order of their names.
+fn pictures(folder: &TempDir) -> Vec<ImageRgb> {
+    let entries = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
+    let mut files: Vec<PathBuf> = entries.filter(|path| path.extension().is_some_and(|end| end == "png")).collect();
+    files.sort();
+    let pictures: Vec<ImageRgb> = files.iter().map(|file| load(file).unwrap()).collect();
+    assert!(pictures.iter().all(|picture| (picture.width(), picture.height()) == (WIDTH, HEIGHT)));
+    pictures
+}
+
+/// Whether these are frames of a steady flight: each is near the one before, and not the same.
+fn assert_moves(frames: &[ImageRgb]) {
+    for (index, pair) in frames.windows(2).enumerate() {
+        let near = psnr(&pair[0], &pair[1], 0);
+        assert!((12.0..60.0).contains(&near), "frames {index} and {}: {near:.1} dB", index + 1);
+    }
+}
+
+/// Whether this is the workshop's first held-out view: far nearer to its photo than any other photo of the scene is.
+fn assert_shows_the_workshop(out: &TempDir) {
+    let [picture] = &pictures(out)[..] else { panic!("one picture") };
+    let truth = photo("workshop", "target_0");
+    let others = (0..7).map(|view| psnr(&photo("workshop", &format!("source_{view}")), &truth, 8));
+    let (near, nearest) = (psnr(picture, &truth, 8), others.fold(0.0, f64::max));
+    println!("{near:.1} dB, the nearest photo {nearest:.1} dB");
+    assert!(near > nearest + 8.0, "{near:.1} dB, the nearest photo {nearest:.1} dB");
+}
+
+#[test]
+fn still() {
+    assert_shows_the_workshop(&run("still"));
+}
+
+#[test]
+fn path() {
+    let out = run("path");
+    let frames = pictures(&out);
+    assert_eq!(frames.len(), 12);
+    assert_moves(&frames);
+    let video = std::fs::read(out.path().join("path.y4m")).unwrap();
+    let header = format!("YUV4MPEG2 W{WIDTH} H{HEIGHT} F12:1 Ip A1:1 C444\n");
+    assert!(video.starts_with(header.as_bytes()));
+    let (samples, size) = (WIDTH * HEIGHT, "FRAME\n".len() + 3 * WIDTH * HEIGHT);
+    assert_eq!(video.len(), header.len() + frames.len() * size);
+    for (frame, video) in frames.iter().zip(video[header.len()..].chunks_exact(size)) {
+        let luma = |rgb: &[f32]| 16.0 + 65.481 * rgb[0] + 128.553 * rgb[1] + 24.966 * rgb[2];
+        let expected = frame.data().chunks_exact(3).map(luma);
+        let apart = expected.zip(&video[6..6 + samples]).map(|(a, &b)| (a - f32::from(b)).abs()).fold(0.0, f32::max);
+        // Both are rounded to 8 bits.
+        assert!(apart <= 0.5 + 0.5 * 219.0 / 255.0 + 1e-3, "{apart} of 255");
+    }
+}
+
+#[test]
+fn live() {
+    let out = run("live");
+    let frames = pictures(&out);
+    assert_eq!(frames.len(), 18, "one for each time step of the clip");
+    // Before the hard cut to another place, and after it.
+    assert_moves(&frames[..11]);
+    assert_moves(&frames[11..]);
+    // The sway begins where a camera stands.
+    let near = psnr(&frames[0], &photo("rig", "cam00/0000.jpg"), 8);
+    assert!(near > 35.0, "{near:.2} dB");
+}
+
+#[test]
+fn own_network() {
+    assert_shows_the_workshop(&run_with("own_network", Path::new("/nonexistent")));
+}

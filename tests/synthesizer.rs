@@ -1,0 +1,134 @@
+//! A synthesizer, with a network that only tells where the views agree: each kind of layers, each kind of target, and what it
+//! refuses.
+
+use std::path::Path;
+
+use liveview::image::psnr;
+use liveview::network::{NetworkError, PlaneNetwork};
+use liveview::render::Renderer;
+use liveview::{LayerSpec, Options, PhotoCache, Scene, SceneOptions, SynthesisError, Synthesizer, Target, Targets};
+use ndarray::{ArrayView4, ArrayViewMut4};
+
+const WORKSHOP: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scenes/workshop");
+
+/// Opaque where the views agree.
+struct Agreement;
+
+impl PlaneNetwork for Agreement {
+    fn views(&self) -> usize {
+        4
+    }
+
+    fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+        for ((n, v, y, x), logit) in logits.indexed_iter_mut() {
+            let apart = (3..12).map(|c| (hwv[[n, c, y, x]] - hwv[[n, c % 3, y, x]]).abs()).sum::<f32>();
+            *logit = if v == 0 { 4.0 - 8.0 * apart } else { 0.0 };
+        }
+        Ok(())
+    }
+}
+
+fn workshop() -> Scene {
+    let mut options = SceneOptions::default();
+    options.width = Some(96);
+    Scene::open(Path::new(WORKSHOP), &options).unwrap()
+}
+
+fn synthesizer(layers: &str) -> Synthesizer<Agreement> {
+    let photos = PhotoCache::new(workshop(), None, None);
+    Synthesizer::new(photos, Renderer::new(Agreement, 1), layers.parse().unwrap())
+}
+
+#[test]
+fn every_kind_of_layers_shows_the_held_out_view() {
+    let scene = workshop();
+    let truth = scene.load_image(scene.view_index("target_0").unwrap()).unwrap();
+    let neighbours = (0..7).map(|view| scene.view_index(&format!("source_{view}")).unwrap());
+    let neighbours = neighbours.map(|view| psnr(&scene.load_image(view).unwrap(), &truth, 8));
+    let nearest = neighbours.fold(0.0, f64::max);
+    for (layers, count) in [
+        ("planes:24", 24),
+        ("guided:3", 3),
+        ("guided:2/16", 2),
+        ("kmeans:12", 12),
+        ("select:12/24", 12),
+        ("list:0.7,0.5,0.4,0.3,0.25,0.2,0.15", 7),
+    ] {
+        let mut synthesizer = synthesizer(layers);
+        let frame = synthesizer.render(&Target::held_out("target_0")).unwrap();
+        let near = psnr(&frame.picture, &truth, 8);
+        println!("{layers}: {near:.1} dB, the nearest photo {nearest:.1} dB");
+        assert!(near > nearest + 6.0, "{layers}: {near:.1} dB, the nearest photo {nearest:.1} dB");
+
+        // Step by step: the same picture.
+        let shot = synthesizer
+            .shots(Targets::held_out(&scene, vec![scene.view_index("target_0").unwrap()]))
+            .unwrap()
+            .remove(0);
+        synthesizer.photos_mut().load_for(&shot, &[]).unwrap();
+        let plan = synthesizer.plan(&shot).unwrap();
+        assert_eq!(plan.layers.len(), count, "{layers}");
+        assert_eq!(plan.range.is_some(), matches!(synthesizer.layers(), LayerSpec::Guided { .. }), "{layers}");
+        let again = synthesizer.render_layers(&shot, &plan.layers, |_| ()).unwrap();
+        assert_eq!(frame.picture, again.picture, "{layers}");
+    }
+}
+
+#[test]
+fn a_held_out_view_is_never_rendered_from_and_a_camera_of_ones_own_may_be() {
+    let mut synthesizer = synthesizer("guided:2");
+    let scene = workshop();
+    let view = scene.view_index("source_3").unwrap();
+    let shots = |targets| synthesizer.shots(targets).unwrap();
+    assert!(!shots(Targets::held_out(&scene, vec![view])).remove(0).views.contains(&view));
+    let camera = scene.views[view].camera.clone();
+    assert_eq!(shots(Targets::cameras(vec![camera.clone()])).remove(0).views[0], view, "the nearest view is itself");
+    let frame = synthesizer.render(&Target::camera(camera)).unwrap();
+    assert!(psnr(&frame.picture, &scene.load_image(view).unwrap(), 8) > 40.0);
+}
+
+#[test]
+fn the_frames_of_a_path_share_one_range_of_depths() {
+    let mut synthesizer = synthesizer("guided:1");
+    let targets = Targets::path(synthesizer.photos().scene(), "line:5".parse().unwrap()).unwrap();
+    let shots = synthesizer.shots(targets.clone()).unwrap();
+    assert!(shots.iter().all(|shot| (shot.near, shot.far) == (shots[0].near, shots[0].far)));
+    let mut names = Vec::new();
+    synthesizer.render_all(targets, |shot, frame| names.push((shot.name.clone(), frame.picture))).unwrap();
+    let found: Vec<&str> = names.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(found, ["frame_0000", "frame_0001", "frame_0002", "frame_0003", "frame_0004"]);
+    assert!(names.windows(2).all(|pair| pair[0].1 != pair[1].1));
+}
+
+#[test]
+fn what_cannot_be_rendered_is_refused_by_name() {
+    let unknown = synthesizer("guided:2").render(&Target::held_out("nobody")).unwrap_err();
+    assert!(matches!(unknown, SynthesisError::Scene(_)) && unknown.to_string().contains("nobody"), "{unknown}");
+
+    let render = |scene: Scene, near, far| {
+        let photos = PhotoCache::new(scene, near, far);
+        Synthesizer::new(photos, Renderer::new(Agreement, 1), LayerSpec::guided(2))
+            .render(&Target::held_out("target_0"))
+    };
+    let mut few = workshop();
+    few.views.retain(|view| {
+        !["source_3", "source_4", "source_5", "source_6", "target_1"].iter().any(|name| view.name.starts_with(name))
+    });
+    let told = render(few, None, None).unwrap_err().to_string();
+    assert!(told.contains("target_0") && told.contains("4 views are needed, but only 3 of the 3"), "{told}");
+
+    let mut flat = workshop();
+    flat.views.iter_mut().for_each(|view| view.depth_range = None);
+    let told = render(flat.clone(), None, Some(9.0)).unwrap_err().to_string();
+    assert!(told.contains("workshop") && told.ends_with("expected near, in scene units"), "{told}");
+    assert!(render(flat.clone(), Some(1.0), Some(9.0)).is_ok());
+    let told = render(flat, Some(3.0), Some(2.0)).unwrap_err().to_string();
+    assert!(told.contains("0 < near < far"), "{told}");
+
+    let nowhere = Synthesizer::open("/nonexistent", &Options::default()).unwrap_err();
+    assert!(matches!(nowhere, SynthesisError::Scene(_)) && nowhere.to_string().contains("/nonexistent"), "{nowhere}");
+    let mut options = Options::default();
+    (options.model.views, options.model.folders) = (Some(63), vec!["elsewhere".into()]);
+    let told = Synthesizer::open(WORKSHOP, &options).unwrap_err().to_string();
+    assert!(told.contains("liveview_v63.onnx") && told.contains("elsewhere"), "{told}");
+}
