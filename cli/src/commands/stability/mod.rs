@@ -32,7 +32,7 @@ use crate::args::model::ModelArgs;
 use crate::args::output::{claim, photo_files, write_whole};
 use crate::args::scene::SceneArgs;
 use crate::args::targets::named;
-use crate::console::{Output, progress, shown, tell_notes};
+use crate::console::{Output, print_notes, progress, shown};
 use crate::npz::Arrays;
 use crate::statistics::share;
 use crate::worker_process::{WorkerProcess, words};
@@ -76,7 +76,7 @@ pub(crate) fn run(args: &StabilityArgs) -> Result<Output> {
         claim("-o", &file, &photo_files(photos.scene()))?;
     }
     let (renderer, model) = args.model.open()?;
-    tell_notes(&photos.scene().notes);
+    print_notes(&photos.scene().notes);
     let targets = Targets::held_out(photos.scene(), named(photos.scene(), std::slice::from_ref(&args.target))?);
     let shot = photos.shots(targets, renderer.network().card().views, None)?.remove(0);
     let Some(&farthest) = shot.views.last() else { bail!("{}: no views", args.target) };
@@ -96,7 +96,7 @@ pub(crate) fn run(args: &StabilityArgs) -> Result<Output> {
         rig.photo.width(),
         rig.photo.height(),
         model.path.file_name().unwrap_or_default().display(),
-        model.described()
+        model.provider_and_precision()
     );
     let path = shown(&model.path);
     let network = RefCell::new(renderer.into_network());
