@@ -97,10 +97,7 @@ fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String,
         100.0 * wide
     );
     if layers > 1 {
-        let _ = writeln!(
-            text,
-            "planes  {as_close:.0} uniform planes would be as close together"
-        );
+        let _ = writeln!(text, "planes  {as_close:.0} uniform planes would be as close together");
     }
     json["range_share"] = json!({ "median": median, "95 %": wide });
     json["range_pixels_median"] = json!(pixels);
