@@ -120,9 +120,17 @@ impl ModelArgs {
         args
     }
 
+    /// The library's options, with the views and the threads given.
+    fn views_and_threads(&self) -> ModelOptions {
+        let mut options = ModelOptions::default();
+        options.views = self.views;
+        options.threads = self.threads;
+        options
+    }
+
     /// Threads as given, else one per core.
     pub(crate) fn threads(&self) -> usize {
-        self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, Into::into))
+        self.views_and_threads().threads_or_default()
     }
 
     /// Sets the threads of everything but the network; once per process, before any other work.
@@ -134,7 +142,7 @@ impl ModelArgs {
 
     /// V where no model says otherwise.
     pub(crate) fn views_or_default(&self) -> usize {
-        self.views.unwrap_or(liveview::DEFAULT_VIEWS)
+        self.views_and_threads().views_or_default()
     }
 
     fn options(&self) -> Result<ModelOptions> {
@@ -142,8 +150,7 @@ impl ModelArgs {
         if bf16 && !ExecutionProvider::from(self.engine).knows_bf16() {
             bail!("--precision bf16: expected --engine {}, the only one that has it", ExecutionProvider::OpenVino);
         }
-        let mut options = ModelOptions::default();
-        options.views = self.views;
+        let mut options = self.views_and_threads();
         options.file.clone_from(&self.model);
         if std::env::var_os("LIVEVIEW_MODELS").is_none_or(|folder| folder.is_empty()) {
             options.folders.push(std::env::current_dir().unwrap_or_default().join("models"));
@@ -152,7 +159,6 @@ impl ModelArgs {
         options.provider = self.engine.into();
         options.precision = if bf16 { Precision::Bf16 } else { Precision::F32 };
         options.library = self.ort_lib.clone().or_else(|| wheel(options.provider));
-        options.threads = Some(self.threads());
         options.batch = self.batch;
         Ok(options)
     }

@@ -136,7 +136,7 @@ struct Reference {
 
 impl Reference {
     fn start(command: &str, model: String) -> Result<Self> {
-        let folder = tempfile::tempdir().context("a folder for what the reference is handed")?;
+        let folder = tempfile::tempdir().context("a temporary folder for the reference cannot be created")?;
         Ok(Self { worker: WorkerProcess::start("--reference", &words(command), None)?.0, folder, model })
     }
 }

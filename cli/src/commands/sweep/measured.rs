@@ -32,7 +32,7 @@ impl Measured {
         for target in 0..targets {
             let frame = folder.join("frame.npy");
             let answer = self.worker.ask(&json!({ "run": true, "target": target, "frame": shown(&frame) }))?;
-            let pixels: Array3<f32> = ndarray_npy::read_npy(&frame).context("the picture that a worker handed over")?;
+            let pixels: Array3<f32> = ndarray_npy::read_npy(&frame).context("a worker's picture cannot be read")?;
             let (height, width, _) = pixels.dim();
             self.pictures.push(ImageRgb::new(width, height, pixels.iter().copied().collect())?);
             if let (0, Some(once)) = (target, answer["seconds"]["select"].as_f64()) {

@@ -81,7 +81,7 @@ pub(crate) struct SweepArgs {
 }
 
 pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
-    let folder = tempfile::tempdir().context("a folder for what the workers hand over")?;
+    let folder = tempfile::tempdir().context("a temporary folder for the workers' pictures cannot be created")?;
     let photos = args.scene.open()?;
     print_notes(&photos.scene().notes);
     for name in FILES {

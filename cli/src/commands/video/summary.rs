@@ -56,7 +56,7 @@ pub(super) fn summary(
     let shares: Vec<String> =
         shares.map(|(stage, spent)| format!("{stage} {:.1} ({:.0} %)", 1e3 * spent, 100.0 * spent / total)).collect();
     let writing = 1e3 * written.encoding.as_secs_f64() / written.frames.max(1) as f64;
-    line("times", format!("{:.1} ms per frame: {}; beside it, writing {writing:.1}", 1e3 * total, shares.join(", ")));
+    line("times", format!("{:.1} ms per frame: {}; in parallel, writing {writing:.1}", 1e3 * total, shares.join(", ")));
     line("speed", format!("{:.1} frames per second", written.frames as f64 / wall.as_secs_f64()));
     let percentiles = (written.latencies.percentile(0.5), written.latencies.percentile(0.99));
     if let (Some(median), Some(most)) = percentiles {
