@@ -1,4 +1,4 @@
-//! Videos, in and out, through the ffmpeg program.
+//! Reading and writing videos through the ffmpeg program.
 
 mod decoder;
 mod encoder;
@@ -16,7 +16,8 @@ fn program() -> Option<PathBuf> {
     std::env::split_paths(&folders).map(|folder| folder.join(&name)).find(|file| file.is_file())
 }
 
-/// Keeps a Ctrl-C at the terminal from a program to be started: it ends with its input, or when it is killed.
+/// Puts a program to be started into a process group of its own, so that a Ctrl-C at the terminal does not end it: it ends with its
+/// input, or when it is killed.
 fn detach(command: &mut Command) {
     #[cfg(unix)]
     std::os::unix::process::CommandExt::process_group(command, 0);
