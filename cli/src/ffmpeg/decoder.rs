@@ -9,7 +9,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use liveview::ImageRgb;
 use liveview::geometry::{MAX_SIDE, Size};
 
-use super::{detach, program};
+use super::program::{detach, program};
 
 /// A video being read: ffmpeg writes each frame as a portable pixmap, whose header holds its size.
 pub(crate) struct Decoder {

@@ -9,7 +9,7 @@ use liveview::ImageRgb;
 use liveview::fs::atomic::AtomicFile;
 use liveview::geometry::Size;
 
-use super::{detach, program};
+use super::program::{detach, program};
 use crate::args::output::has_ending;
 use crate::console::print_message;
 
