@@ -2,12 +2,13 @@
 //! the photo's edges.
 //!
 //! Along a path (right, left, down, up) the cost of index d at a cell is L(d) = C(d) + min(L'(d), L'(d − 1) + P1,
-//! L'(d + 1) + P1, m + P2) − m with L' of the cell before, m its least; L = C at the first cell. P1 = 0.01,
-//! P2 = max(0.12 / (1 + |ΔRGB| / 0.05), 1.01·P1), |ΔRGB| the mean difference of colour from the cell before, both in units of
-//! the volume (1/32768), rounded to nearest. Where a cell's candidates are not those of the cell before, L' of an index that the
-//! latter does not have is infinite. The sum over the four paths has its least at the cell's index (ties: the nearer), which
-//! moves to the vertex of the parabola through its sum and its neighbours' where both are candidates. All in whole numbers
-//! but for the parabola.
+//! L'(d + 1) + P1, m + P2) − m with L' of the cell before and m its least; L = C at the first cell. P1 = 0.01,
+//! P2 = max(0.12 / (1 + |ΔRGB| / 0.05), 1.01·P1), |ΔRGB| the mean over the channels of the difference of colour from the cell
+//! before, both in units of the volume (1/32768), rounded to nearest (halves away from 0). L' of an index that the cell before is not
+//! searched at is infinite (40,000). The sum over the four paths has its least at the cell's index (ties: the nearer; planes that only
+//! fill the last segment beyond the grid's end take part in the paths and never win), which moves to the vertex of the parabola
+//! through its sum and its neighbours' where both are among the candidates: by (a − c) / (2·(a − 2b + c)). Whole numbers (u16) but for
+//! the parabola, in f32.
 
 use rayon::prelude::*;
 
@@ -153,28 +154,28 @@ fn across_with<'a, S: pulp::Simd>(_simd: S, paths: &'a Paths<'a>, y: usize, lane
 /// Down and up the columns from `first` on, whose rows of sums `block` holds; `found` becomes their indices.
 #[pulp::with_simd(down_and_up = pulp::Arch::new())]
 #[inline(always)]
-fn down_and_up_with<'a, 'b, S: pulp::Simd>(
+fn down_and_up_with<'a, S: pulp::Simd>(
     _simd: S,
     paths: &'a Paths<'a>,
     first: usize,
     lanes: &'a mut Lanes,
-    block: &'a mut [&'b mut [u16]],
+    block: &'a mut [&mut [u16]],
     found: &'a mut [f32],
 ) {
     let (height, count) = (block.len(), paths.count);
     let wide = block[0].len() / count;
-    for y in 0..height {
+    for (y, row) in block.iter_mut().enumerate() {
         for i in 0..wide {
             let x = first + i;
             let from = (y > 0).then(|| ((y - 1, x), paths.jumps.down[y * paths.width + x]));
-            paths.step(i, from, (y, x), lanes, &mut block[y][i * count..(i + 1) * count]);
+            paths.step(i, from, (y, x), lanes, &mut row[i * count..(i + 1) * count]);
         }
     }
-    for y in (0..height).rev() {
+    for (y, row) in block.iter_mut().enumerate().rev() {
         for i in 0..wide {
             let x = first + i;
             let from = (y + 1 < height).then(|| ((y + 1, x), paths.jumps.down[(y + 1) * paths.width + x]));
-            let sums = &mut block[y][i * count..(i + 1) * count];
+            let sums = &mut row[i * count..(i + 1) * count];
             paths.step(i, from, (y, x), lanes, sums);
             found[y * COLUMNS + i] = paths.winner((y, x), sums);
         }

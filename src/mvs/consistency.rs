@@ -1,7 +1,8 @@
 //! Which depths of a photo other photos confirm.
 //!
 //! A pixel of one map, carried to another photo, meets that photo's own depth (at the nearest pixel). It **agrees** where the two
-//! differ by less than 2 px, and the other **sees past** it where its own depth lies more than 4 px behind; px is the
+//! differ by less than 2 px, and the other **sees past** it where its own depth lies more than 4 px behind (all in disparity of the
+//! other; its map at the pixel that holds the point, floor of its coordinates; outside, it says nothing); px is the
 //! first photo's pixel of parallax. A depth is confirmed where at least one other map agrees and no more see past than agree.
 
 use ndarray::Array2;
@@ -41,7 +42,7 @@ pub fn confirmed(which: usize, maps: &[(&Camera, &PhotoDepth)], settings: &Setti
                 }
             }
             for (x, out) in out.iter_mut().enumerate() {
-                *out = agree[x] as f32 >= settings.votes.min(others.len() as f32) && agree[x] >= seen_past[x];
+                *out = agree[x] as f32 >= settings.votes.min(others.len() as f32).max(1.0) && agree[x] >= seen_past[x];
             }
         },
     );

@@ -1,4 +1,13 @@
-//! The photos' own depth (multi-view stereo), and the target's surface from it.
+//! The photos' own depth (multi-view stereo), and the target's surface from it: sharp edges, and views that speak only where they see.
+//!
+//! ```text
+//! photo, neighbours ─► photo_depth ─► confirmed ─┐ (once per photo: DepthMaps)
+//!                                                ├─► surface ─► layers, visibility ─► Renderer::render_visible
+//!                                     target ────┘
+//! ```
+//!
+//! Soft3D (Penner and Zhang, 2017) and multi-view-stereo systems (COLMAP; Free View Synthesis, 2020) search depth where there is a
+//! reference image. Each file says its formulas, constants and ties; all of it gives the same bits on any number of threads.
 
 mod aggregate;
 mod consistency;
@@ -49,29 +58,50 @@ impl KnownDepth {
 
 /// What the search and the surface are tuned by. Lengths in px are pixels of parallax.
 #[derive(Debug, Clone, PartialEq)]
-#[allow(missing_docs)]
 pub struct Settings {
+    /// Photos that one is matched with.
     pub neighbours: usize,
+    /// Photos beyond the V of the picture that its surface is found with.
     pub extra: usize,
+    /// Photos beyond those that fill what none of them knows or sees.
     pub further: usize,
+    /// Views that judge the refinement of the surface, nearest first.
     pub judges: usize,
+    /// Distance of the planes of the first search, px.
     pub spacing: f64,
+    /// Radius of the windows of the first search, cells; at most 2.
     pub radius: usize,
+    /// Radius of the windows at full resolution, pixels; at most 2.
     pub fine_radius: usize,
+    /// Whether to search at full resolution at all.
     pub full: bool,
+    /// Planes of the second search for one of the first.
     pub parts: usize,
+    /// Penalty of a step to the next plane.
     pub step: f32,
+    /// Penalty of a jump to any other, where the photo has no edge.
     pub jump: f32,
+    /// Difference of colour that halves the latter.
     pub edge: f32,
+    /// Within how many px another map confirms a depth.
     pub agree: f32,
+    /// From how many px on another map contradicts it.
     pub past: f32,
-    pub hides: f32,
-    pub second: bool,
-    pub searched: bool,
-    pub fuse: f32,
+    /// How many other maps must confirm it.
     pub votes: f32,
+    /// How much nearer a view's own depth must be to hide a point, px.
+    pub hides: f32,
+    /// Whether holes have a second candidate.
+    pub second: bool,
+    /// Whether that is the search at the target; else all depths, confirmed or not, carried there.
+    pub searched: bool,
+    /// Depths of photos are averaged up to this far behind the nearest, px.
+    pub fuse: f32,
+    /// How often the surface is refined.
     pub refine: usize,
+    /// Radius of the windows of that, pixels.
     pub refine_radius: usize,
+    /// What an offset of one px costs there; its square as many times.
     pub stay: f32,
 }
 

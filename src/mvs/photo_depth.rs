@@ -1,12 +1,13 @@
 //! The depth of one photo: a plane sweep with the photo as reference at half resolution, then a narrow band around what it
 //! finds at full resolution.
 //!
-//! 1. Cells of 2×2 pixels (area averages), planes `spacing` pixels of parallax apart, 32 to 256 of them ([`super::photo_sweep`]),
-//!    aggregated ([`super::aggregate`]), 3×3 median of the indices.
-//! 2. Pixels, planes half as far apart. Each cell has two segments of 8 of them: from the nearest and the farthest index of its
-//!    3×3 neighbourhood n and f (in steps of the finer grid): where f − n < 8 they join, and the 16 begin at
-//!    round((n + f)/2) − 7; else the first begins at round(n) − 3, the second at round(f) − 4. Both are moved to lie on the grid.
-//!    The same costs, aggregation and median.
+//! 1. Cells of 2×2 pixels (area averages), n = ⌈parallax / spacing⌉ + 1 planes, 32 to 256, from near to far; the parallax is that of
+//!    near and far in the neighbour that sees most of it. Costs ([`super::photo_sweep`]), aggregated ([`super::aggregate`]), 3×3
+//!    median of the indices (between two planes).
+//! 2. Pixels, planes half as far apart. Each cell has one or two segments of 8 of them, around the nearest and the farthest index n and
+//!    f of its 3×3 neighbourhood, in steps of the finer grid, m = round((n + f)/2): where f − n < 3 one, from m − 3 on; where
+//!    f − n < 10 two that join, from m − 7 on; else one from round(n) − 3 and one from round(f) − 4 on, not before the end of the
+//!    first. All are moved to lie on the grid. The same costs, aggregation and median.
 
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -49,13 +50,10 @@ pub fn photo_depth(
     let half = Planes::new(&photo.texture.shrunk(2));
     let sources: Vec<_> =
         halves.iter().zip(&sweeps).map(|(texture, sweep)| WarpSource { texture, sweep: sweep.shrunk(2.0) }).collect();
-    let t = std::time::Instant::now();
     let volume = costs(&half, &sources, &grid, Candidates::All, settings.radius);
-    let t1 = t.elapsed();
     let found = aggregate(&volume, &half, &grid, Candidates::All, &penalties);
     drop(volume);
     let index = median3(&found, half.width);
-    let t2 = t.elapsed();
 
     if !settings.full {
         let disparity = Array2::from_shape_fn((size.height, size.width), |(y, x)| {
@@ -70,16 +68,9 @@ pub fn photo_depth(
     let sources: Vec<_> =
         neighbours.iter().zip(&sweeps).map(|(n, &sweep)| WarpSource { texture: n.texture, sweep }).collect();
     let volume = costs(&whole, &sources, &fine, candidates, settings.fine_radius);
-    let t3 = t.elapsed();
     let found = aggregate(&volume, &whole, &fine, candidates, &penalties);
     let index = median3(&found, whole.width);
     let disparity = index.iter().map(|&index| fine.disparity(index)).collect();
-    if std::env::var_os("MVS_TIMES").is_some() {
-        eprintln!(
-            "planes {count}: half costs {t1:?}, aggregated {t2:?}, full costs {t3:?}, aggregated {:?}",
-            t.elapsed()
-        );
-    }
     PhotoDepth {
         disparity: Array2::from_shape_vec((size.height, size.width), disparity).expect("one per pixel"),
         pixel,

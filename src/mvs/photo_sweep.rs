@@ -1,14 +1,15 @@
 //! Matching cost with a photo as reference: how far its neighbours, warped onto a plane or a band of planes, are from it.
 //!
-//! Per neighbour and cell, with e the difference of the two colours (RGB in \[0, 1\]; the neighbour's sample divided by its
-//! coverage): 0.5·min(mean |e|, 0.15) + 1.5·min(mean |∇e|, 0.05), the first mean over the three channels, the second over them
-//! and the two forward differences, right and down; a difference towards a cell that the neighbour does not see, or beyond the
-//! edge, counts as 0. A cell is seen where the coverage is above 0.5. This is averaged over the seen cells of a window of
-//! (2·radius + 1)² cells; where fewer than a fifth of the window's cells are seen it is 0.15, the most there is. Over the
-//! neighbours: the mean of the better half, rounded up, so that being hidden in some does not matter. In units of 1/32768,
-//! rounded to nearest (halves up), as u16.
+//! Per neighbour and cell, with e = (r, g, b) the neighbour's colour less the photo's (RGB in \[0, 1\]; the neighbour's sample divided
+//! by its coverage) and s = (r + g) + b: 0.5·min((|r| + |g| + |b|)/3, 0.15) + 1.5·min((|s right − s| + |s below − s|)/6, 0.05). A
+//! difference towards a cell that the neighbour does not see, or beyond the photo's right or lower edge, counts as 0. A cell is seen
+//! where the coverage is above 0.5. This is averaged over the seen cells of a window of (2·radius + 1)² cells, clipped to the photo;
+//! where no more than a fifth of (2·radius + 1)² cells are seen it is 0.15, the most there is. Over the neighbours: the mean of the
+//! better half, rounded up (four at most), so that being hidden in some does not matter. In units of 1/32768, rounded to nearest
+//! (halves to even), as u16.
 //!
-//! All in f32: the channels' sums are ((r + g) + b), a window's are taken row by row, from above and from the left.
+//! All in f32, divisions by 3, 6 and a whole window as products with the rounded reciprocal; a window's rows are added from above,
+//! then its columns from the left; the kept costs from the least on.
 
 use rayon::prelude::*;
 

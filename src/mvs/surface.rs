@@ -1,13 +1,14 @@
 //! The target's surface: what the photos know of their depth, carried to the target, filled, and refined where it lands.
 //!
-//! 1. Splat of the confirmed depths ([`super::splat`]).
-//! 2. Holes: the farthest neighbour, growing ([`super::holes`]), or the splat of all depths, confirmed or not, its own holes grown:
-//!    whichever the views that see it disagree less about over 7×7 pixels; the first unless the second has less than 0.9 of its
-//!    disagreement. 3×3 median.
-//! 3. Refined: seven offsets within ±1.5 px, disagreement over 3×3 pixels plus 2e-5·(offset in px)², views by their visibility on
-//!    the unrefined surface; the least (ties: the nearer), moved to the parabola's vertex, 3×3 median.
+//! 1. Splat of the confirmed depths of the main photos ([`super::splat`]); in its holes that of the further photos.
+//! 2. Holes: the farthest neighbour, growing ([`super::holes`]), or what the guided search at the target finds among the first four
+//!    views ([`crate::layers::guided`], its surface enlarged bilinearly): whichever the views that see it disagree less about over 7×7
+//!    pixels ([`super::disagreement`]); the first unless the second has less than 0.9 of its disagreement. 3×3 median.
+//! 3. Refined: seven offsets of 1.5, 1, … −1.5 px; disagreement over 3×3 pixels plus 2e-5·(offset in px)²; who sees what is told from
+//!    the unrefined surface. The least (ties: the nearer), moved to the parabola's vertex (the first and the last stay), 3×3 median.
 //!
-//! px is the pixel of parallax of the target's own nearest and farthest disparity in the view that sees most of it.
+//! px is the target's pixel of parallax: (1/near − 1/far) over the parallax of near and far in the view that sees most of it (1 at
+//! least).
 
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -103,7 +104,6 @@ pub fn surface(
         known.par_iter().map(|&view| visible(view, target, map, width, settings.hides * pixel)).collect()
     };
 
-    let t = std::time::Instant::now();
     let mut map = splat(&known, target, size, settings.fuse * pixel);
     if !further.is_empty() && map.iter().any(|&d| d < 0.0) {
         let further: Vec<_> = further.iter().map(|v| (v.view.camera, v.known)).collect();
@@ -113,7 +113,6 @@ pub fn surface(
     let map = map;
     let empty = map.iter().filter(|&&d| d < 0.0).count();
     let near_edges = grown(&map, width);
-    let t1 = t.elapsed();
     let mut filled = near_edges;
     if empty > 0 && settings.second {
         let searched = settings.searched.then(|| {
@@ -139,13 +138,9 @@ pub fn surface(
         }
     }
     let mut surface = median3(&filled, width);
-    let t2 = t.elapsed();
     let judges = settings.judges.min(sources.len());
     for _ in 0..settings.refine {
         surface = refined(&surface, &sources[..judges], &seen(&surface)[..judges], width, pixel, settings);
-    }
-    if std::env::var_os("MVS_TIMES").is_some() {
-        eprintln!("splat {t1:?}, holes {t2:?}, refined {:?}", t.elapsed());
     }
     Surface {
         disparity: Array2::from_shape_vec((size.height, size.width), surface).expect("one per pixel"),
