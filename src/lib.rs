@@ -51,6 +51,7 @@ pub mod geometry;
 pub mod image;
 pub mod layers;
 pub mod live;
+pub mod mvs;
 pub mod network;
 pub mod render;
 pub mod scene;

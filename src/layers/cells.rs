@@ -19,7 +19,7 @@ pub fn padded(size: Size) -> Size {
 /// Bilinear enlargement of a map by `factor` into `out`, `width` pixels wide: half-pixel centres, clamped at the edges, as torch's
 /// `interpolate(mode="bilinear", align_corners=False)`. In f64, where the weights (multiples of 1/(2 factor)) are exact: the result
 /// is rounded once.
-pub(super) fn enlarge(map: ArrayView2<'_, f32>, factor: usize, width: usize, out: &mut [f32]) {
+pub(crate) fn enlarge(map: ArrayView2<'_, f32>, factor: usize, width: usize, out: &mut [f32]) {
     let columns: Vec<_> = (0..width).map(|x| neighbours(x, factor, map.ncols())).collect();
     out.par_chunks_mut(width).enumerate().for_each(|(row, out)| {
         let (above, below, down) = neighbours(row, factor, map.nrows());

@@ -14,6 +14,8 @@ pub enum Layer {
     Plane(f64),
     /// Disparity per cell of [`CELL`]×[`CELL`] pixels of the padded target, `[h, w]`, interpolated bilinearly.
     Map(Array2<f32>),
+    /// Disparity per pixel of the padded target, `[h, w]`, in standard layout: sharp at edges.
+    Pixels(Array2<f32>),
 }
 
 /// A validated list of layers, near → far. Never empty.
@@ -58,22 +60,22 @@ impl Layers {
     ///
     /// [`LayersError::Empty`] for none; [`LayersError::Shape`], [`LayersError::NotADisparity`] and [`LayersError::Unsorted`].
     pub fn maps(maps: Vec<Array2<f32>>) -> Result<Self, LayersError> {
-        let expected = maps.first().ok_or(LayersError::Empty)?.dim();
-        for (index, map) in maps.iter().enumerate() {
-            if map.dim() != expected {
-                return Err(LayersError::Shape { index, found: map.dim(), expected });
-            }
-            if let Some(&value) = map.iter().find(|v| !v.is_finite() || **v < 0.0) {
-                return Err(LayersError::NotADisparity { index, value: value.into() });
-            }
-            if index > 0 {
-                let pair = map.iter().zip(&maps[index - 1]).find(|(value, before)| value > before);
-                if let Some((&value, &before)) = pair {
-                    return Err(LayersError::Unsorted { index, value: value.into(), before: before.into() });
-                }
-            }
-        }
+        check(&maps)?;
         Ok(Self(maps.into_iter().map(Layer::Map).collect()))
+    }
+
+    /// Layers given as maps of disparity (1/scene unit) on the pixels of the padded target, `[h, w]` each, of one shape; descending at
+    /// every pixel. They are never interpolated.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::maps`].
+    pub fn pixels(maps: Vec<Array2<f32>>) -> Result<Self, LayersError> {
+        check(&maps)?;
+        let layer = |map: Array2<f32>| {
+            Layer::Pixels(if map.is_standard_layout() { map } else { map.as_standard_layout().into_owned() })
+        };
+        Ok(Self(maps.into_iter().map(layer).collect()))
     }
 
     /// The layers, near → far.
@@ -88,17 +90,38 @@ impl Layers {
     }
 }
 
+/// Whether maps are alike in shape, hold disparities, and descend everywhere.
+fn check(maps: &[Array2<f32>]) -> Result<(), LayersError> {
+    let expected = maps.first().ok_or(LayersError::Empty)?.dim();
+    for (index, map) in maps.iter().enumerate() {
+        if map.dim() != expected {
+            return Err(LayersError::Shape { index, found: map.dim(), expected });
+        }
+        if let Some(&value) = map.iter().find(|v| !v.is_finite() || **v < 0.0) {
+            return Err(LayersError::NotADisparity { index, value: value.into() });
+        }
+        if index > 0 {
+            let pair = map.iter().zip(&maps[index - 1]).find(|(value, before)| value > before);
+            if let Some((&value, &before)) = pair {
+                return Err(LayersError::Unsorted { index, value: value.into(), before: before.into() });
+            }
+        }
+    }
+    Ok(())
+}
+
 impl Layer {
     /// Writes the disparity (1/scene unit) of each pixel of a padded target, `width` pixels wide, to `out` `[height, width]`; in
     /// parallel.
     ///
     /// # Panics
     ///
-    /// If the layer is a map without cells, or `width` is 0.
+    /// If the layer is a map without cells, or one of pixels of another size than `out`, or `width` is 0.
     pub fn fill(&self, width: usize, out: &mut [f32]) {
         match self {
             Self::Plane(disparity) => out.fill(*disparity as f32),
             Self::Map(map) => enlarge(map.view(), CELL, width, out),
+            Self::Pixels(map) => out.copy_from_slice(map.as_slice().expect("standard layout")),
         }
     }
 }

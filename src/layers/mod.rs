@@ -13,6 +13,7 @@ mod layer;
 mod spec;
 mod uniform;
 
+pub(crate) use cells::enlarge;
 pub use cells::{CELL, STRIDE, padded};
 pub use error::LayersError;
 pub(crate) use histogram::select_disparities;

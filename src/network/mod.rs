@@ -6,6 +6,7 @@ mod error;
 mod execution_provider;
 mod model_card;
 mod model_file;
+mod none;
 mod ort;
 mod ort_library;
 mod plane_network;
@@ -19,5 +20,6 @@ pub use model_card::ModelCard;
 #[cfg(fuzzing)]
 pub(crate) use model_card::read_card;
 pub use model_file::{ModelNotFound, find_model, model_folders};
+pub use none::NoNetwork;
 pub use ort_library::{OrtLibrary, OrtLibraryError};
 pub use plane_network::PlaneNetwork;

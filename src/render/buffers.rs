@@ -3,8 +3,9 @@
 use ndarray::{ArrayView3, ArrayView4, ArrayViewMut4, Axis};
 
 use super::blend::DistanceWeights;
-use crate::geometry::Size;
+use crate::geometry::{Camera, Size};
 use crate::layers::Layer;
+use crate::mvs::{Visibility, WarpedLayer};
 use crate::network::{NetworkError, PlaneNetwork};
 use crate::warp::{RunCoverage, WarpSource, run_coverage_len, warp_layers_again};
 
@@ -72,6 +73,22 @@ impl Buffers {
         let (colour, coverage) = (&mut self.hwv[..n * 3 * samples], &mut self.coverage[..n * samples]);
         let run_coverage = &mut self.run_coverage[..n * runs];
         warp_layers_again(&self.disparity[..n * pixels], sources, self.size, colour, coverage, run_coverage);
+    }
+
+    /// Multiplies colour and coverage of the first `n` layers by whether each view sees the layer there; `seen_any` becomes true
+    /// where some view does.
+    pub(crate) fn hide(&mut self, n: usize, visibility: &Visibility<'_>, target: &Camera, seen_any: &mut [bool]) {
+        let [pixels, samples, runs] = self.lengths();
+        for slot in 0..n {
+            let samples = slot * samples..(slot + 1) * samples;
+            let layer = WarpedLayer {
+                disparity: &self.disparity[slot * pixels..(slot + 1) * pixels],
+                colour: &mut self.hwv[3 * samples.start..3 * samples.end],
+                coverage: &mut self.coverage[samples],
+                run_coverage: &mut self.run_coverage[slot * runs..(slot + 1) * runs],
+            };
+            visibility.hide(target, self.size, layer, seen_any);
+        }
     }
 
     /// Coverage of the layer in `slot`, `[V, h, w]`.

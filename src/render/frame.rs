@@ -23,6 +23,8 @@ pub struct Frame {
     pub best_layer: Array2<Option<u32>>,
     /// How many layers were left out.
     pub culled: Culled,
+    /// Pixels that no view sees on any layer, by what is known of the photos' own depth: the least hidden views served.
+    pub unseen: usize,
     /// Wall time per stage.
     pub times: StageTimes,
 }
@@ -56,6 +58,7 @@ impl Frame {
             transmittance: map(|row| &row.transmittance),
             best_layer: Array2::from_shape_vec(shape, best.collect()).expect("one value per pixel"),
             culled,
+            unseen: 0,
             times,
         }
     }

@@ -13,6 +13,7 @@ use super::error::RenderError;
 use super::frame::{Frame, StageTimes};
 use crate::geometry::{Camera, distance};
 use crate::layers::{Layers, padded};
+use crate::mvs::Visibility;
 use crate::network::PlaneNetwork;
 use crate::warp::{RunCoverage, SourceView, warp_sources};
 
@@ -76,6 +77,22 @@ impl<N: PlaneNetwork> Renderer<N> {
         views: &[SourceView<'_>],
         target: &Camera,
         layers: &Layers,
+        observe: impl FnMut(&Batch<'_>),
+    ) -> Result<Frame, RenderError> {
+        self.render_visible(views, None, target, layers, observe)
+    }
+
+    /// As [`Self::render_observed`]; with `visibility`, of the same views, each of them counts only where it sees the layer.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::render`].
+    pub fn render_visible(
+        &mut self,
+        views: &[SourceView<'_>],
+        visibility: Option<&Visibility<'_>>,
+        target: &Camera,
+        layers: &Layers,
         mut observe: impl FnMut(&Batch<'_>),
     ) -> Result<Frame, RenderError> {
         let count = self.network.views();
@@ -91,6 +108,7 @@ impl<N: PlaneNetwork> Renderer<N> {
         let size = padded(target.size());
         self.buffers.make_room(together.min(layers.len()), count, size);
 
+        let mut seen_any = vec![visibility.is_none(); size.pixels()];
         let mut gathered = vec![Accumulated::new(target.width()); target.height()];
         let (mut times, mut culled) = (StageTimes::default(), Culled::default());
         let mut waiting = layers.as_slice().iter().enumerate();
@@ -102,6 +120,9 @@ impl<N: PlaneNetwork> Renderer<N> {
             }
             let started = Instant::now();
             self.buffers.warp(&mut waiting, &sources, &mut indices);
+            if let Some(visibility) = visibility {
+                self.buffers.hide(indices.len(), visibility, target, &mut seen_any);
+            }
             let mut n = 0;
             for slot in 0..indices.len() {
                 match self.culling.hide(self.buffers.coverage(slot), size, &gathered) {
@@ -128,7 +149,9 @@ impl<N: PlaneNetwork> Renderer<N> {
             times.network += inferred - warped;
             observe(&shown);
         }
-        Ok(Frame::new(&gathered, target, culled, times))
+        let rows = seen_any.chunks_exact(size.width).take(target.height());
+        let unseen = rows.map(|row| row[..target.width()].iter().filter(|seen| !**seen).count()).sum();
+        Ok(Frame { unseen, ..Frame::new(&gathered, target, culled, times) })
     }
 }
 

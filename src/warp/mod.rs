@@ -10,7 +10,8 @@ mod source;
 mod texture;
 mod volume;
 
-pub(crate) use sample_positions::{RUN, RunCoverage};
+pub(crate) use bilinear::sample;
+pub(crate) use sample_positions::{RUN, RunCoverage, SamplePositions, whole};
 pub use source::{SourceView, WarpSource, warp_sources};
 pub use texture::Texture;
 pub use volume::warp_layers;

@@ -166,7 +166,7 @@ fn is_constant(disparity: &[f32; RUN]) -> bool {
 
 /// A whole number below 2^22 as an integer: `as` would look for overflow.
 #[inline(always)]
-fn whole(x: f32) -> i32 {
+pub(crate) fn whole(x: f32) -> i32 {
     const ZERO: f32 = 12_582_912.0; // 1.5 * 2^23: the bits of whole numbers around it are consecutive
     (x + ZERO).to_bits().wrapping_sub(ZERO.to_bits()) as i32
 }

@@ -125,7 +125,7 @@ impl<'a> Levels<'a> {
 }
 
 /// Parallax between near and far (pixels) in the view where it is largest: the median over the target's corners and centre.
-fn parallax(sweeps: &[PlaneSweep], size: Size, near: f64, far: f64) -> f64 {
+pub(crate) fn parallax(sweeps: &[PlaneSweep], size: Size, near: f64, far: f64) -> f64 {
     let points = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5)];
     let in_view = |sweep: &PlaneSweep| {
         let apart = |&(x, y): &(f64, f64)| {

@@ -1,0 +1,93 @@
+//! Gains that bring photos of different exposure or white balance to one that lies between theirs: a factor per colour channel.
+//!
+//! A confirmed depth of a photo, carried to the first photo, corresponds to the pixel it falls on where that photo's own confirmed
+//! depth agrees with it within 2 px (the photo's pixel of parallax). Over every fourth such pixel of every fourth row whose
+//! channel lies in \[0.05, 0.95\] in both photos the gain is the median of the first photo's value over the photo's. With fewer
+//! than 200 of them in any channel all gains of that photo are 1.
+//!
+//! So far all photos have become like the first. What a camera at the target would have seen is unknown; the weighted geometric
+//! mean of the photos' exposures is the guess that scores best and that changes smoothly along a path: gain i becomes
+//! gᵢ / Π gⱼ^wⱼ with wⱼ the share of photo j in Σ 1/dⱼ, dⱼ its distance from the target (where a photo is at the target: all of it).
+
+use rayon::prelude::*;
+
+use super::project::Projected;
+use super::{PlaneSweep, SurfaceView};
+
+/// Rows and columns between the pixels that are looked at.
+const STEP: usize = 4;
+/// Values that are neither lost in noise nor clipped.
+const USABLE: std::ops::RangeInclusive<f32> = 0.05..=0.95;
+/// Fewest correspondences that a gain is told from.
+const ENOUGH: usize = 200;
+
+/// Gains of each view, by channel; `distances` are those of the views from the target, scene units.
+pub fn exposure_gains(views: &[SurfaceView<'_>], distances: &[f64]) -> Vec<[f32; 3]> {
+    let first = views.first();
+    let like_first: Vec<[f32; 3]> = views
+        .par_iter()
+        .enumerate()
+        .map(|(index, view)| match first {
+            Some(first) if index > 0 => gains(view, first).unwrap_or([1.0; 3]),
+            _ => [1.0; 3],
+        })
+        .collect();
+    balanced(&like_first, distances)
+}
+
+/// Gains whose weighted geometric mean is 1.
+fn balanced(gains: &[[f32; 3]], distances: &[f64]) -> Vec<[f32; 3]> {
+    let at_target = distances.contains(&0.0);
+    let weight = |d: f64| if at_target { f64::from(u8::from(d == 0.0)) } else { 1.0 / d };
+    let total: f64 = distances.iter().map(|&d| weight(d)).sum();
+    let mean: [f64; 3] = std::array::from_fn(|c| {
+        let sum: f64 = gains.iter().zip(distances).map(|(g, &d)| weight(d) * f64::from(g[c]).ln()).sum();
+        (sum / total).exp()
+    });
+    gains.iter().map(|g| std::array::from_fn(|c| (f64::from(g[c]) / mean[c]) as f32)).collect()
+}
+
+fn gains(view: &SurfaceView<'_>, first: &SurfaceView<'_>) -> Option<[f32; 3]> {
+    let sweep = PlaneSweep::new(first.view.camera, view.view.camera);
+    let (rows, columns) = first.known.disparity.dim();
+    let (mut projected, mut ratios) = (Projected::default(), [(); 3].map(|()| Vec::new()));
+    for (y, row) in view.known.disparity.outer_iter().enumerate().step_by(STEP) {
+        projected.row(&sweep, y, row.to_slice().expect("standard order"));
+        for x in (0..row.len()).step_by(STEP).filter(|&x| row[x] >= 0.0) {
+            let (at_x, at_y) = (projected.x[x], projected.y[x]);
+            if !(at_x >= 0.0 && at_y >= 0.0 && at_x < columns as f32 && at_y < rows as f32) {
+                continue;
+            }
+            let (at_x, at_y) = (at_x as usize, at_y as usize);
+            let own = first.known.disparity[(at_y, at_x)];
+            if own < 0.0 || (own - projected.disparity[x]).abs() >= 2.0 * view.all.pixel {
+                continue;
+            }
+            let (here, there) = (view.view.texture.pixel(x, y), first.view.texture.pixel(at_x, at_y));
+            for (channel, ratios) in ratios.iter_mut().enumerate() {
+                if USABLE.contains(&here[channel]) && USABLE.contains(&there[channel]) {
+                    ratios.push(there[channel] / here[channel]);
+                }
+            }
+        }
+    }
+    let median = |ratios: &mut Vec<f32>| {
+        let middle = ratios.len() / 2;
+        *ratios.select_nth_unstable_by(middle, f32::total_cmp).1
+    };
+    ratios.iter().all(|ratios| ratios.len() >= ENOUGH).then(|| ratios.each_mut().map(median))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gains_are_balanced_by_nearness_and_a_photo_at_the_target_keeps_its_own() {
+        let gains = [[1.0, 1.0, 1.0], [4.0, 1.0, 0.5]];
+        let even = balanced(&gains, &[2.0, 2.0]);
+        assert!((even[0][0] - 0.5).abs() < 1e-6 && (even[1][0] - 2.0).abs() < 1e-6, "{even:?}");
+        assert!((even[0][1] - 1.0).abs() < 1e-6);
+        assert_eq!(balanced(&gains, &[0.0, 2.0]), gains);
+    }
+}

@@ -1,0 +1,135 @@
+//! The photos' own depth (multi-view stereo), and the target's surface from it: sharp edges, and views that speak only where they see.
+//!
+//! ```text
+//! photo, neighbours ─► photo_depth ─► confirmed ─┐ (once per photo: DepthMaps)
+//!                                                ├─► surface ─► layers, visibility ─► Renderer::render_visible
+//!                                     target ────┘
+//! ```
+//!
+//! Soft3D (Penner and Zhang, 2017) and multi-view-stereo systems (COLMAP; Free View Synthesis, 2020) search depth where there is a
+//! reference image. Each file says its formulas, constants and ties; all of it gives the same bits on any number of threads.
+
+mod aggregate;
+mod consistency;
+mod depth_maps;
+mod disagreement;
+mod exposure;
+mod grid;
+mod holes;
+mod median;
+mod photo_depth;
+mod photo_sweep;
+mod project;
+mod splat;
+mod surface;
+#[cfg(test)]
+mod tests;
+mod visibility;
+
+use ndarray::Array2;
+
+pub use consistency::confirmed;
+pub use depth_maps::DepthMaps;
+pub use exposure::exposure_gains;
+pub use photo_depth::{PhotoDepth, photo_depth};
+pub use surface::{Surface, SurfaceView, surface};
+pub use visibility::Visibility;
+pub(crate) use visibility::WarpedLayer;
+
+use crate::geometry::{Camera, PlaneSweep, Size};
+use crate::layers::guided::{neighbourhood, parallax};
+use crate::layers::{Layers, LayersError, padded};
+use crate::warp::{RUN, RunCoverage, SamplePositions, SourceView, Texture, WarpSource, sample, whole};
+
+/// Disparities of a photo that other photos confirm.
+#[derive(Debug, Clone)]
+pub struct KnownDepth {
+    /// 1/scene unit, `[h, w]`; −1 where nothing confirms it.
+    pub disparity: Array2<f32>,
+}
+
+impl KnownDepth {
+    /// Of what a search found, what is confirmed.
+    pub fn new(found: &PhotoDepth, confirmed: &Array2<bool>) -> Self {
+        let keep = |&disparity: &f32, &confirmed: &bool| if confirmed { disparity } else { -1.0 };
+        Self { disparity: ndarray::Zip::from(&found.disparity).and(confirmed).map_collect(keep) }
+    }
+}
+
+/// What the search and the surface are tuned by. Lengths in px are pixels of parallax.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Photos that one is matched with.
+    pub neighbours: usize,
+    /// Photos beyond the V of the picture that its surface is found with.
+    pub extra: usize,
+    /// Photos beyond those that fill what none of them knows or sees.
+    pub further: usize,
+    /// Views that judge the refinement of the surface, nearest first.
+    pub judges: usize,
+    /// Distance of the planes of the first search, px.
+    pub spacing: f64,
+    /// Radius of the windows of the first search, cells; at most 2.
+    pub radius: usize,
+    /// Radius of the windows at full resolution, pixels; at most 2.
+    pub fine_radius: usize,
+    /// Whether to search at full resolution at all.
+    pub full: bool,
+    /// Planes of the second search for one of the first.
+    pub parts: usize,
+    /// Penalty of a step to the next plane.
+    pub step: f32,
+    /// Penalty of a jump to any other, where the photo has no edge.
+    pub jump: f32,
+    /// Difference of colour that halves the latter.
+    pub edge: f32,
+    /// Within how many px another map confirms a depth.
+    pub agree: f32,
+    /// From how many px on another map contradicts it.
+    pub past: f32,
+    /// How many other maps must confirm it.
+    pub votes: f32,
+    /// How much nearer a view's own depth must be to hide a point, px.
+    pub hides: f32,
+    /// Whether holes have a second candidate.
+    pub second: bool,
+    /// Whether that is the search at the target; else all depths, confirmed or not, carried there.
+    pub searched: bool,
+    /// Depths of photos are averaged up to this far behind the nearest, px.
+    pub fuse: f32,
+    /// How often the surface is refined.
+    pub refine: usize,
+    /// Radius of the windows of that, pixels.
+    pub refine_radius: usize,
+    /// What an offset of one px costs there; its square as many times.
+    pub stay: f32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            neighbours: 4,
+            extra: 2,
+            further: 0,
+            judges: 6,
+            spacing: 1.0,
+            radius: 0,
+            fine_radius: 0,
+            full: true,
+            parts: 2,
+            step: 0.01,
+            jump: 0.12,
+            edge: 0.05,
+            agree: 2.0,
+            past: 4.0,
+            hides: 4.0,
+            second: true,
+            searched: true,
+            fuse: 2.0,
+            votes: 1.0,
+            refine: 1,
+            refine_radius: 1,
+            stay: 2e-5,
+        }
+    }
+}

@@ -1,0 +1,246 @@
+//! A square before a wall, seen by cameras side by side: every stage on a scene whose depth is known.
+
+use glam::{DMat3, DVec3};
+use ndarray::Array2;
+
+use super::aggregate::{Penalties, aggregate};
+use super::disagreement::{MOST, Views, disagreement};
+use super::grid::{Candidates, Grid, SEGMENT};
+use super::photo_sweep::{Planes, UNIT, costs};
+use super::*;
+use crate::geometry::Intrinsics;
+use crate::image::ImageRgb;
+
+const WIDTH: usize = 80;
+const HEIGHT: usize = 56;
+const FOCAL: f64 = 60.0;
+const WALL: f64 = 0.125;
+const SQUARE: f64 = 0.5;
+const RANGE: (f64, f64) = (1.5, 10.0);
+
+fn camera(x: f64) -> Camera {
+    let intrinsics = Intrinsics { fx: FOCAL, fy: FOCAL, cx: 40.0, cy: 28.0, skew: 0.0 };
+    Camera::new(intrinsics, WIDTH, HEIGHT, DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0)).unwrap()
+}
+
+/// Disparity that the camera at `x` sees in a pixel, and where on the surface, in pixels of the camera at 0.
+fn seen(x: f64, column: usize, row: usize) -> (f64, f64, f64) {
+    let (u, v) = (column as f64 + 0.5, row as f64 + 0.5);
+    let on_square = u + FOCAL * x * SQUARE;
+    if (28.0..52.0).contains(&on_square) && (16.0..40.0).contains(&v) {
+        (SQUARE, on_square, v)
+    } else {
+        (WALL, u + FOCAL * x * WALL, v)
+    }
+}
+
+fn photo(x: f64) -> Texture {
+    let colour = |i: usize| {
+        let (disparity, u, v) = seen(x, i % WIDTH, i / WIDTH);
+        let wave = |a: f64, b: f64, c: f64| 0.5 + 0.24 * (a * u + b * v + c).sin() + 0.24 * (b * u - a * v).cos();
+        let c = 10.0 * disparity;
+        [wave(1.1, 0.4, c) as f32, wave(0.7, 0.9, 2.0 + c) as f32, wave(0.3, 1.3, 4.0 + c) as f32]
+    };
+    let data = (0..WIDTH * HEIGHT).flat_map(colour).collect();
+    Texture::new(&ImageRgb::new(WIDTH, HEIGHT, data).unwrap())
+}
+
+const PLACES: [f64; 5] = [0.0, -0.2, 0.2, -0.4, 0.4];
+
+struct Rig {
+    cameras: Vec<Camera>,
+    photos: Vec<Texture>,
+}
+
+impl Rig {
+    fn new() -> Self {
+        Self { cameras: PLACES.map(camera).to_vec(), photos: PLACES.map(photo).to_vec() }
+    }
+
+    fn view(&self, index: usize) -> SourceView<'_> {
+        SourceView { camera: &self.cameras[index], texture: &self.photos[index] }
+    }
+
+    fn maps(&self) -> DepthMaps {
+        let mut maps = DepthMaps::new(self.cameras.clone(), RANGE.0, RANGE.1, Settings::default());
+        (0..PLACES.len()).for_each(|index| assert!(maps.depth(index, |k| self.view(k)).is_some()));
+        maps
+    }
+}
+
+/// Share of pixels, those within eight of an edge of the picture left out, whose disparity is within a pixel of parallax.
+fn right(found: &Array2<f32>, x: f64, pixel: f32) -> f64 {
+    let inner = |(y, x): (usize, usize)| (8..HEIGHT - 8).contains(&y) && (8..WIDTH - 8).contains(&x);
+    let all: Vec<_> = found.indexed_iter().filter(|(at, _)| inner(*at)).collect();
+    let good = |((row, column), d): &&((usize, usize), &f32)| (**d - seen(x, *column, *row).0 as f32).abs() < pixel;
+    all.iter().filter(good).count() as f64 / all.len() as f64
+}
+
+#[test]
+fn the_cost_of_a_plane_is_least_where_the_surface_lies_and_most_where_nobody_looks() {
+    let rig = Rig::new();
+    let reference = Planes::new(&rig.photos[0]);
+    let sweep = |index: usize| PlaneSweep::new(&rig.cameras[index], &rig.cameras[0]);
+    let sources = [1, 2].map(|index| WarpSource { texture: &rig.photos[index], sweep: sweep(index) });
+    let grid = Grid::new(1.0 / 0.625, 1.0 / 0.125, 17); // 0.5 is index 4, 0.125 the last
+    let count = Candidates::All.count(&grid);
+    for radius in 0..3 {
+        let volume = costs(&reference, &sources, &grid, Candidates::All, radius);
+        let best = |x: usize, y: usize| {
+            let cell = &volume[(y * WIDTH + x) * count..][..grid.count()];
+            (0..grid.count()).min_by_key(|&k| cell[k]).unwrap()
+        };
+        assert_eq!((best(40, 28), best(14, 10)), (4, 16), "radius {radius}");
+    }
+    let beside = WarpSource {
+        sweep: PlaneSweep {
+            homography_at_infinity: DMat3::from_translation(glam::DVec2::new(1e3, 0.0)),
+            epipole: DVec3::ZERO,
+        },
+        ..sources[0]
+    };
+    let volume = costs(&reference, &[beside], &grid, Candidates::All, 1);
+    assert!(volume.iter().all(|&cost| cost == (0.15 * UNIT).round() as u16));
+}
+
+#[test]
+fn segments_that_cover_the_grid_are_the_whole_grid() {
+    let rig = Rig::new();
+    let reference = Planes::new(&rig.photos[0]);
+    let sweep = PlaneSweep::new(&rig.cameras[2], &rig.cameras[0]);
+    let sources = [WarpSource { texture: &rig.photos[2], sweep }];
+    let grid = Grid::new(RANGE.0, RANGE.1, 2 * SEGMENT);
+    let starts = vec![[0, SEGMENT as u16]; WIDTH * HEIGHT];
+    let two = Candidates::Two { starts: &starts, columns: WIDTH, share: 1 };
+    let [all, two] = [Candidates::All, two].map(|candidates| {
+        let volume = costs(&reference, &sources, &grid, candidates, 1);
+        (aggregate(&volume, &reference, &grid, candidates, &Penalties::default()), volume)
+    });
+    assert!(all == two);
+}
+
+#[test]
+fn a_cell_that_nothing_tells_apart_takes_its_neighbours_index() {
+    let flat = Planes::new(&Texture::new(&ImageRgb::new(5, 4, vec![0.5; 60]).unwrap()));
+    let grid = Grid::new(1.0, 2.0, 2 * SEGMENT);
+    let cost = |i: usize| {
+        let (cell, k) = (i / (2 * SEGMENT), i % (2 * SEGMENT));
+        if cell != 12 && k == 5 { 0 } else { 1000 }
+    };
+    let volume: Vec<u16> = (0..20 * 2 * SEGMENT).map(cost).collect();
+    let found = aggregate(&volume, &flat, &grid, Candidates::All, &Penalties::default());
+    assert!(found.iter().all(|&index| index == 5.0), "{found:?}");
+}
+
+#[test]
+fn photos_know_their_depth_and_the_target_its_surface() {
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let set = [0, 1, 2, 3, 4];
+    for (index, found, known) in maps.known(&set) {
+        let share = right(&found.disparity, PLACES[index], found.pixel);
+        assert!(share > 0.93, "photo {index}: {share}");
+        let confirmed = known.disparity.iter().filter(|d| **d >= 0.0).count();
+        assert!(confirmed as f64 > 0.8 * (WIDTH * HEIGHT) as f64, "photo {index}: {confirmed} confirmed");
+    }
+    let known = maps.known(&set);
+    let views: Vec<_> = known.iter().map(|(k, all, known)| SurfaceView { view: rig.view(*k), all, known }).collect();
+    let target = camera(0.1);
+    let found = surface(&views, 5, &target, RANGE.0, RANGE.1, &Settings::default());
+    let share = right(&found.disparity, 0.1, found.pixel);
+    assert!(share > 0.95, "{share}");
+    let layers = found.layers(3).unwrap();
+    assert_eq!(layers.len(), 3);
+    assert!(matches!(found.layers(0), Err(LayersError::Empty)));
+}
+
+#[test]
+fn what_other_photos_contradict_is_not_confirmed() {
+    let flat = |disparity: f32| PhotoDepth { disparity: Array2::from_elem((HEIGHT, WIDTH), disparity), pixel: 0.02 };
+    let cameras = [camera(0.0), camera(0.1)];
+    let (good, mut bad) = (flat(0.2), flat(0.2));
+    bad.disparity[(20, 40)] = 0.5; // floats before the wall that the other photo sees
+    let maps = [(&cameras[0], &bad), (&cameras[1], &good)];
+    let found = confirmed(0, &maps, &Settings::default());
+    assert!(!found[(20, 40)]);
+    assert!(found.indexed_iter().filter(|((_, x), _)| *x > 2).all(|(at, &ok)| ok || at == (20, 40)));
+    assert!(confirmed(0, &maps[..1], &Settings::default()).iter().all(|&ok| !ok), "alone, nothing is confirmed");
+}
+
+#[test]
+fn a_view_does_not_see_what_its_own_depth_hides() {
+    let target = camera(0.0);
+    let mut map = KnownDepth { disparity: Array2::from_elem((HEIGHT, WIDTH), 0.1) };
+    map.disparity[(10, 20)] = 0.5;
+    map.disparity[(10, 21)] = -1.0;
+    let seen = visibility::visible((&target, &map), &target, &[0.1; WIDTH * HEIGHT], WIDTH, 0.05);
+    for (at, &seen) in seen.iter().enumerate() {
+        assert_eq!(seen == 0.0, at == 10 * WIDTH + 20, "{at}");
+    }
+}
+
+#[test]
+fn views_agree_on_the_surface_and_nowhere_else() {
+    let rig = Rig::new();
+    let sources = [0, 1, 2]
+        .map(|k| WarpSource { texture: &rig.photos[k], sweep: PlaneSweep::new(&rig.cameras[k], &rig.cameras[0]) });
+    let visible = vec![vec![1.0; WIDTH * HEIGHT]; 3];
+    let views = Views { sources: &sources, visible: &visible };
+    let wall = vec![WALL as f32; WIDTH * HEIGHT];
+    let found = disagreement(&views, &wall, WIDTH, &[0.0, 0.2], 1);
+    let at = 8 * WIDTH + 30;
+    assert!(found[0][at] < 1e-3 && found[1][at] > 5e-3, "{} {}", found[0][at], found[1][at]);
+    let blind = vec![vec![0.0; WIDTH * HEIGHT]; 3];
+    let found = disagreement(&Views { sources: &sources, visible: &blind }, &wall, WIDTH, &[0.0], 1);
+    assert!(found[0].iter().all(|&d| (d - MOST).abs() < 1e-8));
+}
+
+#[test]
+fn a_scene_searches_each_photo_once_and_its_neighbours_nearest_first() {
+    let rig = Rig::new();
+    let mut maps = DepthMaps::new(rig.cameras.clone(), RANGE.0, RANGE.1, Settings::default());
+    assert_eq!(maps.neighbours(1), [0, 3, 2, 4]);
+    assert_eq!(maps.photos_for(&camera(0.15), 2), [2, 0, 4, 1]);
+    assert_eq!(maps.missing(&[0, 2]), [0, 2]);
+    let first = maps.depth(2, |k| rig.view(k)).unwrap();
+    let again = maps.depth(2, |_| unreachable!("it is known")).unwrap();
+    assert!(std::sync::Arc::ptr_eq(&first, &again));
+    assert_eq!(maps.missing(&[0, 2]), [0]);
+    let mut alone = DepthMaps::new(vec![camera(0.0)], RANGE.0, RANGE.1, Settings::default());
+    assert!(alone.depth(0, |_| rig.view(0)).is_none(), "nobody to match it with");
+}
+
+#[test]
+fn any_number_of_threads_finds_the_same() {
+    let rig = Rig::new();
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut maps = rig.maps();
+            let known = maps.known(&[0, 1, 2, 3, 4]);
+            let views: Vec<_> =
+                known.iter().map(|(k, all, known)| SurfaceView { view: rig.view(*k), all, known }).collect();
+            surface(&views, 4, &camera(0.07), RANGE.0, RANGE.1, &Settings::default()).disparity
+        })
+    };
+    let bits = |map: Array2<f32>| map.iter().map(|d| d.to_bits()).collect::<Vec<_>>();
+    let one = bits(run(1));
+    assert!(one == bits(run(2)) && one == bits(run(5)));
+}
+
+#[test]
+fn exposure_is_told_from_what_two_photos_show() {
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let known = maps.known(&[0, 1]);
+    let darker = rig.photos[1].with_gains([0.8, 0.9, 1.0]);
+    let mut views: Vec<_> =
+        known.iter().map(|(k, all, known)| SurfaceView { view: rig.view(*k), all, known }).collect();
+    views[1].view.texture = &darker;
+    let gains = exposure_gains(&views, &[1.0, 1.0]);
+    for (c, expected) in [0.8_f32, 0.9, 1.0].into_iter().enumerate() {
+        let found = gains[0][c] / gains[1][c];
+        assert!((found - expected).abs() < 0.02, "channel {c}: {found}");
+        assert!((gains[0][c] * gains[1][c] - 1.0).abs() < 1e-5);
+    }
+}
