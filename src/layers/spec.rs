@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `planes:64` | planes evenly spaced in disparity from near to far (the paper's) |
 //! | `guided:2` | layers that follow the scene, with a range of disparities for each pixel; `guided:2/32`: 32 planes in the first search |
+//! | `surface:2` | layers along the surface that the photos' own depth gives, each view counting only where it sees it |
 //! | `select:16/64` | the paper's selection: of 64 planes the 16 that are most pixels' best; `select:16` is of 64 |
 //! | `kmeans:16` | planes at the disparities that the guided search finds; `kmeans:16/32`: 32 planes in the first search |
 //! | `list:0.5,0.25,0` | planes at these disparities (1/scene unit), near to far: descending |
@@ -33,6 +34,8 @@ pub enum LayerSpec {
         /// Planes of the first search; `None`: by the parallax ([`super::guided::GuidedSearch`]).
         coarse_planes: Option<usize>,
     },
+    /// Layers along the surface that the photos' own depth gives ([`crate::mvs`]).
+    Surface(usize),
     /// The paper's selection.
     Select {
         /// Planes kept.
@@ -80,7 +83,7 @@ impl FromStr for LayerSpec {
 }
 
 fn parse(text: &str) -> Result<LayerSpec, String> {
-    let kinds = || "expected planes:D, guided:L, select:K/D, kmeans:K or list:DISPARITIES".to_owned();
+    let kinds = || "expected planes:D, guided:L, surface:L, select:K/D, kmeans:K or list:DISPARITIES".to_owned();
     let (kind, rest) = text.trim().split_once(':').ok_or_else(kinds)?;
     let (count, of) = rest.split_once('/').map_or((rest, None), |(count, of)| (count, Some(of)));
     let layers = || whole(count, 1..=MAX_LAYERS);
@@ -88,6 +91,7 @@ fn parse(text: &str) -> Result<LayerSpec, String> {
     Ok(match kind {
         "planes" => LayerSpec::Planes(whole(rest, 1..=MAX_LAYERS)?),
         "guided" => LayerSpec::Guided { layers: layers()?, coarse_planes: coarse_planes()? },
+        "surface" => LayerSpec::Surface(whole(rest, 1..=MAX_LAYERS)?),
         "kmeans" => LayerSpec::KMeans { planes: layers()?, coarse_planes: coarse_planes()? },
         "select" => {
             let (keep, from) = (layers()?, of.map_or(Ok(SELECT_FROM), |of| whole(of, 1..=MAX_LAYERS))?);
@@ -120,6 +124,7 @@ impl fmt::Display for LayerSpec {
         match self {
             Self::Planes(planes) => write!(f, "planes:{planes}"),
             Self::Guided { layers, coarse_planes } => write!(f, "guided:{layers}{}", of(coarse_planes)),
+            Self::Surface(layers) => write!(f, "surface:{layers}"),
             Self::Select { keep, from } => write!(f, "select:{keep}/{from}"),
             Self::KMeans { planes, coarse_planes } => write!(f, "kmeans:{planes}{}", of(coarse_planes)),
             Self::List(list) => {
@@ -137,7 +142,7 @@ mod tests {
     #[test]
     fn what_is_written_is_read_again() {
         let texts =
-            ["planes:64", "guided:2", "guided:2/32", "select:16/64", "kmeans:16", "kmeans:4/8", "list:0.5,0.25,0"];
+            ["planes:64", "guided:2", "guided:2/32", "surface:2", "select:16/64", "kmeans:16", "kmeans:4/8", "list:0.5,0.25,0"];
         for text in texts {
             assert_eq!(text.parse::<LayerSpec>().unwrap().to_string(), text);
         }
