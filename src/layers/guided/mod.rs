@@ -1,8 +1,8 @@
 //! Guided layers: a coarse-to-fine search gives each pixel its own range of disparities, which few layers divide.
 //!
 //! The first search, at 1/4 resolution, sweeps the views through planes a cell of parallax apart, takes the variance of their colours
-//! over a window ([`layer_costs`]), aggregates it along rows and columns ([`semi_global`]) and keeps the disparity of least cost
-//! ([`winner_takes_all`]). The least and the largest disparity of each neighbourhood, half a plane step wider ([`range_of`]), are
+//! over a window ([`layer_costs`]), aggregates it along rows and columns ([`semi_global()`]) and keeps the disparity of least cost
+//! ([`winner_takes_all()`]). The least and the largest disparity of each neighbourhood, half a plane step wider ([`range_of`]), are
 //! searched again at 1/2 resolution: a few layers that divide that range cell by cell ([`fine_layers`]), without aggregation. The
 //! extremes of the disparities that this finds are the range. Known in multi-view stereo as adaptive thin volumes (UCS-Net, Cheng et
 //! al., 2020).
