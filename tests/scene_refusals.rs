@@ -327,10 +327,10 @@ fn saved_pictures_come_back() {
 fn unwritable_outputs_and_wrong_buffers_are_named() {
     let root = tempdir().unwrap();
     let picture = image::ImageRgb::new(1, 1, vec![0.0; 3]).unwrap();
-    let message = picture.save(&root.path().join("no/where.png")).unwrap_err().to_string();
+    let message = picture.save(root.path().join("no/where.png")).unwrap_err().to_string();
     assert_says(&message, &["where.png: cannot be written"]);
     fs::create_dir(root.path().join("folder.png")).unwrap();
-    let message = picture.save(&root.path().join("folder.png")).unwrap_err().to_string();
+    let message = picture.save(root.path().join("folder.png")).unwrap_err().to_string();
     assert_says(&message, &["folder.png: cannot be written"]);
     assert_eq!(fs::read_dir(root.path()).unwrap().count(), 1, "the temporary file is gone");
     let message = image::ImageRgb::new(2, 2, vec![0.0; 11]).unwrap_err().to_string();
