@@ -6,7 +6,7 @@
 use divan::Bencher;
 use divan::counter::{BytesCount, ItemsCount};
 use glam::{DMat3, DVec3};
-use liveview::geometry::{Size, Camera, Intrinsics, PlaneSweep};
+use liveview::geometry::{Camera, Intrinsics, PlaneSweep, Size};
 use liveview::image::ImageRgb;
 use liveview::layers::guided::GuidedSearch;
 use liveview::render::{Accumulated, Blended, DistanceWeights, LayerSamples};

@@ -36,7 +36,7 @@ fn every_scene_opens_and_loads() {
     let Some(data) = data() else { return };
     for &(name, format, count, ranged) in SCENES {
         let mut options = SceneOptions::default();
-    options.width = Some(160);
+        options.width = Some(160);
         let scene = Scene::open(&data.join(name), &options).unwrap();
         println!("{name}: {} views, {:?}", scene.views.len(), scene.notes);
         assert_eq!((scene.format, scene.views.len()), (format, count), "{name}");
@@ -65,7 +65,7 @@ fn neighbours_match_along_epipolar_lines() {
     let Some(data) = data() else { return };
     for &(name, ..) in SCENES {
         let mut options = SceneOptions::default();
-    options.width = Some(320);
+        options.width = Some(320);
         let scene = Scene::open(&data.join(name), &options).unwrap();
         let target = scene.views.len() / 2;
         let distance = |&i: &usize| (scene.views[i].camera.centre() - scene.views[target].camera.centre()).length();

@@ -1,4 +1,4 @@
-//! What the program says: results on stdout, notes and errors on stderr, a progress bar on a terminal.
+//! Output of the program: results on stdout, notes and errors on stderr, a progress bar on a terminal.
 
 use std::fmt::Display;
 use std::io::Write;
@@ -15,8 +15,8 @@ pub(crate) struct Output {
     pub(crate) json: serde_json::Value,
 }
 
-/// An error with those of its causes that it does not tell itself, and with what to type about it.
-pub(crate) fn in_full(error: &anyhow::Error) -> String {
+/// The text of an error, with those of its causes that it does not contain itself, and with advice on what to type.
+pub(crate) fn full_text(error: &anyhow::Error) -> String {
     let causes = error.chain().map(ToString::to_string);
     let text = causes.reduce(|text, cause| if text.contains(&cause) { text } else { format!("{text}: {cause}") });
     let text = text.unwrap_or_default();
@@ -26,7 +26,7 @@ pub(crate) fn in_full(error: &anyhow::Error) -> String {
     }
 }
 
-/// Which option or command helps.
+/// Which option or command helps with an error.
 pub(crate) fn advice(error: &SynthesisError) -> Option<String> {
     match error {
         SynthesisError::UnknownDepth { near, far, .. } => {
@@ -42,22 +42,22 @@ pub(crate) fn advice(error: &SynthesisError) -> Option<String> {
     }
 }
 
-/// A path as JSON can hold it: serialising one that is not UTF-8 would panic.
+/// A path as text for JSON: serialising a path that is not UTF-8 would panic.
 pub(crate) fn shown(path: &Path) -> String {
     path.display().to_string()
 }
 
-/// A line on stderr; `println` would panic where nobody listens.
-pub(crate) fn tell(kind: &str, what: impl Display) {
+/// Prints a line on stderr; `eprintln` would panic if stderr is closed.
+pub(crate) fn print_message(kind: &str, what: impl Display) {
     let _ = writeln!(std::io::stderr(), "{kind}: {what}");
 }
 
-/// What was skipped or assumed when a scene was read, on stderr.
-pub(crate) fn tell_notes(notes: &[String]) {
-    notes.iter().for_each(|note| tell("note", note));
+/// Prints the notes of a scene on stderr: what was skipped or assumed when it was read.
+pub(crate) fn print_notes(notes: &[String]) {
+    notes.iter().for_each(|note| print_message("note", note));
 }
 
-/// A bar that counts such as layers; only on a terminal, and on stderr.
+/// A progress bar that counts `what` (such as layers), on stderr; hidden unless that is a terminal.
 pub(crate) fn progress(what: &str) -> anyhow::Result<ProgressBar> {
     let template = format!("{{bar:40}} {{pos}}/{{len}} {what} {{elapsed}} {{msg}}");
     Ok(ProgressBar::new(0).with_style(ProgressStyle::with_template(&template)?))

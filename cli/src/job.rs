@@ -1,4 +1,4 @@
-//! A scene, a model, and which layers to use: what every command that renders stands on.
+//! A scene, a model and layers: what the commands that render have in common.
 
 use anyhow::Result;
 use indicatif::ProgressBar;
@@ -11,11 +11,11 @@ use ndarray::Axis;
 use crate::args::layers::LayerArgs;
 use crate::args::model::{ModelArgs, ModelInfo};
 
-/// A synthesizer, and what there is to tell of it.
+/// A synthesizer, with the model's description and a progress bar.
 pub(crate) struct Job {
     pub(crate) synthesizer: Synthesizer,
     pub(crate) model: ModelInfo,
-    /// Counts layers.
+    /// Counts rendered layers.
     pub(crate) progress: ProgressBar,
 }
 

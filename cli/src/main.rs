@@ -51,15 +51,15 @@ enum Command {
     Render(render::RenderArgs),
     /// Turn the frames of a camera rig into the video of a moving viewpoint, live if asked
     Video(video::VideoArgs),
-    /// Tell how a scene is understood, and what will be left out
+    /// Show how a scene is read, and what will be left out
     Inspect(inspect::InspectArgs),
     /// Show which planes, or which range per pixel, a view needs
     Select(select::SelectArgs),
-    /// Write every stage of one render as arrays (.npz), to hold against the Python reference
+    /// Write every stage of one render as arrays (.npz), to compare with the Python reference
     Dump(dump::DumpArgs),
     /// Measure error against run time: kinds and numbers of layers, and the Python reference beside them
     Sweep(sweep::SweepArgs),
-    /// Hold stiff and extreme cases of a scene's rig against float64, and the Python reference beside them
+    /// Compare stiff and extreme cases of a scene's rig with float64, and the Python reference beside them
     Stability(stability::StabilityArgs),
     /// One configuration of a sweep, driven over JSON lines
     #[command(hide = true)]
@@ -83,7 +83,7 @@ fn main() -> ExitCode {
             let printed = if cli.json { format!("{json:#}") } else { text };
             let printed = printed.trim_end();
             let written = match &cli.command {
-                // The video itself goes there.
+                // The video itself goes to standard output.
                 Command::Video(args) if args.takes_stdout() => writeln!(std::io::stderr(), "{printed}"),
                 _ => {
                     let mut out = std::io::stdout();
@@ -91,20 +91,20 @@ fn main() -> ExitCode {
                 }
             };
             match written {
-                // A reader that went away (`| head`) is no error of ours.
+                // A reader that stops reading (`| head`) is not an error.
                 Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-                    console::tell("error", format_args!("standard output: cannot be written: {error}"));
+                    console::print_message("error", format_args!("standard output: cannot be written: {error}"));
                     ExitCode::from(2)
                 }
                 _ => ExitCode::SUCCESS,
             }
         }
         Err(error) => {
-            let message = console::in_full(&error);
+            let message = console::full_text(&error);
             match &cli.command {
-                // To the sweep that started it, which tells.
-                Command::Worker(_) => drop(worker_process::say(&serde_json::json!({ "error": message }))),
-                _ => console::tell("error", message),
+                // To the sweep that started the worker, which prints it.
+                Command::Worker(_) => drop(worker_process::send_line(&serde_json::json!({ "error": message }))),
+                _ => console::print_message("error", message),
             }
             ExitCode::from(if error.is::<interrupt::Interrupted>() { interrupt::EXIT_CODE } else { 2 })
         }

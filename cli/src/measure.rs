@@ -1,4 +1,4 @@
-//! What a picture costs: time by stage, and memory.
+//! Time by stage, and memory in use.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use liveview::render::StageTimes;
 
 /// Wall time of one picture, by stage.
 pub(crate) struct Times {
-    /// Reading and decoding those photos that were not in memory yet.
+    /// Reading and decoding the photos that were not in memory yet.
     pub(crate) photos: Duration,
     /// The guided search.
     pub(crate) coarse: Duration,
@@ -31,14 +31,14 @@ impl Times {
         ]
     }
 
-    /// All of it.
+    /// The sum of all stages.
     pub(crate) fn total(&self) -> Duration {
         self.stages().iter().map(|(_, time)| *time).sum()
     }
 }
 
-/// In words.
-pub(crate) fn in_words(time: Duration) -> String {
+/// A duration as text.
+pub(crate) fn time_text(time: Duration) -> String {
     match time.as_secs_f64() {
         seconds if seconds >= 10.0 => format!("{seconds:.1} s"),
         seconds if seconds >= 0.01 => format!("{:.0} ms", 1e3 * seconds),
@@ -46,9 +46,19 @@ pub(crate) fn in_words(time: Duration) -> String {
     }
 }
 
-/// The most memory that the process has held so far, where the system tells it (Linux).
+/// The most memory that the process has used so far, in bytes; on Linux only.
 pub(crate) fn peak_memory() -> Option<u64> {
+    status("VmHWM:")
+}
+
+/// Memory that the process uses now, in bytes; on Linux only.
+pub(crate) fn resident_memory() -> Option<u64> {
+    status("VmRSS:")
+}
+
+/// An amount of memory from the process's status, in bytes.
+fn status(field: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let kilobytes = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"))?;
+    let kilobytes = status.lines().find_map(|line| line.strip_prefix(field)?.trim().strip_suffix(" kB"))?;
     Some(1024 * kilobytes.trim().parse::<u64>().ok()?)
 }

@@ -1,4 +1,4 @@
-//! Arrays for the Python side: .npz files that appear only once they are whole.
+//! Arrays for the Python side: .npz files, written whole or not at all.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use liveview::{Camera, ImageRgb, PhotoCache, Shot};
 use ndarray::{Array, Array1, Array3, Dimension};
 use ndarray_npy::{NpzWriter, WritableElement};
 
-/// The arrays of a file that appears only once it is whole.
+/// A .npz file being written.
 pub(crate) struct Arrays {
     file: NpzWriter<AtomicFile>,
     path: PathBuf,
@@ -41,7 +41,7 @@ impl Arrays {
         self.add("target.size", Array1::from_vec(vec![shot.target.width() as i64, shot.target.height() as i64]))
     }
 
-    /// Gives the file its name.
+    /// Closes the file and gives it its name.
     pub(crate) fn finish(self) -> Result<()> {
         let file = self.file.finish().map_err(|error| unwritten(&self.path, error))?;
         file.finish().map_err(|error| unwritten(&self.path, error))
@@ -52,7 +52,7 @@ impl Arrays {
     }
 }
 
-/// The cause alone, without what the layers between say of it.
+/// The error of a file that cannot be written, with the root cause alone.
 pub(crate) fn unwritten(path: &Path, error: impl Into<Error>) -> Error {
     anyhow!("{}: cannot be written: {}", path.display(), error.into().root_cause())
 }

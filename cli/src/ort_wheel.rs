@@ -1,11 +1,11 @@
-//! ONNX Runtime in the wheel of a Python virtual environment, and how to get it.
+//! The ONNX Runtime library in a wheel of a Python virtual environment, and advice on how to get it.
 
 use std::path::{Path, PathBuf};
 
 use liveview::network::{ExecutionProvider, OrtLibrary, OrtLibraryError};
 
-/// The library of a wheel in a virtual environment of the working directory or above the program, unless `ORT_DYLIB_PATH` names
-/// one.
+/// The library in a wheel, in a virtual environment of the working directory or above the program; `None` if `ORT_DYLIB_PATH` names a
+/// library, which goes first.
 pub(crate) fn wheel(provider: ExecutionProvider) -> Option<PathBuf> {
     if std::env::var_os("ORT_DYLIB_PATH").is_some_and(|path| !path.is_empty()) {
         return None;
@@ -24,7 +24,7 @@ pub(crate) fn wheel(provider: ExecutionProvider) -> Option<PathBuf> {
     folders.find_map(|folder| OrtLibrary::find_in(&folder, provider))
 }
 
-/// Virtual environments that hold the wheel with a provider.
+/// Names of the virtual environments that may hold the wheel with a provider.
 fn environments(provider: ExecutionProvider) -> &'static [&'static str] {
     match provider {
         ExecutionProvider::Cpu => &[".venv"],

@@ -2,13 +2,13 @@
 
 use liveview::ImageRgb;
 
-/// The value below which a share `part` of the values lies, by the nearest rank; NaN of none.
+/// The value below which a share `part` (0 to 1) of the values lies, by the nearest rank; NaN if there are none. Sorts them.
 pub(crate) fn percentile(values: &mut [f64], part: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get((part * values.len().saturating_sub(1) as f64).round() as usize).copied().unwrap_or(f64::NAN)
 }
 
-/// Linear between the values of a sorted list; NaN of an empty one.
+/// The same, interpolated linearly between the values of a sorted list; NaN if it is empty.
 pub(crate) fn quantile(sorted: &[f64], part: f64) -> f64 {
     let at = part * sorted.len().saturating_sub(1) as f64;
     let (low, high) = (sorted.get(at.floor() as usize), sorted.get(at.ceil() as usize));
@@ -18,7 +18,7 @@ pub(crate) fn quantile(sorted: &[f64], part: f64) -> f64 {
     }
 }
 
-/// How far pictures are apart, of values in [0, 1].
+/// Absolute difference of pictures, of values in [0, 1].
 #[derive(Clone, Copy)]
 pub(crate) struct PixelError {
     pub(crate) max: f64,
@@ -26,7 +26,7 @@ pub(crate) struct PixelError {
 }
 
 impl PixelError {
-    /// Of pictures against others, pair by pair.
+    /// Over all values of all pairs of pictures.
     pub(crate) fn between<'a>(pairs: impl Iterator<Item = (&'a ImageRgb, &'a ImageRgb)>) -> Self {
         let values = pairs.flat_map(|(a, b)| a.data().iter().zip(b.data()));
         let (max, sum, count) = values.fold((0.0, 0.0, 0), |(max, sum, count): (f64, f64, usize), (a, b)| {
@@ -37,7 +37,7 @@ impl PixelError {
     }
 }
 
-/// Share of the elements of which it is true.
+/// Share (0 to 1) of the elements that a condition holds for.
 pub(crate) fn share<T>(all: &[T], is: impl Fn(&T) -> bool) -> f64 {
     all.iter().filter(|&one| is(one)).count() as f64 / all.len().max(1) as f64
 }

@@ -1,4 +1,4 @@
-//! Processes that answer JSON lines: those of `liveview sweep`, and the Python references.
+//! Worker processes that answer requests in JSON lines: those of `liveview sweep`, and the Python references.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -11,7 +11,7 @@ pub(crate) fn words(command: &str) -> Vec<String> {
     command.split_whitespace().map(str::to_owned).collect()
 }
 
-/// A process that renders one configuration whenever it is asked; ended when dropped.
+/// A process that answers requests; dropped, it is waited for.
 pub(crate) struct WorkerProcess {
     process: Child,
     to: Option<ChildStdin>,
@@ -20,8 +20,8 @@ pub(crate) struct WorkerProcess {
 }
 
 impl WorkerProcess {
-    /// Starts a command, hands it its job if it takes one, and waits until it is ready; what it says of itself. Errors call it
-    /// by its name.
+    /// Starts a command, sends it its job if there is one, and waits until it is ready; returns its first line, which describes it.
+    /// `name` is for errors.
     pub(crate) fn start(name: &str, command: &[String], job: Option<&Value>) -> Result<(Self, Value)> {
         let (program, args) =
             command.split_first().map_or(("", [].as_slice()), |(program, args)| (program.as_str(), args));
@@ -31,40 +31,40 @@ impl WorkerProcess {
         let (Some(to), Some(from)) = (process.stdin.take(), process.stdout.take()) else { unreachable!("both piped") };
         let mut worker = Self { process, to: Some(to), from: BufReader::new(from), name: name.to_owned() };
         if let Some(job) = job {
-            worker.say(job)?;
+            worker.send(job)?;
         }
-        let ready = worker.listen()?;
+        let ready = worker.receive()?;
         Ok((worker, ready))
     }
 
-    /// Says something and waits for the answer.
+    /// Sends a request and waits for the answer.
     pub(crate) fn ask(&mut self, line: &Value) -> Result<Value> {
-        self.say(line)?;
-        self.listen()
+        self.send(line)?;
+        self.receive()
     }
 
-    fn say(&mut self, line: &Value) -> Result<()> {
+    fn send(&mut self, line: &Value) -> Result<()> {
         let Some(to) = &mut self.to else { unreachable!("closed only when dropped") };
-        let said = writeln!(to, "{line}").and_then(|()| to.flush());
-        said.with_context(|| format!("{}: ended before its time", self.name))
+        let sent = writeln!(to, "{line}").and_then(|()| to.flush());
+        sent.with_context(|| format!("{}: ended before its time", self.name))
     }
 
-    fn listen(&mut self) -> Result<Value> {
+    fn receive(&mut self) -> Result<Value> {
         let mut line = String::new();
         if self.from.read_line(&mut line)? == 0 {
             bail!("{}: ended before its time", self.name);
         }
-        let told: Value =
-            serde_json::from_str(&line).with_context(|| format!("{}: said {:?}", self.name, line.trim()))?;
-        match told["error"].as_str() {
+        let answer: Value = serde_json::from_str(&line)
+            .with_context(|| format!("{}: answered {:?}; expected a line of JSON", self.name, line.trim()))?;
+        match answer["error"].as_str() {
             Some(error) => bail!("{}: {error}", self.name),
-            None => Ok(told),
+            None => Ok(answer),
         }
     }
 }
 
 impl Drop for WorkerProcess {
-    /// It ends with its input; one that does not is ended.
+    /// Closes the process's input, at which it ends, and waits for that; if waiting fails, kills it.
     fn drop(&mut self) {
         self.to = None;
         if self.process.wait().is_err() {
@@ -73,8 +73,8 @@ impl Drop for WorkerProcess {
     }
 }
 
-/// A line of JSON for whoever started this process.
-pub(crate) fn say(line: &Value) -> Result<()> {
+/// Sends a line of JSON to the process that started this one.
+pub(crate) fn send_line(line: &Value) -> Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(out, "{line}")?;
     Ok(out.flush()?)

@@ -18,4 +18,4 @@ pub use plane_sweep::PlaneSweep;
 pub(crate) use pose::cam_from_opengl_world;
 pub use pose::{RelativePose, source_from_target};
 pub use size::{MAX_SIDE, Size};
-pub use view_selection::{TooFewViews, choose_views, distance, middle_camera, nearest_camera};
+pub use view_selection::{TooFewViews, choose_views, distance, middle_camera};

@@ -39,7 +39,7 @@ pub fn choose_views(cameras: &[&Camera], target: &Camera, count: usize) -> Resul
 }
 
 /// Index of the camera whose centre is nearest to a point (scene units); 0 if there are no cameras.
-pub fn nearest_camera(cameras: &[&Camera], point: DVec3) -> usize {
+pub(super) fn nearest_camera(cameras: &[&Camera], point: DVec3) -> usize {
     let distances = cameras.iter().map(|camera| camera.centre().distance(point)).enumerate();
     distances.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
 }

@@ -2,7 +2,7 @@
 
 use ndarray::ArrayView2;
 
-use crate::image::ImageRgb;
+use super::rgb::ImageRgb;
 
 /// Evenly spaced colours from 0 (far, dark) to 1 (near, light); lightness rises throughout, so that it reads in grey as well.
 const COLOURS: [[f32; 3]; 6] = [

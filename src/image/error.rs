@@ -22,7 +22,7 @@ pub enum ImageError {
     Decode {
         /// The file.
         path: PathBuf,
-        /// What the decoder said.
+        /// The decoder's message.
         reason: String,
     },
     /// The header declares more than [`MAX_SIDE`] pixels in a side. Nothing was decoded.
@@ -54,7 +54,7 @@ pub enum ImageError {
         width: usize,
         /// Height in pixels.
         height: usize,
-        /// What the encoder said.
+        /// The encoder's message.
         reason: String,
     },
     /// The file cannot be written.

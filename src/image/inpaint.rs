@@ -3,7 +3,7 @@
 
 use ndarray::Array2;
 
-use crate::image::ImageRgb;
+use super::rgb::ImageRgb;
 
 /// One level of the pyramid: colour times weight, and weight in [0, 1].
 struct Level {

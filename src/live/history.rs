@@ -6,7 +6,7 @@ use super::settings::LiveSettings;
 use crate::layers::guided::GuidedSearch;
 use crate::layers::{LayerSpec, Layers, LayersError, kmeans_planes};
 
-/// What a session knows from the frames before.
+/// What a session keeps from the frames before.
 #[derive(Default)]
 pub(super) struct History {
     /// The last frame's surface, for guided layers.

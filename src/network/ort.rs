@@ -17,7 +17,7 @@ use crate::layers::LayerSpec;
 
 /// Largest model file that is opened, in bytes: a hundred times the paper's network. A model with weights in separate files (ONNX
 /// external data) is refused.
-pub const MAX_MODEL_BYTES: u64 = 256 << 20;
+const MAX_MODEL_BYTES: u64 = 256 << 20;
 
 /// A LiveView model run by ONNX Runtime.
 pub struct OrtNetwork {

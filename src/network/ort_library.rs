@@ -25,7 +25,7 @@ pub enum OrtLibraryError {
     NotUsable {
         /// The file.
         path: PathBuf,
-        /// What the loader said.
+        /// The loader's message.
         reason: String,
     },
     /// The library does not have the provider asked for.

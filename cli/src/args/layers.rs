@@ -24,7 +24,7 @@ pub(crate) struct LayerArgs {
     pub(crate) opaque: f64,
 }
 
-/// What to give for what time.
+/// Quality against run time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Quality {
     /// 1 guided layer, along the surface: the fastest
@@ -49,17 +49,23 @@ impl From<Quality> for LayerSpec {
 }
 
 impl LayerArgs {
-    /// What was asked for, or else what the model's card recommends.
+    /// The layers of these options, by default those that the model recommends.
     pub(crate) fn spec(&self, network: &OrtNetwork) -> Result<LayerSpec> {
-        match (&self.layers, self.quality) {
-            (Some(layers), _) => Ok(layers.clone()),
-            (None, Some(quality)) => Ok(quality.into()),
-            (None, None) => recommended(network),
-        }
+        given_or_recommended(self.layers.as_ref(), self.quality, network)
     }
 }
 
-/// What the model's card recommends.
-pub(crate) fn recommended(network: &OrtNetwork) -> Result<LayerSpec> {
-    network.recommended_layers().map_err(|error| anyhow::anyhow!("{error}; --layers decides instead"))
+/// The layers given, or those of the quality, or else those that the model's card recommends.
+pub(crate) fn given_or_recommended(
+    layers: Option<&LayerSpec>,
+    quality: Option<Quality>,
+    network: &OrtNetwork,
+) -> Result<LayerSpec> {
+    match (layers, quality) {
+        (Some(layers), _) => Ok(layers.clone()),
+        (None, Some(quality)) => Ok(quality.into()),
+        (None, None) => {
+            network.recommended_layers().map_err(|error| anyhow::anyhow!("{error}; --layers decides instead"))
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! What to render with: the model, ONNX Runtime, threads.
+//! Options of the model, ONNX Runtime and threads.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -11,7 +11,7 @@ use liveview::{Model, ModelOptions};
 use serde_json::{Value, json};
 
 use super::numbers;
-use crate::console::{shown, tell};
+use crate::console::{print_message, shown};
 use crate::ort_wheel::wheel;
 
 /// Options that choose the model and how it is run.
@@ -94,13 +94,13 @@ impl FromStr for ProviderChoice {
     }
 }
 
-/// A model and what runs it, to tell of.
+/// Description of the model and of ONNX Runtime.
 pub(crate) struct ModelInfo {
     pub(crate) path: PathBuf,
     card: liveview::network::ModelCard,
     pub(crate) library: PathBuf,
     pub(crate) provider: ExecutionProvider,
-    /// Of the arithmetic: f32, bf16 or int8.
+    /// Precision of the arithmetic: f32, bf16 or int8.
     pub(crate) precision: String,
     pub(crate) threads: usize,
     pub(crate) batch: usize,
@@ -120,9 +120,17 @@ impl ModelArgs {
         args
     }
 
-    /// As given, else one per core.
+    /// The library's options, with the views and the threads given.
+    fn views_and_threads(&self) -> ModelOptions {
+        let mut options = ModelOptions::default();
+        options.views = self.views;
+        options.threads = self.threads;
+        options
+    }
+
+    /// Threads as given, else one per core.
     pub(crate) fn threads(&self) -> usize {
-        self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, Into::into))
+        self.views_and_threads().threads_or_default()
     }
 
     /// Sets the threads of everything but the network; once per process, before any other work.
@@ -134,7 +142,7 @@ impl ModelArgs {
 
     /// V where no model says otherwise.
     pub(crate) fn views_or_default(&self) -> usize {
-        self.views.unwrap_or(liveview::DEFAULT_VIEWS)
+        self.views_and_threads().views_or_default()
     }
 
     fn options(&self) -> Result<ModelOptions> {
@@ -142,8 +150,7 @@ impl ModelArgs {
         if bf16 && !ExecutionProvider::from(self.engine).knows_bf16() {
             bail!("--precision bf16: expected --engine {}, the only one that has it", ExecutionProvider::OpenVino);
         }
-        let mut options = ModelOptions::default();
-        options.views = self.views;
+        let mut options = self.views_and_threads();
         options.file.clone_from(&self.model);
         if std::env::var_os("LIVEVIEW_MODELS").is_none_or(|folder| folder.is_empty()) {
             options.folders.push(std::env::current_dir().unwrap_or_default().join("models"));
@@ -152,7 +159,6 @@ impl ModelArgs {
         options.provider = self.engine.into();
         options.precision = if bf16 { Precision::Bf16 } else { Precision::F32 };
         options.library = self.ort_lib.clone().or_else(|| wheel(options.provider));
-        options.threads = Some(self.threads());
         options.batch = self.batch;
         Ok(options)
     }
@@ -169,7 +175,7 @@ impl ModelArgs {
             bail!("{}: metadata `precision` is {}, expected {expected} (--precision)", path.display(), card.precision);
         }
         if options.precision == Precision::Bf16 && !cpu_has_bf16() {
-            tell("note", "--precision bf16: this CPU has no instructions for it; OpenVINO computes in f32");
+            print_message("note", "--precision bf16: this CPU has no instructions for it; OpenVINO computes in f32");
         }
         if let Some(asked) = self.views.filter(|&asked| asked != card.views) {
             bail!("{}: metadata `views` is {}, expected {asked} (--views {asked})", path.display(), card.views);
@@ -178,7 +184,7 @@ impl ModelArgs {
         Ok((renderer, ModelInfo { path, card, library, provider, precision, threads, batch: self.batch }))
     }
 
-    /// Models for fewer views than `views`, to fall back on; none beside a --model of one's own.
+    /// The models for fewer views than `views`, to fall back on; none if --model names one.
     pub(crate) fn open_smaller(&self, views: usize) -> Result<Vec<Renderer<OrtNetwork>>> {
         if self.model.is_some() {
             return Ok(Vec::new());
@@ -193,8 +199,8 @@ impl ModelArgs {
 }
 
 impl ModelInfo {
-    /// What runs the network, in a few words.
-    pub(crate) fn described(&self) -> String {
+    /// Execution provider and precision, such as `openvino, int8`.
+    pub(crate) fn provider_and_precision(&self) -> String {
         format!("{}, {}", self.provider, self.precision)
     }
 

@@ -2,12 +2,12 @@
 
 use std::ops::RangeInclusive;
 
-/// Parses a number of things: at least one, and not so many that it must be a mistake.
+/// Parses a number from 1 to 4096; a larger one would be a mistake.
 pub(crate) fn count(text: &str) -> Result<usize, String> {
     whole(text, 1..=4096)
 }
 
-/// Parses a number that memory or the machine bounds.
+/// Parses a number from 1 to 256, of what takes memory or cores.
 pub(crate) fn few(text: &str) -> Result<usize, String> {
     whole(text, 1..=256)
 }

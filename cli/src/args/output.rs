@@ -1,4 +1,4 @@
-//! Where pictures go: one file, or a folder of them; checked before any work.
+//! Output files: one file, or a folder of them; checked before any work.
 
 use std::collections::HashSet;
 use std::ffi::OsStr;
@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow, bail};
 use liveview::fs::atomic::{self, AtomicFile};
-
 use liveview::{Scene, Shot};
 
 /// One file, or a folder of them.
@@ -15,11 +14,11 @@ pub(crate) enum Place {
     Folder(PathBuf),
 }
 
-/// What is added to a name, and its ending if it is not the name's own.
+/// A suffix that is added to a name, and the ending if it differs from the name's own.
 pub(crate) type Variant = (&'static str, Option<&'static str>);
 
 impl Place {
-    /// By what is there, else by the extension: a folder has none.
+    /// A folder if there is one of that name, or the name has no extension; else a file, with one of these endings.
     pub(crate) fn new(option: &str, path: &Path, endings: &[&str]) -> Result<Self> {
         if path.is_dir() || path.as_os_str().to_string_lossy().ends_with('/') || path.extension().is_none() {
             return Ok(Self::Folder(path.to_owned()));
@@ -36,7 +35,7 @@ impl Place {
             Self::File(path) => (path.parent(), path.file_stem().unwrap_or_default().to_owned(), path.extension()),
             Self::Folder(path) => (Some(path.as_path()), stem(&shot.name).into(), None),
         };
-        // Joined as they are: a name need not be UTF-8.
+        // Not formatted as text: a name need not be UTF-8.
         name.push(suffix);
         name.push(".");
         name.push(ending.map(OsStr::new).or(own).unwrap_or(OsStr::new("png")));
@@ -73,7 +72,7 @@ pub(crate) fn claim(option: &str, file: &Path, photos: &HashSet<PathBuf>) -> Res
     Ok(())
 }
 
-/// Refuses, before any work, a picture that is no PNG or cannot be written.
+/// Refuses, before any work, a name that is not of a PNG, or a file that cannot be written.
 pub(crate) fn claim_png(option: &str, file: &Path, scene: &Scene) -> Result<()> {
     match Place::new(option, file, &["png"])? {
         Place::File(file) => claim(option, &file, &photo_files(scene)),
@@ -81,7 +80,7 @@ pub(crate) fn claim_png(option: &str, file: &Path, scene: &Scene) -> Result<()> 
     }
 }
 
-/// A view's name as that of a file, without extension.
+/// A view's name as a file name without extension.
 fn stem(name: &str) -> String {
     Path::new(&name.replace('/', "_")).with_extension("").to_string_lossy().into_owned()
 }
@@ -90,7 +89,7 @@ pub(crate) fn has_ending(path: &Path, endings: &[&str]) -> bool {
     path.extension().is_some_and(|found| endings.iter().any(|ending| found.eq_ignore_ascii_case(ending)))
 }
 
-/// All of a file or nothing.
+/// Writes a file whole or not at all.
 pub(crate) fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
     atomic::write(path, contents).map_err(|error| anyhow!("{}: cannot be written: {error}", path.display()))
 }

@@ -1,4 +1,4 @@
-//! Which scene, and how it is read.
+//! Options of the scene.
 
 use std::path::{Path, PathBuf};
 
@@ -37,7 +37,7 @@ impl SceneArgs {
         &self.scene
     }
 
-    /// The same options on a command line.
+    /// These options as arguments of a command line.
     pub(crate) fn to_args(&self) -> Vec<String> {
         let mut args = vec![shown(&self.scene), format!("--rig-position={}", self.rig_position)];
         args.extend(self.width.map(|width| format!("--width={width}")));

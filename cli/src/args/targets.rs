@@ -32,7 +32,7 @@ pub(crate) struct TargetArgs {
     path: Option<CameraPath>,
 }
 
-/// As on the command line.
+/// As the option on the command line.
 impl fmt::Display for TargetArgs {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -45,7 +45,7 @@ impl fmt::Display for TargetArgs {
 }
 
 impl TargetArgs {
-    /// Whether there will be photos to compare with.
+    /// Whether the targets have ground truth to compare with.
     pub(crate) fn have_truth(&self) -> bool {
         self.pose.is_none() && self.path.is_none()
     }

@@ -15,7 +15,7 @@ use serde_json::json;
 use crate::args::layers::LayerArgs;
 use crate::args::model::ModelArgs;
 use crate::args::scene::SceneArgs;
-use crate::console::{Output, shown, tell_notes};
+use crate::console::{Output, print_notes, shown};
 use crate::job::Job;
 use crate::npz::Arrays;
 
@@ -36,7 +36,7 @@ pub(crate) struct DumpArgs {
     output: PathBuf,
 }
 
-/// What the batches of a render showed, layer after layer.
+/// The stages of all layers of a render, near → far.
 #[derive(Default)]
 struct Stages {
     maps: Vec<Array3<f32>>,
@@ -94,7 +94,7 @@ pub(crate) fn run(args: &DumpArgs) -> Result<Output> {
     let mut job = Job::open(args.scene.open()?, &args.layers, &args.model)?;
     let targets = Targets::held_out(job.scene(), vec![job.scene().view_index(&args.target)?]);
     let Some(shot) = job.synthesizer.shots(targets)?.pop() else { bail!("{}: nothing to render", args.target) };
-    tell_notes(&job.scene().notes);
+    print_notes(&job.scene().notes);
     job.synthesizer.photos_mut().load_for(&shot, &[])?;
     let mut arrays = Arrays::create(&args.output)?;
     write(&mut job, &shot, &mut arrays)?;
@@ -139,7 +139,7 @@ fn write_search(found: SearchStages, arrays: &mut Arrays) -> Result<()> {
     arrays.add("range", ndarray::stack(Axis(0), &maps)?)
 }
 
-/// The layers as they were asked for: planes and their homographies, or maps on cells.
+/// The layers: planes and their homographies, or maps on cells.
 fn write_layers(layers: &Layers, job: &Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
     let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
     let map = |layer: &Layer| if let Layer::Map(map) = layer { Some(map.clone()) } else { None };

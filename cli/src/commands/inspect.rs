@@ -1,4 +1,4 @@
-//! `liveview inspect`: how a scene is understood, and what will be left out.
+//! `liveview inspect`: how a scene is read, and what will be left out.
 
 use std::fmt::Write;
 
@@ -23,7 +23,7 @@ Examples:
   liveview inspect scene --target IMG_7.jpg --views 5 --layers planes:128
   liveview inspect scene --near 1.5 --far 40 --json";
 
-/// Neighbouring planes further apart than this show as steps.
+/// Neighbouring planes further apart than this, in pixels of parallax, are visible as steps.
 const MAX_STEP: f64 = 1.0;
 
 /// Options of `liveview inspect`.
@@ -43,7 +43,7 @@ pub(crate) struct InspectArgs {
     layers: LayerSpec,
 }
 
-/// What is told about one part: in words, and for machines.
+/// One part of the report: as text, and as JSON.
 type Section = (String, Value);
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
@@ -55,12 +55,12 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
     };
     let mut text =
         format!("scene      {}: {}\nposes      {}\n", scene.root.display(), scene.format, scene.format.conventions());
-    let (told, views) = lenses(&scene.views);
-    text += &told;
-    let (told, rig) = rig(&scene.views);
-    text += &told;
-    let (told, target) = about_target(&photos, target, args)?;
-    text += &told;
+    let (section, views) = intrinsics(&scene.views);
+    text += &section;
+    let (section, rig) = rig(&scene.views);
+    text += &section;
+    let (section, target) = target_section(&photos, target, args)?;
+    text += &section;
     for note in &scene.notes {
         let _ = writeln!(text, "note       {note}");
     }
@@ -71,12 +71,13 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
     Ok(Output { text, json })
 }
 
-fn lenses(views: &[View]) -> Section {
+/// Sizes, intrinsics and fields of view.
+fn intrinsics(views: &[View]) -> Section {
     let range = |of: &dyn Fn(&Camera) -> f64| {
         let values = || views.iter().map(|view| of(&view.camera));
         (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))
     };
-    let told = |(low, high): (f64, f64)| {
+    let span = |(low, high): (f64, f64)| {
         if high - low < 0.05 { format!("{low:.1}") } else { format!("{low:.1} to {high:.1}") }
     };
     let whole = |(low, high): (f64, f64)| if low == high { format!("{low}") } else { format!("{low} to {high}") };
@@ -88,13 +89,13 @@ fn lenses(views: &[View]) -> Section {
         ("cy", range(&|c| c.intrinsics().cy)),
     ];
     let field = range(&|c| 2.0 * (0.5 * c.width() as f64 / c.intrinsics().fx).atan().to_degrees());
-    let all = k.iter().map(|&(name, values)| format!("{name} {}", told(values))).collect::<Vec<_>>().join(", ");
+    let all = k.iter().map(|&(name, values)| format!("{name} {}", span(values))).collect::<Vec<_>>().join(", ");
     let text = format!(
         "views      {}, {} x {} pixels\nintrinsics {all} pixels; {} degrees across\n",
         views.len(),
         whole(width),
         whole(height),
-        told(field)
+        span(field)
     );
     let intrinsics: serde_json::Map<_, _> =
         k.into_iter().map(|(name, values)| (name.to_owned(), json!(values))).collect();
@@ -102,6 +103,7 @@ fn lenses(views: &[View]) -> Section {
     (text, json!({ "count": views.len(), "names": names, "width": width, "height": height, "intrinsics": intrinsics }))
 }
 
+/// Extent, baselines and angles.
 fn rig(views: &[View]) -> Section {
     let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
     let axes = MeanPose::new(&cameras).map_or(DMat3::IDENTITY, |rig| rig.rotation);
@@ -125,7 +127,7 @@ fn rig(views: &[View]) -> Section {
 }
 
 /// The target, the views it would be rendered from, and what its planes would leave out.
-fn about_target(photos: &PhotoCache, target: usize, args: &InspectArgs) -> Result<Section> {
+fn target_section(photos: &PhotoCache, target: usize, args: &InspectArgs) -> Result<Section> {
     let View { name, camera, .. } = &photos.scene().views[target];
     let elsewhere = |view: &&View| choose_views(&[&view.camera], camera, 1).is_err();
     let elsewhere: Vec<&str> = photos.scene().views.iter().filter(elsewhere).map(|view| view.name.as_str()).collect();
@@ -144,7 +146,7 @@ fn about_target(photos: &PhotoCache, target: usize, args: &InspectArgs) -> Resul
     };
     let (near, far) = match photos.depth_range(&views) {
         Ok(range) => range,
-        // Nothing known is something to tell; a wrong range is an error.
+        // An unknown range is reported; a wrong one is an error.
         Err(error @ SynthesisError::Layers(_)) => return Err(error.into()),
         Err(error) => {
             let error = advice(&error).map_or_else(|| error.to_string(), |advice| format!("{error}. {advice}"));
@@ -171,8 +173,8 @@ fn about_target(photos: &PhotoCache, target: usize, args: &InspectArgs) -> Resul
     let sources: Vec<(&Camera, PlaneSweep)> =
         photos.cameras(&views).map(|view| (view, PlaneSweep::new(view, camera))).collect();
     let grid = grid(camera);
-    let (told, rows, step) = spacing(photos, &views, &sources, &grid, &disparities, camera);
-    text += &told;
+    let (table, rows, step) = spacing(photos, &views, &sources, &grid, &disparities, camera);
+    text += &table;
     json["views"] = rows;
     let _ = writeln!(text, "planes     {count} from near to far: neighbours at most {step:.2} pixels apart");
     json["planes"] = json!({ "count": count, "largest_step_pixels": step });
@@ -192,7 +194,7 @@ fn about_target(photos: &PhotoCache, target: usize, args: &InspectArgs) -> Resul
     Ok((text, json))
 }
 
-/// A row per view, then one for all; and the largest step between neighbouring planes.
+/// A table of a row per view and one for all, as text and JSON, and the largest step between neighbouring planes (pixels).
 fn spacing(
     photos: &PhotoCache,
     views: &[usize],

@@ -19,7 +19,7 @@ use serde_json::{Value, json};
 use crate::args::model::ModelArgs;
 use crate::args::output::claim_png;
 use crate::args::scene::SceneArgs;
-use crate::console::{Output, progress, shown, tell_notes};
+use crate::console::{Output, print_notes, progress, shown};
 use crate::job::Job;
 use crate::statistics::percentile;
 
@@ -32,7 +32,7 @@ Examples:
   The range of depths that guided layers divide, per pixel:
     liveview select scene --target IMG_7.jpg --layers guided:4 -o range.png";
 
-/// Shares of the pixels at which the range map is told.
+/// Percentiles of the pixels that describe the range map.
 const PERCENTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
 
 /// Options of `liveview select`.
@@ -58,7 +58,7 @@ pub(crate) struct SelectArgs {
 
 pub(crate) fn run(args: &SelectArgs) -> Result<Output> {
     let photos = args.scene.open()?;
-    tell_notes(&photos.scene().notes);
+    print_notes(&photos.scene().notes);
     let target = Targets::held_out(photos.scene(), vec![photos.scene().view_index(&args.target)?]);
     if let Some(file) = &args.output {
         claim_png("-o", file, photos.scene())?;
@@ -108,7 +108,7 @@ fn planes(
     for &k in &chosen {
         let _ = writeln!(text, "{k:5}  {:9.5}  {:9.4}  {:4.1} %", disparities[k], 1.0 / disparities[k], share(k));
     }
-    let mut json = about(job.photos(), &shot);
+    let mut json = heading_json(job.photos(), &shot);
     json["disparities"] = json!(disparities);
     json["histogram"] = json!(histogram);
     json["chosen"] = json!(chosen);
@@ -142,17 +142,17 @@ fn guided(
     );
     let shares = PERCENTILES.map(|part| format!("{:>9}", format!("{:.0} %", 100.0 * part))).concat();
     let _ = writeln!(text, "\nof the pixels                   {shares}");
-    let mut json = about(&photos, &shot);
+    let mut json = heading_json(&photos, &shot);
     let rows: [(&str, &str, Array2<f32>); 4] = [
         ("farthest depth, scene units", "farthest_depth", range.farthest().mapv(|disparity| 1.0 / disparity)),
         ("nearest depth, scene units", "nearest_depth", range.nearest().mapv(|disparity| 1.0 / disparity)),
         ("width, pixels of parallax", "width_pixels", width.clone()),
         ("between layers, pixels", "step_pixels", width.mapv(|width| width / layers.saturating_sub(1).max(1) as f32)),
     ];
-    for (told, key, map) in rows {
+    for (name, key, map) in rows {
         let mut values: Vec<f64> = map.iter().map(|&value| value.into()).collect();
         let values = PERCENTILES.map(|part| percentile(&mut values, part));
-        let _ = writeln!(text, "{told:32}{}", values.map(|value| format!("{value:9.3}")).concat());
+        let _ = writeln!(text, "{name:32}{}", values.map(|value| format!("{value:9.3}")).concat());
         json[key] = json!(values);
     }
     json["percentiles"] = json!(PERCENTILES.map(|part| 100.0 * part));
@@ -175,7 +175,7 @@ pub(super) fn range_picture(shot: &Shot, range: &RangeMap, width: &Array2<f32>) 
     side_by_side(&maps.each_ref())
 }
 
-/// Per cell, how far its range moves it in the view that sees most of that.
+/// The range of each cell in pixels of parallax, in the view where it is widest.
 pub(super) fn width_in_pixels(photos: &PhotoCache, shot: &Shot, range: &RangeMap) -> Array2<f32> {
     let views: Vec<(&Camera, PlaneSweep)> =
         photos.cameras(&shot.views).map(|view| (view, PlaneSweep::new(view, &shot.target))).collect();
@@ -195,6 +195,6 @@ fn heading(photos: &PhotoCache, shot: &Shot) -> String {
     )
 }
 
-fn about(photos: &PhotoCache, shot: &Shot) -> Value {
+fn heading_json(photos: &PhotoCache, shot: &Shot) -> Value {
     json!({ "scene": shown(&photos.scene().root), "target": shot.name, "views": photos.names(&shot.views), "near": shot.near, "far": shot.far, "notes": photos.scene().notes })
 }

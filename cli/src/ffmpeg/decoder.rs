@@ -1,4 +1,4 @@
-//! Videos in, through the ffmpeg program.
+//! Reading videos through the ffmpeg program.
 
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -9,9 +9,9 @@ use anyhow::{Context, Result, anyhow, bail};
 use liveview::ImageRgb;
 use liveview::geometry::{MAX_SIDE, Size};
 
-use super::{detach, program};
+use super::program::{detach, program};
 
-/// ffmpeg, writing portable pixmaps: each frame tells its size.
+/// A video being read: ffmpeg writes each frame as a portable pixmap, whose header holds its size.
 pub(crate) struct Decoder {
     path: PathBuf,
     child: Running,
@@ -36,7 +36,7 @@ impl Decoder {
         Ok(Self { path: path.to_owned(), child, pipe: BufReader::with_capacity(1 << 16, pipe) })
     }
 
-    /// To end it with while another thread waits for a frame.
+    /// A handle with which another thread can end ffmpeg, while this one waits for a frame.
     pub(crate) fn running(&self) -> Running {
         self.child.clone()
     }
@@ -69,7 +69,7 @@ impl Decoder {
         Ok(Some(ImageRgb::new(size.width, size.height, bytes.iter().map(|&byte| f32::from(byte) / 255.0).collect())?))
     }
 
-    /// Passes over a frame; whether there was one.
+    /// Skips a frame; whether there was one.
     pub(crate) fn skip(&mut self) -> Result<bool> {
         let Some(size) = self.header()? else { return Ok(false) };
         let size = 3 * size.pixels() as u64;
@@ -79,12 +79,12 @@ impl Decoder {
 
 impl Drop for Decoder {
     fn drop(&mut self) {
-        // Reading may stop before the end of the video.
+        // ffmpeg still runs if reading stopped before the end of the video.
         self.child.end();
     }
 }
 
-/// The program while it runs.
+/// A handle to the running ffmpeg process.
 #[derive(Clone)]
 pub(crate) struct Running(Arc<Mutex<Child>>);
 

@@ -1,4 +1,4 @@
-//! Videos, through the ffmpeg program.
+//! Writing videos through the ffmpeg program.
 
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -9,11 +9,11 @@ use liveview::ImageRgb;
 use liveview::fs::atomic::AtomicFile;
 use liveview::geometry::Size;
 
-use super::{detach, program};
+use super::program::{detach, program};
 use crate::args::output::has_ending;
-use crate::console::tell;
+use crate::console::print_message;
 
-/// An .mp4 or .gif being written; without [`Encoder::finish`] nothing of it remains.
+/// An .mp4 or .gif being written. Dropped without [`Encoder::finish`] it is deleted.
 pub(crate) struct Encoder {
     path: PathBuf,
     ffmpeg: PathBuf,
@@ -23,13 +23,13 @@ pub(crate) struct Encoder {
     encoder: Option<(Child, AtomicFile)>,
 }
 
-/// Whether a video is asked for by this name.
+/// Whether a path names a video.
 pub(crate) fn is_video(path: &Path) -> bool {
     !path.is_dir() && has_ending(path, &["mp4", "gif"])
 }
 
 impl Encoder {
-    /// Refuses where there is no ffmpeg.
+    /// A video of `fps` frames per second; an error if there is no ffmpeg.
     pub(crate) fn new(path: &Path, fps: usize) -> Result<Self> {
         let ffmpeg = program().ok_or_else(|| {
             anyhow!("-o {}: videos are made by ffmpeg, which is not on the PATH; expected ffmpeg, or a folder for the frames", path.display())
@@ -41,7 +41,7 @@ impl Encoder {
         &self.path
     }
 
-    /// Of all frames.
+    /// Sets the size of all frames, in pixels; before the first one.
     pub(crate) fn set_size(&mut self, size: Size) {
         self.size = size;
     }
@@ -58,7 +58,7 @@ impl Encoder {
         }
     }
 
-    /// Lets ffmpeg finish; the file.
+    /// Waits for ffmpeg to finish, and gives the file its name.
     pub(crate) fn finish(mut self) -> Result<PathBuf> {
         let done = self.encoder.as_mut().map(|(encoder, _)| {
             // ffmpeg ends when its input does.
@@ -91,9 +91,12 @@ impl Encoder {
         if gif {
             command.args(["-vf", "split[a][b];[a]palettegen[p];[b][p]paletteuse", "-loop", "0"]);
         } else {
-            // Players want yuv420p, and that wants even sides.
+            // Players expect yuv420p, which needs even sides.
             if width % 2 + height % 2 > 0 {
-                tell("note", format!("{width}x{height} is odd: the last row or column is left out of the video"));
+                print_message(
+                    "note",
+                    format!("{width}x{height} is odd: the last row or column is left out of the video"),
+                );
             }
             command.args([
                 "-vf",
@@ -114,20 +117,20 @@ impl Encoder {
     }
 
     fn failure(&mut self) -> anyhow::Error {
-        let (mut said, mut status) = (String::new(), String::new());
+        let (mut message, mut status) = (String::new(), String::new());
         if let Some((encoder, _)) = &mut self.encoder {
             drop(encoder.stdin.take());
-            // What it cannot say, it cannot say.
-            let _ = encoder.stderr.take().map(|mut pipe| pipe.read_to_string(&mut said));
+            // If ffmpeg's own message cannot be read, the error goes without it.
+            let _ = encoder.stderr.take().map(|mut pipe| pipe.read_to_string(&mut message));
             let _ = encoder.wait().map(|ended| status = format!(" ({ended})"));
         }
-        anyhow!("-o {}: ffmpeg failed{status}: {}", self.path.display(), said.trim())
+        anyhow!("-o {}: ffmpeg failed{status}: {}", self.path.display(), message.trim())
     }
 }
 
 impl Drop for Encoder {
     fn drop(&mut self) {
-        // Only after a failure, which has been told. The file goes after the process that writes it.
+        // Reached only after a failure that was reported. The file is deleted after the process that writes it has ended.
         if let Some((mut encoder, _file)) = self.encoder.take() {
             let _ = encoder.kill();
             let _ = encoder.wait();

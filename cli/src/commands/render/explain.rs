@@ -24,16 +24,16 @@ use crate::statistics::{PixelError, percentile};
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Reasons")]
 pub(super) struct ExplainArgs {
-    /// Tell what was left out and why, and where the time went; and draw it: guided layers' nearest and farthest disparity and
-    /// the width between them, or each pixel's plane. For one target
+    /// Say what was left out and why, and where the time went; and draw guided layers' nearest and farthest disparity and the width
+    /// between them, or each pixel's plane. For one target
     #[arg(long, value_name = "PNG")]
     explain: Option<PathBuf>,
-    /// Render D uniform planes too, and tell how far the result is from them
+    /// Render D uniform planes too, and say how far the result is from them
     #[arg(long, value_name = "D", value_parser = numbers::count, requires = "explain")]
     dense: Option<usize>,
 }
 
-/// A render, as far as it is to be explained.
+/// A render that is to be explained.
 pub(super) struct Explained<'a> {
     pub(super) shot: &'a Shot,
     pub(super) layers: &'a Layers,
@@ -43,7 +43,7 @@ pub(super) struct Explained<'a> {
     pub(super) truth: Option<&'a ImageRgb>,
 }
 
-/// What there is to tell.
+/// The explanation, as text and as JSON.
 pub(super) struct Explanation {
     pub(super) text: String,
     pub(super) json: Value,
@@ -68,8 +68,8 @@ impl ExplainArgs {
             Some(range) => guided(job, about, range, &mut text, &mut json),
             None => planes(about, &mut text, &mut json),
         };
-        stops(about.frame, &mut text, &mut json);
-        time(about.times, &mut text, &mut json);
+        culled(about.frame, &mut text, &mut json);
+        time_shares(about.times, &mut text, &mut json);
         if let Some(planes) = self.dense {
             dense(job, about, planes, &mut text, &mut json)?;
         }
@@ -78,7 +78,7 @@ impl ExplainArgs {
     }
 }
 
-/// Each pixel's range, and how many planes would be as close together.
+/// Each pixel's range, and how many uniform planes would be spaced as closely.
 fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String, json: &mut Value) -> ImageRgb {
     let whole = 1.0 / about.shot.near - 1.0 / about.shot.far;
     let spans = range.nearest() - range.farthest();
@@ -97,10 +97,7 @@ fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String,
         100.0 * wide
     );
     if layers > 1 {
-        let _ = writeln!(
-            text,
-            "left    what uniform planes would spend elsewhere: {as_close:.0} of them would be as close together"
-        );
+        let _ = writeln!(text, "planes  {as_close:.0} uniform planes would be as close together");
     }
     json["range_share"] = json!({ "median": median, "95 %": wide });
     json["range_pixels_median"] = json!(pixels);
@@ -108,7 +105,7 @@ fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String,
     range_picture(about.shot, range, &width)
 }
 
-/// Which planes the pixels choose.
+/// Which planes are the pixels' best ones.
 fn planes(about: &Explained<'_>, text: &mut String, json: &mut Value) -> ImageRgb {
     let mut votes = vec![0usize; about.layers.len()];
     about.frame.best_layer.iter().flatten().for_each(|&layer| votes[layer as usize] += 1);
@@ -133,28 +130,31 @@ fn planes(about: &Explained<'_>, text: &mut String, json: &mut Value) -> ImageRg
     coloured(map.view(), (1.0 / about.shot.far) as f32, (1.0 / about.shot.near) as f32)
 }
 
-/// Whole layers that were never inferred.
-fn stops(frame: &Frame, text: &mut String, json: &mut Value) {
+/// Layers that were left out.
+fn culled(frame: &Frame, text: &mut String, json: &mut Value) {
     let culled = frame.culled;
     if culled.uncovered > 0 {
         let _ = writeln!(text, "left    {} layers that no view sees: exact", culled.uncovered);
     }
     if culled.opaque > 0 {
         let bound = culled.transmittance;
-        let _ =
-            writeln!(text, "left    {} layers hidden behind the others: at most {bound:.4} of 1 away", culled.opaque);
+        let _ = writeln!(
+            text,
+            "left    {} layers hidden behind the others: changes at most {bound:.4} of 1",
+            culled.opaque
+        );
     }
     json["left_out"] =
         json!({ "uncovered": culled.uncovered, "opaque": culled.opaque, "transmittance": culled.transmittance });
 }
 
-/// Each stage's share.
-fn time(times: &Times, text: &mut String, json: &mut Value) {
+/// Each stage's share of the time.
+fn time_shares(times: &Times, text: &mut String, json: &mut Value) {
     let all = times.total().as_secs_f64();
     let shares = times.stages().map(|(stage, time)| (stage, time.as_secs_f64() / all)).into_iter();
     let shares: Vec<_> = shares.filter(|&(_, share)| share > 0.0).collect();
-    let told: Vec<String> = shares.iter().map(|(stage, share)| format!("{stage} {:.0} %", 100.0 * share)).collect();
-    let _ = writeln!(text, "shares  {} of {:.0} ms", told.join(", "), 1e3 * all);
+    let list: Vec<String> = shares.iter().map(|(stage, share)| format!("{stage} {:.0} %", 100.0 * share)).collect();
+    let _ = writeln!(text, "shares  {} of {:.0} ms", list.join(", "), 1e3 * all);
     json["time_shares"] = shares.into_iter().map(|(stage, share)| (stage.to_owned(), json!(share))).collect();
 }
 
@@ -171,9 +171,10 @@ fn dense(job: &mut Job, about: &Explained<'_>, planes: usize, text: &mut String,
     );
     json["dense"] = json!({ "planes": planes, "error_max": max, "error_mean": mean, "seconds": seconds });
     if let Some(truth) = about.truth {
-        let [ours, theirs] = [&about.frame.picture, &dense.picture].map(|picture| psnr(picture, truth, Score::BORDER));
-        let _ = writeln!(text, "        against the photo: {ours:.2} dB, theirs {theirs:.2} dB");
-        json["dense"]["psnr"] = json!(theirs);
+        let [own, of_planes] =
+            [&about.frame.picture, &dense.picture].map(|picture| psnr(picture, truth, Score::BORDER));
+        let _ = writeln!(text, "        against the photo: {own:.2} dB, the {planes} planes {of_planes:.2} dB");
+        json["dense"]["psnr"] = json!(of_planes);
     }
     Ok(())
 }

@@ -1,11 +1,11 @@
-//! `liveview render`.
+//! `liveview render`: new views of a scene, scored where the photo exists.
 
 mod explain;
 mod outputs;
 mod record;
+mod rendered;
 mod summary;
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -16,12 +16,13 @@ use explain::{ExplainArgs, Explained, Explanation};
 use liveview::image::{Score, inpaint_unseen};
 use liveview::{LayerSpec, Plan, Shot};
 use outputs::{OutputArgs, Outputs, disparity_max};
+use rendered::Rendered;
 
 use crate::args::layers::LayerArgs;
 use crate::args::model::ModelArgs;
 use crate::args::scene::SceneArgs;
 use crate::args::targets::TargetArgs;
-use crate::console::{Output, progress, tell, tell_notes};
+use crate::console::{Output, print_message, print_notes, progress};
 use crate::interrupt;
 use crate::job::Job;
 use crate::measure::Times;
@@ -55,23 +56,10 @@ pub(crate) struct RenderArgs {
     explain: ExplainArgs,
 }
 
-/// What there is to tell about one picture.
-pub(super) struct Rendered {
-    pub(super) shot: Shot,
-    pub(super) layers: usize,
-    /// None of a picture that was there.
-    pub(super) times: Option<Times>,
-    pub(super) score: Option<Score>,
-    /// Share of the pixels that no view sees.
-    pub(super) unseen: f64,
-    pub(super) disparity_max: f32,
-    pub(super) files: Vec<PathBuf>,
-}
-
 pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     let mut outputs = Outputs::new(&args.output, args.targets.have_truth())?;
     let photos = args.scene.open()?;
-    tell_notes(&photos.scene().notes);
+    print_notes(&photos.scene().notes);
     let mut job = Job::open(photos, &args.layers, &args.model)?;
     let targets = args.targets.resolve(job.photos())?;
     let moving = targets.moving;
@@ -81,16 +69,16 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     outputs.begin(&shots, || record::fields(&job, &shots, &args.targets, &args.layers))?;
     job.progress = progress("layers")?;
     let wanted = shots.len();
-    // One picture has nothing to end but itself.
+    // A single picture is not worth finishing: there Ctrl-C ends the program at once.
     let stop = if wanted > 1 { interrupt::watch()? } else { Arc::default() };
     let rendered = render(&mut job, shots, moving, &mut outputs, &args.explain, &stop);
     job.progress.finish_and_clear();
-    let (done, explanation) = rendered.inspect_err(|_| outputs.tell_how_to_go_on(wanted))?;
+    let (done, explanation) = rendered.inspect_err(|_| outputs.print_how_to_resume(wanted))?;
     let video = outputs.finish()?;
     Ok(summary::rendered(&job, &done, moving, video, explanation))
 }
 
-/// Renders and writes all shots but those that are there.
+/// Renders and writes all shots but those that an earlier run has written.
 fn render(
     job: &mut Job,
     mut shots: Vec<Shot>,
@@ -99,14 +87,14 @@ fn render(
     explain: &ExplainArgs,
     stop: &AtomicBool,
 ) -> Result<(Vec<Rendered>, Option<Explanation>)> {
-    // The paper's video: what the first frame selects serves the others.
+    // The paper's video: the planes that the first frame selects are those of all frames.
     let shared = moving && matches!(job.layers(), LayerSpec::Select { .. });
     let mut done: Vec<Rendered> = Vec::with_capacity(shots.len());
     let (mut kept, mut explanation) = (None, None);
     shots.reverse();
     while let Some(shot) = shots.pop() {
-        if let Some(there) = outputs.kept(&shot) {
-            done.push(there);
+        if let Some(kept) = outputs.kept(&shot) {
+            done.push(kept);
             continue;
         }
         if stop.load(Ordering::Relaxed) {
@@ -126,10 +114,10 @@ fn render(
             None => job.plan(&shot)?,
         };
         let mut frame = job.render(&shot, &layers)?;
-        // Scored as it was rendered; filled for the eye.
+        // Scored as rendered, before pixels that no view covers are filled.
         let score = truth.as_ref().and_then(|truth| Score::of(&frame.picture, truth));
         if truth.is_some() && score.is_none() {
-            tell("note", format!("{}: too small to be scored", shot.name));
+            print_message("note", format!("{}: too small to be scored", shot.name));
         }
         let times = Times { photos, coarse, select, stages: frame.times };
         let about = Explained {

@@ -1,4 +1,4 @@
-//! What is written, and where: pictures, disparity maps, comparisons.
+//! Output files of `render`: pictures, disparity maps, comparisons, a video.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -9,8 +9,8 @@ use liveview::image::{coloured, difference, encode, encode_gray16_png, side_by_s
 use liveview::{Frame, ImageRgb, Scene, Shot};
 use serde_json::json;
 
-use super::Rendered;
 use super::record::{self, Fields, Record};
+use super::rendered::Rendered;
 use crate::args::numbers;
 use crate::args::output::{Place, Variant, claim, photo_files, write_whole};
 use crate::ffmpeg::{Encoder, is_video};
@@ -35,25 +35,25 @@ pub(super) struct OutputArgs {
     /// Frames per second of a video
     #[arg(long, value_name = "N", default_value = "30", value_parser = numbers::count)]
     fps: usize,
-    /// Go on where a run into the same folder was ended: pictures that are there and whole, as its liveview.json tells, are
-    /// kept, and the rest is rendered. Refused where that file is of another job
+    /// Continue an interrupted run into the same folder: pictures that its liveview.json lists, and that are unchanged, are kept, and
+    /// the rest is rendered. Refused where that file is of another job
     #[arg(long, requires = "output", conflicts_with = "explain")]
     resume: bool,
 }
 
-/// A picture under the name given.
+/// The picture, under the name given.
 const PLAIN: [Variant; 1] = [("", None)];
-/// Disparity, in colour, and its scale.
+/// Disparity, the same in colour, and its scale.
 const DEPTH: [Variant; 3] = [("", None), ("_colour", None), ("_scale", Some("json"))];
 
-/// Everything that is written.
+/// All output files.
 pub(super) struct Outputs {
     pictures: Option<Place>,
     video: Option<Encoder>,
     depth: Option<Place>,
     compare: Option<Place>,
     resume: bool,
-    /// Of pictures that go into a folder.
+    /// The record of a folder of pictures.
     record: Option<Record>,
 }
 
@@ -70,7 +70,7 @@ impl Outputs {
         let pictures =
             if video.is_some() { None } else { place("-o", &args.output, &["png", "jpg", "jpeg", "mp4", "gif"])? };
         if let (true, Some(path), None | Some(Place::File(_))) = (args.resume, &args.output, &pictures) {
-            bail!("--resume, -o {}: only a folder of pictures can be gone on with; expected one", path.display());
+            bail!("--resume, -o {}: only a folder of pictures can be continued; expected one", path.display());
         }
         Ok(Self {
             pictures,
@@ -113,7 +113,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// Opens the record of a folder of pictures, and with `--resume` tells how many are there.
+    /// Opens the record of a folder of pictures; with `--resume` it prints how many are kept.
     pub(super) fn begin(&mut self, shots: &[Shot], fields: impl FnOnce() -> Result<Fields>) -> Result<()> {
         let Some(Place::Folder(folder)) = &self.pictures else { return Ok(()) };
         let mut record = Record::new(folder, fields()?);
@@ -124,7 +124,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// A picture that was there.
+    /// The picture of a shot that an earlier run has written, if it is kept.
     pub(super) fn kept(&self, shot: &Shot) -> Option<Rendered> {
         self.record.as_ref()?.kept(shot, self.files(shot))
     }
@@ -139,14 +139,14 @@ impl Outputs {
         files
     }
 
-    /// Writes one rendered shot; what identifies the contents of its files.
+    /// Writes one rendered shot; returns the digests of its files.
     pub(super) fn write(&mut self, shot: &Shot, frame: &Frame, truth: Option<&ImageRgb>) -> Result<Vec<String>> {
         if let Some(video) = &mut self.video {
             video.add(&frame.picture)?;
         }
         let mut digests = Vec::new();
         let mut write = |file: &Path, contents: &[u8]| {
-            // Of what was to be written: in the file, another process may have written since.
+            // Of the contents, not of the file: another process may have written to that since.
             digests.push(record::digest(contents));
             write_whole(file, contents)
         };
@@ -172,18 +172,18 @@ impl Outputs {
         self.record.as_mut().map_or(Ok(()), |record| record.add(one, digests))
     }
 
-    /// After a failure: how to go on, where that is possible.
-    pub(super) fn tell_how_to_go_on(&self, wanted: usize) {
-        self.record.iter().for_each(|record| record.tell_how_to_go_on(wanted));
+    /// After a failure, prints how to continue, if that is possible.
+    pub(super) fn print_how_to_resume(&self, wanted: usize) {
+        self.record.iter().for_each(|record| record.print_how_to_resume(wanted));
     }
 
-    /// Closes the video, if there is one; its file.
+    /// Closes the video, if there is one, and returns its file.
     pub(super) fn finish(self) -> Result<Option<PathBuf>> {
         self.video.map(Encoder::finish).transpose()
     }
 }
 
-/// Largest disparity of a frame: what 65535 stands for.
+/// Largest disparity of a frame (1/scene unit): 65535 in the 16-bit PNG.
 pub(super) fn disparity_max(frame: &Frame) -> f32 {
     frame.disparity.iter().copied().fold(0.0, f32::max)
 }

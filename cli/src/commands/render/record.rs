@@ -1,4 +1,4 @@
-//! `liveview.json` in a folder of pictures: of which job they are and which of them are done. `render --resume` goes by it.
+//! `liveview.json` in a folder of pictures: which job they belong to and which of them are done, for `render --resume`.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -10,19 +10,19 @@ use liveview::fs::bounded;
 use liveview::image::Score;
 use serde_json::{Map, Value, json};
 
-use super::Rendered;
+use super::rendered::Rendered;
 use crate::args::layers::LayerArgs;
 use crate::args::output::write_whole;
 use crate::args::targets::TargetArgs;
-use crate::console::{shown, tell};
+use crate::console::{print_message, shown};
 use crate::job::Job;
 
 const NAME: &str = "liveview.json";
 
-/// What the pictures depend on, each under its name; those that say most first.
+/// What the pictures depend on, by name; the first that differs is reported, so the most telling ones come first.
 pub(super) type Fields = Vec<(&'static str, String)>;
 
-/// The fields of a job. Threads and batch are none: pictures do not depend on them.
+/// The fields of a job. Threads and batch are not among them: pictures do not depend on these.
 pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &LayerArgs) -> Result<Fields> {
     let scene = job.scene();
     let root = scene.root.canonicalize().unwrap_or_else(|_| scene.root.clone());
@@ -46,7 +46,7 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
         ("layers", job.layers().to_string()),
         ("opaque", layers.opaque.to_string()),
         ("model", format!("{}, {}", model.file_name().unwrap_or_default().display(), digest_of(model)?)),
-        ("engine", job.model.described()),
+        ("engine", job.model.provider_and_precision()),
         ("size", format!("{}x{}", first.target.width(), first.target.height())),
         ("depth", format!("{} to {}", first.near, first.far)),
         ("cameras", digest(cameras.as_bytes())),
@@ -54,7 +54,7 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
     ])
 }
 
-/// What identifies contents.
+/// A digest of a file's contents.
 pub(super) fn digest(bytes: &[u8]) -> String {
     format!("crc32 {:08x}", crc32fast::hash(bytes))
 }
@@ -63,7 +63,8 @@ fn digest_of(path: &Path) -> Result<String> {
     Ok(digest(&bounded::read(path, bounded::MAX_BYTES).with_context(|| format!("{}: cannot be read", path.display()))?))
 }
 
-/// The record of the job that writes into a folder. It is written with each picture; the last of several jobs stands.
+/// The record of the job that writes into a folder. It is written after each picture; of several jobs at once the last to write
+/// counts.
 pub(super) struct Record {
     path: PathBuf,
     fields: Fields,
@@ -71,13 +72,13 @@ pub(super) struct Record {
 }
 
 impl Record {
-    /// Of a job that begins: what an earlier one has recorded is forgotten with the first picture.
+    /// The record of a new job; it replaces an earlier one's with the first picture.
     pub(super) fn new(folder: &Path, fields: Fields) -> Self {
         Self { path: folder.join(NAME), fields, done: Map::new() }
     }
 
-    /// Takes over what the same job has done before and what stands as it left it; `wanted` are the files of each picture. Files
-    /// under temporary names are left alone: another process may be writing them.
+    /// Keeps the pictures that an earlier run of the same job has written, if their files are unchanged; `wanted` are the names and
+    /// the files of all pictures. Files under temporary names are left alone: another process may be writing them.
     pub(super) fn resume(&mut self, wanted: &[(&str, Vec<PathBuf>)]) -> Result<()> {
         let at = self.path.display();
         let text = match fs::read_to_string(&self.path) {
@@ -87,8 +88,8 @@ impl Record {
                     return Ok(());
                 };
                 bail!(
-                    "--resume: {at} is missing, which tells of which job {} is; expected it, or another folder, or no --resume, \
-                     which overwrites",
+                    "--resume: {at} is missing, which says which job {} belongs to; expected it, or another folder, or no \
+                     --resume, which overwrites",
                     file.display()
                 );
             }
@@ -96,27 +97,27 @@ impl Record {
         };
         let mut found: Value =
             serde_json::from_str(&text).map_err(|error| anyhow!("--resume: {at}: not JSON: {error}"))?;
-        for (field, ours) in &self.fields {
-            let theirs = found["job"][field].as_str().unwrap_or("missing");
-            if theirs != ours {
+        for (field, here) in &self.fields {
+            let there = found["job"][field].as_str().unwrap_or("missing");
+            if there != here {
                 bail!(
-                    "--resume: {at} is of another job: \"{field}\" is {theirs} there and {ours} here; expected the same, or \
+                    "--resume: {at} is of another job: \"{field}\" is {there} there and {here} here; expected the same, or \
                      another folder, or no --resume, which overwrites"
                 );
             }
         }
         for (name, files) in wanted {
             let entry = found["done"][name].take();
-            let stands = |file: &PathBuf| digest_of(file).is_ok_and(|digest| told(&entry, &digest));
-            if files.iter().all(stands) {
+            let unchanged = |file: &PathBuf| digest_of(file).is_ok_and(|digest| lists(&entry, &digest));
+            if files.iter().all(unchanged) {
                 self.done.insert((*name).to_owned(), entry);
             }
         }
-        tell("note", format!("{} of {} pictures were there", self.done.len(), wanted.len()));
+        print_message("note", format!("{} of {} pictures were there", self.done.len(), wanted.len()));
         Ok(())
     }
 
-    /// A picture that was there.
+    /// The picture of a shot, if it is kept.
     pub(super) fn kept(&self, shot: &Shot, files: Vec<PathBuf>) -> Option<Rendered> {
         let entry = self.done.get(&shot.name)?;
         let number = |key: &str| entry[key].as_f64();
@@ -132,7 +133,7 @@ impl Record {
         })
     }
 
-    /// Records a picture whose files are written, with the digests of them all.
+    /// Records a picture whose files are written, with their digests.
     pub(super) fn add(&mut self, one: &Rendered, digests: Vec<String>) -> Result<()> {
         let entry = json!({
             "files": digests, "layers": one.layers, "psnr": one.score.as_ref().map(|score| score.psnr),
@@ -144,17 +145,17 @@ impl Record {
         write_whole(&self.path, text.as_bytes()).inspect_err(|_| drop(self.done.remove(&one.shot.name)))
     }
 
-    /// After a failure: how to go on.
-    pub(super) fn tell_how_to_go_on(&self, wanted: usize) {
+    /// After a failure, prints how to continue.
+    pub(super) fn print_how_to_resume(&self, wanted: usize) {
         let (done, folder) = (self.done.len(), self.path.parent().unwrap_or(Path::new("")).display());
         if done > 0 {
-            let told = format!("{done} of {wanted} pictures are in {folder}; the same with --resume renders the rest");
-            tell("note", told);
+            let note = format!("{done} of {wanted} pictures are in {folder}; the same with --resume renders the rest");
+            print_message("note", note);
         }
     }
 }
 
-/// Whether an entry knows a file of these contents.
-fn told(entry: &Value, digest: &str) -> bool {
+/// Whether an entry lists a file of these contents.
+fn lists(entry: &Value, digest: &str) -> bool {
     entry["files"].as_array().is_some_and(|files| files.iter().any(|file| file == digest))
 }

@@ -1,4 +1,4 @@
-//! What `render` tells: in words for people, as JSON for machines.
+//! The summary of `render`, as text and as JSON.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -7,11 +7,11 @@ use std::time::Duration;
 use liveview::image::Score;
 use serde_json::{Value, json};
 
-use super::Rendered;
 use super::explain::Explanation;
+use super::rendered::Rendered;
 use crate::console::{Output, shown};
 use crate::job::Job;
-use crate::measure::{Times, in_words, peak_memory};
+use crate::measure::{Times, peak_memory, time_text};
 
 /// Names listed in one line of a table.
 const SHOWN: usize = 6;
@@ -95,7 +95,7 @@ fn table(job: &Job, done: &[Rendered]) -> String {
     let _ = writeln!(text, "\n{:width$}  PSNR dB    SSIM       time  views", "view");
     for Rendered { shot, score, times, .. } in done {
         let (psnr, ssim) = score.as_ref().map_or((f64::NAN, f64::NAN), |score| (score.psnr, score.ssim));
-        let time = times.as_ref().map_or_else(|| "was there".to_owned(), |times| in_words(times.total()));
+        let time = times.as_ref().map_or_else(|| "was there".to_owned(), |times| time_text(times.total()));
         let views = job.photos().names(&shot.views);
         let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  {time:>9}  {}", shot.name, some_of(&views));
     }
@@ -117,7 +117,7 @@ fn heading(job: &Job, done: &[Rendered], what: &str) -> String {
     format!("{what}, {size}, from {} views, {layers}, depth {near:.4} to {far:.4} scene units\n", first.views.len())
 }
 
-/// What is missing in the pictures, and the files.
+/// The share of filled pixels, and the files.
 fn finish(text: &mut String, done: &[Rendered]) {
     let worst = done.iter().map(|one| one.unseen).fold(0.0, f64::max);
     if worst > 0.0 {
@@ -134,8 +134,8 @@ fn finish(text: &mut String, done: &[Rendered]) {
     }
 }
 
-fn line(text: &mut String, what: &str, told: &str) {
-    let _ = writeln!(text, "{what:7} {told}");
+fn line(text: &mut String, label: &str, content: &str) {
+    let _ = writeln!(text, "{label:7} {content}");
 }
 
 /// The first few, and how many more.
@@ -144,7 +144,7 @@ fn some_of(names: &[&str]) -> String {
     if names.len() > SHOWN { format!("{shown} and {} more", names.len() - SHOWN) } else { shown }
 }
 
-/// Of the pictures that have a score.
+/// Mean PSNR and SSIM of the pictures that have a score.
 fn mean(done: &[Rendered]) -> Option<(f64, f64)> {
     let scores: Vec<_> = done.iter().filter_map(|one| one.score.as_ref()).collect();
     let count = scores.len() as f64;
@@ -152,7 +152,7 @@ fn mean(done: &[Rendered]) -> Option<(f64, f64)> {
     (!scores.is_empty()).then(|| (mean(|score| score.psnr), mean(|score| score.ssim)))
 }
 
-/// Median of each stage that takes any time; what only some pictures needed, in all. Nothing where all pictures were there.
+/// Median time of each stage; the sum, where the median is 0. Nothing if no picture was rendered.
 fn line_of_times(text: &mut String, done: &[Rendered], of: &str) {
     let all: Vec<_> = done.iter().filter_map(|one| one.times.as_ref()).map(Times::stages).collect();
     let Some(first) = all.first() else { return };
@@ -161,11 +161,11 @@ fn line_of_times(text: &mut String, done: &[Rendered], of: &str) {
         times.sort_unstable();
         let (name, median, sum) = (first[stage].0, times[times.len() / 2], times.iter().sum::<Duration>());
         match (median.is_zero(), sum.is_zero()) {
-            (false, _) => Some(format!("{name} {}", in_words(median))),
-            (true, false) => Some(format!("{name} {} in all", in_words(sum))),
+            (false, _) => Some(format!("{name} {}", time_text(median))),
+            (true, false) => Some(format!("{name} {} in all", time_text(sum))),
             (true, true) => None,
         }
     };
-    let told = (0..first.len()).filter_map(stage).collect::<Vec<_>>().join(", ");
-    line(text, "time", &format!("{told}{of}"));
+    let stages = (0..first.len()).filter_map(stage).collect::<Vec<_>>().join(", ");
+    line(text, "time", &format!("{stages}{of}"));
 }

@@ -1,4 +1,4 @@
-//! Extreme blends: logits, distances and coverages over all of float32's decades, and the same in float64.
+//! Extreme cases of the blend, logits, distances and coverages over all of float32's decades, and the same blend in float64.
 
 use anyhow::Result;
 use liveview::render::{Blended, DistanceWeights, LayerSamples};
@@ -7,10 +7,10 @@ use ndarray::{Array1, Array2};
 use super::case::{Case, Outputs, Question, Seeded, Truth, decades};
 use crate::npz::Arrays;
 
-/// Pixels per case: no multiple of the lanes that are computed side by side.
+/// Pixels per case: not a multiple of the pixels that the blend computes side by side.
 const PIXELS: usize = 301;
 
-/// Values in [0, 1]: rounded weights, products and quotients.
+/// Error bound of values in [0, 1], from rounded weights, products and quotients.
 const BOUND: f64 = 1e-6;
 
 /// The step between denormal numbers: coverages and colours near it have no digits left.
@@ -25,7 +25,7 @@ struct BlendCase {
 }
 
 impl BlendCase {
-    /// Seen by all views, with ordinary logits.
+    /// All views cover all pixels, with ordinary logits.
     fn ordinary(distances: &[f64]) -> Self {
         let (mut seeded, views) = (Seeded(7), distances.len());
         let logits = seeded.units(views * PIXELS).into_iter().map(|unit| 8.0 * unit - 4.0).collect();
@@ -33,7 +33,7 @@ impl BlendCase {
         Self { distances: distances.to_vec(), logits, colour, coverage: vec![1.0; views * PIXELS] }
     }
 
-    /// Let a view see each pixel with the coverage that is said; its colour shrinks with it.
+    /// Sets a view's coverage of each pixel, and multiplies its colour by it.
     fn cover(mut self, view: usize, coverage: impl Fn(usize) -> f32) -> Self {
         for pixel in 0..PIXELS {
             self.coverage[view * PIXELS + pixel] = coverage(pixel);
@@ -49,12 +49,12 @@ impl BlendCase {
     /// α and colour of a pixel.
     fn pixel(&self, pixel: usize) -> (f64, [f64; 3]) {
         let at = |plane: usize| plane * PIXELS + pixel;
-        let seen: Vec<usize> = (0..self.views()).filter(|&view| self.coverage[at(view)] > 0.0).collect();
-        let coincident: Vec<usize> = seen.iter().copied().filter(|&view| self.distances[view] == 0.0).collect();
-        let counted = if coincident.is_empty() { &seen } else { &coincident };
-        // Infinite logits are as the largest of their sign.
+        let covering: Vec<usize> = (0..self.views()).filter(|&view| self.coverage[at(view)] > 0.0).collect();
+        let coincident: Vec<usize> = covering.iter().copied().filter(|&view| self.distances[view] == 0.0).collect();
+        let counted = if coincident.is_empty() { &covering } else { &coincident };
+        // Infinite logits count as the largest finite one of their sign.
         let logit = |view: usize| f64::from(self.logits[at(view)].clamp(f32::MIN, f32::MAX));
-        // Logits and distances apart, since a large logit swallows the distance in float64 too.
+        // Logits and logarithms of distances are kept apart: added to a large logit, the latter would be rounded away in float64 too.
         let parts = |view: usize| {
             let distance = if coincident.is_empty() { self.distances[view].ln() } else { 0.0 };
             (if view == 0 { 0.0 } else { logit(view) }, distance)
@@ -68,7 +68,7 @@ impl BlendCase {
             let colour = (0..3).map(|channel| f64::from(self.colour[at(3 * view + channel)]));
             rgb.iter_mut().zip(colour).for_each(|(sum, colour)| *sum += weight * colour);
         }
-        if seen.is_empty() { (0.0, rgb) } else { (1.0 / (1.0 + (-logit(0)).exp()), rgb.map(|sum| sum / total)) }
+        if covering.is_empty() { (0.0, rgb) } else { (1.0 / (1.0 + (-logit(0)).exp()), rgb.map(|sum| sum / total)) }
     }
 }
 
@@ -104,16 +104,16 @@ fn case<'a>(family: &'static str, extreme: f64, name: String, question: BlendCas
     Case::new(family, extreme, name, question, BOUND)
 }
 
-/// From the distances of an ordinary rig.
+/// All families, from the distances of an ordinary rig.
 pub(super) fn families<'a>(distances: &[f64]) -> Vec<Vec<Case<'a>>> {
-    // A target on a view has a case of its own.
+    // No distance is 0: that is a case of its own.
     let farthest = distances.iter().fold(f64::MIN_POSITIVE, |far, &d| far.max(d));
     let distances: Vec<f64> = distances.iter().map(|d| d.max(1e-3 * farthest)).collect();
     let ordinary = || BlendCase::ordinary(&distances);
     let views = distances.len();
     let logits = |times: f64| {
         let mut blend = ordinary();
-        // Differences between large logits are what counts: half of the pixels have all of them near the same large number.
+        // Half of the logits lie near the same large number: what counts is the differences between large logits.
         let large = (4.0 * times).min(f64::from(f32::MAX)) as f32;
         for (i, logit) in blend.logits.iter_mut().enumerate() {
             let offset = if i % 2 == 0 { large } else { 0.0 };
@@ -150,7 +150,7 @@ pub(super) fn families<'a>(distances: &[f64]) -> Vec<Vec<Case<'a>>> {
     let zeros = || BlendCase { logits: vec![0.0; views * PIXELS], ..ordinary() };
     let mut two_coincide = ordinary();
     two_coincide.distances[..2].fill(0.0);
-    let all_seen_as =
+    let all_covered =
         |coverage: fn(usize) -> f32| (0..views).fold(ordinary(), |blend, view| blend.cover(view, coverage));
     let special = [
         ("all logits equal", zeros()),
@@ -158,10 +158,10 @@ pub(super) fn families<'a>(distances: &[f64]) -> Vec<Vec<Case<'a>>> {
         ("infinite logits, coincident view", infinite(near(0.0))),
         ("target on a view", near(0.0)),
         ("two views coincide with the target", two_coincide.cover(0, |pixel| f32::from(u8::from(pixel % 2 == 0)))),
-        ("no view sees anything", all_seen_as(|_| 0.0)),
-        ("one pixel is seen", all_seen_as(|pixel| f32::from(u8::from(pixel == 150)))),
+        ("no view sees anything", all_covered(|_| 0.0)),
+        ("one pixel is seen", all_covered(|pixel| f32::from(u8::from(pixel == 150)))),
     ];
-    // Logarithms of ratios are float32: large ones have a coarser last bit.
+    // Logarithms of ratios are stored as float32: the larger, the coarser.
     let of_ratio = |ratio: f64, case: Case<'a>| {
         let last_bit = ratio.ln().abs() * f64::from(f32::EPSILON) / 2.0;
         Case { bound: BOUND + last_bit, ..case }

@@ -1,8 +1,8 @@
-//! Stiff and extreme cases: each stage of the binary, and of the reference if there is one, against a float64 oracle, in
-//! families that are swept over decades, so that one sees where an implementation stops holding.
+//! Stiff and extreme cases: each stage of the library, and of the reference if there is one, compared with a float64 oracle. Families
+//! of cases sweep one quantity over decades, which shows where an implementation fails.
 //!
-//! A *doubtful* pixel is one whose answer hangs on bits that float32 inputs do not have ([`warp`] says which). Outside of
-//! these the bound of the case holds; inside, a capped share may differ by more.
+//! A *doubtful* pixel is one whose value depends on bits that float32 inputs do not have ([`super::warp`] defines it). Outside doubtful
+//! pixels the bound of the case holds; of the doubtful ones, a limited share may exceed it.
 
 use anyhow::Result;
 use ndarray::Array1;
@@ -13,31 +13,31 @@ use crate::statistics::share;
 /// A stage's outputs by name, each `[channels, pixels]`.
 pub(crate) type Outputs<T> = Vec<(&'static str, Vec<T>)>;
 
-/// What the answer should be.
+/// The outputs as they should be.
 pub(crate) struct Truth {
     pub(crate) outputs: Outputs<f64>,
     /// Per pixel.
     pub(crate) doubtful: Vec<bool>,
-    /// Whether errors are relative to the largest element of each output, and not of values in [0, 1].
+    /// Whether errors are relative to the largest element of each output, instead of absolute errors of values in [0, 1].
     pub(crate) relative: bool,
 }
 
 impl Truth {
-    /// What errors of an output are divided by.
+    /// The divisor of an output's errors.
     pub(crate) fn scale(&self, output: usize) -> f64 {
         let (name, values) = &self.outputs[output];
         let top = values.iter().fold(0.0, |top: f64, x| top.max(x.abs()));
-        // Disparities have a unit.
+        // Disparities have a unit: their errors are relative.
         if (self.relative || *name == "disparity") && top > 0.0 { top } else { 1.0 }
     }
 
-    /// Share of the pixels that see the source, where there is one.
+    /// Share of the pixels that the source covers, if the outputs include coverage.
     pub(crate) fn seen(&self) -> Option<f64> {
         let (_, coverage) = self.outputs.iter().find(|(name, _)| *name == "coverage")?;
         Some(share(coverage, |&coverage| coverage > 0.0))
     }
 
-    /// For the reference.
+    /// Writes the truth for the reference.
     pub(crate) fn write(&self, arrays: &mut Arrays) -> Result<()> {
         for (index, (name, values)) in self.outputs.iter().enumerate() {
             arrays.add(&format!("truth.{name}"), Array1::from_vec(values.clone()))?;
@@ -47,46 +47,46 @@ impl Truth {
     }
 }
 
-/// The inputs of a stage, and its answer in the binary's own arithmetic and in float64.
+/// The inputs of a stage, and its outputs as the library computes them and in float64.
 pub(crate) trait Question {
-    /// The stage, as the reference knows it.
+    /// The stage, by its name in the reference.
     fn stage(&self) -> &'static str;
 
-    /// What the library says, or the error that it refuses the inputs with.
+    /// The library's outputs, or the error with which it refuses the inputs.
     fn answer(&self) -> Result<Outputs<f32>, String>;
 
-    /// Another answer, which must equal [`Question::answer`] to the last bit.
+    /// Outputs of an equivalent case, which must equal [`Question::answer`] to the last bit.
     fn equal(&self) -> Option<Result<Outputs<f32>, String>> {
         None
     }
 
-    /// The same in float64, written plainly; `None` where the reference alone knows (the network).
+    /// The outputs in float64, by a simple implementation; `None` where only the reference has one (the network).
     fn truth(&self) -> Option<Truth>;
 
-    /// Whether some pixel must see the source, lest nothing be tested.
+    /// Whether the source must cover some pixel: otherwise the case tests nothing.
     fn must_be_seen(&self) -> bool {
         false
     }
 
-    /// How many times longer than on ordinary inputs it takes, where that is in question.
+    /// Run time as a multiple of that on ordinary inputs, where that matters.
     fn slower(&self) -> Option<f64> {
         None
     }
 
-    /// The inputs, for the reference.
+    /// Writes the inputs for the reference.
     fn write(&self, arrays: &mut Arrays) -> Result<()>;
 }
 
 /// One line of the table.
 pub(crate) struct Case<'a> {
-    /// What is swept; one panel of the plot.
+    /// The quantity that is swept; a family is one panel of the plot.
     pub(crate) family: &'static str,
-    /// How extreme it is, as the family measures it; not negative, may be infinite.
+    /// The value of that quantity; not negative, may be infinite.
     pub(crate) extreme: f64,
-    /// In words, where a number does not say it.
+    /// The value as text, or a description.
     pub(crate) name: String,
     pub(crate) question: Box<dyn Question + 'a>,
-    /// Largest error allowed outside doubtful pixels: of values in [0, 1], else relative to the largest.
+    /// Largest error allowed outside doubtful pixels: of values in [0, 1], or relative to the largest ([`Truth`]).
     pub(crate) bound: f64,
 }
 
@@ -101,7 +101,7 @@ impl<'a> Case<'a> {
         Self { family, extreme, name, question: Box::new(question), bound }
     }
 
-    /// A family that no number orders: its cases count from 1.
+    /// A family without a quantity: its cases are numbered from 1.
     pub(super) fn listed<Q: Question + 'a>(
         family: &'static str,
         bound: f64,
@@ -114,12 +114,12 @@ impl<'a> Case<'a> {
     }
 }
 
-/// Whole powers of ten.
+/// Powers of ten.
 pub(super) fn decades(exponents: impl IntoIterator<Item = i32>) -> impl Iterator<Item = f64> {
     exponents.into_iter().map(|exponent| 10f64.powi(exponent))
 }
 
-/// Numbers that look random and are the same each time (splitmix64), in [0, 1).
+/// Pseudo-random numbers in [0, 1), the same each time (splitmix64).
 pub(super) struct Seeded(pub(super) u64);
 
 impl Seeded {

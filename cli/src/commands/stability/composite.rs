@@ -1,8 +1,7 @@
-//! Extreme composites: stiff opacities, thousands of planes, and the same in float64.
+//! Extreme cases of the composite, stiff opacities and thousands of planes, and the same composite in float64.
 
 use anyhow::Result;
-use liveview::render::Accumulated;
-use liveview::render::Blended;
+use liveview::render::{Accumulated, Blended};
 use ndarray::{Array1, Array2, Array3};
 
 use super::case::{Case, Outputs, Question, Seeded, Truth, decades};
@@ -11,7 +10,7 @@ use crate::npz::Arrays;
 /// Pixels per case.
 const PIXELS: usize = 67;
 
-/// Rounded to float32 once, from sums in float64.
+/// Error bound: sums in float64, rounded to float32 once.
 const BOUND: f64 = 1.2e-7;
 
 /// L layers: α and disparity `[L, pixels]`, colour `[L, 3, pixels]`.
@@ -21,17 +20,17 @@ struct CompositeCase {
     disparity: Vec<f32>,
     /// Whether the farthest layer is covered, so that its α counts as 1.
     background: bool,
-    /// Composite this many layers and the rest apart, and put the two together.
+    /// Composite this many layers and the rest separately, then combine the two.
     split: Option<usize>,
-    /// What little is left over is what counts.
+    /// Whether errors are relative to the largest value, which is small.
     relative: bool,
 }
 
 impl CompositeCase {
-    /// Layers of these opacities, one per pixel and layer, over `ratio` in depth.
+    /// Layers with these opacities (by layer and pixel), whose depths span a factor of `ratio`.
     fn new(layers: usize, ratio: f64, alpha: impl Fn(usize, usize) -> f32) -> Self {
         let at = |i: usize| (i / PIXELS, i % PIXELS);
-        // Evenly from 1 to 1 / ratio.
+        // Disparities evenly from 1 to 1 / ratio.
         let share = |layer: usize| layer as f64 / (layers.max(2) - 1) as f64;
         let disparity = |layer: usize| (1.0 + share(layer) * (1.0 / ratio - 1.0)) as f32;
         Self {
@@ -115,7 +114,7 @@ fn case<'a>(family: &'static str, extreme: f64, name: String, question: Composit
 
 pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
     let almost = 1.0 - f32::EPSILON / 2.0;
-    // Nothing shows but what comes through the first layer: it is black, there is no background, and errors are relative.
+    // The picture is only what comes through the first layer, which is black; there is no background, and errors are relative.
     let stiff = |layers: usize, alpha: &dyn Fn(usize) -> f32| {
         let case = CompositeCase::new(layers, 4.0, |layer, _| alpha(layer));
         let mut case = CompositeCase { background: false, relative: true, ..case };
@@ -125,7 +124,7 @@ pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
     };
     let first = |left: f64| ((1.0 - left) as f32).min(almost);
     let opaque_then_faint = |first: f32| stiff(1001, &|layer| if layer == 0 { first } else { 1e-3 });
-    // Few enough that what is left is a float32 number.
+    // Few enough layers that the remaining transmittance is a float32 number.
     let alternating = |faint: f64| stiff(8, &|layer| if layer % 2 == 0 { faint } else { 1.0 - faint } as f32);
     let many = |layers: usize| {
         let unit = Seeded(5).units(PIXELS);
@@ -145,7 +144,7 @@ pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
         ("prefix and rest apart", CompositeCase { split: Some(20), ..ratio(4.0) }),
         ("all at one disparity", CompositeCase::new(64, 1.0, |layer, _| 1.0 / (2 + layer) as f32)),
     ];
-    // All white: the frame is the sum of the weights, and that and what is left through make 1.
+    // All white: the frame is the sum of the weights, which is 1 minus the remaining transmittance.
     let mut white = CompositeCase { background: false, ..many(1024) };
     white.rgb.fill(1.0);
     named.push(("white, without background", white));

@@ -1,4 +1,4 @@
-//! `liveview stability`: stiff and extreme cases, made from a scene's own rig, against float64.
+//! `liveview stability`: stiff and extreme cases, derived from a scene's rig, compared with float64.
 
 mod blend;
 mod case;
@@ -32,7 +32,7 @@ use crate::args::model::ModelArgs;
 use crate::args::output::{claim, photo_files, write_whole};
 use crate::args::scene::SceneArgs;
 use crate::args::targets::named;
-use crate::console::{Output, progress, shown, tell_notes};
+use crate::console::{Output, print_notes, progress, shown};
 use crate::npz::Arrays;
 use crate::statistics::share;
 use crate::worker_process::{WorkerProcess, words};
@@ -43,7 +43,7 @@ Examples:
   Beside PyTorch, kornia and onnxruntime, with a table and a plot:
     liveview stability scene --target IMG_7.jpg --reference \".venv/bin/python -m liveview_ref.parity.stability\" -o report/";
 
-/// Photos are scaled to this width where `--width` does not say: what breaks breaks at any size.
+/// Width of the photos where `--width` is not given: failures do not depend on the size.
 const WIDTH: usize = 126;
 
 /// Options of `liveview stability`.
@@ -58,7 +58,7 @@ pub(crate) struct StabilityArgs {
     /// Three cases of each family: the ends and the middle
     #[arg(long)]
     short: bool,
-    /// A command that answers as `python -m liveview_ref.parity.stability` does, to hold torch, kornia and onnxruntime against the same
+    /// A command with the protocol of `python -m liveview_ref.parity.stability`, to compare torch, kornia and onnxruntime with the same
     /// oracle
     #[arg(long, value_name = "COMMAND")]
     reference: Option<String>,
@@ -76,14 +76,14 @@ pub(crate) fn run(args: &StabilityArgs) -> Result<Output> {
         claim("-o", &file, &photo_files(photos.scene()))?;
     }
     let (renderer, model) = args.model.open()?;
-    tell_notes(&photos.scene().notes);
+    print_notes(&photos.scene().notes);
     let targets = Targets::held_out(photos.scene(), named(photos.scene(), std::slice::from_ref(&args.target))?);
     let shot = photos.shots(targets, renderer.network().card().views, None)?.remove(0);
     let Some(&farthest) = shot.views.last() else { bail!("{}: no views", args.target) };
     let rig = TestRig {
         photo: photos.scene().load_image(farthest)?,
         source: photos.scene().views[farthest].camera.clone(),
-        // Of a disparity that float32 holds, which is what the pixels know.
+        // The depth of a disparity that is a float32 number, as the pixels' disparities are.
         depth: 1.0 / f64::from((0.5 / shot.near + 0.5 / shot.far) as f32),
         distances: photos.cameras(&shot.views).map(|camera| camera.centre().distance(shot.target.centre())).collect(),
         target: shot.target,
@@ -96,7 +96,7 @@ pub(crate) fn run(args: &StabilityArgs) -> Result<Output> {
         rig.photo.width(),
         rig.photo.height(),
         model.path.file_name().unwrap_or_default().display(),
-        model.described()
+        model.provider_and_precision()
     );
     let path = shown(&model.path);
     let network = RefCell::new(renderer.into_network());
@@ -127,7 +127,7 @@ pub(crate) fn run(args: &StabilityArgs) -> Result<Output> {
     Ok(Output { text, json })
 }
 
-/// The other implementations, in a process of their own.
+/// The other implementations, in a process.
 struct Reference {
     worker: WorkerProcess,
     folder: tempfile::TempDir,
@@ -136,16 +136,17 @@ struct Reference {
 
 impl Reference {
     fn start(command: &str, model: String) -> Result<Self> {
-        let folder = tempfile::tempdir().context("a folder for what the reference is handed")?;
+        let folder = tempfile::tempdir().context("a temporary folder for the reference cannot be created")?;
         Ok(Self { worker: WorkerProcess::start("--reference", &words(command), None)?.0, folder, model })
     }
 }
 
+/// Runs a case, also on the reference if there is one.
 fn outcome(case: &Case<'_>, reference: Option<&mut Reference>) -> Result<Outcome> {
     let question = &case.question;
     let answer = question.answer();
     let truth = question.truth();
-    let ours = match (&answer, &truth) {
+    let rust = match (&answer, &truth) {
         (Ok(found), Some(truth)) => Ok(Some(Errors::between(found, truth, case.bound))),
         (Err(refusal), _) => Err(refusal.clone()),
         (Ok(found), None) if found.iter().all(|(_, values)| values.iter().all(|value| value.is_finite())) => Ok(None),
@@ -164,7 +165,7 @@ fn outcome(case: &Case<'_>, reference: Option<&mut Reference>) -> Result<Outcome
         doubtful: truth.as_ref().map_or(0.0, |truth| share(&truth.doubtful, |&doubtful| doubtful)),
         seen: truth.as_ref().and_then(Truth::seen),
         must_be_seen: question.must_be_seen(),
-        ours,
+        rust,
         equal,
         torch: None,
         kornia: None,
@@ -185,17 +186,17 @@ fn outcome(case: &Case<'_>, reference: Option<&mut Reference>) -> Result<Outcome
         arrays.finish()?;
         let asked =
             json!({ "case": shown(&file), "stage": outcome.stage, "model": reference.model, "bound": case.bound });
-        let told = reference.worker.ask(&asked)?;
+        let found = reference.worker.ask(&asked)?;
         if truth.is_none() {
-            outcome.ours = Ok(Errors::told(&told["rust"]));
+            outcome.rust = Ok(Errors::from_json(&found["rust"]));
         }
-        outcome.torch = Errors::told(&told["torch"]);
-        outcome.kornia = Errors::told(&told["kornia"]);
-        outcome.onnxruntime = Errors::told(&told["onnxruntime"]);
-        outcome.oracle = told["oracle"].as_f64();
-        // ort runs the same library.
+        outcome.torch = Errors::from_json(&found["torch"]);
+        outcome.kornia = Errors::from_json(&found["kornia"]);
+        outcome.onnxruntime = Errors::from_json(&found["onnxruntime"]);
+        outcome.oracle = found["oracle"].as_f64();
+        // The network's outputs equal onnxruntime's: both run the same library.
         if truth.is_none() {
-            outcome.equal = told["equal"].as_bool();
+            outcome.equal = found["equal"].as_bool();
         }
     }
     Ok(outcome)

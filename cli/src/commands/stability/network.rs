@@ -1,5 +1,6 @@
-//! The network on inputs that no scene gives it: nothing, all the same, saturated, denormal, tiny and very long pictures.
-//! Denormal inputs meet ordinary weights and biases: activations do not stay denormal, which is why the time does not suffer.
+//! Extreme inputs of the network: constant, saturated, denormal, tiny and very long pictures.
+//!
+//! Denormal inputs meet ordinary weights and biases, so that activations are not denormal, and take no longer than others.
 
 use std::cell::RefCell;
 use std::time::Instant;
@@ -13,13 +14,13 @@ use super::case::{Case, Outputs, Question, Seeded, Truth};
 use crate::npz::Arrays;
 use crate::statistics::percentile;
 
-/// Relative to the largest logit: up to 1,728 products are summed, in orders of their own.
+/// Error bound relative to the largest logit: up to 1,728 products are summed, in an order of the implementation's choice.
 const BOUND: f64 = 2e-6;
 
 /// Height and width of most of the cases.
 const SIZE: (usize, usize) = (64, 96);
 
-/// Timed, after some to warm up.
+/// Timed runs, after some to warm up.
 const REPETITIONS: usize = 9;
 const WARM_UP: usize = 3;
 
@@ -58,7 +59,7 @@ impl Question for NetworkCase<'_> {
         None
     }
 
-    /// Against noise of the same size, one after the other, the medians.
+    /// The ratio of median times, interleaved with runs on noise of the same size.
     fn slower(&self) -> Option<f64> {
         let ordinary = noise(self.hwv.dim());
         let times = (0..WARM_UP + REPETITIONS).map(|_| Ok([self.seconds(&self.hwv)?, self.seconds(&ordinary)?]));

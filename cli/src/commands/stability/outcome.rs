@@ -1,21 +1,20 @@
-//! How far an answer is off, and whether that may be.
+//! The errors of a case, and whether it passes.
 
 use serde_json::{Value, json};
 
 use super::case::{Outputs, Truth};
 use crate::statistics::share;
 
-/// Of the doubtful pixels of a case, the share that may be off by more than the bound.
+/// Largest share of the doubtful pixels that may be off by more than the bound.
 const DOUBTFUL_CAP: f64 = 0.01;
 
-/// One unit in the last place of 1, in float32: the error of an answer that was rounded twice, where the reference happens to
-/// be exact.
+/// One unit in the last place of 1, in float32: the error of a value that was rounded twice, allowed where torch happens to be exact.
 const FLOOR: f64 = 1.2e-7;
 
-/// How many times longer than on noise the network may take on any other input: denormal arithmetic would cost 30.
+/// How many times as long as on noise the network may take on any other input; with denormal arithmetic it would be 30 times.
 const SLOWEST: f64 = 5.0;
 
-/// How far one implementation's answer is off.
+/// The errors of one implementation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Errors {
     /// The largest outside doubtful pixels; infinite where anything is not finite.
@@ -25,13 +24,13 @@ pub(crate) struct Errors {
 }
 
 impl Errors {
-    /// Of an answer against the truth; both have the same outputs.
+    /// The errors of outputs against the truth; both have the same outputs.
     pub(crate) fn between(found: &Outputs<f32>, truth: &Truth, bound: f64) -> Self {
         let pixels = truth.doubtful.len();
         let (mut largest, mut off) = (0.0_f64, vec![false; pixels]);
         assert_eq!(found.len(), truth.outputs.len(), "outputs");
-        for (index, ((name, found), (known_as, expected))) in found.iter().zip(&truth.outputs).enumerate() {
-            assert_eq!((name, found.len()), (known_as, expected.len()), "an output and its length");
+        for (index, ((name, found), (expected_name, expected))) in found.iter().zip(&truth.outputs).enumerate() {
+            assert_eq!((name, found.len()), (expected_name, expected.len()), "an output and its length");
             let scale = truth.scale(index);
             for (i, (&found, expected)) in found.iter().zip(expected).enumerate() {
                 let error = (f64::from(found) - expected).abs() / scale;
@@ -49,10 +48,10 @@ impl Errors {
         }
     }
 
-    /// As the reference tells it; `null` is an implementation that does not have this stage.
-    pub(crate) fn told(told: &Value) -> Option<Self> {
-        let doubtful = told["doubtful"].as_f64()?;
-        Some(Self { largest: told["largest"].as_f64().unwrap_or(f64::INFINITY), doubtful })
+    /// From the reference's answer; `null` for an implementation that does not have this stage.
+    pub(crate) fn from_json(json: &Value) -> Option<Self> {
+        let doubtful = json["doubtful"].as_f64()?;
+        Some(Self { largest: json["largest"].as_f64().unwrap_or(f64::INFINITY), doubtful })
     }
 
     fn json(self) -> Value {
@@ -60,47 +59,47 @@ impl Errors {
     }
 }
 
-/// What became of a case.
+/// The result of a case.
 pub(crate) struct Outcome {
     pub(crate) family: &'static str,
     pub(crate) extreme: f64,
     pub(crate) name: String,
     pub(crate) stage: &'static str,
     pub(crate) bound: f64,
-    /// Share of the pixels.
+    /// Share of the pixels that are doubtful.
     pub(crate) doubtful: f64,
-    /// Share of the pixels that see the source, where that is in question.
+    /// Share of the pixels that the source covers, where that matters.
     pub(crate) seen: Option<f64>,
-    /// Where this must not be 0.
+    /// Whether `seen` must not be 0.
     pub(crate) must_be_seen: bool,
-    /// The binary's, or what it refuses the inputs with; `None` where the reference alone knows the truth, and there is none: all
-    /// that is known then is that it is finite.
-    pub(crate) ours: Result<Option<Errors>, String>,
-    /// Whether a second answer that must equal it does.
+    /// The library's errors, or the message with which it refuses the inputs; `None` where only a reference has the truth, and there
+    /// is no reference: then the outputs are only known to be finite.
+    pub(crate) rust: Result<Option<Errors>, String>,
+    /// Whether the outputs of an equivalent case are equal to the last bit.
     pub(crate) equal: Option<bool>,
-    /// Of the reference: float32 torch, kornia as it comes, onnxruntime.
+    /// The reference's: float32 torch, unmodified kornia, onnxruntime.
     pub(crate) torch: Option<Errors>,
     pub(crate) kornia: Option<Errors>,
     pub(crate) onnxruntime: Option<Errors>,
-    /// How far the oracle is from 50 digits, at pixels all over.
+    /// The oracle's own error against arithmetic with 50 digits, at a sample of the pixels.
     pub(crate) oracle: Option<f64>,
-    /// How many times longer than on ordinary inputs it takes.
+    /// Run time as a multiple of that on ordinary inputs.
     pub(crate) slower: Option<f64>,
 }
 
-/// Whether a case holds.
+/// Whether a case passes.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Verdict {
     Ok,
-    /// Finite, which is all that is known without the reference.
+    /// Finite; there is no reference to compare with.
     NotCompared,
-    /// A named error in place of an answer. None of the cases is such that it may be.
+    /// The library refused the inputs, which no case allows.
     Refused(String),
     Failed(String),
 }
 
 impl Outcome {
-    /// Whether it counts as holding.
+    /// Whether the case passes.
     pub(crate) fn holds(&self) -> bool {
         matches!(self.verdict(), Verdict::Ok | Verdict::NotCompared)
     }
@@ -113,10 +112,10 @@ impl Outcome {
         if let Some(off) = self.oracle.filter(|&off| off.is_nan() || off > self.bound / 4.0) {
             return failed(format!("the oracle itself is off by {off:.1e}"));
         }
-        let ours = match &self.ours {
+        let rust = match &self.rust {
             Err(refusal) => return Verdict::Refused(refusal.clone()),
             Ok(None) => return Verdict::NotCompared,
-            Ok(Some(ours)) => ours,
+            Ok(Some(rust)) => rust,
         };
         if self.must_be_seen && self.seen == Some(0.0) {
             return failed("no pixel sees the source: nothing is tested".into());
@@ -124,15 +123,15 @@ impl Outcome {
         if let Some(slower) = self.slower.filter(|&slower| slower > SLOWEST) {
             return failed(format!("takes {slower:.1} times the time of noise"));
         }
-        if ours.largest > self.bound {
-            return failed(format!("off by {:.1e}, bound {:.0e}", ours.largest, self.bound));
+        if rust.largest > self.bound {
+            return failed(format!("off by {:.1e}, bound {:.0e}", rust.largest, self.bound));
         }
-        if ours.doubtful > DOUBTFUL_CAP {
-            return failed(format!("{:.0} % of the doubtful pixels are off", 100.0 * ours.doubtful));
+        if rust.doubtful > DOUBTFUL_CAP {
+            return failed(format!("{:.0} % of the doubtful pixels are off", 100.0 * rust.doubtful));
         }
         match self.torch.map(|torch| 2.0 * torch.largest.max(FLOOR / 2.0)) {
-            Some(most) if ours.largest > most => {
-                failed(format!("off by {:.1e}, twice torch's is {most:.1e}", ours.largest))
+            Some(most) if rust.largest > most => {
+                failed(format!("off by {:.1e}, twice torch's is {most:.1e}", rust.largest))
             }
             _ => Verdict::Ok,
         }
@@ -149,7 +148,7 @@ impl Outcome {
         json!({
             "family": self.family, "extreme": self.extreme.is_finite().then_some(self.extreme), "name": self.name,
             "stage": self.stage, "bound": self.bound, "doubtful": self.doubtful, "seen": self.seen,
-            "rust": errors(self.ours.clone().ok().flatten()), "torch": errors(self.torch),
+            "rust": errors(self.rust.clone().ok().flatten()), "torch": errors(self.torch),
             "kornia": errors(self.kornia), "onnxruntime": errors(self.onnxruntime), "oracle": self.oracle,
             "slower": self.slower, "verdict": verdict, "why": why,
         })
@@ -160,7 +159,7 @@ impl Outcome {
 mod tests {
     use super::*;
 
-    fn outcome(ours: f64, torch: f64) -> Outcome {
+    fn outcome(rust: f64, torch: f64) -> Outcome {
         let errors = |largest| Some(Errors { largest, doubtful: 0.0 });
         Outcome {
             family: "depth",
@@ -171,7 +170,7 @@ mod tests {
             doubtful: 0.0,
             seen: None,
             must_be_seen: true,
-            ours: Ok(errors(ours)),
+            rust: Ok(errors(rust)),
             equal: None,
             torch: errors(torch),
             kornia: None,
@@ -191,7 +190,7 @@ mod tests {
         assert!(matches!(Outcome { oracle: Some(1e-4), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
         assert!(matches!(Outcome { seen: Some(0.0), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
         assert!(matches!(Outcome { slower: Some(30.0), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
-        assert!(!Outcome { ours: Err("fx is 0".into()), ..outcome(0.0, 0.0) }.holds());
+        assert!(!Outcome { rust: Err("fx is 0".into()), ..outcome(0.0, 0.0) }.holds());
         assert!(matches!(Outcome { equal: Some(false), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
     }
 

@@ -1,20 +1,19 @@
-//! Error against how extreme a case is, a panel per family (SVG): one sees where an implementation breaks.
+//! A plot (SVG) of the errors, a panel per family, which shows where an implementation fails.
 
 use std::fmt::Write;
 
 use super::outcome::Outcome;
-use super::table::Table;
-use super::table::errors;
+use super::table::{Table, errors};
 use crate::svg::svg_start;
 
 const COLUMNS: usize = 4;
 const PANEL: (f64, f64) = (250.0, 170.0);
-/// Of a panel: left, right, top, bottom.
+/// Margins of a panel: left, right, top, bottom.
 const MARGINS: [f64; 4] = [40.0, 10.0, 26.0, 26.0];
 const TOP: f64 = 52.0;
 const COLOURS: [&str; 4] = ["#d1495b", "#30638e", "#edae49", "#2e933c"];
 
-/// Errors shown, as powers of ten; smaller ones lie on the lowest line, what is not finite on the highest.
+/// Range of the errors, as powers of ten; smaller ones are drawn on the lowest line, those that are not finite on the highest.
 const LOWEST: f64 = -10.0;
 const HIGHEST: f64 = 1.0;
 
@@ -39,7 +38,7 @@ pub(crate) fn plot(table: &Table) -> String {
     svg + "</svg>\n"
 }
 
-/// Height of an error in a panel.
+/// Vertical position of an error in a panel.
 fn at(error: f64) -> f64 {
     let power = if error.is_finite() { error.log10().clamp(LOWEST, HIGHEST) } else { HIGHEST };
     let inner = PANEL.1 - MARGINS[2] - MARGINS[3];
@@ -101,7 +100,7 @@ fn panel(svg: &mut String, family: &[Outcome], (left, top): (f64, f64)) {
     svg.push_str("</g>\n");
 }
 
-/// What fits under half a panel.
+/// A name shortened to fit under half a panel.
 fn shortened(name: &str) -> String {
     const FITS: usize = 26;
     let short = || name.chars().take(FITS - 1).chain(['…']).collect();

@@ -1,4 +1,4 @@
-//! Extreme cameras and planes: a target and one view of it, one thing swept at a time.
+//! Extreme cameras and planes: a target and one view, one quantity swept at a time.
 
 use std::borrow::Cow;
 
@@ -9,18 +9,18 @@ use liveview::image::ImageRgb;
 use super::case::{Case, decades};
 use super::warp::{BOUND, WarpCase};
 
-/// What the cases start from: a target, one view of it, and how far the things are that they see.
+/// The rig that the cases are derived from: a target, one view, and the depth of the scene.
 pub(crate) struct TestRig {
     pub(crate) photo: ImageRgb,
     pub(crate) source: Camera,
     pub(crate) target: Camera,
-    /// Of a plane amid the scene, scene units.
+    /// Depth of a plane in the middle of the scene, scene units.
     pub(crate) depth: f64,
-    /// Of all views' centres to the target's, nearest first, scene units.
+    /// Distances of all views' centres to the target's, nearest first, scene units.
     pub(crate) distances: Vec<f64>,
 }
 
-/// A camera that may turn out to be none.
+/// The parameters of a camera, not validated yet.
 #[derive(Clone, Copy)]
 struct Parts {
     intrinsics: Intrinsics,
@@ -41,19 +41,19 @@ impl Parts {
         self.intrinsics.fy *= factor;
     }
 
-    /// With its principal point on the centre of a pixel amid the picture.
+    /// Moves the principal point to the centre of a pixel in the middle of the picture.
     fn centred(&mut self) {
         self.intrinsics.cx = (self.size.0 / 2) as f64 + 0.5;
         self.intrinsics.cy = (self.size.1 / 2) as f64 + 0.5;
     }
 
-    /// Turned to the right, radians.
+    /// Turns the camera to the right, radians.
     fn turn(&mut self, angle: f64) {
         self.rotation = DMat3::from_rotation_y(-angle) * self.rotation;
     }
 }
 
-/// What is swept, before it becomes a case.
+/// The cameras and the depth of a case.
 struct Swept {
     source: Parts,
     target: Parts,
@@ -79,8 +79,8 @@ impl TestRig {
         }
     }
 
-    /// The source turned as the target is, and moved from it by `offset`, in the target's axes and units of the depth; the
-    /// target's principal point on the centre of a pixel.
+    /// Gives the source the target's rotation, and moves it from the target by `offset`, in the target's axes and in units of the
+    /// depth. Both principal points are on the centre of a pixel.
     fn aligned(&self, swept: &mut Swept, offset: DVec3) {
         swept.target.centred();
         swept.source.centred();
@@ -100,7 +100,7 @@ fn family<'a>(
 }
 
 pub(super) fn families(rig: &TestRig) -> Vec<Vec<Case<'_>>> {
-    // Behind the target, so that however near things are, and however long the baseline, the source sees them.
+    // Behind the target: the source covers the plane at any depth and any baseline.
     let behind = DVec3::new(0.02, -0.01, -0.3);
     let depth = |times: f64| {
         rig.case(|swept| {
@@ -109,7 +109,7 @@ pub(super) fn families(rig: &TestRig) -> Vec<Vec<Case<'_>>> {
         })
     };
     let baseline = |times: f64| rig.case(|swept| rig.aligned(swept, behind * times));
-    // The longer the lens, the less aside and the less turned, so that as much is seen.
+    // The longer the focal length, the smaller the offset and the rotation, so that the source covers as much.
     let focal = |factor: f64| {
         rig.case(|swept| {
             rig.aligned(swept, DVec3::new(0.05, -0.02, 0.0) / factor);
@@ -117,14 +117,14 @@ pub(super) fn families(rig: &TestRig) -> Vec<Vec<Case<'_>>> {
             swept.source.turn(0.05 / f64::max(factor, 1.0));
         })
     };
-    // Along the axis that both share, which is seen through any lens.
+    // Offset along the common optical axis, which any focal length covers.
     let source_focal = |factor: f64| {
         rig.case(|swept| {
             rig.aligned(swept, DVec3::new(0.0, 0.0, -0.3));
             swept.source.focal(factor);
         })
     };
-    // The point amid the picture is at (gap / 10, 0, gap) from the source: seen however near it is.
+    // The point in the middle of the picture is at (gap / 10, 0, gap) in the source: covered however near it is.
     let through_centre = |gap: f64| {
         let case = rig.case(|swept| rig.aligned(swept, DVec3::new(-0.1 * gap, 0.0, 1.0 - gap)));
         WarpCase { nothing_seen: gap == 0.0, ..case }
@@ -137,21 +137,21 @@ pub(super) fn families(rig: &TestRig) -> Vec<Vec<Case<'_>>> {
         })
     };
     let away = |from: f64| WarpCase { nothing_seen: true, ..turned(std::f64::consts::PI - from, 1.0) };
-    // The source looks along the plane, from this far beside the point amid the picture: w changes its sign there.
+    // The source looks along the plane, from this distance beside the point in the middle of the picture: w changes its sign there.
     let edge_on = |gap: f64| {
         rig.case(|swept| {
             rig.aligned(swept, DVec3::new(-gap, 0.0, 1.0));
             swept.source.turn(std::f64::consts::FRAC_PI_2);
         })
     };
-    // The row amid the picture, at the height of both cameras, is not moved by it.
+    // Skew does not move the row in the middle of the picture, at the height of both cameras.
     let skew = |times: f64| {
         rig.case(|swept| {
             rig.aligned(swept, DVec3::new(0.05, 0.0, 0.0));
             swept.source.intrinsics.skew = times * swept.source.intrinsics.fx;
         })
     };
-    // A picture far beside its camera's axis, which is turned so that it shows what the target sees.
+    // A picture far off its camera's optical axis; the camera is turned so that it covers what the target shows.
     let principal_point = |pixels: f64| {
         rig.case(|swept| {
             rig.aligned(swept, DVec3::new(0.0, 0.0, -0.3));
@@ -174,7 +174,7 @@ pub(super) fn families(rig: &TestRig) -> Vec<Vec<Case<'_>>> {
         });
         WarpCase { meant: Some(Box::new(rig.case(|_| ()))), ..moved }
     };
-    // Poses are float64 translations: places this far from the origin are known to so much, which a focal length turns into pixels.
+    // The rounding error of float64 positions this far from the origin, in pixels by the focal length.
     let pose_pixels =
         |away: f64| 8.0 * f64::EPSILON * away * rig.target.intrinsics().fx.max(rig.source.intrinsics().fx);
     let to_infinity = |from, to| decades(from..=to).chain([f64::INFINITY]);
@@ -183,7 +183,7 @@ pub(super) fn families(rig: &TestRig) -> Vec<Vec<Case<'_>>> {
         family("focal length", decades(-6..=6), focal),
         family("source's focal length", decades(-6..=6), source_focal),
         family("plane near a source centre", decades(-15..=0).chain([0.0]), through_centre),
-        // Nearer than this, float64 does not tell either where in the photo the point lies.
+        // At smaller gaps, float64 does not determine the position in the photo either.
         family("plane seen edge-on", decades(-10..=0), edge_on),
         family("vanishing line, before 90°", decades(-3..=0), |from| {
             turned(std::f64::consts::FRAC_PI_2 - from, 0.125)

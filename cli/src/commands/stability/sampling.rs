@@ -10,10 +10,10 @@ use liveview::image::ImageRgb;
 use super::case::{Case, Seeded, decades};
 use super::warp::{BOUND, WarpCase};
 
-/// Of the photo that is sampled, but for the family of sizes: odd, and no multiple of anything.
+/// Size of the photo that is sampled, but for the family of sizes: odd, and not a multiple of any block size.
 const SIDES: (usize, usize) = (37, 23);
 
-/// Where coordinates are whole or half pixels, samples are pixels or means of two: a rounding or two.
+/// Error bound where coordinates are whole or half pixels: samples are pixels or means of two, rounded once or twice.
 const EXACT: f64 = 1.2e-7;
 
 fn photo((width, height): (usize, usize)) -> ImageRgb {

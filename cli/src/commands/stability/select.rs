@@ -1,9 +1,8 @@
-//! Plane selection where there is nothing, or too much, to choose from; and the same by counting.
+//! Extreme cases of the plane selection, with nothing or too much to choose from, and the same selection by counting.
 
 use anyhow::Result;
 use liveview::layers::{plane_histogram, select_planes};
-use liveview::render::Accumulated;
-use liveview::render::Blended;
+use liveview::render::{Accumulated, Blended};
 use ndarray::{Array1, Array2};
 
 use super::case::{Case, Outputs, Question, Seeded, Truth};
@@ -55,7 +54,7 @@ impl Question for SelectCase {
             let best = (0..planes).fold(0, |best, plane| if alpha(plane) > alpha(best) { plane } else { best });
             votes[best] += u32::from(alpha(best) > 0.0);
         }
-        // A plane is chosen if fewer than K are fuller, or as full and nearer.
+        // A plane is chosen if fewer than K planes have a fuller bin, or an equally full one and are nearer.
         let before = |a: usize, b: usize| votes[a] > votes[b] || votes[a] == votes[b] && a < b;
         let chosen = |plane: &usize| (0..planes).filter(|&other| before(other, *plane)).count() < self.count;
         let selected: Vec<usize> = (0..planes).filter(chosen).collect();

@@ -6,9 +6,9 @@ use serde_json::{Value, json};
 
 use super::outcome::{Errors, Outcome, Verdict};
 
-/// What was tested, and what came of it.
+/// The results of all cases.
 pub(crate) struct Table {
-    /// The rig and the model, in a line.
+    /// The rig and the model, in one line.
     pub(crate) about: String,
     pub(crate) outcomes: Vec<Outcome>,
 }
@@ -24,10 +24,10 @@ impl Table {
     }
 }
 
-/// The four implementations of an outcome; `None` has not been asked, or does not have the stage.
+/// The errors of the four implementations; `None` for one that was not run, or does not have the stage.
 pub(super) fn errors(outcome: &Outcome) -> [(&'static str, Option<Errors>); 4] {
     [
-        ("Rust", outcome.ours.clone().ok().flatten()),
+        ("Rust", outcome.rust.clone().ok().flatten()),
         ("torch", outcome.torch),
         ("kornia", outcome.kornia),
         ("onnxruntime", outcome.onnxruntime),
@@ -42,8 +42,8 @@ onnxruntime compute in float32. Rust's error must be within the bound and at mos
 
 pub(crate) fn markdown(table: &Table) -> String {
     let mut text = format!("# Stiff and extreme cases\n\n{}\n\n{HOW_TO_READ}\n\n", table.about);
-    let told = table.outcomes.len();
-    let _ = writeln!(text, "{} of {told} cases hold.\n", told - table.failed());
+    let count = table.outcomes.len();
+    let _ = writeln!(text, "{} of {count} cases hold.\n", count - table.failed());
     text += "| stage | swept | from | to | cases | Rust | torch | kornia | onnxruntime | |\n|---|---|---|---|---|---|---|---|---|---|\n";
     for family in table.families() {
         let (first, last) = (&family[0], &family[family.len() - 1]);
@@ -90,7 +90,7 @@ fn figure(outcome: &Outcome, implementation: usize) -> String {
 
 /// Share of doubtful pixels, and of these the share that is off.
 fn doubtful(outcome: &Outcome) -> String {
-    let off = outcome.ours.as_ref().ok().and_then(|ours| ours.as_ref()).map_or(0.0, |ours| ours.doubtful);
+    let off = outcome.rust.as_ref().ok().and_then(|rust| rust.as_ref()).map_or(0.0, |rust| rust.doubtful);
     match outcome.doubtful {
         0.0 => String::new(),
         share if off > 0.0 => format!("{}, {} of them off", percent(share), percent(off)),

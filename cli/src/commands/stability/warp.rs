@@ -1,11 +1,10 @@
-//! The warp of one view by one plane, and the same in float64.
+//! Extreme cases of the warp, one view on one plane, and the same warp in float64.
 
 use std::borrow::Cow;
 
 use anyhow::Result;
 use glam::DVec3;
-use liveview::geometry::PlaneSweep;
-use liveview::geometry::{Camera, CameraError};
+use liveview::geometry::{Camera, CameraError, PlaneSweep};
 use liveview::image::ImageRgb;
 use liveview::layers::Layers;
 use liveview::warp::{Texture, WarpSource, warp_layers};
@@ -14,26 +13,26 @@ use ndarray::Array1;
 use super::case::{Outputs, Question, Truth};
 use crate::npz::Arrays;
 
-/// A pixel whose source coordinates move by more than this, in pixels, when the terms that they are sums of change in the last bit
-/// of float32, is doubtful: those are the rounded inputs of every float32 implementation.
+/// A pixel is doubtful if its source coordinates move by more than this, in pixels, when the terms of (u, v, w) change in the last bit
+/// of float32: every float32 implementation rounds these.
 const DOUBTFUL_PIXELS: f64 = 0.01;
 
-/// Float32 samples of a photo in [0, 1] along float64 coordinates: about what their distance from the middle of a run, in
-/// pixels, has in the last bit.
+/// Error bound of float32 samples of a photo in [0, 1]: about the last bit of their distance in pixels from the middle of a run, which
+/// the warp computes in float64.
 pub(super) const BOUND: f64 = 2e-5;
 
-/// One view, seen along one plane of the target.
+/// One view, warped by one plane of the target.
 pub(super) struct WarpCase<'a> {
     pub(super) photo: Cow<'a, ImageRgb>,
     pub(super) source: Result<Camera, CameraError>,
     pub(super) target: Result<Camera, CameraError>,
     /// Disparity, 1/scene unit.
     pub(super) disparity: f64,
-    /// As it should be: no pixel sees the source.
+    /// Whether the source should cover no pixel.
     pub(super) nothing_seen: bool,
-    /// The same rig, given so that the answer must not change in a bit.
+    /// An equivalent rig, whose outputs must be the same to the last bit.
     pub(super) same_as: Option<Box<WarpCase<'a>>>,
-    /// The same rig, given so that float64 can hold it; the oracle's.
+    /// An equivalent rig that float64 represents well, for the oracle.
     pub(super) meant: Option<Box<WarpCase<'a>>>,
 }
 
@@ -46,13 +45,13 @@ impl WarpCase<'_> {
         }
     }
 
-    /// Of a point that is the sum of terms of this size.
+    /// Whether a point (u, v, w) that is a sum of terms of this size is doubtful.
     fn is_doubtful(&self, size: DVec3, uvw: DVec3) -> bool {
         let last_bit = size * f64::from(f32::EPSILON);
         if uvw.z < -last_bit.z {
             return false;
         }
-        // Whether the photo can be reached at all: -1 < u/w < side + 1, for the largest w.
+        // Not doubtful if it is outside the photo for certain: inside, -1 < u/w < side + 1 for the largest w.
         let w = uvw.z.max(0.0) + last_bit.z;
         let reaches = |at: f64, bit: f64, side: usize| at + bit > -w && at - bit < (side as f64 + 1.0) * w;
         let (width, height) = (self.photo.width(), self.photo.height());
@@ -60,7 +59,7 @@ impl WarpCase<'_> {
             return false;
         }
         let moved = (last_bit + (uvw / uvw.z).abs() * last_bit.z) / uvw.z.abs();
-        // A quotient by 0 is not within either.
+        // Written so that a division by 0 counts as doubtful.
         !(uvw.z > last_bit.z && moved.x.max(moved.y) <= DOUBTFUL_PIXELS)
     }
 }
@@ -99,7 +98,7 @@ impl Question for WarpCase<'_> {
         let mut outputs = vec![("colour", vec![0.0; 3 * height * width]), ("coverage", vec![0.0; height * width])];
         let mut doubtful = vec![false; height * width];
         let PlaneSweep { homography_at_infinity: homography, epipole } = PlaneSweep::new(source, target);
-        // As the pixels know it.
+        // The precision of the pixels' disparities.
         let disparity = f64::from(self.disparity as f32);
         for (i, doubtful) in doubtful.iter_mut().enumerate() {
             let (x, y) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
@@ -123,7 +122,7 @@ impl Question for WarpCase<'_> {
         arrays.add_camera("target", target)?;
         arrays.add("target.size", Array1::from_vec(vec![target.width() as i64, target.height() as i64]))?;
         arrays.add("disparities", Array1::from_vec(vec![f64::from(self.disparity as f32)]))?;
-        // The oracle is not that of these very cameras.
+        // Says that the oracle has other cameras.
         if self.meant.is_some() { arrays.add("meant", Array1::from_vec(vec![1_u8])) } else { Ok(()) }
     }
 }

@@ -1,4 +1,4 @@
-//! The sweep as a table.
+//! The sweep as a Markdown table.
 
 use std::fmt::Write;
 
@@ -33,8 +33,8 @@ pub(crate) fn markdown(sweep: &SweepReport) -> String {
     for row in &sweep.rows {
         let front = if sweep.on_front(row) { "●" } else { "" };
         let size = if many { format!(" {} |", row.size) } else { String::new() };
-        let [psnr, ssim] = [(row.score.map(|s| s.psnr), 2), (row.score.map(|s| s.ssim), 4)].map(told);
-        let [mean, max] = [(row.error.map(|e| e.mean), 4), (row.error.map(|e| e.max), 2)].map(told);
+        let [psnr, ssim] = [(row.score.map(|s| s.psnr), 2), (row.score.map(|s| s.ssim), 4)].map(cell);
+        let [mean, max] = [(row.error.map(|e| e.mean), 4), (row.error.map(|e| e.max), 2)].map(cell);
         let totals = row.totals();
         let faster = sweep.dense(row.size).map(|dense| dense.median() / row.median());
         let _ = writeln!(
@@ -46,7 +46,7 @@ pub(crate) fn markdown(sweep: &SweepReport) -> String {
             totals.first().unwrap_or(&f64::NAN),
             totals.last().unwrap_or(&f64::NAN),
             if row.once > 0.0 { format!(", once {:.2}", row.once) } else { String::new() },
-            told((faster, if faster.is_some_and(|f| f < 9.95) { 1 } else { 0 })),
+            cell((faster, if faster.is_some_and(|f| f < 9.95) { 1 } else { 0 })),
             row.peak_memory_bytes.map_or("-".into(), |bytes| format!("{:.0}", bytes as f64 / 1e6)),
             shares(row),
         );
@@ -55,11 +55,12 @@ pub(crate) fn markdown(sweep: &SweepReport) -> String {
     text
 }
 
-fn told((value, digits): (Option<f64>, usize)) -> String {
+/// A number as a cell of the table.
+fn cell((value, digits): (Option<f64>, usize)) -> String {
     value.map_or("-".into(), |value| format!("{value:.digits$}"))
 }
 
-/// Where the time goes, the largest part first.
+/// Each stage's share of the time, the largest first.
 fn shares(row: &Row) -> String {
     let mut stages = row.stages();
     let total: f64 = stages.iter().map(|(_, time)| time).sum();

@@ -1,4 +1,4 @@
-//! One configuration of `liveview sweep`, while it is being measured.
+//! Measuring one configuration of `liveview sweep`.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use crate::console::shown;
 use crate::statistics::PixelError;
 use crate::worker_process::WorkerProcess;
 
-/// A worker and what is known of it.
+/// A worker, with its measurements so far.
 pub(super) struct Measured {
     worker: WorkerProcess,
     pub(super) row: Row,
@@ -26,13 +26,13 @@ impl Measured {
         Self { worker, row, pictures: Vec::new() }
     }
 
-    /// Renders every target once and keeps the pictures; a reference renders the first alone.
+    /// Renders every target once and keeps the pictures; a reference renders only the first.
     pub(super) fn warm_up(&mut self, targets: usize, folder: &Path) -> Result<()> {
         let targets = if self.row.reference { 1 } else { targets };
         for target in 0..targets {
             let frame = folder.join("frame.npy");
             let answer = self.worker.ask(&json!({ "run": true, "target": target, "frame": shown(&frame) }))?;
-            let pixels: Array3<f32> = ndarray_npy::read_npy(&frame).context("the picture that a worker handed over")?;
+            let pixels: Array3<f32> = ndarray_npy::read_npy(&frame).context("a worker's picture cannot be read")?;
             let (height, width, _) = pixels.dim();
             self.pictures.push(ImageRgb::new(width, height, pixels.iter().copied().collect())?);
             if let (0, Some(once)) = (target, answer["seconds"]["select"].as_f64()) {
@@ -45,10 +45,12 @@ impl Measured {
         Ok(())
     }
 
-    /// Renders the first target once more; what that took.
+    /// Renders the first target once more, and records the times.
     pub(super) fn time(&mut self) -> Result<()> {
         let answer = self.worker.ask(&json!({ "run": true, "target": 0 }))?;
-        let Some(seconds) = answer["seconds"].as_object() else { bail!("{}: told no times", self.row.engine) };
+        let Some(seconds) = answer["seconds"].as_object() else {
+            bail!("{}: the answer has no times; expected `seconds`", self.row.engine)
+        };
         let stages = seconds.iter().map(|(stage, time)| (stage.clone(), time.as_f64().unwrap_or(f64::NAN)));
         self.row.runs.push(stages.collect());
         self.row.peak_memory_bytes = answer["peak_memory_bytes"].as_u64();
@@ -69,7 +71,7 @@ impl Measured {
     }
 }
 
-/// Scores all pictures against the photos and against those of the most planes, and lets them go.
+/// Scores all pictures against the photos and against those on the most planes, and drops them.
 pub(super) fn score_all(measured: &mut [Measured], truths: &[ImageRgb]) {
     let dense = densest(measured.iter(), |one| &one.row).map(|one| one.pictures.clone());
     for one in measured {

@@ -26,7 +26,7 @@ use crate::args::numbers;
 use crate::args::output::{claim, photo_files, write_whole};
 use crate::args::scene::SceneArgs;
 use crate::args::targets::named;
-use crate::console::{Output, progress, shown, tell, tell_notes};
+use crate::console::{Output, print_message, print_notes, progress, shown};
 use crate::npz::Arrays;
 use crate::worker_process::{WorkerProcess, words};
 
@@ -37,14 +37,14 @@ Examples:
   Time against size:
     liveview sweep scene --target IMG_7.jpg --layers guided:4,planes:16 --widths 500,1000,2000 -o scaling/";
 
-/// Every kind of layers, fewest first; the last is what the others are compared with.
+/// Every kind of layers, fewest first; the others are compared with the last.
 const LAYERS: &str = "guided:1,guided:2,guided:3,guided:4,guided:6,guided:8,guided:12,kmeans:8,kmeans:16,select:8,select:16,\
                       select:32,planes:8,planes:16,planes:32,planes:64";
 
 /// Engines of `python -m liveview_ref.competitors.worker`.
 const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
 
-/// What is written.
+/// The files written.
 const FILES: [&str; 3] = ["sweep.json", "sweep.md", "sweep.svg"];
 
 /// Options of `liveview sweep`.
@@ -69,7 +69,7 @@ pub(crate) struct SweepArgs {
     /// Times that each is rendered, after one to warm up
     #[arg(long, value_name = "N", default_value = "5", value_parser = numbers::count)]
     repetitions: usize,
-    /// A command that speaks as `liveview worker` does, to measure the reference implementations on the most planes, such as
+    /// A command with the protocol of `liveview worker`, to measure the reference implementations on the most planes, such as
     /// ".venv/bin/python -m liveview_ref.competitors.worker"
     #[arg(long, value_name = "COMMAND")]
     reference: Option<String>,
@@ -81,14 +81,14 @@ pub(crate) struct SweepArgs {
 }
 
 pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
-    let folder = tempfile::tempdir().context("a folder for what the workers hand over")?;
+    let folder = tempfile::tempdir().context("a temporary folder for the workers' pictures cannot be created")?;
     let photos = args.scene.open()?;
-    tell_notes(&photos.scene().notes);
+    print_notes(&photos.scene().notes);
     for name in FILES {
         claim("-o", &args.output.join(name), &photo_files(photos.scene()))?;
     }
-    let held = named(photos.scene(), &args.target)?;
-    let truths = held.iter().map(|&view| Ok(photos.scene().load_image(view)?)).collect::<Result<Vec<_>>>()?;
+    let held_out = named(photos.scene(), &args.target)?;
+    let truths = held_out.iter().map(|&view| Ok(photos.scene().load_image(view)?)).collect::<Result<Vec<_>>>()?;
     let widths = if args.widths.is_empty() { vec![None] } else { args.widths.iter().copied().map(Some).collect() };
     let bar = progress("renders")?;
     let (mut all, mut own) = (Vec::new(), Value::Null);
@@ -135,7 +135,10 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
         rows: all.into_iter().map(|measured| measured.row).collect(),
     };
     if sweep.noisy() {
-        tell("warning", "the repetitions lie far apart: the machine is too noisy for these times to be trusted");
+        print_message(
+            "warning",
+            "the repetitions lie far apart: the machine is too noisy for these times to be trusted",
+        );
     }
     let (text, json) = (markdown::markdown(&sweep), sweep.json());
     for (name, contents) in FILES.into_iter().zip([format!("{json:#}\n"), text.clone(), plot::plot(&sweep)]) {
@@ -144,22 +147,23 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
     Ok(Output { text, json })
 }
 
-/// What a worker that is ready says of its first target: width and height.
+/// Size of the first target, from a worker's first line.
 fn size(ready: &Value) -> Size {
     let side = |index: usize| ready["size"][index].as_u64().unwrap_or(0) as usize;
     Size::new(side(0), side(1))
 }
 
-/// Of its model: how many views it takes, and its file.
+/// V of the model, from a worker's first line.
 fn views(ready: &Value) -> usize {
     ready["views"][0].as_array().map_or(0, Vec::len)
 }
 
+/// The model file, from a worker's first line.
 fn model(ready: &Value) -> &Path {
     Path::new(ready["model"].as_str().unwrap_or_default())
 }
 
-/// `liveview worker …`
+/// The command line of a worker.
 fn worker_command(
     args: &SweepArgs,
     width: Option<usize>,
@@ -206,7 +210,7 @@ fn references(
     REFERENCES.into_iter().map(start).collect()
 }
 
-/// What a reference renders: one target on uniform planes, everything chosen.
+/// Writes the job of a reference: one target on uniform planes, its views chosen.
 fn write_job(path: &Path, photos: &PhotoCache, shot: &Shot, planes: usize) -> Result<()> {
     let mut arrays = Arrays::create(path)?;
     arrays.add_rig(photos, shot)?;
@@ -214,7 +218,7 @@ fn write_job(path: &Path, photos: &PhotoCache, shot: &Shot, planes: usize) -> Re
     arrays.finish()
 }
 
-/// The processor's name, where the system tells it (Linux).
+/// The processor's name, where the system reports it (Linux).
 fn cpu() -> String {
     let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));

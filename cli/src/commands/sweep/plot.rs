@@ -12,7 +12,7 @@ const HEIGHT: f64 = 460.0;
 const MARGINS: [f64; 4] = [64.0, 330.0, 30.0, 50.0]; // left, right (for the legend), top, bottom
 const COLOURS: [&str; 8] = ["#d1495b", "#30638e", "#2e933c", "#edae49", "#7b4fa3", "#00798c", "#8d6a4f", "#555555"];
 
-/// A mark and what it stands for.
+/// A mark of the plot, and the row that it shows.
 struct Mark<'a> {
     x: f64,
     y: f64,
@@ -78,14 +78,14 @@ pub(crate) fn plot(sweep: &SweepReport) -> String {
     svg + "</svg>\n"
 }
 
-/// A colour per kind; those of the references are hollow.
+/// A colour per kind; marks of the references are hollow.
 fn style((index, reference): (usize, bool)) -> String {
     let colour = COLOURS[index % COLOURS.len()];
     let fill = if reference { "white" } else { colour };
     format!("fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"1.5\"")
 }
 
-/// What a colour stands for: the kind of layers and the engine.
+/// The kind of a row, which has a colour of its own: kind of layers and engine.
 fn kind(row: &Row) -> String {
     let layers = row.layers.split(':').next().unwrap_or_default();
     if row.reference { row.engine.clone() } else { format!("{layers}, {}", row.engine) }
@@ -102,7 +102,7 @@ struct Axis {
 impl Axis {
     fn new(values: impl Iterator<Item = f64>, start: f64, end: f64) -> Self {
         let (low, high) = values.fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), v| (low.min(v), high.max(v)));
-        // Room around what is shown; a decade where there is nothing.
+        // A margin around the values; a decade if there are none.
         let (low, high) = if high > 0.0 { (low / 1.15, high * 1.15) } else { (0.1, 1.0) };
         Self { low, high, start, end }
     }
@@ -111,7 +111,7 @@ impl Axis {
         self.start + (self.end - self.start) * (value / self.low).ln() / (self.high / self.low).ln()
     }
 
-    /// Round numbers that lie on it: 1, 2 and 5 of each decade, all of them where it is short.
+    /// Round numbers on the axis: 1, 2 and 5 of each decade, more of them on a short axis.
     fn ticks(&self) -> Vec<f64> {
         let decades = self.low.log10().floor() as i32..=self.high.log10().ceil() as i32;
         let steps: &[f64] =

@@ -1,4 +1,4 @@
-//! Error against run time: what `liveview sweep` measured, as JSON, as a Markdown table and as a plot.
+//! The measurements of `liveview sweep`: error against run time, a row per configuration.
 
 use liveview::geometry::Size;
 use liveview::image::Score;
@@ -9,29 +9,29 @@ use crate::statistics::{PixelError, quantile};
 /// Spread of the repetitions (interquartile range / median, median over the rows) above which the times are not to be trusted.
 const NOISY: f64 = 0.15;
 
-/// One configuration: what it costs and how good it is.
+/// One configuration: its run time and its error.
 pub(crate) struct Row {
     /// Such as `guided:4`.
     pub(crate) layers: String,
     pub(crate) engine: String,
-    /// What is measured against, not of this program.
+    /// Whether it is a reference implementation, not this program.
     pub(crate) reference: bool,
-    /// Of the target.
+    /// Size of the target, pixels.
     pub(crate) size: Size,
     /// Layers that went through the network.
     pub(crate) count: usize,
     /// Seconds of each repetition, by stage.
     pub(crate) runs: Vec<Vec<(String, f64)>>,
-    /// Seconds that were spent once, on selecting the planes of all that follows.
+    /// Seconds spent once, on selecting the planes of all repetitions.
     pub(crate) once: f64,
     pub(crate) score: Option<Score>,
-    /// Against the dense result of the same size, if it was rendered.
+    /// Against the result on the most planes at the same size, if that was rendered.
     pub(crate) error: Option<PixelError>,
     pub(crate) peak_memory_bytes: Option<u64>,
 }
 
 impl Row {
-    /// Of a worker that is ready: nothing measured yet.
+    /// The row of a worker that is ready, without measurements.
     pub(crate) fn new(layers: &str, ready: &Value, reference: bool, size: Size) -> Self {
         Self {
             layers: layers.to_owned(),
@@ -110,7 +110,8 @@ impl SweepReport {
         quantile(&spreads, 0.5) > NOISY
     }
 
-    /// Whether no other row of that size is as fast and as near to the photos, and better in one.
+    /// Whether the row is on the Pareto front: no other row of its size is at least as fast and as near to the photos, and better in
+    /// one of these.
     pub(super) fn on_front(&self, row: &Row) -> bool {
         let Some(error) = row.levels() else { return false };
         let beats = |other: &Row| {
@@ -149,7 +150,7 @@ impl SweepReport {
     }
 }
 
-/// What others of one size are compared with: this program's, on the most uniform planes; of equals the first.
+/// The row that others of one size are compared with: this program's on the most uniform planes, the first of several.
 pub(crate) fn densest<T>(all: impl Iterator<Item = T>, row: impl Fn(&T) -> &Row) -> Option<T> {
     let planes = all.filter(|one| !row(one).reference && row(one).layers.starts_with("planes:"));
     planes.reduce(|most, one| if row(&one).count > row(&most).count { one } else { most })

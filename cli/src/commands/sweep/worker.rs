@@ -1,9 +1,10 @@
 //! `liveview worker`: one configuration of `liveview sweep` in a process of its own, so that its peak memory is its own and
 //! engines that need different libraries can be timed in turn.
 //!
-//! Speaks JSON lines: `{"ready": true, "size": [width, height], …}` once; then for each `{"run": true, "target": 0, "frame":
-//! "a.npy"}` one render, answered by `{"seconds": {stage: time}, "peak_memory_bytes": …}`; ends with its input. The picture
-//! is saved, as it was rendered, where `frame` says so. The Python worker (`liveview_ref.competitors.worker`) speaks the same.
+//! The protocol is lines of JSON: the worker writes `{"ready": true, "size": [width, height], …}` once; each request `{"run": true,
+//! "target": 0, "frame": "a.npy"}` is one render, answered by `{"seconds": {stage: time}, "peak_memory_bytes": …}`; the worker ends
+//! with its input. The picture is saved to `frame`, if given. The Python worker (`liveview_ref.competitors.worker`) has the same
+//! protocol.
 
 use std::io::BufRead;
 use std::path::Path;
@@ -27,7 +28,7 @@ use crate::console::{Output, shown};
 use crate::job::Job;
 use crate::measure::{Times, peak_memory};
 use crate::npz::unwritten;
-use crate::worker_process::say;
+use crate::worker_process::send_line;
 
 /// Options of `liveview worker`.
 #[derive(Debug, Args)]
@@ -46,11 +47,11 @@ pub(crate) struct WorkerArgs {
     model: ModelArgs,
 }
 
-/// What a worker renders, and what it keeps between runs.
+/// A worker's configuration, and what it keeps between requests.
 struct Renders {
     job: Job,
     shots: Vec<Shot>,
-    /// The paper's video: planes once selected serve the frames that follow.
+    /// The paper's video: planes selected once are kept for the frames that follow.
     kept: Vec<Option<Layers>>,
 }
 
@@ -64,9 +65,9 @@ pub(crate) fn run(args: &WorkerArgs) -> Result<Output> {
         job.synthesizer.photos_mut().load_for(shot, &shots)?;
     }
     let sources = |shot: &Shot| job.photos().names(&shot.views).into_iter().map(str::to_owned).collect::<Vec<_>>();
-    say(&json!({
+    send_line(&json!({
         "ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]),
-        "engine": job.model.described(), "layers": job.layers().to_string(), "model": shown(&job.model.path), "views": shots.iter().map(sources).collect::<Vec<_>>(),
+        "engine": job.model.provider_and_precision(), "layers": job.layers().to_string(), "model": shown(&job.model.path), "views": shots.iter().map(sources).collect::<Vec<_>>(),
     }))?;
     let mut worker = Renders { kept: shots.iter().map(|_| None).collect(), job, shots };
     for line in std::io::stdin().lock().lines() {
@@ -75,7 +76,7 @@ pub(crate) fn run(args: &WorkerArgs) -> Result<Output> {
             break;
         }
         let answer = worker.render(asked["target"].as_u64().unwrap_or(0) as usize, asked["frame"].as_str())?;
-        say(&answer)?;
+        send_line(&answer)?;
     }
     Ok(Output { text: String::new(), json: Value::Null })
 }
@@ -91,6 +92,7 @@ pub(super) fn scaled(mut targets: Targets, width: Option<usize>) -> Result<Targe
 }
 
 impl Renders {
+    /// Renders a target, and saves the picture to `frame` if given; the answer.
     fn render(&mut self, target: usize, frame: Option<&str>) -> Result<Value> {
         let shot = self.shots.get(target).ok_or_else(|| anyhow!("target {target}: there are {}", self.shots.len()))?;
         let planned = match self.kept[target].take() {

@@ -1,8 +1,8 @@
-//! What the cameras have delivered of a time step, and which of them are left out of it.
+//! Collects the cameras' photos of a time step, and decides which cameras are left out of it.
 //!
-//! With a clock a step waits for its cameras for half the latency. Where the machine is slow, all cameras are read slowly, and
-//! none is to be left out for that: each may take as long as reading all of them one after the other at the pace of the
-//! quickest. While none has delivered, there is nothing to render without the others, and the step waits for the first.
+//! With a clock a step waits for its cameras for half the latency. On a slow machine all cameras are read slowly, and none is left
+//! out for that: each may take as long as reading all of them one after the other at the speed of the fastest. Until the first has
+//! delivered, nothing can be rendered, and the step waits longer.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError};
@@ -11,27 +11,28 @@ use std::time::{Duration, Instant};
 
 use liveview::ImageRgb;
 
-/// Part of the latency that a camera may lag behind the clock, or behind the time from which its frame was asked for.
+/// Share of the latency that a step waits for a camera.
 const LAG: f64 = 0.5;
 /// How long a step waits for its first camera.
 const FIRST: Duration = Duration::from_secs(1);
-/// Between two looks at what has come.
-const LOOK: Duration = Duration::from_millis(1);
+/// Interval at which a step checks for photos.
+const POLL: Duration = Duration::from_millis(1);
 
 /// A frame from a camera's thread.
 pub(super) struct Frame {
     pub(super) step: usize,
     pub(super) photo: Option<ImageRgb>,
-    /// Reading it.
+    /// Time that reading it took.
     pub(super) took: Duration,
 }
 
-/// Until when a step waits for the cameras that have not delivered, after it was asked for.
+/// How long a step waits for the cameras that have not delivered.
 fn patience(latency: Duration, cameras: usize, quickest: Option<Duration>) -> Duration {
     latency.mul_f64(LAG).max(quickest.map_or(FIRST, |quickest| quickest * cameras as u32))
 }
 
-/// Takes the cameras' photos of a time step; without a latency, however long that lasts. The cameras that are left out.
+/// Collects the cameras' photos of a time step, by camera in `photos`; returns the cameras that are left out. Without a latency it
+/// waits for all of them.
 pub(super) fn await_photos(
     cameras: &mut [Camera],
     step: usize,
@@ -64,27 +65,27 @@ pub(super) fn await_photos(
         if missing.is_empty() || over {
             return missing.iter().map(|camera| camera.index).collect();
         }
-        sleep(LOOK);
+        sleep(POLL);
     }
 }
 
-/// A camera as seen from where the frames meet.
+/// A camera, as the thread that collects the photos knows it.
 pub(super) struct Camera {
     pub(super) index: usize,
     frames: Receiver<Frame>,
-    /// Came before its time.
+    /// A frame of a later step.
     early: Option<Frame>,
     pub(super) ended: bool,
-    /// That it ended before the others.
-    pub(super) told: bool,
+    /// Whether its end was recorded as a fault.
+    pub(super) end_recorded: bool,
 }
 
 impl Camera {
     pub(super) fn new(index: usize, frames: Receiver<Frame>) -> Self {
-        Self { index, frames, early: None, ended: false, told: false }
+        Self { index, frames, early: None, ended: false, end_recorded: false }
     }
 
-    /// Its photo of a time step, if there is one, and what reading it took; later ones are kept, earlier ones let go.
+    /// Its photo of a time step, if there is one, and the time that reading it took. Later frames are kept, earlier ones dropped.
     fn frame(&mut self, step: usize) -> Result<(Option<ImageRgb>, Duration), TryRecvError> {
         loop {
             let frame = match self.early.take() {
@@ -123,7 +124,7 @@ mod tests {
         Frame { step, photo: ImageRgb::new(1, 1, vec![0.5; 3]).ok(), took: Duration::from_millis(took) }
     }
 
-    /// Which cameras have delivered step 5, and which are told to be late.
+    /// Which cameras have delivered step 5, and which are left out.
     fn step(cameras: &mut [Camera]) -> (Vec<bool>, Vec<usize>) {
         let mut photos = vec![None; cameras.len()];
         let late = await_photos(cameras, 5, Some(LATENCY), &AtomicBool::new(false), &mut photos);

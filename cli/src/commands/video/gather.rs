@@ -1,5 +1,5 @@
-//! From the cameras to time steps: one thread reads and decodes each camera, one brings together what belongs together.
-//! Every channel is bounded, so that nothing is held for the length of the video.
+//! From the cameras to time steps: one thread per camera reads and decodes its frames, another collects those of each time step.
+//! Every channel is bounded, so that memory does not grow with the length of the video.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -17,7 +17,7 @@ use crate::ffmpeg::Running;
 
 /// Frames that a camera may be ahead of the others.
 const AHEAD: usize = 2;
-/// Steps wanted once the video is over.
+/// The first step still wanted, once the video is over.
 const NONE: usize = usize::MAX;
 
 /// When the frames of a live rig are due, and how late they may be used.
@@ -30,7 +30,7 @@ pub(super) struct Clock {
 }
 
 impl Clock {
-    /// Of the steps from the first to before the last.
+    /// A clock that starts now, for the steps from the first to before the last.
     pub(super) fn new(steps: (usize, usize), fps: f64, latency: Duration) -> Self {
         Self { start: Instant::now(), steps, period: Duration::from_secs_f64(1.0 / fps), latency }
     }
@@ -49,40 +49,40 @@ impl Clock {
 /// The photos of one time step.
 pub(super) struct Step {
     pub(super) index: usize,
-    /// By camera; `None` where it has delivered none, or is not read.
+    /// By camera; `None` where a camera has delivered none, or is not read.
     pub(super) photos: Vec<Option<ImageRgb>>,
 }
 
-/// What the cameras did not deliver.
+/// Frames that the cameras did not deliver.
 #[derive(Debug, Default)]
 pub(super) struct Faults {
-    /// By camera: frames missing, damaged or late, and what was said of the first.
+    /// By camera: the number of frames missing, damaged or late, and the message of the first.
     pub(super) cameras: Vec<(usize, Option<String>)>,
 }
 
-/// What the threads share.
+/// The state that the threads share.
 pub(super) struct Gathering<'a> {
     pub(super) scene: &'a Scene,
     pub(super) feeds: &'a [Feed],
     /// Cameras to read.
     pub(super) read: Vec<usize>,
-    /// A camera that shows the truth: the video ends without it going on.
+    /// The camera that is the ground truth; the video ends when the others have ended.
     pub(super) truth: Option<usize>,
     pub(super) steps: std::ops::Range<usize>,
     pub(super) clock: Option<Clock>,
     /// Set to end the video early.
     pub(super) stop: Arc<AtomicBool>,
     pub(super) faults: Mutex<Faults>,
-    /// Steps before this are not asked for any more.
+    /// The first step still wanted: earlier ones are skipped.
     pub(super) wanted: AtomicUsize,
-    /// Of the cameras that are video files.
+    /// ffmpeg processes of the cameras that are video files.
     pub(super) decoders: Mutex<Vec<Running>>,
 }
 
 impl Gathering<'_> {
-    /// Starts the threads; the time steps, in order, some left out by the clock.
+    /// Starts the threads. The receiver gets the time steps in order, without those that are too late by the clock.
     pub(super) fn start<'scope, 'env>(&'env self, scope: &'scope Scope<'scope, 'env>) -> Receiver<Step> {
-        // With a clock a step waits here until it is wanted, and no second one behind it.
+        // With a clock a step waits here until the renderer takes it, with no second one behind it.
         let (sender, steps) = sync_channel(if self.clock.is_some() { 0 } else { 1 });
         scope.spawn(move || {
             let mut cameras = Vec::new();
@@ -93,7 +93,7 @@ impl Gathering<'_> {
             }
             self.gather(&mut cameras, &sender);
             self.wanted.store(NONE, Ordering::Relaxed);
-            // A camera that stalls would keep its thread for ever.
+            // The thread of a camera that stalls would wait for ever.
             self.lock_decoders().iter().for_each(Running::end);
         });
         steps
@@ -179,8 +179,8 @@ impl Gathering<'_> {
             if over || self.stop.load(Ordering::Relaxed) {
                 return;
             }
-            for camera in cameras.iter_mut().filter(|camera| camera.ended && !camera.told) {
-                camera.told = true;
+            for camera in cameras.iter_mut().filter(|camera| camera.ended && !camera.end_recorded) {
+                camera.end_recorded = true;
                 self.fault(camera.index, &format!("no frames from {index} on"));
             }
             if steps.send(Step { index, photos }).is_err() {

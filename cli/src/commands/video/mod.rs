@@ -7,6 +7,7 @@ mod governor;
 mod options;
 mod play;
 mod played;
+mod player;
 mod rig;
 mod scorer;
 mod sink;

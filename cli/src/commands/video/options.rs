@@ -24,7 +24,7 @@ Examples:
     liveview video rig --camera cam05 -o view.mp4
   A flight around the rig, played while it is made:
     liveview video rig --path circle:120 -o - | ffplay -
-  Live: 30 frames per second, none older than a tenth of a second; layers and size give way where the machine is too slow:
+  Live: 30 frames per second, none older than a tenth of a second; fewer layers, then a smaller size, where the machine is too slow:
     liveview video rig --camera cam05 --fps 30 --latency 100ms --engine openvino --precision int8 -o view.mp4";
 
 /// Options of `liveview video`.
@@ -53,9 +53,9 @@ pub(crate) struct VideoArgs {
     /// Frames per second
     #[arg(long, value_name = "N", default_value = "30", value_parser = numbers::few)]
     pub(super) fps: usize,
-    /// Live: frames are due at their times, none is used that is older, and layers, then size, give way where the machine is too
-    /// slow: after three frames over the budget, or one of more than twice that, as far as it takes to fit; up again step by step. A
-    /// camera that is half of this late is left out, unless all are read that slowly. Such as 100ms
+    /// Live: frames are due at the cameras' times, and none older than this is used. Where the machine is too slow (three frames over
+    /// the budget, or one of more than twice that), guided layers, then the size, are reduced as far as it takes to fit, and raised
+    /// again step by step. A camera that is late by half of this is left out, unless all are read that slowly. Such as 100ms
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub(super) latency: Option<Duration>,
     /// Where the video goes: .mp4 or .gif through ffmpeg, a folder for its frames, or - for raw y4m on standard output

@@ -1,64 +1,54 @@
-//! The pipeline: cameras → time steps → frames → file, each stage in threads of its own, bounded channels between them.
+//! Sets up the pipeline: cameras → time steps → frames → file, each stage in threads of its own, bounded channels between them.
 
 use std::collections::BTreeSet;
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::{Result, anyhow, bail};
-use indicatif::ProgressBar;
 use liveview::geometry::choose_views;
-use liveview::live::{LayerSource, LiveError, LiveSession, LiveSettings, Policy};
+use liveview::live::{LiveSession, LiveSettings, Policy};
 use liveview::network::OrtNetwork;
 use liveview::{Camera, ImageRgb, LayerSpec};
 
-use super::gather::{Clock, Faults, Gathering, Step};
-use super::governor::{Governor, Rung};
+use super::gather::{Clock, Faults, Gathering};
+use super::governor::Governor;
 use super::options::VideoArgs;
-use super::played::Played;
+use super::player::{Player, scaled};
 use super::rig::Rig;
 use super::scorer::Scorer;
 use super::sink::Sink;
 use super::summary::summary;
 use super::tally::Tally;
 use super::viewpoint::Viewpoint;
-use super::writer::{Shown, write};
-use crate::args::layers::recommended;
-use crate::console::{Output, progress, tell_notes};
+use crate::args::layers::given_or_recommended;
+use crate::console::{Output, print_notes, progress};
 use crate::interrupt;
 
-/// Cameras read beyond those that a frame needs, for when one drops out.
+/// Cameras read beyond those that a frame needs, in case one delivers nothing.
 const SPARE: usize = 2;
-/// Frames between the renderer and the writer.
-const AHEAD: usize = 2;
-/// Part of the time between two frames, or of the latency, that rendering may take: reading and writing need the rest.
+/// Share of the time between two frames, or of the latency, that rendering may take: reading and writing need the rest.
 const SHARE: f64 = 0.9;
 
 pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let mut sink = Sink::new(&args.output, args.fps)?;
     let rig = Rig::open(&args.scene)?;
-    tell_notes(&rig.photos.scene().notes);
-    let seen = args.viewpoint.resolve(&rig.photos)?;
+    print_notes(&rig.photos.scene().notes);
+    let viewpoint = args.viewpoint.resolve(&rig.photos)?;
     let (renderer, model) = args.model.open()?;
     let views = renderer.network().card().views;
-    let layers = match (&args.layers, args.quality) {
-        (Some(layers), _) => layers.clone(),
-        (None, Some(quality)) => quality.into(),
-        (None, None) => recommended(renderer.network())?,
-    };
+    let layers = given_or_recommended(args.layers.as_ref(), args.quality, renderer.network())?;
     let policy = policy(args.policy, &layers)?;
     let mut renderers = args.model.open_smaller(views)?;
     let fewest = renderers.iter().map(|renderer| renderer.network().card().views).min().unwrap_or(views);
-    let read = cameras_to_read(&rig, &seen, fewest, views)?;
+    let read = cameras_to_read(&rig, &viewpoint, fewest, views)?;
     let (near, far) = rig.photos.depth_range(&read)?;
     let mut settings = LiveSettings::new(near, far);
     (settings.layers, settings.policy) = (layers.clone(), policy);
     renderers.push(renderer);
     let cameras = rig.photos.scene().views.iter().map(|view| view.camera.clone()).collect();
     let mut session = LiveSession::new(cameras, renderers, settings)?;
-    let target = seen.camera(0);
+    let target = viewpoint.camera(0);
     sink.claim(&rig.photos.scene().root, target.size())?;
     let tally = Tally::new(args.log.as_deref())?;
 
@@ -76,11 +66,11 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     if let Some(latency) = args.latency {
         let budget = Duration::from_secs_f64(1.0 / args.fps as f64).min(latency).mul_f64(SHARE);
         let governor = Governor::new(budget, guided);
-        warm_up(&mut session, &read, seen.camera(first), &governor)?;
+        warm_up(&mut session, &read, viewpoint.camera(first), &governor)?;
         live = Some((governor, Clock::new((first, last), args.fps as f64, latency)));
     }
-    // A live video has no time for scores.
-    let truth = seen.truth.filter(|_| live.is_none());
+    // A live video is not scored: that takes too long.
+    let truth = viewpoint.truth.filter(|_| live.is_none());
     let gathering = Gathering {
         scene: rig.photos.scene(),
         feeds: &rig.feeds,
@@ -96,7 +86,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let player = Player {
         layers: layers.clone(),
         session,
-        seen: &seen,
+        viewpoint: &viewpoint,
         truth,
         live,
         scorer: Scorer::default(),
@@ -105,15 +95,15 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
         bar,
     };
     let (played, file) = player.play(gathering, sink)?;
-    Ok(summary(&rig, &seen, &played, file.as_deref(), &model, (&layers, policy)))
+    Ok(summary(&rig, &viewpoint, &played, file.as_deref(), &model, (&layers, policy)))
 }
 
-/// The nearest cameras of each viewpoint, some more than are needed; never the one held out.
-fn cameras_to_read(rig: &Rig, seen: &Viewpoint, fewest: usize, views: usize) -> Result<Vec<usize>> {
-    let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != seen.truth).collect();
+/// The cameras to read: the nearest of each target camera, some more than a frame needs, without the one held out.
+fn cameras_to_read(rig: &Rig, viewpoint: &Viewpoint, fewest: usize, views: usize) -> Result<Vec<usize>> {
+    let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != viewpoint.truth).collect();
     let cameras: Vec<&Camera> = rig.photos.cameras(&free).collect();
     let mut read = BTreeSet::new();
-    for target in seen.cameras() {
+    for target in viewpoint.cameras() {
         let some = (fewest..=views + SPARE).rev().find_map(|count| choose_views(&cameras, target, count).ok());
         let some = some.map_or_else(|| choose_views(&cameras, target, fewest), Ok);
         read.extend(some.map_err(|error| anyhow!("{}: {error}", rig.photos.scene().root.display()))?);
@@ -121,12 +111,12 @@ fn cameras_to_read(rig: &Rig, seen: &Viewpoint, fewest: usize, views: usize) -> 
     Ok(read.into_iter().map(|camera| free[camera]).collect())
 }
 
-/// As given, if it suits the layers, else what suits them best.
+/// The policy given, if it suits the layers, or the default for them.
 fn policy(given: Option<Policy>, layers: &LayerSpec) -> Result<Policy> {
     match given {
         Some(Policy::Propagate) if !matches!(layers, LayerSpec::Guided { .. }) => {
             bail!(
-                "--policy propagate: guided layers alone have a surface that can be; expected each, every:N or once for {layers}"
+                "--policy propagate: only guided layers have a surface to propagate; expected each, every:N or once for {layers}"
             )
         }
         Some(policy) => Ok(policy),
@@ -134,7 +124,7 @@ fn policy(given: Option<Policy>, layers: &LayerSpec) -> Result<Policy> {
     }
 }
 
-/// The first picture of a size takes longer than all others.
+/// Renders a picture of each size that the video may have: the first of a size takes longer than all others.
 fn warm_up(session: &mut LiveSession<OrtNetwork>, read: &[usize], target: &Camera, governor: &Governor) -> Result<()> {
     let grey = |camera: &Camera| {
         let (width, height) = (camera.width(), camera.height());
@@ -150,108 +140,4 @@ fn warm_up(session: &mut LiveSession<OrtNetwork>, read: &[usize], target: &Camer
         session.restart();
     }
     Ok(())
-}
-
-fn scaled(target: &Camera, scale: f64) -> Result<Camera> {
-    let side = |side: usize| ((side as f64 * scale).round() as usize).max(1);
-    Ok(target.with_size_scaled(side(target.width()), side(target.height()))?)
-}
-
-struct Player<'a> {
-    layers: LayerSpec,
-    session: LiveSession<OrtNetwork>,
-    seen: &'a Viewpoint,
-    truth: Option<usize>,
-    live: Option<(Governor, Clock)>,
-    scorer: Scorer,
-    tally: Tally,
-    changes: Vec<(usize, Rung)>,
-    bar: ProgressBar,
-}
-
-impl Player<'_> {
-    fn play(mut self, gathering: Gathering<'_>, sink: Sink) -> Result<(Played, Option<PathBuf>)> {
-        let started = Instant::now();
-        let target = self.seen.camera(0);
-        let (size, clock) = (target.size(), gathering.clock);
-        let first = gathering.steps.start;
-        let stop = Arc::clone(&gathering.stop);
-        let (rendered, written) = std::thread::scope(|scope| {
-            let steps = gathering.start(scope);
-            let (shown, frames) = sync_channel(AHEAD);
-            let stop = &stop;
-            let writer = scope.spawn(move || write(sink, &frames, size, clock, stop));
-            let rendered = self.render_all(first, &steps, &shown);
-            drop((steps, shown));
-            (rendered, writer.join())
-        });
-        self.bar.finish_and_clear();
-        let stopped = stop.load(Ordering::Relaxed);
-        // Where writing failed, rendering stopped because of that.
-        let (written, sink) = written.map_err(|_| anyhow!("the thread that writes the video failed"))??;
-        rendered?;
-        let file = if written.frames > 0 { sink.finish()? } else { None };
-        self.tally.finish()?;
-        let faults = gathering.faults.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-        let Self { tally, changes, .. } = self;
-        Ok((Played { tally, written, faults, changes, wall: started.elapsed(), stopped }, file))
-    }
-
-    fn render_all(&mut self, first: usize, steps: &Receiver<Step>, shown: &SyncSender<Shown>) -> Result<()> {
-        let mut next = first;
-        for step in steps {
-            let stale = self.live.as_ref().is_some_and(|(_, clock)| clock.is_stale(step.index));
-            // Its place in the video is taken by the frame before.
-            let dropped = step.index - next + usize::from(stale);
-            for index in next..next + dropped {
-                self.tally.dropped += 1;
-                self.tally.repeat(index, "dropped: too late")?;
-                if shown.send(Shown::Repeat).is_err() {
-                    return Ok(());
-                }
-            }
-            next = step.index + 1;
-            self.bar.set_position((next - first) as u64);
-            if !stale && !self.render(step, shown)? {
-                return Ok(());
-            }
-        }
-        Ok(())
-    }
-
-    /// Renders a step, or repeats the frame before; false where nobody takes it.
-    fn render(&mut self, mut step: Step, shown: &SyncSender<Shown>) -> Result<bool> {
-        let truth = self.truth.and_then(|truth| step.photos[truth].take());
-        let rung = self.live.as_ref().map(|(governor, _)| governor.rung());
-        let target = scaled(self.seen.camera(step.index), rung.map_or(1.0, |rung| rung.scale))?;
-        let photos: Vec<Option<&ImageRgb>> = step.photos.iter().map(Option::as_ref).collect();
-        let frame = match self.session.render(&photos, &target) {
-            Ok(frame) => frame,
-            Err(error @ LiveError::Views(_)) => {
-                self.scorer.interrupt();
-                self.tally.repeat(step.index, &error.to_string())?;
-                return Ok(shown.send(Shown::Repeat).is_ok());
-            }
-            Err(error) => return Err(error.into()),
-        };
-        let scores = match truth {
-            Some(truth) => self.scorer.score(&frame.frame.picture, truth),
-            None => {
-                self.scorer.interrupt();
-                None
-            }
-        };
-        self.tally.add(step.index, &frame, scores)?;
-        // The paper's first frame has more planes than all others: no measure of them.
-        let usual = self.tally.rendered > 1 || frame.layer_source != LayerSource::Dense;
-        let live = self.live.as_mut().filter(|_| usual);
-        if let Some(rung) = live.and_then(|(governor, _)| governor.note(frame.times.total())) {
-            if let (LayerSpec::Guided { layers, .. }, Some(fewer)) = (&mut self.layers, rung.layers) {
-                *layers = fewer;
-            }
-            self.session.set_layers(self.layers.clone());
-            self.changes.push((step.index + 1, rung));
-        }
-        Ok(shown.send(Shown::Frame { step: step.index, frame: Box::new(frame.frame) }).is_ok())
-    }
 }

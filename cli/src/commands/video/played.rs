@@ -1,31 +1,31 @@
-//! What there is to tell about a video.
+//! The results of a video.
 
 use std::time::Duration;
 
 use serde_json::{Value, json};
 
 use super::gather::Faults;
-use super::governor::Rung;
+use super::governor::Level;
 use super::tally::Tally;
 use super::writer::Written;
 
-/// What there is to tell about a video.
+/// The results of a video.
 pub(super) struct Played {
     pub(super) tally: Tally,
     pub(super) written: Written,
     pub(super) faults: Faults,
-    /// Steps at which less, or more, was done, and how much from then on.
-    pub(super) changes: Vec<(usize, Rung)>,
+    /// Steps at which the level changed, and the level from then on.
+    pub(super) changes: Vec<(usize, Level)>,
     pub(super) wall: Duration,
     pub(super) stopped: bool,
 }
 
-/// Where the work changed, for machines.
-pub(super) fn changes_json(changes: &[(usize, Rung)]) -> Value {
-    let told = |(step, rung): &(usize, Rung)| {
-        let mut told = rung.json();
-        told["from_frame"] = json!(step);
-        told
+/// The changes of the level as JSON.
+pub(super) fn changes_json(changes: &[(usize, Level)]) -> Value {
+    let change = |(step, level): &(usize, Level)| {
+        let mut json = level.json();
+        json["from_frame"] = json!(step);
+        json
     };
-    changes.iter().map(told).collect()
+    changes.iter().map(change).collect()
 }

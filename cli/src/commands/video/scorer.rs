@@ -1,13 +1,13 @@
-//! Frames against what the held-out camera shows: PSNR, SSIM and flicker.
+//! Scores frames against the held-out camera's: PSNR, SSIM and flicker.
 
 use liveview::ImageRgb;
 use liveview::image::Score;
 
-/// A frame against its truth.
+/// The scores of a frame against its ground truth.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scores {
     pub(super) score: Score,
-    /// Mean |change of the picture − change of the truth| since the frame before, of 1.
+    /// Mean |change of the picture − change of the ground truth| since the frame before, of values in [0, 1].
     pub(super) flicker: Option<f64>,
 }
 
@@ -26,7 +26,7 @@ impl Scorer {
         score.map(|score| Scores { score, flicker })
     }
 
-    /// The frame to come does not follow the one before.
+    /// Forgets the frame before, which the next one does not follow: no flicker between them.
     pub(super) fn interrupt(&mut self) {
         self.before = None;
     }

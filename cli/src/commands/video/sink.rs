@@ -1,4 +1,4 @@
-//! Where the frames of a video go: a folder, ffmpeg, or standard output.
+//! Output of a video: a folder of frames, a file through ffmpeg, or standard output.
 
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -34,7 +34,7 @@ impl Sink {
         Ok(Self::Folder { path: path.to_owned(), frames: 0 })
     }
 
-    /// Makes ready for frames of a size; creates missing folders. Nothing may go where the rig lies.
+    /// Prepares for frames of a size; creates missing folders. A folder inside the rig's is refused.
     pub(super) fn claim(&mut self, rig: &Path, size: Size) -> Result<()> {
         let folder = match self {
             Self::Folder { path, .. } => path.clone(),
@@ -52,7 +52,7 @@ impl Sink {
         Ok(())
     }
 
-    /// Adds a frame; false where nobody reads on.
+    /// Adds a frame; false if the reader of standard output has closed it.
     pub(super) fn add(&mut self, picture: &ImageRgb) -> Result<bool> {
         match self {
             Self::Folder { path, frames } => {
@@ -80,7 +80,7 @@ impl Sink {
         Ok(true)
     }
 
-    /// Closes it; what was written, but to standard output.
+    /// Closes it; the file or folder written, `None` for standard output.
     pub(super) fn finish(self) -> Result<Option<PathBuf>> {
         match self {
             Self::Folder { path, .. } => Ok(Some(path)),

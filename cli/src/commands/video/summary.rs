@@ -1,4 +1,4 @@
-//! What `liveview video` tells in the end.
+//! The summary of `liveview video`, as text and as JSON.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -19,7 +19,7 @@ const BORDER: usize = Score::BORDER;
 
 pub(super) fn summary(
     rig: &Rig,
-    seen: &Viewpoint,
+    viewpoint: &Viewpoint,
     played: &Played,
     file: Option<&Path>,
     model: &ModelInfo,
@@ -28,10 +28,10 @@ pub(super) fn summary(
     let Played { tally, written, faults, changes, wall, stopped } = played;
     let scene = rig.photos.scene();
     let mut text = String::new();
-    let mut line = |what: &str, told: String| {
-        let _ = writeln!(text, "{what:8} {told}");
+    let mut line = |label: &str, content: String| {
+        let _ = writeln!(text, "{label:8} {content}");
     };
-    let held_out = seen.truth.map(|view| format!(", {} held out", scene.views[view].name)).unwrap_or_default();
+    let held_out = viewpoint.truth.map(|view| format!(", {} held out", scene.views[view].name)).unwrap_or_default();
     line("rig", format!("{}: {} cameras{held_out}, {}", scene.root.display(), rig.feeds.len(), scene.format));
     line("layers", format!("{layers}, {policy}"));
     let end = if *stopped { "; stopped early" } else { "" };
@@ -56,15 +56,15 @@ pub(super) fn summary(
     let shares: Vec<String> =
         shares.map(|(stage, spent)| format!("{stage} {:.1} ({:.0} %)", 1e3 * spent, 100.0 * spent / total)).collect();
     let writing = 1e3 * written.encoding.as_secs_f64() / written.frames.max(1) as f64;
-    line("times", format!("{:.1} ms per frame: {}; beside it, writing {writing:.1}", 1e3 * total, shares.join(", ")));
+    line("times", format!("{:.1} ms per frame: {}; in parallel, writing {writing:.1}", 1e3 * total, shares.join(", ")));
     line("speed", format!("{:.1} frames per second", written.frames as f64 / wall.as_secs_f64()));
     let percentiles = (written.latencies.percentile(0.5), written.latencies.percentile(0.99));
     if let (Some(median), Some(most)) = percentiles {
         line("latency", format!("median {median} ms, 99 % {most} ms"));
     }
-    for (step, rung) in changes {
-        let layers = rung.layers.map_or_else(|| "all".to_owned(), |layers| layers.to_string());
-        line("work", format!("from frame {step}: {layers} layers at {:.0} % of the size", 100.0 * rung.scale));
+    for (step, level) in changes {
+        let layers = level.layers.map_or_else(|| "all".to_owned(), |layers| layers.to_string());
+        line("work", format!("from frame {step}: {layers} layers at {:.0} % of the size", 100.0 * level.scale));
     }
     let mut cameras = Vec::new();
     for (feed, (count, first)) in rig.feeds.iter().zip(&faults.cameras) {
@@ -86,7 +86,7 @@ pub(super) fn summary(
     let mut json = tally.json();
     let more = json!({
         "rig": shown(&scene.root), "format": scene.format.to_string(), "cameras": rig.photos.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
-        "held_out": seen.truth.map(|view| &scene.views[view].name), "layers": layers.to_string(), "policy": policy.to_string(), "frames": written.frames,
+        "held_out": viewpoint.truth.map(|view| &scene.views[view].name), "layers": layers.to_string(), "policy": policy.to_string(), "frames": written.frames,
         "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "border_left_out": BORDER,
         "latency_ms": { "median": percentiles.0, "percentile_99": percentiles.1 }, "changes": changes_json(changes),
         "faults": cameras, "stopped": stopped, "file": file.map(shown), "notes": scene.notes,

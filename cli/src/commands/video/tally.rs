@@ -1,4 +1,5 @@
-//! What a video took and gave, added up in constant memory; each frame's own line goes to the log.
+//! Totals of a video, in constant memory: how many frames were rendered, their times, scores and memory. Each frame's own figures are
+//! written to the log.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -11,17 +12,18 @@ use liveview::live::{LayerSource, LiveFrame, LiveTimes};
 use serde_json::{Value, json};
 
 use super::scorer::Scores;
+use crate::measure::resident_memory;
 
 /// Stages of a frame, in order.
 pub(super) const STAGES: [&str; 5] = ["photos", "layers", "warp", "network", "composite"];
-/// Memory is told at this many frames of the video, or half as many.
+/// Memory is recorded at no more than this many frames of the video, and at half as many at least.
 const SAMPLES: usize = 256;
 
 fn stages(times: &LiveTimes) -> [Duration; 5] {
     [times.photos, times.layers, times.stages.warp, times.stages.network, times.stages.composite]
 }
 
-/// Durations by the millisecond, up to ten seconds.
+/// Histogram of durations in milliseconds, up to ten seconds.
 pub(super) struct Latencies(Vec<u64>);
 
 impl Latencies {
@@ -34,7 +36,7 @@ impl Latencies {
         self.0[(latency.as_millis() as usize).min(last)] += 1;
     }
 
-    /// Milliseconds that this part of them does not exceed; `None` of none.
+    /// Milliseconds that this share (0 to 1) of them does not exceed; `None` if there are none.
     pub(super) fn percentile(&self, part: f64) -> Option<usize> {
         let total: u64 = self.0.iter().sum();
         let wanted = (part * total as f64).ceil().max(1.0) as u64;
@@ -69,7 +71,7 @@ struct Log {
 }
 
 impl Tally {
-    /// With each frame's line in `log`, if given.
+    /// Without frames yet; with a log file if given.
     pub(super) fn new(log: Option<&Path>) -> Result<Self> {
         let open = |path: &Path| {
             let file =
@@ -109,7 +111,7 @@ impl Tally {
     }
 
     fn line(&mut self, mut line: Value) -> Result<()> {
-        let memory = resident();
+        let memory = resident_memory();
         if let Some(bytes) = memory.filter(|_| self.frames.is_multiple_of(self.stride)) {
             self.memory.push((self.frames, bytes));
             if self.memory.len() > SAMPLES {
@@ -145,16 +147,17 @@ impl Tally {
         self.spent.map(|spent| spent.as_secs_f64() / self.rendered.max(1) as f64)
     }
 
-    /// How the frames got their layers, in words.
+    /// Where the layers of the frames came from, as text.
     pub(super) fn layer_sources(&self) -> String {
-        let told: Vec<String> = self.layer_sources.iter().map(|(taken, frames)| format!("{taken} {frames}")).collect();
+        let counts = self.layer_sources.iter().map(|(source, frames)| format!("{source} {frames}"));
+        let counts = counts.collect::<Vec<_>>().join(", ");
         let share = self.refreshed / self.rendered.max(1) as f64;
         let refreshed = if share > 0.0 {
             format!("; {:.1} % of a frame refreshed on average", 100.0 * share)
         } else {
             String::new()
         };
-        told.join(", ") + &refreshed
+        counts + &refreshed
     }
 
     /// Memory in use at the first frames and at the last.
@@ -174,13 +177,6 @@ impl Tally {
     }
 }
 
-/// Memory in use now, in bytes, where the system tells.
-fn resident() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let kilobytes = status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.trim().strip_suffix(" kB"))?;
-    Some(1024 * kilobytes.trim().parse::<u64>().ok()?)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_is_told_at_few_frames_however_many_there_are() {
+    fn memory_is_recorded_at_few_frames_however_many_there_are() {
         let mut tally = Tally::new(None).unwrap();
         (0..5000).for_each(|step| tally.repeat(step, "test").unwrap());
         assert!(tally.memory.len() <= SAMPLES && tally.memory.len() >= SAMPLES / 2 - 1, "{}", tally.memory.len());

@@ -1,4 +1,4 @@
-//! Where each frame of a video is seen from.
+//! The viewpoint of a video: the target camera of each frame.
 
 use std::path::PathBuf;
 
@@ -23,11 +23,11 @@ pub(super) struct ViewpointArgs {
     poses: Option<PathBuf>,
 }
 
-/// Where each frame is seen from.
+/// The target camera of each frame.
 pub(super) struct Viewpoint {
     cameras: Vec<Camera>,
     repeat: Repeat,
-    /// The camera of the rig that is held out.
+    /// Index of the camera of the rig that is held out, the ground truth.
     pub(super) truth: Option<usize>,
 }
 
@@ -51,7 +51,7 @@ impl Viewpoint {
         }]
     }
 
-    /// All of them.
+    /// All target cameras.
     pub(super) fn cameras(&self) -> &[Camera] {
         &self.cameras
     }
@@ -61,7 +61,7 @@ impl ViewpointArgs {
     /// The cameras of the frames.
     pub(super) fn resolve(&self, photos: &PhotoCache) -> Result<Viewpoint> {
         let Self { camera, path, poses } = self;
-        let seen = match (camera, path, poses) {
+        let viewpoint = match (camera, path, poses) {
             (Some(name), ..) => {
                 let view = photos.scene().view_index(name)?;
                 let camera = photos.scene().views[view].camera.clone();
@@ -77,9 +77,9 @@ impl ViewpointArgs {
             (None, None, None) => bail!("expected --camera, --path or --poses"),
         };
         let size = |camera: &Camera| (camera.width(), camera.height());
-        if seen.cameras.iter().any(|camera| size(camera) != size(&seen.cameras[0])) {
+        if viewpoint.cameras.iter().any(|camera| size(camera) != size(&viewpoint.cameras[0])) {
             bail!("the cameras of the viewpoint have different sizes; expected one size for the whole video");
         }
-        Ok(seen)
+        Ok(viewpoint)
     }
 }

@@ -1,4 +1,4 @@
-//! The last stage of the pipeline: frames are made fit to be seen, and written.
+//! The last stage of the pipeline: frames are filled, scaled and written.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
@@ -14,16 +14,16 @@ use super::gather::Clock;
 use super::sink::Sink;
 use super::tally::Latencies;
 
-/// What the writer has to tell.
+/// Totals of the frames written.
 pub(super) struct Written {
     pub(super) latencies: Latencies,
     pub(super) encoding: Duration,
     pub(super) frames: usize,
 }
 
-/// What the writer is handed.
+/// A frame for the writer.
 pub(super) enum Shown {
-    /// Filled, scaled and written there: the renderer goes on.
+    /// A rendered frame; the writer's thread fills and scales it.
     Frame { step: usize, frame: Box<Frame> },
     /// The last frame once more.
     Repeat,
@@ -38,7 +38,7 @@ pub(super) fn write(
     stop: &AtomicBool,
 ) -> Result<(Written, Sink)> {
     let mut written = Written { latencies: Latencies::new(), encoding: Duration::ZERO, frames: 0 };
-    // Until there is a first frame.
+    // Black until there is a first frame.
     let mut last = ImageRgb::new(size.width, size.height, vec![0.0; 3 * size.pixels()])?;
     for shown in frames {
         let started = Instant::now();

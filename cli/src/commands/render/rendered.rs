@@ -1,0 +1,22 @@
+//! One rendered picture, as the summary and the record describe it.
+
+use std::path::PathBuf;
+
+use liveview::Shot;
+use liveview::image::Score;
+
+use crate::measure::Times;
+
+/// A picture that is rendered and written, or that an earlier run has written.
+pub(super) struct Rendered {
+    pub(super) shot: Shot,
+    pub(super) layers: usize,
+    /// `None` for a picture of an earlier run.
+    pub(super) times: Option<Times>,
+    pub(super) score: Option<Score>,
+    /// Share of the pixels that no view covers, 0 to 1.
+    pub(super) unseen: f64,
+    /// Largest disparity, 1/scene unit.
+    pub(super) disparity_max: f32,
+    pub(super) files: Vec<PathBuf>,
+}

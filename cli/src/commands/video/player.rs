@@ -1,0 +1,132 @@
+//! The renderer of the pipeline, between the threads that read and the thread that writes.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Instant;
+
+use anyhow::{Result, anyhow};
+use indicatif::ProgressBar;
+use liveview::live::{LayerSource, LiveError, LiveSession};
+use liveview::network::OrtNetwork;
+use liveview::{Camera, ImageRgb, LayerSpec};
+
+use super::gather::{Clock, Gathering, Step};
+use super::governor::{Governor, Level};
+use super::played::Played;
+use super::scorer::Scorer;
+use super::sink::Sink;
+use super::tally::Tally;
+use super::viewpoint::Viewpoint;
+use super::writer::{Shown, write};
+
+/// Frames between the renderer and the writer.
+const AHEAD: usize = 2;
+
+/// Renders the time steps, and passes the frames to the writer.
+pub(super) struct Player<'a> {
+    pub(super) layers: LayerSpec,
+    pub(super) session: LiveSession<OrtNetwork>,
+    pub(super) viewpoint: &'a Viewpoint,
+    pub(super) truth: Option<usize>,
+    pub(super) live: Option<(Governor, Clock)>,
+    pub(super) scorer: Scorer,
+    pub(super) tally: Tally,
+    pub(super) changes: Vec<(usize, Level)>,
+    pub(super) bar: ProgressBar,
+}
+
+impl Player<'_> {
+    /// Plays the whole video; its results, and the file or folder written.
+    pub(super) fn play(mut self, gathering: Gathering<'_>, sink: Sink) -> Result<(Played, Option<PathBuf>)> {
+        let started = Instant::now();
+        let target = self.viewpoint.camera(0);
+        let (size, clock) = (target.size(), gathering.clock);
+        let first = gathering.steps.start;
+        let stop = Arc::clone(&gathering.stop);
+        let (rendered, written) = std::thread::scope(|scope| {
+            let steps = gathering.start(scope);
+            let (shown, frames) = sync_channel(AHEAD);
+            let stop = &stop;
+            let writer = scope.spawn(move || write(sink, &frames, size, clock, stop));
+            let rendered = self.render_all(first, &steps, &shown);
+            drop((steps, shown));
+            (rendered, writer.join())
+        });
+        self.bar.finish_and_clear();
+        let stopped = stop.load(Ordering::Relaxed);
+        // A failure of the writer goes first: rendering then stopped because of it.
+        let (written, sink) = written.map_err(|_| anyhow!("the thread that writes the video failed"))??;
+        rendered?;
+        let file = if written.frames > 0 { sink.finish()? } else { None };
+        self.tally.finish()?;
+        let faults = gathering.faults.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let Self { tally, changes, .. } = self;
+        Ok((Played { tally, written, faults, changes, wall: started.elapsed(), stopped }, file))
+    }
+
+    fn render_all(&mut self, first: usize, steps: &Receiver<Step>, shown: &SyncSender<Shown>) -> Result<()> {
+        let mut next = first;
+        for step in steps {
+            let stale = self.live.as_ref().is_some_and(|(_, clock)| clock.is_stale(step.index));
+            // The frame before takes the place of those that are dropped.
+            let dropped = step.index - next + usize::from(stale);
+            for index in next..next + dropped {
+                self.tally.dropped += 1;
+                self.tally.repeat(index, "dropped: too late")?;
+                if shown.send(Shown::Repeat).is_err() {
+                    return Ok(());
+                }
+            }
+            next = step.index + 1;
+            self.bar.set_position((next - first) as u64);
+            if !stale && !self.render(step, shown)? {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    /// Renders a step, or repeats the frame before; false if the writer has stopped.
+    fn render(&mut self, mut step: Step, shown: &SyncSender<Shown>) -> Result<bool> {
+        let truth = self.truth.and_then(|truth| step.photos[truth].take());
+        let level = self.live.as_ref().map(|(governor, _)| governor.level());
+        let target = scaled(self.viewpoint.camera(step.index), level.map_or(1.0, |level| level.scale))?;
+        let photos: Vec<Option<&ImageRgb>> = step.photos.iter().map(Option::as_ref).collect();
+        let frame = match self.session.render(&photos, &target) {
+            Ok(frame) => frame,
+            Err(error @ LiveError::Views(_)) => {
+                self.scorer.interrupt();
+                self.tally.repeat(step.index, &error.to_string())?;
+                return Ok(shown.send(Shown::Repeat).is_ok());
+            }
+            Err(error) => return Err(error.into()),
+        };
+        let scores = match truth {
+            Some(truth) => self.scorer.score(&frame.frame.picture, truth),
+            None => {
+                self.scorer.interrupt();
+                None
+            }
+        };
+        self.tally.add(step.index, &frame, scores)?;
+        // A frame on all planes, from which the others' are selected, takes longer than they do: its time does not count.
+        let usual = self.tally.rendered > 1 || frame.layer_source != LayerSource::Dense;
+        let live = self.live.as_mut().filter(|_| usual);
+        if let Some(level) = live.and_then(|(governor, _)| governor.note(frame.times.total())) {
+            if let (LayerSpec::Guided { layers, .. }, Some(fewer)) = (&mut self.layers, level.layers) {
+                *layers = fewer;
+            }
+            self.session.set_layers(self.layers.clone());
+            self.changes.push((step.index + 1, level));
+        }
+        Ok(shown.send(Shown::Frame { step: step.index, frame: Box::new(frame.frame) }).is_ok())
+    }
+}
+
+/// The target camera with both sides scaled.
+pub(super) fn scaled(target: &Camera, scale: f64) -> Result<Camera> {
+    let side = |side: usize| ((side as f64 * scale).round() as usize).max(1);
+    Ok(target.with_size_scaled(side(target.width()), side(target.height()))?)
+}
