@@ -172,8 +172,18 @@ fn tolerance(stage: &str) -> BTreeMap<String, f64> {
 
 /// Whether a stage's errors are relative to the oracle's largest element, as the tolerance file says.
 fn scaled(stage: &str) -> bool {
-    ["homography", "coarse", "fine_layers", "fine", "range", "cell_maps", "maps", "logits", "disparity"]
-        .contains(&stage)
+    [
+        "homography",
+        "coarse_disparity",
+        "fine_layers",
+        "fine_disparity",
+        "range",
+        "cell_maps",
+        "maps",
+        "logits",
+        "disparity",
+    ]
+    .contains(&stage)
 }
 
 fn for_all(check: impl Fn(&Case)) {
@@ -323,21 +333,21 @@ fn selection() {
 #[test]
 fn guided_search() {
     for_all(|case| {
-        let Some(disparities) = case.find::<f64>("coarse.disparities") else { return };
-        let [costs, agreed, layers, fine_costs] =
-            ["costs", "agreed", "fine_layers", "fine_costs"].map(|name| volume(case, name));
+        let Some(disparities) = case.find::<f64>("coarse_disparities") else { return };
+        let [costs, aggregated, layers, fine_costs] =
+            ["costs", "aggregated_costs", "fine_layers", "fine_costs"].map(|name| volume(case, name));
         let views = case.views();
         let sources = warp_sources(&views, &case.target);
         let planes = Array3::from_shape_fn(costs.dim(), |(plane, _, _)| disparities[[plane]] as f32);
         case.check("costs", &layer_costs(&sources, planes.view(), COARSE, WINDOWS[0]));
-        case.check("agreed", &semi_global(costs.view()));
-        case.check("coarse", &winner_takes_all(agreed.view(), planes.view()));
-        let coarse = case.get::<f32>("coarse").into_dimensionality::<ndarray::Ix2>().unwrap();
+        case.check("aggregated_costs", &semi_global(costs.view()));
+        case.check("coarse_disparity", &winner_takes_all(aggregated.view(), planes.view()));
+        let coarse = case.get::<f32>("coarse_disparity").into_dimensionality::<ndarray::Ix2>().unwrap();
         let margin = ((disparities[[0]] - disparities[[1]]) / 2.0) as f32;
         case.check("fine_layers", &fine_layers(&range_of(&coarse, margin)));
         case.check("fine_costs", &layer_costs(&sources, layers.view(), CELL, WINDOWS[1]));
-        case.check("fine", &winner_takes_all(fine_costs.view(), layers.view()));
-        let fine = case.get::<f32>("fine").into_dimensionality::<ndarray::Ix2>().unwrap();
+        case.check("fine_disparity", &winner_takes_all(fine_costs.view(), layers.view()));
+        let fine = case.get::<f32>("fine_disparity").into_dimensionality::<ndarray::Ix2>().unwrap();
         let range = range_of(&fine, 0.0);
         let maps = [range.nearest(), range.surface(), range.farthest()].map(|map| map.view());
         case.check("range", &ndarray::stack(Axis(0), &maps).unwrap());

@@ -35,7 +35,7 @@ pub(crate) fn advice(error: &SynthesisError) -> Option<String> {
                 (true, false) => "--near",
                 _ => "--far",
             };
-            Some(format!("{options} give it (`liveview inspect` shows the size of the rig)"))
+            Some(format!("Give {options} (`liveview inspect` shows the size of the rig)"))
         }
         SynthesisError::Library(error) => ort_wheel::advice(error),
         _ => None,

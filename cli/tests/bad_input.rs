@@ -91,8 +91,8 @@ fn near_and_far() {
     assert_render_refused(&folders, &["--far", "nan"], &["far is NaN"]);
     folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
     let unknown = "the scene does not tell how near and far things are; expected";
-    assert_render_refused(&folders, &[], &[&format!("{unknown} near and far, in scene units. --near and --far ")]);
-    assert_render_refused(&folders, &["--near", "2"], &[&format!("{unknown} far, in scene units. --far ")]);
+    assert_render_refused(&folders, &[], &[&format!("{unknown} near and far, in scene units. Give --near and --far ")]);
+    assert_render_refused(&folders, &["--near", "2"], &[&format!("{unknown} far, in scene units. Give --far ")]);
 }
 
 #[test]

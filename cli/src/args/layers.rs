@@ -13,7 +13,7 @@ pub(crate) struct LayerArgs {
     /// the first search), planes:D (evenly spaced in disparity from near to far), select:K/D (the paper's selection: of D planes
     /// the K that most pixels choose; a path keeps those of its first frame), kmeans:K (planes where the search finds the
     /// scene), list:… (disparities in 1/scene unit, separated by commas, near to far: descending)
-    #[arg(long, value_name = "SPEC", group = "which_layers", allow_hyphen_values = true)]
+    #[arg(long, value_name = "SPEC", group = "which_layers")]
     layers: Option<LayerSpec>,
     /// A choice of layers that was measured (README, "Error against run time")
     #[arg(long, value_enum, group = "which_layers")]
