@@ -50,6 +50,8 @@ fn every_kind_of_layers_shows_the_held_out_view() {
         ("planes:24", 24),
         ("guided:3", 3),
         ("guided:2/16", 2),
+        ("surface:1", 1),
+        ("surface:2", 2),
         ("kmeans:12", 12),
         ("select:12/24", 12),
         ("list:0.7,0.5,0.4,0.3,0.25,0.2,0.15", 7),
@@ -69,7 +71,8 @@ fn every_kind_of_layers_shows_the_held_out_view() {
         let plan = synthesizer.plan(&shot).unwrap();
         assert_eq!(plan.layers.len(), count, "{layers}");
         assert_eq!(plan.range.is_some(), matches!(synthesizer.layers(), LayerSpec::Guided { .. }), "{layers}");
-        let again = synthesizer.render_layers(&shot, &plan.layers, |_| ()).unwrap();
+        assert_eq!(plan.surface.is_some(), matches!(synthesizer.layers(), LayerSpec::Surface(_)), "{layers}");
+        let again = synthesizer.render_plan(&shot, &plan, |_| ()).unwrap();
         assert_eq!(frame.picture, again.picture, "{layers}");
     }
 }
@@ -85,6 +88,51 @@ fn a_held_out_view_is_never_rendered_from_and_a_camera_of_ones_own_may_be() {
     assert_eq!(shots(Targets::cameras(vec![camera.clone()])).remove(0).views[0], view, "the nearest view is itself");
     let frame = synthesizer.render(&Target::camera(camera)).unwrap();
     assert!(psnr(&frame.picture, &scene.load_image(view).unwrap(), 8) > 40.0);
+}
+
+/// What the depth of photos knows must not come from what is held out: without that photo's file the picture is the same.
+#[test]
+fn a_held_out_photo_takes_no_part_in_the_depth_of_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let copy = |from: &Path, to: &Path| {
+        std::fs::create_dir_all(to).unwrap();
+        for entry in std::fs::read_dir(from).unwrap().map(Result::unwrap).filter(|entry| entry.path().is_file()) {
+            std::fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
+        }
+    };
+    for part in ["images", "sparse/0"] {
+        copy(&Path::new(WORKSHOP).join(part), &folder.path().join(part));
+    }
+    let mut options = SceneOptions::default();
+    options.width = Some(96);
+    let picture = |scene: Scene| {
+        let photos = PhotoCache::new(scene, None, None);
+        let mut synthesizer = Synthesizer::new(photos, Renderer::new(Agreement, 1), LayerSpec::Surface(2));
+        synthesizer.render(&Target::held_out("target_0")).unwrap().picture
+    };
+    let with = picture(Scene::open(folder.path(), &options).unwrap());
+    // Of the same size and black: it is still there to be listed.
+    let photo = folder.path().join("images/target_0.jpg");
+    let size = liveview::image::read_size(&photo).unwrap();
+    liveview::ImageRgb::new(size.width, size.height, vec![0.0; 3 * size.pixels()]).unwrap().save(&photo).unwrap();
+    assert_eq!(with, picture(Scene::open(folder.path(), &options).unwrap()));
+}
+
+/// A path searches the depth of each photo once, and gives the same pictures as its frames by themselves.
+#[test]
+fn the_depth_of_photos_is_kept_from_frame_to_frame() {
+    let mut along = synthesizer("surface:1");
+    let targets = Targets::path(along.photos().scene(), "line:4".parse().unwrap()).unwrap();
+    let shots = along.shots(targets.clone()).unwrap();
+    assert!(shots.iter().all(|shot| shot.helpers.len() == 2 && shot.helpers.iter().all(|h| !shot.views.contains(h))));
+    let mut pictures = Vec::new();
+    along.render_all(targets, |_, frame| pictures.push(frame.picture)).unwrap();
+    for (shot, picture) in shots.iter().zip(&pictures) {
+        let mut alone = synthesizer("surface:1");
+        alone.photos_mut().load_for(shot, &[]).unwrap();
+        let plan = alone.plan(shot).unwrap();
+        assert!(alone.render_plan(shot, &plan, |_| ()).unwrap().picture == *picture, "{}", shot.name);
+    }
 }
 
 #[test]

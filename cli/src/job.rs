@@ -2,7 +2,6 @@
 
 use anyhow::Result;
 use indicatif::ProgressBar;
-use liveview::layers::Layers;
 use liveview::network::OrtNetwork;
 use liveview::render::{Culling, Frame};
 use liveview::{LayerSpec, PhotoCache, Plan, Scene, Shot, Synthesizer};
@@ -24,6 +23,7 @@ impl Job {
         let mut job = Self::with_layers(photos, model, |network| layers.spec(network))?;
         let culling = Culling { transmittance: layers.opaque, ..Culling::default() };
         job.synthesizer.renderer_mut().set_culling(culling);
+        job.synthesizer.keep_exposure(layers.keep_exposure);
         Ok(job)
     }
 
@@ -55,14 +55,18 @@ impl Job {
         if let LayerSpec::Select { from, .. } = self.layers() {
             self.progress.inc_length(*from as u64);
         }
-        Ok(self.synthesizer.plan(shot)?)
+        let plan = self.synthesizer.plan(shot)?;
+        if let LayerSpec::Select { from, .. } = self.layers() {
+            self.progress.inc(*from as u64);
+        }
+        Ok(plan)
     }
 
-    /// Renders a shot whose photos are loaded.
-    pub(crate) fn render(&mut self, shot: &Shot, layers: &Layers) -> Result<Frame> {
+    /// Renders a shot whose photos are loaded on the layers of its plan.
+    pub(crate) fn render(&mut self, shot: &Shot, plan: &Plan) -> Result<Frame> {
         let progress = &self.progress;
-        progress.inc_length(layers.len() as u64);
+        progress.inc_length(plan.layers.len() as u64);
         let count = |batch: &liveview::render::Batch<'_>| progress.inc(batch.disparity.len_of(Axis(0)) as u64);
-        Ok(self.synthesizer.render_layers(shot, layers, count)?)
+        Ok(self.synthesizer.render_plan(shot, plan, count)?)
     }
 }

@@ -116,7 +116,7 @@ fn layers_that_are_none() {
     let refused = |layers: &str, words: &[&str]| {
         assert_render_refused(&folders, &["--layers", layers], &[&["--layers", layers], words].concat());
     };
-    for kind in ["planes", "guided", "select", "kmeans"] {
+    for kind in ["planes", "guided", "surface", "select", "kmeans"] {
         for count in ["0", "-3", "1e9", "1000000000", ""] {
             refused(&format!("{kind}:{count}"), &["a whole number from 1 to 4096"]);
         }
@@ -126,7 +126,7 @@ fn layers_that_are_none() {
     }
     refused("select:9/8", &["9 planes", "from 8"]);
     for layers in ["", "64", "planes", "planes 64", "tiles:64"] {
-        refused(layers, &["expected planes:D, guided:L, select:K/D, kmeans:K or list:DISPARITIES"]);
+        refused(layers, &["expected planes:D, guided:L, surface:L, select:K/D, kmeans:K or list:DISPARITIES"]);
     }
     assert_render_refused(&folders, &["--layers", "planes:4", "--quality", "draft"], &["cannot be used with"]);
 }

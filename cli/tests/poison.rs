@@ -146,6 +146,7 @@ const NUMERIC_OPTIONS: [&str; 18] = [
     "--layers=list:1e3,",
     "--layers=guided:",
     "--layers=guided:2/",
+    "--layers=surface:",
     "--layers=planes:",
     "--layers=kmeans:",
     "--layers=kmeans:2/",

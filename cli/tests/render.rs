@@ -134,6 +134,7 @@ fn other_layers() {
     for (how, layers) in [
         (["--layers", "guided:3"], 3),
         (["--layers", "planes:5"], 5),
+        (["--layers", "surface:2"], 2),
         (["--layers", "list:0.25"], 1),
         (["--layers", "list:0.4,0.2,0"], 3),
     ] {
@@ -221,6 +222,21 @@ fn what_was_left_out_is_explained() {
         &["--explain", "2 pictures", "one target"],
     );
     refused(&["--target", "2", "-o", &picture, "--dense", "9"], &["--explain"]);
+}
+
+#[test]
+fn a_surface_is_explained_and_exposure_may_be_kept() {
+    let folders = Folders::new();
+    let [picture, why] = ["a.png", "why.png"].map(|name| folders.out(name));
+    let arguments = ["--target", "2", "-o", &picture, "--layers", "surface:2", "--explain", &why];
+    let told = json(&mut folders.render(&arguments));
+    assert_eq!((&told["layers"], &told["targets"][0]["layers"]), (&"surface:2".into(), &2.into()));
+    let surface = &told["explanation"]["surface"];
+    assert!(surface["holes"].as_f64().unwrap() < 0.5 && surface["gains"].as_array().unwrap().len() == 4, "{surface}");
+    assert_eq!(image::read_size(why.as_ref()).unwrap(), Size::new(WIDTH as usize, HEIGHT as usize));
+    let kept = json(folders.render(&arguments).arg("--keep-exposure"));
+    let gains = kept["explanation"]["surface"]["gains"].as_array().unwrap().clone();
+    assert!(gains.iter().flat_map(|view| view.as_array().unwrap()).all(|gain| gain == 1.0), "{gains:?}");
 }
 
 #[test]

@@ -146,6 +146,14 @@ fn every_kind_of_layers_with_every_policy() {
 }
 
 #[test]
+fn surface_layers_are_not_for_videos_yet() {
+    let rig = Rig::new(3);
+    let out = rig.folders.out("frames");
+    let mut video = rig.video(&["--camera", "cam2", "--layers", "surface:2", "-o", &out]);
+    rig.folders.assert_refused(&mut video, &["surface:2", "guided, planes, select, kmeans or list"]);
+}
+
+#[test]
 fn y4m_goes_to_standard_output_and_text_to_standard_error() {
     let rig = Rig::new(3);
     let output = rig.video(&["--camera", "cam2", "-o", "-"]).output().unwrap();

@@ -141,8 +141,16 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read_again() {
-        let texts =
-            ["planes:64", "guided:2", "guided:2/32", "surface:2", "select:16/64", "kmeans:16", "kmeans:4/8", "list:0.5,0.25,0"];
+        let texts = [
+            "planes:64",
+            "guided:2",
+            "guided:2/32",
+            "surface:2",
+            "select:16/64",
+            "kmeans:16",
+            "kmeans:4/8",
+            "list:0.5,0.25,0",
+        ];
         for text in texts {
             assert_eq!(text.parse::<LayerSpec>().unwrap().to_string(), text);
         }

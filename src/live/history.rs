@@ -1,5 +1,6 @@
 //! What a session keeps from the frames before, and the layers of the next frame.
 
+use super::error::LiveError;
 use super::policy::{LayerSource, Policy};
 use super::propagate::{Surface, TargetViews};
 use super::settings::LiveSettings;
@@ -28,7 +29,7 @@ impl History {
         &mut self,
         settings: &LiveSettings,
         views: &TargetViews<'_>,
-    ) -> Result<(Layers, LayerSource), LayersError> {
+    ) -> Result<(Layers, LayerSource), LiveError> {
         let (near, far) = (settings.near, settings.far);
         let search = |coarse_planes| GuidedSearch { near, far, planes: coarse_planes };
         let due = match settings.policy {
@@ -57,6 +58,7 @@ impl History {
                     (planes, LayerSource::Searched)
                 }
             },
+            LayerSpec::Surface(_) => return Err(LiveError::Unsupported(settings.layers.clone())),
             LayerSpec::Guided { layers, coarse_planes } => {
                 let search = search(coarse_planes);
                 let (surface, source) = self.surface(&search, settings.policy, due, views)?;

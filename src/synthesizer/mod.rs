@@ -17,6 +17,7 @@ mod error;
 mod model;
 mod photo_cache;
 mod plan;
+mod scene_depth;
 mod target;
 
 use std::fmt;
@@ -26,12 +27,15 @@ pub use error::SynthesisError;
 pub use model::{DEFAULT_VIEWS, Model, ModelOptions};
 pub use photo_cache::PhotoCache;
 pub use plan::Plan;
+pub use scene_depth::SeenSurface;
 pub use target::{Shot, Target, TargetView, Targets};
 
 use crate::layers::{LayerSpec, Layers};
+use crate::mvs::Settings;
 use crate::network::{OrtNetwork, PlaneNetwork};
 use crate::render::{Batch, Frame, Renderer};
 use crate::scene::{Scene, SceneOptions};
+use crate::warp::SourceView;
 
 /// Options of [`Synthesizer::open`].
 #[derive(Debug, Clone, Default)]
@@ -47,6 +51,8 @@ pub struct Options {
     pub model: ModelOptions,
     /// Which layers; `None`: those that the model recommends.
     pub layers: Option<LayerSpec>,
+    /// Whether surface layers leave photos of different exposure as they are.
+    pub keep_exposure: bool,
 }
 
 /// Renders new views of a scene.
@@ -54,16 +60,17 @@ pub struct Synthesizer<N = OrtNetwork> {
     photos: PhotoCache,
     renderer: Renderer<N>,
     layers: LayerSpec,
+    keep_exposure: bool,
 }
 
 impl<N> fmt::Debug for Synthesizer<N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { photos, renderer, layers } = self;
+        let Self { photos, renderer, layers, .. } = self;
         f.debug_struct("Synthesizer")
             .field("photos", photos)
             .field("renderer", renderer)
             .field("layers", layers)
-            .finish()
+            .finish_non_exhaustive()
     }
 }
 
@@ -80,14 +87,21 @@ impl Synthesizer {
             Some(layers) => layers.clone(),
             None => model.renderer.network().recommended_layers()?,
         };
-        Ok(Self::new(photos, model.renderer, layers))
+        let mut synthesizer = Self::new(photos, model.renderer, layers);
+        synthesizer.keep_exposure(options.keep_exposure);
+        Ok(synthesizer)
     }
 }
 
 impl<N: PlaneNetwork> Synthesizer<N> {
     /// A synthesizer of parts that are open already; any [`PlaneNetwork`] can be its network.
     pub fn new(photos: PhotoCache, renderer: Renderer<N>, layers: LayerSpec) -> Self {
-        Self { photos, renderer, layers }
+        Self { photos, renderer, layers, keep_exposure: false }
+    }
+
+    /// Whether surface layers leave photos of different exposure as they are; by default they are balanced.
+    pub fn keep_exposure(&mut self, keep: bool) {
+        self.keep_exposure = keep;
     }
 
     /// The scene and its loaded photos.
@@ -137,7 +151,7 @@ impl<N: PlaneNetwork> Synthesizer<N> {
         for (index, shot) in shots.iter().enumerate() {
             self.photos.load_for(shot, &shots[index + 1..])?;
             let plan = self.plan(shot)?;
-            take(shot, self.render_layers(shot, &plan.layers, |_| ())?);
+            take(shot, self.render_plan(shot, &plan, |_| ())?);
         }
         Ok(())
     }
@@ -152,20 +166,22 @@ impl<N: PlaneNetwork> Synthesizer<N> {
             LayerSpec::List(list) => Some((1.0 / list[0], 1.0 / list[list.len() - 1])),
             _ => None,
         };
-        self.photos.shots(targets, self.renderer.network().views(), given)
+        let helpers = if matches!(self.layers, LayerSpec::Surface(_)) { Settings::default().extra } else { 0 };
+        self.photos.shots(targets, self.renderer.network().views(), helpers, given)
     }
 
     /// Finds the layers of a shot.
     ///
     /// # Errors
     ///
-    /// [`SynthesisError::Layers`], and [`SynthesisError::Render`] where planes are selected from a render.
+    /// [`SynthesisError::Layers`]; [`SynthesisError::Render`] where planes are selected from a render; [`SynthesisError::Scene`] where
+    /// a photo is needed for its depth and cannot be read.
     ///
     /// # Panics
     ///
     /// If its photos are not loaded ([`PhotoCache::load_for`]).
     pub fn plan(&mut self, shot: &Shot) -> Result<Plan, SynthesisError> {
-        plan::plan(&self.layers, &self.photos, &mut self.renderer, shot)
+        plan::plan(&self.layers, &mut self.photos, &mut self.renderer, shot, !self.keep_exposure)
     }
 
     /// How many pixels of a shot have each of these planes (1/scene unit, near → far) as their best one: the paper's histogram.
@@ -179,6 +195,30 @@ impl<N: PlaneNetwork> Synthesizer<N> {
     /// If its photos are not loaded ([`PhotoCache::load_for`]).
     pub fn histogram(&mut self, shot: &Shot, disparities: &[f64]) -> Result<Vec<u64>, SynthesisError> {
         plan::histogram(&self.photos, &mut self.renderer, shot, disparities)
+    }
+
+    /// Renders a shot on the layers of its plan; `observe` is shown its stages ([`Renderer::render_observed`]).
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Render`].
+    ///
+    /// # Panics
+    ///
+    /// If its photos are not loaded ([`PhotoCache::load_for`]).
+    pub fn render_plan(
+        &mut self,
+        shot: &Shot,
+        plan: &Plan,
+        observe: impl FnMut(&Batch<'_>),
+    ) -> Result<Frame, SynthesisError> {
+        let Some(seen) = &plan.surface else { return self.render_layers(shot, &plan.layers, observe) };
+        let sources = self.photos.sources(&shot.views);
+        let balanced = seen.balanced(&sources);
+        let sources: Vec<_> =
+            sources.iter().zip(&balanced).map(|(view, texture)| SourceView { texture, ..*view }).collect();
+        let visibility = seen.visibility(&sources);
+        Ok(self.renderer.render_visible(&sources, Some(&visibility), &shot.target, &plan.layers, observe)?)
     }
 
     /// Renders a shot on these layers; `observe` is shown its stages ([`Renderer::render_observed`]).

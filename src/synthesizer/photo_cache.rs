@@ -3,7 +3,8 @@
 use std::fmt;
 
 use super::error::SynthesisError;
-use super::target::{Shot, Targets};
+use super::scene_depth::{SceneDepth, SeenSurface};
+use super::target::{Shot, TargetView, Targets};
 use crate::geometry::{Camera, choose_views};
 use crate::layers::guided::{GuidedSearch, SearchStages};
 use crate::layers::{padded, uniform_disparities};
@@ -15,6 +16,7 @@ pub struct PhotoCache {
     scene: Scene,
     given: (Option<f64>, Option<f64>),
     textures: Vec<Option<Texture>>,
+    depth: Option<SceneDepth>,
 }
 
 impl fmt::Debug for PhotoCache {
@@ -28,7 +30,7 @@ impl PhotoCache {
     /// A scene of which no photo is loaded yet. `near` and `far` are in scene units; `None` takes the scene's own.
     pub fn new(scene: Scene, near: Option<f64>, far: Option<f64>) -> Self {
         let textures = scene.views.iter().map(|_| None).collect();
-        Self { scene, given: (near, far), textures }
+        Self { scene, given: (near, far), textures, depth: None }
     }
 
     /// The scene.
@@ -105,7 +107,7 @@ impl PhotoCache {
     }
 
     /// Chooses the `count` views and the depth range of each target: `given` (near, far; scene units), or by [`Self::depth_range`]. The
-    /// frames of a path share one range.
+    /// frames of a path share one range. Each gets `helpers` further views, as far as there are any.
     ///
     /// # Errors
     ///
@@ -114,15 +116,33 @@ impl PhotoCache {
         &self,
         targets: Targets,
         count: usize,
+        helpers: usize,
         given: Option<(f64, f64)>,
     ) -> Result<Vec<Shot>, SynthesisError> {
-        let choose = |name: &str, target: &Camera| self.choose(name, target, &targets.held_out, count);
-        let views = targets.list.iter().map(|t| choose(&t.name, &t.camera)).collect::<Result<Vec<_>, _>>()?;
+        let held_out = &targets.held_out;
+        let choose = |target: &TargetView| -> Result<(Vec<usize>, Vec<usize>), SynthesisError> {
+            let views = self.choose(&target.name, &target.camera, held_out, count)?;
+            let more = (1..=helpers).rev().find_map(|more| {
+                self.choose(&target.name, &target.camera, held_out, count + more).ok().map(|all| all[count..].to_vec())
+            });
+            Ok((views, more.unwrap_or_default()))
+        };
+        let views = targets.list.iter().map(choose).collect::<Result<Vec<_>, _>>()?;
         let range = |views: &[usize]| given.map_or_else(|| self.depth_range(views), Ok);
-        let shared = if targets.moving { Some(range(&views.concat())?) } else { None };
-        let shots = targets.list.into_iter().zip(views).map(|(target, views)| {
-            let (near, far) = shared.map_or_else(|| range(&views), Ok)?;
-            Ok(Shot { name: target.name, target: target.camera, truth: target.truth, views, near, far })
+        let all = || views.iter().flat_map(|(views, _)| views.iter().copied()).collect::<Vec<_>>();
+        let shared = if targets.moving { Some(range(&all())?) } else { None };
+        let shots = targets.list.iter().zip(&views).map(|(target, (views, helpers))| {
+            let (near, far) = shared.map_or_else(|| range(views), Ok)?;
+            Ok(Shot {
+                name: target.name.clone(),
+                target: target.camera.clone(),
+                truth: target.truth,
+                views: views.clone(),
+                helpers: helpers.clone(),
+                held_out: held_out.clone(),
+                near,
+                far,
+            })
         });
         shots.collect()
     }
@@ -133,16 +153,53 @@ impl PhotoCache {
     ///
     /// [`SynthesisError::Scene`] for a photo that cannot be read.
     pub fn load_for(&mut self, shot: &Shot, later: &[Shot]) -> Result<(), SynthesisError> {
-        for (view, texture) in self.textures.iter_mut().enumerate() {
-            if shot.views.contains(&view) {
-                if texture.is_none() {
-                    *texture = Some(Texture::new(&self.scene.load_image(view)?));
-                }
-            } else if !later.iter().any(|shot| shot.views.contains(&view)) {
-                *texture = None;
+        let needs = |shot: &Shot, view: usize| shot.views.contains(&view) || shot.helpers.contains(&view);
+        for view in 0..self.textures.len() {
+            if needs(shot, view) {
+                self.load(view)?;
+            } else if !later.iter().any(|shot| needs(shot, view)) {
+                self.textures[view] = None;
             }
         }
         Ok(())
+    }
+
+    fn load(&mut self, view: usize) -> Result<(), SynthesisError> {
+        if self.textures[view].is_none() {
+            self.textures[view] = Some(Texture::new(&self.scene.load_image(view)?));
+        }
+        Ok(())
+    }
+
+    /// The target's surface by the photos' own depth, and what its views see of it. The depth of a photo is searched when it is first
+    /// needed, over the depth range of all views that are not held out, and kept.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Scene`] for a photo that cannot be read; those of [`Self::depth_range`].
+    ///
+    /// # Panics
+    ///
+    /// If the shot's photos are not loaded ([`Self::load_for`]).
+    pub fn surface(&mut self, shot: &Shot, exposure: bool) -> Result<SeenSurface, SynthesisError> {
+        let mut depth = match self.depth.take().filter(|depth| depth.serves(&shot.held_out)) {
+            Some(depth) => depth,
+            None => {
+                let free: Vec<usize> =
+                    (0..self.scene.views.len()).filter(|view| !shot.held_out.contains(view)).collect();
+                let range = self.depth_range(&free)?;
+                SceneDepth::new(&self.scene, free, shot.held_out.clone(), range)
+            }
+        };
+        let set: Vec<usize> = shot.views.iter().chain(&shot.helpers).copied().collect();
+        for &view in &set {
+            let neighbours = depth.photos_to_search(view);
+            neighbours.iter().try_for_each(|&view| self.load(view))?;
+            depth.search(view, |view| self.source(view));
+        }
+        let found = depth.surface(shot, &set, |view| self.source(view), exposure);
+        self.depth = Some(depth);
+        Ok(found)
     }
 
     /// These views as the renderer takes them.
@@ -151,11 +208,12 @@ impl PhotoCache {
     ///
     /// If the photo of one is not loaded ([`Self::load_for`]).
     pub fn sources(&self, views: &[usize]) -> Vec<SourceView<'_>> {
-        let texture = |view: usize| self.textures[view].as_ref().expect("loaded before");
-        views
-            .iter()
-            .map(|&view| SourceView { camera: &self.scene.views[view].camera, texture: texture(view) })
-            .collect()
+        views.iter().map(|&view| self.source(view)).collect()
+    }
+
+    fn source(&self, view: usize) -> SourceView<'_> {
+        let texture = self.textures[view].as_ref().expect("loaded before");
+        SourceView { camera: &self.scene.views[view].camera, texture }
     }
 
     /// The guided search for a shot, with a number of planes in the first search or by the parallax.

@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use super::error::SynthesisError;
 use super::photo_cache::PhotoCache;
+use super::scene_depth::SeenSurface;
 use super::target::Shot;
 use crate::layers::guided::RangeMap;
 use crate::layers::{LayerSpec, Layers, kmeans_planes, select_disparities, uniform_disparities};
@@ -16,27 +17,31 @@ use crate::render::Renderer;
 pub struct Plan {
     /// The layers, near → far.
     pub layers: Layers,
-    /// Wall time of the guided search, for guided layers and k-means planes.
+    /// Wall time of the guided search, for guided layers and k-means planes; of the surface, with the depth of photos that was not known
+    /// yet, for surface layers.
     pub search: Duration,
     /// Wall time of the render that planes were selected from, for selected planes.
     pub selection: Duration,
     /// The range of disparities of each cell, for guided layers.
     pub range: Option<RangeMap>,
+    /// The surface and who sees it, for surface layers.
+    pub surface: Option<SeenSurface>,
 }
 
 impl Plan {
     /// A plan of layers that are known already.
     pub fn known(layers: Layers) -> Self {
-        Self { layers, search: Duration::ZERO, selection: Duration::ZERO, range: None }
+        Self { layers, search: Duration::ZERO, selection: Duration::ZERO, range: None, surface: None }
     }
 }
 
 /// Finds the layers of a shot whose photos are loaded. A new kind of layers has its arm here.
 pub(super) fn plan<N: PlaneNetwork>(
     spec: &LayerSpec,
-    photos: &PhotoCache,
+    photos: &mut PhotoCache,
     renderer: &mut Renderer<N>,
     shot: &Shot,
+    exposure: bool,
 ) -> Result<Plan, SynthesisError> {
     let started = Instant::now();
     let known = Plan::known;
@@ -47,6 +52,11 @@ pub(super) fn plan<N: PlaneNetwork>(
             let range = photos.search(shot, coarse_planes)?.range;
             let layers = range.layers(layers)?;
             Plan { search: started.elapsed(), range: Some(range), ..known(layers) }
+        }
+        LayerSpec::Surface(count) => {
+            let surface = photos.surface(shot, exposure)?;
+            let layers = surface.layers(count)?;
+            Plan { search: started.elapsed(), surface: Some(surface), ..known(layers) }
         }
         LayerSpec::KMeans { planes, coarse_planes } => {
             let found = photos.search(shot, coarse_planes)?.fine_disparity;

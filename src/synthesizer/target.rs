@@ -110,6 +110,10 @@ pub struct Shot {
     pub truth: Option<usize>,
     /// Indices of the views to render from, nearest first.
     pub views: Vec<usize>,
+    /// Indices of further views that its surface is found with, nearest first; none where its layers are no surface.
+    pub helpers: Vec<usize>,
+    /// Indices of the views that must not be used, for depth neither.
+    pub held_out: Vec<usize>,
     /// Nearest depth, scene units.
     pub near: f64,
     /// Farthest depth, scene units; may be infinite.

@@ -10,7 +10,8 @@ use liveview::network::OrtNetwork;
 #[command(next_help_heading = "Layers (default: what the model recommends)")]
 pub(crate) struct LayerArgs {
     /// Which layers: guided:L (L layers that follow the scene, each pixel's own range of depths; guided:L/D with D planes in
-    /// the first search), planes:D (evenly spaced in disparity from near to far), select:K/D (the paper's selection: of D planes
+    /// the first search), surface:L (L layers along the surface that the photos' own depth gives; each photo counts only where it sees
+    /// it), planes:D (evenly spaced in disparity from near to far), select:K/D (the paper's selection: of D planes
     /// the K that most pixels choose; a path keeps those of its first frame), kmeans:K (planes where the search finds the
     /// scene), list:… (disparities in 1/scene unit, separated by commas, near to far: descending)
     #[arg(long, value_name = "SPEC", group = "which_layers")]
@@ -22,6 +23,10 @@ pub(crate) struct LayerArgs {
     /// as much (of 1) [default: 0, none]
     #[arg(long, value_name = "TAU", value_parser = super::numbers::part, default_value_t = 0.0, hide_default_value = true)]
     pub(crate) opaque: f64,
+    /// Surface layers: leave photos of different exposure or white balance as they are; by default they are balanced, by what their
+    /// confirmed depths show to be the same point
+    #[arg(long)]
+    pub(crate) keep_exposure: bool,
 }
 
 /// Quality against run time.

@@ -92,6 +92,12 @@ pub(crate) fn run(args: &DumpArgs) -> Result<Output> {
         bail!("-o {}: expected a name that ends in .npz", args.output.display());
     }
     let mut job = Job::open(args.scene.open()?, &args.layers, &args.model)?;
+    if let LayerSpec::Surface(_) = job.layers() {
+        bail!(
+            "--layers {}: expected guided, planes, select, kmeans or list; surface layers have their own parity tests",
+            job.layers()
+        );
+    }
     let targets = Targets::held_out(job.scene(), vec![job.scene().view_index(&args.target)?]);
     let Some(shot) = job.synthesizer.shots(targets)?.pop() else { bail!("{}: nothing to render", args.target) };
     print_notes(&job.scene().notes);

@@ -124,7 +124,7 @@ fn guided(
     coarse_planes: Option<usize>,
 ) -> Result<(Output, ImageRgb)> {
     args.model.set_threads()?;
-    let shot = photos.shots(target, args.model.views_or_default(), None)?.remove(0);
+    let shot = photos.shots(target, args.model.views_or_default(), 0, None)?.remove(0);
     photos.load_for(&shot, &[])?;
     let started = Instant::now();
     let found = photos.search(&shot, coarse_planes)?;

@@ -8,8 +8,8 @@ use clap::Args;
 use liveview::image::{Score, coloured, psnr};
 use liveview::layers::guided::RangeMap;
 use liveview::layers::{Layer, Layers};
-use liveview::{Frame, ImageRgb, Scene, Shot};
-use ndarray::Array2;
+use liveview::{Frame, ImageRgb, Plan, Scene, SeenSurface, Shot};
+use ndarray::{Array2, s};
 use serde_json::{Value, json};
 
 use crate::args::numbers;
@@ -36,8 +36,7 @@ pub(super) struct ExplainArgs {
 /// A render that is to be explained.
 pub(super) struct Explained<'a> {
     pub(super) shot: &'a Shot,
-    pub(super) layers: &'a Layers,
-    pub(super) range: Option<&'a RangeMap>,
+    pub(super) plan: &'a Plan,
     pub(super) frame: &'a Frame,
     pub(super) times: &'a Times,
     pub(super) truth: Option<&'a ImageRgb>,
@@ -64,9 +63,10 @@ impl ExplainArgs {
         let Some(file) = &self.explain else { return Ok(None) };
         let mut text = String::new();
         let mut json = json!({ "file": shown(file) });
-        let picture = match about.range {
-            Some(range) => guided(job, about, range, &mut text, &mut json),
-            None => planes(about, &mut text, &mut json),
+        let picture = match (&about.plan.range, &about.plan.surface) {
+            (Some(range), _) => guided(job, about, range, &mut text, &mut json),
+            (None, Some(seen)) => surface(about, seen, &mut text, &mut json),
+            (None, None) => planes(about, &mut text, &mut json),
         };
         culled(about.frame, &mut text, &mut json);
         time_shares(about.times, &mut text, &mut json);
@@ -87,7 +87,7 @@ fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String,
     let width = width_in_pixels(job.photos(), about.shot, range);
     let mut steps: Vec<f64> = width.iter().map(|&w| f64::from(w)).collect();
     let pixels = percentile(&mut steps, 0.5);
-    let layers = about.layers.len();
+    let layers = about.plan.layers.len();
     let as_close = ((layers.saturating_sub(1)) as f64 / median).ceil().max(1.0) + 1.0;
     let _ = writeln!(
         text,
@@ -105,9 +105,29 @@ fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String,
     range_picture(about.shot, range, &width)
 }
 
+/// The surface, how much of it no photo's depth gives, and what exposure was balanced by.
+fn surface(about: &Explained<'_>, seen: &SeenSurface, text: &mut String, json: &mut Value) -> ImageRgb {
+    let holes = seen.surface().holes;
+    let hidden = about.frame.unseen as f64 / about.frame.transmittance.len() as f64;
+    let _ = writeln!(
+        text,
+        "surface {} layers along it; {:.1} % of it beside what the photos' depth gives, {:.1} % hidden from all views",
+        about.plan.layers.len(),
+        100.0 * holes,
+        100.0 * hidden
+    );
+    let apart = seen.gains().iter().flatten().fold(0.0, |most: f32, gain| most.max((gain - 1.0).abs()));
+    let _ =
+        writeln!(text, "gains   photos are made up to {:.1} % brighter or darker to agree in exposure", 100.0 * apart);
+    json["surface"] = json!({ "holes": holes, "hidden_from_all_views": hidden, "gains": seen.gains() });
+    let Shot { near, far, target, .. } = about.shot;
+    let part = s![..target.height(), ..target.width()];
+    coloured(seen.surface().disparity.slice(part), (1.0 / far) as f32, (1.0 / near) as f32)
+}
+
 /// Which planes are the pixels' best ones.
 fn planes(about: &Explained<'_>, text: &mut String, json: &mut Value) -> ImageRgb {
-    let mut votes = vec![0usize; about.layers.len()];
+    let mut votes = vec![0usize; about.plan.layers.len()];
     about.frame.best_layer.iter().flatten().for_each(|&layer| votes[layer as usize] += 1);
     votes.sort_unstable_by(|a, b| b.cmp(a));
     let chosen: usize = votes.iter().sum();
@@ -119,10 +139,10 @@ fn planes(about: &Explained<'_>, text: &mut String, json: &mut Value) -> ImageRg
     let _ = writeln!(
         text,
         "layers  {} planes, of which {needed} are the most opaque one for 90 % of the pixels: the others could be left out (--layers select:K)",
-        about.layers.len()
+        about.plan.layers.len()
     );
     json["planes_for_90_percent"] = json!(needed);
-    let disparity = |layer: Option<u32>| match layer.map(|layer| &about.layers.as_slice()[layer as usize]) {
+    let disparity = |layer: Option<u32>| match layer.map(|layer| &about.plan.layers.as_slice()[layer as usize]) {
         Some(&Layer::Plane(disparity)) => disparity as f32,
         _ => f32::NAN,
     };
@@ -161,7 +181,7 @@ fn time_shares(times: &Times, text: &mut String, json: &mut Value) {
 /// How far the result is from that on `planes` uniform planes.
 fn dense(job: &mut Job, about: &Explained<'_>, planes: usize, text: &mut String, json: &mut Value) -> Result<()> {
     let layers = Layers::uniform(about.shot.near, about.shot.far, planes)?;
-    let dense = job.render(about.shot, &layers)?;
+    let dense = job.render(about.shot, &Plan::known(layers))?;
     let PixelError { max, mean } = PixelError::between(std::iter::once((&about.frame.picture, &dense.picture)));
     let seconds = (dense.times.warp + dense.times.network + dense.times.composite).as_secs_f64();
     let faster = seconds / about.times.total().as_secs_f64();

@@ -90,7 +90,7 @@ fn render(
     // The paper's video: the planes that the first frame selects are those of all frames.
     let shared = moving && matches!(job.layers(), LayerSpec::Select { .. });
     let mut done: Vec<Rendered> = Vec::with_capacity(shots.len());
-    let (mut kept, mut explanation) = (None, None);
+    let (mut kept, mut explanation): (Option<Plan>, _) = (None, None);
     shots.reverse();
     while let Some(shot) = shots.pop() {
         if let Some(kept) = outputs.kept(&shot) {
@@ -104,46 +104,40 @@ fn render(
         let started = Instant::now();
         if let (true, None, Some(first)) = (shared, &kept, done.first()) {
             job.synthesizer.photos_mut().load_for(&first.shot, &shots)?;
-            kept = Some(job.plan(&first.shot)?.layers);
+            kept = Some(job.plan(&first.shot)?);
         }
         job.synthesizer.photos_mut().load_for(&shot, &shots)?;
         let truth = shot.truth.map(|view| job.scene().load_image(view)).transpose()?;
         let photos = started.elapsed();
-        let Plan { layers, search: coarse, selection: select, range, .. } = match kept.take() {
-            Some(layers) => Plan::known(layers),
+        let plan = match kept.take() {
+            Some(plan) => Plan::known(plan.layers),
             None => job.plan(&shot)?,
         };
-        let mut frame = job.render(&shot, &layers)?;
+        let mut frame = job.render(&shot, &plan)?;
         // Scored as rendered, before pixels that no view covers are filled.
         let score = truth.as_ref().and_then(|truth| Score::of(&frame.picture, truth));
         if truth.is_some() && score.is_none() {
             print_message("note", format!("{}: too small to be scored", shot.name));
         }
-        let times = Times { photos, coarse, select, stages: frame.times };
-        let about = Explained {
-            shot: &shot,
-            layers: &layers,
-            range: range.as_ref(),
-            frame: &frame,
-            times: &times,
-            truth: truth.as_ref(),
-        };
+        let times = Times { photos, coarse: plan.search, select: plan.selection, stages: frame.times };
+        let about = Explained { shot: &shot, plan: &plan, frame: &frame, times: &times, truth: truth.as_ref() };
         explanation = explain.explain(job, &about)?;
         frame.picture = inpaint_unseen(&frame.picture, &frame.transmittance);
         let digests = outputs.write(&shot, &frame, truth.as_ref())?;
         let pixels = frame.transmittance.len() as f64;
         let one = Rendered {
-            layers: layers.len(),
+            layers: plan.layers.len(),
             times: Some(times),
             score,
             unseen: frame.transmittance.iter().map(|&left| f64::from(left)).sum::<f64>() / pixels,
+            hidden: frame.unseen as f64 / pixels,
             disparity_max: disparity_max(&frame),
             files: outputs.files(&shot),
             shot,
         };
         outputs.written(&one, digests)?;
         done.push(one);
-        kept = Some(layers).filter(|_| shared);
+        kept = Some(plan).filter(|_| shared);
     }
     Ok((done, explanation))
 }

@@ -45,6 +45,7 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
         ("targets", targets.to_string()),
         ("layers", job.layers().to_string()),
         ("opaque", layers.opaque.to_string()),
+        ("exposure", (if layers.keep_exposure { "kept" } else { "balanced" }).to_owned()),
         ("model", format!("{}, {}", model.file_name().unwrap_or_default().display(), digest_of(model)?)),
         ("engine", job.model.provider_and_precision()),
         ("size", format!("{}x{}", first.target.width(), first.target.height())),
@@ -128,6 +129,7 @@ impl Record {
             times: None,
             score,
             unseen: number("seen_by_no_view")?,
+            hidden: number("hidden_from_all_views")?,
             disparity_max: number("disparity_max")? as f32,
             files,
         })
@@ -137,7 +139,7 @@ impl Record {
     pub(super) fn add(&mut self, one: &Rendered, digests: Vec<String>) -> Result<()> {
         let entry = json!({
             "files": digests, "layers": one.layers, "psnr": one.score.as_ref().map(|score| score.psnr),
-            "ssim": one.score.as_ref().map(|score| score.ssim), "seen_by_no_view": one.unseen, "disparity_max": one.disparity_max,
+            "ssim": one.score.as_ref().map(|score| score.ssim), "seen_by_no_view": one.unseen, "hidden_from_all_views": one.hidden, "disparity_max": one.disparity_max,
         });
         self.done.insert(one.shot.name.clone(), entry);
         let job: Map<_, _> = self.fields.iter().map(|(field, value)| ((*field).to_owned(), json!(value))).collect();

@@ -16,6 +16,8 @@ pub(super) struct Rendered {
     pub(super) score: Option<Score>,
     /// Share of the pixels that no view covers, 0 to 1.
     pub(super) unseen: f64,
+    /// Share of the pixels that the photos' own depth hides from all views: the least hidden serve there.
+    pub(super) hidden: f64,
     /// Largest disparity, 1/scene unit.
     pub(super) disparity_max: f32,
     pub(super) files: Vec<PathBuf>,

@@ -61,7 +61,7 @@ fn target(job: &Job, one: &Rendered) -> Value {
         "views": job.photos().names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
         "seconds": one.times.as_ref().map(|times| seconds(times).into_iter().collect::<serde_json::Map<_, _>>()),
         "psnr": one.score.as_ref().map(|score| score.psnr), "ssim": one.score.as_ref().map(|score| score.ssim),
-        "seen_by_no_view": one.unseen, "disparity_max": one.disparity_max, "files": one.files.iter().map(|file| shown(file)).collect::<Vec<_>>(),
+        "seen_by_no_view": one.unseen, "hidden_from_all_views": one.hidden, "disparity_max": one.disparity_max, "files": one.files.iter().map(|file| shown(file)).collect::<Vec<_>>(),
     })
 }
 
@@ -123,6 +123,15 @@ fn finish(text: &mut String, done: &[Rendered]) {
     if worst > 0.0 {
         let of = if done.len() > 1 { "a picture, at worst," } else { "the picture" };
         line(text, "unseen", &format!("{:.2} % of {of} is seen by no view: filled from around it", 100.0 * worst));
+    }
+    let hidden = done.iter().map(|one| one.hidden).fold(0.0, f64::max);
+    if hidden > 0.0 {
+        let of = if done.len() > 1 { "a picture, at worst," } else { "the picture" };
+        line(
+            text,
+            "hidden",
+            &format!("{:.2} % of {of} is hidden from all views: the least hidden serve", 100.0 * hidden),
+        );
     }
     let new = done.iter().filter(|one| one.times.is_some());
     let files: Vec<String> = new.flat_map(|one| &one.files).map(|file| file.display().to_string()).collect();

@@ -78,7 +78,7 @@ pub(crate) fn run(args: &StabilityArgs) -> Result<Output> {
     let (renderer, model) = args.model.open()?;
     print_notes(&photos.scene().notes);
     let targets = Targets::held_out(photos.scene(), named(photos.scene(), std::slice::from_ref(&args.target))?);
-    let shot = photos.shots(targets, renderer.network().card().views, None)?.remove(0);
+    let shot = photos.shots(targets, renderer.network().card().views, 0, None)?.remove(0);
     let Some(&farthest) = shot.views.last() else { bail!("{}: no views", args.target) };
     let rig = TestRig {
         photo: photos.scene().load_image(farthest)?,

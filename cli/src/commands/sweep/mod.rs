@@ -195,7 +195,7 @@ fn references(
     let size = size(own);
     let file = folder.join(format!("job_{}.npz", size.width));
     let targets = scaled(Targets::held_out(photos.scene(), named(photos.scene(), &args.target)?), width)?;
-    let shot = photos.shots(targets, views(own), None)?.remove(0);
+    let shot = photos.shots(targets, views(own), 0, None)?.remove(0);
     write_job(&file, photos, &shot, planes)?;
     let weights = model(own).with_extension("pt");
     let words = words(command);

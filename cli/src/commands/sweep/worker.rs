@@ -99,7 +99,7 @@ impl Renders {
             Some(layers) => Plan::known(layers),
             None => self.job.plan(shot)?,
         };
-        let rendered = self.job.render(shot, &planned.layers)?;
+        let rendered = self.job.render(shot, &planned)?;
         if let Some(path) = frame {
             save(path.as_ref(), &rendered.picture)?;
         }

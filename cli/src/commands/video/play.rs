@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Result, anyhow, bail};
 use liveview::geometry::choose_views;
-use liveview::live::{LiveSession, LiveSettings, Policy};
+use liveview::live::{LiveError, LiveSession, LiveSettings, Policy};
 use liveview::network::OrtNetwork;
 use liveview::{Camera, ImageRgb, LayerSpec};
 
@@ -38,6 +38,9 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let (renderer, model) = args.model.open()?;
     let views = renderer.network().card().views;
     let layers = given_or_recommended(args.layers.as_ref(), args.quality, renderer.network())?;
+    if let LayerSpec::Surface(_) = layers {
+        return Err(LiveError::Unsupported(layers).into());
+    }
     let policy = policy(args.policy, &layers)?;
     let mut renderers = args.model.open_smaller(views)?;
     let fewest = renderers.iter().map(|renderer| renderer.network().card().views).min().unwrap_or(views);

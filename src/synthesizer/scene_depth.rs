@@ -1,0 +1,139 @@
+//! The depth of a scene's photos, kept for all pictures of a run, and the surface of a target from it.
+
+use std::sync::Arc;
+
+use ndarray::Array2;
+
+use super::target::Shot;
+use crate::geometry::distance;
+use crate::layers::{Layers, LayersError};
+use crate::mvs::{
+    DepthMaps, KnownDepth, PhotoDepth, Settings, Surface, SurfaceView, Visibility, exposure_gains, surface,
+};
+use crate::scene::Scene;
+use crate::warp::{SourceView, Texture};
+
+/// Depth maps of the views that may take part.
+pub(super) struct SceneDepth {
+    maps: DepthMaps,
+    /// Views of the maps' photos.
+    free: Vec<usize>,
+    held_out: Vec<usize>,
+}
+
+/// A target's surface, and what is known of the photos of its views.
+#[derive(Debug, Clone)]
+pub struct SeenSurface {
+    surface: Surface,
+    settings: Settings,
+    /// The confirmed depth of each view's photo.
+    known: Vec<Arc<KnownDepth>>,
+    /// What each view's photo is multiplied by, per channel, so that all have the exposure that the target is to have.
+    gains: Vec<[f32; 3]>,
+}
+
+impl SeenSurface {
+    /// The surface.
+    pub fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
+    /// Factors of exposure of each view, by channel; 1 where they are left as they are.
+    pub fn gains(&self) -> &[[f32; 3]] {
+        &self.gains
+    }
+
+    /// `count` layers along the surface ([`Surface::layers`]).
+    ///
+    /// # Errors
+    ///
+    /// [`LayersError::Empty`] for none.
+    pub fn layers(&self, count: usize) -> Result<Layers, LayersError> {
+        self.surface.layers(count)
+    }
+
+    /// The photos of the views with their exposure balanced.
+    pub(super) fn balanced(&self, views: &[SourceView<'_>]) -> Vec<Texture> {
+        views.iter().zip(&self.gains).map(|(view, &gains)| view.texture.with_gains(gains)).collect()
+    }
+
+    /// What hides its layers from these views.
+    pub(super) fn visibility<'a>(&'a self, views: &[SourceView<'a>]) -> Visibility<'a> {
+        Visibility {
+            views: views.iter().zip(&self.known).map(|(view, known)| (view.camera, &**known)).collect(),
+            further: Vec::new(),
+            margin: self.settings.hides * self.surface.pixel,
+        }
+    }
+}
+
+impl SceneDepth {
+    pub(super) fn new(scene: &Scene, free: Vec<usize>, held_out: Vec<usize>, (near, far): (f64, f64)) -> Self {
+        let cameras = free.iter().map(|&view| scene.views[view].camera.clone()).collect();
+        Self { maps: DepthMaps::new(cameras, near, far, Settings::default()), free, held_out }
+    }
+
+    /// Whether exactly these views are held out.
+    pub(super) fn serves(&self, held_out: &[usize]) -> bool {
+        self.held_out == held_out
+    }
+
+    /// Index of a view among the photos that take part.
+    fn photo(&self, view: usize) -> usize {
+        self.free.iter().position(|&free| free == view).expect("a view that is not held out")
+    }
+
+    /// The views whose photos are needed to search the depth of one; none if it is known.
+    pub(super) fn photos_to_search(&self, view: usize) -> Vec<usize> {
+        let photo = self.photo(view);
+        if self.maps.missing(&[photo]).is_empty() {
+            return Vec::new();
+        }
+        let neighbours = self.maps.neighbours(photo).into_iter().map(|photo| self.free[photo]);
+        std::iter::once(view).chain(neighbours).collect()
+    }
+
+    /// Searches the depth of a view's photo, unless it is known. A photo without neighbours has none that anything confirms.
+    pub(super) fn search<'a>(&mut self, view: usize, source: impl Fn(usize) -> SourceView<'a>) {
+        let photo = self.photo(view);
+        let free = &self.free;
+        if self.maps.depth(photo, |photo| source(free[photo])).is_none() {
+            let size = source(view).camera.size();
+            let disparity = Array2::from_elem((size.height, size.width), -1.0);
+            self.maps.insert(photo, PhotoDepth { disparity, pixel: 1.0 });
+        }
+    }
+
+    /// The surface of a target, from the photos of these views: the first are those that it is rendered from.
+    pub(super) fn surface<'a>(
+        &mut self,
+        shot: &Shot,
+        set: &[usize],
+        source: impl Fn(usize) -> SourceView<'a>,
+        exposure: bool,
+    ) -> SeenSurface {
+        let photos: Vec<usize> = set.iter().map(|&view| self.photo(view)).collect();
+        let known = self.maps.known(&photos);
+        let of = |view: SourceView<'a>, index: usize| (view, index);
+        let sources: Vec<_> = set.iter().enumerate().map(|(index, &view)| of(source(view), index)).collect();
+        let views: Vec<SurfaceView<'_>> = sources
+            .iter()
+            .map(|&(view, index)| SurfaceView { view, all: &known[index].1, known: &known[index].2 })
+            .collect();
+        let distances: Vec<f64> = views.iter().map(|view| distance(view.view.camera, &shot.target)).collect();
+        let gains = if exposure { exposure_gains(&views, &distances) } else { vec![[1.0; 3]; views.len()] };
+        let balanced: Vec<Texture> =
+            views.iter().zip(&gains).map(|(view, &gains)| view.view.texture.with_gains(gains)).collect();
+        let views: Vec<SurfaceView<'_>> = views
+            .iter()
+            .zip(&balanced)
+            .map(|(view, texture)| SurfaceView { view: SourceView { texture, ..view.view }, ..*view })
+            .collect();
+        let (near, far) = self.maps.range();
+        let settings = self.maps.settings().clone();
+        let surface = surface(&views, views.len(), &shot.target, near, far, &settings);
+        let count = shot.views.len();
+        let known = known.iter().take(count).map(|(_, _, known)| Arc::clone(known)).collect();
+        SeenSurface { surface, settings, known, gains: gains[..count].to_vec() }
+    }
+}
