@@ -152,7 +152,7 @@ pub fn surface(
 /// Offsets tried, in pixels of parallax, near → far.
 const OFFSETS: [f32; 7] = [1.5, 1.0, 0.5, 0.0, -0.5, -1.0, -1.5];
 
-fn refined(
+pub(super) fn refined(
     surface: &[f32],
     sources: &[WarpSource<'_>],
     visible: &[Vec<f32>],
