@@ -5,7 +5,6 @@
 //! last bits are marked doubtful by the oracle (`liveview_ref/parity/mvs_goldens.py`): they may be off, but only few are
 //! doubtful. All others lie within the bounds of `parity/tolerances.json`.
 
-
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
