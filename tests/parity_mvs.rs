@@ -9,18 +9,18 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use glam::{DMat3, DVec3};
-use liveview::geometry::{Camera, Intrinsics, PlaneSweep, Size};
+use liveview::geometry::{Camera, Intrinsics, PlaneSweep, Size, distance};
 use liveview::image::ImageRgb;
-use liveview::layers::padded;
+use liveview::layers::{Layer, padded};
 use liveview::mvs::stages::{self, Search};
 use liveview::mvs::{
-    KnownDepth, PhotoDepth, Settings, SurfaceView, confirmed, exposure_gains, photo_depth, surface, visible,
+    KnownDepth, PhotoDepth, Settings, SurfaceView, Visibility, confirmed, exposure_gains, photo_depth, surface,
 };
 use liveview::warp::{SourceView, Texture, WarpSource};
 use ndarray::{Array, Array2, Array3, ArrayD, Axis, Dimension, IxDyn, OwnedRepr};
 use ndarray_npy::{NpzReader, ReadNpyError, ReadNpzError, ReadableElement};
 
-const CASES: [&str; 11] = [
+const CASES: [&str; 12] = [
     "scene",
     "windows",
     "sizes",
@@ -31,11 +31,14 @@ const CASES: [&str; 11] = [
     "exposure",
     "infinity",
     "near_is_far",
+    "further",
     "planes_4096",
 ];
 
 /// Photos that a photo is matched with, as parity/mvs_stages.py has it.
 const NEIGHBOURS: usize = 4;
+/// Layers along the surface, as there.
+const LAYERS: usize = 3;
 
 fn folder() -> PathBuf {
     let folder = std::env::var_os("LIVEVIEW_GOLDENS").map(PathBuf::from);
@@ -52,6 +55,8 @@ struct Case {
     range: (f64, f64),
     count: usize,
     settings: Settings,
+    /// Photos at the target that the further ones help.
+    main: usize,
     /// What `check` found beyond bounds; all of it is told at the end.
     failures: Mutex<Vec<String>>,
 }
@@ -69,6 +74,7 @@ impl Case {
             range: (0.0, 0.0),
             count: 0,
             settings: Settings::default(),
+            main: 0,
             failures: Mutex::default(),
         };
         for view in 0.. {
@@ -81,6 +87,7 @@ impl Case {
         case.target = case.camera("target", Size::new(size[[0]] as usize, size[[1]] as usize));
         let range = case.get::<f64>("range");
         (case.range, case.count) = ((range[[0]], range[[1]]), flat(case.get::<i64>("count"))[0] as usize);
+        case.main = flat(case.get::<i64>("main"))[0] as usize;
         let radius = case.get::<i64>("radius");
         (case.settings.radius, case.settings.fine_radius) = (radius[[0]] as usize, radius[[1]] as usize);
         case
@@ -160,7 +167,7 @@ impl Case {
     /// Disparity worth a pixel of parallax at the target.
     fn pixel(&self) -> f32 {
         let settings = Settings { refine: 0, second: false, ..self.settings.clone() };
-        self.with_views(|views| surface(views, &self.target, self.range.0, self.range.1, &settings).pixel)
+        self.with_views(|views| surface(views, self.main, &self.target, self.range.0, self.range.1, &settings).pixel)
     }
 
     /// Hold `found` against the oracle's `stage`: few elements are doubtful, and all others within what float32 torch's own
@@ -330,8 +337,7 @@ fn carried_to_the_target() {
             case.check("splat", &stages::splatted(&maps, &case.target, size, case.settings.fuse * pixel));
             case.check("grown", &stages::grown(&case.map("splat")));
             let (map, margin) = (case.map("grown"), case.settings.hides * pixel);
-            let seen = |view| Array2::from_shape_vec(map.dim(), visible(view, &case.target, &map, margin)).unwrap();
-            let seen: Vec<_> = views.iter().map(seen).collect();
+            let seen: Vec<_> = maps.iter().map(|&m| stages::visible(m, &case.target, &map, margin)).collect();
             let seen: Vec<_> = seen.iter().map(|map| map.view()).collect();
             case.check("visible", &ndarray::stack(Axis(0), &seen).unwrap());
         });
@@ -351,16 +357,42 @@ fn refinement() {
 #[test]
 fn surface_from_what_is_known() {
     for_whole(|case| {
-        let found =
-            case.with_views(|views| surface(views, &case.target, case.range.0, case.range.1, &case.settings).disparity);
-        case.check("surface", &found);
+        let ((near, far), target) = (case.range, &case.target);
+        let found = case.with_views(|views| surface(views, case.main, target, near, far, &case.settings));
+        case.check("surface", &found.disparity);
+        let layers = found.layers(LAYERS).unwrap();
+        let map = |layer: &Layer| if let Layer::Pixels(map) = layer { map.clone() } else { panic!("not by pixel") };
+        let maps: Vec<_> = layers.as_slice().iter().map(map).collect();
+        case.check("layers", &ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>()).unwrap());
+    });
+}
+
+#[test]
+fn hidden_from_views() {
+    for_whole(|case| {
+        let (map, pixel) = (case.map("grown"), case.pixel());
+        let (colour, coverage, seen) = case.with_views(|views| {
+            let (main, further) = views.split_at(case.main);
+            let visibility = Visibility {
+                views: main.iter().map(|v| (v.view.camera, v.known)).collect(),
+                further: further.iter().map(|v| (v.view, v.known)).collect(),
+                margin: case.settings.hides * pixel,
+            };
+            let main: Vec<_> = main.iter().map(|v| v.view).collect();
+            stages::hidden(&visibility, &main, &case.target, &map)
+        });
+        let (height, width) = map.dim();
+        case.check("hidden_colour", &colour.into_shape_with_order((case.main, 3, height, width)).unwrap());
+        case.check("hidden_coverage", &coverage);
+        case.check("seen", &seen.mapv(|any| if any { 1.0_f32 } else { 0.0 }));
     });
 }
 
 #[test]
 fn exposure() {
     for_whole(|case| {
-        let found = case.with_views(exposure_gains);
+        let distances: Vec<f64> = case.cameras.iter().map(|camera| distance(camera, &case.target)).collect();
+        let found = case.with_views(|views| exposure_gains(views, &distances));
         case.check("gains", &Array2::from_shape_fn((found.len(), 3), |(view, channel)| found[view][channel]));
     });
 }
@@ -375,8 +407,8 @@ fn threads_change_no_bit() {
             pool.install(|| {
                 let (near, far) = case.range;
                 let depth = photo_depth(&case.view(0), &case.neighbours(0), near, far, &case.settings).disparity;
-                let surface = case.with_views(|views| surface(views, &case.target, near, far, &case.settings));
-                let gains = case.with_views(exposure_gains).concat();
+                let surface = case.with_views(|views| surface(views, 2, &case.target, near, far, &case.settings));
+                let gains = case.with_views(|views| exposure_gains(views, &vec![1.0; views.len()])).concat();
                 let all = depth.iter().chain(&surface.disparity).chain(&gains);
                 all.map(|value| value.to_bits()).collect::<Vec<_>>()
             })

@@ -9,15 +9,15 @@ from liveview_ref.parity.mvs_rigs import SQUARE, WALL, mvs_rig
 from liveview_ref.reference.camera import Camera
 from liveview_ref.reference.mvs.aggregate import aggregate, jumps
 from liveview_ref.reference.mvs.consistency import confirmed, known
-from liveview_ref.reference.mvs.exposure import exposure_gains
+from liveview_ref.reference.mvs.exposure import balanced, exposure_gains
 from liveview_ref.reference.mvs.grid import NONE, Candidates, Grid
 from liveview_ref.reference.mvs.holes import grown
 from liveview_ref.reference.mvs.photo_depth import PhotoDepth, bands, photo_depth
 from liveview_ref.reference.mvs.photo_sweep import UNSEEN, costs, window_sum
 from liveview_ref.reference.mvs.settings import Settings
 from liveview_ref.reference.mvs.splat import splat
-from liveview_ref.reference.mvs.surface import SurfaceView, surface
-from liveview_ref.reference.mvs.visibility import visible
+from liveview_ref.reference.mvs.surface import Surface, SurfaceView, surface
+from liveview_ref.reference.mvs.visibility import Photo, hide, visible
 from liveview_ref.rig_arrays import cameras_of, images_of
 
 NEAR, FAR = 2.0, 9.0
@@ -109,7 +109,7 @@ def test_a_map_is_confirmed_by_those_that_agree_unless_more_see_past_it():
     assert share(near, near) == 1 and share(near, far) == 0
     assert share(near, near, far) == 1 and share(near, near, far, far) == 0
     assert share(far, near) == 0, "what hides a point does not confirm it"
-    assert share(near) == 1, "alone"
+    assert share(near) == 0, "alone"
 
 
 def test_the_nearest_splat_wins_and_those_close_behind_are_averaged():
@@ -141,10 +141,39 @@ def test_only_a_confirmed_nearer_depth_hides():
     assert visible(camera(), own, camera(), filled(0.48), 0.03).min() == 1
 
 
+def test_further_photos_stand_in_where_no_view_sees():
+    """The first view is hidden on the right, the further photo on the last row as well."""
+    hidden, seldom = filled(-1.0), filled(-1.0)
+    hidden[:, 6:], seldom[5] = 0.5, 0.5
+    images = [torch.full((3, 6, 12), value, dtype=torch.float64) for value in (0.2, 0.7)]
+    view, other = (Photo(i, camera(), k) for i, k in zip(images, (hidden, seldom), strict=True))
+    colour, coverage = images[0][None], filled(1.0)[None]
+    layer = camera(), filled(0.1), 0.03, colour, coverage
+    found, covered, seen = hide([view], [other], *layer)
+    torch.testing.assert_close(found[0, 0, :5, 6:], torch.full((5, 6), 0.7, dtype=torch.float64))
+    assert found[0, 0, :, :6].unique().tolist() == [0.2] and found[0, 0, 5].unique().tolist() == [0.2]
+    assert covered.min() == 1 and seen[:5].all() and not seen[5, 6:].any()
+    found, covered, seen = hide(
+        [view, other], [], camera(), filled(0.1), 0.03, torch.stack(images), filled(1.0).expand(2, 6, 12)
+    )
+    assert covered[0, :5, 6:].max() == 0 and covered[1, :5].min() == 1 and covered[:, 5, 6:].min() == 1
+    assert found[0, :, :5, 6:].max() == 0 and not seen[5, 6:].any()
+
+
+def test_layers_bracket_the_surface():
+    step = filled(0.2)
+    step[:, 6:] = 0.4
+    layers = Surface(step, 0.01, 0.0).layers(3)
+    torch.testing.assert_close(layers[:, 0, 5], torch.tensor([0.4, 0.3, 0.2], dtype=torch.float64))
+    assert layers[:, 0, 4].tolist() == [0.2] * 3 and layers[:, 0, 7].tolist() == [0.4] * 3
+    assert torch.equal(Surface(step, 0.01, 0.0).layers(1)[0], step)
+
+
 @pytest.fixture(scope="module")
 def scene():
     """Photos of the made scene with their depth, in float32."""
     data = mvs_rig(np.random.default_rng(5), 3, "exposure")
+    torch.set_num_threads(1)  # many small steps
     cameras, target = cameras_of(data)
     views = list(zip(images_of(data, torch.float32), cameras, strict=True))
     settings = Settings()
@@ -160,15 +189,17 @@ def test_the_made_scene_is_found(scene):
     assert abs(float(middle.median()) - 1 / SQUARE) < 0.02
     assert abs(float(views[0].all.disparity[:20].median()) - 1 / WALL) < 0.03
     assert float((views[0].known >= 0).double().mean()) > 0.7
-    found = surface(views, target, NEAR, FAR, Settings())
+    found = surface(views, 3, target, NEAR, FAR, Settings())
     assert found.disparity.shape == (72, 120) and 0 < found.holes < 0.4
     assert abs(float(found.disparity[30:36, 55:65].median()) - 1 / SQUARE) < 0.02
 
 
 def test_exposure_is_found(scene):
-    gains = exposure_gains(scene[0])
+    gains = exposure_gains(scene[0], torch.tensor([0.0, 1, 2], dtype=torch.float64))
     expected = [(1 - 0.06 * i) ** -np.array([1, 2, 0.5]) for i in range(3)]
-    np.testing.assert_allclose(torch.stack(gains), expected, atol=0.02)
+    np.testing.assert_allclose(gains, expected, atol=0.02)
+    gains = balanced(torch.tensor([[1.0, 1.0], [4.0, 1.0]]), torch.tensor([2.0, 2.0]))
+    torch.testing.assert_close(gains, torch.tensor([[0.5, 1.0], [2.0, 1.0]]))
 
 
 def test_the_oracle_doubts_where_a_coverage_is_a_half():

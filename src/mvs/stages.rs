@@ -9,8 +9,10 @@ use super::aggregate::{Penalties, aggregate};
 use super::disagreement::Views;
 use super::grid::{Candidates, Grid};
 use super::photo_sweep::{Planes, costs};
-use super::{Camera, KnownDepth, PlaneSweep, Settings, Size, SourceView, Texture, WarpSource};
-use super::{disagreement, holes, median, photo_depth, splat, surface};
+use super::visibility::WarpedLayer;
+use super::{Camera, KnownDepth, PlaneSweep, RunCoverage, Settings, Size, SourceView, Texture, Visibility, WarpSource};
+use super::{disagreement, holes, median, photo_depth, splat, surface, visibility};
+use crate::warp::{run_coverage_len, warp_layers_again, warp_sources};
 
 /// An even grid of disparities on cells of some pixels, and the part of it that each cell is searched at.
 #[derive(Debug, Clone, Copy)]
@@ -89,6 +91,40 @@ pub fn splatted(maps: &[(&Camera, &KnownDepth)], target: &Camera, size: Size, fu
 /// Holes (below 0) filled with the farthest neighbour, growing.
 pub fn grown(values: &Array2<f32>) -> Array2<f32> {
     map(holes::grown(flat(values), values.ncols()), values.ncols())
+}
+
+/// 1 where the view sees the point of each pixel of the target at `disparity`, else 0.
+pub fn visible(view: (&Camera, &KnownDepth), target: &Camera, disparity: &Array2<f32>, margin: f32) -> Array2<f32> {
+    map(visibility::visible(view, target, flat(disparity), disparity.ncols(), margin), disparity.ncols())
+}
+
+/// A layer warped by `views` with what they do not see taken away: colour `[3V, h, w]`, coverage `[V, h, w]`, and where any photo
+/// sees it `[h, w]`.
+pub fn hidden(
+    visibility: &Visibility<'_>,
+    views: &[SourceView<'_>],
+    target: &Camera,
+    layer: &Array2<f32>,
+) -> (Array3<f32>, Array3<f32>, Array2<bool>) {
+    let (height, width) = layer.dim();
+    let size = Size::new(width, height);
+    let mut colour = vec![0.0; 3 * views.len() * size.pixels()];
+    let mut coverage = vec![0.0; views.len() * size.pixels()];
+    let mut seen = vec![false; size.pixels()];
+    let mut run_coverage = vec![RunCoverage::Partly; views.len() * run_coverage_len(size)];
+    let sources = warp_sources(views, target);
+    warp_layers_again(flat(layer), &sources, size, &mut colour, &mut coverage, &mut run_coverage);
+    let warped = WarpedLayer {
+        disparity: flat(layer),
+        colour: &mut colour,
+        coverage: &mut coverage,
+        run_coverage: &mut run_coverage,
+    };
+    visibility.hide(target, size, warped, &mut seen);
+    let volume = |values: Vec<f32>| {
+        Array3::from_shape_vec((values.len() / size.pixels(), height, width), values).expect("whole maps")
+    };
+    (volume(colour), volume(coverage), Array2::from_shape_vec((height, width), seen).expect("one per pixel"))
 }
 
 /// Disagreement `[offsets, h, w]` of the views on a surface moved by each offset; `visible` is 1 or 0 per view and pixel.

@@ -32,12 +32,16 @@ JUMPS = {  # by how much an output must move to be another decision; the others 
     "grown": 0.001,
     "refined": 0.01,
     "surface": 0.01,
+    "layers": 0.01,
     "confirmed": 0.5,
     "visible": 0.5,
+    "seen": 0.5,
+    "hidden_colour": 0.001,
+    "hidden_coverage": 0.01,
     "disagreement": 1e-5,  # of 0.02
     "gains": 1e-3,
 }
-IN_PIXELS = "depth", "splat", "grown", "refined", "surface"
+IN_PIXELS = "depth", "splat", "grown", "refined", "surface", "layers"
 
 CASES: dict[str, dict] = {
     "scene": {"views": 5},
@@ -50,6 +54,7 @@ CASES: dict[str, dict] = {
     "exposure": {"views": 3, "kind": "exposure"},
     "infinity": {"views": 3, "range": (2.0, np.inf)},
     "near_is_far": {"views": 3, "range": (5.0, 5.0 * (1 + 1e-6))},
+    "further": {"views": 5, "main": 2},
     "planes_4096": {"views": 3, "count": 4096},
 }
 
@@ -108,12 +113,13 @@ def errors(found: np.ndarray, oracle: np.ndarray, mask: np.ndarray | None) -> np
     return np.array([sure.max(), sure.mean()] if sure.size else [0.0, 0.0])
 
 
-def case(seed: int, views: int, kind: str = "scene", radius=(0, 0), range=(2.0, 9.0), count=None, still=False):  # noqa: A002
+def case(seed: int, views: int, kind: str = "scene", radius=(0, 0), range=(2.0, 9.0), count=None, still=False, main=9):  # noqa: A002
     """All arrays of a case. `still`: the cameras are not moved, for the case is about where exactly they are."""
     data = mvs_rig(np.random.default_rng([2021, 14, seed]), views, kind)
     if count:
         data |= {name: value[:24, :40] for name, value in data.items() if name.endswith(".image")}
     data |= {"range": np.array(range), "radius": np.array(radius), "still": np.array(still)}
+    data["main"] = np.array(min(main, views))
     cameras, _ = cameras_of(data)
     grid, _ = planes_of(cameras[0], cameras[1 : 1 + stages.NEIGHBOURS], *range, Settings())
     data["count"] = np.array(count or grid.count)

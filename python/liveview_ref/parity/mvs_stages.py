@@ -2,10 +2,11 @@
 Rust against.
 
 Beside photos and cameras (rig_arrays.py): `range` [2] float64, near and far; `radius` [2], of the windows; `count`,
-planes of the first search. Of photo 0, matched with the others: `half_costs` [h/2, w/2, n], `half_found`, `half_index`
-[h/2, w/2], `starts` [h/2, w/2, 2], `fine_costs` [h, w, 16], `fine_found`, `fine_index` [h, w]. Of every photo i:
-`depth{i}` and `confirmed{i}` [h, w], `pixel` [V]. At the target: `splat`, `grown`, `refined`, `surface` [H8, W8],
-`visible` [V, H8, W8], `disagreement` [7, H8, W8], `gains` [V, 3].
+planes of the first search; `main`, photos at the target that further ones help. Of photo 0, matched with the others:
+`half_costs` [h/2, w/2, n], `half_found`, `half_index` [h/2, w/2], `starts` [h/2, w/2, 2], `fine_costs` [h, w, 16],
+`fine_found`, `fine_index` [h, w]. Of every photo i: `depth{i}` and `confirmed{i}` [h, w], `pixel` [V]. At the target:
+`splat`, `grown`, `refined`, `surface`, `seen` [H8, W8], `layers` [3, H8, W8], `hidden_colour` [V, 3, H8, W8],
+`hidden_coverage` `visible` [V, H8, W8], `disagreement` [7, H8, W8], `gains` [V, 3].
 """
 
 from collections.abc import Callable
@@ -29,10 +30,14 @@ from ..reference.mvs.photo_sweep import costs
 from ..reference.mvs.settings import Settings
 from ..reference.mvs.splat import splat
 from ..reference.mvs.surface import SurfaceView, parallax, refined, surface
+from ..reference.mvs.visibility import Photo, hide
+from ..reference.view_selection import view_distances
+from ..reference.warp import warp_maps
 from ..rig_arrays import Arrays, cameras_of, images_of
 
 Stage = Callable[[Arrays, torch.dtype], Arrays]
 NEIGHBOURS = 4
+LAYERS = 3
 
 
 def tensor(data: Arrays, name: str, dtype: torch.dtype) -> Tensor:
@@ -139,7 +144,8 @@ def surface_views(data: Arrays, dtype: torch.dtype) -> list[SurfaceView]:
 
 def target_pixel(data: Arrays) -> float:
     near, far = (float(x) for x in data["range"])
-    return pixel_of(parallax(*cameras_of(data), near, far), near, far)
+    cameras, target = cameras_of(data)
+    return pixel_of(parallax(cameras[: int(data["main"])], target, near, far), near, far)
 
 
 def splatted(data: Arrays, dtype: torch.dtype) -> Arrays:
@@ -179,14 +185,28 @@ def surfaces(data: Arrays, dtype: torch.dtype) -> Arrays:
     """All stages at the target together, from what is known of the photos."""
     near, far = (float(x) for x in data["range"])
     views, (_, target) = surface_views(data, dtype), cameras_of(data)
-    return {"surface": surface(views, target, near, far, settings_of(data)).disparity.numpy()}
+    found = surface(views, int(data["main"]), target, near, far, settings_of(data))
+    return {"surface": found.disparity.numpy(), "layers": found.layers(LAYERS).numpy()}
+
+
+def hidden(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The grown surface as a layer, warped, without what the main views do not see; where any photo does."""
+    main, (_, target) = int(data["main"]), cameras_of(data)
+    map_ = tensor(data, "grown", dtype)
+    warped = [warp_maps(image, camera, target, map_[None]) for image, camera in photos(data, dtype)[:main]]
+    colour, coverage = (torch.cat(x) for x in zip(*warped, strict=True))
+    views = [Photo(v.image, v.camera, v.known) for v in surface_views(data, dtype)]
+    margin = Settings().hides * target_pixel(data)
+    found = hide(views[:main], views[main:], target, map_, margin, colour, coverage)
+    names = "hidden_colour", "hidden_coverage", "seen"
+    return {name: value.to(dtype).numpy() for name, value in zip(names, found, strict=True)}
 
 
 def exposures(data: Arrays, dtype: torch.dtype) -> Arrays:
-    return {"gains": torch.stack(exposure_gains(surface_views(data, dtype))).numpy()}
+    return {"gains": exposure_gains(surface_views(data, dtype), view_distances(*cameras_of(data))).numpy()}
 
 
 PHOTO = (half_costs, half_found, half_index, starts, fine_costs, fine_found, fine_index)
-TARGET = (splatted, holes, visibility, disagreements, refinement, surfaces, exposures)
+TARGET = (splatted, holes, visibility, disagreements, refinement, surfaces, hidden, exposures)
 STAGES = (*PHOTO, depths, confirmations, *TARGET)
 INTEGERS = {"half_costs": np.uint16, "fine_costs": np.uint16, "starts": np.uint16}  # the others are float32

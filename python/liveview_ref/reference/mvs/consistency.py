@@ -11,7 +11,7 @@ from .settings import Settings
 
 def confirmed(which: int, maps: list[tuple[Camera, PhotoDepth]], settings: Settings) -> Tensor:
     """Confirmed pixels [h, w] of map `which`: at least `votes` other maps (or all, if fewer) agree within `agree` px,
-    and no more lie `past` px behind than agree. A map alone confirms itself."""
+    and no more lie `past` px behind than agree. Of a map alone nothing is confirmed."""
     camera, (disparity, pixel) = maps[which]
     agree = torch.zeros_like(disparity, dtype=torch.int64)
     seen_past = agree.clone()
@@ -22,7 +22,7 @@ def confirmed(which: int, maps: list[tuple[Camera, PhotoDepth]], settings: Setti
         nearer = own - there
         agree += inside & (nearer.abs() < settings.agree * pixel)
         seen_past += inside & (nearer < -settings.past * pixel)
-    return (agree >= min(settings.votes, len(others))) & (agree >= seen_past)
+    return (agree >= max(min(settings.votes, len(others)), 1)) & (agree >= seen_past)
 
 
 def known(found: Tensor, confirmed: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Gains that bring photos of other exposure or white balance to the first one's: one factor per colour channel."""
+"""Gains that bring photos of different exposure or white balance to one between theirs: a factor per channel."""
 
 import torch
 from torch import Tensor
@@ -12,7 +12,20 @@ ENOUGH = 200  # fewest correspondences that a gain is told from
 AGREE = 2.0  # px within which the two depths agree
 
 
-def exposure_gains(views: list[SurfaceView]) -> list[Tensor]:
+def exposure_gains(views: list[SurfaceView], distances: Tensor) -> Tensor:
+    """Gains [V, 3] of the views, whose distances from the target are [V] float64."""
+    return balanced(torch.stack(like_first(views)), distances)
+
+
+def balanced(gains: Tensor, distances: Tensor) -> Tensor:
+    """Gains whose geometric mean is 1, weighted by nearness; a photo at the target keeps its own colours."""
+    at_target = distances == 0
+    weight = (at_target.double() if bool(at_target.any()) else 1 / distances).to(gains)
+    mean = ((weight[:, None] * gains.log()).sum(0) / weight.sum()).exp()
+    return gains / mean
+
+
+def like_first(views: list[SurfaceView]) -> list[Tensor]:
     """Gains [3] of each view towards the first of them, whose own are 1."""
     return [
         gains(view, views[0]) if index else torch.ones(3, dtype=view.image.dtype) for index, view in enumerate(views)

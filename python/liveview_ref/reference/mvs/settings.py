@@ -9,6 +9,8 @@ class Settings:
 
     neighbours: int = 4
     extra: int = 2
+    further: int = 0
+    judges: int = 6
     spacing: float = 1.0
     radius: int = 0
     fine_radius: int = 0
@@ -19,7 +21,7 @@ class Settings:
     edge: float = 0.05
     agree: float = 2.0
     past: float = 4.0
-    hides: float = 3.0
+    hides: float = 4.0
     second: bool = True
     searched: bool = True
     fuse: float = 2.0

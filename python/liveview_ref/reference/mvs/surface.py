@@ -3,11 +3,12 @@
 from typing import NamedTuple
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from ..camera import Camera
 from ..guided import guided_search, parallax
-from ..layers import padded_size, upsample_maps
+from ..layers import guided_maps, padded_size, upsample_maps
 from .disagreement import disagreement
 from .holes import grown
 from .median import median3
@@ -37,13 +38,27 @@ class Surface(NamedTuple):
     pixel: float
     holes: float
 
+    def layers(self, count: int) -> Tensor:
+        """`count` layers [L, h, w], near -> far: one follows the surface; more divide the range between its largest and
+        its smallest disparity over 3x3 pixels evenly."""
+        surface = self.disparity[None]
+        near, far = F.max_pool2d(surface, 3, 1, 1)[0], -F.max_pool2d(-surface, 3, 1, 1)[0]
+        found = guided_maps(near, self.disparity, far, count)
+        return found if count == 1 else torch.cat([found[:-1], far[None]])
 
-def surface(views: list[SurfaceView], target: Camera, near: float, far: float, settings: Settings) -> Surface:
-    """Finds the surface of `target`."""
+
+def surface(
+    views: list[SurfaceView], main: int, target: Camera, near: float, far: float, settings: Settings
+) -> Surface:
+    """Finds the surface of `target` from the first `main` of the views; the others fill what those do not know."""
+    views, further = views[:main], views[main:]
     cameras = [v.camera for v in views]
     pixel = pixel_of(parallax(cameras, target, near, far), near, far)
     size = padded_size(target.height, target.width)
     map_ = splat([(v.camera, v.known) for v in views], target, *size, settings.fuse * pixel)
+    if further:
+        more = splat([(v.camera, v.known) for v in further], target, *size, settings.fuse * pixel)
+        map_ = torch.where(map_ < 0, more, map_)
     empty = map_ < 0
     filled = grown(map_)
     if settings.second and bool(empty.any()):
@@ -52,7 +67,8 @@ def surface(views: list[SurfaceView], target: Camera, near: float, far: float, s
         )
     found = median3(filled)
     for _ in range(settings.refine):
-        found = refined(views, seen(views, target, found, pixel, settings), target, found, pixel, settings)
+        judges = views[: settings.judges]
+        found = refined(judges, seen(judges, target, found, pixel, settings), target, found, pixel, settings)
     return Surface(found, pixel, float(empty.double().mean()))
 
 
