@@ -46,7 +46,12 @@ impl Search<'_> {
 
 /// Matching costs `[h, w, n]` of the n candidates of each cell of `photo`, in units of 1/32768; those of a second segment that
 /// a cell does not have are anything.
-pub fn matching_costs(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], search: &Search<'_>, radius: usize) -> Array3<u16> {
+pub fn matching_costs(
+    photo: &SourceView<'_>,
+    neighbours: &[SourceView<'_>],
+    search: &Search<'_>,
+    radius: usize,
+) -> Array3<u16> {
     let reference = Planes::new(&photo.texture.shrunk(search.cell));
     let textures: Vec<Texture> = neighbours.iter().map(|n| n.texture.shrunk(search.cell)).collect();
     let sweep = |n: &SourceView<'_>| PlaneSweep::new(n.camera, photo.camera).shrunk(search.cell as f64);
