@@ -18,7 +18,7 @@ from . import mvs_stages as stages
 from .mvs_rigs import mvs_rig
 
 MOVED = 1e-6  # standard deviation of what inputs are moved by: 8 units in the last place of 1
-PAIRS = 2  # of such moves, one way and the other
+PAIRS = {stages.depths: 1, stages.surfaces: 4}  # of such moves, one way and the other; two for the others
 JUMPS = {  # by how much an output must move to be another decision; the others move smoothly
     "half_costs": 1.5,  # units of 1/32768
     "half_found": 0.05,  # indices
@@ -95,7 +95,7 @@ def doubtful(stage: stages.Stage, data: Arrays, oracle: Arrays) -> Arrays:
     if not found:
         return {}
     inputs = {name for name in data if "." not in name or name.startswith(("view", "target"))}
-    for pair in range(1 if stage is stages.depths else PAIRS):
+    for pair in range(PAIRS.get(stage, 2)):
         for sign in (1, -1):
             apart = stage(moved(data, np.random.default_rng([14, pair]), sign, inputs), torch.float64)
             for name, value in oracle.items():

@@ -19,6 +19,7 @@ from .visibility import visible
 
 OFFSETS = 1.5, 1.0, 0.5, 0.0, -0.5, -1.0, -1.5  # tried by the refinement, in px, near -> far
 BETTER = 0.9  # of the first candidate's disagreement, below which the second fills a hole
+ROUNDING = 1e-7  # and by this much: all that differs where the photos have no texture
 SEARCHED = 4  # most views that the target's own search looks at
 
 
@@ -93,7 +94,7 @@ def choose(
     a, b = (
         disagreement(pairs, seen(views, target, m, pixel, settings), target, m, [0.0], 3)[0] for m in (first, other)
     )
-    return torch.where(empty & (b < BETTER * a), other, first)
+    return torch.where(empty & (b < BETTER * a - ROUNDING), other, first)
 
 
 def seen(views: list[SurfaceView], target: Camera, map_: Tensor, pixel: float, settings: Settings) -> Tensor:
