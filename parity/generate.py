@@ -1,4 +1,4 @@
-"""Goldens for tests/parity.rs: python parity/generate.py FOLDER
+"""Goldens for tests/parity.rs and tests/parity_mvs.rs: python parity/generate.py FOLDER
 
 Seeded cases, each one npz: inputs, the float64 oracle of every stage (`oracle.NAME`), and the largest and mean error of
 float32 torch (`torch.NAME`). A stage's inputs are the float32 roundings of the oracle's outputs of the stage before, so
@@ -18,7 +18,7 @@ sys.path.insert(0, str(ROOT / "python"))
 from liveview_ref import onnx_session  # noqa: E402
 from liveview_ref.checkpoint import load_network  # noqa: E402
 from liveview_ref.export import export  # noqa: E402
-from liveview_ref.parity import stages  # noqa: E402
+from liveview_ref.parity import mvs_goldens, stages  # noqa: E402
 from liveview_ref.parity.rigs import SIZE, rig  # noqa: E402
 from liveview_ref.reference.guided import search_planes  # noqa: E402
 from liveview_ref.reference.histogram import plane_histogram, select_planes  # noqa: E402
@@ -109,6 +109,7 @@ def main() -> None:
         data = rig(np.random.default_rng([2021, index]), views, kind)
         fill(data, layers, *nets[views])
         np.savez(folder / f"{name}.npz", **data)
+    mvs_goldens.write(folder)
     (folder / "cases.txt").write_text("\n".join(CASES) + "\n")
 
 

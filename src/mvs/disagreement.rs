@@ -1,7 +1,7 @@
 //! How little the views that see a pixel agree about it: the variance of their colours, over a window.
 //!
 //! Of the views with a coverage above 0.5 and a visibility of 1 (two at least): Σ (c − mean)² over views and channels, divided by
-//! 3·(n − 1), computed as (Σ c² − (Σ c)²/n); c is the sample divided by its coverage. With fewer views, and above: 0.02.
+//! 3·(n − 1), computed as (Σ c² − (Σ c)²/n); c is the sample divided by its coverage, less 0.5. With fewer views, and above: 0.02.
 //! Then the mean over a window of (2·radius + 1)² pixels, clipped to the map.
 
 use rayon::prelude::*;
@@ -10,6 +10,8 @@ use super::{RUN, RunCoverage, SamplePositions, WarpSource, sample};
 
 /// What a pixel costs that fewer than two views see, and the most that any costs.
 pub(super) const MOST: f32 = 0.02;
+/// What colours are measured from.
+const GREY: f32 = 0.5;
 /// Rows that a thread takes at a time.
 const BAND: usize = 16;
 
@@ -103,7 +105,9 @@ fn window_rows_with<'a, S: pulp::Simd>(
                     let seen = coverage[i] > 0.5;
                     let w = if seen { weight[i] } else { 0.0 };
                     let share = w / if seen { coverage[i] } else { 1.0 };
-                    let (r, g, b) = (red[i] * share, green[i] * share, blue[i] * share);
+                    // Less a grey, which changes no variance but spares half its digits in the difference below.
+                    let grey = GREY * w;
+                    let (r, g, b) = (red[i] * share - grey, green[i] * share - grey, blue[i] * share - grey);
                     sums[0][i] += r;
                     sums[1][i] += g;
                     sums[2][i] += b;

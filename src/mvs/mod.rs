@@ -21,6 +21,7 @@ mod photo_depth;
 mod photo_sweep;
 mod project;
 mod splat;
+pub mod stages;
 mod surface;
 #[cfg(test)]
 mod tests;

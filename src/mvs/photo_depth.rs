@@ -78,7 +78,7 @@ pub fn photo_depth(
 }
 
 /// The two segments of each cell; `parts` indices of the finer grid, of `count`, for one of the coarser.
-fn bands(index: &[f32], width: usize, parts: usize, count: usize) -> Vec<[u16; 2]> {
+pub(super) fn bands(index: &[f32], width: usize, parts: usize, count: usize) -> Vec<[u16; 2]> {
     let (height, segment) = (index.len() / width, SEGMENT as f32);
     let mut starts = vec![[0; 2]; index.len()];
     starts.par_chunks_mut(width).enumerate().for_each(|(y, starts)| {

@@ -3,7 +3,7 @@
 //! 1. Splat of the confirmed depths of the main photos ([`super::splat`]); in its holes that of the further photos.
 //! 2. Holes: the farthest neighbour, growing ([`super::holes`]), or what the guided search at the target finds among the first four
 //!    views ([`crate::layers::guided`], its surface enlarged bilinearly): whichever the views that see it disagree less about over 7×7
-//!    pixels ([`super::disagreement`]); the first unless the second has less than 0.9 of its disagreement. 3×3 median.
+//!    pixels ([`super::disagreement`]); the first unless the second has less than 0.9 of its disagreement − 1e-7. 3×3 median.
 //! 3. Refined: seven offsets of 1.5, 1, … −1.5 px; disagreement over 3×3 pixels plus 2e-5·(offset in px)²; who sees what is told from
 //!    the unrefined surface. The least (ties: the nearer), moved to the parabola's vertex (the first and the last stay), 3×3 median.
 //!
@@ -132,7 +132,7 @@ pub fn surface(
         };
         let (first, second) = (cost(&filled), cost(&all));
         for at in 0..map.len() {
-            if map[at] < 0.0 && second[at] < 0.9 * first[at] {
+            if map[at] < 0.0 && second[at] < BETTER * first[at] - ROUNDING {
                 filled[at] = all[at];
             }
         }
@@ -149,10 +149,14 @@ pub fn surface(
     }
 }
 
+/// Share of the first candidate's disagreement that the second must stay below to fill a hole.
+const BETTER: f32 = 0.9;
+/// And by how much: rounding, which is all that differs where the photos have no texture (a tenth of a grey level, squared).
+const ROUNDING: f32 = 1e-7;
 /// Offsets tried, in pixels of parallax, near → far.
 const OFFSETS: [f32; 7] = [1.5, 1.0, 0.5, 0.0, -0.5, -1.0, -1.5];
 
-fn refined(
+pub(super) fn refined(
     surface: &[f32],
     sources: &[WarpSource<'_>],
     visible: &[Vec<f32>],

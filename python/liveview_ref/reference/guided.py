@@ -34,10 +34,13 @@ class RangeMap(NamedTuple):
     farthest: Tensor
 
 
-def parallax(cameras: list[Camera], target: Camera, near: float, far: float) -> float:
-    """Pixels between near and far in the view that sees most of it: the median over the target's corners and centre."""
+def parallax(
+    cameras: list[Camera], target: Camera, near: float, far: float, size: tuple[int, int] | None = None
+) -> float:
+    """Pixels between near and far in the view that sees most of it: the median over the corners and the centre of the
+    target, padded unless its size (height, width) is given."""
     x, y = torch.tensor([[0, 1, 0, 1, 0.5], [0, 0, 1, 1, 0.5]], dtype=torch.float64)
-    height, width = padded_size(target.height, target.width)
+    height, width = size or padded_size(target.height, target.width)
     pixels = torch.stack([x * width, y * height, torch.ones_like(x)])
     largest = 0.0
     for camera in cameras:

@@ -1,0 +1,212 @@
+"""The stages of the photos' depth as functions of plain arrays, in either precision: what tests/parity_mvs.rs holds
+Rust against.
+
+Beside photos and cameras (rig_arrays.py): `range` [2] float64, near and far; `radius` [2], of the windows; `count`,
+planes of the first search; `main`, photos at the target that further ones help. Of photo 0, matched with the others:
+`half_costs` [h/2, w/2, n], `half_found`, `half_index` [h/2, w/2], `starts` [h/2, w/2, 2], `fine_costs` [h, w, 16],
+`fine_found`, `fine_index` [h, w]. Of every photo i: `depth{i}` and `confirmed{i}` [h, w], `pixel` [V]. At the target:
+`splat`, `grown`, `refined`, `surface`, `seen` [H8, W8], `layers` [3, H8, W8], `hidden_colour` [V, 3, H8, W8],
+`hidden_coverage` `visible` [V, H8, W8], `disagreement` [7, H8, W8], `gains` [V, 3].
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..reference.layers import padded_size
+from ..reference.matching_cost import shrink
+from ..reference.mvs import surface as at_target
+from ..reference.mvs.aggregate import aggregate
+from ..reference.mvs.consistency import confirmed, known
+from ..reference.mvs.disagreement import disagreement
+from ..reference.mvs.exposure import exposure_gains
+from ..reference.mvs.grid import Candidates, Grid
+from ..reference.mvs.holes import grown
+from ..reference.mvs.median import median3
+from ..reference.mvs.photo_depth import PhotoDepth, bands, photo_depth, pixel_of
+from ..reference.mvs.photo_sweep import costs
+from ..reference.mvs.settings import Settings
+from ..reference.mvs.splat import splat
+from ..reference.mvs.surface import SurfaceView, parallax, refined, surface
+from ..reference.mvs.visibility import Photo, hide
+from ..reference.view_selection import view_distances
+from ..reference.warp import warp_maps
+from ..rig_arrays import Arrays, cameras_of, images_of
+
+Stage = Callable[[Arrays, torch.dtype], Arrays]
+NEIGHBOURS = 4
+LAYERS = 3
+
+
+def tensor(data: Arrays, name: str, dtype: torch.dtype) -> Tensor:
+    return torch.from_numpy(data[name]).to(dtype)
+
+
+def settings_of(data: Arrays) -> Settings:
+    radius, fine_radius = (int(r) for r in data["radius"])
+    return Settings(radius=radius, fine_radius=fine_radius)
+
+
+def photos(data: Arrays, dtype: torch.dtype, cell: int = 1) -> list[tuple]:
+    """The photos, shrunk, and their cameras."""
+    images = [shrink(image, cell) if cell > 1 else image for image in images_of(data, dtype)]
+    return list(zip(images, cameras_of(data)[0], strict=True))
+
+
+def neighbours(data: Arrays, which: int, dtype: torch.dtype, cell: int = 1) -> list[tuple]:
+    """Those that photo `which` is matched with: the first that are not it."""
+    all_ = photos(data, dtype, cell)
+    return (all_[:which] + all_[which + 1 :])[:NEIGHBOURS]
+
+
+def coarse_grid(data: Arrays) -> Grid:
+    return Grid.of(*(float(x) for x in data["range"]), int(data["count"]))
+
+
+def fine_grid(data: Arrays) -> Grid:
+    return coarse_grid(data).divided(settings_of(data).parts)
+
+
+def fine_candidates(data: Arrays) -> Candidates:
+    starts = torch.from_numpy(data["starts"].astype(np.int64))
+    return Candidates.two(starts, *data["view0.image"].shape[:2])
+
+
+def half_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
+    image, camera = photos(data, dtype, 2)[0]
+    candidates = Candidates.all(coarse_grid(data), *image.shape[1:])
+    around = neighbours(data, 0, dtype, 2)
+    found = costs(image, camera, around, coarse_grid(data), candidates, 2, settings_of(data).radius)
+    return {"half_costs": found.permute(1, 2, 0).numpy()}
+
+
+def half_found(data: Arrays, dtype: torch.dtype) -> Arrays:
+    image, _ = photos(data, dtype, 2)[0]
+    candidates = Candidates.all(coarse_grid(data), *image.shape[1:])
+    volume = tensor(data, "half_costs", torch.int64).permute(2, 0, 1)
+    return {"half_found": aggregate(volume, image, candidates, settings_of(data)).numpy()}
+
+
+def half_index(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"half_index": median3(tensor(data, "half_found", dtype)).numpy()}
+
+
+def starts(data: Arrays, dtype: torch.dtype) -> Arrays:
+    found = bands(tensor(data, "half_index", dtype), settings_of(data).parts, fine_grid(data).count)
+    return {"starts": found.numpy()}
+
+
+def fine_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Costs of the candidates that a cell has, 0 for the others."""
+    image, camera = photos(data, dtype)[0]
+    candidates, grid = fine_candidates(data), fine_grid(data)
+    around = neighbours(data, 0, dtype)
+    found = costs(image, camera, around, grid, candidates, 1, settings_of(data).fine_radius)
+    return {"fine_costs": torch.where(candidates.there, found, 0).permute(1, 2, 0).numpy()}
+
+
+def fine_found(data: Arrays, dtype: torch.dtype) -> Arrays:
+    image, _ = photos(data, dtype)[0]
+    volume = tensor(data, "fine_costs", torch.int64).permute(2, 0, 1)
+    return {"fine_found": aggregate(volume, image, fine_candidates(data), settings_of(data)).numpy()}
+
+
+def fine_index(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"fine_index": median3(tensor(data, "fine_found", dtype)).numpy()}
+
+
+def depths(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Every photo's depth, from photos and cameras alone."""
+    near, far = (float(x) for x in data["range"])
+    views = photos(data, dtype)
+    found = [photo_depth(v, neighbours(data, i, dtype), near, far, settings_of(data)) for i, v in enumerate(views)]
+    maps = {f"depth{i}": depth.disparity.numpy() for i, depth in enumerate(found)}
+    return maps | {"pixel": np.array([depth.pixel for depth in found])}
+
+
+def confirmations(data: Arrays, dtype: torch.dtype) -> Arrays:
+    cameras, _ = cameras_of(data)
+    pixels = data["pixel"]
+    maps = [(c, PhotoDepth(tensor(data, f"depth{i}", dtype), float(pixels[i]))) for i, c in enumerate(cameras)]
+    return {f"confirmed{i}": confirmed(i, maps, settings_of(data)).to(dtype).numpy() for i in range(len(maps))}
+
+
+def surface_views(data: Arrays, dtype: torch.dtype) -> list[SurfaceView]:
+    found = []
+    for i, (image, camera) in enumerate(photos(data, dtype)):
+        all_ = tensor(data, f"depth{i}", dtype)
+        sure = known(all_, torch.from_numpy(data[f"confirmed{i}"]) > 0)
+        found.append(SurfaceView(image, camera, PhotoDepth(all_, float(data["pixel"][i])), sure))
+    return found
+
+
+def target_pixel(data: Arrays) -> float:
+    near, far = (float(x) for x in data["range"])
+    cameras, target = cameras_of(data)
+    return pixel_of(parallax(cameras[: int(data["main"])], target, near, far), near, far)
+
+
+def splatted(data: Arrays, dtype: torch.dtype) -> Arrays:
+    _, target = cameras_of(data)
+    maps = [(v.camera, v.known) for v in surface_views(data, dtype)]
+    fuse = Settings().fuse * target_pixel(data)
+    return {"splat": splat(maps, target, *padded_size(target.height, target.width), fuse).numpy()}
+
+
+def holes(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"grown": grown(tensor(data, "splat", dtype)).numpy()}
+
+
+def visibility(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Who sees the surface, its holes grown."""
+    _, target = cameras_of(data)
+    args = surface_views(data, dtype), target, tensor(data, "grown", dtype), target_pixel(data), Settings()
+    return {"visible": at_target.seen(*args).numpy()}
+
+
+def disagreements(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """On that surface moved by the offsets of the refinement, over 7 x 7 pixels."""
+    _, target = cameras_of(data)
+    offsets = [o * target_pixel(data) for o in at_target.OFFSETS]
+    sees, surface_ = tensor(data, "visible", dtype), tensor(data, "grown", dtype)
+    return {"disagreement": disagreement(photos(data, dtype), sees, target, surface_, offsets, 3).numpy()}
+
+
+def refinement(data: Arrays, dtype: torch.dtype) -> Arrays:
+    _, target = cameras_of(data)
+    sees, surface_ = tensor(data, "visible", dtype), tensor(data, "grown", dtype)
+    views = surface_views(data, dtype)
+    return {"refined": refined(views, sees, target, surface_, target_pixel(data), Settings()).numpy()}
+
+
+def surfaces(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """All stages at the target together, from what is known of the photos."""
+    near, far = (float(x) for x in data["range"])
+    views, (_, target) = surface_views(data, dtype), cameras_of(data)
+    found = surface(views, int(data["main"]), target, near, far, settings_of(data))
+    return {"surface": found.disparity.numpy(), "layers": found.layers(LAYERS).numpy()}
+
+
+def hidden(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The grown surface as a layer, warped, without what the main views do not see; where any photo does."""
+    main, (_, target) = int(data["main"]), cameras_of(data)
+    map_ = tensor(data, "grown", dtype)
+    warped = [warp_maps(image, camera, target, map_[None]) for image, camera in photos(data, dtype)[:main]]
+    colour, coverage = (torch.cat(x) for x in zip(*warped, strict=True))
+    views = [Photo(v.image, v.camera, v.known) for v in surface_views(data, dtype)]
+    margin = Settings().hides * target_pixel(data)
+    found = hide(views[:main], views[main:], target, map_, margin, colour, coverage)
+    names = "hidden_colour", "hidden_coverage", "seen"
+    return {name: value.to(dtype).numpy() for name, value in zip(names, found, strict=True)}
+
+
+def exposures(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"gains": exposure_gains(surface_views(data, dtype), view_distances(*cameras_of(data))).numpy()}
+
+
+PHOTO = (half_costs, half_found, half_index, starts, fine_costs, fine_found, fine_index)
+TARGET = (splatted, holes, visibility, disagreements, refinement, surfaces, hidden, exposures)
+STAGES = (*PHOTO, depths, confirmations, *TARGET)
+INTEGERS = {"half_costs": np.uint16, "fine_costs": np.uint16, "starts": np.uint16}  # the others are float32

@@ -1,0 +1,87 @@
+"""Semi-global aggregation of a photo's matching costs (Hirschmueller, 2008): four paths, whose penalty of a jump gives
+way at the photo's edges. In whole numbers but for the penalties, before they are rounded, and the parabola."""
+
+import torch
+from torch import Tensor
+
+from .grid import Candidates
+from .photo_sweep import UNIT
+from .settings import Settings
+
+INFINITE = 1 << 20  # above every sum of a path
+
+
+def jumps(photo: Tensor, settings: Settings) -> tuple[Tensor, Tensor]:
+    """Penalties of a jump from the cell on the left [h, w - 1] and from the one above [h - 1, w], int64."""
+
+    def penalty(difference: Tensor) -> Tensor:
+        r, g, b = difference.abs()
+        jump = settings.jump / (1 + (((r + g) + b) / 3) / settings.edge)
+        return (jump.clamp(min=1.01 * settings.step) * UNIT + 0.5).floor().long()
+
+    return penalty(photo[:, :, 1:] - photo[:, :, :-1]), penalty(photo[:, 1:] - photo[:, :-1])
+
+
+def aggregate(costs: Tensor, photo: Tensor, candidates: Candidates, settings: Settings) -> Tensor:
+    """The index found at each cell [h, w], between two of the grid, from costs [n, h, w] int64."""
+    across, down = jumps(photo, settings)
+    step = int(settings.step * UNIT + 0.5)
+    columns = Candidates(*(x.transpose(1, 2) for x in candidates))
+    sums = both_ways(costs, candidates, down, step)
+    sums = sums + both_ways(costs.transpose(1, 2), columns, across.T, step).transpose(1, 2)
+    return winner(sums, candidates).to(photo.dtype) + shift(sums, candidates, photo.dtype)
+
+
+def both_ways(costs: Tensor, candidates: Candidates, jump: Tensor, step: int) -> Tensor:
+    """Sums of the paths along dimension 1, in both directions."""
+    back = Candidates(*(x.flip(1) for x in candidates))
+    return path(costs, candidates, jump, step) + path(costs.flip(1), back, jump.flip(0), step).flip(1)
+
+
+def path(costs: Tensor, candidates: Candidates, jump: Tensor, step: int) -> Tensor:
+    """L [n, h, w] of the path along dimension 1: L(d) = C(d) + min(L'(d), L'(d - 1) + P1, L'(d + 1) + P1, m + P2) - m.
+    An index that the cell before does not have counts as infinite there."""
+    costs = torch.where(candidates.there, costs, INFINITE)
+    last = int(candidates.index.max())
+    place = torch.where(candidates.there, candidates.index, last + 1) + 1  # those that a cell lacks: behind all
+    by_index = torch.empty((last + 4, costs.shape[2]), dtype=torch.int64)
+    before = costs[:, 0]
+    found = [before]
+    for y in range(1, costs.shape[1]):
+        by_index.fill_(INFINITE).scatter_(0, place[:, y - 1], before)
+        by_index[last + 2] = INFINITE
+        best = before.amin(0)
+        at = place[:, y]
+        beside = torch.minimum(by_index.gather(0, at - 1), by_index.gather(0, at + 1)) + step
+        cheapest = torch.minimum(torch.minimum(by_index.gather(0, at), beside), best + jump[y - 1])
+        before = (costs[:, y] + (cheapest - best)).clamp(max=INFINITE)
+        found.append(before)
+    return torch.stack(found, 1)
+
+
+def position(sums: Tensor, candidates: Candidates) -> Tensor:
+    """Place of the least sum among the candidates [1, h, w] (ties: the nearer)."""
+    sums = torch.where(candidates.wins, sums, 4 * INFINITE)
+    places = torch.arange(len(sums))[:, None, None]
+    return torch.where(sums == sums.amin(0), places, len(sums)).amin(0, keepdim=True)
+
+
+def winner(sums: Tensor, candidates: Candidates) -> Tensor:
+    """Index of the least sum [h, w]."""
+    return candidates.index.gather(0, position(sums, candidates))[0]
+
+
+def shift(sums: Tensor, candidates: Candidates, dtype: torch.dtype) -> Tensor:
+    """From the winner to the vertex of the parabola through its sum and those beside it, where both are candidates."""
+    here = position(sums, candidates)
+    before, after = (here - 1).clamp(min=0), (here + 1).clamp(max=len(sums) - 1)
+    may = candidates.wins
+    inner = (before < here) & (here < after) & may.gather(0, before) & may.gather(0, after)
+    index = candidates.index
+    inner &= (index.gather(0, after) - index.gather(0, here) == 1) & (
+        index.gather(0, here) - index.gather(0, before) == 1
+    )
+    nearer, own, farther = (sums.gather(0, k).to(dtype) for k in (before, here, after))
+    curvature = nearer - 2 * own + farther
+    inner &= curvature > 0
+    return torch.where(inner, 0.5 * (nearer - farther) / torch.where(inner, curvature, 1), 0)[0]

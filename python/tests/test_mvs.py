@@ -1,0 +1,208 @@
+"""The twin of the photos' depth: against figures worked by hand, and the made scene whose depth is known."""
+
+import numpy as np
+import pytest
+import torch
+
+from liveview_ref.parity import mvs_goldens
+from liveview_ref.parity.mvs_rigs import SQUARE, WALL, mvs_rig
+from liveview_ref.reference.camera import Camera
+from liveview_ref.reference.mvs.aggregate import aggregate, jumps
+from liveview_ref.reference.mvs.consistency import confirmed, known
+from liveview_ref.reference.mvs.exposure import balanced, exposure_gains
+from liveview_ref.reference.mvs.grid import NONE, Candidates, Grid
+from liveview_ref.reference.mvs.holes import grown
+from liveview_ref.reference.mvs.photo_depth import PhotoDepth, bands, photo_depth
+from liveview_ref.reference.mvs.photo_sweep import UNSEEN, costs, window_sum
+from liveview_ref.reference.mvs.settings import Settings
+from liveview_ref.reference.mvs.splat import splat
+from liveview_ref.reference.mvs.surface import Surface, SurfaceView, surface
+from liveview_ref.reference.mvs.visibility import Photo, hide, visible
+from liveview_ref.rig_arrays import cameras_of, images_of
+
+NEAR, FAR = 2.0, 9.0
+
+
+def camera(x: float = 0.0, width: int = 12, height: int = 6, focal: float = 10.0) -> Camera:
+    k = torch.tensor([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]], dtype=torch.float64)
+    return Camera(k, torch.eye(3, dtype=torch.float64), torch.tensor([-x, 0, 0], dtype=torch.float64), width, height)
+
+
+def filled(value: float, height: int = 6, width: int = 12) -> torch.Tensor:
+    return torch.full((height, width), value, dtype=torch.float64)
+
+
+def test_the_grid_runs_from_near_to_far_and_not_below_0():
+    grid = Grid.of(2.0, float("inf"), 5)
+    assert grid.disparity(torch.tensor([0.0, 1.5, 4.0, 9.0])).tolist() == [0.5, 0.3125, 0.0, 0.0]
+    assert grid.divided(2) == Grid(0.5, 0.0625, 9)
+
+
+def test_bands_are_one_two_that_join_or_two_apart():
+    index = torch.tensor([[10.0, 10.5, 10.5, 14.0, 14.0, 14.0, 40.0, 40.0]], dtype=torch.float64)
+    assert bands(index, 2, 101)[0].tolist() == [
+        [18, NONE],  # 20 to 21: round(20.5) is 21
+        [18, NONE],
+        [18, 26],  # 21 to 28: round(24.5) is 25
+        [18, 26],
+        [25, NONE],
+        [25, 76],  # 28 to 80
+        [25, 76],
+        [77, NONE],
+    ]
+    assert bands(torch.zeros(1, 1), 2, 101)[0, 0].tolist() == [0, NONE]
+    assert bands(torch.full((1, 1), 50.0), 2, 101)[0, 0].tolist() == [93, NONE]
+
+
+def test_costs_of_a_shifted_photo_are_0_at_its_disparity_and_the_most_where_unseen():
+    image = torch.rand(3, 6, 12, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    grid = Grid.of(1.0, float("inf"), 11)  # 10 pixels apart: index k is 10 - k pixels
+    candidates = Candidates.all(grid, 6, 12)
+    shifted = torch.zeros_like(image)
+    shifted[:, :, :-3] = image[:, :, 3:]
+    found = costs(image, camera(), [(shifted, camera(1.0))], grid, candidates, 1, 0)
+    assert found.shape == (16, 6, 12)
+    assert found[7, :, 3:].max() == 0 and found[7, :, :3].min() == round(UNSEEN * 32768)
+    assert (found[:11, :, 4:10] > 0).sum() == 10 * 36
+
+
+def test_window_sums():
+    assert window_sum(torch.ones(3, 4), 1).tolist() == [[4, 6, 6, 4], [6, 9, 9, 6], [4, 6, 6, 4]]
+
+
+def test_penalties_of_jumps():
+    photo = torch.zeros(3, 1, 4, dtype=torch.float64)
+    photo[:, 0, 2], photo[:, 0, 3] = 0.05, 10
+    across, down = jumps(photo, Settings())
+    assert across.tolist() == [[3932, 1966, 331]] and down.shape == (0, 4)
+
+
+def test_aggregation_takes_the_nearer_of_ties_and_a_parabola_between():
+    photo = torch.zeros(3, 2, 2, dtype=torch.float64)
+    candidates = Candidates.all(Grid.of(1.0, 2.0, 12), 2, 2)
+    flat = torch.full((16, 2, 2), 100)
+    assert aggregate(flat, photo, candidates, Settings()).tolist() == [[0, 0], [0, 0]]
+    valley = 100 * (torch.arange(16) - 4).abs()[:, None, None].expand(16, 2, 2).clone()
+    valley[5] = 50
+    assert aggregate(valley, photo, candidates, Settings()).tolist() == [[4 + 0.5 * 50 / 150] * 2] * 2
+    flat[13] = 0  # beyond the grid's end
+    assert aggregate(flat, photo, candidates, Settings()).max() == 0
+
+
+def test_an_index_that_the_cell_before_lacks_is_reached_by_a_jump_only():
+    """By hand along one row: 16 candidates and 8, one of them in both."""
+    starts = torch.tensor([[[0, 8], [15, NONE]]])
+    candidates = Candidates.two(starts, 1, 3)
+    volume = torch.full((16, 1, 3), 1000)
+    volume[15, 0, :2], volume[0, 0, 2] = 0, 0
+    photo = torch.zeros(3, 1, 3, dtype=torch.float64)
+    assert aggregate(volume, photo, candidates, Settings()).tolist() == [[15, 15, 15]]
+
+
+def test_a_map_is_confirmed_by_those_that_agree_unless_more_see_past_it():
+    near, far = PhotoDepth(filled(0.5), 0.01), PhotoDepth(filled(0.2), 0.01)
+    cameras = [camera(x) for x in (0.0, 0.1, 0.2, 0.3)]
+
+    def share(*maps: PhotoDepth) -> float:
+        return float(confirmed(0, list(zip(cameras, maps, strict=False)), Settings())[:, 2:].double().mean())
+
+    assert share(near, near) == 1 and share(near, far) == 0
+    assert share(near, near, far) == 1 and share(near, near, far, far) == 0
+    assert share(far, near) == 0, "what hides a point does not confirm it"
+    assert share(near) == 0, "alone"
+
+
+def test_the_nearest_splat_wins_and_those_close_behind_are_averaged():
+    maps = [(camera(), filled(0.5)), (camera(), filled(0.49)), (camera(), filled(0.3)), (camera(), filled(-1.0))]
+    assert splat(maps, camera(), 8, 16, 0.0)[:6, :12].unique().tolist() == [0.5]
+    found = splat(maps, camera(), 8, 16, 0.05)
+    torch.testing.assert_close(found[:6, :12], filled(0.495))
+    assert found[6:].max() == -1 and found[:, 12:].max() == -1
+
+
+def test_a_point_near_a_pixels_edge_falls_into_both():
+    one = filled(-1.0)
+    one[2, 5] = 0.4
+    shifted = camera(-0.1)  # 0.4 pixels to the right
+    found = splat([(camera(), one)], shifted, 8, 16, 0.05)
+    assert (found >= 0).nonzero().tolist() == [[2, 5], [2, 6]]
+
+
+def test_holes_take_the_farthest_neighbour():
+    assert grown(torch.tensor([[2.0, -1, -1, -1, -1, 1]])).tolist() == [[2, 2, 2, 1, 1, 1]]
+    assert grown(torch.full((2, 2), -1.0)).tolist() == [[0, 0], [0, 0]]
+
+
+def test_only_a_confirmed_nearer_depth_hides():
+    own = filled(0.5)
+    own[:, :6] = -1
+    seen = visible(camera(), own, camera(), filled(0.4), 0.03)
+    assert seen[:, :6].min() == 1 and seen[:, 6:].max() == 0
+    assert visible(camera(), own, camera(), filled(0.48), 0.03).min() == 1
+
+
+def test_further_photos_stand_in_where_no_view_sees():
+    """The first view is hidden on the right, the further photo on the last row as well."""
+    hidden, seldom = filled(-1.0), filled(-1.0)
+    hidden[:, 6:], seldom[5] = 0.5, 0.5
+    images = [torch.full((3, 6, 12), value, dtype=torch.float64) for value in (0.2, 0.7)]
+    view, other = (Photo(i, camera(), k) for i, k in zip(images, (hidden, seldom), strict=True))
+    colour, coverage = images[0][None], filled(1.0)[None]
+    layer = camera(), filled(0.1), 0.03, colour, coverage
+    found, covered, seen = hide([view], [other], *layer)
+    torch.testing.assert_close(found[0, 0, :5, 6:], torch.full((5, 6), 0.7, dtype=torch.float64))
+    assert found[0, 0, :, :6].unique().tolist() == [0.2] and found[0, 0, 5].unique().tolist() == [0.2]
+    assert covered.min() == 1 and seen[:5].all() and not seen[5, 6:].any()
+    found, covered, seen = hide(
+        [view, other], [], camera(), filled(0.1), 0.03, torch.stack(images), filled(1.0).expand(2, 6, 12)
+    )
+    assert covered[0, :5, 6:].max() == 0 and covered[1, :5].min() == 1 and covered[:, 5, 6:].min() == 1
+    assert found[0, :, :5, 6:].max() == 0 and not seen[5, 6:].any()
+
+
+def test_layers_bracket_the_surface():
+    step = filled(0.2)
+    step[:, 6:] = 0.4
+    layers = Surface(step, 0.01, 0.0).layers(3)
+    torch.testing.assert_close(layers[:, 0, 5], torch.tensor([0.4, 0.3, 0.2], dtype=torch.float64))
+    assert layers[:, 0, 4].tolist() == [0.2] * 3 and layers[:, 0, 7].tolist() == [0.4] * 3
+    assert torch.equal(Surface(step, 0.01, 0.0).layers(1)[0], step)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Photos of the made scene with their depth, in float32."""
+    data = mvs_rig(np.random.default_rng(5), 3, "exposure")
+    torch.set_num_threads(1)  # many small steps
+    cameras, target = cameras_of(data)
+    views = list(zip(images_of(data, torch.float32), cameras, strict=True))
+    settings = Settings()
+    maps = [photo_depth(v, views[:i] + views[i + 1 :], NEAR, FAR, settings) for i, v in enumerate(views)]
+    pairs = list(zip(cameras, maps, strict=True))
+    sure = [known(m.disparity, confirmed(i, pairs, settings)) for i, m in enumerate(maps)]
+    return [SurfaceView(*v, m, k) for v, m, k in zip(views, maps, sure, strict=True)], target
+
+
+def test_the_made_scene_is_found(scene):
+    views, target = scene
+    middle = views[0].all.disparity[30:40, 58:68]
+    assert abs(float(middle.median()) - 1 / SQUARE) < 0.02
+    assert abs(float(views[0].all.disparity[:20].median()) - 1 / WALL) < 0.03
+    assert float((views[0].known >= 0).double().mean()) > 0.7
+    found = surface(views, 3, target, NEAR, FAR, Settings())
+    assert found.disparity.shape == (72, 120) and 0 < found.holes < 0.4
+    assert abs(float(found.disparity[30:36, 55:65].median()) - 1 / SQUARE) < 0.02
+
+
+def test_exposure_is_found(scene):
+    gains = exposure_gains(scene[0], torch.tensor([0.0, 1, 2], dtype=torch.float64))
+    expected = [(1 - 0.06 * i) ** -np.array([1, 2, 0.5]) for i in range(3)]
+    np.testing.assert_allclose(gains, expected, atol=0.02)
+    gains = balanced(torch.tensor([[1.0, 1.0], [4.0, 1.0]]), torch.tensor([2.0, 2.0]))
+    torch.testing.assert_close(gains, torch.tensor([[0.5, 1.0], [2.0, 1.0]]))
+
+
+def test_the_oracle_doubts_where_a_coverage_is_a_half():
+    data = mvs_goldens.case(0, 2, "scene", count=64)
+    assert 0 <= data["doubtful.half_costs"].mean() < 0.005
+    assert data["torch.half_costs"][0] <= 1 and data["torch.half_index"][0] == 0
