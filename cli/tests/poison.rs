@@ -138,7 +138,7 @@ fn photos(folder: &str) -> Folders {
 
 const NAMES: [&str; 5] = ["0.png", "1.png", "2.png", "3.png", "4.png"];
 /// Options up to where their number stands; of `--layers`, each kind's.
-const NUMERIC_OPTIONS: [&str; 18] = [
+const NUMERIC_OPTIONS: [&str; 19] = [
     "--near=",
     "--far=",
     "--opaque=",
