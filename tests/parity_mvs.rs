@@ -11,7 +11,7 @@ use liveview::geometry::distance;
 use liveview::layers::{Layer, padded};
 use liveview::mvs::stages::{self, Search};
 use liveview::mvs::{Visibility, confirmed, exposure_gains, photo_depth, surface};
-use mvs_case::{Case, flat, folder};
+use mvs_case::{Case, folder};
 use ndarray::{Array2, Axis};
 
 const CASES: [&str; 12] = [
