@@ -1,7 +1,7 @@
 //! Depths of photos carried to the target: each pixel as a square of half a pixel's side, nearest wins.
 //!
 //! A point lies in the pixels that hold its four corners (±0.25 pixel); of each photo's points each pixel keeps the largest
-//! disparity. Over the photos: the mean, in f32 and in their order, of those less than `fuse` behind the largest of all.
+//! disparity. Over the photos: the mean, in f32 and in their order, of those at most `fuse` behind the largest of all.
 
 use rayon::prelude::*;
 
