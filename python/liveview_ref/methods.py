@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from .blend import blend
+from .compete import compete
 from .composite import composite
 from .guide import coarse_range, guided_layers
 from .heldout import Case
@@ -71,3 +72,33 @@ def planes(network: Network, case: Case):
     histogram = plane_histogram(layers[0])
     for few in PLANES[:-1]:
         yield f"selected {few} of {count}", composited(layers, maps, select_planes(histogram, few))
+
+
+def infer_competing(network: Network, case: Case, maps: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """As `infer`, with logit 0 in alpha's place."""
+    distances = view_distances(case.cameras, case.target)
+    crop = (..., slice(case.target.height), slice(case.target.width))
+    parts = []
+    for part in maps.split(BATCH):
+        colour, coverage = warp_views(case.sources, case.cameras, case.target, part)
+        logits = network(colour.flatten(1, 2))
+        rgb = blend(logits, colour, coverage, distances)[1]
+        parts.append((logits[:, 0][crop], rgb[crop], (coverage > 0).any(1)[crop]))
+    return tuple(torch.cat(x) for x in zip(*parts, strict=True))
+
+
+def competing(network: Network, case: Case, scale: float = 1.0, counts: tuple[int, ...] = PLANES):
+    """(name, image) for each number of uniform planes that compete, and for the K of the largest number that win at the
+    most pixels, which compete anew among themselves."""
+    crop = (..., slice(case.target.height), slice(case.target.width))
+    for count in counts:
+        maps = uniform_maps(case, count)
+        logit, rgb, covered = infer_competing(network, case, maps)
+        whole = compete(logit, rgb, covered, maps[crop], scale)
+        if count == counts[-1]:
+            histogram = plane_histogram(whole.weights)
+            for few in counts[:-1]:
+                ids = select_planes(histogram, few)
+                image = compete(logit[ids], rgb[ids], covered[ids], maps[crop][ids], scale).rgb
+                yield f"competing, selected {few} of {count}", image
+        yield f"competing {count}", whole.rgb

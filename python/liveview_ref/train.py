@@ -16,6 +16,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, multiprocessing
 
+from . import train_planes
 from .blend import blend
 from .composite import composite
 from .samples import Example, maker
@@ -106,11 +107,16 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="folder with train/, dev/ and textures/")
     parser.add_argument("--out", type=Path, required=True, help="checkpoints, log and validation images")
     parser.add_argument("--start", type=Path, help="weights to start from, of any V")
+    parser.add_argument("--shards", type=Path, help="folder where examples are kept, for competing planes")
     parser.add_argument("--steps", type=int, help="overrides the config")
     args = parser.parse_args()
     config = read_config(args.config)
     config["steps"] = args.steps or config["steps"]
     args.out.mkdir(parents=True, exist_ok=True)
+    if config.get("alpha") == "competing":
+        if not (args.start and args.shards):
+            parser.error(f"{args.config} needs --start, weights to start from, and --shards, a folder for examples")
+        return train_planes.train(config, args.data, args.out, args.start, args.shards)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     torch.set_num_threads(config["threads"])
     torch.manual_seed(config["seed"])

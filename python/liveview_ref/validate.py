@@ -8,7 +8,7 @@ from PIL import Image
 from torch import Tensor
 
 from .heldout import INNER, cases
-from .methods import maps_of
+from .methods import competing, maps_of
 from .metrics import psnr
 from .render import render
 
@@ -30,7 +30,32 @@ def validate(net, specs: list[dict], data: Path, picture: Path, device: torch.de
             scores[kind].append(psnr(image[INNER], case.truth[INNER]))
             if kind == "guided 4":
                 rows.append(torch.cat([case.truth, image], 2))
+    sheet_of(rows, picture)
+    return {kind: round(sum(s) / len(s), 3) for kind, s in scores.items()}
+
+
+def sheet_of(rows: list[Tensor], picture: Path) -> None:
+    """Images [3, H, W] below each other, saved."""
     width = max(r.shape[2] for r in rows)
     sheet = torch.cat([F.pad(r, (0, width - r.shape[2])) for r in rows], 1)
     Image.fromarray((sheet.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).numpy()).save(picture)
-    return {kind: round(sum(s) / len(s), 3) for kind, s in scores.items()}
+
+
+def validate_competing(net, specs: list[dict], data: Path, picture: Path) -> dict[str, float]:
+    """Mean PSNR on 16 and 64 uniform planes that compete, and of 64 on each scene; the picture shows truth and 64."""
+    scores, scenes, rows = {}, {}, []
+
+    def network(hwv: Tensor) -> Tensor:
+        with torch.autocast("cpu", dtype=torch.bfloat16):
+            return net(hwv.contiguous(memory_format=torch.channels_last)).float().contiguous()
+
+    with torch.inference_mode():
+        for spec in specs:
+            for case in cases([spec], data, net.views):
+                for name, image in competing(network, case, counts=(16, 64)):
+                    score = psnr(image[INNER], case.truth[INNER])
+                    scores.setdefault(name, []).append(score)
+                rows.append(torch.cat([case.truth, image], 2))
+                scenes.setdefault(spec["path"], []).append(score)
+    sheet_of(rows, picture)
+    return {name: round(sum(s) / len(s), 3) for name, s in (scores | scenes).items()}

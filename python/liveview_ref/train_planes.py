@@ -1,0 +1,257 @@
+"""Training for uniform planes that compete: what train.py runs where a config says "alpha": "competing".
+
+One process, one thread: it makes a shard of examples when it first needs it. All planes of an example go through the
+network without gradients, then some again with them; the softmax and the picture are those of all planes, so the
+gradients are those of the whole picture (of the planes drawn, weighted by one over the chance to be drawn).
+BatchNorm is folded into the convolutions first: over one scene at a time its statistics would be wrong, and it takes
+a third of the time.
+"""
+
+import copy
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .blend import blend, distance_bias
+from .compete import compete, draw_layers, weighted_gradient
+from .layers import uniform_planes
+from .render import view_distances
+from .shards import Photos, Shards
+from .sweep import sweep_terms
+from .unet import UNet, fold_batchnorm
+from .validate import validate_competing
+from .visible import UNKNOWN, partly_hidden, weight_on_seen
+
+CHUNK = 16  # planes at a time without gradients: what fits the cache
+
+
+def unfolded(net: UNet) -> UNet:
+    """A folded network with BatchNorms that change nothing, as checkpoints have them."""
+    full = UNet(net.views).eval()
+    full.conv9.load_state_dict(net.conv9.state_dict())
+    for index in range(1, 9):
+        convolution, norm = getattr(full, f"conv{index}")[:2]
+        folded = getattr(net, f"conv{index}")[0]
+        convolution.weight.data.copy_(folded.weight.data)
+        norm.bias.data.copy_(folded.bias.data)
+        norm.running_var.fill_(1 - norm.eps)
+    return full
+
+
+def warp_layers(photos: Photos, maps: Tensor) -> tuple[Tensor, Tensor]:
+    """maps [L, H, W] (or [L, 1, 1]: planes) -> colour [L, V, 3, H, W], coverage [L, V, H, W]; as warp_views,
+    from 8 bit."""
+    height, width = photos.camera.height, photos.camera.width
+    layers = len(maps)
+    x, y = (torch.arange(n, dtype=torch.float64) + 0.5 for n in (width, height))
+    colour, grid = torch.empty(layers, len(photos.views), 4, height, width), torch.empty(layers, height, width, 2)
+    for v, (view, camera) in enumerate(zip(photos.views, photos.cameras, strict=True)):
+        normal = torch.tensor([[2 / camera.width, 0, -1], [0, 2 / camera.height, -1], [0, 0, 1]], dtype=torch.float64)
+        base, e = (normal @ term for term in sweep_terms(camera, photos.camera))
+        rays = (base[:, 0, None, None] * x + base[:, 1, None, None] * y[:, None] + base[:, 2, None, None]).float()
+        e = e.float()
+        w = rays[2] + maps * e[2]
+        w = torch.where(w > 0, w, torch.full_like(w, 1e-9))  # far outside
+        torch.div(rays[0] + maps * e[0], w, out=grid[..., 0])
+        torch.div(rays[1] + maps * e[1], w, out=grid[..., 1])
+        image = torch.cat([view.float() / 255, torch.ones(1, *view.shape[1:])])[None]
+        sampled = torch.nn.functional.grid_sample(image, grid.reshape(1, -1, width, 2), align_corners=False)
+        colour[:, v] = sampled.reshape(4, layers, height, width).transpose(0, 1)
+    return colour[:, :, :3], colour[:, :, 3]
+
+
+def logits_of(net: UNet, colour: Tensor) -> Tensor:
+    hwv = colour.flatten(1, 2).contiguous(memory_format=torch.channels_last)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        return net(hwv).float().contiguous()
+
+
+def image_loss(image: Tensor, truth: Tensor, counted: Tensor) -> Tensor:
+    """L1 plus half of the L1 of the image gradients, [3, H, W], over the pixels that count [H, W]."""
+    difference = (image - truth) * counted
+    dx = difference[..., 1:] - difference[..., :-1]
+    dy = difference[..., 1:, :] - difference[..., :-1, :]
+    return difference.abs().mean() + 0.5 * (dx.abs().mean() + dy.abs().mean())
+
+
+def view_weights(logits: Tensor, coverage: Tensor, distances: Tensor) -> Tensor:
+    """The blend's weights times coverage, normalised, [L, V, H, W]."""
+    scores = torch.cat([torch.zeros_like(logits[:, :1]), logits[:, 1:]], 1)
+    scores = scores + distance_bias(distances)[0].float()[:, None, None]
+    return torch.softmax(scores.masked_fill(coverage <= 0, -1e4), 1)
+
+
+def planes_for(rng: np.random.Generator, photos: Photos, config: dict) -> Tensor:
+    near, far = photos.near * np.exp(rng.uniform(-0.2, 0.05)), photos.far * np.exp(rng.uniform(-0.05, 0.2))
+    return uniform_planes(near, far, int(rng.choice(config["uniform_planes"]))).float()[:, None, None]
+
+
+def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: dict) -> tuple[Tensor, dict[str, float]]:
+    """Loss with its gradient graph, and what the log tells of it."""
+    target = photos.target.float() / 255
+    distances = view_distances(photos.cameras, photos.camera).float()
+    planes = planes_for(rng, photos, config)
+    with torch.no_grad():
+        colour, coverage = warp_layers(photos, planes)
+        logits = torch.cat([logits_of(net, part) for part in colour.split(CHUNK)])
+        parts = zip(*(x.split(CHUNK) for x in (logits, colour, coverage)), strict=True)
+        rgb = torch.cat([blend(*part, distances)[1] for part in parts])
+        covered = (coverage > 0).any(1)
+        maps = planes.expand_as(covered)
+        weights = compete(logits[:, 0], rgb, covered, maps).weights
+    ids, chance = draw_layers(weights.mean((1, 2)), config["gradient_planes"], rng)
+    own, extra = colour[ids], None
+    if photos.disparity is not None:  # one more layer, along the true surface
+        extra = warp_layers(photos, photos.disparity[None])
+        own = torch.cat([own, extra[0]])
+    again = logits_of(net, own)
+    drawn = again[: len(ids)]
+    new_rgb = blend(drawn, colour[ids], coverage[ids], distances)[1]
+    logit0 = logits[:, 0].index_copy(0, ids, weighted_gradient(drawn[:, 0], 1 / chance))
+    rgb = rgb.index_copy(0, ids, weighted_gradient(new_rgb, 1 / chance))
+    image = compete(logit0, rgb, covered, maps).rgb
+    loss = image_loss(image, target, covered.any(0))
+    told = {"loss": float(loss.detach())}
+    if extra is not None:
+        more, found = surface_loss(again[-1:], *extra, photos, target, image.detach(), distances)
+        loss = loss + config["visible_weight"] * more
+        told |= found
+    return loss, told
+
+
+def surface_loss(logits, colour, coverage, photos: Photos, target, image, distances) -> tuple[Tensor, dict[str, float]]:
+    """On the true surface: minus log of the weight on the views that see it, where some covering view does not; and
+    there, what the log tells."""
+    seen = photos.seen.masked_fill(coverage[0] < 0.5, UNKNOWN)
+    where = partly_hidden(seen)
+    count = where.sum().clamp(min=64)
+    share = weight_on_seen(view_weights(logits, coverage, distances)[0], seen)
+    by_distance = weight_on_seen(view_weights(torch.zeros_like(logits), coverage, distances)[0], seen)
+    told = {}
+    if bool(where.any()):
+        error = ((image - target) ** 2).mean(0)[where]
+        told = {
+            "hidden pixels": float(where.sum()),
+            "seen weight": float(share.detach()[where].sum()),
+            "seen weight by distance": float(by_distance[where].sum()),
+            "hidden error": float(error.sum()),
+        }
+    return -(torch.log(share.clamp(min=1e-6)) * where).sum() / count, told
+
+
+def rate(step: int, config: dict) -> float:
+    """Warm-up, then constant, then falling to 2 % over the last quarter."""
+    left = (config["steps"] - step) / (0.25 * config["steps"])
+    return min(1.0, (step + 1) / config["warm_up"]) * max(0.02, min(1.0, left))
+
+
+def summary(told: list[dict[str, float]]) -> str:
+    def total(key: str) -> float:
+        return sum(t.get(key, 0.0) for t in told)
+
+    hidden = max(total("hidden pixels"), 1.0)
+    psnr = -10 * np.log10(max(total("hidden error") / hidden, 1e-9))
+    seen, by_distance = total("seen weight") / hidden, total("seen weight by distance") / hidden
+    text = f"loss {total('loss') / len(told):.4f}; where views are hidden: "
+    return text + f"seen weight {seen:.3f} (by distance {by_distance:.3f}), {psnr:.2f} dB"
+
+
+class Pool:
+    """Examples to draw from: a window of shards that moves on by one every `every` steps."""
+
+    def __init__(self, shards: Shards, config: dict):
+        self.shards, self.config, self.loaded = shards, config, {}
+
+    def at(self, step: int) -> list[Photos]:
+        first, seconds = step // self.config["shard_every"], time.perf_counter()
+        wanted = {(first + i) % self.config["shards"] for i in range(self.config["shards_at_once"])}
+        self.loaded = {n: self.loaded[n] if n in self.loaded else self.shards[n] for n in sorted(wanted)}
+        self.seconds = time.perf_counter() - seconds
+        return [p for shard in self.loaded.values() for p in shard]
+
+
+def start_of(path: Path, scale: float) -> UNet:
+    net = UNet(torch.load(path, weights_only=True)["views"]).eval()
+    net.load_state_dict(torch.load(path, weights_only=True)["average"])
+    net = fold_batchnorm(net)
+    with torch.no_grad():  # competing planes want logits further apart: the scale goes into the last layer
+        net.conv9.weight[0] *= scale
+        net.conv9.bias[0] *= scale
+    for p in net.parameters():
+        p.requires_grad_(True)
+    return net.to(memory_format=torch.channels_last)
+
+
+def save(path: Path, **state) -> None:
+    torch.save(state, path.with_suffix(".tmp"))
+    path.with_suffix(".tmp").rename(path)
+
+
+def train(config: dict, data: Path, out: Path, start: Path, shards: Path) -> None:
+    torch.set_num_threads(1)
+    checkpoint = out / "checkpoint.pt"
+    net = start_of(start, config["start_scale"])
+    before = torch.load(start, weights_only=True)
+    earlier = [*before.get("earlier", []), (before["views"], before["step"], round(before["seconds"]))]
+    average = copy.deepcopy(net)
+    optimiser = torch.optim.AdamW(net.parameters(), lr=config["learning_rate"], weight_decay=1e-4)
+    step, seconds, history = 0, 0.0, []
+    if checkpoint.exists():
+        state = torch.load(checkpoint, weights_only=True)
+        net.load_state_dict(state["net"])
+        average.load_state_dict(state["folded_average"])
+        optimiser.load_state_dict(state["optimiser"])
+        step, seconds, history = state["step"], state["seconds"], state["history"]
+        print(f"goes on from step {step}", flush=True)
+    pool, told, spent = Pool(Shards(shards, config, data), config), [], {"examples": 0.0, "network": 0.0}
+    began = saved = time.perf_counter()
+    while step < config["steps"]:
+        rng = np.random.default_rng([config["seed"], 1, step])
+        examples = pool.at(step)
+        spent["examples"] += pool.seconds
+        began_step = time.perf_counter()
+        for group in optimiser.param_groups:
+            group["lr"] = config["learning_rate"] * rate(step, config)
+        optimiser.zero_grad()
+        for i in rng.choice(len(examples), config["batch"], replace=False):
+            loss, found = example_loss(net, examples[i], rng, config)
+            (loss / config["batch"]).backward()
+            told.append(found)
+        norm = torch.nn.utils.clip_grad_norm_(net.parameters(), config["clip"])
+        if bool(torch.isfinite(norm)):
+            optimiser.step()
+        else:
+            print(f"step {step}: a gradient is not finite; left out", flush=True)
+        step += 1
+        decay = min(config["average"], (1 + step) / (10 + step))
+        with torch.no_grad():
+            for a, b in zip(average.parameters(), net.parameters(), strict=True):
+                a.lerp_(b, 1 - decay)
+        spent["network"] += time.perf_counter() - began_step
+        if step % 50 == 0:
+            now = time.perf_counter()
+            seconds, passed, began = seconds + now - began, now - began, now
+            each = ", ".join(f"{key} {value / 50 * 1e3:.0f}" for key, value in spent.items())
+            speed = f"{len(told) / passed:.2f} samples/s (ms/step: {each})"
+            print(f"step {step} {summary(told)}; gradient {float(norm):.2f}; {speed}", flush=True)
+            told, spent = [], dict.fromkeys(spent, 0.0)
+        over = step == config["steps"]
+        if step % config["validate_every"] == 0 or over:
+            paused = time.perf_counter()
+            full = unfolded(average)
+            scores = validate_competing(full, config["validation"], data, out / "validation.png")
+            history.append({"step": step, "seconds": round(seconds), **scores})
+            print(json.dumps(history[-1]), flush=True)
+            (out / "history.json").write_text(json.dumps(history, indent=1))
+            began += time.perf_counter() - paused
+        if over or step % config["validate_every"] == 0 or time.perf_counter() - saved > 600:
+            save(
+                checkpoint, net=net.state_dict(), folded_average=average.state_dict(), optimiser=optimiser.state_dict(),
+                average=unfolded(average).state_dict(), step=step, seconds=seconds, history=history,
+                views=config["views"], config=config, earlier=earlier,
+            )  # fmt: skip
+            saved = time.perf_counter()

@@ -1,0 +1,159 @@
+"""Planes that compete: the plain formula, the same picture as an MPI, and gradients through some of the layers only."""
+
+import numpy as np
+import pytest
+import torch
+from liveview_ref.blend import blend
+from liveview_ref.camera import Camera
+from liveview_ref.compete import alphas_of, compete, competing_weights, draw_layers, weighted_gradient
+from liveview_ref.composite import composite
+from liveview_ref.layers import uniform_planes
+from liveview_ref.procedural import Textures, sample_scene
+from liveview_ref.render import warp_views
+from liveview_ref.shards import Photos, eight_bit
+from liveview_ref.train_planes import example_loss, unfolded, view_weights, warp_layers
+from liveview_ref.unet import UNet, fold_batchnorm
+from liveview_ref.visible import HIDDEN, SEEN, visibility
+
+
+def layers(count=7, size=(5, 6), seed=0, dtype=torch.float64):
+    g = torch.Generator().manual_seed(seed)
+    logit = torch.randn(count, *size, generator=g, dtype=dtype) * 4
+    rgb = torch.rand(count, 3, *size, generator=g, dtype=dtype)
+    covered = torch.rand(count, *size, generator=g) < 0.7
+    covered[:, 0, 0] = False  # a pixel that no layer covers
+    maps = torch.linspace(1, 0.1, count, dtype=dtype)[:, None, None].expand(-1, *size)
+    return logit, rgb, covered, maps
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.5])
+def test_weights_are_the_plain_softmax_over_the_covered_layers(scale):
+    logit, rgb, covered, maps = layers()
+    found = compete(logit, rgb, covered, maps, scale)
+    for y in range(5):
+        for x in range(6):
+            terms = [
+                np.exp(scale * float(a)) if c else 0.0 for a, c in zip(logit[:, y, x], covered[:, y, x], strict=True)
+            ]
+            weights = np.array(terms) / (sum(terms) or 1.0)
+            np.testing.assert_allclose(found.weights[:, y, x].numpy(), weights, rtol=1e-12, atol=1e-300)
+            np.testing.assert_allclose(found.rgb[:, y, x].numpy(), weights @ rgb[:, :, y, x].numpy(), rtol=1e-12)
+            np.testing.assert_allclose(float(found.disparity[y, x]), weights @ maps[:, y, x].numpy(), rtol=1e-12)
+            assert float(found.transmittance[y, x]) == (0.0 if sum(terms) else 1.0)
+
+
+def test_the_alphas_give_the_same_picture_front_to_back():
+    logit, rgb, covered, maps = layers()
+    found = compete(logit, rgb, covered, maps)
+    # the background is opaque where covered, as in the composite: the alpha of the last covered layer is 1 by itself
+    mpi = composite(alphas_of(found.weights), rgb, torch.zeros_like(covered[0]), maps)
+    torch.testing.assert_close(mpi.rgb, found.rgb, rtol=1e-12, atol=1e-13)
+    torch.testing.assert_close(mpi.disparity, found.disparity, rtol=1e-12, atol=1e-13)
+    torch.testing.assert_close(mpi.transmittance, found.transmittance, rtol=1e-12, atol=1e-12)
+
+
+def test_extreme_logits_and_ties():
+    covered = torch.ones(3, 1, 1, dtype=torch.bool)
+    for values, expected in (
+        ([3e38, -3e38, 0], [1, 0, 0]),
+        ([torch.inf, torch.inf, -torch.inf], [0.5, 0.5, 0]),
+        ([-3e38, -3e38, -3e38], [1 / 3] * 3),
+    ):
+        weights = competing_weights(torch.tensor(values)[:, None, None], covered, 4.0)
+        torch.testing.assert_close(weights.flatten(), torch.tensor(expected, dtype=torch.float32))
+
+
+def test_gradients_agree_with_finite_differences():
+    logit, rgb, covered, maps = layers(4, (2, 3))
+    logit.requires_grad_(), rgb.requires_grad_()
+    assert torch.autograd.gradcheck(lambda a, c: compete(a, c, covered, maps).rgb, (logit, rgb))
+
+
+def test_drawn_layers_give_the_gradient_of_all_in_the_mean():
+    logit, rgb, covered, maps = layers(12)
+    whole = logit.clone().requires_grad_()
+    compete(whole, rgb, covered, maps).rgb.square().sum().backward()
+    mass = competing_weights(logit, covered).mean((1, 2))
+    rng, total, drawn = np.random.default_rng(0), torch.zeros_like(logit), torch.zeros(12)
+    for _ in range(3000):
+        ids, chance = draw_layers(mass, 5, rng)
+        assert len(set(ids.tolist())) == 5
+        drawn[ids] += 1
+        part = logit[ids].clone().requires_grad_()
+        mixed = logit.index_copy(0, ids, weighted_gradient(part, 1 / chance.double()))
+        torch.testing.assert_close(mixed, logit)
+        compete(mixed, rgb, covered, maps).rgb.square().sum().backward()
+        total[ids] += part.grad
+    assert drawn.min() > 300
+    torch.testing.assert_close(total / 3000, whole.grad, rtol=0.15, atol=0.05 * float(whole.grad.abs().max()))
+
+
+@pytest.fixture(scope="module")
+def photos():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    s = sample_scene(np.random.default_rng(3), 4, (64, 64), Textures(None))
+    cameras = [
+        Camera(k, r, t, v.shape[2], v.shape[1])
+        for k, r, t, v in zip(s.view_k, s.view_r, s.view_t, s.views, strict=True)
+    ]
+    target = Camera(s.target_k, s.target_r, s.target_t, 64, 64)
+    seen = visibility(s.disparity, target, s.view_disparities, cameras)
+    views = [eight_bit(v) for v in s.views]
+    yield Photos(views, cameras, eight_bit(s.target), target, s.near, s.far, s.disparity, seen)
+    torch.set_num_threads(threads)
+
+
+def test_training_warps_as_the_renderer_does(photos):
+    planes = uniform_planes(photos.near, photos.far, 5).float()[:, None, None].expand(-1, 64, 64)
+    colour, coverage = warp_layers(photos, planes)
+    expected, covered = warp_views([v.float() / 255 for v in photos.views], photos.cameras, photos.camera, planes)
+    torch.testing.assert_close(coverage, covered, atol=2e-3, rtol=0)
+    torch.testing.assert_close(colour, expected, atol=2e-3, rtol=0)
+
+
+def test_views_that_see_the_surface_show_its_colour_and_hidden_ones_do_not(photos):
+    colour, coverage = warp_layers(photos, photos.disparity[None])
+    error = (colour[0] - photos.target.float() / 255).abs().mean(1)
+    inside = coverage[0] > 0.999
+    seen, hidden = (photos.seen == SEEN) & inside, (photos.seen == HIDDEN) & inside
+    assert seen.sum() > 1000 and hidden.sum() > 50, (seen.sum(), hidden.sum())
+    assert error[seen].median() < 0.03 < error[hidden].median()
+
+
+def test_view_weights_are_those_of_the_blend():
+    g = torch.Generator().manual_seed(1)
+    logits, colour = torch.randn(3, 4, 5, 6, generator=g), torch.rand(3, 4, 3, 5, 6, generator=g)
+    coverage = (torch.rand(3, 4, 5, 6, generator=g) < 0.7).float()
+    distances = torch.tensor([1.0, 1.5, 2.0, 4.0])
+    weights = view_weights(logits, coverage, distances)
+    shown = (coverage > 0).any(1, keepdim=True)
+    expected = blend(logits, colour, coverage, distances)[1]
+    torch.testing.assert_close((weights[:, :, None] * colour).sum(1) * shown, expected * shown)
+
+
+def test_a_folded_network_and_its_unfolded_copy_agree():
+    net = UNet(4).eval()
+    for norm in (m for m in net.modules() if isinstance(m, torch.nn.BatchNorm2d)):
+        norm.running_mean.uniform_(-0.2, 0.2), norm.running_var.uniform_(0.5, 2), norm.bias.data.uniform_(-0.2, 0.2)
+    folded, x = fold_batchnorm(net), torch.rand(2, 12, 16, 24)
+    with torch.no_grad():
+        torch.testing.assert_close(unfolded(folded)(x), folded(x), rtol=1e-5, atol=1e-6)
+        torch.testing.assert_close(folded(x), net(x), rtol=1e-4, atol=1e-5)
+
+
+def test_steps_lower_the_loss_of_an_example(photos):
+    torch.manual_seed(0)
+    net = fold_batchnorm(UNet(4).eval())
+    for p in net.parameters():
+        p.requires_grad_(True)
+    optimiser = torch.optim.Adam(net.parameters(), lr=3e-4)
+    config = {"uniform_planes": [12], "gradient_planes": 6, "visible_weight": 0.05}
+    losses = []
+    for _ in range(12):
+        loss, _ = example_loss(net, photos, np.random.default_rng(0), config)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses.append(float(loss.detach()))
+    assert losses[-1] < 0.97 * losses[0], losses
