@@ -46,10 +46,12 @@ class Sample:
 class Recipe:
     """What is drawn how often: the parallax of the farthest view between the nearest and the farthest depth, log-
     uniform between two numbers of pixels (None: mostly 10 to 50); chances of no, slight and strong differences of
-    exposure."""
+    exposure; things in front of the background, from and below; thin structures, times as often."""
 
     parallax: tuple[float, float] | None = None
     exposure: tuple[float, float, float] = (0.2, 0.75, 0.05)
+    things: tuple[int, int] = (2, 9)
+    thin: float = 1.0
 
 
 def sample_scene(
@@ -57,7 +59,7 @@ def sample_scene(
 ) -> Sample:
     """Draw a scene and a rig from `rng`; the target is `size` = (H, W) pixels."""
     world = make_world(rng, n_views, size, recipe)
-    images, disparities = render(rng, world, textures)
+    images, disparities = render(rng, world, textures, recipe)
     views = imperfections(rng, images[1:], recipe)
     disparity = disparities[0]
     low, high = float(disparity.min()), float(disparity.max())
@@ -74,9 +76,12 @@ def sample_scene(
     return Sample(views, k[1:], r[1:], t[1:], target, k[0], r[0], t[0], near, far, disparity, others)
 
 
-def render(rng: np.random.Generator, world: World, textures: Textures) -> tuple[list[Tensor], list[Tensor]]:
+def render(
+    rng: np.random.Generator, world: World, textures: Textures, recipe: Recipe = Recipe()
+) -> tuple[list[Tensor], list[Tensor]]:
     """Fill the world and look at it: images [3, H, W] and disparities [H, W] of all cameras, the target first."""
-    fragments = draw_background(rng, world, textures) + draw_objects(rng, world, textures)
+    fragments = draw_background(rng, world, textures)
+    fragments += draw_objects(rng, world, textures, recipe.things, recipe.thin)
     colour, disparity = composite(world, fragments)
     images, disparities = [], []
     for c, (height, width) in enumerate(world.sizes):

@@ -60,9 +60,13 @@ def nearest_first(views, cameras: list[Camera], target: Camera, *others):
     return ([x[i] for i in order] for x in (views, cameras, *others))
 
 
+def recipe_of(config: dict) -> Recipe:
+    return Recipe(*(tuple(config[key]) for key in ("parallax", "exposure", "things")), config["thin"])
+
+
 def made(rng: np.random.Generator, config: dict, textures: Textures) -> Photos:
     """A procedural scene; those in which no view is hidden anywhere near enough are drawn again, mostly."""
-    size, recipe = tuple(config["crop"]), Recipe(tuple(config["parallax"]), tuple(config["exposure"]))
+    size, recipe = tuple(config["crop"]), recipe_of(config)
     while True:
         s = sample_scene(rng, config["views"], size, textures, recipe)
         poses = zip(s.view_k, s.view_r, s.view_t, s.views, strict=True)
@@ -99,27 +103,16 @@ def cropped(rng: np.random.Generator, config: dict, scene: RealScene) -> Photos:
     return Photos(views, cut, eight_bit(truth), target, float(near), float(far), None, None)
 
 
-KEYS = [
-    "views",
-    "seed",
-    "crop",
-    "shard",
-    "procedural",
-    "textures",
-    "real",
-    "parallax",
-    "most_parallax",
-    "exposure",
-    "hidden",
-    "keep",
-]
+# What of a config decides what a shard holds.
+PHOTOS = ["views", "seed", "crop", "shard", "procedural", "textures", "real", "most_parallax"]
+SCENES = ["parallax", "exposure", "things", "thin", "hidden", "keep"]
 
 
 class Shards:
     """Shards in a folder, made when first asked for. config: data's part of a training config."""
 
     def __init__(self, folder: Path, config: dict, data: Path):
-        self.config, self.data = {key: config[key] for key in KEYS}, data
+        self.config, self.data = {key: config[key] for key in PHOTOS + SCENES}, data
         name = hashlib.sha256(json.dumps(self.config, sort_keys=True).encode()).hexdigest()[:12]
         self.folder = folder / name
         self.folder.mkdir(parents=True, exist_ok=True)

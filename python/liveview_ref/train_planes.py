@@ -20,6 +20,7 @@ from .blend import blend, distance_bias
 from .compete import compete, draw_layers, weighted_gradient
 from .layers import uniform_planes
 from .render import view_distances
+from .select import plane_histogram, select_planes
 from .shards import Photos, Shards
 from .sweep import sweep_terms
 from .unet import UNet, fold_batchnorm
@@ -103,6 +104,12 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
         covered = (coverage > 0).any(1)
         maps = planes.expand_as(covered)
         weights = compete(logits[:, 0], rgb, covered, maps).weights
+        if rng.random() < config["selected"]:  # as the renderer selects: the fullest bins, which compete anew
+            kept = select_planes(plane_histogram(weights), int(rng.choice(config["selected_planes"])))
+            colour, coverage, logits, rgb, covered, maps = (
+                x[kept] for x in (colour, coverage, logits, rgb, covered, maps)
+            )
+            weights = compete(logits[:, 0], rgb, covered, maps).weights
     ids, chance = draw_layers(weights.mean((1, 2)), config["gradient_planes"], rng)
     own, extra = colour[ids], None
     if photos.disparity is not None:  # one more layer, along the true surface

@@ -41,7 +41,11 @@ class UNet(nn.Module):
 
 
 def upsample(x: Tensor) -> Tensor:
-    return F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
+    y = F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
+    if y.requires_grad and not torch.compiler.is_exporting():
+        # Concatenation gives back a slice of its gradient; interpolating that as it is costs four times as much.
+        y.register_hook(lambda g: g.contiguous(memory_format=torch.channels_last))
+    return y
 
 
 def start_from_agreement(net: UNet) -> None:

@@ -149,6 +149,7 @@ def test_steps_lower_the_loss_of_an_example(photos):
         p.requires_grad_(True)
     optimiser = torch.optim.Adam(net.parameters(), lr=3e-4)
     config = {"uniform_planes": [12], "gradient_planes": 6, "visible_weight": 0.05}
+    config |= {"selected": 0.0, "selected_planes": [4]}
     losses = []
     for _ in range(12):
         loss, _ = example_loss(net, photos, np.random.default_rng(0), config)
@@ -157,3 +158,7 @@ def test_steps_lower_the_loss_of_an_example(photos):
         optimiser.step()
         losses.append(float(loss.detach()))
     assert losses[-1] < 0.97 * losses[0], losses
+    loss, _ = example_loss(net, photos, np.random.default_rng(0), config | {"selected": 1.0})
+    optimiser.zero_grad()
+    loss.backward()
+    assert torch.isfinite(loss) and all(float(p.grad.abs().max()) > 0 for p in net.parameters())
