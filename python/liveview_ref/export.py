@@ -66,6 +66,13 @@ def check(net: UNet, path: Path) -> float:
     return worst
 
 
+def trained_layers(config: dict) -> str:
+    guided, planes = ([min(x), max(x)] for x in (config["guided_layers"], config["uniform_planes"]))
+    if config.get("alpha") == "competing":
+        return "uniform planes {}-{}".format(*planes)
+    return "guided {}-{}, uniform planes {}-{}".format(*guided, *planes)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("checkpoint", type=Path)
@@ -79,13 +86,14 @@ def main() -> None:
     config = state["config"]
     runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
     told = ", then ".join(f"V = {views}: {steps} steps, {seconds / 60:.0f} minutes" for views, steps, seconds in runs)
-    guided, planes = ([min(x), max(x)] for x in (config["guided_layers"], config["uniform_planes"]))
     metadata = {
         "recommended_layers": args.recommended_layers,
         "training": f"batches of {config['batch']} scenes; {told}",
-        "trained_layers": "guided {}-{}, uniform planes {}-{}".format(*guided, *planes),
+        "trained_layers": trained_layers(config),
         "licence": args.licence,
     }
+    if config.get("alpha") == "competing":  # the scale that logit 0 is to be multiplied by: trained with as it is
+        metadata |= {"alpha": "competing", "alpha_scale": "1"}
     export(net, args.model, metadata)
     kept = ("average", "views", "step", "seconds", "earlier", "config", "history")
     torch.save({key: state[key] for key in kept}, args.model.with_suffix(".pt"))
