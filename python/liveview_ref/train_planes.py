@@ -9,6 +9,7 @@ a third of the time.
 
 import copy
 import json
+import signal
 import time
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from .shards import Photos, Shards
 from .sweep import sweep_terms
 from .unet import UNet, fold_batchnorm
 from .validate import validate_competing
-from .visible import UNKNOWN, partly_hidden, weight_on_seen
+from .visible import SEEN, UNKNOWN, partly_hidden, weight_on_seen
 
 CHUNK = 16  # planes at a time without gradients: what fits the cache
 
@@ -96,41 +97,59 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
     target = photos.target.float() / 255
     distances = view_distances(photos.cameras, photos.camera).float()
     planes = planes_for(rng, photos, config)
-    with torch.no_grad():
-        colour, coverage = warp_layers(photos, planes)
-        logits = torch.cat([logits_of(net, part) for part in colour.split(CHUNK)])
-        parts = zip(*(x.split(CHUNK) for x in (logits, colour, coverage)), strict=True)
-        rgb = torch.cat([blend(*part, distances)[1] for part in parts])
-        covered = (coverage > 0).any(1)
-        maps = planes.expand_as(covered)
-        weights = compete(logits[:, 0], rgb, covered, maps).weights
-        if rng.random() < config["selected"]:  # as the renderer selects: the fullest bins, which compete anew
-            kept = select_planes(plane_histogram(weights), int(rng.choice(config["selected_planes"])))
-            colour, coverage, logits, rgb, covered, maps = (
-                x[kept] for x in (colour, coverage, logits, rgb, covered, maps)
-            )
-            weights = compete(logits[:, 0], rgb, covered, maps).weights
-    ids, chance = draw_layers(weights.mean((1, 2)), config["gradient_planes"], rng)
+    colour, coverage = warp_layers(photos, planes)
+    covered = (coverage > 0).any(1)
+    maps = planes.expand_as(covered)
+    # All planes with gradients cost less than some of them after a pass without, if there are few.
+    ids, chance, selected = torch.arange(len(planes)), torch.ones(len(planes)), False
+    if len(planes) > config["all_of"]:
+        selected = rng.random() < config["selected"]
+        with torch.no_grad():
+            logits = torch.cat([logits_of(net, part) for part in colour.split(CHUNK)])
+            parts = zip(*(x.split(CHUNK) for x in (logits, colour, coverage)), strict=True)
+            rest = torch.cat([blend(*part, distances)[1] for part in parts])
+            weights = compete(logits[:, 0], rest, covered, maps).weights
+            if selected:  # as the renderer selects: the fullest bins, which compete anew
+                kept = select_planes(plane_histogram(weights), int(rng.choice(config["selected_planes"])))
+                colour, coverage, logits, rest, covered, maps = (
+                    x[kept] for x in (colour, coverage, logits, rest, covered, maps)
+                )
+                weights = compete(logits[:, 0], rest, covered, maps).weights
+        ids, chance = draw_layers(weights.mean((1, 2)), config["gradient_planes"], rng)
     own, extra = colour[ids], None
     if photos.disparity is not None:  # one more layer, along the true surface
         extra = warp_layers(photos, photos.disparity[None])
         own = torch.cat([own, extra[0]])
-    again = logits_of(net, own)
-    drawn = again[: len(ids)]
-    new_rgb = blend(drawn, colour[ids], coverage[ids], distances)[1]
-    logit0 = logits[:, 0].index_copy(0, ids, weighted_gradient(drawn[:, 0], 1 / chance))
-    rgb = rgb.index_copy(0, ids, weighted_gradient(new_rgb, 1 / chance))
-    image = compete(logit0, rgb, covered, maps).rgb
-    loss = image_loss(image, target, covered.any(0))
+    found = logits_of(net, own)
+    logit0, rgb = found[: len(ids), 0], blend(found[: len(ids)], colour[ids], coverage[ids], distances)[1]
+    if len(ids) < len(maps):
+        logit0 = logits[:, 0].index_copy(0, ids, weighted_gradient(logit0, 1 / chance))
+        rgb = rest.index_copy(0, ids, weighted_gradient(rgb, 1 / chance))
+    image = compete(logit0, rgb, covered, maps)
+    loss = image_loss(image.rgb, target, covered.any(0))
     told = {"loss": float(loss.detach())}
     if extra is not None:
-        more, found = surface_loss(again[-1:], *extra, photos, target, image.detach(), distances)
-        loss = loss + config["visible_weight"] * more
-        told |= found
+        more, known = view_loss(found[-1:], *extra, photos, target, image.rgb.detach(), distances)
+        loss, told = loss + config["visible_weight"] * more, told | known
+        if not selected:
+            more, share = depth_loss(image.weights, maps, photos)
+            loss, told = loss + config["depth_weight"] * more, told | {"on surface": share, "surfaces": 1.0}
     return loss, told
 
 
-def surface_loss(logits, colour, coverage, photos: Photos, target, image, distances) -> tuple[Tensor, dict[str, float]]:
+def depth_loss(weights: Tensor, maps: Tensor, photos: Photos) -> tuple[Tensor, float]:
+    """Minus log of the weight of the planes next to the true surface, or within a pixel of parallax of it, where two
+    views at least see it: the picture alone hardly moves a plane that has no weight. And that weight in the mean."""
+    parallax = max(float(sweep_terms(camera, photos.camera)[1][:2].norm()) for camera in photos.cameras)
+    reach = max(1.0 / parallax, 1.01 * float(maps[0, 0, 0] - maps[1, 0, 0]))
+    near_by = (maps - photos.disparity).abs() <= reach
+    where = (photos.seen == SEEN).sum(0) >= 2
+    share = (weights * near_by).sum(0)
+    mean = float(share.detach()[where].mean()) if bool(where.any()) else 0.0
+    return -(torch.log(share.clamp(min=1e-4)) * where).mean(), mean
+
+
+def view_loss(logits, colour, coverage, photos: Photos, target, image, distances) -> tuple[Tensor, dict[str, float]]:
     """On the true surface: minus log of the weight on the views that see it, where some covering view does not; and
     there, what the log tells."""
     seen = photos.seen.masked_fill(coverage[0] < 0.5, UNKNOWN)
@@ -163,7 +182,8 @@ def summary(told: list[dict[str, float]]) -> str:
     hidden = max(total("hidden pixels"), 1.0)
     psnr = -10 * np.log10(max(total("hidden error") / hidden, 1e-9))
     seen, by_distance = total("seen weight") / hidden, total("seen weight by distance") / hidden
-    text = f"loss {total('loss') / len(told):.4f}; where views are hidden: "
+    text = f"loss {total('loss') / len(told):.4f}; weight near the surface "
+    text += f"{total('on surface') / max(total('surfaces'), 1):.3f}; where views are hidden: "
     return text + f"seen weight {seen:.3f} (by distance {by_distance:.3f}), {psnr:.2f} dB"
 
 
@@ -216,7 +236,9 @@ def train(config: dict, data: Path, out: Path, start: Path, shards: Path) -> Non
         print(f"goes on from step {step}", flush=True)
     pool, told, spent = Pool(Shards(shards, config, data), config), [], {"examples": 0.0, "network": 0.0}
     began = saved = time.perf_counter()
-    while step < config["steps"]:
+    stopped = []
+    signal.signal(signal.SIGTERM, lambda *_: stopped.append(True))  # save first, then end
+    while step < config["steps"] and not stopped:
         rng = np.random.default_rng([config["seed"], 1, step])
         examples = pool.at(step)
         spent["examples"] += pool.seconds
@@ -255,7 +277,7 @@ def train(config: dict, data: Path, out: Path, start: Path, shards: Path) -> Non
             print(json.dumps(history[-1]), flush=True)
             (out / "history.json").write_text(json.dumps(history, indent=1))
             began += time.perf_counter() - paused
-        if over or step % config["validate_every"] == 0 or time.perf_counter() - saved > 600:
+        if over or stopped or step % config["validate_every"] == 0 or time.perf_counter() - saved > 600:
             save(
                 checkpoint, net=net.state_dict(), folded_average=average.state_dict(), optimiser=optimiser.state_dict(),
                 average=unfolded(average).state_dict(), step=step, seconds=seconds, history=history,
