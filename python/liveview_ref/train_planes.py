@@ -72,12 +72,13 @@ def logits_of(net: UNet, colour: Tensor) -> Tensor:
         return net(hwv).float().contiguous()
 
 
-def image_loss(image: Tensor, truth: Tensor, counted: Tensor) -> Tensor:
-    """L1 plus half of the L1 of the image gradients, [3, H, W], over the pixels that count [H, W]."""
+def image_loss(image: Tensor, truth: Tensor, counted: Tensor, square: float) -> Tensor:
+    """L1 plus half of the L1 of the image gradients, and `square` times the squared error, which is what PSNR looks at;
+    [3, H, W], over the pixels that count [H, W]."""
     difference = (image - truth) * counted
     dx = difference[..., 1:] - difference[..., :-1]
     dy = difference[..., 1:, :] - difference[..., :-1, :]
-    return difference.abs().mean() + 0.5 * (dx.abs().mean() + dy.abs().mean())
+    return difference.abs().mean() + 0.5 * (dx.abs().mean() + dy.abs().mean()) + square * (difference**2).mean()
 
 
 def view_weights(logits: Tensor, coverage: Tensor, distances: Tensor) -> Tensor:
@@ -126,7 +127,7 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
         logit0 = logits[:, 0].index_copy(0, ids, weighted_gradient(logit0, 1 / chance))
         rgb = rest.index_copy(0, ids, weighted_gradient(rgb, 1 / chance))
     image = compete(logit0, rgb, covered, maps)
-    loss = image_loss(image.rgb, target, covered.any(0))
+    loss = image_loss(image.rgb, target, covered.any(0), config["square_weight"])
     told = {"loss": float(loss.detach())}
     if extra is not None:
         more, known = view_loss(found[-1:], *extra, photos, target, image.rgb.detach(), distances)

@@ -149,7 +149,7 @@ def test_steps_lower_the_loss_of_an_example(photos):
         p.requires_grad_(True)
     optimiser = torch.optim.Adam(net.parameters(), lr=2e-3)
     config = {"uniform_planes": [12], "gradient_planes": 6, "visible_weight": 0.05}
-    config |= {"all_of": 8, "depth_weight": 0.02}
+    config |= {"all_of": 8, "depth_weight": 0.02, "square_weight": 2.0}
     config |= {"selected": 0.0, "selected_planes": [4]}
     losses = []
     for _ in range(12):
