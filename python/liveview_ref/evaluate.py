@@ -170,7 +170,8 @@ def main() -> int:
     parser.add_argument("--data", type=Path, required=True, help="folder with dev/")
     parser.add_argument("--out", type=Path, required=True)
     every = ",".join([*OURS, *BASELINES])
-    parser.add_argument("--methods", default=every, help=f"comma-separated, of %(default)s,{COMPETING}")
+    told = f"comma-separated; left out: {every}, and {COMPETING} where the model was trained for it"
+    parser.add_argument("--methods", help=told)
     parser.add_argument("--scale", type=float, help="of competing planes' logits; the model's own where left out")
     parser.add_argument("--scenes", help="comma-separated names; all where left out")
     parser.add_argument("--threads", type=int, default=2)
@@ -180,9 +181,11 @@ def main() -> int:
     known = {name: partial(family, network) for name, family in OURS.items()} | BASELINES
     scale = args.scale or float(about.get("alpha_scale", 1))
     known[COMPETING] = partial(methods.competing, network, scale=scale)
-    if unknown := set(args.methods.split(",")) - set(known):
+    trained_for = f",{COMPETING}" if about.get("alpha") == "competing" else ""
+    wanted_methods = (args.methods or every + trained_for).split(",")
+    if unknown := set(wanted_methods) - set(known):
         parser.error(f"no method {', '.join(sorted(unknown))}: there are {', '.join(known)}")
-    families = [known[name] for name in args.methods.split(",")]
+    families = [known[name] for name in wanted_methods]
     try:
         weights = load_lpips()
         if baselines.flow in families:
