@@ -39,17 +39,20 @@ def alphas_of(weights: Tensor) -> Tensor:
     return weights / torch.where(behind > 0, behind, torch.ones_like(behind))
 
 
+EVEN = 0.15
+
+
 def draw_layers(mass: Tensor, count: int, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-    """`count` of the L layers to take gradients through, and the chance [count] with which each was drawn: half of the
-    chance is shared evenly, half goes by the layers' mass [L] (their mean weight), since the gradient of a layer's
-    logit and colour grows with its weight. Systematic sampling: each layer at most once."""
+    """`count` of the L layers to take gradients through, and the chance [count] with which each was drawn: EVEN of the
+    chance is shared evenly, the rest goes by the layers' mass [L], the size of their gradients. Systematic sampling:
+    each layer at most once."""
     layers = len(mass)
     if count >= layers:
         return torch.arange(layers), torch.ones(layers)
     even = np.full(layers, 1 / layers)
     share = mass.double().numpy()
     share = share / share.sum() if share.sum() > 0 else even
-    chance = count * (0.5 * even + 0.5 * share)
+    chance = count * (EVEN * even + (1 - EVEN) * share)
     while (chance > 1).any():  # what is certain is drawn once; the rest shares what is left
         certain = chance >= 1
         left = count - certain.sum()
@@ -59,9 +62,3 @@ def draw_layers(mass: Tensor, count: int, rng: np.random.Generator) -> tuple[Ten
     at = np.minimum(rng.random() + np.arange(count), edges[-1] - 1e-9)
     ids = np.sort(order[np.searchsorted(edges, at, side="right") - 1])
     return torch.from_numpy(ids), torch.from_numpy(chance[ids]).float()
-
-
-def weighted_gradient(x: Tensor, factor: Tensor) -> Tensor:
-    """x as it is, its gradient times `factor` [L] along the first dimension."""
-    factor = factor.reshape(-1, *[1] * (x.dim() - 1))
-    return x.detach() + (x - x.detach()) * factor

@@ -1,8 +1,9 @@
 """Training for uniform planes that compete: what train.py runs where a config says "alpha": "competing".
 
 One process, one thread: it makes a shard of examples when it first needs it. All planes of an example go through the
-network without gradients, then some again with them; the softmax and the picture are those of all planes, so the
-gradients are those of the whole picture (of the planes drawn, weighted by one over the chance to be drawn).
+network without gradients; the softmax and the picture of all of them give the loss and its gradient for each plane's
+logit 0 and colour. Those go back through the network for some planes alone, drawn by how large they are and weighted by
+one over the chance to be drawn, so that in the mean they are the gradients of all.
 BatchNorm is folded into the convolutions first: over one scene at a time its statistics would be wrong, and it takes
 a third of the time.
 """
@@ -18,7 +19,7 @@ import torch
 from torch import Tensor
 
 from .blend import blend, distance_bias
-from .compete import compete, draw_layers, weighted_gradient
+from .compete import compete, draw_layers
 from .layers import uniform_planes
 from .render import view_distances
 from .select import plane_histogram, select_planes
@@ -94,48 +95,61 @@ def planes_for(rng: np.random.Generator, photos: Photos, config: dict) -> Tensor
 
 
 def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: dict) -> tuple[Tensor, dict[str, float]]:
-    """Loss with its gradient graph, and what the log tells of it."""
-    target = photos.target.float() / 255
+    """Loss with its gradient graph (where planes were drawn, a number with the gradient of the loss, not its value),
+    and what the log tells of it."""
     distances = view_distances(photos.cameras, photos.camera).float()
     planes = planes_for(rng, photos, config)
     colour, coverage = warp_layers(photos, planes)
-    covered = (coverage > 0).any(1)
-    maps = planes.expand_as(covered)
     # All planes with gradients cost less than some of them after a pass without, if there are few.
-    ids, chance, selected = torch.arange(len(planes)), torch.ones(len(planes)), False
-    if len(planes) > config["all_of"]:
+    drawn, selected = len(planes) > config["all_of"], False
+    ids = torch.arange(len(planes))
+    if drawn:
         selected = rng.random() < config["selected"]
         with torch.no_grad():
             logits = torch.cat([logits_of(net, part) for part in colour.split(CHUNK)])
             parts = zip(*(x.split(CHUNK) for x in (logits, colour, coverage)), strict=True)
-            rest = torch.cat([blend(*part, distances)[1] for part in parts])
-            weights = compete(logits[:, 0], rest, covered, maps).weights
+            rgb = torch.cat([blend(*part, distances)[1] for part in parts])
+            covered = (coverage > 0).any(1)
             if selected:  # as the renderer selects: the fullest bins, which compete anew
+                weights = compete(logits[:, 0], rgb, covered, planes.expand_as(covered)).weights
                 kept = select_planes(plane_histogram(weights), int(rng.choice(config["selected_planes"])))
-                colour, coverage, logits, rest, covered, maps = (
-                    x[kept] for x in (colour, coverage, logits, rest, covered, maps)
+                planes, colour, coverage, logits, rgb, covered = (
+                    x[kept] for x in (planes, colour, coverage, logits, rgb, covered)
                 )
-                weights = compete(logits[:, 0], rest, covered, maps).weights
-        ids, chance = draw_layers(weights.mean((1, 2)), config["gradient_planes"], rng)
+        logit0, rgb = logits[:, 0].clone().requires_grad_(), rgb.requires_grad_()
+        loss, image, told = outcome(logit0, rgb, covered, planes, photos, config, not selected)
+        gradients = torch.autograd.grad(loss, (logit0, rgb))
+        # What a plane's logits do to the loss: by its alpha, and by its colour, where views differ by some 0.2.
+        mass = sum(w * g.flatten(1).norm(dim=1) for w, g in zip((1.0, 0.2), gradients, strict=True))
+        ids, chance = draw_layers(mass, config["gradient_planes"], rng)
     own, extra = colour[ids], None
     if photos.disparity is not None:  # one more layer, along the true surface
         extra = warp_layers(photos, photos.disparity[None])
         own = torch.cat([own, extra[0]])
     found = logits_of(net, own)
     logit0, rgb = found[: len(ids), 0], blend(found[: len(ids)], colour[ids], coverage[ids], distances)[1]
-    if len(ids) < len(maps):
-        logit0 = logits[:, 0].index_copy(0, ids, weighted_gradient(logit0, 1 / chance))
-        rgb = rest.index_copy(0, ids, weighted_gradient(rgb, 1 / chance))
-    image = compete(logit0, rgb, covered, maps)
-    loss = image_loss(image.rgb, target, covered.any(0), config["square_weight"])
-    told = {"loss": float(loss.detach())}
+    if drawn:
+        loss = torch.zeros(())
+        for x, gradient in zip((logit0, rgb), gradients, strict=True):
+            loss = loss + (x * gradient[ids] / chance.reshape(-1, *[1] * (x.dim() - 1))).sum()
+    else:
+        loss, image, told = outcome(logit0, rgb, (coverage > 0).any(1), planes, photos, config, True)
     if extra is not None:
-        more, known = view_loss(found[-1:], *extra, photos, target, image.rgb.detach(), distances)
+        more, known = view_loss(found[-1:], *extra, photos, image, distances)
         loss, told = loss + config["visible_weight"] * more, told | known
-        if not selected:
-            more, share = depth_loss(image.weights, maps, photos)
-            loss, told = loss + config["depth_weight"] * more, told | {"on surface": share, "surfaces": 1.0}
     return loss, told
+
+
+def outcome(logit0, rgb, covered, planes, photos: Photos, config: dict, whole: bool):
+    """(loss, image [3, H, W] without gradients, what the log tells) of planes [L, 1, 1]; `whole`: none was left out."""
+    maps = planes.expand_as(covered)
+    shown = compete(logit0, rgb, covered, maps)
+    loss = image_loss(shown.rgb, photos.target.float() / 255, covered.any(0), config["square_weight"])
+    told = {"loss": float(loss.detach())}
+    if whole and photos.disparity is not None:
+        more, share = depth_loss(shown.weights, maps, photos)
+        loss, told = loss + config["depth_weight"] * more, told | {"on surface": share, "surfaces": 1.0}
+    return loss, shown.rgb.detach(), told
 
 
 def depth_loss(weights: Tensor, maps: Tensor, photos: Photos) -> tuple[Tensor, float]:
@@ -150,7 +164,7 @@ def depth_loss(weights: Tensor, maps: Tensor, photos: Photos) -> tuple[Tensor, f
     return -(torch.log(share.clamp(min=1e-4)) * where).mean(), mean
 
 
-def view_loss(logits, colour, coverage, photos: Photos, target, image, distances) -> tuple[Tensor, dict[str, float]]:
+def view_loss(logits, colour, coverage, photos: Photos, image, distances) -> tuple[Tensor, dict[str, float]]:
     """On the true surface: minus log of the weight on the views that see it, where some covering view does not; and
     there, what the log tells."""
     seen = photos.seen.masked_fill(coverage[0] < 0.5, UNKNOWN)
@@ -160,7 +174,7 @@ def view_loss(logits, colour, coverage, photos: Photos, target, image, distances
     by_distance = weight_on_seen(view_weights(torch.zeros_like(logits), coverage, distances)[0], seen)
     told = {}
     if bool(where.any()):
-        error = ((image - target) ** 2).mean(0)[where]
+        error = ((image - photos.target.float() / 255) ** 2).mean(0)[where]
         told = {
             "hidden pixels": float(where.sum()),
             "seen weight": float(share.detach()[where].sum()),
@@ -171,8 +185,8 @@ def view_loss(logits, colour, coverage, photos: Photos, target, image, distances
 
 
 def rate(step: int, config: dict) -> float:
-    """Warm-up, then constant, then falling to 2 % over the last quarter."""
-    left = (config["steps"] - step) / (0.25 * config["steps"])
+    """Warm-up, then constant, then falling to 2 % over the last part."""
+    left = (config["steps"] - step) / (config["falling"] * config["steps"])
     return min(1.0, (step + 1) / config["warm_up"]) * max(0.02, min(1.0, left))
 
 
