@@ -12,7 +12,7 @@ from .guide import coarse_range, guided_layers
 from .heldout import Case
 from .layers import guided_maps, uniform_planes, upsample_maps
 from .render import planes_over, view_distances, warp_views
-from .select import plane_histogram, select_planes
+from .select import kmeans_planes, plane_histogram, select_planes
 
 Network = Callable[[Tensor], Tensor]  # hwv [n, 3V, H8, W8] -> logits [n, V, H8, W8]
 
@@ -88,8 +88,8 @@ def infer_competing(network: Network, case: Case, maps: Tensor) -> tuple[Tensor,
 
 
 def competing(network: Network, case: Case, scale: float = 1.0, counts: tuple[int, ...] = PLANES):
-    """(name, image) for each number of uniform planes that compete, and for the K of the largest number that win at the
-    most pixels, which compete anew among themselves."""
+    """(name, image) for each number of uniform planes that compete, and for K of the largest number, which compete anew
+    among themselves: those that win at the most pixels, and those next to the k-means of the winners' disparities."""
     crop = (..., slice(case.target.height), slice(case.target.width))
     for count in counts:
         maps = uniform_maps(case, count)
@@ -97,8 +97,12 @@ def competing(network: Network, case: Case, scale: float = 1.0, counts: tuple[in
         whole = compete(logit, rgb, covered, maps[crop], scale)
         if count == counts[-1]:
             histogram = plane_histogram(whole.weights)
+            disparities = maps[:, 0, 0]
+            winners = disparities[whole.weights.argmax(0)][covered.any(0)].numpy()
             for few in counts[:-1]:
-                ids = select_planes(histogram, few)
-                image = compete(logit[ids], rgb[ids], covered[ids], maps[crop][ids], scale).rgb
-                yield f"competing, selected {few} of {count}", image
+                centres = torch.tensor(kmeans_planes(winners, few), dtype=disparities.dtype)
+                near_by = (disparities - centres[:, None]).abs().argmin(1).unique().tolist()
+                for way, ids in (("selected", select_planes(histogram, few)), ("k-means", near_by)):
+                    image = compete(logit[ids], rgb[ids], covered[ids], maps[crop][ids], scale).rgb
+                    yield f"competing, {way} {few} of {count}", image
         yield f"competing {count}", whole.rgb
