@@ -21,6 +21,7 @@ from ..data.examples import Example, maker
 from ..reference.blend import blend
 from ..reference.composite import composite
 from ..reference.unet import UNet, adapt_views, start_from_agreement
+from . import train_planes
 from .validate import validate
 
 
@@ -108,11 +109,16 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="folder with train/, dev/ and textures/")
     parser.add_argument("--out", type=Path, required=True, help="checkpoints, log and validation images")
     parser.add_argument("--start", type=Path, help="weights to start from, of any V")
+    parser.add_argument("--shards", type=Path, help="folder where examples are kept, for competing planes")
     parser.add_argument("--steps", type=int, help="overrides the config")
     args = parser.parse_args()
     config = read_config(args.config)
     config["steps"] = args.steps or config["steps"]
     args.out.mkdir(parents=True, exist_ok=True)
+    if config.get("alpha") == "competing":
+        if not (args.start and args.shards):
+            parser.error(f"{args.config} needs --start, weights to start from, and --shards, a folder for examples")
+        return train_planes.train(config, args.data, args.out, args.start, args.shards)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     torch.set_num_threads(config["threads"])
     torch.manual_seed(config["seed"])
