@@ -1,9 +1,17 @@
 """Training on competing planes: warps, views that see the surface, and gradients through some of the layers only."""
 
+import json
+import signal
+import sys
+from pathlib import Path
+
 import numpy as np
+import onnx
 import pytest
 import torch
 
+from liveview_ref import export
+from liveview_ref.checkpoint import load_state
 from liveview_ref.data.procedural.scene import random_scene
 from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.shards import Photos, eight_bit
@@ -14,8 +22,11 @@ from liveview_ref.reference.camera import Camera
 from liveview_ref.reference.layers import uniform_disparities
 from liveview_ref.reference.renderer import warp_views
 from liveview_ref.reference.unet import UNet, fold_batchnorm, unfold_batchnorm
+from liveview_ref.training import train
 from liveview_ref.training.draw_layers import draw_layers
 from liveview_ref.training.planes_loss import example_loss, warp_layers
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_drawn_layers_are_drawn_with_their_chances():
@@ -128,6 +139,36 @@ def test_drawn_planes_give_the_gradient_of_all_in_the_mean(photos):
     spread = sum((g - mean).norm() ** 2 for g in few).sqrt() / len(few)  # of the mean
     assert (mean - whole).norm() < 2 * spread + 0.02 * whole.norm(), (mean.norm(), whole.norm(), spread)
     assert spread < 0.5 * whole.norm()
+
+
+def test_a_training_begins_goes_on_and_is_exported(tmp_path, monkeypatch):
+    workshop = {"path": "workshop", "reach": 2, "widths": [300], "weight": 1}
+    config = {
+        "base": str(ROOT / "python/configs/v4_planes.json"), "steps": 2, "crop": [48, 48], "batch": 2, "shard": 4,
+        "shards": 1, "shards_at_once": 1, "uniform_planes": [6], "textures": "no textures", "real": [workshop],
+        "validation": [{"path": "workshop", "width": 96, "targets": [7], "heldout": 0}],
+    }  # fmt: skip
+    (tmp_path / "config.json").write_text(json.dumps(config))
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    folders = {"data": ROOT / "tests/scenes", "out": tmp_path, "shards": tmp_path / "shards"}
+    folders["start"] = ROOT / "models/liveview_v4.pt"
+    command = ["", str(tmp_path / "config.json"), *(part for k, v in folders.items() for part in (f"--{k}", str(v)))]
+    threads = torch.get_num_threads()
+    for more in ([], ["--steps", "3"]):
+        monkeypatch.setattr(sys, "argv", command + more)
+        train.main()
+    torch.set_num_threads(threads)
+    state = load_state(tmp_path / "checkpoint.pt")
+    assert state["step"] == 3 and [row["step"] for row in state["history"]] == [2, 3]
+    assert {"competing, planes:16", "competing, planes:64", "workshop"} < state["history"][0].keys()
+    assert state["history"][1]["workshop"] > 15
+    model = tmp_path / "model.onnx"
+    arguments = ["--licence", "none", "--recommended-layers", "planes:64"]
+    monkeypatch.setattr(sys, "argv", ["", str(tmp_path / "checkpoint.pt"), str(model), *arguments])
+    export.main()
+    card = {p.key: p.value for p in onnx.load(model).metadata_props}
+    assert card["alpha"] == "competing" and card["alpha_scale"] == "1"
+    assert card["trained_layers"] == "planes:6 to planes:6" and card["recommended_layers"] == "planes:64"
 
 
 class Fixed:

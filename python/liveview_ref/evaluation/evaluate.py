@@ -173,7 +173,7 @@ def main() -> int:
     torch.set_num_threads(args.threads)
     network, views, about = load_model(args.model)
     known = {name: partial(family, network) for name, family in OURS.items()} | BASELINES
-    scale = args.scale or float(about.get("alpha_scale", 1))
+    scale = float(about.get("alpha_scale", 1)) if args.scale is None else args.scale
     known[COMPETING] = partial(methods.competing, network, scale=scale)
     trained_for = f",{COMPETING}" if about.get("alpha") == "competing" else ""
     wanted_methods = (args.methods or every + trained_for).split(",")

@@ -69,14 +69,12 @@ def save(path: Path, **state) -> None:
     path.with_suffix(".tmp").rename(path)
 
 
-def train(config: dict, data: Path, out: Path, start: Path, shards: Path) -> None:
+def train(config: dict, data: Path, out: Path, start: dict, shards: Path) -> None:
+    """Train from the weights of the state `start`, or go on from the checkpoint in `out`; examples lie in `shards`."""
     torch.set_num_threads(1)
     checkpoint = out / "checkpoint.pt"
-    before = load_state(start)
-    if before["views"] != config["views"]:
-        raise ValueError(f"{start}: a network of {before['views']} views; the config asks for {config['views']}")
-    net = start_of(before, config["start_scale"])
-    earlier = [*before.get("earlier", []), (before["views"], before["step"], round(before["seconds"]))]
+    net = start_of(start, config["start_scale"])
+    earlier = [*start.get("earlier", []), (start["views"], start["step"], round(start["seconds"]))]
     average = copy.deepcopy(net)
     optimiser = torch.optim.AdamW(net.parameters(), lr=config["learning_rate"], weight_decay=1e-4)
     step, seconds, history = 0, 0.0, []
