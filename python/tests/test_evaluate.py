@@ -12,7 +12,7 @@ from test_reference import rig_of
 
 from liveview_ref.data import scene
 from liveview_ref.data.held_out import Case
-from liveview_ref.evaluation import baselines, evaluate, figure, methods
+from liveview_ref.evaluation import baselines, evaluate, evaluate_visible, figure, methods
 from liveview_ref.evaluation.lpips import load_lpips, lpips, weights_file
 from liveview_ref.reference.composite_competing import composite_competing
 from liveview_ref.reference.histogram import plane_histogram, select_planes
@@ -189,3 +189,12 @@ def test_competing_planes_are_the_composite_of_all_at_once():
 def test_what_a_model_was_trained_for_is_told():
     about = evaluate.load_model(ROOT / "models" / "liveview_v4.pt")[2]
     assert about["alpha"] == "independent" and about["steps"] > 0
+
+
+@torch.inference_mode()
+def test_the_network_gives_views_that_see_more_weight_than_distance_does():
+    network, views, _ = evaluate.load_model(ROOT / "models" / "liveview_v4.pt")
+    found = evaluate_visible.measure(network, views, 7)
+    assert 0.05 < found["partly hidden"] < 0.3
+    assert 1 > found["network: weight"] > found["distance: weight"] + 0.03
+    assert found["network: dB there"] > found["distance: dB there"]

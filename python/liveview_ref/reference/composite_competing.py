@@ -1,7 +1,8 @@
-"""Competing planes: a pixel's weights are the softmax over the planes that cover it of
-scale times logit 0, so that no plane is judged alone and false opacity cannot add up to fog.
+"""Competing planes: a pixel's weights are the softmax over the planes that cover it of scale times logit 0, so that no
+plane is judged alone and false opacity cannot add up to fog.
 
-Still an MPI: the alphas of `alphas_of` give the same picture by the front-to-back composite. Not in the paper.
+Still an MPI: the alphas of `alphas_of` give the same picture by the front-to-back composite. Not in the paper, and not
+yet in the Rust crate.
 """
 
 import torch
