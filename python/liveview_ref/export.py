@@ -80,6 +80,14 @@ def check(net: UNet, path: Path) -> float:
     return worst
 
 
+def trained_layers(config: dict) -> str:
+    """What layers a config trains on, as the card of a model tells."""
+    guided, planes = ([min(x), max(x)] for x in (config["guided_layers"], config["uniform_planes"]))
+    if config.get("alpha") == "competing":
+        return "planes:{} to planes:{}".format(*planes)
+    return "guided:{} to guided:{}, planes:{} to planes:{}".format(*guided, *planes)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("checkpoint", type=Path)
@@ -95,13 +103,14 @@ def main() -> None:
     training = ", then ".join(
         f"V = {views}: {steps} steps, {seconds / 60:.0f} minutes" for views, steps, seconds in runs
     )
-    guided, planes = ([min(x), max(x)] for x in (config["guided_layers"], config["uniform_planes"]))
     metadata = {
         "recommended_layers": str(args.recommended_layers),
         "training": f"batches of {config['batch']} scenes; {training}",
-        "trained_layers": "guided:{} to guided:{}, planes:{} to planes:{}".format(*guided, *planes),
+        "trained_layers": trained_layers(config),
         "licence": args.licence,
     }
+    if config.get("alpha") == "competing":  # the scale that logit 0 is to be multiplied by: trained with as it is
+        metadata |= {"alpha": "competing", "alpha_scale": "1"}
     export(net, args.model, metadata)
     kept = ("average", "views", "step", "seconds", "earlier", "config", "history")
     torch.save({key: state[key] for key in kept}, args.model.with_suffix(".pt"))

@@ -12,9 +12,10 @@ from test_reference import rig_of
 
 from liveview_ref.data import scene
 from liveview_ref.data.held_out import Case
-from liveview_ref.evaluation import baselines, evaluate, figure, methods
+from liveview_ref.evaluation import baselines, evaluate, evaluate_visible, figure, methods
 from liveview_ref.evaluation.lpips import load_lpips, lpips, weights_file
-from liveview_ref.reference.histogram import plane_histogram
+from liveview_ref.reference.composite_competing import composite_competing
+from liveview_ref.reference.histogram import plane_histogram, select_planes
 from liveview_ref.reference.layer_spec import DisparityList, Guided, Planes, Select
 from liveview_ref.reference.metrics import psnr
 from liveview_ref.reference.renderer import render
@@ -163,3 +164,37 @@ def test_evaluation_writes_its_files_and_names_what_it_skips(tmp_path, monkeypat
     assert report["mean"]["guided:4"]["psnr"] > report["mean"]["nearest view"]["psnr"] + 3
     assert (tmp_path / "out" / "sheet.jpg").stat().st_size > 1000
     assert "| guided:4 |" in (tmp_path / "out" / "scores.md").read_text()
+
+
+def test_competing_planes_are_the_composite_of_all_at_once():
+    case = case_of_rig("random")
+
+    def network(hwv):
+        return hwv[:, 2:6] * 4 - 2
+
+    found = dict(methods.competing(network, case, 2.0, (4, 10)))
+    selections = ["competing, select:4/10", "competing, kmeans:4 of planes:10"]
+    assert list(found) == ["competing, planes:4", *selections, "competing, planes:10"]
+    maps = methods.maps_of(case, Planes(10))
+    stages = render(network, *case[:3], maps)[1]
+    covered = (stages.coverage > 0).any(1)
+    whole = composite_competing(stages.logits[:, 0], stages.rgb, covered, maps, 2.0)
+    crop = (..., slice(case.target.height), slice(case.target.width))
+    torch.testing.assert_close(found["competing, planes:10"], whole.rgb[crop])
+    ids = select_planes(plane_histogram(whole.weights[crop]), 4)
+    few = composite_competing(stages.logits[ids, 0], stages.rgb[ids], covered[ids], maps[ids], 2.0)
+    torch.testing.assert_close(found["competing, select:4/10"], few.rgb[crop])
+
+
+def test_what_a_model_was_trained_for_is_told():
+    about = evaluate.load_model(ROOT / "models" / "liveview_v4.pt")[2]
+    assert about["alpha"] == "independent" and about["steps"] > 0
+
+
+@torch.inference_mode()
+def test_the_network_gives_views_that_see_more_weight_than_distance_does():
+    network, views, _ = evaluate.load_model(ROOT / "models" / "liveview_v4.pt")
+    found = evaluate_visible.measure(network, views, 7)
+    assert 0.05 < found["partly hidden"] < 0.3
+    assert 1 > found["network: weight"] > found["distance: weight"] + 0.03
+    assert found["network: dB there"] > found["distance: dB there"]

@@ -1,6 +1,8 @@
 """Training: the shipped weights show the same picture with the statistics of a mixed batch as with those they ship."""
 
 import copy
+import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ from liveview_ref.checkpoint import load_state, trained_network
 from liveview_ref.data.examples import RealScene, make_example, procedural
 from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.reference.metrics import psnr
-from liveview_ref.training.train import batch_loss, forward, read_config
+from liveview_ref.training.train import batch_loss, forward, main, read_config
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = sorted((ROOT / "python/configs").glob("v*.json"))
@@ -63,3 +65,22 @@ def test_no_scene_is_both_trained_on_and_reported(path):
     trained_on = {spec["path"] for spec in config["real"]} | {config["textures"]}
     assert all(path.startswith("train/") or path == "textures" for path in trained_on)
     assert all(spec["path"].startswith("dev/") for spec in config["validation"])
+
+
+@pytest.mark.parametrize(
+    ("config", "arguments", "reason"),
+    [
+        ({"alpha": "competes"}, [], 'alpha is "competes"; expected "independent" or "competing"'),
+        ({"alpha": "competing"}, [], "needs --start"),
+        ({"alpha": "competing"}, ["--start", str(ROOT / "models/liveview_v5.pt"), "--shards", "s"], "5 views"),
+    ],
+)
+def test_a_config_that_cannot_be_trained_is_refused(config, arguments, reason, tmp_path, monkeypatch, capsys):
+    base = str(ROOT / "python/configs/v4_planes.json")
+    (tmp_path / "config.json").write_text(json.dumps({"base": base} | config))
+    out = tmp_path / "out"
+    command = ["", str(tmp_path / "config.json"), "--data", str(tmp_path), "--out", str(out), *arguments]
+    monkeypatch.setattr(sys, "argv", command)
+    with pytest.raises(SystemExit) as error:
+        main()
+    assert error.value.code == 2 and reason in capsys.readouterr().err and not out.exists()

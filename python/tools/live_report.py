@@ -133,7 +133,9 @@ def main() -> None:
             small = ["--layers", "guided:1", "--policy", "propagate", "--width", str(args.memory_width)]
             report, _ = video(args, rig, Path(folder), *small)
         memory = [(frame, size / 1e6) for frame, size in report["memory_bytes"]]
-        (args.out / "memory.svg").write_text(chart([Panel("memory in use, MB", "frame", {"guided:1 propagate": memory})]))
+        (args.out / "memory.svg").write_text(
+            chart([Panel("memory in use, MB", "frame", {"guided:1 propagate": memory})])
+        )
         early, late = memory[len(memory) // 10][1], memory[-1][1]
         text += [
             "",

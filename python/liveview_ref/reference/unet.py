@@ -41,7 +41,11 @@ class UNet(nn.Module):
 
 
 def upsample(x: Tensor) -> Tensor:
-    return F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
+    y = F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
+    if y.requires_grad and not torch.compiler.is_exporting():
+        # Concatenation gives back a slice of its gradient; interpolating that as it is costs four times as much.
+        y.register_hook(lambda g: g.contiguous(memory_format=torch.channels_last))
+    return y
 
 
 def start_from_agreement(net: UNet) -> None:
@@ -90,3 +94,16 @@ def fold_batchnorm(net: UNet) -> UNet:
         fused = torch.nn.utils.fusion.fuse_conv_bn_eval(source[0].eval(), source[1].eval())
         setattr(folded, name, nn.Sequential(fused, nn.ReLU(inplace=True)))
     return folded
+
+
+def unfold_batchnorm(net: UNet) -> UNet:
+    """A folded network with BatchNorms that change nothing, as checkpoints have them."""
+    full = UNet(net.views).eval()
+    full.conv9.load_state_dict(net.conv9.state_dict())
+    for index in range(1, 9):
+        convolution, norm = getattr(full, f"conv{index}")[:2]
+        folded = getattr(net, f"conv{index}")[0]
+        convolution.weight.data.copy_(folded.weight.data)
+        norm.bias.data.copy_(folded.bias.data)
+        norm.running_var.fill_(1 - norm.eps)
+    return full

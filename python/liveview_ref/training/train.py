@@ -1,7 +1,8 @@
 """Train a model: python -m liveview_ref.training.train configs/v4.json --data ../../shared/data --out runs/v4
 
 Seeded and resumable (run the same command again). Scenes are mixed within a batch, since BatchNorm statistics of one
-scene do not fit another; they are estimated anew over many batches whenever the averaged weights are used.
+scene do not fit another; they are estimated anew over many batches whenever the averaged weights are used. Where a
+config says "alpha": "competing", train_planes.py trains instead.
 """
 
 import argparse
@@ -21,6 +22,7 @@ from ..data.examples import Example, maker
 from ..reference.blend import blend
 from ..reference.composite import composite
 from ..reference.unet import UNet, adapt_views, start_from_agreement
+from . import train_planes
 from .validate import validate
 
 
@@ -107,11 +109,23 @@ def main() -> None:
     parser.add_argument("config", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="folder with train/, dev/ and textures/")
     parser.add_argument("--out", type=Path, required=True, help="checkpoints, log and validation images")
-    parser.add_argument("--start", type=Path, help="weights to start from, of any V")
+    parser.add_argument("--start", type=Path, help="weights to start from, of any V; for competing planes of the same")
+    parser.add_argument("--shards", type=Path, help="folder where examples are kept, for competing planes")
     parser.add_argument("--steps", type=int, help="overrides the config")
     args = parser.parse_args()
     config = read_config(args.config)
     config["steps"] = args.steps or config["steps"]
+    alpha = config.get("alpha", "independent")
+    if alpha not in ("independent", "competing"):
+        parser.error(f'{args.config}: alpha is "{alpha}"; expected "independent" or "competing"')
+    if alpha == "competing":
+        if not (args.start and args.shards):
+            parser.error(f"{args.config} needs --start, weights to start from, and --shards, a folder for examples")
+        start = load_state(args.start)
+        if start["views"] != config["views"]:
+            parser.error(f"{args.start}: a network of {start['views']} views; {args.config} asks for {config['views']}")
+        args.out.mkdir(parents=True, exist_ok=True)
+        return train_planes.train(config, args.data, args.out, start, args.shards)
     args.out.mkdir(parents=True, exist_ok=True)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     torch.set_num_threads(config["threads"])

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from ..data.held_out import INNER, cases
 from ..data.image import picture
-from ..evaluation.methods import maps_of
+from ..evaluation.methods import competing, maps_of
 from ..reference.layer_spec import Guided, Planes
 from ..reference.metrics import psnr
 from ..reference.renderer import render
@@ -32,7 +32,32 @@ def validate(net, specs: list[dict], data: Path, file: Path, device: torch.devic
             scores[str(layers)].append(psnr(image[INNER], case.truth[INNER]))
             if layers == SHOWN:
                 rows.append(torch.cat([case.truth, image], 2))
+    sheet_of(rows, file)
+    return {layers: round(sum(s) / len(s), 3) for layers, s in scores.items()}
+
+
+def sheet_of(rows: list[Tensor], file: Path) -> None:
+    """Images [3, H, W] below each other, saved."""
     width = max(r.shape[2] for r in rows)
     sheet = torch.cat([F.pad(r, (0, width - r.shape[2])) for r in rows], 1)
     picture(sheet).save(file)
-    return {layers: round(sum(s) / len(s), 3) for layers, s in scores.items()}
+
+
+def validate_competing(net, specs: list[dict], data: Path, file: Path) -> dict[str, float]:
+    """Mean PSNR on 16 and 64 uniform planes that compete, and of 64 on each scene; the file shows truth and 64."""
+    scores, scenes, rows = {}, {}, []
+
+    def network(hwv: Tensor) -> Tensor:
+        with torch.autocast("cpu", dtype=torch.bfloat16):
+            return net(hwv.contiguous(memory_format=torch.channels_last)).float().contiguous()
+
+    with torch.inference_mode():
+        for spec in specs:
+            for case in cases([spec], data, net.views):
+                for name, image in competing(network, case, counts=(16, 64)):
+                    score = psnr(image[INNER], case.truth[INNER])
+                    scores.setdefault(name, []).append(score)
+                rows.append(torch.cat([case.truth, image], 2))
+                scenes.setdefault(spec["path"], []).append(score)
+    sheet_of(rows, file)
+    return {name: round(sum(s) / len(s), 3) for name, s in (scores | scenes).items()}

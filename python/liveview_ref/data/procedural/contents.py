@@ -18,6 +18,7 @@ KINDS = {  # of things, and how often each is drawn
     "wavy": 0.1,
     "occluder": 0.07,
 }
+THIN = "wire", "grating", "leaves"  # of the kinds
 
 
 def draw_background(rng: np.random.Generator, world: World, textures: Textures) -> list[Fragments]:
@@ -60,15 +61,24 @@ def draw_background(rng: np.random.Generator, world: World, textures: Textures) 
     return fragments
 
 
-def draw_objects(rng: np.random.Generator, world: World, textures: Textures) -> list[Fragments]:
-    """2 to 8 things, at disparities spread between the farthest and 1; the first near 1."""
+def draw_objects(
+    rng: np.random.Generator,
+    world: World,
+    textures: Textures,
+    number: tuple[int, int] = (2, 9),
+    thin: float = 1.0,
+) -> list[Fragments]:
+    """2 to 8 things (`number`: from, below), at disparities spread between the farthest and 1; the first near 1. Thin
+    kinds `thin` times as often."""
     h, w = world.size
+    chances = np.array([share * (thin if kind in THIN else 1) for kind, share in KINDS.items()])
+    chances = chances / chances.sum()
     crop, fragments = max(h, w), []
-    for i in range(rng.integers(2, 9)):
+    for i in range(rng.integers(*number)):
         share = rng.uniform(0.8, 1) if i == 0 else rng.uniform(0.02, 0.95) ** 1.3
         disparity = world.farthest + (1 - world.farthest) * share
         x, y = rng.uniform(-0.15, 1.15, 2) * [w, h]
-        kind = rng.choice(list(KINDS), p=list(KINDS.values()))
+        kind = rng.choice(list(KINDS), p=chances)
         tilt = np.radians(rng.choice([0, rng.uniform(0, 65)], p=[0.3, 0.7]))
         size = crop * np.exp(rng.uniform(np.log(0.08), np.log(0.45)))
         if kind == "ball":

@@ -24,7 +24,8 @@ LARGEST = 224  # pixels, of a view
 class ProceduralScene:
     """One multi-view example: views V of [3, Hs, Ws] and target [3, H, W], float32 RGB in [0, 1]; k [3, 3], r [3, 3]
     (cam_from_world) and t [3] float64, of the views stacked along V; disparity [H, W] = 1/z at pixel centres of the
-    surface with the largest compositing weight; [near, far] contains all depths seen in the target."""
+    surface with the largest compositing weight, view_disparities that of each view in its own camera; [near, far]
+    contains all depths seen in the target."""
 
     views: list[Tensor]
     view_k: Tensor
@@ -37,13 +38,28 @@ class ProceduralScene:
     near: float
     far: float
     disparity: Tensor | None
+    view_disparities: list[Tensor]
 
 
-def random_scene(rng: np.random.Generator, n_views: int, size: tuple[int, int], textures: Textures) -> ProceduralScene:
+@dataclass(frozen=True)
+class Recipe:
+    """What is drawn how often: the parallax of the farthest view between the nearest and the farthest depth, log-
+    uniform between two numbers of pixels (None: mostly 10 to 50); chances of no, slight and strong differences of
+    exposure; things in front of the background, from and below; thin structures, times as often."""
+
+    parallax: tuple[float, float] | None = None
+    exposure: tuple[float, float, float] = (0.2, 0.75, 0.05)
+    things: tuple[int, int] = (2, 9)
+    thin: float = 1.0
+
+
+def random_scene(
+    rng: np.random.Generator, n_views: int, size: tuple[int, int], textures: Textures, recipe: Recipe = Recipe()
+) -> ProceduralScene:
     """Draw a scene and a rig from `rng`; the target is `size` = (H, W) pixels."""
-    world = make_world(rng, n_views, size)
-    images, disparities = render(rng, world, textures)
-    views = imperfections(rng, images[1:])
+    world = make_world(rng, n_views, size, recipe)
+    images, disparities = render(rng, world, textures, recipe)
+    views = imperfections(rng, images[1:], recipe)
     disparity = disparities[0]
     low, high = float(disparity.min()), float(disparity.max())
     if rng.random() < 0.5:  # the bounds of a whole photo reach further than those of a crop
@@ -54,14 +70,17 @@ def random_scene(rng: np.random.Generator, n_views: int, size: tuple[int, int], 
     r = torch.from_numpy(world.r @ turn)
     t = torch.from_numpy((world.r @ shift + world.t) * unit)
     near, far = unit / (high * 1.01), unit / (low * 0.99)
-    return ProceduralScene(
-        views, k[1:], r[1:], t[1:], images[0].contiguous(), k[0], r[0], t[0], near, far, disparity / unit
-    )
+    target = images[0].contiguous()
+    disparity, *others = (d / unit for d in disparities)
+    return ProceduralScene(views, k[1:], r[1:], t[1:], target, k[0], r[0], t[0], near, far, disparity, others)
 
 
-def render(rng: np.random.Generator, world: World, textures: Textures) -> tuple[list[Tensor], list[Tensor]]:
+def render(
+    rng: np.random.Generator, world: World, textures: Textures, recipe: Recipe = Recipe()
+) -> tuple[list[Tensor], list[Tensor]]:
     """Fill the world and look at it: images [3, H, W] and disparities [H, W] of all cameras, the target first."""
-    fragments = draw_background(rng, world, textures) + draw_objects(rng, world, textures)
+    fragments = draw_background(rng, world, textures)
+    fragments += draw_objects(rng, world, textures, recipe.things, recipe.thin)
     colour, disparity = composite(world, fragments)
     images, disparities = [], []
     for c, (height, width) in enumerate(world.sizes):
@@ -71,7 +90,7 @@ def render(rng: np.random.Generator, world: World, textures: Textures) -> tuple[
     return images, disparities
 
 
-def make_world(rng: np.random.Generator, n_views: int, size: tuple[int, int]) -> World:
+def make_world(rng: np.random.Generator, n_views: int, size: tuple[int, int], recipe: Recipe = Recipe()) -> World:
     """Cameras: the target a crop of a photo's frustum, the views around it, large enough for what the target sees."""
     height, width = size
     photo = rng.uniform(350, 600)
@@ -82,7 +101,10 @@ def make_world(rng: np.random.Generator, n_views: int, size: tuple[int, int]) ->
     ratio = np.exp(rng.uniform(np.log(1.5), np.log(30)))
     farthest = 1 / ratio
     logs = np.log([4, 22, 100])
-    spread = np.exp(rng.uniform(logs[0], logs[2]) if rng.random() < 0.5 else rng.triangular(*logs))
+    if recipe.parallax:
+        spread = np.exp(rng.uniform(*np.log(recipe.parallax)))
+    else:
+        spread = np.exp(rng.uniform(logs[0], logs[2]) if rng.random() < 0.5 else rng.triangular(*logs))
     baseline = min(spread / (focal * (1 - farthest)), 0.8)
     centres = rig(rng, n_views) * baseline
     centres[:, 2] = centres[:, 2].clip(-0.25, 0.25)
@@ -185,9 +207,9 @@ def composite(world: World, fragments: list[Fragments]) -> tuple[Tensor, Tensor]
     return colour, disparity
 
 
-def imperfections(rng: np.random.Generator, views: list[Tensor]) -> list[Tensor]:
+def imperfections(rng: np.random.Generator, views: list[Tensor], recipe: Recipe = Recipe()) -> list[Tensor]:
     """What real cameras add: exposure and white balance, blur, noise, compression. Views [3, H, W]."""
-    exposure = rng.choice([0, 0.02, 0.15], p=[0.2, 0.75, 0.05])
+    exposure = rng.choice([0, 0.02, 0.15], p=recipe.exposure)
     noisy = rng.uniform(0.003, 0.015) if rng.random() < 0.3 else 0
     blurred, blocky = rng.random() < 0.1, rng.random() < 0.1
     out = []

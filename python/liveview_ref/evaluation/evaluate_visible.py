@@ -1,0 +1,83 @@
+"""How much weight a model gives to the views that truly see the surface, where another view is hidden:
+
+    python -m liveview_ref.evaluation.evaluate_visible MODEL.pt|MODEL.onnx ...
+
+On the example scene at its true depth, one layer along the truth, nothing masked; beside it the weights by distance
+alone, and the PSNR of the layer's colour on all pixels and on these. "weight" counts views known to see the surface
+against all that cover the pixel; "of known" leaves out those of which it is not known (at edges, mostly).
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+
+from ..data.held_out import INNER
+from ..data.scene import Scene, open_scene
+from ..data.visibility import SEEN, UNKNOWN, partly_hidden, visibility
+from ..reference.blend import blend
+from ..reference.layers import padded_size
+from ..reference.metrics import psnr
+from ..reference.renderer import Network, warp_views
+from ..reference.view_selection import choose_views, view_distances
+from .evaluate import ROOT, load_model
+from .view_weights import view_weights, weight_on_seen
+
+SCENE = ROOT / "tests/scenes/workshop"
+TARGETS = 7, 8
+
+
+def true_disparity(scene: Scene, index: int) -> Tensor:
+    """[H, W] float32, 1/scene unit."""
+    largest = json.loads((scene.root / "depth/scale.json").read_text())["delta_max"]
+    with Image.open(scene.root / "depth" / f"{Path(scene.names[index]).stem}.png") as image:
+        return torch.from_numpy(np.array(image).astype(np.float32)) * (largest / 65535)
+
+
+def edge_padded(x: Tensor, size: tuple[int, int]) -> Tensor:
+    return torch.nn.functional.pad(x[None, None], (0, size[1] - x.shape[1], 0, size[0] - x.shape[0]), "replicate")[0, 0]
+
+
+@torch.inference_mode()
+def measure(network: Network, views: int, target: int) -> dict[str, float]:
+    scene = open_scene(SCENE)
+    camera, pool = scene.cameras[target], [i for i in range(len(scene.names)) if i not in TARGETS]
+    ids = [pool[i] for i in choose_views([scene.cameras[i] for i in pool], camera, views)]
+    photos, cameras = [scene.image_u8(i).float() / 255 for i in ids], [scene.cameras[i] for i in ids]
+    truth, disparity = scene.image_u8(target).float() / 255, true_disparity(scene, target)
+    layer = edge_padded(disparity, padded_size(*disparity.shape))
+    colour, coverage = warp_views(photos, cameras, camera, layer[None])
+    distances = view_distances(cameras, camera).float()
+    seen = visibility(disparity, camera, [true_disparity(scene, i) for i in ids], cameras)
+    height, width = disparity.shape
+    seen = seen.masked_fill(coverage[0, :, :height, :width] < 0.5, UNKNOWN)
+    where, found = partly_hidden(seen), {}
+    found["partly hidden"] = float(where.float().mean())
+    for name, logits in (("network", network(colour.flatten(1, 2))), ("distance", torch.zeros_like(coverage))):
+        weights = view_weights(logits, coverage, distances)[0, :, :height, :width]
+        image = blend(logits, colour, coverage, distances)[1][0, :, :height, :width]
+        error = ((image - truth) ** 2).mean(0)
+        found[f"{name}: weight"] = float((weights * (seen == SEEN)).sum(0)[where].mean())
+        found[f"{name}: of known"] = float(weight_on_seen(weights, seen)[where].mean())
+        found[f"{name}: dB"] = psnr(image[INNER], truth[INNER])
+        found[f"{name}: dB there"] = float(-10 * torch.log10(error[where].mean()))
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("models", type=Path, nargs="+")
+    args = parser.parse_args()
+    for model in args.models:
+        network, views, _ = load_model(model)
+        each = [measure(network, views, target) for target in TARGETS]
+        mean = {key: sum(e[key] for e in each) / len(each) for key in each[0]}
+        print(f"{model}: " + ", ".join(f"{key} {value:.3f}" for key, value in mean.items()), flush=True)
+
+
+if __name__ == "__main__":
+    main()

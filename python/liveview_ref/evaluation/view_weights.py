@@ -1,0 +1,22 @@
+"""How a layer's colour is divided among its views, and how much of it among those that truly see the surface."""
+
+import torch
+from torch import Tensor
+
+from ..data.visibility import HIDDEN, SEEN
+from ..reference.blend import distance_bias
+
+
+def view_weights(logits: Tensor, coverage: Tensor, distances: Tensor) -> Tensor:
+    """The weights by which the blend mixes the views that cover a pixel, [L, V, H, W], summing to 1; views at a border
+    are not weighted down. Of no meaning where no view covers the pixel. All arguments as of `blend`."""
+    scores = torch.cat([torch.zeros_like(logits[:, :1]), logits[:, 1:]], 1)
+    scores = scores + distance_bias(distances)[0].float()[:, None, None]
+    return torch.softmax(scores.masked_fill(coverage <= 0, -1e4), 1)
+
+
+def weight_on_seen(weights: Tensor, seen: Tensor) -> Tensor:
+    """View weights [V, H, W] -> the share [H, W] of what falls on seen or hidden views that falls on seen ones."""
+    right = (weights * (seen == SEEN)).sum(0)
+    wrong = (weights * (seen == HIDDEN)).sum(0)
+    return right / (right + wrong).clamp(min=1e-12)

@@ -1,0 +1,39 @@
+"""Competing planes: a pixel's weights are the softmax over the planes that cover it of scale times logit 0, so that no
+plane is judged alone and false opacity cannot add up to fog.
+
+Still an MPI: the alphas of `alphas_of` give the same picture by the front-to-back composite. Not in the paper, and not
+yet in the Rust crate.
+"""
+
+import torch
+from torch import Tensor
+
+from .composite import Composited
+
+
+def composite_competing(logit: Tensor, rgb: Tensor, covered: Tensor, maps: Tensor, scale: float = 1.0) -> Composited:
+    """logit [L, H, W] (the network's channel 0), rgb [L, 3, H, W], covered [L, H, W] bool (whether any view sees the
+    layer there), maps [L, H, W] disparities, layers in any order. A pixel that no layer covers stays empty: colour,
+    disparity and weights 0, transmittance 1. Differentiable."""
+    weights = competing_weights(logit, covered, scale)
+    empty = (~covered).all(0).to(rgb)
+    return Composited((weights[:, None] * rgb).sum(0), (weights * maps).sum(0), empty, weights)
+
+
+def competing_weights(logit: Tensor, covered: Tensor, scale: float = 1.0) -> Tensor:
+    """Softmax over the layers that cover a pixel, [L, H, W]; zeros where none does. Infinite logits are as the largest
+    finite one of their sign (a NaN stays one), and the scale is applied to differences, which no overflow reaches."""
+    limits = torch.finfo(logit.dtype)
+    finite = logit.clamp(limits.min / 4, limits.max / 4).masked_fill(~covered, -torch.inf)
+    top = finite.amax(0, keepdim=True)
+    top = top.masked_fill(torch.isinf(top), 0.0).detach()  # shifts every logit alike: no gradient of its own
+    weights = torch.exp((finite - top) * scale)
+    total = weights.sum(0, keepdim=True)
+    return weights / torch.where(total > 0, total, torch.ones_like(total))
+
+
+def alphas_of(weights: Tensor) -> Tensor:
+    """Alpha of each layer, [L, H, W], near -> far, such that front to back they have these weights: alpha_k =
+    w_k / (1 - sum of the nearer ones) = w_k / (sum of this one and the farther ones); 0 where nothing is left."""
+    behind = weights.flip(0).cumsum(0).flip(0)
+    return weights / torch.where(behind > 0, behind, torch.ones_like(behind))

@@ -1,0 +1,157 @@
+"""The loss of an example on uniform planes that compete, with gradients through some of the planes.
+
+All planes of an example go through the network without gradients; the softmax and the picture of all of them give the
+loss and its gradient for each plane's logit 0 and colour. Those go back through the network for some planes alone,
+drawn by how large they are and weighted by one over the chance to be drawn, so that in the mean they are the gradients
+of all.
+"""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..data.shards import Photos
+from ..data.visibility import SEEN, UNKNOWN, partly_hidden
+from ..evaluation.view_weights import view_weights, weight_on_seen
+from ..reference.blend import blend
+from ..reference.composite_competing import composite_competing
+from ..reference.histogram import plane_histogram, select_planes
+from ..reference.layers import uniform_disparities
+from ..reference.plane_sweep import PlaneSweep
+from ..reference.unet import UNet
+from ..reference.view_selection import view_distances
+from .draw_layers import draw_layers
+
+CHUNK = 16  # planes at a time without gradients: what fits the cache
+
+
+def warp_layers(photos: Photos, maps: Tensor) -> tuple[Tensor, Tensor]:
+    """maps [L, H, W] (or [L, 1, 1]: planes) -> colour [L, V, 3, H, W], coverage [L, V, H, W]; as warp_views,
+    from 8 bit."""
+    height, width = photos.camera.height, photos.camera.width
+    layers = len(maps)
+    x, y = (torch.arange(n, dtype=torch.float64) + 0.5 for n in (width, height))
+    colour, grid = torch.empty(layers, len(photos.views), 4, height, width), torch.empty(layers, height, width, 2)
+    for v, (view, camera) in enumerate(zip(photos.views, photos.cameras, strict=True)):
+        normal = torch.tensor([[2 / camera.width, 0, -1], [0, 2 / camera.height, -1], [0, 0, 1]], dtype=torch.float64)
+        base, e = (normal @ term for term in PlaneSweep.of(camera, photos.camera))
+        rays = (base[:, 0, None, None] * x + base[:, 1, None, None] * y[:, None] + base[:, 2, None, None]).float()
+        e = e.float()
+        w = rays[2] + maps * e[2]
+        w = torch.where(w > 0, w, torch.full_like(w, 1e-9))  # far outside
+        torch.div(rays[0] + maps * e[0], w, out=grid[..., 0])
+        torch.div(rays[1] + maps * e[1], w, out=grid[..., 1])
+        image = torch.cat([view.float() / 255, torch.ones(1, *view.shape[1:])])[None]
+        sampled = torch.nn.functional.grid_sample(image, grid.reshape(1, -1, width, 2), align_corners=False)
+        colour[:, v] = sampled.reshape(4, layers, height, width).transpose(0, 1)
+    return colour[:, :, :3], colour[:, :, 3]
+
+
+def logits_of(net: UNet, colour: Tensor) -> Tensor:
+    hwv = colour.flatten(1, 2).contiguous(memory_format=torch.channels_last)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        return net(hwv).float().contiguous()
+
+
+def image_loss(image: Tensor, truth: Tensor, counted: Tensor, square: float) -> Tensor:
+    """L1 plus half of the L1 of the image gradients, and `square` times the squared error, which is what PSNR looks at;
+    [3, H, W], over the pixels that count [H, W]."""
+    difference = (image - truth) * counted
+    dx = difference[..., 1:] - difference[..., :-1]
+    dy = difference[..., 1:, :] - difference[..., :-1, :]
+    return difference.abs().mean() + 0.5 * (dx.abs().mean() + dy.abs().mean()) + square * (difference**2).mean()
+
+
+def planes_for(rng: np.random.Generator, photos: Photos, config: dict) -> Tensor:
+    near, far = photos.near * np.exp(rng.uniform(-0.2, 0.05)), photos.far * np.exp(rng.uniform(-0.05, 0.2))
+    return uniform_disparities(near, far, int(rng.choice(config["uniform_planes"]))).float()[:, None, None]
+
+
+def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: dict) -> tuple[Tensor, dict[str, float]]:
+    """Loss with its gradient graph (where planes were drawn, a number with the gradient of the loss, not its value),
+    and what the log tells of it."""
+    distances = view_distances(photos.cameras, photos.camera).float()
+    planes = planes_for(rng, photos, config)
+    colour, coverage = warp_layers(photos, planes)
+    # All planes with gradients cost less than some of them after a pass without, if there are few.
+    drawn, selected = len(planes) > config["all_of"], False
+    ids = torch.arange(len(planes))
+    if drawn:
+        selected = rng.random() < config["selected"]
+        with torch.no_grad():
+            logits = torch.cat([logits_of(net, part) for part in colour.split(CHUNK)])
+            parts = zip(*(x.split(CHUNK) for x in (logits, colour, coverage)), strict=True)
+            rgb = torch.cat([blend(*part, distances)[1] for part in parts])
+            covered = (coverage > 0).any(1)
+            if selected:  # as the renderer selects: the fullest bins, which compete anew
+                weights = composite_competing(logits[:, 0], rgb, covered, planes.expand_as(covered)).weights
+                kept = select_planes(plane_histogram(weights), int(rng.choice(config["selected_planes"])))
+                planes, colour, coverage, logits, rgb, covered = (
+                    x[kept] for x in (planes, colour, coverage, logits, rgb, covered)
+                )
+        logit0, rgb = logits[:, 0].clone().requires_grad_(), rgb.requires_grad_()
+        loss, image, told = outcome(logit0, rgb, covered, planes, photos, config, not selected)
+        gradients = torch.autograd.grad(loss, (logit0, rgb))
+        # What a plane's logits do to the loss: by its alpha, and by its colour, where views differ by some 0.2.
+        mass = sum(w * g.flatten(1).norm(dim=1) for w, g in zip((1.0, 0.2), gradients, strict=True))
+        ids, chance = draw_layers(mass, config["gradient_planes"], rng)
+    own, extra = colour[ids], None
+    if photos.disparity is not None:  # one more layer, along the true surface
+        extra = warp_layers(photos, photos.disparity[None])
+        own = torch.cat([own, extra[0]])
+    found = logits_of(net, own)
+    logit0, rgb = found[: len(ids), 0], blend(found[: len(ids)], colour[ids], coverage[ids], distances)[1]
+    if drawn:
+        loss = torch.zeros(())
+        for x, gradient in zip((logit0, rgb), gradients, strict=True):
+            loss = loss + (x * gradient[ids] / chance.reshape(-1, *[1] * (x.dim() - 1))).sum()
+    else:
+        loss, image, told = outcome(logit0, rgb, (coverage > 0).any(1), planes, photos, config, True)
+    if extra is not None:
+        more, known = view_loss(found[-1:], *extra, photos, image, distances)
+        loss, told = loss + config["visible_weight"] * more, told | known
+    return loss, told
+
+
+def outcome(logit0, rgb, covered, planes, photos: Photos, config: dict, whole: bool):
+    """(loss, image [3, H, W] without gradients, what the log tells) of planes [L, 1, 1]; `whole`: none was left out."""
+    maps = planes.expand_as(covered)
+    shown = composite_competing(logit0, rgb, covered, maps)
+    loss = image_loss(shown.rgb, photos.target.float() / 255, covered.any(0), config["square_weight"])
+    told = {"loss": float(loss.detach())}
+    if whole and photos.disparity is not None:
+        more, share = depth_loss(shown.weights, maps, photos)
+        loss, told = loss + config["depth_weight"] * more, told | {"on surface": share, "surfaces": 1.0}
+    return loss, shown.rgb.detach(), told
+
+
+def depth_loss(weights: Tensor, maps: Tensor, photos: Photos) -> tuple[Tensor, float]:
+    """Minus log of the weight of the planes next to the true surface, or within a pixel of parallax of it, where two
+    views at least see it: the picture alone hardly moves a plane that has no weight. And that weight in the mean."""
+    parallax = max(float(PlaneSweep.of(camera, photos.camera).epipole[:2].norm()) for camera in photos.cameras)
+    reach = max(1.0 / parallax, 1.01 * float(maps[0, 0, 0] - maps[1, 0, 0]))
+    near_by = (maps - photos.disparity).abs() <= reach
+    where = (photos.seen == SEEN).sum(0) >= 2
+    share = (weights * near_by).sum(0)
+    mean = float(share.detach()[where].mean()) if bool(where.any()) else 0.0
+    return -(torch.log(share.clamp(min=1e-4)) * where).mean(), mean
+
+
+def view_loss(logits, colour, coverage, photos: Photos, image, distances) -> tuple[Tensor, dict[str, float]]:
+    """On the true surface: minus log of the weight on the views that see it, where some covering view does not; and
+    there, what the log tells."""
+    seen = photos.seen.masked_fill(coverage[0] < 0.5, UNKNOWN)
+    where = partly_hidden(seen)
+    count = where.sum().clamp(min=64)
+    share = weight_on_seen(view_weights(logits, coverage, distances)[0], seen)
+    by_distance = weight_on_seen(view_weights(torch.zeros_like(logits), coverage, distances)[0], seen)
+    told = {}
+    if bool(where.any()):
+        error = ((image - photos.target.float() / 255) ** 2).mean(0)[where]
+        told = {
+            "hidden pixels": float(where.sum()),
+            "seen weight": float(share.detach()[where].sum()),
+            "seen weight by distance": float(by_distance[where].sum()),
+            "hidden error": float(error.sum()),
+        }
+    return -(torch.log(share.clamp(min=1e-6)) * where).sum() / count, told
