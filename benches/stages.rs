@@ -89,6 +89,6 @@ fn blend_and_composite(bencher: Bencher) {
 fn guided_search(bencher: Bencher) {
     let textures = textures();
     let sources = sources(&textures, 0.01);
-    let search = GuidedSearch { near: 1.0, far: 10.0, planes: None };
+    let search = GuidedSearch::new(1.0, 10.0);
     bencher.bench_local(|| search.search(&sources, SIZE).unwrap());
 }

@@ -71,7 +71,7 @@ impl Rig {
     fn render_guided(&self, network: impl PlaneNetwork, near: f64, far: f64) -> Frame {
         let size = padded(Size::new(SIZE.0, SIZE.1));
         let sources = warp_sources(&self.sources(), &self.target);
-        let found = GuidedSearch { near, far, planes: None }.search(&sources, size).unwrap();
+        let found = GuidedSearch::new(near, far).search(&sources, size).unwrap();
         self.render(network, &found.range.layers(3).unwrap(), 1)
     }
 }

@@ -59,6 +59,13 @@ fn furthest_apart(a: &Frame, b: &Frame) -> f64 {
     a.picture.data().iter().zip(b.picture.data()).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max)
 }
 
+/// Layers are left out behind a transmittance alone.
+fn behind(transmittance: f64) -> Culling {
+    let mut culling = Culling::NONE;
+    culling.transmittance = transmittance;
+    culling
+}
+
 #[test]
 fn layers_that_no_view_covers_are_left_out_to_the_bit_the_farthest_too() {
     // From the sides, across the target's axis: both see what lies about 2 in front of it, neither what is near or far.
@@ -88,7 +95,7 @@ proptest! {
         assert_same(&dense, &exact);
         prop_assert_eq!((exact.culled, all), (Culled::default(), count));
 
-        let (frame, inferred) = scene.render(&layers, opacity, batch, Culling { transmittance: tau, ..Culling::NONE });
+        let (frame, inferred) = scene.render(&layers, opacity, batch, behind(tau));
         let Culled { uncovered, opaque, transmittance } = frame.culled;
         prop_assert_eq!(inferred + opaque + uncovered, count);
         prop_assert!(opaque == 0 || transmittance < tau, "{:?}", frame.culled);
@@ -123,7 +130,7 @@ proptest! {
 #[test]
 fn an_opaque_front_spares_the_network_the_rest() {
     let layers = Layers::uniform(1.0, 8.0, 8).unwrap();
-    let (frame, inferred) = Wide::new(3).render(&layers, 12.0, 1, Culling { transmittance: 0.01, ..Culling::NONE });
+    let (frame, inferred) = Wide::new(3).render(&layers, 12.0, 1, behind(0.01));
     assert_eq!((inferred, frame.culled.opaque), (1, 7), "{:?}", frame.culled);
     assert!(frame.culled.transmittance > 0.0);
 }

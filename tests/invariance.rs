@@ -45,7 +45,7 @@ impl Rig {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let size = padded(self.target.size());
-            let pass = GuidedSearch { near: 1.0, far: 8.0, planes: None };
+            let pass = GuidedSearch::new(1.0, 8.0);
             let range = pass.search(&warp_sources(&views, &self.target), size).unwrap().range;
             renderer.render(&views, &self.target, &layers(&range)).unwrap()
         })
@@ -130,7 +130,9 @@ fn the_last_planes_left_out_change_a_pixel_by_no_more_than_what_it_had_left() {
     let dense = render_culled(2, 1, planes, Culling::NONE);
     let exact = render_culled(2, 1, planes, Culling::default());
     assert_eq!(dense.picture.data(), exact.picture.data());
-    let fewer = render_culled(2, 1, planes, Culling { transmittance: 0.9, ..Culling::default() });
+    let mut culling = Culling::default();
+    culling.transmittance = 0.9;
+    let fewer = render_culled(2, 1, planes, culling);
     assert!(fewer.culled.opaque > 0 && fewer.culled.transmittance < 0.9, "{:?}", fewer.culled);
     let pairs = dense.picture.data().iter().zip(fewer.picture.data());
     for (i, (a, b)) in pairs.enumerate() {

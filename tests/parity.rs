@@ -361,7 +361,7 @@ fn guided_search() {
         let apart = planes.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(planes.len() == expected.len() && apart < 1e-12, "{}: k-means {planes:?}, {expected:?}", case.name);
 
-        let found = GuidedSearch { near: NEAR, far: FAR, planes: None }.search(&sources, case.padded()).unwrap();
+        let found = GuidedSearch::new(NEAR, FAR).search(&sources, case.padded()).unwrap();
         assert_eq!(found.disparities, flat(disparities), "{}: planes searched", case.name);
     });
 }

@@ -21,7 +21,8 @@ pub(crate) struct Job {
 impl Job {
     pub(crate) fn open(photos: PhotoCache, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
         let mut job = Self::with_layers(photos, model, |network| layers.spec(network))?;
-        let culling = Culling { transmittance: layers.opaque, ..Culling::default() };
+        let mut culling = Culling::default();
+        culling.transmittance = layers.opaque;
         job.synthesizer.renderer_mut().set_culling(culling);
         job.synthesizer.keep_exposure(layers.keep_exposure);
         Ok(job)

@@ -2,17 +2,18 @@
 
 use liveview::ImageRgb;
 
-/// The value below which a share `part` (0 to 1) of the values lies, by the nearest rank; NaN if there are none. Sorts them.
+/// The value below which a share `part` (0 to 1) of the values lies; NaN if there are none. Sorts them.
 pub(crate) fn percentile(values: &mut [f64], part: f64) -> f64 {
     values.sort_by(f64::total_cmp);
-    values.get((part * values.len().saturating_sub(1) as f64).round() as usize).copied().unwrap_or(f64::NAN)
+    quantile(values, part)
 }
 
-/// The same, interpolated linearly between the values of a sorted list; NaN if it is empty.
+/// The same of a sorted list, linearly between ranks, as NumPy does.
 pub(crate) fn quantile(sorted: &[f64], part: f64) -> f64 {
     let at = part * sorted.len().saturating_sub(1) as f64;
-    let (low, high) = (sorted.get(at.floor() as usize), sorted.get(at.ceil() as usize));
-    match (low, high) {
+    match (sorted.get(at.floor() as usize), sorted.get(at.ceil() as usize)) {
+        // Depths may be infinite, and infinity less infinity is no number.
+        (Some(low), Some(high)) if low == high => *low,
         (Some(low), Some(high)) => low + at.fract() * (high - low),
         _ => f64::NAN,
     }

@@ -59,6 +59,7 @@ impl KnownDepth {
 
 /// What the search and the surface are tuned by. Lengths in px are pixels of parallax.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Settings {
     /// Photos that one is matched with.
     pub neighbours: usize,

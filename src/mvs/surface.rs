@@ -116,7 +116,7 @@ pub fn surface(
     let mut filled = near_edges;
     if empty > 0 && settings.second {
         let searched = settings.searched.then(|| {
-            let pass = crate::layers::guided::GuidedSearch { near, far, planes: None };
+            let pass = crate::layers::guided::GuidedSearch::new(near, far);
             let count = sources.len().min(4);
             let found = pass.search(&sources[..count], size).expect("a range that is one");
             let mut full = vec![0.0; map.len()];

@@ -8,6 +8,7 @@ use crate::geometry::Size;
 
 /// When a layer may be left out.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Culling {
     /// Leave out a layer that no view covers at any pixel of the target. Exact: its α is 0.
     pub uncovered: bool,

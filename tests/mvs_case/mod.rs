@@ -140,7 +140,8 @@ impl Case {
 
     /// Disparity worth a pixel of parallax at the target.
     pub(crate) fn pixel(&self) -> f32 {
-        let settings = Settings { refine: 0, second: false, ..self.settings.clone() };
+        let mut settings = self.settings.clone();
+        (settings.refine, settings.second) = (0, false);
         self.with_views(|views| surface(views, self.main, &self.target, self.range.0, self.range.1, &settings).pixel)
     }
 

@@ -27,6 +27,7 @@ pub const WINDOWS: [usize; 2] = [3, 7];
 
 /// Settings of the guided search.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct GuidedSearch {
     /// Nearest depth, scene units.
     pub near: f64,
@@ -58,6 +59,11 @@ pub struct SearchStages {
 }
 
 impl GuidedSearch {
+    /// From `near` to `far`, scene units, with as many planes in the first search as the parallax asks for.
+    pub fn new(near: f64, far: f64) -> Self {
+        Self { near, far, planes: None }
+    }
+
     /// Searches a padded target ([`crate::layers::padded`]) of that size in pixels.
     ///
     /// # Errors
