@@ -8,7 +8,7 @@ use liveview::layers::guided::SearchStages;
 use liveview::layers::{Layer, Layers};
 use liveview::render::{Batch, Blended, Culling, Frame, LayerSamples};
 use liveview::warp::warp_sources;
-use liveview::{LayerSpec, Shot, Targets};
+use liveview::{LayerSpec, Plan, Shot, Targets};
 use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate, s};
 use serde_json::json;
 
@@ -92,12 +92,6 @@ pub(crate) fn run(args: &DumpArgs) -> Result<Output> {
         bail!("-o {}: expected a name that ends in .npz", args.output.display());
     }
     let mut job = Job::open(args.scene.open()?, &args.layers, &args.model)?;
-    if let LayerSpec::Surface(_) = job.layers() {
-        bail!(
-            "--layers {}: expected guided, planes, select, kmeans or list; surface layers have their own parity tests",
-            job.layers()
-        );
-    }
     let targets = Targets::held_out(job.scene(), vec![job.scene().view_index(&args.target)?]);
     let Some(shot) = job.synthesizer.shots(targets)?.pop() else { bail!("{}: nothing to render", args.target) };
     print_notes(&job.scene().notes);
@@ -116,18 +110,18 @@ pub(crate) fn run(args: &DumpArgs) -> Result<Output> {
 
 fn write(job: &mut Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
     arrays.add_rig(job.photos(), shot)?;
-    let layers = if let LayerSpec::Guided { layers, coarse_planes } = *job.layers() {
+    let plan = if let LayerSpec::Guided { layers, coarse_planes } = *job.layers() {
         let found = job.photos().search(shot, coarse_planes)?;
         let layers = found.range.layers(layers)?;
         write_search(found, arrays)?;
-        layers
+        Plan::known(layers)
     } else {
-        job.plan(shot)?.layers
+        job.plan(shot)?
     };
-    write_layers(&layers, job, shot, arrays)?;
+    write_layers(&plan.layers, job, shot, arrays)?;
     let mut stages = Stages::default();
     job.synthesizer.renderer_mut().set_culling(Culling::NONE);
-    let frame = job.synthesizer.render_layers(shot, &layers, |batch| stages.gather(batch))?;
+    let frame = job.synthesizer.render_plan(shot, &plan, |batch| stages.gather(batch))?;
     stages.write(arrays)?;
     write_frame(frame, arrays)
 }
@@ -154,6 +148,10 @@ fn write_layers(layers: &Layers, job: &Job, shot: &Shot, arrays: &mut Arrays) ->
         return arrays.add("cell_maps", ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>())?);
     }
     let disparities: Vec<f64> = layers.as_slice().iter().filter_map(plane).collect();
+    if disparities.is_empty() {
+        // Layers given by pixel are the array `maps` as they are.
+        return Ok(());
+    }
     let sweeps: Vec<_> =
         warp_sources(&job.photos().sources(&shot.views), &shot.target).iter().map(|s| s.sweep).collect();
     let shape = (disparities.len(), sweeps.len(), 3, 3);
