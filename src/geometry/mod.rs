@@ -18,4 +18,5 @@ pub use plane_sweep::PlaneSweep;
 pub(crate) use pose::cam_from_opengl_world;
 pub use pose::{RelativePose, source_from_target};
 pub use size::{MAX_SIDE, Size};
+pub(crate) use view_selection::looking_alike;
 pub use view_selection::{TooFewViews, choose_views, distance, middle_camera};

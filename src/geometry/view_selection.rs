@@ -28,14 +28,20 @@ pub struct TooFewViews {
 ///
 /// [`TooFewViews`] if there are fewer than `count` of them.
 pub fn choose_views(cameras: &[&Camera], target: &Camera, count: usize) -> Result<Vec<usize>, TooFewViews> {
-    let mut looking: Vec<usize> =
-        (0..cameras.len()).filter(|&i| cameras[i].forward().dot(target.forward()) > MIN_COSINE).collect();
+    let mut looking = looking_alike(cameras, target);
     if looking.len() < count {
         return Err(TooFewViews { wanted: count, found: looking.len(), of: cameras.len() });
     }
-    looking.sort_by(|&a, &b| distance(cameras[a], target).total_cmp(&distance(cameras[b], target)));
     looking.truncate(count);
     Ok(looking)
+}
+
+/// Indices of all cameras with optical axes within 60 degrees of the target's, nearest first (ties: the earlier).
+pub(crate) fn looking_alike(cameras: &[&Camera], target: &Camera) -> Vec<usize> {
+    let mut looking: Vec<usize> =
+        (0..cameras.len()).filter(|&i| cameras[i].forward().dot(target.forward()) > MIN_COSINE).collect();
+    looking.sort_by(|&a, &b| distance(cameras[a], target).total_cmp(&distance(cameras[b], target)));
+    looking
 }
 
 /// Index of the camera whose centre is nearest to a point (scene units); 0 if there are no cameras.

@@ -3,10 +3,7 @@
 use std::sync::Arc;
 
 use super::{Camera, KnownDepth, PhotoDepth, Settings, SourceView, confirmed, photo_depth};
-use crate::geometry::distance;
-
-/// Optical axes further apart than this (60 degrees) look at different things.
-const MIN_COSINE: f64 = 0.5;
+use crate::geometry::looking_alike;
 
 /// Depth maps of some photos of a scene, which alone take part: a held-out photo is not among them.
 #[derive(Debug, Clone)]
@@ -48,9 +45,9 @@ impl DepthMaps {
     }
 
     fn nearest(&self, camera: &Camera, count: usize, but: Option<usize>) -> Vec<usize> {
-        let looks = |&i: &usize| Some(i) != but && self.cameras[i].forward().dot(camera.forward()) > MIN_COSINE;
-        let mut photos: Vec<usize> = (0..self.cameras.len()).filter(looks).collect();
-        photos.sort_by(|&a, &b| distance(&self.cameras[a], camera).total_cmp(&distance(&self.cameras[b], camera)));
+        let cameras: Vec<&Camera> = self.cameras.iter().collect();
+        let mut photos = looking_alike(&cameras, camera);
+        photos.retain(|&photo| Some(photo) != but);
         photos.truncate(count);
         photos
     }

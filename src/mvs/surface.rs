@@ -19,8 +19,8 @@ use super::median::median3;
 use super::splat::splat;
 use super::visibility::visible;
 use super::{
-    Camera, KnownDepth, Layers, LayersError, PhotoDepth, PlaneSweep, Settings, SourceView, Visibility, WarpSource,
-    neighbourhood, padded, parallax,
+    Camera, KnownDepth, Layers, LayersError, PhotoDepth, PlaneSweep, Settings, SourceView, WarpSource, neighbourhood,
+    padded, parallax,
 };
 
 /// A photo with what is known of its depth.
@@ -68,16 +68,6 @@ impl Surface {
             ndarray::Zip::from(&near).and(&far).map_collect(between)
         };
         Layers::pixels((0..count).map(layer).collect())
-    }
-
-    /// What hides its layers from the first `count` of the views it was found with.
-    pub fn visibility<'a>(&self, views: &[SurfaceView<'a>], count: usize, settings: &Settings) -> Visibility<'a> {
-        let (views, further) = views.split_at(count.min(views.len()));
-        Visibility {
-            views: views.iter().map(|v| (v.view.camera, v.known)).collect(),
-            further: further.iter().map(|v| (v.view, v.known)).collect(),
-            margin: settings.hides * self.pixel,
-        }
     }
 }
 

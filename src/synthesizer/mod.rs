@@ -35,7 +35,6 @@ use crate::mvs::Settings;
 use crate::network::{OrtNetwork, PlaneNetwork};
 use crate::render::{Batch, Frame, Renderer};
 use crate::scene::{Scene, SceneOptions};
-use crate::warp::SourceView;
 
 /// Options of [`Synthesizer::open`].
 #[derive(Debug, Clone, Default)]
@@ -213,10 +212,7 @@ impl<N: PlaneNetwork> Synthesizer<N> {
         observe: impl FnMut(&Batch<'_>),
     ) -> Result<Frame, SynthesisError> {
         let Some(seen) = &plan.surface else { return self.render_layers(shot, &plan.layers, observe) };
-        let sources = self.photos.sources(&shot.views);
-        let balanced = seen.balanced(&sources);
-        let sources: Vec<_> =
-            sources.iter().zip(&balanced).map(|(view, texture)| SourceView { texture, ..*view }).collect();
+        let sources = seen.balanced(&self.photos.sources(&shot.views));
         let visibility = seen.visibility(&sources);
         Ok(self.renderer.render_visible(&sources, Some(&visibility), &shot.target, &plan.layers, observe)?)
     }

@@ -25,11 +25,14 @@ pub(super) struct SceneDepth {
 #[derive(Debug, Clone)]
 pub struct SeenSurface {
     surface: Surface,
-    settings: Settings,
+    /// How much nearer than a point a photo's own depth must be to hide it, 1/scene unit.
+    margin: f32,
     /// The confirmed depth of each view's photo.
     known: Vec<Arc<KnownDepth>>,
     /// What each view's photo is multiplied by, per channel, so that all have the exposure that the target is to have.
     gains: Vec<[f32; 3]>,
+    /// The views' photos, multiplied by that.
+    balanced: Vec<Texture>,
 }
 
 impl SeenSurface {
@@ -52,9 +55,9 @@ impl SeenSurface {
         self.surface.layers(count)
     }
 
-    /// The photos of the views with their exposure balanced.
-    pub(super) fn balanced(&self, views: &[SourceView<'_>]) -> Vec<Texture> {
-        views.iter().zip(&self.gains).map(|(view, &gains)| view.texture.with_gains(gains)).collect()
+    /// The views, with their photos' exposure balanced.
+    pub(super) fn balanced<'a>(&'a self, views: &[SourceView<'a>]) -> Vec<SourceView<'a>> {
+        views.iter().zip(&self.balanced).map(|(view, texture)| SourceView { texture, ..*view }).collect()
     }
 
     /// What hides its layers from these views.
@@ -62,7 +65,7 @@ impl SeenSurface {
         Visibility {
             views: views.iter().zip(&self.known).map(|(view, known)| (view.camera, &**known)).collect(),
             further: Vec::new(),
-            margin: self.settings.hides * self.surface.pixel,
+            margin: self.margin,
         }
     }
 }
@@ -114,15 +117,14 @@ impl SceneDepth {
     ) -> SeenSurface {
         let photos: Vec<usize> = set.iter().map(|&view| self.photo(view)).collect();
         let known = self.maps.known(&photos);
-        let of = |view: SourceView<'a>, index: usize| (view, index);
-        let sources: Vec<_> = set.iter().enumerate().map(|(index, &view)| of(source(view), index)).collect();
-        let views: Vec<SurfaceView<'_>> = sources
+        let views: Vec<SurfaceView<'_>> = set
             .iter()
-            .map(|&(view, index)| SurfaceView { view, all: &known[index].1, known: &known[index].2 })
+            .zip(&known)
+            .map(|(&view, (_, all, known))| SurfaceView { view: source(view), all, known })
             .collect();
         let distances: Vec<f64> = views.iter().map(|view| distance(view.view.camera, &shot.target)).collect();
         let gains = if exposure { exposure_gains(&views, &distances) } else { vec![[1.0; 3]; views.len()] };
-        let balanced: Vec<Texture> =
+        let mut balanced: Vec<Texture> =
             views.iter().zip(&gains).map(|(view, &gains)| view.view.texture.with_gains(gains)).collect();
         let views: Vec<SurfaceView<'_>> = views
             .iter()
@@ -130,10 +132,11 @@ impl SceneDepth {
             .map(|(view, texture)| SurfaceView { view: SourceView { texture, ..view.view }, ..*view })
             .collect();
         let (near, far) = self.maps.range();
-        let settings = self.maps.settings().clone();
-        let surface = surface(&views, views.len(), &shot.target, near, far, &settings);
+        let settings = self.maps.settings();
+        let surface = surface(&views, views.len(), &shot.target, near, far, settings);
         let count = shot.views.len();
+        balanced.truncate(count);
         let known = known.iter().take(count).map(|(_, _, known)| Arc::clone(known)).collect();
-        SeenSurface { surface, settings, known, gains: gains[..count].to_vec() }
+        SeenSurface { margin: settings.hides * surface.pixel, surface, known, gains: gains[..count].to_vec(), balanced }
     }
 }
