@@ -6,6 +6,8 @@ use std::path::Path;
 use ort::value::{Shape, SymbolicDimensions, TensorElementType, ValueType};
 
 use crate::image::{self, ImageError, ImageRgb};
+use crate::mvs::PhotoDepth;
+use crate::mvs::cache;
 use crate::network::{self, ModelCard, NetworkError};
 pub use crate::scene::fuzz as scene;
 
@@ -18,6 +20,15 @@ pub fn image(bytes: &[u8]) -> Result<Option<ImageRgb>, ImageError> {
     let path = Path::new("photo");
     let size = image::size_of(path, Cursor::new(bytes))?;
     if size.pixels() > 1 << 12 { Ok(None) } else { image::decode(path, bytes).map(Some) }
+}
+
+/// Reads a file of a photo's depth, 7×5 pixels between 2 and 8 scene units.
+///
+/// # Errors
+///
+/// What is wrong, and what was expected.
+pub fn depth(bytes: &[u8]) -> Result<PhotoDepth, String> {
+    cache::read(bytes).map_err(|damage| damage.to_string())
 }
 
 /// Checks a model's metadata, and the name and shape of its input and its output.

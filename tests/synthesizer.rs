@@ -1,12 +1,15 @@
 //! A synthesizer, with a network that only tells where the views agree: each kind of layers, each kind of target, and what it
 //! refuses.
 
+use std::collections::HashSet;
 use std::path::Path;
 
 use liveview::image::psnr;
 use liveview::network::{NetworkError, PlaneNetwork};
 use liveview::render::Renderer;
-use liveview::{LayerSpec, Options, PhotoCache, Scene, SceneOptions, SynthesisError, Synthesizer, Target, Targets};
+use liveview::{
+    DepthSource, LayerSpec, Options, PhotoCache, Scene, SceneOptions, SynthesisError, Synthesizer, Target, Targets,
+};
 use ndarray::{ArrayView4, ArrayViewMut4};
 
 const WORKSHOP: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scenes/workshop");
@@ -133,6 +136,49 @@ fn the_depth_of_photos_is_kept_from_frame_to_frame() {
         let plan = alone.plan(shot).unwrap();
         assert!(alone.render_plan(shot, &plan, |_| ()).unwrap().picture == *picture, "{}", shot.name);
     }
+}
+
+/// What an earlier run has kept on disk gives the same pictures, and a held-out photo has no part in it.
+#[test]
+fn the_depth_of_photos_is_kept_from_run_to_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let kept = folder.path().join("kept");
+    let files = || std::fs::read_dir(&kept).unwrap().map(|entry| entry.unwrap().file_name()).collect::<HashSet<_>>();
+    let picture = |name: &str| {
+        let mut synthesizer = synthesizer("surface:2");
+        synthesizer.photos_mut().keep_depths_in(&kept).unwrap();
+        let picture = synthesizer.render(&Target::held_out(name)).unwrap().picture;
+        assert_eq!(synthesizer.photos_mut().take_notes(), Vec::<String>::new());
+        picture
+    };
+    let plain = synthesizer("surface:2").render(&Target::held_out("target_0")).unwrap().picture;
+    assert!(picture("target_0") == plain);
+    let first = files();
+    assert_eq!(first.len(), 6, "four views and two more");
+    assert!(picture("target_0") == plain);
+    assert_eq!(files(), first, "nothing is searched again");
+    let source = workshop().view_index("target_0").unwrap();
+    let mut photos = PhotoCache::new(workshop(), None, None);
+    photos.keep_depths_in(&kept).unwrap();
+    let views: Vec<usize> = (0..workshop().views.len()).filter(|&view| view != source).collect();
+    let mut sources = Vec::new();
+    for (index, &view) in views.iter().enumerate() {
+        sources.push(photos.view_depth(view, &[source], &views[index + 1..]).unwrap().source);
+    }
+    assert_eq!(sources.iter().filter(|&&source| source == DepthSource::Kept).count(), 6);
+    // With another one held out, every photo has one of them as a neighbour, or the range of depths is another.
+    let held_out_target_0 = files();
+    picture("target_1");
+    assert_eq!(files().len(), held_out_target_0.len() + 6, "no file of the other serves");
+
+    let taken = folder.path().join("file");
+    std::fs::write(&taken, "").unwrap();
+    let refused = PhotoCache::new(workshop(), None, None).keep_depths_in(&taken).unwrap_err();
+    assert!(matches!(refused, SynthesisError::Cache { .. }) && refused.to_string().contains("file: "), "{refused}");
+    let mut options = Options::default();
+    options.cache = Some(taken);
+    let refused = Synthesizer::open(WORKSHOP, &options).unwrap_err();
+    assert!(matches!(refused, SynthesisError::Cache { .. }), "{refused}");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! A scene, a model and layers: what the commands that render have in common.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use indicatif::ProgressBar;
 use liveview::network::OrtNetwork;
 use liveview::render::{Culling, Frame};
@@ -9,6 +9,7 @@ use ndarray::Axis;
 
 use crate::args::layers::LayerArgs;
 use crate::args::model::{ModelArgs, ModelInfo};
+use crate::console::print_notes;
 
 /// A synthesizer, with the model's description and a progress bar.
 pub(crate) struct Job {
@@ -19,7 +20,8 @@ pub(crate) struct Job {
 }
 
 impl Job {
-    pub(crate) fn open(photos: PhotoCache, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
+    pub(crate) fn open(mut photos: PhotoCache, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
+        layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
         let mut job = Self::with_layers(photos, model, |network| layers.spec(network))?;
         let mut culling = Culling::default();
         culling.transmittance = layers.opaque;
@@ -57,6 +59,8 @@ impl Job {
             self.progress.inc_length(*from as u64);
         }
         let plan = self.synthesizer.plan(shot)?;
+        let notes = self.synthesizer.photos_mut().take_notes();
+        self.progress.suspend(|| print_notes(&notes));
         if let LayerSpec::Select { from, .. } = self.layers() {
             self.progress.inc(*from as u64);
         }

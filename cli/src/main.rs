@@ -17,7 +17,7 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use commands::{dump, inspect, render, select, stability, sweep, video};
+use commands::{depth, dump, inspect, render, select, stability, sweep, video};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -31,6 +31,8 @@ Examples:
     liveview render scene --path spiral:90 -o flight.mp4
   A rig's video from a viewpoint of its own:
     liveview video rig --path circle:120 -o view.mp4
+  How deep each photo is, and how much of that others confirm:
+    liveview depth scene -o depth
   Which planes a view needs:
     liveview select scene --target IMG_7.jpg -o planes.png";
 
@@ -55,6 +57,8 @@ enum Command {
     Inspect(inspect::InspectArgs),
     /// Show which planes, or which range per pixel, a view needs
     Select(select::SelectArgs),
+    /// Write the depth of the photos themselves, and score it where the scene knows the truth
+    Depth(depth::DepthArgs),
     /// Write every stage of one render as arrays (.npz), to compare with the Python reference
     Dump(dump::DumpArgs),
     /// Measure error against run time: kinds and numbers of layers, and the Python reference beside them
@@ -73,6 +77,7 @@ fn main() -> ExitCode {
         Command::Video(args) => video::run(args),
         Command::Inspect(args) => inspect::run(args),
         Command::Select(args) => select::run(args),
+        Command::Depth(args) => depth::run(args),
         Command::Dump(args) => dump::run(args),
         Command::Sweep(args) => sweep::run(args),
         Command::Stability(args) => stability::run(args),

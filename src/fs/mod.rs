@@ -2,3 +2,4 @@
 
 pub mod atomic;
 pub mod bounded;
+pub(crate) mod npy;

@@ -71,10 +71,38 @@ impl DepthMaps {
         self.found[index].clone()
     }
 
+    /// Cameras of the photos that take part.
+    pub fn cameras(&self) -> &[Camera] {
+        &self.cameras
+    }
+
     /// A depth found elsewhere, such as in a file.
     pub fn insert(&mut self, index: usize, depth: PhotoDepth) {
         self.found[index] = Some(Arc::new(depth));
         self.known = None;
+    }
+
+    /// Forgets the depth of all photos but these.
+    pub fn retain(&mut self, keep: &[usize]) {
+        let others = self.found.iter_mut().enumerate().filter(|(index, _)| !keep.contains(index));
+        others.for_each(|(_, found)| *found = None);
+        self.known = None;
+    }
+
+    /// The depth of photo `index`, if it is known.
+    pub fn found(&self, index: usize) -> Option<&PhotoDepth> {
+        self.found[index].as_deref()
+    }
+
+    /// The depth of photo `index`, and what its neighbours' confirm of it; `None` if its depth is not known. Neighbours whose depth
+    /// is not known are left out.
+    pub fn confirmed_by_neighbours(&self, index: usize) -> Option<(Arc<PhotoDepth>, KnownDepth)> {
+        let found = self.found[index].clone()?;
+        let others = self.neighbours(index).into_iter();
+        let others = others.filter_map(|other| Some((&self.cameras[other], self.found[other].as_deref()?)));
+        let maps: Vec<_> = std::iter::once((&self.cameras[index], &*found)).chain(others).collect();
+        let known = KnownDepth::new(&found, &confirmed(0, &maps, &self.settings));
+        Some((found, known))
     }
 
     /// What the maps of these photos confirm of each other, in their order; photos whose depth is not known are left out.

@@ -10,6 +10,7 @@
 //! reference image. Each file says its formulas, constants and ties; all of it gives the same bits on any number of threads.
 
 mod aggregate;
+pub(crate) mod cache;
 mod consistency;
 mod depth_maps;
 mod disagreement;

@@ -1,5 +1,6 @@
 //! Why a scene could not be opened or rendered.
 
+use std::io;
 use std::path::PathBuf;
 
 use crate::geometry::{CameraPathError, TooFewViews};
@@ -40,6 +41,14 @@ pub enum SynthesisError {
     /// No valid layers, or near and far span no range of depths.
     #[error(transparent)]
     Layers(#[from] LayersError),
+    /// The folder where depth is to be kept cannot be written to.
+    #[error("{}: files cannot be written there: {source}; expected a folder for depth maps", folder.display())]
+    Cache {
+        /// The folder.
+        folder: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
     /// No path around the views.
     #[error(transparent)]
     Path(#[from] CameraPathError),

@@ -16,16 +16,18 @@
 mod error;
 mod model;
 mod photo_cache;
+mod photo_depths;
 mod plan;
 mod scene_depth;
 mod target;
 
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub use error::SynthesisError;
 pub use model::{DEFAULT_VIEWS, Model, ModelOptions};
 pub use photo_cache::PhotoCache;
+pub use photo_depths::{DepthSource, ViewDepth};
 pub use plan::Plan;
 pub use scene_depth::SeenSurface;
 pub use target::{Shot, Target, TargetView, Targets};
@@ -52,6 +54,8 @@ pub struct Options {
     pub layers: Option<LayerSpec>,
     /// Whether surface layers leave photos of different exposure as they are.
     pub keep_exposure: bool,
+    /// Folder where surface layers keep the depth of photos for later runs ([`PhotoCache::keep_depths_in`]).
+    pub cache: Option<PathBuf>,
 }
 
 /// Renders new views of a scene.
@@ -80,7 +84,8 @@ impl Synthesizer {
     ///
     /// [`SynthesisError`] for a folder that is no scene, a model or a library that is not found or does not fit.
     pub fn open(folder: impl AsRef<Path>, options: &Options) -> Result<Self, SynthesisError> {
-        let photos = PhotoCache::new(Scene::open(folder.as_ref(), &options.scene)?, options.near, options.far);
+        let mut photos = PhotoCache::new(Scene::open(folder.as_ref(), &options.scene)?, options.near, options.far);
+        options.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder))?;
         let model = Model::open(&options.model)?;
         let layers = match &options.layers {
             Some(layers) => layers.clone(),

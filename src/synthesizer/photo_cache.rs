@@ -3,7 +3,8 @@
 use std::fmt;
 
 use super::error::SynthesisError;
-use super::scene_depth::{SceneDepth, SeenSurface};
+use super::photo_depths::KeptDepths;
+use super::scene_depth::SceneDepth;
 use super::target::{Shot, TargetView, Targets};
 use crate::geometry::{Camera, choose_views};
 use crate::layers::guided::{GuidedSearch, SearchStages};
@@ -15,8 +16,9 @@ use crate::warp::{SourceView, Texture, warp_sources};
 pub struct PhotoCache {
     scene: Scene,
     given: (Option<f64>, Option<f64>),
-    textures: Vec<Option<Texture>>,
-    depth: Option<SceneDepth>,
+    pub(super) textures: Vec<Option<Texture>>,
+    pub(super) depth: Option<SceneDepth>,
+    pub(super) kept: Option<KeptDepths>,
 }
 
 impl fmt::Debug for PhotoCache {
@@ -30,7 +32,7 @@ impl PhotoCache {
     /// A scene of which no photo is loaded yet. `near` and `far` are in scene units; `None` takes the scene's own.
     pub fn new(scene: Scene, near: Option<f64>, far: Option<f64>) -> Self {
         let textures = scene.views.iter().map(|_| None).collect();
-        Self { scene, given: (near, far), textures, depth: None }
+        Self { scene, given: (near, far), textures, depth: None, kept: None }
     }
 
     /// The scene.
@@ -164,42 +166,11 @@ impl PhotoCache {
         Ok(())
     }
 
-    fn load(&mut self, view: usize) -> Result<(), SynthesisError> {
+    pub(super) fn load(&mut self, view: usize) -> Result<(), SynthesisError> {
         if self.textures[view].is_none() {
             self.textures[view] = Some(Texture::new(&self.scene.load_image(view)?));
         }
         Ok(())
-    }
-
-    /// The target's surface by the photos' own depth, and what its views see of it. The depth of a photo is searched when it is first
-    /// needed, over the depth range of all views that are not held out, and kept.
-    ///
-    /// # Errors
-    ///
-    /// [`SynthesisError::Scene`] for a photo that cannot be read; those of [`Self::depth_range`].
-    ///
-    /// # Panics
-    ///
-    /// If the shot's photos are not loaded ([`Self::load_for`]).
-    pub fn surface(&mut self, shot: &Shot, exposure: bool) -> Result<SeenSurface, SynthesisError> {
-        let mut depth = match self.depth.take().filter(|depth| depth.serves(&shot.held_out)) {
-            Some(depth) => depth,
-            None => {
-                let free: Vec<usize> =
-                    (0..self.scene.views.len()).filter(|view| !shot.held_out.contains(view)).collect();
-                let range = self.depth_range(&free)?;
-                SceneDepth::new(&self.scene, free, shot.held_out.clone(), range)
-            }
-        };
-        let set: Vec<usize> = shot.views.iter().chain(&shot.helpers).copied().collect();
-        for &view in &set {
-            let neighbours = depth.photos_to_search(view);
-            neighbours.iter().try_for_each(|&view| self.load(view))?;
-            depth.search(view, |view| self.source(view));
-        }
-        let found = depth.surface(shot, &set, |view| self.source(view), exposure);
-        self.depth = Some(depth);
-        Ok(found)
     }
 
     /// These views as the renderer takes them.
@@ -211,7 +182,7 @@ impl PhotoCache {
         views.iter().map(|&view| self.source(view)).collect()
     }
 
-    fn source(&self, view: usize) -> SourceView<'_> {
+    pub(super) fn source(&self, view: usize) -> SourceView<'_> {
         let texture = self.textures[view].as_ref().expect("loaded before");
         SourceView { camera: &self.scene.views[view].camera, texture }
     }

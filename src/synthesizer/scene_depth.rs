@@ -1,12 +1,15 @@
 //! The depth of a scene's photos, kept for all pictures of a run, and the surface of a target from it.
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use ndarray::Array2;
 
+use super::photo_depths::{DepthSource, ViewDepth};
 use super::target::Shot;
 use crate::geometry::distance;
 use crate::layers::{Layers, LayersError};
+use crate::mvs::cache::{DepthKey, PhotoDigest};
 use crate::mvs::{
     DepthMaps, KnownDepth, PhotoDepth, Settings, Surface, SurfaceView, Visibility, exposure_gains, surface,
 };
@@ -19,6 +22,8 @@ pub(super) struct SceneDepth {
     /// Views of the maps' photos.
     free: Vec<usize>,
     held_out: Vec<usize>,
+    /// How the depth of each of them was found, and in what time.
+    sources: Vec<(DepthSource, Duration)>,
 }
 
 /// A target's surface, and what is known of the photos of its views.
@@ -73,7 +78,8 @@ impl SeenSurface {
 impl SceneDepth {
     pub(super) fn new(scene: &Scene, free: Vec<usize>, held_out: Vec<usize>, (near, far): (f64, f64)) -> Self {
         let cameras = free.iter().map(|&view| scene.views[view].camera.clone()).collect();
-        Self { maps: DepthMaps::new(cameras, near, far, Settings::default()), free, held_out }
+        let sources = vec![(DepthSource::Alone, Duration::ZERO); free.len()];
+        Self { maps: DepthMaps::new(cameras, near, far, Settings::default()), free, held_out, sources }
     }
 
     /// Whether exactly these views are held out.
@@ -86,25 +92,68 @@ impl SceneDepth {
         self.free.iter().position(|&free| free == view).expect("a view that is not held out")
     }
 
-    /// The views whose photos are needed to search the depth of one; none if it is known.
-    pub(super) fn photos_to_search(&self, view: usize) -> Vec<usize> {
-        let photo = self.photo(view);
-        if self.maps.missing(&[photo]).is_empty() {
-            return Vec::new();
-        }
-        let neighbours = self.maps.neighbours(photo).into_iter().map(|photo| self.free[photo]);
+    /// A view and those whose photos its own is matched with, nearest first.
+    pub(super) fn with_neighbours(&self, view: usize) -> Vec<usize> {
+        let neighbours = self.maps.neighbours(self.photo(view)).into_iter().map(|photo| self.free[photo]);
         std::iter::once(view).chain(neighbours).collect()
+    }
+
+    /// The views whose photos are needed to search the depth of one, itself first; none if it is known.
+    pub(super) fn photos_to_search(&self, view: usize) -> Vec<usize> {
+        if self.maps.missing(&[self.photo(view)]).is_empty() { Vec::new() } else { self.with_neighbours(view) }
+    }
+
+    /// What identifies the depth of the first view's photo, searched among the others; their digests.
+    pub(super) fn key(&self, views: &[usize], digests: &[PhotoDigest]) -> DepthKey {
+        let cameras = views.iter().map(|&view| &self.maps.cameras()[self.photo(view)]);
+        let photos: Vec<_> = cameras.zip(digests.iter().copied()).collect();
+        DepthKey::new(&photos, self.maps.range(), self.maps.settings())
+    }
+
+    /// The depth of a view's photo, if it is known.
+    pub(super) fn found(&self, view: usize) -> Option<&PhotoDepth> {
+        self.maps.found(self.photo(view))
+    }
+
+    /// Takes the depth of a view's photo as found.
+    pub(super) fn insert(&mut self, view: usize, found: PhotoDepth, source: DepthSource, time: Duration) {
+        let photo = self.photo(view);
+        self.maps.insert(photo, found);
+        self.sources[photo] = (source, time);
     }
 
     /// Searches the depth of a view's photo, unless it is known. A photo without neighbours has none that anything confirms.
     pub(super) fn search<'a>(&mut self, view: usize, source: impl Fn(usize) -> SourceView<'a>) {
         let photo = self.photo(view);
-        let free = &self.free;
-        if self.maps.depth(photo, |photo| source(free[photo])).is_none() {
+        if self.maps.missing(&[photo]).is_empty() {
+            return;
+        }
+        let (free, started) = (&self.free, Instant::now());
+        if self.maps.depth(photo, |photo| source(free[photo])).is_some() {
+            self.sources[photo] = (DepthSource::Searched, started.elapsed());
+        } else {
             let size = source(view).camera.size();
             let disparity = Array2::from_elem((size.height, size.width), -1.0);
-            self.maps.insert(photo, PhotoDepth { disparity, pixel: 1.0 });
+            self.insert(view, PhotoDepth { disparity, pixel: 1.0 }, DepthSource::Alone, started.elapsed());
         }
+    }
+
+    /// The depth of a view's photo, and what is confirmed of it.
+    ///
+    /// # Panics
+    ///
+    /// If it is not known.
+    pub(super) fn view_depth(&self, view: usize) -> ViewDepth {
+        let photo = self.photo(view);
+        let (found, known) = self.maps.confirmed_by_neighbours(photo).expect("searched before");
+        let (source, time) = self.sources[photo];
+        ViewDepth { found, known, range: self.maps.range(), source, time }
+    }
+
+    /// Forgets the depth of all views but these.
+    pub(super) fn retain(&mut self, views: &[usize]) {
+        let photos: Vec<usize> = views.iter().map(|&view| self.photo(view)).collect();
+        self.maps.retain(&photos);
     }
 
     /// The surface of a target, from the photos of these views: the first are those that it is rendered from.

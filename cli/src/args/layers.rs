@@ -1,5 +1,7 @@
 //! Which layers to render on.
 
+use std::path::PathBuf;
+
 use anyhow::Result;
 use clap::Args;
 use liveview::LayerSpec;
@@ -27,6 +29,10 @@ pub(crate) struct LayerArgs {
     /// confirmed depths show to be the same point
     #[arg(long)]
     pub(crate) keep_exposure: bool,
+    /// Surface layers: keep the depth of photos in this folder, a .npz each (the library's `PhotoCache::keep_depths_in` says what it
+    /// holds), and take from there what an earlier run has kept; the picture is the same. Any file there may be deleted
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) cache: Option<PathBuf>,
 }
 
 /// Quality against run time.

@@ -81,7 +81,7 @@ pub(crate) fn claim_png(option: &str, file: &Path, scene: &Scene) -> Result<()> 
 }
 
 /// A view's name as a file name without extension.
-fn stem(name: &str) -> String {
+pub(crate) fn stem(name: &str) -> String {
     Path::new(&name.replace('/', "_")).with_extension("").to_string_lossy().into_owned()
 }
 

@@ -1,5 +1,6 @@
 //! One module per subcommand.
 
+pub(crate) mod depth;
 pub(crate) mod dump;
 pub(crate) mod inspect;
 pub(crate) mod render;

@@ -8,16 +8,10 @@ use std::path::Path;
 
 use glam::{DMat3, DVec3};
 use ndarray::ArrayView2;
-use ndarray_npy::ViewNpyExt;
 
+use crate::fs::npy;
 use crate::geometry::{Intrinsics, Size};
 use crate::scene::error::SceneError;
-
-/// Longest header that is parsed, in bytes; that of such an array has 128.
-const MAX_HEADER: usize = 512;
-
-/// Brackets that it may open: of its dictionary and of the shape. The parser's time doubles with each.
-const MAX_BRACKETS: usize = 2;
 
 /// One row of the file.
 pub(in crate::scene) struct PoseBounds {
@@ -35,19 +29,7 @@ pub(in crate::scene) struct PoseBounds {
 
 pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<PoseBounds>, SceneError> {
     const EXPECTED: &str = "a float64 array of N rows with 17 numbers";
-    let (start, header) = match *bytes {
-        [_, _, _, _, _, _, 1, _, a, b, ..] => (10, usize::from(u16::from_le_bytes([a, b]))),
-        [_, _, _, _, _, _, _, _, a, b, c, d, ..] => (12, u32::from_le_bytes([a, b, c, d]) as usize),
-        _ => (0, 0),
-    };
-    let brackets = bytes.iter().skip(start).take(header).filter(|byte| b"([{".contains(byte)).count();
-    if header > MAX_HEADER || brackets > MAX_BRACKETS {
-        let what = format!("a header of {header} bytes with {brackets} brackets open");
-        return Err(SceneError::malformed(path, what, EXPECTED));
-    }
-    // A view, so that a shape beyond the file's length is refused before anything is allocated for it.
-    let rows = ArrayView2::<f64>::view_npy(bytes)
-        .map_err(|error| SceneError::malformed(path, error.to_string().lines().next().unwrap_or_default(), EXPECTED))?;
+    let rows: ArrayView2<'_, f64> = npy::view(bytes).map_err(|what| SceneError::malformed(path, what, EXPECTED))?;
     if rows.ncols() != 17 {
         return Err(SceneError::malformed(path, format!("the array has shape {:?}", rows.shape()), EXPECTED));
     }

@@ -1,0 +1,73 @@
+//! The files of a photo's depth.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use liveview::image::{coloured, encode, encode_gray16_png};
+use liveview::{Scene, ViewDepth};
+use ndarray_npy::WriteNpyExt;
+use serde_json::json;
+
+use super::truth::Truth;
+use crate::args::output::{claim, has_ending, photo_files, stem, write_whole};
+
+/// What follows the view's name: 16-bit PNG, its scale, the numbers, in colour.
+const ENDINGS: [&str; 4] = [".png", "_scale.json", ".npy", "_colour.png"];
+
+/// The files of each of these views, in a folder that is made; refuses, before any work, what cannot be written.
+pub(super) fn claimed(
+    folder: &Path,
+    scene: &Scene,
+    views: &[usize],
+    truth: Option<&Truth>,
+) -> Result<Vec<[PathBuf; 4]>> {
+    let shown = folder.display();
+    if has_ending(folder, &["png", "npy", "npz", "json"]) && !folder.is_dir() {
+        bail!("-o {shown}: expected a folder");
+    }
+    let same = |other: &Path| folder.canonicalize().is_ok_and(|folder| other.canonicalize().is_ok_and(|o| o == folder));
+    if truth.is_some_and(|truth| same(truth.folder())) {
+        bail!("-o {shown}: would overwrite the true depth of the scene; expected another place");
+    }
+    let (photos, mut taken) = (photo_files(scene), HashSet::new());
+    let mut all = Vec::with_capacity(views.len());
+    for &view in views {
+        let name = &scene.views[view].name;
+        let files = ENDINGS.map(|ending| folder.join(stem(name) + ending));
+        for file in &files {
+            claim("-o", file, &photos)?;
+            if !taken.insert(file.clone()) {
+                bail!("-o {}: of {name} and of another photo; expected names that differ", file.display());
+            }
+        }
+        all.push(files);
+    }
+    Ok(all)
+}
+
+pub(super) fn write(files: &[PathBuf; 4], depth: &ViewDepth) -> Result<()> {
+    let known = &depth.known.disparity;
+    let (height, width) = known.dim();
+    let (low, high) = ((1.0 / depth.range.1) as f32, (1.0 / depth.range.0) as f32);
+    // The search may go half a plane beyond near.
+    let largest = known.iter().copied().fold(high, f32::max);
+    // At least 1, so that what is confirmed to be infinitely far is not taken for what nothing confirms.
+    let value = |&disparity: &f32| {
+        if disparity < 0.0 { 0 } else { ((f64::from(disparity) / f64::from(largest) * 65535.0).round() as u16).max(1) }
+    };
+    let scale = json!({
+        "disparity": "value / 65535 * disparity_max = 1 / z, z along the camera's axis; 0: no other photo confirms it",
+        "disparity_max": largest, "unit": "1/scene unit", "disparity_per_pixel_of_parallax": depth.found.pixel,
+    });
+    let mut array = Vec::new();
+    known.write_npy(&mut array)?;
+    let colour = known.mapv(|disparity| if disparity < 0.0 { f32::NAN } else { disparity });
+    let contents = [
+        encode_gray16_png(width, height, &known.iter().map(value).collect::<Vec<_>>())?,
+        format!("{scale:#}\n").into_bytes(),
+        array,
+        encode("colour.png".as_ref(), &coloured(colour.view(), low, high))?,
+    ];
+    files.iter().zip(contents).try_for_each(|(file, contents)| write_whole(file, &contents))
+}

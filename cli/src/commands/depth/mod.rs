@@ -1,0 +1,156 @@
+//! `liveview depth`: the depth of the photos themselves, as pictures and as numbers, scored where the scene knows the truth.
+
+mod files;
+mod table;
+mod truth;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use liveview::{Scene, ViewDepth};
+use truth::{Score, Truth};
+
+use crate::args::numbers;
+use crate::args::scene::SceneArgs;
+use crate::args::targets::named;
+use crate::console::{Output, print_message, print_notes, progress};
+use crate::interrupt;
+
+const EXAMPLES: &str = "\
+Examples:
+  The depth of every photo, and how much of it others confirm:
+    liveview depth scene -o depth
+  Of two photos, without what a held-out one shows; kept for the render that follows:
+    liveview depth scene --photo IMG_6.jpg,IMG_8.jpg --target IMG_7.jpg --cache kept -o depth
+    liveview render scene --target IMG_7.jpg --layers surface:2 --cache kept -o new.png";
+
+/// Options of `liveview depth`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct DepthArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Photos whose depth to write, by name [default: all that are not held out]
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    photo: Vec<String>,
+    /// Views to hold out, by name: they take no part in the depth of others, as in `render`
+    #[arg(long, value_name = "NAME", value_delimiter = ',', conflicts_with = "heldout")]
+    target: Vec<String>,
+    /// Hold out every Nth view in name order, from the first on, as in `render`
+    #[arg(long, value_name = "N", value_parser = numbers::count)]
+    heldout: Option<usize>,
+    /// Keep the depth of photos in this folder, a .npz each (the library's `PhotoCache::keep_depths_in` says what it holds), and take from
+    /// there what an earlier run has kept; the result is the same. Any file there may be deleted
+    #[arg(long, value_name = "FOLDER")]
+    cache: Option<PathBuf>,
+    /// Threads [default: one per core]
+    #[arg(long, value_name = "N", value_parser = numbers::few)]
+    threads: Option<usize>,
+    /// Folder for, of each photo: NAME.png, 16-bit disparity (0 to 65535 is 0 to the disparity_max in NAME_scale.json, in 1/scene unit; 0
+    /// where no other photo confirms it); NAME.npy, the same as float32, -1 where unconfirmed; NAME_colour.png (dark at far, light at near,
+    /// black where unconfirmed)
+    #[arg(short, long, value_name = "FOLDER")]
+    output: PathBuf,
+}
+
+/// What is told of a photo's depth.
+struct Told {
+    name: String,
+    depth: ViewDepthSummary,
+    score: Option<Score>,
+    files: [PathBuf; 4],
+}
+
+/// A [`ViewDepth`] without its maps.
+struct ViewDepthSummary {
+    source: liveview::DepthSource,
+    seconds: f64,
+    /// Share of the pixels that other photos confirm, 0 to 1.
+    confirmed: f64,
+    /// Nearest and farthest confirmed depth, scene units.
+    span: Option<(f64, f64)>,
+    /// Disparity worth a pixel of parallax, 1/scene unit.
+    pixel: f32,
+}
+
+pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
+    let mut photos = args.scene.open()?;
+    print_notes(&photos.scene().notes);
+    let (views, held_out) = views(args, photos.scene())?;
+    let truth = Truth::open(photos.scene()).unwrap_or_else(|error| {
+        print_message("note", format!("{error:#}: not scored"));
+        None
+    });
+    let all_files = files::claimed(&args.output, photos.scene(), &views, truth.as_ref())?;
+    args.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
+    if let Some(threads) = args.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
+    }
+    let bar = progress("photos")?;
+    bar.set_length(views.len() as u64);
+    let stop = if views.len() > 1 { interrupt::watch()? } else { Arc::default() };
+    let (mut told, mut range) = (Vec::with_capacity(views.len()), (0.0, 0.0));
+    for (index, (&view, files)) in views.iter().zip(all_files).enumerate() {
+        if stop.load(Ordering::Relaxed) {
+            bar.finish_and_clear();
+            return Err(interrupt::Interrupted.into());
+        }
+        bar.set_message(photos.scene().views[view].name.clone());
+        let depth = photos.view_depth(view, &held_out, &views[index + 1..])?;
+        files::write(&files, &depth)?;
+        let shown = &photos.scene().views[view];
+        let score = truth.as_ref().map_or(Ok(None), |truth| truth.score(shown, &depth));
+        let score = score.unwrap_or_else(|error| {
+            bar.suspend(|| print_message("note", format!("{error:#}: not scored")));
+            None
+        });
+        let name = shown.name.clone();
+        bar.suspend(|| print_notes(&photos.take_notes()));
+        range = depth.range;
+        told.push(Told { name, depth: summary(&depth), score, files });
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(table::output(photos.scene(), &told, range, &held_out))
+}
+
+/// The views to write, and those that are held out.
+fn views(args: &DepthArgs, scene: &Scene) -> Result<(Vec<usize>, Vec<usize>)> {
+    let held_out: Vec<usize> = match args.heldout {
+        Some(1) => bail!("--heldout 1 holds out every view and leaves none; expected 2 or more"),
+        Some(step) => (0..scene.views.len()).step_by(step).collect(),
+        None => named(scene, &args.target)?,
+    };
+    let views = match args.photo.as_slice() {
+        [] => (0..scene.views.len()).filter(|view| !held_out.contains(view)).collect(),
+        names => named(scene, names)?,
+    };
+    for (option, views) in [("--photo", &views), ("--target", &held_out)] {
+        if let Some(twice) = (1..views.len()).find(|&i| views[..i].contains(&views[i])) {
+            bail!("{option} names \"{}\" twice; expected each view once", scene.views[views[twice]].name);
+        }
+    }
+    if let Some(&view) = views.iter().find(|view| held_out.contains(view)) {
+        bail!("--photo \"{}\" is held out; expected a view that takes part", scene.views[view].name);
+    }
+    if views.is_empty() {
+        bail!("--target holds out every view; expected some that are not");
+    }
+    Ok((views, held_out))
+}
+
+fn summary(depth: &ViewDepth) -> ViewDepthSummary {
+    let known = || depth.known.disparity.iter().copied().filter(|&disparity| disparity >= 0.0);
+    let (low, high) = known().fold((f32::INFINITY, 0.0_f32), |(low, high), value| (low.min(value), high.max(value)));
+    let count = known().count();
+    ViewDepthSummary {
+        source: depth.source,
+        seconds: depth.time.as_secs_f64(),
+        confirmed: count as f64 / depth.known.disparity.len() as f64,
+        span: (count > 0).then(|| (1.0 / f64::from(high), 1.0 / f64::from(low))),
+        pixel: depth.found.pixel,
+    }
+}

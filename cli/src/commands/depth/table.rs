@@ -1,0 +1,88 @@
+//! The summary of `depth`, as text and as JSON.
+
+use std::fmt::Write;
+use std::path::Path;
+use std::time::Duration;
+
+use liveview::{DepthSource, Scene};
+use serde_json::{Value, json};
+
+use super::Told;
+use super::truth::{Score, WITHIN};
+use crate::console::{Output, shown};
+use crate::measure::{peak_memory, time_text};
+
+pub(super) fn output(scene: &Scene, told: &[Told], (near, far): (f64, f64), held_out: &[usize]) -> Output {
+    let scored = told.iter().any(|one| one.score.is_some());
+    let width = told.iter().map(|one| one.name.chars().count()).max().unwrap_or(0).max(5);
+    let mut text = format!("{} photos, searched from {near:.4} to {far:.4} scene units\n", told.len());
+    if scored {
+        let of = WITHIN.map(|most| format!("{most}")).join(", ");
+        let _ =
+            writeln!(text, "shares within {of} pixels of parallax of the truth: of what is confirmed | of all pixels");
+    }
+    let truth = if scored { format!("  {:^20} | {:^20}", "confirmed", "all") } else { String::new() };
+    let _ = writeln!(text, "\n{:width$}  confirmed     nearest    farthest        time{truth}", "photo");
+    for Told { name, depth, score, .. } in told {
+        let span = match depth.span {
+            Some((nearest, farthest)) => format!("{nearest:10.4}  {farthest:10.4}"),
+            None => format!("{:>10}  {:>10}", "-", "-"),
+        };
+        let time = match depth.source {
+            DepthSource::Kept => format!("{} kept", time_text(Duration::from_secs_f64(depth.seconds))),
+            DepthSource::Alone => "alone".to_owned(),
+            _ => time_text(Duration::from_secs_f64(depth.seconds)),
+        };
+        let score = score.as_ref().map(|score| format!("  {}", cells(score))).unwrap_or_default();
+        let _ = writeln!(text, "{name:width$}  {:7.1} %  {span}  {time:>10}{score}", 100.0 * depth.confirmed);
+    }
+    let mean = mean(told);
+    if let (Some(mean), true) = (&mean, told.len() > 1) {
+        let confirmed = told.iter().map(|one| one.depth.confirmed).sum::<f64>() / told.len() as f64;
+        let _ = writeln!(text, "{:width$}  {:7.1} %  {:34}  {}", "mean", 100.0 * confirmed, "", cells(mean));
+    }
+    if let [first, ..] = told {
+        let folder = first.files[0].parent().unwrap_or(Path::new(""));
+        let _ = writeln!(text, "\nwrote {} files in {}", 4 * told.len(), folder.display());
+    }
+    let json = json!({
+        "scene": shown(&scene.root), "near": near, "far": far,
+        "held_out": held_out.iter().map(|&view| &scene.views[view].name).collect::<Vec<_>>(),
+        "photos": told.iter().map(photo).collect::<Vec<_>>(), "within_pixels": WITHIN, "mean": mean.as_ref().map(shares),
+        "peak_memory_bytes": peak_memory(), "notes": scene.notes,
+    });
+    Output { text, json }
+}
+
+fn photo(told: &Told) -> Value {
+    let Told { name, depth, score, files } = told;
+    let source = match depth.source {
+        DepthSource::Kept => "kept",
+        DepthSource::Alone => "alone",
+        _ => "searched",
+    };
+    json!({
+        "name": name, "confirmed": depth.confirmed, "nearest": depth.span.map(|span| span.0), "farthest": depth.span.map(|span| span.1),
+        "disparity_per_pixel_of_parallax": depth.pixel, "source": source, "seconds": depth.seconds,
+        "within": score.as_ref().map(shares), "files": files.iter().map(|file| shown(file)).collect::<Vec<_>>(),
+    })
+}
+
+fn shares(score: &Score) -> Value {
+    json!({ "confirmed": score.confirmed, "all": score.all })
+}
+
+fn cells(score: &Score) -> String {
+    let [confirmed, all] =
+        [score.confirmed, score.all].map(|shares| shares.map(|share| format!("{:4.1} %", 100.0 * share)).join(" "));
+    format!("{confirmed:>20} | {all:>20}")
+}
+
+/// The mean of the photos that have a score.
+fn mean(told: &[Told]) -> Option<Score> {
+    let scores: Vec<&Score> = told.iter().filter_map(|one| one.score.as_ref()).collect();
+    let mean = |of: fn(&Score) -> [f64; 3]| {
+        std::array::from_fn(|k| scores.iter().map(|score| of(score)[k]).sum::<f64>() / scores.len() as f64)
+    };
+    (!scores.is_empty()).then(|| Score { confirmed: mean(|score| score.confirmed), all: mean(|score| score.all) })
+}

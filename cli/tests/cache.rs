@@ -1,0 +1,179 @@
+//! `--cache`: depth of photos kept on disk. It saves time, and changes nothing else.
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::process::{Command, Stdio};
+
+use common::{Folders, HEIGHT, WIDTH, fixture, photo};
+use serde_json::Value;
+
+/// The picture of view 2 from the others, with these arguments, and what is said on stderr.
+fn render(folders: &Folders, arguments: &[&str]) -> (Vec<u8>, String) {
+    let picture = folders.scene().join("picture.png");
+    let mut render = folders.render(&["--target", "2", "--layers", "surface:2", "-o", picture.to_str().unwrap()]);
+    let output = render.args(arguments).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{said}");
+    (fs::read(picture).unwrap(), said)
+}
+
+/// The files of a folder below `out`, with their contents.
+fn kept(folders: &Folders) -> BTreeMap<String, Vec<u8>> {
+    folders.written().into_iter().map(|name| (name.clone(), fs::read(folders.out(&name)).unwrap())).collect()
+}
+
+/// How each photo's depth was found.
+fn sources(folders: &Folders, arguments: &[&str]) -> Vec<String> {
+    let depths = folders.scene().join("depths");
+    let mut depth = folders.liveview("depth", arguments);
+    depth.args(["--cache", &folders.out("kept"), "--json", "-o"]).arg(depths);
+    let output = depth.output().unwrap();
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    told["photos"].as_array().unwrap().iter().map(|photo| photo["source"].as_str().unwrap().to_owned()).collect()
+}
+
+#[test]
+fn pictures_are_the_same_with_and_without_what_is_kept() {
+    let folders = Folders::new();
+    let cache = folders.out("a/kept");
+    let (without, _) = render(&folders, &[]);
+    let (cold, _) = render(&folders, &["--cache", &cache]);
+    let files = kept(&folders);
+    assert_eq!(files.len(), 4, "one for each photo that is not held out: {:?}", files.keys());
+    let digest = |name: &str| name.strip_prefix("a/kept/")?.strip_suffix(".npz").map(str::to_owned);
+    for name in files.keys() {
+        let digest = digest(name).unwrap_or_else(|| panic!("{name}"));
+        assert!(digest.len() == 64 && digest.bytes().all(|byte| byte.is_ascii_hexdigit()), "{name}");
+    }
+    // Were they not read, they would be written anew: as other files.
+    #[cfg(unix)]
+    let inodes = || {
+        use std::os::unix::fs::MetadataExt;
+        files.keys().map(|name| fs::metadata(folders.out(name)).unwrap().ino()).collect::<Vec<_>>()
+    };
+    #[cfg(unix)]
+    let before = inodes();
+    let (warm, said) = render(&folders, &["--cache", &cache]);
+    #[cfg(unix)]
+    assert_eq!(inodes(), before);
+    assert!(without == cold && cold == warm && said.is_empty() && kept(&folders) == files, "{said}");
+}
+
+/// Python and `depth` see the same numbers.
+#[test]
+fn what_is_kept_is_what_depth_writes() {
+    let folders = Folders::new();
+    assert_eq!(sources(&folders, &["--photo", "1"]), ["searched"]);
+    let written: ndarray::Array2<f32> = ndarray_npy::read_npy(folders.scene().join("depths/1.npy")).unwrap();
+    let maps = folders.written().into_iter().map(|name| {
+        let mut file = ndarray_npy::NpzReader::new(fs::File::open(folders.out(&name)).unwrap()).unwrap();
+        let key: ndarray::Array1<u8> = file.by_name("key").unwrap();
+        let digest: String = key.iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(name, format!("kept/{digest}.npz"));
+        file.by_name::<ndarray::OwnedRepr<f32>, ndarray::Ix2>("disparity").unwrap()
+    });
+    let same = |map: &ndarray::Array2<f32>| {
+        map.iter().zip(&written).all(|(kept, &written)| written == -1.0 || *kept == written)
+    };
+    assert_eq!(maps.filter(same).count(), 1);
+}
+
+#[test]
+fn a_damaged_file_is_told_and_written_anew() {
+    let folders = Folders::new();
+    let cache = folders.out("kept");
+    let (picture, _) = render(&folders, &["--cache", &cache]);
+    let files = kept(&folders);
+    let damaged: Vec<Vec<u8>> = files.values().cloned().collect();
+    let mut poisoned = damaged[3].clone();
+    let last = poisoned.len() / 2;
+    poisoned[last..last + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    let damaged = [Vec::new(), damaged[1][..damaged[1].len() / 2].to_vec(), damaged[0].clone(), poisoned];
+    for (name, bytes) in files.keys().zip(&damaged) {
+        fs::write(folders.out(name), bytes).unwrap();
+    }
+    let (again, said) = render(&folders, &["--cache", &cache]);
+    assert!(again == picture && kept(&folders) == files, "{said}");
+    let words = ["no archive", "no archive", "key: of another depth", "disparity: Invalid checksum"];
+    for (name, word) in files.keys().zip(words) {
+        let line = said.lines().find(|line| line.contains(name.as_str())).unwrap_or_else(|| panic!("{name}: {said}"));
+        assert!(line.starts_with("note: ") && line.contains(word) && line.contains("; expected "), "{word}: {said}");
+        assert!(line.ends_with(": the depth is searched anew"), "{said}");
+    }
+    assert_eq!(said.lines().count(), 4, "{said}");
+
+    // Where neither reading nor writing works.
+    let name = files.keys().next().unwrap();
+    fs::remove_file(folders.out(name)).unwrap();
+    fs::create_dir_all(folders.out(name) + "/folder").unwrap();
+    let (again, said) = render(&folders, &["--cache", &cache]);
+    assert!(again == picture && said.lines().count() == 2, "{said}");
+    assert!(said.contains("cannot be read: ") && said.contains(": the depth is not kept"), "{said}");
+}
+
+#[test]
+fn a_held_out_photo_takes_no_part_in_what_is_kept() {
+    let folders = Folders::new();
+    assert_eq!(sources(&folders, &["--target", "2"]), ["searched"; 4]);
+    assert_eq!(sources(&folders, &["--target", "2"]), ["kept"; 4]);
+    // The same files serve a render that holds out the same photo.
+    let files = kept(&folders);
+    render(&folders, &["--cache", &folders.out("kept")]);
+    assert!(kept(&folders) == files);
+    photo(&folders.photo(2), 7.0, WIDTH, HEIGHT);
+    assert_eq!(sources(&folders, &["--target", "2"]), ["kept"; 4], "it shows something else");
+    assert_eq!(sources(&folders, &[]), ["searched"; 5], "it takes part");
+    assert_eq!(sources(&folders, &["--target", "1"]), ["searched"; 4], "another one is held out");
+    assert_eq!(sources(&folders, &["--target", "2", "--far", "9"]), ["searched"; 4], "another range");
+    assert_eq!(sources(&folders, &["--target", "2", "--width", "48"]), ["searched"; 4], "another size");
+    photo(&folders.photo(3), 0.31, WIDTH, HEIGHT);
+    assert_eq!(sources(&folders, &["--target", "2"]), ["searched"; 4], "a neighbour of all shows something else");
+}
+
+#[test]
+fn two_runs_share_a_folder() {
+    let folders = Folders::new();
+    let (picture, _) = render(&folders, &[]);
+    let cache = folders.out("kept");
+    let runs: Vec<_> = (0..3).map(|run| folders.scene().join(format!("run{run}.png"))).collect();
+    let started: Vec<_> = runs
+        .iter()
+        .map(|run| {
+            let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
+            render.arg("render").arg(folders.scene()).args([
+                "--target",
+                "2",
+                "--layers",
+                "surface:2",
+                "--cache",
+                &cache,
+            ]);
+            render.args(["--model", &fixture("tiny_v4"), "-o"]).arg(run).stdout(Stdio::null()).stderr(Stdio::piped());
+            render.spawn().unwrap()
+        })
+        .collect();
+    for run in started {
+        let output = run.wait_with_output().unwrap();
+        assert!(output.status.success() && output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+    runs.iter().for_each(|run| assert!(fs::read(run).unwrap() == picture, "{}", run.display()));
+    let names = folders.written();
+    assert!(names.len() == 4 && names.iter().all(|name| name.ends_with(".npz")), "{names:?}");
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_is_refused_at_once() {
+    let folders = Folders::new();
+    let taken = folders.scene().join("transforms.json").to_str().unwrap().to_owned();
+    for folder in [taken.clone(), format!("{taken}/kept")] {
+        let picture = folders.out("a.png");
+        let arguments = ["--target", "2", "--layers", "surface:1", "-o", &picture, "--cache", &folder];
+        folders.assert_refused(&mut folders.render(&arguments), &["--cache", "transforms.json", "cannot be written"]);
+        let mut depth = folders.liveview("depth", &["-o", &folders.out("depth"), "--cache", &folder]);
+        let output = depth.output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(2) && said.contains("--cache") && folders.written().is_empty(), "{said}");
+    }
+}

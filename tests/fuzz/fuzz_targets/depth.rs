@@ -1,0 +1,13 @@
+//! The file of a photo's depth, 7×5 pixels.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|bytes: &[u8]| match liveview::fuzz::depth(bytes) {
+    Ok(depth) => {
+        assert_eq!(depth.disparity.dim(), (5, 7));
+        assert!(depth.disparity.iter().all(|disparity| (0.11..0.52).contains(disparity)), "{:?}", depth.disparity);
+        assert!(depth.pixel.is_finite() && depth.pixel > 0.0, "{}", depth.pixel);
+    }
+    Err(damage) => assert!(damage.contains("; expected "), "{damage}"),
+});
