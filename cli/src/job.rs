@@ -9,7 +9,7 @@ use ndarray::Axis;
 
 use crate::args::layers::LayerArgs;
 use crate::args::model::{ModelArgs, ModelInfo};
-use crate::console::print_notes;
+use crate::console::{print_message, print_notes};
 
 /// A synthesizer, with the model's description and a progress bar.
 pub(crate) struct Job {
@@ -23,6 +23,10 @@ impl Job {
     pub(crate) fn open(mut photos: PhotoCache, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
         layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
         let mut job = Self::with_layers(photos, model, |network| layers.spec(network))?;
+        if let (Some(folder), false) = (&layers.cache, matches!(job.layers(), LayerSpec::Surface(_))) {
+            let (folder, layers) = (folder.display(), job.layers());
+            print_message("note", format!("--cache {folder}: not used, {layers} needs no depth of the photos"));
+        }
         let mut culling = Culling::default();
         culling.transmittance = layers.opaque;
         job.synthesizer.renderer_mut().set_culling(culling);

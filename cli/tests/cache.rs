@@ -133,6 +133,17 @@ fn a_held_out_photo_takes_no_part_in_what_is_kept() {
 }
 
 #[test]
+fn layers_that_need_no_depth_say_so() {
+    let folders = Folders::new();
+    let (picture, cache) = (folders.out("a.png"), folders.out("kept"));
+    let mut render = folders.render(&["--target", "2", "--layers", "guided:1", "-o", &picture, "--cache", &cache]);
+    let output = render.output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && said.contains("not used, guided:1 needs no depth of the photos"), "{said}");
+    assert_eq!(folders.written(), ["a.png"]);
+}
+
+#[test]
 fn two_runs_share_a_folder() {
     let folders = Folders::new();
     let (picture, _) = render(&folders, &[]);

@@ -43,7 +43,7 @@ pub struct ViewDepth {
     pub range: (f64, f64),
     /// How it was found.
     pub source: DepthSource,
-    /// Wall time of that, without loading photos.
+    /// Wall time of that, without loading photos and taking their digests.
     pub time: Duration,
 }
 

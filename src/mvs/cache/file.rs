@@ -28,7 +28,7 @@ const OVERHEAD: u64 = 4096;
 /// What is wrong with a file.
 #[derive(Debug, PartialEq, thiserror::Error)]
 #[error("{what}; expected {expected}")]
-pub struct Damage {
+pub(crate) struct Damage {
     what: String,
     expected: String,
 }

@@ -14,7 +14,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 #[cfg(fuzzing)]
-pub use file::Damage;
+pub(crate) use file::Damage;
 pub(crate) use key::{DepthKey, PhotoDigest};
 
 use super::PhotoDepth;

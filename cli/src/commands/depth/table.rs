@@ -22,7 +22,7 @@ pub(super) fn output(scene: &Scene, told: &[Told], (near, far): (f64, f64), held
             writeln!(text, "shares within {of} pixels of parallax of the truth: of what is confirmed | of all pixels");
     }
     let truth = if scored { format!("  {:^20} | {:^20}", "confirmed", "all") } else { String::new() };
-    let _ = writeln!(text, "\n{:width$}  confirmed     nearest    farthest        time{truth}", "photo");
+    let _ = writeln!(text, "\n{:width$}  confirmed     nearest    farthest          time{truth}", "photo");
     for Told { name, depth, score, .. } in told {
         let span = match depth.span {
             Some((nearest, farthest)) => format!("{nearest:10.4}  {farthest:10.4}"),
@@ -34,12 +34,12 @@ pub(super) fn output(scene: &Scene, told: &[Told], (near, far): (f64, f64), held
             _ => time_text(Duration::from_secs_f64(depth.seconds)),
         };
         let score = score.as_ref().map(|score| format!("  {}", cells(score))).unwrap_or_default();
-        let _ = writeln!(text, "{name:width$}  {:7.1} %  {span}  {time:>10}{score}", 100.0 * depth.confirmed);
+        let _ = writeln!(text, "{name:width$}  {:7.1} %  {span}  {time:>12}{score}", 100.0 * depth.confirmed);
     }
     let mean = mean(told);
     if let (Some(mean), true) = (&mean, told.len() > 1) {
         let confirmed = told.iter().map(|one| one.depth.confirmed).sum::<f64>() / told.len() as f64;
-        let _ = writeln!(text, "{:width$}  {:7.1} %  {:34}  {}", "mean", 100.0 * confirmed, "", cells(mean));
+        let _ = writeln!(text, "{:width$}  {:7.1} %  {:36}  {}", "mean", 100.0 * confirmed, "", cells(mean));
     }
     if let [first, ..] = told {
         let folder = first.files[0].parent().unwrap_or(Path::new(""));
