@@ -142,7 +142,7 @@ $(VENV)/.evaluation: python/requirements-evaluation.txt $(VENV)/.setup
 
 ## Scores of every model against baselines, beside the model: tables, contact sheet, figure. Scenes that DATA lacks are
 ## skipped; the example scene is always there.
-evaluate: setup-evaluation
+evaluate: setup-evaluation build
 	cd python && for model in ../models/*.pt; do \
 		../$(BIN)/python -m liveview_ref.evaluation.evaluate $$model configs/evaluation.json --data $(abspath $(DATA)) \
 			--out $${model%.pt}_scores || exit 1; \
