@@ -133,7 +133,7 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
         scene: args.scene.folder().display().to_string(),
         targets: args.target.clone(),
         views: views(&own),
-        model: model(&own).file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        model: model(&own).file_name().map_or("none".into(), |name| name.to_string_lossy().into_owned()),
         threads: args.model.threads(),
         batch: args.model.batch,
         cpu: cpu(),
@@ -163,7 +163,7 @@ fn views(ready: &Value) -> usize {
     ready["views"][0].as_array().map_or(0, Vec::len)
 }
 
-/// The model file, from a worker's first line.
+/// The model file, from a worker's first line; empty without a network.
 fn model(ready: &Value) -> &Path {
     Path::new(ready["model"].as_str().unwrap_or_default())
 }
