@@ -31,7 +31,8 @@ fn neither_a_model_nor_a_library_is_needed() {
     let picture = folders.out("a.png");
     let target = ["--target", "2", "-o", &picture];
     folders.assert_refused(&mut bare(&folders, "render", &target), &["liveview_v4.onnx"]);
-    let with_model = [&target[..], &["--model", &fixture("tiny_v4")]].concat();
+    let model = fixture("tiny_v4");
+    let with_model = [&target[..], &["--model", &model]].concat();
     folders.assert_refused(&mut bare(&folders, "render", &with_model), &["no-library.so"]);
 
     let none = [&target[..], &["--network", "none"]].concat();
@@ -40,7 +41,8 @@ fn neither_a_model_nor_a_library_is_needed() {
     assert_eq!(told["engine"]["name"], "none");
     assert_eq!(told["targets"][0]["views"].as_array().unwrap().len(), 4, "as with the default model");
     assert!(told["mean"]["psnr"].as_f64().unwrap() > 30.0, "{told}");
-    let three = [&none[..], &["--views", "3", "--explain", &folders.out("e.png")]].concat();
+    let explanation = folders.out("e.png");
+    let three = [&none[..], &["--views", "3", "--explain", &explanation]].concat();
     let text = run(&mut bare(&folders, "render", &three));
     assert!(text.contains("from 3 views") && text.contains("network none: views weighed by distance alone"), "{text}");
 }

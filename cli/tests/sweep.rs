@@ -72,10 +72,7 @@ fn surface_layers_stand_beside_one_without_a_network() {
     let named: Vec<String> = rows.iter().map(|row| text(row, "layers") + ", " + &text(row, "engine")).collect();
     let expected = ["surface:1, cpu, f32", "planes:2, cpu, f32", "surface:1, no network", "surface:1, cpu, f32"];
     assert_eq!(named, expected);
-    for row in [0, 2, 3] {
-        assert!(rows[row]["seconds"]["once"].as_f64().unwrap() > 0.0, "the depth of the photos is told apart: {told}");
-    }
-    assert!(rows[2]["psnr"].as_f64().unwrap() > 15.0 && rows[2]["psnr"] != rows[0]["psnr"], "{told}");
+    assert!(rows[2]["psnr"].as_f64().unwrap() > 30.0, "{told}");
     let report = fs::read_to_string(folders.out("report/sweep.md")).unwrap();
     assert!(report.contains("| surface:1 | no network |"), "{report}");
     assert!(fs::read_to_string(folders.out("report/sweep.svg")).unwrap().contains(">surface, no network<"));
