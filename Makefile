@@ -94,6 +94,8 @@ parity: build setup
 	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --layers guided:4
 	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_1 --views 5 --layers planes:6
 	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --precision int8
+	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --layers surface:2
+	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --network none
 	$(STABILITY) --short > target/stability.md
 	test ! -e .venv-openvino/.runtime || for precision in f32 int8; do ( cd python && ../$(BIN)/python -m \
 		liveview_ref.parity ../$(SCENE) --target target_0 --engine openvino --precision $$precision ) || exit 1; done
@@ -140,9 +142,10 @@ $(VENV)/.evaluation: python/requirements-evaluation.txt $(VENV)/.setup
 	$(PIP) --no-deps -r $<
 	touch $@
 
-## Scores of every model against baselines, beside the model: tables, contact sheet, figure. Scenes that DATA lacks are
+## Scores of every model against baselines, beside the model: tables, contact sheet, figure. Surface layers are rendered by the
+## program, with the network and without one. Scenes that DATA lacks are
 ## skipped; the example scene is always there.
-evaluate: setup-evaluation
+evaluate: setup-evaluation build
 	cd python && for model in ../models/*.pt; do \
 		../$(BIN)/python -m liveview_ref.evaluation.evaluate $$model configs/evaluation.json --data $(abspath $(DATA)) \
 			--out $${model%.pt}_scores || exit 1; \

@@ -2,18 +2,19 @@
 
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
-use liveview::network::OrtNetwork;
 use liveview::render::{Culling, Frame};
 use liveview::{LayerSpec, PhotoCache, Plan, Scene, Shot, Synthesizer};
 use ndarray::Axis;
 
 use crate::args::layers::LayerArgs;
-use crate::args::model::{ModelArgs, ModelInfo};
+use crate::args::model::ModelArgs;
+use crate::args::model_info::ModelInfo;
 use crate::console::{print_message, print_notes};
+use crate::network::Network;
 
 /// A synthesizer, with the model's description and a progress bar.
 pub(crate) struct Job {
-    pub(crate) synthesizer: Synthesizer,
+    pub(crate) synthesizer: Synthesizer<Network>,
     pub(crate) model: ModelInfo,
     /// Counts rendered layers.
     pub(crate) progress: ProgressBar,
@@ -37,7 +38,7 @@ impl Job {
     pub(crate) fn with_layers(
         photos: PhotoCache,
         model: &ModelArgs,
-        layers: impl FnOnce(&OrtNetwork) -> Result<LayerSpec>,
+        layers: impl FnOnce(&Network) -> Result<LayerSpec>,
     ) -> Result<Self> {
         let (renderer, model) = model.open()?;
         let layers = layers(renderer.network())?;

@@ -7,6 +7,7 @@ mod ffmpeg;
 mod interrupt;
 mod job;
 mod measure;
+mod network;
 mod npz;
 mod ort_wheel;
 mod statistics;

@@ -10,7 +10,7 @@ from .marked_text import fill
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 METHODS = (
-    "guided:2", "guided:4", "guided:8", "select:16/64", "planes:64",
+    "surface:2", "surface:1", "surface:1, no network", "guided:2", "guided:4", "guided:8", "select:16/64", "planes:64",
     "sweep, guided:4", "sweep, planes:64", "DIS flow", "best single plane", "nearest view",
 )  # fmt: skip
 
@@ -30,7 +30,7 @@ def trained(models: list[dict]) -> str:
 def scores(report: dict) -> str:
     scenes = {**report["scenes"], "mean over scenes": {"mean": report["mean"]}}
     lines = ["| PSNR dB / SSIM / LPIPS | " + " | ".join(scenes) + " |", "|---" * (len(scenes) + 1) + "|"]
-    for method in METHODS:
+    for method in (method for method in METHODS if method in report["mean"]):
         rows = [scene["mean"][method] for scene in scenes.values()]
         cells = [f"{row['psnr']:.2f} / {row['ssim']:.3f} / {row['lpips']:.3f}" for row in rows]
         lines.append(f"| {method} | " + " | ".join(cells) + " |")

@@ -19,8 +19,19 @@ BINARY = ROOT / "target" / "release" / "liveview"
 REPORT = ROOT / "models" / "report"
 SCENE = "tests/scenes/workshop"
 RIG = "tests/scenes/rig"
-SHOWN = "guided:1", "guided:2", "guided:4", "guided:8", "kmeans:16", "select:16/64", "planes:16", "planes:64"
-FEW = "guided:1", "guided:2"  # on other engines than the first
+SHOWN = (
+    "surface:1",
+    "surface:2",
+    "guided:1",
+    "guided:2",
+    "guided:4",
+    "guided:8",
+    "kmeans:16",
+    "select:16/64",
+    "planes:16",
+    "planes:64",
+)
+FEW = "surface:1", "surface:2", "guided:1", "guided:2"  # without a network, and on other engines than the first
 
 
 def numbers() -> tuple[str, str]:

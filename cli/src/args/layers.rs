@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::Args;
 use liveview::LayerSpec;
-use liveview::network::OrtNetwork;
+
+use crate::network::Network;
 
 /// Options that choose the layers of a render.
 #[derive(Debug, Args)]
@@ -61,7 +62,7 @@ impl From<Quality> for LayerSpec {
 
 impl LayerArgs {
     /// The layers of these options, by default those that the model recommends.
-    pub(crate) fn spec(&self, network: &OrtNetwork) -> Result<LayerSpec> {
+    pub(crate) fn spec(&self, network: &Network) -> Result<LayerSpec> {
         given_or_recommended(self.layers.as_ref(), self.quality, network)
     }
 }
@@ -70,13 +71,15 @@ impl LayerArgs {
 pub(crate) fn given_or_recommended(
     layers: Option<&LayerSpec>,
     quality: Option<Quality>,
-    network: &OrtNetwork,
+    network: &Network,
 ) -> Result<LayerSpec> {
-    match (layers, quality) {
-        (Some(layers), _) => Ok(layers.clone()),
-        (None, Some(quality)) => Ok(quality.into()),
-        (None, None) => {
-            network.recommended_layers().map_err(|error| anyhow::anyhow!("{error}; --layers decides instead"))
-        }
+    let layers = match (layers, quality) {
+        (Some(layers), _) => layers.clone(),
+        (None, Some(quality)) => quality.into(),
+        (None, None) => network.recommended_layers()?,
+    };
+    if matches!(layers, LayerSpec::Select { .. }) && !network.tells_opacity() {
+        bail!("--network none: {layers} needs the opacities of a network to select planes by; expected other layers");
     }
+    Ok(layers)
 }

@@ -5,13 +5,14 @@ use std::str::FromStr;
 
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
-use liveview::network::{ExecutionProvider, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16};
+use liveview::network::{ExecutionProvider, NoNetwork, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16};
 use liveview::render::Renderer;
 use liveview::{Model, ModelOptions};
-use serde_json::{Value, json};
 
+use super::model_info::{ModelInfo, OpenedModel};
 use super::numbers;
 use crate::console::{print_message, shown};
+use crate::network::Network;
 use crate::ort_wheel::wheel;
 
 /// Options that choose the model and how it is run.
@@ -21,6 +22,10 @@ pub(crate) struct ModelArgs {
     /// Views that each picture is made from; picks the model [default: 4, or the --model's own]
     #[arg(long, value_name = "V", value_parser = numbers::count)]
     pub(crate) views: Option<usize>,
+    /// none: no network, and neither a model nor ONNX Runtime is needed. Views are weighed by their distance alone; every layer but the
+    /// last is half opaque, the last opaque, so that one layer makes the best picture [default layers: surface:1]
+    #[arg(long, value_enum, conflicts_with_all = ["model", "engine", "precision", "ort_lib"])]
+    network: Option<NetworkName>,
     /// Model file [default: liveview_v<V>.onnx in LIVEVIEW_MODELS, or in a `models` folder beside or above the binary, or
     /// in the working directory's]
     #[arg(long, value_name = "FILE")]
@@ -42,6 +47,12 @@ pub(crate) struct ModelArgs {
     /// Layers that go through the network at once: memory grows with it, the result does not change
     #[arg(long, value_name = "N", default_value = "1", value_parser = numbers::few)]
     pub(crate) batch: usize,
+}
+
+/// `--network`: where it is not given, a model.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum NetworkName {
+    None,
 }
 
 /// `--engine`.
@@ -94,21 +105,28 @@ impl FromStr for ProviderChoice {
     }
 }
 
-/// Description of the model and of ONNX Runtime.
-pub(crate) struct ModelInfo {
-    pub(crate) path: PathBuf,
-    card: liveview::network::ModelCard,
-    pub(crate) library: PathBuf,
-    pub(crate) provider: ExecutionProvider,
-    /// Precision of the arithmetic: f32, bf16 or int8.
-    pub(crate) precision: String,
-    pub(crate) threads: usize,
-    pub(crate) batch: usize,
-}
-
 impl ModelArgs {
+    /// Whether there is no network.
+    pub(crate) fn without_network(&self) -> bool {
+        self.network.is_some()
+    }
+
+    /// The same options on a command line, without a network.
+    pub(crate) fn to_args_without_network(&self, views: usize) -> Vec<String> {
+        let [threads, batch] = [self.threads(), self.batch];
+        vec![
+            "--network=none".into(),
+            format!("--views={views}"),
+            format!("--threads={threads}"),
+            format!("--batch={batch}"),
+        ]
+    }
+
     /// The same options on a command line, on another engine if one is named.
     pub(crate) fn to_args(&self, other: Option<ProviderChoice>) -> Vec<String> {
+        if self.without_network() {
+            return self.to_args_without_network(self.views_or_default());
+        }
         let ProviderChoice { engine, precision } =
             other.unwrap_or(ProviderChoice { engine: self.engine, precision: self.precision });
         let mut args = vec![format!("--threads={}", self.threads()), format!("--batch={}", self.batch)];
@@ -163,12 +181,26 @@ impl ModelArgs {
         Ok(options)
     }
 
+    /// Finds and opens the model, if there is to be one.
+    pub(crate) fn open(&self) -> Result<(Renderer<Network>, ModelInfo)> {
+        let (network, model) = if self.without_network() {
+            (Network::None(NoNetwork { views: self.views_or_default() }), None)
+        } else {
+            let (network, model) = self.open_model()?;
+            (Network::Model(Box::new(network)), Some(model))
+        };
+        let info = ModelInfo { model, threads: self.set_threads()?, batch: self.batch };
+        Ok((Renderer::new(network, self.batch), info))
+    }
+
     /// Finds and opens the model.
-    pub(crate) fn open(&self) -> Result<(Renderer<OrtNetwork>, ModelInfo)> {
+    pub(crate) fn open_model(&self) -> Result<(OrtNetwork, OpenedModel)> {
+        if self.without_network() {
+            bail!("--network none: expected a model");
+        }
         let options = self.options()?;
-        let threads = self.set_threads()?;
         let Model { renderer, library, precision, .. } = Model::open(&options)?;
-        let network = renderer.network();
+        let network = renderer.into_network();
         let (path, card) = (network.path().to_owned(), network.card().clone());
         let expected = if options.quantized { "int8" } else { "f32" };
         if self.precision.is_some() && card.precision != expected {
@@ -181,11 +213,15 @@ impl ModelArgs {
             bail!("{}: metadata `views` is {}, expected {asked} (--views {asked})", path.display(), card.views);
         }
         let (provider, library) = (library.provider(), library.path().to_owned());
-        Ok((renderer, ModelInfo { path, card, library, provider, precision, threads, batch: self.batch }))
+        Ok((network, OpenedModel { path, card, library, provider, precision }))
     }
 
     /// The models for fewer views than `views`, to fall back on; none if --model names one.
-    pub(crate) fn open_smaller(&self, views: usize) -> Result<Vec<Renderer<OrtNetwork>>> {
+    pub(crate) fn open_smaller(&self, views: usize) -> Result<Vec<Renderer<Network>>> {
+        if self.without_network() {
+            let none = |views| Renderer::new(Network::None(NoNetwork { views }), self.batch);
+            return Ok((2..views).map(none).collect());
+        }
         if self.model.is_some() {
             return Ok(Vec::new());
         }
@@ -194,40 +230,6 @@ impl ModelArgs {
             OrtLibrary::load(options.provider, options.library.as_deref()).map_err(liveview::SynthesisError::from)?;
         let open = |path: PathBuf| OrtNetwork::open_in(options.precision, &library, &path, self.threads());
         let networks = (2..views).filter_map(|views| options.find(views).ok()).map(open);
-        networks.map(|network| Ok(Renderer::new(network?, self.batch))).collect()
-    }
-}
-
-impl ModelInfo {
-    /// Execution provider and precision, such as `openvino, int8`.
-    pub(crate) fn provider_and_precision(&self) -> String {
-        format!("{}, {}", self.provider, self.precision)
-    }
-
-    pub(crate) fn text(&self) -> String {
-        format!(
-            "engine  ONNX Runtime ({}), {} {}, {} threads, {} layers at once\nmodel   {}: {}\n",
-            self.library.file_name().unwrap_or_default().display(),
-            self.provider,
-            self.precision,
-            self.threads,
-            self.batch,
-            self.path.display(),
-            self.card.training
-        )
-    }
-
-    pub(crate) fn json(&self) -> Value {
-        let card = &self.card;
-        json!({
-            "model": {
-                "file": shown(&self.path), "views": card.views, "recommended_layers": card.recommended_layers,
-                "training": card.training, "licence": card.licence,
-            },
-            "engine": {
-                "name": "ONNX Runtime", "library": shown(&self.library), "provider": self.provider.name(),
-                "precision": self.precision, "threads": self.threads, "batch": self.batch,
-            },
-        })
+        networks.map(|network| Ok(Renderer::new(Network::Model(Box::new(network?)), self.batch))).collect()
     }
 }

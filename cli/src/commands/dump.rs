@@ -99,10 +99,12 @@ pub(crate) fn run(args: &DumpArgs) -> Result<Output> {
     let mut arrays = Arrays::create(&args.output)?;
     write(&mut job, &shot, &mut arrays)?;
     arrays.finish()?;
+    let model = job.model.model.as_ref();
     let json = json!({
         "file": shown(&args.output), "target": shot.name, "views": job.photos().names(&shot.views), "near": shot.near,
-        "far": shot.far, "layers": job.layers().to_string(), "model": shown(&job.model.path),
-        "library": shown(&job.model.library), "engine": job.model.provider.name(), "precision": job.model.precision,
+        "far": shot.far, "layers": job.layers().to_string(), "model": model.map(|model| shown(&model.path)),
+        "library": model.map(|model| shown(&model.library)), "engine": model.map_or("none", |model| model.provider.name()),
+        "precision": model.map(|model| &model.precision),
         "threads": job.model.threads, "batch": job.model.batch,
     });
     Ok(Output { text: format!("{}: every stage of {}, {}", args.output.display(), shot.name, job.layers()), json })

@@ -16,6 +16,7 @@ use liveview::{Camera, ImageRgb, LayerSpec, PhotoCache, Shot, Targets};
 use ndarray::Array2;
 use serde_json::{Value, json};
 
+use crate::args::layers::given_or_recommended;
 use crate::args::model::ModelArgs;
 use crate::args::output::claim_png;
 use crate::args::scene::SceneArgs;
@@ -84,7 +85,8 @@ fn planes(
     keep: usize,
     from: usize,
 ) -> Result<(Output, ImageRgb)> {
-    let mut job = Job::with_layers(photos, &args.model, |_| Ok(args.layers.clone()))?;
+    let mut job =
+        Job::with_layers(photos, &args.model, |network| given_or_recommended(Some(&args.layers), None, network))?;
     let shot = job.synthesizer.shots(target)?.remove(0);
     job.synthesizer.photos_mut().load_for(&shot, &[])?;
     job.progress = progress("layers")?;

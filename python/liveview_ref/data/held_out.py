@@ -39,11 +39,17 @@ def targets_of(scene: Scene, spec: dict) -> list[int]:
     return spec.get("targets") or list(range(0, len(scene.names), spec["heldout"]))
 
 
-def case_of(scene: Scene, spec: dict, t: int, views: int) -> Case:
-    """Held out are every `heldout`-th photo, or all targets, or, where the spec says "alone", the target alone."""
+def pool_of(scene: Scene, spec: dict, t: int) -> list[int]:
+    """Photos that target t may be rendered from. Held out are every `heldout`-th photo, or all targets, or, where the
+    spec says "alone", the target alone."""
     every = range(0, len(scene.names), spec["heldout"]) if spec.get("heldout") else spec["targets"]
     heldout = [t] if spec.get("alone") else every
-    pool = [i for i in spec.get("pool", range(len(scene.names))) if i not in heldout]
+    return [i for i in spec.get("pool", range(len(scene.names))) if i not in heldout]
+
+
+def case_of(scene: Scene, spec: dict, t: int, views: int) -> Case:
+    """The case of target t: of its pool, the nearest views."""
+    pool = pool_of(scene, spec, t)
     width = spec["width"] or scene.cameras[t].width
     truth = resized(scene.image_u8(t), width)
     target = scene.cameras[t].with_size_scaled(width, truth.shape[1])

@@ -30,10 +30,12 @@ from ..reference.renderer import Network
 from . import baselines, methods
 from .figure import figure
 from .lpips import load_lpips, lpips
+from .program import NO_NETWORK, Program
 from .sheet import Row, contact_sheet, row_of
 
 ROOT = Path(__file__).resolve().parents[3]
 OURS = {"guided": methods.guided, "planes": methods.planes}  # with a network
+SURFACE = "surface"  # rendered by the program, by default where it is built and the model's ONNX file is there
 COMPETING = "competing"  # uniform planes that compete, by the model's own scale or --scale
 BASELINES = {
     "nearest": baselines.nearest,
@@ -106,6 +108,11 @@ def markdown(report: dict) -> str:
     about = ", ".join(f"{key} {value}" for key, value in report["trained"].items())
     lines = [f"# {report['model']}: {report['views']} views ({about})", "", f"{report['cpu']}, torch "]
     lines[-1] += f"{report['versions']['torch']}; a border of {report['border']} pixels is left out."
+    if NO_NETWORK in report["mean"]:
+        lines += [
+            "",
+            "Surface layers are rendered by the program, everything else by the reference; scores are of one kind.",
+        ]
     scenes = len(report["scenes"])
     lines += ["", f"## Mean over {scenes} scene{'s' * (scenes > 1)}", "", *table(report["mean"])]
     for name, scene in report["scenes"].items():
@@ -131,7 +138,9 @@ def write(folder: Path, report: dict, rows: list[Row]) -> None:
 
 
 @torch.inference_mode()
-def score_scene(name: str, spec: dict, data: Path, views: int, families: list[Callable], weights):
+def score_scene(
+    name: str, spec: dict, data: Path, views: int, program: Program | None, families: list[Callable], weights
+):
     """(what was measured of each target, the middle target's row of the contact sheet, why anything is skipped)"""
     root = next((folder / spec["path"] for folder in (data, ROOT) if (folder / spec["path"]).is_dir()), None)
     if root is None:
@@ -140,13 +149,14 @@ def score_scene(name: str, spec: dict, data: Path, views: int, families: list[Ca
     cases, skipped = {}, {}
     for t in targets_of(scene, spec):
         try:
-            cases[scene.names[t]] = case_of(scene, spec, t, views)
+            cases[t] = case_of(scene, spec, t, views)
         except ValueError as error:  # too few views
             skipped[f"{name}, {scene.names[t]}"] = str(error)
     targets, row = [], None
-    for photo, case in cases.items():
-        began = time.perf_counter()
-        scores, images = evaluate(case, families, weights)
+    for t, case in cases.items():
+        photo, began = scene.names[t], time.perf_counter()
+        own = [partial(program.surface, scene, spec, t)] if program else []
+        scores, images = evaluate(case, own + families, weights)
         if len(targets) == len(cases) // 2:
             row = row_of(f"{name}, {Path(photo).stem}", case.truth, images, scores)
         about = {"target": photo, "views": case.views, "size": [case.target.width, case.target.height]}
@@ -164,10 +174,11 @@ def main() -> int:
     parser.add_argument("--data", type=Path, required=True, help="folder with dev/")
     parser.add_argument("--out", type=Path, required=True)
     every = ",".join([*OURS, *BASELINES])
-    told = f"comma-separated; left out: {every}, and {COMPETING} where the model was trained for it"
+    told = f"comma-separated; left out: {SURFACE},{every}, and {COMPETING} where the model was trained for it"
     parser.add_argument("--methods", help=told)
     parser.add_argument("--scale", type=float, help="of competing planes' logits; the model's own where left out")
     parser.add_argument("--scenes", help="comma-separated names; all where left out")
+    parser.add_argument("--binary", type=Path, default=ROOT / "target" / "release" / "liveview")
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
@@ -176,9 +187,16 @@ def main() -> int:
     scale = float(about.get("alpha_scale", 1)) if args.scale is None else args.scale
     known[COMPETING] = partial(methods.competing, network, scale=scale)
     trained_for = f",{COMPETING}" if about.get("alpha") == "competing" else ""
-    wanted_methods = (args.methods or every + trained_for).split(",")
+    wanted_methods = (args.methods or f"{SURFACE},{every}{trained_for}").split(",")
+    program = Program(args.binary.absolute(), args.model.absolute().with_suffix(".onnx"), args.threads)
+    lacking = ", ".join(program.missing()) if SURFACE in wanted_methods else ""
+    if lacking and args.methods:
+        parser.error(f"surface layers are rendered by the program: {lacking}")
+    if lacking or SURFACE not in wanted_methods:
+        program = None
+    wanted_methods = [name for name in wanted_methods if name != SURFACE]
     if unknown := set(wanted_methods) - set(known):
-        parser.error(f"no method {', '.join(sorted(unknown))}: there are {', '.join(known)}")
+        parser.error(f"no method {', '.join(sorted(unknown))}: there are {SURFACE}, {', '.join(known)}")
     families = [known[name] for name in wanted_methods]
     try:
         weights = load_lpips()
@@ -193,11 +211,12 @@ def main() -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     report = {
         "model": args.model.name, "views": views, "trained": about, "cpu": machine(), "threads": args.threads,
-        "versions": versions(), "border": BORDER, "mean": {}, "scenes": {}, "skipped": {},
+        "versions": versions(), "border": BORDER, "mean": {}, "scenes": {},
+        "skipped": {"surface layers": lacking} if lacking else {},
     }  # fmt: skip
     rows = []
     for name in wanted:
-        targets, row, skipped = score_scene(name, specs[name], args.data, views, families, weights)
+        targets, row, skipped = score_scene(name, specs[name], args.data, views, program, families, weights)
         report["skipped"] |= skipped
         if targets:
             rows.append(row)

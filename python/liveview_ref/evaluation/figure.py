@@ -5,6 +5,7 @@ import re
 from .chart import Panel, Points, chart
 
 CURVES = {  # title: what the methods' names look like
+    "surface layers": r"surface:(\d+)",
     "guided layers": r"guided:(\d+)",
     "uniform planes": r"planes:(\d+)",
     "selected of 64 planes": r"select:(\d+)/\d+",

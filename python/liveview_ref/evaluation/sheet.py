@@ -1,12 +1,14 @@
 """The evaluation's contact sheet: truth, ours, the best baseline, and the error of ours, a row for each scene."""
 
+import re
+
 from PIL import Image, ImageDraw
 from torch import Tensor
 
 from ..data.image import picture
 
-OURS = "guided:", "planes:", "select:"  # how the names of our methods begin
-PREFERRED = "guided:4"
+OURS = re.compile(r"(surface|guided|planes|select):[\d/]+")  # the names of methods with a network
+PREFERRED = "surface:2", "guided:4"
 WIDTH = 320  # of a picture on the sheet
 LINE = 14  # height of the text above it
 ERROR = 4  # times
@@ -16,16 +18,17 @@ Row = dict[str, Tensor]  # title -> picture [3, H, W]
 
 
 def row_of(title: str, truth: Tensor, images: dict[str, Tensor], scores: dict) -> Row:
-    """Of ours PREFERRED, else the first; of the baselines the one of the highest PSNR; each if it was rendered."""
+    """Of ours the first PREFERRED one, else the first; of the others the one of the highest PSNR; each if it was
+    rendered."""
 
     def titled(name: str) -> str:
         return f"{name}: {scores[name]['psnr']:.2f} dB, {scores[name]['ssim']:.3f}, {scores[name]['lpips']:.3f}"
 
-    ours = [name for name in images if name.startswith(OURS)]
+    ours = [name for name in images if OURS.fullmatch(name)]
     others = [name for name in images if name not in ours]
     pictures = {title: truth}
     if ours:
-        own = PREFERRED if PREFERRED in ours else ours[0]
+        own = next((name for name in PREFERRED if name in ours), ours[0])
         pictures[titled(own)] = images[own]
     if others:
         best = max(others, key=lambda name: scores[name]["psnr"])

@@ -55,14 +55,25 @@ def homography(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 def maps(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """Disparity of each layer and pixel of the padded target [L, H8, W8]."""
+    """Disparity of each layer and pixel of the padded target [L, H8, W8]; of surface layers `maps` is all there is."""
     _, target = cameras_of(data)
     if "disparities" in data:
         return {"maps": plane_maps(target, torch.from_numpy(data["disparities"]), dtype).numpy()}
+    if along_surface(data):
+        return {}
     return {"maps": upsample_maps(tensor(data, "cell_maps", dtype)).numpy()}
 
 
+def along_surface(data: Arrays) -> bool:
+    """Whether the layers follow a surface: neither planes nor maps on cells."""
+    return "disparities" not in data and "cell_maps" not in data
+
+
 def warp(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Colour and coverage; not of surface layers, whose views are balanced and hidden where they do not see
+    (mvs_stages)."""
+    if along_surface(data):
+        return {}
     views, target = cameras_of(data)
     colour, coverage = warp_views(images_of(data, dtype), views, target, tensor(data, "maps", dtype))
     return {"colour": colour.flatten(1, 2).numpy(), "coverage": coverage.numpy()}

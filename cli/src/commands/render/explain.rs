@@ -29,7 +29,7 @@ pub(super) struct ExplainArgs {
     #[arg(long, value_name = "PNG")]
     explain: Option<PathBuf>,
     /// Render D uniform planes too, and say how far the result is from them
-    #[arg(long, value_name = "D", value_parser = numbers::count, requires = "explain")]
+    #[arg(long, value_name = "D", value_parser = numbers::count, requires = "explain", conflicts_with = "network")]
     dense: Option<usize>,
 }
 

@@ -27,7 +27,10 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
     let scene = job.scene();
     let root = scene.root.canonicalize().unwrap_or_else(|_| scene.root.clone());
     let first = &shots[0];
-    let model = &job.model.path;
+    let model = match job.model.path() {
+        Some(path) => format!("{}, {}", path.file_name().unwrap_or_default().display(), digest_of(path)?),
+        None => "none".to_owned(),
+    };
     let mut cameras = String::new();
     let mut views = BTreeSet::new();
     for shot in shots {
@@ -46,8 +49,8 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
         ("layers", job.layers().to_string()),
         ("opaque", layers.opaque.to_string()),
         ("exposure", (if layers.keep_exposure { "kept" } else { "balanced" }).to_owned()),
-        ("model", format!("{}, {}", model.file_name().unwrap_or_default().display(), digest_of(model)?)),
-        ("engine", job.model.provider_and_precision()),
+        ("model", model),
+        ("engine", job.model.engine()),
         ("size", format!("{}x{}", first.target.width(), first.target.height())),
         ("depth", format!("{} to {}", first.near, first.far)),
         ("cameras", digest(cameras.as_bytes())),

@@ -75,10 +75,11 @@ pub(crate) fn run(args: &StabilityArgs) -> Result<Output> {
     for file in ["stability.md", "stability.svg"].into_iter().filter_map(output) {
         claim("-o", &file, &photo_files(photos.scene()))?;
     }
-    let (renderer, model) = args.model.open()?;
+    args.model.set_threads()?;
+    let (network, model) = args.model.open_model()?;
     print_notes(&photos.scene().notes);
     let targets = Targets::held_out(photos.scene(), named(photos.scene(), std::slice::from_ref(&args.target))?);
-    let shot = photos.shots(targets, renderer.network().card().views, 0, None)?.remove(0);
+    let shot = photos.shots(targets, network.card().views, 0, None)?.remove(0);
     let Some(&farthest) = shot.views.last() else { bail!("{}: no views", args.target) };
     let rig = TestRig {
         photo: photos.scene().load_image(farthest)?,
@@ -99,7 +100,7 @@ pub(crate) fn run(args: &StabilityArgs) -> Result<Output> {
         model.provider_and_precision()
     );
     let path = shown(&model.path);
-    let network = RefCell::new(renderer.into_network());
+    let network = RefCell::new(network);
     let mut reference = args.reference.as_ref().map(|command| Reference::start(command, path)).transpose()?;
     let cases = cases(&rig, &network, args.short);
     let bar = progress("cases")?;

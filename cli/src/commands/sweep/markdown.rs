@@ -51,7 +51,7 @@ pub(crate) fn markdown(sweep: &SweepReport) -> String {
             shares(row),
         );
     }
-    text += "\n● on the Pareto front of time and PSNR. `once`: planes selected in a first pass, which all further frames share.\n";
+    text += "\n● on the Pareto front of time and PSNR. `once`: planes selected in a first pass, or the depth of the photos, which all further frames share.\n";
     text
 }
 

@@ -35,8 +35,9 @@ impl Measured {
             let pixels: Array3<f32> = ndarray_npy::read_npy(&frame).context("a worker's picture cannot be read")?;
             let (height, width, _) = pixels.dim();
             self.pictures.push(ImageRgb::new(width, height, pixels.iter().copied().collect())?);
-            if let (0, Some(once)) = (target, answer["seconds"]["select"].as_f64()) {
-                self.row.once = once;
+            if target == 0 {
+                let spent = if self.row.along_surface() { "coarse" } else { "select" };
+                self.row.once = answer["seconds"][spent].as_f64().unwrap_or(0.0);
             }
             if let Some(count) = answer["layers"].as_u64() {
                 self.row.count = count as usize;
@@ -55,6 +56,16 @@ impl Measured {
         self.row.runs.push(stages.collect());
         self.row.peak_memory_bytes = answer["peak_memory_bytes"].as_u64();
         Ok(())
+    }
+
+    /// The row, with all its measurements.
+    pub(super) fn finish(mut self) -> Row {
+        if self.row.along_surface() {
+            // Each picture finds its surface; what the first spent beyond that is the depth of the photos.
+            let surface = self.row.stages().into_iter().find_map(|(stage, time)| (stage == "coarse").then_some(time));
+            self.row.once = (self.row.once - surface.unwrap_or(0.0)).max(0.0);
+        }
+        self.row
     }
 
     fn score(&mut self, truths: &[ImageRgb], dense: Option<&[ImageRgb]>) {

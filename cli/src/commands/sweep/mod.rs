@@ -38,7 +38,7 @@ Examples:
     liveview sweep scene --target IMG_7.jpg --layers guided:4,planes:16 --widths 500,1000,2000 -o scaling/";
 
 /// Every kind of layers, fewest first; the others are compared with the last.
-const LAYERS: &str = "guided:1,guided:2,guided:3,guided:4,guided:6,guided:8,guided:12,kmeans:8,kmeans:16,select:8,select:16,\
+const LAYERS: &str = "surface:1,surface:2,guided:1,guided:2,guided:3,guided:4,guided:6,guided:8,guided:12,kmeans:8,kmeans:16,select:8,select:16,\
                       select:32,planes:8,planes:16,planes:32,planes:64";
 
 /// Engines of `python -m liveview_ref.competitors.worker`.
@@ -56,22 +56,23 @@ pub(crate) struct SweepArgs {
     /// Views to render, by name; all are held out. Scores are means over them, times are the first one's
     #[arg(long, value_name = "NAME", value_delimiter = ',', required = true)]
     target: Vec<String>,
-    /// What to measure, separated by commas: guided:L, planes:D, kmeans:K or select:K/D
+    /// What to measure, separated by commas: surface:L, guided:L, planes:D, kmeans:K or select:K/D. With any surface layers, surface:1
+    /// without a network is measured too
     #[arg(long, value_name = "LIST", default_value = LAYERS, value_delimiter = ',')]
     layers: Vec<LayerSpec>,
     /// Widths of the picture, separated by commas: time against size; scored where it has the photo's [default: the photo's]
     #[arg(long, value_name = "PIXELS", value_delimiter = ',', value_parser = numbers::count)]
     widths: Vec<usize>,
-    /// Engines to measure the guided layers on as well, each with its precision, separated by commas, such as "cpu int8,openvino
+    /// Engines to measure the surface and guided layers on as well, each with its precision, separated by commas, such as "cpu int8,openvino
     /// int8"
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', conflicts_with = "network")]
     engines: Vec<ProviderChoice>,
     /// Times that each is rendered, after one to warm up
     #[arg(long, value_name = "N", default_value = "5", value_parser = numbers::count)]
     repetitions: usize,
     /// A command with the protocol of `liveview worker`, to measure the reference implementations on the most planes, such as
     /// ".venv/bin/python -m liveview_ref.competitors.worker"
-    #[arg(long, value_name = "COMMAND")]
+    #[arg(long, value_name = "COMMAND", conflicts_with = "network")]
     reference: Option<String>,
     #[command(flatten)]
     model: ModelArgs,
@@ -94,12 +95,16 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
     let (mut all, mut own) = (Vec::new(), Value::Null);
     for width in widths {
         let mut measured = Vec::new();
-        let guided = args.layers.iter().filter(|layers| matches!(layers, LayerSpec::Guided { .. }));
-        let others = args.engines.iter().flat_map(|&engine| guided.clone().map(move |layers| (layers, Some(engine))));
-        for (layers, engine) in args.layers.iter().map(|layers| (layers, None)).chain(others) {
+        for (layers, engine) in configurations(args) {
             let name = layers.to_string();
-            let (worker, ready) = WorkerProcess::start(&name, &worker_command(args, width, layers, engine)?, None)?;
-            if engine.is_none() {
+            let mut command = worker_command(args, width, &layers)?;
+            command.extend(match engine {
+                RowEngine::Own => args.model.to_args(None),
+                RowEngine::Other(engine) => args.model.to_args(Some(engine)),
+                RowEngine::NoNetwork => args.model.to_args_without_network(views(&own)),
+            });
+            let (worker, ready) = WorkerProcess::start(&name, &command, None)?;
+            if let RowEngine::Own = engine {
                 own = ready.clone();
             }
             measured.push(Measured::new(worker, Row::new(&name, &ready, false, size(&ready))));
@@ -128,11 +133,11 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
         scene: args.scene.folder().display().to_string(),
         targets: args.target.clone(),
         views: views(&own),
-        model: model(&own).file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        model: model(&own).file_name().map_or("none".into(), |name| name.to_string_lossy().into_owned()),
         threads: args.model.threads(),
         batch: args.model.batch,
         cpu: cpu(),
-        rows: all.into_iter().map(|measured| measured.row).collect(),
+        rows: all.into_iter().map(Measured::finish).collect(),
     };
     if sweep.noisy() {
         print_message(
@@ -158,21 +163,37 @@ fn views(ready: &Value) -> usize {
     ready["views"][0].as_array().map_or(0, Vec::len)
 }
 
-/// The model file, from a worker's first line.
+/// The model file, from a worker's first line; empty without a network.
 fn model(ready: &Value) -> &Path {
     Path::new(ready["model"].as_str().unwrap_or_default())
 }
 
-/// The command line of a worker.
-fn worker_command(
-    args: &SweepArgs,
-    width: Option<usize>,
-    layers: &LayerSpec,
-    engine: Option<ProviderChoice>,
-) -> Result<Vec<String>> {
+/// What computes the network of a row.
+#[derive(Clone, Copy)]
+enum RowEngine {
+    Own,
+    Other(ProviderChoice),
+    NoNetwork,
+}
+
+/// The layers of each row, the program's own engine first.
+fn configurations(args: &SweepArgs) -> Vec<(LayerSpec, RowEngine)> {
+    let along_surface = |layers: &&LayerSpec| matches!(layers, LayerSpec::Surface(_));
+    let few = args.layers.iter().filter(|layers| along_surface(layers) || matches!(layers, LayerSpec::Guided { .. }));
+    let others = args
+        .engines
+        .iter()
+        .flat_map(|&engine| few.clone().map(move |layers| (layers.clone(), RowEngine::Other(engine))));
+    let own = args.layers.iter().map(|layers| (layers.clone(), RowEngine::Own));
+    let with_surface = args.layers.iter().any(|layers| along_surface(&layers));
+    let free = (with_surface && !args.model.without_network()).then_some((LayerSpec::Surface(1), RowEngine::NoNetwork));
+    own.chain(free).chain(others).collect()
+}
+
+/// The command line of a worker, without the options of its model.
+fn worker_command(args: &SweepArgs, width: Option<usize>, layers: &LayerSpec) -> Result<Vec<String>> {
     let mut command = vec![shown(&std::env::current_exe()?), "worker".to_owned()];
     command.extend(args.scene.to_args());
-    command.extend(args.model.to_args(engine));
     command.extend([format!("--target={}", args.target.join(",")), format!("--layers={layers}")]);
     command.extend(width.map(|width| format!("--target-width={width}")));
     Ok(command)

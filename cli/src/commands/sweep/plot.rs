@@ -10,7 +10,10 @@ use crate::svg::{escaped, svg_start};
 const WIDTH: f64 = 840.0;
 const HEIGHT: f64 = 460.0;
 const MARGINS: [f64; 4] = [64.0, 330.0, 30.0, 50.0]; // left, right (for the legend), top, bottom
-const COLOURS: [&str; 8] = ["#d1495b", "#30638e", "#2e933c", "#edae49", "#7b4fa3", "#00798c", "#8d6a4f", "#555555"];
+const COLOURS: [&str; 12] = [
+    "#d1495b", "#30638e", "#2e933c", "#edae49", "#7b4fa3", "#00798c", "#8d6a4f", "#555555", "#e07be0", "#7fb800",
+    "#3dccff", "#000000",
+];
 
 /// A mark of the plot, and the row that it shows.
 struct Mark<'a> {

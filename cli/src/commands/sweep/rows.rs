@@ -22,7 +22,7 @@ pub(crate) struct Row {
     pub(crate) count: usize,
     /// Seconds of each repetition, by stage.
     pub(crate) runs: Vec<Vec<(String, f64)>>,
-    /// Seconds spent once, on selecting the planes of all repetitions.
+    /// Seconds spent once, on selecting the planes of all repetitions, or on the depth of the first target's photos.
     pub(crate) once: f64,
     pub(crate) score: Option<Score>,
     /// Against the result on the most planes at the same size, if that was rendered.
@@ -49,6 +49,10 @@ impl Row {
 
     pub(crate) fn name(&self) -> String {
         format!("{}, {}", self.layers, self.engine)
+    }
+
+    pub(super) fn along_surface(&self) -> bool {
+        self.layers.starts_with("surface:")
     }
 
     /// Seconds of all stages, a number per repetition, sorted.

@@ -67,7 +67,8 @@ pub(crate) fn run(args: &WorkerArgs) -> Result<Output> {
     let sources = |shot: &Shot| job.photos().names(&shot.views).into_iter().map(str::to_owned).collect::<Vec<_>>();
     send_line(&json!({
         "ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]),
-        "engine": job.model.provider_and_precision(), "layers": job.layers().to_string(), "model": shown(&job.model.path), "views": shots.iter().map(sources).collect::<Vec<_>>(),
+        "engine": job.model.engine(), "layers": job.layers().to_string(), "model": job.model.path().map(shown),
+        "views": shots.iter().map(sources).collect::<Vec<_>>(),
     }))?;
     let mut worker = Renders { kept: shots.iter().map(|_| None).collect(), job, shots };
     for line in std::io::stdin().lock().lines() {

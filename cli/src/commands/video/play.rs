@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::{Result, anyhow, bail};
 use liveview::geometry::choose_views;
 use liveview::live::{LiveError, LiveSession, LiveSettings, Policy};
-use liveview::network::OrtNetwork;
+use liveview::network::PlaneNetwork;
 use liveview::{Camera, ImageRgb, LayerSpec};
 
 use super::gather::{Clock, Faults, Gathering};
@@ -24,6 +24,7 @@ use super::viewpoint::Viewpoint;
 use crate::args::layers::given_or_recommended;
 use crate::console::{Output, print_notes, progress};
 use crate::interrupt;
+use crate::network::Network;
 
 /// Cameras read beyond those that a frame needs, in case one delivers nothing.
 const SPARE: usize = 2;
@@ -36,14 +37,14 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     print_notes(&rig.photos.scene().notes);
     let viewpoint = args.viewpoint.resolve(&rig.photos)?;
     let (renderer, model) = args.model.open()?;
-    let views = renderer.network().card().views;
+    let views = renderer.network().views();
     let layers = given_or_recommended(args.layers.as_ref(), args.quality, renderer.network())?;
     if let LayerSpec::Surface(_) = layers {
         return Err(LiveError::Unsupported(layers).into());
     }
     let policy = policy(args.policy, &layers)?;
     let mut renderers = args.model.open_smaller(views)?;
-    let fewest = renderers.iter().map(|renderer| renderer.network().card().views).min().unwrap_or(views);
+    let fewest = renderers.iter().map(|renderer| renderer.network().views()).min().unwrap_or(views);
     let read = cameras_to_read(&rig, &viewpoint, fewest, views)?;
     let (near, far) = rig.photos.depth_range(&read)?;
     let mut settings = LiveSettings::new(near, far);
@@ -128,7 +129,7 @@ fn policy(given: Option<Policy>, layers: &LayerSpec) -> Result<Policy> {
 }
 
 /// Renders a picture of each size that the video may have: the first of a size takes longer than all others.
-fn warm_up(session: &mut LiveSession<OrtNetwork>, read: &[usize], target: &Camera, governor: &Governor) -> Result<()> {
+fn warm_up(session: &mut LiveSession<Network>, read: &[usize], target: &Camera, governor: &Governor) -> Result<()> {
     let grey = |camera: &Camera| {
         let (width, height) = (camera.width(), camera.height());
         ImageRgb::new(width, height, vec![0.5; 3 * width * height])

@@ -9,7 +9,6 @@ use std::time::Instant;
 use anyhow::{Result, anyhow};
 use indicatif::ProgressBar;
 use liveview::live::{LayerSource, LiveError, LiveSession};
-use liveview::network::OrtNetwork;
 use liveview::{Camera, ImageRgb, LayerSpec};
 
 use super::gather::{Clock, Gathering, Step};
@@ -20,6 +19,7 @@ use super::sink::Sink;
 use super::tally::Tally;
 use super::viewpoint::Viewpoint;
 use super::writer::{Shown, write};
+use crate::network::Network;
 
 /// Frames between the renderer and the writer.
 const AHEAD: usize = 2;
@@ -27,7 +27,7 @@ const AHEAD: usize = 2;
 /// Renders the time steps, and passes the frames to the writer.
 pub(super) struct Player<'a> {
     pub(super) layers: LayerSpec,
-    pub(super) session: LiveSession<OrtNetwork>,
+    pub(super) session: LiveSession<Network>,
     pub(super) viewpoint: &'a Viewpoint,
     pub(super) truth: Option<usize>,
     pub(super) live: Option<(Governor, Clock)>,

@@ -12,7 +12,7 @@ use super::played::{Played, changes_json};
 use super::rig::Rig;
 use super::tally::STAGES;
 use super::viewpoint::Viewpoint;
-use crate::args::model::ModelInfo;
+use crate::args::model_info::ModelInfo;
 use crate::console::{Output, shown};
 
 const BORDER: usize = Score::BORDER;

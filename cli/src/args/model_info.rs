@@ -1,0 +1,78 @@
+//! What is told of the model and of ONNX Runtime, or of their absence.
+
+use std::path::{Path, PathBuf};
+
+use liveview::network::{ExecutionProvider, ModelCard};
+use serde_json::{Value, json};
+
+use crate::console::shown;
+
+/// What makes the pictures.
+pub(crate) struct ModelInfo {
+    /// `None`: no network.
+    pub(crate) model: Option<OpenedModel>,
+    pub(crate) threads: usize,
+    pub(crate) batch: usize,
+}
+
+/// A model, and ONNX Runtime that runs it.
+pub(crate) struct OpenedModel {
+    pub(crate) path: PathBuf,
+    pub(crate) card: ModelCard,
+    pub(crate) library: PathBuf,
+    pub(crate) provider: ExecutionProvider,
+    /// Precision of the arithmetic: f32, bf16 or int8.
+    pub(crate) precision: String,
+}
+
+impl OpenedModel {
+    /// Execution provider and precision, such as `openvino, int8`.
+    pub(crate) fn provider_and_precision(&self) -> String {
+        format!("{}, {}", self.provider, self.precision)
+    }
+}
+
+impl ModelInfo {
+    /// The model file.
+    pub(crate) fn path(&self) -> Option<&Path> {
+        self.model.as_ref().map(|model| &*model.path)
+    }
+
+    /// Execution provider and precision, or `no network`.
+    pub(crate) fn engine(&self) -> String {
+        self.model.as_ref().map_or_else(|| "no network".into(), OpenedModel::provider_and_precision)
+    }
+
+    pub(crate) fn text(&self) -> String {
+        let Some(model) = &self.model else {
+            return format!("network none: views weighed by distance alone, {} threads\n", self.threads);
+        };
+        format!(
+            "engine  ONNX Runtime ({}), {} {}, {} threads, {} layers at once\nmodel   {}: {}\n",
+            model.library.file_name().unwrap_or_default().display(),
+            model.provider,
+            model.precision,
+            self.threads,
+            self.batch,
+            model.path.display(),
+            model.card.training
+        )
+    }
+
+    pub(crate) fn json(&self) -> Value {
+        let Some(model) = &self.model else {
+            return json!({ "model": null, "engine": { "name": "none", "threads": self.threads, "batch": self.batch } });
+        };
+        let card = &model.card;
+        json!({
+            "model": {
+                "file": shown(&model.path), "views": card.views, "recommended_layers": card.recommended_layers,
+                "training": card.training, "licence": card.licence,
+            },
+            "engine": {
+                "name": "ONNX Runtime", "library": shown(&model.library), "provider": model.provider.name(),
+                "precision": model.precision, "threads": self.threads, "batch": self.batch,
+            },
+        })
+    }
+}

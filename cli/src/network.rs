@@ -1,0 +1,47 @@
+//! What turns warped views into opacities and view weights: a model, or nothing.
+
+use anyhow::Result;
+use liveview::LayerSpec;
+use liveview::network::{NetworkError, NoNetwork, OrtNetwork, PlaneNetwork};
+use ndarray::{ArrayView4, ArrayViewMut4};
+
+/// A model, or none.
+#[derive(Debug)]
+pub(crate) enum Network {
+    Model(Box<OrtNetwork>),
+    None(NoNetwork),
+}
+
+impl Network {
+    /// The layers that the model recommends; without one a single layer along the surface, the only kind on which all equally opaque
+    /// layers make a picture.
+    pub(crate) fn recommended_layers(&self) -> Result<LayerSpec> {
+        match self {
+            Self::Model(network) => {
+                network.recommended_layers().map_err(|error| anyhow::anyhow!("{error}; --layers decides instead"))
+            }
+            Self::None(_) => Ok(LayerSpec::Surface(1)),
+        }
+    }
+
+    /// Whether planes can be selected by their opacities.
+    pub(crate) fn tells_opacity(&self) -> bool {
+        matches!(self, Self::Model(_))
+    }
+}
+
+impl PlaneNetwork for Network {
+    fn views(&self) -> usize {
+        match self {
+            Self::Model(network) => network.views(),
+            Self::None(network) => network.views(),
+        }
+    }
+
+    fn infer(&mut self, hwv: ArrayView4<'_, f32>, logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+        match self {
+            Self::Model(network) => network.infer(hwv, logits),
+            Self::None(network) => network.infer(hwv, logits),
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! `--network none`: pictures from the views' distances alone, without a model or ONNX Runtime.
+
+mod common;
+
+use std::fs;
+
+use assert_cmd::Command;
+use common::{Folders, fixture};
+use serde_json::Value;
+
+/// A command that finds neither a model nor ONNX Runtime.
+fn bare(folders: &Folders, command: &str, arguments: &[&str]) -> Command {
+    let mut bare = folders.liveview(command, arguments);
+    bare.env("ORT_DYLIB_PATH", folders.out("no-library.so")).env("LIVEVIEW_MODELS", folders.out("no-models"));
+    bare
+}
+
+fn run(command: &mut Command) -> String {
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn json(command: &mut Command) -> Value {
+    serde_json::from_str(&run(command.arg("--json"))).unwrap()
+}
+
+#[test]
+fn neither_a_model_nor_a_library_is_needed() {
+    let folders = Folders::new();
+    let picture = folders.out("a.png");
+    let target = ["--target", "2", "-o", &picture];
+    folders.assert_refused(&mut bare(&folders, "render", &target), &["liveview_v4.onnx"]);
+    let model = fixture("tiny_v4");
+    let with_model = [&target[..], &["--model", &model]].concat();
+    folders.assert_refused(&mut bare(&folders, "render", &with_model), &["no-library.so"]);
+
+    let none = [&target[..], &["--network", "none"]].concat();
+    let told = json(&mut bare(&folders, "render", &none));
+    assert_eq!((&told["layers"], &told["model"]), (&"surface:1".into(), &Value::Null));
+    assert_eq!(told["engine"]["name"], "none");
+    assert_eq!(told["targets"][0]["views"].as_array().unwrap().len(), 4, "as with the default model");
+    assert!(told["mean"]["psnr"].as_f64().unwrap() > 30.0, "{told}");
+    let explanation = folders.out("e.png");
+    let three = [&none[..], &["--views", "3", "--explain", &explanation]].concat();
+    let text = run(&mut bare(&folders, "render", &three));
+    assert!(text.contains("from 3 views") && text.contains("network none: views weighed by distance alone"), "{text}");
+}
+
+#[test]
+fn the_record_tells_it_from_a_network() {
+    let folders = Folders::new();
+    let out = folders.out("frames");
+    let path = ["--path", "line:2", "-o", &out, "--layers", "planes:2"];
+    run(bare(&folders, "render", &path).args(["--network", "none"]));
+    let record: Value = serde_json::from_slice(&fs::read(folders.out("frames/liveview.json")).unwrap()).unwrap();
+    assert_eq!((&record["job"]["model"], &record["job"]["engine"]), (&"none".into(), &"no network".into()));
+    let output = folders.render(&path).arg("--resume").output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("\"model\" is none there and tiny_v4.onnx"), "{said}");
+}
+
+#[test]
+fn what_only_a_network_has_is_refused() {
+    let folders = Folders::new();
+    let refused = |command: &str, arguments: &[&str], words: &[&str]| {
+        let arguments = [&["--target", "2", "--network", "none"], arguments].concat();
+        folders.assert_refused(&mut bare(&folders, command, &arguments), words);
+    };
+    let picture = folders.out("a.png");
+    let model = fixture("tiny_v4");
+    for option in [["--model", &model], ["--precision", "f32"], ["--engine", "cpu"], ["--ort-lib", "lib.so"]] {
+        refused("render", &[&["-o", &picture], &option[..]].concat(), &["--network", option[0], "cannot be used with"]);
+    }
+    refused("render", &["-o", &picture, "--layers", "select:2/4"], &["--network none", "select:2/4", "opacities"]);
+    refused("render", &["-o", &picture, "--explain", &picture, "--dense", "8"], &["--dense", "cannot be used with"]);
+    refused("select", &["--layers", "select:2/4"], &["--network none", "select:2/4", "opacities"]);
+    refused("stability", &[], &["--network none", "expected a model"]);
+    refused("sweep", &["-o", &picture, "--engines", "cpu int8"], &["--network", "--engines", "cannot be used with"]);
+}
+
+#[test]
+fn every_logit_is_nought() {
+    let folders = Folders::new();
+    let arguments = ["--target", "2", "--network", "none", "-o", &folders.out("d.npz")];
+    let told = json(&mut bare(&folders, "dump", &arguments));
+    assert_eq!((&told["model"], &told["engine"], &told["library"]), (&Value::Null, &"none".into(), &Value::Null));
+    let mut arrays = ndarray_npy::NpzReader::new(fs::File::open(folders.out("d.npz")).unwrap()).unwrap();
+    let logits: ndarray::Array4<f32> = arrays.by_name("logits").unwrap();
+    assert_eq!(logits.dim(), (1, 4, 48, 64));
+    assert!(logits.iter().all(|&logit| logit == 0.0));
+}

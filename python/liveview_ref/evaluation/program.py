@@ -1,0 +1,80 @@
+"""What the evaluation has rendered by the program: surface layers, with the network and without one. The reference
+takes seconds for the depth of each photo; the program is held against it by the parity of its stages.
+
+The program is given a scene of its own: the photos that a case may be rendered from, and the target, at the case's
+size. It is `liveview dump` whose picture is taken, so that nothing is rounded to 8 bits.
+"""
+
+import json
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..data.held_out import Case, pool_of, resized
+from ..data.image import picture
+from ..data.opengl import flip_axes
+from ..data.scene import Scene
+from ..reference.camera import Camera
+
+TARGET = "target.png"
+SURFACE = 2, 1
+NO_NETWORK = "surface:1, no network"
+
+
+class Program(NamedTuple):
+    """The program, and the model (ONNX) that it runs."""
+
+    binary: Path
+    model: Path
+    threads: int
+
+    def missing(self) -> list[str]:
+        """Why it cannot run: the files that it lacks."""
+        return [f"{path.name} is missing" for path in (self.binary, self.model) if not path.is_file()]
+
+    def surface(self, scene: Scene, spec: dict, target: int, case: Case):
+        """Each number of surface layers, and one without a network. Yields (name, image [3, H, W])."""
+        with tempfile.TemporaryDirectory() as folder:
+            write_scene(Path(folder), scene, spec, target, case)
+            for count in SURFACE:
+                yield f"surface:{count}", self.render(Path(folder), spec, count, ["--model", self.model])
+            without = ["--network", "none", "--views", len(case.views)]
+            yield NO_NETWORK, self.render(Path(folder), spec, 1, without)
+
+    def render(self, folder: Path, spec: dict, layers: int, network: list) -> Tensor:
+        """The target of the scene in this folder."""
+        out = folder / "dump.npz"
+        range_ = [x for end in ("near", "far") if spec.get(end) for x in (f"--{end}", spec[end])]
+        options = ["--target", TARGET, "--layers", f"surface:{layers}", "--threads", self.threads, "-o", out]
+        command = [str(x) for x in (self.binary, "dump", folder, *options, *range_, *network)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            raise RuntimeError(f"{' '.join(command)}: {done.stderr.strip()}")
+        with np.load(out) as arrays:
+            return torch.from_numpy(arrays["frame"])
+
+
+def write_scene(folder: Path, scene: Scene, spec: dict, target: int, case: Case) -> None:
+    """The photos that a case may be rendered from, and its target, as transforms.json."""
+    frames = [entry(folder, TARGET, case.truth, case.target, scene.bounds[target])]
+    for index in pool_of(scene, spec, target):
+        photo = resized(scene.image_u8(index), case.target.width)
+        camera = scene.cameras[index].with_size_scaled(photo.shape[2], photo.shape[1])
+        frames.append(entry(folder, f"{index:04}.png", photo, camera, scene.bounds[index]))
+    (folder / "transforms.json").write_text(json.dumps({"frames": frames}))
+
+
+def entry(folder: Path, name: str, photo: Tensor, camera: Camera, bounds: tuple[float, float] | None) -> dict:
+    """What transforms.json says of a photo [3, H, W], which is written."""
+    picture(photo).save(folder / name, compress_level=1)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = camera.rotation.T.numpy(), camera.centre.numpy()
+    (fx, _, cx), (_, fy, cy) = camera.k[:2].tolist()
+    frame = {"file_path": name, "w": camera.width, "h": camera.height, "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy}
+    range_ = {} if bounds is None else dict(zip(("near", "far"), map(float, bounds), strict=True))
+    return frame | range_ | {"transform_matrix": flip_axes(pose).tolist()}
