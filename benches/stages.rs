@@ -30,7 +30,7 @@ fn camera(shift: f64, turn: f64) -> Camera {
 /// Photos of waves, and what sees them: turned cameras, or a rectified rig.
 fn sources(textures: &[Texture], turn: f64) -> Vec<WarpSource<'_>> {
     let at = |view: usize| camera(0.1 * (view as f64 - 2.0), turn * (view as f64 - 2.0));
-    let source = |(view, texture)| WarpSource { texture, sweep: PlaneSweep::new(&at(view), &camera(0.01, 0.0)) };
+    let source = |(view, texture)| WarpSource::new(texture, PlaneSweep::new(&at(view), &camera(0.01, 0.0)));
     textures.iter().enumerate().map(source).collect()
 }
 

@@ -17,7 +17,7 @@ use crate::layers::guided::Levels;
 use crate::layers::{LayerSpec, Layers, select_disparities, uniform_disparities};
 use crate::network::PlaneNetwork;
 use crate::render::Renderer;
-use crate::warp::{SourceView, Texture};
+use crate::warp::{NO_GAINS, SourceView, Texture};
 
 /// Renders the time steps of a rig, one after the other.
 pub struct LiveSession<N> {
@@ -89,7 +89,11 @@ impl<N: PlaneNetwork> LiveSession<N> {
         let cameras: Vec<&Camera> = views.iter().map(|&view| &self.cameras[view]).collect();
         let sources: Vec<SourceView<'_>> =
             cameras.iter().zip(&textures).map(|(&camera, texture)| SourceView { camera, texture }).collect();
-        let target_views = TargetViews { levels: Levels::new(textures.iter().collect()), cameras, target };
+        let target_views = TargetViews {
+            levels: Levels::new(textures.iter().map(|texture| (texture, NO_GAINS)).collect()),
+            cameras,
+            target,
+        };
         let (layers, layer_source) = self.history.layers(&self.settings, &target_views)?;
         let found = Instant::now();
         let frame = self.renderers[network].render(&sources, target, &layers)?;

@@ -9,42 +9,61 @@ use ndarray::Array2;
 use rayon::prelude::*;
 
 use super::project::Projected;
-use super::{Camera, PhotoDepth, PlaneSweep, Settings};
+use super::{Camera, PhotoDepth, PlaneSweep, Settings, whole};
 
-/// Confirmed pixels of map `which` among `maps`, `[h, w]`.
-pub fn confirmed(which: usize, maps: &[(&Camera, &PhotoDepth)], settings: &Settings) -> Array2<bool> {
-    let (camera, map) = maps[which];
-    let (height, width) = map.disparity.dim();
-    let others: Vec<_> = maps.iter().enumerate().filter(|(other, _)| *other != which).map(|(_, other)| other).collect();
-    let sweeps: Vec<_> = others.iter().map(|(other, _)| PlaneSweep::new(other, camera)).collect();
-    let (agrees, past) = (settings.agree * map.pixel, -settings.past * map.pixel);
-    let mut confirmed = Array2::from_elem((height, width), false);
-    let rows = confirmed.as_slice_mut().expect("standard order").par_chunks_mut(width).enumerate();
-    rows.for_each_init(
-        || (Projected::default(), vec![0_i32; width], vec![0_i32; width]),
-        |(projected, agree, seen_past), (y, out)| {
-            agree.fill(0);
-            seen_past.fill(0);
-            let row = map.disparity.row(y);
-            let row = row.to_slice().expect("standard order");
-            for ((_, other), sweep) in others.iter().zip(&sweeps) {
-                projected.row(sweep, y, row);
-                let (rows, columns) = other.disparity.dim();
-                let cells = other.disparity.as_slice().expect("standard order");
-                for x in 0..width {
-                    let (at_x, at_y) = (projected.x[x], projected.y[x]);
-                    if at_x >= 0.0 && at_y >= 0.0 && at_x < columns as f32 && at_y < rows as f32 {
-                        let own = cells[at_y as usize * columns + at_x as usize];
-                        let nearer = own - projected.disparity[x];
-                        agree[x] += i32::from(nearer.abs() < agrees);
-                        seen_past[x] += i32::from(nearer < past);
-                    }
-                }
-            }
-            for (x, out) in out.iter_mut().enumerate() {
-                *out = agree[x] as f32 >= settings.votes.min(others.len() as f32).max(1.0) && agree[x] >= seen_past[x];
-            }
-        },
-    );
-    confirmed
+/// A map agrees with another at a pixel; it sees past it there. Sums of up to 255 of them stay apart.
+const AGREES: u16 = 1;
+const SEES_PAST: u16 = 256;
+
+/// What another photo's map says of each pixel of a photo's, `[h, w]`; the same however many others there are.
+#[derive(Debug, Clone)]
+pub struct Opinion(Array2<u16>);
+
+impl Opinion {
+    /// Of `other` on `map`.
+    pub fn new(
+        (camera, map): (&Camera, &PhotoDepth),
+        (other_camera, other): (&Camera, &PhotoDepth),
+        settings: &Settings,
+    ) -> Self {
+        let sweep = PlaneSweep::new(other_camera, camera);
+        let margins = (settings.agree * map.pixel, -settings.past * map.pixel);
+        let mut said = Array2::zeros(map.disparity.dim());
+        let width = said.ncols();
+        let rows = said.as_slice_mut().expect("standard order").par_chunks_mut(width).enumerate();
+        rows.for_each_init(Projected::default, |projected, (y, said)| {
+            projected.row(&sweep, y, map.disparity.row(y).to_slice().expect("standard order"));
+            compare(projected, other, margins, said);
+        });
+        Self(said)
+    }
+}
+
+#[pulp::with_simd(compare = pulp::Arch::new())]
+#[inline(always)]
+fn compare_with<'a, S: pulp::Simd>(
+    _simd: S,
+    points: &'a Projected,
+    other: &'a PhotoDepth,
+    (agrees, past): (f32, f32),
+    said: &'a mut [u16],
+) {
+    let (rows, columns) = other.disparity.dim();
+    let cells = other.disparity.as_slice().expect("standard order");
+    let (right, bottom) = (columns as f32, rows as f32);
+    let points = points.x.iter().zip(&points.y).zip(&points.disparity);
+    for (((&x, &y), &disparity), said) in points.zip(said) {
+        if (x >= 0.0) & (y >= 0.0) & (x < right) & (y < bottom) {
+            let at = |at: f32| whole(at.floor()) as usize;
+            let nearer = cells[at(y) * columns + at(x)] - disparity;
+            *said = AGREES * u16::from(nearer.abs() < agrees) + SEES_PAST * u16::from(nearer < past);
+        }
+    }
+}
+
+/// Pixels `[h, w]` of a photo's map that the opinions of other photos' maps confirm; none without any.
+pub fn confirmed(opinions: &[&Opinion], shape: (usize, usize)) -> Array2<bool> {
+    let mut balance = Array2::<u16>::zeros(shape);
+    opinions.iter().for_each(|Opinion(said)| balance += said);
+    balance.mapv(|balance| balance % SEES_PAST >= 1 && balance % SEES_PAST >= balance / SEES_PAST)
 }

@@ -1,8 +1,9 @@
 //! The depth of a scene's photos: each computed when it is first needed, and kept.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::{Camera, KnownDepth, PhotoDepth, Settings, SourceView, confirmed, photo_depth};
+use super::{Camera, KnownDepth, Opinion, PhotoDepth, Settings, SourceView, confirmed, photo_depth};
 use crate::geometry::looking_alike;
 
 /// Depth maps of some photos of a scene, which alone take part: a held-out photo is not among them.
@@ -13,15 +14,17 @@ pub struct DepthMaps {
     far: f64,
     settings: Settings,
     found: Vec<Option<Arc<PhotoDepth>>>,
+    /// What the map of one photo says of another's: `[the other, the one]`.
+    opinions: HashMap<[usize; 2], Opinion>,
     /// What the maps of the last set confirmed of each other.
-    known: Option<(Vec<usize>, Vec<Arc<KnownDepth>>)>,
+    known: Option<HashMap<usize, Arc<KnownDepth>>>,
 }
 
 impl DepthMaps {
     /// For photos of these cameras, to be searched from `near` to `far` (0 < near < far, scene units; far may be infinite).
     pub fn new(cameras: Vec<Camera>, near: f64, far: f64, settings: Settings) -> Self {
         let found = vec![None; cameras.len()];
-        Self { cameras, near, far, settings, found, known: None }
+        Self { cameras, near, far, settings, found, opinions: HashMap::new(), known: None }
     }
 
     /// What it is tuned by.
@@ -36,7 +39,7 @@ impl DepthMaps {
 
     /// Photos that a target is rendered from, nearest first (ties: the earlier): `count`, and as many more as the settings say.
     pub fn photos_for(&self, target: &Camera, count: usize) -> Vec<usize> {
-        self.nearest(target, count + self.settings.extra + self.settings.further, None)
+        self.nearest(target, count + self.settings.extra, None)
     }
 
     /// Photos that photo `index` is matched with, nearest first.
@@ -79,6 +82,7 @@ impl DepthMaps {
     /// A depth found elsewhere, such as in a file.
     pub fn insert(&mut self, index: usize, depth: PhotoDepth) {
         self.found[index] = Some(Arc::new(depth));
+        self.opinions.retain(|pair, _| !pair.contains(&index));
         self.known = None;
     }
 
@@ -86,6 +90,7 @@ impl DepthMaps {
     pub fn retain(&mut self, keep: &[usize]) {
         let others = self.found.iter_mut().enumerate().filter(|(index, _)| !keep.contains(index));
         others.for_each(|(_, found)| *found = None);
+        self.opinions.retain(|pair, _| pair.iter().all(|photo| keep.contains(photo)));
         self.known = None;
     }
 
@@ -96,26 +101,38 @@ impl DepthMaps {
 
     /// The depth of photo `index`, and what its neighbours' confirm of it; `None` if its depth is not known. Neighbours whose depth
     /// is not known are left out.
-    pub fn confirmed_by_neighbours(&self, index: usize) -> Option<(Arc<PhotoDepth>, KnownDepth)> {
+    pub fn confirmed_by_neighbours(&mut self, index: usize) -> Option<(Arc<PhotoDepth>, KnownDepth)> {
         let found = self.found[index].clone()?;
-        let others = self.neighbours(index).into_iter();
-        let others = others.filter_map(|other| Some((&self.cameras[other], self.found[other].as_deref()?)));
-        let maps: Vec<_> = std::iter::once((&self.cameras[index], &*found)).chain(others).collect();
-        let known = KnownDepth::new(&found, &confirmed(0, &maps, &self.settings));
+        let known = self.confirmed_by(index, &self.neighbours(index));
         Some((found, known))
     }
 
     /// What the maps of these photos confirm of each other, in their order; photos whose depth is not known are left out.
-    pub fn known(&mut self, set: &[usize]) -> Vec<(usize, Arc<PhotoDepth>, Arc<KnownDepth>)> {
+    pub fn known(&mut self, set: &[usize]) -> Vec<Arc<KnownDepth>> {
         let set: Vec<usize> = set.iter().copied().filter(|&index| self.found[index].is_some()).collect();
-        let found: Vec<_> = set.iter().filter_map(|&index| self.found[index].clone()).collect();
-        if self.known.as_ref().is_none_or(|(of, _)| *of != set) {
-            let maps: Vec<_> = set.iter().zip(&found).map(|(&index, map)| (&self.cameras[index], &**map)).collect();
-            let one = |k: usize| Arc::new(KnownDepth::new(&found[k], &confirmed(k, &maps, &self.settings)));
-            let known = (0..set.len()).map(one).collect();
-            self.known = Some((set.clone(), known));
+        let known =
+            self.known.take().filter(|known| known.len() == set.len() && set.iter().all(|i| known.contains_key(i)));
+        let known = known.unwrap_or_else(|| {
+            set.iter().map(|&index| (index, Arc::new(self.confirmed_by(index, &set)))).collect::<HashMap<_, _>>()
+        });
+        let in_order = set.iter().map(|index| Arc::clone(&known[index])).collect();
+        self.known = Some(known);
+        in_order
+    }
+
+    /// What the maps of `others` confirm of the photo's own, which is known.
+    fn confirmed_by(&mut self, index: usize, others: &[usize]) -> KnownDepth {
+        let found = self.found[index].as_ref().expect("known");
+        let maps = others.iter().filter(|&&other| other != index);
+        let maps: Vec<_> = maps.filter_map(|&other| Some((other, self.found[other].as_ref()?))).collect();
+        for &(other, map) in &maps {
+            let opinion = || {
+                let (camera, other_camera) = (&self.cameras[index], &self.cameras[other]);
+                Opinion::new((camera, found), (other_camera, map), &self.settings)
+            };
+            self.opinions.entry([other, index]).or_insert_with(opinion);
         }
-        let known = self.known.iter().flat_map(|(_, known)| known.iter().cloned());
-        set.into_iter().zip(found).zip(known).map(|((index, found), known)| (index, found, known)).collect()
+        let opinions: Vec<_> = maps.iter().map(|(other, _)| &self.opinions[&[*other, index]]).collect();
+        KnownDepth::new(found, &confirmed(&opinions, found.disparity.dim()))
     }
 }

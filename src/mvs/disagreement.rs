@@ -1,8 +1,8 @@
 //! How little the views that see a pixel agree about it: the variance of their colours, over a window.
 //!
 //! Of the views with a coverage above 0.5 and a visibility of 1 (two at least): Σ (c − mean)² over views and channels, divided by
-//! 3·(n − 1), computed as (Σ c² − (Σ c)²/n); c is the sample divided by its coverage, less 0.5. With fewer views, and above: 0.02.
-//! Then the mean over a window of (2·radius + 1)² pixels, clipped to the map.
+//! 3·(n − 1), computed as (Σ c² − (Σ c)²/n); c is the sample divided by its coverage, times the view's gain, less 0.5. With fewer
+//! views, and above: 0.02. Then the mean over a window of 7×7 pixels, clipped to the map.
 
 use rayon::prelude::*;
 
@@ -12,6 +12,8 @@ use super::{RUN, RunCoverage, SamplePositions, WarpSource, sample};
 pub(super) const MOST: f32 = 0.02;
 /// What colours are measured from.
 const GREY: f32 = 0.5;
+/// Radius of the window, pixels.
+const RADIUS: usize = 3;
 /// Rows that a thread takes at a time.
 const BAND: usize = 16;
 
@@ -21,29 +23,32 @@ pub(super) struct Views<'a> {
     pub(super) visible: &'a [Vec<f32>],
 }
 
-/// Disagreement on `surface` (row by row, `width` wide, a multiple of 8) moved by each of `offsets`: `[offsets][h·w]`.
-pub(super) fn disagreement(
-    views: &Views<'_>,
-    surface: &[f32],
-    width: usize,
-    offsets: &[f32],
-    radius: usize,
-) -> Vec<Vec<f32>> {
-    let mut out = vec![vec![0.0; surface.len()]; offsets.len()];
-    let mut bands: Vec<Vec<&mut [f32]>> = (0..surface.len().div_ceil(BAND * width)).map(|_| Vec::new()).collect();
-    for plane in &mut out {
-        plane.chunks_mut(BAND * width).zip(&mut bands).for_each(|(rows, band)| band.push(rows));
-    }
-    let size = (surface.len() / width, width);
-    bands.into_par_iter().enumerate().for_each_init(
-        || Scratch::new(width, radius),
-        |scratch, (index, mut band)| {
-            for (&offset, rows) in offsets.iter().zip(&mut band) {
-                window_rows(views, (surface, size), offset, (index * BAND, radius), scratch, rows);
-            }
-        },
+/// Disagreement `[h·w]` on `surface` (row by row, `width` wide, a multiple of 8) at the pixels whose `asked` is below 0; 0 elsewhere.
+pub(super) fn disagreement(views: &Views<'_>, surface: &[f32], width: usize, asked: &[f32]) -> Vec<f32> {
+    let mut out = vec![0.0; surface.len()];
+    let bands = out.par_chunks_mut(BAND * width).enumerate();
+    let map = Map { surface, asked, width, height: surface.len() / width };
+    bands.for_each_init(
+        || Scratch::new(width),
+        |scratch, (index, rows)| window_rows(views, &map, index * BAND, scratch, rows),
     );
     out
+}
+
+/// A surface, and where it is asked about.
+struct Map<'a> {
+    surface: &'a [f32],
+    asked: &'a [f32],
+    width: usize,
+    height: usize,
+}
+
+impl Map<'_> {
+    /// Whether a pixel of these rows and columns is asked about.
+    fn asks(&self, mut rows: std::ops::Range<usize>, columns: std::ops::Range<usize>) -> bool {
+        let columns = columns.start..columns.end.min(self.width);
+        rows.any(|y| y < self.height && self.asked[y * self.width..][columns.clone()].iter().any(|&asked| asked < 0.0))
+    }
 }
 
 struct Scratch {
@@ -53,10 +58,10 @@ struct Scratch {
 }
 
 impl Scratch {
-    fn new(width: usize, radius: usize) -> Self {
+    fn new(width: usize) -> Self {
         let stride = width.next_multiple_of(RUN);
         Self {
-            values: vec![0.0; (BAND + 2 * radius) * stride],
+            values: vec![0.0; (BAND + 2 * RADIUS) * stride],
             sums: vec![0.0; stride + 2 * RUN],
             taps: SamplePositions::NONE,
         }
@@ -68,27 +73,26 @@ impl Scratch {
 fn window_rows_with<'a, S: pulp::Simd>(
     simd: S,
     views: &'a Views<'a>,
-    (surface, (height, width)): (&'a [f32], (usize, usize)),
-    offset: f32,
-    (first, radius): (usize, usize),
+    map: &'a Map<'a>,
+    first: usize,
     scratch: &'a mut Scratch,
     out: &'a mut [f32],
 ) {
+    let Map { surface, asked, width, height } = *map;
     let stride = width.next_multiple_of(RUN);
     let rows = out.len() / width;
-    let (begin, end) = (first.saturating_sub(radius), (first + rows + radius).min(height));
-    for y in begin..end {
-        for start in (0..width).step_by(RUN) {
+    let (begin, end) = (first.saturating_sub(RADIUS), (first + rows + RADIUS).min(height));
+    for start in (0..width).step_by(RUN) {
+        if !map.asks(begin..end, start.saturating_sub(RADIUS)..start + RUN + RADIUS) {
+            continue;
+        }
+        for y in begin..end {
             let wide = RUN.min(width - start);
             let span = y * width + start..y * width + start + wide;
             let mut disparity = [0.0; RUN];
             disparity[..wide].copy_from_slice(&surface[span.clone()]);
             let last = disparity[wide - 1];
             disparity[wide..].fill(last);
-            for d in &mut disparity {
-                let moved = *d + offset;
-                *d = if moved > 0.0 { moved } else { 0.0 };
-            }
             let mut sums = [[0.0_f32; RUN]; 3];
             let (mut squares, mut number) = ([0.0_f32; RUN], [0.0_f32; RUN]);
             for (source, visible) in views.sources.iter().zip(views.visible) {
@@ -101,13 +105,16 @@ fn window_rows_with<'a, S: pulp::Simd>(
                 let mut weight = [0.0; RUN];
                 weight[..wide].copy_from_slice(&visible[span.clone()]);
                 let [red, green, blue, coverage] = &samples;
+                let gains = source.gains;
                 for i in 0..RUN {
                     let seen = coverage[i] > 0.5;
                     let w = if seen { weight[i] } else { 0.0 };
                     let share = w / if seen { coverage[i] } else { 1.0 };
                     // Less a grey, which changes no variance but spares half its digits in the difference below.
                     let grey = GREY * w;
-                    let (r, g, b) = (red[i] * share - grey, green[i] * share - grey, blue[i] * share - grey);
+                    let r = red[i] * share * gains[0] - grey;
+                    let g = green[i] * share * gains[1] - grey;
+                    let b = blue[i] * share * gains[2] - grey;
                     sums[0][i] += r;
                     sums[1][i] += g;
                     sums[2][i] += b;
@@ -130,24 +137,23 @@ fn window_rows_with<'a, S: pulp::Simd>(
     }
     for (row, out) in out.chunks_exact_mut(width).enumerate() {
         let y = first + row;
-        let (top, bottom) = (y.saturating_sub(radius), (y + radius + 1).min(height));
-        let sums = &mut scratch.sums[radius..radius + width];
+        let asked = &asked[y * width..(y + 1) * width];
+        if asked.iter().all(|&asked| asked >= 0.0) {
+            continue;
+        }
+        let (top, bottom) = (y.saturating_sub(RADIUS), (y + RADIUS + 1).min(height));
+        let sums = &mut scratch.sums[RADIUS..RADIUS + width];
         sums.fill(0.0);
         for y in top..bottom {
             let values = &scratch.values[(y - begin) * stride..][..width];
             sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
         }
-        scratch.sums[..radius].fill(0.0);
-        scratch.sums[radius + width..][..radius].fill(0.0);
-        let size = 2 * radius + 1;
-        let rows = (bottom - top) as f32;
-        for (x, out) in out.iter_mut().enumerate() {
-            let mut total = scratch.sums[x];
-            for i in 1..size {
-                total += scratch.sums[x + i];
-            }
-            let columns = (x + radius + 1).min(width) - x.saturating_sub(radius);
-            *out = total / (rows * columns as f32);
+        scratch.sums[..RADIUS].fill(0.0);
+        scratch.sums[RADIUS + width..][..RADIUS].fill(0.0);
+        for x in (0..width).filter(|&x| asked[x] < 0.0) {
+            let total = scratch.sums[x..=x + 2 * RADIUS].iter().fold(0.0, |total, sum| total + sum);
+            let columns = (x + RADIUS + 1).min(width) - x.saturating_sub(RADIUS);
+            out[x] = total / ((bottom - top) * columns) as f32;
         }
     }
 }

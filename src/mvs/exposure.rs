@@ -1,9 +1,9 @@
 //! Gains that bring photos of different exposure or white balance to one that lies between theirs: a factor per colour channel.
 //!
 //! A confirmed depth of a photo, carried to the first photo, corresponds to the pixel it falls on where that photo's own confirmed
-//! depth agrees with it within 2 px (the photo's pixel of parallax). Over every fourth such pixel of every fourth row whose
+//! depth agrees with it within 2 px (the photo's pixel of parallax). Over every eighth such pixel of every eighth row whose
 //! channel lies in \[0.05, 0.95\] in both photos the gain is the median of the first photo's value over the photo's. With fewer
-//! than 200 of them in any channel all gains of that photo are 1.
+//! than 100 of them in any channel all gains of that photo are 1.
 //!
 //! So far all photos have become like the first. What a camera at the target would have seen is unknown; the weighted geometric
 //! mean of the photos' exposures is the guess that scores best and that changes smoothly along a path: gain i becomes
@@ -15,11 +15,11 @@ use super::project::Projected;
 use super::{PlaneSweep, SurfaceView};
 
 /// Rows and columns between the pixels that are looked at.
-const STEP: usize = 4;
+const STEP: usize = 8;
 /// Values that are neither lost in noise nor clipped.
 const USABLE: std::ops::RangeInclusive<f32> = 0.05..=0.95;
 /// Fewest correspondences that a gain is told from.
-const ENOUGH: usize = 200;
+const ENOUGH: usize = 100;
 
 /// Gains of each view, by channel; `distances` are those of the views from the target, scene units.
 pub fn exposure_gains(views: &[SurfaceView<'_>], distances: &[f64]) -> Vec<[f32; 3]> {
@@ -60,7 +60,7 @@ fn gains(view: &SurfaceView<'_>, first: &SurfaceView<'_>) -> Option<[f32; 3]> {
             }
             let (at_x, at_y) = (at_x as usize, at_y as usize);
             let own = first.known.disparity[(at_y, at_x)];
-            if own < 0.0 || (own - projected.disparity[x]).abs() >= 2.0 * view.all.pixel {
+            if own < 0.0 || (own - projected.disparity[x]).abs() >= 2.0 * view.known.pixel {
                 continue;
             }
             let (here, there) = (view.view.texture.pixel(x, y), first.view.texture.pixel(at_x, at_y));

@@ -15,6 +15,7 @@ mod consistency;
 mod depth_maps;
 mod disagreement;
 mod exposure;
+mod extremes;
 mod grid;
 mod holes;
 mod median;
@@ -30,16 +31,16 @@ mod visibility;
 
 use ndarray::Array2;
 
-pub use consistency::confirmed;
+pub use consistency::{Opinion, confirmed};
 pub use depth_maps::DepthMaps;
 pub use exposure::exposure_gains;
 pub use photo_depth::{PhotoDepth, photo_depth};
 pub use surface::{Surface, SurfaceView, surface};
-pub use visibility::Visibility;
-pub(crate) use visibility::WarpedLayer;
+pub(crate) use visibility::WarpedLayers;
+pub use visibility::{Visibility, VisibleView};
 
 use crate::geometry::{Camera, PlaneSweep, Size};
-use crate::layers::guided::{neighbourhood, parallax};
+use crate::layers::guided::parallax;
 use crate::layers::{Layers, LayersError, padded};
 use crate::warp::{RUN, RunCoverage, SamplePositions, SourceView, Texture, WarpSource, sample, whole};
 
@@ -48,13 +49,16 @@ use crate::warp::{RUN, RunCoverage, SamplePositions, SourceView, Texture, WarpSo
 pub struct KnownDepth {
     /// 1/scene unit, `[h, w]`; −1 where nothing confirms it.
     pub disparity: Array2<f32>,
+    /// Disparity that is worth one pixel of parallax ([`PhotoDepth::pixel`]).
+    pub pixel: f32,
 }
 
 impl KnownDepth {
     /// Of what a search found, what is confirmed.
     pub fn new(found: &PhotoDepth, confirmed: &Array2<bool>) -> Self {
         let keep = |&disparity: &f32, &confirmed: &bool| if confirmed { disparity } else { -1.0 };
-        Self { disparity: ndarray::Zip::from(&found.disparity).and(confirmed).map_collect(keep) }
+        let disparity = ndarray::Zip::from(&found.disparity).and(confirmed).map_collect(keep);
+        Self { disparity, pixel: found.pixel }
     }
 }
 
@@ -66,18 +70,8 @@ pub struct Settings {
     pub neighbours: usize,
     /// Photos beyond the V of the picture that its surface is found with.
     pub extra: usize,
-    /// Photos beyond those that fill what none of them knows or sees.
-    pub further: usize,
-    /// Views that judge the refinement of the surface, nearest first.
-    pub judges: usize,
     /// Distance of the planes of the first search, px.
     pub spacing: f64,
-    /// Radius of the windows of the first search, cells; at most 2.
-    pub radius: usize,
-    /// Radius of the windows at full resolution, pixels; at most 2.
-    pub fine_radius: usize,
-    /// Whether to search at full resolution at all.
-    pub full: bool,
     /// Planes of the second search for one of the first.
     pub parts: usize,
     /// Penalty of a step to the next plane.
@@ -86,53 +80,33 @@ pub struct Settings {
     pub jump: f32,
     /// Difference of colour that halves the latter.
     pub edge: f32,
-    /// Within how many px another map confirms a depth.
+    /// Within how many px another map confirms a depth, and two depths carried to the target are one surface.
     pub agree: f32,
     /// From how many px on another map contradicts it.
     pub past: f32,
-    /// How many other maps must confirm it.
-    pub votes: f32,
+    /// How many px behind another depth one may lie that is averaged with it where both are carried to the target.
+    pub fuse: f32,
+    /// Share of the target's pixels without a confirmed depth from which on they are searched at the target as well.
+    pub search_holes: f64,
     /// How much nearer a view's own depth must be to hide a point, px.
     pub hides: f32,
-    /// Whether holes have a second candidate.
-    pub second: bool,
-    /// Whether that is the search at the target; else all depths, confirmed or not, carried there.
-    pub searched: bool,
-    /// Depths of photos are averaged up to this far behind the nearest, px.
-    pub fuse: f32,
-    /// How often the surface is refined.
-    pub refine: usize,
-    /// Radius of the windows of that, pixels.
-    pub refine_radius: usize,
-    /// What an offset of one px costs there; its square as many times.
-    pub stay: f32,
 }
 
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            neighbours: 4,
+            neighbours: 5,
             extra: 2,
-            further: 0,
-            judges: 6,
             spacing: 1.0,
-            radius: 0,
-            fine_radius: 0,
-            full: true,
             parts: 2,
             step: 0.01,
             jump: 0.12,
             edge: 0.05,
             agree: 2.0,
             past: 4.0,
+            fuse: 3.0,
+            search_holes: 0.05,
             hides: 4.0,
-            second: true,
-            searched: true,
-            fuse: 2.0,
-            votes: 1.0,
-            refine: 1,
-            refine_radius: 1,
-            stay: 2e-5,
         }
     }
 }

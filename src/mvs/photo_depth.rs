@@ -49,25 +49,18 @@ pub fn photo_depth(
     let halves: Vec<Texture> = neighbours.iter().map(|n| n.texture.shrunk(2)).collect();
     let half = Planes::new(&photo.texture.shrunk(2));
     let sources: Vec<_> =
-        halves.iter().zip(&sweeps).map(|(texture, sweep)| WarpSource { texture, sweep: sweep.shrunk(2.0) }).collect();
-    let volume = costs(&half, &sources, &grid, Candidates::All, settings.radius);
+        halves.iter().zip(&sweeps).map(|(texture, sweep)| WarpSource::new(texture, sweep.shrunk(2.0))).collect();
+    let volume = costs(&half, &sources, &grid, Candidates::All);
     let found = aggregate(&volume, &half, &grid, Candidates::All, &penalties);
     drop(volume);
     let index = median3(&found, half.width);
 
-    if !settings.full {
-        let disparity = Array2::from_shape_fn((size.height, size.width), |(y, x)| {
-            grid.disparity(index[y / 2 * half.width + x / 2])
-        });
-        return PhotoDepth { disparity, pixel };
-    }
     let fine = grid.divided(settings.parts);
     let starts = bands(&index, half.width, settings.parts, fine.count());
     let candidates = Candidates::Two { starts: &starts, columns: half.width, share: 2 };
     let whole = Planes::new(photo.texture);
-    let sources: Vec<_> =
-        neighbours.iter().zip(&sweeps).map(|(n, &sweep)| WarpSource { texture: n.texture, sweep }).collect();
-    let volume = costs(&whole, &sources, &fine, candidates, settings.fine_radius);
+    let sources: Vec<_> = neighbours.iter().zip(&sweeps).map(|(n, &sweep)| WarpSource::new(n.texture, sweep)).collect();
+    let volume = costs(&whole, &sources, &fine, candidates);
     let found = aggregate(&volume, &whole, &fine, candidates, &penalties);
     let index = median3(&found, whole.width);
     let disparity = index.iter().map(|&index| fine.disparity(index)).collect();

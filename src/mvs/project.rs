@@ -20,10 +20,15 @@ pub(super) struct Projected {
 impl Projected {
     /// Row `y`, whose pixels lie at `disparity`.
     pub(super) fn row(&mut self, other_from_here: &PlaneSweep, y: usize, disparity: &[f32]) {
+        self.part(other_from_here, (0, y), disparity);
+    }
+
+    /// Part of a row, from column `x` of row `y` on, whose pixels lie at `disparity`.
+    pub(super) fn part(&mut self, other_from_here: &PlaneSweep, (x, y): (usize, usize), disparity: &[f32]) {
         for values in [&mut self.x, &mut self.y, &mut self.disparity] {
             values.resize(disparity.len(), 0.0);
         }
-        project_row(other_from_here, y, disparity, [&mut self.x, &mut self.y, &mut self.disparity]);
+        project_row(other_from_here, (x, y), disparity, [&mut self.x, &mut self.y, &mut self.disparity]);
     }
 }
 
@@ -32,7 +37,7 @@ impl Projected {
 fn project_row_with<'a, S: pulp::Simd>(
     _simd: S,
     sweep: &'a PlaneSweep,
-    row: usize,
+    (column, row): (usize, usize),
     disparity: &'a [f32],
     [to_x, to_y, to_disparity]: [&'a mut Vec<f32>; 3],
 ) {
@@ -41,7 +46,7 @@ fn project_row_with<'a, S: pulp::Simd>(
     let count = disparity.len();
     let (to_x, to_y, to_disparity) = (&mut to_x[..count], &mut to_y[..count], &mut to_disparity[..count]);
     for i in 0..count {
-        let (x, d) = (f64::from(i as i32), f64::from(disparity[i]));
+        let (x, d) = (f64::from((column + i) as i32), f64::from(disparity[i]));
         let w = begin.z + homography.x_axis.z * x + epipole.z * d;
         let u = begin.x + homography.x_axis.x * x + epipole.x * d;
         let v = begin.y + homography.x_axis.y * x + epipole.y * d;

@@ -1,42 +1,61 @@
-//! Depths of photos carried to the target: each pixel as a square of half a pixel's side, nearest wins.
+//! Depths of photos carried to the target: each pixel as a square of 0.4 pixels' side, nearest wins.
 //!
-//! A point lies in the pixels that hold its four corners (±0.25 pixel); of each photo's points each pixel keeps the largest
-//! disparity. Over the photos: the mean, in f32 and in their order, of those at most `fuse` behind the largest of all.
+//! A point lies in the pixels that hold its four corners (±0.2 pixel); of each photo's points each pixel keeps the largest
+//! disparity. Over the photos: the largest that another photo has within `agree` of it, or the largest of all if there is no such
+//! pair (docs/experiments.md); then the mean, in f32 and in their order, of those at most `fuse` behind that.
 
 use rayon::prelude::*;
 
 use super::project::Projected;
-use super::{Camera, KnownDepth, PlaneSweep, Size, whole};
+use super::{Camera, KnownDepth, PlaneSweep, RUN, Size, whole};
 
 /// Half a side of a point, in pixels.
-const HALF: f32 = 0.25;
+const HALF: f32 = 0.2;
 
-/// Disparity of each pixel of a padded target of `size`, row by row; −1 where nothing falls.
-pub(super) fn splat(maps: &[(&Camera, &KnownDepth)], target: &Camera, size: Size, fuse: f32) -> Vec<f32> {
+/// Disparity of each pixel of a padded target of `size`, row by row; −1 where nothing falls. `agree` and `fuse`: 1/scene unit.
+pub(super) fn splat(
+    maps: &[(&Camera, &KnownDepth)],
+    target: &Camera,
+    size: Size,
+    (agree, fuse): (f32, f32),
+) -> Vec<f32> {
     let each: Vec<Vec<f32>> = maps.par_iter().map(|map| splat_one(map, target, size)).collect();
     let mut fused = vec![-1.0; size.pixels()];
     fused.par_chunks_mut(size.width).enumerate().for_each(|(y, fused)| {
-        let rows: Vec<&[f32]> = each.iter().map(|map| &map[y * size.width..(y + 1) * size.width]).collect();
-        fuse_row(&rows, fuse, fused);
+        let begin = (y + 1) * (size.width + 2) + 1;
+        let rows: Vec<&[f32]> = each.iter().map(|map| &map[begin..begin + size.width]).collect();
+        fuse_row(&rows, (agree, fuse), fused);
     });
     fused
 }
 
 #[pulp::with_simd(fuse_row = pulp::Arch::new())]
 #[inline(always)]
-fn fuse_row_with<'a, S: pulp::Simd>(_simd: S, rows: &'a [&'a [f32]], fuse: f32, fused: &'a mut [f32]) {
+fn fuse_row_with<'a, S: pulp::Simd>(_simd: S, rows: &'a [&'a [f32]], (agree, fuse): (f32, f32), fused: &'a mut [f32]) {
     let width = fused.len();
-    for row in rows {
+    let mut paired = vec![-1.0; width];
+    for (k, row) in rows.iter().enumerate() {
         let row = &row[..width];
         for x in 0..width {
             fused[x] = if row[x] > fused[x] { row[x] } else { fused[x] };
         }
+        for other in &rows[..k] {
+            let other = &other[..width];
+            for x in 0..width {
+                let (near, far) = if row[x] > other[x] { (row[x], other[x]) } else { (other[x], row[x]) };
+                let pair = (far >= 0.0) & (near - far <= agree) & (near > paired[x]);
+                paired[x] = if pair { near } else { paired[x] };
+            }
+        }
+    }
+    for x in 0..width {
+        fused[x] = if paired[x] >= 0.0 { paired[x] } else { fused[x] };
     }
     let (mut sum, mut number) = (vec![0.0_f32; width], vec![0.0_f32; width]);
     for row in rows {
         let row = &row[..width];
         for x in 0..width {
-            let counts = (row[x] >= 0.0) & (fused[x] - row[x] <= fuse);
+            let counts = (row[x] >= 0.0) & (row[x] <= fused[x]) & (fused[x] - row[x] <= fuse);
             sum[x] += if counts { row[x] } else { 0.0 };
             number[x] += if counts { 1.0 } else { 0.0 };
         }
@@ -46,31 +65,52 @@ fn fuse_row_with<'a, S: pulp::Simd>(_simd: S, rows: &'a [&'a [f32]], fuse: f32, 
     }
 }
 
+/// The target with a border of one pixel, which takes what falls just beside it.
 fn splat_one((camera, map): &(&Camera, &KnownDepth), target: &Camera, size: Size) -> Vec<f32> {
-    let mut buffer = vec![-1.0_f32; size.pixels()];
+    let mut buffer = vec![-1.0_f32; (size.width + 2) * (size.height + 2)];
     let (sweep, mut projected) = (PlaneSweep::new(target, camera), Projected::default());
-    let (right, bottom) = (size.width as f32, size.height as f32);
     for (y, row) in map.disparity.outer_iter().enumerate() {
         let row = row.to_slice().expect("standard order");
         projected.row(&sweep, y, row);
-        let points = projected.x.iter().zip(&projected.y).zip(&projected.disparity).zip(row);
-        for (((&x, &y), &disparity), &own) in points {
+        splat_row(&projected, row, size, &mut buffer);
+    }
+    buffer
+}
+
+/// Points of a row, where they lie in the target, and how far away they are in their own photo: below 0 there is none.
+#[pulp::with_simd(splat_row = pulp::Arch::new())]
+#[inline(always)]
+fn splat_row_with<'a, S: pulp::Simd>(
+    _simd: S,
+    points: &'a Projected,
+    own: &'a [f32],
+    size: Size,
+    buffer: &'a mut [f32],
+) {
+    let stride = size.width + 2;
+    let (right, bottom) = (size.width as f32 + HALF, size.height as f32 + HALF);
+    let points = points.x.chunks(RUN).zip(points.y.chunks(RUN)).zip(points.disparity.chunks(RUN)).zip(own.chunks(RUN));
+    // Upper left corner, and how far right and down of it the lower right one lies: 0 or 1.
+    let (mut first, mut across, mut down) = ([0; RUN], [0; RUN], [0; RUN]);
+    for (((x, y), disparity), own) in points {
+        for i in 0..x.len() {
+            let (x, y) = (x[i], y[i]);
             // Behind the camera: at −1.
-            if own < 0.0 || !(x >= -HALF && y >= -HALF && x < right + HALF && y < bottom + HALF) {
-                continue;
-            }
-            let corner = |at: f32| whole(at.floor());
-            let (left, top) = (corner(x - HALF).max(0) as usize, corner(y - HALF).max(0) as usize);
-            let last_x = (corner(x + HALF).max(0) as usize).min(size.width - 1);
-            let last_y = (corner(y + HALF).max(0) as usize).min(size.height - 1);
-            for row in top..=last_y {
-                for held in &mut buffer[row * size.width + left.min(last_x)..=row * size.width + last_x] {
-                    *held = if disparity > *held { disparity } else { *held };
+            let inside = (own[i] >= 0.0) & (x >= -HALF) & (y >= -HALF) & (x < right) & (y < bottom);
+            let [left, right, top, bottom] = [x - HALF, x + HALF, y - HALF, y + HALF].map(|at| whole(at.floor()));
+            first[i] = if inside { (top + 1) * stride as i32 + left + 1 } else { -1 };
+            (across[i], down[i]) = (right - left, bottom - top);
+        }
+        for (i, &disparity) in disparity.iter().enumerate().filter(|(i, _)| first[*i] >= 0) {
+            let (first, across) = (first[i] as usize, across[i] as usize);
+            for at in [first, first + down[i] as usize * stride] {
+                let pair = &mut buffer[at..=at + across];
+                for held in [0, across] {
+                    pair[held] = if disparity > pair[held] { disparity } else { pair[held] };
                 }
             }
         }
     }
-    buffer
 }
 
 #[cfg(test)]
@@ -89,21 +129,32 @@ mod tests {
     #[test]
     fn points_move_by_their_parallax_and_the_nearest_wins() {
         // Disparity 1 moves by eight pixels for a unit's shift.
-        let mut map = KnownDepth { disparity: Array2::from_elem((8, 8), -1.0) };
+        let mut map = KnownDepth { disparity: Array2::from_elem((8, 8), -1.0), pixel: 1.0 };
         map.disparity[(3, 5)] = 1.0;
         map.disparity[(3, 3)] = 0.0;
-        let found = splat(&[(&camera(0.0), &map)], &camera(0.25), Size::new(8, 8), 0.0);
+        let found = splat(&[(&camera(0.0), &map)], &camera(0.25), Size::new(8, 8), (0.0, 0.0));
         let expected = |at: usize| if at == 3 * 8 + 3 { 1.0 } else { -1.0 };
         assert!(found.iter().enumerate().all(|(at, &d)| d == expected(at)), "{found:?}");
     }
 
     #[test]
+    fn a_depth_of_one_photo_alone_gives_way_to_a_pair_behind_it() {
+        let at = |d: f32| KnownDepth { disparity: Array2::from_elem((8, 8), d), pixel: 1.0 };
+        let (a, b, c) = (at(0.5), at(0.25), at(0.125));
+        let here = camera(0.0);
+        let maps = [(&here, &a), (&here, &b), (&here, &b), (&here, &c)];
+        let found = |maps: &[_]| splat(maps, &here, Size::new(8, 8), (0.01, 0.01))[0];
+        assert_eq!((found(&maps), found(&maps[..2])), (0.25, 0.5));
+    }
+
+    #[test]
     fn photos_that_almost_agree_are_averaged() {
-        let at = |d: f32| KnownDepth { disparity: Array2::from_elem((8, 8), d) };
+        let at = |d: f32| KnownDepth { disparity: Array2::from_elem((8, 8), d), pixel: 1.0 };
         let (a, b, c) = (at(0.5), at(0.45), at(0.1));
         let here = camera(0.0);
         let maps = [(&here, &a), (&here, &b), (&here, &c)];
-        assert!(splat(&maps, &here, Size::new(8, 8), 0.1).iter().all(|&d| d == (0.5 + 0.45) / 2.0));
-        assert!(splat(&maps, &here, Size::new(8, 8), 0.0).iter().all(|&d| d == 0.5));
+        let found = |agree: f32, fuse: f32| splat(&maps, &here, Size::new(8, 8), (agree, fuse));
+        assert!(found(0.1, 0.1).iter().all(|&d| d == (0.5 + 0.45) / 2.0));
+        assert!(found(0.0, 0.0).iter().all(|&d| d == 0.5));
     }
 }

@@ -9,9 +9,9 @@ use super::aggregate::{Penalties, aggregate};
 use super::disagreement::Views;
 use super::grid::{Candidates, Grid};
 use super::photo_sweep::{Planes, costs};
-use super::visibility::WarpedLayer;
+use super::visibility::WarpedLayers;
 use super::{Camera, KnownDepth, PlaneSweep, RunCoverage, Settings, Size, SourceView, Texture, Visibility, WarpSource};
-use super::{disagreement, holes, median, photo_depth, splat, surface, visibility};
+use super::{disagreement, holes, median, photo_depth, splat, visibility};
 use crate::warp::{run_coverage_len, warp_layers_again, warp_sources};
 
 /// An even grid of disparities on cells of some pixels, and the part of it that each cell is searched at.
@@ -46,19 +46,14 @@ impl Search<'_> {
 
 /// Matching costs `[h, w, n]` of the n candidates of each cell of `photo`, in units of 1/32768; those of a second segment that
 /// a cell does not have are anything.
-pub fn matching_costs(
-    photo: &SourceView<'_>,
-    neighbours: &[SourceView<'_>],
-    search: &Search<'_>,
-    radius: usize,
-) -> Array3<u16> {
+pub fn matching_costs(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], search: &Search<'_>) -> Array3<u16> {
     let reference = Planes::new(&photo.texture.shrunk(search.cell));
     let textures: Vec<Texture> = neighbours.iter().map(|n| n.texture.shrunk(search.cell)).collect();
     let sweep = |n: &SourceView<'_>| PlaneSweep::new(n.camera, photo.camera).shrunk(search.cell as f64);
     let sources: Vec<_> =
-        textures.iter().zip(neighbours).map(|(texture, n)| WarpSource { texture, sweep: sweep(n) }).collect();
+        textures.iter().zip(neighbours).map(|(texture, n)| WarpSource::new(texture, sweep(n))).collect();
     let grid = search.grid();
-    let volume = search.with_candidates(|candidates| costs(&reference, &sources, &grid, candidates, radius));
+    let volume = search.with_candidates(|candidates| costs(&reference, &sources, &grid, candidates));
     let count = volume.len() / (reference.height * reference.width);
     Array3::from_shape_vec((reference.height, reference.width, count), volume).expect("n per cell")
 }
@@ -87,10 +82,15 @@ pub fn bands(index: &Array2<f32>, parts: usize, count: usize) -> Array3<u16> {
     Array3::from_shape_vec((index.nrows(), index.ncols(), 2), starts.into_flattened()).expect("two per cell")
 }
 
-/// Confirmed depths carried to the padded target of this size; −1 where nothing falls. Those within `fuse` of the nearest are
-/// averaged.
-pub fn splatted(maps: &[(&Camera, &KnownDepth)], target: &Camera, size: Size, fuse: f32) -> Array2<f32> {
-    map(splat::splat(maps, target, size, fuse), size.width)
+/// Confirmed depths carried to the padded target of this size; −1 where nothing falls. Two within `agree` are one surface; those within
+/// `fuse` of it are averaged.
+pub fn splatted(
+    maps: &[(&Camera, &KnownDepth)],
+    target: &Camera,
+    size: Size,
+    (agree, fuse): (f32, f32),
+) -> Array2<f32> {
+    map(splat::splat(maps, target, size, (agree, fuse)), size.width)
 }
 
 /// Holes (below 0) filled with the farthest neighbour, growing.
@@ -119,7 +119,7 @@ pub fn hidden(
     let mut run_coverage = vec![RunCoverage::Partly; views.len() * run_coverage_len(size)];
     let sources = warp_sources(views, target);
     warp_layers_again(flat(layer), &sources, size, &mut colour, &mut coverage, &mut run_coverage);
-    let warped = WarpedLayer {
+    let warped = WarpedLayers {
         disparity: flat(layer),
         colour: &mut colour,
         coverage: &mut coverage,
@@ -132,26 +132,11 @@ pub fn hidden(
     (volume(colour), volume(coverage), Array2::from_shape_vec((height, width), seen).expect("one per pixel"))
 }
 
-/// Disagreement `[offsets, h, w]` of the views on a surface moved by each offset; `visible` is 1 or 0 per view and pixel.
-pub fn disagreed(
-    (sources, visible): (&[WarpSource<'_>], &[Vec<f32>]),
-    surface: &Array2<f32>,
-    offsets: &[f32],
-    radius: usize,
-) -> Array3<f32> {
-    let (height, width) = surface.dim();
-    let found = disagreement::disagreement(&Views { sources, visible }, flat(surface), width, offsets, radius);
-    Array3::from_shape_vec((offsets.len(), height, width), found.concat()).expect("one per offset and pixel")
-}
-
-/// The surface refined within 1.5 pixels of parallax (`pixel` each), median included.
-pub fn refined(
-    (sources, visible): (&[WarpSource<'_>], &[Vec<f32>]),
-    surface: &Array2<f32>,
-    pixel: f32,
-    settings: &Settings,
-) -> Array2<f32> {
-    map(surface::refined(flat(surface), sources, visible, surface.ncols(), pixel, settings), surface.ncols())
+/// Disagreement `[h, w]` of the views on a surface; `visible` is 1 or 0 per view and pixel.
+pub fn disagreed(sources: &[WarpSource<'_>], visible: &[Vec<f32>], surface: &Array2<f32>) -> Array2<f32> {
+    let everywhere = vec![-1.0; surface.len()];
+    let views = Views { sources, visible };
+    map(disagreement::disagreement(&views, flat(surface), surface.ncols(), &everywhere), surface.ncols())
 }
 
 fn flat(values: &Array2<f32>) -> &[f32] {

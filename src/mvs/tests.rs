@@ -81,17 +81,15 @@ fn the_cost_of_a_plane_is_least_where_the_surface_lies_and_most_where_nobody_loo
     let rig = Rig::new();
     let reference = Planes::new(&rig.photos[0]);
     let sweep = |index: usize| PlaneSweep::new(&rig.cameras[index], &rig.cameras[0]);
-    let sources = [1, 2].map(|index| WarpSource { texture: &rig.photos[index], sweep: sweep(index) });
+    let sources = [1, 2].map(|index| WarpSource::new(&rig.photos[index], sweep(index)));
     let grid = Grid::new(1.0 / 0.625, 1.0 / 0.125, 17); // 0.5 is index 4, 0.125 the last
     let count = Candidates::All.count(&grid);
-    for radius in 0..3 {
-        let volume = costs(&reference, &sources, &grid, Candidates::All, radius);
-        let best = |x: usize, y: usize| {
-            let cell = &volume[(y * WIDTH + x) * count..][..grid.count()];
-            (0..grid.count()).min_by_key(|&k| cell[k]).unwrap()
-        };
-        assert_eq!((best(40, 28), best(14, 10)), (4, 16), "radius {radius}");
-    }
+    let volume = costs(&reference, &sources, &grid, Candidates::All);
+    let best = |x: usize, y: usize| {
+        let cell = &volume[(y * WIDTH + x) * count..][..grid.count()];
+        (0..grid.count()).min_by_key(|&k| cell[k]).unwrap()
+    };
+    assert_eq!((best(40, 28), best(14, 10)), (4, 16));
     let beside = WarpSource {
         sweep: PlaneSweep {
             homography_at_infinity: DMat3::from_translation(glam::DVec2::new(1e3, 0.0)),
@@ -99,7 +97,7 @@ fn the_cost_of_a_plane_is_least_where_the_surface_lies_and_most_where_nobody_loo
         },
         ..sources[0]
     };
-    let volume = costs(&reference, &[beside], &grid, Candidates::All, 1);
+    let volume = costs(&reference, &[beside], &grid, Candidates::All);
     assert!(volume.iter().all(|&cost| cost == (0.15 * UNIT).round() as u16));
 }
 
@@ -108,12 +106,12 @@ fn segments_that_cover_the_grid_are_the_whole_grid() {
     let rig = Rig::new();
     let reference = Planes::new(&rig.photos[0]);
     let sweep = PlaneSweep::new(&rig.cameras[2], &rig.cameras[0]);
-    let sources = [WarpSource { texture: &rig.photos[2], sweep }];
+    let sources = [WarpSource::new(&rig.photos[2], sweep)];
     let grid = Grid::new(RANGE.0, RANGE.1, 2 * SEGMENT);
     let starts = vec![[0, SEGMENT as u16]; WIDTH * HEIGHT];
     let two = Candidates::Two { starts: &starts, columns: WIDTH, share: 1 };
     let [all, two] = [Candidates::All, two].map(|candidates| {
-        let volume = costs(&reference, &sources, &grid, candidates, 1);
+        let volume = costs(&reference, &sources, &grid, candidates);
         (aggregate(&volume, &reference, &grid, candidates, &Penalties::default()), volume)
     });
     assert!(all == two);
@@ -182,8 +180,7 @@ fn a_view_does_not_see_what_its_own_depth_hides() {
 #[test]
 fn views_agree_on_the_surface_and_nowhere_else() {
     let rig = Rig::new();
-    let sources = [0, 1, 2]
-        .map(|k| WarpSource { texture: &rig.photos[k], sweep: PlaneSweep::new(&rig.cameras[k], &rig.cameras[0]) });
+    let sources = [0, 1, 2].map(|k| WarpSource::new(&rig.photos[k], PlaneSweep::new(&rig.cameras[k], &rig.cameras[0])));
     let visible = vec![vec![1.0; WIDTH * HEIGHT]; 3];
     let views = Views { sources: &sources, visible: &visible };
     let wall = vec![WALL as f32; WIDTH * HEIGHT];

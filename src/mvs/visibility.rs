@@ -2,39 +2,47 @@
 //!
 //! The view's own depth is taken at the pixel that the point falls on; where that is not confirmed, or outside, nothing hides the
 //! point. What a view does not see has neither colour nor coverage. Where the coverage that is left, summed over the views, is
-//! 0.05 or less, further photos stand in for them: those that see the point (with a coverage above 0.5), in their order, take the
-//! places of the first views, one each, with full coverage. Where none does, all views serve as if none were hidden, and the pixel
-//! counts as unseen.
+//! 0.05 or less, all views serve as if none were hidden, and the pixel counts as unseen. (Further photos in their place: no gain,
+//! docs/experiments.md.)
 
 use rayon::prelude::*;
 
 use super::project::Projected;
-use super::{Camera, KnownDepth, PlaneSweep, RUN, RunCoverage, Size, SourceView};
+use super::{Camera, KnownDepth, PlaneSweep, RUN, RunCoverage, Size, whole};
 
 /// Coverage, summed over the views, from which on a pixel is seen.
 const SEEN: f32 = 0.05;
 
-/// What hides layers of a target from its views.
+/// What hides layers of a target from its views, and how their photos' exposures are balanced.
 #[derive(Debug, Clone)]
 pub struct Visibility<'a> {
-    /// Each view's camera and confirmed depth, in the order of the views.
-    pub views: Vec<(&'a Camera, &'a KnownDepth)>,
-    /// Further photos, nearest first, and their confirmed depth.
-    pub further: Vec<(SourceView<'a>, &'a KnownDepth)>,
+    /// In the order of the views.
+    pub views: Vec<VisibleView<'a>>,
     /// How much nearer than a point the view's own depth must be to hide it, 1/scene unit.
     pub margin: f32,
 }
 
-/// A layer that the views were warped by.
+/// What is known of a view.
+#[derive(Debug, Clone, Copy)]
+pub struct VisibleView<'a> {
+    /// Its camera.
+    pub camera: &'a Camera,
+    /// Its photo's confirmed depth.
+    pub known: &'a KnownDepth,
+    /// What its colours are multiplied by, per channel.
+    pub gains: [f32; 3],
+}
+
+/// Layers that the views were warped by.
 #[derive(Debug)]
-pub(crate) struct WarpedLayer<'a> {
-    /// `[h, w]`, 1/scene unit.
+pub(crate) struct WarpedLayers<'a> {
+    /// `[n, h, w]`, 1/scene unit.
     pub(crate) disparity: &'a [f32],
-    /// `[3V, h, w]`.
+    /// `[n, 3V, h, w]`.
     pub(crate) colour: &'a mut [f32],
-    /// `[V, h, w]`.
+    /// `[n, V, h, w]`.
     pub(crate) coverage: &'a mut [f32],
-    /// What is known of the coverage, by view and row.
+    /// What is known of the coverage, by layer, view and row.
     pub(crate) run_coverage: &'a mut [RunCoverage],
 }
 
@@ -46,17 +54,16 @@ struct Row<'a> {
 }
 
 impl Visibility<'_> {
-    /// Multiply colour and coverage of a layer of `target`, padded to `size`, by 1 or 0. `seen_any` becomes true where a view sees
-    /// it.
-    pub(crate) fn hide(&self, target: &Camera, size: Size, layer: WarpedLayer<'_>, seen_any: &mut [bool]) {
+    /// Multiply colour and coverage of layers of `target`, padded to `size`, by 1 or 0. `seen_any` becomes true where a view sees one
+    /// of them.
+    pub(crate) fn hide(&self, target: &Camera, size: Size, layers: WarpedLayers<'_>, seen_any: &mut [bool]) {
         let (width, plane) = (size.width, size.pixels());
-        let sweeps: Vec<_> = self.views.iter().map(|(camera, _)| PlaneSweep::new(camera, target)).collect();
-        let further: Vec<_> = self.further.iter().map(|(view, _)| PlaneSweep::new(view.camera, target)).collect();
+        let sweeps: Vec<_> = self.views.iter().map(|view| PlaneSweep::new(view.camera, target)).collect();
         let runs = width.div_ceil(RUN);
-        // Rows of all views side by side, so that a thread decides over all of them at once.
-        let mut rows: Vec<Vec<Row<'_>>> = (0..size.height).map(|_| Vec::with_capacity(sweeps.len())).collect();
-        let views = layer.colour.chunks_mut(3 * plane).zip(layer.coverage.chunks_mut(plane));
-        for ((colour, coverage), seen) in views.zip(layer.run_coverage.chunks_mut(size.height * runs)) {
+        // Rows of all layers and views side by side, so that a thread decides over all of them at once.
+        let mut rows: Vec<Vec<Row<'_>>> = (0..size.height).map(|_| Vec::new()).collect();
+        let views = layers.colour.chunks_mut(3 * plane).zip(layers.coverage.chunks_mut(plane));
+        for ((colour, coverage), seen) in views.zip(layers.run_coverage.chunks_mut(size.height * runs)) {
             let (red, rest) = colour.split_at_mut(plane);
             let (green, blue) = rest.split_at_mut(plane);
             let lines = red.chunks_mut(width).zip(green.chunks_mut(width)).zip(blue.chunks_mut(width));
@@ -65,53 +72,39 @@ impl Visibility<'_> {
                 rows.push(Row { colour: [red, green, blue], coverage, seen });
             }
         }
-        let lines = rows.into_par_iter().zip(layer.disparity.par_chunks(width)).zip(seen_any.par_chunks_mut(width));
-        lines.enumerate().for_each_init(
+        let lines = rows.into_par_iter().zip(seen_any.par_chunks_mut(width)).enumerate();
+        lines.for_each_init(
             || (Projected::default(), vec![vec![1.0; width]; sweeps.len()], vec![0.0; width]),
-            |(projected, masks, left), (y, ((mut views, disparity), seen_any))| {
-                left.fill(0.0);
-                for (((sweep, (_, map)), mask), row) in sweeps.iter().zip(&self.views).zip(&mut *masks).zip(&views) {
-                    projected.row(sweep, y, disparity);
-                    see(projected, map, self.margin, mask);
-                    left.iter_mut().zip(&*mask).zip(&*row.coverage).for_each(|((left, m), c)| *left += m * c);
-                }
-                let unseen: Vec<usize> = (0..width).filter(|&x| left[x] <= SEEN).collect();
-                let (mut taken, slots) = (vec![0; unseen.len()], views.len());
-                for ((view, map), sweep) in self.further.iter().zip(&further).take_while(|_| !unseen.is_empty()) {
-                    projected.row(sweep, y, disparity);
-                    for (taken, &x) in taken.iter_mut().zip(&unseen).filter(|(taken, _)| **taken < slots) {
-                        let sample = seen_colour(projected, x, view, map, self.margin);
-                        let Some(colour) = sample else { continue };
-                        if *taken == 0 {
-                            masks.iter_mut().for_each(|mask| mask[x] = 0.0);
-                        }
-                        masks[*taken][x] = 1.0;
-                        let row = &mut views[*taken];
-                        (0..3).for_each(|c| row.colour[c][x] = colour[c]);
-                        row.coverage[x] = 1.0;
-                        row.seen[x / RUN] = RunCoverage::Partly;
-                        *taken += 1;
-                    }
-                }
-                for (taken, &x) in taken.iter().zip(&unseen) {
-                    if *taken == 0 {
-                        masks.iter_mut().for_each(|mask| mask[x] = 1.0);
-                    } else {
-                        left[x] = 1.0;
-                    }
-                }
-                seen_any.iter_mut().zip(&*left).for_each(|(seen, &left)| *seen |= left > SEEN);
-                for (mask, row) in masks.iter_mut().zip(&mut views) {
-                    for (run, mask) in mask.chunks(RUN).enumerate() {
-                        if mask.iter().all(|&m| m == 1.0) || row.seen[run] == RunCoverage::None {
+            |(projected, masks, left), (y, (mut rows, seen_any))| {
+                let mut before: Option<&[f32]> = None;
+                for (disparity, views) in layers.disparity.chunks(plane).zip(rows.chunks_mut(sweeps.len())) {
+                    let disparity = &disparity[y * width..(y + 1) * width];
+                    for start in (0..width).step_by(RUN) {
+                        let run = start..(start + RUN).min(width);
+                        // Most of a layer along a surface lies where the one before it does.
+                        if before.is_some_and(|before| before[run.clone()] == disparity[run.clone()]) {
                             continue;
                         }
-                        row.seen[run] = RunCoverage::Partly;
-                        let span = run * RUN..run * RUN + mask.len();
-                        let [red, green, blue] = &mut row.colour;
-                        for values in [&mut **red, green, blue, row.coverage] {
-                            values[span.clone()].iter_mut().zip(mask).for_each(|(value, m)| *value *= m);
+                        left[run.clone()].fill(0.0);
+                        let left = &mut left[run.clone()];
+                        for (((sweep, view), mask), row) in sweeps.iter().zip(&self.views).zip(&mut *masks).zip(&*views)
+                        {
+                            let mask = &mut mask[run.clone()];
+                            projected.part(sweep, (start, y), &disparity[run.clone()]);
+                            see(projected, view.known, self.margin, mask);
+                            left.iter_mut()
+                                .zip(&*mask)
+                                .zip(&row.coverage[run.clone()])
+                                .for_each(|((left, m), c)| *left += m * c);
                         }
+                        for x in run.clone().filter(|&x| left[x - start] <= SEEN) {
+                            masks.iter_mut().for_each(|mask| mask[x] = 1.0);
+                        }
+                    }
+                    before = Some(disparity);
+                    seen_any.iter_mut().zip(&*left).for_each(|(seen, &left)| *seen |= left > SEEN);
+                    for (mask, row) in masks.iter().zip(views) {
+                        row.hide(mask);
                     }
                 }
             },
@@ -119,29 +112,36 @@ impl Visibility<'_> {
     }
 }
 
-/// The colour of a point of a row in a photo that sees it.
-fn seen_colour(points: &Projected, x: usize, view: &SourceView<'_>, map: &KnownDepth, margin: f32) -> Option<[f32; 3]> {
-    let (at_x, at_y) = (points.x[x], points.y[x]);
-    let (rows, columns) = map.disparity.dim();
-    if !(at_x >= 0.0 && at_y >= 0.0 && at_x < columns as f32 && at_y < rows as f32) {
-        return None;
+impl Row<'_> {
+    /// Multiplies it by a mask of ones and zeros.
+    fn hide(&mut self, mask: &[f32]) {
+        for (run, mask) in mask.chunks(RUN).enumerate() {
+            if mask.iter().all(|&m| m == 1.0) || self.seen[run] == RunCoverage::None {
+                continue;
+            }
+            self.seen[run] = RunCoverage::Partly;
+            let span = run * RUN..run * RUN + mask.len();
+            let [red, green, blue] = &mut self.colour;
+            for values in [&mut **red, green, blue, self.coverage] {
+                values[span.clone()].iter_mut().zip(mask).for_each(|(value, m)| *value *= m);
+            }
+        }
     }
-    if map.disparity[(at_y as usize, at_x as usize)] - points.disparity[x] >= margin {
-        return None;
-    }
-    let [r, g, b, coverage] = view.texture.sample_at(at_x, at_y);
-    (coverage > 0.5).then(|| [r, g, b].map(|value| value / coverage))
 }
 
 /// 1 where the view sees the points of a row, else 0.
-fn see(points: &Projected, map: &KnownDepth, margin: f32, seen: &mut [f32]) {
+#[pulp::with_simd(see = pulp::Arch::new())]
+#[inline(always)]
+fn see_with<'a, S: pulp::Simd>(_simd: S, points: &'a Projected, map: &'a KnownDepth, margin: f32, seen: &'a mut [f32]) {
     let (rows, columns) = map.disparity.dim();
     let cells = map.disparity.as_slice().expect("standard order");
-    for (x, seen) in seen.iter_mut().enumerate() {
-        let (at_x, at_y) = (points.x[x], points.y[x]);
-        let inside = at_x >= 0.0 && at_y >= 0.0 && at_x < columns as f32 && at_y < rows as f32;
-        let own = if inside { cells[at_y as usize * columns + at_x as usize] } else { -1.0 };
-        *seen = if own - points.disparity[x] < margin { 1.0 } else { 0.0 };
+    let (right, bottom) = (columns as f32, rows as f32);
+    let points = points.x.iter().zip(&points.y).zip(&points.disparity);
+    for (((&x, &y), &disparity), seen) in points.zip(seen) {
+        let inside = (x >= 0.0) & (y >= 0.0) & (x < right) & (y < bottom);
+        let at = |at: f32| whole(at.floor()) as usize;
+        let own = if inside { cells[at(y) * columns + at(x)] } else { -1.0 };
+        *seen = if own - disparity < margin { 1.0 } else { 0.0 };
     }
 }
 

@@ -5,7 +5,7 @@ use ndarray::{ArrayView3, ArrayView4, ArrayViewMut4, Axis};
 use super::blend::DistanceWeights;
 use crate::geometry::{Camera, Size};
 use crate::layers::Layer;
-use crate::mvs::{Visibility, WarpedLayer};
+use crate::mvs::{Visibility, WarpedLayers};
 use crate::network::{NetworkError, PlaneNetwork};
 use crate::warp::{RunCoverage, WarpSource, run_coverage_len, warp_layers_again};
 
@@ -79,16 +79,13 @@ impl Buffers {
     /// where some view does.
     pub(crate) fn hide(&mut self, n: usize, visibility: &Visibility<'_>, target: &Camera, seen_any: &mut [bool]) {
         let [pixels, samples, runs] = self.lengths();
-        for slot in 0..n {
-            let samples = slot * samples..(slot + 1) * samples;
-            let layer = WarpedLayer {
-                disparity: &self.disparity[slot * pixels..(slot + 1) * pixels],
-                colour: &mut self.hwv[3 * samples.start..3 * samples.end],
-                coverage: &mut self.coverage[samples],
-                run_coverage: &mut self.run_coverage[slot * runs..(slot + 1) * runs],
-            };
-            visibility.hide(target, self.size, layer, seen_any);
-        }
+        let layers = WarpedLayers {
+            disparity: &self.disparity[..n * pixels],
+            colour: &mut self.hwv[..n * 3 * samples],
+            coverage: &mut self.coverage[..n * samples],
+            run_coverage: &mut self.run_coverage[..n * runs],
+        };
+        visibility.hide(target, self.size, layers, seen_any);
     }
 
     /// Coverage of the layer in `slot`, `[V, h, w]`.
@@ -171,7 +168,7 @@ mod tests {
                 homography_at_infinity: DMat3::from_translation(DVec2::new(-3.3, 0.2)),
                 epipole: DVec3::new(x, y, 0.0),
             };
-            WarpSource { texture: &texture, sweep }
+            WarpSource::new(&texture, sweep)
         };
         let mut buffers = Buffers::default();
         buffers.make_room(3, 3, SIZE);

@@ -82,7 +82,8 @@ impl<N: PlaneNetwork> Renderer<N> {
         self.render_visible(views, None, target, layers, observe)
     }
 
-    /// As [`Self::render_observed`]; with `visibility`, of the same views, each of them counts only where it sees the layer.
+    /// As [`Self::render_observed`]; with `visibility`, of the same views, each of them counts only where it sees the layer, in its
+    /// balanced colours.
     ///
     /// # Errors
     ///
@@ -99,7 +100,10 @@ impl<N: PlaneNetwork> Renderer<N> {
         if views.len() != count {
             return Err(RenderError::Views { expected: count, found: views.len() });
         }
-        let sources = warp_sources(views, target);
+        let mut sources = warp_sources(views, target);
+        for (source, view) in sources.iter_mut().zip(visibility.iter().flat_map(|seen| &seen.views)) {
+            source.gains = view.gains;
+        }
         let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
         let weights = DistanceWeights::new(&distances);
         // Layers can be hidden only behind layers that are composited already.

@@ -217,7 +217,7 @@ impl<N: PlaneNetwork> Synthesizer<N> {
         observe: impl FnMut(&Batch<'_>),
     ) -> Result<Frame, SynthesisError> {
         let Some(seen) = &plan.surface else { return self.render_layers(shot, &plan.layers, observe) };
-        let sources = seen.balanced(&self.photos.sources(&shot.views));
+        let sources = self.photos.sources(&shot.views);
         let visibility = seen.visibility(&sources);
         Ok(self.renderer.render_visible(&sources, Some(&visibility), &shot.target, &plan.layers, observe)?)
     }

@@ -11,10 +11,10 @@ use crate::geometry::distance;
 use crate::layers::{Layers, LayersError};
 use crate::mvs::cache::{DepthKey, PhotoDigest};
 use crate::mvs::{
-    DepthMaps, KnownDepth, PhotoDepth, Settings, Surface, SurfaceView, Visibility, exposure_gains, surface,
+    DepthMaps, KnownDepth, PhotoDepth, Settings, Surface, SurfaceView, Visibility, VisibleView, exposure_gains, surface,
 };
 use crate::scene::Scene;
-use crate::warp::{SourceView, Texture};
+use crate::warp::{NO_GAINS, SourceView};
 
 /// Depth maps of the views that may take part.
 pub(super) struct SceneDepth {
@@ -36,8 +36,6 @@ pub struct SeenSurface {
     known: Vec<Arc<KnownDepth>>,
     /// What each view's photo is multiplied by, per channel, so that all have the exposure that the target is to have.
     gains: Vec<[f32; 3]>,
-    /// The views' photos, multiplied by that.
-    balanced: Vec<Texture>,
 }
 
 impl SeenSurface {
@@ -60,18 +58,15 @@ impl SeenSurface {
         self.surface.layers(count)
     }
 
-    /// The views, with their photos' exposure balanced.
-    pub(super) fn balanced<'a>(&'a self, views: &[SourceView<'a>]) -> Vec<SourceView<'a>> {
-        views.iter().zip(&self.balanced).map(|(view, texture)| SourceView { texture, ..*view }).collect()
-    }
-
-    /// What hides its layers from these views.
+    /// What hides its layers from these views, and balances their photos' exposures.
     pub(super) fn visibility<'a>(&'a self, views: &[SourceView<'a>]) -> Visibility<'a> {
-        Visibility {
-            views: views.iter().zip(&self.known).map(|(view, known)| (view.camera, &**known)).collect(),
-            further: Vec::new(),
-            margin: self.margin,
-        }
+        let view = |((view, known), &gains): ((&SourceView<'a>, &'a Arc<KnownDepth>), _)| VisibleView {
+            camera: view.camera,
+            known,
+            gains,
+        };
+        let views = views.iter().zip(&self.known).zip(&self.gains).map(view).collect();
+        Visibility { views, margin: self.margin }
     }
 }
 
@@ -143,7 +138,7 @@ impl SceneDepth {
     /// # Panics
     ///
     /// If it is not known.
-    pub(super) fn view_depth(&self, view: usize) -> ViewDepth {
+    pub(super) fn view_depth(&mut self, view: usize) -> ViewDepth {
         let photo = self.photo(view);
         let (found, known) = self.maps.confirmed_by_neighbours(photo).expect("searched before");
         let (source, time) = self.sources[photo];
@@ -166,26 +161,26 @@ impl SceneDepth {
     ) -> SeenSurface {
         let photos: Vec<usize> = set.iter().map(|&view| self.photo(view)).collect();
         let known = self.maps.known(&photos);
-        let views: Vec<SurfaceView<'_>> = set
+        let mut views: Vec<SurfaceView<'_>> = set
             .iter()
             .zip(&known)
-            .map(|(&view, (_, all, known))| SurfaceView { view: source(view), all, known })
+            .map(|(&view, known)| SurfaceView { view: source(view), known, gains: NO_GAINS })
             .collect();
-        let distances: Vec<f64> = views.iter().map(|view| distance(view.view.camera, &shot.target)).collect();
-        let gains = if exposure { exposure_gains(&views, &distances) } else { vec![[1.0; 3]; views.len()] };
-        let mut balanced: Vec<Texture> =
-            views.iter().zip(&gains).map(|(view, &gains)| view.view.texture.with_gains(gains)).collect();
-        let views: Vec<SurfaceView<'_>> = views
-            .iter()
-            .zip(&balanced)
-            .map(|(view, texture)| SurfaceView { view: SourceView { texture, ..view.view }, ..*view })
-            .collect();
+        if exposure {
+            let distances: Vec<f64> = views.iter().map(|view| distance(view.view.camera, &shot.target)).collect();
+            let gains = exposure_gains(&views, &distances);
+            views.iter_mut().zip(gains).for_each(|(view, gains)| view.gains = gains);
+        }
         let (near, far) = self.maps.range();
         let settings = self.maps.settings();
-        let surface = surface(&views, views.len(), &shot.target, near, far, settings);
+        let surface = surface(&views, &shot.target, near, far, settings);
         let count = shot.views.len();
-        balanced.truncate(count);
-        let known = known.iter().take(count).map(|(_, _, known)| Arc::clone(known)).collect();
-        SeenSurface { margin: settings.hides * surface.pixel, surface, known, gains: gains[..count].to_vec(), balanced }
+        let gains = views.iter().take(count).map(|view| view.gains).collect();
+        SeenSurface {
+            margin: settings.hides * surface.pixel,
+            surface,
+            known: known.into_iter().take(count).collect(),
+            gains,
+        }
     }
 }

@@ -12,7 +12,7 @@ mod volume;
 
 pub(crate) use bilinear::sample;
 pub(crate) use sample_positions::{RUN, RunCoverage, SamplePositions, whole};
-pub use source::{SourceView, WarpSource, warp_sources};
+pub use source::{NO_GAINS, SourceView, WarpSource, warp_sources};
 pub use texture::Texture;
 pub use volume::warp_layers;
 pub(crate) use volume::{run_coverage_len, warp_layers_again};

@@ -201,8 +201,7 @@ mod tests {
     ) -> (Vec<[f64; 4]>, Option<RunCoverage>) {
         let photo = ImageRgb::new(320, 200, vec![0.5; 3 * 320 * 200]).unwrap();
         let texture = Texture::new(&photo);
-        let source =
-            WarpSource { texture: &texture, sweep: PlaneSweep { homography_at_infinity: homography, epipole } };
+        let source = WarpSource::new(&texture, PlaneSweep { homography_at_infinity: homography, epipole });
         let disparity = std::array::from_fn(disparity);
         let positions = |positions: &SamplePositions| {
             let stride = texture.stride();

@@ -19,9 +19,21 @@ pub struct WarpSource<'a> {
     pub texture: &'a Texture,
     /// Its sweep over the target's disparities.
     pub sweep: PlaneSweep,
+    /// What its samples are multiplied by, per channel.
+    pub gains: [f32; 3],
 }
+
+impl<'a> WarpSource<'a> {
+    /// A photo as it is.
+    pub fn new(texture: &'a Texture, sweep: PlaneSweep) -> Self {
+        Self { texture, sweep, gains: NO_GAINS }
+    }
+}
+
+/// Gains that change nothing.
+pub const NO_GAINS: [f32; 3] = [1.0; 3];
 
 /// The views' textures, with their plane sweeps for `target`.
 pub fn warp_sources<'a>(views: &[SourceView<'a>], target: &Camera) -> Vec<WarpSource<'a>> {
-    views.iter().map(|v| WarpSource { texture: v.texture, sweep: PlaneSweep::new(v.camera, target) }).collect()
+    views.iter().map(|v| WarpSource::new(v.texture, PlaneSweep::new(v.camera, target))).collect()
 }

@@ -40,30 +40,11 @@ impl Texture {
         self.height
     }
 
-    /// Bilinear sample at a point in pixels (the centre of the first at 0.5) that lies on the photo: RGB and coverage.
-    pub(crate) fn sample_at(&self, x: f32, y: f32) -> [f32; 4] {
-        let stride = self.width + BORDER.0 + BORDER.1;
-        let (x, y) = (x + 0.5, y + 0.5);
-        let (left, top) = (x.floor(), y.floor());
-        let at = (top as usize).min(self.height) * stride + (left as usize).min(self.width);
-        let (across, down) = (x - left, y - top);
-        let mix = |a: f32, b: f32, t: f32| a + t * (b - a);
-        let [a, b] = [at, at + 1].map(|at| (self.texels[at], self.texels[at + stride]));
-        std::array::from_fn(|c| mix(mix(a.0[c], a.1[c], down), mix(b.0[c], b.1[c], down), across))
-    }
-
     /// Colour of the pixel in column `x`, row `y`.
     pub(crate) fn pixel(&self, x: usize, y: usize) -> [f32; 3] {
         let at = (y + BORDER.0) * (self.width + BORDER.0 + BORDER.1) + BORDER.0 + x;
         let [r, g, b, _] = self.texels[at];
         [r, g, b]
-    }
-
-    /// The photo with each channel multiplied by its gain.
-    pub fn with_gains(&self, gains: [f32; 3]) -> Self {
-        let [r, g, b] = gains;
-        let texels = self.texels.iter().map(|t| [t[0] * r, t[1] * g, t[2] * b, t[3]]).collect();
-        Self { texels, ..*self }
     }
 
     /// The photo and its fourth channel shrunk by `cell`: area averages, at the right and lower edge of the pixels that there are.

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::bilinear::sample;
 use super::sample_positions::{RUN, RunCoverage, SamplePositions};
-use super::source::WarpSource;
+use super::source::{NO_GAINS, WarpSource};
 use crate::geometry::Size;
 
 /// Warps all views along n layers onto a target of that size (paper, section "HWV").
@@ -115,10 +115,22 @@ fn warp_row_with<'a, S: pulp::Simd>(
                 .iter_mut()
                 .zip(planes)
                 .for_each(|(channel, plane)| *channel = plane.try_into().expect("a whole run"));
-            sample(simd, source.texture, &positions, channels);
+            sample(simd, source.texture, &positions, channels.each_mut().map(|channel| &mut **channel));
+            multiply(&mut channels, source.gains);
         } else {
-            sample(simd, source.texture, &positions, channels);
+            sample(simd, source.texture, &positions, spare.each_mut());
+            multiply(&mut spare.each_mut(), source.gains);
             planes.zip(&spare).for_each(|(plane, spare)| plane.copy_from_slice(&spare[..run.len()]));
+        }
+    }
+}
+
+/// The colours of a run, multiplied by the gains of their photo.
+#[inline(always)]
+fn multiply(channels: &mut [&mut [f32; RUN]; 4], gains: [f32; 3]) {
+    if gains != NO_GAINS {
+        for (channel, gain) in channels.iter_mut().zip(gains) {
+            channel.iter_mut().for_each(|value| *value *= gain);
         }
     }
 }
@@ -141,7 +153,7 @@ mod tests {
         let texture = Texture::new(&ImageRgb::new(SIZE.width, SIZE.height, values).unwrap());
         let homography_at_infinity = DMat3::from_translation(glam::DVec2::new(-3.3, 0.2));
         let sweep = PlaneSweep { homography_at_infinity, epipole: DVec3::new(-150.0, 20.0, 0.0) };
-        let sources = [WarpSource { texture: &texture, sweep }];
+        let sources = [WarpSource::new(&texture, sweep)];
         let (mut colour, mut coverage) = (vec![9.0; 3 * pixels], vec![9.0; pixels]);
         let mut run_coverage = vec![RunCoverage::Partly; run_coverage_len(SIZE)];
         let mut met = [0; 3];

@@ -129,10 +129,7 @@ impl Case {
 
     /// The views at the target, and which pixels of the surface they see.
     pub(crate) fn at_target(&self) -> (Vec<WarpSource<'_>>, Vec<Vec<f32>>) {
-        let source = |i: usize| WarpSource {
-            texture: &self.textures[i],
-            sweep: PlaneSweep::new(&self.cameras[i], &self.target),
-        };
+        let source = |i: usize| WarpSource::new(&self.textures[i], PlaneSweep::new(&self.cameras[i], &self.target));
         let visible = self.volume::<f32>("visible");
         let visible = visible.outer_iter().map(|map| map.iter().copied().collect()).collect();
         ((0..self.cameras.len()).map(source).collect(), visible)

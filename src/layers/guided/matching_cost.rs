@@ -13,26 +13,35 @@ const UNCOVERED: f32 = 1.0;
 /// Variance of the views' colours in [0, 1] on layers `maps` `[D, h, w]` (disparity per cell, 1/scene unit), averaged over
 /// `window`×`window` cells: `[D, h, w]`. Cells are `cell` target pixels wide; the views are shrunk by the same factor.
 pub fn layer_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, cell: usize, window: usize) -> Array3<f32> {
-    let textures: Vec<&Texture> = sources.iter().map(|s| s.texture).collect();
+    let photos: Vec<_> = sources.iter().map(|s| (s.texture, s.gains)).collect();
     let sweeps: Vec<PlaneSweep> = sources.iter().map(|s| s.sweep).collect();
-    Shrunk::new(&textures, cell).costs(&sweeps, maps, window)
+    Shrunk::new(&photos, cell).costs(&sweeps, maps, window)
 }
 
 /// Views shrunk to cells; costs of any part of a target are computed from them.
 pub(crate) struct Shrunk {
-    textures: Vec<Texture>,
+    photos: Vec<(Texture, [f32; 3])>,
     cell: usize,
 }
 
 impl Shrunk {
-    pub(crate) fn new(textures: &[&Texture], cell: usize) -> Self {
-        Self { textures: textures.par_iter().map(|texture| texture.shrunk(cell)).collect(), cell }
+    /// Of photos with their gains per channel.
+    pub(crate) fn new(photos: &[(&Texture, [f32; 3])], cell: usize) -> Self {
+        Self { photos: photos.par_iter().map(|(texture, gains)| (texture.shrunk(cell), *gains)).collect(), cell }
     }
 
     /// As [`layer_costs`]; one sweep per view.
     pub(crate) fn costs(&self, sweeps: &[PlaneSweep], maps: ArrayView3<'_, f32>, window: usize) -> Array3<f32> {
-        let source = |(texture, sweep): (_, &PlaneSweep)| WarpSource { texture, sweep: sweep.shrunk(self.cell as f64) };
-        let sources: Vec<_> = self.textures.iter().zip(sweeps).map(source).collect();
+        let sources: Vec<_> = self
+            .photos
+            .iter()
+            .zip(sweeps)
+            .map(|((texture, gains), sweep)| WarpSource {
+                texture,
+                sweep: sweep.shrunk(self.cell as f64),
+                gains: *gains,
+            })
+            .collect();
         window_costs(&sources, maps, window)
     }
 }

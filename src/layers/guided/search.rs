@@ -70,7 +70,7 @@ impl GuidedSearch {
     ///
     /// [`LayersError::Range`] unless 0 < near < far; [`LayersError::Empty`] for no planes.
     pub fn search(&self, sources: &[WarpSource<'_>], size: Size) -> Result<SearchStages, LayersError> {
-        let levels = Levels::new(sources.iter().map(|source| source.texture).collect());
+        let levels = Levels::new(sources.iter().map(|source| (source.texture, source.gains)).collect());
         let sweeps: Vec<PlaneSweep> = sources.iter().map(|source| source.sweep).collect();
         self.search_levels(&levels, &sweeps, size)
     }
@@ -111,22 +111,23 @@ impl GuidedSearch {
 
 /// The views at the resolutions of the two searches, shrunk when first used.
 pub(crate) struct Levels<'a> {
-    textures: Vec<&'a Texture>,
+    /// Photos with their gains per channel.
+    photos: Vec<(&'a Texture, [f32; 3])>,
     coarse: OnceCell<Shrunk>,
     fine: OnceCell<Shrunk>,
 }
 
 impl<'a> Levels<'a> {
-    pub(crate) fn new(textures: Vec<&'a Texture>) -> Self {
-        Self { textures, coarse: OnceCell::new(), fine: OnceCell::new() }
+    pub(crate) fn new(photos: Vec<(&'a Texture, [f32; 3])>) -> Self {
+        Self { photos, coarse: OnceCell::new(), fine: OnceCell::new() }
     }
 
     pub(crate) fn coarse(&self) -> &Shrunk {
-        self.coarse.get_or_init(|| Shrunk::new(&self.textures, COARSE))
+        self.coarse.get_or_init(|| Shrunk::new(&self.photos, COARSE))
     }
 
     fn fine(&self) -> &Shrunk {
-        self.fine.get_or_init(|| Shrunk::new(&self.textures, CELL))
+        self.fine.get_or_init(|| Shrunk::new(&self.photos, CELL))
     }
 }
 

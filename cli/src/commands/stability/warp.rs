@@ -76,7 +76,8 @@ impl Question for WarpCase<'_> {
         let pixels = size.pixels();
         let (mut disparity, mut colour, mut coverage) = (vec![0.0; pixels], vec![0.0; 3 * pixels], vec![0.0; pixels]);
         layers.as_slice()[0].fill(size.width, &mut disparity);
-        let view = WarpSource { texture: &Texture::new(&self.photo), sweep: PlaneSweep::new(source, target) };
+        let texture = Texture::new(&self.photo);
+        let view = WarpSource::new(&texture, PlaneSweep::new(source, target));
         warp_layers(&disparity, &[view], size, &mut colour, &mut coverage);
         Ok(vec![("colour", colour), ("coverage", coverage)])
     }
