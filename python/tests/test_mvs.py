@@ -7,17 +7,18 @@ import torch
 from liveview_ref.parity import mvs_goldens
 from liveview_ref.parity.mvs_rigs import SQUARE, WALL, mvs_rig
 from liveview_ref.reference.camera import Camera
-from liveview_ref.reference.mvs.aggregate import aggregate, jumps
-from liveview_ref.reference.mvs.consistency import confirmed, known
+from liveview_ref.reference.mvs.aggregate import aggregate
+from liveview_ref.reference.mvs.consistency import KnownDepth, confirmed, known
 from liveview_ref.reference.mvs.exposure import balanced, exposure_gains
 from liveview_ref.reference.mvs.grid import NONE, Candidates, Grid
 from liveview_ref.reference.mvs.holes import grown
+from liveview_ref.reference.mvs.penalties import jumps
 from liveview_ref.reference.mvs.photo_depth import PhotoDepth, bands, photo_depth
-from liveview_ref.reference.mvs.photo_sweep import UNSEEN, costs, window_sum
+from liveview_ref.reference.mvs.photo_sweep import UNSEEN, costs
 from liveview_ref.reference.mvs.settings import Settings
 from liveview_ref.reference.mvs.splat import splat
 from liveview_ref.reference.mvs.surface import Surface, SurfaceView, surface
-from liveview_ref.reference.mvs.visibility import Photo, hide, visible
+from liveview_ref.reference.mvs.visibility import hide, visible
 from liveview_ref.rig_arrays import cameras_of, images_of
 
 NEAR, FAR = 2.0, 9.0
@@ -60,14 +61,24 @@ def test_costs_of_a_shifted_photo_are_0_at_its_disparity_and_the_most_where_unse
     candidates = Candidates.all(grid, 6, 12)
     shifted = torch.zeros_like(image)
     shifted[:, :, :-3] = image[:, :, 3:]
-    found = costs(image, camera(), [(shifted, camera(1.0))], grid, candidates, 1, 0)
+    found = costs(image, camera(), [(shifted, camera(1.0))], grid, candidates, 1)
     assert found.shape == (16, 6, 12)
     assert found[7, :, 3:].max() == 0 and found[7, :, :3].min() == round(UNSEEN * 32768)
     assert (found[:11, :, 4:10] > 0).sum() == 10 * 36
 
 
-def test_window_sums():
-    assert window_sum(torch.ones(3, 4), 1).tolist() == [[4, 6, 6, 4], [6, 9, 9, 6], [4, 6, 6, 4]]
+def test_the_two_neighbours_that_match_best_count():
+    """Photos of one colour, 0.1, 0 and 0.05 brighter: nothing but the difference of colour costs anything."""
+    grey = torch.full((3, 6, 12), 0.5, dtype=torch.float64)
+    grid = Grid.of(1.0, float("inf"), 2)
+    candidates = Candidates.all(grid, 6, 12)
+
+    def cost(*brighter: float) -> float:
+        around = [(grey + more, camera()) for more in brighter]
+        return float(costs(grey, camera(), around, grid, candidates, 1)[0, 2, 2]) / 32768
+
+    assert cost(0.1) == pytest.approx(0.05, abs=1e-4) and cost(0.1, 0.0) == pytest.approx(0.025, abs=1e-4)
+    assert cost(0.1, 0.0, 0.05) == pytest.approx(0.0125, abs=1e-4)
 
 
 def test_penalties_of_jumps():
@@ -114,18 +125,28 @@ def test_a_map_is_confirmed_by_those_that_agree_unless_more_see_past_it():
 
 def test_the_nearest_splat_wins_and_those_close_behind_are_averaged():
     maps = [(camera(), filled(0.5)), (camera(), filled(0.49)), (camera(), filled(0.3)), (camera(), filled(-1.0))]
-    assert splat(maps, camera(), 8, 16, 0.0)[:6, :12].unique().tolist() == [0.5]
-    found = splat(maps, camera(), 8, 16, 0.05)
+    assert splat(maps, camera(), 8, 16, 0.0, 0.0)[:6, :12].unique().tolist() == [0.5]
+    found = splat(maps, camera(), 8, 16, 0.05, 0.05)
     torch.testing.assert_close(found[:6, :12], filled(0.495))
     assert found[6:].max() == -1 and found[:, 12:].max() == -1
+
+
+def test_a_depth_of_one_photo_alone_gives_way_to_a_pair_behind_it():
+    maps = [(camera(), filled(disparity)) for disparity in (0.5, 0.3, 0.29, 0.27)]
+    found = splat(maps, camera(), 8, 16, 0.015, 0.025)[:6, :12]
+    torch.testing.assert_close(found, filled(0.295))
+    assert splat(maps[:2], camera(), 8, 16, 0.015, 0.025)[:6, :12].unique().tolist() == [0.5]
 
 
 def test_a_point_near_a_pixels_edge_falls_into_both():
     one = filled(-1.0)
     one[2, 5] = 0.4
     shifted = camera(-0.1)  # 0.4 pixels to the right
-    found = splat([(camera(), one)], shifted, 8, 16, 0.05)
+    found = splat([(camera(), one)], shifted, 8, 16, 0.05, 0.05)
     assert (found >= 0).nonzero().tolist() == [[2, 5], [2, 6]]
+    one[2, 5] = 0.25  # 0.25 pixels: by 0.05 within
+    found = splat([(camera(), one)], shifted, 8, 16, 0.05, 0.05)
+    assert (found >= 0).nonzero().tolist() == [[2, 5]]
 
 
 def test_holes_take_the_farthest_neighbour():
@@ -141,23 +162,16 @@ def test_only_a_confirmed_nearer_depth_hides():
     assert visible(camera(), own, camera(), filled(0.48), 0.03).min() == 1
 
 
-def test_further_photos_stand_in_where_no_view_sees():
-    """The first view is hidden on the right, the further photo on the last row as well."""
+def test_all_views_serve_where_none_sees():
+    """The first view is hidden on the right, the other on the last row."""
     hidden, seldom = filled(-1.0), filled(-1.0)
     hidden[:, 6:], seldom[5] = 0.5, 0.5
-    images = [torch.full((3, 6, 12), value, dtype=torch.float64) for value in (0.2, 0.7)]
-    view, other = (Photo(i, camera(), k) for i, k in zip(images, (hidden, seldom), strict=True))
-    colour, coverage = images[0][None], filled(1.0)[None]
-    layer = camera(), filled(0.1), 0.03, colour, coverage
-    found, covered, seen = hide([view], [other], *layer)
-    torch.testing.assert_close(found[0, 0, :5, 6:], torch.full((5, 6), 0.7, dtype=torch.float64))
-    assert found[0, 0, :, :6].unique().tolist() == [0.2] and found[0, 0, 5].unique().tolist() == [0.2]
-    assert covered.min() == 1 and seen[:5].all() and not seen[5, 6:].any()
-    found, covered, seen = hide(
-        [view, other], [], camera(), filled(0.1), 0.03, torch.stack(images), filled(1.0).expand(2, 6, 12)
-    )
+    colour = torch.stack([torch.full((3, 6, 12), value, dtype=torch.float64) for value in (0.2, 0.7)])
+    views = [(camera(), hidden), (camera(), seldom)]
+    found, covered, seen = hide(views, camera(), filled(0.1), 0.03, colour, filled(1.0).expand(2, 6, 12))
     assert covered[0, :5, 6:].max() == 0 and covered[1, :5].min() == 1 and covered[:, 5, 6:].min() == 1
-    assert found[0, :, :5, 6:].max() == 0 and not seen[5, 6:].any()
+    assert found[0, :, :5, 6:].max() == 0 and found[0, :, :, :6].unique().tolist() == [0.2]
+    assert seen[:5].all() and seen[5, :6].all() and not seen[5, 6:].any()
 
 
 def test_layers_bracket_the_surface():
@@ -179,19 +193,30 @@ def scene():
     settings = Settings()
     maps = [photo_depth(v, views[:i] + views[i + 1 :], NEAR, FAR, settings) for i, v in enumerate(views)]
     pairs = list(zip(cameras, maps, strict=True))
-    sure = [known(m.disparity, confirmed(i, pairs, settings)) for i, m in enumerate(maps)]
-    return [SurfaceView(*v, m, k) for v, m, k in zip(views, maps, sure, strict=True)], target
+    sure = [known(m, confirmed(i, pairs, settings)) for i, m in enumerate(maps)]
+    return [SurfaceView(*v, k, torch.ones(3)) for v, k in zip(views, sure, strict=True)], maps, target
 
 
 def test_the_made_scene_is_found(scene):
-    views, target = scene
-    middle = views[0].all.disparity[30:40, 58:68]
+    views, maps, target = scene
+    middle = maps[0].disparity[45:60, 87:102]
     assert abs(float(middle.median()) - 1 / SQUARE) < 0.02
-    assert abs(float(views[0].all.disparity[:20].median()) - 1 / WALL) < 0.03
-    assert float((views[0].known >= 0).double().mean()) > 0.7
-    found = surface(views, 3, target, NEAR, FAR, Settings())
+    assert abs(float(maps[0].disparity[:30].median()) - 1 / WALL) < 0.03
+    assert float((views[0].known.disparity >= 0).double().mean()) > 0.7
+    found = surface(views, target, NEAR, FAR, Settings())
     assert found.disparity.shape == (72, 120) and 0 < found.holes < 0.4
     assert abs(float(found.disparity[30:36, 55:65].median()) - 1 / SQUARE) < 0.02
+
+
+def test_only_enough_holes_are_searched(scene):
+    views, _, target = scene
+    kept = torch.zeros(105, 189, dtype=torch.bool)
+    kept[:, ::4] = True
+    blind = [v._replace(known=KnownDepth(torch.where(kept, v.known.disparity, -1), 1.0)) for v in views]
+    found = [surface(blind, target, NEAR, FAR, Settings(search_holes=share)) for share in (0.0, 1.0)]
+    assert found[0].holes > Settings().search_holes
+    assert not torch.equal(found[0].disparity, found[1].disparity)
+    assert torch.equal(found[0].disparity, surface(blind, target, NEAR, FAR, Settings()).disparity)
 
 
 def test_exposure_is_found(scene):

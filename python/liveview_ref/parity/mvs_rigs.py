@@ -7,6 +7,7 @@ from .rigs import turned
 
 SIZE = 126, 70  # width, height of a photo, unless the case says other: two tiles of the sweep, an even number of cells
 SIZES = SIZE, (95, 61), (64, 40), (131, 52)  # of photos of different sizes
+LARGE = 189, 105  # of photos whose exposure is to be told: from one pixel of 64
 TARGET = 117, 66
 WALL, SQUARE = 6.0, 3.0  # depths of a slanted wall in its middle and of a square before it
 SLANT = 0.15
@@ -39,7 +40,7 @@ def mvs_rig(rng: np.random.Generator, views: int, kind: str) -> Arrays:
     """Photos and cameras, nearest view first; kinds: scene, sizes, rectified, identical, flat, exposure."""
     data, placed = {}, []
     for index in range(views):
-        size = SIZES[index % len(SIZES)] if kind == "sizes" else SIZE
+        size = SIZES[index % len(SIZES)] if kind == "sizes" else LARGE if kind == "exposure" else SIZE
         focal = size[0] * 0.9
         rotation, centre = turned(rng.normal(0, 0.02, 3)), rng.normal(0, 0.3, 3) * [1, 1, 0.3]
         k = np.array([[focal * rng.uniform(0.95, 1.05), 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1.0]])

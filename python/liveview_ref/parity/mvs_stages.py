@@ -1,12 +1,12 @@
 """The stages of the photos' depth as functions of plain arrays, in either precision: what tests/parity_mvs.rs holds
 Rust against.
 
-Beside photos and cameras (rig_arrays.py): `range` [2] float64, near and far; `radius` [2], of the windows; `count`,
-planes of the first search; `main`, photos at the target that further ones help. Of photo 0, matched with the others:
+Beside photos and cameras (rig_arrays.py): `range` [2] float64, near and far; `count`, planes of the first search. Of
+photo 0, matched with the others:
 `half_costs` [h/2, w/2, n], `half_found`, `half_index` [h/2, w/2], `starts` [h/2, w/2, 2], `fine_costs` [h, w, 16],
 `fine_found`, `fine_index` [h, w]. Of every photo i: `depth{i}` and `confirmed{i}` [h, w], `pixel` [V]. At the target:
-`splat`, `grown`, `refined`, `surface`, `seen` [H8, W8], `layers` [3, H8, W8], `hidden_colour` [V, 3, H8, W8],
-`hidden_coverage` `visible` [V, H8, W8], `disagreement` [7, H8, W8], `gains` [V, 3].
+`gains` [V, 3], `splat`, `grown`, `surface`, `seen` [H8, W8], `layers` [3, H8, W8], `hidden_colour` [V, 3, H8, W8],
+`hidden_coverage`, `visible` [V, H8, W8], `disagreement` [7, H8, W8].
 """
 
 from collections.abc import Callable
@@ -29,24 +29,20 @@ from ..reference.mvs.photo_depth import PhotoDepth, bands, photo_depth, pixel_of
 from ..reference.mvs.photo_sweep import costs
 from ..reference.mvs.settings import Settings
 from ..reference.mvs.splat import splat
-from ..reference.mvs.surface import SurfaceView, parallax, refined, surface
-from ..reference.mvs.visibility import Photo, hide
+from ..reference.mvs.surface import SurfaceView, parallax, surface
+from ..reference.mvs.visibility import hide
 from ..reference.view_selection import view_distances
 from ..reference.warp import warp_maps
 from ..rig_arrays import Arrays, cameras_of, images_of
 
 Stage = Callable[[Arrays, torch.dtype], Arrays]
-NEIGHBOURS = 4
+SETTINGS = Settings()
 LAYERS = 3
+OFFSETS = 1.5, 1.0, 0.5, 0.0, -0.5, -1.0, -1.5  # px
 
 
 def tensor(data: Arrays, name: str, dtype: torch.dtype) -> Tensor:
     return torch.from_numpy(data[name]).to(dtype)
-
-
-def settings_of(data: Arrays) -> Settings:
-    radius, fine_radius = (int(r) for r in data["radius"])
-    return Settings(radius=radius, fine_radius=fine_radius)
 
 
 def photos(data: Arrays, dtype: torch.dtype, cell: int = 1) -> list[tuple]:
@@ -58,7 +54,7 @@ def photos(data: Arrays, dtype: torch.dtype, cell: int = 1) -> list[tuple]:
 def neighbours(data: Arrays, which: int, dtype: torch.dtype, cell: int = 1) -> list[tuple]:
     """Those that photo `which` is matched with: the first that are not it."""
     all_ = photos(data, dtype, cell)
-    return (all_[:which] + all_[which + 1 :])[:NEIGHBOURS]
+    return (all_[:which] + all_[which + 1 :])[: SETTINGS.neighbours]
 
 
 def coarse_grid(data: Arrays) -> Grid:
@@ -66,7 +62,7 @@ def coarse_grid(data: Arrays) -> Grid:
 
 
 def fine_grid(data: Arrays) -> Grid:
-    return coarse_grid(data).divided(settings_of(data).parts)
+    return coarse_grid(data).divided(SETTINGS.parts)
 
 
 def fine_candidates(data: Arrays) -> Candidates:
@@ -78,7 +74,7 @@ def half_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
     image, camera = photos(data, dtype, 2)[0]
     candidates = Candidates.all(coarse_grid(data), *image.shape[1:])
     around = neighbours(data, 0, dtype, 2)
-    found = costs(image, camera, around, coarse_grid(data), candidates, 2, settings_of(data).radius)
+    found = costs(image, camera, around, coarse_grid(data), candidates, 2)
     return {"half_costs": found.permute(1, 2, 0).numpy()}
 
 
@@ -86,7 +82,7 @@ def half_found(data: Arrays, dtype: torch.dtype) -> Arrays:
     image, _ = photos(data, dtype, 2)[0]
     candidates = Candidates.all(coarse_grid(data), *image.shape[1:])
     volume = tensor(data, "half_costs", torch.int64).permute(2, 0, 1)
-    return {"half_found": aggregate(volume, image, candidates, settings_of(data)).numpy()}
+    return {"half_found": aggregate(volume, image, candidates, SETTINGS).numpy()}
 
 
 def half_index(data: Arrays, dtype: torch.dtype) -> Arrays:
@@ -94,7 +90,7 @@ def half_index(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 def starts(data: Arrays, dtype: torch.dtype) -> Arrays:
-    found = bands(tensor(data, "half_index", dtype), settings_of(data).parts, fine_grid(data).count)
+    found = bands(tensor(data, "half_index", dtype), SETTINGS.parts, fine_grid(data).count)
     return {"starts": found.numpy()}
 
 
@@ -103,14 +99,14 @@ def fine_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
     image, camera = photos(data, dtype)[0]
     candidates, grid = fine_candidates(data), fine_grid(data)
     around = neighbours(data, 0, dtype)
-    found = costs(image, camera, around, grid, candidates, 1, settings_of(data).fine_radius)
+    found = costs(image, camera, around, grid, candidates, 1)
     return {"fine_costs": torch.where(candidates.there, found, 0).permute(1, 2, 0).numpy()}
 
 
 def fine_found(data: Arrays, dtype: torch.dtype) -> Arrays:
     image, _ = photos(data, dtype)[0]
     volume = tensor(data, "fine_costs", torch.int64).permute(2, 0, 1)
-    return {"fine_found": aggregate(volume, image, fine_candidates(data), settings_of(data)).numpy()}
+    return {"fine_found": aggregate(volume, image, fine_candidates(data), SETTINGS).numpy()}
 
 
 def fine_index(data: Arrays, dtype: torch.dtype) -> Arrays:
@@ -121,7 +117,7 @@ def depths(data: Arrays, dtype: torch.dtype) -> Arrays:
     """Every photo's depth, from photos and cameras alone."""
     near, far = (float(x) for x in data["range"])
     views = photos(data, dtype)
-    found = [photo_depth(v, neighbours(data, i, dtype), near, far, settings_of(data)) for i, v in enumerate(views)]
+    found = [photo_depth(v, neighbours(data, i, dtype), near, far, SETTINGS) for i, v in enumerate(views)]
     maps = {f"depth{i}": depth.disparity.numpy() for i, depth in enumerate(found)}
     return maps | {"pixel": np.array([depth.pixel for depth in found])}
 
@@ -130,29 +126,34 @@ def confirmations(data: Arrays, dtype: torch.dtype) -> Arrays:
     cameras, _ = cameras_of(data)
     pixels = data["pixel"]
     maps = [(c, PhotoDepth(tensor(data, f"depth{i}", dtype), float(pixels[i]))) for i, c in enumerate(cameras)]
-    return {f"confirmed{i}": confirmed(i, maps, settings_of(data)).to(dtype).numpy() for i in range(len(maps))}
+    return {f"confirmed{i}": confirmed(i, maps, SETTINGS).to(dtype).numpy() for i in range(len(maps))}
 
 
 def surface_views(data: Arrays, dtype: torch.dtype) -> list[SurfaceView]:
     found = []
     for i, (image, camera) in enumerate(photos(data, dtype)):
-        all_ = tensor(data, f"depth{i}", dtype)
-        sure = known(all_, torch.from_numpy(data[f"confirmed{i}"]) > 0)
-        found.append(SurfaceView(image, camera, PhotoDepth(all_, float(data["pixel"][i])), sure))
+        depth = PhotoDepth(tensor(data, f"depth{i}", dtype), float(data["pixel"][i]))
+        sure = torch.from_numpy(data[f"confirmed{i}"]) > 0
+        gains = tensor(data, "gains", dtype)[i] if "gains" in data else torch.ones(3, dtype=dtype)
+        found.append(SurfaceView(image, camera, known(depth, sure), gains))
     return found
+
+
+def exposures(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"gains": exposure_gains(surface_views(data, dtype), view_distances(*cameras_of(data))).numpy()}
 
 
 def target_pixel(data: Arrays) -> float:
     near, far = (float(x) for x in data["range"])
     cameras, target = cameras_of(data)
-    return pixel_of(parallax(cameras[: int(data["main"])], target, near, far), near, far)
+    return pixel_of(parallax(cameras, target, near, far), near, far)
 
 
 def splatted(data: Arrays, dtype: torch.dtype) -> Arrays:
     _, target = cameras_of(data)
-    maps = [(v.camera, v.known) for v in surface_views(data, dtype)]
-    fuse = Settings().fuse * target_pixel(data)
-    return {"splat": splat(maps, target, *padded_size(target.height, target.width), fuse).numpy()}
+    maps = [(v.camera, v.known.disparity) for v in surface_views(data, dtype)]
+    margins = SETTINGS.agree * target_pixel(data), SETTINGS.fuse * target_pixel(data)
+    return {"splat": splat(maps, target, *padded_size(target.height, target.width), *margins).numpy()}
 
 
 def holes(data: Arrays, dtype: torch.dtype) -> Arrays:
@@ -162,51 +163,40 @@ def holes(data: Arrays, dtype: torch.dtype) -> Arrays:
 def visibility(data: Arrays, dtype: torch.dtype) -> Arrays:
     """Who sees the surface, its holes grown."""
     _, target = cameras_of(data)
-    args = surface_views(data, dtype), target, tensor(data, "grown", dtype), target_pixel(data), Settings()
-    return {"visible": at_target.seen(*args).numpy()}
+    margin = SETTINGS.hides * target_pixel(data)
+    return {"visible": at_target.seen(surface_views(data, dtype), target, tensor(data, "grown", dtype), margin).numpy()}
 
 
 def disagreements(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """On that surface moved by the offsets of the refinement, over 7 x 7 pixels."""
+    """On that surface, and on it moved by some pixels of parallax."""
     _, target = cameras_of(data)
-    offsets = [o * target_pixel(data) for o in at_target.OFFSETS]
+    views = [(v.image, v.camera, v.gains) for v in surface_views(data, dtype)]
     sees, surface_ = tensor(data, "visible", dtype), tensor(data, "grown", dtype)
-    return {"disagreement": disagreement(photos(data, dtype), sees, target, surface_, offsets, 3).numpy()}
-
-
-def refinement(data: Arrays, dtype: torch.dtype) -> Arrays:
-    _, target = cameras_of(data)
-    sees, surface_ = tensor(data, "visible", dtype), tensor(data, "grown", dtype)
-    views = surface_views(data, dtype)
-    return {"refined": refined(views, sees, target, surface_, target_pixel(data), Settings()).numpy()}
+    maps = [(surface_ + offset * target_pixel(data)).clamp(min=0) for offset in OFFSETS]
+    return {"disagreement": torch.stack([disagreement(views, sees, target, m) for m in maps]).numpy()}
 
 
 def surfaces(data: Arrays, dtype: torch.dtype) -> Arrays:
     """All stages at the target together, from what is known of the photos."""
     near, far = (float(x) for x in data["range"])
-    views, (_, target) = surface_views(data, dtype), cameras_of(data)
-    found = surface(views, int(data["main"]), target, near, far, settings_of(data))
+    found = surface(surface_views(data, dtype), cameras_of(data)[1], near, far, SETTINGS)
     return {"surface": found.disparity.numpy(), "layers": found.layers(LAYERS).numpy()}
 
 
 def hidden(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """The grown surface as a layer, warped, without what the main views do not see; where any photo does."""
-    main, (_, target) = int(data["main"]), cameras_of(data)
+    """The grown surface as a layer, warped, in balanced colours, without what the views do not see; where any does."""
+    views, (_, target) = surface_views(data, dtype), cameras_of(data)
     map_ = tensor(data, "grown", dtype)
-    warped = [warp_maps(image, camera, target, map_[None]) for image, camera in photos(data, dtype)[:main]]
+    warped = [warp_maps(v.image, v.camera, target, map_[None]) for v in views]
     colour, coverage = (torch.cat(x) for x in zip(*warped, strict=True))
-    views = [Photo(v.image, v.camera, v.known) for v in surface_views(data, dtype)]
-    margin = Settings().hides * target_pixel(data)
-    found = hide(views[:main], views[main:], target, map_, margin, colour, coverage)
+    colour = colour * torch.stack([v.gains for v in views])[:, :, None, None]
+    known_depths = [(v.camera, v.known.disparity) for v in views]
+    found = hide(known_depths, target, map_, SETTINGS.hides * target_pixel(data), colour, coverage)
     names = "hidden_colour", "hidden_coverage", "seen"
     return {name: value.to(dtype).numpy() for name, value in zip(names, found, strict=True)}
 
 
-def exposures(data: Arrays, dtype: torch.dtype) -> Arrays:
-    return {"gains": exposure_gains(surface_views(data, dtype), view_distances(*cameras_of(data))).numpy()}
-
-
 PHOTO = (half_costs, half_found, half_index, starts, fine_costs, fine_found, fine_index)
-TARGET = (splatted, holes, visibility, disagreements, refinement, surfaces, hidden, exposures)
+TARGET = (exposures, splatted, holes, visibility, disagreements, surfaces, hidden)
 STAGES = (*PHOTO, depths, confirmations, *TARGET)
 INTEGERS = {"half_costs": np.uint16, "fine_costs": np.uint16, "starts": np.uint16}  # the others are float32

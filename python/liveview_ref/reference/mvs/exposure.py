@@ -6,9 +6,9 @@ from torch import Tensor
 from .project import at_pixels, projected
 from .surface import SurfaceView
 
-STEP = 4  # rows and columns between the pixels that are looked at
+STEP = 8  # rows and columns between the pixels that are looked at
 USABLE = 0.05, 0.95  # values that are neither lost in noise nor clipped
-ENOUGH = 200  # fewest correspondences that a gain is told from
+ENOUGH = 100  # fewest correspondences that a gain is told from
 AGREE = 2.0  # px within which the two depths agree
 
 
@@ -34,9 +34,9 @@ def like_first(views: list[SurfaceView]) -> list[Tensor]:
 
 def gains(view: SurfaceView, first: SurfaceView) -> Tensor:
     """The upper median of the first photo's value over the photo's, by channel; 1 where a channel has too few."""
-    x, y, there = projected(first.camera, view.camera, view.known)
-    own, inside = at_pixels(first.known, x, y)
-    use = inside & (view.known >= 0) & (own >= 0) & ((own - there).abs() < AGREE * view.all.pixel)
+    x, y, there = projected(first.camera, view.camera, view.known.disparity)
+    own, inside = at_pixels(first.known.disparity, x, y)
+    use = inside & (view.known.disparity >= 0) & (own >= 0) & ((own - there).abs() < AGREE * view.known.pixel)
     looked_at = torch.zeros_like(use)
     looked_at[::STEP, ::STEP] = True
     use &= looked_at

@@ -76,13 +76,10 @@ def photo_depth(photo: View, neighbours: list[View], near: float, far: float, se
     half = shrink(image, 2)
     halves = [(shrink(n, 2), c) for n, c in neighbours]
     candidates = Candidates.all(grid, *half.shape[1:])
-    volume = costs(half, camera, halves, grid, candidates, 2, settings.radius)
+    volume = costs(half, camera, halves, grid, candidates, 2)
     index = median3(aggregate(volume, half, candidates, settings))
-    if not settings.full:
-        wide = index.repeat_interleave(2, 0).repeat_interleave(2, 1)[: camera.height, : camera.width]
-        return PhotoDepth(grid.disparity(wide), pixel)
     fine = grid.divided(settings.parts)
     candidates = Candidates.two(bands(index, settings.parts, fine.count), *image.shape[1:])
-    volume = costs(image, camera, neighbours, fine, candidates, 1, settings.fine_radius)
+    volume = costs(image, camera, neighbours, fine, candidates, 1)
     index = median3(aggregate(volume, image, candidates, settings))
     return PhotoDepth(fine.disparity(index), pixel)

@@ -1,10 +1,12 @@
-"""Depths of photos carried to the target: each pixel as a square of half a pixel's side, nearest wins.
+"""Depths of photos carried to the target: each pixel as a square of 0.4 pixels' side, nearest wins.
 
-A point lies in the pixels that hold its four corners (+-0.25 pixel); of each photo's points each pixel keeps the
-largest disparity. Over the photos: the mean, in their order, of those not more than `fuse` behind the largest of all.
+A point lies in the pixels that hold its four corners (+-0.2 pixel); of each photo's points each pixel keeps the largest
+disparity. Over the photos: the largest that another photo has within `agree` of it, or the largest of all if there is
+no such pair; then the mean, in their order, of those at most `fuse` behind that and not above it.
 """
 
 from collections.abc import Iterator
+from itertools import combinations
 
 import torch
 from torch import Tensor
@@ -12,18 +14,29 @@ from torch import Tensor
 from ..camera import Camera
 from .project import projected
 
-HALF = 0.25  # half a side of a point's square, in pixels
+HALF = 0.2  # half a side of a point's square, in pixels
 
 
-def splat(maps: list[tuple[Camera, Tensor]], target: Camera, height: int, width: int, fuse: float) -> Tensor:
+def splat(
+    maps: list[tuple[Camera, Tensor]], target: Camera, height: int, width: int, agree: float, fuse: float
+) -> Tensor:
     """Disparity [height, width] of the padded target from known depths; -1 where nothing falls."""
     each = [splat_one(camera, known, target, height, width) for camera, known in maps]
-    nearest = torch.stack(each).amax(0)
+    nearest = first_surface(each, agree)
     total, number = torch.zeros_like(nearest), torch.zeros_like(nearest)
     for one in each:
-        counts = (one >= 0) & (nearest - one <= fuse)
+        counts = (one >= 0) & (one <= nearest) & (nearest - one <= fuse)
         total, number = total + torch.where(counts, one, 0), number + counts
     return torch.where(number > 0, total / number.clamp(min=1), nearest)
+
+
+def first_surface(each: list[Tensor], agree: float) -> Tensor:
+    """The nearer of the nearest two that lie within `agree` of each other, or the nearest of all."""
+    paired = torch.full_like(each[0], -1)
+    for one, other in combinations(each, 2):
+        near, far = torch.maximum(one, other), torch.minimum(one, other)
+        paired = torch.where((far >= 0) & (near - far <= agree), torch.maximum(paired, near), paired)
+    return torch.where(paired >= 0, paired, torch.stack(each).amax(0))
 
 
 def splat_one(camera: Camera, known: Tensor, target: Camera, height: int, width: int) -> Tensor:
