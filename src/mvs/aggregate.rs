@@ -13,57 +13,13 @@
 use rayon::prelude::*;
 
 use super::grid::{Candidates, Grid, SEGMENT};
-use super::photo_sweep::{Planes, UNIT};
-
-/// Penalties of a step to the next index and of a jump, and the difference of colour that halves the latter.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Penalties {
-    pub(super) step: f32,
-    pub(super) jump: f32,
-    pub(super) edge: f32,
-}
-
-impl Default for Penalties {
-    fn default() -> Self {
-        Self { step: 0.01, jump: 0.12, edge: 0.05 }
-    }
-}
+use super::penalties::{Jumps, Penalties};
+use super::planes::Planes;
 
 /// Above every sum of a path, and far enough below the end of u16 that penalties can be added.
 const INFINITE: u16 = 40_000;
 /// Columns that a thread takes down and up at a time.
 const COLUMNS: usize = 16;
-
-/// What a path is at each cell: the penalties of a jump from the cell to the left and from the one above.
-struct Jumps {
-    step: u16,
-    across: Vec<u16>,
-    down: Vec<u16>,
-}
-
-impl Jumps {
-    fn new(photo: &Planes, penalties: &Penalties) -> Self {
-        let (width, height) = (photo.width, photo.height);
-        let step = (penalties.step * UNIT).round();
-        let jump = |difference: f32| {
-            let jump = penalties.jump / (1.0 + difference / 3.0 / penalties.edge);
-            (jump.max(1.01 * penalties.step) * UNIT).round() as u16
-        };
-        let (mut across, mut down) = (vec![0; width * height], vec![0; width * height]);
-        let rows = across.par_chunks_mut(width).zip(down.par_chunks_mut(width)).enumerate();
-        rows.for_each(|(y, (across, down))| {
-            let here: [&[f32]; 3] = std::array::from_fn(|c| photo.row(c, y));
-            let above: [&[f32]; 3] = std::array::from_fn(|c| photo.row(c, y.saturating_sub(1)));
-            for x in 0..width {
-                let left = x.saturating_sub(1);
-                let difference = |c: usize| ((here[c][x] - here[c][left]).abs(), (here[c][x] - above[c][x]).abs());
-                let [r, g, b] = [difference(0), difference(1), difference(2)];
-                (across[x], down[x]) = (jump((r.0 + g.0) + b.0), jump((r.1 + g.1) + b.1));
-            }
-        });
-        Self { step: step as u16, across, down }
-    }
-}
 
 /// The index found at each cell, `[h, w]`, between two of the grid.
 pub(super) fn aggregate(

@@ -1,9 +1,9 @@
 //! Gains that bring photos of different exposure or white balance to one that lies between theirs: a factor per colour channel.
 //!
 //! A confirmed depth of a photo, carried to the first photo, corresponds to the pixel it falls on where that photo's own confirmed
-//! depth agrees with it within 2 px (the photo's pixel of parallax). Over every eighth such pixel of every eighth row whose
-//! channel lies in \[0.05, 0.95\] in both photos the gain is the median of the first photo's value over the photo's. With fewer
-//! than 100 of them in any channel all gains of that photo are 1.
+//! depth agrees with it within 2 px (the photo's pixel of parallax). Over every eighth pixel of every eighth row that has a
+//! correspondence and whose channel lies in \[0.05, 0.95\] in both photos, the gain is the (upper) median of the first photo's value
+//! over the photo's. With fewer than 100 of them in any channel all gains of that photo are 1.
 //!
 //! So far all photos have become like the first. What a camera at the target would have seen is unknown; the weighted geometric
 //! mean of the photos' exposures is the guess that scores best and that changes smoothly along a path: gain i becomes

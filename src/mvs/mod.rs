@@ -19,14 +19,17 @@ mod extremes;
 mod grid;
 mod holes;
 mod median;
+mod penalties;
 mod photo_depth;
 mod photo_sweep;
+mod planes;
 mod project;
 mod splat;
 pub mod stages;
 mod surface;
 #[cfg(test)]
 mod tests;
+mod tile;
 mod visibility;
 
 use ndarray::Array2;

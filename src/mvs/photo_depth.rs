@@ -12,10 +12,12 @@
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use super::aggregate::{Penalties, aggregate};
+use super::aggregate::aggregate;
 use super::grid::{Candidates, Grid, SEGMENT};
 use super::median::median3;
-use super::photo_sweep::{Planes, costs};
+use super::penalties::Penalties;
+use super::photo_sweep::costs;
+use super::planes::Planes;
 use super::{PlaneSweep, Settings, SourceView, Texture, WarpSource, parallax};
 
 /// What a photo's search found, before other photos were asked.

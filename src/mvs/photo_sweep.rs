@@ -4,14 +4,17 @@
 //! by its coverage) and s = (r + g) + b: 0.5·min((|r| + |g| + |b|)/3, 0.15) + 1.5·min((|s right − s| + |s below − s|)/6, 0.05). A
 //! difference towards a cell that the neighbour does not see, or beyond the photo's right or lower edge, counts as 0. A cell is seen
 //! where the coverage is above 0.5; one that is not costs 0.15, the most there is. Over the neighbours: the mean of the least two.
-//! In units of 1/32768, rounded to nearest (halves to even), as u16. No windows: aggregation ([`super::aggregate`]) carries over edges what they would only blur (docs/experiments.md).
+//! In units of 1/32768, rounded to nearest (halves to even), as u16. No windows: they blur edges that aggregation
+//! ([`super::aggregate`]) keeps (docs/experiments.md).
 //!
 //! All in f32, divisions by 3 and 6 as products with the rounded reciprocal; the kept costs are added from the least on.
 
 use rayon::prelude::*;
 
 use super::grid::{Candidates, Grid, SEGMENT};
-use super::{RUN, RunCoverage, SamplePositions, Texture, WarpSource, sample};
+use super::planes::Planes;
+use super::tile::{BAND, KEPT, ROWS, Run, STEP, Tile};
+use super::{RUN, RunCoverage, WarpSource, sample};
 
 /// One unit of cost, in units of the volume.
 pub(super) const UNIT: f32 = 32768.0;
@@ -20,48 +23,6 @@ const COLOUR: (f32, f32) = (0.5, 0.15);
 const GRADIENT: (f32, f32) = (1.5, 0.05);
 /// What an unseen cell costs.
 const UNSEEN: f32 = COLOUR.0 * COLOUR.1 + GRADIENT.0 * GRADIENT.1;
-/// Rows that a thread takes at a time.
-const BAND: usize = 24;
-/// Rows of a tile: those of a band, and the one below.
-const ROWS: usize = BAND + 1;
-/// Columns from one tile to the next: the last of a run has no right neighbour.
-const STEP: usize = RUN - 1;
-/// Neighbours whose costs count: those that match best, so that being hidden in the others does not matter.
-const KEPT: usize = 2;
-
-/// A photo's colours by plane; a run of [`RUN`] may begin in any column.
-pub(super) struct Planes {
-    pub(super) width: usize,
-    pub(super) height: usize,
-    stride: usize,
-    rgb: [Vec<f32>; 3],
-}
-
-impl Planes {
-    pub(super) fn new(texture: &Texture) -> Self {
-        let (width, height) = (texture.width(), texture.height());
-        let (stride, texels) = (width + RUN, texture.upper_and_lower().0);
-        let mut rgb = [(); 3].map(|()| vec![0.0; stride * height]);
-        for y in 0..height {
-            let row = &texels[(y + 1) * texture.stride() as usize + 1..][..width];
-            for (channel, plane) in rgb.iter_mut().enumerate() {
-                plane[y * stride..].iter_mut().zip(row).for_each(|(value, texel)| *value = texel[channel]);
-            }
-        }
-        Self { width, height, stride, rgb }
-    }
-
-    /// A row of a channel, as wide as the photo.
-    pub(super) fn row(&self, channel: usize, y: usize) -> &[f32] {
-        &self.rgb[channel][y * self.stride..][..self.width]
-    }
-
-    /// Part of a row.
-    #[inline(always)]
-    fn run(&self, channel: usize, y: usize, x: usize) -> &[f32; RUN] {
-        self.rgb[channel][y * self.stride + x..][..RUN].try_into().expect("a run")
-    }
-}
 
 /// Costs `[h, w, n]` of the n candidates of each cell of the reference; sources are its neighbours at the same scale.
 pub(super) fn costs(
@@ -84,52 +45,6 @@ struct Search<'a> {
     grid: &'a Grid,
     candidates: Candidates<'a>,
     count: usize,
-}
-
-type Run = [f32; RUN];
-
-/// Part of a band: a run of columns, of which all but the last have a right neighbour.
-struct Tile {
-    /// First row of the band, and how many there are.
-    first: usize,
-    rows: usize,
-    /// First column.
-    column: usize,
-    /// Whether no cell lies on the photo's right or lower edge.
-    inside: bool,
-    /// First index of the segment at each cell.
-    index: [Run; ROWS],
-    /// Sum of the channels' differences without and with their sign, and which cells are seen (1 or 0). One more column of the
-    /// latter two, which stays 0.
-    colour: [Run; ROWS],
-    signed: [[f32; RUN + 1]; ROWS],
-    seen: [[f32; RUN + 1]; ROWS],
-    /// The least costs of the neighbours so far, ascending.
-    kept: [[Run; BAND]; KEPT],
-    found: [[[u16; RUN]; BAND]; SEGMENT],
-    taps: SamplePositions,
-}
-
-impl Tile {
-    const NEW: Self = Self {
-        first: 0,
-        rows: 0,
-        column: 0,
-        inside: false,
-        index: [[0.0; RUN]; ROWS],
-        colour: [[0.0; RUN]; ROWS],
-        signed: [[0.0; RUN + 1]; ROWS],
-        seen: [[0.0; RUN + 1]; ROWS],
-        kept: [[[0.0; RUN]; BAND]; KEPT],
-        found: [[[0; RUN]; BAND]; SEGMENT],
-        taps: SamplePositions::NONE,
-    };
-
-    /// Its rows and the one below, as far as the photo goes.
-    #[inline(always)]
-    fn sampled(&self, height: usize) -> std::ops::Range<usize> {
-        self.first..(self.first + self.rows + 1).min(height)
-    }
 }
 
 #[pulp::with_simd(search_band = pulp::Arch::new())]

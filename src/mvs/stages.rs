@@ -5,10 +5,12 @@
 
 use ndarray::{Array2, Array3};
 
-use super::aggregate::{Penalties, aggregate};
+use super::aggregate::aggregate;
 use super::disagreement::Views;
 use super::grid::{Candidates, Grid};
-use super::photo_sweep::{Planes, costs};
+use super::penalties::Penalties;
+use super::photo_sweep::costs;
+use super::planes::Planes;
 use super::visibility::WarpedLayers;
 use super::{Camera, KnownDepth, PlaneSweep, RunCoverage, Settings, Size, SourceView, Texture, Visibility, WarpSource};
 use super::{disagreement, holes, median, photo_depth, splat, visibility};
@@ -103,7 +105,7 @@ pub fn visible(view: (&Camera, &KnownDepth), target: &Camera, disparity: &Array2
     map(visibility::visible(view, target, flat(disparity), disparity.ncols(), margin), disparity.ncols())
 }
 
-/// A layer warped by `views` with what they do not see taken away: colour `[3V, h, w]`, coverage `[V, h, w]`, and where any photo
+/// A layer warped by `views`, in their balanced colours, with what they do not see taken away: colour `[3V, h, w]`, coverage `[V, h, w]`, and where any photo
 /// sees it `[h, w]`.
 pub fn hidden(
     visibility: &Visibility<'_>,
@@ -117,7 +119,8 @@ pub fn hidden(
     let mut coverage = vec![0.0; views.len() * size.pixels()];
     let mut seen = vec![false; size.pixels()];
     let mut run_coverage = vec![RunCoverage::Partly; views.len() * run_coverage_len(size)];
-    let sources = warp_sources(views, target);
+    let mut sources = warp_sources(views, target);
+    visibility.balance(&mut sources);
     warp_layers_again(flat(layer), &sources, size, &mut colour, &mut coverage, &mut run_coverage);
     let warped = WarpedLayers {
         disparity: flat(layer),

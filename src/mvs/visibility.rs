@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use super::project::Projected;
-use super::{Camera, KnownDepth, PlaneSweep, RUN, RunCoverage, Size, whole};
+use super::{Camera, KnownDepth, PlaneSweep, RUN, RunCoverage, Size, WarpSource, whole};
 
 /// Coverage, summed over the views, from which on a pixel is seen.
 const SEEN: f32 = 0.05;
@@ -54,6 +54,11 @@ struct Row<'a> {
 }
 
 impl Visibility<'_> {
+    /// Give the views their balanced colours.
+    pub(crate) fn balance(&self, sources: &mut [WarpSource<'_>]) {
+        sources.iter_mut().zip(&self.views).for_each(|(source, view)| source.gains = view.gains);
+    }
+
     /// Multiply colour and coverage of layers of `target`, padded to `size`, by 1 or 0. `seen_any` becomes true where a view sees one
     /// of them.
     pub(crate) fn hide(&self, target: &Camera, size: Size, layers: WarpedLayers<'_>, seen_any: &mut [bool]) {

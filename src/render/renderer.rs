@@ -101,8 +101,8 @@ impl<N: PlaneNetwork> Renderer<N> {
             return Err(RenderError::Views { expected: count, found: views.len() });
         }
         let mut sources = warp_sources(views, target);
-        for (source, view) in sources.iter_mut().zip(visibility.iter().flat_map(|seen| &seen.views)) {
-            source.gains = view.gains;
+        if let Some(visibility) = visibility {
+            visibility.balance(&mut sources);
         }
         let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
         let weights = DistanceWeights::new(&distances);
