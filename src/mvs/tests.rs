@@ -1,18 +1,23 @@
 //! A square before a wall, seen by cameras side by side: every stage on a scene whose depth is known.
 
+use std::sync::Arc;
+
 use glam::{DMat3, DVec3};
 use ndarray::Array2;
 
-use super::aggregate::{Penalties, aggregate};
+use super::aggregate::aggregate;
 use super::disagreement::{MOST, Views, disagreement};
 use super::grid::{Candidates, Grid, SEGMENT};
-use super::photo_sweep::{Planes, UNIT, costs};
+use super::penalties::Penalties;
+use super::photo_sweep::{UNIT, costs};
+use super::planes::Planes;
 use super::*;
 use crate::geometry::Intrinsics;
 use crate::image::ImageRgb;
+use crate::warp::NO_GAINS;
 
-const WIDTH: usize = 80;
-const HEIGHT: usize = 56;
+const WIDTH: usize = 128;
+const HEIGHT: usize = 96;
 const FOCAL: f64 = 60.0;
 const WALL: f64 = 0.125;
 const SQUARE: f64 = 0.5;
@@ -34,15 +39,17 @@ fn seen(x: f64, column: usize, row: usize) -> (f64, f64, f64) {
     }
 }
 
-fn photo(x: f64) -> Texture {
+/// What the camera at `x` sees, its channels multiplied by `exposure`.
+fn photo(x: f64, exposure: [f32; 3]) -> ImageRgb {
     let colour = |i: usize| {
         let (disparity, u, v) = seen(x, i % WIDTH, i / WIDTH);
         let wave = |a: f64, b: f64, c: f64| 0.5 + 0.24 * (a * u + b * v + c).sin() + 0.24 * (b * u - a * v).cos();
         let c = 10.0 * disparity;
-        [wave(1.1, 0.4, c) as f32, wave(0.7, 0.9, 2.0 + c) as f32, wave(0.3, 1.3, 4.0 + c) as f32]
+        let colour = [wave(1.1, 0.4, c), wave(0.7, 0.9, 2.0 + c), wave(0.3, 1.3, 4.0 + c)];
+        std::array::from_fn::<_, 3, _>(|channel| exposure[channel] * colour[channel] as f32)
     };
     let data = (0..WIDTH * HEIGHT).flat_map(colour).collect();
-    Texture::new(&ImageRgb::new(WIDTH, HEIGHT, data).unwrap())
+    ImageRgb::new(WIDTH, HEIGHT, data).unwrap()
 }
 
 const PLACES: [f64; 5] = [0.0, -0.2, 0.2, -0.4, 0.4];
@@ -54,11 +61,21 @@ struct Rig {
 
 impl Rig {
     fn new() -> Self {
-        Self { cameras: PLACES.map(camera).to_vec(), photos: PLACES.map(photo).to_vec() }
+        Self {
+            cameras: PLACES.map(camera).to_vec(),
+            photos: PLACES.map(|x| Texture::new(&photo(x, NO_GAINS))).to_vec(),
+        }
     }
 
     fn view(&self, index: usize) -> SourceView<'_> {
         SourceView { camera: &self.cameras[index], texture: &self.photos[index] }
+    }
+
+    /// The first photos, with what is known of them.
+    fn surface_views<'a>(&'a self, known: &'a [Arc<KnownDepth>]) -> Vec<SurfaceView<'a>> {
+        let view =
+            |(k, known): (usize, &'a Arc<KnownDepth>)| SurfaceView { view: self.view(k), known, gains: NO_GAINS };
+        known.iter().enumerate().map(view).collect()
     }
 
     fn maps(&self) -> DepthMaps {
@@ -135,16 +152,17 @@ fn photos_know_their_depth_and_the_target_its_surface() {
     let rig = Rig::new();
     let mut maps = rig.maps();
     let set = [0, 1, 2, 3, 4];
-    for (index, found, known) in maps.known(&set) {
+    let known = maps.known(&set);
+    for (index, known) in known.iter().enumerate() {
+        let found = maps.found(index).unwrap();
         let share = right(&found.disparity, PLACES[index], found.pixel);
         assert!(share > 0.93, "photo {index}: {share}");
         let confirmed = known.disparity.iter().filter(|d| **d >= 0.0).count();
         assert!(confirmed as f64 > 0.8 * (WIDTH * HEIGHT) as f64, "photo {index}: {confirmed} confirmed");
     }
-    let known = maps.known(&set);
-    let views: Vec<_> = known.iter().map(|(k, all, known)| SurfaceView { view: rig.view(*k), all, known }).collect();
+    let views = rig.surface_views(&known);
     let target = camera(0.1);
-    let found = surface(&views, 5, &target, RANGE.0, RANGE.1, &Settings::default());
+    let found = surface(&views, &target, RANGE.0, RANGE.1, &Settings::default());
     let share = right(&found.disparity, 0.1, found.pixel);
     assert!(share > 0.95, "{share}");
     let layers = found.layers(3).unwrap();
@@ -158,17 +176,17 @@ fn what_other_photos_contradict_is_not_confirmed() {
     let cameras = [camera(0.0), camera(0.1)];
     let (good, mut bad) = (flat(0.2), flat(0.2));
     bad.disparity[(20, 40)] = 0.5; // floats before the wall that the other photo sees
-    let maps = [(&cameras[0], &bad), (&cameras[1], &good)];
-    let found = confirmed(0, &maps, &Settings::default());
+    let opinion = Opinion::new((&cameras[0], &bad), (&cameras[1], &good), &Settings::default());
+    let found = confirmed(&[&opinion], (HEIGHT, WIDTH));
     assert!(!found[(20, 40)]);
     assert!(found.indexed_iter().filter(|((_, x), _)| *x > 2).all(|(at, &ok)| ok || at == (20, 40)));
-    assert!(confirmed(0, &maps[..1], &Settings::default()).iter().all(|&ok| !ok), "alone, nothing is confirmed");
+    assert!(confirmed(&[], (HEIGHT, WIDTH)).iter().all(|&ok| !ok), "alone, nothing is confirmed");
 }
 
 #[test]
 fn a_view_does_not_see_what_its_own_depth_hides() {
     let target = camera(0.0);
-    let mut map = KnownDepth { disparity: Array2::from_elem((HEIGHT, WIDTH), 0.1) };
+    let mut map = KnownDepth { disparity: Array2::from_elem((HEIGHT, WIDTH), 0.1), pixel: 0.01 };
     map.disparity[(10, 20)] = 0.5;
     map.disparity[(10, 21)] = -1.0;
     let seen = visibility::visible((&target, &map), &target, &[0.1; WIDTH * HEIGHT], WIDTH, 0.05);
@@ -183,13 +201,18 @@ fn views_agree_on_the_surface_and_nowhere_else() {
     let sources = [0, 1, 2].map(|k| WarpSource::new(&rig.photos[k], PlaneSweep::new(&rig.cameras[k], &rig.cameras[0])));
     let visible = vec![vec![1.0; WIDTH * HEIGHT]; 3];
     let views = Views { sources: &sources, visible: &visible };
-    let wall = vec![WALL as f32; WIDTH * HEIGHT];
-    let found = disagreement(&views, &wall, WIDTH, &[0.0, 0.2], 1);
+    let [wall, before] = [WALL, WALL + 0.2].map(|disparity| vec![disparity as f32; WIDTH * HEIGHT]);
+    let everywhere = vec![-1.0; WIDTH * HEIGHT];
     let at = 8 * WIDTH + 30;
-    assert!(found[0][at] < 1e-3 && found[1][at] > 5e-3, "{} {}", found[0][at], found[1][at]);
+    let [on, off] = [&wall, &before].map(|map| disagreement(&views, map, WIDTH, &everywhere)[at]);
+    assert!(on < 1e-3 && off > 5e-3, "{on} {off}");
     let blind = vec![vec![0.0; WIDTH * HEIGHT]; 3];
-    let found = disagreement(&Views { sources: &sources, visible: &blind }, &wall, WIDTH, &[0.0], 1);
-    assert!(found[0].iter().all(|&d| (d - MOST).abs() < 1e-8));
+    let found = disagreement(&Views { sources: &sources, visible: &blind }, &wall, WIDTH, &everywhere);
+    assert!(found.iter().all(|&d| (d - MOST).abs() < 1e-8));
+    let mut asked = vec![0.0; WIDTH * HEIGHT];
+    asked[at] = -1.0;
+    let found = disagreement(&views, &wall, WIDTH, &asked);
+    assert!(found.iter().enumerate().all(|(k, &d)| d == if k == at { on } else { 0.0 }));
 }
 
 #[test]
@@ -201,7 +224,7 @@ fn a_scene_searches_each_photo_once_and_its_neighbours_nearest_first() {
     assert_eq!(maps.missing(&[0, 2]), [0, 2]);
     let first = maps.depth(2, |k| rig.view(k)).unwrap();
     let again = maps.depth(2, |_| unreachable!("it is known")).unwrap();
-    assert!(std::sync::Arc::ptr_eq(&first, &again));
+    assert!(Arc::ptr_eq(&first, &again));
     assert_eq!(maps.missing(&[0, 2]), [0]);
     let mut alone = DepthMaps::new(vec![camera(0.0)], RANGE.0, RANGE.1, Settings::default());
     assert!(alone.depth(0, |_| rig.view(0)).is_none(), "nobody to match it with");
@@ -215,9 +238,8 @@ fn any_number_of_threads_finds_the_same() {
         pool.install(|| {
             let mut maps = rig.maps();
             let known = maps.known(&[0, 1, 2, 3, 4]);
-            let views: Vec<_> =
-                known.iter().map(|(k, all, known)| SurfaceView { view: rig.view(*k), all, known }).collect();
-            surface(&views, 4, &camera(0.07), RANGE.0, RANGE.1, &Settings::default()).disparity
+            let views = rig.surface_views(&known[..4]);
+            surface(&views, &camera(0.07), RANGE.0, RANGE.1, &Settings::default()).disparity
         })
     };
     let bits = |map: Array2<f32>| map.iter().map(|d| d.to_bits()).collect::<Vec<_>>();
@@ -230,9 +252,8 @@ fn exposure_is_told_from_what_two_photos_show() {
     let rig = Rig::new();
     let mut maps = rig.maps();
     let known = maps.known(&[0, 1]);
-    let darker = rig.photos[1].with_gains([0.8, 0.9, 1.0]);
-    let mut views: Vec<_> =
-        known.iter().map(|(k, all, known)| SurfaceView { view: rig.view(*k), all, known }).collect();
+    let darker = Texture::new(&photo(PLACES[1], [0.8, 0.9, 1.0]));
+    let mut views = rig.surface_views(&known);
     views[1].view.texture = &darker;
     let gains = exposure_gains(&views, &[1.0, 1.0]);
     for (c, expected) in [0.8_f32, 0.9, 1.0].into_iter().enumerate() {

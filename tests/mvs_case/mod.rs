@@ -11,9 +11,6 @@ use liveview::warp::{SourceView, Texture, WarpSource};
 use ndarray::{Array, Array2, Array3, ArrayD, Dimension, IxDyn, OwnedRepr};
 use ndarray_npy::{NpzReader, ReadNpyError, ReadNpzError, ReadableElement};
 
-/// Photos that a photo is matched with, as parity/mvs_stages.py has it.
-const NEIGHBOURS: usize = 4;
-
 pub(crate) fn folder() -> PathBuf {
     let folder = std::env::var_os("LIVEVIEW_GOLDENS").map(PathBuf::from);
     folder.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("target/goldens"))
@@ -29,8 +26,6 @@ pub(crate) struct Case {
     pub(crate) range: (f64, f64),
     pub(crate) count: usize,
     pub(crate) settings: Settings,
-    /// Photos at the target that the further ones help.
-    pub(crate) main: usize,
     /// What `check` found beyond bounds; all of it is told at the end.
     pub(crate) failures: Mutex<Vec<String>>,
 }
@@ -48,7 +43,6 @@ impl Case {
             range: (0.0, 0.0),
             count: 0,
             settings: Settings::default(),
-            main: 0,
             failures: Mutex::default(),
         };
         for view in 0.. {
@@ -61,9 +55,6 @@ impl Case {
         case.target = case.camera("target", Size::new(size[[0]] as usize, size[[1]] as usize));
         let range = case.get::<f64>("range");
         (case.range, case.count) = ((range[[0]], range[[1]]), flat(case.get::<i64>("count"))[0] as usize);
-        case.main = flat(case.get::<i64>("main"))[0] as usize;
-        let radius = case.get::<i64>("radius");
-        (case.settings.radius, case.settings.fine_radius) = (radius[[0]] as usize, radius[[1]] as usize);
         case
     }
 
@@ -105,7 +96,7 @@ impl Case {
 
     /// Photos that photo `which` is matched with.
     pub(crate) fn neighbours(&self, which: usize) -> Vec<SourceView<'_>> {
-        (0..self.cameras.len()).filter(|&i| i != which).take(NEIGHBOURS).map(|i| self.view(i)).collect()
+        (0..self.cameras.len()).filter(|&i| i != which).take(self.settings.neighbours).map(|i| self.view(i)).collect()
     }
 
     pub(crate) fn depths(&self) -> Vec<PhotoDepth> {
@@ -123,13 +114,15 @@ impl Case {
     pub(crate) fn with_views<T>(&self, use_views: impl FnOnce(&[SurfaceView<'_>]) -> T) -> T {
         let depths = self.depths();
         let known = self.known(&depths);
-        let view = |i: usize| SurfaceView { view: self.view(i), all: &depths[i], known: &known[i] };
+        let gains = self.gains();
+        let view = |i: usize| SurfaceView { view: self.view(i), known: &known[i], gains: gains[i] };
         use_views(&(0..depths.len()).map(view).collect::<Vec<_>>())
     }
 
     /// The views at the target, and which pixels of the surface they see.
     pub(crate) fn at_target(&self) -> (Vec<WarpSource<'_>>, Vec<Vec<f32>>) {
-        let source = |i: usize| WarpSource::new(&self.textures[i], PlaneSweep::new(&self.cameras[i], &self.target));
+        let (gains, sweep) = (self.gains(), |i: usize| PlaneSweep::new(&self.cameras[i], &self.target));
+        let source = |i: usize| WarpSource { gains: gains[i], ..WarpSource::new(&self.textures[i], sweep(i)) };
         let visible = self.volume::<f32>("visible");
         let visible = visible.outer_iter().map(|map| map.iter().copied().collect()).collect();
         ((0..self.cameras.len()).map(source).collect(), visible)
@@ -138,8 +131,14 @@ impl Case {
     /// Disparity worth a pixel of parallax at the target.
     pub(crate) fn pixel(&self) -> f32 {
         let mut settings = self.settings.clone();
-        (settings.refine, settings.second) = (0, false);
-        self.with_views(|views| surface(views, self.main, &self.target, self.range.0, self.range.1, &settings).pixel)
+        settings.search_holes = 1.0;
+        self.with_views(|views| surface(views, &self.target, self.range.0, self.range.1, &settings).pixel)
+    }
+
+    /// What each photo's colours are multiplied by.
+    fn gains(&self) -> Vec<[f32; 3]> {
+        let gains = self.get::<f32>("gains");
+        (0..self.cameras.len()).map(|view| std::array::from_fn(|channel| gains[[view, channel]])).collect()
     }
 
     /// Hold `found` against the oracle's `stage`: few elements are doubtful, and all others within what float32 torch's own

@@ -192,7 +192,7 @@ fn everything_that_a_depth_depends_on_is_in_its_key() {
         |settings| settings.neighbours += 1,
         |settings| settings.spacing = 1.000_000_000_000_000_2,
         |settings| settings.jump = f32::from_bits(settings.jump.to_bits() + 1),
-        |settings| settings.full = false,
+        |settings| settings.parts = 3,
     ];
     for change in changes {
         let mut settings = settings.clone();
