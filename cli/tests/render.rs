@@ -248,7 +248,7 @@ fn qualities_are_choices_of_layers() {
     };
     assert_eq!(layers(&["--quality", "draft"]), "guided:1");
     assert_eq!(layers(&["--quality", "balanced"]), "guided:2");
-    assert_eq!(layers(&["--quality", "full"]), "guided:4");
+    assert_eq!(layers(&["--quality", "full"]), "surface:1");
     assert_eq!(layers(&["--quality", "paper"]), "select:16/64");
     assert_eq!(layers(&["--layers", "kmeans:3"]), "kmeans:3");
 }

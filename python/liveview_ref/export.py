@@ -93,7 +93,7 @@ def main() -> None:
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("model", type=Path)
     parser.add_argument(
-        "--recommended-layers", type=layer_spec.argument, default="guided:2", help="such as %(default)s or planes:64"
+        "--recommended-layers", type=layer_spec.argument, default="surface:1", help="such as %(default)s or planes:64"
     )
     parser.add_argument("--licence", required=True, help="of the weights and of what they were trained on, in a line")
     args = parser.parse_args()

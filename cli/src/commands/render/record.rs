@@ -5,9 +5,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
-use liveview::Shot;
 use liveview::fs::bounded;
 use liveview::image::Score;
+use liveview::{LayerSpec, Shot};
 use serde_json::{Map, Value, json};
 
 use super::rendered::Rendered;
@@ -33,6 +33,13 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
     };
     let mut cameras = String::new();
     let mut views = BTreeSet::new();
+    if matches!(job.layers(), LayerSpec::Surface(_)) {
+        // A photo's depth depends on photos around it, its range on all.
+        let held_out = &first.held_out;
+        views.extend((0..scene.views.len()).filter(|view| !held_out.contains(view)));
+        let ranges: Vec<_> = views.iter().map(|&view: &usize| scene.views[view].depth_range).collect();
+        cameras += &format!("{ranges:?}\n");
+    }
     for shot in shots {
         cameras += &format!("{} {:?} {:?} {:?} {:?}\n", shot.name, shot.target, shot.near, shot.far, shot.views);
         views.extend(&shot.views);
