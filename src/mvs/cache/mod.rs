@@ -1,6 +1,6 @@
 //! Depth of photos kept in a folder, so that a later run finds it there.
 //!
-//! One file ([`file`]) for the depth of one photo, named by a digest of all that the depth depends on ([`key`]): what is found under a
+//! One file ([`mod@file`]) for the depth of one photo, named by a digest of all that the depth depends on ([`key`]): what is found under a
 //! name never has to be checked for being outdated, scenes and settings share a folder, and any file may be deleted at any time. A file
 //! has its name only once it is whole, so several processes may share a folder: of two that find the same depth the last one's file
 //! stands, and both are the same. A held-out photo takes part in no key, as it is in no photo's neighbours.
