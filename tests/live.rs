@@ -230,3 +230,96 @@ fn another_size_of_the_target_starts_anew() {
     let frame = show(&mut session, EMPTY, &half);
     assert_eq!((frame.layer_source, frame.frame.picture.width()), (LayerSource::Searched, 192));
 }
+
+fn surface_session(policy: Policy) -> LiveSession<Agreement> {
+    session_of(LayerSpec::Surface(1), policy, &[4])
+}
+
+/// The share of the photos used whose depth was searched for a frame.
+fn share(frame: &LiveFrame) -> f64 {
+    match frame.layer_source {
+        LayerSource::Searched => 1.0,
+        LayerSource::Propagated { refreshed } => refreshed,
+        other => panic!("{other}"),
+    }
+}
+
+const BOARD: Stage = Stage { board: Some(0.2), ..EMPTY };
+
+#[test]
+fn a_still_scene_is_searched_once_wherever_the_target_moves() {
+    let mut propagated = surface_session(Policy::Propagate);
+    for step in 0..4 {
+        let target = camera(-0.1 + 0.05 * f64::from(step), 0.0);
+        let frame = show(&mut propagated, BOARD, &target);
+        assert_eq!(share(&frame), if step == 0 { 1.0 } else { 0.0 });
+        let anew = show(&mut surface_session(Policy::Every(1)), BOARD, &target);
+        assert_eq!(frame.frame.picture.data(), anew.frame.picture.data(), "step {step}");
+    }
+}
+
+#[test]
+fn depth_is_searched_where_photos_change_and_only_there() {
+    let (mut propagated, target) = (surface_session(Policy::Propagate), camera(0.05, 0.0));
+    let mut blind = surface_session(Policy::Once);
+    show(&mut propagated, EMPTY, &target);
+    show(&mut blind, EMPTY, &target);
+    for left in [0.2, 0.1, 0.0] {
+        let stage = Stage { board: Some(left), ..EMPTY };
+        let frame = show(&mut propagated, stage, &target);
+        assert!(share(&frame) > 0.0 && share(&frame) < 0.5, "{}", share(&frame));
+        let best = show(&mut surface_session(Policy::Every(1)), stage, &target);
+        let (own, best) = (score(&frame, stage, &target), score(&best, stage, &target));
+        assert!(own > best - 0.3, "board at {left}: {own:.2} dB, {best:.2} dB if searched");
+        let kept = show(&mut blind, stage, &target);
+        assert!(share(&kept) == 0.0 && score(&kept, stage, &target) < own - 1.0, "the first depth stays");
+    }
+}
+
+#[test]
+fn depth_is_searched_as_often_as_the_policy_says() {
+    let target = camera(0.05, 0.0);
+    for (policy, expected) in [
+        (Policy::Every(1), [1.0, 1.0, 1.0, 1.0]),
+        (Policy::Every(2), [1.0, 0.0, 1.0, 0.0]),
+        (Policy::Once, [1.0, 0.0, 0.0, 0.0]),
+    ] {
+        let mut session = surface_session(policy);
+        let shares = [0.2, 0.1, 0.0, -0.1].map(|left| {
+            let stage = Stage { board: Some(left), ..EMPTY };
+            share(&show(&mut session, stage, &target))
+        });
+        assert_eq!(shares, expected, "{policy}");
+    }
+}
+
+#[test]
+fn a_camera_that_drops_out_is_no_longer_asked_and_one_that_joins_is_searched() {
+    let (mut propagated, target) = (surface_session(Policy::Propagate), camera(0.05, 0.0));
+    let photos = BOARD.photos();
+    let mut render = |missing: &[usize]| {
+        let photos: Vec<_> = (0..photos.len()).map(|i| Some(&photos[i]).filter(|_| !missing.contains(&i))).collect();
+        propagated.render(&photos, &target).unwrap()
+    };
+    assert_eq!(share(&render(&[4])), 1.0);
+    let joined = render(&[]);
+    assert!((share(&joined) - 0.2).abs() < 1e-9, "one of five: {}", share(&joined));
+    let without = render(&[1]);
+    assert!(share(&without) == 0.0 && !without.views.contains(&1), "{without:?}");
+    assert!(score(&without, BOARD, &target) > 20.0);
+    assert_eq!(share(&render(&[])), 0.0, "back with the same photo: its depth is known");
+}
+
+#[test]
+fn surface_layers_are_the_same_for_any_number_of_threads() {
+    let target = camera(0.05, 0.0);
+    let pictures = [1, 2, 3].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut session = surface_session(Policy::Propagate);
+            let frames = [None, Some(0.2), Some(0.0)].map(|board| show(&mut session, Stage { board, ..EMPTY }, &target));
+            frames.map(|frame| frame.frame.picture.data().to_vec())
+        })
+    });
+    assert!(pictures[0] == pictures[1] && pictures[0] == pictures[2]);
+}

@@ -1,7 +1,7 @@
 //! Why a session, or one of its time steps, failed.
 
 use crate::geometry::{Size, TooFewViews};
-use crate::layers::{LayerSpec, LayersError};
+use crate::layers::LayersError;
 use crate::render::RenderError;
 
 /// Why a session, or one of its time steps, failed. After a failed time step the session can go on with the next.
@@ -11,11 +11,6 @@ pub enum LiveError {
     /// A session without a network.
     #[error("a session needs a network: expected at least one")]
     NoNetwork,
-    /// Layers that a session does not find.
-    #[error(
-        "{0} layers are for single pictures and paths, not for a video yet; expected guided, planes, select, kmeans or list"
-    )]
-    Unsupported(LayerSpec),
     /// The number of photos differs from that of the cameras.
     #[error("{found} photos were given for {expected} cameras; expected one for each, or none in its place")]
     Photos {

@@ -9,22 +9,22 @@ use crate::layers::LayerSpec;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Policy {
-    /// Every so many frames (1: each). In between, the surface of guided layers moves with the target camera, whatever the photos
-    /// show.
+    /// Every so many frames (1: each). In between, the surface of guided layers moves with the target camera, and the cameras keep
+    /// their depth for surface layers, whatever the photos show.
     Every(usize),
     /// On the first frame: with `select:16/64` the paper's video, which renders 64 planes once and the 16 fullest of their histogram
     /// from then on.
     Once,
     /// Guided layers: the surface of the last frame moves with the target camera, and is searched anew where the photos agree with
-    /// it less well than they did.
+    /// it less well than they did. Surface layers: the depth of a camera's photo is searched anew where it has changed.
     Propagate,
 }
 
 impl Policy {
-    /// The default for these layers: `propagate` for guided layers, `each` for k-means planes, `once` for all others.
+    /// The default for these layers: `propagate` for guided and surface layers, `each` for k-means planes, `once` for all others.
     pub fn default_for(layers: &LayerSpec) -> Self {
         match layers {
-            LayerSpec::Guided { .. } => Self::Propagate,
+            LayerSpec::Guided { .. } | LayerSpec::Surface(_) => Self::Propagate,
             LayerSpec::KMeans { .. } => Self::Every(1),
             _ => Self::Once,
         }
@@ -70,13 +70,21 @@ pub enum LayerSource {
     Dense,
     /// The planes that an earlier frame selected.
     Selected,
-    /// A guided search over the whole target.
+    /// A search over the whole target, or, for surface layers, over all photos used.
     Searched,
-    /// The surface or the planes of an earlier frame, but for a share of the target that was searched anew.
+    /// The surface, the planes or the depth of an earlier frame, but for a share of the target (of the photos used, for surface layers)
+    /// that was searched anew.
     Propagated {
         /// That share, 0 to 1.
         refreshed: f64,
     },
+}
+
+impl LayerSource {
+    /// That of what was propagated but for this share, 0 to 1.
+    pub(super) fn propagated(refreshed: f64) -> Self {
+        if refreshed < 1.0 { Self::Propagated { refreshed } } else { Self::Searched }
+    }
 }
 
 impl fmt::Display for LayerSource {

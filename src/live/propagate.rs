@@ -10,9 +10,11 @@ use glam::DVec3;
 use ndarray::{Array2, Axis, s};
 
 use super::dirty_tiles::{Region, dirty_regions};
+use super::step::Step;
 use crate::geometry::{Camera, PlaneSweep, Size, source_from_target};
 use crate::layers::guided::{COARSE, GuidedSearch, Levels, RangeMap, WINDOWS, neighbourhood, range_of};
 use crate::layers::{CELL, LayersError, padded};
+use crate::warp::NO_GAINS;
 
 /// A cell is an outlier if its cost is more than this many times what it was when the cell was searched …
 const RATIO: f32 = 1.5;
@@ -31,7 +33,13 @@ pub(super) struct TargetViews<'a> {
     pub(super) target: &'a Camera,
 }
 
-impl TargetViews<'_> {
+impl<'a> TargetViews<'a> {
+    pub(super) fn new(step: &'a Step<'_>, views: &[usize], target: &'a Camera) -> Self {
+        let sources: Vec<_> = views.iter().map(|&view| step.source(view)).collect();
+        let levels = Levels::new(sources.iter().map(|source| (source.texture, NO_GAINS)).collect());
+        Self { levels, cameras: sources.iter().map(|source| source.camera).collect(), target }
+    }
+
     /// Plane sweeps for a target, or for a part of one.
     fn sweeps(&self, target: &Camera) -> Vec<PlaneSweep> {
         self.cameras.iter().map(|camera| PlaneSweep::new(camera, target)).collect()

@@ -7,17 +7,16 @@ use rayon::prelude::*;
 
 use super::error::LiveError;
 use super::frame::{LiveFrame, LiveTimes};
-use super::history::History;
+use super::history::{Found, History};
 use super::policy::LayerSource;
-use super::propagate::TargetViews;
 use super::settings::LiveSettings;
-use crate::geometry::{Camera, choose_views};
+use super::step::Step;
+use crate::geometry::{Camera, TooFewViews};
 use crate::image::ImageRgb;
-use crate::layers::guided::Levels;
 use crate::layers::{LayerSpec, Layers, select_disparities, uniform_disparities};
 use crate::network::PlaneNetwork;
 use crate::render::Renderer;
-use crate::warp::{NO_GAINS, SourceView, Texture};
+use crate::warp::SourceView;
 
 /// Renders the time steps of a rig, one after the other.
 pub struct LiveSession<N> {
@@ -81,29 +80,22 @@ impl<N: PlaneNetwork> LiveSession<N> {
     /// look the target's way (what to show instead is up to the caller); [`LiveError::Layers`] and [`LiveError::Render`].
     pub fn render(&mut self, photos: &[Option<&ImageRgb>], target: &Camera) -> Result<LiveFrame, LiveError> {
         self.check(photos)?;
-        let (network, views) = self.choose(photos, target)?;
+        let step = Step::new(&self.cameras, photos);
+        let (network, views) = self.choose(&step, target)?;
         let started = Instant::now();
-        let chosen: Vec<&ImageRgb> = views.iter().filter_map(|&view| photos[view]).collect();
-        let textures: Vec<Texture> = chosen.into_par_iter().map(Texture::new).collect();
+        let sources: Vec<SourceView<'_>> = views.par_iter().map(|&view| step.source(view)).collect();
         let ready = Instant::now();
-        let cameras: Vec<&Camera> = views.iter().map(|&view| &self.cameras[view]).collect();
-        let sources: Vec<SourceView<'_>> =
-            cameras.iter().zip(&textures).map(|(&camera, texture)| SourceView { camera, texture }).collect();
-        let target_views = TargetViews {
-            levels: Levels::new(textures.iter().map(|texture| (texture, NO_GAINS)).collect()),
-            cameras,
-            target,
-        };
-        let (layers, layer_source) = self.history.layers(&self.settings, &target_views)?;
+        let Found { layers, source, seen } = self.history.layers(&self.settings, &step, &views, target)?;
         let found = Instant::now();
-        let frame = self.renderers[network].render(&sources, target, &layers)?;
-        if let (LayerSpec::Select { keep, from }, LayerSource::Dense) = (&self.settings.layers, layer_source) {
+        let visibility = seen.as_ref().map(|seen| seen.visibility(&sources));
+        let frame = self.renderers[network].render_visible(&sources, visibility.as_ref(), target, &layers, |_| ())?;
+        if let (LayerSpec::Select { keep, from }, LayerSource::Dense) = (&self.settings.layers, source) {
             let disparities = uniform_disparities(self.settings.near, self.settings.far, *from)?;
             let kept = select_disparities(&disparities, &frame.plane_histogram(*from), *keep);
             self.history.keep_planes(Layers::planes(&kept)?);
         }
         let times = LiveTimes { photos: ready - started, layers: found - ready, stages: frame.times };
-        Ok(LiveFrame { frame, layer_source, views, times })
+        Ok(LiveFrame { frame, layer_source: source, views, times })
     }
 
     fn check(&self, photos: &[Option<&ImageRgb>]) -> Result<(), LiveError> {
@@ -121,16 +113,15 @@ impl<N: PlaneNetwork> LiveSession<N> {
     }
 
     /// Index of the network, and of the cameras that it renders from.
-    fn choose(&self, photos: &[Option<&ImageRgb>], target: &Camera) -> Result<(usize, Vec<usize>), LiveError> {
-        let usable: Vec<usize> = (0..photos.len()).filter(|&view| photos[view].is_some()).collect();
-        let cameras: Vec<&Camera> = usable.iter().map(|&view| &self.cameras[view]).collect();
-        let mut refused = None;
-        for (index, renderer) in self.renderers.iter().enumerate() {
-            match choose_views(&cameras, target, renderer.network().views()) {
-                Ok(chosen) => return Ok((index, chosen.into_iter().map(|i| usable[i]).collect())),
-                Err(error) => refused = Some(error),
-            }
-        }
-        Err(refused.map_or(LiveError::NoNetwork, LiveError::Views))
+    fn choose(&self, step: &Step<'_>, target: &Camera) -> Result<(usize, Vec<usize>), LiveError> {
+        let mut nearest = step.nearest(target);
+        let views = |renderer: &Renderer<N>| renderer.network().views();
+        let fits = self.renderers.iter().position(|renderer| views(renderer) <= nearest.len());
+        let Some(network) = fits else {
+            let wanted = self.renderers.iter().map(views).min().unwrap_or(0);
+            return Err(TooFewViews { wanted, found: nearest.len(), of: step.delivered() }.into());
+        };
+        nearest.truncate(views(&self.renderers[network]));
+        Ok((network, nearest))
     }
 }

@@ -18,7 +18,7 @@ use super::median::median3;
 use super::penalties::Penalties;
 use super::photo_sweep::costs;
 use super::planes::Planes;
-use super::{PlaneSweep, Settings, SourceView, Texture, WarpSource, parallax};
+use super::{PlaneSweep, Settings, Size, SourceView, Texture, WarpSource, parallax};
 
 /// What a photo's search found, before other photos were asked.
 #[derive(Debug, Clone)]
@@ -27,6 +27,13 @@ pub struct PhotoDepth {
     pub disparity: Array2<f32>,
     /// Disparity that is worth one pixel of parallax in the neighbour that sees most of it, 1/scene unit.
     pub pixel: f32,
+}
+
+impl PhotoDepth {
+    /// That of a photo without neighbours: nothing will confirm any of it.
+    pub(crate) fn unknown(size: Size) -> Self {
+        Self { disparity: Array2::from_elem((size.height, size.width), -1.0), pixel: 1.0 }
+    }
 }
 
 /// Number of planes of the first search.

@@ -29,11 +29,11 @@ pub use model::{DEFAULT_VIEWS, Model, ModelOptions};
 pub use photo_cache::PhotoCache;
 pub use photo_depths::{DepthSource, ViewDepth};
 pub use plan::Plan;
-pub use scene_depth::SeenSurface;
 pub use target::{Shot, Target, TargetView, Targets};
 
 use crate::layers::{LayerSpec, Layers};
 use crate::mvs::Settings;
+pub use crate::mvs::SeenSurface;
 use crate::network::{OrtNetwork, PlaneNetwork};
 use crate::render::{Batch, Frame, Renderer};
 use crate::scene::{Scene, SceneOptions};

@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 
 use super::error::SynthesisError;
 use super::photo_cache::PhotoCache;
-use super::scene_depth::{SceneDepth, SeenSurface};
+use super::scene_depth::SceneDepth;
 use super::target::Shot;
 use crate::mvs::cache::{DepthCache, PhotoDigest};
-use crate::mvs::{KnownDepth, PhotoDepth};
+use crate::mvs::{KnownDepth, PhotoDepth, SeenSurface};
 
 /// A folder of depths, and what has been found out on the way.
 pub(super) struct KeptDepths {

@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use super::error::SynthesisError;
 use super::photo_cache::PhotoCache;
-use super::scene_depth::SeenSurface;
 use super::target::Shot;
 use crate::layers::guided::RangeMap;
 use crate::layers::{LayerSpec, Layers, kmeans_planes, select_disparities, uniform_disparities};
+use crate::mvs::SeenSurface;
 use crate::network::PlaneNetwork;
 use crate::render::Renderer;
 

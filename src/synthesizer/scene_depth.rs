@@ -1,20 +1,13 @@
 //! The depth of a scene's photos, kept for all pictures of a run, and the surface of a target from it.
 
-use std::sync::Arc;
 use std::time::{Duration, Instant};
-
-use ndarray::Array2;
 
 use super::photo_depths::{DepthSource, ViewDepth};
 use super::target::Shot;
-use crate::geometry::distance;
-use crate::layers::{Layers, LayersError};
 use crate::mvs::cache::{DepthKey, PhotoDigest};
-use crate::mvs::{
-    DepthMaps, KnownDepth, PhotoDepth, Settings, Surface, SurfaceView, Visibility, VisibleView, exposure_gains, surface,
-};
+use crate::mvs::{DepthMaps, PhotoDepth, SeenSurface, Settings};
 use crate::scene::Scene;
-use crate::warp::{NO_GAINS, SourceView};
+use crate::warp::SourceView;
 
 /// Depth maps of the views that may take part.
 pub(super) struct SceneDepth {
@@ -24,50 +17,6 @@ pub(super) struct SceneDepth {
     held_out: Vec<usize>,
     /// How the depth of each of them was found, and in what time.
     sources: Vec<(DepthSource, Duration)>,
-}
-
-/// A target's surface, and what is known of the photos of its views.
-#[derive(Debug, Clone)]
-pub struct SeenSurface {
-    surface: Surface,
-    /// How much nearer than a point a photo's own depth must be to hide it, 1/scene unit.
-    margin: f32,
-    /// The confirmed depth of each view's photo.
-    known: Vec<Arc<KnownDepth>>,
-    /// What each view's photo is multiplied by, per channel, so that all have the exposure that the target is to have.
-    gains: Vec<[f32; 3]>,
-}
-
-impl SeenSurface {
-    /// The surface.
-    pub fn surface(&self) -> &Surface {
-        &self.surface
-    }
-
-    /// Factors of exposure of each view, by channel; 1 where they are left as they are.
-    pub fn gains(&self) -> &[[f32; 3]] {
-        &self.gains
-    }
-
-    /// `count` layers along the surface ([`Surface::layers`]).
-    ///
-    /// # Errors
-    ///
-    /// [`LayersError::Empty`] for none.
-    pub fn layers(&self, count: usize) -> Result<Layers, LayersError> {
-        self.surface.layers(count)
-    }
-
-    /// What hides its layers from these views, and balances their photos' exposures.
-    pub(super) fn visibility<'a>(&'a self, views: &[SourceView<'a>]) -> Visibility<'a> {
-        let view = |((view, known), &gains): ((&SourceView<'a>, &'a Arc<KnownDepth>), _)| VisibleView {
-            camera: view.camera,
-            known,
-            gains,
-        };
-        let views = views.iter().zip(&self.known).zip(&self.gains).map(view).collect();
-        Visibility { views, margin: self.margin }
-    }
 }
 
 impl SceneDepth {
@@ -128,8 +77,7 @@ impl SceneDepth {
             self.sources[photo] = (DepthSource::Searched, started.elapsed());
         } else {
             let size = source(view).camera.size();
-            let disparity = Array2::from_elem((size.height, size.width), -1.0);
-            self.insert(view, PhotoDepth { disparity, pixel: 1.0 }, DepthSource::Alone, started.elapsed());
+            self.insert(view, PhotoDepth::unknown(size), DepthSource::Alone, started.elapsed());
         }
     }
 
@@ -159,28 +107,7 @@ impl SceneDepth {
         source: impl Fn(usize) -> SourceView<'a>,
         exposure: bool,
     ) -> SeenSurface {
-        let photos: Vec<usize> = set.iter().map(|&view| self.photo(view)).collect();
-        let known = self.maps.known(&photos);
-        let mut views: Vec<SurfaceView<'_>> = set
-            .iter()
-            .zip(&known)
-            .map(|(&view, known)| SurfaceView { view: source(view), known, gains: NO_GAINS })
-            .collect();
-        if exposure {
-            let distances: Vec<f64> = views.iter().map(|view| distance(view.view.camera, &shot.target)).collect();
-            let gains = exposure_gains(&views, &distances);
-            views.iter_mut().zip(gains).for_each(|(view, gains)| view.gains = gains);
-        }
-        let (near, far) = self.maps.range();
-        let settings = self.maps.settings();
-        let surface = surface(&views, &shot.target, near, far, settings);
-        let count = shot.views.len();
-        let gains = views.iter().take(count).map(|view| view.gains).collect();
-        SeenSurface {
-            margin: settings.hides * surface.pixel,
-            surface,
-            known: known.into_iter().take(count).collect(),
-            gains,
-        }
+        let photos: Vec<_> = set.iter().map(|&view| (self.photo(view), source(view))).collect();
+        SeenSurface::find(&mut self.maps, &photos, shot.views.len(), &shot.target, exposure)
     }
 }

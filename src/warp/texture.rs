@@ -1,5 +1,6 @@
 //! Photos as textures.
 
+use crate::geometry::Size;
 use crate::image::ImageRgb;
 
 /// A view's photo as the warp samples it: RGB and a fourth channel of ones (whose sample is the coverage), inside a border of
@@ -67,6 +68,17 @@ impl Texture {
             }
         }
         Self { texels, width, height }
+    }
+
+    /// The part of the photo that begins in column `left`, row `top`.
+    pub(crate) fn window(&self, (left, top): (usize, usize), size: Size) -> Self {
+        let (stride, part_stride) = (self.stride() as usize, size.width + BORDER.0 + BORDER.1);
+        let mut texels = vec![[0.0; 4]; part_stride * (size.height + BORDER.0 + BORDER.1)];
+        for (y, row) in texels.chunks_exact_mut(part_stride).skip(BORDER.0).take(size.height).enumerate() {
+            let at = (top + y + BORDER.0) * stride + left + BORDER.0;
+            row[BORDER.0..BORDER.0 + size.width].copy_from_slice(&self.texels[at..at + size.width]);
+        }
+        Self { texels, width: size.width, height: size.height }
     }
 
     /// Texels from one row to the next.

@@ -1,8 +1,9 @@
-//! Adapts the work per frame of a live video to the machine's speed: first the number of guided layers, then the size of the target.
-//! Down at once to the level that is expected to fit the budget, up again one level at a time.
+//! Adapts the work per frame of a live video to the machine's speed: first the layers, then the size of the target. Down at once to
+//! the level that is expected to fit the budget, up again one level at a time.
 
 use std::time::Duration;
 
+use liveview::LayerSpec;
 use serde_json::{Value, json};
 
 /// Frames in a row over the budget after which the level falls …
@@ -16,23 +17,32 @@ const LONGEST: usize = 30 * 32;
 /// Share of the budget that the work of a higher level must fit into.
 const COMFORT: f64 = 0.8;
 
+/// Time that surface layers take to find where photos change, in layers of the full size.
+const DEPTH: f64 = 6.0;
+
 /// A level: the work of a frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Level {
-    /// Number of guided layers; `None` for planes, whose number does not change.
-    pub(super) layers: Option<usize>,
+    pub(super) layers: LayerSpec,
     /// Scale of the target's sides, at most 1.
     pub(super) scale: f64,
 }
 
 impl Level {
-    /// Work, in layers of the full size; finding the layers takes about as long as one of them.
+    /// Work, in layers of the full size; a search at the target takes about as long as one of them. That of planes does not matter: their
+    /// number is the same on all levels.
     fn work(&self) -> f64 {
-        (self.layers.unwrap_or(0) as f64 + 1.0) * self.scale * self.scale
+        let (layers, depth) = match self.layers {
+            LayerSpec::Guided { layers, .. } => (layers + 1, 0.0),
+            // Of photos, whatever the target's size.
+            LayerSpec::Surface(layers) => (layers, DEPTH),
+            _ => (1, 0.0),
+        };
+        layers as f64 * self.scale * self.scale + depth
     }
 
     pub(super) fn json(&self) -> Value {
-        json!({ "layers": self.layers, "scale": self.scale })
+        json!({ "layers": self.layers.to_string(), "scale": self.scale })
     }
 }
 
@@ -48,18 +58,30 @@ pub(super) struct Governor {
 }
 
 impl Governor {
-    /// Levels from that many guided layers down; with planes (`None`) only the size changes.
-    pub(super) fn new(budget: Duration, guided: Option<usize>) -> Self {
-        let fewer = [4, 2, 1].into_iter().map(Some).filter(|&fewer| fewer < guided);
-        let mut levels: Vec<Level> =
-            std::iter::once(guided).chain(fewer).map(|layers| Level { layers, scale: 1.0 }).collect();
-        let least = levels[levels.len() - 1];
-        levels.extend([0.75, 0.5].map(|scale| Level { scale, ..least }));
+    /// Levels from these layers down: fewer guided ones, and below surface layers guided ones, of which only a single one makes a picture
+    /// where no network tells their opacities; planes stay, and only the size changes.
+    pub(super) fn new(budget: Duration, layers: &LayerSpec, opacities: bool) -> Self {
+        let fewer = match *layers {
+            LayerSpec::Guided { layers, coarse_planes } => {
+                let fewer = [4, 2, 1].into_iter().filter(|&fewer| fewer < layers);
+                fewer.map(|layers| LayerSpec::Guided { layers, coarse_planes }).collect()
+            }
+            LayerSpec::Surface(layers) => {
+                let one = (layers > 1).then_some(LayerSpec::Surface(1));
+                let two = opacities.then_some(LayerSpec::guided(2));
+                one.into_iter().chain(two).chain([LayerSpec::guided(1)]).collect()
+            }
+            _ => Vec::new(),
+        };
+        let level = |layers| Level { layers, scale: 1.0 };
+        let mut levels: Vec<Level> = std::iter::once(layers.clone()).chain(fewer).map(level).collect();
+        let least = levels[levels.len() - 1].clone();
+        levels.extend([0.75, 0.5].map(|scale| Level { scale, ..least.clone() }));
         Self { budget, levels, at: 0, late: 0, room: 0, patience: ROOM }
     }
 
-    pub(super) fn level(&self) -> Level {
-        self.levels[self.at]
+    pub(super) fn level(&self) -> &Level {
+        &self.levels[self.at]
     }
 
     /// The scales of all levels.
@@ -70,7 +92,7 @@ impl Governor {
     }
 
     /// Records the time of a frame; the new level, if it changes.
-    pub(super) fn note(&mut self, took: Duration) -> Option<Level> {
+    pub(super) fn note(&mut self, took: Duration) -> Option<&Level> {
         let share = took.as_secs_f64() / self.budget.as_secs_f64();
         let now = self.level().work();
         let expected = |level: &Level| share * level.work() / now;
@@ -104,42 +126,65 @@ mod tests {
     use super::*;
 
     fn after(governor: &mut Governor, frames: usize, milliseconds: u64) -> Vec<Level> {
-        (0..frames).filter_map(|_| governor.note(Duration::from_millis(milliseconds))).collect()
+        (0..frames).filter_map(|_| governor.note(Duration::from_millis(milliseconds)).cloned()).collect()
+    }
+
+    fn guided(layers: usize) -> Governor {
+        Governor::new(Duration::from_millis(33), &LayerSpec::guided(layers), true)
     }
 
     fn pairs(levels: &[Level]) -> Vec<(usize, f64)> {
-        levels.iter().map(|level| (level.layers.unwrap_or(0), level.scale)).collect()
+        let layers = |layers: &LayerSpec| if let LayerSpec::Guided { layers, .. } = layers { *layers } else { 0 };
+        levels.iter().map(|level| (layers(&level.layers), level.scale)).collect()
     }
 
     #[test]
     fn layers_go_first_then_size_and_nothing_below() {
-        let mut governor = Governor::new(Duration::from_millis(33), Some(4));
+        let mut governor = guided(4);
         assert_eq!(after(&mut governor, 2, 40), [], "two late frames are an accident");
         assert_eq!(pairs(&after(&mut governor, 40, 40)), [(2, 1.0), (1, 1.0), (1, 0.75), (1, 0.5)]);
-        let planes = Governor::new(Duration::from_millis(33), None);
+        let planes = Governor::new(Duration::from_millis(33), &LayerSpec::Planes(8), true);
         assert_eq!(planes.levels.len(), 3);
     }
 
     #[test]
     fn it_goes_straight_to_the_most_that_fits() {
         // Work 5, 3, 2, 1.125 and 0.5: of 60 ms 36, 24, …, of 100 ms 60, 40, 22.5.
-        let mut governor = Governor::new(Duration::from_millis(33), Some(4));
+        let mut governor = guided(4);
         assert_eq!(pairs(&after(&mut governor, 3, 60)), [(1, 1.0)], "not past what fits");
-        let mut governor = Governor::new(Duration::from_millis(33), Some(4));
+        let mut governor = guided(4);
         assert_eq!(pairs(&after(&mut governor, 1, 100)), [(1, 0.75)], "far too much: at once");
-        let mut governor = Governor::new(Duration::from_millis(33), Some(4));
+        let mut governor = guided(4);
         assert_eq!(pairs(&after(&mut governor, 9, 1000)), [(1, 0.5)], "where nothing fits, the least, once");
     }
 
     #[test]
     fn it_comes_back_when_there_is_room_and_the_more_slowly_the_more_often_that_failed() {
-        let mut governor = Governor::new(Duration::from_millis(33), Some(2));
+        let mut governor = guided(2);
         after(&mut governor, 3, 45);
         assert_eq!(after(&mut governor, 300, 25), [], "two layers would not fit");
         let back = |governor: &mut Governor| (1..1000).find(|_| governor.note(Duration::from_millis(10)).is_some());
         assert_eq!(back(&mut governor), Some(2 * ROOM));
-        assert_eq!(governor.level().layers, Some(2));
+        assert_eq!(governor.level().layers, LayerSpec::guided(2));
         after(&mut governor, 3, 45);
         assert_eq!(back(&mut governor), Some(4 * ROOM));
+    }
+
+    #[test]
+    fn surface_layers_are_the_best_level_and_guided_ones_stand_below() {
+        let ladder = |layers, opacities| {
+            let governor = Governor::new(Duration::from_millis(33), &LayerSpec::Surface(layers), opacities);
+            governor.levels.iter().map(|level| format!("{} {}", level.layers, level.scale)).collect::<Vec<_>>()
+        };
+        let below = ["guided:2 1", "guided:1 1", "guided:1 0.75", "guided:1 0.5"];
+        assert_eq!(ladder(2, true), [&["surface:2 1", "surface:1 1"], &below[..]].concat());
+        assert_eq!(ladder(1, true), [&["surface:1 1"], &below[..]].concat());
+        assert_eq!(ladder(1, false), [&["surface:1 1"], &below[1..]].concat());
+        let mut governor = Governor::new(Duration::from_millis(33), &LayerSpec::Surface(1), true);
+        let levels = after(&mut governor, 3, 60);
+        assert_eq!(pairs(&levels), [(2, 1.0)], "work 7 and 3: of 60 ms 26");
+        assert_eq!(after(&mut governor, 100, 12), [], "surface layers would take 28");
+        let back = after(&mut governor, 100, 10);
+        assert_eq!(back[0].layers, LayerSpec::Surface(1));
     }
 }

@@ -35,16 +35,17 @@ pub(crate) struct VideoArgs {
     pub(super) scene: SceneArgs,
     #[command(flatten)]
     pub(super) viewpoint: ViewpointArgs,
-    /// Which layers each frame is rendered on: guided:L, planes:D, select:K/D (the paper's: D planes on the first frame, the K that
+    /// Which layers each frame is rendered on: surface:L, guided:L, planes:D, select:K/D (the paper's: D planes on the first frame, the K that
     /// most pixels choose from then on), kmeans:K or list:… [default: what the model recommends]
     #[arg(long, value_name = "SPEC", group = "which_layers")]
     pub(super) layers: Option<LayerSpec>,
     /// A choice of layers that was measured (README, "Error against run time")
     #[arg(long, value_enum, group = "which_layers")]
     pub(super) quality: Option<Quality>,
-    /// When the layers are found anew: propagate (guided layers: the last frame's surface, searched anew where the photos no
-    /// longer agree with it), each (every frame), every:N (one every N frames), once (the first frame alone) [default: propagate
-    /// for guided layers, each for k-means planes, once for selected planes]
+    /// When the layers are found anew: propagate (surface layers: the photos' own depth, searched anew where a photo has changed; guided
+    /// layers: the last frame's surface, searched anew where the photos no longer agree with it), each (every frame), every:N (one
+    /// every N frames), once (the first frame alone) [default: propagate for surface and guided layers, each for k-means planes,
+    /// once for selected planes]
     #[arg(long)]
     pub(super) policy: Option<Policy>,
     /// Time steps A to B, without B: A.., ..B or A..B, counted from 0
@@ -54,7 +55,8 @@ pub(crate) struct VideoArgs {
     #[arg(long, value_name = "N", default_value = "30", value_parser = numbers::few)]
     pub(super) fps: usize,
     /// Live: frames are due at the cameras' times, and none older than this is used. Where the machine is too slow (three frames over
-    /// the budget, or one of more than twice that), guided layers, then the size, are reduced as far as it takes to fit, and raised
+    /// the budget, or one of more than twice that), surface layers become guided ones, then these fewer, then the size
+    /// smaller, as far as it takes to fit, and raised
     /// again step by step. A camera that is late by half of this is left out, unless all are read that slowly. Such as 100ms
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub(super) latency: Option<Duration>,

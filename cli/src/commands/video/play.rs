@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Result, anyhow, bail};
 use liveview::geometry::choose_views;
-use liveview::live::{LiveError, LiveSession, LiveSettings, Policy};
+use liveview::live::{LiveSession, LiveSettings, Policy};
 use liveview::network::PlaneNetwork;
 use liveview::{Camera, ImageRgb, LayerSpec};
 
@@ -39,9 +39,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let (renderer, model) = args.model.open()?;
     let views = renderer.network().views();
     let layers = given_or_recommended(args.layers.as_ref(), args.quality, renderer.network())?;
-    if let LayerSpec::Surface(_) = layers {
-        return Err(LiveError::Unsupported(layers).into());
-    }
+    let opacities = renderer.network().tells_opacity();
     let policy = policy(args.policy, &layers)?;
     let mut renderers = args.model.open_smaller(views)?;
     let fewest = renderers.iter().map(|renderer| renderer.network().views()).min().unwrap_or(views);
@@ -65,11 +63,10 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     if last < usize::MAX {
         bar.set_length(last.saturating_sub(first) as u64);
     }
-    let guided = if let LayerSpec::Guided { layers, .. } = layers { Some(layers) } else { None };
     let mut live = None;
     if let Some(latency) = args.latency {
         let budget = Duration::from_secs_f64(1.0 / args.fps as f64).min(latency).mul_f64(SHARE);
-        let governor = Governor::new(budget, guided);
+        let governor = Governor::new(budget, &layers, opacities);
         warm_up(&mut session, &read, viewpoint.camera(first), &governor)?;
         live = Some((governor, Clock::new((first, last), args.fps as f64, latency)));
     }
@@ -88,7 +85,6 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
         decoders: Mutex::default(),
     };
     let player = Player {
-        layers: layers.clone(),
         session,
         viewpoint: &viewpoint,
         truth,
@@ -118,9 +114,9 @@ fn cameras_to_read(rig: &Rig, viewpoint: &Viewpoint, fewest: usize, views: usize
 /// The policy given, if it suits the layers, or the default for them.
 fn policy(given: Option<Policy>, layers: &LayerSpec) -> Result<Policy> {
     match given {
-        Some(Policy::Propagate) if !matches!(layers, LayerSpec::Guided { .. }) => {
+        Some(Policy::Propagate) if Policy::default_for(layers) != Policy::Propagate => {
             bail!(
-                "--policy propagate: only guided layers have a surface to propagate; expected each, every:N or once for {layers}"
+                "--policy propagate: only guided and surface layers have depth to propagate; expected each, every:N or once for {layers}"
             )
         }
         Some(policy) => Ok(policy),

@@ -9,7 +9,7 @@ use std::time::Instant;
 use anyhow::{Result, anyhow};
 use indicatif::ProgressBar;
 use liveview::live::{LayerSource, LiveError, LiveSession};
-use liveview::{Camera, ImageRgb, LayerSpec};
+use liveview::{Camera, ImageRgb};
 
 use super::gather::{Clock, Gathering, Step};
 use super::governor::{Governor, Level};
@@ -26,7 +26,6 @@ const AHEAD: usize = 2;
 
 /// Renders the time steps, and passes the frames to the writer.
 pub(super) struct Player<'a> {
-    pub(super) layers: LayerSpec,
     pub(super) session: LiveSession<Network>,
     pub(super) viewpoint: &'a Viewpoint,
     pub(super) truth: Option<usize>,
@@ -115,11 +114,8 @@ impl Player<'_> {
         let usual = self.tally.rendered > 1 || frame.layer_source != LayerSource::Dense;
         let live = self.live.as_mut().filter(|_| usual);
         if let Some(level) = live.and_then(|(governor, _)| governor.note(frame.times.total())) {
-            if let (LayerSpec::Guided { layers, .. }, Some(fewer)) = (&mut self.layers, level.layers) {
-                *layers = fewer;
-            }
-            self.session.set_layers(self.layers.clone());
-            self.changes.push((step.index + 1, level));
+            self.session.set_layers(level.layers.clone());
+            self.changes.push((step.index + 1, level.clone()));
         }
         Ok(shown.send(Shown::Frame { step: step.index, frame: Box::new(frame.frame) }).is_ok())
     }

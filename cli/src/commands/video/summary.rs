@@ -63,8 +63,7 @@ pub(super) fn summary(
         line("latency", format!("median {median} ms, 99 % {most} ms"));
     }
     for (step, level) in changes {
-        let layers = level.layers.map_or_else(|| "all".to_owned(), |layers| layers.to_string());
-        line("work", format!("from frame {step}: {layers} layers at {:.0} % of the size", 100.0 * level.scale));
+        line("work", format!("from frame {step}: {} at {:.0} % of the size", level.layers, 100.0 * level.scale));
     }
     let mut cameras = Vec::new();
     for (feed, (count, first)) in rig.feeds.iter().zip(&faults.cameras) {

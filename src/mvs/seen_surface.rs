@@ -1,0 +1,79 @@
+//! A target's surface together with what hides it from its views: all that rendering along it needs.
+
+use std::sync::Arc;
+
+use super::{
+    Camera, DepthMaps, KnownDepth, Layers, LayersError, SourceView, Surface, SurfaceView, Visibility, VisibleView,
+    exposure_gains, surface,
+};
+use crate::geometry::distance;
+use crate::warp::NO_GAINS;
+
+/// A target's surface, and what is known of the photos of its views.
+#[derive(Debug, Clone)]
+pub struct SeenSurface {
+    surface: Surface,
+    /// How much nearer than a point a photo's own depth must be to hide it, 1/scene unit.
+    margin: f32,
+    /// The confirmed depth of each view's photo.
+    known: Vec<Arc<KnownDepth>>,
+    /// What each view's photo is multiplied by, per channel, so that all have the exposure that the target is to have.
+    gains: Vec<[f32; 3]>,
+}
+
+impl SeenSurface {
+    /// Finds the surface by photos of known depth, given by their indices among the maps' with camera and texture, nearest first; the
+    /// target is rendered from the first `count`. `exposure`: whether these are balanced.
+    pub(crate) fn find(
+        maps: &mut DepthMaps,
+        photos: &[(usize, SourceView<'_>)],
+        count: usize,
+        target: &Camera,
+        exposure: bool,
+    ) -> Self {
+        let set: Vec<usize> = photos.iter().map(|&(photo, _)| photo).collect();
+        let known = maps.known(&set);
+        let view = |(&(_, view), known)| SurfaceView { view, known, gains: NO_GAINS };
+        let mut views: Vec<SurfaceView<'_>> = photos.iter().zip(known.iter().map(Arc::as_ref)).map(view).collect();
+        if exposure {
+            let distances: Vec<f64> = views.iter().map(|view| distance(view.view.camera, target)).collect();
+            let gains = exposure_gains(&views, &distances);
+            views.iter_mut().zip(gains).for_each(|(view, gains)| view.gains = gains);
+        }
+        let ((near, far), settings) = (maps.range(), maps.settings());
+        let surface = surface(&views, target, near, far, settings);
+        let gains = views.iter().take(count).map(|view| view.gains).collect();
+        let margin = settings.hides * surface.pixel;
+        Self { surface, margin, known: known.into_iter().take(count).collect(), gains }
+    }
+
+    /// The surface.
+    pub fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
+    /// Factors of exposure of each view, by channel; 1 where they are left as they are.
+    pub fn gains(&self) -> &[[f32; 3]] {
+        &self.gains
+    }
+
+    /// `count` layers along the surface ([`Surface::layers`]).
+    ///
+    /// # Errors
+    ///
+    /// [`LayersError::Empty`] for none.
+    pub fn layers(&self, count: usize) -> Result<Layers, LayersError> {
+        self.surface.layers(count)
+    }
+
+    /// What hides its layers from these views, and balances their photos' exposures.
+    pub(crate) fn visibility<'a>(&'a self, views: &[SourceView<'a>]) -> Visibility<'a> {
+        let view = |((view, known), &gains): ((&SourceView<'a>, &'a Arc<KnownDepth>), _)| VisibleView {
+            camera: view.camera,
+            known,
+            gains,
+        };
+        let views = views.iter().zip(&self.known).zip(&self.gains).map(view).collect();
+        Visibility { views, margin: self.margin }
+    }
+}
