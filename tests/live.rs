@@ -317,7 +317,8 @@ fn surface_layers_are_the_same_for_any_number_of_threads() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let mut session = surface_session(Policy::Propagate);
-            let frames = [None, Some(0.2), Some(0.0)].map(|board| show(&mut session, Stage { board, ..EMPTY }, &target));
+            let frames =
+                [None, Some(0.2), Some(0.0)].map(|board| show(&mut session, Stage { board, ..EMPTY }, &target));
             frames.map(|frame| frame.frame.picture.data().to_vec())
         })
     });

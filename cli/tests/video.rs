@@ -128,6 +128,10 @@ fn every_kind_of_layers_with_every_policy() {
         ("guided:2", "propagate", true, serde_json::json!({ "searched": 1, "propagated": 2 })),
         ("guided:2", "each", false, serde_json::json!({ "searched": 3 })),
         ("guided:2/32", "once", false, serde_json::json!({ "searched": 1, "propagated": 2 })),
+        ("surface:1", "propagate", true, serde_json::json!({ "searched": 1, "propagated": 2 })),
+        ("surface:2", "each", false, serde_json::json!({ "searched": 3 })),
+        ("surface:1", "every:2", false, serde_json::json!({ "searched": 2, "propagated": 1 })),
+        ("surface:1", "once", false, serde_json::json!({ "searched": 1, "propagated": 2 })),
         ("kmeans:3", "each", true, serde_json::json!({ "searched": 3 })),
         ("kmeans:3", "every:2", false, serde_json::json!({ "searched": 2, "propagated": 1 })),
         ("select:2/8", "every:2", false, serde_json::json!({ "dense": 2, "selected": 1 })),
@@ -146,11 +150,26 @@ fn every_kind_of_layers_with_every_policy() {
 }
 
 #[test]
-fn surface_layers_are_not_for_videos_yet() {
-    let rig = Rig::new(3);
-    let out = rig.folders.out("frames");
-    let mut video = rig.video(&["--camera", "cam2", "--layers", "surface:2", "-o", &out]);
-    rig.folders.assert_refused(&mut video, &["surface:2", "guided, planes, select, kmeans or list"]);
+fn surface_layers_with_and_without_a_network_and_a_camera_that_drops_out() {
+    let rig = Rig::new(4);
+    fs::remove_file(rig.frame(3, 1)).unwrap();
+    let (out, log) = (rig.folders.out("frames"), rig.folders.out("log.jsonl"));
+    let arguments = ["--camera", "cam2", "--layers", "surface:1", "-o", &out, "--log", &log];
+    let with = rig.told(&arguments);
+    assert_eq!(with["layers_from"], serde_json::json!({ "searched": 1, "propagated": 3 }), "{with}");
+    let views = |frame: usize| lines(&log)[frame]["views"].as_array().unwrap().contains(&Value::from(3));
+    assert!(views(0) && !views(1) && views(2));
+    // The wall moves, in all photos.
+    (0..6).for_each(|camera| rig.film(camera, 3, 0.5));
+    let moved = rig.told(&arguments);
+    assert_eq!(moved["layers_from"], serde_json::json!({ "searched": 2, "propagated": 2 }), "{moved}");
+    // It is what falls due without a network.
+    let mut without = rig.folders.liveview("video", &["--camera", "cam2", "-o", &out, "--network", "none", "--json"]);
+    let output = without.output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let without: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&without["layers"], &without["policy"]), (&"surface:1".into(), &"propagate".into()));
+    assert!(without["mean"]["psnr"].as_f64().unwrap() > 20.0, "{without}");
 }
 
 #[test]
@@ -337,10 +356,13 @@ fn an_interrupt_leaves_a_whole_video() {
 fn memory_stays_flat() {
     let rig = Rig::new(300);
     let out = rig.folders.out("frames");
-    let told = rig.told(&["--camera", "cam2", "-o", &out]);
-    let memory: Vec<f64> = told["memory_bytes"].as_array().unwrap().iter().map(|m| m[1].as_f64().unwrap()).collect();
-    let quarter = memory.len() / 4;
-    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
-    let (early, late) = (mean(&memory[quarter..2 * quarter]), mean(&memory[3 * quarter..]));
-    assert!(late < early + 4e6, "{early} to {late} bytes");
+    for options in [&[][..], &["--layers", "surface:1", "--policy", "each"]] {
+        let told = rig.told(&[&["--camera", "cam2", "-o", &out], options].concat());
+        let memory = told["memory_bytes"].as_array().unwrap().iter();
+        let memory: Vec<f64> = memory.map(|m| m[1].as_f64().unwrap()).collect();
+        let quarter = memory.len() / 4;
+        let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+        let (early, late) = (mean(&memory[quarter..2 * quarter]), mean(&memory[3 * quarter..]));
+        assert!(late < early + 4e6, "{options:?}: {early} to {late} bytes");
+    }
 }

@@ -14,13 +14,13 @@ use crate::mvs::{DepthMaps, PhotoDepth, SeenSurface, Settings, photo_depth};
 use crate::warp::{SourceView, Texture};
 
 /// Pixels per side of a cell.
-const CELL: usize = 4;
+const CELL: usize = 2;
 /// A cell has changed if the mean of a channel differs by more than this, of values in [0, 1].
-const CHANGED: f32 = 0.015;
+const CHANGED: f32 = 0.03;
 /// Tiles around what has changed that are searched with it, so that its edges agree with their surroundings.
 const HALO: usize = 1;
 /// Where what is to be searched covers more than this share of a photo, all of it is searched: that takes no longer.
-const WHOLE: f64 = 0.6;
+const WHOLE: f64 = 0.75;
 
 /// What a photo shows, by cell and channel.
 type Cells = Array2<[f32; 3]>;

@@ -32,8 +32,8 @@ pub use plan::Plan;
 pub use target::{Shot, Target, TargetView, Targets};
 
 use crate::layers::{LayerSpec, Layers};
-use crate::mvs::Settings;
 pub use crate::mvs::SeenSurface;
+use crate::mvs::Settings;
 use crate::network::{OrtNetwork, PlaneNetwork};
 use crate::render::{Batch, Frame, Renderer};
 use crate::scene::{Scene, SceneOptions};
