@@ -5,15 +5,16 @@ take the longest and the same for every frame, once); scores are those of the fi
 paper's policy is started anew at the cut once more. Memory is measured over one long, small video: the clip repeated.
 
 Usage, in python/:
-    python -m tools.live_report [--rig DIR] [--camera NAME] [--cut FRAME] [--layers SPEC] [-- OPTIONS OF liveview video]
+    python -m tools.live_report [--rig DIR] [--camera NAME] [--cut FRAME] [--layers SPEC ...]
+        [-- OPTIONS OF liveview video]
 """
 
 import argparse
+import itertools
 import json
 import os
 import subprocess
 import tempfile
-from itertools import cycle, islice
 from pathlib import Path
 from statistics import mean, median
 
@@ -25,11 +26,10 @@ DENSE = "planes:64"  # what the others are compared with
 PAPER = "select:16/64"  # its default policy is the paper's: once
 
 
-def policies(layers: str) -> dict[str, list[str]]:
-    """What is compared, the most expensive first: name -> options of `liveview video`."""
-    searched = {
-        f"{layers} {policy}": ["--layers", layers, "--policy", policy] for policy in ("each", "every:4", "propagate")
-    }
+def policies(specs: list[str]) -> dict[str, list[str]]:
+    """What is compared, DENSE first: name -> options of `liveview video`."""
+    pairs = itertools.product(specs, ("each", "every:4", "propagate"))
+    searched = {f"{layers} {policy}": ["--layers", layers, "--policy", policy] for layers, policy in pairs}
     return {DENSE: ["--layers", DENSE], PAPER: ["--layers", PAPER], **searched}
 
 
@@ -79,7 +79,7 @@ def looped(rig: Path, frames: int, folder: Path) -> Path:
     for camera in filter(Path.is_dir, rig.iterdir()):
         photos = sorted(camera.glob("*.jpg"))
         (folder / camera.name).mkdir()
-        for index, photo in enumerate(islice(cycle(photos), frames if photos else 0)):
+        for index, photo in enumerate(itertools.islice(itertools.cycle(photos), frames if photos else 0)):
             (folder / camera.name / f"{index:06}.jpg").symlink_to(photo)
     return folder
 
@@ -89,7 +89,7 @@ def main() -> None:
     parser.add_argument("--rig", type=Path, default=ROOT / "tests/scenes/rig")
     parser.add_argument("--camera", default="target")
     parser.add_argument("--cut", type=int, help="the first frame after the hard cut")
-    parser.add_argument("--layers", type=layer_spec.argument, default="guided:2", help="of the policies that search")
+    parser.add_argument("--layers", type=layer_spec.argument, nargs="+", default=["guided:2", "surface:1"])
     parser.add_argument("--repetitions", type=int, default=3)
     parser.add_argument("--memory-frames", type=int, default=1000, help="frames of the long video; 0: none")
     parser.add_argument("--memory-width", type=int, default=252, help="of its frames")
@@ -99,7 +99,7 @@ def main() -> None:
     args = parser.parse_args()
     args.rig, args.out = args.rig.resolve(), args.out.resolve()
     args.out.mkdir(parents=True, exist_ok=True)
-    options_of = policies(str(args.layers))
+    options_of = policies([str(layers) for layers in args.layers])
     runs, reports = {policy: [] for policy in options_of}, {}
     with tempfile.TemporaryDirectory() as folder:
         for repetition in range(args.repetitions):
@@ -130,16 +130,16 @@ def main() -> None:
     if args.memory_frames:
         with tempfile.TemporaryDirectory() as links, tempfile.TemporaryDirectory() as folder:
             rig = looped(args.rig, args.memory_frames, Path(links))
-            small = ["--layers", "guided:1", "--policy", "propagate", "--width", str(args.memory_width)]
+            small = ["--layers", "surface:1", "--policy", "propagate", "--width", str(args.memory_width)]
             report, _ = video(args, rig, Path(folder), *small)
         memory = [(frame, size / 1e6) for frame, size in report["memory_bytes"]]
         (args.out / "memory.svg").write_text(
-            chart([Panel("memory in use, MB", "frame", {"guided:1 propagate": memory})])
+            chart([Panel("memory in use, MB", "frame", {"surface:1 propagate": memory})])
         )
         early, late = memory[len(memory) // 10][1], memory[-1][1]
         text += [
             "",
-            f"Memory over {args.memory_frames} frames (the clip repeated, {args.memory_width} pixels wide, guided:1, "
+            f"Memory over {args.memory_frames} frames (the clip repeated, {args.memory_width} pixels wide, surface:1, "
             f"propagate): {early:.0f} MB after a tenth, {late:.0f} MB at the end.",
         ]
     (args.out / "policies.md").write_text("\n".join(text) + "\n")
