@@ -1,4 +1,4 @@
-"""Measure how a path over a still scene flickers: 90 frames on a circle before the rig clip's yard; their truth is drawn.
+"""Measure how a path over a still scene flickers: 90 frames on a circle before the rig clip's yard, against the truth.
 
 Flicker is that of `liveview video`: mean |change of the picture - change of the truth| from frame to frame, of 255,
 without a border of 16 pixels. The scene is the first frame of each camera, the held-out one left out.

@@ -3,9 +3,9 @@
 use super::camera_depths::CameraDepths;
 use super::error::LiveError;
 use super::policy::{LayerSource, Policy};
-use super::propagate::{Surface, TargetViews};
+use super::propagate::Surface;
 use super::settings::LiveSettings;
-use super::step::Step;
+use super::step::{Step, TargetViews};
 use crate::geometry::Camera;
 use crate::layers::guided::GuidedSearch;
 use crate::layers::{LayerSpec, Layers, LayersError, kmeans_planes};

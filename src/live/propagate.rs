@@ -10,11 +10,10 @@ use glam::DVec3;
 use ndarray::{Array2, Axis, s};
 
 use super::dirty_tiles::{Region, dirty_regions};
-use super::step::Step;
+use super::step::TargetViews;
 use crate::geometry::{Camera, PlaneSweep, Size, source_from_target};
-use crate::layers::guided::{COARSE, GuidedSearch, Levels, RangeMap, WINDOWS, neighbourhood, range_of};
+use crate::layers::guided::{COARSE, GuidedSearch, RangeMap, WINDOWS, neighbourhood, range_of};
 use crate::layers::{CELL, LayersError, padded};
-use crate::warp::NO_GAINS;
 
 /// A cell is an outlier if its cost is more than this many times what it was when the cell was searched …
 const RATIO: f32 = 1.5;
@@ -24,27 +23,6 @@ const NOISE: f32 = 2e-4;
 const WHOLE: f64 = 0.5;
 /// Tiles around a dirty region that are searched with it, so that its edges agree with their surroundings.
 const HALO: usize = 1;
-
-/// The views of one time step, and the target that they are searched for.
-pub(super) struct TargetViews<'a> {
-    pub(super) levels: Levels<'a>,
-    /// In the order of the levels' textures.
-    pub(super) cameras: Vec<&'a Camera>,
-    pub(super) target: &'a Camera,
-}
-
-impl<'a> TargetViews<'a> {
-    pub(super) fn new(step: &'a Step<'_>, views: &[usize], target: &'a Camera) -> Self {
-        let sources: Vec<_> = views.iter().map(|&view| step.source(view)).collect();
-        let levels = Levels::new(sources.iter().map(|source| (source.texture, NO_GAINS)).collect());
-        Self { levels, cameras: sources.iter().map(|source| source.camera).collect(), target }
-    }
-
-    /// Plane sweeps for a target, or for a part of one.
-    fn sweeps(&self, target: &Camera) -> Vec<PlaneSweep> {
-        self.cameras.iter().map(|camera| PlaneSweep::new(camera, target)).collect()
-    }
-}
 
 /// The surface that a frame was rendered along.
 pub(super) struct Surface {
