@@ -86,6 +86,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     };
     let player = Player {
         session,
+        settled: false,
         viewpoint: &viewpoint,
         truth,
         live,

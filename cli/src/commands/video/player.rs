@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use anyhow::{Result, anyhow};
 use indicatif::ProgressBar;
-use liveview::live::{LayerSource, LiveError, LiveSession};
+use liveview::live::{LiveError, LiveSession};
 use liveview::{Camera, ImageRgb};
 
 use super::gather::{Clock, Gathering, Step};
@@ -27,6 +27,8 @@ const AHEAD: usize = 2;
 /// Renders the time steps, and passes the frames to the writer.
 pub(super) struct Player<'a> {
     pub(super) session: LiveSession<Network>,
+    /// Whether a frame of the governor's level has been rendered.
+    pub(super) settled: bool,
     pub(super) viewpoint: &'a Viewpoint,
     pub(super) truth: Option<usize>,
     pub(super) live: Option<(Governor, Clock)>,
@@ -110,11 +112,12 @@ impl Player<'_> {
             }
         };
         self.tally.add(step.index, &frame, scores)?;
-        // A frame on all planes, from which the others' are selected, takes longer than they do: its time does not count.
-        let usual = self.tally.rendered > 1 || frame.layer_source != LayerSource::Dense;
+        // The first frame of a level takes longer than those that take over from it: its time does not count.
+        let usual = std::mem::replace(&mut self.settled, true);
         let live = self.live.as_mut().filter(|_| usual);
         if let Some(level) = live.and_then(|(governor, _)| governor.note(frame.times.total())) {
             self.session.set_layers(level.layers.clone());
+            self.settled = false;
             self.changes.push((step.index + 1, level.clone()));
         }
         Ok(shown.send(Shown::Frame { step: step.index, frame: Box::new(frame.frame) }).is_ok())
