@@ -43,7 +43,11 @@ CASES = {  # name: (V, rig, planes or guided layers)
     "guided_v5": (5, "random", 3),
     "guided_v2": (2, "rectified", 2),
     "guided_one": (4, "random", 1),
+    "competing_v4": (4, "random", uniform_disparities(NEAR, FAR, 12)),
+    "competing_unseen": (4, "unseen", uniform_disparities(0.6, float("inf"), 5)),
+    "competing_guided": (4, "random", 3),
 }
+ALPHA_SCALES = {"competing_v4": 2.0, "competing_unseen": 1.0, "competing_guided": 60.0}  # where layers compete
 
 
 def fill(data: Arrays, layers, net: UNet, model: Path) -> None:
@@ -72,7 +76,11 @@ def fill(data: Arrays, layers, net: UNet, model: Path) -> None:
         data["kmeans"] = np.array(kmeans_planes(data["fine_disparity"], 3))
     else:
         width, height = SIZE
-        histogram = plane_histogram(torch.from_numpy(data["alpha"][:, :height, :width]))
+        if "alpha_scale" in data:
+            best = stages.best_layer(data)
+            histogram = torch.from_numpy(np.bincount(best[best >= 0], minlength=len(data["maps"])))
+        else:
+            histogram = plane_histogram(torch.from_numpy(data["alpha"][:, :height, :width]))
         data["histogram"] = histogram.numpy()
         data["selected"] = np.array(select_planes(histogram, 2))
     views, target = cameras_of(data)
@@ -85,7 +93,8 @@ def fill(data: Arrays, layers, net: UNet, model: Path) -> None:
 
 def end_to_end(data: Arrays, net: UNet, dtype: torch.dtype) -> np.ndarray:
     """The frame [3, H, W] from photos and layers alone, every stage in `dtype`."""
-    run = {name: value for name, value in data.items() if "." in name or name in ("disparities", "cell_maps")}
+    given = ("disparities", "cell_maps", "alpha_scale")
+    run = {name: value for name, value in data.items() if "." in name or name in given}
     for stage in (stages.maps, stages.warp, stages.blended, stages.composited):
         if stage is stages.blended:
             run["logits"] = stages.logits(net, run["colour"], dtype)
@@ -107,6 +116,8 @@ def main() -> None:
         nets[views] = (load_network(path), path)
     for index, (name, (views, kind, layers)) in enumerate(CASES.items()):
         data = rig(np.random.default_rng([2021, index]), views, kind)
+        if name in ALPHA_SCALES:
+            data["alpha_scale"] = np.array([ALPHA_SCALES[name]])
         fill(data, layers, *nets[views])
         np.savez(folder / f"{name}.npz", **data)
     mvs_goldens.write(folder)

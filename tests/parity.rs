@@ -15,13 +15,13 @@ use liveview::layers::guided::{
     COARSE, GuidedSearch, WINDOWS, fine_layers, layer_costs, range_of, semi_global, winner_takes_all,
 };
 use liveview::layers::{CELL, Layer, Layers, kmeans_planes, padded, plane_histogram, select_planes};
-use liveview::network::{ExecutionProvider, OrtNetwork, PlaneNetwork};
-use liveview::render::{Accumulated, Blended, DistanceWeights, LayerSamples, Renderer};
+use liveview::network::{Alpha, ExecutionProvider, OrtNetwork, PlaneNetwork};
+use liveview::render::{Accumulated, Blended, Competing, DistanceWeights, LayerSamples, Renderer};
 use liveview::warp::{SourceView, Texture, warp_layers, warp_sources};
 use ndarray::{Array, Array2, Array3, ArrayD, Axis, Dimension, IxDyn, OwnedRepr, s};
 use ndarray_npy::{NpzReader, ReadNpyError, ReadNpzError, ReadableElement};
 
-const CASES: [&str; 12] = [
+const CASES: [&str; 15] = [
     "random_v4",
     "random_v5",
     "random_v10",
@@ -34,6 +34,9 @@ const CASES: [&str; 12] = [
     "guided_v5",
     "guided_v2",
     "guided_one",
+    "competing_v4",
+    "competing_unseen",
+    "competing_guided",
 ];
 
 /// Depth range of the generated cases.
@@ -116,6 +119,11 @@ impl Case {
                 Layers::maps(maps.outer_iter().map(|m| m.to_owned()).collect()).unwrap()
             }
         }
+    }
+
+    fn alpha(&self) -> Alpha {
+        let scale = self.find::<f64>("alpha_scale");
+        scale.map_or(Alpha::Independent, |scale| Alpha::Competing { scale: scale[[0]] })
     }
 
     fn network(&self) -> OrtNetwork {
@@ -285,13 +293,17 @@ fn blend() {
     });
 }
 
-/// Composite the oracle's α and colour: what each row gathered.
+/// Composite the oracle's α, or logits, and colour: what each row gathered.
 fn gathered(case: &Case) -> Vec<Accumulated> {
-    let [rgb, coverage] = ["rgb", "coverage"].map(|name| input(case, name));
+    let [rgb, coverage, logits] = ["rgb", "coverage", "logits"].map(|name| input(case, name));
     let [alpha, maps] = ["alpha", "maps"].map(|name| volume(case, name));
     let (last, width) = (alpha.dim().0 - 1, case.target.width());
     let row = |y: usize| {
         let mut row = Accumulated::new(width);
+        let mut competing = match case.alpha() {
+            Alpha::Competing { scale } => Some(Competing::new(width, scale)),
+            _ => None,
+        };
         for k in 0..=last {
             let covered = |x: usize| coverage.slice(s![k, .., y, x]).iter().any(|&c| c > 0.0);
             let layer = Blended {
@@ -299,9 +311,13 @@ fn gathered(case: &Case) -> Vec<Accumulated> {
                 rgb: std::array::from_fn(|c| rgb.slice(s![k, c, y, ..width]).to_vec()),
                 covered: (0..width).map(covered).collect(),
             };
-            row.add(k as u32, &layer, &maps.slice(s![k, y, ..width]).to_vec(), k == last);
+            let disparity = maps.slice(s![k, y, ..width]).to_vec();
+            match &mut competing {
+                Some(row) => row.add(k as u32, &logits.slice(s![k, 0, y, ..width]).to_vec(), &layer, &disparity),
+                None => row.add(k as u32, &layer, &disparity, k == last),
+            }
         }
-        row
+        competing.map_or(row, Competing::finish)
     };
     (0..case.target.height()).map(row).collect()
 }
@@ -376,7 +392,11 @@ fn end_to_end() {
     for_all(|case| {
         let views = case.views();
         let frames: Vec<_> = [1, 3]
-            .map(|batch| Renderer::new(case.network(), batch).render(&views, &case.target, &case.layers()).unwrap())
+            .map(|batch| {
+                let mut renderer = Renderer::new(case.network(), batch);
+                renderer.set_alpha(case.alpha());
+                renderer.render(&views, &case.target, &case.layers()).unwrap()
+            })
             .into();
         let picture = &frames[0].picture;
         let oracle = case.get::<f64>("oracle.end");

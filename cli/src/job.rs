@@ -1,12 +1,13 @@
 //! A scene, a model and layers: what the commands that render have in common.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
+use liveview::network::Alpha;
 use liveview::render::{Culling, Frame};
 use liveview::{LayerSpec, PhotoCache, Plan, Scene, Shot, Synthesizer};
 use ndarray::Axis;
 
-use crate::args::layers::LayerArgs;
+use crate::args::layers::{LayerArgs, given_or_recommended};
 use crate::args::model::ModelArgs;
 use crate::args::model_info::ModelInfo;
 use crate::console::{print_message, print_notes};
@@ -23,7 +24,10 @@ pub(crate) struct Job {
 impl Job {
     pub(crate) fn open(mut photos: PhotoCache, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
         layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
-        let mut job = Self::with_layers(photos, model, |network| layers.spec(network))?;
+        let mut job = Self::with_layers(photos, model, layers.given().as_ref())?;
+        if layers.opaque > 0.0 && job.alpha() != Alpha::Independent {
+            bail!("--opaque: competing layers do not hide one another; expected --alpha independent with it");
+        }
         if let (Some(folder), false) = (&layers.cache, matches!(job.layers(), LayerSpec::Surface(_))) {
             let (folder, layers) = (folder.display(), job.layers());
             print_message("note", format!("--cache {folder}: not used, {layers} needs no depth of the photos"));
@@ -35,13 +39,9 @@ impl Job {
         Ok(job)
     }
 
-    pub(crate) fn with_layers(
-        photos: PhotoCache,
-        model: &ModelArgs,
-        layers: impl FnOnce(&Network) -> Result<LayerSpec>,
-    ) -> Result<Self> {
-        let (renderer, model) = model.open()?;
-        let layers = layers(renderer.network())?;
+    pub(crate) fn with_layers(photos: PhotoCache, model: &ModelArgs, layers: Option<&LayerSpec>) -> Result<Self> {
+        let (renderer, model) = model.open_for(layers)?;
+        let layers = given_or_recommended(layers, None, renderer.network())?;
         let synthesizer = Synthesizer::new(photos, renderer, layers);
         Ok(Self { synthesizer, model, progress: ProgressBar::hidden() })
     }
@@ -52,6 +52,11 @@ impl Job {
 
     pub(crate) fn photos(&self) -> &PhotoCache {
         self.synthesizer.photos()
+    }
+
+    /// How the layers of a pixel share it.
+    pub(crate) fn alpha(&self) -> Alpha {
+        self.synthesizer.renderer().alpha()
     }
 
     pub(crate) fn layers(&self) -> &LayerSpec {

@@ -1,7 +1,8 @@
 """Export a checkpoint to ONNX: python -m liveview_ref.export CHECKPOINT MODEL.onnx --licence TEXT
 
 One file, opset 20, dynamic n, h and w, BatchNorm folded, with metadata for the Rust crate: views, stride,
-recommended_layers, training, trained_layers, licence. Then checked: torch = onnxruntime at batch sizes and image sizes
+recommended_layers, training, trained_layers, licence; of a model for some kinds of layers alone layer_kinds, of one
+trained on competing layers alpha and alpha_scale. Then checked: torch = onnxruntime at batch sizes and image sizes
 that it was not exported with. The checkpoint without the optimiser is written beside it, as MODEL.pt.
 """
 
@@ -95,6 +96,8 @@ def main() -> None:
     parser.add_argument(
         "--recommended-layers", type=layer_spec.argument, default="surface:1", help="such as %(default)s or planes:64"
     )
+    kinds = ("planes", "guided", "surface", "select", "kmeans", "list")
+    parser.add_argument("--layer-kinds", nargs="+", choices=kinds, default=[], help="what it is for; all if left out")
     parser.add_argument("--licence", required=True, help="of the weights and of what they were trained on, in a line")
     args = parser.parse_args()
     state = load_state(args.checkpoint)
@@ -109,6 +112,8 @@ def main() -> None:
         "trained_layers": trained_layers(config),
         "licence": args.licence,
     }
+    if args.layer_kinds:
+        metadata["layer_kinds"] = ", ".join(args.layer_kinds)
     if config.get("alpha") == "competing":  # the scale that logit 0 is to be multiplied by: trained with as it is
         metadata |= {"alpha": "competing", "alpha_scale": "1"}
     export(net, args.model, metadata)

@@ -15,14 +15,20 @@ METHODS = (
 )  # fmt: skip
 
 
-def trained(models: list[dict]) -> str:
+def kinds_of(row: dict) -> list[str]:
+    """What a line of the validation history scores."""
+    return [kind for kind in row if kind not in ("step", "seconds")]
+
+
+def trained(models: dict[str, dict]) -> str:
+    """The training of each model, by V and what else its file's name says."""
     lines = ["| V | training | last validation, PSNR in dB | of |", "|---|---|---|---|"]
-    for state in models:
+    for name, state in models.items():
         runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
         training = ", then ".join(f"V = {v}: {steps:,} steps, {seconds / 60:.0f} minutes" for v, steps, seconds in runs)
-        last = {kind: value for kind, value in state["history"][-1].items() if kind not in ("step", "seconds")}
+        last = {kind: state["history"][-1][kind] for kind in kinds_of(state["history"][-1])}
         scenes = ", ".join(f"{Path(s['path']).name} at {s['width']}" for s in state["config"]["validation"])
-        row = (state["views"], training, ", ".join(f"{kind}: {value:.2f}" for kind, value in last.items()), scenes)
+        row = (name, training, ", ".join(f"{kind}: {value:.2f}" for kind, value in last.items()), scenes)
         lines.append("| " + " | ".join(map(str, row)) + " |")
     return "\n".join(lines)
 
@@ -37,18 +43,19 @@ def scores(report: dict) -> str:
     return "\n".join(lines)
 
 
-def curves(state: dict) -> Panel:
-    kinds = [kind for kind in state["history"][0] if kind not in ("step", "seconds")]
-    points = {kind: [(row["step"], row[kind]) for row in state["history"]] for kind in kinds}
-    return Panel(f"V = {state['views']}: PSNR of validation, dB", "steps of the last training", points)
+def curves(name: str, state: dict) -> Panel:
+    """A training may come to validate more than it began with."""
+    kinds = dict.fromkeys(kind for row in state["history"] for kind in kinds_of(row))
+    points = {kind: [(row["step"], row[kind]) for row in state["history"] if kind in row] for kind in kinds}
+    return Panel(f"V = {name}: PSNR of validation, dB", "steps of the last training", points)
 
 
 def main() -> None:
-    models = [load_state(path) for path in MODELS.glob("*.pt")]
-    models.sort(key=lambda state: state["views"])
+    states = {path.stem.removeprefix("liveview_v").replace("_", ", "): load_state(path) for path in MODELS.glob("*.pt")}
+    models = {name: states[name] for name in sorted(states, key=lambda name: (states[name]["views"], name))}
     report = json.loads((MODELS / "liveview_v4_scores" / "scores.json").read_text())
     fill(MODELS / "README.md", {"trained": f"\n\n{trained(models)}\n\n", "scores": f"\n\n{scores(report)}\n\n"})
-    (MODELS / "curves.svg").write_text(chart([curves(state) for state in models]))
+    (MODELS / "curves.svg").write_text(chart([curves(name, state) for name, state in models.items()]))
 
 
 if __name__ == "__main__":

@@ -68,6 +68,23 @@ impl LayerSpec {
     /// The paper's: 16 planes selected from 64.
     pub const PAPER: Self = Self::Select { keep: 16, from: SELECT_FROM };
 
+    /// Its kind, as the text begins: `planes`, `guided`, `surface`, `select`, `kmeans` or `list`.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Planes(_) => "planes",
+            Self::Guided { .. } => "guided",
+            Self::Surface(_) => "surface",
+            Self::Select { .. } => "select",
+            Self::KMeans { .. } => "kmeans",
+            Self::List(_) => "list",
+        }
+    }
+
+    /// Whether its layers are planes.
+    pub fn is_planes(&self) -> bool {
+        !matches!(self, Self::Guided { .. } | Self::Surface(_))
+    }
+
     /// That many guided layers.
     pub fn guided(layers: usize) -> Self {
         Self::Guided { layers, coarse_planes: None }
@@ -120,16 +137,17 @@ fn whole(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {
 
 impl fmt::Display for LayerSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:", self.kind())?;
         let of = |planes: &Option<usize>| planes.map(|planes| format!("/{planes}")).unwrap_or_default();
         match self {
-            Self::Planes(planes) => write!(f, "planes:{planes}"),
-            Self::Guided { layers, coarse_planes } => write!(f, "guided:{layers}{}", of(coarse_planes)),
-            Self::Surface(layers) => write!(f, "surface:{layers}"),
-            Self::Select { keep, from } => write!(f, "select:{keep}/{from}"),
-            Self::KMeans { planes, coarse_planes } => write!(f, "kmeans:{planes}{}", of(coarse_planes)),
+            Self::Planes(planes) => write!(f, "{planes}"),
+            Self::Guided { layers, coarse_planes } => write!(f, "{layers}{}", of(coarse_planes)),
+            Self::Surface(layers) => write!(f, "{layers}"),
+            Self::Select { keep, from } => write!(f, "{keep}/{from}"),
+            Self::KMeans { planes, coarse_planes } => write!(f, "{planes}{}", of(coarse_planes)),
             Self::List(list) => {
                 let list: Vec<String> = list.iter().map(f64::to_string).collect();
-                write!(f, "list:{}", list.join(","))
+                write!(f, "{}", list.join(","))
             }
         }
     }

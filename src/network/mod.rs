@@ -2,6 +2,7 @@
 //!
 //! [`PlaneNetwork`] is all that the pipeline asks of a network; [`OrtNetwork`] runs a LiveView model with ONNX Runtime.
 
+mod alpha;
 mod error;
 mod execution_provider;
 mod model_card;
@@ -14,6 +15,7 @@ mod plane_network;
 pub use self::ort::OrtNetwork;
 #[cfg(fuzzing)]
 pub(crate) use self::ort::check_outlets;
+pub use alpha::{Alpha, AlphaKind};
 pub use error::NetworkError;
 pub use execution_provider::{ExecutionProvider, Precision, cpu_has_bf16};
 pub use model_card::ModelCard;

@@ -1,4 +1,5 @@
-//! Finding model files: `liveview_v{V}.onnx` and the quantised `liveview_v{V}_int8.onnx`, one of each per number of views V.
+//! Finding model files: `liveview_v{V}.onnx` and the quantised `liveview_v{V}_int8.onnx`, one of each per number of views V, and beside
+//! them, if there is one, the model for planes: `liveview_v{V}_planes.onnx` and `liveview_v{V}_planes_int8.onnx`.
 
 use std::path::{Path, PathBuf};
 
@@ -26,13 +27,21 @@ pub fn model_folders() -> Vec<PathBuf> {
     program.ancestors().skip(1).take(4).map(|folder| folder.join("models")).collect()
 }
 
-/// The model file for `views` views in the first of the folders that has it, the `quantized` one (int8) if asked for.
+/// The model file for `views` views in the first of the folders that has it, the `quantized` one (int8) if asked for; for `planes` the
+/// one made for these, if any folder has one.
 ///
 /// # Errors
 ///
 /// [`ModelNotFound`], with the folders and the V that exist.
-pub fn find_model(folders: Vec<PathBuf>, views: usize, quantized: bool) -> Result<PathBuf, ModelNotFound> {
-    find_in(folders, views, if quantized { "_int8.onnx" } else { ".onnx" })
+pub fn find_model(
+    folders: Vec<PathBuf>,
+    views: usize,
+    quantized: bool,
+    planes: bool,
+) -> Result<PathBuf, ModelNotFound> {
+    let [for_planes, ending] = if quantized { ["_planes_int8.onnx", "_int8.onnx"] } else { ["_planes.onnx", ".onnx"] };
+    let found = planes.then(|| find_in(folders.clone(), views, for_planes).ok()).flatten();
+    found.map_or_else(|| find_in(folders, views, ending), Ok)
 }
 
 fn find_in(mut folders: Vec<PathBuf>, views: usize, ending: &'static str) -> Result<PathBuf, ModelNotFound> {
@@ -86,6 +95,11 @@ mod tests {
             std::fs::write(folders[folder].join(file), "").unwrap();
         }
         assert_eq!(find_in(folders.to_vec(), 4, ".onnx").unwrap(), folders[0].join("liveview_v4.onnx"));
+        let found = |planes| find_model(folders.to_vec(), 4, false, planes).unwrap();
+        assert_eq!(found(true), found(false));
+        let of_planes = folders[1].join("liveview_v4_planes.onnx");
+        std::fs::write(&of_planes, "").unwrap();
+        assert_eq!([found(true), found(false)], [of_planes, folders[0].join("liveview_v4.onnx")]);
         assert_eq!(find_in(folders.to_vec(), 10, ".onnx").unwrap(), folders[1].join("liveview_v10.onnx"));
         assert_eq!(find_in(folders.to_vec(), 5, "_int8.onnx").unwrap(), folders[1].join("liveview_v5_int8.onnx"));
         let missing = find_in(folders.to_vec(), 5, ".onnx").unwrap_err();

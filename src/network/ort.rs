@@ -97,6 +97,15 @@ impl OrtNetwork {
         })
     }
 
+    /// Refuses layers that the model is not for.
+    pub(crate) fn check_layers(&self, layers: &LayerSpec) -> Result<(), NetworkError> {
+        if self.card.is_for(layers) {
+            return Ok(());
+        }
+        let kinds = format!("\"{}\"", self.card.layer_kinds.join(", "));
+        Err(unfit(&self.path, "metadata `layer_kinds`", kinds, format!("{} among them", layers.kind())))
+    }
+
     /// The model's metadata.
     pub fn card(&self) -> &ModelCard {
         &self.card

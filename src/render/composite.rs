@@ -13,7 +13,7 @@ pub struct Accumulated {
     pub disparity: Vec<f64>,
     /// T: Π (1 − α), the share of the light from behind that comes through.
     pub transmittance: Vec<f64>,
-    /// Largest α so far, which the paper's plane selection counts.
+    /// Largest α so far, which the paper's plane selection counts; of competing layers the largest weight.
     pub best_alpha: Vec<f32>,
     /// The layer that has it (ties: the nearer); `u32::MAX` while all are 0.
     pub best_layer: Vec<u32>,

@@ -3,7 +3,7 @@
 //! Along a target ray the weights T α of a layer and of all behind it sum to at most the T in front of it. So with colours in
 //! [0, 1], leaving out layers where T is below τ changes no channel of a pixel by more than τ, whatever their α.
 
-use super::composite::Accumulated;
+use super::composite_row::CompositeRow;
 use crate::geometry::Size;
 
 /// When a layer may be left out.
@@ -14,7 +14,8 @@ pub struct Culling {
     pub uncovered: bool,
     /// τ: leave out a layer where the views cover only pixels with T below this, 0 for never. No channel of the picture
     /// changes by more than τ, no disparity by more than τ times the nearest layer's. A layer left out is never a pixel's best
-    /// layer, and within τ the picture depends on the size of the batches: T is known only between them.
+    /// layer, and within τ the picture depends on the size of the batches: T is known only between them. Competing layers
+    /// ([`crate::network::Alpha`]) do not hide one another: none of them is left out, whatever τ.
     pub transmittance: f64,
 }
 
@@ -24,14 +25,19 @@ impl Culling {
 
     /// Whether a layer may be left out behind the layers in `gathered` (rows of the target): the largest T of a pixel that it
     /// covers, 0 if it covers none. `coverage` is `[V, height, width]` of the padded target.
-    pub(crate) fn hide(&self, coverage: &[f32], Size { width, height }: Size, gathered: &[Accumulated]) -> Option<f64> {
+    pub(super) fn hide(
+        &self,
+        coverage: &[f32],
+        Size { width, height }: Size,
+        gathered: &[impl CompositeRow],
+    ) -> Option<f64> {
         if *self == Self::NONE {
             return None;
         }
         let mut largest = 0.0;
         for view in coverage.chunks_exact(height * width) {
             for (row, gathered) in view.chunks_exact(width).zip(gathered) {
-                for (_, &left) in row.iter().zip(&gathered.transmittance).filter(|(covered, _)| **covered > 0.0) {
+                for (_, &left) in row.iter().zip(gathered.transmittance()).filter(|(covered, _)| **covered > 0.0) {
                     let hidden = left < self.transmittance;
                     if !hidden {
                         return None;
@@ -44,11 +50,11 @@ impl Culling {
     }
 
     /// Whether all layers behind those in `gathered` may be left out, whatever they cover: the largest T.
-    pub(crate) fn hide_rest(&self, gathered: &[Accumulated]) -> Option<f64> {
+    pub(super) fn hide_rest(&self, gathered: &[impl CompositeRow]) -> Option<f64> {
         if self.transmittance <= 0.0 {
             return None;
         }
-        let largest = gathered.iter().flat_map(|row| &row.transmittance).copied().fold(0.0, f64::max);
+        let largest = gathered.iter().flat_map(CompositeRow::transmittance).copied().fold(0.0, f64::max);
         (largest < self.transmittance).then_some(largest)
     }
 }

@@ -15,11 +15,12 @@ use crate::layers::plane_histogram;
 pub struct Frame {
     /// RGB in [0, 1], sRGB; black where no view covers any layer.
     pub picture: ImageRgb,
-    /// Σ T α δ per pixel, 1/scene unit, `[height, width]`.
+    /// Σ T α δ per pixel, of competing layers Σ w δ, 1/scene unit, `[height, width]`.
     pub disparity: Array2<f32>,
-    /// T behind the last layer, `[height, width]`: 0 where any view covers the farthest layer.
+    /// T behind the last layer, `[height, width]`: 0 where any view covers the farthest layer; of competing layers, any layer.
     pub transmittance: Array2<f32>,
-    /// Index of the layer with the largest α in the network's output, `None` where all are 0, `[height, width]`.
+    /// Index of the layer with the largest α in the network's output, `None` where all are 0; of competing layers, with the largest
+    /// weight, `None` where no view covers any; `[height, width]`.
     pub best_layer: Array2<Option<u32>>,
     /// How many layers were left out.
     pub culled: Culled,

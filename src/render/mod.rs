@@ -1,11 +1,14 @@
 //! Rendering: views, target and layers → target image (paper, section "Rendering the MPI").
 //!
 //! Near → far, a batch of layers at a time: the warp samples the views ([`crate::warp`]), the network gives opacity and view weights,
-//! the blend makes one colour of the views', and the composite adds the layer behind those before it.
+//! the blend makes one colour of the views', and the composite adds the layer behind those before it, or lets the layers of a pixel
+//! compete.
 
 mod blend;
 mod buffers;
 mod composite;
+mod composite_competing;
+mod composite_row;
 mod culling;
 mod error;
 mod exp;
@@ -15,6 +18,7 @@ mod renderer;
 pub use blend::{Blended, DistanceWeights, LayerSamples};
 pub use buffers::Batch;
 pub use composite::Accumulated;
+pub use composite_competing::Competing;
 pub use culling::{Culled, Culling};
 pub use error::RenderError;
 pub use frame::{Frame, StageTimes};

@@ -8,13 +8,15 @@ use rayon::prelude::*;
 use super::blend::{Blended, DistanceWeights, LayerSamples};
 use super::buffers::{Batch, Buffers};
 use super::composite::Accumulated;
+use super::composite_competing::Competing;
+use super::composite_row::{CompositeRow, LayerRow};
 use super::culling::{Culled, Culling};
 use super::error::RenderError;
 use super::frame::{Frame, StageTimes};
 use crate::geometry::{Camera, distance};
 use crate::layers::{Layers, padded};
 use crate::mvs::Visibility;
-use crate::network::PlaneNetwork;
+use crate::network::{Alpha, PlaneNetwork};
 use crate::warp::{RunCoverage, SourceView, warp_sources};
 
 /// Layers that are warped, and then composited, together, however few the network takes at once: photos and sums then go through
@@ -26,6 +28,7 @@ const LAYERS_TOGETHER: usize = 4;
 pub struct Renderer<N> {
     network: N,
     batch: usize,
+    alpha: Alpha,
     culling: Culling,
     buffers: Buffers,
 }
@@ -39,7 +42,8 @@ impl<N> fmt::Debug for Renderer<N> {
 impl<N: PlaneNetwork> Renderer<N> {
     /// A renderer that runs the network on `batch` layers at once (at least one).
     pub fn new(network: N, batch: usize) -> Self {
-        Self { network, batch: batch.max(1), culling: Culling::default(), buffers: Buffers::default() }
+        let (alpha, culling) = (Alpha::default(), Culling::default());
+        Self { network, batch: batch.max(1), alpha, culling, buffers: Buffers::default() }
     }
 
     /// The network it runs.
@@ -50,6 +54,17 @@ impl<N: PlaneNetwork> Renderer<N> {
     /// The network, without the buffers.
     pub fn into_network(self) -> N {
         self.network
+    }
+
+    /// How the layers of a pixel share it.
+    pub fn alpha(&self) -> Alpha {
+        self.alpha
+    }
+
+    /// Sets how the layers of a pixel share it in the next renders: by default independently, as in the paper. A model's card says
+    /// what it was trained for ([`crate::network::ModelCard::alpha`]).
+    pub fn set_alpha(&mut self, alpha: Alpha) {
+        self.alpha = alpha;
     }
 
     /// Sets which layers the next renders may leave out: by default those that no view covers.
@@ -94,7 +109,25 @@ impl<N: PlaneNetwork> Renderer<N> {
         visibility: Option<&Visibility<'_>>,
         target: &Camera,
         layers: &Layers,
+        observe: impl FnMut(&Batch<'_>),
+    ) -> Result<Frame, RenderError> {
+        match self.alpha {
+            Alpha::Independent => self.render_rows(views, visibility, target, layers, observe, Accumulated::new),
+            Alpha::Competing { scale } => {
+                self.render_rows(views, visibility, target, layers, observe, |pixels| Competing::new(pixels, scale))
+            }
+        }
+    }
+
+    /// Renders with the composite whose rows of so many pixels `new_row` makes.
+    fn render_rows<R: CompositeRow>(
+        &mut self,
+        views: &[SourceView<'_>],
+        visibility: Option<&Visibility<'_>>,
+        target: &Camera,
+        layers: &Layers,
         mut observe: impl FnMut(&Batch<'_>),
+        new_row: impl Fn(usize) -> R,
     ) -> Result<Frame, RenderError> {
         let count = self.network.views();
         if views.len() != count {
@@ -113,7 +146,7 @@ impl<N: PlaneNetwork> Renderer<N> {
         self.buffers.make_room(together.min(layers.len()), count, size);
 
         let mut seen_any = vec![visibility.is_none(); size.pixels()];
-        let mut gathered = vec![Accumulated::new(target.width()); target.height()];
+        let mut gathered: Vec<R> = (0..target.height()).map(|_| new_row(target.width())).collect();
         let (mut times, mut culled) = (StageTimes::default(), Culled::default());
         let mut waiting = layers.as_slice().iter().enumerate();
         let mut indices = Vec::new();
@@ -155,6 +188,7 @@ impl<N: PlaneNetwork> Renderer<N> {
         }
         let rows = seen_any.chunks_exact(size.width).take(target.height());
         let unseen = rows.map(|row| row[..target.width()].iter().filter(|seen| !**seen).count()).sum();
+        let gathered: Vec<_> = gathered.into_iter().map(R::finish).collect();
         Ok(Frame { unseen, ..Frame::new(&gathered, target, culled, times) })
     }
 }
@@ -165,7 +199,7 @@ fn composite_batch(
     run_coverage: &[RunCoverage],
     indices: &[usize],
     total: usize,
-    gathered: &mut [Accumulated],
+    gathered: &mut [impl CompositeRow],
 ) {
     let (n, views, height, width) = batch.logits.dim();
     let (hwv, coverage, logits) = match (batch.hwv.to_slice(), batch.coverage.to_slice(), batch.logits.to_slice()) {
@@ -174,7 +208,7 @@ fn composite_batch(
     };
     let (size, runs) = (logits.len() / n, run_coverage.len() / n);
     let per_row = runs / views / height;
-    let target_width = gathered.first().map_or(0, |row| row.transmittance.len());
+    let target_width = gathered.first().map_or(0, |row| row.transmittance().len());
     gathered.par_iter_mut().enumerate().for_each_init(
         || Blended::new(target_width),
         |blended, (row, gathered)| {
@@ -188,7 +222,8 @@ fn composite_batch(
                 let known: Vec<_> = known.map(|view| &view[row * per_row..(row + 1) * per_row]).collect();
                 batch.weights.blend_row(&samples, row * width, &known, blended);
                 let disparity = disparity.row(row).to_slice().expect("rows of the renderer's own buffer");
-                gathered.add(index as u32, blended, disparity, index + 1 == total);
+                let logits = &samples.logits[row * width..];
+                gathered.add_layer(&LayerRow { index, last: index + 1 == total, logits, blended, disparity });
             }
         },
     );

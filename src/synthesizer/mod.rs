@@ -86,7 +86,7 @@ impl Synthesizer {
     pub fn open(folder: impl AsRef<Path>, options: &Options) -> Result<Self, SynthesisError> {
         let mut photos = PhotoCache::new(Scene::open(folder.as_ref(), &options.scene)?, options.near, options.far);
         options.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder))?;
-        let model = Model::open(&options.model)?;
+        let model = Model::open(&options.model, options.layers.as_ref())?;
         let layers = match &options.layers {
             Some(layers) => layers.clone(),
             None => model.renderer.network().recommended_layers()?,

@@ -4,7 +4,10 @@ use std::num::NonZero;
 use std::path::PathBuf;
 
 use super::error::SynthesisError;
-use crate::network::{ExecutionProvider, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16, find_model, model_folders};
+use crate::layers::LayerSpec;
+use crate::network::{
+    AlphaKind, ExecutionProvider, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16, find_model, model_folders,
+};
 use crate::render::Renderer;
 
 /// V, the number of views, where neither the options nor a model file say.
@@ -16,12 +19,15 @@ pub const DEFAULT_VIEWS: usize = 4;
 pub struct ModelOptions {
     /// V, the number of views that each picture is made from; `None`: the file's own, else [`DEFAULT_VIEWS`].
     pub views: Option<usize>,
-    /// The model file; `None`: `liveview_v{V}.onnx`, or the quantised `liveview_v{V}_int8.onnx`, in one of the `folders`.
+    /// The model file; `None`: `liveview_v{V}.onnx`, or the quantised `liveview_v{V}_int8.onnx`, in one of the `folders`; for layers that
+    /// are planes `liveview_v{V}_planes.onnx` or `liveview_v{V}_planes_int8.onnx`, if there is one and `alpha` is not independent.
     pub file: Option<PathBuf>,
     /// Folders of models; by default [`model_folders`].
     pub folders: Vec<PathBuf>,
     /// Whether to search for the quantised model (int8).
     pub quantized: bool,
+    /// How the layers of a pixel share it; `None`: as the model was trained.
+    pub alpha: Option<AlphaKind>,
     /// Execution provider that computes the network.
     pub provider: ExecutionProvider,
     /// Precision of the arithmetic on float32 weights.
@@ -41,6 +47,7 @@ impl Default for ModelOptions {
             file: None,
             folders: model_folders(),
             quantized: false,
+            alpha: None,
             provider: ExecutionProvider::default(),
             precision: Precision::default(),
             library: None,
@@ -61,13 +68,14 @@ impl ModelOptions {
         self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, NonZero::get))
     }
 
-    /// The file of the model for `views` views.
+    /// The file of the model for `views` views and these layers, if they are known.
     ///
     /// # Errors
     ///
     /// [`SynthesisError::Model`] if it is in none of the folders.
-    pub fn find(&self, views: usize) -> Result<PathBuf, SynthesisError> {
-        Ok(find_model(self.folders.clone(), views, self.quantized)?)
+    pub fn find(&self, views: usize, layers: Option<&LayerSpec>) -> Result<PathBuf, SynthesisError> {
+        let planes = self.alpha != Some(AlphaKind::Independent) && layers.is_some_and(LayerSpec::is_planes);
+        Ok(find_model(self.folders.clone(), views, self.quantized, planes)?)
     }
 }
 
@@ -84,20 +92,26 @@ pub struct Model {
 }
 
 impl Model {
-    /// Finds and opens the model.
+    /// Finds and opens the model, the one for these layers if they are known.
     ///
     /// # Errors
     ///
     /// [`SynthesisError::Model`], [`SynthesisError::Library`] and [`SynthesisError::Network`].
-    pub fn open(options: &ModelOptions) -> Result<Self, SynthesisError> {
+    pub fn open(options: &ModelOptions, layers: Option<&LayerSpec>) -> Result<Self, SynthesisError> {
         let path = match &options.file {
             Some(path) => path.clone(),
-            None => options.find(options.views_or_default())?,
+            None => options.find(options.views_or_default(), layers)?,
         };
         let library = OrtLibrary::load(options.provider, options.library.as_deref())?;
         let network = OrtNetwork::open_in(options.precision, &library, &path, options.threads_or_default())?;
+        if let (None, Some(layers)) = (&options.file, layers) {
+            network.check_layers(layers)?;
+        }
         let in_bf16 = options.precision == Precision::Bf16 && cpu_has_bf16();
         let precision = if in_bf16 { "bf16".to_owned() } else { network.card().precision.clone() };
-        Ok(Self { renderer: Renderer::new(network, options.batch), library, precision })
+        let alpha = network.card().alpha(options.alpha);
+        let mut renderer = Renderer::new(network, options.batch);
+        renderer.set_alpha(alpha);
+        Ok(Self { renderer, library, precision })
     }
 }

@@ -23,7 +23,7 @@ pub(crate) struct LayerArgs {
     #[arg(long, value_enum, group = "which_layers")]
     quality: Option<Quality>,
     /// Leave out layers behind which less than this part of the light is left at every pixel: the picture changes by at most
-    /// as much (of 1) [default: 0, none]
+    /// as much (of 1). Competing layers (--alpha) do not hide one another [default: 0, none]
     #[arg(long, value_name = "TAU", value_parser = super::numbers::part, default_value_t = 0.0, hide_default_value = true)]
     pub(crate) opaque: f64,
     /// Surface layers: leave photos of different exposure or white balance as they are; by default they are balanced, by what their
@@ -61,9 +61,9 @@ impl From<Quality> for LayerSpec {
 }
 
 impl LayerArgs {
-    /// The layers of these options, by default those that the model recommends.
-    pub(crate) fn spec(&self, network: &Network) -> Result<LayerSpec> {
-        given_or_recommended(self.layers.as_ref(), self.quality, network)
+    /// The layers of these options, if any are given.
+    pub(crate) fn given(&self) -> Option<LayerSpec> {
+        self.layers.clone().or_else(|| self.quality.map(Into::into))
     }
 }
 

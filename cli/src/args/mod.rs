@@ -3,6 +3,7 @@
 pub(crate) mod layers;
 pub(crate) mod model;
 pub(crate) mod model_info;
+pub(crate) mod model_names;
 pub(crate) mod numbers;
 pub(crate) mod output;
 pub(crate) mod scene;

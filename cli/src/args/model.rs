@@ -1,15 +1,15 @@
 //! Options of the model, ONNX Runtime and threads.
 
 use std::path::PathBuf;
-use std::str::FromStr;
 
 use anyhow::{Result, bail};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use liveview::network::{ExecutionProvider, NoNetwork, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16};
 use liveview::render::Renderer;
-use liveview::{Model, ModelOptions};
+use liveview::{LayerSpec, Model, ModelOptions};
 
 use super::model_info::{ModelInfo, OpenedModel};
+use super::model_names::{AlphaName, NetworkName, PrecisionName, ProviderChoice, ProviderName, flag};
 use super::numbers;
 use crate::console::{print_message, shown};
 use crate::network::Network;
@@ -24,12 +24,16 @@ pub(crate) struct ModelArgs {
     pub(crate) views: Option<usize>,
     /// none: no network, and neither a model nor ONNX Runtime is needed. Views are weighed by their distance alone; every layer but the
     /// last is half opaque, the last opaque, so that one layer makes the best picture [default layers: surface:1]
-    #[arg(long, value_enum, conflicts_with_all = ["model", "engine", "precision", "ort_lib"])]
+    #[arg(long, value_enum, conflicts_with_all = ["model", "alpha", "engine", "precision", "ort_lib"])]
     network: Option<NetworkName>,
     /// Model file [default: liveview_v<V>.onnx in LIVEVIEW_MODELS, or in a `models` folder beside or above the binary, or
-    /// in the working directory's]
+    /// in the working directory's; for layers that are planes liveview_v<V>_planes.onnx, if there is one and they may compete]
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// How the layers of a pixel share it. independent: each has its own opacity (the paper's); competing: a softmax over all of them,
+    /// so that faint false ones do not add up to fog [default: as the model was trained]
+    #[arg(long, value_enum)]
+    alpha: Option<AlphaName>,
     /// What computes the network: an execution provider of ONNX Runtime. cuda and tensorrt: see `ONNX Runtime` in the README
     #[arg(long, value_enum, default_value_t = ProviderName::Cpu)]
     engine: ProviderName,
@@ -47,62 +51,6 @@ pub(crate) struct ModelArgs {
     /// Layers that go through the network at once: memory grows with it, the result does not change
     #[arg(long, value_name = "N", default_value = "1", value_parser = numbers::few)]
     pub(crate) batch: usize,
-}
-
-/// `--network`: where it is not given, a model.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum NetworkName {
-    None,
-}
-
-/// `--engine`.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum ProviderName {
-    Cpu,
-    Openvino,
-    Cuda,
-    Tensorrt,
-}
-
-impl From<ProviderName> for ExecutionProvider {
-    fn from(name: ProviderName) -> Self {
-        match name {
-            ProviderName::Cpu => Self::Cpu,
-            ProviderName::Openvino => Self::OpenVino,
-            ProviderName::Cuda => Self::Cuda,
-            ProviderName::Tensorrt => Self::TensorRt,
-        }
-    }
-}
-
-/// `--precision`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum PrecisionName {
-    F32,
-    Bf16,
-    Int8,
-}
-
-/// `--name=value`
-fn flag(name: &str, value: &impl ValueEnum) -> Option<String> {
-    Some(format!("--{name}={}", value.to_possible_value()?.get_name()))
-}
-
-/// An engine and a precision, such as `openvino int8`.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct ProviderChoice {
-    engine: ProviderName,
-    precision: Option<PrecisionName>,
-}
-
-impl FromStr for ProviderChoice {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (engine, precision) = text.trim().split_once(' ').map_or((text.trim(), None), |(e, p)| (e, Some(p)));
-        let precision = precision.map(|precision| PrecisionName::from_str(precision, true)).transpose()?;
-        Ok(Self { engine: ProviderName::from_str(engine, true)?, precision })
-    }
 }
 
 impl ModelArgs {
@@ -132,6 +80,7 @@ impl ModelArgs {
         let mut args = vec![format!("--threads={}", self.threads()), format!("--batch={}", self.batch)];
         args.extend(flag("engine", &engine));
         args.extend(precision.and_then(|precision| flag("precision", &precision)));
+        args.extend(self.alpha.and_then(|alpha| flag("alpha", &alpha)));
         args.extend(self.views.map(|views| format!("--views={views}")));
         args.extend(self.model.as_ref().map(|model| format!("--model={}", shown(model))));
         args.extend(self.ort_lib.as_ref().map(|library| format!("--ort-lib={}", shown(library))));
@@ -174,6 +123,7 @@ impl ModelArgs {
             options.folders.push(std::env::current_dir().unwrap_or_default().join("models"));
         }
         options.quantized = self.precision == Some(PrecisionName::Int8);
+        options.alpha = self.alpha.map(Into::into);
         options.provider = self.engine.into();
         options.precision = if bf16 { Precision::Bf16 } else { Precision::F32 };
         options.library = self.ort_lib.clone().or_else(|| wheel(options.provider));
@@ -181,25 +131,45 @@ impl ModelArgs {
         Ok(options)
     }
 
-    /// Finds and opens the model, if there is to be one.
+    /// Finds and opens the model, if there is to be one, whatever the layers.
     pub(crate) fn open(&self) -> Result<(Renderer<Network>, ModelInfo)> {
-        let (network, model) = if self.without_network() {
-            (Network::None(NoNetwork { views: self.views_or_default() }), None)
-        } else {
-            let (network, model) = self.open_model()?;
-            (Network::Model(Box::new(network)), Some(model))
-        };
-        let info = ModelInfo { model, threads: self.set_threads()?, batch: self.batch };
-        Ok((Renderer::new(network, self.batch), info))
+        self.open_for(None)
     }
 
-    /// Finds and opens the model.
-    pub(crate) fn open_model(&self) -> Result<(OrtNetwork, OpenedModel)> {
+    /// Finds and opens the model for these layers, if there is to be one.
+    pub(crate) fn open_for(&self, layers: Option<&LayerSpec>) -> Result<(Renderer<Network>, ModelInfo)> {
+        let (renderer, model) = if self.without_network() {
+            let network = Network::None(NoNetwork { views: self.views_or_default() });
+            (Renderer::new(network, self.batch), None)
+        } else {
+            let (network, model) = self.open_model(layers)?;
+            (self.renderer(network), Some(model))
+        };
+        Ok((renderer, ModelInfo { model, threads: self.set_threads()?, batch: self.batch }))
+    }
+
+    /// A renderer with the model's alpha, or the one asked for.
+    fn renderer(&self, network: OrtNetwork) -> Renderer<Network> {
+        let alpha = network.card().alpha(self.alpha.map(Into::into));
+        let mut renderer = Renderer::new(Network::Model(Box::new(network)), self.batch);
+        renderer.set_alpha(alpha);
+        renderer
+    }
+
+    /// The model file for any layers.
+    pub(crate) fn general_file(&self) -> Result<PathBuf> {
+        let options = self.options()?;
+        Ok(options.file.clone().map_or_else(|| options.find(self.views_or_default(), None), Ok)?)
+    }
+
+    /// Finds and opens the model for these layers.
+    pub(crate) fn open_model(&self, layers: Option<&LayerSpec>) -> Result<(OrtNetwork, OpenedModel)> {
         if self.without_network() {
             bail!("--network none: expected a model");
         }
         let options = self.options()?;
-        let Model { renderer, library, precision, .. } = Model::open(&options)?;
+        let Model { renderer, library, precision, .. } = Model::open(&options, layers)?;
+        let alpha = renderer.alpha();
         let network = renderer.into_network();
         let (path, card) = (network.path().to_owned(), network.card().clone());
         let expected = if options.quantized { "int8" } else { "f32" };
@@ -213,7 +183,7 @@ impl ModelArgs {
             bail!("{}: metadata `views` is {}, expected {asked} (--views {asked})", path.display(), card.views);
         }
         let (provider, library) = (library.provider(), library.path().to_owned());
-        Ok((network, OpenedModel { path, card, library, provider, precision }))
+        Ok((network, OpenedModel { path, card, alpha, library, provider, precision }))
     }
 
     /// The models for fewer views than `views`, to fall back on; none if --model names one.
@@ -229,7 +199,7 @@ impl ModelArgs {
         let library =
             OrtLibrary::load(options.provider, options.library.as_deref()).map_err(liveview::SynthesisError::from)?;
         let open = |path: PathBuf| OrtNetwork::open_in(options.precision, &library, &path, self.threads());
-        let networks = (2..views).filter_map(|views| options.find(views).ok()).map(open);
-        networks.map(|network| Ok(Renderer::new(Network::Model(Box::new(network?)), self.batch))).collect()
+        let networks = (2..views).filter_map(|views| options.find(views, None).ok()).map(open);
+        networks.map(|network| Ok(self.renderer(network?))).collect()
     }
 }

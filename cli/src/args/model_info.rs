@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use liveview::network::{ExecutionProvider, ModelCard};
+use liveview::network::{Alpha, ExecutionProvider, ModelCard};
 use serde_json::{Value, json};
 
 use crate::console::shown;
@@ -19,6 +19,8 @@ pub(crate) struct ModelInfo {
 pub(crate) struct OpenedModel {
     pub(crate) path: PathBuf,
     pub(crate) card: ModelCard,
+    /// How the layers of a pixel share it.
+    pub(crate) alpha: Alpha,
     pub(crate) library: PathBuf,
     pub(crate) provider: ExecutionProvider,
     /// Precision of the arithmetic: f32, bf16 or int8.
@@ -48,14 +50,15 @@ impl ModelInfo {
             return format!("network none: views weighed by distance alone, {} threads\n", self.threads);
         };
         format!(
-            "engine  ONNX Runtime ({}), {} {}, {} threads, {} layers at once\nmodel   {}: {}\n",
+            "engine  ONNX Runtime ({}), {} {}, {} threads, {} layers at once\nmodel   {}: {}\nalpha   {}\n",
             model.library.file_name().unwrap_or_default().display(),
             model.provider,
             model.precision,
             self.threads,
             self.batch,
             model.path.display(),
-            model.card.training
+            model.card.training,
+            model.alpha
         )
     }
 
@@ -69,6 +72,7 @@ impl ModelInfo {
                 "file": shown(&model.path), "views": card.views, "recommended_layers": card.recommended_layers,
                 "training": card.training, "licence": card.licence,
             },
+            "alpha": model.alpha.to_string(),
             "engine": {
                 "name": "ONNX Runtime", "library": shown(&model.library), "provider": model.provider.name(),
                 "precision": model.precision, "threads": self.threads, "batch": self.batch,

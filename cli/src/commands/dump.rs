@@ -6,6 +6,7 @@ use anyhow::{Result, bail};
 use clap::Args;
 use liveview::layers::guided::SearchStages;
 use liveview::layers::{Layer, Layers};
+use liveview::network::Alpha;
 use liveview::render::{Batch, Blended, Culling, Frame, LayerSamples};
 use liveview::warp::warp_sources;
 use liveview::{LayerSpec, Plan, Shot, Targets};
@@ -104,7 +105,7 @@ pub(crate) fn run(args: &DumpArgs) -> Result<Output> {
         "file": shown(&args.output), "target": shot.name, "views": job.photos().names(&shot.views), "near": shot.near,
         "far": shot.far, "layers": job.layers().to_string(), "model": model.map(|model| shown(&model.path)),
         "library": model.map(|model| shown(&model.library)), "engine": model.map_or("none", |model| model.provider.name()),
-        "precision": model.map(|model| &model.precision),
+        "precision": model.map(|model| &model.precision), "alpha": job.alpha().to_string(),
         "threads": job.model.threads, "batch": job.model.batch,
     });
     Ok(Output { text: format!("{}: every stage of {}, {}", args.output.display(), shot.name, job.layers()), json })
@@ -125,6 +126,9 @@ fn write(job: &mut Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
     job.synthesizer.renderer_mut().set_culling(Culling::NONE);
     let frame = job.synthesizer.render_plan(shot, &plan, |batch| stages.gather(batch))?;
     stages.write(arrays)?;
+    if let Alpha::Competing { scale } = job.alpha() {
+        arrays.add("alpha_scale", Array1::from_vec(vec![scale]))?;
+    }
     write_frame(frame, arrays)
 }
 

@@ -16,7 +16,6 @@ use liveview::{Camera, ImageRgb, LayerSpec, PhotoCache, Shot, Targets};
 use ndarray::Array2;
 use serde_json::{Value, json};
 
-use crate::args::layers::given_or_recommended;
 use crate::args::model::ModelArgs;
 use crate::args::output::claim_png;
 use crate::args::scene::SceneArgs;
@@ -85,8 +84,7 @@ fn planes(
     keep: usize,
     from: usize,
 ) -> Result<(Output, ImageRgb)> {
-    let mut job =
-        Job::with_layers(photos, &args.model, |network| given_or_recommended(Some(&args.layers), None, network))?;
+    let mut job = Job::with_layers(photos, &args.model, Some(&args.layers))?;
     let shot = job.synthesizer.shots(target)?.remove(0);
     job.synthesizer.photos_mut().load_for(&shot, &[])?;
     job.progress = progress("layers")?;

@@ -1,4 +1,4 @@
-"""Pixels of warp, blend and composite in 50 decimal digits: what the float64 truth of stability.py is checked against.
+"""Pixels of warp, blend and composites in 50 decimal digits: what the float64 truth of stability.py is checked against.
 
 Written plainly from the formulas of the paper, one pixel at a time; arrays are numpy, as stability.py reads them.
 """
@@ -75,3 +75,18 @@ def composite(data: dict[str, np.ndarray], pixel: int) -> list[mpf]:
         total = [sum + through * alpha * mpf(float(value)) for sum, value in zip(total, values, strict=True)]
         through *= 1 - alpha
     return [*total, through]
+
+
+def composite_competing(data: dict[str, np.ndarray], pixel: int) -> list[mpf]:
+    """RGB, disparity and transmittance of a pixel whose layers compete. Infinite logits are as the largest of their
+    sign, and one that is not a number as the least."""
+    largest = float(np.finfo(np.float32).max)
+    covered = np.flatnonzero(data["covered"][:, pixel])
+    if not len(covered):
+        return [ZERO] * 4 + [mpf(1)]
+    finite = np.clip(np.nan_to_num(data["logits"][covered, pixel], nan=-largest), -largest, largest)
+    scores = [mpf(float(data["alpha_scale"][0])) * mpf(float(logit)) for logit in finite]
+    weights = [exp(score - max(scores)) for score in scores]
+    values = np.concatenate([data["rgb"][covered, :, pixel], data["maps"][covered, None, pixel]], 1)
+    means = [sum(w * mpf(float(x)) for w, x in zip(weights, column, strict=True)) / sum(weights) for column in values.T]
+    return [*means, ZERO]

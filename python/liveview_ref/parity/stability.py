@@ -27,6 +27,7 @@ from ..json_lines import run
 from ..onnx_session import session
 from ..reference.blend import blend
 from ..reference.composite import composite
+from ..reference.composite_competing import composite_competing
 from ..reference.histogram import plane_histogram, select_planes
 from ..reference.warp import warp_maps
 from ..rig_arrays import Arrays, cameras_of, images_of
@@ -84,6 +85,13 @@ def composited(data: Arrays, model: str) -> dict[str, Outputs]:
     return {who: {n: np.asarray(x) for n, x in zip(names, parts, strict=True)} for who, parts in found.items()}
 
 
+def composited_competing(data: Arrays, model: str) -> dict[str, Outputs]:
+    logits, rgb, covered, maps = (torch.from_numpy(data[name])[..., None, :] for name in ("logits", "rgb", "covered", "maps"))
+    out = composite_competing(logits, rgb, covered > 0, maps, float(data["alpha_scale"][0]))
+    parts = {"frame": out.rgb, "disparity": out.disparity, "transmittance": out.transmittance}
+    return {"torch": {name: values.numpy() for name, values in parts.items()}}
+
+
 def selected(data: Arrays, model: str) -> dict[str, Outputs]:
     histogram = plane_histogram(torch.from_numpy(data["alpha"])[:, None])
     chosen = np.zeros(len(histogram))
@@ -137,6 +145,11 @@ STAGES = {
     "warp": (warp, fifty_digits.warp, ("colour", "coverage")),
     "blend": (blended, fifty_digits.blend, ("alpha", "rgb")),
     "composite": (composited, fifty_digits.composite, ("frame", "disparity", "transmittance")),
+    "composite_competing": (
+        composited_competing,
+        fifty_digits.composite_competing,
+        ("frame", "disparity", "transmittance"),
+    ),
     "select": (selected, None, ()),
     "network": (inferred, None, ()),
 }

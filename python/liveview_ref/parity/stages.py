@@ -8,7 +8,7 @@ float32 of guided layers, with the steps of the coarse pass: `coarse_disparities
 `costs`, `aggregated_costs` [D, h/2, w/2], `coarse_disparity` [h/2, w/2]; `fine_layers`, `fine_costs` [D, h, w],
 `fine_disparity` [h, w]; `range` [3, h, w]. `maps` [L, H8, W8]; `colour` (the HWV) [L, 3V, H8, W8]; `coverage`,
 `logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8]; `frame` [3, H, W]; `disparity`, `transmittance`
-[H, W].
+[H, W]. `alpha_scale` [1] float64, where layers compete.
 """
 
 import numpy as np
@@ -18,6 +18,8 @@ from torch import Tensor
 from ..reference import guided
 from ..reference.blend import blend
 from ..reference.composite import composite
+from ..reference.composite_competing import best_layer as best_competing
+from ..reference.composite_competing import composite_competing
 from ..reference.layers import CELL, guided_maps, padded_size, plane_maps, upsample_maps
 from ..reference.matching_cost import layer_costs
 from ..reference.plane_sweep import PlaneSweep
@@ -95,9 +97,13 @@ def blended(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 def composited(data: Arrays, dtype: torch.dtype) -> Arrays:
     _, target = cameras_of(data)
-    inputs = (tensor(data, x, dtype) for x in ("alpha", "rgb"))
-    covered = torch.from_numpy(data["coverage"][-1] > 0).any(0)
-    out = composite(*inputs, covered, tensor(data, "maps", dtype))
+    alpha, rgb, maps = (tensor(data, x, dtype) for x in ("alpha", "rgb", "maps"))
+    covered = torch.from_numpy(data["coverage"] > 0).any(1)
+    if "alpha_scale" in data:
+        logit = tensor(data, "logits", dtype)[:, 0]
+        out = composite_competing(logit, rgb, covered, maps, float(data["alpha_scale"][0]))
+    else:
+        out = composite(alpha, rgb, covered[-1], maps)
     crop = (..., slice(target.height), slice(target.width))
     parts = {"frame": out.rgb, "disparity": out.disparity, "transmittance": out.transmittance}
     return {name: value[crop].numpy() for name, value in parts.items()}
@@ -171,8 +177,12 @@ def ranges(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 def best_layer(data: Arrays) -> np.ndarray:
-    """Index of the layer of largest alpha (ties: the nearer) per pixel of the target [H, W]; -1 where all are 0."""
+    """Index of the layer of largest alpha (ties: the nearer) per pixel of the target [H, W]; -1 where all are 0. Where
+    layers compete, of the largest weight; -1 where no view covers any."""
     width, height = data["target.size"]
+    if "alpha_scale" in data:
+        logit, covered = torch.from_numpy(data["logits"][:, 0]), torch.from_numpy(data["coverage"] > 0).any(1)
+        return best_competing(logit, covered)[:height, :width].numpy()
     alpha = data["alpha"][:, :height, :width]
     return np.where(alpha.max(0) > 0, alpha.argmax(0), -1)
 

@@ -1,8 +1,7 @@
 """Competing planes: a pixel's weights are the softmax over the planes that cover it of scale times logit 0, so that no
 plane is judged alone and false opacity cannot add up to fog.
 
-Still an MPI: the alphas of `alphas_of` give the same picture by the front-to-back composite. Not in the paper, and not
-yet in the Rust crate.
+Still an MPI: the alphas of `alphas_of` give the same picture by the front-to-back composite. Not in the paper.
 """
 
 import torch
@@ -30,6 +29,15 @@ def competing_weights(logit: Tensor, covered: Tensor, scale: float = 1.0) -> Ten
     weights = torch.exp((finite - top) * scale)
     total = weights.sum(0, keepdim=True)
     return weights / torch.where(total > 0, total, torch.ones_like(total))
+
+
+def best_layer(logit: Tensor, covered: Tensor) -> Tensor:
+    """Index of the covered layer of the largest weight (ties: the first) per pixel [H, W]; -1 where no layer covers it.
+    By the logits: weights far below the largest are 0 alike."""
+    limits = torch.finfo(logit.dtype)
+    rank = logit.clamp(limits.min, limits.max).masked_fill(~covered, -torch.inf)
+    first = (rank == rank.amax(0)).int().argmax(0)
+    return torch.where(covered.any(0), first, -1)
 
 
 def alphas_of(weights: Tensor) -> Tensor:

@@ -8,6 +8,7 @@ use clap::Args;
 use liveview::image::{Score, coloured, psnr};
 use liveview::layers::guided::RangeMap;
 use liveview::layers::{Layer, Layers};
+use liveview::network::Alpha;
 use liveview::{Frame, ImageRgb, Plan, Scene, SeenSurface, Shot};
 use ndarray::{Array2, s};
 use serde_json::{Value, json};
@@ -66,7 +67,7 @@ impl ExplainArgs {
         let picture = match (&about.plan.range, &about.plan.surface) {
             (Some(range), _) => guided(job, about, range, &mut text, &mut json),
             (None, Some(seen)) => surface(about, seen, &mut text, &mut json),
-            (None, None) => planes(about, &mut text, &mut json),
+            (None, None) => planes(about, job.alpha(), &mut text, &mut json),
         };
         culled(about.frame, &mut text, &mut json);
         time_shares(about.times, &mut text, &mut json);
@@ -126,7 +127,7 @@ fn surface(about: &Explained<'_>, seen: &SeenSurface, text: &mut String, json: &
 }
 
 /// Which planes are the pixels' best ones.
-fn planes(about: &Explained<'_>, text: &mut String, json: &mut Value) -> ImageRgb {
+fn planes(about: &Explained<'_>, alpha: Alpha, text: &mut String, json: &mut Value) -> ImageRgb {
     let mut votes = vec![0usize; about.plan.layers.len()];
     about.frame.best_layer.iter().flatten().for_each(|&layer| votes[layer as usize] += 1);
     votes.sort_unstable_by(|a, b| b.cmp(a));
@@ -135,10 +136,11 @@ fn planes(about: &Explained<'_>, text: &mut String, json: &mut Value) -> ImageRg
         *sum += count;
         Some(*sum)
     });
+    let best = if alpha == Alpha::Independent { "are the most opaque one" } else { "have the largest weight" };
     let needed = 1 + sums.take_while(|sum| 10 * sum < 9 * chosen).count();
     let _ = writeln!(
         text,
-        "layers  {} planes, of which {needed} are the most opaque one for 90 % of the pixels: the others could be left out (--layers select:K)",
+        "layers  {} planes, of which {needed} {best} for 90 % of the pixels: the others could be left out (--layers select:K)",
         about.plan.layers.len()
     );
     json["planes_for_90_percent"] = json!(needed);

@@ -57,6 +57,7 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
         ("opaque", layers.opaque.to_string()),
         ("exposure", (if layers.keep_exposure { "kept" } else { "balanced" }).to_owned()),
         ("model", model),
+        ("alpha", job.alpha().to_string()),
         ("engine", job.model.engine()),
         ("size", format!("{}x{}", first.target.width(), first.target.height())),
         ("depth", format!("{} to {}", first.near, first.far)),

@@ -4,7 +4,7 @@ use liveview::network::OrtNetwork;
 
 use super::case::Case;
 use super::rigs::TestRig;
-use super::{blend, composite, network, rigs, sampling, select};
+use super::{blend, composite, composite_competing, network, rigs, sampling, select};
 
 /// All cases of a rig and a model; in the short form, three of each family.
 pub(crate) fn cases<'a>(rig: &'a TestRig, network: &'a std::cell::RefCell<OrtNetwork>, short: bool) -> Vec<Case<'a>> {
@@ -13,6 +13,7 @@ pub(crate) fn cases<'a>(rig: &'a TestRig, network: &'a std::cell::RefCell<OrtNet
         sampling::families(),
         blend::families(&rig.distances),
         composite::families(),
+        composite_competing::families(),
         select::families(),
         network::families(network),
     ];

@@ -4,6 +4,7 @@ mod blend;
 mod case;
 mod cases;
 mod composite;
+mod composite_competing;
 mod network;
 mod outcome;
 mod plot;
@@ -76,7 +77,7 @@ pub(crate) fn run(args: &StabilityArgs) -> Result<Output> {
         claim("-o", &file, &photo_files(photos.scene()))?;
     }
     args.model.set_threads()?;
-    let (network, model) = args.model.open_model()?;
+    let (network, model) = args.model.open_model(None)?;
     print_notes(&photos.scene().notes);
     let targets = Targets::held_out(photos.scene(), named(photos.scene(), std::slice::from_ref(&args.target))?);
     let shot = photos.shots(targets, network.card().views, 0, None)?.remove(0);

@@ -21,7 +21,8 @@ use serde_json::{Value, json};
 use worker::scaled;
 pub(crate) use worker::{WorkerArgs, run as run_worker};
 
-use crate::args::model::{ModelArgs, ProviderChoice};
+use crate::args::model::ModelArgs;
+use crate::args::model_names::ProviderChoice;
 use crate::args::numbers;
 use crate::args::output::{claim, photo_files, write_whole};
 use crate::args::scene::SceneArgs;
@@ -70,7 +71,8 @@ pub(crate) struct SweepArgs {
     /// Times that each is rendered, after one to warm up
     #[arg(long, value_name = "N", default_value = "5", value_parser = numbers::count)]
     repetitions: usize,
-    /// A command with the protocol of `liveview worker`, to measure the reference implementations on the most planes, such as
+    /// A command with the protocol of `liveview worker`, to measure the reference implementations on the most planes, with the model for
+    /// any layers and composited as in the paper (--alpha independent makes all rows like that), such as
     /// ".venv/bin/python -m liveview_ref.competitors.worker"
     #[arg(long, value_name = "COMMAND", conflicts_with = "network")]
     reference: Option<String>,
@@ -92,7 +94,7 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
     let truths = held_out.iter().map(|&view| Ok(photos.scene().load_image(view)?)).collect::<Result<Vec<_>>>()?;
     let widths = if args.widths.is_empty() { vec![None] } else { args.widths.iter().copied().map(Some).collect() };
     let bar = progress("renders")?;
-    let (mut all, mut own) = (Vec::new(), Value::Null);
+    let (mut all, mut own, mut models) = (Vec::new(), Value::Null, Vec::new());
     for width in widths {
         let mut measured = Vec::new();
         for (layers, engine) in configurations(args) {
@@ -104,6 +106,10 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
                 RowEngine::NoNetwork => args.model.to_args_without_network(views(&own)),
             });
             let (worker, ready) = WorkerProcess::start(&name, &command, None)?;
+            let model = model(&ready);
+            if !model.is_empty() && !models.contains(&model) {
+                models.push(model);
+            }
             if let RowEngine::Own = engine {
                 own = ready.clone();
             }
@@ -133,7 +139,7 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
         scene: args.scene.folder().display().to_string(),
         targets: args.target.clone(),
         views: views(&own),
-        model: model(&own).file_name().map_or("none".into(), |name| name.to_string_lossy().into_owned()),
+        model: if models.is_empty() { "none".into() } else { models.join(", ") },
         threads: args.model.threads(),
         batch: args.model.batch,
         cpu: cpu(),
@@ -163,9 +169,10 @@ fn views(ready: &Value) -> usize {
     ready["views"][0].as_array().map_or(0, Vec::len)
 }
 
-/// The model file, from a worker's first line; empty without a network.
-fn model(ready: &Value) -> &Path {
-    Path::new(ready["model"].as_str().unwrap_or_default())
+/// The model file's name, from a worker's first line; empty without a network.
+fn model(ready: &Value) -> String {
+    let path = Path::new(ready["model"].as_str().unwrap_or_default());
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// What computes the network of a row.
@@ -218,11 +225,12 @@ fn references(
     let targets = scaled(Targets::held_out(photos.scene(), named(photos.scene(), &args.target)?), width)?;
     let shot = photos.shots(targets, views(own), 0, None)?.remove(0);
     write_job(&file, photos, &shot, planes)?;
-    let weights = model(own).with_extension("pt");
+    let model = args.model.general_file()?;
+    let weights = model.with_extension("pt");
     let words = words(command);
     let start = |engine: &str| {
         let job = json!({
-            "job": shown(&file), "model": shown(model(own)), "weights": weights.is_file().then(|| shown(&weights)),
+            "job": shown(&file), "model": shown(&model), "weights": weights.is_file().then(|| shown(&weights)),
             "engine": engine, "threads": args.model.threads(), "batch": args.model.batch,
         });
         let (worker, ready) = WorkerProcess::start(engine, &words, Some(&job))?;

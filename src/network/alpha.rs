@@ -1,0 +1,54 @@
+//! What the network's first logit says of a layer.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// How the layers of a pixel share it, by their logits 0.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[non_exhaustive]
+pub enum Alpha {
+    /// The paper's: each layer's α is sigmoid(logit 0), whatever the others', and they are composited front to back.
+    #[default]
+    Independent,
+    /// A pixel's weights are the softmax of scale · logit 0 over the layers that cover it, so that faint false layers cannot add up to
+    /// fog. Not in the paper; still an MPI, whose α are each weight over what the nearer ones leave.
+    Competing {
+        /// What the logits are multiplied by: positive, finite.
+        scale: f64,
+    },
+}
+
+impl Alpha {
+    /// The scale of competing layers for a network that was not trained for it; measured in docs/experiments.md.
+    pub const UNTRAINED_SCALE: f64 = 2.0;
+}
+
+impl fmt::Display for Alpha {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Independent => write!(f, "independent"),
+            Self::Competing { scale } => write!(f, "competing, scale {scale}"),
+        }
+    }
+}
+
+/// An [`Alpha`] as options and model cards name it: without its scale.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AlphaKind {
+    /// [`Alpha::Independent`].
+    Independent,
+    /// [`Alpha::Competing`].
+    Competing,
+}
+
+impl FromStr for AlphaKind {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "independent" => Ok(Self::Independent),
+            "competing" => Ok(Self::Competing),
+            _ => Err("\"independent\" or \"competing\""),
+        }
+    }
+}

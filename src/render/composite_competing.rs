@@ -1,0 +1,157 @@
+//! Competing layers: a pixel's weights are the softmax over the layers that cover it of scale · logit 0 ([`Alpha::Competing`]).
+//!
+//! One pass in any order of layers and in constant memory, as in online softmax (Milakov and Gimelshein, 2018): the largest logit so
+//! far, and sums of terms e^(scale · (logit − largest)) that shrink where a larger one comes. Sums are f64: in f32 their mean error
+//! is above that of torch's float32, which the bounds of parity do not allow.
+//!
+//! [`Alpha::Competing`]: crate::network::Alpha::Competing
+
+use super::blend::Blended;
+use super::composite::Accumulated;
+use super::exp::exp_f64;
+
+/// Sums over the layers so far, for one row of the target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Competing {
+    scale: f64,
+    /// Largest logit of a layer that covers the pixel, −∞ before the first.
+    top: Vec<f32>,
+    /// Σ e^(scale · (logit − top)).
+    total: Vec<f64>,
+    /// The same sums times colour and disparity. T is 1: no layer hides another.
+    sums: Accumulated,
+}
+
+impl Competing {
+    /// No layer yet, for a row of that many pixels; logits are multiplied by `scale`, positive and finite.
+    pub fn new(pixels: usize, scale: f64) -> Self {
+        let (top, total) = (vec![f32::NEG_INFINITY; pixels], vec![0.0; pixels]);
+        Self { scale, top, total, sums: Accumulated::new(pixels) }
+    }
+
+    /// Adds layer `index` at `disparity` (1/scene unit): `logits` are the network's logits 0, one per pixel, as many as the row holds or
+    /// more. An infinite one is as the largest finite one of its sign, and one that is not a number as the least: its layer shows only
+    /// where there is no other, as by its own α of 0.
+    pub fn add(&mut self, index: u32, logits: &[f32], layer: &Blended, disparity: &[f32]) {
+        add_row(self, index, logits, layer, disparity);
+    }
+
+    /// The weighted means: colour, disparity, the layer of the largest weight (ties: the nearer) with that weight, and as T 0 where
+    /// any layer covers the pixel, else 1.
+    pub fn finish(self) -> Accumulated {
+        let Self { top, total, sums: mut row, .. } = self;
+        for ((((&total, top), best), left), disparity) in
+            total.iter().zip(&top).zip(&mut row.best_alpha).zip(&mut row.transmittance).zip(&mut row.disparity)
+        {
+            if *top > f32::NEG_INFINITY {
+                (*best, *left) = ((1.0 / total) as f32, 0.0);
+                *disparity /= total;
+            }
+        }
+        for sums in &mut row.rgb {
+            let covered = sums.iter_mut().zip(&total).filter(|(_, total)| **total > 0.0);
+            covered.for_each(|(sum, total)| *sum /= total);
+        }
+        row
+    }
+
+    pub(super) fn transmittance(&self) -> &[f64] {
+        &self.sums.transmittance
+    }
+}
+
+/// Plain loops over the pixels, compiled for the vector instructions of this processor.
+#[pulp::with_simd(add_row = pulp::Arch::new())]
+#[inline(always)]
+fn add_row_with<'a, S: pulp::Simd>(
+    _simd: S,
+    row: &'a mut Competing,
+    index: u32,
+    logits: &'a [f32],
+    layer: &'a Blended,
+    disparity: &'a [f32],
+) {
+    let pixels = row.top.len();
+    let (mut kept, mut terms) = (vec![0.0; pixels], vec![0.0; pixels]);
+    let state = row.top.iter_mut().zip(&mut row.total).zip(&mut row.sums.best_layer);
+    let inputs = logits.iter().zip(&layer.covered);
+    for (((top, total), best), ((&logit, &covered), (kept, term))) in
+        state.zip(inputs.zip(kept.iter_mut().zip(&mut terms)))
+    {
+        let logit = finite_or_least(logit);
+        let above = f64::from(logit) - f64::from(*top);
+        // One exponential serves both: the larger of the two terms is 1.
+        let less = exp_f64(-above.abs() * row.scale);
+        let leads = above > 0.0;
+        (*kept, *term) = if leads { (less, 1.0) } else { (1.0, less) };
+        (*kept, *term) = if covered { (*kept, *term) } else { (1.0, 0.0) };
+        *total = *total * *kept + *term;
+        *best = if covered & (leads | ((above == 0.0) & (index < *best))) { index } else { *best };
+        *top = if covered & leads { logit } else { *top };
+    }
+    let [red, green, blue] = &mut row.sums.rgb;
+    let channels = [red, green, blue, &mut row.sums.disparity].into_iter();
+    for (sums, values) in channels.zip([&layer.rgb[0], &layer.rgb[1], &layer.rgb[2], disparity]) {
+        let weights = kept.iter().zip(&terms).zip(values);
+        sums.iter_mut()
+            .zip(weights)
+            .for_each(|(sum, ((kept, term), &value))| *sum = *sum * kept + term * f64::from(value));
+    }
+}
+
+#[inline(always)]
+fn finite_or_least(logit: f32) -> f32 {
+    let logit = if logit > f32::MIN { logit } else { f32::MIN };
+    if logit < f32::MAX { logit } else { f32::MAX }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One pixel: layers of (logit, grey, covered), the nearest at disparity 1, the others each half as far from 0.
+    fn composite(scale: f64, layers: &[(f32, f32, bool)]) -> Accumulated {
+        let mut row = Competing::new(1, scale);
+        for (index, &(logit, grey, covered)) in layers.iter().enumerate() {
+            let layer = Blended { alpha: vec![0.0], rgb: std::array::from_fn(|_| vec![grey]), covered: vec![covered] };
+            row.add(index as u32, &[logit], &layer, &[0.5_f32.powi(index as i32)]);
+        }
+        row.finish()
+    }
+
+    #[test]
+    fn a_softmax_worked_by_hand() {
+        let row = composite(2.0, &[(0.0, 0.25, true), (9.0, 1.0, false), (0.5 * 3_f32.ln(), 0.75, true)]);
+        // Weights 1/4 and 3/4; the layer between covers nothing.
+        assert!((row.rgb[1][0] - 0.625).abs() < 1e-7, "{row:?}");
+        assert!((row.disparity[0] - (0.25 + 0.75 * 0.25)).abs() < 1e-7, "{row:?}");
+        assert!((row.best_alpha[0] - 0.75).abs() < 1e-7, "{row:?}");
+        assert_eq!((row.best_layer[0], row.transmittance[0]), (2, 0.0));
+    }
+
+    #[test]
+    fn what_no_layer_covers_stays_empty_and_a_single_layer_takes_all() {
+        let empty = composite(1.0, &[(5.0, 0.0, false), (f32::NAN, 0.0, false)]);
+        assert_eq!(empty, Accumulated::new(1));
+        for logit in [-1e38, 0.0, f32::INFINITY, f32::NAN] {
+            let row = composite(2.0, &[(3.0, 0.5, false), (logit, 0.3, true)]);
+            assert_eq!(
+                (row.rgb[0][0], row.best_layer[0], row.transmittance[0]),
+                (f64::from(0.3_f32), 1, 0.0),
+                "{logit}"
+            );
+        }
+    }
+
+    #[test]
+    fn extremes_ties_and_what_is_no_number() {
+        let first = |layers: &[(f32, f32, bool)]| composite(4.0, layers).rgb[0][0] as f32;
+        let of = |logits: [f32; 3]| first(&[(logits[0], 1.0, true), (logits[1], 0.0, true), (logits[2], 0.0, true)]);
+        let infinity = f32::INFINITY;
+        assert_eq!([of([3e38, -3e38, 0.0]), of([-3e38, 0.0, 3e38])], [1.0, 0.0]);
+        assert_eq!([of([infinity, infinity, -infinity]), of([-3e38; 3])], [0.5, 1.0 / 3.0]);
+        assert_eq!([of([f32::NAN, 0.0, 0.0]), of([0.0, f32::NAN, -infinity])], [0.0, 1.0]);
+        let tied = composite(1.0, &[(1.0, 0.0, true), (2.0, 0.0, true), (2.0, 0.0, true)]);
+        assert_eq!(tied.best_layer, [1]);
+    }
+}
