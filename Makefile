@@ -96,6 +96,7 @@ parity: build setup
 	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --layers guided:2 --precision int8
 	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --layers surface:2
 	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --network none
+	cd python && ../$(BIN)/python -m liveview_ref.parity ../$(SCENE) --target target_0 --layers planes:32 --alpha competing
 	$(STABILITY) --short > target/stability.md
 	test ! -e .venv-openvino/.runtime || for precision in f32 int8; do ( cd python && ../$(BIN)/python -m \
 		liveview_ref.parity ../$(SCENE) --target target_0 --layers guided:2 --engine openvino --precision $$precision ) || exit 1; done

@@ -9,7 +9,7 @@ use liveview::geometry::{Camera, Size};
 use liveview::layers::guided::GuidedSearch;
 use liveview::layers::{Layers, padded};
 use liveview::network::{NetworkError, PlaneNetwork};
-use liveview::render::{Accumulated, Blended, DistanceWeights, Frame, LayerSamples, Renderer};
+use liveview::render::{Accumulated, Blended, Competing, DistanceWeights, Frame, LayerSamples, Renderer};
 use liveview::warp::{SourceView, Texture, warp_sources};
 use ndarray::{ArrayView4, ArrayViewMut4};
 use proptest::prelude::*;
@@ -182,6 +182,16 @@ fn composite<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> Accumulated {
     row
 }
 
+/// The same planes, their α as logits 100 times as large, competing.
+fn competing<'a>(planes: impl IntoIterator<Item = (usize, &'a Plane)>) -> Accumulated {
+    let mut row = Competing::new(1, 1.5);
+    for (index, &(logit, grey, disparity)) in planes {
+        let layer = Blended { alpha: vec![0.0], rgb: std::array::from_fn(|_| vec![grey]), covered: vec![true] };
+        row.add(index as u32, &[100.0 * logit], &layer, &[disparity]);
+    }
+    row.finish()
+}
+
 fn planes(count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Plane>> {
     // From clear to opaque, and the floats next to them.
     let special =
@@ -243,6 +253,34 @@ proptest! {
             (whole.transmittance[0], 0.0, rest.transmittance[0]),
         ] {
             prop_assert!((whole - (front + left * rest)).abs() <= bound, "{whole} and {front} + {left} {rest}");
+        }
+    }
+
+    /// Any order of layers; each of n additions and products rounds once, and the exponential is exact to 4e-10 of its value.
+    #[test]
+    fn layers_that_compete_may_come_in_any_order(planes in planes(1..200), by in any::<prop::sample::Index>()) {
+        let numbered: Vec<_> = planes.iter().enumerate().collect();
+        let mut moved = numbered.clone();
+        moved.rotate_left(by.index(planes.len()));
+        moved.reverse();
+        let (before, after) = (competing(numbered), competing(moved));
+        prop_assert_eq!((&before.best_layer, &before.transmittance), (&after.best_layer, &after.transmittance));
+        for (a, b) in [(before.rgb[0][0], after.rgb[0][0]), (before.disparity[0], after.disparity[0])] {
+            prop_assert!((a - b).abs() <= 5e-9, "{a} and {b}");
+        }
+    }
+
+    /// α of each plane as its weight over what the nearer ones leave, composited front to back, give the picture of planes that compete.
+    #[test]
+    fn planes_that_compete_are_an_mpi(planes in planes(1..60)) {
+        let found = competing(planes.iter().enumerate());
+        let terms: Vec<f64> = planes.iter().map(|plane| (1.5 * 100.0 * f64::from(plane.0)).exp()).collect();
+        let behind = |k: usize| terms[k..].iter().sum::<f64>();
+        let alphas = (0..planes.len()).map(|k| (terms[k] / behind(k)) as f32);
+        let mpi: Vec<Plane> = planes.iter().zip(alphas).map(|(plane, alpha)| (alpha, plane.1, plane.2)).collect();
+        let expected = composite(&mpi);
+        for (a, b) in [(found.rgb[0][0], expected.rgb[0][0]), (found.disparity[0], expected.disparity[0])] {
+            prop_assert!((a - b).abs() <= 2.0 * f64::from(f32::EPSILON), "{a} and {b}");
         }
     }
 

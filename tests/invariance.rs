@@ -7,7 +7,7 @@ use std::path::Path;
 use liveview::geometry::{Camera, choose_views};
 use liveview::layers::guided::{GuidedSearch, RangeMap};
 use liveview::layers::{Layers, padded};
-use liveview::network::{ExecutionProvider, NetworkError, OrtNetwork, PlaneNetwork};
+use liveview::network::{Alpha, ExecutionProvider, NetworkError, OrtNetwork, PlaneNetwork};
 use liveview::render::{Culling, Frame, Renderer};
 use liveview::scene::{Scene, SceneOptions};
 use liveview::warp::{SourceView, Texture, warp_sources};
@@ -121,6 +121,25 @@ fn native_stages_are_the_same_to_the_bit_over_runs_threads_and_batches() {
     for run in 0..100 {
         let (job, (threads, renderer)) = (run / 10 % 2, &mut renderers[run % 10]);
         assert!(frame(renderer, *threads, job) == first[job], "run {run}");
+    }
+}
+
+#[test]
+fn competing_layers_are_the_same_to_the_bit_over_threads_and_batches_and_none_is_hidden() {
+    let rig = Rig::open(136);
+    let frame = |threads: usize, batch: usize, transmittance: f64| {
+        let mut renderer = Renderer::new(Sum, batch);
+        renderer.set_alpha(Alpha::Competing { scale: 2.0 });
+        let mut culling = Culling::default();
+        culling.transmittance = transmittance;
+        renderer.set_culling(culling);
+        let frame = rig.render(&mut renderer, threads, |_| Layers::uniform(0.05, 8.0, 12).unwrap());
+        (frame.picture, frame.disparity, frame.transmittance, frame.best_layer, frame.culled)
+    };
+    let first = frame(1, 1, 0.0);
+    assert!(first.4.uncovered > 0 && first.4.opaque == 0, "{:?}", first.4);
+    for (threads, batch, transmittance) in [(2, 1, 0.0), (1, 3, 0.9), (2, 12, 0.5)] {
+        assert!(frame(threads, batch, transmittance) == first, "{threads} threads, {batch} at once, {transmittance}");
     }
 }
 

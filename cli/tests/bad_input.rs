@@ -132,6 +132,15 @@ fn layers_that_are_none() {
 }
 
 #[test]
+fn competing_layers() {
+    let folders = Folders::new();
+    assert_render_refused(&folders, &["--alpha", "both"], &["--alpha", "independent", "competing"]);
+    assert_render_refused(&folders, &["--alpha", "competing", "--network", "none"], &["cannot be used with"]);
+    let hidden = ["--alpha", "competing", "--layers", "planes:4", "--opaque", "0.1"];
+    assert_render_refused(&folders, &hidden, &["--opaque", "do not hide one another", "--alpha independent"]);
+}
+
+#[test]
 fn models_of_another_shape() {
     let folders = Folders::new();
     let refused = |arguments: &[&str], words: &[&str]| {

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from liveview_ref.reference.composite import composite
-from liveview_ref.reference.composite_competing import alphas_of, competing_weights, composite_competing
+from liveview_ref.reference.composite_competing import alphas_of, best_layer, competing_weights, composite_competing
 
 
 def layers(count=7, size=(5, 6), seed=0, dtype=torch.float64):
@@ -53,6 +53,15 @@ def test_extreme_logits_and_ties():
     ):
         weights = competing_weights(torch.tensor(values)[:, None, None], covered, 4.0)
         torch.testing.assert_close(weights.flatten(), torch.tensor(expected, dtype=torch.float32))
+
+
+def test_the_best_layer_is_that_of_the_largest_weight():
+    logit, rgb, covered, maps = layers()
+    found, weights = best_layer(logit, covered), competing_weights(logit, covered)
+    assert torch.equal(found[covered.any(0)], weights.argmax(0)[covered.any(0)])
+    assert found[0, 0] == -1
+    tied = torch.tensor([1.0, 2.0, 2.0, torch.inf])[:, None, None]
+    assert best_layer(tied, torch.tensor([True, True, True, False])[:, None, None]).item() == 1
 
 
 def test_gradients_agree_with_finite_differences():

@@ -7,6 +7,7 @@ import torch
 from liveview_ref.parity import fifty_digits, stability
 from liveview_ref.reference.blend import blend
 from liveview_ref.reference.composite import composite
+from liveview_ref.reference.composite_competing import composite_competing
 from liveview_ref.reference.warp import warp_maps
 from liveview_ref.rig_arrays import cameras_of, images_of
 
@@ -31,6 +32,20 @@ def test_warp_in_digits_is_the_reference(rng):
     digits = np.array([fifty_digits.warp(data, pixel) for pixel in range(35)], dtype=np.float64)
     assert np.abs(found.flatten(1).T.numpy() - digits).max() < 1e-12
     assert 0 < digits[:, 3].sum() < 35  # some pixels see the source, some do not
+
+
+def test_competing_layers_in_digits_are_the_reference(rng):
+    data = {"logits": rng.normal(0, 3, (5, PIXELS)), "rgb": rng.random((5, 3, PIXELS)), "maps": rng.random((5, PIXELS))}
+    data = {name: values.astype(np.float32) for name, values in data.items()}
+    data |= {"covered": (rng.random((5, PIXELS)) > 0.3).astype(np.uint8), "alpha_scale": np.array([2.0])}
+    data["covered"][:, 0] = 0
+    data["logits"][:2, 1], data["covered"][:, 1] = (np.inf, -np.inf), 1
+    logits, rgb, maps = (torch.from_numpy(data[x]).double()[..., None, :] for x in ("logits", "rgb", "maps"))
+    out = composite_competing(logits, rgb, torch.from_numpy(data["covered"] > 0)[:, None], maps, 2.0)
+    found = torch.cat([out.rgb, out.disparity[None], out.transmittance[None]]).flatten(1).T.numpy()
+    digits = np.array([fifty_digits.composite_competing(data, pixel) for pixel in range(PIXELS)], dtype=np.float64)
+    assert np.abs(found - digits).max() < 1e-12
+    assert (digits[0] == [0, 0, 0, 0, 1]).all()
 
 
 def test_blend_in_digits_is_the_reference(rng):

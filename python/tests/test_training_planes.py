@@ -163,11 +163,12 @@ def test_a_training_begins_goes_on_and_is_exported(tmp_path, monkeypatch):
     assert {"competing, planes:16", "competing, planes:64", "workshop"} < state["history"][0].keys()
     assert state["history"][1]["workshop"] > 15
     model = tmp_path / "model.onnx"
-    arguments = ["--licence", "none", "--recommended-layers", "planes:64"]
+    arguments = ["--licence", "none", "--recommended-layers", "planes:64", "--layer-kinds", "planes", "list"]
     monkeypatch.setattr(sys, "argv", ["", str(tmp_path / "checkpoint.pt"), str(model), *arguments])
     export.main()
     card = {p.key: p.value for p in onnx.load(model).metadata_props}
     assert card["alpha"] == "competing" and card["alpha_scale"] == "1"
+    assert card["layer_kinds"] == "planes, list"
     assert card["trained_layers"] == "planes:6 to planes:6" and card["recommended_layers"] == "planes:64"
 
 

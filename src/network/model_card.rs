@@ -78,3 +78,47 @@ pub(crate) fn read_card(path: &Path, entry: impl Fn(&str) -> Option<String>) -> 
         licence: text("licence")?,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(more: &[(&str, &str)]) -> Result<ModelCard, String> {
+        let needed =
+            [("views", "4"), ("stride", "8"), ("recommended_layers", "planes:64"), ("training", "-"), ("licence", "-")];
+        let entry =
+            |key: &str| needed.iter().chain(more).find(|(name, _)| *name == key).map(|(_, value)| (*value).to_owned());
+        read_card(Path::new("m.onnx"), entry).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn the_card_says_how_layers_are_composited_unless_asked_otherwise() {
+        let competing = |scale| Alpha::Competing { scale };
+        for (entries, expected) in [
+            (&[][..], [Alpha::Independent, competing(2.0)]),
+            (&[("alpha", "competing")], [competing(1.0); 2]),
+            (&[("alpha", "competing"), ("alpha_scale", "1.5")], [competing(1.5); 2]),
+            (&[("alpha", "independent"), ("alpha_scale", "3")], [Alpha::Independent, competing(3.0)]),
+        ] {
+            let card = read(entries).unwrap();
+            assert_eq!([card.alpha(None), card.alpha(Some(AlphaKind::Competing))], expected, "{entries:?}");
+            assert_eq!(card.alpha(Some(AlphaKind::Independent)), Alpha::Independent);
+        }
+        for (entry, expected) in [
+            (("alpha", "Competing"), "metadata `alpha` is Competing, expected \"independent\" or \"competing\""),
+            (("alpha_scale", "0"), "metadata `alpha_scale` is 0, expected a positive, finite number"),
+            (("alpha_scale", "inf"), "metadata `alpha_scale` is inf, expected a positive, finite number"),
+        ] {
+            let message = read(&[entry]).unwrap_err();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+
+    #[test]
+    fn the_card_names_kinds_of_layers() {
+        let card = read(&[("layer_kinds", "planes, kmeans")]).unwrap();
+        let is_for = |layers: &str| card.is_for(&layers.parse().unwrap());
+        assert!(is_for("planes:3") && is_for("kmeans:3") && !is_for("guided:2") && !is_for("list:1"));
+        assert!(read(&[]).unwrap().is_for(&LayerSpec::Surface(1)));
+    }
+}

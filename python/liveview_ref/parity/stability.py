@@ -86,7 +86,8 @@ def composited(data: Arrays, model: str) -> dict[str, Outputs]:
 
 
 def composited_competing(data: Arrays, model: str) -> dict[str, Outputs]:
-    logits, rgb, covered, maps = (torch.from_numpy(data[name])[..., None, :] for name in ("logits", "rgb", "covered", "maps"))
+    names = ("logits", "rgb", "covered", "maps")
+    logits, rgb, covered, maps = (torch.from_numpy(data[name])[..., None, :] for name in names)
     out = composite_competing(logits, rgb, covered > 0, maps, float(data["alpha_scale"][0]))
     parts = {"frame": out.rgb, "disparity": out.disparity, "transmittance": out.transmittance}
     return {"torch": {name: values.numpy() for name, values in parts.items()}}

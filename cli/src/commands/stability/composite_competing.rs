@@ -70,11 +70,7 @@ impl CompetingCase {
         let row = row.finish();
         let rounded = |values: &[f64]| values.iter().map(|&value| value as f32).collect();
         let frame = row.rgb.iter().flatten().map(|&value| value as f32).collect();
-        vec![
-            ("frame", frame),
-            ("disparity", rounded(&row.disparity)),
-            ("transmittance", rounded(&row.transmittance)),
-        ]
+        vec![("frame", frame), ("disparity", rounded(&row.disparity)), ("transmittance", rounded(&row.transmittance))]
     }
 }
 
@@ -131,7 +127,8 @@ impl Question for CompetingCase {
 
 pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
     let case = |family: &'static str, extreme: f64, question| {
-        Case::new(family, extreme, format!("{extreme:.0e}"), question, BOUND)
+        let name = if extreme >= 1.0 && extreme < 1e5 { extreme.to_string() } else { format!("{extreme:.0e}") };
+        Case::new(family, extreme, name, question, BOUND)
     };
     let all = |_: usize, _: usize| true;
     let line = |layers: usize, step: f32| CompetingCase::new(layers, 1.0, move |layer, _| step * layer as f32, all);
@@ -151,7 +148,9 @@ pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
         ("none a number", CompetingCase::new(8, 1.0, |_, _| f32::NAN, all)),
     ];
     vec![
-        decades((-6..=38).step_by(4)).map(|by| case("competing logits ±", by, CompetingCase::random(32, 2.0, by))).collect(),
+        decades((-6..=38).step_by(4))
+            .map(|by| case("competing logits ±", by, CompetingCase::random(32, 2.0, by)))
+            .collect(),
         decades(-4..=4).map(|scale| case("scale of competing", scale, CompetingCase::random(32, scale, 5.0))).collect(),
         (0..=12)
             .step_by(2)

@@ -1,0 +1,33 @@
+"""Cards: the models' metadata, and the tables of models/README.md that are made from the weights."""
+
+from pathlib import Path
+
+import onnx
+import pytest
+
+from liveview_ref.reference import layer_spec
+from tools import cards
+
+MODELS = Path(__file__).parents[2] / "models"
+
+
+@pytest.mark.parametrize("path", sorted(MODELS.glob("*.onnx")), ids=lambda path: path.stem)
+def test_metadata_of_shipped_models(path):
+    card = {p.key: p.value for p in onnx.load(path).metadata_props}
+    assert path.stem.startswith(f"liveview_v{card['views']}")
+    recommended = str(layer_spec.parse(card["recommended_layers"]))
+    for_planes = "_planes" in path.stem
+    assert recommended == ("planes:64" if for_planes else "guided:2")
+    assert card.get("alpha", "independent") == ("competing" if for_planes else "independent")
+    assert card.get("layer_kinds") == ("planes, select, kmeans, list" if for_planes else None)
+    assert card["licence"] and card["training"] and ("int8" in path.stem) == (card.get("precision") == "int8")
+
+
+def test_models_of_one_v_are_rows_of_their_own():
+    history = [{"step": 1, "seconds": 2, "a": 20.0}, {"step": 3, "seconds": 4, "a": 21.0, "b": 22.0}]
+    config = {"validation": [{"path": "dev/x", "width": 100}]}
+    state = {"views": 4, "step": 3, "seconds": 240, "earlier": [(4, 10, 60)], "history": history, "config": config}
+    table = cards.trained({"4": state, "4, planes": state}).splitlines()
+    assert [row.split("|")[1].strip() for row in table[2:]] == ["4", "4, planes"]
+    assert "V = 4: 10 steps, 1 minutes, then V = 4: 3 steps, 4 minutes" in table[2] and "a: 21.00, b: 22.00" in table[2]
+    assert cards.curves("4, planes", state).curves == {"a": [(1, 20.0), (3, 21.0)], "b": [(3, 22.0)]}
