@@ -274,7 +274,7 @@ proptest! {
     #[test]
     fn planes_that_compete_are_an_mpi(planes in planes(1..60)) {
         let found = competing(planes.iter().enumerate());
-        let terms: Vec<f64> = planes.iter().map(|plane| (1.5 * 100.0 * f64::from(plane.0)).exp()).collect();
+        let terms: Vec<f64> = planes.iter().map(|plane| (1.5 * f64::from(100.0 * plane.0)).exp()).collect();
         let behind = |k: usize| terms[k..].iter().sum::<f64>();
         let alphas = (0..planes.len()).map(|k| (terms[k] / behind(k)) as f32);
         let mpi: Vec<Plane> = planes.iter().zip(alphas).map(|(plane, alpha)| (alpha, plane.1, plane.2)).collect();
