@@ -127,7 +127,7 @@ impl Question for CompetingCase {
 
 pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
     let case = |family: &'static str, extreme: f64, question| {
-        let name = if extreme >= 1.0 && extreme < 1e5 { extreme.to_string() } else { format!("{extreme:.0e}") };
+        let name = if (1.0..1e5).contains(&extreme) { extreme.to_string() } else { format!("{extreme:.0e}") };
         Case::new(family, extreme, name, question, BOUND)
     };
     let all = |_: usize, _: usize| true;
