@@ -2,7 +2,7 @@
 
 Seeded and resumable (run the same command again). Scenes are mixed within a batch, since BatchNorm statistics of one
 scene do not fit another; they are estimated anew over many batches whenever the averaged weights are used. Where a
-config says "alpha": "competing", train_planes.py trains instead.
+config says "alpha": "competing" or lists "frames", fine_tune.py trains instead.
 """
 
 import argparse
@@ -18,11 +18,14 @@ import torch.nn.functional as F
 from torch import Tensor, multiprocessing
 
 from ..checkpoint import load_state
+from ..config import read_config
 from ..data.examples import Example, maker
 from ..reference.blend import blend
 from ..reference.composite import composite
 from ..reference.unet import UNet, adapt_views, start_from_agreement
-from . import train_planes
+from .fine_tune import fine_tune
+from .train_planes import Planes
+from .train_surface import Surface
 from .validate import validate
 
 
@@ -98,19 +101,13 @@ def rate(step: int, config: dict) -> float:
     return warm * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(1.0, step / config["steps"]))))
 
 
-def read_config(path: Path) -> dict:
-    """A config file; what it leaves out stands in the file that its "base" names, beside it."""
-    config = json.loads(path.read_text())
-    return read_config(path.parent / config.pop("base")) | config if "base" in config else config
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("config", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="folder with train/, dev/ and textures/")
     parser.add_argument("--out", type=Path, required=True, help="checkpoints, log and validation images")
-    parser.add_argument("--start", type=Path, help="weights to start from, of any V; for competing planes of the same")
-    parser.add_argument("--shards", type=Path, help="folder where examples are kept, for competing planes")
+    parser.add_argument("--start", type=Path, help="weights to start from, of any V; to fine-tune, of the same")
+    parser.add_argument("--shards", type=Path, help="folder where examples are kept, to fine-tune")
     parser.add_argument("--steps", type=int, help="overrides the config")
     args = parser.parse_args()
     config = read_config(args.config)
@@ -118,14 +115,16 @@ def main() -> None:
     alpha = config.get("alpha", "independent")
     if alpha not in ("independent", "competing"):
         parser.error(f'{args.config}: alpha is "{alpha}"; expected "independent" or "competing"')
-    if alpha == "competing":
+    if alpha == "competing" or "frames" in config:
         if not (args.start and args.shards):
             parser.error(f"{args.config} needs --start, weights to start from, and --shards, a folder for examples")
         start = load_state(args.start)
         if start["views"] != config["views"]:
             parser.error(f"{args.start}: a network of {start['views']} views; {args.config} asks for {config['views']}")
         args.out.mkdir(parents=True, exist_ok=True)
-        return train_planes.train(config, args.data, args.out, start, args.shards)
+        if "frames" in config:
+            return fine_tune(config, Surface(config, args.shards), args.out, start)
+        return fine_tune(config, Planes(config, args.data, args.shards), args.out, start)
     args.out.mkdir(parents=True, exist_ok=True)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     torch.set_num_threads(config["threads"])

@@ -1,0 +1,125 @@
+"""Training on from given weights, one example at a time: the loop that train_planes.py and train_surface.py share.
+
+One process, one thread. BatchNorm is folded into the convolutions first: over one scene at a time its statistics would
+be wrong, and it takes a third of the time.
+"""
+
+import copy
+import json
+import signal
+import time
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..checkpoint import load_state, trained_network
+from ..reference.unet import UNet, fold_batchnorm, unfold_batchnorm
+
+
+class Task(Protocol):
+    """What is trained for."""
+
+    def examples(self, step: int) -> list:
+        """To draw from at this step."""
+
+    def loss(self, net: UNet, example, rng: np.random.Generator) -> tuple[Tensor, dict[str, float]]:
+        """With its gradient graph, and what the log tells of it."""
+
+    def summary(self, told: list[dict[str, float]]) -> str:
+        """The log's line."""
+
+    def validate(self, net: UNet, file: Path) -> dict[str, float]:
+        """Scores on held-out photos; `file` is a picture to look at."""
+
+
+def rate(step: int, config: dict) -> float:
+    """Warm-up, then constant, then falling to 2 % over the last part."""
+    left = (config["steps"] - step) / (config["falling"] * config["steps"])
+    return min(1.0, (step + 1) / config["warm_up"]) * max(0.02, min(1.0, left))
+
+
+def start_of(state: dict, scale: float) -> UNet:
+    """The network of a state, BatchNorm folded, its logit 0 times `scale`, ready to be trained."""
+    net = fold_batchnorm(trained_network(state))
+    with torch.no_grad():  # competing planes want logits further apart: the scale goes into the last layer
+        net.conv9.weight[0] *= scale
+        net.conv9.bias[0] *= scale
+    for p in net.parameters():
+        p.requires_grad_(True)
+    return net.to(memory_format=torch.channels_last)
+
+
+def save(path: Path, **state) -> None:
+    torch.save(state, path.with_suffix(".tmp"))
+    path.with_suffix(".tmp").rename(path)
+
+
+def fine_tune(config: dict, task: Task, out: Path, start: dict) -> None:
+    """Train from the weights of the state `start`, or go on from the checkpoint in `out`."""
+    torch.set_num_threads(1)
+    checkpoint = out / "checkpoint.pt"
+    net = start_of(start, config["start_scale"])
+    earlier = [*start.get("earlier", []), (start["views"], start["step"], round(start["seconds"]))]
+    average = copy.deepcopy(net)
+    optimiser = torch.optim.AdamW(net.parameters(), lr=config["learning_rate"], weight_decay=1e-4)
+    step, seconds, history = 0, 0.0, []
+    if checkpoint.exists():
+        state = load_state(checkpoint)
+        net.load_state_dict(state["net"])
+        average.load_state_dict(state["folded_average"])
+        optimiser.load_state_dict(state["optimiser"])
+        step, seconds, history = state["step"], state["seconds"], state["history"]
+        print(f"goes on from step {step}", flush=True)
+    told, spent = [], {"examples": 0.0, "network": 0.0}
+    began = saved = time.perf_counter()
+    stopped = []
+    signal.signal(signal.SIGTERM, lambda *_: stopped.append(True))  # save first, then end
+    while step < config["steps"] and not stopped:
+        rng = np.random.default_rng([config["seed"], 1, step])
+        asked = time.perf_counter()
+        examples = task.examples(step)
+        began_step = time.perf_counter()
+        spent["examples"] += began_step - asked
+        for group in optimiser.param_groups:
+            group["lr"] = config["learning_rate"] * rate(step, config)
+        optimiser.zero_grad()
+        for i in rng.choice(len(examples), config["batch"], replace=False):
+            loss, found = task.loss(net, examples[i], rng)
+            (loss / config["batch"]).backward()
+            told.append(found)
+        norm = torch.nn.utils.clip_grad_norm_(net.parameters(), config["clip"])
+        if bool(torch.isfinite(norm)):
+            optimiser.step()
+        else:
+            print(f"step {step}: a gradient is not finite; left out", flush=True)
+        step += 1
+        decay = min(config["average"], (1 + step) / (10 + step))
+        with torch.no_grad():
+            for a, b in zip(average.parameters(), net.parameters(), strict=True):
+                a.lerp_(b, 1 - decay)
+        spent["network"] += time.perf_counter() - began_step
+        if step % 50 == 0:
+            now = time.perf_counter()
+            seconds, passed, began = seconds + now - began, now - began, now
+            each = ", ".join(f"{key} {value / 50 * 1e3:.0f}" for key, value in spent.items())
+            speed = f"{len(told) / passed:.2f} samples/s (ms/step: {each})"
+            print(f"step {step} {task.summary(told)}; gradient {float(norm):.2f}; {speed}", flush=True)
+            told, spent = [], dict.fromkeys(spent, 0.0)
+        over = step == config["steps"]
+        if step % config["validate_every"] == 0 or over:
+            paused = time.perf_counter()
+            scores = task.validate(unfold_batchnorm(average), out / "validation.png")
+            history.append({"step": step, "seconds": round(seconds), **scores})
+            print(json.dumps(history[-1]), flush=True)
+            (out / "history.json").write_text(json.dumps(history, indent=1))
+            began += time.perf_counter() - paused
+        if over or stopped or step % config["validate_every"] == 0 or time.perf_counter() - saved > 600:
+            save(
+                checkpoint, net=net.state_dict(), folded_average=average.state_dict(), optimiser=optimiser.state_dict(),
+                average=unfold_batchnorm(average).state_dict(), step=step, seconds=seconds, history=history,
+                views=config["views"], config=config, earlier=earlier,
+            )  # fmt: skip
+            saved = time.perf_counter()
