@@ -86,6 +86,8 @@ def trained_layers(config: dict) -> str:
     guided, planes = ([min(x), max(x)] for x in (config["guided_layers"], config["uniform_planes"]))
     if config.get("alpha") == "competing":
         return "planes:{} to planes:{}".format(*planes)
+    if "frames" in config:
+        return f"surface:1, surface:{config['layers']}"
     return "guided:{} to guided:{}, planes:{} to planes:{}".format(*guided, *planes)
 
 

@@ -2,12 +2,13 @@
 
 import pytest
 
-from liveview_ref.reference.layer_spec import DisparityList, Guided, KMeans, Planes, Select, parse
+from liveview_ref.reference.layer_spec import DisparityList, Guided, KMeans, Planes, Select, Surface, parse
 
 SPECS = {
     "planes:64": Planes(64),
     "guided:2": Guided(2),
     "guided:2/32": Guided(2, 32),
+    "surface:2": Surface(2),
     "select:16/64": Select(16, 64),
     "kmeans:16": KMeans(16),
     "kmeans:16/32": KMeans(16, 32),
@@ -31,6 +32,7 @@ def test_a_spec_is_read_and_written_alike(text):
         ("planes:6/4", "not a positive whole number"),
         ("guided:2.5", "not a positive whole number"),
         ("guided:2/1", "at least 2 planes"),
+        ("surface:", "not a positive whole number"),
         ("select:65", "how many planes"),
         ("select:16/8", "of at least as many"),
         ("kmeans:-4", "not a positive whole number"),

@@ -2,6 +2,7 @@
 
 - `planes:64`: 64 planes, evenly spaced in disparity
 - `guided:2`: 2 layers that follow the scene; `guided:2/32`: found by a coarse pass of 32 planes
+- `surface:2`: 2 layers along the surface that the photos' own depth gives
 - `select:16/64`: of 64 planes the 16 that most pixels choose (the paper's selection); `select:16` is of 64
 - `kmeans:16`: 16 planes, k-means over the disparities that the coarse pass finds; `kmeans:16/32` as above
 - `list:0.5,0.25,0`: planes at these disparities, near -> far
@@ -15,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 SELECT_FROM = 64  # planes, where select:16 does not say
-EXPECTED = "planes:64, guided:2, guided:2/32, select:16/64, kmeans:16, kmeans:16/32 or list:0.5,0.25,0"
+EXPECTED = "planes:64, guided:2, guided:2/32, surface:2, select:16/64, kmeans:16, kmeans:16/32 or list:0.5,0.25,0"
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,16 @@ class Guided:
 
     def __str__(self) -> str:
         return f"guided:{self.count}{_after_slash(self.coarse_planes)}"
+
+
+@dataclass(frozen=True)
+class Surface:
+    """`count` layers along the surface that the photos' own depth gives."""
+
+    count: int
+
+    def __str__(self) -> str:
+        return f"surface:{self.count}"
 
 
 @dataclass(frozen=True)
@@ -71,7 +82,7 @@ class DisparityList:
         return "list:" + ",".join(np.format_float_positional(d, trim="-") for d in self.disparities)
 
 
-LayerSpec = Planes | Guided | Select | KMeans | DisparityList
+LayerSpec = Planes | Guided | Surface | Select | KMeans | DisparityList
 
 
 def parse(text: str) -> LayerSpec:
@@ -81,6 +92,8 @@ def parse(text: str) -> LayerSpec:
         match kind:
             case "planes":
                 return Planes(_count(rest))
+            case "surface":
+                return Surface(_count(rest))
             case "guided" | "kmeans":
                 count, coarse_planes = _two_counts(rest)
                 if coarse_planes is not None and coarse_planes < 2:
