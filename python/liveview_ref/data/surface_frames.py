@@ -33,7 +33,7 @@ from .opengl import flip_axes
 from .procedural.scene import random_scene
 from .procedural.textures import Textures
 from .scene import Scene, open_scene
-from .shards import eight_bit, recipe_of
+from .shards import eight_bit, made, recipe_of
 from .visibility import visibility
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -44,7 +44,7 @@ class SurfaceFrame:
     """colour [L, V, 3, H, W] and coverage [L, V, H, W] of the views on each layer, nothing hidden; shown [L, V, H, W]:
     1 where the program lets the view count; target [3, H, W]; all uint8. distances [V] float64. seen [V, H, W] uint8:
     which views see the true surface (visibility.py), None on real scenes; where it is known, the last layer is one
-    more, along that surface."""
+    more, along that surface; it may be the only one."""
 
     colour: Tensor
     coverage: Tensor
@@ -100,6 +100,15 @@ def procedural_rig(rng: np.random.Generator, config: dict, textures: Textures) -
     photos = [s.target, *s.views]
     cameras = [Camera(*pose, p.shape[2], p.shape[1]) for pose, p in zip(poses, photos, strict=True)]
     return Rig(photos, cameras, float(s.near), float(s.far), [s.disparity, *s.view_disparities])
+
+
+def hiding_frame(rng: np.random.Generator, config: dict, textures: Textures) -> SurfaceFrame:
+    """The true surface alone, of a procedural scene where much is hidden from some view."""
+    p = made(rng, config | {"crop": config["hiding_frame"]}, textures)
+    colour, coverage = warp_views([v.float() / 255 for v in p.views], p.cameras, p.camera, p.disparity[None])
+    shown = torch.ones(coverage.shape, dtype=torch.uint8)
+    distances = view_distances(p.cameras, p.camera)
+    return SurfaceFrame(eight_bit(colour), eight_bit(coverage), shown, p.target, distances, p.seen)
 
 
 def held_out_rig(scene: Scene, spec: dict, t: int, views: int) -> Rig:
@@ -167,6 +176,8 @@ def through(program: Path, rig: Rig, config: dict) -> SurfaceFrame:
 def make(number: int, config: dict, scenes: list[RealScene], textures: Textures, program: Path) -> SurfaceFrame:
     """The frame of this number: the seed and the number say what it is."""
     rng = np.random.default_rng([config["seed"], number])
+    if rng.random() < config["hiding"]:
+        return hiding_frame(rng, config, textures)
     if rng.random() < config["procedural"]:
         return through(program, procedural_rig(rng, config, textures), config)
     return through(program, real_rig(rng, config, scenes), config)

@@ -118,8 +118,8 @@ def example_loss(
     """1 plus what the errors are above those of weights by distance on the same layers, relative to these and to the
     whole frame's (`plain`): PSNR is told per picture, and no picture is to count for more. And minus log of the weight
     on the views that see, on the true surface."""
-    true_surface = crop.seen is not None and rng.random() < config["true_surface"]
     layers = len(crop.colour) - (crop.seen is not None)
+    true_surface = crop.seen is not None and (layers == 0 or rng.random() < config["true_surface"])
     if true_surface:
         own, shown = slice(-1, None), torch.ones(1)
     else:
