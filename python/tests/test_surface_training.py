@@ -1,6 +1,7 @@
 """Training on surface layers: what the program feeds its network there is kept as it was, and a crop of it is learnt
 from."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from liveview_ref.data.surface_frames import (
 )
 from liveview_ref.data.visibility import HIDDEN, SEEN
 from liveview_ref.reference.unet import UNet
+from liveview_ref.training import mix
 from liveview_ref.training.surface_loss import CELL, crop_of, example_loss, interest, masks, recoloured, rendered
 
 ROOT = Path(__file__).parents[2]
@@ -144,3 +146,16 @@ def test_a_frame_renders_as_the_program_does(tmp_path):
     difference = (rendered(logits, colour, coverage, frame.distances) - found["frame"]).abs()
     assert difference.mean() < 1e-3 and difference.max() < 0.1  # a byte is a step of 0.004
     assert 0.01 < float((frame.shown == 0).float().mean()) < 0.2
+
+
+def test_a_mixture_lies_between_its_networks(tmp_path, monkeypatch):
+    first, second = ROOT / "models/liveview_v4.pt", ROOT / "models/training/liveview_v4_planes.pt"
+    nets = {}
+    for share in (0.0, 0.25, 1.0):
+        out = tmp_path / "out.pt"
+        monkeypatch.setattr(sys, "argv", ["", str(first), str(second), str(out), "--share", str(share)])
+        mix.main()
+        nets[share] = load_network(out).conv9.weight
+    torch.testing.assert_close(nets[0.0], load_network(first).conv9.weight)
+    torch.testing.assert_close(nets[1.0], load_network(second).conv9.weight)
+    torch.testing.assert_close(nets[0.25], 0.75 * nets[0.0] + 0.25 * nets[1.0])
