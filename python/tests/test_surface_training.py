@@ -144,12 +144,16 @@ def test_a_frame_renders_as_the_program_does(tmp_path):
     with torch.no_grad():
         logits = load_network(ROOT / "models/liveview_v4.pt")(colour.flatten(1, 2))
     difference = (rendered(logits, colour, coverage, frame.distances) - found["frame"]).abs()
-    assert difference.mean() < 1e-3 and difference.max() < 0.1  # a byte is a step of 0.004
+    # A byte is a step of 0.004, which a small coverage divides; what no view sees the program fills from around it.
+    height, width = difference.shape[-2:]
+    seen = coverage.amin(0).amax(0)[:height, :width] > 0.5
+    assert seen.float().mean() > 0.9
+    assert difference.mean() < 1e-3 and difference[:, seen].max() < 0.1
     assert 0.01 < float((frame.shown == 0).float().mean()) < 0.2
 
 
 def test_a_mixture_lies_between_its_networks(tmp_path, monkeypatch):
-    first, second = ROOT / "models/liveview_v4.pt", ROOT / "models/training/liveview_v4_planes.pt"
+    first, second = ROOT / "models/liveview_v4.pt", ROOT / "models/liveview_v4_planes.pt"
     nets = {}
     for share in (0.0, 0.25, 1.0):
         out = tmp_path / "out.pt"
