@@ -31,7 +31,7 @@ demo-stereo: build setup
 DEMO_VIDEO := out/$(if $(shell command -v ffmpeg),rig.mp4,rig)
 demo-video: build runtime
 	mkdir -p out
-	$(LIVEVIEW) video $(RIG) --camera target --layers guided:2 --fps 10 -o $(DEMO_VIDEO)
+	$(LIVEVIEW) video $(RIG) --camera target --layers surface:1 --fps 10 -o $(DEMO_VIDEO)
 	@echo "Open $(DEMO_VIDEO)."
 
 ## Everything that CI checks.
