@@ -45,8 +45,8 @@ def numbers() -> tuple[str, str]:
         f"Example scene, {size}, V = {report['views']}, {report['threads']} threads of {report['cpu']} ({flags}), "
         f"batch {report['batch']}; PSNR and SSIM the mean of its two held-out photos (of the references: the first), "
         "16-pixel border left out; median time per picture of "
-        f"{len(dense['seconds']['all'])} interleaved runs, with their range."
-        + (" **The machine was noisy.**" if report["noisy"] else ""),
+        f"{len(dense['seconds']['all'])} interleaved runs, with their range; once: the photos' depth, "
+        "or planes selected in a first pass." + (" **The machine was noisy.**" if report["noisy"] else ""),
         "",
         "| layers | by | PSNR dB | SSIM | seconds per picture | times faster | MB |",
         "|---|---|---|---|---|---|---|",
@@ -55,10 +55,11 @@ def numbers() -> tuple[str, str]:
         if row["layers"] not in (SHOWN if row["reference"] or row["engine"] == dense["engine"] else FEW):
             continue
         seconds = row["seconds"]
+        once = f", once {seconds['once']:.2f}" if seconds["once"] > 0 else ""
         lines.append(
             f"| {row['layers']} | {row['engine']} | {row['psnr']:.2f} | {row['ssim']:.4f} | {seconds['median']:.2f} "
-            f"({seconds['min']:.2f}-{seconds['max']:.2f}) | {dense['seconds']['median'] / seconds['median']:.1f} | "
-            f"{row['peak_memory_bytes'] / 1e6:.0f} |"
+            f"({seconds['min']:.2f}-{seconds['max']:.2f}){once} | "
+            f"{dense['seconds']['median'] / seconds['median']:.1f} | {row['peak_memory_bytes'] / 1e6:.0f} |"
         )
     return headline(report, size), "\n".join(lines)
 
@@ -74,7 +75,7 @@ def headline(report: dict, size: str) -> str:
     taken, whole = surface["seconds"]["median"], planes["seconds"]["median"]
     return (
         f"One layer along the surface at {size}: {surface['psnr']:.1f} dB, {taken:.2f} s a picture on "
-        f"{report['threads']} CPU threads once the photos' depth is known ({surface['once']:.2f} s for the first), "
+        f"{report['threads']} CPU threads once the photos' depth is known ({surface['seconds']['once']:.2f} s for it), "
         f"{fastest['seconds']['median']:.2f} s with {fastest['engine']}; 64 planes, {planes['psnr']:.1f} dB, take "
         f"{whole / taken:.0f} times as long."
     )
