@@ -28,13 +28,12 @@ from ..reference.renderer import warp_views
 from ..reference.view_selection import choose_views, looking_the_same_way, view_distances
 from .examples import RealScene
 from .held_out import case_of, pool_of, targets_of
-from .image import picture
-from .opengl import flip_axes
 from .procedural.scene import random_scene
 from .procedural.textures import Textures
 from .scene import Scene, open_scene
 from .shards import eight_bit, made, recipe_of
 from .visibility import visibility
+from .written_scene import write_photo, write_transforms
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -119,15 +118,8 @@ def held_out_rig(scene: Scene, spec: dict, t: int, views: int) -> Rig:
 
 
 def write_scene(rig: Rig, folder: Path) -> None:
-    frames = []
-    for i, (photo, c) in enumerate(zip(rig.photos, rig.cameras, strict=True)):
-        picture(photo).save(folder / f"{i:03}.png", compress_level=1)
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = c.rotation.T.numpy(), c.centre.numpy()
-        (fx, _, cx), (_, fy, cy), _ = c.k.tolist()
-        frame = {"file_path": f"{i:03}.png", "w": c.width, "h": c.height, "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy}
-        frames.append(frame | {"transform_matrix": flip_axes(pose).tolist()})
-    (folder / "transforms.json").write_text(json.dumps({"frames": frames}))
+    photos = enumerate(zip(rig.photos, rig.cameras, strict=True))
+    write_transforms(folder, [write_photo(folder, f"{i:03}.png", photo, camera) for i, (photo, camera) in photos])
 
 
 def dumped(rig: Rig, program: Path, views: int, layers: int, folder: Path) -> dict[str, Tensor]:

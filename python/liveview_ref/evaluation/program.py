@@ -5,7 +5,6 @@ The program is given a scene of its own: the photos that a case may be rendered 
 size. It is `liveview dump` whose picture is taken, so that nothing is rounded to 8 bits.
 """
 
-import json
 import subprocess
 import tempfile
 from pathlib import Path
@@ -16,10 +15,8 @@ import torch
 from torch import Tensor
 
 from ..data.held_out import Case, pool_of, resized
-from ..data.image import picture
-from ..data.opengl import flip_axes
 from ..data.scene import Scene
-from ..reference.camera import Camera
+from ..data.written_scene import write_photo, write_transforms
 
 TARGET = "target.png"
 SURFACE = 2, 1
@@ -61,20 +58,9 @@ class Program(NamedTuple):
 
 def write_scene(folder: Path, scene: Scene, spec: dict, target: int, case: Case) -> None:
     """The photos that a case may be rendered from, and its target, as transforms.json."""
-    frames = [entry(folder, TARGET, case.truth, case.target, scene.bounds[target])]
+    frames = [write_photo(folder, TARGET, case.truth, case.target, scene.bounds[target])]
     for index in pool_of(scene, spec, target):
         photo = resized(scene.image_u8(index), case.target.width)
         camera = scene.cameras[index].with_size_scaled(photo.shape[2], photo.shape[1])
-        frames.append(entry(folder, f"{index:04}.png", photo, camera, scene.bounds[index]))
-    (folder / "transforms.json").write_text(json.dumps({"frames": frames}))
-
-
-def entry(folder: Path, name: str, photo: Tensor, camera: Camera, bounds: tuple[float, float] | None) -> dict:
-    """What transforms.json says of a photo [3, H, W], which is written."""
-    picture(photo).save(folder / name, compress_level=1)
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = camera.rotation.T.numpy(), camera.centre.numpy()
-    (fx, _, cx), (_, fy, cy) = camera.k[:2].tolist()
-    frame = {"file_path": name, "w": camera.width, "h": camera.height, "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy}
-    range_ = {} if bounds is None else dict(zip(("near", "far"), map(float, bounds), strict=True))
-    return frame | range_ | {"transform_matrix": flip_axes(pose).tolist()}
+        frames.append(write_photo(folder, f"{index:04}.png", photo, camera, scene.bounds[index]))
+    write_transforms(folder, frames)
