@@ -70,8 +70,8 @@ pub use render::Frame;
 pub use scene::{Scene, SceneOptions};
 // The high-level interface has no other path.
 pub use synthesizer::{
-    DEFAULT_VIEWS, DepthSource, Model, ModelOptions, Options, PhotoCache, Plan, SeenSurface, Shot, SynthesisError,
-    Synthesizer, Target, TargetView, Targets, ViewDepth,
+    DEFAULT_VIEWS, DepthSource, Matched, Model, ModelOptions, Options, PhotoCache, Plan, SeenSurface, Shot,
+    SynthesisError, Synthesizer, Target, TargetView, Targets, ViewDepth,
 };
 // Their types are part of the interface.
 pub use {glam, ndarray};

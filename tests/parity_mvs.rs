@@ -10,9 +10,9 @@ mod mvs_case;
 use liveview::geometry::distance;
 use liveview::layers::{Layer, padded};
 use liveview::mvs::stages::{self, Search};
-use liveview::mvs::{Opinion, Visibility, VisibleView, confirmed, exposure_gains, photo_depth, surface};
+use liveview::mvs::{Opinion, Visibility, VisibleView, confirmed, exposure_gains, photo_depth, sharpening, surface};
 use mvs_case::{Case, folder};
-use ndarray::{Array2, Axis};
+use ndarray::{Array1, Array2, Axis};
 
 const CASES: [&str; 11] = [
     "scene",
@@ -162,7 +162,12 @@ fn hidden_from_views() {
     for_whole(|case| {
         let (map, pixel) = (case.map("grown"), case.pixel());
         let (colour, coverage, seen) = case.with_views(|views| {
-            let seen = views.iter().map(|v| VisibleView { camera: v.view.camera, known: v.known, gains: v.gains });
+            let seen = views.iter().map(|v| VisibleView {
+                camera: v.view.camera,
+                known: v.known,
+                gains: v.gains,
+                sharpening: 0.0,
+            });
             let visibility = Visibility { views: seen.collect(), margin: case.settings.hides * pixel };
             let views: Vec<_> = views.iter().map(|v| v.view).collect();
             stages::hidden(&visibility, &views, &case.target, &map)
@@ -183,6 +188,16 @@ fn exposure() {
     });
 }
 
+#[test]
+fn sharpness() {
+    for_whole(|case| {
+        case.check("sharpening", &Array1::from_vec(case.with_views(sharpening)));
+        for (index, &amount) in case.get::<f32>("sharpening").iter().enumerate() {
+            case.check(&format!("sharpened{index}"), &stages::sharpened(case.view(index).texture, amount + 0.05));
+        }
+    });
+}
+
 /// Depth, confirmations and surface are the same bits whatever the threads.
 #[test]
 fn threads_change_no_bit() {
@@ -195,7 +210,8 @@ fn threads_change_no_bit() {
                 let depth = photo_depth(&case.view(0), &case.neighbours(0), near, far, &case.settings).disparity;
                 let surface = case.with_views(|views| surface(views, &case.target, near, far, &case.settings));
                 let gains = case.with_views(|views| exposure_gains(views, &vec![1.0; views.len()])).concat();
-                let all = depth.iter().chain(&surface.disparity).chain(&gains);
+                let sharpening = case.with_views(sharpening);
+                let all = depth.iter().chain(&surface.disparity).chain(&gains).chain(&sharpening);
                 all.map(|value| value.to_bits()).collect::<Vec<_>>()
             })
         };

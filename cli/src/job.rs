@@ -35,7 +35,7 @@ impl Job {
         let mut culling = Culling::default();
         culling.transmittance = layers.opaque;
         job.synthesizer.renderer_mut().set_culling(culling);
-        job.synthesizer.keep_exposure(layers.keep_exposure);
+        job.synthesizer.set_matched(layers.matched());
         Ok(job)
     }
 

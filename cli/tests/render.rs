@@ -225,7 +225,7 @@ fn what_was_left_out_is_explained() {
 }
 
 #[test]
-fn a_surface_is_explained_and_exposure_may_be_kept() {
+fn a_surface_is_explained_and_exposure_and_sharpness_may_be_kept() {
     let folders = Folders::new();
     let [picture, why] = ["a.png", "why.png"].map(|name| folders.out(name));
     let arguments = ["--target", "2", "-o", &picture, "--layers", "surface:2", "--explain", &why];
@@ -237,6 +237,11 @@ fn a_surface_is_explained_and_exposure_may_be_kept() {
     let kept = json(folders.render(&arguments).arg("--keep-exposure"));
     let gains = kept["explanation"]["surface"]["gains"].as_array().unwrap().clone();
     assert!(gains.iter().flat_map(|view| view.as_array().unwrap()).all(|gain| gain == 1.0), "{gains:?}");
+    let sharpening =
+        |told: &serde_json::Value| told["explanation"]["surface"]["sharpening"].as_array().unwrap().clone();
+    let kept = json(folders.render(&arguments).arg("--keep-sharpness"));
+    assert!(sharpening(&kept).iter().all(|amount| amount == 0.0), "{kept}");
+    assert!(sharpening(&told).iter().any(|amount| amount.as_f64().unwrap() > 0.0), "{told}");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use super::dirty_tiles::{Region, dirty_regions};
 use super::policy::Policy;
 use super::step::Step;
 use crate::geometry::{Camera, Size};
-use crate::mvs::{DepthMaps, PhotoDepth, SeenSurface, Settings, photo_depth};
+use crate::mvs::{DepthMaps, Matched, PhotoDepth, SeenSurface, Settings, photo_depth};
 use crate::warp::{SourceView, Texture};
 
 /// Pixels per side of a cell.
@@ -57,7 +57,7 @@ impl CameraDepths {
         set.truncate(count + self.maps.settings().extra);
         let searched: f64 = set.iter().map(|&camera| self.update(step, camera, policy)).sum();
         let photos: Vec<_> = set.iter().map(|&camera| (camera, step.source(camera))).collect();
-        (SeenSurface::find(&mut self.maps, &photos, count, target, true), searched / set.len() as f64)
+        (SeenSurface::find(&mut self.maps, &photos, count, target, Matched::default()), searched / set.len() as f64)
     }
 
     /// Searches what the policy says of a camera's photo; its share.

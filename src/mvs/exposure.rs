@@ -1,9 +1,8 @@
 //! Gains that bring photos of different exposure or white balance to one that lies between theirs: a factor per colour channel.
 //!
-//! A confirmed depth of a photo, carried to the first photo, corresponds to the pixel it falls on where that photo's own confirmed
-//! depth agrees with it within 2 px (the photo's pixel of parallax). Over every eighth pixel of every eighth row that has a
-//! correspondence and whose channel lies in \[0.05, 0.95\] in both photos, the gain is the (upper) median of the first photo's value
-//! over the photo's. With fewer than 100 of them in any channel all gains of that photo are 1.
+//! Over the photo's correspondences with the first one ([`super::correspondences`]) whose channel lies in \[0.05, 0.95\] in both
+//! photos, the gain is the (upper) median of the first photo's value over the photo's. With fewer than 100 of them in any channel
+//! all gains of that photo are 1.
 //!
 //! So far all photos have become like the first. What a camera at the target would have seen is unknown; the weighted geometric
 //! mean of the photos' exposures is the guess that scores best and that changes smoothly along a path: gain i becomes
@@ -11,11 +10,9 @@
 
 use rayon::prelude::*;
 
-use super::project::Projected;
-use super::{PlaneSweep, SurfaceView};
+use super::SurfaceView;
+use super::correspondences::{Correspondence, correspondences};
 
-/// Rows and columns between the pixels that are looked at.
-const STEP: usize = 8;
 /// Values that are neither lost in noise nor clipped.
 const USABLE: std::ops::RangeInclusive<f32> = 0.05..=0.95;
 /// Fewest correspondences that a gain is told from.
@@ -48,26 +45,13 @@ fn balanced(gains: &[[f32; 3]], distances: &[f64]) -> Vec<[f32; 3]> {
 }
 
 fn gains(view: &SurfaceView<'_>, first: &SurfaceView<'_>) -> Option<[f32; 3]> {
-    let sweep = PlaneSweep::new(first.view.camera, view.view.camera);
-    let (rows, columns) = first.known.disparity.dim();
-    let (mut projected, mut ratios) = (Projected::default(), [(); 3].map(|()| Vec::new()));
-    for (y, row) in view.known.disparity.outer_iter().enumerate().step_by(STEP) {
-        projected.row(&sweep, y, row.to_slice().expect("standard order"));
-        for x in (0..row.len()).step_by(STEP).filter(|&x| row[x] >= 0.0) {
-            let (at_x, at_y) = (projected.x[x], projected.y[x]);
-            if !(at_x >= 0.0 && at_y >= 0.0 && at_x < columns as f32 && at_y < rows as f32) {
-                continue;
-            }
-            let (at_x, at_y) = (at_x as usize, at_y as usize);
-            let own = first.known.disparity[(at_y, at_x)];
-            if own < 0.0 || (own - projected.disparity[x]).abs() >= 2.0 * view.known.pixel {
-                continue;
-            }
-            let (here, there) = (view.view.texture.pixel(x, y), first.view.texture.pixel(at_x, at_y));
-            for (channel, ratios) in ratios.iter_mut().enumerate() {
-                if USABLE.contains(&here[channel]) && USABLE.contains(&there[channel]) {
-                    ratios.push(there[channel] / here[channel]);
-                }
+    let mut ratios = [(); 3].map(|()| Vec::new());
+    for Correspondence { pixel, other } in correspondences(view, first) {
+        let here = view.view.texture.pixel(pixel.0, pixel.1);
+        let there = first.view.texture.pixel(other.0 as usize, other.1 as usize);
+        for (channel, ratios) in ratios.iter_mut().enumerate() {
+            if USABLE.contains(&here[channel]) && USABLE.contains(&there[channel]) {
+                ratios.push(there[channel] / here[channel]);
             }
         }
     }

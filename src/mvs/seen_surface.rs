@@ -4,10 +4,25 @@ use std::sync::Arc;
 
 use super::{
     Camera, DepthMaps, KnownDepth, Layers, LayersError, SourceView, Surface, SurfaceView, Visibility, VisibleView,
-    exposure_gains, surface,
+    exposure_gains, sharpening, surface,
 };
 use crate::geometry::distance;
 use crate::warp::NO_GAINS;
+
+/// In what the photos of a target are made alike, as far as their correspondences tell; by default in all.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Matched {
+    /// Exposure and white balance ([`exposure_gains`]).
+    pub exposure: bool,
+    /// Sharpness ([`sharpening`]).
+    pub sharpness: bool,
+}
+
+impl Default for Matched {
+    fn default() -> Self {
+        Self { exposure: true, sharpness: true }
+    }
+}
 
 /// A target's surface, and what is known of the photos of its views.
 #[derive(Debug, Clone)]
@@ -19,32 +34,36 @@ pub struct SeenSurface {
     known: Vec<Arc<KnownDepth>>,
     /// What each view's photo is multiplied by, per channel, so that all have the exposure that the target is to have.
     gains: Vec<[f32; 3]>,
+    /// How much each view's photo is sharpened.
+    sharpening: Vec<f32>,
 }
 
 impl SeenSurface {
     /// Finds the surface by photos of known depth, given by their indices among the maps' with camera and texture, nearest first; the
-    /// target is rendered from the first `count`. `exposure`: whether these are balanced.
+    /// target is rendered from the first `count`.
     pub(crate) fn find(
         maps: &mut DepthMaps,
         photos: &[(usize, SourceView<'_>)],
         count: usize,
         target: &Camera,
-        exposure: bool,
+        matched: Matched,
     ) -> Self {
         let set: Vec<usize> = photos.iter().map(|&(photo, _)| photo).collect();
         let known = maps.known(&set);
         let view = |(&(_, view), known)| SurfaceView { view, known, gains: NO_GAINS };
         let mut views: Vec<SurfaceView<'_>> = photos.iter().zip(known.iter().map(Arc::as_ref)).map(view).collect();
-        if exposure {
+        if matched.exposure {
             let distances: Vec<f64> = views.iter().map(|view| distance(view.view.camera, target)).collect();
             let gains = exposure_gains(&views, &distances);
             views.iter_mut().zip(gains).for_each(|(view, gains)| view.gains = gains);
         }
         let ((near, far), settings) = (maps.range(), maps.settings());
         let surface = surface(&views, target, near, far, settings);
-        let gains = views.iter().take(count).map(|view| view.gains).collect();
+        views.truncate(count);
+        let sharpening = if matched.sharpness { sharpening(&views) } else { vec![0.0; views.len()] };
+        let gains = views.iter().map(|view| view.gains).collect();
         let margin = settings.hides * surface.pixel;
-        Self { surface, margin, known: known.into_iter().take(count).collect(), gains }
+        Self { surface, margin, known: known.into_iter().take(count).collect(), gains, sharpening }
     }
 
     /// The surface.
@@ -57,6 +76,11 @@ impl SeenSurface {
         &self.gains
     }
 
+    /// How much each view's photo is sharpened; 0 where they are left as they are.
+    pub fn sharpening(&self) -> &[f32] {
+        &self.sharpening
+    }
+
     /// `count` layers along the surface ([`Surface::layers`]).
     ///
     /// # Errors
@@ -66,14 +90,16 @@ impl SeenSurface {
         self.surface.layers(count)
     }
 
-    /// What hides its layers from these views, and balances their photos' exposures.
+    /// What hides its layers from these views, and makes their photos alike.
     pub(crate) fn visibility<'a>(&'a self, views: &[SourceView<'a>]) -> Visibility<'a> {
-        let view = |((view, known), &gains): ((&SourceView<'a>, &'a Arc<KnownDepth>), _)| VisibleView {
+        let known = self.known.iter().zip(self.gains.iter().zip(&self.sharpening));
+        let view = |(view, (known, (&gains, &sharpening))): (&SourceView<'a>, (&'a Arc<KnownDepth>, _))| VisibleView {
             camera: view.camera,
             known,
             gains,
+            sharpening,
         };
-        let views = views.iter().zip(&self.known).zip(&self.gains).map(view).collect();
+        let views = views.iter().zip(known).map(view).collect();
         Visibility { views, margin: self.margin }
     }
 }

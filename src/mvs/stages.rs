@@ -105,6 +105,13 @@ pub fn visible(view: (&Camera, &KnownDepth), target: &Camera, disparity: &Array2
     map(visibility::visible(view, target, flat(disparity), disparity.ncols(), margin), disparity.ncols())
 }
 
+/// A photo with `amount` of its detail added, `[h, w, 3]`.
+pub fn sharpened(photo: &Texture, amount: f32) -> Array3<f32> {
+    let mut found = Texture::default();
+    photo.sharpen(amount, &mut found);
+    Array3::from_shape_fn((photo.height(), photo.width(), 3), |(y, x, c)| found.pixel(x, y)[c])
+}
+
 /// A layer warped by `views`, in their balanced colours, with what they do not see taken away: colour `[3V, h, w]`, coverage `[V, h, w]`, and where any photo
 /// sees it `[h, w]`.
 pub fn hidden(
@@ -120,7 +127,8 @@ pub fn hidden(
     let mut seen = vec![false; size.pixels()];
     let mut run_coverage = vec![RunCoverage::Partly; views.len() * run_coverage_len(size)];
     let mut sources = warp_sources(views, target);
-    visibility.balance(&mut sources);
+    let mut sharpened = Vec::new();
+    visibility.balance(&mut sources, &mut sharpened);
     warp_layers_again(flat(layer), &sources, size, &mut colour, &mut coverage, &mut run_coverage);
     let warped = WarpedLayers {
         disparity: flat(layer),

@@ -8,12 +8,12 @@
 use rayon::prelude::*;
 
 use super::project::Projected;
-use super::{Camera, KnownDepth, PlaneSweep, RUN, RunCoverage, Size, WarpSource, whole};
+use super::{Camera, KnownDepth, PlaneSweep, RUN, RunCoverage, Size, Texture, WarpSource, whole};
 
 /// Coverage, summed over the views, from which on a pixel is seen.
 const SEEN: f32 = 0.05;
 
-/// What hides layers of a target from its views, and how their photos' exposures are balanced.
+/// What hides layers of a target from its views, and how their photos' exposure and sharpness are balanced.
 #[derive(Debug, Clone)]
 pub struct Visibility<'a> {
     /// In the order of the views.
@@ -31,6 +31,8 @@ pub struct VisibleView<'a> {
     pub known: &'a KnownDepth,
     /// What its colours are multiplied by, per channel.
     pub gains: [f32; 3],
+    /// How much its photo is sharpened ([`super::sharpening`]).
+    pub sharpening: f32,
 }
 
 /// Layers that the views were warped by.
@@ -54,9 +56,17 @@ struct Row<'a> {
 }
 
 impl Visibility<'_> {
-    /// Give the views their balanced colours.
-    pub(crate) fn balance(&self, sources: &mut [WarpSource<'_>]) {
-        sources.iter_mut().zip(&self.views).for_each(|(source, view)| source.gains = view.gains);
+    /// Gives the views their balanced colours, and the sharpened photos of those that are to be sharpened; these are written to
+    /// `sharpened`.
+    pub(crate) fn balance<'a>(&self, sources: &mut [WarpSource<'a>], sharpened: &'a mut Vec<Texture>) {
+        sharpened.resize_with(sources.len(), Texture::default);
+        for ((source, view), sharpened) in sources.iter_mut().zip(&self.views).zip(sharpened) {
+            source.gains = view.gains;
+            if view.sharpening != 0.0 {
+                source.texture.sharpen(view.sharpening, sharpened);
+                source.texture = sharpened;
+            }
+        }
     }
 
     /// Multiply colour and coverage of layers of `target`, padded to `size`, by 1 or 0. `seen_any` becomes true where a view sees one

@@ -17,7 +17,7 @@ use crate::geometry::{Camera, distance};
 use crate::layers::{Layers, padded};
 use crate::mvs::Visibility;
 use crate::network::{Alpha, PlaneNetwork};
-use crate::warp::{RunCoverage, SourceView, warp_sources};
+use crate::warp::{RunCoverage, SourceView, Texture, warp_sources};
 
 /// Layers that are warped, and then composited, together, however few the network takes at once: photos and sums then go through
 /// memory once for all of them. Measured alternatives: docs/experiments.md.
@@ -31,6 +31,8 @@ pub struct Renderer<N> {
     alpha: Alpha,
     culling: Culling,
     buffers: Buffers,
+    /// Photos of the views that are sharpened.
+    sharpened: Vec<Texture>,
 }
 
 impl<N> fmt::Debug for Renderer<N> {
@@ -43,7 +45,7 @@ impl<N: PlaneNetwork> Renderer<N> {
     /// A renderer that runs the network on `batch` layers at once (at least one).
     pub fn new(network: N, batch: usize) -> Self {
         let (alpha, culling) = (Alpha::default(), Culling::default());
-        Self { network, batch: batch.max(1), alpha, culling, buffers: Buffers::default() }
+        Self { network, batch: batch.max(1), alpha, culling, buffers: Buffers::default(), sharpened: Vec::new() }
     }
 
     /// The network it runs.
@@ -97,8 +99,8 @@ impl<N: PlaneNetwork> Renderer<N> {
         self.render_visible(views, None, target, layers, observe)
     }
 
-    /// As [`Self::render_observed`]; with `visibility`, of the same views, each of them counts only where it sees the layer, in its
-    /// balanced colours.
+    /// As [`Self::render_observed`]; with `visibility`, of the same views, each of them counts only where it sees the layer, its
+    /// photo balanced.
     ///
     /// # Errors
     ///
@@ -133,9 +135,10 @@ impl<N: PlaneNetwork> Renderer<N> {
         if views.len() != count {
             return Err(RenderError::Views { expected: count, found: views.len() });
         }
+        let begun = Instant::now();
         let mut sources = warp_sources(views, target);
         if let Some(visibility) = visibility {
-            visibility.balance(&mut sources);
+            visibility.balance(&mut sources, &mut self.sharpened);
         }
         let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
         let weights = DistanceWeights::new(&distances);
@@ -147,7 +150,8 @@ impl<N: PlaneNetwork> Renderer<N> {
 
         let mut seen_any = vec![visibility.is_none(); size.pixels()];
         let mut gathered: Vec<R> = (0..target.height()).map(|_| new_row(target.width())).collect();
-        let (mut times, mut culled) = (StageTimes::default(), Culled::default());
+        let mut times = StageTimes { warp: begun.elapsed(), ..StageTimes::default() };
+        let mut culled = Culled::default();
         let mut waiting = layers.as_slice().iter().enumerate();
         let mut indices = Vec::new();
         while waiting.len() > 0 {

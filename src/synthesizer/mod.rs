@@ -32,8 +32,8 @@ pub use plan::Plan;
 pub use target::{Shot, Target, TargetView, Targets};
 
 use crate::layers::{LayerSpec, Layers};
-pub use crate::mvs::SeenSurface;
 use crate::mvs::Settings;
+pub use crate::mvs::{Matched, SeenSurface};
 use crate::network::{OrtNetwork, PlaneNetwork};
 use crate::render::{Batch, Frame, Renderer};
 use crate::scene::{Scene, SceneOptions};
@@ -52,8 +52,8 @@ pub struct Options {
     pub model: ModelOptions,
     /// Which layers; `None`: those that the model recommends.
     pub layers: Option<LayerSpec>,
-    /// Whether surface layers leave photos of different exposure as they are.
-    pub keep_exposure: bool,
+    /// In what surface layers make photos alike.
+    pub matched: Matched,
     /// Folder where surface layers keep the depth of photos for later runs ([`PhotoCache::keep_depths_in`]).
     pub cache: Option<PathBuf>,
 }
@@ -63,7 +63,7 @@ pub struct Synthesizer<N = OrtNetwork> {
     photos: PhotoCache,
     renderer: Renderer<N>,
     layers: LayerSpec,
-    keep_exposure: bool,
+    matched: Matched,
 }
 
 impl<N> fmt::Debug for Synthesizer<N> {
@@ -92,7 +92,7 @@ impl Synthesizer {
             None => model.renderer.network().recommended_layers()?,
         };
         let mut synthesizer = Self::new(photos, model.renderer, layers);
-        synthesizer.keep_exposure(options.keep_exposure);
+        synthesizer.set_matched(options.matched);
         Ok(synthesizer)
     }
 }
@@ -100,12 +100,12 @@ impl Synthesizer {
 impl<N: PlaneNetwork> Synthesizer<N> {
     /// A synthesizer of parts that are open already; any [`PlaneNetwork`] can be its network.
     pub fn new(photos: PhotoCache, renderer: Renderer<N>, layers: LayerSpec) -> Self {
-        Self { photos, renderer, layers, keep_exposure: false }
+        Self { photos, renderer, layers, matched: Matched::default() }
     }
 
-    /// Whether surface layers leave photos of different exposure as they are; by default they are balanced.
-    pub fn keep_exposure(&mut self, keep: bool) {
-        self.keep_exposure = keep;
+    /// Sets in what surface layers make photos alike.
+    pub fn set_matched(&mut self, matched: Matched) {
+        self.matched = matched;
     }
 
     /// The scene and its loaded photos.
@@ -185,7 +185,7 @@ impl<N: PlaneNetwork> Synthesizer<N> {
     ///
     /// If its photos are not loaded ([`PhotoCache::load_for`]).
     pub fn plan(&mut self, shot: &Shot) -> Result<Plan, SynthesisError> {
-        plan::plan(&self.layers, &mut self.photos, &mut self.renderer, shot, !self.keep_exposure)
+        plan::plan(&self.layers, &mut self.photos, &mut self.renderer, shot, self.matched)
     }
 
     /// How many pixels of a shot have each of these planes (1/scene unit, near → far) as their best one: the paper's histogram.

@@ -9,7 +9,7 @@ use super::photo_cache::PhotoCache;
 use super::scene_depth::SceneDepth;
 use super::target::Shot;
 use crate::mvs::cache::{DepthCache, PhotoDigest};
-use crate::mvs::{KnownDepth, PhotoDepth, SeenSurface};
+use crate::mvs::{KnownDepth, Matched, PhotoDepth, SeenSurface};
 
 /// A folder of depths, and what has been found out on the way.
 pub(super) struct KeptDepths {
@@ -81,11 +81,11 @@ impl PhotoCache {
     /// # Panics
     ///
     /// If the shot's photos are not loaded ([`Self::load_for`]).
-    pub fn surface(&mut self, shot: &Shot, exposure: bool) -> Result<SeenSurface, SynthesisError> {
+    pub fn surface(&mut self, shot: &Shot, matched: Matched) -> Result<SeenSurface, SynthesisError> {
         let mut depth = self.take_depth(&shot.held_out)?;
         let set: Vec<usize> = shot.views.iter().chain(&shot.helpers).copied().collect();
         set.iter().try_for_each(|&view| self.find_depth(&mut depth, view))?;
-        let found = depth.surface(shot, &set, |view| self.source(view), exposure);
+        let found = depth.surface(shot, &set, |view| self.source(view), matched);
         self.depth = Some(depth);
         Ok(found)
     }

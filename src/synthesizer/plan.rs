@@ -7,7 +7,7 @@ use super::photo_cache::PhotoCache;
 use super::target::Shot;
 use crate::layers::guided::RangeMap;
 use crate::layers::{LayerSpec, Layers, kmeans_planes, select_disparities, uniform_disparities};
-use crate::mvs::SeenSurface;
+use crate::mvs::{Matched, SeenSurface};
 use crate::network::PlaneNetwork;
 use crate::render::Renderer;
 
@@ -41,7 +41,7 @@ pub(super) fn plan<N: PlaneNetwork>(
     photos: &mut PhotoCache,
     renderer: &mut Renderer<N>,
     shot: &Shot,
-    exposure: bool,
+    matched: Matched,
 ) -> Result<Plan, SynthesisError> {
     let started = Instant::now();
     let known = Plan::known;
@@ -54,7 +54,7 @@ pub(super) fn plan<N: PlaneNetwork>(
             Plan { search: started.elapsed(), range: Some(range), ..known(layers) }
         }
         LayerSpec::Surface(count) => {
-            let surface = photos.surface(shot, exposure)?;
+            let surface = photos.surface(shot, matched)?;
             let layers = surface.layers(count)?;
             Plan { search: started.elapsed(), surface: Some(surface), ..known(layers) }
         }

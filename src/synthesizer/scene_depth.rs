@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use super::photo_depths::{DepthSource, ViewDepth};
 use super::target::Shot;
 use crate::mvs::cache::{DepthKey, PhotoDigest};
-use crate::mvs::{DepthMaps, PhotoDepth, SeenSurface, Settings};
+use crate::mvs::{DepthMaps, Matched, PhotoDepth, SeenSurface, Settings};
 use crate::scene::Scene;
 use crate::warp::SourceView;
 
@@ -105,9 +105,9 @@ impl SceneDepth {
         shot: &Shot,
         set: &[usize],
         source: impl Fn(usize) -> SourceView<'a>,
-        exposure: bool,
+        matched: Matched,
     ) -> SeenSurface {
         let photos: Vec<_> = set.iter().map(|&view| (self.photo(view), source(view))).collect();
-        SeenSurface::find(&mut self.maps, &photos, shot.views.len(), &shot.target, exposure)
+        SeenSurface::find(&mut self.maps, &photos, shot.views.len(), &shot.target, matched)
     }
 }

@@ -1,11 +1,13 @@
 //! Photos as textures.
 
+use rayon::prelude::*;
+
 use crate::geometry::Size;
 use crate::image::ImageRgb;
 
 /// A view's photo as the warp samples it: RGB and a fourth channel of ones (whose sample is the coverage), inside a border of
 /// zeros so that sampling needs no bounds test.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Texture {
     texels: Vec<[f32; 4]>,
     width: usize,
@@ -70,6 +72,23 @@ impl Texture {
         Self { texels, width, height }
     }
 
+    /// Writes the photo to `out` with `amount` of its detail, each pixel's difference from its four neighbours, added. Neighbours
+    /// outside are the pixel itself; the result is clamped to [0, 1].
+    pub(crate) fn sharpen(&self, amount: f32, out: &mut Self) {
+        let (width, height, stride) = (self.width, self.height, self.stride() as usize);
+        (out.width, out.height) = (width, height);
+        out.texels.resize(self.texels.len(), [0.0; 4]);
+        let row = |y: usize| &self.texels[(y + BORDER.0) * stride + BORDER.0..][..width];
+        let rows = out.texels.par_chunks_exact_mut(stride).enumerate();
+        rows.for_each(|(y, out)| {
+            let Some(y) = y.checked_sub(BORDER.0).filter(|&y| y < height) else { return out.fill([0.0; 4]) };
+            let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| row(y).as_flattened());
+            out[..BORDER.0].fill([0.0; 4]);
+            out[BORDER.0 + width..].fill([0.0; 4]);
+            sharpen_row(rows, amount, out[BORDER.0..BORDER.0 + width].as_flattened_mut());
+        });
+    }
+
     /// The part of the photo that begins in column `left`, row `top`.
     pub(crate) fn window(&self, (left, top): (usize, usize), size: Size) -> Self {
         let (stride, part_stride) = (self.stride() as usize, size.width + BORDER.0 + BORDER.1);
@@ -93,5 +112,33 @@ impl Texture {
         let stride = self.stride() as usize;
         let lower = &self.texels[stride..];
         (&self.texels[..lower.len()], lower)
+    }
+}
+
+/// A row and those above and below it, to the row with `amount` of its detail added; values of the four channels one after another.
+#[pulp::with_simd(sharpen_row = pulp::Arch::new())]
+#[inline(always)]
+fn sharpen_row_with<'a, S: pulp::Simd>(
+    _simd: S,
+    [above, here, below]: [&'a [f32]; 3],
+    amount: f32,
+    out: &'a mut [f32],
+) {
+    // The fourth channel is 1 in all of them, and stays 1.
+    let sharpened = |here: f32, [above, below, left, right]: [f32; 4]| {
+        (here + amount * (4.0 * here - above - below - left - right)).clamp(0.0, 1.0)
+    };
+    let end = here.len();
+    let inner = |values: &'a [f32]| &values[4..end.max(8) - 4];
+    if end > 8 {
+        let around = inner(above).iter().zip(inner(below)).zip(&here[..end - 8]).zip(&here[8..]);
+        let pixels = inner(here).iter().zip(around).zip(&mut out[4..end - 4]);
+        for ((&here, (((&above, &below), &left), &right)), out) in pixels {
+            *out = sharpened(here, [above, below, left, right]);
+        }
+    }
+    for i in (0..4).chain(end - 4..end) {
+        let (left, right) = (if i < 4 { i } else { i - 4 }, if i + 4 < end { i + 4 } else { i });
+        out[i] = sharpened(here[i], [above[i], below[i], here[left], here[right]]);
     }
 }

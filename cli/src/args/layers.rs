@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::Args;
-use liveview::LayerSpec;
+use liveview::{LayerSpec, Matched};
 
 use crate::network::Network;
 
@@ -30,6 +30,10 @@ pub(crate) struct LayerArgs {
     /// confirmed depths show to be the same point
     #[arg(long)]
     pub(crate) keep_exposure: bool,
+    /// Surface layers: leave photos as sharp as they are; by default the softer ones are sharpened, as far as their confirmed depths
+    /// show the same points sharper in other photos
+    #[arg(long)]
+    pub(crate) keep_sharpness: bool,
     /// Surface layers: keep the depth of photos in this folder, a .npz each (the library's `PhotoCache::keep_depths_in` says what it
     /// holds), and take from there what an earlier run has kept; the picture is the same. Any file there may be deleted
     #[arg(long, value_name = "FOLDER")]
@@ -61,6 +65,11 @@ impl From<Quality> for LayerSpec {
 }
 
 impl LayerArgs {
+    /// In what the photos are made alike.
+    pub(crate) fn matched(&self) -> Matched {
+        Matched { exposure: !self.keep_exposure, sharpness: !self.keep_sharpness }
+    }
+
     /// The layers of these options, if any are given.
     pub(crate) fn given(&self) -> Option<LayerSpec> {
         self.layers.clone().or_else(|| self.quality.map(Into::into))

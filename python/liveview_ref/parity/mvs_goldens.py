@@ -39,6 +39,7 @@ JUMPS = {  # by how much an output must move to be another decision; the others 
     "hidden_coverage": 0.01,
     "disagreement": 1e-5,  # of 0.02
     "gains": 1e-3,
+    "sharpening": 1e-4,
 }
 IN_PIXELS = "depth", "splat", "grown", "surface", "layers"
 

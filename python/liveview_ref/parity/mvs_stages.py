@@ -5,8 +5,8 @@ Beside photos and cameras (rig_arrays.py): `range` [2] float64, near and far; `c
 photo 0, matched with the others:
 `half_costs` [h/2, w/2, n], `half_found`, `half_index` [h/2, w/2], `starts` [h/2, w/2, 2], `fine_costs` [h, w, 16],
 `fine_found`, `fine_index` [h, w]. Of every photo i: `depth{i}` and `confirmed{i}` [h, w], `pixel` [V]. At the target:
-`gains` [V, 3], `splat`, `grown`, `surface`, `seen` [H8, W8], `layers` [3, H8, W8], `hidden_colour` [V, 3, H8, W8],
-`hidden_coverage`, `visible` [V, H8, W8], `disagreement` [7, H8, W8].
+`gains` [V, 3], `sharpening` [V], `sharpened{i}` [h, w, 3], `splat`, `grown`, `surface`, `seen` [H8, W8], `layers`
+[3, H8, W8], `hidden_colour` [V, 3, H8, W8], `hidden_coverage`, `visible` [V, H8, W8], `disagreement` [7, H8, W8].
 """
 
 from collections.abc import Callable
@@ -28,6 +28,7 @@ from ..reference.mvs.median import median3
 from ..reference.mvs.photo_depth import PhotoDepth, bands, photo_depth, pixel_of
 from ..reference.mvs.photo_sweep import costs
 from ..reference.mvs.settings import Settings
+from ..reference.mvs.sharpness import sharpened, sharpening
 from ..reference.mvs.splat import splat
 from ..reference.mvs.surface import SurfaceView, parallax, surface
 from ..reference.mvs.visibility import hide
@@ -38,6 +39,7 @@ from ..rig_arrays import Arrays, cameras_of, images_of
 Stage = Callable[[Arrays, torch.dtype], Arrays]
 SETTINGS = Settings()
 LAYERS = 3
+MORE = 0.05  # of sharpening
 OFFSETS = 1.5, 1.0, 0.5, 0.0, -0.5, -1.0, -1.5  # px
 
 
@@ -143,6 +145,17 @@ def exposures(data: Arrays, dtype: torch.dtype) -> Arrays:
     return {"gains": exposure_gains(surface_views(data, dtype), view_distances(*cameras_of(data))).numpy()}
 
 
+def sharpness(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"sharpening": sharpening(surface_views(data, dtype)).numpy()}
+
+
+def sharpened_photos(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """By a little more, so that there is something to see where there is nothing to sharpen."""
+    amounts = tensor(data, "sharpening", dtype) + MORE
+    pairs = zip(images_of(data, dtype), amounts, strict=True)
+    return {f"sharpened{i}": sharpened(image, a).permute(1, 2, 0).numpy() for i, (image, a) in enumerate(pairs)}
+
+
 def target_pixel(data: Arrays) -> float:
     near, far = (float(x) for x in data["range"])
     cameras, target = cameras_of(data)
@@ -197,6 +210,6 @@ def hidden(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 PHOTO = (half_costs, half_found, half_index, starts, fine_costs, fine_found, fine_index)
-TARGET = (exposures, splatted, holes, visibility, disagreements, surfaces, hidden)
+TARGET = (exposures, sharpness, sharpened_photos, splatted, holes, visibility, disagreements, surfaces, hidden)
 STAGES = (*PHOTO, depths, confirmations, *TARGET)
 INTEGERS = {"half_costs": np.uint16, "fine_costs": np.uint16, "starts": np.uint16}  # the others are float32

@@ -120,7 +120,17 @@ fn surface(about: &Explained<'_>, seen: &SeenSurface, text: &mut String, json: &
     let apart = seen.gains().iter().flatten().fold(0.0, |most: f32, gain| most.max((gain - 1.0).abs()));
     let _ =
         writeln!(text, "gains   photos are made up to {:.1} % brighter or darker to agree in exposure", 100.0 * apart);
-    json["surface"] = json!({ "holes": holes, "hidden_from_all_views": hidden, "gains": seen.gains() });
+    let most = seen.sharpening().iter().copied().fold(0.0, f32::max);
+    if most >= 0.005 {
+        let _ = writeln!(
+            text,
+            "        and sharpened by up to {:.1} % of their detail, as they show each other",
+            100.0 * most
+        );
+    }
+    let (gains, sharpening) = (seen.gains(), seen.sharpening());
+    json["surface"] =
+        json!({ "holes": holes, "hidden_from_all_views": hidden, "gains": gains, "sharpening": sharpening });
     let Shot { near, far, target, .. } = about.shot;
     let part = s![..target.height(), ..target.width()];
     coloured(seen.surface().disparity.slice(part), (1.0 / far) as f32, (1.0 / near) as f32)

@@ -56,6 +56,7 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
         ("layers", job.layers().to_string()),
         ("opaque", layers.opaque.to_string()),
         ("exposure", (if layers.keep_exposure { "kept" } else { "balanced" }).to_owned()),
+        ("sharpness", (if layers.keep_sharpness { "kept" } else { "balanced" }).to_owned()),
         ("model", model),
         ("alpha", job.alpha().to_string()),
         ("engine", job.model.engine()),

@@ -3,13 +3,12 @@
 import torch
 from torch import Tensor
 
-from .project import at_pixels, projected
+from .correspondences import correspondences
+from .project import at_pixels
 from .surface import SurfaceView
 
-STEP = 8  # rows and columns between the pixels that are looked at
 USABLE = 0.05, 0.95  # values that are neither lost in noise nor clipped
 ENOUGH = 100  # fewest correspondences that a gain is told from
-AGREE = 2.0  # px within which the two depths agree
 
 
 def exposure_gains(views: list[SurfaceView], distances: Tensor) -> Tensor:
@@ -34,12 +33,7 @@ def like_first(views: list[SurfaceView]) -> list[Tensor]:
 
 def gains(view: SurfaceView, first: SurfaceView) -> Tensor:
     """The upper median of the first photo's value over the photo's, by channel; 1 where a channel has too few."""
-    x, y, there = projected(first.camera, view.camera, view.known.disparity)
-    own, inside = at_pixels(first.known.disparity, x, y)
-    use = inside & (view.known.disparity >= 0) & (own >= 0) & ((own - there).abs() < AGREE * view.known.pixel)
-    looked_at = torch.zeros_like(use)
-    looked_at[::STEP, ::STEP] = True
-    use &= looked_at
+    use, x, y = correspondences(view, first)
     found = []
     for here, other in zip(view.image, first.image, strict=True):
         here, other = here[use], at_pixels(other, x, y)[0][use]
