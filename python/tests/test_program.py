@@ -80,7 +80,8 @@ def test_without_the_program_surface_layers_are_skipped_unless_asked_for(tmp_pat
     torch.set_num_threads(threads)
 
 
-def test_zero_logits_weigh_by_distance_alone():
+@pytest.mark.parametrize("power", [1.0, 1.5])
+def test_zero_logits_weigh_by_distance_alone(power):
     from liveview_ref.reference.blend import blend
 
     colour = torch.rand(1, 3, 3, 4, 5, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
@@ -88,7 +89,7 @@ def test_zero_logits_weigh_by_distance_alone():
     seen[0, 1, :2] = 0
     distances = torch.tensor([1.0, 2.0, 4.0], dtype=torch.float64)
     colour = colour * seen[:, :, None]
-    _, rgb = blend(torch.zeros(1, 3, 4, 5, dtype=torch.float64), colour, seen, distances)
-    weights = seen / distances[:, None, None]
+    _, rgb = blend(torch.zeros(1, 3, 4, 5, dtype=torch.float64), colour, seen, distances, power)
+    weights = seen / distances[:, None, None] ** power
     expected = (weights[:, :, None] * colour).sum(1) / weights.sum(1, keepdim=True)
     np.testing.assert_allclose(rgb.numpy(), expected.numpy(), atol=1e-12)

@@ -21,6 +21,7 @@ from liveview_ref.data.surface_frames import (
     write_scene,
 )
 from liveview_ref.data.visibility import HIDDEN, SEEN
+from liveview_ref.reference.blend import VISIBLE_POWER
 from liveview_ref.reference.unet import UNet
 from liveview_ref.training import mix
 from liveview_ref.training.surface_loss import CELL, crop_of, example_loss, interest, masks, recoloured, rendered
@@ -117,7 +118,8 @@ def test_the_loss_teaches_the_views_that_see():
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
-    assert abs(first["by distance"] - 1.15 / 2.15) < 0.02  # 1 / d: 1, 1/2, 2/5, 1/4
+    weights = [d**-VISIBLE_POWER for d in (1, 2, 2.5, 4)]
+    assert abs(first["by distance"] - sum(weights[1:]) / sum(weights)) < 0.02
     assert told["seen"] > first["seen"] + 0.05
 
 

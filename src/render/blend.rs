@@ -1,19 +1,23 @@
 //! Network output → α and colour of a layer (paper: "Rendering the MPI").
 //!
 //! α = sigmoid(logit 0). The view weights are softmax(0, logit 1 … logit V−1), the implicit zero being the nearest view's,
-//! times d_min/d_i (the paper's normalisation by distance, made free of units); the colour is normalised by coverage, so
-//! that a view that does not see a pixel does not darken it. All in the log domain over the views that cover the pixel:
-//! neither extreme logits nor extreme distances ever give 0/0.
+//! times d_min/d_i (the paper's normalisation by distance, made free of units; to a power of 1.5 where views count only
+//! where they see); the colour is normalised by coverage, so that a view that does not see a pixel does not darken it. All in
+//! the log domain over the views that cover the pixel: neither extreme logits nor extreme distances ever give 0/0.
 
 use std::ops::Range;
 
 use super::exp::{exp, exp_f64};
 use crate::warp::{RUN, RunCoverage};
 
+/// Power of (d_min/d_i) where views count only where they see the layer: what is left to differ between them is how far off their
+/// depth puts them, which grows with the distance. Worth 0.12 dB without a network, nothing with one (docs/experiments.md).
+pub(super) const VISIBLE_POWER: f64 = 1.5;
+
 /// Factors of the view weights, from the distances of the views to the target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DistanceWeights {
-    /// log(d_min / d_i).
+    /// log of the factor.
     bias: Vec<f32>,
     /// 1 where d_i = 0, else 0: such a view takes all the weight where it sees anything.
     coincident: Vec<f32>,
@@ -23,9 +27,14 @@ impl DistanceWeights {
     /// From the distance of each view's centre to the target's, scene units. Where one is 0, d_min is the least of the others,
     /// which serve the pixels that the coincident view does not cover.
     pub fn new(distances: &[f64]) -> Self {
+        Self::with_power(distances, 1.0)
+    }
+
+    /// As [`Self::new`], but the factors are (d_min/d_i)^power.
+    pub fn with_power(distances: &[f64], power: f64) -> Self {
         let nearest = distances.iter().copied().filter(|&d| d > 0.0).fold(f64::INFINITY, f64::min);
         // The logarithm of the quotient: a scene scaled by a power of two has the same bits.
-        let bias = |&d: &f64| if d > 0.0 { (nearest / d).max(f64::MIN_POSITIVE).ln() as f32 } else { 0.0 };
+        let bias = |&d: &f64| if d > 0.0 { (power * (nearest / d).max(f64::MIN_POSITIVE).ln()) as f32 } else { 0.0 };
         let coincident = |&d: &f64| f32::from(u8::from(d == 0.0));
         Self { bias: distances.iter().map(bias).collect(), coincident: distances.iter().map(coincident).collect() }
     }

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::blend::{Blended, DistanceWeights, LayerSamples};
+use super::blend::{Blended, DistanceWeights, LayerSamples, VISIBLE_POWER};
 use super::buffers::{Batch, Buffers};
 use super::composite::Accumulated;
 use super::composite_competing::Competing;
@@ -141,7 +141,8 @@ impl<N: PlaneNetwork> Renderer<N> {
             visibility.balance(&mut sources, &mut self.sharpened);
         }
         let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
-        let weights = DistanceWeights::new(&distances);
+        let power = if visibility.is_some() { VISIBLE_POWER } else { 1.0 };
+        let weights = DistanceWeights::with_power(&distances, power);
         // Layers can be hidden only behind layers that are composited already.
         let together =
             if self.culling.transmittance > 0.0 { self.batch } else { LAYERS_TOGETHER.next_multiple_of(self.batch) };

@@ -7,11 +7,11 @@ from ..data.visibility import HIDDEN, SEEN
 from ..reference.blend import distance_bias
 
 
-def view_weights(logits: Tensor, coverage: Tensor, distances: Tensor) -> Tensor:
+def view_weights(logits: Tensor, coverage: Tensor, distances: Tensor, power: float = 1.0) -> Tensor:
     """The weights by which the blend mixes the views that cover a pixel, [L, V, H, W], summing to 1; views at a border
     are not weighted down. Of no meaning where no view covers the pixel. All arguments as of `blend`."""
     scores = torch.cat([torch.zeros_like(logits[:, :1]), logits[:, 1:]], 1)
-    scores = scores + distance_bias(distances)[0].float()[:, None, None]
+    scores = scores + distance_bias(distances, power)[0].float()[:, None, None]
     return torch.softmax(scores.masked_fill(coverage <= 0, -1e4), 1)
 
 

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from ..reference import guided
-from ..reference.blend import blend
+from ..reference.blend import VISIBLE_POWER, blend
 from ..reference.composite import composite
 from ..reference.composite_competing import best_layer as best_competing
 from ..reference.composite_competing import composite_competing
@@ -91,7 +91,8 @@ def blended(data: Arrays, dtype: torch.dtype) -> Arrays:
     views, target = cameras_of(data)
     logits, coverage = tensor(data, "logits", dtype), tensor(data, "coverage", dtype)
     colour = tensor(data, "colour", dtype).unflatten(1, (len(views), 3))
-    alpha, rgb = blend(logits, colour, coverage, view_distances(views, target))
+    power = VISIBLE_POWER if along_surface(data) else 1.0
+    alpha, rgb = blend(logits, colour, coverage, view_distances(views, target), power)
     return {"alpha": alpha.numpy(), "rgb": rgb.numpy()}
 
 

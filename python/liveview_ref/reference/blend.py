@@ -8,9 +8,11 @@ logits nor extreme distances ever give 0 / 0.
 import torch
 from torch import Tensor
 
+VISIBLE_POWER = 1.5  # of d_min / d_i where views count only where they see the layer
 
-def distance_bias(distances: Tensor) -> tuple[Tensor, Tensor]:
-    """Distances [..., V] of the views to the target -> (log(d_min / d_i) [..., V], coincident [..., V] bool).
+
+def distance_bias(distances: Tensor, power: float = 1.0) -> tuple[Tensor, Tensor]:
+    """Distances [..., V] of the views to the target -> (power log(d_min / d_i) [..., V], coincident [..., V] bool).
 
     Where the target coincides with a view (d = 0), that view takes all the weight where it sees anything; d_min is
     taken over the others, which serve the pixels that it does not see.
@@ -18,14 +20,16 @@ def distance_bias(distances: Tensor) -> tuple[Tensor, Tensor]:
     coincident = distances == 0
     nearest = distances.masked_fill(coincident, torch.inf).amin(-1, keepdim=True)
     # Of the quotient: a scene in other units, times a power of two, has the same bits.
-    bias = torch.log((nearest / distances).clamp_min(torch.finfo(distances.dtype).tiny))
+    bias = power * torch.log((nearest / distances).clamp_min(torch.finfo(distances.dtype).tiny))
     return bias.masked_fill(coincident, 0.0), coincident
 
 
-def blend(logits: Tensor, colour: Tensor, coverage: Tensor, distances: Tensor) -> tuple[Tensor, Tensor]:
+def blend(
+    logits: Tensor, colour: Tensor, coverage: Tensor, distances: Tensor, power: float = 1.0
+) -> tuple[Tensor, Tensor]:
     """logits [N, V, H, W], colour [N, V, 3, H, W], coverage [N, V, H, W], distances [V] or [N, V]
     -> alpha [N, H, W] (0 where no view covers the pixel), rgb [N, 3, H, W]."""
-    bias, coincident = distance_bias(distances.expand(len(logits), -1))
+    bias, coincident = distance_bias(distances.expand(len(logits), -1), power)
     eligible = coverage > 0
     covered = eligible.any(1)
     if bool(coincident.any()):

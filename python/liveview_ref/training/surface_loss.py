@@ -11,7 +11,7 @@ from torch import Tensor
 from ..data.surface_frames import SurfaceFrame
 from ..data.visibility import UNKNOWN, partly_hidden
 from ..evaluation.view_weights import view_weights, weight_on_seen
-from ..reference.blend import blend
+from ..reference.blend import VISIBLE_POWER, blend
 from ..reference.composite import composite
 from ..reference.unet import UNet
 
@@ -92,7 +92,7 @@ def masks(frame: SurfaceFrame, rng: np.random.Generator, config: dict) -> Tensor
 
 def rendered(logits: Tensor, colour: Tensor, coverage: Tensor, distances: Tensor) -> Tensor:
     """The picture [3, H, W] of surface layers."""
-    alpha, rgb = blend(logits, colour, coverage, distances.float())
+    alpha, rgb = blend(logits, colour, coverage, distances.float(), VISIBLE_POWER)
     return composite(alpha, rgb, (coverage[-1] > 0).any(0), torch.zeros_like(alpha)).rgb
 
 
@@ -141,7 +141,7 @@ def example_loss(
         seen = crop.seen.masked_fill(coverage[0] < 0.5, UNKNOWN)
         where = partly_hidden(seen)
         share, plain = (
-            weight_on_seen(view_weights(x, coverage, crop.distances)[0], seen)
+            weight_on_seen(view_weights(x, coverage, crop.distances, VISIBLE_POWER)[0], seen)
             for x in (logits, torch.zeros_like(logits))
         )
         count = where.sum().clamp(min=64)
