@@ -57,6 +57,49 @@ fn inspect_tells_what_will_be_left_out() {
 }
 
 #[test]
+fn inspect_tells_exposure_on_request() {
+    let folders = Folders::new();
+    // Large enough that gains are told, and one of them a third darker in red.
+    folders.write_scene(5, r#""cx": 32, "cy": 24, "w": 64, "h": 48"#, r#""cx": 96, "cy": 72, "w": 192, "h": 144"#);
+    (0..5).for_each(|view| common::photo(&folders.photo(view), 0.1 * view as f64, 192, 144));
+    let darker = folders.photo(1);
+    let mut picture = ::image::open(&darker).unwrap().into_rgb8();
+    picture.pixels_mut().for_each(|pixel| pixel.0[0] = (2 * u16::from(pixel.0[0]) / 3) as u8);
+    picture.save(&darker).unwrap();
+    let told = json(&mut folders.liveview("inspect", &[]));
+    assert!(told["target"]["views"][0]["exposure_gains"].is_null(), "{told}");
+
+    let told = json(&mut folders.liveview("inspect", &["--exposure"]));
+    let gain = |name: &str, channel: usize| {
+        let views = told["target"]["views"].as_array().unwrap();
+        let view = views.iter().find(|view| view["name"] == name).unwrap();
+        view["exposure_gains"][channel].as_f64().unwrap()
+    };
+    assert!((gain("1.png", 0) / gain("3.png", 0) - 1.5).abs() < 0.05, "{told}");
+    assert!((gain("1.png", 2) / gain("3.png", 2) - 1.0).abs() < 0.02, "{told}");
+    let text = folders.liveview("inspect", &["--exposure"]).output().unwrap().stdout;
+    let text = String::from_utf8(text).unwrap();
+    let row = format!("1.png     {:9.3} {:7.3} {:7.3}", gain("1.png", 0), gain("1.png", 1), gain("1.png", 2));
+    assert!(text.contains(&row), "\"{row}\" is missing in: {text}");
+
+    // They are those that a render of this target uses.
+    let explained = folders.out("why.png");
+    let picture = folders.out("new.png");
+    let arguments = ["--target", "2", "--layers", "surface:1", "-o", &picture, "--explain", &explained];
+    let rendered = json(&mut folders.render(&arguments));
+    let used = &rendered["explanation"]["surface"]["gains"];
+    let names: Vec<&str> =
+        told["target"]["views"].as_array().unwrap().iter().map(|v| v["name"].as_str().unwrap()).collect();
+    for (view, name) in names.iter().enumerate() {
+        (0..3).for_each(|c| assert_eq!(used[view][c].as_f64().unwrap(), gain(name, c), "{name}: {rendered}"));
+    }
+    // Nothing is known of depth: the warning says so, and there is nothing to tell.
+    folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
+    let told = json(&mut folders.liveview("inspect", &["--exposure"]));
+    assert!(told["target"]["warning"].as_str().unwrap().contains("--near and --far"), "{told}");
+}
+
+#[test]
 fn other_kinds_of_layers_are_refused() {
     let folders = Folders::new();
     let refused = |command: &str, arguments: &[&str], words: &[&str]| {

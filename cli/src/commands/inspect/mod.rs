@@ -1,5 +1,7 @@
 //! `liveview inspect`: how a scene is read, and what will be left out.
 
+mod exposure;
+
 use std::fmt::Write;
 
 use anyhow::{Result, bail};
@@ -21,7 +23,8 @@ const EXAMPLES: &str = "\
 Examples:
   liveview inspect scene
   liveview inspect scene --target IMG_7.jpg --views 5 --layers planes:128
-  liveview inspect scene --near 1.5 --far 40 --json";
+  liveview inspect scene --near 1.5 --far 40 --json
+  liveview inspect scene --target IMG_7.jpg --exposure";
 
 /// Neighbouring planes further apart than this, in pixels of parallax, are visible as steps.
 const MAX_STEP: f64 = 1.0;
@@ -41,13 +44,17 @@ pub(crate) struct InspectArgs {
     /// Planes to judge the spacing of: planes:D or list:…
     #[arg(long, value_name = "SPEC", default_value = "planes:64")]
     layers: LayerSpec,
+    /// Tell what the photos of these views are multiplied by, per colour channel, where surface layers balance exposure (1, too, where
+    /// too few points are known in both photos). Takes longer, as the photos' depth is searched
+    #[arg(long)]
+    exposure: bool,
 }
 
 /// One part of the report: as text, and as JSON.
 type Section = (String, Value);
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
-    let photos = args.scene.open()?;
+    let mut photos = args.scene.open()?;
     let scene = photos.scene();
     let target = match &args.target {
         Some(name) => scene.view_index(name)?,
@@ -59,14 +66,20 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
     text += &section;
     let (section, rig) = rig(&scene.views);
     text += &section;
-    let (section, target) = target_section(&photos, target, args)?;
+    let (section, mut told) = target_section(&photos, target, args)?;
     text += &section;
+    if args.exposure && told["warning"].is_null() {
+        let (section, gains) = exposure::gains(&mut photos, target, args.views)?;
+        text += &section;
+        gains.iter().enumerate().for_each(|(view, gains)| told["views"][view]["exposure_gains"] = json!(gains));
+    }
+    let scene = photos.scene();
     for note in &scene.notes {
         let _ = writeln!(text, "note       {note}");
     }
     let json = json!({
         "scene": shown(&scene.root), "format": scene.format.to_string(), "conventions": scene.format.conventions(),
-        "views": views, "rig": rig, "target": target, "notes": scene.notes,
+        "views": views, "rig": rig, "target": told, "notes": scene.notes,
     });
     Ok(Output { text, json })
 }
