@@ -40,7 +40,7 @@ impl CameraDepths {
 
     /// Forgets all depth.
     pub(super) fn forget(&mut self) {
-        self.maps.retain(&[]);
+        self.maps.retain(&[], &[]);
         self.searched.fill(None);
     }
 

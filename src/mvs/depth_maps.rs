@@ -86,12 +86,12 @@ impl DepthMaps {
         self.known = None;
     }
 
-    /// Forgets the depth of all photos but these.
-    pub fn retain(&mut self, keep: &[usize]) {
+    /// Forgets the depth of all photos but these, and what maps say of each other unless both are needed `soon`.
+    pub fn retain(&mut self, keep: &[usize], soon: &[usize]) {
         let others = self.found.iter_mut().enumerate().filter(|(index, _)| !keep.contains(index));
         others.for_each(|(_, found)| *found = None);
-        self.opinions.retain(|pair, _| pair.iter().all(|photo| keep.contains(photo)));
-        self.known = None;
+        self.opinions.retain(|pair, _| pair.iter().all(|photo| keep.contains(photo) && soon.contains(photo)));
+        self.known = self.known.take().filter(|known| known.keys().all(|photo| keep.contains(photo)));
     }
 
     /// The depth of photo `index`, if it is known.

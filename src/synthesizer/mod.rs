@@ -18,6 +18,7 @@ mod model;
 mod photo_cache;
 mod photo_depths;
 mod plan;
+mod retention;
 mod scene_depth;
 mod target;
 

@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::error::SynthesisError;
 use super::photo_depths::KeptDepths;
+use super::retention::KEPT_BYTES;
 use super::scene_depth::SceneDepth;
 use super::target::{Shot, TargetView, Targets};
 use crate::geometry::{Camera, choose_views};
@@ -19,6 +20,9 @@ pub struct PhotoCache {
     pub(super) textures: Vec<Option<Texture>>,
     pub(super) depth: Option<SceneDepth>,
     pub(super) kept: Option<KeptDepths>,
+    /// Views that targets so far were rendered with, last used first.
+    pub(super) recent: Vec<usize>,
+    pub(super) kept_bytes: usize,
 }
 
 impl fmt::Debug for PhotoCache {
@@ -32,7 +36,8 @@ impl PhotoCache {
     /// A scene of which no photo is loaded yet. `near` and `far` are in scene units; `None` takes the scene's own.
     pub fn new(scene: Scene, near: Option<f64>, far: Option<f64>) -> Self {
         let textures = scene.views.iter().map(|_| None).collect();
-        Self { scene, given: (near, far), textures, depth: None, kept: None }
+        let (depth, kept, recent) = (None, None, Vec::new());
+        Self { scene, given: (near, far), textures, depth, kept, recent, kept_bytes: KEPT_BYTES }
     }
 
     /// The scene.
@@ -147,23 +152,6 @@ impl PhotoCache {
             })
         });
         shots.collect()
-    }
-
-    /// Loads the photos of a shot, and drops those that neither it nor a `later` one needs.
-    ///
-    /// # Errors
-    ///
-    /// [`SynthesisError::Scene`] for a photo that cannot be read.
-    pub fn load_for(&mut self, shot: &Shot, later: &[Shot]) -> Result<(), SynthesisError> {
-        let needs = |shot: &Shot, view: usize| shot.views.contains(&view) || shot.helpers.contains(&view);
-        for view in 0..self.textures.len() {
-            if needs(shot, view) {
-                self.load(view)?;
-            } else if !later.iter().any(|shot| needs(shot, view)) {
-                self.textures[view] = None;
-            }
-        }
-        Ok(())
     }
 
     pub(super) fn load(&mut self, view: usize) -> Result<(), SynthesisError> {

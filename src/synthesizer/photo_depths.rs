@@ -112,7 +112,7 @@ impl PhotoCache {
         }
         let found = depth.view_depth(view);
         let needed: Vec<usize> = later.iter().flat_map(|&view| depth.with_neighbours(view)).collect();
-        depth.retain(&needed);
+        depth.retain(&needed, &needed);
         let searched: Vec<usize> = needed.iter().flat_map(|&view| depth.photos_to_search(view)).collect();
         let unneeded = self.textures.iter_mut().enumerate().filter(|(view, _)| !searched.contains(view));
         unneeded.for_each(|(_, texture)| *texture = None);

@@ -33,7 +33,11 @@ impl SceneDepth {
 
     /// Index of a view among the photos that take part.
     fn photo(&self, view: usize) -> usize {
-        self.free.iter().position(|&free| free == view).expect("a view that is not held out")
+        self.taking_part(view).expect("a view that is not held out")
+    }
+
+    fn taking_part(&self, view: usize) -> Option<usize> {
+        self.free.iter().position(|&free| free == view)
     }
 
     /// A view and those whose photos its own is matched with, nearest first.
@@ -93,10 +97,17 @@ impl SceneDepth {
         ViewDepth { found, known, range: self.maps.range(), source, time }
     }
 
-    /// Forgets the depth of all views but these.
-    pub(super) fn retain(&mut self, views: &[usize]) {
-        let photos: Vec<usize> = views.iter().map(|&view| self.photo(view)).collect();
-        self.maps.retain(&photos);
+    /// Forgets the depth of all views but these, and what confirms it unless it is needed `soon`.
+    pub(super) fn retain(&mut self, views: &[usize], soon: &[usize]) {
+        let photos = |views: &[usize]| views.iter().filter_map(|&view| self.taking_part(view)).collect::<Vec<_>>();
+        let (keep, soon) = (photos(views), photos(soon));
+        self.maps.retain(&keep, &soon);
+    }
+
+    /// Bytes of the depth of a view's photo; 0 if it is not known.
+    pub(super) fn bytes(&self, view: usize) -> usize {
+        let found = self.taking_part(view).and_then(|photo| self.maps.found(photo));
+        found.map_or(0, |found| size_of_val(found.disparity.as_slice().expect("standard order")))
     }
 
     /// The surface of a target, from the photos of these views: the first are those that it is rendered from.

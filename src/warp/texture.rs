@@ -43,6 +43,11 @@ impl Texture {
         self.height
     }
 
+    /// Bytes that it takes in memory.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(self.texels.as_slice())
+    }
+
     /// Colour of the pixel in column `x`, row `y`.
     pub(crate) fn pixel(&self, x: usize, y: usize) -> [f32; 3] {
         let at = (y + BORDER.0) * (self.width + BORDER.0 + BORDER.1) + BORDER.0 + x;

@@ -6,6 +6,7 @@ mod record;
 mod rendered;
 mod summary;
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -81,7 +82,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
 /// Renders and writes all shots but those that an earlier run has written.
 fn render(
     job: &mut Job,
-    mut shots: Vec<Shot>,
+    shots: Vec<Shot>,
     moving: bool,
     outputs: &mut Outputs,
     explain: &ExplainArgs,
@@ -91,8 +92,9 @@ fn render(
     let shared = moving && matches!(job.layers(), LayerSpec::Select { .. });
     let mut done: Vec<Rendered> = Vec::with_capacity(shots.len());
     let (mut kept, mut explanation): (Option<Plan>, _) = (None, None);
-    shots.reverse();
-    while let Some(shot) = shots.pop() {
+    let mut shots = VecDeque::from(shots);
+    while let Some(shot) = shots.pop_front() {
+        let later = &*shots.make_contiguous();
         if let Some(kept) = outputs.kept(&shot) {
             done.push(kept);
             continue;
@@ -103,10 +105,10 @@ fn render(
         job.progress.set_message(shot.name.clone());
         let started = Instant::now();
         if let (true, None, Some(first)) = (shared, &kept, done.first()) {
-            job.synthesizer.photos_mut().load_for(&first.shot, &shots)?;
+            job.synthesizer.photos_mut().load_for(&first.shot, later)?;
             kept = Some(job.plan(&first.shot)?);
         }
-        job.synthesizer.photos_mut().load_for(&shot, &shots)?;
+        job.synthesizer.photos_mut().load_for(&shot, later)?;
         let truth = shot.truth.map(|view| job.scene().load_image(view)).transpose()?;
         let photos = started.elapsed();
         let plan = match kept.take() {

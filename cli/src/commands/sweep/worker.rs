@@ -61,6 +61,7 @@ pub(crate) fn run(args: &WorkerArgs) -> Result<Output> {
     let views = named(job.scene(), &args.target)?;
     let targets = scaled(Targets::held_out(job.scene(), views), args.target_width)?;
     let shots = job.synthesizer.shots(targets)?;
+    // What cannot be read is told before anything is timed.
     for shot in &shots {
         job.synthesizer.photos_mut().load_for(shot, &shots)?;
     }
@@ -96,6 +97,7 @@ impl Renders {
     /// Renders a target, and saves the picture to `frame` if given; the answer.
     fn render(&mut self, target: usize, frame: Option<&str>) -> Result<Value> {
         let shot = self.shots.get(target).ok_or_else(|| anyhow!("target {target}: there are {}", self.shots.len()))?;
+        self.job.synthesizer.photos_mut().load_for(shot, &self.shots)?;
         let planned = match self.kept[target].take() {
             Some(layers) => Plan::known(layers),
             None => self.job.plan(shot)?,
