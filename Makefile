@@ -130,6 +130,10 @@ readme: build setup
 cards: setup
 	cd python && ../$(BIN)/python -m tools.cards
 
+## The table of models/README.md of what limits the pictures, from the example scene, whose depth is known.
+limits: build setup
+	cd python && ../$(BIN)/python -m tools.limits
+
 ## The int8 models and their cards, anew, from the float32 ones; takes minutes each, and DATA.
 int8: setup
 	cd python && for v in 2 4 5; do \
