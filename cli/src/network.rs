@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use liveview::LayerSpec;
-use liveview::network::{NetworkError, NoNetwork, OrtNetwork, PlaneNetwork};
+use liveview::network::{NetworkError, NoNetwork, OrtNetwork, PlaneNetwork, RunEnd};
 use ndarray::{ArrayView4, ArrayViewMut4};
 
 /// A model, or none.
@@ -21,6 +21,14 @@ impl Network {
                 network.recommended_layers().map_err(|error| anyhow::anyhow!("{error}; --layers decides instead"))
             }
             Self::None(_) => Ok(LayerSpec::Surface(1)),
+        }
+    }
+
+    /// A handle that ends the model's runs from another thread.
+    pub(crate) fn run_end(&self) -> Option<RunEnd> {
+        match self {
+            Self::Model(network) => Some(network.run_end()),
+            Self::None(_) => None,
         }
     }
 

@@ -3,87 +3,14 @@
 mod common;
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
-use common::{Folders, HEIGHT, WIDTH, fixture, photo};
+use common::rig::{Rig, ffmpeg};
+use common::{HEIGHT, WIDTH, fixture, photo};
 use serde_json::Value;
-
-/// Six cameras in a row before a wall, each a folder of frames; `cam2` to hold out.
-struct Rig {
-    folders: Folders,
-}
-
-impl Rig {
-    fn new(frames: usize) -> Self {
-        let rig = Self { folders: Folders::new() };
-        fs::remove_dir_all(rig.path().join("images")).unwrap();
-        for camera in 0..6 {
-            fs::create_dir(rig.path().join(format!("cam{camera}"))).unwrap();
-            for frame in 0..frames {
-                rig.film(camera, frame, 0.0);
-            }
-        }
-        rig.write_poses(6);
-        rig
-    }
-
-    fn path(&self) -> PathBuf {
-        self.folders.scene()
-    }
-
-    fn frame(&self, camera: usize, frame: usize) -> PathBuf {
-        self.path().join(format!("cam{camera}/{frame:03}.png"))
-    }
-
-    /// A frame of a wall that has moved sideways.
-    fn film(&self, camera: usize, frame: usize, moved: f64) {
-        photo(&self.frame(camera, frame), 0.1 * camera as f64 + moved, WIDTH, HEIGHT);
-    }
-
-    /// A video file in place of each camera's folder, pixmaps that the stand-in for ffmpeg takes as they are.
-    #[cfg(unix)]
-    fn as_videos(&self, frames: usize) {
-        for camera in 0..6 {
-            let mut video = Vec::new();
-            for frame in 0..frames {
-                let picture = image::open(self.frame(camera, frame)).unwrap().into_rgb8();
-                video.extend(format!("P6\n{WIDTH} {HEIGHT}\n255\n").bytes());
-                video.extend(picture.as_raw());
-            }
-            fs::remove_dir_all(self.path().join(format!("cam{camera}"))).unwrap();
-            fs::write(self.path().join(format!("cam{camera}.mp4")), video).unwrap();
-        }
-    }
-
-    fn write_poses(&self, cameras: usize) {
-        let frame = |camera: usize| {
-            let x = 0.1 * camera as f64;
-            format!(
-                r#"{{"file_path": "cam{camera}/000.png", "transform_matrix": [[1, 0, 0, {x}], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}}"#
-            )
-        };
-        let frames = (0..cameras).map(frame).collect::<Vec<_>>().join(",\n");
-        let head = r#""fl_x": 60, "fl_y": 60, "cx": 32, "cy": 24, "w": 64, "h": 48, "near": 2, "far": 8"#;
-        fs::write(self.path().join("transforms.json"), format!("{{{head}, \"frames\": [{frames}]}}")).unwrap();
-    }
-
-    fn video(&self, arguments: &[&str]) -> Command {
-        let mut video = self.folders.liveview("video", arguments);
-        video.args(["--model", &fixture("tiny_v4"), "--threads", "2"]);
-        video
-    }
-
-    /// Its report, once it has succeeded.
-    fn told(&self, arguments: &[&str]) -> Value {
-        let output = self.video(arguments).arg("--json").output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(0), "{said}");
-        serde_json::from_slice(&output.stdout).unwrap()
-    }
-}
 
 fn lines(path: &str) -> Vec<Value> {
     fs::read_to_string(path).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
@@ -261,19 +188,6 @@ fn refusals() {
     refused(&["--camera", "cam2", "-o", &out], &["no rig found"]);
 }
 
-/// A stand-in for ffmpeg: what it reads, as a video of the pixmaps in its input; what it writes, its input as it is.
-#[cfg(unix)]
-fn ffmpeg(folders: &Folders) -> String {
-    use std::os::unix::fs::PermissionsExt;
-    let folder = PathBuf::from(folders.out("bin"));
-    fs::create_dir_all(&folder).unwrap();
-    let script = "#!/bin/sh\nfor last; do :; done\nif [ \"$last\" = - ]; then\n\
-        while [ \"$1\" != -i ]; do shift; done; exec /bin/cat \"$2\"\nfi\nexec /bin/cat > \"$last\"\n";
-    fs::write(folder.join("ffmpeg"), script).unwrap();
-    fs::set_permissions(folder.join("ffmpeg"), fs::Permissions::from_mode(0o755)).unwrap();
-    folder.to_str().unwrap().to_owned()
-}
-
 #[cfg(unix)]
 #[test]
 fn video_files_with_poses_bounds_open_as_they_are() {
@@ -291,7 +205,7 @@ fn video_files_with_poses_bounds_open_as_they_are() {
     let poses = ndarray::Array2::from_shape_vec((6, 17), poses).unwrap();
     ndarray_npy::write_npy(rig.path().join("poses_bounds.npy"), &poses).unwrap();
     fs::remove_file(rig.path().join("transforms.json")).unwrap();
-    let path = ffmpeg(&rig.folders);
+    let path = ffmpeg(&rig.folders, "");
     let film = rig.folders.out("a.mp4");
     let output = rig.video(&["--camera", "cam2", "-o", &film, "--json"]).env("PATH", &path).output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
@@ -311,14 +225,12 @@ fn video_files_with_poses_bounds_open_as_they_are() {
 fn a_live_camera_that_stalls_is_left_out_and_no_other() {
     let rig = Rig::new(12);
     rig.as_videos(12);
-    let path = ffmpeg(&rig.folders);
     // The camera next to the viewpoint delivers four frames and no more, without ending.
-    let (program, bytes) = (Path::new(&path).join("ffmpeg"), 4 * (13 + 3 * WIDTH * HEIGHT));
-    let script = fs::read_to_string(&program).unwrap();
-    let stall = format!(
-        "case \"$2\" in *cam1.mp4) /usr/bin/head -c {bytes} \"$2\"; exec /bin/sleep 60;; esac; exec /bin/cat \"$2\""
+    let bytes = 4 * (13 + 3 * WIDTH * HEIGHT);
+    let path = ffmpeg(
+        &rig.folders,
+        &format!("case \"$all\" in *cam1.mp4*ppm*) /usr/bin/head -c {bytes} \"$2\"; exec /bin/sleep 60;; esac"),
     );
-    fs::write(&program, script.replacen("exec /bin/cat \"$2\"", &stall, 1)).unwrap();
     let (out, log) = (rig.folders.out("frames"), rig.folders.out("log.jsonl"));
     let mut video =
         rig.video(&["--camera", "cam2", "--fps", "10", "--latency", "2s", "-o", &out, "--log", &log, "--json"]);
@@ -340,7 +252,7 @@ fn an_interrupt_leaves_a_whole_video() {
     let film = rig.folders.out("a.mp4");
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_liveview"));
     command.arg("video").arg(rig.path()).args(["--camera", "cam2", "--fps", "10", "--latency", "1s", "--json"]);
-    command.args(["-o", &film, "--model", &fixture("tiny_v4")]).env("PATH", ffmpeg(&rig.folders));
+    command.args(["-o", &film, "--model", &fixture("tiny_v4")]).env("PATH", ffmpeg(&rig.folders, ""));
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     std::thread::sleep(Duration::from_millis(2500));
     Command::new("/bin/kill").args(["-INT", &child.id().to_string()]).assert().success();

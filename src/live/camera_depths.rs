@@ -8,6 +8,7 @@ use ndarray::{Array2, s};
 
 use super::dirty_tiles::{Region, dirty_regions};
 use super::policy::Policy;
+use super::settings::LiveSettings;
 use super::step::Step;
 use crate::geometry::{Camera, Size};
 use crate::mvs::{DepthMaps, Matched, PhotoDepth, SeenSurface, Settings, photo_depth};
@@ -51,13 +52,14 @@ impl CameraDepths {
         step: &Step<'_>,
         target: &Camera,
         count: usize,
-        policy: Policy,
+        settings: &LiveSettings,
     ) -> (SeenSurface, f64) {
         let mut set = step.nearest(target);
         set.truncate(count + self.maps.settings().extra);
-        let searched: f64 = set.iter().map(|&camera| self.update(step, camera, policy)).sum();
+        let searched: f64 = set.iter().map(|&camera| self.update(step, camera, settings.policy)).sum();
         let photos: Vec<_> = set.iter().map(|&camera| (camera, step.source(camera))).collect();
-        (SeenSurface::find(&mut self.maps, &photos, count, target, Matched::default()), searched / set.len() as f64)
+        let matched = Matched { exposure: !settings.keep_exposure, ..Matched::default() };
+        (SeenSurface::find(&mut self.maps, &photos, count, target, matched), searched / set.len() as f64)
     }
 
     /// Searches what the policy says of a camera's photo; its share.

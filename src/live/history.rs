@@ -82,7 +82,7 @@ impl History {
                 if due {
                     depths.forget();
                 }
-                let (found, searched) = depths.surface(step, target, views.len(), settings.policy);
+                let (found, searched) = depths.surface(step, target, views.len(), settings);
                 let layers = found.layers(count)?;
                 seen = Some(found);
                 (layers, LayerSource::propagated(searched))

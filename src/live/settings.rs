@@ -15,12 +15,14 @@ pub struct LiveSettings {
     pub layers: LayerSpec,
     /// When these are searched for.
     pub policy: Policy,
+    /// Whether surface layers leave photos of different exposure as they are; by default they are balanced.
+    pub keep_exposure: bool,
 }
 
 impl LiveSettings {
     /// Two guided layers, the surface propagated from frame to frame.
     pub fn new(near: f64, far: f64) -> Self {
         let layers = LayerSpec::guided(2);
-        Self { near, far, policy: Policy::default_for(&layers), layers }
+        Self { near, far, policy: Policy::default_for(&layers), layers, keep_exposure: false }
     }
 }

@@ -12,9 +12,9 @@ mod ort;
 mod ort_library;
 mod plane_network;
 
-pub use self::ort::OrtNetwork;
 #[cfg(fuzzing)]
 pub(crate) use self::ort::check_outlets;
+pub use self::ort::{OrtNetwork, RunEnd};
 pub use alpha::{Alpha, AlphaKind};
 pub use error::NetworkError;
 pub use execution_provider::{ExecutionProvider, Precision, cpu_has_bf16};

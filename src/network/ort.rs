@@ -2,9 +2,10 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use ndarray::{ArrayView4, ArrayViewMut4};
-use ort::session::Session;
+use ort::session::{RunOptions, Session};
 use ort::value::{Outlet, TensorRef, ValueType};
 
 use super::error::{NetworkError, unfit};
@@ -24,6 +25,26 @@ pub struct OrtNetwork {
     session: Session,
     path: PathBuf,
     card: ModelCard,
+    run_options: Arc<RunOptions>,
+}
+
+/// Ends a network's runs from another thread.
+#[derive(Clone)]
+pub struct RunEnd(Arc<RunOptions>);
+
+impl fmt::Debug for RunEnd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("RunEnd")
+    }
+}
+
+impl RunEnd {
+    /// Ends the run that goes on, if one does, and all later ones, with [`NetworkError::OnnxRuntime`]. Execution providers other than
+    /// [`ExecutionProvider::Cpu`] may go on.
+    pub fn end(&self) {
+        // ONNX Runtime's function cannot fail.
+        let _ = self.0.terminate();
+    }
 }
 
 impl fmt::Debug for OrtNetwork {
@@ -77,7 +98,8 @@ impl OrtNetwork {
         drop(metadata);
         check_outlets(path, &named(session.inputs()), "hwv", 3 * card.views)?;
         check_outlets(path, &named(session.outputs()), "logits", card.views)?;
-        Ok(Self { session, path: path.to_path_buf(), card })
+        let run_options = Arc::new(RunOptions::new().map_err(|e| failed(e.to_string()))?);
+        Ok(Self { session, path: path.to_path_buf(), card, run_options })
     }
 
     /// The layers that the model's metadata recommends.
@@ -111,6 +133,11 @@ impl OrtNetwork {
         &self.card
     }
 
+    /// A handle that ends its runs from another thread.
+    pub fn run_end(&self) -> RunEnd {
+        RunEnd(Arc::clone(&self.run_options))
+    }
+
     /// The model file.
     pub fn path(&self) -> &Path {
         &self.path
@@ -127,7 +154,8 @@ impl PlaneNetwork for OrtNetwork {
         let failed = |e: ort::Error| NetworkError::OnnxRuntime { path: path.clone(), reason: e.to_string() };
         let input = TensorRef::from_array_view(hwv).map_err(failed)?;
         // Not IoBinding: ort 2.0.0-rc.15 copies a bound input through another session, and deadlocks in it.
-        let outputs = self.session.run(ort::inputs!["hwv" => input]).map_err(failed)?;
+        let outputs =
+            self.session.run_with_options(ort::inputs!["hwv" => input], &*self.run_options).map_err(failed)?;
         let found = outputs["logits"].try_extract_array::<f32>().map_err(failed)?;
         if found.shape() != logits.shape() {
             let (found, expected) = (format!("{:?}", found.shape()), format!("{:?}", logits.shape()));

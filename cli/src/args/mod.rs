@@ -1,5 +1,6 @@
 //! Options that several commands share.
 
+pub(crate) mod frame_rate;
 pub(crate) mod layers;
 pub(crate) mod model;
 pub(crate) mod model_info;

@@ -131,11 +131,6 @@ impl ModelArgs {
         Ok(options)
     }
 
-    /// Finds and opens the model, if there is to be one, whatever the layers.
-    pub(crate) fn open(&self) -> Result<(Renderer<Network>, ModelInfo)> {
-        self.open_for(None)
-    }
-
     /// Finds and opens the model for these layers, if there is to be one.
     pub(crate) fn open_for(&self, layers: Option<&LayerSpec>) -> Result<(Renderer<Network>, ModelInfo)> {
         let (renderer, model) = if self.without_network() {
@@ -187,7 +182,7 @@ impl ModelArgs {
     }
 
     /// The models for fewer views than `views`, to fall back on; none if --model names one.
-    pub(crate) fn open_smaller(&self, views: usize) -> Result<Vec<Renderer<Network>>> {
+    pub(crate) fn open_smaller(&self, views: usize, layers: Option<&LayerSpec>) -> Result<Vec<Renderer<Network>>> {
         if self.without_network() {
             let none = |views| Renderer::new(Network::None(NoNetwork { views }), self.batch);
             return Ok((2..views).map(none).collect());
@@ -199,7 +194,9 @@ impl ModelArgs {
         let library =
             OrtLibrary::load(options.provider, options.library.as_deref()).map_err(liveview::SynthesisError::from)?;
         let open = |path: PathBuf| OrtNetwork::open_in(options.precision, &library, &path, self.threads());
-        let networks = (2..views).filter_map(|views| options.find(views, None).ok()).map(open);
+        let networks = (2..views).filter_map(|views| options.find(views, layers).ok()).map(open);
+        let fits = |network: &OrtNetwork| layers.is_none_or(|layers| network.card().is_for(layers));
+        let networks = networks.filter(|network| network.as_ref().map_or(true, fits));
         networks.map(|network| Ok(self.renderer(network?))).collect()
     }
 }

@@ -1,55 +1,81 @@
 //! Reading videos through the ffmpeg program.
 
-use std::io::{BufRead, BufReader, Read};
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdout, Command, Stdio};
-use std::sync::{Arc, Mutex};
+use std::process::{ChildStdout, Stdio};
 
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::ImageRgb;
 use liveview::geometry::{MAX_SIDE, Size};
 
-use super::program::{detach, program};
+use super::process::{Process, Running, command};
+use super::program::detach;
+use crate::args::frame_rate::FrameRate;
 
 /// A video being read: ffmpeg writes each frame as a portable pixmap, whose header holds its size.
 pub(crate) struct Decoder {
     path: PathBuf,
-    child: Running,
+    process: Process,
     pipe: BufReader<ChildStdout>,
 }
 
 impl Decoder {
-    pub(crate) fn start(path: &Path) -> Result<Self> {
-        let program = program()
-            .ok_or_else(|| anyhow!("{}: videos are read by ffmpeg, which is not on the PATH", path.display()))?;
-        let mut command = Command::new(&program);
-        command.args(["-v", "error", "-nostdin", "-i"]).arg(path).args(["-an", "-f", "image2pipe", "-c:v", "ppm", "-"]);
+    /// Reads every frame, or with a rate the frames shown at its times.
+    pub(crate) fn start(path: &Path, rate: Option<FrameRate>) -> Result<Self> {
+        let filter = rate.map(|rate| format!("fps={rate}"));
+        let mut options = vec!["-pix_fmt", "rgb24"];
+        options.extend(filter.iter().flat_map(|filter| ["-vf", filter]));
+        options.extend(["-f", "image2pipe", "-c:v", "ppm"]);
+        Self::start_with(path, &options)
+    }
+
+    fn start_with(path: &Path, options: &[&str]) -> Result<Self> {
+        let mut command = command(&format!("{}: videos are read by ffmpeg, which is not on the PATH", path.display()))?;
+        // Absolute: of a path that begins with a name and a colon ffmpeg would take the name for a protocol's.
+        command.arg("-i").arg(std::path::absolute(path)?).args(["-map", "0:v:0"]).args(options).arg("-");
         detach(&mut command);
-        let mut child = command
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .map_err(|error| anyhow!("{}: cannot be started: {error}", program.display()))?;
-        let pipe = child.stdout.take().expect("piped");
-        let child = Running(Arc::new(Mutex::new(child)));
-        Ok(Self { path: path.to_owned(), child, pipe: BufReader::with_capacity(1 << 16, pipe) })
+        let process = Process::start(command.stdin(Stdio::null()).stdout(Stdio::piped()), None)?;
+        let pipe = process.with_child(|child| child.stdout.take()).expect("piped");
+        Ok(Self { path: path.to_owned(), process, pipe: BufReader::with_capacity(1 << 16, pipe) })
+    }
+
+    /// The frame rate of a video.
+    pub(crate) fn rate(path: &Path) -> Result<FrameRate> {
+        // The only format with a rate in words; the pixels are not looked at.
+        let mut decoder = Self::start_with(path, &["-frames:v", "1", "-pix_fmt", "gray", "-f", "yuv4mpegpipe"])?;
+        let mut header = String::new();
+        let _ = decoder.reading(|pipe| pipe.by_ref().take(256).read_line(&mut header));
+        let rate = header.split_whitespace().find_map(|word| word.strip_prefix('F')?.replace(':', "/").parse().ok());
+        match rate {
+            Some(rate) => Ok(rate),
+            None if header.is_empty() => Err(decoder.failed()),
+            None => bail!("{}: ffmpeg tells no frame rate", path.display()),
+        }
     }
 
     /// A handle with which another thread can end ffmpeg, while this one waits for a frame.
     pub(crate) fn running(&self) -> Running {
-        self.child.clone()
+        self.process.running()
+    }
+
+    fn reading<T>(&mut self, read: impl FnOnce(&mut BufReader<ChildStdout>) -> io::Result<T>) -> io::Result<T> {
+        let Self { process, pipe, .. } = self;
+        process.waiting(|| read(pipe))
+    }
+
+    fn failed(&mut self) -> anyhow::Error {
+        anyhow!("{}: {}", self.path.display(), self.process.failure())
     }
 
     /// Width and height of the next frame, whose pixels follow; `None` at the end.
     fn header(&mut self) -> Result<Option<Size>> {
-        if self.pipe.fill_buf()?.is_empty() {
-            return Ok(None);
+        if self.reading(|pipe| pipe.fill_buf().map(<[u8]>::is_empty))? {
+            return if self.process.wait()?.success() { Ok(None) } else { Err(self.failed()) };
         }
         let mut words = Vec::new();
         while words.len() < 4 {
             let mut line = String::new();
-            if self.pipe.by_ref().take(64).read_line(&mut line)? == 0 {
+            if self.reading(|pipe| pipe.by_ref().take(64).read_line(&mut line))? == 0 {
                 bail!("{}: ffmpeg stopped within a frame", self.path.display());
             }
             words.extend(line.split_whitespace().map(str::to_owned));
@@ -65,7 +91,8 @@ impl Decoder {
     pub(crate) fn next(&mut self) -> Result<Option<ImageRgb>> {
         let Some(size) = self.header()? else { return Ok(None) };
         let mut bytes = vec![0; 3 * size.pixels()];
-        self.pipe.read_exact(&mut bytes).with_context(|| format!("{}: cut short", self.path.display()))?;
+        let read = self.reading(|pipe| pipe.read_exact(&mut bytes));
+        read.with_context(|| format!("{}: cut short", self.path.display()))?;
         Ok(Some(ImageRgb::new(size.width, size.height, bytes.iter().map(|&byte| f32::from(byte) / 255.0).collect())?))
     }
 
@@ -73,25 +100,6 @@ impl Decoder {
     pub(crate) fn skip(&mut self) -> Result<bool> {
         let Some(size) = self.header()? else { return Ok(false) };
         let size = 3 * size.pixels() as u64;
-        Ok(std::io::copy(&mut self.pipe.by_ref().take(size), &mut std::io::sink())? == size)
-    }
-}
-
-impl Drop for Decoder {
-    fn drop(&mut self) {
-        // ffmpeg still runs if reading stopped before the end of the video.
-        self.child.end();
-    }
-}
-
-/// A handle to the running ffmpeg process.
-#[derive(Clone)]
-pub(crate) struct Running(Arc<Mutex<Child>>);
-
-impl Running {
-    pub(crate) fn end(&self) {
-        let mut child = self.0.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        let _ = child.kill();
-        let _ = child.wait();
+        Ok(self.reading(|pipe| io::copy(&mut pipe.by_ref().take(size), &mut io::sink()))? == size)
     }
 }

@@ -1,26 +1,33 @@
 //! Writing videos through the ffmpeg program.
 
-use std::io::{Read, Write};
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{ChildStdin, Command, Stdio};
 
 use anyhow::{Result, anyhow};
 use liveview::ImageRgb;
 use liveview::fs::atomic::AtomicFile;
 use liveview::geometry::Size;
 
-use super::program::{detach, program};
+use super::process::{Process, command};
+use super::program::detach;
+use crate::args::frame_rate::FrameRate;
 use crate::args::output::has_ending;
 use crate::console::print_message;
 
 /// An .mp4 or .gif being written. Dropped without [`Encoder::finish`] it is deleted.
 pub(crate) struct Encoder {
     path: PathBuf,
-    ffmpeg: PathBuf,
-    fps: usize,
+    rate: FrameRate,
     size: Size,
-    /// ffmpeg, and the file that it writes under its temporary name.
-    encoder: Option<(Child, AtomicFile)>,
+    running: Option<RunningEncoder>,
+}
+
+/// ffmpeg, its input, and the file that it writes under its temporary name, which is deleted after ffmpeg has ended.
+struct RunningEncoder {
+    process: Process,
+    input: Option<ChildStdin>,
+    file: AtomicFile,
 }
 
 /// Whether a path names a video.
@@ -29,12 +36,10 @@ pub(crate) fn is_video(path: &Path) -> bool {
 }
 
 impl Encoder {
-    /// A video of `fps` frames per second; an error if there is no ffmpeg.
-    pub(crate) fn new(path: &Path, fps: usize) -> Result<Self> {
-        let ffmpeg = program().ok_or_else(|| {
-            anyhow!("-o {}: videos are made by ffmpeg, which is not on the PATH; expected ffmpeg, or a folder for the frames", path.display())
-        })?;
-        Ok(Self { path: path.to_owned(), ffmpeg, fps, size: Size::default(), encoder: None })
+    /// A video; an error if there is no ffmpeg.
+    pub(crate) fn new(path: &Path, rate: FrameRate) -> Result<Self> {
+        command_for(path)?;
+        Ok(Self { path: path.to_owned(), rate, size: Size::default(), running: None })
     }
 
     pub(crate) fn path(&self) -> &Path {
@@ -47,32 +52,32 @@ impl Encoder {
     }
 
     pub(crate) fn add(&mut self, picture: &ImageRgb) -> Result<()> {
-        let encoder = match self.encoder.take() {
-            Some(encoder) => encoder,
+        let running = match self.running.take() {
+            Some(running) => running,
             None => self.start()?,
         };
-        let pipe = self.encoder.insert(encoder).0.stdin.as_mut();
-        match pipe.map(|pipe| pipe.write_all(&picture.to_rgb8())) {
-            Some(Ok(())) => Ok(()),
-            _ => Err(self.failure()),
+        let RunningEncoder { process, input, .. } = self.running.insert(running);
+        let bytes = picture.to_rgb8();
+        match process
+            .waiting(|| input.as_mut().map_or(Err(ErrorKind::BrokenPipe.into()), |pipe| pipe.write_all(&bytes)))
+        {
+            Ok(()) => Ok(()),
+            Err(_) => Err(self.failure()),
         }
     }
 
     /// Waits for ffmpeg to finish, and gives the file its name.
     pub(crate) fn finish(mut self) -> Result<PathBuf> {
-        let done = self.encoder.as_mut().map(|(encoder, _)| {
+        if let Some(running) = &mut self.running {
             // ffmpeg ends when its input does.
-            drop(encoder.stdin.take());
-            encoder.wait()
-        });
-        match (done, self.encoder.take()) {
-            (Some(Ok(status)), Some((_, file))) if status.success() => {
-                file.finish().map_err(|error| self.unwritten(&error))?;
-            }
-            (_, encoder) => {
-                self.encoder = encoder;
+            drop(running.input.take());
+            if !running.process.wait()?.success() {
                 return Err(self.failure());
             }
+        }
+        if let Some(RunningEncoder { process, file, .. }) = self.running.take() {
+            drop(process);
+            file.finish().map_err(|error| self.unwritten(&error))?;
         }
         Ok(self.path.clone())
     }
@@ -81,13 +86,15 @@ impl Encoder {
         anyhow!("-o {}: cannot be written: {error}", self.path.display())
     }
 
-    fn start(&self) -> Result<(Child, AtomicFile)> {
+    fn start(&self) -> Result<RunningEncoder> {
         let file = AtomicFile::create(&self.path).map_err(|error| self.unwritten(&error))?;
+        // Absolute: of a path that begins with a name and a colon ffmpeg would take the name for a protocol's.
+        let temporary = std::path::absolute(file.temporary())?;
         let Size { width, height } = self.size;
         let gif = has_ending(&self.path, &["gif"]);
-        let mut command = Command::new(&self.ffmpeg);
-        command.args(["-v", "error", "-nostdin", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
-        command.args(["-s", &format!("{width}x{height}"), "-r", &self.fps.to_string(), "-i", "pipe:0"]);
+        let mut command = command_for(&self.path)?;
+        command.args(["-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
+        command.args(["-s", &format!("{width}x{height}"), "-r", &self.rate.to_string(), "-i", "pipe:0"]);
         if gif {
             command.args(["-vf", "split[a][b];[a]palettegen[p];[b][p]paletteuse", "-loop", "0"]);
         } else {
@@ -110,30 +117,24 @@ impl Encoder {
             ]);
         }
         detach(&mut command);
-        command.arg(file.temporary()).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
-        let encoder =
-            command.spawn().map_err(|error| anyhow!("{}: cannot be started: {error}", self.ffmpeg.display()))?;
-        Ok((encoder, file))
+        command.arg(&temporary).stdin(Stdio::piped()).stdout(Stdio::null());
+        let process = Process::start(&mut command, Some(&temporary))?;
+        let input = process.with_child(|child| child.stdin.take());
+        Ok(RunningEncoder { process, input, file })
     }
 
     fn failure(&mut self) -> anyhow::Error {
-        let (mut message, mut status) = (String::new(), String::new());
-        if let Some((encoder, _)) = &mut self.encoder {
-            drop(encoder.stdin.take());
-            // If ffmpeg's own message cannot be read, the error goes without it.
-            let _ = encoder.stderr.take().map(|mut pipe| pipe.read_to_string(&mut message));
-            let _ = encoder.wait().map(|ended| status = format!(" ({ended})"));
-        }
-        anyhow!("-o {}: ffmpeg failed{status}: {}", self.path.display(), message.trim())
+        let failure = self.running.as_mut().map(|running| {
+            drop(running.input.take());
+            running.process.failure()
+        });
+        anyhow!("-o {}: {}", self.path.display(), failure.unwrap_or_default())
     }
 }
 
-impl Drop for Encoder {
-    fn drop(&mut self) {
-        // Reached only after a failure that was reported. The file is deleted after the process that writes it has ended.
-        if let Some((mut encoder, _file)) = self.encoder.take() {
-            let _ = encoder.kill();
-            let _ = encoder.wait();
-        }
-    }
+fn command_for(path: &Path) -> Result<Command> {
+    command(&format!(
+        "-o {}: videos are made by ffmpeg, which is not on the PATH; expected ffmpeg, or a folder for the frames",
+        path.display()
+    ))
 }

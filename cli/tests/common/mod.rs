@@ -1,6 +1,8 @@
 //! A tiny scene and the `liveview` command, for the command-line tests.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
+pub(crate) mod rig;
+
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};

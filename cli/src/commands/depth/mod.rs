@@ -91,7 +91,7 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
     }
     let bar = progress("photos")?;
     bar.set_length(views.len() as u64);
-    let stop = if views.len() > 1 { interrupt::watch()? } else { Arc::default() };
+    let stop = if views.len() > 1 { interrupt::watch(Vec::new())? } else { Arc::default() };
     let (mut told, mut range) = (Vec::with_capacity(views.len()), (0.0, 0.0));
     for (index, (&view, files)) in views.iter().zip(all_files).enumerate() {
         if stop.load(Ordering::Relaxed) {

@@ -24,7 +24,7 @@ use crate::args::model::ModelArgs;
 use crate::args::scene::SceneArgs;
 use crate::args::targets::TargetArgs;
 use crate::console::{Output, print_message, print_notes, progress};
-use crate::interrupt;
+use crate::interrupt::{self, Interrupted};
 use crate::job::Job;
 use crate::measure::Times;
 
@@ -70,10 +70,13 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     outputs.begin(&shots, || record::fields(&job, &shots, &args.targets, &args.layers))?;
     job.progress = progress("layers")?;
     let wanted = shots.len();
+    let runs = job.synthesizer.renderer().network().run_end().into_iter().collect();
     // A single picture is not worth finishing: there Ctrl-C ends the program at once.
-    let stop = if wanted > 1 { interrupt::watch()? } else { Arc::default() };
+    let stop = if wanted > 1 { interrupt::watch(runs)? } else { Arc::default() };
     let rendered = render(&mut job, shots, moving, &mut outputs, &args.explain, &stop);
     job.progress.finish_and_clear();
+    // What failed after an interrupt, such as a run of the network that was ended for it, failed for it.
+    let rendered = rendered.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error });
     let (done, explanation) = rendered.inspect_err(|_| outputs.print_how_to_resume(wanted))?;
     let video = outputs.finish()?;
     Ok(summary::rendered(&job, &done, moving, video, explanation))
@@ -100,7 +103,7 @@ fn render(
             continue;
         }
         if stop.load(Ordering::Relaxed) {
-            return Err(interrupt::Interrupted.into());
+            return Err(Interrupted.into());
         }
         job.progress.set_message(shot.name.clone());
         let started = Instant::now();

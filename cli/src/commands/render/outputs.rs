@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::record::{self, Fields, Record};
 use super::rendered::Rendered;
-use crate::args::numbers;
+use crate::args::frame_rate::{FrameRate, frame_rate};
 use crate::args::output::{Place, Variant, claim, photo_files, write_whole};
 use crate::ffmpeg::{Encoder, is_video};
 
@@ -32,9 +32,9 @@ pub(super) struct OutputArgs {
     /// Truth, result and 4 × their absolute difference, side by side
     #[arg(long, value_name = "PNG")]
     compare: Option<PathBuf>,
-    /// Frames per second of a video
-    #[arg(long, value_name = "N", default_value = "30", value_parser = numbers::count)]
-    fps: usize,
+    /// Frames per second of a video: 30, 29.97 or 30000/1001
+    #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]
+    fps: FrameRate,
     /// Continue an interrupted run into the same folder: pictures that its liveview.json lists, and that are unchanged, are kept, and
     /// the rest is rendered. Refused where that file is of another job
     #[arg(long, requires = "output", conflicts_with = "explain")]

@@ -76,13 +76,11 @@ pub(super) struct Camera {
     /// A frame of a later step.
     early: Option<Frame>,
     pub(super) ended: bool,
-    /// Whether its end was recorded as a fault.
-    pub(super) end_recorded: bool,
 }
 
 impl Camera {
     pub(super) fn new(index: usize, frames: Receiver<Frame>) -> Self {
-        Self { index, frames, early: None, ended: false, end_recorded: false }
+        Self { index, frames, early: None, ended: false }
     }
 
     /// Its photo of a time step, if there is one, and the time that reading it took. Later frames are kept, earlier ones dropped.

@@ -1,16 +1,17 @@
 //! What one camera delivers: a folder of photos or a video file, read one frame at a time.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::geometry::Size;
 use liveview::image::{self, ImageRgb};
 
+use super::frame_names::photos_in;
+use super::steps::Photos;
+use crate::args::frame_rate::FrameRate;
 use crate::args::output::has_ending;
 use crate::ffmpeg::Decoder;
 
-const PHOTOS: [&str; 3] = ["png", "jpg", "jpeg"];
 const VIDEOS: [&str; 7] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
 
 /// A camera's frames, unread.
@@ -23,9 +24,9 @@ pub(super) struct Feed {
 
 #[derive(Debug, Clone)]
 enum Frames {
-    /// By time step.
-    Photos(BTreeMap<usize, PathBuf>),
-    Video(PathBuf),
+    Photos(Photos),
+    /// With a rate the frames shown at its times, else all.
+    Video(PathBuf, Option<FrameRate>),
 }
 
 impl Feed {
@@ -39,7 +40,7 @@ impl Feed {
                 continue;
             }
             if path.is_file() && has_ending(&path, &VIDEOS) {
-                feeds.push(Self { name, frames: Frames::Video(path) });
+                feeds.push(Self { name, frames: Frames::Video(path, None) });
             } else if path.is_dir() {
                 let photos = photos_in(&path)?;
                 let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -59,23 +60,30 @@ impl Feed {
     pub(super) fn steps(&self) -> Option<usize> {
         match &self.frames {
             Frames::Photos(photos) => photos.last_key_value().map(|(last, _)| last + 1),
-            Frames::Video(_) => None,
+            Frames::Video(..) => None,
         }
     }
 
-    /// Time step of the first frame.
-    pub(super) fn first(&self) -> usize {
+    /// The photos, if they are that.
+    pub(super) fn photos_mut(&mut self) -> Option<(&str, &mut Photos)> {
+        match &mut self.frames {
+            Frames::Photos(photos) => Some((&self.name, photos)),
+            Frames::Video(..) => None,
+        }
+    }
+
+    /// The frame rate, if it is a video.
+    pub(super) fn rate(&self) -> Result<Option<FrameRate>> {
         match &self.frames {
-            Frames::Photos(photos) => photos.first_key_value().map_or(0, |(first, _)| *first),
-            Frames::Video(_) => 0,
+            Frames::Photos(_) => Ok(None),
+            Frames::Video(path, _) => Decoder::rate(path).map(Some),
         }
     }
 
-    /// Steps counted from `first` instead.
-    pub(super) fn counted_from(&mut self, first: usize) {
-        if let Frames::Photos(photos) = &mut self.frames {
-            *photos =
-                std::mem::take(photos).into_iter().map(|(step, path)| (step.saturating_sub(first), path)).collect();
+    /// Lets a video deliver the frames shown at the times of a rate.
+    pub(super) fn set_rate(&mut self, steps: FrameRate) {
+        if let Frames::Video(_, rate) = &mut self.frames {
+            *rate = Some(steps);
         }
     }
 
@@ -95,7 +103,7 @@ impl Feed {
                 }
                 Err(failed.map_or_else(|| anyhow!("{}: no frames", self.name), Into::into))
             }
-            Frames::Video(path) => {
+            Frames::Video(path, _) => {
                 let photo = first_of_video(path)?;
                 Ok(FirstFrame { path: path.clone(), size: photo.size() })
             }
@@ -109,7 +117,7 @@ impl Feed {
     pub(super) fn load_first(&self, first: &FirstFrame) -> Result<ImageRgb> {
         match &self.frames {
             Frames::Photos(_) => Ok(image::load(&first.path)?),
-            Frames::Video(path) => first_of_video(path),
+            Frames::Video(path, _) => first_of_video(path),
         }
     }
 
@@ -117,7 +125,7 @@ impl Feed {
     pub(super) fn open(&self) -> Result<Reader> {
         Ok(match &self.frames {
             Frames::Photos(photos) => Reader::Photos(photos.clone()),
-            Frames::Video(path) => Reader::Video(Decoder::start(path)?),
+            Frames::Video(path, rate) => Reader::Video(Decoder::start(path, *rate)?),
         })
     }
 }
@@ -132,13 +140,13 @@ pub(super) struct FirstFrame {
 }
 
 fn first_of_video(path: &Path) -> Result<ImageRgb> {
-    let first = Decoder::start(path)?.next()?;
+    let first = Decoder::start(path, None)?.next()?;
     first.ok_or_else(|| anyhow!("{}: the video holds no frame", path.display()))
 }
 
 /// Frames of a camera in the order of time.
 pub(super) enum Reader {
-    Photos(BTreeMap<usize, PathBuf>),
+    Photos(Photos),
     Video(Decoder),
 }
 
@@ -173,51 +181,5 @@ impl Reader {
             Self::Photos(photos) => Ok(photos.range(step..).next().is_some()),
             Self::Video(decoder) => decoder.skip(),
         }
-    }
-}
-
-/// The photos of a folder by time step: the last number in their names where all have one, their order otherwise.
-fn photos_in(folder: &Path) -> Result<BTreeMap<usize, PathBuf>> {
-    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
-    let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
-    paths.retain(|path| {
-        let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
-        !hidden && has_ending(path, &PHOTOS) && !path.is_dir()
-    });
-    paths.sort();
-    let numbered: Option<BTreeMap<usize, PathBuf>> =
-        paths.iter().map(|path| Some((last_number(path)?, path.clone()))).collect();
-    Ok(match numbered.filter(|numbered| numbered.len() == paths.len()) {
-        Some(numbered) => numbered,
-        None => paths.into_iter().enumerate().collect(),
-    })
-}
-
-fn last_number(path: &Path) -> Option<usize> {
-    let stem = path.file_stem()?.to_str()?;
-    let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
-    let start = stem[..end]
-        .rfind(|c: char| !c.is_ascii_digit())
-        .map_or(0, |at| at + stem[at..].chars().next().map_or(1, char::len_utf8));
-    stem[start..end].parse().ok()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn frames_are_matched_by_number_or_by_order() {
-        let folder = tempfile::tempdir().unwrap();
-        let add = |name: &str| std::fs::write(folder.path().join(name), "").unwrap();
-        ["f2_10.jpg", "f2_9.jpg", "f2_12.PNG", "notes.txt", ".f2_1.jpg"].into_iter().for_each(add);
-        let names = |photos: BTreeMap<usize, PathBuf>| -> Vec<(usize, String)> {
-            photos.into_iter().map(|(step, path)| (step, path.file_name().unwrap().to_str().unwrap().into())).collect()
-        };
-        let expected = [(9, "f2_9.jpg"), (10, "f2_10.jpg"), (12, "f2_12.PNG")].map(|(k, n)| (k, n.to_owned()));
-        assert_eq!(names(photos_in(folder.path()).unwrap()), expected);
-        add("last.png");
-        let by_order = names(photos_in(folder.path()).unwrap());
-        assert_eq!((by_order.len(), by_order[3].clone()), (4, (3, "last.png".to_owned())));
     }
 }

@@ -4,7 +4,7 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::thread::{Scope, sleep};
+use std::thread::{Scope, sleep, spawn};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
@@ -60,10 +60,19 @@ pub(super) struct Faults {
     pub(super) cameras: Vec<(usize, Option<String>)>,
 }
 
+impl Faults {
+    /// The first of each camera that has any.
+    pub(super) fn reasons(&self, feeds: &[Feed]) -> String {
+        let faults = feeds.iter().zip(&self.cameras);
+        let reasons = faults.filter_map(|(feed, (_, first))| Some(format!("{}: {}", feed.name, first.as_ref()?)));
+        reasons.collect::<Vec<_>>().join("; ")
+    }
+}
+
 /// The state that the threads share.
-pub(super) struct Gathering<'a> {
-    pub(super) scene: &'a Scene,
-    pub(super) feeds: &'a [Feed],
+pub(super) struct Gathering {
+    pub(super) scene: Scene,
+    pub(super) feeds: Vec<Feed>,
     /// Cameras to read.
     pub(super) read: Vec<usize>,
     /// The camera that is the ground truth; the video ends when the others have ended.
@@ -79,22 +88,24 @@ pub(super) struct Gathering<'a> {
     pub(super) decoders: Mutex<Vec<Running>>,
 }
 
-impl Gathering<'_> {
+impl Gathering {
     /// Starts the threads. The receiver gets the time steps in order, without those that are too late by the clock.
-    pub(super) fn start<'scope, 'env>(&'env self, scope: &'scope Scope<'scope, 'env>) -> Receiver<Step> {
+    pub(super) fn start<'scope>(self: &Arc<Self>, scope: &'scope Scope<'scope, '_>) -> Receiver<Step> {
         // With a clock a step waits here until the renderer takes it, with no second one behind it.
         let (sender, steps) = sync_channel(if self.clock.is_some() { 0 } else { 1 });
+        let this = Arc::clone(self);
         scope.spawn(move || {
             let mut cameras = Vec::new();
-            for &camera in &self.read {
+            for &camera in &this.read {
                 let (sender, frames) = sync_channel(AHEAD);
-                scope.spawn(move || self.read_camera(camera, &sender));
+                let reader = Arc::clone(&this);
+                // Outside of the scope, which would wait for it: a file of a stalled camera may never be read.
+                spawn(move || reader.read_camera(camera, &sender));
                 cameras.push(Camera::new(camera, frames));
             }
-            self.gather(&mut cameras, &sender);
-            self.wanted.store(NONE, Ordering::Relaxed);
-            // The thread of a camera that stalls would wait for ever.
-            self.lock_decoders().iter().for_each(Running::end);
+            this.gather(&mut cameras, &sender);
+            this.wanted.store(NONE, Ordering::Relaxed);
+            this.lock_decoders().iter().for_each(Running::end);
         });
         steps
     }
@@ -102,14 +113,16 @@ impl Gathering<'_> {
     fn read_camera(&self, camera: usize, frames: &SyncSender<Frame>) {
         let mut reader = match self.feeds[camera].open() {
             Ok(reader) => reader,
-            Err(error) => return self.fault(camera, &format!("{error:#}")),
+            Err(error) => return self.reason(camera, &format!("{error:#}")),
         };
         if let Reader::Video(decoder) = &reader {
             self.lock_decoders().push(decoder.running());
         }
         for step in 0..self.steps.start {
-            if self.is_over() || !reader.skip(step).is_ok_and(|more| more) {
-                return;
+            match reader.skip(step) {
+                Ok(true) if !self.is_over() => {}
+                Err(error) if !self.is_over() => return self.reason(camera, &format!("{error:#}")),
+                _ => return,
             }
         }
         for step in self.steps.clone() {
@@ -122,6 +135,7 @@ impl Gathering<'_> {
             if step < self.wanted.load(Ordering::Relaxed) {
                 match reader.skip(step) {
                     Ok(true) => continue,
+                    Err(error) if !self.is_over() => return self.reason(camera, &format!("{error:#}")),
                     _ => return,
                 }
             }
@@ -134,11 +148,10 @@ impl Gathering<'_> {
                     None
                 }
                 Err(_) if self.is_over() => return,
+                // A video cannot be read on: it ends here.
+                Err(error) if matches!(reader, Reader::Video(_)) => return self.reason(camera, &format!("{error:#}")),
                 Err(error) => {
                     self.fault(camera, &format!("{error:#}"));
-                    if matches!(reader, Reader::Video(_)) {
-                        return;
-                    }
                     None
                 }
             };
@@ -179,8 +192,7 @@ impl Gathering<'_> {
             if over || self.stop.load(Ordering::Relaxed) {
                 return;
             }
-            for camera in cameras.iter_mut().filter(|camera| camera.ended && !camera.end_recorded) {
-                camera.end_recorded = true;
+            for camera in cameras.iter().filter(|camera| camera.ended && photos[camera.index].is_none()) {
                 self.fault(camera.index, &format!("no frames from {index} on"));
             }
             if steps.send(Step { index, photos }).is_err() {
@@ -197,10 +209,18 @@ impl Gathering<'_> {
         self.decoders.lock().expect("no thread panics with it")
     }
 
+    /// Counts a frame that a camera has not delivered.
     fn fault(&self, camera: usize, what: &str) {
-        let mut faults = self.faults.lock().expect("no thread panics with it");
-        let (count, first) = &mut faults.cameras[camera];
-        *count += 1;
-        first.get_or_insert_with(|| what.to_owned());
+        self.lock_faults().cameras[camera].0 += 1;
+        self.reason(camera, what);
+    }
+
+    /// Why it delivers no frames from here on; they are counted as they fail to come.
+    fn reason(&self, camera: usize, what: &str) {
+        self.lock_faults().cameras[camera].1.get_or_insert_with(|| what.to_owned());
+    }
+
+    pub(super) fn lock_faults(&self) -> MutexGuard<'_, Faults> {
+        self.faults.lock().expect("no thread panics with it")
     }
 }

@@ -2,6 +2,7 @@
 
 mod arrivals;
 mod feed;
+mod frame_names;
 mod gather;
 mod governor;
 mod options;
@@ -11,6 +12,7 @@ mod player;
 mod rig;
 mod scorer;
 mod sink;
+mod steps;
 mod summary;
 mod tally;
 mod viewpoint;

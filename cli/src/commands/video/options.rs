@@ -9,15 +9,15 @@ use liveview::LayerSpec;
 use liveview::live::Policy;
 
 use super::viewpoint::ViewpointArgs;
+use crate::args::frame_rate::{FrameRate, frame_rate};
 use crate::args::layers::Quality;
 use crate::args::model::ModelArgs;
-use crate::args::numbers;
 use crate::args::scene::SceneArgs;
 
 const EXAMPLES: &str = "\
 A rig is a folder with a folder of frames or a video file for each camera (cam00/0000.jpg … or cam00.mp4 …), and poses:
 transforms.json, poses_bounds.npy (cameras in order of their names), models.json or a COLMAP model. Frames belong together by
-the last number in their names.
+the last number in their names, or where these differ, as time stamps do, by time; videos of different frame rates by time.
 
 Examples:
   A held-out camera, from the others, each frame scored:
@@ -42,6 +42,10 @@ pub(crate) struct VideoArgs {
     /// A choice of layers that was measured (README, "Error against run time")
     #[arg(long, value_enum, group = "which_layers")]
     pub(super) quality: Option<Quality>,
+    /// Surface layers: leave photos of different exposure or white balance as they are; by default they are balanced, by what their
+    /// confirmed depths show to be the same point
+    #[arg(long)]
+    pub(super) keep_exposure: bool,
     /// When the layers are found anew: propagate (surface layers: the photos' own depth, searched anew where a photo has changed; guided
     /// layers: the last frame's surface, searched anew where the photos no longer agree with it), each (every frame), every:N (one
     /// every N frames), once (the first frame alone) [default: propagate for surface and guided layers, each for k-means planes,
@@ -51,9 +55,9 @@ pub(crate) struct VideoArgs {
     /// Time steps A to B, without B: A.., ..B or A..B, counted from 0
     #[arg(long, value_name = "A..B", value_parser = range)]
     pub(super) frames: Option<Range<usize>>,
-    /// Frames per second
-    #[arg(long, value_name = "N", default_value = "30", value_parser = numbers::few)]
-    pub(super) fps: usize,
+    /// Frames per second: 30, 29.97 or 30000/1001
+    #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]
+    pub(super) fps: FrameRate,
     /// Live: frames are due at the cameras' times, and none older than this is used. Where the machine is too slow (three frames over
     /// the budget, or one of more than twice that), surface layers become guided ones, then these fewer, then the size
     /// smaller, as far as it takes to fit, and raised

@@ -23,7 +23,7 @@ use super::tally::Tally;
 use super::viewpoint::Viewpoint;
 use crate::args::layers::given_or_recommended;
 use crate::console::{Output, print_notes, progress};
-use crate::interrupt;
+use crate::interrupt::{self, Interrupted};
 use crate::network::Network;
 
 /// Cameras read beyond those that a frame needs, in case one delivers nothing.
@@ -36,45 +36,50 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let rig = Rig::open(&args.scene)?;
     print_notes(&rig.photos.scene().notes);
     let viewpoint = args.viewpoint.resolve(&rig.photos)?;
-    let (renderer, model) = args.model.open()?;
+    let given = args.layers.clone().or_else(|| args.quality.map(Into::into));
+    let (renderer, model) = args.model.open_for(given.as_ref())?;
     let views = renderer.network().views();
-    let layers = given_or_recommended(args.layers.as_ref(), args.quality, renderer.network())?;
+    let layers = given_or_recommended(given.as_ref(), None, renderer.network())?;
     let opacities = renderer.network().tells_opacity();
     let policy = policy(args.policy, &layers)?;
-    let mut renderers = args.model.open_smaller(views)?;
+    let mut renderers = args.model.open_smaller(views, given.as_ref())?;
     let fewest = renderers.iter().map(|renderer| renderer.network().views()).min().unwrap_or(views);
     let read = cameras_to_read(&rig, &viewpoint, fewest, views)?;
     let (near, far) = rig.photos.depth_range(&read)?;
     let mut settings = LiveSettings::new(near, far);
-    (settings.layers, settings.policy) = (layers.clone(), policy);
+    (settings.layers, settings.policy, settings.keep_exposure) = (layers.clone(), policy, args.keep_exposure);
     renderers.push(renderer);
+    let runs = renderers.iter().filter_map(|renderer| renderer.network().run_end()).collect();
     let cameras = rig.photos.scene().views.iter().map(|view| view.camera.clone()).collect();
     let mut session = LiveSession::new(cameras, renderers, settings)?;
     let target = viewpoint.camera(0);
     sink.claim(&rig.photos.scene().root, target.size())?;
     let tally = Tally::new(args.log.as_deref())?;
 
-    let stop = interrupt::watch()?;
-    let first = args.frames.as_ref().map_or(0, |range| range.start);
+    let stop = interrupt::watch(runs)?;
     let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
-    let last = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
-    let last = args.frames.as_ref().map_or(last, |range| range.end.min(last));
+    let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
+    let (first, last) = args.frames.as_ref().map_or((0, all), |range| (range.start, range.end.min(all)));
+    if first >= last {
+        bail!("--frames {first}..: the cameras have {all} time steps, from 0 on; expected some of these");
+    }
     let bar = progress("frames")?;
     if last < usize::MAX {
         bar.set_length(last.saturating_sub(first) as u64);
     }
     let mut live = None;
     if let Some(latency) = args.latency {
-        let budget = Duration::from_secs_f64(1.0 / args.fps as f64).min(latency).mul_f64(SHARE);
+        let budget = Duration::from_secs_f64(1.0 / args.fps.per_second()).min(latency).mul_f64(SHARE);
         let governor = Governor::new(budget, &layers, opacities);
-        warm_up(&mut session, &read, viewpoint.camera(first), &governor)?;
-        live = Some((governor, Clock::new((first, last), args.fps as f64, latency)));
+        let warm = warm_up(&mut session, &read, viewpoint.camera(first), &governor);
+        warm.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error })?;
+        live = Some((governor, Clock::new((first, last), args.fps.per_second(), latency)));
     }
     // A live video is not scored: that takes too long.
     let truth = viewpoint.truth.filter(|_| live.is_none());
-    let gathering = Gathering {
-        scene: rig.photos.scene(),
-        feeds: &rig.feeds,
+    let gathering = Arc::new(Gathering {
+        scene: rig.photos.scene().clone(),
+        feeds: rig.feeds.clone(),
         read: read.iter().copied().chain(truth).collect(),
         truth,
         steps: first..last,
@@ -83,7 +88,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
         faults: Mutex::new(Faults { cameras: rig.feeds.iter().map(|_| (0, None)).collect() }),
         wanted: AtomicUsize::new(first),
         decoders: Mutex::default(),
-    };
+    });
     let player = Player {
         session,
         settled: false,
@@ -95,7 +100,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
         changes: Vec::new(),
         bar,
     };
-    let (played, file) = player.play(gathering, sink)?;
+    let (played, file) = player.play(&gathering, sink)?;
     Ok(summary(&rig, &viewpoint, &played, file.as_deref(), &model, (&layers, policy)))
 }
 

@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use indicatif::ProgressBar;
 use liveview::live::{LiveError, LiveSession};
 use liveview::{Camera, ImageRgb};
@@ -19,6 +19,8 @@ use super::sink::Sink;
 use super::tally::Tally;
 use super::viewpoint::Viewpoint;
 use super::writer::{Shown, write};
+use crate::console::print_message;
+use crate::interrupt::{self, Interrupted};
 use crate::network::Network;
 
 /// Frames between the renderer and the writer.
@@ -40,7 +42,7 @@ pub(super) struct Player<'a> {
 
 impl Player<'_> {
     /// Plays the whole video; its results, and the file or folder written.
-    pub(super) fn play(mut self, gathering: Gathering<'_>, sink: Sink) -> Result<(Played, Option<PathBuf>)> {
+    pub(super) fn play(mut self, gathering: &Arc<Gathering>, sink: Sink) -> Result<(Played, Option<PathBuf>)> {
         let started = Instant::now();
         let target = self.viewpoint.camera(0);
         let (size, clock) = (target.size(), gathering.clock);
@@ -60,9 +62,17 @@ impl Player<'_> {
         // A failure of the writer goes first: rendering then stopped because of it.
         let (written, sink) = written.map_err(|_| anyhow!("the thread that writes the video failed"))??;
         rendered?;
-        let file = if written.frames > 0 { sink.finish()? } else { None };
+        let faults = std::mem::take(&mut *gathering.lock_faults());
+        if self.tally.rendered == 0 {
+            if stopped {
+                return Err(Interrupted.into());
+            }
+            let reasons = [faults.reasons(&gathering.feeds), self.tally.why.unwrap_or_default()];
+            let reasons = reasons.into_iter().filter(|reasons| !reasons.is_empty()).collect::<Vec<_>>().join("; ");
+            bail!("{}: no frame could be rendered: {reasons}", gathering.scene.root.display());
+        }
+        let file = sink.finish()?;
         self.tally.finish()?;
-        let faults = gathering.faults.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
         let Self { tally, changes, .. } = self;
         Ok((Played { tally, written, faults, changes, wall: started.elapsed(), stopped }, file))
     }
@@ -89,7 +99,7 @@ impl Player<'_> {
         Ok(())
     }
 
-    /// Renders a step, or repeats the frame before; false if the writer has stopped.
+    /// Renders a step, or repeats the frame before; false if that was the last, as the writer has stopped or the network was.
     fn render(&mut self, mut step: Step, shown: &SyncSender<Shown>) -> Result<bool> {
         let truth = self.truth.and_then(|truth| step.photos[truth].take());
         let level = self.live.as_ref().map(|(governor, _)| governor.level());
@@ -101,6 +111,10 @@ impl Player<'_> {
                 self.scorer.interrupt();
                 self.tally.repeat(step.index, &error.to_string())?;
                 return Ok(shown.send(Shown::Repeat).is_ok());
+            }
+            Err(error) if interrupt::requested() => {
+                self.bar.suspend(|| print_message("note", format!("frame {} was given up: {error}", step.index)));
+                return Ok(false);
             }
             Err(error) => return Err(error.into()),
         };

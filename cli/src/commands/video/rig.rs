@@ -11,6 +11,7 @@ use liveview::scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource,
 use liveview::{ImageRgb, PhotoCache, Scene, SceneOptions};
 
 use super::feed::{Feed, FirstFrame};
+use super::steps::{align, match_rates};
 use crate::args::scene::SceneArgs;
 
 /// Folders of a rig that may hold its cameras.
@@ -40,22 +41,26 @@ fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)>
         bail!("{}: expected the folder of a rig", root.display());
     }
     let mut feeds = find(root)?;
-    // Where every frame is numbered from 1, or from 100, that is the first.
-    let first = feeds.iter().map(Feed::first).min().unwrap_or(0);
-    feeds.iter_mut().for_each(|feed| feed.counted_from(first));
-    let (count, mut cameras, mut notes) = (feeds.len(), Vec::new(), Vec::new());
+    let mut notes = align(feeds.iter_mut().filter_map(Feed::photos_mut).collect());
+    let (count, mut cameras, mut rates, mut left_out) = (feeds.len(), Vec::new(), Vec::new(), Vec::new());
     for feed in feeds {
-        match feed.first_frame() {
-            Ok(first) => cameras.push(RigCamera { feed, first }),
-            Err(error) => notes.push(format!("camera {} is left out: {error}", feed.name)),
+        match feed.first_frame().and_then(|first| Ok((feed.rate()?, first))) {
+            Ok((rate, first)) => {
+                rates.extend(rate.map(|rate| (feed.name.clone(), rate)));
+                cameras.push(RigCamera { feed, first });
+            }
+            Err(error) => left_out.push(format!("camera {} is left out: {error:#}", feed.name)),
         }
     }
     if cameras.len() < 2 {
-        bail!("{}: {} of {count} cameras can be read; expected 2 or more", root.display(), cameras.len());
+        let (root, read) = (root.display(), cameras.len());
+        bail!("{root}: {read} of {count} cameras can be read; expected 2 or more; {}", left_out.join("; "));
     }
     if cameras.len() < count && root.join("poses_bounds.npy").is_file() {
-        bail!("{}: poses_bounds.npy goes by the order of the cameras, but {}", root.display(), notes.join("; "));
+        bail!("{}: poses_bounds.npy goes by the order of the cameras, but {}", root.display(), left_out.join("; "));
     }
+    notes.extend(left_out);
+    notes.extend(match_rates(cameras.iter_mut().map(|camera| &mut camera.feed), &rates));
     let photos = Arc::new(RigPhotos { cameras });
     let mut scene = Scene::open_with(root, photos.clone(), options).map_err(|error| match error {
         SceneError::NoScene { .. } => anyhow!(

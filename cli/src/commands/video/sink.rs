@@ -7,23 +7,24 @@ use anyhow::{Context, Result, bail};
 use liveview::ImageRgb;
 use liveview::geometry::Size;
 
+use crate::args::frame_rate::FrameRate;
 use crate::ffmpeg::{Encoder, is_video};
 
 /// A video being written, frame by frame.
 pub(super) enum Sink {
     Folder { path: PathBuf, frames: usize },
     Video(Encoder),
-    Y4m { pipe: BufWriter<std::io::Stdout>, fps: usize, frames: usize },
+    Y4m { pipe: BufWriter<std::io::Stdout>, rate: FrameRate, frames: usize },
 }
 
 impl Sink {
     /// By the name: `-` is raw y4m on standard output, .mp4 and .gif go through ffmpeg, all else is a folder.
-    pub(super) fn new(path: &Path, fps: usize) -> Result<Self> {
+    pub(super) fn new(path: &Path, rate: FrameRate) -> Result<Self> {
         if path == Path::new("-") {
-            return Ok(Self::Y4m { pipe: BufWriter::new(std::io::stdout()), fps, frames: 0 });
+            return Ok(Self::Y4m { pipe: BufWriter::new(std::io::stdout()), rate, frames: 0 });
         }
         if is_video(path) {
-            return Ok(Self::Video(Encoder::new(path, fps)?));
+            return Ok(Self::Video(Encoder::new(path, rate)?));
         }
         if path.is_file() || path.extension().is_some() && !path.is_dir() {
             bail!(
@@ -52,6 +53,11 @@ impl Sink {
         Ok(())
     }
 
+    /// Whether frames are shown as they come.
+    pub(super) fn is_watched(&self) -> bool {
+        matches!(self, Self::Y4m { .. })
+    }
+
     /// Adds a frame; false if the reader of standard output has closed it.
     pub(super) fn add(&mut self, picture: &ImageRgb) -> Result<bool> {
         match self {
@@ -60,12 +66,15 @@ impl Sink {
                 *frames += 1;
             }
             Self::Video(video) => video.add(picture)?,
-            Self::Y4m { pipe, fps, frames } => {
+            Self::Y4m { pipe, rate, frames } => {
                 let mut bytes = Vec::new();
                 if *frames == 0 {
                     let (width, height) = (picture.width(), picture.height());
-                    bytes = format!("YUV4MPEG2 W{width} H{height} F{fps}:1 Ip A1:1 C444 XCOLORRANGE=LIMITED\n")
-                        .into_bytes();
+                    bytes = format!(
+                        "YUV4MPEG2 W{width} H{height} F{}:{} Ip A1:1 C444 XCOLORRANGE=LIMITED\n",
+                        rate.frames, rate.seconds
+                    )
+                    .into_bytes();
                 }
                 *frames += 1;
                 y4m_frame(picture, &mut bytes);

@@ -68,7 +68,12 @@ pub(super) fn summary(
     let mut cameras = Vec::new();
     for (feed, (count, first)) in rig.feeds.iter().zip(&faults.cameras) {
         if let Some(first) = first {
-            line("camera", format!("{}: {count} frames not delivered; the first: {first}", feed.name));
+            let missing = match count {
+                0 => String::new(),
+                1 => "1 frame not delivered: ".to_owned(),
+                count => format!("{count} frames not delivered; the first: "),
+            };
+            line("camera", format!("{}: {missing}{first}", feed.name));
             cameras.push(json!({ "camera": feed.name, "not_delivered": count, "first": first }));
         }
     }

@@ -53,6 +53,8 @@ impl Latencies {
 pub(super) struct Tally {
     pub(super) rendered: usize,
     pub(super) repeated: usize,
+    /// Why the first of these was.
+    pub(super) why: Option<String>,
     pub(super) dropped: usize,
     layer_sources: BTreeMap<String, usize>,
     refreshed: f64,
@@ -107,6 +109,7 @@ impl Tally {
 
     pub(super) fn repeat(&mut self, step: usize, why: &str) -> Result<()> {
         self.repeated += 1;
+        self.why.get_or_insert_with(|| why.to_owned());
         self.line(json!({ "frame": step, "layers_from": "repeated", "why": why }))
     }
 

@@ -38,8 +38,9 @@ pub(super) fn write(
     stop: &AtomicBool,
 ) -> Result<(Written, Sink)> {
     let mut written = Written { latencies: Latencies::new(), encoding: Duration::ZERO, frames: 0 };
-    // Black until there is a first frame.
+    // Black until there is a first frame. Where nobody watches it is not written before: there may never be one.
     let mut last = ImageRgb::new(size.width, size.height, vec![0.0; 3 * size.pixels()])?;
+    let (black, mut held_back) = (last.clone(), Some(0));
     for shown in frames {
         let started = Instant::now();
         let mut due = None;
@@ -49,9 +50,18 @@ pub(super) fn write(
             if last.size() != size {
                 last = last.resized(size.width, size.height)?;
             }
+        } else if let Some(frames) = held_back.as_mut().filter(|_| !sink.is_watched()) {
+            *frames += 1;
+            continue;
         }
-        let wanted = sink.add(&last).inspect_err(|_| stop.store(true, Ordering::Relaxed))?;
-        written.frames += 1;
+        let mut add = |picture: &ImageRgb| {
+            written.frames += 1;
+            sink.add(picture).inspect_err(|_| stop.store(true, Ordering::Relaxed))
+        };
+        for _ in 0..held_back.take().unwrap_or(0) {
+            add(&black)?;
+        }
+        let wanted = add(&last)?;
         written.encoding += started.elapsed();
         if let Some(due) = due {
             written.latencies.add(due.elapsed());

@@ -1,0 +1,101 @@
+//! A tiny camera rig, and a stand-in for ffmpeg.
+
+use std::fs;
+use std::path::PathBuf;
+
+use assert_cmd::Command;
+use serde_json::Value;
+
+use super::{Folders, HEIGHT, WIDTH, fixture, photo};
+
+/// Six cameras in a row before a wall, each a folder of frames; `cam2` to hold out.
+pub(crate) struct Rig {
+    pub(crate) folders: Folders,
+}
+
+impl Rig {
+    pub(crate) fn new(frames: usize) -> Self {
+        let rig = Self { folders: Folders::new() };
+        fs::remove_dir_all(rig.path().join("images")).unwrap();
+        for camera in 0..6 {
+            fs::create_dir(rig.path().join(format!("cam{camera}"))).unwrap();
+            for frame in 0..frames {
+                rig.film(camera, frame, 0.0);
+            }
+        }
+        rig.write_poses(6);
+        rig
+    }
+
+    pub(crate) fn path(&self) -> PathBuf {
+        self.folders.scene()
+    }
+
+    pub(crate) fn frame(&self, camera: usize, frame: usize) -> PathBuf {
+        self.path().join(format!("cam{camera}/{frame:03}.png"))
+    }
+
+    /// A frame of a wall that has moved sideways.
+    pub(crate) fn film(&self, camera: usize, frame: usize, moved: f64) {
+        photo(&self.frame(camera, frame), 0.1 * camera as f64 + moved, WIDTH, HEIGHT);
+    }
+
+    /// A video file in place of each camera's folder, pixmaps that the stand-in for ffmpeg takes as they are.
+    pub(crate) fn as_videos(&self, frames: usize) {
+        for camera in 0..6 {
+            let mut video = Vec::new();
+            for frame in 0..frames {
+                let picture = image::open(self.frame(camera, frame)).unwrap().into_rgb8();
+                video.extend(format!("P6\n{WIDTH} {HEIGHT}\n255\n").bytes());
+                video.extend(picture.as_raw());
+            }
+            fs::remove_dir_all(self.path().join(format!("cam{camera}"))).unwrap();
+            fs::write(self.path().join(format!("cam{camera}.mp4")), video).unwrap();
+        }
+    }
+
+    pub(crate) fn write_poses(&self, cameras: usize) {
+        let frame = |camera: usize| {
+            let x = 0.1 * camera as f64;
+            format!(
+                r#"{{"file_path": "cam{camera}/000.png", "transform_matrix": [[1, 0, 0, {x}], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}}"#
+            )
+        };
+        let frames = (0..cameras).map(frame).collect::<Vec<_>>().join(",\n");
+        let head = r#""fl_x": 60, "fl_y": 60, "cx": 32, "cy": 24, "w": 64, "h": 48, "near": 2, "far": 8"#;
+        fs::write(self.path().join("transforms.json"), format!("{{{head}, \"frames\": [{frames}]}}")).unwrap();
+    }
+
+    pub(crate) fn video(&self, arguments: &[&str]) -> Command {
+        let mut video = self.folders.liveview("video", arguments);
+        video.args(["--model", &fixture("tiny_v4"), "--threads", "2"]);
+        video
+    }
+
+    /// Its report, once it has succeeded.
+    pub(crate) fn told(&self, arguments: &[&str]) -> Value {
+        let output = self.video(arguments).arg("--json").output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{said}");
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+}
+
+/// A stand-in for ffmpeg: what it reads, as a video of the pixmaps in its input, 30 a second; what it writes, its input as it is.
+/// Of what it reads, `$2` is the input and `$all` its arguments; `script` comes before the rest.
+pub(crate) fn ffmpeg(folders: &Folders, script: &str) -> String {
+    folders.ffmpeg(&format!(
+        r#"all="$*"
+for last; do :; done
+if [ "$last" = - ]; then
+    while [ "$1" != -i ]; do shift; done
+fi
+{script}
+if [ "$last" = - ]; then
+    case "$2" in /*) ;; *:*) echo "$2: Protocol not found" >&2; exit 1;; esac
+    case "$all" in *yuv4mpegpipe*) echo YUV4MPEG2 F30:1; exit;; esac
+    exec /bin/cat "$2"
+fi
+exec /bin/cat > "$last""#
+    ))
+}
