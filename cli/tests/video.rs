@@ -154,8 +154,15 @@ fn live_frames_are_paced_and_late_ones_dropped() {
     assert_eq!((told["rendered"].as_u64(), told["dropped"].as_u64()), (Some(12), Some(0)), "{told}");
     assert!(told["latency_ms"]["median"].as_u64().is_some() && told["mean"]["psnr"].is_null());
     // Too fast for any machine: the work goes down, frames are dropped, and every one has its place in the video.
-    let told =
-        rig.told(&["--camera", "cam2", "--fps", "256", "--latency", "1ms", "--layers", "planes:512", "-o", &out]);
+    let mut video =
+        rig.video(&["--camera", "cam2", "--fps", "256", "--latency", "1ms", "--layers", "planes:512", "-o", &out]);
+    let output = video.arg("--json").output().unwrap();
+    if output.status.code() == Some(2) {
+        // On a machine with much else to do all of them.
+        let said = String::from_utf8_lossy(&output.stderr);
+        return assert!(said.contains("no frame could be rendered") && said.contains("late"), "{said}");
+    }
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(told["dropped"].as_u64().unwrap() > 0, "{told}");
     let sum = ["rendered", "repeated"].map(|key| told[key].as_u64().unwrap()).iter().sum::<u64>();
     assert_eq!(told["frames"].as_u64(), Some(sum), "{told}");
@@ -192,7 +199,7 @@ fn refusals() {
 #[test]
 fn video_files_with_poses_bounds_open_as_they_are() {
     let rig = Rig::new(3);
-    rig.as_videos(3);
+    rig.as_videos(&[3; 6]);
     let cut = rig.path().join("cam4.mp4");
     let video = fs::read(&cut).unwrap();
     fs::write(&cut, &video[..video.len() - 100]).unwrap();
@@ -224,7 +231,7 @@ fn video_files_with_poses_bounds_open_as_they_are() {
 #[test]
 fn a_live_camera_that_stalls_is_left_out_and_no_other() {
     let rig = Rig::new(12);
-    rig.as_videos(12);
+    rig.as_videos(&[12; 6]);
     // The camera next to the viewpoint delivers four frames and no more, without ending.
     let bytes = 4 * (13 + 3 * WIDTH * HEIGHT);
     let path = ffmpeg(

@@ -41,8 +41,8 @@ impl Rig {
     }
 
     /// A video file in place of each camera's folder, pixmaps that the stand-in for ffmpeg takes as they are.
-    pub(crate) fn as_videos(&self, frames: usize) {
-        for camera in 0..6 {
+    pub(crate) fn as_videos(&self, frames: &[usize; 6]) {
+        for (camera, &frames) in frames.iter().enumerate() {
             let mut video = Vec::new();
             for frame in 0..frames {
                 let picture = image::open(self.frame(camera, frame)).unwrap().into_rgb8();
@@ -91,6 +91,7 @@ if [ "$last" = - ]; then
     while [ "$1" != -i ]; do shift; done
 fi
 {script}
+case "$last" in ?*:*) case "$last" in /*) ;; *) echo "$last: Protocol not found" >&2; exit 1;; esac;; esac
 if [ "$last" = - ]; then
     case "$2" in /*) ;; *:*) echo "$2: Protocol not found" >&2; exit 1;; esac
     case "$all" in *yuv4mpegpipe*) echo YUV4MPEG2 F30:1; exit;; esac
