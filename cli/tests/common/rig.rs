@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::PathBuf;
+use std::process::Output;
 
 use assert_cmd::Command;
 use serde_json::Value;
@@ -99,4 +100,16 @@ if [ "$last" = - ]; then
 fi
 exec /bin/cat > "$last""#
     ))
+}
+
+/// What a program said on standard error.
+pub(crate) fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// The report of a program, once it has succeeded, and what else it said.
+pub(crate) fn told(command: &mut Command) -> (Value, String) {
+    let output = command.arg("--json").output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    (serde_json::from_slice(&output.stdout).unwrap(), said(&output))
 }

@@ -68,7 +68,9 @@ impl Player<'_> {
                 return Err(Interrupted.into());
             }
             let reasons = [faults.reasons(&gathering.feeds), self.tally.why.unwrap_or_default()];
-            let reasons = reasons.into_iter().filter(|reasons| !reasons.is_empty()).collect::<Vec<_>>().join("; ");
+            let reasons: Vec<String> = reasons.into_iter().filter(|reasons| !reasons.is_empty()).collect();
+            let ended = || format!("no camera has a frame from time step {first} on");
+            let reasons = if reasons.is_empty() { ended() } else { reasons.join("; ") };
             bail!("{}: no frame could be rendered: {reasons}", gathering.scene.root.display());
         }
         let file = sink.finish()?;

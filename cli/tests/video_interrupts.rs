@@ -1,0 +1,112 @@
+//! Videos that are interrupted, and what could keep them from ending: the file is whole, or there is none.
+#![cfg(target_os = "linux")]
+
+mod common;
+
+use std::fs;
+use std::process::{Child, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use assert_cmd::Command;
+use common::rig::{Rig, ffmpeg, said, told};
+use common::{HEIGHT, WIDTH, fixture};
+use liveview::fs::atomic::TEMPORARY;
+use serde_json::Value;
+
+/// Bytes of a frame as it goes to ffmpeg.
+const FRAME: u64 = 3 * WIDTH as u64 * HEIGHT as u64;
+
+/// The program, started; to be sent signals.
+fn start(rig: &Rig, command: &str, model: &str, path: &str, arguments: &[&str]) -> Child {
+    let mut started = std::process::Command::new(env!("CARGO_BIN_EXE_liveview"));
+    started.arg(command).arg(rig.path()).args(arguments).args(["--json", "--model", &fixture(model)]).env("PATH", path);
+    started.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+/// Sends a signal once `is_ready`, and waits for the end.
+fn signalled(child: Child, signal: &str, is_ready: impl Fn() -> bool) -> Output {
+    while !is_ready() {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    Command::new("/bin/kill").args([signal, &child.id().to_string()]).assert().success();
+    child.wait_with_output().unwrap()
+}
+
+/// Processor time that a process has taken, in hundredths of a second.
+fn ticks(process: u32) -> u64 {
+    let stat = fs::read_to_string(format!("/proc/{process}/stat")).unwrap();
+    stat.rsplit_once(") ").unwrap().1.split(' ').nth(11).unwrap().parse().unwrap()
+}
+
+/// Whether ffmpeg has been given a frame or more.
+fn is_begun(rig: &Rig) -> bool {
+    let written = rig.folders.written();
+    written.iter().any(|name| fs::metadata(rig.folders.out(name)).is_ok_and(|file| file.len() >= FRAME))
+}
+
+/// A video of as many frames as it says, and nothing beside it.
+fn assert_whole(rig: &Rig, output: &Output) {
+    assert_eq!(output.status.code(), Some(0), "{}", said(output));
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(told["stopped"] == true, "{told}");
+    assert_eq!(rig.folders.written(), ["a.mp4"]);
+    assert_eq!(fs::metadata(rig.folders.out("a.mp4")).unwrap().len(), told["frames"].as_u64().unwrap() * FRAME);
+}
+
+#[test]
+fn every_signal_that_asks_for_the_end_leaves_a_whole_video() {
+    let rig = Rig::new(100);
+    let (film, path) = (rig.folders.out("a.mp4"), ffmpeg(&rig.folders, ""));
+    for signal in ["-TERM", "-HUP", "-INT"] {
+        let live = ["--camera", "cam2", "--fps", "5", "--latency", "1s", "-o", &film];
+        let video = start(&rig, "video", "tiny_v4", &path, &live);
+        assert_whole(&rig, &signalled(video, signal, || is_begun(&rig)));
+        fs::remove_file(&film).unwrap();
+    }
+}
+
+#[test]
+fn a_camera_that_stalls_for_ever_keeps_nothing_going() {
+    let rig = Rig::new(8);
+    fs::remove_file(rig.frame(1, 5)).unwrap();
+    Command::new("mkfifo").arg(rig.frame(1, 5)).assert().success();
+    let (film, path) = (rig.folders.out("a.mp4"), ffmpeg(&rig.folders, ""));
+    let mut live = rig.video(&["--camera", "cam2", "--fps", "10", "--latency", "1s", "-o", &film]);
+    let (told, _) = told(live.env("PATH", &path).timeout(Duration::from_secs(60)));
+    let fault = &told["faults"][0];
+    assert!(fault["camera"] == "cam1" && fault["not_delivered"] == 3, "{told}");
+    fs::remove_file(&film).unwrap();
+    // Without a clock it is waited for, until the one Ctrl-C.
+    let video = start(&rig, "video", "tiny_v4", &path, &["--camera", "cam2", "-o", &film]);
+    assert_whole(&rig, &signalled(video, "-INT", || is_begun(&rig)));
+}
+
+#[test]
+fn what_hangs_ends_after_one_interrupt() {
+    let rig = Rig::new(30);
+    let (film, frames) = (rig.folders.out("a.mp4"), rig.folders.out("frames"));
+    let hanging = ffmpeg(&rig.folders, "[ \"$last\" = - ] || exec /bin/sleep 600");
+    let started = Instant::now();
+    let video = ["--camera", "cam2", "-o"];
+    let encoder = start(&rig, "video", "tiny_v4", &hanging, &[&video[..], &[&film]].concat());
+    let model = start(&rig, "video", "endless_v4", "", &[&video[..], &[&frames]].concat());
+    // All that it does before takes far less.
+    let process = model.id();
+    let model = std::thread::spawn(move || signalled(model, "-TERM", || ticks(process) > 300));
+    let encoder = signalled(encoder, "-INT", || !rig.folders.written().is_empty());
+    let model = model.join().unwrap();
+    assert!(started.elapsed() < Duration::from_secs(120));
+    assert_eq!(
+        (encoder.status.code(), model.status.code()),
+        (Some(2), Some(130)),
+        "{}",
+        said(&encoder) + &said(&model)
+    );
+    assert!(said(&encoder).contains("a.mp4: ffmpeg did nothing for too long, and was ended"), "{}", said(&encoder));
+    assert!(
+        said(&model).contains("note: frame 0 was given up") && said(&model).ends_with("error: interrupted\n"),
+        "{}",
+        said(&model)
+    );
+    assert!(!rig.folders.written().iter().any(|name| name.contains(TEMPORARY)), "{:?}", rig.folders.written());
+}
