@@ -44,6 +44,12 @@ pub(crate) fn watch(runs: Vec<RunEnd>) -> Result<Arc<AtomicBool>> {
     Ok(Arc::clone(stop))
 }
 
+/// Whether signals are watched for; without, they end the program at once.
+#[cfg(unix)]
+pub(crate) fn is_watched() -> bool {
+    STOP.get().is_some()
+}
+
 /// Whether a signal has come since [`watch`].
 pub(crate) fn requested() -> bool {
     STOP.get().is_some_and(|stop| stop.load(Ordering::Relaxed))

@@ -32,7 +32,7 @@ impl Decoder {
     fn start_with(path: &Path, options: &[&str]) -> Result<Self> {
         let mut command = command(&format!("{}: videos are read by ffmpeg, which is not on the PATH", path.display()))?;
         // Absolute: of a path that begins with a name and a colon ffmpeg would take the name for a protocol's.
-        command.arg("-i").arg(std::path::absolute(path)?).args(["-map", "0:v:0"]).args(options).arg("-");
+        command.arg("-i").arg(std::path::absolute(path)?).arg("-an").args(options).arg("-");
         detach(&mut command);
         let process = Process::start(command.stdin(Stdio::null()).stdout(Stdio::piped()), None)?;
         let pipe = process.with_child(|child| child.stdout.take()).expect("piped");

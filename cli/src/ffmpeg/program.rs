@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 use std::process::Command;
 
+#[cfg(unix)]
+use crate::interrupt;
+
 /// The program, if it is on the PATH.
 pub(super) fn program() -> Option<PathBuf> {
     let folders = std::env::var_os("PATH").unwrap_or_default();
@@ -10,11 +13,13 @@ pub(super) fn program() -> Option<PathBuf> {
     std::env::split_paths(&folders).map(|folder| folder.join(&name)).find(|file| file.is_file())
 }
 
-/// Puts a program to be started into a process group of its own, so that a Ctrl-C at the terminal does not end it: it ends with its
-/// input, or when it is killed.
+/// Where the program ends in its own time at a Ctrl-C, puts one to be started into a process group of its own, so that a Ctrl-C at the
+/// terminal does not end it: it ends with its input, or when it is killed.
 pub(super) fn detach(command: &mut Command) {
     #[cfg(unix)]
-    std::os::unix::process::CommandExt::process_group(command, 0);
+    if interrupt::is_watched() {
+        std::os::unix::process::CommandExt::process_group(command, 0);
+    }
     #[cfg(not(unix))]
     let _ = command;
 }

@@ -54,9 +54,9 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let mut session = LiveSession::new(cameras, renderers, settings)?;
     let target = viewpoint.camera(0);
     sink.claim(&rig.photos.scene().root, target.size())?;
+    let stop = interrupt::watch(runs)?;
     let tally = Tally::new(args.log.as_deref())?;
 
-    let stop = interrupt::watch(runs)?;
     let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
     let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
     let (first, last) = args.frames.as_ref().map_or((0, all), |range| (range.start, range.end.min(all)));
