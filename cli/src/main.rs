@@ -10,6 +10,7 @@ mod measure;
 mod network;
 mod npz;
 mod ort_wheel;
+mod outputs;
 mod statistics;
 mod svg;
 mod worker_process;

@@ -1,14 +1,21 @@
 //! Worker processes that answer requests in JSON lines: those of `liveview sweep`, and the Python references.
 
+use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 
 /// The program and arguments of a command line without quotes.
-pub(crate) fn words(command: &str) -> Vec<String> {
-    command.split_whitespace().map(str::to_owned).collect()
+pub(crate) fn words(command: &str) -> Vec<OsString> {
+    command.split_whitespace().map(OsString::from).collect()
+}
+
+/// A path as a worker is told it: JSON holds no other letters than UTF-8.
+pub(crate) fn text_of(path: &Path) -> Result<&str> {
+    path.to_str().with_context(|| format!("{}: cannot be told to a worker; expected a path in UTF-8", path.display()))
 }
 
 /// A process that answers requests; dropped, it is waited for.
@@ -22,12 +29,11 @@ pub(crate) struct WorkerProcess {
 impl WorkerProcess {
     /// Starts a command, sends it its job if there is one, and waits until it is ready; returns its first line, which describes it.
     /// `name` is for errors.
-    pub(crate) fn start(name: &str, command: &[String], job: Option<&Value>) -> Result<(Self, Value)> {
-        let (program, args) =
-            command.split_first().map_or(("", [].as_slice()), |(program, args)| (program.as_str(), args));
+    pub(crate) fn start(name: &str, command: &[OsString], job: Option<&Value>) -> Result<(Self, Value)> {
+        let (program, args) = command.split_first().context("expected a command")?;
         let mut command = Command::new(program);
         command.args(args).stdin(Stdio::piped()).stdout(Stdio::piped());
-        let mut process = command.spawn().with_context(|| format!("{program}: cannot be started"))?;
+        let mut process = command.spawn().with_context(|| format!("{}: cannot be started", program.display()))?;
         let (Some(to), Some(from)) = (process.stdin.take(), process.stdout.take()) else { unreachable!("both piped") };
         let mut worker = Self { process, to: Some(to), from: BufReader::new(from), name: name.to_owned() };
         if let Some(job) = job {

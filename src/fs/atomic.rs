@@ -1,4 +1,4 @@
-//! Files written whole or not at all: under a temporary name first, then renamed.
+//! Files written whole or not at all: under a temporary name first, then renamed. A device or a pipe is written to as it is.
 
 use std::ffi::OsString;
 use std::fs::{File, OpenOptions};
@@ -11,11 +11,12 @@ use tempfile::TempPath;
 pub const TEMPORARY: &str = ".liveview-tmp-";
 
 /// A file being written under a temporary name of its own, in the folder of the final file. Dropped without
-/// [`AtomicFile::finish`] it is deleted.
+/// [`AtomicFile::finish`] it is deleted. Of a [special file](is_special) nothing is replaced: what is written goes there at once.
 #[derive(Debug)]
 pub struct AtomicFile {
     file: BufWriter<File>,
-    temporary: TempPath,
+    /// `None` for a special file.
+    temporary: Option<TempPath>,
     path: PathBuf,
     /// Where the next byte goes.
     position: u64,
@@ -23,12 +24,16 @@ pub struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Starts the file that will be `path`. The temporary name has the same ending.
+    /// Starts the file that will be `path`. The temporary name has the same ending. A pipe is waited for until it is read.
     ///
     /// # Errors
     ///
-    /// Those of creating a file in `path`'s folder.
+    /// Those of creating a file in `path`'s folder, or of opening a special file.
     pub fn create(path: &Path) -> io::Result<Self> {
+        if is_special(path) {
+            let file = BufWriter::new(OpenOptions::new().append(true).open(path)?);
+            return Ok(Self { file, temporary: None, path: path.to_owned(), position: 0, failed: false });
+        }
         let mut ending = OsString::new();
         if let Some(extension) = path.extension() {
             ending.push(".");
@@ -39,12 +44,13 @@ impl AtomicFile {
         let open = |name: &Path| OpenOptions::new().write(true).create_new(true).open(name);
         let made = tempfile::Builder::new().prefix(TEMPORARY).suffix(&ending).make_in(folder, open)?;
         let (file, temporary) = made.into_parts();
-        Ok(Self { file: BufWriter::new(file), temporary, path: path.to_owned(), position: 0, failed: false })
+        let file = BufWriter::new(file);
+        Ok(Self { file, temporary: Some(temporary), path: path.to_owned(), position: 0, failed: false })
     }
 
     /// The temporary name, for a program that writes the file itself.
     pub fn temporary(&self) -> &Path {
-        &self.temporary
+        self.temporary.as_deref().unwrap_or(&self.path)
     }
 
     /// Gives the file its name; a file of that name is replaced.
@@ -54,14 +60,35 @@ impl AtomicFile {
     /// Those of writing what was buffered, of storing it (some file systems report only then that they are full) and of renaming.
     /// The temporary file is deleted then, and a file that already had the name is unchanged.
     pub fn finish(self) -> io::Result<()> {
+        self.finish_open().map(drop)
+    }
+
+    /// As [`AtomicFile::finish`]; the file stays open, to be written on.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`AtomicFile::finish`].
+    pub fn finish_open(self) -> io::Result<File> {
         if self.failed {
             return Err(io::Error::other("an earlier write failed"));
         }
         let file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
-        file.sync_data()?;
-        drop(file);
-        self.temporary.persist(&self.path).map_err(|refused| refused.error)
+        if let Some(temporary) = self.temporary {
+            file.sync_data()?;
+            temporary.persist(&self.path).map_err(|refused| refused.error)?;
+        }
+        Ok(file)
     }
+}
+
+/// Whether a path names a device, a pipe or a file that this process has open (`/dev/stderr`): what must not be replaced.
+pub fn is_special(path: &Path) -> bool {
+    let of_process = |path: &Path| path.starts_with("/proc");
+    let open = || {
+        path.read_link().is_ok_and(|target| of_process(&target))
+            || path.parent().and_then(|folder| folder.canonicalize().ok()).is_some_and(|folder| of_process(&folder))
+    };
+    path.metadata().is_ok_and(|about| !about.is_dir() && (!about.is_file() || open()))
 }
 
 /// After the first error, which is returned, nothing more is written and every call succeeds: a dropped archive writer tries to
@@ -132,6 +159,25 @@ mod tests {
         assert_eq!(std::fs::read(&path).unwrap(), b"third");
         drop(second);
         assert_eq!((std::fs::read(&path).unwrap(), names(root.path())), (b"third".to_vec(), vec!["a.txt".to_owned()]));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn special_files_are_not_replaced() {
+        let root = tempfile::tempdir().unwrap();
+        let [null, own] = ["null", "own"].map(|name| root.path().join(name));
+        std::os::unix::fs::symlink("/dev/null", &null).unwrap();
+        write(&null, b"text").unwrap();
+        assert!(null.symlink_metadata().unwrap().is_symlink() && is_special(&null));
+        write(&own, b"first ").unwrap();
+        assert!(!is_special(&own));
+        let open = OpenOptions::new().append(true).open(&own).unwrap();
+        let path = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&open));
+        if Path::new(&path).exists() {
+            write(path.as_ref(), b"second").unwrap();
+            assert_eq!(std::fs::read(&own).unwrap(), b"first second");
+        }
+        assert_eq!(names(root.path()).len(), 2);
     }
 
     #[test]

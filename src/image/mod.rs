@@ -13,7 +13,7 @@ pub use colormap::{bar_chart, coloured, difference, side_by_side};
 #[cfg(fuzzing)]
 pub(crate) use decode::{decode, size_of};
 pub use decode::{load, read_size};
-pub use encode::{encode, encode_gray16_png};
+pub use encode::{encode, encode_gray16_png, has_mark};
 pub use error::ImageError;
 pub use inpaint::inpaint_unseen;
 pub use metrics::{Score, psnr, ssim};

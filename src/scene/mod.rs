@@ -86,14 +86,15 @@ impl Scene {
         Ok(Self { root: path.to_owned(), format, views, notes, photos })
     }
 
-    /// Index of the view with this name, file name, or file name without extension.
+    /// Index of the view with this name, file name, file name without extension, or name as its source has it (`images/1.png`).
     ///
     /// # Errors
     ///
     /// [`SceneError::UnknownView`] if none or several match, listing the closest names.
     pub fn view_index(&self, name: &str) -> Result<usize, SceneError> {
         let names: Vec<&str> = self.views.iter().map(|view| view.name.as_str()).collect();
-        view_names::index_of(&names, name)
+        let listed = || self.views.iter().position(|view| view.photo() == name.strip_prefix("./").unwrap_or(name));
+        view_names::index_of(&names, name).or_else(|unknown| listed().ok_or(unknown))
     }
 
     /// Decodes the photo of a view: distortion undone, then scaled down to the size of its camera.

@@ -1,6 +1,7 @@
 //! Options of the model, ONNX Runtime and threads.
 
-use std::path::PathBuf;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::Args;
@@ -11,9 +12,10 @@ use liveview::{LayerSpec, Model, ModelOptions};
 use super::model_info::{ModelInfo, OpenedModel};
 use super::model_names::{AlphaName, NetworkName, PrecisionName, ProviderChoice, ProviderName, flag};
 use super::numbers;
-use crate::console::{print_message, shown};
+use crate::console::print_message;
 use crate::network::Network;
 use crate::ort_wheel::wheel;
+use crate::outputs::Claims;
 
 /// Options that choose the model and how it is run.
 #[derive(Debug, Args)]
@@ -54,24 +56,30 @@ pub(crate) struct ModelArgs {
 }
 
 impl ModelArgs {
+    /// Protects the files of the model and of the engine.
+    pub(crate) fn protect(&self, claims: &mut Claims, model: Option<&Path>) {
+        claims.protect("--model", model);
+        claims.protect("--ort-lib", self.ort_lib.as_deref());
+    }
+
     /// Whether there is no network.
     pub(crate) fn without_network(&self) -> bool {
         self.network.is_some()
     }
 
     /// The same options on a command line, without a network.
-    pub(crate) fn to_args_without_network(&self, views: usize) -> Vec<String> {
+    pub(crate) fn to_args_without_network(&self, views: usize) -> Vec<OsString> {
         let [threads, batch] = [self.threads(), self.batch];
         vec![
             "--network=none".into(),
-            format!("--views={views}"),
-            format!("--threads={threads}"),
-            format!("--batch={batch}"),
+            format!("--views={views}").into(),
+            format!("--threads={threads}").into(),
+            format!("--batch={batch}").into(),
         ]
     }
 
     /// The same options on a command line, on another engine if one is named.
-    pub(crate) fn to_args(&self, other: Option<ProviderChoice>) -> Vec<String> {
+    pub(crate) fn to_args(&self, other: Option<ProviderChoice>) -> Vec<OsString> {
         if self.without_network() {
             return self.to_args_without_network(self.views_or_default());
         }
@@ -82,8 +90,12 @@ impl ModelArgs {
         args.extend(precision.and_then(|precision| flag("precision", &precision)));
         args.extend(self.alpha.and_then(|alpha| flag("alpha", &alpha)));
         args.extend(self.views.map(|views| format!("--views={views}")));
-        args.extend(self.model.as_ref().map(|model| format!("--model={}", shown(model))));
-        args.extend(self.ort_lib.as_ref().map(|library| format!("--ort-lib={}", shown(library))));
+        let mut args: Vec<OsString> = args.into_iter().map(OsString::from).collect();
+        for (option, file) in [("--model=", &self.model), ("--ort-lib=", &self.ort_lib)] {
+            args.extend(
+                file.as_ref().map(|file| [option.as_ref(), file.as_os_str()].into_iter().collect::<OsString>()),
+            );
+        }
         args
     }
 

@@ -1,12 +1,11 @@
-//! Output files: one file, or a folder of them; checked before any work.
+//! Output files: one file, or a folder of them.
 
-use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow, bail};
-use liveview::fs::atomic::{self, AtomicFile};
-use liveview::{Scene, Shot};
+use liveview::Shot;
+use liveview::fs::atomic;
 
 /// One file, or a folder of them.
 pub(crate) enum Place {
@@ -20,6 +19,7 @@ pub(crate) type Variant = (&'static str, Option<&'static str>);
 impl Place {
     /// A folder if there is one of that name, or the name has no extension; else a file, with one of these endings.
     pub(crate) fn new(option: &str, path: &Path, endings: &[&str]) -> Result<Self> {
+        refuse_stdout(option, path)?;
         if path.is_dir() || path.as_os_str().to_string_lossy().ends_with('/') || path.extension().is_none() {
             return Ok(Self::Folder(path.to_owned()));
         }
@@ -48,34 +48,18 @@ impl Place {
     }
 }
 
-/// The files of all photos of a scene, which nothing may overwrite.
-pub(crate) fn photo_files(scene: &Scene) -> HashSet<PathBuf> {
-    scene.views.iter().filter_map(|view| view.image_path().canonicalize().ok()).collect()
-}
-
-/// Refuses a file that cannot be written or is one of the `photos`; creates missing folders.
-pub(crate) fn claim(option: &str, file: &Path, photos: &HashSet<PathBuf>) -> Result<()> {
-    let folder = file.parent().unwrap_or(Path::new(""));
-    let refused = |why: String| anyhow!("{option} {}: cannot be written: {why}", file.display());
-    if folder.exists() && !folder.is_dir() {
-        return Err(refused(format!("{} is a file; expected a folder", folder.display())));
-    }
-    if file.is_dir() {
-        return Err(refused("it is a folder; expected a file, or nothing yet".to_owned()));
-    }
-    std::fs::create_dir_all(folder)
-        .and_then(|()| AtomicFile::create(file).map(drop))
-        .map_err(|error| refused(error.to_string()))?;
-    if file.canonicalize().is_ok_and(|taken| photos.contains(&taken)) {
-        bail!("{option} {}: would overwrite a photo of the scene; expected another place", file.display());
+/// Refuses `-`, which would be taken for standard output.
+pub(crate) fn refuse_stdout(option: &str, path: &Path) -> Result<()> {
+    if path == Path::new("-") {
+        bail!("{option} -: nothing goes to standard output; expected a file or a folder (./- is one of that name)");
     }
     Ok(())
 }
 
-/// Refuses, before any work, a name that is not of a PNG, or a file that cannot be written.
-pub(crate) fn claim_png(option: &str, file: &Path, scene: &Scene) -> Result<()> {
+/// Refuses a name that is not of a PNG.
+pub(crate) fn expect_png(option: &str, file: &Path) -> Result<()> {
     match Place::new(option, file, &["png"])? {
-        Place::File(file) => claim(option, &file, &photo_files(scene)),
+        Place::File(_) => Ok(()),
         Place::Folder(path) => bail!("{option} {}: expected a name that ends in .png", path.display()),
     }
 }

@@ -7,7 +7,6 @@ use clap::Args;
 use liveview::{PhotoCache, Scene, SceneOptions};
 
 use super::numbers;
-use crate::console::shown;
 
 /// Options that say what the scene is.
 #[derive(Debug, Args)]
@@ -37,9 +36,9 @@ impl SceneArgs {
         &self.scene
     }
 
-    /// These options as arguments of a command line.
+    /// These options as arguments of a command line, without the folder.
     pub(crate) fn to_args(&self) -> Vec<String> {
-        let mut args = vec![shown(&self.scene), format!("--rig-position={}", self.rig_position)];
+        let mut args = vec![format!("--rig-position={}", self.rig_position)];
         args.extend(self.width.map(|width| format!("--width={width}")));
         args.extend(self.images.as_ref().map(|images| format!("--images={images}")));
         args.extend(self.near.map(|near| format!("--near={near}")));

@@ -1,7 +1,7 @@
 //! What to render: held-out views, poses from a file, or a path.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::Args;
@@ -16,7 +16,7 @@ use super::numbers;
 #[group(required = true, multiple = false)]
 pub(crate) struct TargetArgs {
     /// A view of the scene, by name; it is held out: never rendered from. Several are held out together
-    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    #[arg(long, value_name = "NAME,…")]
     target: Vec<String>,
     /// Every Nth view in name order, from the first on, each rendered from those not held out (the LLFF protocol)
     #[arg(long, value_name = "N", value_parser = numbers::count)]
@@ -50,6 +50,11 @@ impl TargetArgs {
         self.pose.is_none() && self.path.is_none()
     }
 
+    /// The file of `--pose`.
+    pub(crate) fn pose(&self) -> Option<&Path> {
+        self.pose.as_deref()
+    }
+
     /// The targets.
     pub(crate) fn resolve(&self, photos: &PhotoCache) -> Result<Targets> {
         let scene = photos.scene();
@@ -74,7 +79,26 @@ impl TargetArgs {
     }
 }
 
-/// The views of these names.
-pub(crate) fn named(scene: &Scene, names: &[String]) -> Result<Vec<usize>> {
-    names.iter().map(|name| Ok(scene.view_index(name)?)).collect()
+/// The views of these lists of names, separated by commas; a name may itself hold commas.
+pub(crate) fn named(scene: &Scene, lists: &[String]) -> Result<Vec<usize>> {
+    let mut views = Vec::new();
+    for list in lists {
+        if let Ok(view) = scene.view_index(list) {
+            views.push(view);
+            continue;
+        }
+        let mut rest = Some(list.as_str());
+        while let Some(names) = rest {
+            let ends = || names.match_indices(',').map(|(at, _)| at).chain([names.len()]);
+            let first = ends().find_map(|end| Some((scene.view_index(&names[..end]).ok()?, end)));
+            let (view, end) = match first {
+                Some(found) => found,
+                // Fails, and says which names there are.
+                None => (scene.view_index(&names[..ends().next().unwrap_or(0)])?, names.len()),
+            };
+            views.push(view);
+            rest = names[end..].strip_prefix(',');
+        }
+    }
+    Ok(views)
 }

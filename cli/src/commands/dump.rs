@@ -19,6 +19,7 @@ use crate::args::scene::SceneArgs;
 use crate::console::{Output, print_notes, shown};
 use crate::job::Job;
 use crate::npz::Arrays;
+use crate::outputs::Claims;
 
 /// Options of `liveview dump`.
 #[derive(Debug, Args)]
@@ -96,6 +97,9 @@ pub(crate) fn run(args: &DumpArgs) -> Result<Output> {
     let targets = Targets::held_out(job.scene(), vec![job.scene().view_index(&args.target)?]);
     let Some(shot) = job.synthesizer.shots(targets)?.pop() else { bail!("{}: nothing to render", args.target) };
     print_notes(&job.scene().notes);
+    let mut claims = Claims::new(job.scene());
+    claims.file("-o", &args.output)?;
+    claims.prepare()?;
     job.synthesizer.photos_mut().load_for(&shot, &[])?;
     let mut arrays = Arrays::create(&args.output)?;
     write(&mut job, &shot, &mut arrays)?;

@@ -17,10 +17,11 @@ use ndarray::Array2;
 use serde_json::{Value, json};
 
 use crate::args::model::ModelArgs;
-use crate::args::output::claim_png;
+use crate::args::output::expect_png;
 use crate::args::scene::SceneArgs;
 use crate::console::{Output, print_notes, progress, shown};
 use crate::job::Job;
+use crate::outputs::Claims;
 use crate::statistics::percentile;
 
 const EXAMPLES: &str = "\
@@ -61,7 +62,10 @@ pub(crate) fn run(args: &SelectArgs) -> Result<Output> {
     print_notes(&photos.scene().notes);
     let target = Targets::held_out(photos.scene(), vec![photos.scene().view_index(&args.target)?]);
     if let Some(file) = &args.output {
-        claim_png("-o", file, photos.scene())?;
+        expect_png("-o", file)?;
+        let mut claims = Claims::new(photos.scene());
+        claims.file("-o", file)?;
+        claims.prepare()?;
     }
     let (mut output, picture) = match args.layers {
         LayerSpec::Guided { layers, coarse_planes } => guided(args, photos, target, layers, coarse_planes)?,

@@ -1,16 +1,16 @@
 //! The files of a photo's depth.
 
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use liveview::image::{coloured, encode, encode_gray16_png};
 use liveview::{Scene, ViewDepth};
 use ndarray_npy::WriteNpyExt;
 use serde_json::json;
 
 use super::truth::Truth;
-use crate::args::output::{claim, has_ending, photo_files, stem, write_whole};
+use crate::args::output::{has_ending, refuse_stdout, stem, write_whole};
+use crate::outputs::Claims;
 
 /// What follows the view's name: 16-bit PNG, its scale, the numbers, in colour.
 const ENDINGS: [&str; 4] = [".png", "_scale.json", ".npy", "_colour.png"];
@@ -22,6 +22,7 @@ pub(super) fn claimed(
     views: &[usize],
     truth: Option<&Truth>,
 ) -> Result<Vec<[PathBuf; 4]>> {
+    refuse_stdout("-o", folder)?;
     let shown = folder.display();
     if has_ending(folder, &["png", "npy", "npz", "json"]) && !folder.is_dir() {
         bail!("-o {shown}: expected a folder");
@@ -30,19 +31,15 @@ pub(super) fn claimed(
     if truth.is_some_and(|truth| same(truth.folder())) {
         bail!("-o {shown}: would overwrite the true depth of the scene; expected another place");
     }
-    let (photos, mut taken) = (photo_files(scene), HashSet::new());
+    let mut claims = Claims::new(scene);
     let mut all = Vec::with_capacity(views.len());
     for &view in views {
         let name = &scene.views[view].name;
         let files = ENDINGS.map(|ending| folder.join(stem(name) + ending));
-        for file in &files {
-            claim("-o", file, &photos)?;
-            if !taken.insert(file.clone()) {
-                bail!("-o {}: of {name} and of another photo; expected names that differ", file.display());
-            }
-        }
+        files.iter().try_for_each(|file| claims.file("-o", file)).with_context(|| format!("the depth of {name}"))?;
         all.push(files);
     }
+    claims.prepare()?;
     Ok(all)
 }
 
@@ -57,6 +54,7 @@ pub(super) fn write(files: &[PathBuf; 4], depth: &ViewDepth) -> Result<()> {
         if disparity < 0.0 { 0 } else { ((f64::from(disparity) / f64::from(largest) * 65535.0).round() as u16).max(1) }
     };
     let scale = json!({
+        "liveview": env!("CARGO_PKG_VERSION"),
         "disparity": "value / 65535 * disparity_max = 1 / z, z along the camera's axis; 0: no other photo confirms it",
         "disparity_max": largest, "unit": "1/scene unit", "disparity_per_pixel_of_parallax": depth.found.pixel,
     });

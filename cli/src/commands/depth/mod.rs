@@ -34,10 +34,10 @@ pub(crate) struct DepthArgs {
     #[command(flatten)]
     scene: SceneArgs,
     /// Photos whose depth to write, by name [default: all that are not held out]
-    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    #[arg(long, value_name = "NAME,…")]
     photo: Vec<String>,
     /// Views to hold out, by name: they take no part in the depth of others, as in `render`
-    #[arg(long, value_name = "NAME", value_delimiter = ',', conflicts_with = "heldout")]
+    #[arg(long, value_name = "NAME,…", conflicts_with = "heldout")]
     target: Vec<String>,
     /// Hold out every Nth view in name order, from the first on, as in `render`
     #[arg(long, value_name = "N", value_parser = numbers::count)]

@@ -9,16 +9,17 @@ use liveview::image::{Score, coloured, psnr};
 use liveview::layers::guided::RangeMap;
 use liveview::layers::{Layer, Layers};
 use liveview::network::Alpha;
-use liveview::{Frame, ImageRgb, Plan, Scene, SeenSurface, Shot};
+use liveview::{Frame, ImageRgb, Plan, SeenSurface, Shot};
 use ndarray::{Array2, s};
 use serde_json::{Value, json};
 
 use crate::args::numbers;
-use crate::args::output::claim_png;
+use crate::args::output::expect_png;
 use crate::commands::select::{range_picture, width_in_pixels};
 use crate::console::shown;
 use crate::job::Job;
 use crate::measure::Times;
+use crate::outputs::Claims;
 use crate::statistics::{PixelError, percentile};
 
 /// Options that ask for reasons.
@@ -51,12 +52,13 @@ pub(super) struct Explanation {
 
 impl ExplainArgs {
     /// Checks the options before any work.
-    pub(super) fn claim(&self, shots: &[Shot], scene: &Scene) -> Result<()> {
+    pub(super) fn claim(&self, shots: &[Shot], claims: &mut Claims) -> Result<()> {
         let Some(file) = &self.explain else { return Ok(()) };
         if shots.len() != 1 {
             bail!("--explain {}: {} pictures are rendered; expected one target", file.display(), shots.len());
         }
-        claim_png("--explain", file, scene)
+        expect_png("--explain", file)?;
+        claims.file("--explain", file)
     }
 
     /// Explains a render, if asked to.

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Error, Result, anyhow};
 use clap::Args;
 use explain::{ExplainArgs, Explained, Explanation};
 use liveview::image::{Score, inpaint_unseen};
@@ -27,6 +27,7 @@ use crate::console::{Output, print_message, print_notes, progress};
 use crate::interrupt::{self, Interrupted};
 use crate::job::Job;
 use crate::measure::Times;
+use crate::outputs::Claims;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -65,21 +66,54 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     let targets = args.targets.resolve(job.photos())?;
     let moving = targets.moving;
     let shots = job.synthesizer.shots(targets)?;
-    outputs.claim(&shots, job.scene())?;
-    args.explain.claim(&shots, job.scene())?;
+    let mut claims = Claims::new(job.scene());
+    claims.protect("--pose", args.targets.pose());
+    args.model.protect(&mut claims, job.model.path());
+    outputs.claim(&shots, &mut claims)?;
+    args.explain.claim(&shots, &mut claims)?;
+    claims.prepare()?;
     outputs.begin(&shots, || record::fields(&job, &shots, &args.targets, &args.layers))?;
     job.progress = progress("layers")?;
     let wanted = shots.len();
     let runs = job.synthesizer.renderer().network().run_end().into_iter().collect();
     // A single picture is not worth finishing: there Ctrl-C ends the program at once.
     let stop = if wanted > 1 { interrupt::watch(runs)? } else { Arc::default() };
-    let rendered = render(&mut job, shots, moving, &mut outputs, &args.explain, &stop);
+    let rendered = render(&mut job, shots, moving, &mut outputs, args, &stop);
     job.progress.finish_and_clear();
     // What failed after an interrupt, such as a run of the network that was ended for it, failed for it.
     let rendered = rendered.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error });
     let (done, explanation) = rendered.inspect_err(|_| outputs.print_how_to_resume(wanted))?;
-    let video = outputs.finish()?;
+    check_seen(&done, &args.targets)?;
+    let video = outputs.finish(&done)?;
     Ok(summary::rendered(&job, &done, moving, video, explanation))
+}
+
+/// Whether views cover so little of a picture (`unseen`: the share that none does) that there is nothing to be seen.
+fn is_blank(unseen: f64) -> bool {
+    unseen > 1.0 - 1e-6
+}
+
+/// An error if all pictures are blank; those that are among others are told.
+fn check_seen(done: &[Rendered], targets: &TargetArgs) -> Result<()> {
+    let blank: Vec<&str> = done.iter().filter(|one| is_blank(one.unseen)).map(|one| one.shot.name.as_str()).collect();
+    match blank.as_slice() {
+        [] => {}
+        all if all.len() == done.len() => return Err(nothing_seen(targets)),
+        [first, ..] => {
+            let (count, all) = (blank.len(), done.len());
+            print_message(
+                "warning",
+                format!("{count} of {all} pictures are blank, no view sees any of them: {first} first"),
+            );
+        }
+    }
+    Ok(())
+}
+
+fn nothing_seen(targets: &TargetArgs) -> Error {
+    anyhow!(
+        "{targets}: no view sees any of it; expected a viewpoint that looks where the views do, or another --near and --far"
+    )
 }
 
 /// Renders and writes all shots but those that an earlier run has written.
@@ -88,13 +122,14 @@ fn render(
     shots: Vec<Shot>,
     moving: bool,
     outputs: &mut Outputs,
-    explain: &ExplainArgs,
+    args: &RenderArgs,
     stop: &AtomicBool,
 ) -> Result<(Vec<Rendered>, Option<Explanation>)> {
     // The paper's video: the planes that the first frame selects are those of all frames.
     let shared = moving && matches!(job.layers(), LayerSpec::Select { .. });
     let mut done: Vec<Rendered> = Vec::with_capacity(shots.len());
     let (mut kept, mut explanation): (Option<Plan>, _) = (None, None);
+    let single = shots.len() == 1;
     let mut shots = VecDeque::from(shots);
     while let Some(shot) = shots.pop_front() {
         let later = &*shots.make_contiguous();
@@ -126,15 +161,19 @@ fn render(
         }
         let times = Times { photos, coarse: plan.search, select: plan.selection, stages: frame.times };
         let about = Explained { shot: &shot, plan: &plan, frame: &frame, times: &times, truth: truth.as_ref() };
-        explanation = explain.explain(job, &about)?;
+        let pixels = frame.transmittance.len() as f64;
+        let unseen = frame.transmittance.iter().map(|&left| f64::from(left)).sum::<f64>() / pixels;
+        if single && is_blank(unseen) {
+            return Err(nothing_seen(&args.targets));
+        }
+        explanation = args.explain.explain(job, &about)?;
         frame.picture = inpaint_unseen(&frame.picture, &frame.transmittance);
         let digests = outputs.write(&shot, &frame, truth.as_ref())?;
-        let pixels = frame.transmittance.len() as f64;
         let one = Rendered {
             layers: plan.layers.len(),
             times: Some(times),
             score,
-            unseen: frame.transmittance.iter().map(|&left| f64::from(left)).sum::<f64>() / pixels,
+            unseen,
             hidden: frame.unseen as f64 / pixels,
             disparity_max: disparity_max(&frame),
             files: outputs.files(&shot),

@@ -1,19 +1,21 @@
 //! Output files of `render`: pictures, disparity maps, comparisons, a video.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::Args;
+use liveview::fs::atomic::is_special;
 use liveview::image::{coloured, difference, encode, encode_gray16_png, side_by_side};
-use liveview::{Frame, ImageRgb, Scene, Shot};
+use liveview::{Frame, ImageRgb, Shot};
 use serde_json::json;
 
 use super::record::{self, Fields, Record};
 use super::rendered::Rendered;
 use crate::args::frame_rate::{FrameRate, frame_rate};
-use crate::args::output::{Place, Variant, claim, photo_files, write_whole};
+use crate::args::output::{Place, Variant, write_whole};
 use crate::ffmpeg::{Encoder, is_video};
+use crate::outputs::{Claims, tell_others};
 
 /// Factor by which a comparison shows the difference.
 const DIFFERENCE_FACTOR: f32 = 4.0;
@@ -82,9 +84,8 @@ impl Outputs {
         })
     }
 
-    /// Checks the options against what will be rendered, before the work; creates missing folders.
-    pub(super) fn claim(&mut self, shots: &[Shot], scene: &Scene) -> Result<()> {
-        let (mut files, taken) = (HashMap::new(), photo_files(scene));
+    /// Checks the options against what will be rendered, before the work.
+    pub(super) fn claim(&mut self, shots: &[Shot], claims: &mut Claims) -> Result<()> {
         let places: [(&str, &Option<Place>, &[Variant]); 3] =
             [("-o", &self.pictures, &PLAIN), ("--depth", &self.depth, &DEPTH), ("--compare", &self.compare, &PLAIN)];
         for (option, place, variants) in places {
@@ -95,15 +96,18 @@ impl Outputs {
             }
             let wanted = shots.iter().flat_map(|shot| variants.iter().map(|v| place.file(shot, v.0, v.1)));
             for file in wanted {
-                claim(option, &file, &taken)?;
-                if let Some(other) = files.insert(std::path::absolute(&file)?, option) {
-                    let file = file.display();
-                    bail!("{option} {file}: {other} would write another picture there; expected different places");
-                }
+                claims.file(option, &file)?;
             }
         }
+        if let Some(Place::Folder(folder)) = &self.pictures {
+            let record = folder.join(record::NAME);
+            if is_special(&record) {
+                bail!("-o {}: {}", folder.display(), record::not_a_file(&record));
+            }
+            claims.file("-o", &record)?;
+        }
         if let Some(video) = &mut self.video {
-            claim("-o", video.path(), &taken)?;
+            claims.file("-o", video.path())?;
             let sizes: HashSet<_> = shots.iter().map(|shot| shot.target.size()).collect();
             match sizes.into_iter().collect::<Vec<_>>()[..] {
                 [size] => video.set_size(size),
@@ -177,8 +181,16 @@ impl Outputs {
         self.record.iter().for_each(|record| record.print_how_to_resume(wanted));
     }
 
-    /// Closes the video, if there is one, and returns its file.
-    pub(super) fn finish(self) -> Result<Option<PathBuf>> {
+    /// Closes the video, if there is one, and returns its file; tells pictures in the folders that are not among these.
+    pub(super) fn finish(self, done: &[Rendered]) -> Result<Option<PathBuf>> {
+        let files: HashSet<&Path> = done.iter().flat_map(|one| &one.files).map(|file| file.as_path()).collect();
+        let mut folders: Vec<&Path> = files.iter().filter_map(|file| file.parent()).collect();
+        folders.sort_unstable();
+        folders.dedup();
+        // A single picture is nobody's sequel.
+        if done.len() > 1 {
+            folders.into_iter().for_each(|folder| tell_others(folder, |path| files.contains(path)));
+        }
         self.video.map(Encoder::finish).transpose()
     }
 }
@@ -194,8 +206,9 @@ fn disparity(shot: &Shot, frame: &Frame) -> Result<[Vec<u8>; 3]> {
     let unit = if largest > 0.0 { 65535.0 / largest } else { 0.0 };
     let values: Vec<u16> = frame.disparity.iter().map(|disparity| (disparity * unit).round() as u16).collect();
     let colour = coloured(frame.disparity.view(), (1.0 / shot.far) as f32, (1.0 / shot.near) as f32);
-    let scale =
-        json!({ "disparity": "value / 65535 * disparity_max", "disparity_max": largest, "unit": "1/scene unit" });
+    let scale = json!({
+        "liveview": env!("CARGO_PKG_VERSION"), "disparity": "value / 65535 * disparity_max", "disparity_max": largest, "unit": "1/scene unit",
+    });
     let grey = encode_gray16_png(shot.target.width(), shot.target.height(), &values)?;
     Ok([grey, encode("disparity.png".as_ref(), &colour)?, format!("{scale:#}\n").into_bytes()])
 }

@@ -1,10 +1,13 @@
 //! `liveview.json` in a folder of pictures: which job they belong to and which of them are done, for `render --resume`.
 
 use std::collections::BTreeSet;
-use std::fs;
+use std::fs::File;
+use std::io::{ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, bail};
+use liveview::fs::atomic::AtomicFile;
 use liveview::fs::bounded;
 use liveview::image::Score;
 use liveview::{LayerSpec, Shot};
@@ -12,12 +15,15 @@ use serde_json::{Map, Value, json};
 
 use super::rendered::Rendered;
 use crate::args::layers::LayerArgs;
-use crate::args::output::write_whole;
 use crate::args::targets::TargetArgs;
 use crate::console::{print_message, shown};
 use crate::job::Job;
 
-const NAME: &str = "liveview.json";
+pub(super) const NAME: &str = "liveview.json";
+/// How the file ends after the last picture.
+const END: &str = "\n}}\n";
+/// Stored on the disk no more often than this: what a power cut takes is rendered again.
+const STORED: Duration = Duration::from_secs(1);
 
 /// What the pictures depend on, by name; the first that differs is reported, so the most telling ones come first.
 pub(super) type Fields = Vec<(&'static str, String)>;
@@ -76,27 +82,33 @@ fn digest_of(path: &Path) -> Result<String> {
     Ok(digest(&bounded::read(path, bounded::MAX_BYTES).with_context(|| format!("{}: cannot be read", path.display()))?))
 }
 
-/// The record of the job that writes into a folder. It is written after each picture; of several jobs at once the last to write
-/// counts.
+/// The record of the job that writes into a folder: JSON that is written anew with the first picture, and gets a line more with each
+/// further one. Of several jobs at once the last to begin counts.
 pub(super) struct Record {
     path: PathBuf,
     fields: Fields,
     done: Map<String, Value>,
+    /// Open from the first picture on; when it was last stored.
+    file: Option<(File, Instant)>,
 }
 
 impl Record {
     /// The record of a new job; it replaces an earlier one's with the first picture.
     pub(super) fn new(folder: &Path, fields: Fields) -> Self {
-        Self { path: folder.join(NAME), fields, done: Map::new() }
+        Self { path: folder.join(NAME), fields, done: Map::new(), file: None }
     }
 
     /// Keeps the pictures that an earlier run of the same job has written, if their files are unchanged; `wanted` are the names and
     /// the files of all pictures. Files under temporary names are left alone: another process may be writing them.
     pub(super) fn resume(&mut self, wanted: &[(&str, Vec<PathBuf>)]) -> Result<()> {
         let at = self.path.display();
-        let text = match fs::read_to_string(&self.path) {
+        // A pipe would be waited for.
+        if self.path.metadata().is_ok_and(|about| !about.is_file()) {
+            bail!("--resume: {}", not_a_file(&self.path));
+        }
+        let text = match bounded::read(&self.path, bounded::MAX_JSON_BYTES) {
             Ok(text) => text,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            Err(error) if error.kind() == ErrorKind::NotFound => {
                 let Some(file) = wanted.iter().flat_map(|(_, files)| files).find(|file| file.exists()) else {
                     return Ok(());
                 };
@@ -108,8 +120,7 @@ impl Record {
             }
             Err(error) => bail!("--resume: {at}: cannot be read: {error}"),
         };
-        let mut found: Value =
-            serde_json::from_str(&text).map_err(|error| anyhow!("--resume: {at}: not JSON: {error}"))?;
+        let mut found = parse(&text).map_err(|error| anyhow!("--resume: {at}: not JSON: {error}"))?;
         for (field, here) in &self.fields {
             let there = found["job"][field].as_str().unwrap_or("missing");
             if there != here {
@@ -153,10 +164,29 @@ impl Record {
             "files": digests, "layers": one.layers, "psnr": one.score.as_ref().map(|score| score.psnr),
             "ssim": one.score.as_ref().map(|score| score.ssim), "seen_by_no_view": one.unseen, "hidden_from_all_views": one.hidden, "disparity_max": one.disparity_max,
         });
+        let line = line(&one.shot.name, &entry);
+        self.append(&line).map_err(|error| anyhow!("{}: cannot be written: {error}", self.path.display()))?;
         self.done.insert(one.shot.name.clone(), entry);
+        Ok(())
+    }
+
+    fn append(&mut self, line: &str) -> std::io::Result<()> {
+        if let Some((file, stored)) = &mut self.file {
+            file.seek(SeekFrom::End(-(END.len() as i64)))?;
+            file.write_all(format!(",\n{line}{END}").as_bytes())?;
+            if stored.elapsed() > STORED {
+                file.sync_data()?;
+                *stored = Instant::now();
+            }
+            return Ok(());
+        }
         let job: Map<_, _> = self.fields.iter().map(|(field, value)| ((*field).to_owned(), json!(value))).collect();
-        let text = format!("{:#}\n", json!({ "job": job, "done": self.done }));
-        write_whole(&self.path, text.as_bytes()).inspect_err(|_| drop(self.done.remove(&one.shot.name)))
+        let lines: Vec<String> =
+            self.done.iter().map(|(name, entry)| self::line(name, entry)).chain([line.to_owned()]).collect();
+        let mut file = AtomicFile::create(&self.path)?;
+        write!(file, "{{\"job\": {:#},\n\"done\": {{\n{}{END}", Value::Object(job), lines.join(",\n"))?;
+        self.file = Some((file.finish_open()?, Instant::now()));
+        Ok(())
     }
 
     /// After a failure, prints how to continue.
@@ -169,7 +199,52 @@ impl Record {
     }
 }
 
+/// The line of a picture.
+fn line(name: &str, entry: &Value) -> String {
+    format!("{}: {entry}", json!(name))
+}
+
+/// A record; of one whose last line was cut short, without it.
+fn parse(text: &[u8]) -> serde_json::Result<Value> {
+    /// Lines that the end may take from one that is cut short.
+    const LOST: usize = 3;
+    let mut found = serde_json::from_slice(text);
+    let ends = text.iter().enumerate().rev().filter(|(_, byte)| **byte == b'\n');
+    for (end, _) in ends.take(LOST) {
+        found = found.or_else(|error| {
+            let whole = text[..end].strip_suffix(b",").unwrap_or(&text[..end]);
+            serde_json::from_slice(&[whole, END.as_bytes()].concat()).map_err(|_| error)
+        });
+    }
+    found
+}
+
+/// The message of a record that is a device or a pipe.
+pub(super) fn not_a_file(path: &Path) -> String {
+    format!("{}: not a file that can be read again; expected the record of an earlier run, or nothing", path.display())
+}
+
 /// Whether an entry lists a file of these contents.
 fn lists(entry: &Value, digest: &str) -> bool {
     entry["files"].as_array().is_some_and(|files| files.iter().any(|file| file == digest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_that_was_cut_short_is_read_as_far_as_it_goes() {
+        let entries = ["a", "b", "c"].map(|name| line(name, &json!({ "files": [name] })));
+        let start = format!("{{\"job\": {{}},\n\"done\": {{\n{},\n{}", entries[0], entries[1]);
+        let (old, new) = (format!("{start}{END}"), format!("{start},\n{}{END}", entries[2]));
+        for written in start.len()..=new.len() {
+            // What was there is written over.
+            let text = [&new[..written], old.get(written..).unwrap_or_default()].concat();
+            let found = parse(text.as_bytes()).unwrap_or_else(|error| panic!("{text}: {error}"));
+            let done: Vec<_> = found["done"].as_object().unwrap().keys().collect();
+            assert!(!done.is_empty() && (done.len() > 1 || written < old.len()), "{text}: {done:?}");
+        }
+        assert!(parse(b"{").is_err() && parse(b"").is_err());
+    }
 }

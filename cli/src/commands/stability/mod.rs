@@ -30,11 +30,12 @@ use serde_json::json;
 use table::{Table, markdown};
 
 use crate::args::model::ModelArgs;
-use crate::args::output::{claim, photo_files, write_whole};
+use crate::args::output::{refuse_stdout, write_whole};
 use crate::args::scene::SceneArgs;
 use crate::args::targets::named;
 use crate::console::{Output, print_notes, progress, shown};
 use crate::npz::Arrays;
+use crate::outputs::Claims;
 use crate::statistics::share;
 use crate::worker_process::{WorkerProcess, words};
 
@@ -73,9 +74,10 @@ pub(crate) struct StabilityArgs {
 pub(crate) fn run(args: &StabilityArgs) -> Result<Output> {
     let photos = args.scene.open_at(WIDTH)?;
     let output = |name: &str| args.output.as_ref().map(|folder| folder.join(name));
-    for file in ["stability.md", "stability.svg"].into_iter().filter_map(output) {
-        claim("-o", &file, &photo_files(photos.scene()))?;
-    }
+    args.output.iter().try_for_each(|folder| refuse_stdout("-o", folder))?;
+    let mut claims = Claims::new(photos.scene());
+    ["stability.md", "stability.svg"].into_iter().filter_map(output).try_for_each(|file| claims.file("-o", &file))?;
+    claims.prepare()?;
     args.model.set_threads()?;
     let (network, model) = args.model.open_model(None)?;
     print_notes(&photos.scene().notes);

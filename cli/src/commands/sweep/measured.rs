@@ -9,9 +9,8 @@ use ndarray::Array3;
 use serde_json::json;
 
 use super::rows::{Row, densest};
-use crate::console::shown;
 use crate::statistics::PixelError;
-use crate::worker_process::WorkerProcess;
+use crate::worker_process::{WorkerProcess, text_of};
 
 /// A worker, with its measurements so far.
 pub(super) struct Measured {
@@ -31,7 +30,7 @@ impl Measured {
         let targets = if self.row.reference { 1 } else { targets };
         for target in 0..targets {
             let frame = folder.join("frame.npy");
-            let answer = self.worker.ask(&json!({ "run": true, "target": target, "frame": shown(&frame) }))?;
+            let answer = self.worker.ask(&json!({ "run": true, "target": target, "frame": text_of(&frame)? }))?;
             let pixels: Array3<f32> = ndarray_npy::read_npy(&frame).context("a worker's picture cannot be read")?;
             let (height, width, _) = pixels.dim();
             self.pictures.push(ImageRgb::new(width, height, pixels.iter().copied().collect())?);

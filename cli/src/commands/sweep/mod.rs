@@ -6,6 +6,7 @@ mod plot;
 mod rows;
 mod worker;
 
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -24,12 +25,13 @@ pub(crate) use worker::{WorkerArgs, run as run_worker};
 use crate::args::model::ModelArgs;
 use crate::args::model_names::ProviderChoice;
 use crate::args::numbers;
-use crate::args::output::{claim, photo_files, write_whole};
+use crate::args::output::{refuse_stdout, write_whole};
 use crate::args::scene::SceneArgs;
 use crate::args::targets::named;
 use crate::console::{Output, print_message, print_notes, progress, shown};
 use crate::npz::Arrays;
-use crate::worker_process::{WorkerProcess, words};
+use crate::outputs::Claims;
+use crate::worker_process::{WorkerProcess, text_of, words};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -55,7 +57,7 @@ pub(crate) struct SweepArgs {
     #[command(flatten)]
     scene: SceneArgs,
     /// Views to render, by name; all are held out. Scores are means over them, times are the first one's
-    #[arg(long, value_name = "NAME", value_delimiter = ',', required = true)]
+    #[arg(long, value_name = "NAME,…", required = true)]
     target: Vec<String>,
     /// What to measure, separated by commas: surface:L, guided:L, planes:D, kmeans:K or select:K/D. With any surface layers, surface:1
     /// without a network is measured too
@@ -87,9 +89,10 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
     let folder = tempfile::tempdir().context("a temporary folder for the workers' pictures cannot be created")?;
     let photos = args.scene.open()?;
     print_notes(&photos.scene().notes);
-    for name in FILES {
-        claim("-o", &args.output.join(name), &photo_files(photos.scene()))?;
-    }
+    refuse_stdout("-o", &args.output)?;
+    let mut claims = Claims::new(photos.scene());
+    FILES.iter().try_for_each(|name| claims.file("-o", &args.output.join(name)))?;
+    claims.prepare()?;
     let held_out = named(photos.scene(), &args.target)?;
     let truths = held_out.iter().map(|&view| Ok(photos.scene().load_image(view)?)).collect::<Result<Vec<_>>>()?;
     let widths = if args.widths.is_empty() { vec![None] } else { args.widths.iter().copied().map(Some).collect() };
@@ -105,6 +108,8 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
                 RowEngine::Other(engine) => args.model.to_args(Some(engine)),
                 RowEngine::NoNetwork => args.model.to_args_without_network(views(&own)),
             });
+            // A folder may be called like an option.
+            command.extend(["--".into(), args.scene.folder().into()]);
             let (worker, ready) = WorkerProcess::start(&name, &command, None)?;
             let model = model(&ready);
             if !model.is_empty() && !models.contains(&model) {
@@ -197,13 +202,14 @@ fn configurations(args: &SweepArgs) -> Vec<(LayerSpec, RowEngine)> {
     own.chain(free).chain(others).collect()
 }
 
-/// The command line of a worker, without the options of its model.
-fn worker_command(args: &SweepArgs, width: Option<usize>, layers: &LayerSpec) -> Result<Vec<String>> {
-    let mut command = vec![shown(&std::env::current_exe()?), "worker".to_owned()];
-    command.extend(args.scene.to_args());
-    command.extend([format!("--target={}", args.target.join(",")), format!("--layers={layers}")]);
-    command.extend(width.map(|width| format!("--target-width={width}")));
-    Ok(command)
+/// The command line of a worker, without the options of its model and the scene's folder.
+fn worker_command(args: &SweepArgs, width: Option<usize>, layers: &LayerSpec) -> Result<Vec<OsString>> {
+    let mut options = args.scene.to_args();
+    options.extend(args.target.iter().map(|target| format!("--target={target}")));
+    options.push(format!("--layers={layers}"));
+    options.extend(width.map(|width| format!("--target-width={width}")));
+    let program = [std::env::current_exe()?.into_os_string(), "worker".into()];
+    Ok(program.into_iter().chain(options.into_iter().map(OsString::from)).collect())
 }
 
 /// The reference implementations, on the most planes.
@@ -230,7 +236,7 @@ fn references(
     let words = words(command);
     let start = |engine: &str| {
         let job = json!({
-            "job": shown(&file), "model": shown(&model), "weights": weights.is_file().then(|| shown(&weights)),
+            "job": text_of(&file)?, "model": text_of(&model)?, "weights": weights.is_file().then(|| shown(&weights)),
             "engine": engine, "threads": args.model.threads(), "batch": args.model.batch,
         });
         let (worker, ready) = WorkerProcess::start(engine, &words, Some(&job))?;

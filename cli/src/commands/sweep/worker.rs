@@ -36,7 +36,7 @@ pub(crate) struct WorkerArgs {
     #[command(flatten)]
     scene: SceneArgs,
     /// Views to render, by name; all are held out
-    #[arg(long, value_name = "NAME", value_delimiter = ',', required = true)]
+    #[arg(long, value_name = "NAME,…", required = true)]
     target: Vec<String>,
     /// Scale the target cameras to this width
     #[arg(long, value_name = "PIXELS", value_parser = numbers::count)]

@@ -25,6 +25,7 @@ use crate::args::layers::given_or_recommended;
 use crate::console::{Output, print_notes, progress};
 use crate::interrupt::{self, Interrupted};
 use crate::network::Network;
+use crate::outputs::Claims;
 
 /// Cameras read beyond those that a frame needs, in case one delivers nothing.
 const SPARE: usize = 2;
@@ -53,7 +54,12 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let cameras = rig.photos.scene().views.iter().map(|view| view.camera.clone()).collect();
     let mut session = LiveSession::new(cameras, renderers, settings)?;
     let target = viewpoint.camera(0);
-    sink.claim(&rig.photos.scene().root, target.size())?;
+    let mut claims = Claims::new(rig.photos.scene());
+    claims.protect("--poses", args.viewpoint.poses());
+    args.model.protect(&mut claims, model.path());
+    sink.claim(&mut claims, target.size())?;
+    args.log.iter().try_for_each(|log| claims.file("--log", log))?;
+    claims.prepare()?;
     let stop = interrupt::watch(runs)?;
     let tally = Tally::new(args.log.as_deref())?;
 

@@ -11,7 +11,7 @@ use indicatif::ProgressBar;
 use liveview::live::{LiveError, LiveSession};
 use liveview::{Camera, ImageRgb};
 
-use super::gather::{Clock, Gathering, Step};
+use super::gather::{Clock, Faults, Gathering, Step};
 use super::governor::{Governor, Level};
 use super::played::Played;
 use super::scorer::Scorer;
@@ -63,20 +63,27 @@ impl Player<'_> {
         let (written, sink) = written.map_err(|_| anyhow!("the thread that writes the video failed"))??;
         rendered?;
         let faults = std::mem::take(&mut *gathering.lock_faults());
-        if self.tally.rendered == 0 {
+        if !self.tally.seen {
             if stopped {
                 return Err(Interrupted.into());
             }
-            let reasons = [faults.reasons(&gathering.feeds), self.tally.why.unwrap_or_default()];
-            let reasons: Vec<String> = reasons.into_iter().filter(|reasons| !reasons.is_empty()).collect();
-            let ended = || format!("no camera has a frame from time step {first} on");
-            let reasons = if reasons.is_empty() { ended() } else { reasons.join("; ") };
-            bail!("{}: no frame could be rendered: {reasons}", gathering.scene.root.display());
+            bail!("{}: {}", gathering.scene.root.display(), self.nothing_seen(first, &faults, &gathering.feeds));
         }
         let file = sink.finish()?;
         self.tally.finish()?;
         let Self { tally, changes, .. } = self;
         Ok((Played { tally, written, faults, changes, wall: started.elapsed(), stopped }, file))
+    }
+
+    /// Why there is nothing to be seen, of the time steps from `first` on.
+    fn nothing_seen(&mut self, first: usize, faults: &Faults, feeds: &[Feed]) -> String {
+        if self.tally.rendered > 0 {
+            return "no camera sees any of the video: expected a viewpoint that looks where they do".to_owned();
+        }
+        let reasons = [faults.reasons(feeds), self.tally.why.take().unwrap_or_default()];
+        let reasons: Vec<String> = reasons.into_iter().filter(|reasons| !reasons.is_empty()).collect();
+        let ended = || format!("no camera has a frame from time step {first} on");
+        format!("no frame could be rendered: {}", if reasons.is_empty() { ended() } else { reasons.join("; ") })
     }
 
     fn render_all(&mut self, first: usize, steps: &Receiver<Step>, shown: &SyncSender<Shown>) -> Result<()> {

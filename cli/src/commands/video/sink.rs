@@ -1,5 +1,6 @@
 //! Output of a video: a folder of frames, a file through ffmpeg, or standard output.
 
+use std::collections::HashSet;
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
@@ -9,6 +10,15 @@ use liveview::geometry::Size;
 
 use crate::args::frame_rate::FrameRate;
 use crate::ffmpeg::{Encoder, is_video};
+use crate::outputs::{Claims, tell_others};
+
+/// How the name of each frame in a folder begins.
+const FRAME: &str = "frame_";
+
+/// The file of a frame in a folder.
+fn frame(folder: &Path, index: usize) -> PathBuf {
+    folder.join(format!("{FRAME}{index:06}.png"))
+}
 
 /// A video being written, frame by frame.
 pub(super) enum Sink {
@@ -35,22 +45,21 @@ impl Sink {
         Ok(Self::Folder { path: path.to_owned(), frames: 0 })
     }
 
-    /// Prepares for frames of a size; creates missing folders. A folder inside the rig's is refused.
-    pub(super) fn claim(&mut self, rig: &Path, size: Size) -> Result<()> {
-        let folder = match self {
-            Self::Folder { path, .. } => path.clone(),
+    /// Prepares for frames of a size. A folder inside the rig's is refused.
+    pub(super) fn claim(&mut self, claims: &mut Claims, size: Size) -> Result<()> {
+        match self {
+            Self::Folder { path, .. } => {
+                if claims.in_scene(path) {
+                    bail!("-o {}: lies in the rig's own folder; expected another place", path.display());
+                }
+                claims.frames("-o", path, FRAME, &frame(path, 0))
+            }
             Self::Video(video) => {
                 video.set_size(size);
-                video.path().parent().map_or_else(PathBuf::new, Path::to_owned)
+                claims.file("-o", video.path())
             }
-            Self::Y4m { .. } => return Ok(()),
-        };
-        std::fs::create_dir_all(&folder).with_context(|| format!("-o {}: cannot be created", folder.display()))?;
-        let is_folder = matches!(self, Self::Folder { .. });
-        if is_folder && folder.canonicalize()?.starts_with(rig.canonicalize()?) {
-            bail!("-o {}: lies in the rig's own folder; expected another place", folder.display());
+            Self::Y4m { .. } => Ok(()),
         }
-        Ok(())
     }
 
     /// Whether frames are shown as they come.
@@ -62,7 +71,7 @@ impl Sink {
     pub(super) fn add(&mut self, picture: &ImageRgb) -> Result<bool> {
         match self {
             Self::Folder { path, frames } => {
-                picture.save(path.join(format!("frame_{frames:06}.png")))?;
+                picture.save(frame(path, *frames))?;
                 *frames += 1;
             }
             Self::Video(video) => video.add(picture)?,
@@ -92,7 +101,11 @@ impl Sink {
     /// Closes it; the file or folder written, `None` for standard output.
     pub(super) fn finish(self) -> Result<Option<PathBuf>> {
         match self {
-            Self::Folder { path, .. } => Ok(Some(path)),
+            Self::Folder { path, frames } => {
+                let written: HashSet<PathBuf> = (0..frames).map(|index| frame(&path, index)).collect();
+                tell_others(&path, |other| written.contains(other));
+                Ok(Some(path))
+            }
             Self::Video(video) => video.finish().map(Some),
             Self::Y4m { .. } => Ok(None),
         }

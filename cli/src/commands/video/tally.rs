@@ -56,6 +56,8 @@ pub(super) struct Tally {
     /// Why the first of these was.
     pub(super) why: Option<String>,
     pub(super) dropped: usize,
+    /// Whether any camera sees any part of any frame.
+    pub(super) seen: bool,
     layer_sources: BTreeMap<String, usize>,
     refreshed: f64,
     spent: [Duration; 5],
@@ -85,6 +87,7 @@ impl Tally {
 
     pub(super) fn add(&mut self, step: usize, frame: &LiveFrame, scores: Option<Scores>) -> Result<()> {
         self.rendered += 1;
+        self.seen = self.seen || frame.frame.transmittance.iter().any(|&left| left < 1.0 - 1e-6);
         *self.layer_sources.entry(frame.layer_source.to_string()).or_default() += 1;
         if let LayerSource::Propagated { refreshed } = frame.layer_source {
             self.refreshed += refreshed;

@@ -1,6 +1,6 @@
 //! The viewpoint of a video: the target camera of each frame.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::Args;
@@ -58,6 +58,11 @@ impl Viewpoint {
 }
 
 impl ViewpointArgs {
+    /// The file of `--poses`.
+    pub(super) fn poses(&self) -> Option<&Path> {
+        self.poses.as_deref()
+    }
+
     /// The cameras of the frames.
     pub(super) fn resolve(&self, photos: &PhotoCache) -> Result<Viewpoint> {
         let Self { camera, path, poses } = self;
