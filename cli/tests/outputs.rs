@@ -277,10 +277,10 @@ fn a_record_that_is_no_record() {
     };
     fs::create_dir(folders.out("frames")).unwrap();
     assert!(Command::new("mkfifo").arg(&record).status().unwrap().success());
-    refused(&["--resume", "liveview.json", "not a file"]);
+    refused(&["liveview.json", "no file that can be read again"]);
     fs::remove_file(&record).unwrap();
     symlink("/dev/zero", &record).unwrap();
-    refused(&["--resume", "liveview.json", "not a file"]);
+    refused(&["liveview.json", "no file that can be read again"]);
     fs::remove_file(&record).unwrap();
     fs::File::create(&record).unwrap().set_len(1 << 36).unwrap();
     refused(&["--resume", "liveview.json", "cannot be read", "bytes"]);
@@ -340,7 +340,7 @@ fn scenes_named_like_options_or_in_other_letters() {
         let scene = folders.scene().parent().unwrap().join(name);
         symlink(folders.scene(), &scene).unwrap();
         let mut sweep = assert_cmd::Command::new(env!("CARGO_BIN_EXE_liveview"));
-        sweep.current_dir(scene.parent().unwrap()).args(["sweep", "--target", "images/2.png", "--layers", "guided:1"]);
+        sweep.current_dir(scene.parent().unwrap()).args(["sweep", "--target", "2.png", "--layers", "guided:1"]);
         sweep
             .args(["--repetitions", "1", "--model", &fixture("tiny_v4"), "-o", &folders.out("report"), "--"])
             .arg(name);

@@ -1,6 +1,7 @@
 //! `liveview inspect`: how a scene is read, and what will be left out.
 
 mod exposure;
+mod spread;
 
 use std::fmt::Write;
 
@@ -13,6 +14,7 @@ use liveview::layers::uniform_disparities;
 use liveview::scene::View;
 use liveview::{Camera, LayerSpec, PhotoCache, SynthesisError};
 use serde_json::{Value, json};
+use spread::{largest_angle, nearest_distances};
 
 use crate::args::numbers;
 use crate::args::scene::SceneArgs;
@@ -123,13 +125,10 @@ fn rig(views: &[View]) -> Section {
     let centres: Vec<DVec3> = cameras.iter().map(|camera| axes * camera.centre()).collect();
     let low = centres.iter().copied().fold(DVec3::INFINITY, DVec3::min);
     let high = centres.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
-    let others =
-        |i: usize| (0..cameras.len()).filter(move |&j| j != i).map(|j| (cameras[i], cameras[j])).collect::<Vec<_>>();
-    let nearest = |i: usize| others(i).into_iter().map(|(a, b)| distance(a, b)).fold(f64::INFINITY, f64::min);
-    let mut nearest: Vec<f64> = (0..cameras.len()).map(nearest).filter(|d| d.is_finite()).collect();
+    let mut nearest = nearest_distances(&cameras.iter().map(|camera| camera.centre()).collect::<Vec<_>>());
     let [least, median, most] = [0.0, 0.5, 1.0].map(|part| percentile(&mut nearest, part));
-    let angle = |(a, b): (&Camera, &Camera)| a.forward().angle_between(b.forward()).to_degrees();
-    let angle = (0..cameras.len()).flat_map(others).map(angle).fold(0.0, f64::max);
+    let forward: Vec<DVec3> = cameras.iter().map(|camera| camera.forward()).collect();
+    let angle = largest_angle(&forward).to_degrees();
     let DVec3 { x, y, z } = high - low;
     let text = format!(
         "rig        {x:.4} across, {y:.4} down, {z:.4} forward, in scene units; axes up to {angle:.1} degrees apart\n\

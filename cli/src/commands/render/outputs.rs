@@ -102,7 +102,8 @@ impl Outputs {
         if let Some(Place::Folder(folder)) = &self.pictures {
             let record = folder.join(record::NAME);
             if is_special(&record) {
-                bail!("-o {}: {}", folder.display(), record::not_a_file(&record));
+                let record = record.display();
+                bail!("-o {record}: no file that can be read again; expected the record of an earlier run, or nothing");
             }
             claims.file("-o", &record)?;
         }

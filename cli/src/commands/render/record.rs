@@ -102,10 +102,6 @@ impl Record {
     /// the files of all pictures. Files under temporary names are left alone: another process may be writing them.
     pub(super) fn resume(&mut self, wanted: &[(&str, Vec<PathBuf>)]) -> Result<()> {
         let at = self.path.display();
-        // A pipe would be waited for.
-        if self.path.metadata().is_ok_and(|about| !about.is_file()) {
-            bail!("--resume: {}", not_a_file(&self.path));
-        }
         let text = match bounded::read(&self.path, bounded::MAX_JSON_BYTES) {
             Ok(text) => text,
             Err(error) if error.kind() == ErrorKind::NotFound => {
@@ -217,11 +213,6 @@ fn parse(text: &[u8]) -> serde_json::Result<Value> {
         });
     }
     found
-}
-
-/// The message of a record that is a device or a pipe.
-pub(super) fn not_a_file(path: &Path) -> String {
-    format!("{}: not a file that can be read again; expected the record of an earlier run, or nothing", path.display())
 }
 
 /// Whether an entry lists a file of these contents.
