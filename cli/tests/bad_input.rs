@@ -236,7 +236,7 @@ fn outputs_that_collide() {
     let folders = Folders::new();
     let refused = |arguments: [&str; 4]| {
         let arguments = [&["--target", "2"], &arguments[..]].concat();
-        folders.assert_refused(&mut folders.render(&arguments), &["another picture", "different places"]);
+        folders.assert_refused(&mut folders.render(&arguments), &["written to the same place", "different places"]);
     };
     let [out, a, colour] = ["", "a.png", "a_colour.png"].map(|name| folders.out(name));
     refused(["-o", &out, "--compare", &out]);
