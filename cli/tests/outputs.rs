@@ -189,6 +189,8 @@ fn photos_that_are_not_in_use_are_kept() {
     for _ in 0..2 {
         succeeds(&mut render(&["--target", "2", "-o", &at("new.png"), "--depth", &at("made/depth.png")]));
         succeeds(&mut render(&["--path", "line:3", "-o", &at("made/flight")]));
+        let mut depth = assert_cmd::Command::new(env!("CARGO_BIN_EXE_liveview"));
+        succeeds(depth.arg("depth").arg(&root).args(["--photo", "1.png", "-o", &at("depth")]));
     }
     // But no other's.
     fs::copy(elsewhere.join("0.png"), at("made/flight/frame_0001.png")).unwrap();
@@ -302,7 +304,7 @@ fn no_picture_or_none_of_it_seen_is_an_error() {
     let mut video = folders.liveview("video", &[&poses[..], &["--model", &fixture("tiny_v4")]].concat());
     let copies = folders.ffmpeg("for last; do :; done; /bin/cat > \"$last\"");
     let mut video = video.args(["-o", &folders.out("a.mp4")]).env("PATH", copies);
-    folders.assert_refused(&mut video, &["no camera sees"]);
+    folders.assert_refused(video, &["no camera sees"]);
 }
 
 #[test]

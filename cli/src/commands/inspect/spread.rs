@@ -78,7 +78,7 @@ mod tests {
         assert!(largest_angle(&[DVec3::X, DVec3::X, -DVec3::X]) > 3.141);
     }
 
-    /// Pair by pair this takes minutes.
+    /// Pair by pair these would be ten thousand million distances.
     #[test]
     fn a_hundred_thousand_cameras() {
         let points = cube(100_000);
