@@ -303,7 +303,7 @@ fn no_picture_or_none_of_it_seen_is_an_error() {
     let poses = ["--poses", pose.to_str().unwrap(), "--layers", "planes:2", "--frames", "..2"];
     let mut video = folders.liveview("video", &[&poses[..], &["--model", &fixture("tiny_v4")]].concat());
     let copies = folders.ffmpeg("for last; do :; done; /bin/cat > \"$last\"");
-    let mut video = video.args(["-o", &folders.out("a.mp4")]).env("PATH", copies);
+    let video = video.args(["-o", &folders.out("a.mp4")]).env("PATH", copies);
     folders.assert_refused(video, &["no camera sees"]);
 }
 
