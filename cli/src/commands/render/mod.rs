@@ -83,7 +83,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     // What failed after an interrupt, such as a run of the network that was ended for it, failed for it.
     let rendered = rendered.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error });
     let (done, explanation) = rendered.inspect_err(|_| outputs.print_how_to_resume(wanted))?;
-    check_seen(&done, &args.targets)?;
+    check_seen(&done, args)?;
     let video = outputs.finish(&done)?;
     Ok(summary::rendered(&job, &done, moving, video, explanation))
 }
@@ -94,11 +94,11 @@ fn is_blank(unseen: f64) -> bool {
 }
 
 /// An error if all pictures are blank; those that are among others are told.
-fn check_seen(done: &[Rendered], targets: &TargetArgs) -> Result<()> {
+fn check_seen(done: &[Rendered], args: &RenderArgs) -> Result<()> {
     let blank: Vec<&str> = done.iter().filter(|one| is_blank(one.unseen)).map(|one| one.shot.name.as_str()).collect();
     match blank.as_slice() {
         [] => {}
-        all if all.len() == done.len() => return Err(nothing_seen(targets)),
+        all if all.len() == done.len() => return Err(nothing_seen(args)),
         [first, ..] => {
             let (count, all) = (blank.len(), done.len());
             print_message(
@@ -110,9 +110,10 @@ fn check_seen(done: &[Rendered], targets: &TargetArgs) -> Result<()> {
     Ok(())
 }
 
-fn nothing_seen(targets: &TargetArgs) -> Error {
+fn nothing_seen(args: &RenderArgs) -> Error {
+    let (scene, targets) = (args.scene.folder().display(), &args.targets);
     anyhow!(
-        "{targets}: no view sees any of it; expected a viewpoint that looks where the views do, or another --near and --far"
+        "{scene}, {targets}: no view sees any of it; expected a viewpoint that looks where the views do, or another --near and --far"
     )
 }
 
@@ -164,7 +165,7 @@ fn render(
         let pixels = frame.transmittance.len() as f64;
         let unseen = frame.transmittance.iter().map(|&left| f64::from(left)).sum::<f64>() / pixels;
         if single && is_blank(unseen) {
-            return Err(nothing_seen(&args.targets));
+            return Err(nothing_seen(args));
         }
         explanation = args.explain.explain(job, &about)?;
         frame.picture = inpaint_unseen(&frame.picture, &frame.transmittance);
