@@ -11,6 +11,7 @@ use indicatif::ProgressBar;
 use liveview::live::{LiveError, LiveSession};
 use liveview::{Camera, ImageRgb};
 
+use super::feed::Feed;
 use super::gather::{Clock, Faults, Gathering, Step};
 use super::governor::{Governor, Level};
 use super::played::Played;
