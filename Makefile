@@ -83,8 +83,11 @@ REFERENCE := $(wildcard python/liveview_ref/*.py python/liveview_ref/reference/*
 target/goldens/cases.txt: parity/generate.py $(REFERENCE) | setup
 	$(BIN)/python parity/generate.py target/goldens
 
+## What needs more than a clone is ignored by `cargo test`, and asked for here where it is there.
 test-rust: setup goldens
 	cargo test --release --locked
+	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scene_data -- --ignored
+	test ! -e .venv-openvino/.runtime || cargo test --release --locked --test execution_providers -- --ignored
 
 test-python: setup
 	cd python && ../$(BIN)/python -m pytest -q

@@ -42,7 +42,7 @@ def test_training_and_inference_mode_show_the_same_image(trained):
         inference = forward(net, batch, torch.device("cpu"))
         training = forward(copy.deepcopy(net).train(), batch, torch.device("cpu"))
     apart = [psnr(a, b) for (a, _), (b, _) in zip(inference, training, strict=True)]
-    assert np.median(apart) > 30 and min(apart) > 20, apart
+    assert np.median(apart) > 39 and min(apart) > 34, apart  # 41.9 and 37.1 measured
 
 
 def test_a_step_lowers_the_loss_of_its_batch(trained):
