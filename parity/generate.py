@@ -3,7 +3,8 @@
 Seeded cases, each one npz: inputs, the float64 oracle of every stage (`oracle.NAME`), and the largest and mean error of
 float32 torch (`torch.NAME`). A stage's inputs are the float32 roundings of the oracle's outputs of the stage before, so
 that a failure names the first stage that departs. Beside them a seeded, untrained network for each V, and onnxruntime's
-logits. The oracle's network has its BatchNorms, the exported one has them folded in: the logits show that folding keeps them.
+logits. The oracle's network has its BatchNorms, the exported one has them folded in: the logits show that folding keeps
+them.
 """
 
 import sys
