@@ -6,6 +6,7 @@ use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use liveview::SynthesisError;
+use liveview::network::NetworkError;
 
 use crate::ort_wheel;
 
@@ -38,6 +39,7 @@ pub(crate) fn advice(error: &SynthesisError) -> Option<String> {
             Some(format!("Give {options} (`liveview inspect` shows the size of the rig)"))
         }
         SynthesisError::Library(error) => ort_wheel::advice(error),
+        SynthesisError::Network(NetworkError::Threads { .. }) => Some("Give --threads".to_owned()),
         _ => None,
     }
 }

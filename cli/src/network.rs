@@ -46,6 +46,13 @@ impl PlaneNetwork for Network {
         }
     }
 
+    fn name(&self) -> String {
+        match self {
+            Self::Model(network) => network.name(),
+            Self::None(network) => network.name(),
+        }
+    }
+
     fn infer(&mut self, hwv: ArrayView4<'_, f32>, logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
         match self {
             Self::Model(network) => network.infer(hwv, logits),

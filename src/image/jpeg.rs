@@ -1,33 +1,136 @@
-//! Checks of JPEG data that the decoder does not make, or fails without.
+//! Checks of JPEG data that the decoder does not make, or fails without. Compressed data has no checksum, and the decoder makes a picture
+//! of anything; but whoever follows the codes of damaged data (`jpeg_scan.rs`) meets one that does not exist, or more or less data than the
+//! picture has.
 
-/// Whether any channel of a JPEG has more samples across or down than the first. `frame` is the frame header from the number of
-/// channels on.
-fn is_finer_than_first(frame: &[u8]) -> bool {
-    let Some((&channels, frame)) = frame.split_first() else { return false };
-    let mut factors = frame.chunks_exact(3).take(channels.into()).map(|channel| (channel[1] >> 4, channel[1] & 15));
-    let Some((across, down)) = factors.next() else { return false };
-    factors.any(|(x, y)| x > across || y > down)
+use super::jpeg_scan::{Component, HuffmanTable, Scan, Walk};
+
+const CUT_SHORT: &str = "the JPEG data ends early";
+const NO_HEADER: &str = "a JPEG header that is damaged";
+
+/// What the segments before a scan say.
+#[derive(Default)]
+struct Header {
+    progressive: bool,
+    width: usize,
+    height: usize,
+    components: Vec<Component>,
+    /// Of the class, DC then AC, and the number that a scan knows them by.
+    tables: [[Option<HuffmanTable>; 4]; 2],
+    /// Blocks between restart markers; 0 for none.
+    restart_interval: usize,
 }
 
-/// Refuses data without an end-of-image marker, where the decoder would fill what is missing with grey, and data with a channel
-/// that is sampled more finely than the first, on which the decoder panics.
+/// Refuses data that is cut short or damaged, of which the decoder would make a picture; and data with a channel that is sampled more
+/// finely than the first, on which it panics.
 pub(crate) fn check(bytes: &[u8]) -> Result<(), &'static str> {
+    let mut header = Header::default();
     let mut at = 2; // past the start-of-image marker
-    while let Some(&[prefix, marker]) = bytes.get(at..at + 2) {
-        match (prefix, marker) {
-            (0xFF, 0xD9) => return Ok(()),
-            // Bytes of a scan, stuffed zeros, restart markers and fill bytes.
-            (0xFF, 0x00 | 0x01 | 0xD0..=0xD7) => at += 2,
-            (0xFF, 0xFF) | (0..=0xFE, _) => at += 1,
-            (0xFF, 0xC0..=0xC2) if is_finer_than_first(bytes.get(at + 9..).unwrap_or_default()) => {
-                return Err("a JPEG with a channel sampled more finely than the first");
+    loop {
+        let marker = match bytes.get(at..at + 2).ok_or(CUT_SHORT)? {
+            [0xFF, marker] => *marker,
+            _ => {
+                at += 1; // what some programs leave between segments
+                continue;
             }
-            // Any other marker carries a length, which skips embedded thumbnails.
-            _ => match bytes.get(at + 2..at + 4) {
-                Some(&[high, low]) => at += 2 + usize::from(u16::from_be_bytes([high, low])),
-                _ => break,
-            },
+        };
+        match marker {
+            0xD9 => return Ok(()),
+            // Without a length: fill bytes, restart markers.
+            0xFF => at += 1,
+            0x00 | 0x01 | 0xD0..=0xD8 => at += 2,
+            _ => {
+                let length = bytes.get(at + 2..at + 4).ok_or(CUT_SHORT)?;
+                let length = usize::from(u16::from_be_bytes([length[0], length[1]]));
+                let end = at + 2 + length;
+                let segment = bytes.get(at + 4..end.max(at + 4)).ok_or(CUT_SHORT)?;
+                at = end.max(at + 4);
+                match marker {
+                    0xC4 => header.read_tables(segment).ok_or(NO_HEADER)?,
+                    0xC0..=0xC2 => {
+                        header.progressive = marker == 0xC2;
+                        header.read_frame(segment).ok_or(NO_HEADER)??;
+                    }
+                    0xDD => header.restart_interval = be16(segment).ok_or(NO_HEADER)?,
+                    0xDA if !header.components.is_empty() => {
+                        let data = &bytes[at..];
+                        at += header.walk(segment, data).ok_or(NO_HEADER)??;
+                    }
+                    _ => {}
+                }
+            }
         }
     }
-    Err("the JPEG data ends early")
+}
+
+fn be16(bytes: &[u8]) -> Option<usize> {
+    Some(usize::from(u16::from_be_bytes([*bytes.first()?, *bytes.get(1)?])))
+}
+
+impl Header {
+    fn read_tables(&mut self, mut segment: &[u8]) -> Option<()> {
+        while let Some((&class_and_number, rest)) = segment.split_first() {
+            let (counts, rest) = rest.split_first_chunk::<16>()?;
+            let symbols = counts.iter().map(|&count| usize::from(count)).sum();
+            let table = HuffmanTable::new(counts, rest.get(..symbols)?)?;
+            let slot = self.tables.get_mut(usize::from(class_and_number >> 4))?;
+            *slot.get_mut(usize::from(class_and_number & 15))? = Some(table);
+            segment = &rest[symbols..];
+        }
+        Some(())
+    }
+
+    fn read_frame(&mut self, segment: &[u8]) -> Option<Result<(), &'static str>> {
+        (self.height, self.width) = (be16(segment.get(1..)?)?, be16(segment.get(3..)?)?);
+        let count = usize::from(*segment.get(5)?);
+        let channels = segment.get(6..6 + 3 * count)?.chunks_exact(3);
+        let factors: Vec<_> = channels.map(|c| (c[0], usize::from(c[1] >> 4), usize::from(c[1] & 15))).collect();
+        let &(_, across, down) = factors.first()?;
+        if factors.iter().any(|&(_, x, y)| x > across || y > down) {
+            return Some(Err("a JPEG with a channel sampled more finely than the first"));
+        }
+        if factors.iter().any(|&(_, x, y)| x == 0 || y == 0) {
+            return None;
+        }
+        let (mcus_across, mcus_down) = (self.width.div_ceil(8 * across), self.height.div_ceil(8 * down));
+        let component = |(id, x, y): (u8, usize, usize)| Component {
+            id,
+            sampling: (x, y),
+            // Of the picture's own part; scans of several channels hold whole groups of blocks.
+            blocks: ((self.width * x).div_ceil(8 * across), (self.height * y).div_ceil(8 * down)),
+            stride: mcus_across * x,
+            nonzero: if self.progressive { vec![0; mcus_across * x * mcus_down * y] } else { Vec::new() },
+        };
+        self.components = factors.into_iter().map(component).collect();
+        Some(Ok(()))
+    }
+
+    /// Follows a scan through its data; its length.
+    fn walk(&mut self, segment: &[u8], data: &[u8]) -> Option<Result<usize, &'static str>> {
+        let count = usize::from(*segment.first()?);
+        let mut channels = Vec::with_capacity(count);
+        for channel in segment.get(1..1 + 2 * count)?.chunks_exact(2) {
+            let index = self.components.iter().position(|component| component.id == channel[0])?;
+            channels.push((index, usize::from(channel[1] >> 4 & 3), usize::from(channel[1] & 3)));
+        }
+        let &[first, last, approximation] = segment.get(1 + 2 * count..4 + 2 * count)? else { return None };
+        let (&(one, ..), mcus) = (channels.first()?, (self.components.first()?.sampling, &self.components));
+        let ((across, down), components) = mcus;
+        let groups = match channels.len() {
+            1 => components[one].blocks,
+            _ => (self.width.div_ceil(8 * across), self.height.div_ceil(8 * down)),
+        };
+        let [first, last] = if self.progressive { [first, last] } else { [0, 63] };
+        if last > 63 || first > last {
+            return None;
+        }
+        let scan = Scan {
+            channels,
+            groups,
+            band: (usize::from(first), usize::from(last)),
+            progressive: self.progressive,
+            refines: self.progressive && approximation >> 4 != 0,
+            restart_interval: self.restart_interval,
+        };
+        Some(Walk::new(&scan, &self.tables, &mut self.components, data).follow())
+    }
 }

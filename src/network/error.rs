@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use super::threads::ThreadsError;
+
 /// Why a model was refused, or a network failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -25,6 +27,26 @@ pub enum NetworkError {
         path: PathBuf,
         /// ONNX Runtime's message.
         reason: String,
+    },
+    /// The threads to run it on cannot be made.
+    #[error("{path}: cannot be run: {source}", path = path.display())]
+    Threads {
+        /// The model file.
+        path: PathBuf,
+        /// Why.
+        source: ThreadsError,
+    },
+    /// More of the output than a stray few is NaN or infinite.
+    #[error(
+        "{network}: {count} of {of} logits are NaN or infinite; expected finite numbers (a damaged model, or one for other input)"
+    )]
+    NotFinite {
+        /// Its name.
+        network: String,
+        /// Logits that are not finite.
+        count: usize,
+        /// Logits in all.
+        of: usize,
     },
 }
 

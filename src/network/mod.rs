@@ -5,12 +5,15 @@
 mod alpha;
 mod error;
 mod execution_provider;
+#[cfg(feature = "load-dynamic")]
+mod library_file;
 mod model_card;
 mod model_file;
 mod none;
 mod ort;
 mod ort_library;
 mod plane_network;
+mod threads;
 
 #[cfg(fuzzing)]
 pub(crate) use self::ort::check_outlets;
@@ -25,3 +28,4 @@ pub use model_file::{ModelNotFound, find_model, model_folders};
 pub use none::NoNetwork;
 pub use ort_library::{OrtLibrary, OrtLibraryError};
 pub use plane_network::PlaneNetwork;
+pub use threads::{MAX_THREADS, ThreadsError, check_threads};

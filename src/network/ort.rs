@@ -13,6 +13,7 @@ use super::execution_provider::{ExecutionProvider, Precision};
 use super::model_card::{ModelCard, read_card};
 use super::ort_library::OrtLibrary;
 use super::plane_network::PlaneNetwork;
+use super::threads::check_threads;
 use crate::fs::bounded;
 use crate::layers::LayerSpec;
 
@@ -60,7 +61,8 @@ impl OrtNetwork {
     /// # Errors
     ///
     /// [`NetworkError::Unfit`] if the size, the metadata, the inputs or the outputs are not a LiveView model's, naming what differs;
-    /// [`NetworkError::OnnxRuntime`] if there is no such file, or ONNX Runtime refuses it.
+    /// [`NetworkError::OnnxRuntime`] if there is no such file, or ONNX Runtime refuses it; [`NetworkError::Threads`] if the threads cannot
+    /// be made.
     pub fn open(library: &OrtLibrary, path: &Path, threads: usize) -> Result<Self, NetworkError> {
         Self::open_in(Precision::F32, library, path, threads)
     }
@@ -92,6 +94,7 @@ impl OrtNetwork {
                 library.provider()
             )));
         }
+        check_threads(threads).map_err(|source| NetworkError::Threads { path: path.to_path_buf(), source })?;
         let session = build(library, path, threads, precision).map_err(failed)?;
         let metadata = session.metadata().map_err(|e| failed(e.to_string()))?;
         let card = read_card(path, |key| metadata.custom(key))?;
@@ -147,6 +150,10 @@ impl OrtNetwork {
 impl PlaneNetwork for OrtNetwork {
     fn views(&self) -> usize {
         self.card.views
+    }
+
+    fn name(&self) -> String {
+        self.path.display().to_string()
     }
 
     fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {

@@ -7,6 +7,8 @@ use std::sync::Mutex;
 use ort::environment::Environment;
 
 use super::execution_provider::ExecutionProvider;
+#[cfg(feature = "load-dynamic")]
+use super::library_file;
 
 /// Why ONNX Runtime could not be used.
 #[derive(Debug, thiserror::Error)]
@@ -127,6 +129,7 @@ impl OrtLibrary {
         if !library.is_file() {
             return Err(unusable("there is no such file".into()));
         }
+        library_file::check(&library).map_err(unusable)?;
         let builder = ort::init_from(&library).map_err(|e| unusable(e.to_string()))?;
         let environment =
             builder.with_name("liveview").with_telemetry(false).build().map_err(|e| unusable(e.to_string()))?;

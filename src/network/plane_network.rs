@@ -9,6 +9,11 @@ pub trait PlaneNetwork {
     /// V, the number of views in its input.
     fn views(&self) -> usize;
 
+    /// What to call it in messages: its file, if it comes from one.
+    fn name(&self) -> String {
+        "the network".to_owned()
+    }
+
     /// `hwv` `[n, 3V, h, w]` (views nearest first, RGB in [0, 1], zeros outside the photos; h and w are multiples of
     /// [`crate::layers::STRIDE`]) → `logits` `[n, V, h, w]`, both in standard layout.
     ///

@@ -1,6 +1,7 @@
 //! Buffers of the layers that go through the pipeline together, from warp to composite.
 
 use ndarray::{ArrayView3, ArrayView4, ArrayViewMut4, Axis};
+use rayon::prelude::*;
 
 use super::blend::DistanceWeights;
 use crate::geometry::{Camera, Size};
@@ -23,6 +24,9 @@ pub struct Batch<'a> {
     /// Factors of the view weights.
     pub weights: &'a DistanceWeights,
 }
+
+/// Logits that one task counts.
+const COUNTED: usize = 1 << 16;
 
 /// Buffers for a number of layers, kept from frame to frame. Each slot holds one layer.
 #[derive(Default)]
@@ -108,20 +112,23 @@ impl Buffers {
         }
     }
 
-    /// Runs the network on the first `n` layers, `batch` at once.
+    /// Runs the network on the first `n` layers, `batch` at once; how many of their logits there are, and are not finite.
     pub(crate) fn infer(
         &mut self,
         network: &mut impl PlaneNetwork,
         n: usize,
         batch: usize,
-    ) -> Result<(), NetworkError> {
+    ) -> Result<[usize; 2], NetworkError> {
         let [_, samples, _] = self.lengths();
         let (views, Size { width, height }) = (self.views, self.size);
         let hwv = ArrayView4::from_shape((n, 3 * views, height, width), &self.hwv[..n * 3 * samples]);
         let logits = ArrayViewMut4::from_shape((n, views, height, width), &mut self.logits[..n * samples]);
         let (hwv, mut logits) = (hwv.expect("sized alike"), logits.expect("sized alike"));
         let batches = hwv.axis_chunks_iter(Axis(0), batch).zip(logits.axis_chunks_iter_mut(Axis(0), batch));
-        batches.into_iter().try_for_each(|(hwv, logits)| network.infer(hwv, logits))
+        batches.into_iter().try_for_each(|(hwv, logits)| network.infer(hwv, logits))?;
+        let logits = &self.logits[..n * samples];
+        let strays = logits.par_chunks(COUNTED).map(|part| part.iter().filter(|logit| !logit.is_finite()).count());
+        Ok([logits.len(), strays.sum()])
     }
 
     /// The first `n` layers, and their run coverage `[n, V, run_coverage_len]`.

@@ -26,6 +26,8 @@ pub struct Frame {
     pub culled: Culled,
     /// Pixels that no view sees on any layer, by what is known of the photos' own depth: the least hidden views served.
     pub unseen: usize,
+    /// Logits of the network that are NaN or infinite: a stray few, or there would be no frame.
+    pub logits_not_finite: usize,
     /// Wall time per stage.
     pub times: StageTimes,
 }
@@ -60,6 +62,7 @@ impl Frame {
             best_layer: Array2::from_shape_vec(shape, best.collect()).expect("one value per pixel"),
             culled,
             unseen: 0,
+            logits_not_finite: 0,
             times,
         }
     }

@@ -16,12 +16,15 @@ use super::frame::{Frame, StageTimes};
 use crate::geometry::{Camera, distance};
 use crate::layers::{Layers, padded};
 use crate::mvs::Visibility;
-use crate::network::{Alpha, PlaneNetwork};
+use crate::network::{Alpha, NetworkError, PlaneNetwork};
 use crate::warp::{RunCoverage, SourceView, Texture, warp_sources};
 
 /// Layers that are warped, and then composited, together, however few the network takes at once: photos and sums then go through
 /// memory once for all of them. Measured alternatives: docs/experiments.md.
 const LAYERS_TOGETHER: usize = 4;
+
+/// A frame stands if for each logit that is NaN or infinite there are this many in all.
+const FINITE_PER_STRAY: usize = 10_000;
 
 /// Runs a network over layers. Keeps its buffers from frame to frame; their size depends on `batch` (four layers at least) and the
 /// target, not on the number of layers.
@@ -155,6 +158,7 @@ impl<N: PlaneNetwork> Renderer<N> {
         let mut culled = Culled::default();
         let mut waiting = layers.as_slice().iter().enumerate();
         let mut indices = Vec::new();
+        let (mut logits, mut strays) = (0, 0);
         while waiting.len() > 0 {
             if let Some(transmittance) = self.culling.hide_rest(&gathered) {
                 culled.add_hidden(waiting.len(), transmittance);
@@ -183,7 +187,8 @@ impl<N: PlaneNetwork> Renderer<N> {
             if n == 0 {
                 continue;
             }
-            self.buffers.infer(&mut self.network, n, self.batch)?;
+            let counted = self.buffers.infer(&mut self.network, n, self.batch)?;
+            (logits, strays) = (logits + counted[0], strays + counted[1]);
             let inferred = Instant::now();
             let (shown, run_coverage) = self.buffers.batch(n, &weights);
             composite_batch(&shown, run_coverage, &indices, layers.len(), &mut gathered);
@@ -191,10 +196,14 @@ impl<N: PlaneNetwork> Renderer<N> {
             times.network += inferred - warped;
             observe(&shown);
         }
+        if strays.saturating_mul(FINITE_PER_STRAY) > logits {
+            let network = self.network.name();
+            return Err(NetworkError::NotFinite { network, count: strays, of: logits }.into());
+        }
         let rows = seen_any.chunks_exact(size.width).take(target.height());
         let unseen = rows.map(|row| row[..target.width()].iter().filter(|seen| !**seen).count()).sum();
         let gathered: Vec<_> = gathered.into_iter().map(R::finish).collect();
-        Ok(Frame { unseen, ..Frame::new(&gathered, target, culled, times) })
+        Ok(Frame { unseen, logits_not_finite: strays, ..Frame::new(&gathered, target, culled, times) })
     }
 }
 

@@ -3,9 +3,9 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use clap::Args;
-use liveview::network::{ExecutionProvider, NoNetwork, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16};
+use liveview::network::{ExecutionProvider, NoNetwork, OrtLibrary, OrtNetwork, Precision, check_threads, cpu_has_bf16};
 use liveview::render::Renderer;
 use liveview::{LayerSpec, Model, ModelOptions};
 
@@ -115,7 +115,7 @@ impl ModelArgs {
     /// Sets the threads of everything but the network; once per process, before any other work.
     pub(crate) fn set_threads(&self) -> Result<usize> {
         let threads = self.threads();
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
+        start_threads(threads)?;
         Ok(threads)
     }
 
@@ -211,4 +211,10 @@ impl ModelArgs {
         let networks = networks.filter(|network| network.as_ref().map_or(true, fits));
         networks.map(|network| Ok(self.renderer(network?))).collect()
     }
+}
+
+/// Starts the threads of everything but the network; once per process, before any other work.
+pub(crate) fn start_threads(threads: usize) -> Result<()> {
+    check_threads(threads).with_context(|| format!("--threads {threads}"))?;
+    Ok(rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?)
 }

@@ -10,9 +10,10 @@ use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use liveview::{Scene, ViewDepth};
+use liveview::{ModelOptions, Scene, ViewDepth};
 use truth::{Score, Truth};
 
+use crate::args::model::start_threads;
 use crate::args::numbers;
 use crate::args::scene::SceneArgs;
 use crate::args::targets::named;
@@ -86,9 +87,7 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
     });
     let all_files = files::claimed(&args.output, photos.scene(), &views, truth.as_ref())?;
     args.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
-    if let Some(threads) = args.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
-    }
+    start_threads(args.threads.unwrap_or_else(|| ModelOptions::default().threads_or_default()))?;
     let bar = progress("photos")?;
     bar.set_length(views.len() as u64);
     let stop = if views.len() > 1 { interrupt::watch(Vec::new())? } else { Arc::default() };

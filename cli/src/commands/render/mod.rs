@@ -170,6 +170,11 @@ fn render(
         explanation = args.explain.explain(job, &about)?;
         frame.picture = inpaint_unseen(&frame.picture, &frame.transmittance);
         let digests = outputs.write(&shot, &frame, truth.as_ref())?;
+        if frame.logits_not_finite > 0 {
+            let strays = frame.logits_not_finite;
+            let note = format!("{}: {strays} of the network's logits are NaN or infinite", shot.name);
+            job.progress.suspend(|| print_message("note", note));
+        }
         let one = Rendered {
             layers: plan.layers.len(),
             times: Some(times),

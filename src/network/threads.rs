@@ -1,0 +1,68 @@
+//! Whether threads can be made, tried before ONNX Runtime makes its own: where it gets only some of them, it waits for ever.
+
+use std::io;
+use std::sync::{Mutex, PoisonError};
+use std::thread::{self, Builder};
+
+/// Most threads that a network is run on.
+pub const MAX_THREADS: usize = 256;
+
+/// Of one thread: what most systems give it, so that a limit of address space is met here and not later.
+const STACK_BYTES: usize = 8 << 20;
+
+/// Threads that cannot be made.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ThreadsError {
+    /// More than [`MAX_THREADS`].
+    #[error("{0} threads; expected 1 to {MAX_THREADS}")]
+    TooMany(usize),
+    /// The system refused to make them.
+    #[error(
+        "of {asked} threads only {started} can be started: {source}; expected fewer threads, or a higher limit of processes \
+         (ulimit -u, a container's pids.max) or of address space (ulimit -v)"
+    )]
+    Refused {
+        /// Threads asked for.
+        asked: usize,
+        /// How many of them were started.
+        started: usize,
+        /// The system's reason.
+        source: io::Error,
+    },
+}
+
+/// Starts `count` threads at once, and ends them.
+///
+/// # Errors
+///
+/// [`ThreadsError`].
+pub fn check_threads(count: usize) -> Result<(), ThreadsError> {
+    if !(1..=MAX_THREADS).contains(&count) {
+        return Err(ThreadsError::TooMany(count));
+    }
+    let gate = Mutex::new(());
+    thread::scope(|scope| {
+        let closed = gate.lock().unwrap_or_else(PoisonError::into_inner);
+        let start = |started| {
+            let thread = Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, || drop(gate.lock()));
+            thread.err().map(|source| ThreadsError::Refused { asked: count, started, source })
+        };
+        let refused = (0..count).find_map(start);
+        drop(closed);
+        refused.map_or(Ok(()), Err)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_of_threads_beyond_reason_is_refused() {
+        assert!(check_threads(2).is_ok());
+        for count in [0, MAX_THREADS + 1, usize::MAX] {
+            assert_eq!(check_threads(count).unwrap_err().to_string(), format!("{count} threads; expected 1 to 256"));
+        }
+    }
+}
