@@ -23,7 +23,12 @@ impl PhotoSource for Grey {
     }
 
     fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError> {
-        let photo = |name: &str| Photo { name: name.into(), path: PathBuf::from("memory"), size: Size::new(64, 48) };
+        let photo = |name: &str| Photo {
+            name: name.into(),
+            path: PathBuf::from("memory"),
+            size: Size::new(64, 48),
+            ignored: Vec::new(),
+        };
         let file = listed.name.rsplit('/').next().unwrap_or_default();
         Ok(match file {
             "a.png" | "b.png" | "c.png" => Found::Photo(photo(listed.name)),

@@ -49,9 +49,27 @@ pub(crate) fn shown(path: &Path) -> String {
     path.display().to_string()
 }
 
+/// The text with its control characters escaped: names come from files, and a terminal would obey what is in them.
+pub(crate) fn escaped(text: &str) -> String {
+    escaped_but(text, None)
+}
+
+/// As [`escaped`], in lines.
+pub(crate) fn escaped_lines(text: &str) -> String {
+    escaped_but(text, Some('\n'))
+}
+
+fn escaped_but(text: &str, kept: Option<char>) -> String {
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c.is_control() && Some(c) != kept { shown.extend(c.escape_default()) } else { shown.push(c) }
+    }
+    shown
+}
+
 /// Prints a line on stderr; `eprintln` would panic if stderr is closed.
 pub(crate) fn print_message(kind: &str, what: impl Display) {
-    let _ = writeln!(std::io::stderr(), "{kind}: {what}");
+    let _ = writeln!(std::io::stderr(), "{kind}: {}", escaped(&what.to_string()));
 }
 
 /// Prints the notes of a scene on stderr: what was skipped or assumed when it was read.

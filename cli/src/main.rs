@@ -87,7 +87,7 @@ fn main() -> ExitCode {
     };
     match output {
         Ok(console::Output { text, json }) => {
-            let printed = if cli.json { format!("{json:#}") } else { text };
+            let printed = if cli.json { format!("{json:#}") } else { console::escaped_lines(&text) };
             let printed = printed.trim_end();
             let written = match &cli.command {
                 // The video itself goes to standard output.

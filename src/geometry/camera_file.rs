@@ -1,8 +1,8 @@
 //! Cameras from a JSON file.
 //!
 //! A camera is an object `{"transform_matrix": 4x4 world from camera, OpenGL axes}` or `{"cam_from_world": 3x4 or 4x4, OpenCV
-//! axes}`, with `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h` (pixels) where they differ from those of the nearest view. The file holds one
-//! such object, or a list of them.
+//! axes}`, with `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h` (pixels) where they differ from those of the nearest view, w and h together. The
+//! file holds one such object, or a list of them.
 
 use std::path::{Path, PathBuf};
 
@@ -40,7 +40,8 @@ pub fn read_cameras(path: &Path, views: &[&Camera]) -> Result<Vec<Camera>, Camer
     let refused = |index, reason| CameraFileError { path: path.to_owned(), index, reason };
     let bytes = bounded::read(path, bounded::MAX_JSON_BYTES);
     let bytes = bytes.map_err(|error| refused(None, format!("cannot be read: {error}")))?;
-    let file: Value = serde_json::from_slice(&bytes).map_err(|error| refused(None, format!("not JSON: {error}")))?;
+    let text = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(&bytes);
+    let file: Value = serde_json::from_slice(text).map_err(|error| refused(None, format!("not JSON: {error}")))?;
     let entries = file.as_array().map_or_else(|| std::slice::from_ref(&file), Vec::as_slice);
     if entries.is_empty() {
         return Err(refused(None, "the list of cameras is empty; expected at least one".to_owned()));
@@ -50,7 +51,17 @@ pub fn read_cameras(path: &Path, views: &[&Camera]) -> Result<Vec<Camera>, Camer
     cameras.map(|(at, entry)| camera(entry, views).map_err(|reason| refused(index(at), reason))).collect()
 }
 
+/// The keys of a camera.
+const KEYS: [&str; 8] = ["transform_matrix", "cam_from_world", "fl_x", "fl_y", "cx", "cy", "w", "h"];
+
 fn camera(entry: &Value, views: &[&Camera]) -> Result<Camera, String> {
+    let mut keys = entry.as_object().into_iter().flat_map(|entry| entry.keys());
+    if let Some(unknown) = keys.find(|key| !KEYS.contains(&key.as_str())) {
+        return Err(format!("\"{unknown}\" is unknown; expected none but {}", KEYS.join(", ")));
+    }
+    if entry.get("w").is_some() != entry.get("h").is_some() {
+        return Err("one of w and h is given; expected both or neither".to_owned());
+    }
     let (rotation, translation) = match (entry.get("transform_matrix"), entry.get("cam_from_world")) {
         (Some(matrix), None) => {
             let (axes, centre) = split(matrix, "transform_matrix", 4)?;

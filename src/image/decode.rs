@@ -1,13 +1,15 @@
 //! Reading pictures: PNG and JPEG to interleaved f32 RGB.
 //!
 //! Colours are sRGB values in [0, 1] as stored in the file (no linearisation). Alpha is dropped; the EXIF orientation is
-//! ignored, as COLMAP and the other pose tools ignore it, so poses belong to the pixels as stored.
+//! ignored, as COLMAP and the other pose tools ignore it, so poses belong to the pixels as stored. [`read_header`] tells of both.
 
+use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-use image::{ImageFormat, ImageReader, Limits};
+use image::metadata::Orientation;
+use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use super::error::ImageError;
 use super::jpeg;
@@ -18,21 +20,52 @@ use crate::geometry::{MAX_SIDE, Size};
 /// Memory that a decoder may use in addition to the pixels, in bytes: a colour profile of a few bytes can inflate to gigabytes.
 const MAX_EXTRA: u64 = 64 << 20;
 
+/// What the header of a picture says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Header {
+    /// In pixels, as stored.
+    pub size: Size,
+    /// Whether EXIF asks that it be shown turned or mirrored; [`load`] does not.
+    pub oriented: bool,
+    /// Whether it has an alpha channel; [`load`] drops it.
+    pub alpha: bool,
+}
+
+/// The header of a PNG or JPEG.
+///
+/// # Errors
+///
+/// As [`read_size`].
+pub fn read_header(path: &Path) -> Result<Header, ImageError> {
+    header_of(path, BufReader::new(open(path)?))
+}
+
 /// Size of a PNG or JPEG in pixels, from its header alone.
 ///
 /// # Errors
 ///
 /// [`ImageError::Read`], [`ImageError::Decode`] or [`ImageError::TooLarge`], naming the file.
 pub fn read_size(path: &Path) -> Result<Size, ImageError> {
-    let file =
-        bounded::open(path, bounded::MAX_BYTES).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
-    size_of(path, BufReader::new(file))
+    size_of(path, BufReader::new(open(path)?))
+}
+
+fn open(path: &Path) -> Result<File, ImageError> {
+    bounded::open(path, bounded::MAX_BYTES).map_err(|source| ImageError::Read { path: path.to_owned(), source })
 }
 
 /// As [`read_size`], of a file that is open already; `path` is for errors.
 pub(crate) fn size_of(path: &Path, input: impl BufRead + Seek) -> Result<Size, ImageError> {
     let size = reader(path, input)?.into_dimensions().map_err(|error| decode_error(path, &error))?;
     check_side(path, size)
+}
+
+fn header_of(path: &Path, input: impl BufRead + Seek) -> Result<Header, ImageError> {
+    let mut decoder = reader(path, input)?.into_decoder().map_err(|error| decode_error(path, &error))?;
+    let size = check_side(path, decoder.dimensions())?;
+    // EXIF data that is damaged asks for nothing.
+    let oriented = decoder.orientation().is_ok_and(|orientation| orientation != Orientation::NoTransforms);
+    Ok(Header { size, oriented, alpha: decoder.color_type().has_alpha() })
 }
 
 /// A decoder by content, not by extension: photos called .jpg that are PNG are common.

@@ -11,9 +11,9 @@ mod metrics;
 mod rgb;
 
 pub use colormap::{bar_chart, coloured, difference, side_by_side};
+pub use decode::{Header, load, read_header, read_size};
 #[cfg(fuzzing)]
 pub(crate) use decode::{decode, size_of};
-pub use decode::{load, read_size};
 pub use encode::{encode, encode_gray16_png, has_mark};
 pub use error::ImageError;
 pub use inpaint::inpaint_unseen;

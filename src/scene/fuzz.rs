@@ -24,7 +24,7 @@ impl PhotoSource for AnyPhoto {
     fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError> {
         let name = safe_name(Path::new("scene"), listed.name)?;
         let path = Path::new("scene").join(&name);
-        Ok(Found::Photo(Photo { name, path, size: Size::new(64, 48) }))
+        Ok(Found::Photo(Photo { name, path, size: Size::new(64, 48), ignored: Vec::new() }))
     }
 
     fn list(&self, folders: &[&str]) -> Result<Option<PhotoList>, SceneError> {

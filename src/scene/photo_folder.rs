@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::error::SceneError;
 use super::photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 use super::pose_file::safe_name;
-use crate::image::{self, ImageRgb};
+use crate::image::{self, Header, ImageRgb};
 
 /// Folders nested deeper than this are not searched for photos.
 const MAX_DEPTH: usize = 4;
@@ -48,8 +48,8 @@ impl PhotoSource for PhotoFolder {
             });
         };
         let path = self.root.join(&name);
-        let size = image::read_size(&path)?;
-        Ok(Found::Photo(Photo { name, path, size }))
+        let header = image::read_header(&path)?;
+        Ok(Found::Photo(Photo { name, path, size: header.size, ignored: ignored(header) }))
     }
 
     fn list(&self, folders: &[&str]) -> Result<Option<PhotoList>, SceneError> {
@@ -63,6 +63,14 @@ impl PhotoSource for PhotoFolder {
     fn load(&self, name: &str) -> Result<ImageRgb, SceneError> {
         Ok(image::load(&self.root.join(name))?)
     }
+}
+
+/// What of a photo is not used.
+fn ignored(header: Header) -> Vec<&'static str> {
+    let turned =
+        header.oriented.then_some("EXIF orientation ignored, poses are taken to be those of the pixels as stored");
+    let alpha = header.alpha.then_some("alpha channel dropped, colours are taken as stored");
+    turned.into_iter().chain(alpha).collect()
 }
 
 /// `name` with an extension added, then with its extension replaced.

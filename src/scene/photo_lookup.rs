@@ -1,11 +1,11 @@
 //! From the names in a pose file to photos of a source.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
 use super::error::SceneError;
 use super::photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
-use super::pose_file::safe_name;
+use super::pose_file::{safe_name, some_of};
 
 /// The photos of one pose file's entries, found one after the other.
 pub(super) struct PhotoLookup<'a> {
@@ -16,11 +16,20 @@ pub(super) struct PhotoLookup<'a> {
     taken: HashSet<String>,
     /// Of entries left out.
     notes: Vec<String>,
+    /// What is not used of which photos.
+    ignored: BTreeMap<&'static str, Vec<String>>,
 }
 
 impl<'a> PhotoLookup<'a> {
     pub(super) fn new(photos: &'a dyn PhotoSource, listed_in: &'a Path) -> Self {
-        Self { photos, listed_in, any_extension: false, taken: HashSet::new(), notes: Vec::new() }
+        Self {
+            photos,
+            listed_in,
+            any_extension: false,
+            taken: HashSet::new(),
+            notes: Vec::new(),
+            ignored: BTreeMap::new(),
+        }
     }
 
     /// Photos may have another image extension than the one listed.
@@ -31,7 +40,13 @@ impl<'a> PhotoLookup<'a> {
     /// The photo of an entry; `None` if the entry is to be left out.
     pub(super) fn find(&mut self, name: &str) -> Result<Option<Photo>, SceneError> {
         let listed = ListedPhoto { name, listed_in: self.listed_in, any_extension: self.any_extension };
-        Ok(match self.photos.find(&listed)? {
+        let found = self.photos.find(&listed)?;
+        if let Found::Photo(photo) | Found::OneOfMany(photo) = &found {
+            for what in &photo.ignored {
+                self.ignored.entry(what).or_default().push(photo.name.clone());
+            }
+        }
+        Ok(match found {
             Found::Photo(photo) => Some(photo),
             Found::OneOfMany(photo) => self.taken.insert(photo.name.clone()).then_some(photo),
             Found::LeftOut(note) => {
@@ -41,9 +56,11 @@ impl<'a> PhotoLookup<'a> {
         })
     }
 
-    /// What is to be told about entries left out.
+    /// What is to be told about entries left out, and about what is not used of photos.
     pub(super) fn into_notes(self) -> Vec<String> {
-        self.notes
+        let Self { mut notes, ignored, .. } = self;
+        notes.extend(ignored.into_iter().map(|(what, names)| format!("{what}: {}", some_of(&names))));
+        notes
     }
 }
 

@@ -21,6 +21,8 @@ pub struct Photo {
     pub path: PathBuf,
     /// In pixels.
     pub size: Size,
+    /// What of the file is not used, such as its alpha channel, in words; the scene's notes say so.
+    pub ignored: Vec<&'static str>,
 }
 
 /// A photo as a pose file lists it.

@@ -19,9 +19,10 @@ fn read_up_to(limit: u64, path: &Path) -> Result<Vec<u8>, SceneError> {
     bounded::read(path, limit).map_err(|source| SceneError::Read { path: path.to_owned(), source })
 }
 
-/// The text of a file; bytes that are not UTF-8 are an error.
+/// The text of a file, without a byte order mark; bytes that are not UTF-8 are an error.
 pub(super) fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, SceneError> {
-    std::str::from_utf8(bytes)
+    let text = std::str::from_utf8(bytes);
+    text.map(|text| text.strip_prefix('\u{feff}').unwrap_or(text))
         .map_err(|error| SceneError::malformed(path, format!("byte {} is not text", error.valid_up_to()), "UTF-8"))
 }
 

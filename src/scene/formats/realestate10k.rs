@@ -1,7 +1,7 @@
 //! RealEstate10K: `cameras.txt` and a folder `frames` of pictures named by timestamp.
 //!
-//! The file is the data set's own (google.github.io/realestate10k, "Camera format"): the first line is the video's address,
-//! each further line `timestamp fx fy cx cy 0 0` and a 3×4 `cam_from_world` row by row, OpenCV axes. Intrinsics are fractions
+//! The file is the data set's own (google.github.io/realestate10k, "Camera format"): the first line is the video's address (where it
+//! is a pose it counts as one), each further line `timestamp fx fy cx cy 0 0` and a 3×4 `cam_from_world` row by row, OpenCV axes. Intrinsics are fractions
 //! of the image's width (fx, cx) and height (fy, cy), so they hold at any size. Timestamps are microseconds.
 
 use std::collections::HashMap;
@@ -43,7 +43,11 @@ pub(in crate::scene) fn views(
         list.names.iter().filter_map(|name| Some((name.rsplit_once('.')?.0, name.as_str()))).collect();
     let mut lookup = PhotoLookup::new(photos, path);
     let (mut views, mut absent) = (Vec::new(), Vec::new());
-    for (index, line) in text.lines().enumerate().skip(1).filter(|(_, line)| !line.trim().is_empty()) {
+    let is_pose =
+        |line: &str| line.trim().split_once(char::is_whitespace).is_some_and(|(_, n)| parse_numbers(n).is_ok());
+    let without_address = text.lines().next().is_some_and(is_pose);
+    let lines = text.lines().enumerate().skip(usize::from(!without_address));
+    for (index, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
         let wrong = |what: String| SceneError::malformed(path, format!("line {}: {what}", index + 1), LINE);
         let (stamp, numbers) =
             line.trim().split_once(char::is_whitespace).ok_or_else(|| wrong("one word".to_owned()))?;
@@ -75,6 +79,9 @@ pub(in crate::scene) fn views(
         return Err(SceneError::malformed(path, what, "pictures named by timestamp, such as 50016633.jpg"));
     }
     let mut notes = lookup.into_notes();
+    if without_address {
+        notes.push("the first line is a pose and not the video's address: read as a pose".to_owned());
+    }
     if !absent.is_empty() {
         notes.push(format!("{} of the listed timestamps have no picture, skipped: {}", absent.len(), some_of(&absent)));
     }

@@ -18,7 +18,7 @@ use spread::{largest_angle, nearest_distances};
 
 use crate::args::numbers;
 use crate::args::scene::SceneArgs;
-use crate::console::{Output, advice, shown};
+use crate::console::{Output, advice, escaped, shown};
 use crate::statistics::percentile;
 
 const EXAMPLES: &str = "\
@@ -77,7 +77,7 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
     }
     let scene = photos.scene();
     for note in &scene.notes {
-        let _ = writeln!(text, "note       {note}");
+        let _ = writeln!(text, "note       {}", escaped(note));
     }
     let json = json!({
         "scene": shown(&scene.root), "format": scene.format.to_string(), "conventions": scene.format.conventions(),
@@ -143,15 +143,16 @@ fn target_section(photos: &PhotoCache, target: usize, args: &InspectArgs) -> Res
     let View { name, camera, .. } = &photos.scene().views[target];
     let elsewhere = |view: &&View| choose_views(&[&view.camera], camera, 1).is_err();
     let elsewhere: Vec<&str> = photos.scene().views.iter().filter(elsewhere).map(|view| view.name.as_str()).collect();
-    let mut text = format!("\ntarget     {name}, held out, from {} views\n", args.views);
+    let mut text = format!("\ntarget     {}, held out, from {} views\n", escaped(name), args.views);
     let mut json = json!({ "name": name, "look_elsewhere": elsewhere });
     if !elsewhere.is_empty() {
-        let _ = writeln!(text, "left out   look elsewhere (more than 60 degrees away): {}", elsewhere.join(", "));
+        let _ =
+            writeln!(text, "left out   look elsewhere (more than 60 degrees away): {}", escaped(&elsewhere.join(", ")));
     }
     let views = match photos.choose(name, camera, &[target], args.views) {
         Ok(views) => views,
         Err(error) => {
-            let _ = writeln!(text, "warning    cannot be rendered: {error}");
+            let _ = writeln!(text, "warning    cannot be rendered: {}", escaped(&error.to_string()));
             json["warning"] = json!(error.to_string());
             return Ok((text, json));
         }
@@ -162,7 +163,7 @@ fn target_section(photos: &PhotoCache, target: usize, args: &InspectArgs) -> Res
         Err(error @ SynthesisError::Layers(_)) => return Err(error.into()),
         Err(error) => {
             let error = advice(&error).map_or_else(|| error.to_string(), |advice| format!("{error}. {advice}"));
-            let _ = writeln!(text, "views      {}\nwarning    {error}", photos.names(&views).join(", "));
+            let _ = writeln!(text, "views      {}\nwarning    {error}", escaped(&photos.names(&views).join(", ")));
             json["views"] = json!(photos.names(&views));
             json["warning"] = json!(error);
             return Ok((text, json));
@@ -230,12 +231,12 @@ fn spacing(
         let whole = moved((nearest, farthest));
         let step = disparities.windows(2).map(|pair| moved((pair[0], pair[1]))).fold(0.0, f64::max);
         largest = largest.max(step);
-        let (name, apart) = (&photos.scene().views[view].name, distance(camera, target));
+        let (name, apart) = (escaped(&photos.scene().views[view].name), distance(camera, target));
         let shares = shares(&[(camera, *sweep)]);
         let _ =
             writeln!(text, "           {name:width$}  {apart:8.4}  {whole:5.1} px  {step:5.2} px  {}", cells(shares));
         rows.push(json!({
-            "name": name, "distance": apart, "parallax_pixels": whole, "step_pixels": step, "seen_percent": shares,
+            "name": photos.scene().views[view].name, "distance": apart, "parallax_pixels": whole, "step_pixels": step, "seen_percent": shares,
         }));
     }
     let _ = writeln!(text, "           {:width$}  {:28}  {}\n", "any view", "", cells(shares(sources)));

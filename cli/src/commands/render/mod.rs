@@ -23,7 +23,7 @@ use crate::args::layers::LayerArgs;
 use crate::args::model::ModelArgs;
 use crate::args::scene::SceneArgs;
 use crate::args::targets::TargetArgs;
-use crate::console::{Output, print_message, print_notes, progress};
+use crate::console::{Output, escaped, print_message, print_notes, progress};
 use crate::interrupt::{self, Interrupted};
 use crate::job::Job;
 use crate::measure::Times;
@@ -141,7 +141,7 @@ fn render(
         if stop.load(Ordering::Relaxed) {
             return Err(Interrupted.into());
         }
-        job.progress.set_message(shot.name.clone());
+        job.progress.set_message(escaped(&shot.name));
         let started = Instant::now();
         if let (true, None, Some(first)) = (shared, &kept, done.first()) {
             job.synthesizer.photos_mut().load_for(&first.shot, later)?;

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use super::explain::Explanation;
 use super::rendered::Rendered;
-use crate::console::{Output, shown};
+use crate::console::{Output, escaped, shown};
 use crate::job::Job;
 use crate::measure::{Times, peak_memory, time_text};
 
@@ -66,7 +66,7 @@ fn target(job: &Job, one: &Rendered) -> Value {
 }
 
 fn single(job: &Job, one: &Rendered) -> String {
-    let mut text = heading(job, std::slice::from_ref(one), &one.shot.name);
+    let mut text = heading(job, std::slice::from_ref(one), &escaped(&one.shot.name));
     line(&mut text, "views", &job.photos().names(&one.shot.views).join(", "));
     line_of_times(&mut text, std::slice::from_ref(one), "");
     if let Some(score) = &one.score {
@@ -97,7 +97,12 @@ fn table(job: &Job, done: &[Rendered]) -> String {
         let (psnr, ssim) = score.as_ref().map_or((f64::NAN, f64::NAN), |score| (score.psnr, score.ssim));
         let time = times.as_ref().map_or_else(|| "was there".to_owned(), |times| time_text(times.total()));
         let views = job.photos().names(&shot.views);
-        let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  {time:>9}  {}", shot.name, some_of(&views));
+        let _ = writeln!(
+            text,
+            "{:width$}  {psnr:7.2}  {ssim:6.4}  {time:>9}  {}",
+            escaped(&shot.name),
+            escaped(&some_of(&views))
+        );
     }
     if let Some((psnr, ssim)) = mean(done) {
         let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  ({BORDER}-pixel border left out)", "mean");
@@ -144,7 +149,7 @@ fn finish(text: &mut String, done: &[Rendered]) {
 }
 
 fn line(text: &mut String, label: &str, content: &str) {
-    let _ = writeln!(text, "{label:7} {content}");
+    let _ = writeln!(text, "{label:7} {}", escaped(content));
 }
 
 /// The first few, and how many more.

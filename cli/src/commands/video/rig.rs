@@ -102,7 +102,7 @@ struct RigCamera {
 impl RigCamera {
     fn photo(&self) -> Photo {
         let FirstFrame { path, size } = &self.first;
-        Photo { name: self.feed.name.clone(), path: path.clone(), size: *size }
+        Photo { name: self.feed.name.clone(), path: path.clone(), size: *size, ignored: Vec::new() }
     }
 }
 

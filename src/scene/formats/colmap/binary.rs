@@ -20,9 +20,11 @@ fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scen
             .and_then(|number| MODELS.get(number))
             .ok_or_else(|| input.wrong(&format!("camera {id} has model number {number}"), "0 to 4"))?;
         let parameters = (0..parameters).map(|_| input.f64("camera parameters")).collect::<Result<Vec<_>, _>>()?;
-        model.lenses.insert(id, lens(path, name, width, height, &parameters)?);
+        if model.lenses.insert(id, lens(path, name, width, height, &parameters)?).is_some() {
+            return Err(input.wrong(&format!("camera {id} a second time"), "each camera once"));
+        }
     }
-    Ok(())
+    input.end("camera")
 }
 
 fn read_images(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
@@ -47,7 +49,7 @@ fn read_images(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scene
         let translation = DVec3::from_array(t);
         model.images.push(Registered { name, camera, rotation: rotation([w, x, y, z]), translation, tracked });
     }
-    Ok(())
+    input.end("image")
 }
 
 fn read_points(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
@@ -59,9 +61,11 @@ fn read_points(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scene
         for _ in 0..input.count("track", 8)? {
             input.u64("track")?;
         }
-        model.points.insert(id, position);
+        if model.points.insert(id, position).is_some() {
+            return Err(input.wrong(&format!("point {id} a second time"), "each point once"));
+        }
     }
-    Ok(())
+    input.end("point")
 }
 
 /// A file being read.
@@ -110,6 +114,15 @@ impl Input<'_> {
                 .wrong(&format!("{count} {what} are declared"), &format!("at most the {room} that fit in the file")));
         }
         Ok(count)
+    }
+
+    /// After the last record.
+    fn end(&self, what: &str) -> Result<(), SceneError> {
+        let left = self.bytes.len() - self.at;
+        if left == 0 {
+            return Ok(());
+        }
+        Err(self.wrong(&format!("{left} bytes after the last {what} that is declared"), "the end of the file"))
     }
 
     /// A text that ends with a zero byte.

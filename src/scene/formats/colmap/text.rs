@@ -17,7 +17,9 @@ fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scen
         let words = Words::new(path, line, "CAMERA_ID MODEL WIDTH HEIGHT PARAMS");
         let parameters = (4..words.len()).map(|i| words.parse(i)).collect::<Result<Vec<f64>, _>>()?;
         let lens = lens(path, words.get(1)?, words.parse(2)?, words.parse(3)?, &parameters)?;
-        model.lenses.insert(words.parse(0)?, lens);
+        if model.lenses.insert(words.parse(0)?, lens).is_some() {
+            return Err(words.wrong(format!("camera {} a second time", words.get(0)?)));
+        }
     }
     Ok(())
 }
@@ -62,7 +64,9 @@ fn read_points(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scene
     for line in records(text(path, bytes)?) {
         let words = Words::new(path, line, "POINT3D_ID X Y Z R G B ERROR TRACK");
         let position = DVec3::new(words.parse(1)?, words.parse(2)?, words.parse(3)?);
-        model.points.insert(words.parse(0)?, position);
+        if model.points.insert(words.parse(0)?, position).is_some() {
+            return Err(words.wrong(format!("point {} a second time", words.get(0)?)));
+        }
     }
     Ok(())
 }
