@@ -2,8 +2,10 @@
 
 mod scene_common;
 
+use std::fs;
 use std::path::Path;
 
+use image::ImageEncoder;
 use liveview::scene::{Format, Scene, SceneOptions};
 use scene_common::{
     Colmap, LLFF_ROW, assert_close, assert_says, open, picture, poses_bounds, project, transforms, write,
@@ -249,6 +251,43 @@ fn realestate10k_intrinsics_are_fractions_of_the_image() {
     assert!((k.cy - 22.0).abs() < 1e-12, "{k:?}");
     assert_eq!(camera.translation().to_array(), [0.5, 0.0, 0.0]);
     assert_says(&notes(&scene), &["1 of the listed timestamps have no picture, skipped: 2000"]);
+}
+
+#[test]
+fn realestate10k_without_its_first_line_keeps_its_first_pose() {
+    let root = tempdir().unwrap();
+    write(&root.path().join("cameras.txt"), RE10K.split_once('\n').unwrap().1);
+    picture(&root.path().join("frames/1000.jpg"), 64, 40);
+    picture(&root.path().join("frames/2000.jpg"), 64, 40);
+    let scene = open(root.path()).unwrap();
+    assert_eq!(scene.views.len(), 2);
+    assert_says(&notes(&scene), &["the first line is a pose"]);
+}
+
+#[test]
+fn a_byte_order_mark_is_no_text() {
+    let root = tempdir().unwrap();
+    transforms(root.path(), "{\n", "\u{feff}{\n");
+    assert_eq!(open(root.path()).unwrap().views.len(), 1);
+}
+
+#[test]
+fn what_of_a_photo_is_not_used_is_told() {
+    let root = tempdir().unwrap();
+    transforms(root.path(), "", "");
+    let path = root.path().join("images/a.png");
+    let orientation =
+        |value| [b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0", &[value][..], b"\0\0\0\0\0\0"].concat();
+    let write_photo = |exif: Vec<u8>| {
+        let mut encoder = image::codecs::png::PngEncoder::new(fs::File::create(&path).unwrap());
+        encoder.set_exif_metadata(exif).unwrap();
+        encoder.write_image(&[128; 4 * 64 * 48], 64, 48, image::ExtendedColorType::Rgba8).unwrap();
+    };
+    write_photo(orientation(6));
+    let told = notes(&open(root.path()).unwrap());
+    assert_says(&told, &["EXIF orientation ignored", "alpha channel dropped", "pixels as stored: images/a.png"]);
+    write_photo(orientation(1));
+    assert!(!notes(&open(root.path()).unwrap()).contains("EXIF"));
 }
 
 /// Two cameras at one rig position: declared 2048 wide, photos 64 wide, heights different.

@@ -261,6 +261,36 @@ fn colmap_refusals() {
 }
 
 #[test]
+fn colmap_records_that_are_there_twice_or_beyond_the_last() {
+    let root = tempdir().unwrap();
+    picture(&root.path().join("images/a.png"), 64, 48);
+    let folder = root.path().join("sparse/0");
+    ONE.write_text(&folder);
+    for file in ["cameras.txt", "points3D.txt"] {
+        let path = folder.join(file);
+        let text = fs::read_to_string(&path).unwrap();
+        write(&path, format!("{text}{text}"));
+        let what = if file == "cameras.txt" { "camera 1 a second time" } else { "point 1 a second time" };
+        assert_says(&refusal(root.path()), &[file, what]);
+        write(&path, text);
+    }
+    ONE.write_binary(&folder);
+    open(root.path()).unwrap();
+    for file in ["cameras.bin", "images.bin", "points3D.bin"] {
+        let path = folder.join(file);
+        let bytes = fs::read(&path).unwrap();
+        write(&path, [&bytes[..], b"more"].concat());
+        assert_says(&refusal(root.path()), &[file, "4 bytes after the last", "expected the end of the file"]);
+        let twice = [&2_u64.to_le_bytes(), &bytes[8..], &bytes[8..]].concat();
+        if file == "cameras.bin" {
+            write(&path, twice);
+            assert_says(&refusal(root.path()), &[file, "camera 1 a second time"]);
+        }
+        write(&path, bytes);
+    }
+}
+
+#[test]
 fn realestate10k_refusals() {
     let root = tempdir().unwrap();
     picture(&root.path().join("frames/1000.png"), 64, 40);

@@ -164,6 +164,31 @@ fn models_of_another_shape() {
 }
 
 #[test]
+fn a_network_that_answers_nan() {
+    let folders = Folders::new();
+    let picture = folders.out("a.png");
+    let model = fixture("not_a_number");
+    for layers in ["guided:2", "planes:2", "surface:1", "select:1/2"] {
+        let arguments = ["--target", "2", "-o", &picture, "--model", &model, "--layers", layers];
+        let mut render = folders.liveview("render", &arguments);
+        folders.assert_refused(&mut render, &["not_a_number.onnx", " logits are NaN or infinite; expected finite"]);
+    }
+}
+
+#[test]
+fn names_are_shown_escaped() {
+    let folders = Folders::new();
+    let name = "a\u{1b}[31m\nb.png";
+    fs::rename(folders.photo(3), folders.scene().join("images").join(name)).unwrap();
+    folders.write_scene(5, "images/3.png", "images/a\\u001b[31m\\nb.png");
+    let output = folders.liveview("inspect", &["--target", "2"]).output().unwrap();
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success() && said.contains(r"a\u{1b}[31m\nb.png") && !said.contains('\u{1b}'), "{said}");
+    fs::remove_file(folders.scene().join("images").join(name)).unwrap();
+    assert_render_refused(&folders, &[], &[r"images/a\u{1b}[31m\nb.png: missing image"]);
+}
+
+#[test]
 fn runtime_library() {
     let folders = Folders::new();
     assert_render_refused(
@@ -173,6 +198,11 @@ fn runtime_library() {
     );
     let text = format!("{}/Cargo.toml", env!("CARGO_MANIFEST_DIR"));
     assert_render_refused(&folders, &["--ort-lib", &text], &[&text, "not a usable ONNX Runtime library"]);
+    let whole = wheel::file(ExecutionProvider::Cpu).unwrap();
+    let cut_short = folders.scene().join("libonnxruntime.so");
+    fs::write(&cut_short, &fs::read(whole).unwrap()[..1 << 20]).unwrap();
+    let cut_short = cut_short.to_str().unwrap();
+    assert_render_refused(&folders, &["--ort-lib", cut_short], &[cut_short, "the file is cut short: 1048576 bytes of"]);
 }
 
 #[test]
@@ -264,8 +294,11 @@ fn targets() {
         ("[]", "at least one"),
         (r#"{"cam_from_world": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}"#, "3 or 4 rows of 4 numbers"),
         (r#"{"cam_from_world": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}"#, "not orthonormal"),
-        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "w": -3}"#, "w is -3"),
-        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "w": 99999}"#, "image size"),
+        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "w": -3, "h": 48}"#, "w is -3"),
+        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "w": 99999, "h": 48}"#, "image size"),
+        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "w": 64}"#, "one of w and h is given"),
+        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "fov": 60}"#, "\"fov\" is unknown"),
+        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "fx": 60}"#, "\"fx\" is unknown"),
         (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "fl_x": 0}"#, "K is singular"),
     ] {
         let file = folders.scene().join("pose.json");

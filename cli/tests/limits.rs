@@ -9,6 +9,7 @@ mod scene_common;
 
 use std::fs::{self, File};
 use std::path::Path;
+use std::time::Duration;
 
 use assert_cmd::Command;
 use common::{Folders, fixture};
@@ -289,4 +290,37 @@ fn a_model_with_weights_of_4_gigabytes_beside_it() {
         let mut render = within_a_gigabyte(&folders, "render", &arguments);
         folders.assert_refused(&mut render, &["beside.onnx", "External data path", "beside.onnx/weights\""]);
     }
+}
+
+/// Each thread takes address space; ONNX Runtime would wait for ever for those that it did not get.
+#[test]
+fn threads_that_cannot_be_made() {
+    let folders = Folders::new();
+    let (picture, model) = (folders.out("a.png"), fixture("tiny_v4"));
+    let words = &["of 256 threads only ", " can be started", "ulimit -u", "ulimit -v", "--threads"];
+    for network in [["--model", &model], ["--network", "none"]] {
+        let arguments = [&["--target", "2", "-o", &picture, "--threads", "256"][..], &network].concat();
+        let mut render = within_a_gigabyte(&folders, "render", &arguments);
+        folders.assert_refused(render.timeout(Duration::from_secs(60)), words);
+    }
+}
+
+#[test]
+fn memory_that_cannot_be_had() {
+    let folders = Folders::new();
+    let pose = folders.scene().join("pose.json");
+    let turned = "[[1, 0, 0, -0.2], [0, -1, 0, 0], [0, 0, -1, 0]]";
+    fs::write(&pose, format!("{{\"cam_from_world\": {turned}, \"w\": 8192, \"h\": 6144}}")).unwrap();
+    let words = ["a picture of 8192x6144", " MB of memory", "this process may not have as much (ulimit -v)"];
+    for layers in ["guided:2", "planes:64", "surface:2"] {
+        assert_render_refused(&folders, &["--pose", pose.to_str().unwrap(), "--layers", layers], &words);
+    }
+
+    // The truth is not rendered from: it is not counted with the photos, but decoded.
+    folders.write_scene(5, r#""fl_x": 60, "fl_y": 60, "cx": 32, "cy": 24, "w": 64, "h": 48, "#, r#""fl_x": 60, "#);
+    image::GrayImage::new(8192, 8192).save(folders.photo(2)).unwrap();
+    let arguments = ["--target", "2", "--width", "64"];
+    let words =
+        ["images/2.png: the image is 8192x8192, which takes about 2147 MB of memory", "expected a smaller image"];
+    assert_render_refused(&folders, &arguments, &words);
 }

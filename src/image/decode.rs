@@ -14,11 +14,15 @@ use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
 use super::error::ImageError;
 use super::jpeg;
 use super::rgb::ImageRgb;
-use crate::fs::bounded;
+use crate::fs::{bounded, memory};
 use crate::geometry::{MAX_SIDE, Size};
 
 /// Memory that a decoder may use in addition to the pixels, in bytes: a colour profile of a few bytes can inflate to gigabytes.
 const MAX_EXTRA: u64 = 64 << 20;
+
+/// Memory per pixel while a photo is decoded, made f32 and, by whoever loads it, undistorted, resized or made a texture: f32 RGB twice, and
+/// 8 bytes of the decoder's own.
+const BYTES_PER_PIXEL: u64 = 32;
 
 /// What the header of a picture says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,7 +84,7 @@ fn reader<R: BufRead + Seek>(path: &Path, input: R) -> Result<ImageReader<R>, Im
 ///
 /// # Errors
 ///
-/// [`ImageError::Read`], [`ImageError::TooLarge`], or [`ImageError::Decode`] if the file is damaged or ends early.
+/// [`ImageError::Read`], [`ImageError::TooLarge`], [`ImageError::Memory`], or [`ImageError::Decode`] if the file is damaged or ends early.
 pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
     let read = bounded::read(path, bounded::MAX_BYTES);
     decode(path, &read.map_err(|source| ImageError::Read { path: path.to_owned(), source })?)
@@ -89,6 +93,8 @@ pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
 /// As [`load`], from the bytes of a file; `path` is for errors.
 pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> {
     let size = size_of(path, Cursor::new(bytes))?;
+    let needed = BYTES_PER_PIXEL * size.pixels() as u64;
+    memory::check(needed).map_err(|source| ImageError::Memory { path: path.to_owned(), size, source })?;
     let mut reader = reader(path, Cursor::new(bytes))?;
     let refused = |reason: &str| ImageError::Decode { path: path.to_owned(), reason: reason.to_owned() };
     if reader.format() == Some(ImageFormat::Jpeg) {

@@ -3,7 +3,8 @@
 use std::io;
 use std::path::PathBuf;
 
-use crate::geometry::MAX_SIDE;
+use crate::fs::memory::MemoryError;
+use crate::geometry::{MAX_SIDE, Size};
 
 /// Why a picture could not be read or written. Every message about a file names it.
 #[derive(Debug, thiserror::Error)]
@@ -34,6 +35,16 @@ pub enum ImageError {
         width: usize,
         /// Declared height in pixels.
         height: usize,
+    },
+    /// The picture takes more memory than can be had. Nothing was decoded.
+    #[error("{}: the image is {size}, which {source}; expected a smaller image", path.display())]
+    Memory {
+        /// The file.
+        path: PathBuf,
+        /// Declared size, pixels.
+        size: Size,
+        /// How much.
+        source: MemoryError,
     },
     /// The pixel buffer given does not hold width × height pixels.
     #[error("{len} values given for a {width}x{height} image with {channels} channels")]

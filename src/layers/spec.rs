@@ -85,6 +85,17 @@ impl LayerSpec {
         !matches!(self, Self::Guided { .. } | Self::Surface(_))
     }
 
+    /// Most layers that are rendered at a time: for [`LayerSpec::Select`] those that it selects from.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Planes(count) | Self::Surface(count) => *count,
+            Self::Guided { layers, .. } => *layers,
+            Self::Select { from, .. } => *from,
+            Self::KMeans { planes, .. } => *planes,
+            Self::List(list) => list.len(),
+        }
+    }
+
     /// That many guided layers.
     pub fn guided(layers: usize) -> Self {
         Self::Guided { layers, coarse_planes: None }

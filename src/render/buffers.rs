@@ -4,6 +4,7 @@ use ndarray::{ArrayView3, ArrayView4, ArrayViewMut4, Axis};
 use rayon::prelude::*;
 
 use super::blend::DistanceWeights;
+use crate::fs::memory::{self, MemoryError};
 use crate::geometry::{Camera, Size};
 use crate::layers::Layer;
 use crate::mvs::{Visibility, WarpedLayers};
@@ -42,8 +43,18 @@ pub(crate) struct Buffers {
 }
 
 impl Buffers {
+    /// Bytes for `layers` layers of `views` views on a padded target of that size.
+    pub(crate) fn bytes(layers: usize, views: usize, size: Size) -> usize {
+        // Disparity; of each view colour, coverage and a logit.
+        layers * (size.pixels() * size_of::<f32>() * (1 + 5 * views) + views * run_coverage_len(size))
+    }
+
     /// Room for `layers` layers of `views` views on a padded target of that size.
-    pub(crate) fn make_room(&mut self, layers: usize, views: usize, size: Size) {
+    pub(crate) fn make_room(&mut self, layers: usize, views: usize, size: Size) -> Result<(), MemoryError> {
+        let more = Self::bytes(layers, views, size).saturating_sub(size_of::<f32>() * (self.hwv.len() / 3 * 5));
+        if more > 0 {
+            memory::check(more as u64)?;
+        }
         (self.views, self.size) = (views, size);
         let pixels = layers * size.pixels();
         self.disparity.resize(pixels, 0.0);
@@ -52,6 +63,7 @@ impl Buffers {
         self.logits.resize(views * pixels, 0.0);
         self.run_coverage.clear(); // it was known for another target
         self.run_coverage.resize(layers * views * run_coverage_len(size), RunCoverage::Partly);
+        Ok(())
     }
 
     /// Length of one layer's disparity, coverage and run coverage.
@@ -178,7 +190,7 @@ mod tests {
             WarpSource::new(&texture, sweep)
         };
         let mut buffers = Buffers::default();
-        buffers.make_room(3, 3, SIZE);
+        buffers.make_room(3, 3, SIZE).unwrap();
         let planes = Layers::planes(&[2.0, 1.0, 1e-3]).unwrap();
         let sources = [source(-210.0, 5.0), source(210.0, -5.0), source(1.0, 0.5)];
         buffers.warp(planes.as_slice().iter().enumerate(), &sources, &mut Vec::new());

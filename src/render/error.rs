@@ -1,5 +1,6 @@
 //! Why a frame could not be rendered.
 
+use crate::fs::memory::MemoryError;
 use crate::network::NetworkError;
 
 /// Why a frame could not be rendered.
@@ -14,6 +15,9 @@ pub enum RenderError {
         /// How many were given.
         found: usize,
     },
+    /// The layers take more memory than can be had.
+    #[error("what is rendered together {0}; expected a smaller target or fewer layers at once")]
+    Memory(#[from] MemoryError),
     /// The network failed.
     #[error(transparent)]
     Network(#[from] NetworkError),

@@ -13,7 +13,7 @@ use super::composite_row::{CompositeRow, LayerRow};
 use super::culling::{Culled, Culling};
 use super::error::RenderError;
 use super::frame::{Frame, StageTimes};
-use crate::geometry::{Camera, distance};
+use crate::geometry::{Camera, Size, distance};
 use crate::layers::{Layers, padded};
 use crate::mvs::Visibility;
 use crate::network::{Alpha, NetworkError, PlaneNetwork};
@@ -75,6 +75,16 @@ impl<N: PlaneNetwork> Renderer<N> {
     /// Sets which layers the next renders may leave out: by default those that no view covers.
     pub fn set_culling(&mut self, culling: Culling) {
         self.culling = culling;
+    }
+
+    /// Bytes of the buffers for a target of that size on so many layers.
+    pub(crate) fn buffer_bytes(&self, target: Size, layers: usize) -> usize {
+        Buffers::bytes(self.together().min(layers), self.network.views(), padded(target))
+    }
+
+    /// Layers that are warped and composited together. They can be hidden only behind layers that are composited already.
+    fn together(&self) -> usize {
+        if self.culling.transmittance > 0.0 { self.batch } else { LAYERS_TOGETHER.next_multiple_of(self.batch) }
     }
 
     /// Renders `target` from `views` (V of them, nearest first: see [`crate::geometry::choose_views`]) on `layers`; maps among these
@@ -146,11 +156,8 @@ impl<N: PlaneNetwork> Renderer<N> {
         let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
         let power = if visibility.is_some() { VISIBLE_POWER } else { 1.0 };
         let weights = DistanceWeights::with_power(&distances, power);
-        // Layers can be hidden only behind layers that are composited already.
-        let together =
-            if self.culling.transmittance > 0.0 { self.batch } else { LAYERS_TOGETHER.next_multiple_of(self.batch) };
         let size = padded(target.size());
-        self.buffers.make_room(together.min(layers.len()), count, size);
+        self.buffers.make_room(self.together().min(layers.len()), count, size)?;
 
         let mut seen_any = vec![visibility.is_none(); size.pixels()];
         let mut gathered: Vec<R> = (0..target.height()).map(|_| new_row(target.width())).collect();

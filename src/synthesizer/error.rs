@@ -3,7 +3,8 @@
 use std::io;
 use std::path::PathBuf;
 
-use crate::geometry::{CameraPathError, TooFewViews};
+use crate::fs::memory::MemoryError;
+use crate::geometry::{CameraPathError, Size, TooFewViews};
 use crate::layers::LayersError;
 use crate::network::{ModelNotFound, NetworkError, OrtLibraryError};
 use crate::render::RenderError;
@@ -61,6 +62,21 @@ pub enum SynthesisError {
     /// The model file is no LiveView model, or does not fit the options.
     #[error(transparent)]
     Network(#[from] NetworkError),
+    /// A target takes more memory than can be had.
+    #[error(
+        "{target}: a picture of {size} from photos such as {photo} {source}; expected a smaller target, smaller photos or \
+         fewer layers at once"
+    )]
+    Memory {
+        /// Name of the target.
+        target: String,
+        /// Its size, pixels.
+        size: Size,
+        /// Name and size of its largest photo.
+        photo: String,
+        /// How much.
+        source: MemoryError,
+    },
     /// The network failed.
     #[error(transparent)]
     Render(#[from] RenderError),

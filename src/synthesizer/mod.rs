@@ -14,6 +14,7 @@
 //! [`Synthesizer::plan`] finds its layers, [`Synthesizer::render_layers`] renders them.
 
 mod error;
+mod memory;
 mod model;
 mod photo_cache;
 mod photo_depths;
@@ -165,14 +166,17 @@ impl<N: PlaneNetwork> Synthesizer<N> {
     ///
     /// # Errors
     ///
-    /// [`SynthesisError::Views`] and [`SynthesisError::UnknownDepth`].
+    /// [`SynthesisError::Views`], [`SynthesisError::UnknownDepth`], and [`SynthesisError::Memory`] for a target that takes more than can be
+    /// had.
     pub fn shots(&self, targets: Targets) -> Result<Vec<Shot>, SynthesisError> {
         let given = match &self.layers {
             LayerSpec::List(list) => Some((1.0 / list[0], 1.0 / list[list.len() - 1])),
             _ => None,
         };
         let helpers = if matches!(self.layers, LayerSpec::Surface(_)) { Settings::default().extra } else { 0 };
-        self.photos.shots(targets, self.renderer.network().views(), helpers, given)
+        let shots = self.photos.shots(targets, self.renderer.network().views(), helpers, given)?;
+        memory::check(self.photos.scene(), &self.renderer, &self.layers, &shots)?;
+        Ok(shots)
     }
 
     /// Finds the layers of a shot.
