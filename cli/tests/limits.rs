@@ -311,7 +311,7 @@ fn memory_that_cannot_be_had() {
     let pose = folders.scene().join("pose.json");
     let turned = "[[1, 0, 0, -0.2], [0, -1, 0, 0], [0, 0, -1, 0]]";
     fs::write(&pose, format!("{{\"cam_from_world\": {turned}, \"w\": 8192, \"h\": 6144}}")).unwrap();
-    let words = ["a picture of 8192x6144", " MB of memory", "this process may not have as much (ulimit -v)"];
+    let words = ["a picture of 8192x6144", " MB of memory; ", "expected a smaller target"];
     for layers in ["guided:2", "planes:64", "surface:2"] {
         assert_render_refused(&folders, &["--pose", pose.to_str().unwrap(), "--layers", layers], &words);
     }
