@@ -149,6 +149,8 @@ impl<N: PlaneNetwork> Renderer<N> {
             return Err(RenderError::Views { expected: count, found: views.len() });
         }
         let begun = Instant::now();
+        let size = padded(target.size());
+        self.buffers.make_room(self.together().min(layers.len()), count, size)?;
         let mut sources = warp_sources(views, target);
         if let Some(visibility) = visibility {
             visibility.balance(&mut sources, &mut self.sharpened);
@@ -156,8 +158,6 @@ impl<N: PlaneNetwork> Renderer<N> {
         let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
         let power = if visibility.is_some() { VISIBLE_POWER } else { 1.0 };
         let weights = DistanceWeights::with_power(&distances, power);
-        let size = padded(target.size());
-        self.buffers.make_room(self.together().min(layers.len()), count, size)?;
 
         let mut seen_any = vec![visibility.is_none(); size.pixels()];
         let mut gathered: Vec<R> = (0..target.height()).map(|_| new_row(target.width())).collect();
