@@ -155,13 +155,8 @@ fn live_frames_are_paced_and_late_ones_dropped() {
     assert!(told["latency_ms"]["median"].as_u64().is_some() && told["mean"]["psnr"].is_null());
     // Too fast for any machine: the work goes down, frames are dropped, and every one has its place in the video.
     let mut video =
-        rig.video(&["--camera", "cam2", "--fps", "256", "--latency", "1ms", "--layers", "planes:512", "-o", &out]);
+        rig.video(&["--camera", "cam2", "--fps", "256", "--latency", "30ms", "--layers", "planes:512", "-o", &out]);
     let output = video.arg("--json").output().unwrap();
-    if output.status.code() == Some(2) {
-        // On a machine with much else to do all of them.
-        let said = String::from_utf8_lossy(&output.stderr);
-        return assert!(said.contains("no frame could be rendered") && said.contains("late"), "{said}");
-    }
     let told: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(told["dropped"].as_u64().unwrap() > 0, "{told}");
     let sum = ["rendered", "repeated"].map(|key| told[key].as_u64().unwrap()).iter().sum::<u64>();
