@@ -226,3 +226,34 @@ fn what_cannot_be_rendered_is_refused_by_name() {
     let told = Synthesizer::open(WORKSHOP, &options).unwrap_err().to_string();
     assert!(told.contains("liveview_v63.onnx") && told.contains("elsewhere"), "{told}");
 }
+
+/// `Agreement`, with some logits that are none.
+struct Straying(usize);
+
+impl PlaneNetwork for Straying {
+    fn views(&self) -> usize {
+        4
+    }
+
+    fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+        Agreement.infer(hwv, logits.view_mut())?;
+        let strays = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY].into_iter().cycle().take(self.0);
+        logits.iter_mut().skip(1000).zip(strays).for_each(|(logit, stray)| *logit = stray);
+        Ok(())
+    }
+}
+
+#[test]
+fn a_stray_few_logits_that_are_not_finite_are_counted_and_more_are_an_error() {
+    let render = |strays: usize| {
+        let photos = PhotoCache::new(workshop(), None, None);
+        let renderer = Renderer::new(Straying(strays), 1);
+        Synthesizer::new(photos, renderer, "guided:1".parse().unwrap()).render(&Target::held_out("target_0"))
+    };
+    let pixels = 96 * 72; // the padded target's, of which each has four logits
+    let few = pixels * 4 / 10_000;
+    let frame = render(few).unwrap();
+    assert_eq!(frame.logits_not_finite, few);
+    assert!(frame.picture.data().iter().all(|value| value.is_finite()));
+    assert!(render(few + 1).unwrap_err().to_string().contains("NaN or infinite"));
+}

@@ -53,7 +53,9 @@ class Program(NamedTuple):
         if done.returncode:
             raise RuntimeError(f"{' '.join(command)}: {done.stderr.strip()}")
         with np.load(out) as arrays:
-            return torch.from_numpy(arrays["frame"])
+            frame = torch.from_numpy(arrays["frame"])
+        out.unlink()  # the program does not overwrite what lies in a scene's folder
+        return frame
 
 
 def write_scene(folder: Path, scene: Scene, spec: dict, target: int, case: Case) -> None:

@@ -65,6 +65,9 @@ pub(super) fn summary(
     for (step, level) in changes {
         line("work", format!("from frame {step}: {} at {:.0} % of the size", level.layers, 100.0 * level.scale));
     }
+    if tally.logits_not_finite > 0 {
+        line("network", format!("{} of its logits over all frames are NaN or infinite", tally.logits_not_finite));
+    }
     let mut cameras = Vec::new();
     for (feed, (count, first)) in rig.feeds.iter().zip(&faults.cameras) {
         if let Some(first) = first {
@@ -93,7 +96,7 @@ pub(super) fn summary(
         "held_out": viewpoint.truth.map(|view| &scene.views[view].name), "layers": layers.to_string(), "policy": policy.to_string(), "frames": written.frames,
         "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "border_left_out": BORDER,
         "latency_ms": { "median": percentiles.0, "percentile_99": percentiles.1 }, "changes": changes_json(changes),
-        "faults": cameras, "stopped": stopped, "file": file.map(shown), "notes": scene.notes,
+        "logits_not_finite": tally.logits_not_finite, "faults": cameras, "stopped": stopped, "file": file.map(shown), "notes": scene.notes,
     });
     if let Value::Object(json) = &mut json {
         [more, model.json()].into_iter().for_each(|part| {

@@ -58,6 +58,8 @@ pub(super) struct Tally {
     pub(super) dropped: usize,
     /// Whether any camera sees any part of any frame.
     pub(super) seen: bool,
+    /// Logits of the network that are NaN or infinite, over all frames: a stray few.
+    pub(super) logits_not_finite: usize,
     layer_sources: BTreeMap<String, usize>,
     refreshed: f64,
     spent: [Duration; 5],
@@ -87,6 +89,7 @@ impl Tally {
 
     pub(super) fn add(&mut self, step: usize, frame: &LiveFrame, scores: Option<Scores>) -> Result<()> {
         self.rendered += 1;
+        self.logits_not_finite += frame.frame.logits_not_finite;
         self.seen = self.seen || frame.frame.transmittance.iter().any(|&left| left < 1.0 - 1e-6);
         *self.layer_sources.entry(frame.layer_source.to_string()).or_default() += 1;
         if let LayerSource::Propagated { refreshed } = frame.layer_source {
