@@ -164,6 +164,12 @@ def test_evaluation_writes_its_files_and_names_what_it_skips(tmp_path, monkeypat
     assert report["mean"]["guided:4"]["psnr"] > report["mean"]["nearest view"]["psnr"] + 3
     assert (tmp_path / "out" / "sheet.jpg").stat().st_size > 1000
     assert "| guided:4 |" in (tmp_path / "out" / "scores.md").read_text()
+    monkeypatch.setattr(sys, "argv", [*map(str, command), "--methods", "single", "--threads", "1", "--keep"])
+    assert evaluate.main() == 0
+    torch.set_num_threads(threads)
+    again = json.loads((tmp_path / "out" / "scores.json").read_text())["mean"]
+    assert "best single plane" in again and "best single plane" not in report["mean"]
+    assert all(again[method] == scores for method, scores in report["mean"].items())
 
 
 def test_competing_planes_are_the_composite_of_all_at_once():

@@ -123,8 +123,15 @@ def markdown(report: dict) -> str:
     return "\n".join(lines) + "\n"
 
 
+def with_earlier(scores: Scores, earlier: dict, scene: str, target: str) -> Scores:
+    """With those of other methods that an earlier report has of the target."""
+    targets = earlier["scenes"].get(scene, {"targets": []})["targets"]
+    before = next((each["scores"] for each in targets if each["target"] == target), {})
+    return scores | {method: row for method, row in before.items() if method not in scores}
+
+
 def write(folder: Path, report: dict, rows: list[Row]) -> None:
-    """All four files, each under a temporary name first."""
+    """All four files, each under a temporary name first; the contact sheet where there are rows."""
 
     def put(name: str, save: Callable[[Path], object]) -> None:
         temporary = (folder / name).with_stem("unfinished")
@@ -134,7 +141,8 @@ def write(folder: Path, report: dict, rows: list[Row]) -> None:
     put("scores.json", lambda path: path.write_text(json.dumps(report, indent=1) + "\n"))
     put("scores.md", lambda path: path.write_text(markdown(report)))
     put("figure.svg", lambda path: path.write_text(figure(report["mean"])))
-    put("sheet.jpg", lambda path: contact_sheet(rows).save(path, quality=85))
+    if rows:
+        put("sheet.jpg", lambda path: contact_sheet(rows).save(path, quality=85))
 
 
 @torch.inference_mode()
@@ -177,6 +185,7 @@ def main() -> int:
     told = f"comma-separated; left out: {SURFACE},{every}, and {COMPETING} where the model was trained for it"
     parser.add_argument("--methods", help=told)
     parser.add_argument("--scale", type=float, help="of competing planes' logits; the model's own where left out")
+    parser.add_argument("--keep", action="store_true", help="keep OUT's scores of other methods, and its contact sheet")
     parser.add_argument("--scenes", help="comma-separated names; all where left out")
     parser.add_argument("--binary", type=Path, default=ROOT / "target" / "release" / "liveview")
     parser.add_argument("--threads", type=int, default=2)
@@ -208,6 +217,7 @@ def main() -> int:
     wanted = args.scenes.split(",") if args.scenes else list(specs)
     if unknown := set(wanted) - set(specs):
         parser.error(f"no scene {', '.join(sorted(unknown))}: there are {', '.join(specs)}")
+    earlier = json.loads((args.out / "scores.json").read_text()) if args.keep else None
     args.out.mkdir(parents=True, exist_ok=True)
     report = {
         "model": args.model.name, "views": views, "trained": about, "cpu": machine(), "threads": args.threads,
@@ -219,14 +229,20 @@ def main() -> int:
         targets, row, skipped = score_scene(name, specs[name], args.data, views, program, families, weights)
         report["skipped"] |= skipped
         if targets:
-            rows.append(row)
+            if earlier:
+                for target in targets:
+                    target["scores"] = with_earlier(target["scores"], earlier, name, target["target"])
+            else:
+                rows.append(row)
             report["scenes"][name] = {"mean": mean([target["scores"] for target in targets]), "targets": targets}
             report["mean"] = mean([scene["mean"] for scene in report["scenes"].values()])
         if rows:
             write(args.out, report, rows)
+    if earlier and report["scenes"]:  # whole or not at all
+        write(args.out, report, [])
     for name, why in report["skipped"].items():
         print(f"skipped {name}: {why}", file=sys.stderr)
-    return 0 if rows else 1
+    return 0 if report["scenes"] else 1
 
 
 if __name__ == "__main__":
