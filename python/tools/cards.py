@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from statistics import fmean
 
 from liveview_ref.checkpoint import load_state
 from liveview_ref.evaluation.chart import Panel, chart
@@ -43,6 +44,23 @@ def scores(report: dict) -> str:
     return "\n".join(lines)
 
 
+def views(reports: dict[int, dict]) -> str:
+    """Surface layers by V; a scene with too few photos for a V is none of its scenes."""
+    methods = "surface:1", "surface:2", "surface:1, no network"
+    lines = ["| V | scenes | " + " | ".join(methods) + " | V = 4 on the same scenes, surface:1 |", "|---" * 6 + "|"]
+
+    def mean(report: dict, scenes: list[str], method: str) -> str:
+        rows = [report["scenes"][scene]["mean"][method] for scene in scenes]
+        psnr, ssim, lpips = (fmean(row[key] for row in rows) for key in ("psnr", "ssim", "lpips"))
+        return f"{psnr:.2f} / {ssim:.4f} / {lpips:.4f}"
+
+    for count, report in sorted(reports.items()):
+        scenes = [scene for scene in report["scenes"] if scene in reports[4]["scenes"]]
+        cells = [mean(report, scenes, method) for method in methods] + [mean(reports[4], scenes, methods[0])]
+        lines.append(f"| {count} | {len(scenes)} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
 def curves(name: str, state: dict) -> Panel:
     """A training may come to validate more than it began with."""
     kinds = dict.fromkeys(kind for row in state["history"] for kind in kinds_of(row))
@@ -54,7 +72,10 @@ def main() -> None:
     states = {path.stem.removeprefix("liveview_v").replace("_", ", "): load_state(path) for path in MODELS.glob("*.pt")}
     models = {name: states[name] for name in sorted(states, key=lambda name: (states[name]["views"], name))}
     report = json.loads((MODELS / "liveview_v4_scores" / "scores.json").read_text())
-    fill(MODELS / "README.md", {"trained": f"\n\n{trained(models)}\n\n", "scores": f"\n\n{scores(report)}\n\n"})
+    found = [json.loads(path.read_text()) for path in MODELS.glob("liveview_v*_scores/scores.json")]
+    by_views = {each["views"]: each for each in found if each["trained"].get("alpha") != "competing"}
+    parts = {"trained": trained(models), "scores": scores(report), "views": views(by_views)}
+    fill(MODELS / "README.md", {name: f"\n\n{part}\n\n" for name, part in parts.items()})
     (MODELS / "curves.svg").write_text(chart([curves(name, state) for name, state in models.items()]))
 
 
