@@ -1,0 +1,86 @@
+//! What somebody who means harm would give the program: 200 seeded scene folders, and a list of commands. Each run ends within a time
+//! limit in a picture or in an error that names a file, and changes nothing that was there before.
+#![cfg(unix)]
+
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../../../tests/scene_common/mod.rs"]
+mod scene_common;
+
+#[path = "../../../tests/wheel/mod.rs"]
+mod wheel;
+
+mod commands;
+mod faults_of_photos;
+mod faults_of_poses;
+mod scene;
+mod snapshot;
+
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+use assert_cmd::Command;
+use rayon::prelude::*;
+use scene::Hostile;
+use snapshot::snapshot;
+
+/// Scene folders.
+const FOLDERS: u64 = 200;
+
+/// Most of these runs take some 10 ms.
+const LIMIT: Duration = Duration::from_secs(30);
+
+/// The program, or another build of it to attack.
+fn program() -> std::ffi::OsString {
+    std::env::var_os("LIVEVIEW").unwrap_or_else(|| env!("CARGO_BIN_EXE_liveview").into())
+}
+
+#[test]
+fn hostile_scene_folders() {
+    let ended: Vec<Result<bool, String>> = (0..FOLDERS).into_par_iter().map(ends_well).collect();
+    let faults: Vec<_> = ended.iter().filter_map(|ended| ended.as_ref().err()).map(String::as_str).collect();
+    assert!(faults.is_empty(), "{} of {FOLDERS} folders:\n{}", faults.len(), faults.join("\n"));
+    let pictures = ended.iter().filter(|ended| **ended == Ok(true)).count() as u64;
+    println!("{pictures} pictures, {} errors", FOLDERS - pictures);
+    // Otherwise the generator tests one end only.
+    assert!((FOLDERS / 10..=FOLDERS * 9 / 10).contains(&pictures), "{pictures} pictures");
+}
+
+/// Renders one folder: whether it became a picture, or what is wrong with how it ended.
+fn ends_well(seed: u64) -> Result<bool, String> {
+    let Hostile { root, target, faults } = Hostile::new(seed);
+    let (scene, out) = (root.path().join("scene"), root.path().join("out"));
+    let before = snapshot(&scene);
+    let layers = ["surface:1", "guided:1", "planes:4"][seed as usize % 3];
+    let mut render = Command::new(program());
+    render.arg("render").arg(&scene).args(["--network", "none", "--threads", "1", "--layers", layers]).args(target);
+    let output = render.arg("-o").arg(out.join("a.png")).timeout(LIMIT).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    let told = |what: &str| Err(format!("seed {seed}, {layers}, {}: {what}; {said}", faults.join(", ")));
+    let written: Vec<_> = fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    if snapshot(&scene) != before {
+        return told("the scene is changed");
+    }
+    match output.status.code() {
+        Some(0) if written == ["a.png"] => match image::open(out.join("a.png")) {
+            Ok(_) => Ok(true),
+            Err(error) => told(&format!("a picture that is none: {error}")),
+        },
+        Some(0) => told(&format!("no picture: {written:?}")),
+        Some(2) if !written.is_empty() => told(&format!("left behind {written:?}")),
+        Some(2) if said.contains("panicked") => told("panicked"),
+        Some(2) if said.lines().filter(|line| line.starts_with("error: ")).count() != 1 => told("not one error"),
+        Some(2) if !names_a_file(&said, &scene) => told("no file is named"),
+        Some(2) => Ok(false),
+        Some(code) => told(&format!("exit code {code}")),
+        None => told("a signal, or the time limit"),
+    }
+}
+
+/// Whether an error names the scene or a file in it.
+fn names_a_file(said: &str, scene: &Path) -> bool {
+    let error = said.lines().skip_while(|line| !line.starts_with("error: ")).collect::<Vec<_>>().join("\n");
+    let names = snapshot(scene).into_keys().filter_map(|path| Some(path.file_name()?.to_str()?.to_owned()));
+    error.contains(scene.to_str().unwrap()) || names.into_iter().any(|name| error.contains(&name))
+}
