@@ -145,6 +145,7 @@ impl Case {
         let torch = flat(self.get::<f64>(&format!("torch.{stage}")));
         let tolerance = tolerance(stage);
         let most = tolerance["floor"].max(tolerance["max_factor"] * torch[0]);
+        let most = tolerance.get("ceiling").map_or(most, |&ceiling| most.min(ceiling));
         // The means themselves are sums in another order: equal errors must count as equal.
         let mean_most = tolerance["mean_floor"].max(tolerance["mean_factor"] * torch[1]) * (1.0 + 1e-9);
         let told = format!(

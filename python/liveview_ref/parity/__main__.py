@@ -56,6 +56,7 @@ def compare(data: stages.Arrays, net: UNet | None):
 def bound(tolerance: dict, theirs: tuple[float, float]) -> tuple[float, float]:
     """Largest and mean error allowed, given torch's."""
     largest = max(tolerance["floor"], tolerance["max_factor"] * theirs[0])
+    largest = min(largest, tolerance.get("ceiling", largest))
     mean = max(tolerance["mean_floor"], tolerance["mean_factor"] * theirs[1])
     return largest, mean * (1 + 1e-9)  # the means are sums in another order: equal errors must count as equal
 
