@@ -98,12 +98,11 @@ impl Question for WarpCase<'_> {
         let (height, width) = (target.height(), target.width());
         let mut outputs = vec![("colour", vec![0.0; 3 * height * width]), ("coverage", vec![0.0; height * width])];
         let mut doubtful = vec![false; height * width];
-        let PlaneSweep { homography_at_infinity: homography, epipole } = PlaneSweep::new(source, target);
         // The precision of the pixels' disparities.
         let disparity = f64::from(self.disparity as f32);
         for (i, doubtful) in doubtful.iter_mut().enumerate() {
             let (x, y) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-            let terms = [homography.x_axis * x, homography.y_axis * y, homography.z_axis, epipole * disparity];
+            let terms = uvw_terms(source, target, (x, y), disparity);
             let uvw: DVec3 = terms.into_iter().sum();
             let at = uvw / uvw.z;
             *doubtful = self.is_doubtful(terms.into_iter().map(DVec3::abs).sum(), uvw);
@@ -126,6 +125,26 @@ impl Question for WarpCase<'_> {
         // Says that the oracle has other cameras.
         if self.meant.is_some() { arrays.add("meant", Array1::from_vec(vec![1_u8])) } else { Ok(()) }
     }
+}
+
+/// The terms whose sum is (u, v, w), the homogeneous source pixel of a target pixel: those of x, y, 1 and the disparity. By way of rays and
+/// of poses, and without [`PlaneSweep`], whose faults it must not share.
+fn uvw_terms(source: &Camera, target: &Camera, (x, y): (f64, f64), disparity: f64) -> [DVec3; 4] {
+    // K⁻¹ p, by substitution from below.
+    let ray = |p: DVec3| {
+        let k = target.intrinsics();
+        let down = (p.y - k.cy * p.z) / k.fy;
+        DVec3::new((p.x - k.skew * down - k.cx * p.z) / k.fx, down, p.z)
+    };
+    // From the target's axes to the world's, and to the source's.
+    let turned = |v: DVec3| source.rotation() * (target.rotation().transpose() * v);
+    let projected = |v: DVec3| {
+        let k = source.intrinsics();
+        DVec3::new(k.fx * v.x + k.skew * v.y + k.cx * v.z, k.fy * v.y + k.cy * v.z, v.z)
+    };
+    let shift = source.translation() - turned(target.translation());
+    let rays = [DVec3::X * x, DVec3::Y * y, DVec3::Z].map(|p| turned(ray(p)));
+    [rays[0], rays[1], rays[2], shift * disparity].map(projected)
 }
 
 /// RGB and coverage at a point of the photo (pixel centres at halves), zeros outside.
