@@ -87,8 +87,10 @@ impl PhotoCache {
     ) -> Result<Vec<usize>, SynthesisError> {
         let free: Vec<usize> = (0..self.scene.views.len()).filter(|view| !held_out.contains(view)).collect();
         let cameras: Vec<&Camera> = self.cameras(&free).collect();
-        let chosen = choose_views(&cameras, target, count)
-            .map_err(|source| SynthesisError::Views { target: name.to_owned(), source })?;
+        let chosen = choose_views(&cameras, target, count).map_err(|source| SynthesisError::Views {
+            target: format!("{}: {name}", self.scene.root.display()),
+            source,
+        })?;
         Ok(chosen.into_iter().map(|i| free[i]).collect())
     }
 
