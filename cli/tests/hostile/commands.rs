@@ -63,7 +63,7 @@ impl Attack {
         if output.status.code() != Some(self.exit_code) {
             return told(format!("ended with {:?}, not {}", output.status.code(), self.exit_code));
         }
-        if let (2, Some(new)) = (self.exit_code, after.keys().find(|path| !path.is_dir() && !all.contains_key(*path))) {
+        if let (2, Some(new)) = (self.exit_code, after.keys().find(|path| !all.contains_key(*path))) {
             return told(format!("left {} behind", new.display()));
         }
         let missing = self.says.iter().find(|words| !said.contains(**words));
@@ -107,7 +107,9 @@ fn rig(folders: &Folders, rig: &Path) {
     for camera in 0..5 {
         let folder = rig.join(format!("cam{camera}"));
         fs::create_dir_all(&folder).unwrap();
-        (0..6).for_each(|frame| drop(fs::copy(folders.photo(camera), folder.join(format!("{frame:03}.png"))).unwrap()));
+        (0..6).for_each(|frame| {
+            fs::copy(folders.photo(camera), folder.join(format!("{frame:03}.png"))).unwrap();
+        });
         poses = poses.replace(&format!("images/{camera}.png"), &format!("cam{camera}/000.png"));
     }
     write(&rig.join("transforms.json"), poses);

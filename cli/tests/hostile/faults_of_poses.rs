@@ -116,7 +116,7 @@ fn of_transforms(path: &Path, chance: &mut Chance) -> String {
     let mut text = scene.to_string();
     // What JSON does not have, some programs write.
     if chance.below(6) == 0 {
-        text = text.replace("null", *chance.of(&["NaN", "Infinity", "1e400"]));
+        text = text.replace("null", chance.of::<&str>(&["NaN", "Infinity", "1e400"]));
     }
     fs::write(path, text).unwrap();
     told

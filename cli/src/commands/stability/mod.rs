@@ -125,8 +125,8 @@ pub(crate) fn run(args: &StabilityArgs) -> Result<Output> {
             .lines()
             .filter(|line| line.contains("**failed**") || line.contains("**refused**"))
             .collect::<Vec<_>>()
-            .join("\n");
-        bail!("{} of {} cases do not hold:\n{failures}", table.failed(), table.outcomes.len());
+            .join("; ");
+        bail!("{} of {} cases do not hold: {failures}", table.failed(), table.outcomes.len());
     }
     Ok(Output { text, json })
 }

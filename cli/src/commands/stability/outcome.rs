@@ -3,7 +3,6 @@
 use serde_json::{Value, json};
 
 use super::case::{Outputs, Truth};
-use crate::statistics::share;
 
 /// Largest share of the doubtful pixels that may be off by more than the bound.
 const DOUBTFUL_CAP: f64 = 0.01;
@@ -19,7 +18,7 @@ const SLOWEST: f64 = 5.0;
 pub(crate) struct Errors {
     /// The largest outside doubtful pixels; infinite where anything is not finite.
     pub(crate) largest: f64,
-    /// Of the doubtful pixels, the share that is off by more than the bound.
+    /// Of the doubtful pixels, the share that is off by more than the bound; 0 where one alone is, for there the truth may be off.
     pub(crate) doubtful: f64,
 }
 
@@ -42,10 +41,9 @@ impl Errors {
                 }
             }
         }
-        Self {
-            largest,
-            doubtful: share(&off, |&off| off) / share(&truth.doubtful, |&doubtful| doubtful).max(f64::MIN_POSITIVE),
-        }
+        let count = |flags: &[bool]| flags.iter().filter(|&&flag| flag).count();
+        let doubtful = if count(&off) > 1 { count(&off) as f64 / count(&truth.doubtful) as f64 } else { 0.0 };
+        Self { largest, doubtful }
     }
 
     /// From the reference's answer; `null` for an implementation that does not have this stage.
@@ -197,12 +195,13 @@ mod tests {
     #[test]
     fn doubtful_pixels_are_counted_apart_and_nan_is_infinitely_wrong() {
         let truth = Truth {
-            outputs: vec![("coverage", vec![0.5, 0.5, 0.5, 0.5])],
-            doubtful: vec![false, true, true, false],
+            outputs: vec![("coverage", vec![0.5; 6])],
+            doubtful: vec![false, true, true, true, true, false],
             relative: false,
         };
-        let found = |values: [f32; 4]| Errors::between(&vec![("coverage", values.to_vec())], &truth, 1e-3);
-        assert_eq!(found([0.75, 0.9, 0.5, 0.5]), Errors { largest: 0.25, doubtful: 0.5 });
-        assert_eq!(found([0.5, f32::NAN, 0.5, 0.5]).largest, f64::INFINITY);
+        let found = |values: [f32; 6]| Errors::between(&vec![("coverage", values.to_vec())], &truth, 1e-3);
+        assert_eq!(found([0.75, 0.9, 0.5, 0.1, 0.5, 0.5]), Errors { largest: 0.25, doubtful: 0.5 });
+        assert_eq!(found([0.5, 0.9, 0.5, 0.5, 0.5, 0.5]), Errors { largest: 0.0, doubtful: 0.0 });
+        assert_eq!(found([0.5, f32::NAN, 0.5, 0.5, 0.5, 0.5]).largest, f64::INFINITY);
     }
 }

@@ -54,6 +54,12 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let cameras = rig.photos.scene().views.iter().map(|view| view.camera.clone()).collect();
     let mut session = LiveSession::new(cameras, renderers, settings)?;
     let target = viewpoint.camera(0);
+    let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
+    let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
+    let (first, last) = args.frames.as_ref().map_or((0, all), |range| (range.start, range.end.min(all)));
+    if first >= last {
+        bail!("--frames {first}..: the cameras have {all} time steps, from 0 on; expected some of these");
+    }
     let mut claims = Claims::new(rig.photos.scene());
     claims.protect("--poses", args.viewpoint.poses());
     args.model.protect(&mut claims, model.path());
@@ -62,13 +68,6 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     claims.prepare()?;
     let stop = interrupt::watch(runs)?;
     let tally = Tally::new(args.log.as_deref())?;
-
-    let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
-    let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
-    let (first, last) = args.frames.as_ref().map_or((0, all), |range| (range.start, range.end.min(all)));
-    if first >= last {
-        bail!("--frames {first}..: the cameras have {all} time steps, from 0 on; expected some of these");
-    }
     let bar = progress("frames")?;
     if last < usize::MAX {
         bar.set_length(last.saturating_sub(first) as u64);
