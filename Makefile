@@ -12,8 +12,8 @@ RIG := tests/scenes/rig
 DATA ?= ../shared/data
 RUFF := --config python/pyproject.toml python parity tests
 
-.PHONY: demo demo-stereo demo-video test build runtime runtime-openvino int8 report setup lint docs goldens test-rust test-python parity stability \
-	readme live-report cards setup-evaluation evaluate fuzz clean
+.PHONY: demo demo-stereo demo-video test build runtime runtime-openvino setup-ray int8 report setup lint docs goldens test-rust test-python \
+	parity stability readme live-report cards setup-evaluation evaluate limits fuzz clean
 
 ## Render the two held-out views of the example scene and compare them with the truth.
 demo: build runtime
@@ -52,6 +52,13 @@ runtime-openvino: .venv-openvino/.runtime
 .venv-openvino/.runtime: python/requirements-openvino.txt
 	test -x .venv-openvino/bin/python || $(PYTHON) -m venv .venv-openvino
 	.venv-openvino/bin/pip install --quiet --disable-pip-version-check --no-deps -r $<
+	touch $@
+
+## Ray, for python/tools/render_on_ray.py and its test; optional.
+setup-ray: .venv-ray/.setup
+.venv-ray/.setup: python/requirements-ray.txt
+	test -x .venv-ray/bin/python || $(PYTHON) -m venv .venv-ray
+	.venv-ray/bin/pip install --quiet --disable-pip-version-check -r $<
 	touch $@
 
 ## The Python reference, its training and all test tools.
@@ -172,4 +179,4 @@ fuzz:
 	done
 
 clean:
-	rm -rf target out $(VENV) .venv-openvino tests/fuzz/target tests/fuzz/corpus tests/fuzz/artifacts
+	rm -rf target out $(VENV) .venv-openvino .venv-ray tests/fuzz/target tests/fuzz/corpus tests/fuzz/artifacts

@@ -1,7 +1,7 @@
 //! Ctrl-C, SIGTERM and SIGHUP: at the first the program finishes what it is writing and ends, at a Ctrl-C after it at once.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -22,9 +22,16 @@ const PATIENCE: Duration = Duration::from_secs(10);
 
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
-/// A flag that becomes true at the first signal. Runs of networks that go on for long after it are ended: they may be endless.
+/// The runs of networks that are ended; `None` before the first [`watch`].
+static RUNS: Mutex<Option<Vec<RunEnd>>> = Mutex::new(None);
+
+/// A flag that becomes true at the first signal. Runs of networks that go on for long after it are ended: they may be endless. Called
+/// again, it only takes these runs for those before.
 pub(crate) fn watch(runs: Vec<RunEnd>) -> Result<Arc<AtomicBool>> {
     let stop = STOP.get_or_init(Arc::default);
+    if RUNS.lock().unwrap_or_else(PoisonError::into_inner).replace(runs).is_some() {
+        return Ok(Arc::clone(stop));
+    }
     // Only a person who presses Ctrl-C once more is in a hurry: a terminal that is closed may send SIGHUP twice.
     flag::register_conditional_shutdown(SIGINT, EXIT_CODE.into(), Arc::clone(stop))?;
     for signal in [SIGINT, SIGTERM] {
@@ -39,7 +46,7 @@ pub(crate) fn watch(runs: Vec<RunEnd>) -> Result<Arc<AtomicBool>> {
             sleep(Duration::from_millis(100));
         }
         sleep(PATIENCE);
-        runs.iter().for_each(RunEnd::end);
+        RUNS.lock().unwrap_or_else(PoisonError::into_inner).iter().flatten().for_each(RunEnd::end);
     });
     Ok(Arc::clone(stop))
 }

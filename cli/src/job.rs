@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use liveview::network::Alpha;
-use liveview::render::{Culling, Frame};
+use liveview::render::{Culling, Frame, Renderer};
 use liveview::{LayerSpec, PhotoCache, Plan, Scene, Shot, Synthesizer};
 use ndarray::Axis;
 
@@ -11,6 +11,7 @@ use crate::args::layers::{LayerArgs, given_or_recommended};
 use crate::args::model::ModelArgs;
 use crate::args::model_info::ModelInfo;
 use crate::console::{print_message, print_notes};
+use crate::kept_models::KeptModels;
 use crate::network::Network;
 
 /// A synthesizer, with the model's description and a progress bar.
@@ -22,9 +23,20 @@ pub(crate) struct Job {
 }
 
 impl Job {
-    pub(crate) fn open(mut photos: PhotoCache, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
+    pub(crate) fn open(photos: PhotoCache, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
+        Self::open_with(photos, layers, model, &mut KeptModels::default())
+    }
+
+    /// As [`Self::open`], with a model that is kept, if it is.
+    pub(crate) fn open_with(
+        mut photos: PhotoCache,
+        layers: &LayerArgs,
+        model: &ModelArgs,
+        models: &mut KeptModels,
+    ) -> Result<Self> {
         layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
-        let mut job = Self::with_layers(photos, model, layers.given().as_ref())?;
+        let given = layers.given();
+        let mut job = Self::of(photos, models.open(model, given.as_ref())?, given.as_ref())?;
         if layers.opaque > 0.0 && job.alpha() != Alpha::Independent {
             bail!("--opaque: competing layers do not hide one another; expected --alpha independent with it");
         }
@@ -40,10 +52,19 @@ impl Job {
     }
 
     pub(crate) fn with_layers(photos: PhotoCache, model: &ModelArgs, layers: Option<&LayerSpec>) -> Result<Self> {
-        let (renderer, model) = model.open_for(layers)?;
+        Self::of(photos, model.open_for(layers)?, layers)
+    }
+
+    fn of(photos: PhotoCache, opened: (Renderer<Network>, ModelInfo), layers: Option<&LayerSpec>) -> Result<Self> {
+        let (renderer, model) = opened;
         let layers = given_or_recommended(layers, None, renderer.network())?;
         let synthesizer = Synthesizer::new(photos, renderer, layers);
         Ok(Self { synthesizer, model, progress: ProgressBar::hidden() })
+    }
+
+    /// The model, for another job.
+    pub(crate) fn into_model(self) -> (Renderer<Network>, ModelInfo) {
+        (self.synthesizer.into_renderer(), self.model)
     }
 
     pub(crate) fn scene(&self) -> &Scene {

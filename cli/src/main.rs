@@ -6,6 +6,7 @@ mod console;
 mod ffmpeg;
 mod interrupt;
 mod job;
+mod kept_models;
 mod measure;
 mod network;
 mod npz;
@@ -18,8 +19,8 @@ mod worker_process;
 use std::io::Write;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
-use commands::{depth, dump, inspect, render, select, stability, sweep, video};
+use clap::{CommandFactory, Parser, Subcommand};
+use commands::{batch, depth, dump, inspect, join, manual, models, render, select, stability, sweep, video};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -53,6 +54,10 @@ struct Cli {
 enum Command {
     /// Render new views, and score them where the photo exists
     Render(render::RenderArgs),
+    /// Put together what `render --shard` has rendered, on however many machines: a video, or a table of scores
+    Join(join::JoinArgs),
+    /// Run many render commands in one process
+    Batch(batch::BatchArgs),
     /// Turn the frames of a camera rig into the video of a moving viewpoint, live if asked
     Video(video::VideoArgs),
     /// Show how a scene is read, and what will be left out
@@ -67,6 +72,10 @@ enum Command {
     Sweep(sweep::SweepArgs),
     /// Compare stiff and extreme cases of a scene's rig with float64, and the Python reference beside them
     Stability(stability::StabilityArgs),
+    /// List the models that are installed, with their cards
+    Models(models::ModelsArgs),
+    /// Write the manual pages, or what a shell completes commands by
+    Manual(manual::ManualArgs),
     /// One configuration of a sweep, driven over JSON lines
     #[command(hide = true)]
     Worker(sweep::WorkerArgs),
@@ -76,6 +85,10 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     let output = match &cli.command {
         Command::Render(args) => render::run(args),
+        Command::Join(args) => join::run(args),
+        Command::Models(args) => models::run(args),
+        Command::Manual(args) => manual::run(args, Cli::command()),
+        Command::Batch(args) => batch::run(args),
         Command::Video(args) => video::run(args),
         Command::Inspect(args) => inspect::run(args),
         Command::Select(args) => select::run(args),
@@ -87,9 +100,16 @@ fn main() -> ExitCode {
     };
     match output {
         Ok(console::Output { text, json }) => {
-            let printed = if cli.json { format!("{json:#}") } else { console::escaped_lines(&text) };
+            let printed = match &cli.command {
+                _ if cli.json => format!("{json:#}"),
+                // For a shell: nothing in it comes from a file.
+                Command::Manual(_) => text,
+                _ => console::escaped_lines(&text),
+            };
             let printed = printed.trim_end();
             let written = match &cli.command {
+                // What there is to tell was printed as each command ended.
+                Command::Batch(_) => Ok(()),
                 // The video itself goes to standard output.
                 Command::Video(args) if args.takes_stdout() => writeln!(std::io::stderr(), "{printed}"),
                 _ => {

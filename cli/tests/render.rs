@@ -101,6 +101,16 @@ fn a_pose_on_top_of_a_view_shows_its_photo() {
         let score = psnr(&image::load(picture.as_ref()).unwrap(), &image::load(&folders.photo(2)).unwrap(), 0);
         assert!(score > 45.0, "{pose}: {score}");
     }
+    let path = folders.scene().join("path.json");
+    let frame = r#"{"camera_to_world": [1, 0, 0, 0.2, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1], "fov": 43.6028189727, "aspect": 1.333}"#;
+    let text = format!(
+        r#"{{"camera_type": "perspective", "render_width": 64, "render_height": 48, "camera_path": [{frame}]}}"#
+    );
+    fs::write(&path, text).unwrap();
+    let picture = folders.out("n.png");
+    run(&mut folders.render(&["--pose", path.to_str().unwrap(), "-o", &picture]));
+    let score = psnr(&image::load(picture.as_ref()).unwrap(), &image::load(&folders.photo(2)).unwrap(), 0);
+    assert!(score > 45.0, "nerfstudio's: {score}");
     let (file, picture) = (folders.scene().join("pose.json"), folders.out("wide.jpg"));
     fs::write(&file, r#"{"transform_matrix": [[1, 0, 0, 0.2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "w": 96, "h": 48, "cx": 48}"#).unwrap();
     run(&mut folders.render(&["--pose", file.to_str().unwrap(), "-o", &picture]));

@@ -2,7 +2,7 @@
 //!
 //! A camera is an object `{"transform_matrix": 4x4 world from camera, OpenGL axes}` or `{"cam_from_world": 3x4 or 4x4, OpenCV
 //! axes}`, with `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h` (pixels) where they differ from those of the nearest view, w and h together. The
-//! file holds one such object, or a list of them.
+//! file holds one such object, or a list of them; or a camera path of nerfstudio's viewer.
 
 use std::path::{Path, PathBuf};
 
@@ -11,6 +11,7 @@ use serde_json::Value;
 
 use super::camera::{Camera, Intrinsics};
 use super::camera_error::CameraError;
+use super::nerfstudio_path;
 use super::pose::cam_from_opengl_world;
 use super::view_selection::nearest_camera;
 use crate::fs::bounded;
@@ -42,13 +43,16 @@ pub fn read_cameras(path: &Path, views: &[&Camera]) -> Result<Vec<Camera>, Camer
     let bytes = bytes.map_err(|error| refused(None, format!("cannot be read: {error}")))?;
     let text = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(&bytes);
     let file: Value = serde_json::from_slice(text).map_err(|error| refused(None, format!("not JSON: {error}")))?;
-    let entries = file.as_array().map_or_else(|| std::slice::from_ref(&file), Vec::as_slice);
+    let path_frames = nerfstudio_path::frames(&file);
+    let list = path_frames.or(file.as_array());
+    let entries = list.map_or_else(|| std::slice::from_ref(&file), Vec::as_slice);
     if entries.is_empty() {
         return Err(refused(None, "the list of cameras is empty; expected at least one".to_owned()));
     }
     let cameras = entries.iter().enumerate();
-    let index = |index: usize| file.is_array().then_some(index);
-    cameras.map(|(at, entry)| camera(entry, views).map_err(|reason| refused(index(at), reason))).collect()
+    let index = |index: usize| list.is_some().then_some(index);
+    let read = |entry| if path_frames.is_some() { nerfstudio_path::camera(&file, entry) } else { camera(entry, views) };
+    cameras.map(|(at, entry)| read(entry).map_err(|reason| refused(index(at), reason))).collect()
 }
 
 /// The keys of a camera.

@@ -4,6 +4,7 @@ mod camera;
 mod camera_error;
 mod camera_file;
 mod camera_path;
+mod nerfstudio_path;
 pub mod parallax;
 mod plane_sweep;
 mod pose;

@@ -130,6 +130,11 @@ impl<N: PlaneNetwork> Synthesizer<N> {
         &mut self.renderer
     }
 
+    /// The renderer, for another synthesizer.
+    pub fn into_renderer(self) -> Renderer<N> {
+        self.renderer
+    }
+
     /// Which layers it renders on.
     pub fn layers(&self) -> &LayerSpec {
         &self.layers

@@ -8,4 +8,5 @@ pub(crate) mod model_names;
 pub(crate) mod numbers;
 pub(crate) mod output;
 pub(crate) mod scene;
+pub(crate) mod shard;
 pub(crate) mod targets;

@@ -2,6 +2,7 @@
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -112,10 +113,15 @@ impl ModelArgs {
         self.views_and_threads().threads_or_default()
     }
 
-    /// Sets the threads of everything but the network; once per process, before any other work.
+    /// Sets the threads of everything but the network, before any other work; of several calls in a process the first counts.
     pub(crate) fn set_threads(&self) -> Result<usize> {
+        static SET: Mutex<bool> = Mutex::new(false);
         let threads = self.threads();
-        start_threads(threads)?;
+        let mut set = SET.lock().unwrap_or_else(PoisonError::into_inner);
+        if !*set {
+            start_threads(threads)?;
+            *set = true;
+        }
         Ok(threads)
     }
 

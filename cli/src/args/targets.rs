@@ -23,7 +23,7 @@ pub(crate) struct TargetArgs {
     heldout: Option<usize>,
     /// Camera in a JSON file: {"transform_matrix": 4x4 world from camera, OpenGL axes} or {"cam_from_world": 3x4 or 4x4,
     /// OpenCV axes}, with fl_x, fl_y, cx, cy, w, h if they differ from those of the nearest view; or a list of such, one
-    /// per frame
+    /// per frame; or a camera path of nerfstudio's viewer, in the scene's own axes
     #[arg(long, value_name = "FILE")]
     pose: Option<PathBuf>,
     /// A path of N frames: line:N between the two outermost views, circle:N or spiral:N around the middle of the rig, turning as

@@ -2,7 +2,8 @@
 
 mod explain;
 mod outputs;
-mod record;
+pub(crate) mod record;
+pub(crate) mod record_text;
 mod rendered;
 mod summary;
 
@@ -22,10 +23,12 @@ use rendered::Rendered;
 use crate::args::layers::LayerArgs;
 use crate::args::model::ModelArgs;
 use crate::args::scene::SceneArgs;
+use crate::args::shard::Shard;
 use crate::args::targets::TargetArgs;
 use crate::console::{Output, escaped, print_message, print_notes, progress};
 use crate::interrupt::{self, Interrupted};
 use crate::job::Job;
+use crate::kept_models::KeptModels;
 use crate::measure::Times;
 use crate::outputs::Claims;
 
@@ -38,7 +41,8 @@ Examples:
   liveview render scene --pose camera.json --near 1.5 --far 40 -o new.jpg
   liveview render scene --path circle:120 --layers select:16/64 --width 640 -o flight.mp4
   liveview render scene --path spiral:900 -o frames/
-  liveview render scene --path spiral:900 -o frames/ --resume";
+  liveview render scene --path spiral:900 -o frames/ --resume
+  liveview render scene --path spiral:900 -o frames/ --shard 3/16";
 
 /// Options of `liveview render`.
 #[derive(Debug, Args)]
@@ -54,38 +58,64 @@ pub(crate) struct RenderArgs {
     model: ModelArgs,
     #[command(flatten)]
     output: OutputArgs,
+    /// Render every Nth picture alone, from the Ith on, and record them in liveview_I_of_N.json: N such runs, on as many machines, write
+    /// what one run would, into one folder or several, and `liveview join` puts it together. auto: I and N from Slurm's job array, or
+    /// from JOB_COMPLETION_INDEX (Kubernetes, from 0) and LIVEVIEW_SHARDS
+    #[arg(long, value_name = "I/N", value_parser = Shard::parse, requires = "output", conflicts_with = "explain")]
+    #[arg(help_heading = "What to render (one of these)")]
+    shard: Option<Shard>,
     #[command(flatten)]
     explain: ExplainArgs,
 }
 
+impl RenderArgs {
+    /// Threads as given, else one per core.
+    pub(crate) fn threads(&self) -> usize {
+        self.model.threads()
+    }
+}
+
 pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
-    let mut outputs = Outputs::new(&args.output, args.targets.have_truth())?;
+    run_with(args, &mut KeptModels::default())
+}
+
+/// As [`run`], with a model that is kept, if it is; it is kept afterwards.
+pub(crate) fn run_with(args: &RenderArgs, models: &mut KeptModels) -> Result<Output> {
+    let outputs = Outputs::new(&args.output, args.targets.have_truth(), args.shard)?;
     let photos = args.scene.open()?;
     print_notes(&photos.scene().notes);
-    let mut job = Job::open(photos, &args.layers, &args.model)?;
+    let mut job = Job::open_with(photos, &args.layers, &args.model, models)?;
+    let output = render_job(&mut job, outputs, args);
+    models.give_back(&args.model, args.layers.given().as_ref(), job.into_model());
+    output
+}
+
+fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<Output> {
     let targets = args.targets.resolve(job.photos())?;
     let moving = targets.moving;
-    let shots = job.synthesizer.shots(targets)?;
+    let all = job.synthesizer.shots(targets)?;
+    let shots = args.shard.map_or_else(|| all.clone(), |shard| shard.of(all.clone()));
     let mut claims = Claims::new(job.scene());
     claims.protect("--pose", args.targets.pose());
     args.model.protect(&mut claims, job.model.path());
     outputs.claim(&shots, &mut claims)?;
     args.explain.claim(&shots, &mut claims)?;
     claims.prepare()?;
-    outputs.begin(&shots, || record::fields(&job, &shots, &args.targets, &args.layers))?;
+    outputs.begin(&shots, &all, || record::fields(job, &all, &args.targets, &args.layers))?;
     job.progress = progress("layers")?;
     let wanted = shots.len();
     let runs = job.synthesizer.renderer().network().run_end().into_iter().collect();
     // A single picture is not worth finishing: there Ctrl-C ends the program at once.
     let stop = if wanted > 1 { interrupt::watch(runs)? } else { Arc::default() };
-    let rendered = render(&mut job, shots, moving, &mut outputs, args, &stop);
+    let rendered = render(job, shots, &all, moving, &mut outputs, args, &stop);
     job.progress.finish_and_clear();
     // What failed after an interrupt, such as a run of the network that was ended for it, failed for it.
     let rendered = rendered.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error });
     let (done, explanation) = rendered.inspect_err(|_| outputs.print_how_to_resume(wanted))?;
     check_seen(&done, args)?;
-    let video = outputs.finish(&done)?;
-    Ok(summary::rendered(&job, &done, moving, video, explanation))
+    let video = outputs.finish(&all)?;
+    let share = args.shard.map(|shard| (shard, all.len()));
+    Ok(summary::rendered(job, &done, moving, share, video, explanation))
 }
 
 /// Whether views cover so little of a picture (`unseen`: the share that none does) that there is nothing to be seen.
@@ -93,12 +123,12 @@ fn is_blank(unseen: f64) -> bool {
     unseen > 1.0 - 1e-6
 }
 
-/// An error if all pictures are blank; those that are among others are told.
+/// An error if all pictures of the job are blank; those that are among others are told.
 fn check_seen(done: &[Rendered], args: &RenderArgs) -> Result<()> {
     let blank: Vec<&str> = done.iter().filter(|one| is_blank(one.unseen)).map(|one| one.shot.name.as_str()).collect();
     match blank.as_slice() {
         [] => {}
-        all if all.len() == done.len() => return Err(nothing_seen(args)),
+        all if all.len() == done.len() && args.shard.is_none() => return Err(nothing_seen(args)),
         [first, ..] => {
             let (count, all) = (blank.len(), done.len());
             print_message(
@@ -117,10 +147,11 @@ fn nothing_seen(args: &RenderArgs) -> Error {
     )
 }
 
-/// Renders and writes all shots but those that an earlier run has written.
+/// Renders and writes the shots, of `all` shots of the job, but those that an earlier run has written.
 fn render(
     job: &mut Job,
     shots: Vec<Shot>,
+    all: &[Shot],
     moving: bool,
     outputs: &mut Outputs,
     args: &RenderArgs,
@@ -130,7 +161,7 @@ fn render(
     let shared = moving && matches!(job.layers(), LayerSpec::Select { .. });
     let mut done: Vec<Rendered> = Vec::with_capacity(shots.len());
     let (mut kept, mut explanation): (Option<Plan>, _) = (None, None);
-    let single = shots.len() == 1;
+    let single = all.len() == 1;
     let mut shots = VecDeque::from(shots);
     while let Some(shot) = shots.pop_front() {
         let later = &*shots.make_contiguous();
@@ -143,9 +174,9 @@ fn render(
         }
         job.progress.set_message(escaped(&shot.name));
         let started = Instant::now();
-        if let (true, None, Some(first)) = (shared, &kept, done.first()) {
-            job.synthesizer.photos_mut().load_for(&first.shot, later)?;
-            kept = Some(job.plan(&first.shot)?);
+        if let (true, None, first) = (shared && shot.name != all[0].name, &kept, &all[0]) {
+            job.synthesizer.photos_mut().load_for(first, later)?;
+            kept = Some(job.plan(first)?);
         }
         job.synthesizer.photos_mut().load_for(&shot, later)?;
         let truth = shot.truth.map(|view| job.scene().load_image(view)).transpose()?;

@@ -14,6 +14,7 @@ use super::record::{self, Fields, Record};
 use super::rendered::Rendered;
 use crate::args::frame_rate::{FrameRate, frame_rate};
 use crate::args::output::{Place, Variant, write_whole};
+use crate::args::shard::Shard;
 use crate::ffmpeg::{Encoder, is_video};
 use crate::outputs::{Claims, tell_others};
 
@@ -51,6 +52,7 @@ const DEPTH: [Variant; 3] = [("", None), ("_colour", None), ("_scale", Some("jso
 /// All output files.
 pub(super) struct Outputs {
     pictures: Option<Place>,
+    shard: Option<Shard>,
     video: Option<Encoder>,
     depth: Option<Place>,
     compare: Option<Place>,
@@ -61,7 +63,7 @@ pub(super) struct Outputs {
 
 impl Outputs {
     /// Checks the options by themselves, before anything is opened.
-    pub(super) fn new(args: &OutputArgs, have_truth: bool) -> Result<Self> {
+    pub(super) fn new(args: &OutputArgs, have_truth: bool, shard: Option<Shard>) -> Result<Self> {
         let video = args.output.as_deref().filter(|path| is_video(path));
         if let (Some(path), false) = (&args.compare, have_truth) {
             bail!("--compare {}: there is no photo to compare with; expected --target or --heldout", path.display());
@@ -74,11 +76,28 @@ impl Outputs {
         if let (true, Some(path), None | Some(Place::File(_))) = (args.resume, &args.output, &pictures) {
             bail!("--resume, -o {}: only a folder of pictures can be continued; expected one", path.display());
         }
+        let (depth, compare) = (place("--depth", &args.depth, &["png"])?, place("--compare", &args.compare, &["png"])?);
+        if let Some(shard) = shard {
+            let places = [
+                ("-o", &args.output, &pictures),
+                ("--depth", &args.depth, &depth),
+                ("--compare", &args.compare, &compare),
+            ];
+            let file =
+                places.iter().find(|(_, path, place)| path.is_some() && !matches!(place, Some(Place::Folder(_))));
+            if let Some((option, Some(path), _)) = file {
+                let path = path.display();
+                bail!(
+                    "--shard {shard}, {option} {path}: a shard writes into a folder; expected one (`liveview join` makes the video)"
+                );
+            }
+        }
         Ok(Self {
             pictures,
+            shard,
             video: video.map(|path| Encoder::new(path, args.fps)).transpose()?,
-            depth: place("--depth", &args.depth, &["png"])?,
-            compare: place("--compare", &args.compare, &["png"])?,
+            depth,
+            compare,
             resume: args.resume,
             record: None,
         })
@@ -100,7 +119,7 @@ impl Outputs {
             }
         }
         if let Some(Place::Folder(folder)) = &self.pictures {
-            let record = folder.join(record::NAME);
+            let record = folder.join(record::name(self.shard));
             if is_special(&record) {
                 let record = record.display();
                 bail!("-o {record}: no file that can be read again; expected the record of an earlier run, or nothing");
@@ -118,13 +137,21 @@ impl Outputs {
         Ok(())
     }
 
-    /// Opens the record of a folder of pictures; with `--resume` it prints how many are kept.
-    pub(super) fn begin(&mut self, shots: &[Shot], fields: impl FnOnce() -> Result<Fields>) -> Result<()> {
+    /// Opens the record of a folder of pictures; with `--resume` it prints how many are kept. `shots` are those to be rendered, of
+    /// `all` shots of the job.
+    pub(super) fn begin(
+        &mut self,
+        shots: &[Shot],
+        all: &[Shot],
+        fields: impl FnOnce() -> Result<Fields>,
+    ) -> Result<()> {
         let Some(Place::Folder(folder)) = &self.pictures else { return Ok(()) };
-        let mut record = Record::new(folder, fields()?);
+        let names = || all.iter().map(|shot| shot.name.clone()).collect();
+        let mut record = Record::new(folder, fields()?, self.shard.map(|shard| (shard, names())));
         if self.resume {
             record.resume(&shots.iter().map(|shot| (shot.name.as_str(), self.files(shot))).collect::<Vec<_>>())?;
         }
+        record.begin()?;
         self.record = Some(record);
         Ok(())
     }
@@ -182,14 +209,15 @@ impl Outputs {
         self.record.iter().for_each(|record| record.print_how_to_resume(wanted));
     }
 
-    /// Closes the video, if there is one, and returns its file; tells pictures in the folders that are not among these.
-    pub(super) fn finish(self, done: &[Rendered]) -> Result<Option<PathBuf>> {
-        let files: HashSet<&Path> = done.iter().flat_map(|one| &one.files).map(|file| file.as_path()).collect();
+    /// Closes the video, if there is one, and returns its file; tells pictures in the folders that are not of these shots.
+    pub(super) fn finish(self, all: &[Shot]) -> Result<Option<PathBuf>> {
+        let files: Vec<PathBuf> = all.iter().flat_map(|shot| self.files(shot)).collect();
+        let files: HashSet<&Path> = files.iter().map(|file| file.as_path()).collect();
         let mut folders: Vec<&Path> = files.iter().filter_map(|file| file.parent()).collect();
         folders.sort_unstable();
         folders.dedup();
         // A single picture is nobody's sequel.
-        if done.len() > 1 {
+        if all.len() > 1 {
             folders.into_iter().for_each(|folder| tell_others(folder, |path| files.contains(path)));
         }
         self.video.map(Encoder::finish).transpose()

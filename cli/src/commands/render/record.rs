@@ -1,27 +1,27 @@
-//! `liveview.json` in a folder of pictures: which job they belong to and which of them are done, for `render --resume`.
+//! `liveview.json` in a folder of pictures: which job they belong to and which of them are done, for `render --resume`. A shard's is
+//! `liveview_I_of_N.json`, and names all pictures of the job, for `join`.
 
 use std::collections::BTreeSet;
 use std::fs::File;
-use std::io::{ErrorKind, Seek, SeekFrom, Write};
+use std::io::{self, ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Error, Result, anyhow, bail};
 use liveview::fs::atomic::AtomicFile;
 use liveview::fs::bounded;
 use liveview::image::Score;
 use liveview::{LayerSpec, Shot};
 use serde_json::{Map, Value, json};
 
+use super::record_text::{END, line, parse, whole};
 use super::rendered::Rendered;
 use crate::args::layers::LayerArgs;
+use crate::args::shard::Shard;
 use crate::args::targets::TargetArgs;
 use crate::console::{print_message, shown};
 use crate::job::Job;
 
-pub(super) const NAME: &str = "liveview.json";
-/// How the file ends after the last picture.
-const END: &str = "\n}}\n";
 /// Stored on the disk no more often than this: what a power cut takes is rendered again.
 const STORED: Duration = Duration::from_secs(1);
 
@@ -74,7 +74,7 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
 }
 
 /// A digest of a file's contents.
-pub(super) fn digest(bytes: &[u8]) -> String {
+pub(crate) fn digest(bytes: &[u8]) -> String {
     format!("crc32 {:08x}", crc32fast::hash(bytes))
 }
 
@@ -82,11 +82,21 @@ fn digest_of(path: &Path) -> Result<String> {
     Ok(digest(&bounded::read(path, bounded::MAX_BYTES).with_context(|| format!("{}: cannot be read", path.display()))?))
 }
 
+/// The name of a record.
+pub(crate) fn name(shard: Option<Shard>) -> String {
+    shard.map_or_else(
+        || "liveview.json".to_owned(),
+        |Shard { index, count }| format!("liveview_{}_of_{count}.json", index + 1),
+    )
+}
+
 /// The record of the job that writes into a folder: JSON that is written anew with the first picture, and gets a line more with each
 /// further one. Of several jobs at once the last to begin counts.
 pub(super) struct Record {
     path: PathBuf,
     fields: Fields,
+    /// The shard, and the names of all pictures of the job.
+    shard: Option<(Shard, Vec<String>)>,
     done: Map<String, Value>,
     /// Open from the first picture on; when it was last stored.
     file: Option<(File, Instant)>,
@@ -94,8 +104,9 @@ pub(super) struct Record {
 
 impl Record {
     /// The record of a new job; it replaces an earlier one's with the first picture.
-    pub(super) fn new(folder: &Path, fields: Fields) -> Self {
-        Self { path: folder.join(NAME), fields, done: Map::new(), file: None }
+    pub(super) fn new(folder: &Path, fields: Fields, shard: Option<(Shard, Vec<String>)>) -> Self {
+        let path = folder.join(name(shard.as_ref().map(|(shard, _)| *shard)));
+        Self { path, fields, shard, done: Map::new(), file: None }
     }
 
     /// Keeps the pictures that an earlier run of the same job has written, if their files are unchanged; `wanted` are the names and
@@ -160,29 +171,47 @@ impl Record {
             "files": digests, "layers": one.layers, "psnr": one.score.as_ref().map(|score| score.psnr),
             "ssim": one.score.as_ref().map(|score| score.ssim), "seen_by_no_view": one.unseen, "hidden_from_all_views": one.hidden, "disparity_max": one.disparity_max,
         });
-        let line = line(&one.shot.name, &entry);
-        self.append(&line).map_err(|error| anyhow!("{}: cannot be written: {error}", self.path.display()))?;
-        self.done.insert(one.shot.name.clone(), entry);
+        self.append(&one.shot.name, entry).map_err(|error| self.unwritten(&error))
+    }
+
+    fn append(&mut self, name: &str, entry: Value) -> io::Result<()> {
+        let Some((file, stored)) = &mut self.file else {
+            self.done.insert(name.to_owned(), entry);
+            return self.write().inspect_err(|_| drop(self.done.remove(name)));
+        };
+        let next = if self.done.is_empty() { "" } else { ",\n" };
+        let line = line(name, &entry);
+        file.seek(SeekFrom::End(-(END.len() as i64)))?;
+        file.write_all(format!("{next}{line}{END}").as_bytes())?;
+        if stored.elapsed() > STORED {
+            file.sync_data()?;
+            *stored = Instant::now();
+        }
+        self.done.insert(name.to_owned(), entry);
         Ok(())
     }
 
-    fn append(&mut self, line: &str) -> std::io::Result<()> {
-        if let Some((file, stored)) = &mut self.file {
-            file.seek(SeekFrom::End(-(END.len() as i64)))?;
-            file.write_all(format!(",\n{line}{END}").as_bytes())?;
-            if stored.elapsed() > STORED {
-                file.sync_data()?;
-                *stored = Instant::now();
-            }
-            return Ok(());
-        }
+    /// Writes the record of a shard before its first picture: that it has begun, and what the others are.
+    pub(super) fn begin(&mut self) -> Result<()> {
+        if self.shard.is_some() { self.write().map_err(|error| self.unwritten(&error)) } else { Ok(()) }
+    }
+
+    /// Writes the file anew.
+    fn write(&mut self) -> io::Result<()> {
         let job: Map<_, _> = self.fields.iter().map(|(field, value)| ((*field).to_owned(), json!(value))).collect();
-        let lines: Vec<String> =
-            self.done.iter().map(|(name, entry)| self::line(name, entry)).chain([line.to_owned()]).collect();
+        let mut members = vec![("job", Value::Object(job))];
+        if let Some((Shard { index, count }, targets)) = &self.shard {
+            members.push(("shard", json!({ "index": index + 1, "count": count })));
+            members.push(("targets", json!(targets)));
+        }
         let mut file = AtomicFile::create(&self.path)?;
-        write!(file, "{{\"job\": {:#},\n\"done\": {{\n{}{END}", Value::Object(job), lines.join(",\n"))?;
+        file.write_all(whole(&members, &self.done).as_bytes())?;
         self.file = Some((file.finish_open()?, Instant::now()));
         Ok(())
+    }
+
+    fn unwritten(&self, error: &io::Error) -> Error {
+        anyhow!("{}: cannot be written: {error}", self.path.display())
     }
 
     /// After a failure, prints how to continue.
@@ -195,47 +224,7 @@ impl Record {
     }
 }
 
-/// The line of a picture.
-fn line(name: &str, entry: &Value) -> String {
-    format!("{}: {entry}", json!(name))
-}
-
-/// A record; of one whose last line was cut short, without it.
-fn parse(text: &[u8]) -> serde_json::Result<Value> {
-    /// Lines that the end may take from one that is cut short.
-    const LOST: usize = 3;
-    let mut found = serde_json::from_slice(text);
-    let ends = text.iter().enumerate().rev().filter(|(_, byte)| **byte == b'\n');
-    for (end, _) in ends.take(LOST) {
-        found = found.or_else(|error| {
-            let whole = text[..end].strip_suffix(b",").unwrap_or(&text[..end]);
-            serde_json::from_slice(&[whole, END.as_bytes()].concat()).map_err(|_| error)
-        });
-    }
-    found
-}
-
 /// Whether an entry lists a file of these contents.
 fn lists(entry: &Value, digest: &str) -> bool {
     entry["files"].as_array().is_some_and(|files| files.iter().any(|file| file == digest))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_record_that_was_cut_short_is_read_as_far_as_it_goes() {
-        let entries = ["a", "b", "c"].map(|name| line(name, &json!({ "files": [name] })));
-        let start = format!("{{\"job\": {{}},\n\"done\": {{\n{},\n{}", entries[0], entries[1]);
-        let (old, new) = (format!("{start}{END}"), format!("{start},\n{}{END}", entries[2]));
-        for written in start.len()..=new.len() {
-            // What was there is written over.
-            let text = [&new[..written], old.get(written..).unwrap_or_default()].concat();
-            let found = parse(text.as_bytes()).unwrap_or_else(|error| panic!("{text}: {error}"));
-            let done: Vec<_> = found["done"].as_object().unwrap().keys().collect();
-            assert!(!done.is_empty() && (done.len() > 1 || written < old.len()), "{text}: {done:?}");
-        }
-        assert!(parse(b"{").is_err() && parse(b"").is_err());
-    }
 }

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 
 use super::explain::Explanation;
 use super::rendered::Rendered;
+use crate::args::shard::Shard;
 use crate::console::{Output, escaped, shown};
 use crate::job::Job;
 use crate::measure::{Times, peak_memory, time_text};
@@ -22,14 +23,19 @@ pub(super) fn rendered(
     job: &Job,
     done: &[Rendered],
     moving: bool,
+    share: Option<(Shard, usize)>,
     video: Option<PathBuf>,
     explanation: Option<Explanation>,
 ) -> Output {
     let mut text = match done {
         [one] => single(job, one),
+        [] => String::new(),
         many if moving => flight(job, many),
         many => table(job, many),
     };
+    if let Some((shard, all)) = share {
+        line(&mut text, "shard", &format!("{shard}: {} of {all} pictures", done.len()));
+    }
     if let Some(video) = &video {
         line(&mut text, "wrote", &video.display().to_string());
     }
@@ -46,6 +52,7 @@ pub(super) fn rendered(
         "targets": done.iter().map(|one| target(job, one)).collect::<Vec<_>>(),
         "kept": done.iter().filter(|one| one.times.is_none()).count(), "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
         "border_left_out": BORDER, "peak_memory_bytes": memory, "video": video.as_deref().map(shown), "notes": job.scene().notes,
+        "shard": share.map(|(shard, all)| json!({ "index": shard.index + 1, "count": shard.count, "of_targets": all })),
         "explanation": explanation.map(|explanation| explanation.json),
     });
     if let (Value::Object(json), Value::Object(engine)) = (&mut json, job.model.json()) {

@@ -1,0 +1,158 @@
+//! `liveview join`: what the shards of a job have rendered becomes one video or one table.
+
+mod shards;
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use clap::Args;
+use liveview::image::{self, Score};
+use serde_json::{Value, json};
+use shards::{Picture, ShardRecord};
+
+use crate::args::frame_rate::{FrameRate, frame_rate};
+use crate::args::output::{has_ending, refuse_stdout, write_whole};
+use crate::console::{Output, print_message, shown};
+use crate::ffmpeg::{Encoder, is_video};
+
+const EXAMPLES: &str = "\
+Examples:
+  liveview join frames/ -o flight.mp4
+  liveview join machine_1/ machine_2/ -o scores.json
+  liveview join frames/";
+
+/// Options of `liveview join`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct JoinArgs {
+    /// Folders into which all shards of one job were rendered
+    #[arg(required = true, value_name = "FOLDER")]
+    folders: Vec<PathBuf>,
+    /// The video of the pictures in order, .mp4 or .gif through ffmpeg; or the table of scores, .json. Without it, what is there is
+    /// checked and told
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Frames per second of a video
+    #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]
+    fps: FrameRate,
+}
+
+pub(crate) fn run(args: &JoinArgs) -> Result<Output> {
+    let mut encoder = None;
+    if let Some(path) = &args.output {
+        refuse_stdout("-o", path)?;
+        if is_video(path) {
+            encoder = Some(Encoder::new(path, args.fps)?);
+        } else if path.is_dir() || !has_ending(path, &["json"]) {
+            bail!("-o {}: expected a name that ends in .mp4, .gif or .json", path.display());
+        }
+    }
+    let records = shards::read(&args.folders)?;
+    check_output(args.output.as_deref(), &records)?;
+    shards::check_one_job(&records)?;
+    let pictures = shards::pictures(&records)?;
+    check_seen(&pictures)?;
+    let told = table(args, &records, &pictures);
+    match (encoder, &args.output) {
+        (Some(encoder), _) => video(encoder, &pictures)?,
+        (None, Some(path)) => write_whole(path, format!("{:#}\n", told.json).as_bytes())?,
+        (None, None) => {}
+    }
+    Ok(told)
+}
+
+/// Refuses to overwrite a record.
+fn check_output(output: Option<&Path>, records: &[ShardRecord]) -> Result<()> {
+    let Some(real) = output.and_then(|path| path.canonicalize().ok()) else { return Ok(()) };
+    let read = records.iter().find(|record| record.path.canonicalize().is_ok_and(|path| path == real));
+    match read {
+        Some(record) => {
+            bail!("-o {}: would overwrite the record of a shard; expected another name", record.path.display())
+        }
+        None => Ok(()),
+    }
+}
+
+/// As one run would: an error if all pictures are blank, a warning if some are.
+fn check_seen(pictures: &[Picture]) -> Result<()> {
+    let is_blank =
+        |picture: &&Picture| picture.entry["seen_by_no_view"].as_f64().is_some_and(|unseen| unseen > 1.0 - 1e-6);
+    let blank: Vec<&Picture> = pictures.iter().filter(is_blank).collect();
+    match blank.first() {
+        None => {}
+        Some(_) if blank.len() == pictures.len() => {
+            bail!(
+                "no view sees any of the pictures; expected viewpoints that look where the views do, or another --near and --far"
+            );
+        }
+        Some(first) => {
+            let (count, all, first) = (blank.len(), pictures.len(), &first.name);
+            print_message(
+                "warning",
+                format!("{count} of {all} pictures are blank, no view sees any of them: {first} first"),
+            );
+        }
+    }
+    Ok(())
+}
+
+fn video(mut encoder: Encoder, pictures: &[Picture]) -> Result<()> {
+    let mut size = None;
+    for picture in pictures {
+        let loaded = image::load(&picture.file)?;
+        let first = *size.get_or_insert_with(|| {
+            encoder.set_size(loaded.size());
+            loaded.size()
+        });
+        if loaded.size() != first {
+            let (at, file, size) = (encoder.path().display(), picture.file.display(), loaded.size());
+            bail!(
+                "-o {at}: {file} is {}x{}, the pictures before it {}x{}; expected one size in a video",
+                size.width,
+                size.height,
+                first.width,
+                first.height
+            );
+        }
+        encoder.add(&loaded)?;
+    }
+    encoder.finish().map(drop)
+}
+
+/// Each picture's score, and their mean.
+fn table(args: &JoinArgs, records: &[ShardRecord], pictures: &[Picture]) -> Output {
+    let number = |picture: &Picture, key: &str| picture.entry[key].as_f64();
+    let scored = || pictures.iter().filter_map(|picture| number(picture, "psnr").zip(number(picture, "ssim")));
+    let count = scored().count();
+    let (psnr, ssim) = scored().fold((0.0, 0.0), |sum, score| (sum.0 + score.0, sum.1 + score.1));
+    let mean = (count > 0).then(|| (psnr / count as f64, ssim / count as f64));
+    let mut text = format!("{} pictures of {} shards, all there\n", pictures.len(), records.len());
+    if let Some((psnr, ssim)) = mean {
+        let width = pictures.iter().map(|picture| picture.name.chars().count()).max().unwrap_or(0).max(4);
+        let _ = writeln!(text, "\n{:width$}  PSNR dB    SSIM", "view");
+        for picture in pictures {
+            let [psnr, ssim] = ["psnr", "ssim"].map(|key| number(picture, key).unwrap_or(f64::NAN));
+            let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}", picture.name);
+        }
+        let border = Score::BORDER;
+        let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  ({border}-pixel border left out)", "mean");
+    }
+    if let Some(path) = &args.output {
+        let _ = writeln!(text, "wrote   {}", path.display());
+    }
+    let target = |picture: &Picture| {
+        let mut told = json!({ "name": picture.name, "file": shown(&picture.file) });
+        for key in ["layers", "psnr", "ssim", "seen_by_no_view", "hidden_from_all_views", "disparity_max"] {
+            told[key] = picture.entry[key].clone();
+        }
+        told
+    };
+    let json = json!({
+        "liveview": env!("CARGO_PKG_VERSION"), "job": records[0].job, "shards": records.len(),
+        "targets": pictures.iter().map(target).collect::<Vec<Value>>(),
+        "mean": mean.map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })), "border_left_out": Score::BORDER,
+        "output": args.output.as_deref().map(shown),
+    });
+    Output { text, json }
+}

@@ -1,0 +1,158 @@
+//! What the shards of a job have recorded, and whether it is all of it.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow, bail};
+use liveview::fs::bounded;
+use serde_json::{Map, Value};
+
+use crate::args::output::stem;
+use crate::args::shard::Shard;
+use crate::commands::render::{record, record_text};
+
+/// The part of a job that may differ between machines: photos and cameras are told by their contents.
+const MAY_DIFFER: &str = "scene";
+/// What follows from other differences, and so is told after these.
+const DIGESTS: [&str; 2] = ["cameras", "photos"];
+
+/// The record of a shard.
+pub(super) struct ShardRecord {
+    pub(super) path: PathBuf,
+    shard: Shard,
+    pub(super) job: Map<String, Value>,
+    /// All pictures of the job, in order.
+    targets: Vec<String>,
+    done: Map<String, Value>,
+}
+
+/// A picture that is there, and what is recorded of it.
+pub(super) struct Picture {
+    pub(super) name: String,
+    pub(super) file: PathBuf,
+    pub(super) entry: Value,
+}
+
+/// The records in these folders.
+pub(super) fn read(folders: &[PathBuf]) -> Result<Vec<ShardRecord>> {
+    let mut records = Vec::new();
+    for folder in folders {
+        let entries = std::fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))?;
+        let mut files: Vec<PathBuf> = entries
+            .map(|entry| entry.map(|entry| entry.path()))
+            .collect::<std::io::Result<_>>()
+            .with_context(|| format!("{}: cannot be read", folder.display()))?;
+        files.retain(|file| is_record(file));
+        files.sort();
+        if files.is_empty() {
+            bail!(
+                "{}: no record of a shard is there; expected liveview_I_of_N.json, which `liveview render --shard I/N -o {0}` writes",
+                folder.display()
+            );
+        }
+        for file in files {
+            records.push(read_one(&file).map_err(|error| anyhow!("{}: {error:#}", file.display()))?);
+        }
+    }
+    Ok(records)
+}
+
+/// Whether a file is named as the record of a shard.
+fn is_record(file: &Path) -> bool {
+    let shard = || {
+        let name = file.file_name()?.to_str()?.strip_prefix("liveview_")?.strip_suffix(".json")?;
+        name.replacen("_of_", "/", 1).parse::<Shard>().ok()
+    };
+    shard().is_some()
+}
+
+fn read_one(path: &Path) -> Result<ShardRecord> {
+    let text = bounded::read(path, bounded::MAX_JSON_BYTES).context("cannot be read")?;
+    let mut found = record_text::parse(&text).context("not JSON")?;
+    let shard = format!("{}/{}", found["shard"]["index"], found["shard"]["count"]).parse::<Shard>();
+    let shard = shard.map_err(|_| anyhow!("shard is {}; expected an index and a count", found["shard"]))?;
+    let names = found["targets"].as_array().into_iter().flatten();
+    let targets: Vec<String> = names.filter_map(|name| name.as_str().map(str::to_owned)).collect();
+    match (found["job"].take(), found["done"].take()) {
+        (Value::Object(job), Value::Object(done)) if !targets.is_empty() => {
+            Ok(ShardRecord { path: path.to_owned(), shard, job, targets, done })
+        }
+        _ => bail!("expected \"job\", \"targets\" and \"done\", as `render --shard` writes them"),
+    }
+}
+
+/// Refuses records that are not of one job and one number of shards.
+pub(super) fn check_one_job(records: &[ShardRecord]) -> Result<()> {
+    let Some((first, others)) = records.split_first() else { return Ok(()) };
+    let (here, place) =
+        (|value: Option<&Value>| value.map_or("missing".to_owned(), Value::to_string), first.path.display());
+    for other in others {
+        let at = other.path.display();
+        if other.shard.count != first.shard.count {
+            bail!(
+                "{at} is one of {} shards, {place} one of {}; expected those of one job, and no records of others beside them",
+                other.shard.count,
+                first.shard.count
+            );
+        }
+        let mut fields: Vec<&String> = first.job.keys().chain(other.job.keys()).collect();
+        fields.retain(|field| *field != MAY_DIFFER);
+        fields.sort_by_key(|field| DIGESTS.contains(&field.as_str()));
+        for field in fields {
+            let (a, b) = (first.job.get(field), other.job.get(field));
+            if a != b {
+                bail!(
+                    "{at} is of another job than {place}: \"{field}\" is {} there and {} here; expected the same",
+                    here(b),
+                    here(a)
+                );
+            }
+        }
+        if other.targets != first.targets {
+            bail!("{at} is of another job than {place}: \"targets\" differ; expected the same");
+        }
+    }
+    Ok(())
+}
+
+/// Every picture of the job, in order; an error that says which shard to run again if one is missing or has changed.
+pub(super) fn pictures(records: &[ShardRecord]) -> Result<Vec<Picture>> {
+    let (targets, count) = (&records[0].targets, records[0].shard.count);
+    let mut lacking: Vec<Vec<&str>> = vec![Vec::new(); count];
+    let mut found = Vec::with_capacity(targets.len());
+    for (at, name) in targets.iter().enumerate() {
+        // A shard that ran twice may have written into two folders.
+        let mut candidates = records.iter().filter_map(|record| picture(record, name));
+        match candidates.next() {
+            Some(picture) => found.push(picture),
+            None => lacking[at % count].push(name),
+        }
+    }
+    let lacks = |(index, names): (usize, &Vec<&str>)| {
+        let shard = Shard { index, count };
+        let begun = records.iter().any(|record| record.shard == shard);
+        let what = if begun { "lacks" } else { "has no record, and so lacks" };
+        let pictures = if names.len() == 1 { "picture" } else { "pictures" };
+        (!names.is_empty()).then(|| format!("shard {shard} {what} {} {pictures} ({} first)", names.len(), names[0]))
+    };
+    let lacks: Vec<String> = lacking.iter().enumerate().filter_map(lacks).collect();
+    if !lacks.is_empty() {
+        const SHOWN: usize = 4;
+        let more =
+            if lacks.len() > SHOWN { format!(" and {} more shards", lacks.len() - SHOWN) } else { String::new() };
+        bail!(
+            "{} of {} pictures are missing or changed: {}{more}; expected all: run these shards again with --resume",
+            targets.len() - found.len(),
+            targets.len(),
+            lacks[..lacks.len().min(SHOWN)].join(", ")
+        );
+    }
+    Ok(found)
+}
+
+/// A picture that a record lists, if it is there unchanged.
+fn picture(record: &ShardRecord, name: &str) -> Option<Picture> {
+    let entry = record.done.get(name)?;
+    let file = record.path.with_file_name(format!("{}.png", stem(name)));
+    let bytes = bounded::read(&file, bounded::MAX_BYTES).ok()?;
+    (entry["files"][0] == record::digest(&bytes)).then(|| Picture { name: name.to_owned(), file, entry: entry.clone() })
+}

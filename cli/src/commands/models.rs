@@ -1,0 +1,80 @@
+//! `liveview models`: which models are installed, and what their cards say.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::Args;
+use liveview::SynthesisError;
+use liveview::network::{ExecutionProvider, ModelCard, OrtLibrary, OrtNetwork, model_folders};
+use serde_json::{Value, json};
+
+use crate::console::{Output, shown};
+use crate::ort_wheel::wheel;
+
+/// Options of `liveview models`.
+#[derive(Debug, Args)]
+pub(crate) struct ModelsArgs {
+    /// ONNX Runtime library [default: ORT_DYLIB_PATH, then the wheel in a .venv, then the system's]
+    #[arg(long, value_name = "FILE")]
+    ort_lib: Option<PathBuf>,
+}
+
+pub(crate) fn run(args: &ModelsArgs) -> Result<Output> {
+    let provider = ExecutionProvider::Cpu;
+    let library = args.ort_lib.clone().or_else(|| wheel(provider));
+    let library = OrtLibrary::load(provider, library.as_deref()).map_err(SynthesisError::from)?;
+    let mut folders = model_folders();
+    if std::env::var_os("LIVEVIEW_MODELS").is_none_or(|folder| folder.is_empty()) {
+        folders.push(std::env::current_dir().unwrap_or_default().join("models"));
+    }
+    let (mut text, mut models) = (String::new(), Vec::new());
+    for file in files(&folders) {
+        // One that cannot be opened is told, and is no reason not to tell of the others.
+        let card = OrtNetwork::open(&library, &file, 1).map(|network| network.card().clone());
+        match card {
+            Ok(card) => {
+                text += &card_text(&file.display().to_string(), &card);
+                models.push(card_json(&file, &card));
+            }
+            Err(error) => {
+                let _ = writeln!(text, "{}\n  cannot be used: {error}", file.display());
+                models.push(json!({ "file": shown(&file), "error": error.to_string() }));
+            }
+        }
+    }
+    let folders: Vec<String> = folders.iter().map(|folder| shown(folder)).collect();
+    if models.is_empty() {
+        let _ = writeln!(text, "no model (.onnx) in {}", folders.join(", "));
+    }
+    Ok(Output { text, json: json!({ "folders": folders, "models": models }) })
+}
+
+/// The models of these folders. Of two of one name the first folder's is found, so only that is listed.
+fn files(folders: &[PathBuf]) -> Vec<PathBuf> {
+    let mut found: Vec<PathBuf> = Vec::new();
+    for folder in folders {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+        let mut models: Vec<PathBuf> =
+            entries.filter(|file| file.extension().is_some_and(|ending| ending == "onnx")).collect();
+        models.sort();
+        models.retain(|file| !found.iter().any(|other| other.file_name() == file.file_name()));
+        found.extend(models);
+    }
+    found
+}
+
+fn card_text(file: &str, card: &ModelCard) -> String {
+    let kinds = if card.layer_kinds.is_empty() { "all".to_owned() } else { card.layer_kinds.join(", ") };
+    format!(
+        "{file}\n  views       {}\n  precision   {}\n  layers      {}, recommended {}\n  training    {}\n  licence     {}\n",
+        card.views, card.precision, kinds, card.recommended_layers, card.training, card.licence
+    )
+}
+
+fn card_json(file: &std::path::Path, card: &ModelCard) -> Value {
+    json!({
+        "file": shown(file), "views": card.views, "precision": card.precision, "layer_kinds": card.layer_kinds,
+        "recommended_layers": card.recommended_layers, "training": card.training, "licence": card.licence,
+    })
+}

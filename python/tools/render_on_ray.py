@@ -1,0 +1,100 @@
+"""Render a path, held-out photos or a list of targets on the machines of a Ray cluster, a shard each.
+
+Every shard is a `liveview render --shard I/N --resume` of its own, so one whose machine died goes on elsewhere with
+what it had rendered; the folder must be one that all machines see under the same name. A command that is wrong is not
+tried again. Exit code 2 if a shard failed.
+
+Usage, in python/, in the environment of `make setup-ray`:
+    python -m tools.render_on_ray SCENE -o FOLDER --shards N [--address auto] [--cpus 1] [--retries 3] [--join FILE]
+        [--liveview PROGRAM] -- OPTIONS OF liveview render
+"""
+
+import argparse
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import ray
+from ray.exceptions import RayError, RayTaskError
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class ShardFailed(Exception):
+    """The program refused or could not render a shard."""
+
+
+def render_shard(command: list[str]) -> str:
+    """Runs one shard where Ray has put it; returns the program's summary of it, a line."""
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise ShardFailed(done.stderr.strip() or f"exit code {done.returncode}")
+    return next(line for line in done.stdout.splitlines() if line.startswith("shard")).removeprefix("shard").strip()
+
+
+def render(args, tell) -> list[str]:
+    """All shards; returns what failed, a line each."""
+    ray.init(address=args.address, log_to_driver=False, include_dashboard=False, logging_level="warning")
+    # What dies is submitted again here, where it can be told.
+    remote = ray.remote(num_cpus=args.cpus, max_retries=0)(render_shard)
+    base = [args.liveview, "render", str(args.scene), "-o", str(args.output), "--resume", f"--threads={args.cpus}"]
+
+    def submit(shard: int):
+        return remote.remote([*base, f"--shard={shard}/{args.shards}", *args.options])
+
+    started = time.monotonic()
+    running = {submit(shard): shard for shard in range(1, args.shards + 1)}
+    tries, failed, ended = dict.fromkeys(running.values(), 0), [], 0
+    while running:
+        [ready], _ = ray.wait(list(running), num_returns=1)
+        shard = running.pop(ready)
+        try:
+            told = ray.get(ready)
+        except RayTaskError as error:
+            told = f"{shard}/{args.shards}: failed: {error.cause}"
+            failed.append(told)
+        except RayError as error:
+            tries[shard] += 1
+            if tries[shard] <= args.retries:
+                tell(f"shard {shard}/{args.shards}: its machine or process died; try {tries[shard]} of {args.retries}")
+                running[submit(shard)] = shard
+                continue
+            told = f"{shard}/{args.shards}: died {tries[shard]} times: {str(error).splitlines()[0]}"
+            failed.append(told)
+        ended += 1
+        tell(f"shard {told} ({ended} of {args.shards} shards, {time.monotonic() - started:.0f} s)")
+    return failed
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the pictures, seen by all machines")
+    parser.add_argument("--shards", type=int, required=True, help="into how many parts to share the job out")
+    parser.add_argument("--address", default="local", help="the cluster; auto: the one that runs, local: this machine")
+    parser.add_argument("--cpus", type=int, default=1, help="cores of each shard")
+    parser.add_argument("--retries", type=int, default=3, help="how often a shard is tried again if its machine died")
+    parser.add_argument("--join", metavar="FILE", help="then join the shards: .mp4, .gif or .json")
+    parser.add_argument("--liveview", default=str(ROOT / "target" / "release" / "liveview"), help="the program")
+    words = sys.argv[1:]
+    own = words.index("--") if "--" in words else len(words)
+    args = parser.parse_args(words[:own])
+    args.options = words[own + 1 :]  # of `liveview render`
+    if min(args.shards, args.cpus) < 1 or args.retries < 0:
+        parser.error("--shards and --cpus: expected 1 or more; --retries: 0 or more")
+    args.scene, args.output = args.scene.resolve(), args.output.resolve()
+
+    def tell(line: str) -> None:
+        print(line, file=sys.stderr, flush=True)
+
+    failed = render(args, tell)
+    if failed:
+        tell(f"error: {len(failed)} of {args.shards} shards failed: {failed[0]}")
+        return 2
+    target = ["-o", args.join] if args.join else []
+    return subprocess.run([args.liveview, "join", str(args.output), *target]).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())
