@@ -5,6 +5,7 @@ mod common;
 
 use std::fs;
 use std::os::unix::fs::MetadataExt;
+use std::path::Path;
 use std::process::{Command, Output};
 
 use common::{Folders, fixture};
@@ -68,12 +69,12 @@ fn a_list_makes_what_its_commands_make_and_goes_on_after_errors() {
     let bytes = |file: &str| fs::read(file).unwrap();
     let ours = [&a, &c, &d, &format!("{b}/frame_0001.png")].map(|file| bytes(file));
     let inode = |file: &str| fs::metadata(file).unwrap().ino();
-    let (first, second) = (inode(&a), inode(&c));
+    let first = inode(&a);
     fs::remove_file(&c).unwrap();
     let again = batch(&[&list, "--done", done.to_str().unwrap()]);
     let kept: Vec<bool> = lines(&again).iter().map(|line| line["kept"] == true).collect();
     assert_eq!(kept, [true, false, true, false, true], "what failed, and what has gone, is made again");
-    assert!(inode(&a) == first && inode(&c) != second);
+    assert!(inode(&a) == first && Path::new(&c).exists());
 
     for (at, file) in [(0, &a), (3, &c), (4, &d), (2, &format!("{b}/frame_0001.png"))] {
         let alone = Command::new(env!("CARGO_BIN_EXE_liveview")).arg("render").args(&commands[at]).output().unwrap();
