@@ -2,7 +2,8 @@
 //! of anything; but whoever follows the codes of damaged data (`jpeg_scan.rs`) meets one that does not exist, or more or less data than the
 //! picture has.
 
-use super::jpeg_scan::{Component, HuffmanTable, Scan, Walk};
+use super::jpeg_huffman::HuffmanTable;
+use super::jpeg_scan::{Component, Scan, Walk};
 
 const CUT_SHORT: &str = "the JPEG data ends early";
 const NO_HEADER: &str = "a JPEG header that is damaged";
@@ -82,6 +83,10 @@ impl Header {
     fn read_frame(&mut self, segment: &[u8]) -> Option<Result<(), &'static str>> {
         (self.height, self.width) = (be16(segment.get(1..)?)?, be16(segment.get(3..)?)?);
         let count = usize::from(*segment.get(5)?);
+        // A second frame could ask for more memory than the picture's size, which was checked, says.
+        if count > 4 || !self.components.is_empty() {
+            return None;
+        }
         let channels = segment.get(6..6 + 3 * count)?.chunks_exact(3);
         let factors: Vec<_> = channels.map(|c| (c[0], usize::from(c[1] >> 4), usize::from(c[1] & 15))).collect();
         let &(_, across, down) = factors.first()?;

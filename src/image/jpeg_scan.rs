@@ -1,27 +1,11 @@
 //! Follows the Huffman codes of one scan of a JPEG (ITU-T T.81, annexes F and G) without making a picture of them.
 
+use super::jpeg_huffman::HuffmanTable;
+
 const NO_CODE: &str = "the JPEG's compressed data is damaged: a code that does not exist";
 const BEYOND: &str = "the JPEG's compressed data is damaged: more coefficients than a block has";
 const SHORT: &str = "the JPEG's compressed data is damaged: it ends before the picture does";
 const LEFT: &str = "the JPEG's compressed data is damaged: more of it than the picture has";
-
-/// Length in bits and symbol of the code that the next 16 bits start with; length 0 for none.
-pub(super) struct HuffmanTable(Vec<(u8, u8)>);
-
-impl HuffmanTable {
-    /// From the number of codes of each length, 1 to 16 bits, and their symbols in order of the codes.
-    pub(super) fn new(counts: &[u8; 16], symbols: &[u8]) -> Option<Self> {
-        let mut codes = Vec::with_capacity(1 << 16);
-        let mut symbols = symbols.iter();
-        for (length, &count) in (1..).zip(counts) {
-            for &symbol in symbols.by_ref().take(count.into()) {
-                codes.resize(codes.len() + (1 << (16 - length)), (length, symbol));
-            }
-        }
-        codes.resize(codes.len().max(1 << 16), (0, 0));
-        (codes.len() == 1 << 16).then_some(Self(codes))
-    }
-}
 
 /// A channel of the picture.
 pub(super) struct Component {
@@ -114,8 +98,8 @@ impl<'a> Walk<'a> {
     }
 
     fn dc(&mut self, table: usize) -> Result<(), &'static str> {
-        let size = self.symbol(0, table)?;
-        if size > 16 { Err(NO_CODE) } else { self.take(size.into()).map(drop) }
+        let size = self.symbol(self.table(0, table)?, 0x1F)?;
+        if size > 16 { Err(NO_CODE) } else { Ok(()) }
     }
 
     /// Coefficients `first` to `last` of a block, or that there are no more.
@@ -130,9 +114,10 @@ impl<'a> Walk<'a> {
             self.end_of_band -= 1;
             return Ok(());
         }
+        let table = self.table(1, table)?;
         let mut k = first;
         while k <= last {
-            let symbol = self.symbol(1, table)?;
+            let symbol = self.symbol(table, 0x0F)?;
             let (run, size) = (symbol >> 4, symbol & 15);
             match (run, size) {
                 (15, 0) => k += 16,
@@ -146,7 +131,6 @@ impl<'a> Walk<'a> {
                     if k > last {
                         return Err(BEYOND);
                     }
-                    self.take(size.into())?;
                     if let Some((channel, at)) = block {
                         *self.components[channel].nonzero.get_mut(at).ok_or(BEYOND)? |= 1 << k;
                     }
@@ -166,9 +150,10 @@ impl<'a> Walk<'a> {
         (channel, at): (usize, usize),
     ) -> Result<(), &'static str> {
         let known = *self.components[channel].nonzero.get(at).ok_or(BEYOND)?;
+        let table = self.table(1, table)?;
         let (mut new, mut k) = (0, first);
         while self.end_of_band == 0 && k <= last {
-            let symbol = self.symbol(1, table)?;
+            let symbol = self.symbol(table, 0)?;
             let (mut run, size) = (symbol >> 4, symbol & 15);
             match size {
                 0 if run < 15 => {
@@ -206,20 +191,28 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// Symbol of the next code, by a table of the class (0: DC, 1: AC).
-    fn symbol(&mut self, class: usize, number: usize) -> Result<u8, &'static str> {
-        let table = self.tables[class][number].as_ref().ok_or(NO_CODE)?;
-        self.fill();
-        let (length, symbol) = table.0[(self.bits >> 48) as usize];
-        if length == 0 {
-            return Err(if self.count < 16 { SHORT } else { NO_CODE });
+    /// A table of the class (0: DC, 1: AC).
+    fn table(&self, class: usize, number: usize) -> Result<&'a HuffmanTable, &'static str> {
+        self.tables[class][number].as_ref().ok_or(NO_CODE)
+    }
+
+    /// Symbol of the next code; the bits of a value that follow, as many as its bits in `size` say, are passed over.
+    fn symbol(&mut self, table: &HuffmanTable, size: u8) -> Result<u8, &'static str> {
+        if self.count < 32 {
+            self.fill();
         }
-        self.take(length.into())?;
+        let found = table.find((self.bits >> 48) as u16);
+        let (length, symbol) = found.ok_or(if self.count < 16 { SHORT } else { NO_CODE })?;
+        let passed = u32::from(length + (symbol & size));
+        self.count = self.count.checked_sub(passed).ok_or(SHORT)?;
+        self.bits <<= passed;
         Ok(symbol)
     }
 
     fn take(&mut self, count: u32) -> Result<u32, &'static str> {
-        self.fill();
+        if self.count < count {
+            self.fill();
+        }
         self.count = self.count.checked_sub(count).ok_or(SHORT)?;
         let taken = (self.bits >> 1 >> (63 - count)) as u32;
         self.bits <<= count;
@@ -229,6 +222,12 @@ impl<'a> Walk<'a> {
     /// At least 32 bits, unless the data ends.
     fn fill(&mut self) {
         while self.count <= 32 {
+            let next = self.data.get(self.at..).and_then(<[u8]>::first_chunk::<4>);
+            if let Some(next) = next.filter(|next| !next.contains(&0xFF)) {
+                self.bits |= u64::from(u32::from_be_bytes(*next)) << (32 - self.count);
+                (self.at, self.count) = (self.at + 4, self.count + 32);
+                return;
+            }
             let byte = match self.data.get(self.at..) {
                 Some([0xFF, 0x00, ..]) => {
                     self.at += 2;

@@ -6,6 +6,7 @@ mod encode;
 mod error;
 mod inpaint;
 mod jpeg;
+mod jpeg_huffman;
 mod jpeg_scan;
 mod metrics;
 mod rgb;

@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use super::error::SynthesisError;
 use crate::layers::LayerSpec;
 use crate::network::{
-    AlphaKind, ExecutionProvider, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16, find_model, model_folders,
+    AlphaKind, ExecutionProvider, MAX_THREADS, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16, find_model,
+    model_folders,
 };
 use crate::render::Renderer;
 
@@ -63,9 +64,9 @@ impl ModelOptions {
         self.views.unwrap_or(DEFAULT_VIEWS)
     }
 
-    /// Threads of the network, as given, else one per core.
+    /// Threads of the network, as given, else one per core, [`MAX_THREADS`] at most.
     pub fn threads_or_default(&self) -> usize {
-        self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, NonZero::get))
+        self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, NonZero::get).min(MAX_THREADS))
     }
 
     /// The file of the model for `views` views and these layers, if they are known.

@@ -6,13 +6,15 @@ use anyhow::Result;
 use liveview::mvs::Settings;
 use liveview::{Matched, PhotoCache, Targets};
 
+use crate::console::escaped;
+
 /// Factors per channel of the photos of these many views of a target, nearest first, and a table of them. Their depth is searched.
 pub(super) fn gains(photos: &mut PhotoCache, target: usize, views: usize) -> Result<(String, Vec<[f32; 3]>)> {
     let targets = Targets::held_out(photos.scene(), vec![target]);
     let shot = photos.shots(targets, views, Settings::default().extra, None)?.remove(0);
     photos.load_for(&shot, &[])?;
     let gains = photos.surface(&shot, Matched::default())?.gains().to_vec();
-    let names = photos.names(&shot.views);
+    let names: Vec<String> = photos.names(&shot.views).iter().map(|name| escaped(name)).collect();
     let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
     let mut text = format!("\nexposure   {:width$}  times red   green    blue, so that surface layers agree\n", "view");
     for (name, [red, green, blue]) in names.iter().zip(&gains) {
