@@ -179,6 +179,11 @@ fn photos_that_are_not_in_use_are_kept() {
     for folder in ["images", "images_4", "images_8", "images_8/below"] {
         assert_refused(&mut render(&["--path", "line:3", "-o", &at(folder)]), &root, &["-o", folder]);
     }
+    // The same where the scene's path is relative.
+    let mut relative = assert_cmd::Command::new(env!("CARGO_BIN_EXE_liveview"));
+    relative.current_dir(root.parent().unwrap()).args(["render", "llff", "--path", "line:3", "-o", "llff/images_8"]);
+    relative.args(["--model", &fixture("tiny_v4"), "--layers", "guided:1"]);
+    assert_refused(&mut relative, &root, &["-o", "llff/images_8"]);
     // Linked from elsewhere.
     let elsewhere = folders.scene().join("full");
     fs::rename(root.join("images"), &elsewhere).unwrap();

@@ -47,13 +47,15 @@ impl SceneFolder {
         let named: BTreeSet<&Path> = scene.views.iter().filter_map(|view| view.image_path().parent()).collect();
         let cameras = named.iter().filter(|_| named.len() > 1).filter_map(|folder| folder.parent());
         let cameras = cameras.filter(|folder| folder.starts_with(&scene.root));
-        let usual = FOLDERS.map(|folder| scene.root.join(folder));
+        // Below the folder's real path: those that do not exist cannot be resolved.
+        let root = real(scene.root.clone());
+        let usual = FOLDERS.map(|folder| root.join(folder));
         let photos = named.iter().filter(|&&folder| folder != scene.root).map(|folder| folder.to_path_buf());
         Self {
-            root: real(scene.root.clone()),
             photos: photos.chain(usual).map(real).collect(),
             cameras: cameras.map(|folder| real(folder.to_owned())).collect(),
             flat: named.contains(&*scene.root),
+            root,
             linked: OnceCell::new(),
         }
     }
