@@ -75,3 +75,14 @@ fn sound_files_of_every_kind_are_read() {
     }
     assert_eq!(kinds, 7);
 }
+
+/// The size that memory was asked for is the first one's.
+#[test]
+fn a_second_frame_header() {
+    for jpeg in photos() {
+        let start = jpeg.windows(2).position(|marker| marker == [0xFF, 0xC0]).unwrap();
+        let end = start + 2 + usize::from(u16::from_be_bytes([jpeg[start + 2], jpeg[start + 3]]));
+        let said = said(&[&jpeg[..end], &jpeg[start..]].concat());
+        assert!(said.contains("photo.jpg") && said.contains("a JPEG header that is damaged"), "{said}");
+    }
+}
