@@ -83,6 +83,6 @@ fn a_second_frame_header() {
         let start = jpeg.windows(2).position(|marker| marker == [0xFF, 0xC0]).unwrap();
         let end = start + 2 + usize::from(u16::from_be_bytes([jpeg[start + 2], jpeg[start + 3]]));
         let said = said(&[&jpeg[..end], &jpeg[start..]].concat());
-        assert!(said.contains("photo.jpg") && said.contains("a JPEG header that is damaged"), "{said}");
+        assert!(said.contains("photo.jpg") && said.contains("Start of Frame"), "{said}");
     }
 }

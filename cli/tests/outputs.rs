@@ -355,3 +355,20 @@ fn scenes_named_like_options_or_in_other_letters() {
     }
     assert_eq!(folders.written().len(), 3);
 }
+
+#[test]
+fn a_scene_whose_photos_lie_in_two_folders_takes_pictures_in_a_third() {
+    let folders = Folders::new();
+    let scene = folders.scene();
+    let mut poses = fs::read_to_string(scene.join("transforms.json")).unwrap();
+    for (view, folder) in ["train", "train", "train", "test", "test"].into_iter().enumerate() {
+        fs::create_dir_all(scene.join(folder)).unwrap();
+        fs::rename(folders.photo(view), scene.join(format!("{folder}/{view}.png"))).unwrap();
+        poses = poses.replace(&format!("images/{view}.png"), &format!("{folder}/{view}.png"));
+    }
+    fs::write(scene.join("transforms.json"), poses).unwrap();
+    let at = |name: &str| scene.join(name).to_str().unwrap().to_owned();
+    let render = |output: &str| folders.liveview("render", &["--target", "2", "--network", "none", "-o", output]);
+    render(&at("out/a.png")).assert().success();
+    assert_refused(&mut render(&at("test/a.png")), &scene, &["-o", "a photo or a camera"]);
+}

@@ -33,7 +33,7 @@ pub(super) struct SceneFolder {
     root: PathBuf,
     /// Folders of which all is read.
     photos: BTreeSet<PathBuf>,
-    /// Folders of folders of photos: the cameras of a rig, and pictures below would be another one.
+    /// Folders of a rig's cameras: pictures below would be another one.
     cameras: BTreeSet<PathBuf>,
     /// Whether photos lie beside the poses.
     flat: bool,
@@ -45,7 +45,9 @@ impl SceneFolder {
     pub(super) fn new(scene: &Scene) -> Self {
         let real = |path: PathBuf| path.canonicalize().unwrap_or(path);
         let named: BTreeSet<&Path> = scene.views.iter().filter_map(|view| view.image_path().parent()).collect();
-        let cameras = named.iter().filter(|_| named.len() > 1).filter_map(|folder| folder.parent());
+        // A rig has a folder for each camera; a scene may have one of photos to learn from and one to test on.
+        let rig = named.len() > 1 && named.len() == scene.views.len();
+        let cameras = named.iter().filter(|_| rig).filter_map(|folder| folder.parent());
         let cameras = cameras.filter(|folder| folder.starts_with(&scene.root));
         // Below the folder's real path: those that do not exist cannot be resolved.
         let root = real(scene.root.clone());
