@@ -12,8 +12,10 @@ RIG := tests/scenes/rig
 DATA ?= ../shared/data
 RUFF := --config python/pyproject.toml python parity tests
 
-.PHONY: demo demo-stereo demo-video test build runtime runtime-openvino setup-ray int8 report setup lint docs goldens test-rust test-python \
-	parity stability readme live-report cards setup-evaluation evaluate limits fuzz clean
+NPM ?= npm
+
+.PHONY: demo demo-stereo demo-video test test-browser build runtime runtime-openvino setup-ray int8 report setup lint docs goldens test-rust \
+	test-python parity stability readme live-report cards setup-evaluation evaluate limits fuzz clean
 
 ## Render the two held-out views of the example scene and compare them with the truth.
 demo: build runtime
@@ -98,6 +100,11 @@ test-rust: setup goldens
 
 test-python: setup
 	cd python && ../$(BIN)/python -m pytest -q
+
+## `liveview view` driven by a headless Chromium, which npm fetches (Node 20 or later; CHROMIUM names another). Not part of `test`.
+test-browser: build runtime
+	@command -v $(NPM) > /dev/null || { echo "test-browser: npm is missing; expected Node 20 or later" >&2; exit 2; }
+	cd tests/browser && $(NPM) ci --silent && node test.js
 
 ## Every stage of the example scene, live: Rust and float32 torch against float64.
 parity: build setup

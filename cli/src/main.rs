@@ -20,7 +20,7 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use commands::{batch, depth, dump, inspect, join, manual, models, render, select, stability, sweep, video};
+use commands::{batch, depth, dump, inspect, join, manual, models, render, select, stability, sweep, video, view};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -34,6 +34,8 @@ Examples:
     liveview render scene --path spiral:90 -o flight.mp4
   A rig's video from a viewpoint of its own:
     liveview video rig --path circle:120 -o view.mp4
+  Look around in a browser:
+    liveview view scene
   How deep each photo is, and how much of that others confirm:
     liveview depth scene -o depth
   Which planes a view needs:
@@ -60,6 +62,8 @@ enum Command {
     Batch(batch::BatchArgs),
     /// Turn the frames of a camera rig into the video of a moving viewpoint, live if asked
     Video(video::VideoArgs),
+    /// Look around a scene in a browser: prints a link
+    View(view::ViewArgs),
     /// Show how a scene is read, and what will be left out
     Inspect(inspect::InspectArgs),
     /// Show which planes, or which range per pixel, a view needs
@@ -90,6 +94,7 @@ fn main() -> ExitCode {
         Command::Manual(args) => manual::run(args, Cli::command()),
         Command::Batch(args) => batch::run(args),
         Command::Video(args) => video::run(args),
+        Command::View(args) => view::run(args),
         Command::Inspect(args) => inspect::run(args),
         Command::Select(args) => select::run(args),
         Command::Depth(args) => depth::run(args),

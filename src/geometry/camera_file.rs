@@ -51,14 +51,25 @@ pub fn read_cameras(path: &Path, views: &[&Camera]) -> Result<Vec<Camera>, Camer
     }
     let cameras = entries.iter().enumerate();
     let index = |index: usize| list.is_some().then_some(index);
-    let read = |entry| if path_frames.is_some() { nerfstudio_path::camera(&file, entry) } else { camera(entry, views) };
+    let read = |entry| {
+        if path_frames.is_some() { nerfstudio_path::camera(&file, entry) } else { camera_from_json(entry, views) }
+    };
     cameras.map(|(at, entry)| read(entry).map_err(|reason| refused(index(at), reason))).collect()
 }
 
 /// The keys of a camera.
 const KEYS: [&str; 8] = ["transform_matrix", "cam_from_world", "fl_x", "fl_y", "cx", "cy", "w", "h"];
 
-fn camera(entry: &Value, views: &[&Camera]) -> Result<Camera, String> {
+/// One camera as such a file holds it. What it leaves out is taken from the nearest of the `views`.
+///
+/// # Errors
+///
+/// The field, and what was expected.
+///
+/// # Panics
+///
+/// If there are no views.
+pub fn camera_from_json(entry: &Value, views: &[&Camera]) -> Result<Camera, String> {
     let mut keys = entry.as_object().into_iter().flat_map(|entry| entry.keys());
     if let Some(unknown) = keys.find(|key| !KEYS.contains(&key.as_str())) {
         return Err(format!("\"{unknown}\" is unknown; expected none but {}", KEYS.join(", ")));

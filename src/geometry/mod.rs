@@ -13,7 +13,7 @@ mod view_selection;
 
 pub use camera::{Camera, Intrinsics};
 pub use camera_error::CameraError;
-pub use camera_file::{CameraFileError, read_cameras};
+pub use camera_file::{CameraFileError, camera_from_json, read_cameras};
 pub use camera_path::{CameraPath, CameraPathError, MeanPose};
 pub use plane_sweep::PlaneSweep;
 pub(crate) use pose::cam_from_opengl_world;

@@ -135,6 +135,11 @@ impl<N: PlaneNetwork> Synthesizer<N> {
         self.renderer
     }
 
+    /// Sets which layers it renders on; what is known of the photos stays.
+    pub fn set_layers(&mut self, layers: LayerSpec) {
+        self.layers = layers;
+    }
+
     /// Which layers it renders on.
     pub fn layers(&self) -> &LayerSpec {
         &self.layers

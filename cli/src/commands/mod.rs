@@ -12,3 +12,4 @@ pub(crate) mod select;
 pub(crate) mod stability;
 pub(crate) mod sweep;
 pub(crate) mod video;
+pub(crate) mod view;

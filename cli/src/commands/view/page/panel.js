@@ -1,0 +1,134 @@
+// What is told beside the picture: figures, the time of each stage, the map of the rig.
+
+const STAGES = ["photos", "depth", "select", "warp", "network", "composite", "rest"];
+const KEPT = 60;
+const element = (id) => document.getElementById(id);
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+const percent = (share) => `${(100 * share).toFixed(1)} %`;
+
+// A canvas at the screen's resolution: its context, width and height in CSS pixels.
+function prepared(canvas) {
+  const [width, height, ratio] = [canvas.clientWidth, canvas.clientHeight, devicePixelRatio];
+  [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
+  const context = canvas.getContext("2d");
+  context.scale(ratio, ratio);
+  return [context, width, height];
+}
+
+export class Panel {
+  constructor() {
+    this.times = [];
+    this.moving = [];
+    const legend = STAGES.map((stage) => {
+      const [item, box] = [document.createElement("span"), document.createElement("i")];
+      box.style.background = `var(--${stage})`;
+      item.append(box, stage === "rest" ? "the rest" : stage);
+      return item;
+    });
+    element("legend").replaceChildren(...legend);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+    addEventListener("resize", () => this.draw());
+  }
+
+  hello(told) {
+    element("scene").textContent = told.scene;
+    document.title = `${told.scene} · LiveView`;
+    element("engine").textContent = `${told.engine}, ${told.threads} ${told.threads === 1 ? "thread" : "threads"}`;
+  }
+
+  picture(header, views, rig, place) {
+    const now = performance.now();
+    this.moving = this.moving.filter((time) => now - time < 1000);
+    if (header.moving) this.moving.push(now);
+    const known = Object.values(header.stages).reduce((sum, time) => sum + time, 0);
+    // What was rendered before and is only shown again took no time.
+    if (header.milliseconds >= known) this.times.push({ ...header.stages, rest: header.milliseconds - known });
+    this.times = this.times.slice(-KEPT);
+    element("layers").textContent = header.layers;
+    element("size").textContent = `${header.width} × ${header.height}`;
+    element("unseen").textContent = percent(header.uncovered + header.hidden);
+    element("score").textContent = header.psnr === undefined ? "–" : `${views[header.truth].name}: ${header.psnr.toFixed(2)} dB`;
+    const quality = header.moving ? `${this.moving.length} frames a second` : "full quality";
+    element("status").textContent = `${quality} · ${header.width} × ${header.height} · ${header.milliseconds.toFixed(0)} ms`;
+    [this.header, this.views, this.rig, this.place] = [header, views, rig, place];
+    // The picture comes first: ten times a second is enough.
+    this.drawing ??= setTimeout(() => {
+      this.drawing = undefined;
+      this.draw();
+    }, 100);
+  }
+
+  draw() {
+    if (!this.header) return;
+    this.drawTimes();
+    this.drawMap();
+  }
+
+  drawTimes() {
+    const [context, width, height] = prepared(element("plot"));
+    const totals = this.times.map((times) => STAGES.reduce((sum, stage) => sum + times[stage], 0));
+    // One slow picture, for which a photo's depth was found, shall not flatten all others.
+    const scale = height / (1.2 * Math.max(20, [...totals].sort((a, b) => a - b)[Math.floor(0.9 * (totals.length - 1))]));
+    this.times.forEach((times, i) => {
+      let top = height;
+      for (const stage of STAGES) {
+        const size = scale * times[stage];
+        context.fillStyle = colour(stage);
+        context.fillRect((i * width) / KEPT, top - size, width / KEPT - 1, size);
+        top -= size;
+      }
+    });
+    element("rate").textContent = totals.length > 0 ? `${totals[totals.length - 1].toFixed(0)} ms` : "";
+  }
+
+  // Of a point right and down from the rig's middle, its place on the map.
+  scale(width, height) {
+    const { across, down, extent } = this.rig;
+    const [w, h] = [across[1] - across[0] + 0.6 * extent, down[1] - down[0] + 0.6 * extent];
+    const factor = Math.min(width / w, height / h);
+    return ([u, v]) => [width / 2 + factor * (u - (across[0] + across[1]) / 2), height / 2 + factor * (v - (down[0] + down[1]) / 2)];
+  }
+
+  drawMap() {
+    const [context, width, height] = prepared(element("map"));
+    const at = this.scale(width, height);
+    this.spots = this.views.map((view) => at(this.rig.toRig(view.centre)));
+    const here = at([this.place.u, this.place.v]);
+    const lines = (views, stroke) => {
+      context.strokeStyle = stroke;
+      for (const view of views) {
+        context.beginPath();
+        context.moveTo(...here);
+        context.lineTo(...this.spots[view]);
+        context.stroke();
+      }
+    };
+    lines(this.header.helpers, colour("line"));
+    lines(this.header.views, colour("accent"));
+    const disc = ([x, y], radius) => {
+      context.beginPath();
+      context.arc(x, y, radius, 0, 2 * Math.PI);
+    };
+    this.views.forEach((view, i) => {
+      disc(this.spots[i], 3.5);
+      context.fillStyle = colour(this.header.views.includes(i) ? "accent" : "faint");
+      context.strokeStyle = colour("depth");
+      view.held_out ? context.stroke() : context.fill();
+    });
+    disc(here, 5);
+    context.fillStyle = colour("alarm");
+    context.fill();
+  }
+
+  // The view whose spot on the map is near a point there.
+  viewAt(x, y) {
+    const distances = (this.spots ?? []).map((spot) => Math.hypot(spot[0] - x, spot[1] - y));
+    const nearest = distances.indexOf(Math.min(...distances));
+    return distances[nearest] < 14 ? nearest : undefined;
+  }
+
+  message(text) {
+    element("message").hidden = !text;
+    element("message").textContent = text ?? "";
+  }
+}
