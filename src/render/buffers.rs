@@ -46,12 +46,20 @@ impl Buffers {
     /// Bytes for `layers` layers of `views` views on a padded target of that size.
     pub(crate) fn bytes(layers: usize, views: usize, size: Size) -> usize {
         // Disparity; of each view colour, coverage and a logit.
-        layers * (size.pixels() * size_of::<f32>() * (1 + 5 * views) + views * run_coverage_len(size))
+        layers
+            * (size.pixels() * size_of::<f32>() * (1 + 5 * views)
+                + views * run_coverage_len(size) * size_of::<RunCoverage>())
+    }
+
+    /// Bytes that it has.
+    fn held(&self) -> usize {
+        let values = [&self.disparity, &self.hwv, &self.coverage, &self.logits].map(Vec::capacity);
+        values.iter().sum::<usize>() * size_of::<f32>() + self.run_coverage.capacity() * size_of::<RunCoverage>()
     }
 
     /// Room for `layers` layers of `views` views on a padded target of that size.
     pub(crate) fn make_room(&mut self, layers: usize, views: usize, size: Size) -> Result<(), MemoryError> {
-        let more = Self::bytes(layers, views, size).saturating_sub(size_of::<f32>() * (self.hwv.len() / 3 * 5));
+        let more = Self::bytes(layers, views, size).saturating_sub(self.held());
         if more > 0 {
             memory::check(more as u64)?;
         }

@@ -4,7 +4,6 @@ use std::fmt;
 
 use super::error::SynthesisError;
 use super::photo_depths::KeptDepths;
-use super::retention::KEPT_BYTES;
 use super::scene_depth::SceneDepth;
 use super::target::{Shot, TargetView, Targets};
 use crate::geometry::{Camera, choose_views};
@@ -37,7 +36,7 @@ impl PhotoCache {
     pub fn new(scene: Scene, near: Option<f64>, far: Option<f64>) -> Self {
         let textures = scene.views.iter().map(|_| None).collect();
         let (depth, kept, recent) = (None, None, Vec::new());
-        Self { scene, given: (near, far), textures, depth, kept, recent, kept_bytes: KEPT_BYTES }
+        Self { scene, given: (near, far), textures, depth, kept, recent, kept_bytes: Self::KEPT_BYTES }
     }
 
     /// The scene.

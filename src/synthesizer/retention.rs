@@ -8,10 +8,10 @@ use super::error::SynthesisError;
 use super::photo_cache::PhotoCache;
 use super::target::Shot;
 
-/// Bytes of photos and depths kept beyond what the target and the next one need.
-pub(super) const KEPT_BYTES: usize = 128 << 20;
-
 impl PhotoCache {
+    /// Bytes of photos and depths that [`Self::load_for`] keeps beyond what the target and the next one need.
+    pub const KEPT_BYTES: usize = 128 << 20;
+
     /// Loads the photos of a shot. `later` are the shots that follow, in order: of photos and depths in memory, those that the first of
     /// them needs stay, others as far as 128 MiB go, those needed sooner first; photos that no later shot needs are dropped.
     ///

@@ -8,10 +8,10 @@ use super::case::{Case, Outputs, Question, Seeded, Truth, decades};
 use crate::npz::Arrays;
 
 /// Pixels per case.
-const PIXELS: usize = 67;
+pub(super) const PIXELS: usize = 67;
 
 /// Error bound: sums in float64, rounded to float32 once.
-const BOUND: f64 = 1.2e-7;
+pub(super) const BOUND: f64 = 1.2e-7;
 
 /// L layers: α and disparity `[L, pixels]`, colour `[L, 3, pixels]`.
 struct CompositeCase {

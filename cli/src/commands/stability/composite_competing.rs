@@ -6,13 +6,8 @@ use liveview::render::{Blended, Competing};
 use ndarray::{Array1, Array2, Array3};
 
 use super::case::{Case, Outputs, Question, Seeded, Truth, decades};
+use super::composite::{BOUND, PIXELS};
 use crate::npz::Arrays;
-
-/// Pixels per case.
-const PIXELS: usize = 67;
-
-/// Error bound: sums in float64, rounded to float32 once.
-const BOUND: f64 = 1.2e-7;
 
 /// L layers: logits 0, disparity and whether any view covers the pixel `[L, pixels]`, colour `[L, 3, pixels]`.
 struct CompetingCase {

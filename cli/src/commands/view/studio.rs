@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use liveview::geometry::distance;
 use liveview::image::{Score, coloured, encode, inpaint_unseen};
-use liveview::{Camera, Frame, ImageRgb, LayerSpec, Plan, Shot, TargetView, Targets};
+use liveview::{Camera, Frame, ImageRgb, LayerSpec, PhotoCache, Plan, Shot, TargetView, Targets};
 use serde_json::{Value, json};
 
 use super::desk::Wish;
@@ -15,9 +15,7 @@ use super::hello::hello;
 use super::pace::Pace;
 use crate::job::Job;
 
-/// Photos and depths stay in memory as far as this goes (`PhotoCache::load_for`) …
-const KEPT_BYTES: usize = 128 << 20;
-/// … at so many bytes a pixel, at most.
+/// Of a photo and its depth in memory, at most.
 const BYTES_PER_PIXEL: usize = 20;
 
 /// A synthesizer, and what it has rendered last.
@@ -75,7 +73,7 @@ impl Studio {
         let pixels = views.iter().map(|view| view.camera.size().pixels()).max().unwrap_or(1);
         let mut nearest: Vec<usize> = (0..studio.around.len()).collect();
         nearest.sort_by(|&a, &b| studio.distance_to(a).total_cmp(&studio.distance_to(b)));
-        nearest.truncate(KEPT_BYTES / (BYTES_PER_PIXEL * pixels));
+        nearest.truncate(PhotoCache::KEPT_BYTES / (BYTES_PER_PIXEL * pixels));
         studio.unprepared = nearest;
         studio
     }
