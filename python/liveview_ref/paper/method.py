@@ -39,6 +39,10 @@ class Method(nn.Module):
         """The target's view on planes at these disparities [D] (1/scene unit), near to far."""
         raise NotImplementedError
 
+    def batch(self, examples: list[tuple[Photos, Camera]], disparities: Tensor) -> list[Rendering]:
+        """Several crops at once, for training: networks with BatchNorm must see scenes mixed."""
+        return [self(photos, target, disparities, cover=False) for photos, target in examples]
+
 
 class Predictor(nn.Module):
     """A network that makes a multiplane image from photos warped onto its planes, at whatever camera these are."""
@@ -47,3 +51,7 @@ class Predictor(nn.Module):
         """volume [D, V, 3, H, W], coverage [D, V, H, W], distances [V] of the photos from the camera; H and W are
         multiples of 16 -> alpha [D, H, W], rgb [D, 3, H, W], near to far; the caller makes the farthest opaque."""
         raise NotImplementedError
+
+    def batch(self, volumes: list[tuple[Tensor, Tensor, Tensor]]) -> list[tuple[Tensor, Tensor]]:
+        """Several at once; a network with BatchNorm overrides this with one pass over all of them."""
+        return [self(*volume) for volume in volumes]

@@ -27,11 +27,24 @@ class Mpi(Method):
         self.predictor, self.target_centred = predictor, target_centred
 
     def forward(self, photos: Photos, target: Camera, disparities: Tensor, cover: bool = True) -> Rendering:
-        if self.target_centred:
-            camera = padded(target)
-        else:
-            camera = window(photos.cameras[photos.references[0]], target, disparities, cover)
+        camera = self.camera_for(photos, target, disparities, cover)
         alpha, rgb = self.predictor(*volume_at(camera, photos, disparities))
+        return self.rendering(alpha, rgb, camera, target, disparities)
+
+    def batch(self, examples: list[tuple[Photos, Camera]], disparities: Tensor) -> list[Rendering]:
+        cameras = [self.camera_for(photos, target, disparities, cover=False) for photos, target in examples]
+        volumes = [volume_at(c, photos, disparities) for c, (photos, _) in zip(cameras, examples, strict=True)]
+        made = zip(self.predictor.batch(volumes), cameras, examples, strict=True)
+        return [self.rendering(*planes, camera, target, disparities) for planes, camera, (_, target) in made]
+
+    def camera_for(self, photos: Photos, target: Camera, disparities: Tensor, cover: bool) -> Camera:
+        """Where the multiplane image is built."""
+        if self.target_centred:
+            return padded(target)
+        return window(photos.cameras[photos.references[0]], target, disparities, cover)
+
+    def rendering(self, alpha: Tensor, rgb: Tensor, camera: Camera, target: Camera, disparities: Tensor) -> Rendering:
+        """The multiplane image of `camera`, seen from the target."""
         if self.target_centred:
             image = over(opaque_background(alpha), rgb)[:, : target.height, : target.width]
             valid = torch.ones(target.height, target.width, dtype=torch.bool)
@@ -81,10 +94,11 @@ def view_of(
     """A multiplane image [D, h, w], [D, 3, h, w] of `camera`, seen from the target: rgb [3, H, W], opacity [H, W] of
     all planes together, and where every plane reaches, [H, W] bool."""
     y, x = torch.meshgrid(torch.arange(target.height) + 0.5, torch.arange(target.width) + 0.5, indexing="ij")
-    pixels = torch.stack([x, y, torch.ones_like(x)], -1).double()
+    pixels = torch.stack([x, y, torch.ones_like(x)], -1)
     grids = []
     for disparity in disparities.tolist():
-        points = pixels @ torch.linalg.inv(target_from_reference(camera, target, disparity)).T
+        reference_from_target = torch.linalg.inv(target_from_reference(camera, target, disparity)).float()
+        points = (pixels[..., None, :] * reference_from_target).sum(-1)
         grids.append(normalised_grid(points[..., :2] / points[..., 2:], points[..., 2], camera.width, camera.height))
     planes = torch.cat([rgb, alpha[:, None]], 1)
     grid = torch.stack(grids).to(planes)

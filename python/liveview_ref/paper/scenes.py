@@ -38,6 +38,12 @@ class RigScene:
         at = len(CENTRES) + index
         return camera(*self.places[index]), self.images[at].float() / 255, self.disparities[at].float()
 
+    def at(self, centre: Tensor) -> tuple[Camera, Tensor]:
+        """The whole camera that stands there, and its disparity [H, W]."""
+        cameras = [camera(*place) for place in [*CENTRES, *self.places]]
+        nearest = min(range(len(cameras)), key=lambda i: float((cameras[i].centre - centre).norm()))
+        return cameras[nearest], self.disparities[nearest].float()
+
     def photos(self, views: int) -> Photos:
         """The rig's photos for that number of views."""
         ids = VIEWS[views]

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ...reference.blend import blend
-from ...reference.unet import UNet
+from ...reference.unet import UNet, start_from_agreement
 from ..method import Predictor
 from ..mpi import Mpi
 
@@ -30,10 +30,21 @@ class PlaneByPlane(Predictor):
     def forward(self, volume: Tensor, coverage: Tensor, distances: Tensor) -> tuple[Tensor, Tensor]:
         return blend(self.logits(volume).contiguous(), volume, coverage, distances)
 
+    def batch(self, volumes: list[tuple[Tensor, Tensor, Tensor]]) -> list[tuple[Tensor, Tensor]]:
+        logits = self.logits(torch.cat([volume for volume, _, _ in volumes])).split([len(v) for v, _, _ in volumes])
+        return [blend(own.contiguous(), *volume) for own, volume in zip(logits, volumes, strict=True)]
+
 
 def liveview(views: int) -> Mpi:
     """Target-centred and dynamic."""
     return Mpi(PlaneByPlane(views), target_centred=True)
+
+
+def from_agreement(views: int) -> Mpi:
+    """The same from the initial weights that this project starts with: a plane sweep."""
+    method = liveview(views)
+    start_from_agreement(method.predictor.net)
+    return method
 
 
 def input_centred(views: int) -> Mpi:
