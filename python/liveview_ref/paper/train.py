@@ -167,7 +167,8 @@ class Trainee:
     def some(self, scenes: Scenes, number: int) -> list[Sample]:
         """A batch of the most recent samples."""
         last = self.step * BATCH
-        return [sample(scenes, self.entry.views, last - 1 - n) for n in range(number * BATCH, (number + 1) * BATCH)]
+        numbers = range(number * BATCH, (number + 1) * BATCH)
+        return [sample(scenes, self.entry.views, (last - 1 - n) % last) for n in numbers]
 
 
 def estimate_statistics(method: Method, batches: list[list[Sample]], disparities: Tensor) -> None:
