@@ -4,6 +4,7 @@ import torch
 
 from liveview_ref.paper import registry, rig, train
 from liveview_ref.paper.method import Method, Rendering
+from liveview_ref.paper.samples import CROP, RigSamples
 from liveview_ref.paper.scenes import RigScene
 from liveview_ref.reference.plane_sweep import PlaneSweep
 
@@ -59,19 +60,19 @@ def test_neighbouring_corners_see_the_nearest_depth_as_far_apart_as_said():
 
 
 def test_samples_are_the_same_for_every_method_and_differ_by_number():
-    scenes = Scenes()
-    one, again, other = train.sample(scenes, 4, 5), train.sample(scenes, 10, 5), train.sample(scenes, 4, 6)
+    samples = RigSamples(Scenes())
+    one, again, other = samples(4, 5), samples(10, 5), samples(4, 6)
     assert torch.equal(one.truth, again.truth) and torch.equal(one.target.k, again.target.k)
     assert not torch.equal(one.target.k, other.target.k)
     assert len(one.photos.images) == 4 and len(again.photos.images) == 10
 
 
 def test_disparity_of_a_window_is_cut_from_its_own_camera_and_unknown_beyond():
-    sample = train.sample(Scenes(), 5, 1)
+    sample = RigSamples(Scenes())(5, 1)
     whole, disparity = sample.scene.at(sample.target.centre)
     left = round(float(whole.k[0, 2] - sample.target.k[0, 2]))
     top = round(float(whole.k[1, 2] - sample.target.k[1, 2]))
-    cut = disparity[top : top + train.CROP, left : left + train.CROP]
+    cut = disparity[top : top + CROP, left : left + CROP]
     assert torch.equal(sample.disparity_at(sample.target), cut)
     beyond = sample.disparity_at(sample.photos.cameras[0].with_window(-8, 0, 32, 16))
     assert bool(beyond[:, :8].isnan().all()) and bool(beyond[:, 8:].isfinite().all())
@@ -81,13 +82,14 @@ def test_training_goes_on_as_if_it_had_not_stopped(tmp_path, monkeypatch):
     monkeypatch.setattr(train, "TURN", 2)
     monkeypatch.setattr(train, "VALIDATE_EVERY", 4)
     entry, scenes = registry.Entry("tint", 4, Tint, planes=(4,)), Scenes()
+    samples = RigSamples(scenes)
     whole = train.Trainee(entry, tmp_path / "whole")
-    whole.turn(scenes, scenes)
-    whole.turn(scenes, scenes)
-    train.Trainee(entry, tmp_path / "cut").turn(scenes, scenes)
+    whole.turn(samples, scenes)
+    whole.turn(samples, scenes)
+    train.Trainee(entry, tmp_path / "cut").turn(samples, scenes)
     resumed = train.Trainee(entry, tmp_path / "cut")
     assert resumed.step == 2
-    resumed.turn(scenes, scenes)
+    resumed.turn(samples, scenes)
     assert torch.equal(whole.method.tint, resumed.method.tint)
     assert torch.equal(whole.average.tint, resumed.average.tint)
     assert [h["psnr"] for h in whole.history] == [h["psnr"] for h in resumed.history]

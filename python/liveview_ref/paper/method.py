@@ -39,9 +39,9 @@ class Method(nn.Module):
         """The target's view on planes at these disparities [D] (1/scene unit), near to far."""
         raise NotImplementedError
 
-    def batch(self, examples: list[tuple[Photos, Camera]], disparities: Tensor) -> list[Rendering]:
-        """Several crops at once, for training: networks with BatchNorm must see scenes mixed."""
-        return [self(photos, target, disparities, cover=False) for photos, target in examples]
+    def batch(self, examples: list[tuple[Photos, Camera, Tensor]]) -> list[Rendering]:
+        """Several crops at once, each with its planes, for training: networks with BatchNorm must see scenes mixed."""
+        return [self(*example, cover=False) for example in examples]
 
 
 class Predictor(nn.Module):

@@ -31,11 +31,11 @@ class Mpi(Method):
         alpha, rgb = self.predictor(*volume_at(camera, photos, disparities))
         return self.rendering(alpha, rgb, camera, target, disparities)
 
-    def batch(self, examples: list[tuple[Photos, Camera]], disparities: Tensor) -> list[Rendering]:
-        cameras = [self.camera_for(photos, target, disparities, cover=False) for photos, target in examples]
-        volumes = [volume_at(c, photos, disparities) for c, (photos, _) in zip(cameras, examples, strict=True)]
+    def batch(self, examples: list[tuple[Photos, Camera, Tensor]]) -> list[Rendering]:
+        cameras = [self.camera_for(*example, cover=False) for example in examples]
+        volumes = [volume_at(c, photos, planes) for c, (photos, _, planes) in zip(cameras, examples, strict=True)]
         made = zip(self.predictor.batch(volumes), cameras, examples, strict=True)
-        return [self.rendering(*planes, camera, target, disparities) for planes, camera, (_, target) in made]
+        return [self.rendering(*mpi, camera, target, planes) for mpi, camera, (_, target, planes) in made]
 
     def camera_for(self, photos: Photos, target: Camera, disparities: Tensor, cover: bool) -> Camera:
         """Where the multiplane image is built."""

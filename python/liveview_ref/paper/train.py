@@ -10,6 +10,7 @@ import copy
 import json
 import signal
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,16 +20,17 @@ from torch import Tensor, nn
 
 from ..checkpoint import load_state
 from ..data.held_out import INNER
-from ..reference.camera import Camera
+from ..reference.layers import uniform_disparities
 from ..reference.metrics import psnr
 from ..training.fine_tune import save
 from ..training.train import alpha_loss, image_loss
-from .method import Method, Photos
+from .method import Method
 from .registry import ENTRIES, Entry
-from .rig import FOCAL, SIDE, planes
-from .scenes import RigScene, Scenes
+from .rig import FAR, FOCAL, NEAR, SIDE
+from .samples import SEED, RealSamples, RigSamples, Sample
+from .scenes import Scenes
 
-CROP, BATCH = 64, 2  # pixels, and crops a step
+BATCH = 2  # crops a step
 RATE, WARM_UP = (
     5e-4,
     100,
@@ -38,48 +40,17 @@ ALPHA_WEIGHT = 0.05  # of the supervision of alpha by the known depth
 TURN = 50  # steps
 VALIDATE_EVERY = 500
 STATISTICS = 12  # batches that BatchNorm's statistics are estimated over
-SEED = 17
+
+Samples = Callable[[int, int], Sample]  # by the number of views and the sample's number
 
 
-@dataclass
-class Sample:
-    """A crop of a target: photos, its camera and image [3, CROP, CROP], and the scene, which knows every depth."""
-
-    photos: Photos
-    target: Camera
-    truth: Tensor
-    scene: RigScene
-    index: int
-
-    def disparity_at(self, camera: Camera) -> Tensor:
-        """Disparity [H, W] of what a window of one of the scene's cameras sees; NaN beyond its photo."""
-        whole, disparity = self.scene.at(camera.centre)
-        left, top = (round(float(whole.k[i, 2] - camera.k[i, 2])) for i in (0, 1))
-        found = torch.full((camera.height, camera.width), torch.nan)
-        rows = slice(max(top, 0), min(top + camera.height, whole.height))
-        columns = slice(max(left, 0), min(left + camera.width, whole.width))
-        inside = slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left)
-        found[inside] = disparity[rows, columns]
-        return found
-
-
-def sample(scenes: Scenes, views: int, number: int) -> Sample:
-    """Training sample `number`, of the number and the seed alone."""
-    rng = np.random.default_rng([SEED, number])
-    scene = scenes[int(rng.integers(len(scenes)))]
-    index = int(rng.integers(len(scene.places)))
-    camera, image, _ = scene.target(index)
-    left, top = (int(rng.integers(0, length - CROP + 1)) for length in (camera.width, camera.height))
-    truth = image[:, top : top + CROP, left : left + CROP]
-    return Sample(scene.photos(views), camera.with_window(left, top, CROP, CROP), truth, scene, index)
-
-
-def loss_of(method: Method, samples: list[Sample], disparities: Tensor) -> Tensor:
-    """The mean loss over samples: on the image, and on alpha where the method has one."""
+def loss_of(method: Method, samples: list[Sample], count: int) -> Tensor:
+    """The mean loss over samples on that many planes: on the image, and on alpha where the method has one."""
+    planes = [uniform_disparities(s.near, s.far, count) for s in samples]
     with torch.autocast("cpu", dtype=torch.bfloat16):
-        renderings = method.batch([(s.photos, s.target) for s in samples], disparities)
+        renderings = method.batch([(s.photos, s.target, d) for s, d in zip(samples, planes, strict=True)])
     total = torch.zeros(())
-    for s, r in zip(samples, renderings, strict=True):
+    for s, r, disparities in zip(samples, renderings, planes, strict=True):
         total = total + image_loss(r.rgb, s.truth, r.valid)
         if r.alpha is not None:
             offset = (disparities.float()[:, None, None] - s.disparity_at(r.camera)) * (SIDE * FOCAL)
@@ -93,6 +64,7 @@ class Trainee:
 
     entry: Entry
     folder: Path
+    start: Path | None = None  # another training's folder, whose averaged weights are the first
     step: int = 0
     seconds: float = 0.0  # of all cores
     history: list[dict] = field(default_factory=list)
@@ -100,9 +72,11 @@ class Trainee:
     def __post_init__(self):
         torch.manual_seed(SEED)
         self.method = self.entry.build(self.entry.views).to(memory_format=torch.channels_last)
+        if self.start:
+            self.method.load_state_dict(load_state(self.start / "checkpoint.pt")["average"])
         self.average = copy.deepcopy(self.method)
         self.optimiser = torch.optim.Adam(self.method.parameters(), lr=RATE)
-        self.disparities = planes(max(self.entry.planes))
+        self.planes = max(self.entry.planes)
         self.checkpoint = self.folder / "checkpoint.pt"
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.checkpoint.exists():
@@ -111,7 +85,7 @@ class Trainee:
                 getattr(self, name).load_state_dict(state[name])
             self.step, self.seconds, self.history = state["step"], state["seconds"], state["history"]
 
-    def turn(self, scenes: Scenes, validation: Scenes) -> None:
+    def turn(self, samples: Samples, validation: Scenes) -> None:
         """TURN steps, scores where they are due, and a checkpoint."""
         began, running = time.process_time(), 0.0
         self.method.train()
@@ -119,7 +93,7 @@ class Trainee:
             for group in self.optimiser.param_groups:
                 group["lr"] = RATE * min(1.0, (self.step + 1) / WARM_UP)
             numbers = range(self.step * BATCH, (self.step + 1) * BATCH)
-            loss = loss_of(self.method, [sample(scenes, self.entry.views, n) for n in numbers], self.disparities)
+            loss = loss_of(self.method, [samples(self.entry.views, n) for n in numbers], self.planes)
             self.optimiser.zero_grad()
             loss.backward()
             norm = torch.nn.utils.clip_grad_norm_(self.method.parameters(), 1.0)
@@ -137,21 +111,23 @@ class Trainee:
         each = (time.process_time() - began) / TURN
         print(f"{self.entry.key} step {self.step} loss {running / TURN:.4f}, {each:.2f} core s/step", flush=True)
         if self.step % VALIDATE_EVERY == 0:
-            self.validate(scenes, validation)
+            self.validate(samples, validation)
         state = {name: getattr(self, name).state_dict() for name in ("method", "average", "optimiser")}
         about = {"step": self.step, "seconds": self.seconds, "history": self.history, "key": self.entry.key}
         save(self.checkpoint, **state, **about)
 
-    def validate(self, scenes: Scenes, validation: Scenes) -> None:
+    def validate(self, samples: Samples, validation: Scenes) -> None:
         """PSNR of the averaged weights on the middle of the first target of each validation scene."""
-        estimate_statistics(self.average, [self.some(scenes, i) for i in range(STATISTICS)], self.disparities)
+        estimate_statistics(self.average, [self.some(samples, i) for i in range(STATISTICS)], self.planes)
         scores = []
         for number in range(len(validation)):
             scene = validation[number]
             camera, image, _ = scene.target(0)
             inner = camera.with_window(124, 80, 256, 192)
             with torch.inference_mode(), torch.autocast("cpu", dtype=torch.bfloat16):
-                rendering = self.average(scene.photos(self.entry.views), inner, self.disparities)
+                rendering = self.average(
+                    scene.photos(self.entry.views), inner, uniform_disparities(NEAR, FAR, self.planes)
+                )
             scores.append(psnr(rendering.rgb.float()[INNER], image[:, 80:272, 124:380][INNER]))
         self.history.append(
             {
@@ -164,14 +140,14 @@ class Trainee:
         print(self.entry.key, json.dumps(self.history[-1]), flush=True)
         (self.folder / "history.json").write_text(json.dumps(self.history, indent=1))
 
-    def some(self, scenes: Scenes, number: int) -> list[Sample]:
+    def some(self, samples: Samples, number: int) -> list[Sample]:
         """A batch of the most recent samples."""
         last = self.step * BATCH
         numbers = range(number * BATCH, (number + 1) * BATCH)
-        return [sample(scenes, self.entry.views, (last - 1 - n) % last) for n in numbers]
+        return [samples(self.entry.views, (last - 1 - n) % last) for n in numbers]
 
 
-def estimate_statistics(method: Method, batches: list[list[Sample]], disparities: Tensor) -> None:
+def estimate_statistics(method: Method, batches: list[list[Sample]], count: int) -> None:
     """BatchNorm's statistics anew, where the method has any: the plain mean over batches of mixed scenes."""
     norms = [m for m in method.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)]
     for norm in norms:
@@ -181,7 +157,7 @@ def estimate_statistics(method: Method, batches: list[list[Sample]], disparities
         method.train()
         with torch.no_grad():
             for batch in batches:
-                loss_of(method, batch, disparities)
+                loss_of(method, batch, count)
     method.eval()
 
 
@@ -190,20 +166,23 @@ def main() -> None:
     parser.add_argument("--scenes", type=Path, required=True, help="folder where the rig's scenes are kept")
     parser.add_argument("--textures", type=Path, required=True, help="folder of photos to paint the scenes with")
     parser.add_argument("--out", type=Path, required=True, help="a folder for each method: checkpoint, history.json")
+    parser.add_argument("--data", type=Path, help="train on its real photos (train/), from what --start has learned")
+    parser.add_argument("--start", type=Path, help="another --out, to start from the weights of")
     parser.add_argument("--only", nargs="+", metavar="METHOD", help="these alone, such as liveview_v4")
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
-    scenes, validation = (Scenes(args.scenes, args.textures, split) for split in ("train", "validation"))
+    train, validation = (Scenes(args.scenes, args.textures, split) for split in ("train", "validation"))
+    samples = RealSamples(args.data) if args.data else RigSamples(train)
     chosen = [e for e in ENTRIES if e.trained and (not args.only or e.key in args.only)]
     if not chosen:
         parser.error(f"--only {' '.join(args.only)}: none of {', '.join(e.key for e in ENTRIES if e.trained)}")
-    trainees = [Trainee(e, args.out / e.key) for e in chosen]
+    trainees = [Trainee(e, args.out / e.key, args.start and args.start / e.key) for e in chosen]
     stopped = []
     signal.signal(signal.SIGTERM, lambda *_: stopped.append(True))  # the turn ends, with its checkpoint
     while not stopped and (behind := min(trainees, key=lambda t: t.step)).step < args.steps:
-        behind.turn(scenes, validation)
+        behind.turn(samples, validation)
 
 
 if __name__ == "__main__":
