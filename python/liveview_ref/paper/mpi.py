@@ -49,7 +49,7 @@ class Mpi(Method):
             image = over(opaque_background(alpha), rgb)[:, : target.height, : target.width]
             valid = torch.ones(target.height, target.width, dtype=torch.bool)
         else:
-            image, _, valid = view_of(opaque_background(alpha), rgb, camera, target, disparities)
+            image, _, valid = view_of(alpha, rgb, camera, target, disparities)
         return Rendering(image, valid, alpha, camera)
 
 
@@ -91,8 +91,8 @@ def window(reference: Camera, target: Camera, disparities: Tensor, cover: bool) 
 def view_of(
     alpha: Tensor, rgb: Tensor, camera: Camera, target: Camera, disparities: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """A multiplane image [D, h, w], [D, 3, h, w] of `camera`, seen from the target: rgb [3, H, W], opacity [H, W] of
-    all planes together, and where every plane reaches, [H, W] bool."""
+    """A multiplane image [D, h, w], [D, 3, h, w] of `camera`, seen from the target: rgb [3, H, W] with the farthest
+    plane made opaque, opacity [H, W] of all planes together as they are, and where every plane reaches, [H, W] bool."""
     y, x = torch.meshgrid(torch.arange(target.height) + 0.5, torch.arange(target.width) + 0.5, indexing="ij")
     pixels = torch.stack([x, y, torch.ones_like(x)], -1)
     grids = []
@@ -105,8 +105,8 @@ def view_of(
     warped = F.grid_sample(planes, grid, padding_mode="border", align_corners=False)
     within = (grid.abs() <= 1).all(-1)  # [D, H, W]
     colour, opacity = warped[:, :3], warped[:, 3] * within
-    transmittance = torch.cumprod(torch.cat([torch.ones_like(opacity[:1]), 1 - opacity]), 0)
-    return over(opacity, colour), 1 - transmittance[-1], within.all(0)
+    background = torch.cat([opacity[:-1], within[-1:].to(opacity)])
+    return over(background, colour), 1 - (1 - opacity).prod(0), within.all(0)
 
 
 def opaque_background(alpha: Tensor) -> Tensor:

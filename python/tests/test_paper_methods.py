@@ -1,0 +1,195 @@
+"""The methods of the paper's comparison: shapes, gradients, weights, and scenes whose views are known."""
+
+import pytest
+import torch
+
+from liveview_ref.paper import rig
+from liveview_ref.paper.method import Method, Photos, Predictor
+from liveview_ref.paper.methods import light_field_fusion, local_light_field, stereo_magnification
+from liveview_ref.paper.mpi import Mpi, target_from_reference, volume_at
+from liveview_ref.reference.warp import warp_maps
+
+SIZE, PLANES = 32, 8
+NAMES = {
+    "stereo_magnification": lambda: stereo_magnification.stereo_magnification(5, PLANES, width=4),
+    "local_light_field": lambda: local_light_field.local_light_field(5),
+    "target_centred": lambda: local_light_field.target_centred(5),
+}
+
+
+def texture(height: int, width: int) -> torch.Tensor:
+    """[3, H, W], smooth, without repetition, different in each colour."""
+    generator = torch.Generator().manual_seed(0)
+    noise = torch.rand(1, 3, height // 6 + 1, width // 6 + 1, generator=generator)
+    return torch.nn.functional.interpolate(noise, (height, width), mode="bicubic", align_corners=True)[0].clamp(0, 1)
+
+
+def plane_photos(views: int, disparity: float, crop: tuple[int, int, int, int] | None = None) -> tuple[Photos, object]:
+    """Photos of a textured plane at that disparity, and what a camera of the rig sees of it."""
+    middle = rig.camera(0, 0)
+    wide = middle.with_window(-100, -100, middle.width + 200, middle.height + 200)
+    painted = texture(wide.height, wide.width)
+
+    def seen_from(camera):
+        return warp_maps(painted, wide, camera, torch.full((1, camera.height, camera.width), disparity))[0][0]
+
+    cameras = [rig.camera(*rig.CENTRES[i]) for i in rig.VIEWS[views]]
+    if crop:
+        cameras = [c.with_window(*crop) for c in cameras]
+    return Photos([seen_from(c) for c in cameras], cameras, rig.REFERENCES[views]), seen_from
+
+
+def small_target(x: float = 0.2, y: float = -0.3):
+    return rig.camera(x, y).with_window(240, 160, SIZE, SIZE)
+
+
+class KnownPlane(Predictor):
+    """Truth: one opaque plane, in the mean of what the photos show there."""
+
+    def __init__(self, plane: int):
+        super().__init__()
+        self.plane = plane
+
+    def forward(self, volume, coverage, distances):
+        alpha = torch.zeros_like(coverage[:, 0])
+        alpha[self.plane] = 1
+        return alpha, volume.sum(1) / coverage.sum(1).clamp_min(1e-6)[:, None]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_trains_on_a_crop(name: str) -> None:
+    torch.manual_seed(0)
+    method: Method = NAMES[name]().train()
+    photos, _ = plane_photos(5, 0.5)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        rendering = method(photos, small_target(), rig.planes(PLANES), cover=False)
+    assert rendering.rgb.shape == (3, SIZE, SIZE) and rendering.rgb.dtype == torch.float32
+    assert rendering.valid.shape == (SIZE, SIZE) and rendering.valid.any()
+    assert rendering.rgb.isfinite().all() and rendering.rgb.min() >= 0 and rendering.rgb.max() <= 1
+    rendering.rgb.square().mean().backward()
+    without = [n for n, p in method.named_parameters() if p.grad is None or not p.grad.any()]
+    assert without == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_starts_nearly_transparent(name: str) -> None:
+    torch.manual_seed(0)
+    photos, _ = plane_photos(5, 0.5)
+    with torch.no_grad():
+        rendering = NAMES[name]()(photos, small_target(), rig.planes(PLANES), cover=False)
+    assert rendering.alpha[:-1].median() < 2 / PLANES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_covers_the_target_without_training(name: str) -> None:
+    photos, _ = plane_photos(5, 0.5)
+    with torch.no_grad():
+        rendering = NAMES[name]().eval()(photos, small_target(-0.5, 0.5), rig.planes(PLANES))
+    assert rendering.valid.all()
+
+
+@pytest.mark.parametrize("target_centred", [True, False])
+def test_known_plane(target_centred: bool) -> None:
+    disparities = rig.planes(PLANES)
+    photos, seen_from = plane_photos(5, float(disparities[3]))
+    target = small_target()
+    rendering = Mpi(KnownPlane(3), target_centred)(photos, target, disparities)
+    assert (rendering.rgb - seen_from(target)).abs().mean() < 0.01
+
+
+@pytest.mark.parametrize("predictor", [lambda: local_light_field.LocalLightField(5), lambda: KnownPlane(2)])
+def test_target_at_the_reference(predictor) -> None:
+    torch.manual_seed(0)
+    predictor = predictor().eval()
+    photos, _ = plane_photos(5, 0.5)
+    target = photos.cameras[0].with_window(240, 160, SIZE, SIZE)
+    with torch.no_grad():
+        centred = Mpi(predictor, True)(photos, target, rig.planes(PLANES), cover=False)
+        carried = Mpi(predictor, False)(photos, target, rig.planes(PLANES), cover=False)
+    assert torch.allclose(centred.rgb, carried.rgb, atol=1e-4)
+
+
+@pytest.mark.parametrize("planes", [8, 11, 16])
+def test_local_light_field_takes_any_number_of_planes(planes: int) -> None:
+    photos, _ = plane_photos(5, 0.5)
+    camera = small_target()
+    with torch.no_grad():
+        volume = volume_at(camera, photos, rig.planes(planes))
+        alpha, rgb = local_light_field.LocalLightField(5)(*volume)
+    assert alpha.shape == (planes, SIZE, SIZE) and rgb.shape == (planes, 3, SIZE, SIZE)
+
+
+def test_local_light_field_weights_sum_to_one() -> None:
+    """Photos of one colour give that colour, whatever the weights, and where only some photos see the point."""
+    coverage = torch.ones(PLANES, 5, 16, 16)
+    coverage[:, 1:, :8] = 0
+    volume = torch.tensor([0.2, 0.5, 0.9])[:, None, None] * coverage[:, :, None]
+    torch.manual_seed(0)
+    with torch.no_grad():
+        _, rgb = local_light_field.LocalLightField(5)(volume, coverage, torch.tensor([0.0, 1, 1, 1, 1]))
+    assert torch.allclose(rgb, volume[:, 0], atol=1e-5)
+
+
+def test_stereo_magnification_blends_reference_and_background() -> None:
+    """With the weights at 1 the colours are the reference's where it sees, and the background's where it does not."""
+    torch.manual_seed(0)
+    net = stereo_magnification.StereoMagnification(5, PLANES, width=4)
+    with torch.no_grad():
+        net.out.bias[:PLANES] = 50
+        net.out.weight[-3:] = 0
+        net.out.bias[-3:] = torch.atanh(torch.tensor([-0.5, 0.0, 0.5]))
+        coverage = torch.ones(PLANES, 5, 16, 16)
+        coverage[:, 2, :, :4] = 0
+        volume = torch.rand(PLANES, 5, 3, 16, 16) * coverage[:, :, None]
+        volume[:] = torch.where(torch.arange(5)[:, None, None, None] == 2, volume[0], volume)
+        _, rgb = net(volume, coverage, torch.tensor([1.0, 1, 0, 1, 1]))
+    assert torch.allclose(rgb[..., 4:], volume[:, 2, ..., 4:], atol=1e-5)
+    background = torch.tensor([0.25, 0.5, 0.75])[:, None, None]
+    assert torch.allclose(rgb[..., :4], background.expand_as(rgb[..., :4]), atol=1e-5)
+
+
+def test_stereo_magnification_says_what_it_expects() -> None:
+    photos, _ = plane_photos(5, 0.5)
+    with pytest.raises(ValueError, match="made for 8 planes and 5 photos, not 16 planes and 5 photos"):
+        NAMES["stereo_magnification"]()(photos, small_target(), rig.planes(16))
+
+
+def test_fusion_of_known_planes() -> None:
+    disparities = rig.planes(PLANES)
+    photos, seen_from = plane_photos(10, float(disparities[3]))
+    target = small_target()
+    rendering = light_field_fusion.LightFieldFusion(KnownPlane(3))(photos, target, disparities)
+    assert rendering.valid.all()
+    assert (rendering.rgb - seen_from(target)).abs().mean() < 0.01
+
+
+def test_fusion_weights() -> None:
+    """The nearer reference weighs more, by exp(f (l_2 - l_1) / (D z_near)); equal distances weigh the same."""
+    references = [rig.camera(-1, 0), rig.camera(1, 0)]
+    disparities = rig.planes(64)
+    middle = light_field_fusion.fusion_weights(references, rig.camera(0, 0.3), disparities)
+    assert torch.allclose(middle, torch.tensor([0.5, 0.5]))
+    near, far = light_field_fusion.fusion_weights(references, rig.camera(-0.5, 0), disparities).tolist()
+    assert near / far == pytest.approx(torch.tensor(rig.PARALLAX / rig.NEAR / 64).exp().item(), rel=1e-4)
+
+
+def test_fusion_prefers_the_opaque() -> None:
+    images = torch.stack([torch.zeros(3, 1, 2), torch.ones(3, 1, 2)])
+    opacities = torch.tensor([[[0.0, 0.0]], [[1.0, 0.0]]])
+    fused = light_field_fusion.fused(images, opacities, torch.tensor([0.75, 0.25]))
+    assert torch.allclose(fused[0], torch.tensor([[1.0, 0.25]]), atol=1e-4)
+
+
+def test_fusion_groups() -> None:
+    photos, _ = plane_photos(10, 0.5, crop=(0, 0, 16, 16))
+    first, second = light_field_fusion.groups(photos)
+    assert [len(first.images), len(second.images)] == [5, 5]
+    assert second.cameras[0] is photos.cameras[5] and second.references == (0,)
+    with pytest.raises(ValueError, match="rise from 0"):
+        light_field_fusion.groups(Photos(photos.images, photos.cameras, (5, 0)))
+
+
+def test_plane_homography_of_the_rig() -> None:
+    """A plane of disparity d moves by PARALLAX d pixels for each side that the camera moves."""
+    moved = target_from_reference(rig.camera(0, 0), rig.camera(1, 0), 0.5) @ torch.tensor([10.0, 20.0, 1.0]).double()
+    assert torch.allclose(moved / moved[2], torch.tensor([10.0 - rig.PARALLAX / 2, 20.0, 1.0]).double())
