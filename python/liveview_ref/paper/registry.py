@@ -4,7 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .method import Method
+from .methods.light_field_fusion import light_field_fusion
 from .methods.liveview import from_agreement, input_centred, liveview
+from .methods.local_light_field import local_light_field, target_centred
+from .methods.stereo_magnification import stereo_magnification
+
+PLANES = (8, 16, 32, 64)
 
 
 @dataclass(frozen=True)
@@ -14,8 +19,9 @@ class Entry:
     name: str
     views: int
     build: Callable[[int], Method]  # by the number of views
-    planes: tuple[int, ...] = (8, 16, 32, 64)
-    trained: bool = True
+    planes: tuple[int, ...] = PLANES
+    weights: str | None = None  # of another entry, which it takes over; its own where None
+    trained: bool = True  # by itself
 
     @property
     def key(self) -> str:
@@ -26,9 +32,13 @@ class Entry:
 ENTRIES = [
     Entry("liveview", 4, liveview),
     Entry("liveview", 5, liveview),
-    Entry("input_centred", 5, input_centred),
-    Entry("liveview_from_agreement", 4, from_agreement),
     Entry("liveview", 10, liveview),
+    Entry("local_light_field", 5, local_light_field),
+    Entry("stereo_magnification", 5, stereo_magnification, planes=(64,)),
+    Entry("input_centred", 5, input_centred),
+    Entry("local_light_field_at_target", 5, target_centred),
+    Entry("liveview_from_agreement", 4, from_agreement),
+    Entry("light_field_fusion", 10, light_field_fusion, weights="local_light_field_v5", trained=False),
 ]
 
 

@@ -8,6 +8,7 @@ from torch import Tensor
 from ...reference.camera import Camera
 from ..method import Method, Photos, Predictor, Rendering
 from ..mpi import view_of, volume_at, window
+from .local_light_field import LocalLightField
 
 
 class LightFieldFusion(Method):
@@ -26,6 +27,11 @@ class LightFieldFusion(Method):
         images, opacities, valid = (torch.stack(parts) for parts in zip(*seen, strict=True))
         weights = fusion_weights([photos.cameras[i] for i in photos.references], target, disparities)
         return Rendering(fused(images, opacities, weights), valid.all(0))
+
+
+def light_field_fusion(views: int) -> LightFieldFusion:
+    """Of two local light fields, each of half of the photos; the weights are those of one."""
+    return LightFieldFusion(LocalLightField(views // 2))
 
 
 def groups(photos: Photos) -> list[Photos]:

@@ -2,6 +2,8 @@
 
 Photos come in the rig's order, as in the paper; `liveview render` takes them nearest first."""
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -10,6 +12,7 @@ from ...reference.unet import UNet, start_from_agreement
 from ..method import Predictor
 from ..mpi import Mpi
 
+USUAL = 64  # planes that the start of alpha is made for
 BATCH = 8  # planes per pass of the network where nothing is trained: memory does not grow with their number
 
 
@@ -19,6 +22,8 @@ class PlaneByPlane(Predictor):
     def __init__(self, views: int):
         super().__init__()
         self.net = UNet(views)
+        # alphas start at 1 / planes, as those of the other methods do
+        torch.nn.init.constant_(self.net.conv9.bias[:1], -math.log(USUAL - 1))
 
     def logits(self, volume: Tensor) -> Tensor:
         """volume [D, V, 3, H, W] -> [D, V, H, W]"""
@@ -42,9 +47,10 @@ def liveview(views: int) -> Mpi:
 
 def from_agreement(views: int) -> Mpi:
     """The same from the initial weights that this project starts with: a plane sweep."""
-    method = liveview(views)
-    start_from_agreement(method.predictor.net)
-    return method
+    predictor = PlaneByPlane(views)
+    predictor.net = UNet(views)
+    start_from_agreement(predictor.net)
+    return Mpi(predictor, target_centred=True)
 
 
 def input_centred(views: int) -> Mpi:
