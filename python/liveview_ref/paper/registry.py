@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from .method import Method
 from .methods.light_field_fusion import light_field_fusion
-from .methods.liveview import from_agreement, input_centred, liveview
+from .methods.liveview import competing, from_agreement, input_centred, liveview
 from .methods.local_light_field import local_light_field, target_centred
 from .methods.stereo_magnification import stereo_magnification
 
@@ -38,6 +38,7 @@ ENTRIES = [
     Entry("input_centred", 5, input_centred),
     Entry("local_light_field_at_target", 5, target_centred),
     Entry("liveview_from_agreement", 4, from_agreement),
+    Entry("liveview_competing", 4, competing),
     Entry("light_field_fusion", 10, light_field_fusion, weights="local_light_field_v5", trained=False),
 ]
 

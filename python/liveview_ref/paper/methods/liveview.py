@@ -3,16 +3,21 @@
 Photos come in the rig's order, as in the paper; `liveview render` takes them nearest first."""
 
 import math
+from pathlib import Path
 
 import torch
 from torch import Tensor
 
+from ...checkpoint import load_state
 from ...reference.blend import blend
+from ...reference.camera import Camera
+from ...reference.composite_competing import composite_competing
 from ...reference.unet import UNet, start_from_agreement
-from ..method import Predictor
-from ..mpi import Mpi
+from ..method import Method, Photos, Predictor, Rendering
+from ..mpi import Mpi, padded, volume_at
 
 USUAL = 64  # planes that the start of alpha is made for
+MODELS = Path(__file__).parents[4] / "models"
 BATCH = 8  # planes per pass of the network where nothing is trained: memory does not grow with their number
 
 
@@ -38,6 +43,45 @@ class PlaneByPlane(Predictor):
     def batch(self, volumes: list[tuple[Tensor, Tensor, Tensor]]) -> list[tuple[Tensor, Tensor]]:
         logits = self.logits(torch.cat([volume for volume, _, _ in volumes])).split([len(v) for v, _, _ in volumes])
         return [blend(own.contiguous(), *volume) for own, volume in zip(logits, volumes, strict=True)]
+
+
+class Competing(Method):
+    """Planes that compete (not in the paper), with photos nearest first, as `liveview render` does it."""
+
+    def __init__(self, views: int):
+        super().__init__()
+        self.predictor = PlaneByPlane(views)
+
+    def forward(self, photos: Photos, target: Camera, disparities: Tensor, cover: bool = True) -> Rendering:
+        return self.batch([(photos, target, disparities)])[0]
+
+    def batch(self, examples: list[tuple[Photos, Camera, Tensor]]) -> list[Rendering]:
+        volumes = [volume_at(padded(target), nearest_first(photos, target), d) for photos, target, d in examples]
+        logits = self.predictor.logits(torch.cat([volume for volume, _, _ in volumes]))
+        renderings = []
+        for own, volume, (_, target, d) in zip(
+            logits.split([len(v[0]) for v in volumes]), volumes, examples, strict=True
+        ):
+            covered = (volume[1] > 0).any(1)
+            _, rgb = blend(own.contiguous(), *volume)
+            image = composite_competing(own[:, 0], rgb, covered, d.float()[:, None, None].expand_as(covered)).rgb
+            valid = torch.ones(target.height, target.width, dtype=torch.bool)
+            renderings.append(Rendering(image[:, : target.height, : target.width], valid))
+        return renderings
+
+
+def nearest_first(photos: Photos, target: Camera) -> Photos:
+    """The photos in order of their distance to the target."""
+    distances = [float((camera.centre - target.centre).norm()) for camera in photos.cameras]
+    order = sorted(range(len(distances)), key=distances.__getitem__)
+    return Photos([photos.images[i] for i in order], [photos.cameras[i] for i in order], photos.references)
+
+
+def competing(views: int) -> Competing:
+    """From this project's weights for such planes."""
+    method = Competing(views)
+    method.predictor.net.load_state_dict(load_state(MODELS / f"liveview_v{views}_planes.pt")["average"])
+    return method
 
 
 def liveview(views: int) -> Mpi:
