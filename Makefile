@@ -158,7 +158,7 @@ int8: setup
 			configs/v$$v.json --data $(abspath $(DATA)) || exit 1; \
 	done
 
-## What `evaluate` needs beyond `setup`: OpenCV, and the weights of LPIPS without the packages (jax) they were made for.
+## What `evaluate` and `paper-report` need beyond `setup`: OpenCV, OpenEXR, and the weights of LPIPS without the packages (jax) they were made for.
 setup-evaluation: $(VENV)/.evaluation
 $(VENV)/.evaluation: python/requirements-evaluation.txt $(VENV)/.setup
 	$(PIP) --no-deps -r $<
