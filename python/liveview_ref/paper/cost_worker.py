@@ -1,0 +1,142 @@
+"""One method in a process of its own, timed when asked: python -m liveview_ref.paper.cost_worker KEY PLANES THREADS
+
+One JSON object per line, in and out. The weights are random: no time depends on them.
+
+    out  {"ready": true, "parameters": N, "memory_before": bytes}
+    in   {"run": true}
+    out  {"seconds": {"warp": s, "network": s, "render": s}, "cpu_seconds": s, "peak_memory": bytes so far,
+          "multiply_adds": of the convolutions and matrix products, counted in the first run alone}
+
+warp: photos onto planes. network: what has weights. render: blending, compositing, carrying to the target, and whatever
+else is left."""
+
+import functools
+import json
+import resource
+import sys
+import time
+from typing import TextIO
+
+import torch
+from torch import Tensor, nn
+from torch.utils.flop_counter import FlopCounterMode
+
+from ..json_lines import run
+from ..reference.camera import Camera
+from . import rig
+from .method import Method, Photos, Predictor
+from .registry import entry
+
+FUNCTIONS = {"warp_views": "warp", "volume_at": "warp", "warp_maps": "warp", "blend": "render", "view_of": "render"}
+PLACE = 0.2, -0.13  # of the target, in sides
+
+
+class Stages:
+    """Time of each stage without what others within it take."""
+
+    def __init__(self):
+        self.seconds: dict[str, float] = {}
+        self.stack = ["render"]
+        self.since = time.perf_counter()
+
+    def switch(self) -> None:
+        now = time.perf_counter()
+        self.seconds[self.stack[-1]] = self.seconds.get(self.stack[-1], 0.0) + now - self.since
+        self.since = now
+
+    def enter(self, stage: str) -> None:
+        self.switch()
+        self.stack.append(stage)
+
+    def leave(self) -> None:
+        self.switch()
+        self.stack.pop()
+
+    def start(self) -> None:
+        self.seconds, self.stack, self.since = dict.fromkeys(("warp", "network", "render"), 0.0), ["render"], 0.0
+        self.since = time.perf_counter()
+
+    def wrapped(self, function, stage: str):
+        @functools.wraps(function)
+        def timed(*args, **kwargs):
+            self.enter(stage)
+            try:
+                return function(*args, **kwargs)
+            finally:
+                self.leave()
+
+        return timed
+
+
+def watch(method: Method, stages: Stages) -> None:
+    """Time the functions of FUNCTIONS wherever the comparison's modules call them, and the networks."""
+    for name, module in list(sys.modules.items()):
+        if name.startswith(("liveview_ref.paper", "liveview_ref.reference")):
+            for function, stage in FUNCTIONS.items():
+                if callable(found := getattr(module, function, None)) and not hasattr(found, "__wrapped__"):
+                    setattr(module, function, stages.wrapped(found, stage))
+    for module in networks(method):
+        module.register_forward_pre_hook(lambda *_: stages.enter("network"))
+        module.register_forward_hook(lambda *_: stages.leave())
+
+
+def networks(module: nn.Module) -> list[nn.Module]:
+    """The outermost modules that are Predictors, or have weights and are no Method."""
+    found = []
+    for child in module.children():
+        if isinstance(child, Predictor) or (not isinstance(child, Method) and any(True for _ in child.parameters())):
+            found.append(child)
+        else:
+            found += networks(child)
+    return found
+
+
+def scene(views: int) -> tuple[Photos, Camera]:
+    """Photos of noise at the rig's places, and a target between them."""
+    ids = rig.VIEWS[views]
+    generator = torch.Generator().manual_seed(views)
+    images = [torch.rand(3, rig.HEIGHT, rig.WIDTH, generator=generator) for _ in ids]
+    return Photos(images, [rig.camera(*rig.CENTRES[i]) for i in ids], rig.REFERENCES[views]), rig.camera(*PLACE)
+
+
+def multiply_adds(method: Method, photos: Photos, target: Camera, disparities: Tensor) -> int:
+    """Of convolutions and matrix products, counted as they run; torch counts two operations for each."""
+    with FlopCounterMode(display=False) as counter:
+        method(photos, target, disparities)
+    return counter.get_total_flops() // 2
+
+
+def peak_memory() -> int:
+    """Largest resident memory of this process so far, bytes."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def serve(key: str, count: int, requests: TextIO, replies: TextIO) -> None:
+    torch.manual_seed(0)
+    own = entry(key)
+    method = own.build(own.views).eval().to(memory_format=torch.channels_last)
+    stages, (photos, target) = Stages(), scene(own.views)
+    watch(method, stages)
+
+    def reply(**message) -> None:
+        print(json.dumps(message), file=replies, flush=True)
+
+    reply(ready=True, parameters=sum(p.numel() for p in method.parameters()), memory_before=peak_memory())
+    first = True
+    for line in requests:
+        if not json.loads(line).get("run"):
+            raise ValueError(f'{line.strip()}: expected {{"run": true}}')
+        with torch.no_grad():
+            counted = {"multiply_adds": multiply_adds(method, photos, target, rig.planes(count))} if first else {}
+            first = False
+            stages.start()
+            began = time.process_time()
+            method(photos, target, rig.planes(count))
+            stages.switch()
+        seconds = time.process_time() - began
+        reply(seconds=stages.seconds, cpu_seconds=seconds, peak_memory=peak_memory(), **counted)
+
+
+if __name__ == "__main__":
+    torch.set_num_threads(int(sys.argv[3]))
+    sys.exit(run(functools.partial(serve, sys.argv[1], int(sys.argv[2]))))

@@ -1,0 +1,92 @@
+"""The pictures of the report: charts as SVG, and the same crop by each method."""
+
+from pathlib import Path
+
+from PIL import Image, ImageDraw
+
+from ..evaluation.chart import Panel, Points, chart
+from .results import COMPETING, Results, title
+
+ABLATION = {
+    "target-centred, dynamic": "liveview",
+    "input-centred, dynamic": "input_centred",
+    "target-centred, static": "local_light_field_target_centred",
+    "input-centred, static": "local_light_field",
+}
+UP = {"psnr": "PSNR, dB", "ssim": "SSIM"}
+LINE = 16  # pixels of text under a crop
+ACROSS = 5  # crops in a row
+
+
+def points(results: Results, method: str, views: int, metric: str, pattern: str, data: str = "rig") -> Points:
+    """(planes, score) of the layers that `pattern` names."""
+    counts = results.plane_counts(data, method, views)
+    found = [(n, results.row(data, method, views, pattern.format(n))) for n in counts]
+    return [(n, row[metric]) for n, row in found if row]
+
+
+def ablation(results: Results) -> str | None:
+    """The paper's figure of all four combinations, on the number of views that most of them have; None without any."""
+    have = {name: [v for m, v in results.methods("rig") if m == name] for name in ABLATION.values()}
+    every = [v for views in have.values() for v in views]
+    if not every:
+        return None
+    views = max(set(every), key=lambda v: (every.count(v), v))
+    panels = []
+    for metric, up in UP.items():
+        curves = {name: points(results, method, views, metric, "planes:{}") for name, method in ABLATION.items()}
+        panels.append(Panel(f"{up}, V = {views}", "planes", {k: v for k, v in curves.items() if v}, True))
+    return chart(panels)
+
+
+def selection(results: Results) -> str | None:
+    """Uniform and selected planes of LiveView, a panel for each number of views; None without any."""
+    panels = []
+    for views in [v for m, v in results.methods("rig") if m == "liveview"]:
+        most = results.most_planes("rig", "liveview", views)
+        curves = {}
+        for suffix in ("", COMPETING):
+            uniform = points(results, "liveview", views, "ssim", f"planes:{{}}{suffix}")
+            selected = points(results, "liveview", views, "ssim", f"select:{{}}/{most}{suffix}")
+            curves[f"uniform{suffix}"] = uniform
+            curves[f"selected{suffix}"] = selected + uniform[-1:] if selected else []
+        panels.append(Panel(f"SSIM, V = {views}", "planes", {k: v for k, v in curves.items() if v}, True))
+    return chart(panels) if panels else None
+
+
+def training(results: Results) -> str | None:
+    """Validation of every run against thousands of samples, a panel for each number of views; None without any."""
+    by_views: dict[int, dict[str, Points]] = {}
+    for name, history in results.histories.items():
+        data, _, key = name.partition("_")
+        method, _, views = key.rpartition("_v")
+        label = title(method) + ("" if data == "rig" else f", {data}")
+        if history and data == "rig":
+            curve = [(row["samples"] / 1000, row["psnr"]) for row in history]
+            by_views.setdefault(int(views), {})[label] = curve
+    panels = [Panel(f"PSNR of validation, dB, V = {v}", "thousands of samples", by_views[v]) for v in sorted(by_views)]
+    return chart(panels) if panels else None
+
+
+def crops(folder: Path, data: str = "rig") -> Image.Image | None:
+    """The crops that scoring kept, truth first, each with its method's name below; None without any."""
+    truth = folder / f"{data}_truth.webp"
+    if not truth.exists():
+        return None
+    found = [(truth, "truth")]
+    for path in sorted(folder.glob(f"{data}_*_v*.webp")):
+        name, competing = path.stem.removesuffix("_competing"), path.stem.endswith("_competing")
+        method, _, views = name.removeprefix(f"{data}_").rpartition("_v")
+        found.append((path, f"{title(method)}{COMPETING if competing else ''}, V = {views}"))
+    pictures = [(Image.open(path).convert("RGB"), label) for path, label in found]
+    width, height = pictures[0][0].size
+    width *= 2  # enlarged, so that a pixel is seen
+    height *= 2
+    rows = -(-len(pictures) // ACROSS)
+    sheet = Image.new("RGB", (min(len(pictures), ACROSS) * width, rows * (height + LINE)), "white")
+    draw = ImageDraw.Draw(sheet)
+    for index, (picture, label) in enumerate(pictures):
+        left, top = index % ACROSS * width, index // ACROSS * (height + LINE)
+        sheet.paste(picture.resize((width - 4, height), Image.Resampling.NEAREST), (left, top))
+        draw.text((left + 2, top + height + 2), label, fill="black")
+    return sheet

@@ -1,0 +1,172 @@
+"""The tables of the report, the paper's own figures beside ours in italics, and what is missing, as sentences."""
+
+from .results import COMPETING, METRICS, Results, title
+
+DATA = {
+    "rig": ("rig scenes", "deepfocus"),
+    "real": ("real photos", "spaces"),
+    "deepfocus": ("DeepFocus", "deepfocus"),
+    "spaces": ("Spaces", "spaces"),
+}  # ours: heading, and the column of the paper that it stands for
+PAPER_COLUMNS = {"deepfocus": "DeepFocus", "spaces": "Spaces"}
+DASH = "–"
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def cell(row: dict | None) -> str:
+    """PSNR dB ± standard error / SSIM / LPIPS."""
+    if row is None:
+        return DASH
+    error = f" ± {row['psnr_se']:.2f}" if "psnr_se" in row else ""
+    return f"{row['psnr']:.2f}{error} / " + " / ".join(f"{row[m]:.4f}" for m in METRICS[1:] if m in row)
+
+
+def italic(values: list[float] | None) -> str:
+    return "*" + " / ".join(f"{v:g}" for v in values) + "*" if values else DASH
+
+
+def comparison_rows(results: Results) -> list[tuple[str, int, str]]:
+    """(method, views, suffix of its layers): the paper's rows in their order, each with what this project adds for that
+    number of views after it; a method that competes is a row more."""
+    published = [(row["method"], row["views"]) for row in results.published["comparison"]]
+    ours = {(name, views) for data in DATA for name, views in results.methods(data)}
+    rows = []
+    for views in sorted({v for _, v in published} | {v for _, v in ours}):
+        own = [row for row in published if row[1] == views]
+        own += sorted((row for row in ours if row[1] == views and row not in own), key=lambda row: row[0])
+        for method, _ in own:
+            rows.append((method, views, ""))
+            if any(has_competing(results, data, method, views) for data in DATA):
+                rows.append((method, views, COMPETING))
+    return rows
+
+
+def has_competing(results: Results, data: str, method: str, views: int) -> bool:
+    report = results.scores.get((data, method, views))
+    return bool(report) and any(layers.endswith(COMPETING) for layers in report["mean"])
+
+
+def comparison(results: Results) -> str:
+    """Table 1. Columns of ours that have no score at all are left out, but never the rig's."""
+    columns = [data for data in DATA if data == "rig" or results.methods(data)]
+    head = ["V", "method", "planes", *(DATA[data][0] for data in columns)]
+    head += [f"*{name}*" for name in PAPER_COLUMNS.values()]
+    paper = {(row["method"], row["views"]): row for row in results.published["comparison"]}
+    rows = []
+    for method, views, suffix in comparison_rows(results):
+        told = {} if suffix else paper.get((method, views), {})
+        most = max((results.most_planes(data, method, views) for data in columns), default=0)
+        ours = [cell(best_row(results, data, method, views, suffix)) for data in columns]
+        italics = [italic(told.get(name)) for name in PAPER_COLUMNS]
+        rows.append([str(views), title(method) + suffix, str(most or DASH), *ours, *italics])
+    return table(head, rows)
+
+
+def best_row(results: Results, data: str, method: str, views: int, suffix: str) -> dict | None:
+    return results.row(data, method, views, f"planes:{results.most_planes(data, method, views)}{suffix}")
+
+
+def missing(results: Results) -> str:
+    """A sentence for each cell of the paper's tables that has no figure of ours beside it."""
+    lines = []
+    for row in results.published["comparison"]:
+        method, views = row["method"], row["views"]
+        name = f"{title(method)}, {views} views"
+        if results.row("rig", method, views, f"planes:{results.most_planes('rig', method, views)}") is None:
+            lines.append(f"- {name}: not scored on the rig's scenes yet.")
+        for column in PAPER_COLUMNS:
+            if not results.methods(column) and column in row:
+                continue  # one sentence for the whole column, below
+            if column not in row:
+                lines.append(f"- {name}, {PAPER_COLUMNS[column]}: the paper has no figure.")
+            elif results.row(column, method, views, f"planes:{results.most_planes(column, method, views)}") is None:
+                lines.append(f"- {name}, {PAPER_COLUMNS[column]}: not scored yet.")
+        if not results.methods("real") or results.most_planes("real", method, views):
+            continue
+        lines.append(f"- {name}: not scored on real photos yet.")
+    for column, heading in PAPER_COLUMNS.items():
+        if not results.methods(column):
+            lines.append(
+                f"- {heading}: its data is not part of this project, so no row is ours; who has it scores every method by "
+                f"`python -m liveview_ref.paper.score --data {column}` (below)."
+            )
+    if not results.methods("real"):
+        lines.append("- Real photos: not scored yet.")
+    measured = {(row["method"], row["planes"]) for row in cost_rows(results)}
+    for row in results.published["speed"]:
+        if (row["method"], row["planes"]) not in measured:
+            lines.append(f"- {title(row['method'])}, {row['planes']} planes, run time: not measured yet.")
+    return "\n".join(lines) if lines else "None: every cell has its figure."
+
+
+def cost_rows(results: Results) -> list[dict]:
+    """Rows of cost.json with the method's name instead of its key."""
+    return [{**row, "method": row["name"].rsplit("_v", 1)[0]} for row in results.cost.get("rows", [])]
+
+
+def speed(results: Results) -> str:
+    """Table 2."""
+    if not results.cost:
+        return "Not measured yet."
+    paper = {(row["method"], row["planes"]): row for row in results.published["speed"]}
+    order = {"program": 2, "liveview": 1}
+    rows = []
+    for row in sorted(cost_rows(results), key=lambda r: (order.get(r["method"], 0), r["method"], -r["planes"])):
+        told = paper.get((row["method"], row["planes"]), {})
+        total, stages = row["seconds"], row["stages"]
+        spread = f"{total['median']:.2f} ({total['lowest']:.2f}–{total['highest']:.2f})"
+        counted, parameters = row.get("multiply_adds_per_pixel"), row.get("parameters")
+        rows.append([
+            title(row["method"]), str(row["views"]), str(row["planes"]), spread,
+            " / ".join(f"{stages[s]:.2f}" for s in ("warp", "network", "render")),
+            millions(counted), millions(2 * counted if counted is not None else None), millions(parameters),
+            f"{row['peak_memory'] / 2**20:,.0f}",
+            f"*{told['seconds']:g}*" if told else DASH,
+            f"*{millions(told['operations_per_pixel'])}*" if told else DASH,
+            f"*{millions(told['parameters'])}*" if told else DASH,
+        ])  # fmt: skip
+    head = ["method", "V", "planes", "s (lowest–highest)", "warp / network / render, s", "multiply-adds per pixel"]
+    head += ["FLOP per pixel", "parameters", "peak MiB", "*s, V100*", "*OPX*", "*parameters*"]
+    return table(head, rows)
+
+
+def millions(value: float | None) -> str:
+    if value is None:
+        return DASH
+    return f"{value / 1e6:.3g} M" if value >= 1e6 else f"{value / 1e3:.3g} K"
+
+
+def speed_up(results: Results) -> str:
+    """The paper's ratio beside ours."""
+    claim = results.published["speed_up"]
+    told = {(row["method"], row["planes"]): row["seconds"] for row in results.published["speed"]}
+    found = {(row["method"], row["planes"]): row["seconds"]["median"] for row in cost_rows(results)}
+    slow = next(((key, s) for key, s in found.items() if key[0] == claim["over"]), None)
+    sentences = []
+    for planes in (16, 64):
+        own = (claim["of"], planes)
+        their = told[claim["over"], 64] / told[own]
+        ours = f"{slow[1] / found[own]:.1f} times here" if slow and own in found else "not measured here yet"
+        sentences.append(f"{title(own[0])} on {planes} planes is faster than {title(claim['over'])}: *{their:.1f} times*, {ours}.")
+    if slow and ("program", 16) in found:
+        ratio = slow[1] / found["program", 16]
+        sentences.append(f"This program on 16 planes: {ratio:.1f} times faster than {title(claim['over'])} in PyTorch.")
+    return f"The paper claims {claim['times']} times. " + " ".join(sentences)
+
+
+def planes_table(results: Results, data: str = "rig") -> str:
+    """LiveView on each number of planes, uniform and selected."""
+    rows, counts = [], (8, 16, 32, 64)
+    for method, views in results.methods(data):
+        most = results.most_planes(data, method, views)
+        for suffix in ("", COMPETING):
+            for kind, pattern in (("uniform", "planes:{}"), (f"selected of {most}", f"select:{{}}/{most}")):
+                cells = [results.row(data, method, views, pattern.format(n) + suffix) for n in counts]
+                if any(cells):
+                    texts = [f"{c['psnr']:.2f} / {c['ssim']:.4f}" if c else DASH for c in cells]
+                    rows.append([str(views), title(method) + suffix, kind, *texts])
+    return table(["V", "method", "planes", *map(str, counts)], rows) if rows else "Not scored yet."
