@@ -15,7 +15,8 @@ RUFF := --config python/pyproject.toml python parity tests
 NPM ?= npm
 
 .PHONY: demo demo-stereo demo-video test test-browser build runtime runtime-openvino setup-ray int8 report setup lint docs goldens test-rust \
-	test-python parity stability readme live-report cards setup-evaluation evaluate limits fuzz clean
+	test-python parity stability readme live-report cards setup-evaluation evaluate limits paper-scenes paper-train paper-score \
+	paper-cost paper-departures paper-report fuzz clean
 
 ## Render the two held-out views of the example scene and compare them with the truth.
 demo: build runtime
@@ -172,6 +173,29 @@ evaluate: setup-evaluation build
 		../$(BIN)/python -m liveview_ref.evaluation.evaluate $$model configs/evaluation.json --data $(abspath $(DATA)) \
 			--out $${model%.pt}_scores || exit 1; \
 	done
+
+## The paper's comparisons, made anew (docs/paper.md): the rig's scenes; every method trained on them in turns, which may be stopped
+## and started again; their scores, times and departures, in models/paper; and the page, from those files alone.
+PAPER_RUNS ?= out/paper
+PAPER := cd python && ../$(BIN)/python -m liveview_ref.paper
+PAPER_SCENES := --scenes $(abspath $(PAPER_RUNS))/scenes --textures $(abspath $(DATA))/textures
+paper-scenes: setup
+	$(PAPER).scenes $(abspath $(PAPER_RUNS))/scenes $(abspath $(DATA))/textures
+
+paper-train: paper-scenes
+	$(PAPER).train $(PAPER_SCENES) --out $(abspath $(PAPER_RUNS))/runs
+
+paper-score: setup-evaluation
+	$(PAPER).score $(PAPER_SCENES) --runs $(abspath $(PAPER_RUNS))/runs --out ../models/paper/scores
+
+paper-cost: setup build
+	$(PAPER).cost --out ../models/paper/cost.json
+
+paper-departures: setup
+	$(PAPER).departures $(PAPER_SCENES) --runs $(abspath $(PAPER_RUNS))/runs --out ../models/paper/departures.json
+
+paper-report: setup
+	$(PAPER).report
 
 ## Damaged files for every reader, FUZZ_SECONDS each; needs nightly Rust. What breaks one is kept in tests/fuzz/artifacts.
 ## No sanitizer: the readers are safe Rust, which can panic, hang or take memory, and all three are caught.

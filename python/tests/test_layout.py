@@ -13,6 +13,7 @@ MAY_IMPORT = {  # folder: the folders that it may import from, beside itself and
     "training": {"reference", "data", "evaluation"},
     "parity": {"reference"},
     "competitors": {"reference"},
+    "paper": {"reference", "data", "evaluation", "training"},
 }
 
 

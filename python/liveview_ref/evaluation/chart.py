@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-COLOURS = "#d1495b", "#30638e", "#2e933c", "#edae49", "#7b4fa3"
+COLOURS = "#d1495b", "#30638e", "#2e933c", "#edae49", "#7b4fa3", "#00a6a6", "#8d6a4f", "#e07be0", "#555555", "#9bc53d"
 WIDTH, HEIGHT = 400, 300  # of a panel
 LEFT, RIGHT, TOP, BOTTOM = 56, 16, 24, 44  # margins around its plot
 
@@ -57,19 +57,20 @@ def draw(panel: Panel, left: int, colours: dict[str, str]) -> list[str]:
     return out
 
 
-def chart(panels: list[Panel]) -> str:
-    """SVG of the panels that have any points."""
+def chart(panels: list[Panel], legend: int = 180) -> str:
+    """SVG of the panels that have any points; `legend`: pixels of the legend that each title takes."""
     panels = [panel for panel in panels if any(panel.curves.values())]
     titles = list(dict.fromkeys(title for panel in panels for title in panel.curves))
     colours = {title: COLOURS[index % len(COLOURS)] for index, title in enumerate(titles)}
     out = [line for index, panel in enumerate(panels) for line in draw(panel, index * WIDTH, colours)]
+    across = max((len(panels) * WIDTH - LEFT) // legend, 1)  # titles in a row of the legend
     for index, (title, colour) in enumerate(colours.items()):
-        left = LEFT + 180 * index
-        out.append(f'<circle cx="{left}" cy="{HEIGHT + 6}" r="3.5" fill="{colour}"/>')
-        out.append(f'<text x="{left + 9}" y="{HEIGHT + 10}">{title}</text>')
-    width = max(len(panels) * WIDTH, LEFT + 180 * len(titles))
+        left, top = LEFT + legend * (index % across), HEIGHT + 6 + 18 * (index // across)
+        out.append(f'<circle cx="{left}" cy="{top}" r="3.5" fill="{colour}"/>')
+        out.append(f'<text x="{left + 9}" y="{top + 4}">{title}</text>')
+    rows = -(-len(titles) // across)
     head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {HEIGHT + 24}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {len(panels) * WIDTH} {HEIGHT + 6 + 18 * rows}" '
         'font-family="sans-serif" font-size="12" fill="#222">'
     )
     return "\n".join([head, '<rect width="100%" height="100%" fill="white"/>', *out, "</svg>"]) + "\n"

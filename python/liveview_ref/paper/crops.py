@@ -20,8 +20,7 @@ def crop_of(shot: Shot) -> tuple[int, int]:
     edges = torch.zeros_like(values)
     edges[:, 1:] += values.diff(dim=1).abs()
     edges[1:] += values.diff(dim=0).abs()
-    edges = edges.clamp(max=float(edges.quantile(0.98)))
-    inside = F.avg_pool2d(edges[None, None], (height, width), stride=4)[0, 0]
+    inside = F.avg_pool2d(edges.sqrt()[None, None], (height, width), stride=4)[0, 0]
     at = int(inside.argmax())
     return at % inside.shape[1] * 4, at // inside.shape[1] * 4
 

@@ -10,7 +10,7 @@ from .results import COMPETING, Results, title
 ABLATION = {
     "target-centred, dynamic": "liveview",
     "input-centred, dynamic": "input_centred",
-    "target-centred, static": "local_light_field_target_centred",
+    "target-centred, static": "local_light_field_at_target",
     "input-centred, static": "local_light_field",
 }
 UP = {"psnr": "PSNR, dB", "ssim": "SSIM"}

@@ -10,7 +10,7 @@ TITLES = {
     "input_centred": "LiveView's network, input-centred",
     "stereo_magnification": "Stereo Magnification",
     "local_light_field": "Local Light Field (Local LF)",
-    "local_light_field_target_centred": "Local LF, target-centred",
+    "local_light_field_at_target": "Local LF, target-centred",
     "light_field_fusion": "Light Field Fusion (LLFF)",
     "soft3d": "Soft3D",
     "deepview": "DeepView, small",

@@ -54,7 +54,11 @@ def scores_of(image: Tensor, truth: Tensor, weights) -> dict[str, float]:
 
 def code_digest(entry: Entry) -> str:
     """Of the code that decides an entry's scores, whatever its comments say."""
-    modules = [*CODE, sys.modules[__name__], inspect.getmodule(entry.build)]
+    own = inspect.getmodule(entry.build)
+    methods = own.__name__.rsplit(".", 1)[0]
+    used = {inspect.getmodule(value) for value in vars(own).values()}  # methods that this one is made of
+    used = sorted({m for m in used if m and m.__name__.startswith(methods)} | {own}, key=lambda m: m.__name__)
+    modules = [*CODE, sys.modules[__name__], *used]
     return hashlib.sha256("".join(meaning(inspect.getsource(m)) for m in modules).encode()).hexdigest()[:16]
 
 

@@ -62,7 +62,8 @@ def comparison(results: Results) -> str:
         most = max((results.most_planes(data, method, views) for data in columns), default=0)
         ours = [cell(best_row(results, data, method, views, suffix)) for data in columns]
         italics = [italic(told.get(name)) for name in PAPER_COLUMNS]
-        rows.append([str(views), title(method) + suffix, str(most or DASH), *ours, *italics])
+        planes = f" *({told['planes']} planes)*" if "planes" in told else ""
+        rows.append([str(views), title(method) + suffix + planes, str(most or DASH), *ours, *italics])
     return table(head, rows)
 
 
@@ -91,8 +92,8 @@ def missing(results: Results) -> str:
     for column, heading in PAPER_COLUMNS.items():
         if not results.methods(column):
             lines.append(
-                f"- {heading}: its data is not part of this project, so no row is ours; who has it scores every method by "
-                f"`python -m liveview_ref.paper.score --data {column}` (below)."
+                f"- {heading}: its data is not part of this project, so no row is ours; who has it scores every method "
+                f"by `python -m liveview_ref.paper.score --data {column}` (below)."
             )
     if not results.methods("real"):
         lines.append("- Real photos: not scored yet.")
@@ -151,7 +152,9 @@ def speed_up(results: Results) -> str:
         own = (claim["of"], planes)
         their = told[claim["over"], 64] / told[own]
         ours = f"{slow[1] / found[own]:.1f} times here" if slow and own in found else "not measured here yet"
-        sentences.append(f"{title(own[0])} on {planes} planes is faster than {title(claim['over'])}: *{their:.1f} times*, {ours}.")
+        sentences.append(
+            f"{title(own[0])} on {planes} planes is faster than {title(claim['over'])}: *{their:.1f} times*, {ours}."
+        )
     if slow and ("program", 16) in found:
         ratio = slow[1] / found["program", 16]
         sentences.append(f"This program on 16 planes: {ratio:.1f} times faster than {title(claim['over'])} in PyTorch.")

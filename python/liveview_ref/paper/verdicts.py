@@ -31,9 +31,10 @@ def sentences(results: Results, data: str, views: int) -> list[str]:
     planes = f"{', '.join(map(str, counts[:-1]))} and {most} planes"
     out.append(f"{planes}: {numbers} dB, {'rising' if rising else 'not rising throughout'}.")
     if selected := results.row(data, "liveview", views, f"select:16/{most}{best}"):
-        lost = 1 - selected["ssim"] / rows[best]["ssim"]
-        within = "within" if lost <= LOSS else "not within"
-        out.append(f"16 selected planes: SSIM {selected['ssim']:.4f}, {lost:+.2%} lost ({within} {LOSS:.0%}).")
+        change = selected["ssim"] / rows[best]["ssim"] - 1
+        within = "within" if change >= -LOSS else "not within"
+        all_of_them = f"{rows[best]['ssim']:.4f} on all ({change:+.2%}, {within} {LOSS:.0%})"
+        out.append(f"16 selected planes: SSIM {selected['ssim']:.4f}, {all_of_them}.")
     others = [
         (results.row(data, m, v, f"planes:{results.most_planes(data, m, v)}")["psnr"], m)
         for m, v in results.methods(data)
@@ -41,7 +42,9 @@ def sentences(results: Results, data: str, views: int) -> list[str]:
     ]
     if others:
         psnr, name = max(others)
-        out.append(f"The best other method: {title(name)}, {psnr:.2f} dB ({rows[best]['psnr'] - psnr:+.2f} dB for LiveView).")
+        out.append(
+            f"The best other method: {title(name)}, {psnr:.2f} dB ({rows[best]['psnr'] - psnr:+.2f} dB for LiveView)."
+        )
     report = results.scores[data, "liveview", views]
     if report["about"].get("step"):
         out.append(f"Trained for {report['about']['step']:,} steps; {len(report['targets'])} targets.")

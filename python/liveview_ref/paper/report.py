@@ -1,0 +1,163 @@
+"""Write docs/paper.md and its pictures from what lies in models/paper: python -m liveview_ref.paper.report
+
+No figure in it is typed: ours come from the JSON files of scores, cost and departures, the paper's from published.json.
+Whatever is not there yet is named as missing."""
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+from . import figures, tables
+from .results import Results, load, title
+from .verdicts import verdicts
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[2]
+
+
+def departures(results: Results, listed: list[dict]) -> str:
+    """The table of departures: what changes in dB where it is undone, by network."""
+    rows = []
+    for each in listed:
+        rows.append([each["paper"], each["here"], each["why"], "; ".join(changes(results, each)) or "not measured"])
+    return tables.table(["the paper", "here", "why", "undone, dB"], rows)
+
+
+def changes(results: Results, each: dict) -> list[str]:
+    """What is known of what a departure changes."""
+    found = [each[kind] for kind in ("retraining", "elsewhere") if kind in each]
+    if "retraining" in each:
+        found[0] = f"needs another training: {found[0]}"
+    for name in each.get("measured", []):
+        values = [
+            f"{network}: {report['mean'][name]['difference']:+.2f}"
+            for network, report in results.departures.items()
+            if name in report["mean"]
+        ]
+        found.append(f"{name}: {', '.join(values)}" if values else f"{name}: not measured yet")
+    if "compared" in each:
+        first, second = (tables.best_row(results, "rig", *row, "") for row in each["compared"])
+        names = " against ".join(title(row[0]) for row in each["compared"])
+        change = f"{first['psnr'] - second['psnr']:+.2f}" if first and second else "not scored yet"
+        found.append(f"{names}: {change}")
+    return found
+
+
+def departure_networks(results: Results) -> str:
+    return "; ".join(
+        f"`{network}` ({report['mean']['as it is']['psnr']:.2f} dB as it is)" if not network.count(" ") else
+        f"{network} ({report['mean']['as it is']['psnr']:.2f} dB)"
+        for network, report in results.departures.items()
+    ) or "none measured yet"  # fmt: skip
+
+
+def scored(results: Results) -> str:
+    """How many scenes and targets the scores are of."""
+    parts = []
+    for data in tables.DATA:
+        reports = [report for (d, _, _), report in results.scores.items() if d == data]
+        if reports:
+            targets = sorted({len(report["targets"]) for report in reports})
+            scenes = max(len({t["scene"] for t in report["targets"]}) for report in reports)
+            counts = " to ".join(str(n) for n in {targets[0]: 0, targets[-1]: 0})
+            parts.append(f"{tables.DATA[data][0]}: {counts} targets of {scenes} scenes a method")
+    return f"Scored so far: {'; '.join(parts)}." if parts else "Nothing is scored yet."
+
+
+def steps(results: Results) -> str:
+    """What each method was trained for."""
+    rows = []
+    for (data, method, views), report in sorted(results.scores.items(), key=lambda item: (item[0][2], item[0][1])):
+        about = report["about"]
+        if data == "rig" and about.get("step"):
+            cells = [f"{about['step']:,}", f"{about['samples']:,}", f"{about['core_seconds'] / 3600:.2f}"]
+            rows.append([str(views), title(method), *cells])
+    return tables.table(["V", "method", "steps", "samples", "core hours"], rows) if rows else ""
+
+
+def opx(results: Results) -> str:
+    """What the paper's OPX count, told by our own count of the same table."""
+    own = next((r for r in tables.cost_rows(results) if r["method"] == "liveview" and r["planes"] == 64), None)
+    told = next(r for r in results.published["speed"] if r["method"] == "liveview" and r["planes"] == 64)
+    if own is None:
+        return "ours are not counted yet"
+    ratios = {n: own["multiply_adds_per_pixel"] * n / told["operations_per_pixel"] for n in (1, 2)}
+    kind = "multiply-adds" if abs(ratios[1] - 1) < abs(ratios[2] - 1) else "FLOPs"
+    return f"LiveView's own table has {ratios[1]:.2f} times as many multiply-adds: they count {kind}"
+
+
+def selection_claim(results: Results) -> str:
+    claim = results.published["selection"]
+    return f"{claim['ssim']} on {claim['planes']} selected planes, {claim['of_ssim']} on {claim['of_planes']}"
+
+
+def machine(results: Results) -> str:
+    cost = results.cost
+    if not cost:
+        return "Not measured yet."
+    width, height = cost["size"]
+    return f"{cost['cpu']}, {cost['threads']} threads, {width} × {height} pixels, {cost['rounds']} rounds."
+
+
+def picture(out: Path, docs: Path, content, save) -> str:
+    """Writes a picture, or says that there is none yet."""
+    if content is None:
+        return "Not measured yet."
+    temporary = out.with_stem("unfinished")
+    save(temporary)
+    temporary.rename(out)
+    return f"![{out.stem.replace('_', ' ')}](../{out.relative_to(docs.parent).as_posix()})"
+
+
+def write(models: Path, page: Path) -> None:
+    """The page and its pictures, which lie in models/paper."""
+    results = load(models)
+    listed = tomllib.loads((HERE / "departures.toml").read_text())["departure"]
+    charts = {
+        name: picture(models / f"{name}.svg", page.parent, svg, lambda path, svg=svg: path.write_text(svg))
+        for name, svg in {
+            "ablation": figures.ablation(results),
+            "selection": figures.selection(results),
+            "training": figures.training(results),
+        }.items()
+    }
+    sheet = figures.crops(models / "scores")
+    targets = {len(report["targets"]) for report in results.departures.values()}
+    parts = charts | {
+        "comparison": tables.comparison(results),
+        "verdicts": verdicts(results),
+        "scored": scored(results),
+        "missing": tables.missing(results),
+        "crops": picture(models / "crops.webp", page.parent, sheet, lambda path: sheet.save(path, quality=85)),
+        "selection_claim": selection_claim(results),
+        "planes_table": tables.planes_table(results),
+        "machine": machine(results),
+        "opx": opx(results),
+        "speed": tables.speed(results),
+        "speed_up": tables.speed_up(results),
+        "steps": steps(results),
+        "departures": departures(results, listed),
+        "departure_networks": departure_networks(results),
+        "departure_targets": f"quarters of {max(targets)} of the rig's targets" if targets else "no target yet",
+    }
+    text = (HERE / "report.md").read_text()
+    named = set(re.findall(r"\{\{(\w+)\}\}", text))
+    if named != set(parts):
+        raise ValueError(f"report.md: {', '.join(sorted(named ^ set(parts)))}: in the text or made, but not both")
+    for name, part in parts.items():
+        text = text.replace("{{" + name + "}}", part)
+    page.write_text(text)
+
+
+def main() -> int:
+    try:
+        write(ROOT / "models" / "paper", ROOT / "docs" / "paper.md")
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
