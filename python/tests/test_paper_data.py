@@ -9,6 +9,8 @@ import torch
 from PIL import Image
 
 from liveview_ref.paper import data_deepfocus, data_spaces
+from liveview_ref.paper.captured_samples import samples_of
+from liveview_ref.paper.samples import CROP
 from liveview_ref.reference.renderer import warp_views
 
 SIZE = 96
@@ -119,6 +121,18 @@ def test_spaces_errors_of_files(tmp_path):
         data_spaces.read_scene(tmp_path / "scene_000", 4)
     with pytest.raises(ValueError, match="no configuration of 3 views; expected 4, 5, 10"):
         data_spaces.Spaces(tmp_path, "test", 3)
+
+
+def test_training_samples_of_spaces(tmp_path):
+    for number in (1, 2, 9):
+        write_spaces(tmp_path / f"scene_{number:03}", [models()], (96, 72))
+    samples = samples_of(tmp_path)
+    first, again, other = samples(4, 3), samples(4, 3), samples(4, 4)
+    assert first.truth.shape == (3, CROP, CROP) and (first.target.width, first.target.height) == (CROP, CROP)
+    assert torch.equal(first.truth, again.truth) and torch.equal(first.target.k, again.target.k)
+    assert not torch.equal(first.target.k, other.target.k)
+    assert (first.near, first.far) == (1, 100) and len(first.photos.images) == 4
+    assert bool(first.disparity_at(first.target).isnan().all())
 
 
 # Of the made light field: a wall and a board before it, seen by parallel cameras whose images are shifted.

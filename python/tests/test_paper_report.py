@@ -11,7 +11,7 @@ from liveview_ref.paper import cost, cost_worker, crops, departures, figures, re
 from liveview_ref.paper.captured import CapturedScene
 from liveview_ref.paper.captured_samples import kind_of
 from liveview_ref.paper.method import Method, Photos, Rendering
-from liveview_ref.paper.methods.liveview import input_centred, liveview
+from liveview_ref.paper.methods.liveview import Competing, input_centred, liveview
 from liveview_ref.paper.registry import Entry
 from liveview_ref.paper.shots import Shot, shot_of, window
 from liveview_ref.paper.verdicts import verdicts
@@ -56,6 +56,16 @@ def test_variants_of_liveview_are_what_the_method_renders(net):
             plain = net(shot.photos, shot.camera, shot.planes(count)).rgb
             assert (found[f"planes:{count}"] - plain).abs().max() < 1e-5
     assert (found["planes:12"] - found["planes:12, competing"]).abs().max() > 1e-3
+
+
+def test_planes_that_compete_take_photos_nearest_first():
+    torch.manual_seed(0)
+    method, shot = Competing(4).eval(), toy()
+    found = dict(variants.renderings(method, shot, (4,), 1.0))
+    with torch.inference_mode():
+        own = method(shot.photos, shot.camera, shot.planes(4)).rgb
+    assert (found["planes:4, competing"] - own).abs().max() < 1e-5
+    assert (found["planes:4"] - own).abs().max() > 1e-3
 
 
 def test_selected_planes_are_the_fullest_of_the_histogram(net):

@@ -7,6 +7,7 @@ from pathlib import Path
 TITLES = {
     "liveview": "LiveView",
     "liveview_from_agreement": "LiveView, from other initial weights",
+    "liveview_competing": "LiveView, trained competing",
     "input_centred": "LiveView's network, input-centred",
     "stereo_magnification": "Stereo Magnification",
     "local_light_field": "Local Light Field (Local LF)",

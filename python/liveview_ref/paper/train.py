@@ -24,10 +24,11 @@ from ..reference.layers import uniform_disparities
 from ..reference.metrics import psnr
 from ..training.fine_tune import save
 from ..training.train import alpha_loss, image_loss
+from .captured_samples import samples_of
 from .method import Method
 from .registry import ENTRIES, Entry
 from .rig import FAR, FOCAL, NEAR, SIDE
-from .samples import SEED, RealSamples, RigSamples, Sample
+from .samples import SEED, RigSamples, Sample
 from .scenes import Scenes
 
 BATCH = 2  # crops a step
@@ -169,7 +170,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=Path, required=True, help="folder where the rig's scenes are kept")
     parser.add_argument("--textures", type=Path, required=True, help="folder of photos to paint the scenes with")
     parser.add_argument("--out", type=Path, required=True, help="a folder for each method: checkpoint, history.json")
-    parser.add_argument("--data", type=Path, help="train on its real photos (train/), from what --start has learned")
+    parser.add_argument("--data", type=Path, help="train on its real photos (train/), or on Spaces or DeepFocus")
     parser.add_argument("--start", type=Path, help="another --out, to start from the weights of")
     parser.add_argument("--only", nargs="+", metavar="METHOD", help="these alone, such as liveview_v4")
     parser.add_argument("--steps", type=int, default=20_000)
@@ -177,7 +178,7 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     train, validation = (Scenes(args.scenes, args.textures, split) for split in ("train", "validation"))
-    samples = RealSamples(args.data) if args.data else RigSamples(train)
+    samples = samples_of(args.data) if args.data else RigSamples(train)
     chosen = [e for e in ENTRIES if e.trained and (not args.only or e.key in args.only)]
     if not chosen:
         parser.error(f"--only {' '.join(args.only)}: none of {', '.join(e.key for e in ENTRIES if e.trained)}")

@@ -10,7 +10,7 @@ from ..reference.blend import blend
 from ..reference.composite_competing import composite_competing
 from ..reference.histogram import plane_histogram, select_planes
 from .method import Method
-from .methods.liveview import BATCH, PlaneByPlane
+from .methods.liveview import BATCH, Competing, PlaneByPlane, nearest_first
 from .mpi import Mpi, opaque_background, over, padded, volume_at
 from .shots import Shot
 
@@ -20,6 +20,8 @@ COMPETING = ", competing"  # after the layers' name
 
 def is_liveview(method: Method) -> bool:
     """Whether its planes are made one by one, at the target: only then can any of them be left out afterwards."""
+    if isinstance(method, Competing):
+        return True
     return isinstance(method, Mpi) and method.target_centred and isinstance(method.predictor, PlaneByPlane)
 
 
@@ -40,12 +42,13 @@ def renderings(method: Method, shot: Shot, counts: tuple[int, ...], scale: float
         yield f"select:{few}/{count}{COMPETING}", competing(planes, select_planes(together, few), scale)[0]
 
 
-def plane_by_plane(method: Mpi, shot: Shot, disparities: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def plane_by_plane(method: Method, shot: Shot, disparities: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """alpha [D, H, W], rgb [D, 3, H, W], logit of alpha and whether any photo covers the pixel [D, H, W]."""
     camera, parts = padded(shot.camera), []
+    photos = nearest_first(shot.photos, shot.camera) if isinstance(method, Competing) else shot.photos
     crop = (..., slice(shot.camera.height), slice(shot.camera.width))
     for some in disparities.split(BATCH):
-        volume, coverage, distances = volume_at(camera, shot.photos, some)
+        volume, coverage, distances = volume_at(camera, photos, some)
         logits = method.predictor.logits(volume).contiguous()
         alpha, rgb = blend(logits, volume, coverage, distances)
         parts.append([x[crop] for x in (alpha, rgb, logits[:, 0], (coverage > 0).any(1))])

@@ -3,6 +3,7 @@
 from .results import COMPETING, Results, title
 
 GOAL = 30.0  # dB, on 64 planes by the better composite
+OURS = "liveview", "liveview_competing"
 LOSS = 0.01  # of SSIM that 16 selected planes may lose against 64
 
 
@@ -11,26 +12,26 @@ def verdicts(results: Results, data: str = "rig") -> str:
     and the best of the others."""
     lines = []
     for method, views in results.methods(data):
-        if method == "liveview":
-            lines += [f"- **V = {views}**: " + " ".join(sentences(results, data, views))]
+        if method in OURS:
+            lines += [f"- **{title(method)}, V = {views}**: " + " ".join(sentences(results, data, method, views))]
     return "\n".join(lines) if lines else "LiveView is not scored yet."
 
 
-def sentences(results: Results, data: str, views: int) -> list[str]:
-    counts = results.plane_counts(data, "liveview", views)
+def sentences(results: Results, data: str, method: str, views: int) -> list[str]:
+    counts = results.plane_counts(data, method, views)
     most = counts[-1]
-    rows = {suffix: results.row(data, "liveview", views, f"planes:{most}{suffix}") for suffix in ("", COMPETING)}
+    rows = {suffix: results.row(data, method, views, f"planes:{most}{suffix}") for suffix in ("", COMPETING)}
     best = max((s for s in rows if rows[s]), key=lambda suffix: rows[suffix]["psnr"])
     alone, together = rows[""]["psnr"], (rows[COMPETING] or {}).get("psnr")
     both = f"{alone:.2f} dB by the paper's composite" + (f", {together:.2f} dB competing" if together else "")
     reached = "reached" if rows[best]["psnr"] >= GOAL else "not reached"
     out = [f"{both} on {most} planes ({GOAL:g} dB {reached})."]
-    curve = [results.row(data, "liveview", views, f"planes:{n}{best}")["psnr"] for n in counts]
+    curve = [results.row(data, method, views, f"planes:{n}{best}")["psnr"] for n in counts]
     rising = all(a < b for a, b in zip(curve[:-1], curve[1:], strict=True))
     numbers = ", ".join(f"{value:.2f}" for value in curve)
     planes = f"{', '.join(map(str, counts[:-1]))} and {most} planes"
     out.append(f"{planes}: {numbers} dB, {'rising' if rising else 'not rising throughout'}.")
-    if selected := results.row(data, "liveview", views, f"select:16/{most}{best}"):
+    if selected := results.row(data, method, views, f"select:16/{most}{best}"):
         change = selected["ssim"] / rows[best]["ssim"] - 1
         within = "within" if change >= -LOSS else "not within"
         all_of_them = f"{rows[best]['ssim']:.4f} on all ({change:+.2%}, {within} {LOSS:.0%})"
@@ -45,7 +46,7 @@ def sentences(results: Results, data: str, views: int) -> list[str]:
         out.append(
             f"The best other method: {title(name)}, {psnr:.2f} dB ({rows[best]['psnr'] - psnr:+.2f} dB for LiveView)."
         )
-    report = results.scores[data, "liveview", views]
+    report = results.scores[data, method, views]
     if report["about"].get("step"):
         out.append(f"Trained for {report['about']['step']:,} steps; {len(report['targets'])} targets.")
     return out
