@@ -12,7 +12,7 @@ from liveview_ref.paper.captured import CapturedScene
 from liveview_ref.paper.captured_samples import kind_of
 from liveview_ref.paper.method import Method, Photos, Rendering
 from liveview_ref.paper.methods.liveview import Competing, input_centred, liveview
-from liveview_ref.paper.registry import Entry
+from liveview_ref.paper.registry import ENTRIES, Entry, entry
 from liveview_ref.paper.shots import Shot, shot_of, window
 from liveview_ref.paper.verdicts import verdicts
 from liveview_ref.reference.camera import Camera
@@ -365,3 +365,10 @@ def test_a_file_that_is_no_json_is_named(models):
     (models / "cost.json").write_text("{")
     with pytest.raises(ValueError, match="cost.json: .*expected JSON"):
         results.load(models)
+
+
+def test_weights_of_another_entry_fit():
+    for each in [e for e in ENTRIES if e.weights]:
+        own, other = each.build(each.views), entry(each.weights).build(entry(each.weights).views)
+        shapes = [{name: tuple(value.shape) for name, value in m.state_dict().items()} for m in (own, other)]
+        assert shapes[0] == shapes[1]
