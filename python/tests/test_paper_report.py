@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import dataclass
 
 import pytest
 import torch
@@ -94,10 +95,15 @@ class Constant(Method):
         return Rendering(torch.full((3, target.height, target.width), self.grey), valid)
 
 
+@dataclass
 class Toys:
     """A source of three targets in two scenes, of which the first `count` are asked for."""
 
-    data, trained_on, count = "rig", "rig", 3
+    count: int = 3
+    scenes: int = 2
+    targets: int = 2
+    data: str = "rig"
+    trained_on: str = "rig"
 
     def shots(self, split, views):
         all_of_them = [toy(views, 1, "0000"), toy(views, 2, "0001"), toy(views, 3, "0001")]
@@ -108,12 +114,12 @@ class Toys:
 def test_scores_grow_by_target_and_are_redone_only_for_another_step(tmp_path):
     entry, source, method = Entry("constant", 4, Constant, planes=(2,)), Toys(), Constant(0.5)
     source.count = 1
-    scoring.score(entry, method, {"step": 7}, source, tmp_path, None)
+    scoring.score(entry, method, {"step": 7}, source, source, tmp_path, None)
     source.count = 3
-    found = scoring.score(entry, method, {"step": 7}, source, tmp_path, None)
+    found = scoring.score(entry, method, {"step": 7}, source, source, tmp_path, None)
     assert method.asked == 3 and len(found["targets"]) == 3
-    assert scoring.score(entry, method, {"step": 7}, source, tmp_path, None) == found and method.asked == 3
-    scoring.score(entry, method, {"step": 8}, source, tmp_path, None)
+    assert scoring.score(entry, method, {"step": 7}, source, source, tmp_path, None) == found and method.asked == 3
+    scoring.score(entry, method, {"step": 8}, source, source, tmp_path, None)
     assert method.asked == 6
     inner = toy(4, 1).truth[:, 16:-16, 16:-16]
     expected = float(-10 * torch.log10(((inner - 0.5) ** 2).mean()))
@@ -123,6 +129,17 @@ def test_scores_grow_by_target_and_are_redone_only_for_another_step(tmp_path):
     assert row["psnr"] == pytest.approx((one + (two + three) / 2) / 2, abs=1e-4)
     assert row["psnr_se"] == pytest.approx(abs(one - (two + three) / 2) / 2, abs=1e-4)  # s / sqrt(2), s = |d| / sqrt(2)
     assert (tmp_path / "rig_constant_v4.webp").exists() and (tmp_path / "rig_truth.webp").exists()
+
+
+def test_the_scale_of_planes_that_compete_is_the_best_of_validation(net, tmp_path, monkeypatch):
+    monkeypatch.setattr(scoring, "INNER", ...)  # the middle of the toy is smaller than two borders
+    entry, source = Entry("liveview", 4, liveview, planes=(4,)), Toys()
+    found = scoring.fitted_scale(net, entry, source)
+    assert list(found) == list(scoring.SCALES)
+    parts = [window(shot, 16, 12, 32, 24) for shot in source.shots("validation", 4)]
+    images = [dict(variants.renderings(net, part, (4,), 2.0))["planes:4, competing"] for part in parts]
+    expected = [float(-10 * torch.log10(((i - p.truth) ** 2).mean())) for i, p in zip(images, parts, strict=True)]
+    assert found[2.0] == pytest.approx(sum(expected) / 3, abs=1e-3)
 
 
 def test_a_comment_is_no_other_code():
@@ -250,9 +267,8 @@ def scored(name: str, views: int, psnr: float, counts=(8, 16, 32, 64), competing
             mean[f"select:16/64{suffix}"] = {"psnr": psnr + more, "ssim": 0.928, "lpips": 0.1}
     about = {"step": 1500, "samples": 3000, "core_seconds": 3600}
     targets = [{"scene": "0000", "target": "0", "scores": {}}]
-    return {"entry": f"{name}_v{views}", "name": name, "views": views, "data": "rig", "about": about, "mean": mean} | {
-        "targets": targets
-    }
+    told = {"entry": f"{name}_v{views}", "name": name, "views": views, "data": "rig", "about": about, "mean": mean}
+    return told | {"targets": targets, "key": {"trained_on": "rig"}, "scale": 2.0}
 
 
 def cost_row(name: str, planes: int, seconds: float) -> dict:

@@ -65,7 +65,7 @@ def training(results: Results) -> str | None:
             curve = [(row["samples"] / 1000, row["psnr"]) for row in history]
             by_views.setdefault(int(views), {})[label] = curve
     panels = [Panel(f"PSNR of validation, dB, V = {v}", "thousands of samples", by_views[v]) for v in sorted(by_views)]
-    return chart(panels) if panels else None
+    return chart(panels, legend=240) if panels else None
 
 
 def crops(folder: Path, data: str = "rig") -> Image.Image | None:

@@ -61,7 +61,9 @@ def scored(results: Results) -> str:
             targets = sorted({len(report["targets"]) for report in reports})
             scenes = max(len({t["scene"] for t in report["targets"]}) for report in reports)
             counts = " to ".join(str(n) for n in {targets[0]: 0, targets[-1]: 0})
-            parts.append(f"{tables.DATA[data][0]}: {counts} targets of {scenes} scenes a method")
+            trained = " and ".join(sorted({report["key"]["trained_on"] for report in reports}))
+            what = f"{counts} targets of {scenes} scenes a method, trained on {trained}"
+            parts.append(f"{tables.DATA[data][0]}: {what}")
     return f"Scored so far: {'; '.join(parts)}." if parts else "Nothing is scored yet."
 
 

@@ -17,10 +17,17 @@ import torch
 from ..evaluation.lpips import load_lpips
 from . import shots
 from .captured_samples import kind_of, samples_of
-from .registry import ENTRIES
+from .registry import ENTRIES, Entry
 from .samples import RigSamples
 from .scenes import Scenes
-from .scoring import Source, load, score
+from .scoring import Source, load, score, weights_key, write
+
+
+def keep_history(folder: Path, entry: Entry, history: list[dict] | None, trained_on: str) -> None:
+    """The validation of a method's own training, for the report's curves."""
+    if history is not None and weights_key(entry) == entry.key:
+        folder.mkdir(exist_ok=True)
+        write(folder / f"{trained_on}_{entry.key}.json", history)
 
 
 def main() -> int:
@@ -46,19 +53,28 @@ def main() -> int:
     except ModuleNotFoundError as error:
         parser.error(str(error))
     args.out.mkdir(parents=True, exist_ok=True)
-    rig_scenes = Scenes(args.rig_scenes or args.scenes, args.textures, "train")
-    samples = samples_of(args.trained_on) if args.trained_on else RigSamples(rig_scenes)
+    rig_scenes = args.scenes if args.data == "rig" else args.rig_scenes
+    if rig_scenes is None and (args.data == "real" or not args.trained_on):
+        parser.error(f"--data {args.data}: --rig-scenes is missing; expected the folder of the rig's scenes")
+    training = Scenes(rig_scenes, args.textures, "train") if not args.trained_on else None
+    samples = samples_of(args.trained_on) if args.trained_on else RigSamples(training)
     trained_on = kind_of(args.trained_on) if args.trained_on else "rig"
     source = Source(args.data, args.scenes, args.textures, args.limit, args.targets, trained_on)
+    everything = 10**6
+    validation = source if args.data != "real" else Source("rig", rig_scenes, args.textures, everything, everything)
     missing = []
     for entry in chosen:
         try:
             method, about = load(entry, args.runs, samples)
+            keep_history(args.out.parent / "history", entry, about.pop("history", None), trained_on)
+            score(entry, method, about, source, validation, args.out, weights)
         except FileNotFoundError as error:
             missing.append(f"{entry.key}: {error.filename} is missing: not trained yet")
-            continue
-        score(entry, method, about, source, args.out, weights)
-    print("\n".join(missing), file=sys.stderr)
+        except ValueError as error:  # of the data's readers
+            print(error, file=sys.stderr)
+            return 2
+    for line in missing:
+        print(line, file=sys.stderr)
     return 1 if len(missing) == len(chosen) else 0
 
 

@@ -135,18 +135,18 @@ def write(path: Path, report: dict) -> None:
     temporary.rename(path)
 
 
-def score(entry: Entry, method: Method, about: dict, source: Source, out: Path, weights) -> dict:
-    """Score an entry, from where it was left."""
+def score(entry: Entry, method: Method, about: dict, source: Source, validation: Source, out: Path, weights) -> dict:
+    """Score an entry, from where it was left; `validation` is what the scale of planes that compete is fitted on."""
     path = out / f"{source.data}_{entry.key}.json"
-    key = {"step": about["step"], "code": code_digest(entry)}
+    key = {"step": about["step"], "trained_on": source.trained_on, "code": code_digest(entry)}
     report = json.loads(path.read_text()) if path.exists() else {}
     if report.get("key") != key:
         report = {"entry": entry.key, "name": entry.name, "views": entry.views, "data": source.data, "key": key}
-        report |= {"about": about, "trained_on": source.trained_on, "border": BORDER, "targets": []}
+        report |= {"about": about, "border": BORDER, "targets": []}
         if variants.is_liveview(method):
-            scales = fitted_scale(method, entry, source) if source.data != "real" else {}
+            scales = fitted_scale(method, entry, validation)
             report["scales"] = {str(scale): psnr for scale, psnr in scales.items()}
-            report["scale"] = max(scales, key=scales.__getitem__) if scales else 1.0
+            report["scale"] = max(scales, key=scales.__getitem__)
     done = {(target["scene"], target["target"]) for target in report["targets"]}
     for shot in source.shots("test", entry.views):
         if (shot.scene, shot.target) in done:

@@ -18,12 +18,14 @@ def verdicts(results: Results, data: str = "rig") -> str:
 
 
 def sentences(results: Results, data: str, method: str, views: int) -> list[str]:
-    counts = results.plane_counts(data, method, views)
+    report, counts = results.scores[data, method, views], results.plane_counts(data, method, views)
     most = counts[-1]
     rows = {suffix: results.row(data, method, views, f"planes:{most}{suffix}") for suffix in ("", COMPETING)}
     best = max((s for s in rows if rows[s]), key=lambda suffix: rows[suffix]["psnr"])
     alone, together = rows[""]["psnr"], (rows[COMPETING] or {}).get("psnr")
-    both = f"{alone:.2f} dB by the paper's composite" + (f", {together:.2f} dB competing" if together else "")
+    both = f"{alone:.2f} dB by the paper's composite" + (
+        f", {together:.2f} dB competing (scale {report['scale']:g})" if together else ""
+    )
     reached = "reached" if rows[best]["psnr"] >= GOAL else "not reached"
     out = [f"{both} on {most} planes ({GOAL:g} dB {reached})."]
     curve = [results.row(data, method, views, f"planes:{n}{best}")["psnr"] for n in counts]
@@ -46,7 +48,6 @@ def sentences(results: Results, data: str, method: str, views: int) -> list[str]
         out.append(
             f"The best other method: {title(name)}, {psnr:.2f} dB ({rows[best]['psnr'] - psnr:+.2f} dB for LiveView)."
         )
-    report = results.scores[data, method, views]
     if report["about"].get("step"):
         out.append(f"Trained for {report['about']['step']:,} steps; {len(report['targets'])} targets.")
     return out
