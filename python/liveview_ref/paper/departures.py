@@ -5,7 +5,8 @@ them undone, on the same targets.
 
 Networks: the shipped `liveview_v4` (independent planes, as in the paper), `liveview_v4_planes` (planes that compete),
 and with --runs the one trained on the rig. Each on 64 planes, of the upper left quarter of a target, which has its
-share of edges; 16 pixels at each side left out. Kept after each target: run again, it goes on."""
+share of edges; 16 pixels at each side left out. Kept after each target: run again, it goes on, and
+begins anew where the training's step is another."""
 
 import argparse
 import json
@@ -28,7 +29,10 @@ from ..reference.view_selection import view_distances
 from .method import Photos
 from .methods.liveview import BATCH
 from .mpi import opaque_background, over, padded, volume_at
-from .scoring import Source, scores_of, write
+from .registry import entry
+from .samples import RigSamples
+from .scenes import Scenes
+from .scoring import Source, load, scores_of, write
 from .shots import Shot, window
 
 PLANES = 64
@@ -38,11 +42,13 @@ AS_IT_IS = "as it is"
 
 @dataclass(frozen=True)
 class Network:
-    """A network of four views, how its planes are composited, and whether it takes photos nearest first."""
+    """A network of four views, how its planes are composited, whether it takes photos nearest first, and the step of
+    its training."""
 
     net: unet.UNet
     scale: float | None  # of planes that compete; None: independent
     nearest_first: bool
+    step: int = 0
 
 
 @dataclass
@@ -174,19 +180,14 @@ def switched(network: Network, shot: Shot) -> Iterator[tuple[str, Tensor]]:
     network.net.eval()
 
 
-def networks(runs: Path | None) -> dict[str, Network]:
-    shipped = {
-        name: trained_network(load_state(MODELS / f"{name}.pt")) for name in ("liveview_v4", "liveview_v4_planes")
-    }
-    found = {
-        "liveview_v4": Network(shipped["liveview_v4"], None, True),
-        "liveview_v4_planes": Network(shipped["liveview_v4_planes"], 1.0, True),
-    }
-    if runs and (path := runs / "liveview_v4" / "checkpoint.pt").exists():
-        state = load_state(path)["average"]
-        net = unet.UNet(4)
-        net.load_state_dict({name.removeprefix("predictor.net."): value for name, value in state.items()})
-        found["liveview_v4 trained on the rig"] = Network(net.eval(), None, False)
+def networks(runs: Path | None, training: Scenes) -> dict[str, Network]:
+    found = {}
+    for name, scale in (("liveview_v4", None), ("liveview_v4_planes", 1.0)):
+        state = load_state(MODELS / f"{name}.pt")
+        found[name] = Network(trained_network(state), scale, True, state["step"])
+    if runs and (runs / "liveview_v4" / "checkpoint.pt").exists():
+        method, about = load(entry("liveview_v4"), runs, RigSamples(training))
+        found["liveview_v4 trained on the rig"] = Network(method.predictor.net, None, False, about["step"])
     return found
 
 
@@ -210,8 +211,10 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     report = json.loads(args.out.read_text()) if args.out.exists() else {}
-    for name, network in networks(args.runs).items():
-        own = report.setdefault(name, {"planes": PLANES, "targets": []})
+    for name, network in networks(args.runs, Scenes(args.scenes, args.textures, "train")).items():
+        if report.get(name, {}).get("step") != network.step:
+            report[name] = {"planes": PLANES, "step": network.step, "targets": []}
+        own = report[name]
         done = {target["scene"] for target in own["targets"]}
         for shot in Source("rig", args.scenes, args.textures, args.limit, 1).shots("test", 4):
             if shot.scene in done:
