@@ -5,8 +5,9 @@ import torch
 
 from liveview_ref.paper import rig
 from liveview_ref.paper.method import Method, Photos, Predictor
-from liveview_ref.paper.methods import light_field_fusion, local_light_field, stereo_magnification
+from liveview_ref.paper.methods import deepview, light_field_fusion, local_light_field, soft3d, stereo_magnification
 from liveview_ref.paper.mpi import Mpi, target_from_reference, volume_at
+from liveview_ref.reference.camera import Camera
 from liveview_ref.reference.warp import warp_maps
 
 SIZE, PLANES = 32, 8
@@ -14,6 +15,7 @@ NAMES = {
     "stereo_magnification": lambda: stereo_magnification.stereo_magnification(5, PLANES, width=4),
     "local_light_field": lambda: local_light_field.local_light_field(5),
     "target_centred": lambda: local_light_field.target_centred(5),
+    "deepview": deepview.DeepView,
 }
 
 
@@ -193,3 +195,90 @@ def test_plane_homography_of_the_rig() -> None:
     """A plane of disparity d moves by PARALLAX d pixels for each side that the camera moves."""
     moved = target_from_reference(rig.camera(0, 0), rig.camera(1, 0), 0.5) @ torch.tensor([10.0, 20.0, 1.0]).double()
     assert torch.allclose(moved / moved[2], torch.tensor([10.0 - rig.PARALLAX / 2, 20.0, 1.0]).double())
+
+
+def test_deepview_components_of_known_planes() -> None:
+    """An opaque plane, seen by a photo beside: the rendered image is the plane's, nothing behind it is seen."""
+    disparities = rig.planes(PLANES)
+    photos, seen_from = plane_photos(4, float(disparities[3]))
+    camera = deepview.middle(photos.cameras).with_window(200, 150, 64, 64)
+    planes = torch.full((PLANES, 4, 64, 64), 0.5)
+    planes[:, 3] = 0
+    planes[3, :3], planes[3, 3] = seen_from(camera), 1
+    frame = photos.cameras[0].with_window(208, 158, 64, 64)
+    parts = deepview.components(planes, camera, frame, disparities)
+    rendered, behind, transmittance = (part[:, :, 30:40, 30:40] for part in parts.split([3, 3, 1], 1))
+    assert (rendered[3] - planes[3, :3, 30:40, 30:40]).abs().mean() < 0.01
+    assert torch.allclose(transmittance[:4], torch.ones(()), atol=1e-5) and transmittance[4:].abs().max() < 1e-5
+    assert (behind[2] - rendered[2]).abs().max() < 1e-4
+
+
+def test_deepview_takes_any_numbers_in_any_order() -> None:
+    torch.manual_seed(0)
+    method = deepview.DeepView().eval()
+    photos, _ = plane_photos(4, 0.5)
+    swapped = Photos(photos.images[::-1], photos.cameras[::-1], photos.references)
+    with torch.no_grad():
+        one, other = (method(p, small_target(), rig.planes(12)).rgb for p in (photos, swapped))
+        trained = method.requires_grad_(True)
+    assert torch.allclose(one, other, atol=1e-5)
+    with torch.enable_grad():  # the planes all at once, not in parts
+        assert torch.allclose(one, trained(photos, small_target(), rig.planes(12)).rgb, atol=1e-5)
+
+
+def test_deepview_stands_in_the_middle() -> None:
+    photos, _ = plane_photos(4, 0.5, crop=(0, 0, 16, 16))
+    middle = deepview.middle(photos.cameras)
+    assert torch.allclose(middle.centre, rig.camera(0, 0).centre) and middle.k.equal(photos.cameras[0].k)
+
+
+CROP = (200, 130, 96, 80)  # of the photos, for Soft3D
+
+
+def test_soft3d_of_a_plane() -> None:
+    disparities = rig.planes(16)
+    photos, seen_from = plane_photos(4, float(disparities[6]), crop=CROP)
+    target = rig.camera(0.2, -0.3).with_window(CROP[0] + 24, CROP[1] + 24, 48, 32)
+    rendering = soft3d.Soft3D()(photos, target, disparities)
+    assert rendering.valid.all() and not rendering.rgb.requires_grad
+    assert (rendering.rgb - seen_from(target)).square().mean() < 1e-4  # 40 dB
+
+
+def test_soft3d_votes_and_visibility() -> None:
+    """Consensus is the share of those that can see a point; what lies behind a surface is not visible."""
+    cameras = [rig.camera(x, 0).with_window(*CROP) for x in (-0.25, 0.25)]
+    disparities = rig.planes(PLANES).float()
+    surface = torch.zeros(PLANES, CROP[3], CROP[2])
+    surface[5] = 1
+    votes = [torch.stack([surface, soft3d.before(surface)])] * 2
+    votes[1] = torch.stack([surface.roll(1, 0), soft3d.before(surface.roll(1, 0))])  # this photo votes for plane 6
+    middle = rig.camera(0, 0).with_window(CROP[0] + 32, CROP[1] + 16, 16, 16)
+    found = soft3d.consensus(votes, cameras, middle, disparities)
+    expected = torch.zeros(PLANES)
+    expected[5], expected[6] = 0.5, 1  # the first photo does not see plane 6
+    assert torch.allclose(found, expected[:, None, None].expand_as(found), atol=1e-4)
+    assert torch.allclose(soft3d.before(surface)[:, 0, 0], torch.tensor([1.0] * 6 + [0.0] * 2))
+
+
+def test_soft3d_looks_up_between_planes() -> None:
+    """A camera that steps back along its axis sees a plane of its own at another depth of the source's volume."""
+    source = rig.camera(0, 0).with_window(*CROP)
+    disparities = rig.planes(16).float()
+    volume = torch.arange(16.0)[None, :, None, None].expand(1, 16, CROP[3], CROP[2]).contiguous()
+    back = Camera(source.k, source.rotation, torch.tensor([0.0, 0.0, 0.5]).double(), source.width, source.height)
+    found = soft3d.looked_up(volume, source, back, disparities, 9)
+    there = 1 / (1 / disparities[9] - 0.5)
+    expected = (disparities[0] - there) / (disparities[0] - disparities[1])
+    inner = found[0, 20:-20, 20:-20]
+    assert torch.allclose(inner, expected.expand_as(inner), atol=1e-3)
+    level = soft3d.looked_up(volume, source, rig.camera(0.1, 0).with_window(*CROP), disparities, 9)
+    assert torch.allclose(level[0, 10:-10, 10:-10], torch.tensor(9.0))
+
+
+def test_guided_filter_keeps_edges() -> None:
+    image = torch.zeros(3, 48, 48)
+    image[:, :, 24:] = 1
+    noisy = image[:1] + 0.2 * torch.randn(1, 48, 48, generator=torch.Generator().manual_seed(0))
+    smooth = soft3d.GuidedFilter(image)(noisy)
+    assert (smooth - image[:1]).abs().mean() < 0.06
+    assert (smooth[0, :, 25] - smooth[0, :, 22]).mean() > 0.8

@@ -55,6 +55,7 @@ class LocalLightField(Predictor):
         nn.init.zeros_(self.out.bias)
         # alphas start at 1 / planes: every plane is seen, none hides the others
         nn.init.constant_(self.out.bias[:1], -math.log(USUAL - 1))
+        self.to(memory_format=torch.channels_last_3d)
 
     def logits(self, volume: Tensor) -> Tensor:
         """volume [D, V, 3, H, W] -> [D, V, H, W]: of alpha, then of the photos' weights but the first's, which is 0."""

@@ -55,6 +55,7 @@ class StereoMagnification(Predictor):
         nn.init.zeros_(self.out.bias)
         # alphas start at 1 / planes: every plane is seen, none hides the others
         nn.init.constant_(self.out.bias[planes : 2 * planes], -math.log(planes - 1) / 2)
+        self.to(memory_format=torch.channels_last)
 
     def encoder_decoder(self, inputs: Tensor) -> Tensor:
         """[1, 3 + 3 D (V - 1), H, W] -> [1, 2 D + 3, H, W], in -1 .. 1"""

@@ -1,0 +1,145 @@
+"""DeepView (Flynn et al., CVPR 2019), small: a multiplane image at the photos' middle by learned gradient descent.
+
+A network starts it from the photos on its planes; others, one for each step, correct it by how the photos are seen in
+it: for each photo the image rendered in its place, and on every plane what lies behind (accumulated over) and how much
+of the plane is seen (transmittance), which are what a gradient of any loss of the rendered photos is made of (its
+section 3.3). Networks see one plane at a time, share their weights over planes and views, and pool over views by the
+largest.
+
+Reduced: two steps in place of three, 8 to 32 channels, no gradient through the components of the gradient, colours that
+start at the mean of the photos.
+"""
+
+import math
+from collections.abc import Iterable
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from ...reference.camera import Camera
+from ...reference.warp import grid_from_pixels, outside_masked
+from ..method import Method, Photos, Rendering
+from ..mpi import opaque_background, target_from_reference, view_of, volume_at, window
+
+STEPS = 2  # of gradient descent, after the start
+WIDTH = 8
+BATCH = 8  # planes per pass of a network where nothing is trained
+COMPONENTS = 7  # of the gradient, for each photo and plane: its rendered image, what lies behind, transmittance
+
+
+def block(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(nn.Conv2d(inputs, outputs, 3, stride, padding=1), nn.ReLU(inplace=True))
+
+
+class Step(nn.Module):
+    """A change of colour and alpha before their sigmoids, [D, 4, H, W], from what each photo says of the planes."""
+
+    def __init__(self, inputs: int, width: int = WIDTH):
+        super().__init__()
+        self.per_view = block(inputs + 4, width)
+        self.per_view_half = block(width, 2 * width, 2)
+        self.pooled_half = nn.Sequential(block(2 * width, 4 * width), block(4 * width, 4 * width))
+        self.pooled_full = block(5 * width + 4, 2 * width)
+        self.out = nn.Conv2d(2 * width, 4, 3, padding=1)
+        with torch.no_grad():
+            self.out.weight.mul_(0.1)
+            self.out.bias.zero_()
+        self.to(memory_format=torch.channels_last)
+
+    def features(self, view: Tensor, planes: Tensor) -> tuple[Tensor, Tensor]:
+        """One view's [D, inputs, H, W] and the multiplane image [D, 4, H, W], at full and half resolution."""
+        full = self.per_view(channels_last(torch.cat([view, planes], 1)))
+        return full, self.per_view_half(full)
+
+    def change(self, full: Tensor, half: Tensor, planes: Tensor) -> Tensor:
+        """Features pooled over the views -> [D, 4, H, W]."""
+        up = F.interpolate(self.pooled_half(half), scale_factor=2.0)
+        return self.out(self.pooled_full(channels_last(torch.cat([up, full, planes], 1)))).float()
+
+    def forward(self, views: Iterable[Tensor], planes: Tensor) -> Tensor:
+        """views: of each photo [D, inputs, H, W], made as they are asked for, so that one at a time is in memory."""
+        parts = (planes,) if torch.is_grad_enabled() else planes.split(BATCH)
+        pooled: list[tuple[Tensor, Tensor]] = []
+        for view in views:
+            said = view.split([len(part) for part in parts])
+            own = [self.features(*pair) for pair in zip(said, parts, strict=True)]
+            pairs = zip(pooled or own, own, strict=True)
+            pooled = [(larger(a, c), larger(b, d)) for (a, b), (c, d) in pairs]
+        return torch.cat([self.change(*pool, part) for pool, part in zip(pooled, parts, strict=True)])
+
+
+def larger(a: Tensor, b: Tensor) -> Tensor:
+    """The maximum; its gradient costs a third of torch.maximum's."""
+    return a + F.relu(b - a)
+
+
+def channels_last(x: Tensor) -> Tensor:
+    return x.contiguous(memory_format=torch.channels_last)
+
+
+class DeepView(Method):
+    """Takes any number of photos and of planes."""
+
+    def __init__(self, steps: int = STEPS, width: int = WIDTH):
+        super().__init__()
+        self.start = Step(4, width)
+        self.steps = nn.ModuleList(Step(4 + COMPONENTS, width) for _ in range(steps))
+
+    def forward(self, photos: Photos, target: Camera, disparities: Tensor, cover: bool = True) -> Rendering:
+        camera = window(middle(photos.cameras), target, disparities, cover)
+        colour, coverage, _ = volume_at(camera, photos, disparities)
+        seen = torch.cat([colour, coverage[:, :, None]], 2)  # [D, V, 4, H, W]
+        del colour, coverage
+        planes = start(seen)
+        planes = planes + self.start(seen.unbind(1), torch.sigmoid(planes))
+        frames = [window(photo, camera, disparities, cover) for photo in photos.cameras]
+        for step in self.steps:
+            now = torch.sigmoid(planes)
+            gradients = (components(now, camera, frame, disparities) for frame in frames)
+            said = (torch.cat(pair, 1) for pair in zip(seen.unbind(1), gradients, strict=True))
+            planes = planes + step(said, now)
+        rgb, alpha = torch.sigmoid(planes).split([3, 1], 1)
+        image, _, valid = view_of(alpha[:, 0], rgb, camera, target, disparities)
+        return Rendering(image, valid, alpha[:, 0], camera)
+
+
+def middle(cameras: list[Camera]) -> Camera:
+    """At the mean of the cameras' centres, otherwise like the first."""
+    first = cameras[0]
+    centre = torch.stack([camera.centre for camera in cameras]).mean(0)
+    return Camera(first.k, first.rotation, -(first.rotation @ centre), first.width, first.height)
+
+
+def start(seen: Tensor) -> Tensor:
+    """Colours [D, V, 3 + coverage, H, W] -> [D, 4, H, W] before the sigmoid: their mean, and alpha 1 / D."""
+    mean = seen[:, :, :3].sum(1) / seen[:, :, 3:].sum(1).clamp_min(1e-3)
+    alpha = torch.full_like(mean[:, :1], -math.log(max(len(seen) - 1, 1)))
+    return torch.cat([torch.logit(mean, 0.01), alpha], 1)
+
+
+@torch.no_grad()
+def components(planes: Tensor, camera: Camera, photo: Camera, disparities: Tensor) -> Tensor:
+    """Of a photo's gradient on the planes [D, 4, h, w] of `camera`: [D, COMPONENTS, h, w], where they lie."""
+    there = torch.stack([target_from_reference(camera, photo, d) for d in disparities.tolist()])
+    carried = sampled(planes, torch.linalg.inv(there), photo)
+    rgb, alpha = carried[:, :3], opaque_background(carried[:, 3])
+    passed = torch.cumprod(torch.cat([torch.ones_like(alpha[:1]), 1 - alpha[:-1]]), 0)
+    light = (passed * alpha)[:, None] * rgb
+    image = light.sum(0)
+    behind = (image - light.cumsum(0)) / (passed * (1 - alpha)).clamp_min(1e-3)[:, None]
+    parts = torch.cat([image.expand_as(behind), behind, passed[:, None]], 1)
+    return sampled(parts, there, camera)
+
+
+def sampled(planes: Tensor, source_from_camera: Tensor, camera: Camera) -> Tensor:
+    """Each of the planes [D, C, h, w] at the pixels of a camera, by its homography [D, 3, 3]; 0 outside."""
+    y, x = torch.meshgrid(torch.arange(camera.height) + 0.5, torch.arange(camera.width) + 0.5, indexing="ij")
+    unit = (grid_from_pixels(planes.shape[3], planes.shape[2]) @ source_from_camera).float()[:, None, None]
+    parts = []
+    for part, h in zip(planes.split(BATCH), unit.split(BATCH), strict=True):
+        # no matrix product: autocast would round it
+        points = h[..., 0] * x[..., None] + h[..., 1] * y[..., None] + h[..., 2]
+        grid = outside_masked(points[..., :2] / points[..., 2:], points[..., 2])
+        parts.append(F.grid_sample(part, grid, align_corners=False))
+    return torch.cat(parts)
