@@ -4,9 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .method import Method
+from .methods.deepview import DeepView
 from .methods.light_field_fusion import light_field_fusion
 from .methods.liveview import competing, from_agreement, input_centred, liveview
 from .methods.local_light_field import local_light_field, target_centred
+from .methods.soft3d import Soft3D
 from .methods.stereo_magnification import stereo_magnification
 
 PLANES = (8, 16, 32, 64)
@@ -37,8 +39,10 @@ ENTRIES = [
     Entry("stereo_magnification", 5, stereo_magnification, planes=(64,)),
     Entry("input_centred", 5, input_centred),
     Entry("local_light_field_at_target", 5, target_centred),
+    Entry("deepview", 4, lambda views: DeepView(), planes=PLANES[:3]),
     Entry("liveview_from_agreement", 4, from_agreement),
     Entry("liveview_competing", 4, competing),
+    Entry("soft3d", 4, lambda views: Soft3D(), trained=False),
     Entry("light_field_fusion", 10, light_field_fusion, weights="local_light_field_v5", trained=False),
 ]
 

@@ -73,9 +73,6 @@ class Trainee:
     def __post_init__(self):
         torch.manual_seed(SEED)
         self.method = self.entry.build(self.entry.views)
-        for module in self.method.modules():
-            if isinstance(module, nn.Conv2d):
-                module.to(memory_format=torch.channels_last)
         if self.start:
             self.method.load_state_dict(load_state(self.start / "checkpoint.pt")["average"])
         self.average = copy.deepcopy(self.method)

@@ -7,7 +7,7 @@ section 3.3). Networks see one plane at a time, share their weights over planes 
 largest.
 
 Reduced: two steps in place of three, 8 to 32 channels, no gradient through the components of the gradient, colours that
-start at the mean of the photos.
+start at the mean of the photos, and 32 planes at most in training.
 """
 
 import math

@@ -29,6 +29,7 @@ class PlaneByPlane(Predictor):
         self.net = UNet(views)
         # alphas start at 1 / planes, as those of the other methods do
         torch.nn.init.constant_(self.net.conv9.bias[:1], -math.log(USUAL - 1))
+        self.net.to(memory_format=torch.channels_last)
 
     def logits(self, volume: Tensor) -> Tensor:
         """volume [D, V, 3, H, W] -> [D, V, H, W]"""
@@ -92,7 +93,7 @@ def liveview(views: int) -> Mpi:
 def from_agreement(views: int) -> Mpi:
     """The same from the initial weights that this project starts with: a plane sweep."""
     predictor = PlaneByPlane(views)
-    predictor.net = UNet(views)
+    predictor.net = UNet(views).to(memory_format=torch.channels_last)
     start_from_agreement(predictor.net)
     return Mpi(predictor, target_centred=True)
 
