@@ -9,7 +9,8 @@ scaled to these. The depths, 1 to 100 m, are the defaults of code/create_psv.py.
 The cameras stand in rows of 4, 5, 4 and 3. DeepView's "large_quad" (code/compute_metrics.py: first rig position, nine
 targets) has its inputs at the corners of the first and the third row; these are the paper's four views. The paper does
 not name the cameras of its five and ten views: here the quad with the camera in its middle, and the two quincunxes that
-stand side by side, with those targets that are no input."""
+stand side by side, with those targets that are no input. DeepView's own metric leaves out 16 pixels at each edge and
+40 where a target is at the edge of the quad; here it is 16 everywhere."""
 
 import json
 import math
