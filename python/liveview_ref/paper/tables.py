@@ -120,7 +120,8 @@ def speed(results: Results) -> str:
         told = paper.get((row["method"], row["planes"]), {})
         total, stages = row["seconds"], row["stages"]
         spread = f"{total['median']:.2f} ({total['lowest']:.2f}–{total['highest']:.2f})"
-        counted, parameters = row.get("multiply_adds_per_pixel"), row.get("parameters")
+        parameters = row.get("parameters")
+        counted = row.get("multiply_adds_per_pixel") if parameters else None  # without a network nothing is counted
         rows.append([
             title(row["method"]), str(row["views"]), str(row["planes"]), spread,
             " / ".join(f"{stages[s]:.2f}" for s in ("warp", "network", "render")),
