@@ -37,7 +37,8 @@ class Step(nn.Module):
 
     def __init__(self, inputs: int, width: int = WIDTH):
         super().__init__()
-        self.per_view = block(inputs + 4, width)
+        self.per_view = nn.Conv2d(inputs, width, 3, padding=1)
+        self.of_planes = nn.Conv2d(4, width, 3, padding=1, bias=False)
         self.per_view_half = block(width, 2 * width, 2)
         self.pooled_half = nn.Sequential(block(2 * width, 4 * width), block(4 * width, 4 * width))
         self.pooled_full = block(5 * width + 4, 2 * width)
@@ -47,9 +48,9 @@ class Step(nn.Module):
             self.out.bias.zero_()
         self.to(memory_format=torch.channels_last)
 
-    def features(self, view: Tensor, planes: Tensor) -> tuple[Tensor, Tensor]:
-        """One view's [D, inputs, H, W] and the multiplane image [D, 4, H, W], at full and half resolution."""
-        full = self.per_view(channels_last(torch.cat([view, planes], 1)))
+    def features(self, view: Tensor, shared: Tensor) -> tuple[Tensor, Tensor]:
+        """One view's [D, inputs, H, W], and what all take from the multiplane image, at full and half resolution."""
+        full = F.relu(self.per_view(channels_last(view)) + shared)
         return full, self.per_view_half(full)
 
     def change(self, full: Tensor, half: Tensor, planes: Tensor) -> Tensor:
@@ -60,10 +61,11 @@ class Step(nn.Module):
     def forward(self, views: Iterable[Tensor], planes: Tensor) -> Tensor:
         """views: of each photo [D, inputs, H, W], made as they are asked for, so that one at a time is in memory."""
         parts = (planes,) if torch.is_grad_enabled() else planes.split(BATCH)
+        shared = [self.of_planes(channels_last(part)) for part in parts]
         pooled: list[tuple[Tensor, Tensor]] = []
         for view in views:
             said = view.split([len(part) for part in parts])
-            own = [self.features(*pair) for pair in zip(said, parts, strict=True)]
+            own = [self.features(*pair) for pair in zip(said, shared, strict=True)]
             pairs = zip(pooled or own, own, strict=True)
             pooled = [(larger(a, c), larger(b, d)) for (a, b), (c, d) in pairs]
         return torch.cat([self.change(*pool, part) for pool, part in zip(pooled, parts, strict=True)])
@@ -102,6 +104,11 @@ class DeepView(Method):
         rgb, alpha = torch.sigmoid(planes).split([3, 1], 1)
         image, _, valid = view_of(alpha[:, 0], rgb, camera, target, disparities)
         return Rendering(image, valid, alpha[:, 0], camera)
+
+
+def deepview(views: int) -> DeepView:
+    """The same network for any number of views."""
+    return DeepView()
 
 
 def middle(cameras: list[Camera]) -> Camera:
