@@ -58,16 +58,20 @@ class Step(nn.Module):
         up = F.interpolate(self.pooled_half(half), scale_factor=2.0)
         return self.out(self.pooled_full(channels_last(torch.cat([up, full, planes], 1)))).float()
 
-    def forward(self, views: Iterable[Tensor], planes: Tensor) -> Tensor:
-        """views: of each photo [D, inputs, H, W], made as they are asked for, so that one at a time is in memory."""
-        parts = (planes,) if torch.is_grad_enabled() else planes.split(BATCH)
+    def forward(self, views: Iterable[tuple[Tensor, ...]], planes: Tensor) -> Tensor:
+        """views: of each photo tensors [D, c, H, W] with `inputs` channels together, made as they are asked for, so
+        that one photo's are in memory at a time."""
+        size = len(planes) if torch.is_grad_enabled() else BATCH
+        parts = planes.split(size)
         shared = [self.of_planes(channels_last(part)) for part in parts]
         pooled: list[tuple[Tensor, Tensor]] = []
         for view in views:
-            said = view.split([len(part) for part in parts])
-            own = [self.features(*pair) for pair in zip(said, shared, strict=True)]
-            pairs = zip(pooled or own, own, strict=True)
-            pooled = [(larger(a, c), larger(b, d)) for (a, b), (c, d) in pairs]
+            for index, said in enumerate(zip(*(tensor.split(size) for tensor in view), strict=True)):
+                full, half = self.features(torch.cat(said, 1), shared[index])
+                if len(pooled) == index:
+                    pooled.append((full, half))
+                else:
+                    pooled[index] = larger(pooled[index][0], full), larger(pooled[index][1], half)
         return torch.cat([self.change(*pool, part) for pool, part in zip(pooled, parts, strict=True)])
 
 
@@ -94,13 +98,12 @@ class DeepView(Method):
         seen = torch.cat([colour, coverage[:, :, None]], 2)  # [D, V, 4, H, W]
         del colour, coverage
         planes = start(seen)
-        planes = planes + self.start(seen.unbind(1), torch.sigmoid(planes))
+        planes = planes + self.start(zip(seen.unbind(1), strict=True), torch.sigmoid(planes))
         frames = [window(photo, camera, disparities, cover) for photo in photos.cameras]
         for step in self.steps:
             now = torch.sigmoid(planes)
             gradients = (components(now, camera, frame, disparities) for frame in frames)
-            said = (torch.cat(pair, 1) for pair in zip(seen.unbind(1), gradients, strict=True))
-            planes = planes + step(said, now)
+            planes = planes + step(zip(seen.unbind(1), gradients, strict=True), now)
         rgb, alpha = torch.sigmoid(planes).split([3, 1], 1)
         image, _, valid = view_of(alpha[:, 0], rgb, camera, target, disparities)
         return Rendering(image, valid, alpha[:, 0], camera)
@@ -132,11 +135,15 @@ def components(planes: Tensor, camera: Camera, photo: Camera, disparities: Tenso
     carried = sampled(planes, torch.linalg.inv(there), photo)
     rgb, alpha = carried[:, :3], opaque_background(carried[:, 3])
     passed = torch.cumprod(torch.cat([torch.ones_like(alpha[:1]), 1 - alpha[:-1]]), 0)
-    light = (passed * alpha)[:, None] * rgb
-    image = light.sum(0)
-    behind = (image - light.cumsum(0)) / (passed * (1 - alpha)).clamp_min(1e-3)[:, None]
-    parts = torch.cat([image.expand_as(behind), behind, passed[:, None]], 1)
-    return sampled(parts, there, camera)
+    light = ((passed * alpha)[:, None] * rgb).cumsum(0)  # from the nearest plane to this
+    del carried, rgb
+    image = light[-1:].clone()
+    behind = light.neg_().add_(image).div_((passed * (1 - alpha)).clamp_min(1e-3)[:, None])
+    parts = [
+        sampled(torch.cat([image.expand_as(b), b, p[:, None]], 1), h, camera)
+        for b, p, h in zip(behind.split(BATCH), passed.split(BATCH), there.split(BATCH), strict=True)
+    ]
+    return torch.cat(parts)
 
 
 def sampled(planes: Tensor, source_from_camera: Tensor, camera: Camera) -> Tensor:

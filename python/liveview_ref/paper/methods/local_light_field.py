@@ -64,6 +64,7 @@ class LocalLightField(Predictor):
         points = F.pad(points, (0, 0, 0, 0, 0, -planes % STRIDE), mode="replicate")
         points = points.contiguous(memory_format=torch.channels_last_3d)
         half = self.conv1_2(self.conv1_1(points))
+        del points  # the largest of all
         quarter = self.conv2(half)
         eighth = self.conv3(quarter)
         up = self.conv5(upsampled(self.conv4(eighth), eighth))
