@@ -37,8 +37,8 @@ class Step(nn.Module):
 
     def __init__(self, inputs: int, width: int = WIDTH):
         super().__init__()
-        self.per_view = nn.Conv2d(inputs, width, 3, padding=1)
-        self.of_planes = nn.Conv2d(4, width, 3, padding=1, bias=False)
+        self.inputs = inputs
+        self.per_view = block(inputs + 4, width)
         self.per_view_half = block(width, 2 * width, 2)
         self.pooled_half = nn.Sequential(block(2 * width, 4 * width), block(4 * width, 4 * width))
         self.pooled_full = block(5 * width + 4, 2 * width)
@@ -48,9 +48,14 @@ class Step(nn.Module):
             self.out.bias.zero_()
         self.to(memory_format=torch.channels_last)
 
+    def shared(self, planes: Tensor) -> Tensor:
+        """The part of the first convolution that all views have in common: of the multiplane image [D, 4, H, W]."""
+        return F.conv2d(channels_last(planes), self.per_view[0].weight[:, self.inputs :], padding=1)
+
     def features(self, view: Tensor, shared: Tensor) -> tuple[Tensor, Tensor]:
-        """One view's [D, inputs, H, W], and what all take from the multiplane image, at full and half resolution."""
-        full = F.relu(self.per_view(channels_last(view)) + shared)
+        """One view's [D, inputs, H, W], and that part, at full and half resolution."""
+        first = self.per_view[0]
+        full = F.relu(F.conv2d(channels_last(view), first.weight[:, : self.inputs], first.bias, padding=1) + shared)
         return full, self.per_view_half(full)
 
     def change(self, full: Tensor, half: Tensor, planes: Tensor) -> Tensor:
@@ -63,7 +68,7 @@ class Step(nn.Module):
         that one photo's are in memory at a time."""
         size = len(planes) if torch.is_grad_enabled() else BATCH
         parts = planes.split(size)
-        shared = [self.of_planes(channels_last(part)) for part in parts]
+        shared = [self.shared(part) for part in parts]
         pooled: list[tuple[Tensor, Tensor]] = []
         for view in views:
             for index, said in enumerate(zip(*(tensor.split(size) for tensor in view), strict=True)):
@@ -107,11 +112,6 @@ class DeepView(Method):
         rgb, alpha = torch.sigmoid(planes).split([3, 1], 1)
         image, _, valid = view_of(alpha[:, 0], rgb, camera, target, disparities)
         return Rendering(image, valid, alpha[:, 0], camera)
-
-
-def deepview(views: int) -> DeepView:
-    """The same network for any number of views."""
-    return DeepView()
 
 
 def middle(cameras: list[Camera]) -> Camera:

@@ -36,11 +36,6 @@ class Soft3D(Method):
         return Rendering(rgb, torch.ones(target.height, target.width, dtype=torch.bool))
 
 
-def soft3d(views: int) -> Soft3D:
-    """The same for any number of views."""
-    return Soft3D()
-
-
 def halved_photos(photos: Photos) -> Photos:
     """At half the resolution."""
     images = [halved(image[None])[0] for image in photos.images]
