@@ -39,7 +39,7 @@ RATE, WARM_UP = (
 AVERAGE = 0.997
 ALPHA_WEIGHT = 0.05  # of the supervision of alpha by the known depth
 TURN = 50  # steps
-VALIDATE_EVERY = 500
+VALIDATE_EVERY = 100
 STATISTICS = 12  # batches that BatchNorm's statistics are estimated over
 
 Samples = Callable[[int, int], Sample]  # by the number of views and the sample's number
