@@ -48,8 +48,7 @@ Samples = Callable[[int, int], Sample]  # by the number of views and the sample'
 def loss_of(method: Method, samples: list[Sample], count: int) -> Tensor:
     """The mean loss over samples on that many planes: on the image, and on alpha where the method has one."""
     planes = [uniform_disparities(s.near, s.far, count) for s in samples]
-    with torch.autocast("cpu", dtype=torch.bfloat16):
-        renderings = method.batch([(s.photos, s.target, d) for s, d in zip(samples, planes, strict=True)])
+    renderings = method.batch([(s.photos, s.target, d) for s, d in zip(samples, planes, strict=True)])
     total = torch.zeros(())
     for s, r, disparities in zip(samples, renderings, planes, strict=True):
         total = total + image_loss(r.rgb, s.truth, r.valid)
@@ -125,11 +124,11 @@ class Trainee:
             scene = validation[number]
             camera, image, _ = scene.target(0)
             inner = camera.with_window(124, 80, 256, 192)
-            with torch.inference_mode(), torch.autocast("cpu", dtype=torch.bfloat16):
+            with torch.inference_mode():
                 rendering = self.average(
                     scene.photos(self.entry.views), inner, uniform_disparities(NEAR, FAR, self.planes)
                 )
-            scores.append(psnr(rendering.rgb.float()[INNER], image[:, 80:272, 124:380][INNER]))
+            scores.append(psnr(rendering.rgb[INNER], image[:, 80:272, 124:380][INNER]))
         self.history.append(
             {
                 "step": self.step,

@@ -24,9 +24,9 @@ BATCH = 8  # planes per pass of the network where nothing is trained: memory doe
 class PlaneByPlane(Predictor):
     """The dynamic multiplane image: alpha and the photos' weights of each plane from that plane alone."""
 
-    def __init__(self, views: int):
+    def __init__(self, views: int, by_distance: bool = True):
         super().__init__()
-        self.net = UNet(views)
+        self.net, self.by_distance = UNet(views), by_distance
         # alphas start at 1 / planes, as those of the other methods do
         torch.nn.init.constant_(self.net.conv9.bias[:1], -math.log(USUAL - 1))
         self.net.to(memory_format=torch.channels_last)
@@ -39,11 +39,16 @@ class PlaneByPlane(Predictor):
         return torch.cat([self.net(part).float() for part in planes.split(BATCH)])
 
     def forward(self, volume: Tensor, coverage: Tensor, distances: Tensor) -> tuple[Tensor, Tensor]:
-        return blend(self.logits(volume).contiguous(), volume, coverage, distances)
+        return self.batch([(volume, coverage, distances)])[0]
 
     def batch(self, volumes: list[tuple[Tensor, Tensor, Tensor]]) -> list[tuple[Tensor, Tensor]]:
         logits = self.logits(torch.cat([volume for volume, _, _ in volumes])).split([len(v) for v, _, _ in volumes])
-        return [blend(own.contiguous(), *volume) for own, volume in zip(logits, volumes, strict=True)]
+        pairs = zip(logits, volumes, strict=True)
+        return [blend(own.contiguous(), colour, coverage, self.distances(d)) for own, (colour, coverage, d) in pairs]
+
+    def distances(self, distances: Tensor) -> Tensor:
+        """What weights are divided by: at a photo's place that photo, at distance 0, would take them all."""
+        return distances if self.by_distance else torch.ones_like(distances)
 
 
 class Competing(Method):
@@ -100,4 +105,4 @@ def from_agreement(views: int) -> Mpi:
 
 def input_centred(views: int) -> Mpi:
     """The paper's ablation: dynamic, but at a photo's place."""
-    return Mpi(PlaneByPlane(views), target_centred=False)
+    return Mpi(PlaneByPlane(views, by_distance=False), target_centred=False)
