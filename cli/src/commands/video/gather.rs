@@ -12,8 +12,8 @@ use liveview::ImageRgb;
 use liveview::Scene;
 
 use super::arrivals::{Camera, Frame, await_photos};
-use super::feed::{Delivered, Feed, Reader};
 use crate::ffmpeg::Running;
+use crate::rig::{Delivered, Feed, Reader};
 
 /// Frames that a camera may be ahead of the others.
 const AHEAD: usize = 2;

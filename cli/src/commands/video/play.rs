@@ -1,34 +1,29 @@
 //! Sets up the pipeline: cameras → time steps → frames → file, each stage in threads of its own, bounded channels between them.
 
-use std::collections::BTreeSet;
 use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use anyhow::{Result, anyhow, bail};
-use liveview::geometry::choose_views;
+use anyhow::{Result, bail};
 use liveview::live::{LiveSession, LiveSettings, Policy};
 use liveview::network::PlaneNetwork;
 use liveview::{Camera, ImageRgb, LayerSpec};
 
 use super::gather::{Clock, Faults, Gathering};
-use super::governor::Governor;
 use super::options::VideoArgs;
 use super::player::{Player, scaled};
-use super::rig::Rig;
 use super::scorer::Scorer;
 use super::sink::Sink;
 use super::summary::summary;
 use super::tally::Tally;
-use super::viewpoint::Viewpoint;
 use crate::args::layers::given_or_recommended;
 use crate::console::{Output, print_notes, progress};
+use crate::governor::Governor;
 use crate::interrupt::{self, Interrupted};
 use crate::network::Network;
 use crate::outputs::Claims;
+use crate::rig::Rig;
 
-/// Cameras read beyond those that a frame needs, in case one delivers nothing.
-const SPARE: usize = 2;
 /// Share of the time between two frames, or of the latency, that rendering may take: reading and writing need the rest.
 const SHARE: f64 = 0.9;
 
@@ -45,7 +40,8 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let policy = policy(args.policy, &layers)?;
     let mut renderers = args.model.open_smaller(views, given.as_ref())?;
     let fewest = renderers.iter().map(|renderer| renderer.network().views()).min().unwrap_or(views);
-    let read = cameras_to_read(&rig, &viewpoint, fewest, views)?;
+    let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != viewpoint.truth).collect();
+    let read = rig.cameras_for(viewpoint.cameras(), &free, (fewest, views))?;
     let (near, far) = rig.photos.depth_range(&read)?;
     let mut settings = LiveSettings::new(near, far);
     (settings.layers, settings.policy, settings.keep_exposure) = (layers.clone(), policy, args.keep_exposure);
@@ -107,19 +103,6 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     };
     let (played, file) = player.play(&gathering, sink)?;
     Ok(summary(&rig, &viewpoint, &played, file.as_deref(), &model, (&layers, policy)))
-}
-
-/// The cameras to read: the nearest of each target camera, some more than a frame needs, without the one held out.
-fn cameras_to_read(rig: &Rig, viewpoint: &Viewpoint, fewest: usize, views: usize) -> Result<Vec<usize>> {
-    let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != viewpoint.truth).collect();
-    let cameras: Vec<&Camera> = rig.photos.cameras(&free).collect();
-    let mut read = BTreeSet::new();
-    for target in viewpoint.cameras() {
-        let some = (fewest..=views + SPARE).rev().find_map(|count| choose_views(&cameras, target, count).ok());
-        let some = some.map_or_else(|| choose_views(&cameras, target, fewest), Ok);
-        read.extend(some.map_err(|error| anyhow!("{}: {error}", rig.photos.scene().root.display()))?);
-    }
-    Ok(read.into_iter().map(|camera| free[camera]).collect())
 }
 
 /// The policy given, if it suits the layers, or the default for them.

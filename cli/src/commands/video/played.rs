@@ -5,9 +5,9 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::gather::Faults;
-use super::governor::Level;
 use super::tally::Tally;
 use super::writer::Written;
+use crate::governor::Level;
 
 /// The results of a video.
 pub(super) struct Played {

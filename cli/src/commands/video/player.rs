@@ -11,9 +11,7 @@ use indicatif::ProgressBar;
 use liveview::live::{LiveError, LiveSession};
 use liveview::{Camera, ImageRgb};
 
-use super::feed::Feed;
 use super::gather::{Clock, Faults, Gathering, Step};
-use super::governor::{Governor, Level};
 use super::played::Played;
 use super::scorer::Scorer;
 use super::sink::Sink;
@@ -21,8 +19,10 @@ use super::tally::Tally;
 use super::viewpoint::Viewpoint;
 use super::writer::{Shown, write};
 use crate::console::print_message;
+use crate::governor::{Governor, Level};
 use crate::interrupt::{self, Interrupted};
 use crate::network::Network;
+use crate::rig::Feed;
 
 /// Frames between the renderer and the writer.
 const AHEAD: usize = 2;

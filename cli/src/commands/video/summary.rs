@@ -9,11 +9,11 @@ use liveview::live::Policy;
 use serde_json::{Value, json};
 
 use super::played::{Played, changes_json};
-use super::rig::Rig;
 use super::tally::STAGES;
 use super::viewpoint::Viewpoint;
 use crate::args::model_info::ModelInfo;
 use crate::console::{Output, shown};
+use crate::rig::Rig;
 
 const BORDER: usize = Score::BORDER;
 

@@ -22,10 +22,10 @@ const DEPTH: f64 = 6.0;
 
 /// A level: the work of a frame.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Level {
-    pub(super) layers: LayerSpec,
+pub(crate) struct Level {
+    pub(crate) layers: LayerSpec,
     /// Scale of the target's sides, at most 1.
-    pub(super) scale: f64,
+    pub(crate) scale: f64,
 }
 
 impl Level {
@@ -41,13 +41,13 @@ impl Level {
         layers as f64 * self.scale * self.scale + depth
     }
 
-    pub(super) fn json(&self) -> Value {
+    pub(crate) fn json(&self) -> Value {
         json!({ "layers": self.layers.to_string(), "scale": self.scale })
     }
 }
 
 /// Chooses the level from the frames' times.
-pub(super) struct Governor {
+pub(crate) struct Governor {
     budget: Duration,
     /// The most work first.
     levels: Vec<Level>,
@@ -60,7 +60,7 @@ pub(super) struct Governor {
 impl Governor {
     /// Levels from these layers down: fewer guided ones, and below surface layers guided ones, of which only a single one makes a picture
     /// where no network tells their opacities; planes stay, and only the size changes.
-    pub(super) fn new(budget: Duration, layers: &LayerSpec, opacities: bool) -> Self {
+    pub(crate) fn new(budget: Duration, layers: &LayerSpec, opacities: bool) -> Self {
         let fewer = match *layers {
             LayerSpec::Guided { layers, coarse_planes } => {
                 let fewer = [4, 2, 1].into_iter().filter(|&fewer| fewer < layers);
@@ -80,19 +80,19 @@ impl Governor {
         Self { budget, levels, at: 0, late: 0, room: 0, patience: ROOM }
     }
 
-    pub(super) fn level(&self) -> &Level {
+    pub(crate) fn level(&self) -> &Level {
         &self.levels[self.at]
     }
 
     /// The scales of all levels.
-    pub(super) fn scales(&self) -> Vec<f64> {
+    pub(crate) fn scales(&self) -> Vec<f64> {
         let mut scales: Vec<f64> = self.levels.iter().map(|level| level.scale).collect();
         scales.dedup();
         scales
     }
 
     /// Records the time of a frame; the new level, if it changes.
-    pub(super) fn note(&mut self, took: Duration) -> Option<&Level> {
+    pub(crate) fn note(&mut self, took: Duration) -> Option<&Level> {
         let share = took.as_secs_f64() / self.budget.as_secs_f64();
         let now = self.level().work();
         let expected = |level: &Level| share * level.work() / now;

@@ -1,27 +1,37 @@
 //! A camera rig: a folder with a folder of frames or a video file for each camera, and their poses in any format. Opened as a
 //! scene whose photos are the cameras' first frames.
 
+mod feed;
+mod frame_names;
+mod steps;
+
+use std::collections::BTreeSet;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Result, anyhow, bail};
+use liveview::geometry::choose_views;
 use liveview::image::ImageError;
 use liveview::scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError};
-use liveview::{ImageRgb, PhotoCache, Scene, SceneOptions};
+use liveview::{Camera, ImageRgb, PhotoCache, Scene, SceneOptions};
 
-use super::feed::{Feed, FirstFrame};
-use super::steps::{align, match_rates};
 use crate::args::scene::SceneArgs;
+use feed::FirstFrame;
+use steps::{align, match_rates};
+
+pub(crate) use feed::{Delivered, Feed, Reader};
 
 /// Folders of a rig that may hold its cameras.
 const FOLDERS: [&str; 4] = ["", "images", "frames", "videos"];
+/// Cameras read beyond those that a frame needs.
+const SPARE: usize = 2;
 
 /// A rig: the poses and what each delivers.
-pub(super) struct Rig {
-    pub(super) photos: PhotoCache,
+pub(crate) struct Rig {
+    pub(crate) photos: PhotoCache,
     /// One per view of the scene.
-    pub(super) feeds: Vec<Feed>,
+    pub(crate) feeds: Vec<Feed>,
 }
 
 impl Rig {
@@ -29,9 +39,30 @@ impl Rig {
     ///
     /// # Errors
     /// No cameras, fewer than two that can be read, or no poses; what the scene refuses.
-    pub(super) fn open(args: &SceneArgs) -> Result<Self> {
+    pub(crate) fn open(args: &SceneArgs) -> Result<Self> {
         let (scene, feeds) = open_scene(args.folder(), &args.options())?;
         Ok(Self { photos: args.with_depth(scene), feeds })
+    }
+
+    /// The cameras to read for these targets: of each the nearest that are free, some more than a frame needs (`views`, or with a smaller
+    /// network `fewest`), in case one delivers nothing.
+    ///
+    /// # Errors
+    /// Fewer than `fewest` look a target's way.
+    pub(crate) fn cameras_for(
+        &self,
+        targets: &[Camera],
+        free: &[usize],
+        (fewest, views): (usize, usize),
+    ) -> Result<Vec<usize>> {
+        let cameras: Vec<&Camera> = self.photos.cameras(free).collect();
+        let mut read = BTreeSet::new();
+        for target in targets {
+            let some = (fewest..=views + SPARE).rev().find_map(|count| choose_views(&cameras, target, count).ok());
+            let some = some.map_or_else(|| choose_views(&cameras, target, fewest), Ok);
+            read.extend(some.map_err(|error| anyhow!("{}: {error}", self.photos.scene().root.display()))?);
+        }
+        Ok(read.into_iter().map(|camera| free[camera]).collect())
     }
 }
 

@@ -16,9 +16,9 @@ const VIDEOS: [&str; 7] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
 
 /// A camera's frames, unread.
 #[derive(Debug, Clone)]
-pub(super) struct Feed {
+pub(crate) struct Feed {
     /// Of its folder, or of its file without the ending.
-    pub(super) name: String,
+    pub(crate) name: String,
     frames: Frames,
 }
 
@@ -31,7 +31,7 @@ enum Frames {
 
 impl Feed {
     /// The cameras of a rig: folders of photos and video files in a folder, in byte order of their names.
-    pub(super) fn all_in(folder: &Path) -> Result<Vec<Self>> {
+    pub(crate) fn all_in(folder: &Path) -> Result<Vec<Self>> {
         let mut feeds = Vec::new();
         for entry in std::fs::read_dir(folder).with_context(|| folder.display().to_string())? {
             let path = entry?.path();
@@ -57,7 +57,7 @@ impl Feed {
     }
 
     /// Time steps, where they can be told without reading: one more than the last.
-    pub(super) fn steps(&self) -> Option<usize> {
+    pub(crate) fn steps(&self) -> Option<usize> {
         match &self.frames {
             Frames::Photos(photos) => photos.last_key_value().map(|(last, _)| last + 1),
             Frames::Video(..) => None,
@@ -65,7 +65,7 @@ impl Feed {
     }
 
     /// The photos, if they are that.
-    pub(super) fn photos_mut(&mut self) -> Option<(&str, &mut Photos)> {
+    pub(crate) fn photos_mut(&mut self) -> Option<(&str, &mut Photos)> {
         match &mut self.frames {
             Frames::Photos(photos) => Some((&self.name, photos)),
             Frames::Video(..) => None,
@@ -73,7 +73,7 @@ impl Feed {
     }
 
     /// The frame rate, if it is a video.
-    pub(super) fn rate(&self) -> Result<Option<FrameRate>> {
+    pub(crate) fn rate(&self) -> Result<Option<FrameRate>> {
         match &self.frames {
             Frames::Photos(_) => Ok(None),
             Frames::Video(path, _) => Decoder::rate(path).map(Some),
@@ -81,7 +81,7 @@ impl Feed {
     }
 
     /// Lets a video deliver the frames shown at the times of a rate.
-    pub(super) fn set_rate(&mut self, steps: FrameRate) {
+    pub(crate) fn set_rate(&mut self, steps: FrameRate) {
         if let Frames::Video(_, rate) = &mut self.frames {
             *rate = Some(steps);
         }
@@ -91,7 +91,7 @@ impl Feed {
     ///
     /// # Errors
     /// None can; what is wrong with the first.
-    pub(super) fn first_frame(&self) -> Result<FirstFrame> {
+    pub(crate) fn first_frame(&self) -> Result<FirstFrame> {
         match &self.frames {
             Frames::Photos(photos) => {
                 let mut failed = None;
@@ -114,7 +114,7 @@ impl Feed {
     ///
     /// # Errors
     /// It is damaged, or gone.
-    pub(super) fn load_first(&self, first: &FirstFrame) -> Result<ImageRgb> {
+    pub(crate) fn load_first(&self, first: &FirstFrame) -> Result<ImageRgb> {
         match &self.frames {
             Frames::Photos(_) => Ok(image::load(&first.path)?),
             Frames::Video(path, _) => first_of_video(path),
@@ -122,7 +122,7 @@ impl Feed {
     }
 
     /// Its frames, from the first on.
-    pub(super) fn open(&self) -> Result<Reader> {
+    pub(crate) fn open(&self) -> Result<Reader> {
         Ok(match &self.frames {
             Frames::Photos(photos) => Reader::Photos(photos.clone()),
             Frames::Video(path, rate) => Reader::Video(Decoder::start(path, *rate)?),
@@ -132,11 +132,11 @@ impl Feed {
 
 /// The first frame of a camera that can be read.
 #[derive(Debug, Clone)]
-pub(super) struct FirstFrame {
+pub(crate) struct FirstFrame {
     /// Its file, or that of the video.
-    pub(super) path: PathBuf,
+    pub(crate) path: PathBuf,
     /// In pixels.
-    pub(super) size: Size,
+    pub(crate) size: Size,
 }
 
 fn first_of_video(path: &Path) -> Result<ImageRgb> {
@@ -145,13 +145,13 @@ fn first_of_video(path: &Path) -> Result<ImageRgb> {
 }
 
 /// Frames of a camera in the order of time.
-pub(super) enum Reader {
+pub(crate) enum Reader {
     Photos(Photos),
     Video(Decoder),
 }
 
 /// What a camera has at a time step.
-pub(super) enum Delivered {
+pub(crate) enum Delivered {
     Photo(ImageRgb),
     /// No file for this step, though there are later ones.
     Missing,
@@ -164,7 +164,7 @@ impl Reader {
     ///
     /// # Errors
     /// A photo that is damaged; a decoder that failed.
-    pub(super) fn read(&mut self, step: usize) -> Result<Delivered> {
+    pub(crate) fn read(&mut self, step: usize) -> Result<Delivered> {
         match self {
             Self::Photos(photos) => match photos.get(&step) {
                 Some(path) => Ok(Delivered::Photo(image::load(path)?)),
@@ -176,7 +176,7 @@ impl Reader {
     }
 
     /// Passes over the frame of a time step; whether there may be more.
-    pub(super) fn skip(&mut self, step: usize) -> Result<bool> {
+    pub(crate) fn skip(&mut self, step: usize) -> Result<bool> {
         match self {
             Self::Photos(photos) => Ok(photos.range(step..).next().is_some()),
             Self::Video(decoder) => decoder.skip(),
