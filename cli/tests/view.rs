@@ -3,154 +3,17 @@
 mod common;
 
 use std::fs;
-use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpStream;
-use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::os::unix::fs::PermissionsExt;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
+use common::viewer::{PATIENCE, Viewer, moved};
 use common::{Folders, fixture};
 use serde_json::{Value, json};
-use tungstenite::client::IntoClientRequest;
+use tungstenite::Message;
 use tungstenite::protocol::frame::coding::CloseCode;
-use tungstenite::{Message, WebSocket};
-
-/// Longer than anything takes, so that a test fails and does not hang.
-const PATIENCE: Duration = Duration::from_secs(60);
-
-/// A running viewer of the tiny scene.
-struct Viewer {
-    child: Child,
-    host: String,
-    query: String,
-}
-
-impl Viewer {
-    fn start(folders: &Folders, arguments: &[&str]) -> Self {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_liveview"));
-        command.arg("view").arg(folders.scene()).args(["--port", "0", "--model", &fixture("tiny_v4")]).args(arguments);
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        let lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
-        let link = lines.inspect(|line| eprintln!("{line}")).find(|line| line.starts_with("open: ")).expect("a link");
-        let (host, query) = link["open: http://".len()..].split_once('/').unwrap();
-        let query = query.split_whitespace().next().filter(|query| query.starts_with('?')).unwrap_or_default();
-        Self { child, host: host.to_owned(), query: query.to_owned() }
-    }
-
-    fn stream(&self) -> TcpStream {
-        let stream = TcpStream::connect(&self.host).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        stream
-    }
-
-    /// Status and body of a request with these headers; `Host` is the viewer's unless they name one.
-    fn ask(&self, first: &str, headers: &[(&str, &str)], body: &str) -> (u16, Vec<u8>) {
-        let host = ("Host", self.host.as_str());
-        let named = headers.iter().any(|(name, _)| *name == "Host");
-        let headers =
-            headers.iter().chain((!named).then_some(&host)).map(|(name, value)| format!("{name}: {value}\r\n"));
-        let head = format!("{first} HTTP/1.1\r\n{}Content-Length: {}\r\n", headers.collect::<String>(), body.len());
-        let mut stream = self.stream();
-        stream.write_all(format!("{head}Connection: close\r\n\r\n{body}").as_bytes()).unwrap();
-        let mut answer = Vec::new();
-        stream.read_to_end(&mut answer).unwrap();
-        let end = answer.windows(4).position(|bytes| bytes == b"\r\n\r\n").unwrap();
-        let status = std::str::from_utf8(&answer[9..12]).unwrap().parse().unwrap();
-        (status, answer.split_off(end + 4))
-    }
-
-    fn status(&self, first: &str, headers: &[(&str, &str)]) -> u16 {
-        self.ask(first, headers, "").0
-    }
-
-    /// A client, or the status with which it was refused.
-    fn open(&self, headers: &[(&'static str, &str)]) -> Result<Client, u16> {
-        let mut request = format!("ws://{}/socket{}", self.host, self.query).into_client_request().unwrap();
-        for (name, value) in headers {
-            request.headers_mut().insert(*name, value.parse().unwrap());
-        }
-        match tungstenite::client(request, self.stream()) {
-            Ok((socket, _)) => Ok(Client { socket }),
-            Err(tungstenite::HandshakeError::Failure(tungstenite::Error::Http(answer))) => {
-                Err(answer.status().as_u16())
-            }
-            Err(error) => panic!("{error}"),
-        }
-    }
-
-    /// A client that was told of the scene.
-    fn client(&self) -> (Client, Value) {
-        let mut client = self.open(&[("Origin", &format!("http://{}", self.host))]).unwrap();
-        let hello = client.text();
-        (client, hello)
-    }
-
-    /// Ctrl-C: the exit code and what was printed.
-    fn end(mut self) -> (Option<i32>, String) {
-        assert!(Command::new("kill").args(["-INT", &self.child.id().to_string()]).status().unwrap().success());
-        let mut printed = String::new();
-        self.child.stdout.take().unwrap().read_to_string(&mut printed).unwrap();
-        (self.child.wait().unwrap().code(), printed)
-    }
-}
-
-impl Drop for Viewer {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-struct Client {
-    socket: WebSocket<TcpStream>,
-}
-
-impl Client {
-    fn send(&mut self, message: &Value) {
-        self.socket.send(Message::text(message.to_string())).unwrap();
-    }
-
-    fn look(&mut self, id: u64, camera: &Value, moving: bool) {
-        self.send(&json!({ "id": id, "camera": camera, "moving": moving, "depth": false }));
-    }
-
-    /// The next message that is not a ping.
-    fn next(&mut self) -> Message {
-        loop {
-            match self.socket.read().unwrap() {
-                Message::Ping(_) | Message::Pong(_) => {}
-                message => return message,
-            }
-        }
-    }
-
-    fn text(&mut self) -> Value {
-        serde_json::from_str(self.next().to_text().unwrap()).unwrap()
-    }
-
-    /// Header and picture of the next frame.
-    fn frame(&mut self) -> (Value, Vec<u8>) {
-        let data = self.next().into_data();
-        let (length, rest) = data.split_at(4);
-        let (header, picture) = rest.split_at(u32::from_le_bytes(length.try_into().unwrap()) as usize);
-        (serde_json::from_slice(header).unwrap(), picture.to_vec())
-    }
-
-    /// Code and reason with which it is closed.
-    fn closed(&mut self) -> (CloseCode, String) {
-        match self.next() {
-            Message::Close(Some(why)) => (why.code, why.reason.to_string()),
-            other => panic!("{other:?}"),
-        }
-    }
-}
-
-/// The camera of a view as told, moved to the right in its own axes.
-fn moved(hello: &Value, view: usize, by: f64) -> Value {
-    let mut camera = hello["views"][view]["camera"].clone();
-    let x = camera["cam_from_world"][0][3].as_f64().unwrap();
-    camera["cam_from_world"][0][3] = (x - by).into();
-    camera
-}
 
 #[test]
 fn pictures_arrive_and_at_rest_they_are_those_of_render() {
@@ -168,7 +31,8 @@ fn pictures_arrive_and_at_rest_they_are_those_of_render() {
     client.look(2, &camera, false);
     let (header, shown) = client.frame();
     assert_eq!((&header["id"], &header["width"], &header["layers"]), (&2.into(), &64.into(), &"guided:2".into()));
-    let (status, saved) = viewer.ask(&format!("POST /picture{}", viewer.query), &[], &camera.to_string());
+    let (status, saved) =
+        viewer.ask(&format!("POST /picture{}", viewer.query), &[], &json!({ "camera": camera }).to_string());
     assert_eq!(status, 200);
     let (pose, picture) = (folders.out("pose.json"), folders.out("pose.png"));
     fs::write(&pose, camera.to_string()).unwrap();
@@ -177,9 +41,9 @@ fn pictures_arrive_and_at_rest_they_are_those_of_render() {
     assert!(shown == rendered && saved == rendered);
 
     // A camera that was not shown is rendered for the file; a damaged one is refused.
-    let (status, other) = viewer.ask("POST /picture", &[], &moved(&hello, 1, 0.0).to_string());
+    let (status, other) = viewer.ask("POST /picture", &[], &json!({ "camera": moved(&hello, 1, 0.0) }).to_string());
     assert!(status == 200 && other != rendered);
-    let (status, reason) = viewer.ask("POST /picture", &[], r#"{"cam_from_world": 3}"#);
+    let (status, reason) = viewer.ask("POST /picture", &[], r#"{"camera": {"cam_from_world": 3}}"#);
     assert!(status == 400 && String::from_utf8_lossy(&reason).contains("3 or 4 rows of 4 numbers"));
     assert_eq!(viewer.ask("POST /picture", &[], &"x".repeat(5000)).0, 413);
 
@@ -247,11 +111,19 @@ fn a_chosen_address_needs_the_token_of_the_link() {
     let folders = Folders::new();
     let mut viewer = Viewer::start(&folders, &["--layers", "guided:1", "--bind", "127.0.0.1"]);
     assert!(viewer.query.starts_with("?token="));
+    for request in ["GET /", "GET /photo/0", "POST /picture", "GET /socket", "GET /photo/9"] {
+        for query in
+            ["", "?token=", "?token=00", &format!("{}0", viewer.query), &viewer.query.replace("token", "other")]
+        {
+            assert_eq!(viewer.status(&format!("{request}{query}"), &[]), 403, "{request}{query}");
+        }
+    }
     for path in ["/", "/photo/0"] {
-        assert_eq!(viewer.status(&format!("GET {path}"), &[]), 403);
-        assert_eq!(viewer.status(&format!("GET {path}?token=00"), &[]), 403);
         assert_eq!(viewer.status(&format!("GET {path}{}", viewer.query), &[]), 200);
     }
+    // No picture is asked for without a camera, and no socket without an upgrade.
+    assert_eq!(viewer.status(&format!("POST /picture{}", viewer.query), &[]), 400);
+    assert_eq!(viewer.status(&format!("GET /socket{}", viewer.query), &[]), 400);
     let origin = ("Origin", "http://evil.example");
     assert_eq!(viewer.status(&format!("GET /{}", viewer.query), &[origin]), 403);
     viewer.client();
@@ -308,7 +180,7 @@ fn a_held_out_photo_is_scored_and_not_rendered_from() {
 #[test]
 fn what_cannot_be_shown_is_refused_at_once() {
     let folders = Folders::new();
-    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
     let model = fixture("tiny_v4");
     let refused = |arguments: &[&str], words: &[&str]| {
@@ -319,4 +191,108 @@ fn what_cannot_be_shown_is_refused_at_once() {
     refused(&["--port", "0", "--heldout", "1"], &["--heldout 1", "expected 2 or more"]);
     refused(&["--port", "0", "--target", "7"], &["7"]);
     refused(&["--port", "0", "--heldout", "2"], &["4 views are needed"]);
+}
+
+/// What a raw connection is answered before it is closed.
+fn raw(mut stream: TcpStream, sent: &str) -> String {
+    // It may be closed before all is sent.
+    let _ = stream.write_all(sent.as_bytes());
+    let mut answer = Vec::new();
+    let _ = stream.read_to_end(&mut answer);
+    String::from_utf8_lossy(&answer).into_owned()
+}
+
+#[test]
+fn heads_are_limited_and_whoever_is_slow_is_cut_off() {
+    let folders = Folders::new();
+    let viewer = Viewer::start(&folders, &["--layers", "guided:1", "--bind", "127.0.0.1"]);
+    let head = format!("GET /{} HTTP/1.1\r\nHost: {}\r\n", viewer.query, viewer.host);
+    assert!(raw(viewer.stream(), &format!("{head}Connection: close\r\n\r\n")).starts_with("HTTP/1.1 200"));
+    let long = format!("{head}X-Long: {}\r\n\r\n", "x".repeat(20_000));
+    let many: String = (0..70).map(|i| format!("X-{i}: 1\r\n")).collect();
+    for head in [long, format!("{head}{many}\r\n")] {
+        assert!(raw(viewer.stream(), &head).starts_with("HTTP/1.1 431"));
+    }
+    let body =
+        format!("POST /picture{} HTTP/1.1\r\nHost: {}\r\nContent-Length: 100\r\n\r\n{{", viewer.query, viewer.host);
+    let (mut good, hello) = viewer.client();
+    // Each of them would wait for a minute: half a head, nothing at all, half a body, and a second request that never comes.
+    let began = Instant::now();
+    std::thread::scope(|scope| {
+        let [half, nothing, body, idle] = [head.clone(), String::new(), body, format!("{head}\r\n")].map(|sent| {
+            let stream = viewer.stream();
+            scope.spawn(move || raw(stream, &sent))
+        });
+        good.look(1, &moved(&hello, 2, 0.0), true);
+        assert_eq!(good.frame().0["id"], 1);
+        let answers = [half, nothing, body, idle].map(|slow| slow.join().unwrap());
+        assert!(answers[0].is_empty() || answers[0].starts_with("HTTP/1.1 408"), "{}", answers[0]);
+        assert_eq!(answers[1], "");
+        assert!(answers[2].starts_with("HTTP/1.1 408"), "{}", answers[2]);
+        assert!(answers[3].starts_with("HTTP/1.1 200"), "{}", answers[3]);
+    });
+    assert!(began.elapsed() < PATIENCE, "{:?}", began.elapsed());
+}
+
+#[test]
+fn connections_are_limited_and_sockets_go_on() {
+    let folders = Folders::new();
+    let viewer = Viewer::start(&folders, &["--layers", "guided:1"]);
+    let (mut good, hello) = viewer.client();
+    let mut idle: Vec<TcpStream> = (0..64).map(|_| viewer.stream()).collect();
+    let mut late = viewer.stream();
+    late.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
+    late.write_all(format!("GET / HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", viewer.host).as_bytes()).unwrap();
+    let mut answer = [0; 12];
+    assert!(late.read_exact(&mut answer).is_err(), "no place is free");
+    good.look(1, &moved(&hello, 2, 0.0), true);
+    assert_eq!(good.frame().0["id"], 1);
+    idle.pop();
+    late.set_read_timeout(Some(PATIENCE)).unwrap();
+    late.read_exact(&mut answer).unwrap();
+    assert_eq!(&answer, b"HTTP/1.1 200");
+}
+
+/// A folder to be the PATH, with programs of these names that write their arguments into a file.
+fn browsers(folders: &Folders, names: &[&str]) -> (String, PathBuf) {
+    let (path, opened) = (folders.scene().join("bin"), folders.scene().join("opened"));
+    fs::create_dir_all(&path).unwrap();
+    for name in names {
+        let file = path.join(name);
+        fs::write(&file, format!("#!/bin/sh\necho \"$@\" > '{0}.part'\n/bin/mv '{0}.part' '{0}'\n", opened.display()))
+            .unwrap();
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    (path.to_str().unwrap().to_owned(), opened)
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn the_browser_is_opened_where_asked_and_else_that_is_told() {
+    let folders = Folders::new();
+    for (arguments, names) in [(&["--open"][..], &["xdg-open"][..]), (&["--open"], &[]), (&[], &["xdg-open"])] {
+        let arguments = [&["--layers", "guided:1", "--bind", "127.0.0.1"], arguments].concat();
+        let (path, opened) = browsers(&folders, names);
+        let mut viewer = Viewer::start_with(&folders, &arguments, |command| {
+            command.env("PATH", &path);
+        });
+        let link = format!("http://{}/{}", viewer.host, viewer.query);
+        match (arguments.len(), names.len()) {
+            (5, 1) => {
+                while !opened.exists() {
+                    std::thread::sleep(Duration::from_millis(10));
+                }
+                assert_eq!(fs::read_to_string(&opened).unwrap().trim(), link);
+                fs::remove_file(&opened).unwrap();
+            }
+            (5, _) => {
+                let note = viewer.lines.next().unwrap();
+                assert!(note.starts_with("note: --open: no browser could be started"), "{note}");
+            }
+            _ => assert!(!opened.exists()),
+        }
+        // It serves all the same.
+        assert_eq!(viewer.status(&format!("GET /{}", viewer.query), &[]), 200);
+        fs::remove_dir_all(path).unwrap();
+    }
 }

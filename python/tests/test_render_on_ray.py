@@ -14,6 +14,7 @@ SCENE = ROOT / "tests" / "scenes" / "workshop"
 PYTHON = ROOT / ".venv-ray" / "bin" / "python"
 LIVEVIEW = ROOT / "target" / "release" / "liveview"
 JOB = ["--path", "circle:24", "--network", "none", "--width", "252"]
+CPUS = max(1, (os.cpu_count() or 1) // 2)  # of a shard, so that two run at a time
 
 pytestmark = [
     pytest.mark.skipif(not PYTHON.exists(), reason="needs `make setup-ray`"),
@@ -57,7 +58,7 @@ def test_a_worker_that_is_killed_is_replaced(tmp_path):
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     one = [str(LIVEVIEW), "render", str(SCENE), "-o", str(whole), "--threads=1", *JOB]
     subprocess.run(one, check=True, capture_output=True)
-    driver = on_ray(parts, "--shards=4", f"--join={tmp_path / 'table.json'}", "--", *JOB)
+    driver = on_ray(parts, "--shards=4", f"--cpus={CPUS}", f"--join={tmp_path / 'table.json'}", "--", *JOB)
     shards = []
     while not shards:
         assert driver.poll() is None, driver.communicate()

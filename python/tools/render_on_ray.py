@@ -19,6 +19,7 @@ import ray
 from ray.exceptions import RayError, RayTaskError
 
 ROOT = Path(__file__).resolve().parents[2]
+STARTS = 5
 
 
 class ShardFailed(Exception):
@@ -33,9 +34,22 @@ def render_shard(command: list[str]) -> str:
     return next(line for line in done.stdout.splitlines() if line.startswith("shard")).removeprefix("shard").strip()
 
 
+def start(address: str, tell) -> None:
+    """Connects to a cluster, or starts one on this machine: a busy one may need longer than the 30 s that Ray gives it."""
+    for tries in range(STARTS):
+        try:
+            ray.init(address=address, log_to_driver=False, include_dashboard=False, logging_level="warning")
+            return
+        except Exception as error:  # Ray has no class of its own for it
+            if "timed out during startup" not in str(error) or tries + 1 == STARTS:
+                raise
+            tell("Ray did not start in time; once more")
+            ray.shutdown()
+
+
 def render(args, tell) -> list[str]:
     """All shards; returns what failed, a line each."""
-    ray.init(address=args.address, log_to_driver=False, include_dashboard=False, logging_level="warning")
+    start(args.address, tell)
     # What dies is submitted again here, where it can be told.
     remote = ray.remote(num_cpus=args.cpus, max_retries=0)(render_shard)
     base = [args.liveview, "render", str(args.scene), "-o", str(args.output), "--resume", f"--threads={args.cpus}"]

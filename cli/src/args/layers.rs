@@ -70,6 +70,16 @@ impl LayerArgs {
         Matched { exposure: !self.keep_exposure, sharpness: !self.keep_sharpness }
     }
 
+    /// Those of the options given that a rig's video has no use for.
+    pub(crate) fn unused_for_video(&self) -> Vec<&'static str> {
+        let given = [
+            ("--opaque", self.opaque > 0.0),
+            ("--keep-sharpness", self.keep_sharpness),
+            ("--cache", self.cache.is_some()),
+        ];
+        given.into_iter().filter_map(|(option, given)| given.then_some(option)).collect()
+    }
+
     /// The layers of these options, if any are given.
     pub(crate) fn given(&self) -> Option<LayerSpec> {
         self.layers.clone().or_else(|| self.quality.map(Into::into))

@@ -53,6 +53,17 @@ impl Decoder {
         }
     }
 
+    /// The number of frames of a video.
+    pub(crate) fn count(path: &Path) -> Result<usize> {
+        // A line for each packet, which holds a frame, and lines of comment.
+        let mut decoder = Self::start_with(path, &["-map", "0:v:0", "-c", "copy", "-f", "framecrc"])?;
+        let count = decoder.reading(|pipe| {
+            let lines = pipe.lines().map(|line| line.map(|line| usize::from(!line.starts_with('#'))));
+            lines.sum::<io::Result<usize>>()
+        })?;
+        if decoder.process.wait()?.success() { Ok(count) } else { Err(decoder.failed()) }
+    }
+
     /// A handle with which another thread can end ffmpeg, while this one waits for a frame.
     pub(crate) fn running(&self) -> Running {
         self.process.running()

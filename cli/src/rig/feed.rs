@@ -64,6 +64,26 @@ impl Feed {
         }
     }
 
+    /// Time steps; those of a video are counted by ffmpeg, without decoding.
+    ///
+    /// # Errors
+    /// Of a video: ffmpeg cannot read it.
+    pub(crate) fn count_steps(&self) -> Result<usize> {
+        match &self.frames {
+            Frames::Photos(_) => Ok(self.steps().unwrap_or(0)),
+            Frames::Video(path, None) => Decoder::count(path),
+            Frames::Video(path, Some(steps)) => {
+                let seconds = Decoder::count(path)? as f64 / Decoder::rate(path)?.per_second();
+                Ok((seconds * steps.per_second()).round().max(1.0) as usize)
+            }
+        }
+    }
+
+    /// Whether it is a video file.
+    pub(crate) fn is_video(&self) -> bool {
+        matches!(self.frames, Frames::Video(..))
+    }
+
     /// The photos, if they are that.
     pub(crate) fn photos_mut(&mut self) -> Option<(&str, &mut Photos)> {
         match &mut self.frames {

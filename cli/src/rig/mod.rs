@@ -5,7 +5,7 @@ mod feed;
 mod frame_names;
 mod steps;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -16,6 +16,7 @@ use liveview::image::ImageError;
 use liveview::scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError};
 use liveview::{Camera, ImageRgb, PhotoCache, Scene, SceneOptions};
 
+use crate::args::frame_rate::FrameRate;
 use crate::args::scene::SceneArgs;
 use feed::FirstFrame;
 use steps::{align, match_rates};
@@ -42,6 +43,48 @@ impl Rig {
     pub(crate) fn open(args: &SceneArgs) -> Result<Self> {
         let (scene, feeds) = open_scene(args.folder(), &args.options())?;
         Ok(Self { photos: args.with_depth(scene), feeds })
+    }
+
+    /// Opens a folder if it is a rig; else it is a scene, or nothing that can be opened.
+    ///
+    /// A rig has several cameras in folders or videos of their own, one of several frames at least, and no camera of a folder moves.
+    ///
+    /// # Errors
+    /// Those of [`Self::open`] where there are videos.
+    pub(crate) fn find(args: &SceneArgs) -> Result<Option<Self>> {
+        let feeds = find(args.folder()).unwrap_or_default();
+        if feeds.is_empty() || feeds.iter().all(|feed| feed.steps().is_some_and(|steps| steps < 2)) {
+            return Ok(None);
+        }
+        if let Ok(scene) = Scene::open(args.folder(), &args.options())
+            && !is_of_rig(&scene)
+        {
+            return Ok(None);
+        }
+        match Self::open(args) {
+            Ok(rig) => Ok(Some(rig)),
+            Err(error) if feeds.iter().any(Feed::is_video) => Err(error),
+            // What opening it as a scene says is nearer to the cause.
+            Err(_) => Ok(None),
+        }
+    }
+
+    /// Time steps of these cameras.
+    ///
+    /// # Errors
+    /// A video that ffmpeg cannot read.
+    pub(crate) fn steps(&self, cameras: &[usize]) -> Result<usize> {
+        let steps = cameras.iter().map(|&camera| self.feeds[camera].count_steps());
+        Ok(steps.collect::<Result<Vec<_>>>()?.into_iter().max().unwrap_or(0))
+    }
+
+    /// The rate of its steps, where they are those of videos.
+    ///
+    /// # Errors
+    /// A video that ffmpeg cannot read.
+    pub(crate) fn rate(&self) -> Result<Option<FrameRate>> {
+        let rates = self.feeds.iter().map(Feed::rate).collect::<Result<Vec<_>>>()?;
+        Ok(rates.into_iter().flatten().min())
     }
 
     /// The cameras to read for these targets: of each the nearest that are free, some more than a frame needs (`views`, or with a smaller
@@ -107,6 +150,16 @@ fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)>
     let feed = |name: &str| photos.named(name).expect("views are named after their cameras").feed.clone();
     let feeds = scene.views.iter().map(|view| feed(&view.name)).collect();
     Ok((scene, feeds))
+}
+
+/// Whether the photos of a scene lie in several folders, and those of one folder have one pose.
+fn is_of_rig(scene: &Scene) -> bool {
+    let mut folders: BTreeMap<&Path, &Camera> = BTreeMap::new();
+    let of_one_pose = scene.views.iter().all(|view| {
+        let folder = view.image_path().parent().unwrap_or(Path::new(""));
+        *folders.entry(folder).or_insert(&view.camera) == &view.camera
+    });
+    of_one_pose && folders.len() > 1
 }
 
 /// The first folder that holds cameras.
@@ -229,6 +282,16 @@ mod tests {
         assert!(scene.views.iter().all(|view| view.image_path().ends_with(format!("{}/1.png", view.name))));
         assert_eq!((scene.load_image(0).unwrap().width(), scene.load_image(0).unwrap().height()), (8, 6));
         (names, scene.notes)
+    }
+
+    #[test]
+    fn a_rig_is_told_from_a_scene_by_its_poses() {
+        let opened = |root: &TempDir| Scene::open(root.path(), &SceneOptions::default()).unwrap();
+        let root = rig("transforms.json", &transforms(&["a/1.png", "a/2.png", "c/1.png"]));
+        assert!(is_of_rig(&opened(&root)), "every frame listed, no camera moves");
+        let moving = transforms(&["a/1.png", "a/2.png", "c/1.png"]).replacen("[1, 0, 0, 0]", "[1, 0, 0, 3]", 1);
+        assert!(!is_of_rig(&opened(&rig("transforms.json", &moving))), "photos taken on the way");
+        assert!(!is_of_rig(&opened(&rig("transforms.json", &transforms(&["a/1.png", "a/2.png"])))), "one folder");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 pub(crate) mod rig;
+pub(crate) mod viewer;
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;

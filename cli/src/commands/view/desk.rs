@@ -1,57 +1,18 @@
 //! What clients wish to see, and who is next: of each client the newest wish alone counts, and clients take turns.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-use liveview::Camera;
 use tokio::sync::{mpsc, oneshot};
+
+use super::wish::{Answer, Asked, Message, Task, Wish};
 
 /// Frames on their way to a client, at most: a slow one gets fewer, never later ones.
 const IN_FLIGHT: usize = 2;
 /// Clients at a time.
 const CLIENTS: usize = 16;
-/// Pictures to save that may wait.
-const STILLS: usize = 4;
-
-/// What a client wishes to see.
-#[derive(Debug, Clone)]
-pub(super) struct Wish {
-    /// The client's number for it.
-    pub(super) id: u64,
-    pub(super) camera: Camera,
-    /// Whether the viewpoint moves: then speed counts, else quality.
-    pub(super) moving: bool,
-    /// Disparity in colour in place of the picture.
-    pub(super) depth: bool,
-}
-
-/// A picture to save: PNG, or why there is none.
-pub(super) type Saved = Result<Arc<[u8]>, String>;
-
-/// What the renderer is to do next.
-#[derive(Debug)]
-pub(super) enum Task {
-    Frame {
-        client: u64,
-        wish: Wish,
-    },
-    Still {
-        camera: Camera,
-        reply: oneshot::Sender<Saved>,
-    },
-    /// Nothing is wished for: time to prepare.
-    Spare,
-    Stop,
-}
-
-/// A message to a client.
-#[derive(Debug, Clone)]
-pub(super) enum Message {
-    /// A header in JSON and a picture.
-    Frame(Arc<[u8]>),
-    /// JSON.
-    Text(String),
-}
+/// Files that may wait.
+const FILES: usize = 4;
 
 struct Client {
     wish: Option<Wish>,
@@ -62,10 +23,10 @@ struct Client {
 #[derive(Default)]
 struct State {
     clients: BTreeMap<u64, Client>,
-    stills: VecDeque<(Camera, oneshot::Sender<Saved>)>,
-    /// The client that was served last; a picture to save takes its turn like one of them.
+    files: VecDeque<(Asked, oneshot::Sender<Answer>)>,
+    /// The client that was served last; a file takes its turn like one of them.
     last: u64,
-    still_was_last: bool,
+    file_was_last: bool,
     joined: u64,
     stop: bool,
 }
@@ -121,16 +82,16 @@ impl Desk {
         self.changed.notify_one();
     }
 
-    /// Asks for a picture to save; `None` if too many wait.
-    pub(super) fn still(&self, camera: Camera) -> Option<oneshot::Receiver<Saved>> {
+    /// Asks for a file; `None` if too many wait.
+    pub(super) fn ask(&self, asked: Asked) -> Option<oneshot::Receiver<Answer>> {
         let mut state = self.state();
-        if state.stills.len() >= STILLS || state.stop {
+        if state.files.len() >= FILES || state.stop {
             return None;
         }
-        let (reply, saved) = oneshot::channel();
-        state.stills.push_back((camera, reply));
+        let (reply, answer) = oneshot::channel();
+        state.files.push_back((asked, reply));
         self.changed.notify_one();
-        Some(saved)
+        Some(answer)
     }
 
     /// Sends a frame, or a word about it, to a client that may be gone.
@@ -147,7 +108,7 @@ impl Desk {
         let mut state = self.state();
         state.stop = true;
         state.clients.clear();
-        state.stills.clear();
+        state.files.clear();
         self.changed.notify_all();
     }
 
@@ -180,14 +141,14 @@ impl State {
         let ready = |client: &Client| client.wish.is_some() && client.in_flight < IN_FLIGHT;
         let after = self.clients.range(self.last + 1..).chain(self.clients.range(..=self.last));
         let next = after.filter(|(_, client)| ready(client)).map(|(&number, _)| number).next();
-        if !(self.still_was_last && next.is_some())
-            && let Some((camera, reply)) = self.stills.pop_front()
+        if !(self.file_was_last && next.is_some())
+            && let Some((asked, reply)) = self.files.pop_front()
         {
-            self.still_was_last = true;
-            return Some(Task::Still { camera, reply });
+            self.file_was_last = true;
+            return Some(Task::File { asked, reply });
         }
         let client = next?;
-        (self.last, self.still_was_last) = (client, false);
+        (self.last, self.file_was_last) = (client, false);
         let wish = self.clients.get_mut(&client)?.wish.take()?;
         Some(Task::Frame { client, wish })
     }
@@ -195,21 +156,28 @@ impl State {
 
 #[cfg(test)]
 mod tests {
-    use liveview::Intrinsics;
+    use std::sync::Arc;
+
     use liveview::glam::{DMat3, DVec3};
+    use liveview::{Camera, Intrinsics};
 
     use super::*;
+    use crate::commands::view::wish::Moment;
 
     fn wish(id: u64) -> Wish {
         let k = Intrinsics { fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0, skew: 0.0 };
         let camera = Camera::new(k, 64, 48, DMat3::IDENTITY, DVec3::ZERO).unwrap();
-        Wish { id, camera, moving: true, depth: false }
+        Wish { id, at: Moment { camera, step: 0 }, moving: true, depth: false }
+    }
+
+    fn file() -> Asked {
+        Asked::Picture(wish(0).at)
     }
 
     fn served(desk: &Desk) -> Option<(u64, u64)> {
         match desk.next(true) {
             Task::Frame { client, wish } => Some((client, wish.id)),
-            Task::Still { .. } => Some((0, 0)),
+            Task::File { .. } => Some((0, 0)),
             _ => None,
         }
     }
@@ -223,7 +191,7 @@ mod tests {
         assert_eq!([served(&desk), served(&desk), served(&desk)], [Some((a, 5)), Some((b, 7)), None]);
         desk.wish(a, wish(8));
         desk.wish(b, wish(9));
-        let _saved = [0, 1].map(|_| desk.still(wish(0).camera).unwrap());
+        let _saved = [0, 1].map(|_| desk.ask(file()).unwrap());
         let turns: Vec<_> = std::iter::from_fn(|| served(&desk)).collect();
         assert_eq!(turns, [(0, 0), (a, 8), (0, 0), (b, 9)]);
     }
@@ -246,16 +214,16 @@ mod tests {
     }
 
     #[test]
-    fn there_is_an_end_to_clients_and_to_pictures_that_wait() {
+    fn there_is_an_end_to_clients_and_to_files_that_wait() {
         let desk = Desk::default();
         let clients: Vec<_> = std::iter::from_fn(|| desk.join()).collect();
         assert_eq!(clients.len(), CLIENTS);
         desk.leave(clients[0].0);
         assert!(desk.join().is_some());
-        let saved: Vec<_> = std::iter::from_fn(|| desk.still(wish(0).camera)).collect();
-        assert_eq!(saved.len(), STILLS);
+        let saved: Vec<_> = std::iter::from_fn(|| desk.ask(file())).collect();
+        assert_eq!(saved.len(), FILES);
         desk.stop();
         assert!(matches!(desk.next(true), Task::Stop));
-        assert!(desk.join().is_none() && desk.still(wish(0).camera).is_none());
+        assert!(desk.join().is_none() && desk.ask(file()).is_none());
     }
 }

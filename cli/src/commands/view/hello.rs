@@ -1,23 +1,52 @@
 //! What a client is told first: the scene, its cameras, and what renders it.
 
-use liveview::{Camera, Intrinsics};
+use liveview::{Camera, Intrinsics, Scene};
 use serde_json::{Value, json};
 
-use crate::job::Job;
+use crate::args::model_info::ModelInfo;
 
-/// The first message to each client.
-pub(super) fn hello(job: &Job, held_out: &[usize], middle: usize) -> Value {
-    let scene = job.scene();
+/// What computes.
+#[derive(Debug)]
+pub(super) struct Engine {
+    name: String,
+    threads: usize,
+}
+
+impl Engine {
+    pub(super) fn of(model: &ModelInfo) -> Self {
+        Self { name: model.engine(), threads: model.threads }
+    }
+}
+
+/// The time steps of a rig.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Playable {
+    pub(super) steps: usize,
+    /// Per second.
+    pub(super) rate: f64,
+}
+
+/// The first message to each client. `middle`: the view that it begins near; `near`: the nearest depth, scene units.
+pub(super) fn hello(
+    scene: &Scene,
+    engine: &Engine,
+    held_out: &[usize],
+    middle: usize,
+    near: Option<f64>,
+    video: Option<Playable>,
+) -> Value {
     let views = scene.views.iter().enumerate().map(|(index, view)| {
         json!({ "name": view.name, "camera": camera(&view.camera), "held_out": held_out.contains(&index) })
     });
     let folder = scene.root.canonicalize().unwrap_or_else(|_| scene.root.clone());
     json!({
         "scene": folder.file_name().unwrap_or_default().to_string_lossy(),
-        "engine": job.model.engine(),
-        "threads": job.model.threads,
+        "engine": engine.name,
+        "threads": engine.threads,
         "views": views.collect::<Vec<_>>(),
         "middle": middle,
+        "near": near,
+        "video": video.map(|video| json!({ "steps": video.steps, "rate": video.rate })),
     })
 }
 

@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Response};
 pub(super) const POLICY: &str =
     "default-src 'self'; img-src 'self' blob: data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'";
 
-const FILES: [(&str, &str, &str); 7] = [
+const FILES: [(&str, &str, &str); 8] = [
     ("index.html", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("view.css", "text/css; charset=utf-8", include_str!("page/view.css")),
     ("view.js", SCRIPT, include_str!("page/view.js")),
@@ -15,6 +15,7 @@ const FILES: [(&str, &str, &str); 7] = [
     ("input.js", SCRIPT, include_str!("page/input.js")),
     ("link.js", SCRIPT, include_str!("page/link.js")),
     ("panel.js", SCRIPT, include_str!("page/panel.js")),
+    ("player.js", SCRIPT, include_str!("page/player.js")),
 ];
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 

@@ -9,31 +9,35 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use axum::Router;
-use axum::extract::{DefaultBodyLimit, Path, Request, State, WebSocketUpgrade};
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::extract::{DefaultBodyLimit, FromRequest, Path, Request, State, WebSocketUpgrade};
+use axum::http::{HeaderValue, StatusCode, Uri, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
-use axum::serve::ListenerExt;
+use liveview::Scene;
 use liveview::image::encode;
-use liveview::{Camera, Scene};
 use tokio::sync::{Semaphore, watch};
-use tokio::time::sleep;
+use tokio::time::{sleep, timeout};
 
 use super::desk::Desk;
 use super::guard::Guard;
-use super::message::{self, MAX_BYTES};
-use super::{page, socket};
+use super::message::{MAX_BYTES, Range, moment};
+use super::wish::Asked;
+use super::{http, page, socket};
 
 /// Largest message that is read at all; one over [`MAX_BYTES`] is refused with a reason.
 const MAX_READ: usize = 1 << 16;
+/// Time to send what is asked for.
+const BODY_TIME: Duration = Duration::from_secs(10);
 /// Time that connections have to end.
 const FAREWELL: Duration = Duration::from_secs(1);
 
 /// What all connections share.
 pub(super) struct App {
     pub(super) desk: Arc<Desk>,
-    pub(super) scene: Scene,
+    scene: Scene,
+    /// Time steps of a rig.
+    steps: Option<usize>,
     /// The first message to each client.
     pub(super) hello: String,
     guard: Guard,
@@ -43,13 +47,14 @@ pub(super) struct App {
 }
 
 impl App {
-    pub(super) fn new(desk: Arc<Desk>, scene: Scene, hello: String, guard: Guard) -> Self {
-        Self { desk, scene, hello, guard, reading: Semaphore::new(1), stopping: watch::Sender::new(false) }
+    /// `steps`: the time steps of a rig.
+    pub(super) fn new(desk: Arc<Desk>, scene: Scene, steps: Option<usize>, hello: String, guard: Guard) -> Self {
+        Self { desk, scene, steps, hello, guard, reading: Semaphore::new(1), stopping: watch::Sender::new(false) }
     }
 
-    /// The cameras of all views.
-    pub(super) fn cameras(&self) -> Vec<&Camera> {
-        self.scene.views.iter().map(|view| &view.camera).collect()
+    /// What clients may ask for.
+    pub(super) fn range(&self) -> Range<'_> {
+        Range { views: self.scene.views.iter().map(|view| &view.camera).collect(), steps: self.steps.unwrap_or(1) }
     }
 }
 
@@ -88,10 +93,7 @@ impl Server {
 }
 
 async fn run(listener: TcpListener, app: Arc<App>) -> io::Result<()> {
-    let listener = tokio::net::TcpListener::from_std(listener)?.tap_io(|stream| {
-        // A frame must not wait for the next one.
-        let _ = stream.set_nodelay(true);
-    });
+    let listener = tokio::net::TcpListener::from_std(listener)?;
     let routes = Router::new()
         .route("/socket", get(open_socket))
         .route("/photo/{view}", get(photo))
@@ -102,14 +104,7 @@ async fn run(listener: TcpListener, app: Arc<App>) -> io::Result<()> {
         .route("/page/{file}", get(|Path(name): Path<String>| async move { page::file(&name) }))
         .layer(DefaultBodyLimit::max(MAX_BYTES))
         .with_state(Arc::clone(&app));
-    let stopping = || {
-        let mut stopping = app.stopping.subscribe();
-        async move { drop(stopping.wait_for(|&stopping| stopping).await) }
-    };
-    tokio::select! {
-        served = axum::serve(listener, routes).with_graceful_shutdown(stopping()) => served?,
-        () = async { stopping().await; sleep(FAREWELL).await } => {}
-    }
+    http::serve(listener, routes, app.stopping.subscribe()).await?;
     tokio::select! {
         () = app.stopping.closed() => {}
         () = sleep(FAREWELL) => {}
@@ -135,11 +130,22 @@ async fn open_socket(State(app): State<Arc<App>>, upgrade: WebSocketUpgrade) -> 
     upgrade.on_upgrade(|socket| socket::serve(socket, app, alive))
 }
 
-/// A photo as the renderer sees it: undistorted, at the size of its camera.
-async fn photo(State(app): State<Arc<App>>, Path(view): Path<usize>) -> Response {
+/// The time step of a query: `step=3`, among others.
+fn step(uri: &Uri) -> Option<usize> {
+    uri.query()?.split('&').find_map(|pair| pair.strip_prefix("step="))?.parse().ok()
+}
+
+/// A photo as the renderer sees it: undistorted, at the size of its camera. Of a rig that of the time step in the query.
+async fn photo(State(app): State<Arc<App>>, Path(view): Path<usize>, uri: Uri) -> Response {
     let views = app.scene.views.len();
     if view >= views {
         return (StatusCode::NOT_FOUND, format!("expected a view from 0 to {}\n", views - 1)).into_response();
+    }
+    if let Some(steps) = app.steps {
+        let Some(step) = step(&uri).filter(|&step| step < steps) else {
+            return (StatusCode::NOT_FOUND, format!("expected ?step= from 0 to {}\n", steps - 1)).into_response();
+        };
+        return asked(&app, Asked::Photo { view, step }, "image/jpeg").await;
     }
     let Ok(_permit) = app.reading.acquire().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
     let scene = app.scene.clone();
@@ -154,22 +160,31 @@ async fn photo(State(app): State<Arc<App>>, Path(view): Path<usize>) -> Response
 }
 
 /// The picture of a camera, as `liveview render --pose` writes it.
-async fn picture(State(app): State<Arc<App>>, body: String) -> Response {
-    let refused = |reason: String| (StatusCode::BAD_REQUEST, format!("{reason}\n")).into_response();
-    let entry = match serde_json::from_str(&body) {
-        Ok(entry) => entry,
-        Err(error) => return refused(format!("not JSON: {error}")),
+async fn picture(State(app): State<Arc<App>>, request: Request) -> Response {
+    let body = match timeout(BODY_TIME, String::from_request(request, &())).await {
+        Ok(Ok(body)) => body,
+        Ok(Err(refused)) => return refused.into_response(),
+        Err(_) => return StatusCode::REQUEST_TIMEOUT.into_response(),
     };
-    let camera = match message::camera(&entry, &app.cameras()) {
-        Ok(camera) => camera,
-        Err(reason) => return refused(reason),
+    let wanted = serde_json::from_str(&body).map_err(|error| format!("not JSON: {error}"));
+    match wanted.and_then(|wanted| moment(&wanted, &app.range())) {
+        Ok(at) => asked(&app, Asked::Picture(at), "image/png").await,
+        Err(reason) => refused(reason),
+    }
+}
+
+/// A file that the renderer makes.
+async fn asked(app: &App, asked: Asked, kind: &'static str) -> Response {
+    let Some(answer) = app.desk.ask(asked) else {
+        return (StatusCode::SERVICE_UNAVAILABLE, "others are still being served\n").into_response();
     };
-    let Some(saved) = app.desk.still(camera) else {
-        return (StatusCode::SERVICE_UNAVAILABLE, "other pictures are still being made\n").into_response();
-    };
-    match saved.await {
-        Ok(Ok(png)) => ([(header::CONTENT_TYPE, "image/png")], axum::body::Bytes::from_owner(png)).into_response(),
+    match answer.await {
+        Ok(Ok(bytes)) => ([(header::CONTENT_TYPE, kind)], axum::body::Bytes::from_owner(bytes)).into_response(),
         Ok(Err(reason)) => refused(reason),
         Err(_) => (StatusCode::SERVICE_UNAVAILABLE, "the program has ended\n").into_response(),
     }
+}
+
+fn refused(reason: String) -> Response {
+    (StatusCode::BAD_REQUEST, format!("{reason}\n")).into_response()
 }

@@ -5,17 +5,18 @@ use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
 use axum::extract::ws::{self, CloseFrame, WebSocket, close_code};
-use liveview::Camera;
 use tokio::sync::{mpsc, watch};
 use tokio::time::{interval, timeout};
 
-use super::desk::Message;
-use super::message::{MAX_BYTES, Request, parse};
+use super::message::{MAX_BYTES, Range, Request, parse};
 use super::rate::Rate;
 use super::server::App;
+use super::wish::Message;
 
 /// Time between questions whether the client is still there; after two without an answer it is not.
 const PING: Duration = Duration::from_secs(30);
+/// Time that a client has to take a message.
+const TAKEN: Duration = Duration::from_secs(60);
 /// Time that a client has to hear why it is closed.
 const FAREWELL: Duration = Duration::from_millis(500);
 
@@ -48,22 +49,22 @@ async fn farewell(socket: &mut WebSocket, why: CloseFrame) {
 
 /// `None`: the client is gone.
 async fn talk(socket: &mut WebSocket, app: &App, client: u64, messages: &mut mpsc::Receiver<Message>) -> Option<End> {
-    socket.send(ws::Message::Text(app.hello.as_str().into())).await.ok()?;
-    let views = app.cameras();
+    send(socket, ws::Message::Text(app.hello.as_str().into())).await?;
+    let range = app.range();
     let (mut rate, mut ping, mut silent) = (Rate::new(Instant::now()), interval(PING), 0);
     loop {
         tokio::select! {
             message = messages.recv() => match message {
                 None => return Some((close_code::AWAY, "the program has ended".to_owned())),
-                Some(Message::Frame(frame)) => socket.send(ws::Message::Binary(Bytes::from_owner(frame))).await.ok()?,
-                Some(Message::Text(text)) => socket.send(ws::Message::Text(text.into())).await.ok()?,
+                Some(Message::Frame(frame)) => send(socket, ws::Message::Binary(Bytes::from_owner(frame))).await?,
+                Some(Message::Text(text)) => send(socket, ws::Message::Text(text.into())).await?,
             },
             received = socket.recv() => {
                 silent = 0;
                 if !rate.allows(Instant::now()) {
                     return Some((close_code::POLICY, "too many messages a second".to_owned()));
                 }
-                if let Some(end) = take(received?, app, client, &views).transpose() {
+                if let Some(end) = take(received?, app, client, &range).transpose() {
                     return end.err();
                 }
             }
@@ -72,10 +73,15 @@ async fn talk(socket: &mut WebSocket, app: &App, client: u64, messages: &mut mps
                 if silent > 3 {
                     return None;
                 }
-                socket.send(ws::Message::Ping(Bytes::new())).await.ok()?;
+                send(socket, ws::Message::Ping(Bytes::new())).await?;
             }
         }
     }
+}
+
+/// `None`: the client is gone, or takes nothing.
+async fn send(socket: &mut WebSocket, message: ws::Message) -> Option<()> {
+    timeout(TAKEN, socket.send(message)).await.ok()?.ok()
 }
 
 /// Takes a message; `Ok(Some)`: the client has closed.
@@ -83,7 +89,7 @@ fn take(
     received: Result<ws::Message, axum::Error>,
     app: &App,
     client: u64,
-    views: &[&Camera],
+    range: &Range<'_>,
 ) -> Result<Option<()>, End> {
     let text = match received {
         Ok(ws::Message::Text(text)) => text,
@@ -97,7 +103,7 @@ fn take(
     if text.len() > MAX_BYTES {
         return Err((close_code::SIZE, format!("a message of {} bytes; expected at most {MAX_BYTES}", text.len())));
     }
-    match parse(&text, views).map_err(|wrong| (close_code::POLICY, wrong))? {
+    match parse(&text, range).map_err(|wrong| (close_code::POLICY, wrong))? {
         Request::Look(wish) => app.desk.wish(client, wish),
         Request::Shown => app.desk.shown(client),
     }

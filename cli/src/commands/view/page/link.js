@@ -4,7 +4,7 @@
 const APART = 16;
 
 export const token = new URLSearchParams(location.search).get("token");
-export const address = (path) => (token ? `${path}?token=${encodeURIComponent(token)}` : path);
+export const address = (path) => (token ? `${path}${path.includes("?") ? "&" : "?"}token=${encodeURIComponent(token)}` : path);
 
 export class Link {
   // `on`: hello(told), picture(header, bitmap), refused(text), lost(reason), open().

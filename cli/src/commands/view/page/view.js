@@ -3,6 +3,7 @@
 import { listen } from "./input.js";
 import { Link, address } from "./link.js";
 import { Panel } from "./panel.js";
+import { Player } from "./player.js";
 import { Rig, centreOf } from "./rig.js";
 
 // Milliseconds without a movement after which the viewpoint rests.
@@ -10,6 +11,7 @@ const REST = 80;
 const element = (id) => document.getElementById(id);
 const picture = element("picture");
 const panel = new Panel();
+const player = new Player(lookOn);
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
 let views = [];
@@ -33,9 +35,10 @@ const link = new Link({
     views = told.views.map((view) => ({ ...view, centre: centreOf(view.camera) }));
     if (!before) begin(told);
     panel.hello(told);
+    player.hello(told.video);
     panel.message();
     listHeldOut();
-    look(false);
+    look(player.playing);
   },
   picture: show,
   refused: (text) => panel.message(text),
@@ -58,7 +61,7 @@ const cameraNow = () => standing ?? rig.camera(rig.bounded(place));
 
 function look(moving) {
   const camera = cameraNow();
-  const id = link.look({ camera, moving, depth: element("depth").checked });
+  const id = link.look({ camera, step: player.step, moving, depth: element("depth").checked });
   wished.set(id, camera);
   if (wished.size > 200) wished.delete(wished.keys().next().value);
 }
@@ -76,9 +79,14 @@ function move({ right = 0, down = 0, ahead = 0, yaw = 0, pitch = 0 }) {
   place.yaw += (yaw * w) / fl_x;
   place.pitch += (pitch * w) / fl_x;
   place = rig.within(place);
+  lookOn();
+}
+
+// Another viewpoint or time step, perhaps not the last; while time runs nothing rests.
+function lookOn() {
   look(true);
   clearTimeout(resting);
-  resting = setTimeout(() => look(false), REST);
+  resting = setTimeout(() => player.playing || look(false), REST);
 }
 
 function stand(view) {
@@ -86,7 +94,7 @@ function stand(view) {
   standing = views[view].camera;
   rig = new Rig(views, view, 1 / disparity);
   place = rig.viewpoint(standing);
-  look(false);
+  look(player.playing);
 }
 
 function show(header, bitmap) {
@@ -102,19 +110,22 @@ function show(header, bitmap) {
     if (path && !same(path[path.length - 1], camera)) path.push(camera);
     element("record").textContent = path ? `Stop (${path.length})` : "Record path";
   }
-  panel.message();
+  panel.message(header.left_out.length > 0 ? `Left out: ${header.left_out.join("; ")}` : undefined);
   panel.picture(header, views, rig, rig.viewpoint(shown ?? cameraNow()));
-  showPhoto(header.views[0]);
+  showPhoto(header);
   picture.dataset.quality = header.moving ? "moving" : "rest";
   picture.dataset.frame = header.id;
+  picture.dataset.step = header.step;
 }
 
-function showPhoto(view) {
+function showPhoto({ views: [view], step, moving }) {
   const beside = element("side").checked;
   element("beside").hidden = !beside;
-  if (!beside || view === undefined || element("photo").dataset.view === String(view)) return;
-  element("photo").dataset.view = view;
-  element("photo").src = address(`photo/${view}`);
+  const { dataset } = element("photo");
+  // While time runs the photo follows when it rests, so that the picture has all the time there is.
+  if (!beside || view === undefined || (dataset.view === String(view) && (moving || dataset.step === String(step)))) return;
+  [dataset.view, dataset.step] = [view, step];
+  element("photo").src = address(`photo/${view}?step=${step}`);
   element("photo_name").textContent = views[view].name;
 }
 
@@ -139,18 +150,18 @@ function download(blob, name) {
   setTimeout(() => URL.revokeObjectURL(anchor.href), 1000);
 }
 
-element("depth").onchange = () => look(false);
-element("side").onchange = () => look(false);
+element("depth").onchange = () => look(player.playing);
+element("side").onchange = () => look(player.playing);
 element("home").onclick = () => {
   [rig, standing, place] = [middle, undefined, { u: 0, v: 0, z: 0, yaw: 0, pitch: 0 }];
-  look(false);
+  look(player.playing);
 };
 element("map").onclick = (event) => {
   const view = panel.viewAt(event.offsetX, event.offsetY);
   if (view !== undefined) stand(view);
 };
 element("save").onclick = async () => {
-  const answer = await fetch(address("picture"), { method: "POST", body: JSON.stringify(cameraNow()) }).catch(() => undefined);
+  const answer = await fetch(address("picture"), { method: "POST", body: JSON.stringify({ camera: cameraNow(), step: player.step }) }).catch(() => undefined);
   if (answer?.ok) download(await answer.blob(), "picture.png");
   else panel.message(`The picture was not saved: ${answer ? await answer.text() : "no connection"}`);
 };
