@@ -35,7 +35,7 @@ def render_shard(command: list[str]) -> str:
 
 
 def start(address: str, tell) -> None:
-    """Connects to a cluster, or starts one on this machine: a busy one may need longer than the 30 s that Ray gives it."""
+    """Connects to a cluster, or starts one here: a busy machine may need longer than the 30 s that Ray gives it."""
     for tries in range(STARTS):
         try:
             ray.init(address=address, log_to_driver=False, include_dashboard=False, logging_level="warning")

@@ -32,8 +32,9 @@ export function pixels(page) {
   });
 }
 
-// Drags for so many milliseconds, or on a busy machine until a frame is shown, to and fro; frames shown meanwhile, and the time from the last movement to full quality.
-export async function drag(page, milliseconds) {
+// Drags for so many milliseconds, or on a busy machine until a frame is shown, to and fro; frames shown meanwhile, and the time from the last
+// movement to `end`, full quality unless something else moves.
+export async function drag(page, milliseconds, end = "rest") {
   const box = await (await page.$("#picture")).boundingBox();
   const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
   await page.$eval("#picture", (canvas) => {
@@ -55,7 +56,8 @@ export async function drag(page, milliseconds) {
     if (!moving && part > 0.8 && (await state(page)).quality === "moving") moving = { ...(await pixels(page)), ...(await state(page)) };
   }
   await page.mouse.up();
-  await until("full quality", () => page.evaluate(() => window.frames_shown.some(([at, quality]) => at > window.last_move && quality === "rest")));
+  const ended = (end) => window.frames_shown.some(([at, quality]) => at > window.last_move && quality === end);
+  await until(`a picture after the drag (${end})`, () => page.evaluate(ended, end));
   const { frames, last } = await page.evaluate(() => ({ frames: window.frames_shown, last: window.last_move }));
   const shown = frames.filter(([, quality]) => quality === "moving").map(([at]) => at);
   const gaps = shown.slice(1).map((at, i) => at - shown[i]).sort((a, b) => a - b);
@@ -65,7 +67,7 @@ export async function drag(page, milliseconds) {
     pictures: frames.length,
     perSecond: (1000 * (shown.length - 1)) / (shown[shown.length - 1] - shown[0]),
     medianGap: gaps[Math.floor(gaps.length / 2)],
-    toFullQuality: frames.find(([at, quality]) => at > last && quality === "rest")[0] - last,
+    toFullQuality: frames.find(([at, quality]) => at > last && quality === end)[0] - last,
   };
 }
 
@@ -74,7 +76,7 @@ export async function saved(page, id, name) {
   const folder = mkdtempSync(join(tmpdir(), "liveview-browser-"));
   const session = await page.createCDPSession();
   await session.send("Browser.setDownloadBehavior", { behavior: "allow", downloadPath: folder });
-  await page.click(`#${id}`);
+  await page.$eval(`#${id}`, (button) => button.click());
   const file = join(folder, name);
   await until(`${name} is saved`, () => existsSync(file) && !readdirSync(folder).some((entry) => entry.endsWith(".crdownload")));
   return readFileSync(file);

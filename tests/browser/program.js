@@ -7,16 +7,17 @@ import { fileURLToPath } from "node:url";
 
 export const ROOT = join(dirname(fileURLToPath(import.meta.url)), "../..");
 export const SCENE = join(ROOT, "tests/scenes/workshop");
+export const RIG = join(ROOT, "tests/scenes/rig");
 const LIVEVIEW = join(ROOT, "target/release/liveview");
 
 export function liveview(...args) {
   return execFileSync(LIVEVIEW, args, { encoding: "utf8", cwd: ROOT, stdio: ["ignore", "pipe", "pipe"] });
 }
 
-// Starts the viewer; `started` is when, `link` what it printed.
-export async function view(...args) {
+// Starts the viewer of a folder; `started` is when, `link` what it printed.
+export async function view(folder, ...args) {
   const started = performance.now();
-  const child = spawn(LIVEVIEW, ["view", SCENE, ...args], { cwd: ROOT, stdio: ["ignore", "pipe", "pipe"] });
+  const child = spawn(LIVEVIEW, ["view", folder, ...args], { cwd: ROOT, stdio: ["ignore", "pipe", "pipe"] });
   const ended = new Promise((resolve) => child.on("exit", (code) => resolve(code)));
   let said = "";
   const link = await new Promise((resolve, reject) => {

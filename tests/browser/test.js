@@ -10,6 +10,8 @@ import puppeteer from "puppeteer-core";
 
 import { atRest, closing, drag, pixels, saved, sleep, state, text, until } from "./page.js";
 import { ROOT, SCENE, cpuSeconds, liveview, view } from "./program.js";
+import { testRig } from "./rig.js";
+import { testTouch } from "./touch.js";
 
 const options = process.argv.length > 2 ? process.argv.slice(2) : ["--precision=int8"];
 const folder = mkdtempSync(join(tmpdir(), "liveview-browser-"));
@@ -23,13 +25,13 @@ const browser = await puppeteer.launch({
   args: ["--no-sandbox", "--disable-gpu", "--font-render-hinting=none"],
   headless: "shell",
 });
-const server = await view("--port=0", ...options);
+const server = await view(SCENE, "--port=0", ...options);
 let other;
 try {
   const errors = [];
-  const open = async (link, width = 1200, height = 720) => {
+  const open = async (link, viewport = { width: 1200, height: 720 }) => {
     const page = await browser.newPage();
-    await page.setViewport({ width, height });
+    await page.setViewport(viewport);
     page.on("pageerror", (error) => errors.push(String(error)));
     page.on("console", (message) => message.type() === "error" && errors.push(message.text()));
     await page.goto(link);
@@ -133,7 +135,7 @@ try {
   assert.equal(await server.ended, 0);
   passed(`Ctrl-C ends it (${seconds(performance.now() - stopped)})`);
   await until("the loss is told", async () => (await text(page, "message")).includes("Trying again"));
-  other = await view(`--port=${port}`, "--target=target_0,target_1", ...options);
+  other = await view(SCENE, `--port=${port}`, "--target=target_0,target_1", ...options);
   await until("a picture after the loss", async () => (await state(page)).quality === "rest");
   passed("a dropped connection is taken up again");
 
@@ -155,15 +157,23 @@ try {
   await page.emulateMediaFeatures([{ name: "prefers-color-scheme", value: "dark" }]);
   await drag(page, 800);
   await page.screenshot({ path: join(shots, "dark.png") });
-  const phone = await open(other.link, 390, 844);
+  const phone = await open(other.link, { width: 390, height: 844, deviceScaleFactor: 2, isMobile: true, hasTouch: true });
   await atRest(phone);
-  await phone.screenshot({ path: join(shots, "phone.png") });
+  await sleep(300); // the plots follow the picture
+  await phone.screenshot({ path: join(shots, "phone.png"), fullPage: true });
   assert.ok(await phone.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "nothing beyond a phone's screen");
   passed("dark, and on a phone's screen");
+  await testTouch(phone, passed);
+  await phone.close();
+  other.child.kill();
+  const rig = await testRig({ open, options, folder, shots, passed });
+  assert.deepEqual(errors, []);
 
   console.log(`\n${options.join(" ")}: first picture ${seconds(first)} after the command; ${dragged.perSecond.toFixed(1)} frames a second while ` +
     `dragging (median ${dragged.medianGap.toFixed(0)} ms apart; ${dragged.moving.status}), ${each.toFixed(0)} ms of CPU each; full quality ${seconds(dragged.toFullQuality)} ` +
     `after the last movement; ${idle.toFixed(1)} % CPU at rest`);
+  console.log(`a rig: first picture ${seconds(rig.first)} after the command; ${rig.playing.toFixed(1)} pictures a second while it plays, ` +
+    `${rig.dragging.toFixed(1)} while it is dragged too; full quality ${seconds(rig.toFullQuality)} after the pause; ${rig.idle.toFixed(1)} % CPU at rest`);
 } finally {
   await browser.close();
   server.child.kill();
