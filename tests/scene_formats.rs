@@ -200,6 +200,30 @@ fn colmap_reduced_photos_may_have_another_extension() {
 }
 
 #[test]
+fn a_folder_of_nerfstudio_or_gsplat_opens_as_it_is_at_each_size() {
+    let root = tempdir().unwrap();
+    TWO.write_binary(&root.path().join("sparse/0"));
+    for (folder, width, height) in [("images", 64, 48), ("images_2", 32, 24), ("images_4", 16, 12), ("masks", 64, 48)] {
+        TWO.names.iter().for_each(|name| picture(&root.path().join(folder).join(name), width, height));
+    }
+    for (images, width, fx) in [(None, 64, 50.0), (Some("images_2"), 32, 25.0), (Some("images_4"), 16, 12.5)] {
+        let mut options = SceneOptions::default();
+        options.images = images.map(str::to_owned);
+        let scene = Scene::open(root.path(), &options).unwrap();
+        let camera = &scene.views[0].camera;
+        assert_eq!((camera.width(), camera.intrinsics().fx, scene.views.len()), (width, fx, 2));
+        assert_eq!(scene.load_image(0).unwrap().width(), width);
+        assert_says(&notes(&scene), &["masks: not read"]);
+    }
+    // nerfstudio names a mask in each frame.
+    let frame = r#"{"file_path": "images/b.png", "mask_path": "masks/b.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}"#;
+    write(&root.path().join("transforms.json"), format!(r#"{{"fl_x": 50, "w": 64, "h": 48, "frames": [{frame}]}}"#));
+    let scene = open(root.path()).unwrap();
+    assert_eq!(scene.format, Format::Transforms);
+    assert_says(&notes(&scene), &["mask_path: not read", "masks: not read"]);
+}
+
+#[test]
 fn colmap_lens_models() {
     let models = [
         ("SIMPLE_PINHOLE 64 48 50 30 25", false),

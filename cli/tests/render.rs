@@ -111,6 +111,21 @@ fn a_pose_on_top_of_a_view_shows_its_photo() {
     run(&mut folders.render(&["--pose", path.to_str().unwrap(), "-o", &picture]));
     let score = psnr(&image::load(picture.as_ref()).unwrap(), &image::load(&folders.photo(2)).unwrap(), 0);
     assert!(score > 45.0, "nerfstudio's: {score}");
+    // Turned by half a turn about z, moved and scaled by nerfstudio, which says so beside the path.
+    let told = folders.render(&["--pose", path.to_str().unwrap(), "-o", &picture]).output().unwrap();
+    assert!(String::from_utf8_lossy(&told.stderr).contains("path.json: taken to be in the scene's own axes"));
+    let trained = "[-1, 0, 0, 0.4, 0, -1, 0, 0.5, 0, 0, 1, 1.5, 0, 0, 0, 1]";
+    fs::write(
+        &path,
+        fs::read_to_string(&path).unwrap().replace("[1, 0, 0, 0.2, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]", trained),
+    )
+    .unwrap();
+    let transforms = r#"{"transform": [[-1, 0, 0, 1], [0, -1, 0, 1], [0, 0, 1, 3]], "scale": 0.5}"#;
+    fs::write(folders.scene().join("dataparser_transforms.json"), transforms).unwrap();
+    let told = folders.render(&["--pose", path.to_str().unwrap(), "-o", &picture]).output().unwrap();
+    assert!(String::from_utf8_lossy(&told.stderr).contains("path.json: from nerfstudio's axes"));
+    let score = psnr(&image::load(picture.as_ref()).unwrap(), &image::load(&folders.photo(2)).unwrap(), 0);
+    assert!(score > 45.0, "from nerfstudio's axes: {score}");
     let (file, picture) = (folders.scene().join("pose.json"), folders.out("wide.jpg"));
     fs::write(&file, r#"{"transform_matrix": [[1, 0, 0, 0.2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "w": 96, "h": 48, "cx": 48}"#).unwrap();
     run(&mut folders.render(&["--pose", file.to_str().unwrap(), "-o", &picture]));

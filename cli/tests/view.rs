@@ -3,13 +3,12 @@
 mod common;
 
 use std::fs;
-use std::io::{Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use common::viewer::{PATIENCE, Viewer, moved};
+use common::viewer::{Viewer, moved};
 use common::{Folders, fixture};
 use serde_json::{Value, json};
 use tungstenite::Message;
@@ -191,66 +190,6 @@ fn what_cannot_be_shown_is_refused_at_once() {
     refused(&["--port", "0", "--heldout", "1"], &["--heldout 1", "expected 2 or more"]);
     refused(&["--port", "0", "--target", "7"], &["7"]);
     refused(&["--port", "0", "--heldout", "2"], &["4 views are needed"]);
-}
-
-/// What a raw connection is answered before it is closed.
-fn raw(mut stream: TcpStream, sent: &str) -> String {
-    // It may be closed before all is sent.
-    let _ = stream.write_all(sent.as_bytes());
-    let mut answer = Vec::new();
-    let _ = stream.read_to_end(&mut answer);
-    String::from_utf8_lossy(&answer).into_owned()
-}
-
-#[test]
-fn heads_are_limited_and_whoever_is_slow_is_cut_off() {
-    let folders = Folders::new();
-    let viewer = Viewer::start(&folders, &["--layers", "guided:1", "--bind", "127.0.0.1"]);
-    let head = format!("GET /{} HTTP/1.1\r\nHost: {}\r\n", viewer.query, viewer.host);
-    assert!(raw(viewer.stream(), &format!("{head}Connection: close\r\n\r\n")).starts_with("HTTP/1.1 200"));
-    let long = format!("{head}X-Long: {}\r\n\r\n", "x".repeat(20_000));
-    let many: String = (0..70).map(|i| format!("X-{i}: 1\r\n")).collect();
-    for head in [long, format!("{head}{many}\r\n")] {
-        assert!(raw(viewer.stream(), &head).starts_with("HTTP/1.1 431"));
-    }
-    let body =
-        format!("POST /picture{} HTTP/1.1\r\nHost: {}\r\nContent-Length: 100\r\n\r\n{{", viewer.query, viewer.host);
-    let (mut good, hello) = viewer.client();
-    // Each of them would wait for a minute: half a head, nothing at all, half a body, and a second request that never comes.
-    let began = Instant::now();
-    std::thread::scope(|scope| {
-        let [half, nothing, body, idle] = [head.clone(), String::new(), body, format!("{head}\r\n")].map(|sent| {
-            let stream = viewer.stream();
-            scope.spawn(move || raw(stream, &sent))
-        });
-        good.look(1, &moved(&hello, 2, 0.0), true);
-        assert_eq!(good.frame().0["id"], 1);
-        let answers = [half, nothing, body, idle].map(|slow| slow.join().unwrap());
-        assert!(answers[0].is_empty() || answers[0].starts_with("HTTP/1.1 408"), "{}", answers[0]);
-        assert_eq!(answers[1], "");
-        assert!(answers[2].starts_with("HTTP/1.1 408"), "{}", answers[2]);
-        assert!(answers[3].starts_with("HTTP/1.1 200"), "{}", answers[3]);
-    });
-    assert!(began.elapsed() < PATIENCE, "{:?}", began.elapsed());
-}
-
-#[test]
-fn connections_are_limited_and_sockets_go_on() {
-    let folders = Folders::new();
-    let viewer = Viewer::start(&folders, &["--layers", "guided:1"]);
-    let (mut good, hello) = viewer.client();
-    let mut idle: Vec<TcpStream> = (0..64).map(|_| viewer.stream()).collect();
-    let mut late = viewer.stream();
-    late.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
-    late.write_all(format!("GET / HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", viewer.host).as_bytes()).unwrap();
-    let mut answer = [0; 12];
-    assert!(late.read_exact(&mut answer).is_err(), "no place is free");
-    good.look(1, &moved(&hello, 2, 0.0), true);
-    assert_eq!(good.frame().0["id"], 1);
-    idle.pop();
-    late.set_read_timeout(Some(PATIENCE)).unwrap();
-    late.read_exact(&mut answer).unwrap();
-    assert_eq!(&answer, b"HTTP/1.1 200");
 }
 
 /// A folder to be the PATH, with programs of these names that write their arguments into a file.

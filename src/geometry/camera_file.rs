@@ -6,11 +6,12 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec3};
 use serde_json::Value;
 
 use super::camera::{Camera, Intrinsics};
 use super::camera_error::CameraError;
+use super::matrix::split;
+use super::nerfstudio_axes::TrainedFromScene;
 use super::nerfstudio_path;
 use super::pose::cam_from_opengl_world;
 use super::view_selection::nearest_camera;
@@ -28,7 +29,18 @@ pub struct CameraFileError {
     pub reason: String,
 }
 
-/// Reads all cameras of the file. What an entry leaves out is taken from the nearest of the `views`.
+/// The cameras of a file.
+#[derive(Debug)]
+pub struct CameraFile {
+    /// In order.
+    pub cameras: Vec<Camera>,
+    /// Of a path of nerfstudio's viewer: in which axes its poses were taken to be.
+    pub note: Option<String>,
+}
+
+/// Reads all cameras of the file. What an entry leaves out is taken from the nearest of the `views`. Those of nerfstudio's viewer are
+/// brought from the axes that it trained in to those of the scene, where its `dataparser_transforms.json` lies beside the file or in the
+/// folder of the scene.
 ///
 /// # Errors
 ///
@@ -37,7 +49,7 @@ pub struct CameraFileError {
 /// # Panics
 ///
 /// If there are no views.
-pub fn read_cameras(path: &Path, views: &[&Camera]) -> Result<Vec<Camera>, CameraFileError> {
+pub fn read_cameras(path: &Path, views: &[&Camera], scene: &Path) -> Result<CameraFile, CameraFileError> {
     let refused = |index, reason| CameraFileError { path: path.to_owned(), index, reason };
     let bytes = bounded::read(path, bounded::MAX_JSON_BYTES);
     let bytes = bytes.map_err(|error| refused(None, format!("cannot be read: {error}")))?;
@@ -49,12 +61,25 @@ pub fn read_cameras(path: &Path, views: &[&Camera]) -> Result<Vec<Camera>, Camer
     if entries.is_empty() {
         return Err(refused(None, "the list of cameras is empty; expected at least one".to_owned()));
     }
-    let cameras = entries.iter().enumerate();
-    let index = |index: usize| list.is_some().then_some(index);
-    let read = |entry| {
-        if path_frames.is_some() { nerfstudio_path::camera(&file, entry) } else { camera_from_json(entry, views) }
+    let axes = path_frames.map(|_| TrainedFromScene::find(path, scene)).transpose();
+    let axes = axes.map_err(|(path, reason)| CameraFileError { path, index: None, reason })?;
+    let read = |entry| match &axes {
+        None => camera_from_json(entry, views),
+        Some(None) => nerfstudio_path::camera(&file, entry),
+        Some(Some(axes)) => axes.camera(&nerfstudio_path::camera(&file, entry)?).map_err(|error| error.to_string()),
     };
-    cameras.map(|(at, entry)| read(entry).map_err(|reason| refused(index(at), reason))).collect()
+    let index = |index: usize| list.is_some().then_some(index);
+    let cameras =
+        entries.iter().enumerate().map(|(at, entry)| read(entry).map_err(|reason| refused(index(at), reason)));
+    let cameras = cameras.collect::<Result<_, _>>()?;
+    let note = axes.map(|axes| match axes {
+        Some(axes) => format!("from nerfstudio's axes to the scene's by {}", axes.file.display()),
+        None => "taken to be in the scene's own axes; where nerfstudio turned, moved or scaled the scene, its dataparser_transforms.json \
+                 (beside the model's config.yml) is expected beside this file or in the scene's folder"
+            .to_owned(),
+    });
+    let note = note.map(|note| format!("{}: {note}", path.display()));
+    Ok(CameraFile { cameras, note })
 }
 
 /// The keys of a camera.
@@ -106,25 +131,4 @@ fn side(entry: &Value, key: &str, default: usize) -> Result<usize, String> {
     let Some(value) = entry.get(key) else { return Ok(default) };
     let side = value.as_f64().filter(|side| side.fract() == 0.0 && (1.0..=1e6).contains(side));
     Ok(side.ok_or_else(|| format!("{key} is {value}; expected a whole number of pixels"))? as usize)
-}
-
-/// The 3×3 part and the last column of a 4×4 matrix, or of one with only `rows` rows.
-fn split(matrix: &Value, key: &str, rows: usize) -> Result<(DMat3, DVec3), String> {
-    let wrong = || {
-        format!(
-            "{key}: expected {} rows of 4 numbers, a fourth row being 0 0 0 1",
-            if rows == 3 { "3 or 4" } else { "4" }
-        )
-    };
-    let row = |row: &Value| -> Option<[f64; 4]> {
-        let numbers: Option<Vec<f64>> = row.as_array()?.iter().map(Value::as_f64).collect();
-        numbers?.try_into().ok()
-    };
-    let found: Option<Vec<[f64; 4]>> = matrix.as_array().ok_or_else(wrong)?.iter().map(row).collect();
-    let found = found.filter(|found| (rows..=4).contains(&found.len())).ok_or_else(wrong)?;
-    if found.get(3).is_some_and(|last| *last != [0.0, 0.0, 0.0, 1.0]) {
-        return Err(wrong());
-    }
-    let column = |i: usize| DVec3::new(found[0][i], found[1][i], found[2][i]);
-    Ok((DMat3::from_cols(column(0), column(1), column(2)), column(3)))
 }

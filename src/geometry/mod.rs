@@ -4,6 +4,8 @@ mod camera;
 mod camera_error;
 mod camera_file;
 mod camera_path;
+mod matrix;
+mod nerfstudio_axes;
 mod nerfstudio_path;
 pub mod parallax;
 mod plane_sweep;
@@ -13,7 +15,7 @@ mod view_selection;
 
 pub use camera::{Camera, Intrinsics};
 pub use camera_error::CameraError;
-pub use camera_file::{CameraFileError, camera_from_json, read_cameras};
+pub use camera_file::{CameraFile, CameraFileError, camera_from_json, read_cameras};
 pub use camera_path::{CameraPath, CameraPathError, MeanPose};
 pub use plane_sweep::PlaneSweep;
 pub(crate) use pose::cam_from_opengl_world;

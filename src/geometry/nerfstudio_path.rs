@@ -1,8 +1,8 @@
 //! Nerfstudio's camera paths: `{"camera_type": "perspective", "render_width", "render_height", "camera_path": [{"camera_to_world": 16
 //! numbers, row by row, OpenGL axes, "fov": degrees from top to bottom}, …]}`.
 //!
-//! The poses are in the axes that nerfstudio trained in. They are a scene's own where nothing was turned, moved or scaled
-//! (`--orientation-method none --center-method none --auto-scale-poses False`).
+//! The poses are in the axes that nerfstudio trained in ([`super::nerfstudio_axes`]). They are a scene's own where nothing was turned, moved
+//! or scaled (`--orientation-method none --center-method none --auto-scale-poses False`).
 
 use glam::{DMat3, DVec3};
 use serde_json::Value;

@@ -55,6 +55,14 @@ pub struct Scene {
     photos: Arc<dyn PhotoSource>,
 }
 
+/// Folders of masks, as COLMAP, nerfstudio and gsplat have them.
+const MASKS: [&str; 5] = ["masks", "masks_2", "masks_4", "masks_8", "mask"];
+
+/// That masks which are named so are not read.
+fn masks_note(name: &str) -> String {
+    format!("{name}: not read, what a mask leaves out of a photo counts like the rest of it")
+}
+
 impl Scene {
     /// Opens a folder of poses and photos. Only the headers of the photos are read; every camera is valid and every photo has the
     /// right size.
@@ -83,6 +91,7 @@ impl Scene {
         let format = found.next().ok_or_else(|| no_scene("no scene found"))?;
         let (views, mut notes) = view::views(formats::read(format, path, &*photos, options)?, options)?;
         notes.extend(found.map(|other| format!("the folder also holds {other}: not read, {format} comes first")));
+        notes.extend(MASKS.into_iter().filter(|folder| path.join(folder).is_dir()).map(masks_note));
         Ok(Self { root: path.to_owned(), format, views, notes, photos })
     }
 

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::Args;
-use liveview::geometry::{CameraPath, read_cameras};
-use liveview::{PhotoCache, Scene, SynthesisError, Targets};
+use liveview::geometry::{CameraFile, CameraPath, read_cameras};
+use liveview::{Camera, PhotoCache, Scene, SynthesisError, Targets};
 
 use super::numbers;
+use crate::console::print_notes;
 
 /// Options that say what to render; exactly one.
 #[derive(Debug, Args)]
@@ -23,7 +24,7 @@ pub(crate) struct TargetArgs {
     heldout: Option<usize>,
     /// Camera in a JSON file: {"transform_matrix": 4x4 world from camera, OpenGL axes} or {"cam_from_world": 3x4 or 4x4,
     /// OpenCV axes}, with fl_x, fl_y, cx, cy, w, h if they differ from those of the nearest view; or a list of such, one
-    /// per frame; or a camera path of nerfstudio's viewer, in the scene's own axes
+    /// per frame; or a camera path of nerfstudio's viewer, in the scene's axes, or with its model's dataparser_transforms.json beside it
     #[arg(long, value_name = "FILE")]
     pose: Option<PathBuf>,
     /// A path of N frames: line:N between the two outermost views, circle:N or spiral:N around the middle of the rig, turning as
@@ -59,7 +60,7 @@ impl TargetArgs {
     pub(crate) fn resolve(&self, photos: &PhotoCache) -> Result<Targets> {
         let scene = photos.scene();
         if let Some(file) = &self.pose {
-            return Ok(Targets::cameras(read_cameras(file, &photos.all_cameras())?));
+            return Ok(Targets::cameras(cameras_of(file, photos)?));
         }
         if let Some(path) = self.path {
             return match Targets::path(scene, path) {
@@ -77,6 +78,13 @@ impl TargetArgs {
         }
         Ok(Targets::held_out(scene, views))
     }
+}
+
+/// The cameras of a file; in which axes they were taken to be is told.
+pub(crate) fn cameras_of(file: &Path, photos: &PhotoCache) -> Result<Vec<Camera>> {
+    let CameraFile { cameras, note } = read_cameras(file, &photos.all_cameras(), &photos.scene().root)?;
+    print_notes(note.as_slice());
+    Ok(cameras)
 }
 
 /// The views of these lists of names, separated by commas; a name may itself hold commas.

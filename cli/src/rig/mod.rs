@@ -3,30 +3,29 @@
 
 mod feed;
 mod frame_names;
+mod photos;
 mod steps;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Result, anyhow, bail};
 use liveview::geometry::choose_views;
-use liveview::image::ImageError;
-use liveview::scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError};
-use liveview::{Camera, ImageRgb, PhotoCache, Scene, SceneOptions};
+use liveview::scene::SceneError;
+use liveview::{Camera, PhotoCache, Scene, SceneOptions};
 
 use crate::args::frame_rate::FrameRate;
 use crate::args::scene::SceneArgs;
-use feed::FirstFrame;
+use photos::{RigCamera, RigPhotos};
 use steps::{align, match_rates};
 
 pub(crate) use feed::{Delivered, Feed, Reader};
 
 /// Folders of a rig that may hold its cameras.
 const FOLDERS: [&str; 4] = ["", "images", "frames", "videos"];
-/// Cameras read beyond those that a frame needs.
-const SPARE: usize = 2;
+/// Cameras read beyond those that a frame needs, in case one delivers nothing.
+pub(crate) const SPARE: usize = 2;
 
 /// A rig: the poses and what each delivers.
 pub(crate) struct Rig {
@@ -87,8 +86,7 @@ impl Rig {
         Ok(rates.into_iter().flatten().min())
     }
 
-    /// The cameras to read for these targets: of each the nearest that are free, some more than a frame needs (`views`, or with a smaller
-    /// network `fewest`), in case one delivers nothing.
+    /// The cameras to read for these targets: of each the nearest that are free, `most` if there are so many.
     ///
     /// # Errors
     /// Fewer than `fewest` look a target's way.
@@ -96,12 +94,12 @@ impl Rig {
         &self,
         targets: &[Camera],
         free: &[usize],
-        (fewest, views): (usize, usize),
+        (fewest, most): (usize, usize),
     ) -> Result<Vec<usize>> {
         let cameras: Vec<&Camera> = self.photos.cameras(free).collect();
         let mut read = BTreeSet::new();
         for target in targets {
-            let some = (fewest..=views + SPARE).rev().find_map(|count| choose_views(&cameras, target, count).ok());
+            let some = (fewest..=most).rev().find_map(|count| choose_views(&cameras, target, count).ok());
             let some = some.map_or_else(|| choose_views(&cameras, target, fewest), Ok);
             read.extend(some.map_err(|error| anyhow!("{}: {error}", self.photos.scene().root.display()))?);
         }
@@ -176,74 +174,11 @@ fn find(root: &Path) -> Result<Vec<Feed>> {
     )
 }
 
-/// A camera that can be read.
-#[derive(Debug)]
-struct RigCamera {
-    feed: Feed,
-    first: FirstFrame,
-}
-
-impl RigCamera {
-    fn photo(&self) -> Photo {
-        let FirstFrame { path, size } = &self.first;
-        Photo { name: self.feed.name.clone(), path: path.clone(), size: *size, ignored: Vec::new() }
-    }
-}
-
-/// The first frame of each camera, under the camera's name and under every name that a pose file may have for it: that of any of
-/// its frames, or of its video.
-#[derive(Debug)]
-struct RigPhotos {
-    /// In byte order of their names.
-    cameras: Vec<RigCamera>,
-}
-
-impl RigPhotos {
-    fn named(&self, name: &str) -> Option<&RigCamera> {
-        self.cameras.iter().find(|camera| camera.feed.name == name)
-    }
-
-    /// `cam00` of `cam00`, `cam00.mp4`, `images/cam00.png` and `cam00/0000.jpg`: the last part of the path that names a camera.
-    fn of_frame(&self, name: &str) -> Option<&RigCamera> {
-        // A folder may be called `cam.0`, beside one called `cam`.
-        let of_part = |part: &str| self.named(part).or_else(|| self.named(part.rsplit_once('.')?.0));
-        name.rsplit('/').find_map(of_part)
-    }
-}
-
-impl PhotoSource for RigPhotos {
-    /// RealEstate10K's poses are those of one camera on its way.
-    fn serves(&self, format: Format) -> bool {
-        format != Format::RealEstate10k
-    }
-
-    fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError> {
-        Ok(match self.of_frame(listed.name) {
-            Some(camera) => Found::OneOfMany(camera.photo()),
-            None => Found::LeftOut(format!("{} belongs to no camera: left out", listed.name)),
-        })
-    }
-
-    fn list(&self, _: &[&str]) -> Result<Option<PhotoList>, SceneError> {
-        let names = self.cameras.iter().map(|camera| camera.feed.name.clone()).collect();
-        Ok(Some(PhotoList { folder: None, names }))
-    }
-
-    fn load(&self, name: &str) -> Result<ImageRgb, SceneError> {
-        let Some(RigCamera { feed, first }) = self.named(name) else {
-            return Err(SceneError::Read { path: name.into(), source: io::ErrorKind::NotFound.into() });
-        };
-        feed.load_first(first).map_err(|error| match error.downcast::<ImageError>() {
-            Ok(error) => error.into(),
-            Err(error) => SceneError::Read { path: first.path.clone(), source: io::Error::other(format!("{error:#}")) },
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::fs;
 
+    use liveview::ImageRgb;
     use tempfile::{TempDir, tempdir};
 
     use super::*;

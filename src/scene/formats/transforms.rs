@@ -15,6 +15,7 @@ use super::json::{Fields, parse};
 use crate::geometry::{Intrinsics, Size, cam_from_opengl_world};
 use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::error::SceneError;
+use crate::scene::masks_note;
 use crate::scene::photo_lookup::PhotoLookup;
 use crate::scene::photo_source::PhotoSource;
 use crate::scene::pose_file::read_json;
@@ -62,6 +63,9 @@ fn view(
     // First of all, so that nothing is asked of an entry that is left out.
     let Some(photo) = frame.text("file_path").and_then(|name| lookup.find(name)).transpose() else { return Ok(None) };
     check_model(path, frame, notes)?;
+    if frame.text("mask_path").is_ok() {
+        notes.push(masks_note("mask_path"));
+    }
     let photo = photo?;
     let size = match (frame.side("w")?, frame.side("h")?) {
         (Some(width), Some(height)) => DeclaredSize::Scaled(Size::new(width, height)),

@@ -22,7 +22,7 @@ use crate::governor::Governor;
 use crate::interrupt::{self, Interrupted};
 use crate::network::Network;
 use crate::outputs::Claims;
-use crate::rig::Rig;
+use crate::rig::{Rig, SPARE};
 
 /// Share of the time between two frames, or of the latency, that rendering may take: reading and writing need the rest.
 const SHARE: f64 = 0.9;
@@ -41,7 +41,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let mut renderers = args.model.open_smaller(views, given.as_ref())?;
     let fewest = renderers.iter().map(|renderer| renderer.network().views()).min().unwrap_or(views);
     let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != viewpoint.truth).collect();
-    let read = rig.cameras_for(viewpoint.cameras(), &free, (fewest, views))?;
+    let read = rig.cameras_for(viewpoint.cameras(), &free, (fewest, views + SPARE))?;
     let (near, far) = rig.photos.depth_range(&read)?;
     let mut settings = LiveSettings::new(near, far);
     (settings.layers, settings.policy, settings.keep_exposure) = (layers.clone(), policy, args.keep_exposure);

@@ -4,8 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::Args;
-use liveview::geometry::{CameraPath, read_cameras};
+use liveview::geometry::CameraPath;
 use liveview::{Camera, PhotoCache};
+
+use crate::args::targets::cameras_of;
 
 /// Options that name the viewpoint; exactly one.
 #[derive(Debug, Args)]
@@ -76,9 +78,7 @@ impl ViewpointArgs {
                 let repeat = if path.is_closed() { Repeat::Over } else { Repeat::Back };
                 Viewpoint { cameras: path.cameras(&photos.all_cameras())?, repeat, truth: None }
             }
-            (.., Some(file)) => {
-                Viewpoint { cameras: read_cameras(file, &photos.all_cameras())?, repeat: Repeat::Last, truth: None }
-            }
+            (.., Some(file)) => Viewpoint { cameras: cameras_of(file, photos)?, repeat: Repeat::Last, truth: None },
             (None, None, None) => bail!("expected --camera, --path or --poses"),
         };
         let size = |camera: &Camera| (camera.width(), camera.height());

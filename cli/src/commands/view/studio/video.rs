@@ -14,7 +14,7 @@ use crate::args::layers::{LayerArgs, given_or_recommended};
 use crate::args::model::ModelArgs;
 use crate::args::model_info::ModelInfo;
 use crate::governor::Governor;
-use crate::rig::Rig;
+use crate::rig::{Rig, SPARE};
 
 /// A session for what moves, and one for each time step that a picture rests on: what the first carries over is not as good.
 pub(in super::super) struct Video {
@@ -88,7 +88,21 @@ impl Video {
     /// # Errors
     /// Too few look its way.
     pub(in super::super) fn cameras_for(&self, target: &Camera) -> Result<Vec<usize>> {
-        self.rig.cameras_for(std::slice::from_ref(target), &self.free, self.networks.views())
+        let (fewest, views) = self.networks.views();
+        self.rig.cameras_for(std::slice::from_ref(target), &self.free, (fewest, views + SPARE))
+    }
+
+    /// What is read for a picture in motion: no more than it takes, as far as that delivers.
+    fn step_in_motion(&mut self, at: &Moment) -> Result<Step> {
+        if !matches!(self.governor.level().layers, LayerSpec::Surface(_)) {
+            let nearest = self.rig.cameras_for(std::slice::from_ref(&at.camera), &self.free, self.networks.views())?;
+            let step = self.frames.at(at.step, &nearest);
+            if step.left_out.is_empty() {
+                return Ok(step);
+            }
+        }
+        let cameras = self.cameras_for(&at.camera)?;
+        Ok(self.frames.at(at.step, &cameras))
     }
 }
 
@@ -131,7 +145,7 @@ impl Source for Video {
 
     fn in_motion(&mut self, at: &Moment) -> Result<Rendered> {
         let started = Instant::now();
-        let step = self.frames.at(at.step, &self.cameras_for(&at.camera)?);
+        let step = self.step_in_motion(at)?;
         let read = started.elapsed();
         let frame = self.moving.render(&step.photos(), &at.camera).map_err(|error| step.blamed(error))?;
         Ok(rendered(frame, self.governor.level().layers.clone(), read, step, self.range))

@@ -1,0 +1,128 @@
+//! The axes that nerfstudio trains in: those of the scene, turned, moved and scaled.
+//!
+//! `dataparser_transforms.json`, which nerfstudio writes beside a model's `config.yml`, says how: `x_trained = scale · (transform · x)`,
+//! `transform` 3×4. There x is a place before `ns-process-data`, whose own change `transforms.json` holds as `applied_transform` (3×4) and
+//! `applied_scale`: x_scene = applied_scale · (applied_transform · x).
+
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DVec3};
+use serde_json::Value;
+
+use super::camera::Camera;
+use super::camera_error::CameraError;
+use super::matrix::split;
+use crate::fs::bounded;
+
+const FILE: &str = "dataparser_transforms.json";
+
+/// `x_trained = scale (rotation x_scene + translation)`.
+#[derive(Debug)]
+pub(super) struct TrainedFromScene {
+    rotation: DMat3,
+    translation: DVec3,
+    scale: f64,
+    /// The file that says so.
+    pub(super) file: PathBuf,
+}
+
+impl TrainedFromScene {
+    /// As the file beside a camera path says, or the one in the scene's folder; `None` without either.
+    ///
+    /// # Errors
+    /// The file, the field and what was expected.
+    pub(super) fn find(path: &Path, scene: &Path) -> Result<Option<Self>, (PathBuf, String)> {
+        let mut files = [path.with_file_name(FILE), scene.join(FILE)].into_iter();
+        let Some(file) = files.find(|file| file.is_file()) else { return Ok(None) };
+        let applied = scene.join("transforms.json");
+        let of_scene = if applied.is_file() { read(&applied)? } else { Value::Null };
+        let trained = similarity(&read(&file)?, "transform", "scale").map_err(|reason| (file.clone(), reason))?;
+        let scene = similarity(&of_scene, "applied_transform", "applied_scale").map_err(|reason| (applied, reason))?;
+        let (a, r) = (scene.unwrap_or((DMat3::IDENTITY, DVec3::ZERO, 1.0)), trained);
+        let Some(r) = r else { return Err((file, "expected \"transform\" and \"scale\"".to_owned())) };
+        // x = Aᵀ (x_scene / a_scale − a), put into scale (R x + r).
+        let rotation = r.0 * a.0.transpose();
+        let (scale, translation) = (r.2 / a.2, a.2 * (r.1 - rotation * a.1));
+        Ok(Some(Self { rotation, translation, scale, file }))
+    }
+
+    /// A camera of the trained axes, in the scene.
+    pub(super) fn camera(&self, trained: &Camera) -> Result<Camera, CameraError> {
+        let centre = self.rotation.transpose() * (trained.centre() / self.scale - self.translation);
+        let rotation = trained.rotation() * self.rotation;
+        trained.with_pose(rotation, -(rotation * centre))
+    }
+}
+
+fn read(file: &Path) -> Result<Value, (PathBuf, String)> {
+    let failed = |reason: String| (file.to_owned(), reason);
+    let bytes = bounded::read(file, bounded::MAX_JSON_BYTES);
+    let bytes = bytes.map_err(|error| failed(format!("cannot be read: {error}")))?;
+    serde_json::from_slice(&bytes).map_err(|error| failed(format!("not JSON: {error}")))
+}
+
+/// Rotation, translation and scale; `None` where neither key is there, the scale 1 where it alone is left out.
+fn similarity(of: &Value, matrix: &str, scale: &str) -> Result<Option<(DMat3, DVec3, f64)>, String> {
+    let Some(given) = of.get(matrix) else { return Ok(None) };
+    let (rotation, translation) = split(given, matrix, 3)?;
+    let deviation = (rotation * rotation.transpose() - DMat3::IDENTITY).to_cols_array();
+    if !deviation.iter().all(|value| value.abs() < 1e-3) || rotation.determinant() < 0.0 {
+        return Err(format!("{matrix}: expected a rotation in its first three columns"));
+    }
+    let factor = of.get(scale).map_or(Some(1.0), Value::as_f64).filter(|factor| factor.is_finite() && *factor > 0.0);
+    let factor = factor.ok_or_else(|| format!("{scale} is {}; expected a number above 0", of[scale]))?;
+    Ok(Some((rotation, translation, factor)))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use serde_json::json;
+    use tempfile::tempdir;
+
+    use super::*;
+    use crate::geometry::Intrinsics;
+
+    #[test]
+    fn a_place_comes_back_from_where_nerfstudio_put_it() {
+        let root = tempdir().unwrap();
+        let (path, scene) = (root.path().join("path.json"), root.path().join("scene"));
+        fs::create_dir(&scene).unwrap();
+        assert!(TrainedFromScene::find(&path, &scene).unwrap().is_none());
+        // A quarter turn about z and a shift, then scaled; before that ns-process-data had swapped axes.
+        let transform = json!([[0, -1, 0, 0.5], [1, 0, 0, -2], [0, 0, 1, 3]]);
+        fs::write(scene.join(FILE), json!({ "transform": transform, "scale": 0.25 }).to_string()).unwrap();
+        let k = Intrinsics { fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0, skew: 0.0 };
+        let trained = |x: DVec3| 0.25 * DVec3::new(-x.y + 0.5, x.x - 2.0, x.z + 3.0);
+        let centre = DVec3::new(1.0, 2.0, 3.0);
+        let (applied, factor) = (json!([[1, 0, 0, 0.1], [0, 0, 1, 0.2], [0, -1, 0, 0.3]]), 2.0);
+        for (of_scene, expected) in [
+            (json!({}), centre),
+            (json!({ "applied_transform": applied }), DVec3::new(1.1, 3.2, -1.7)),
+            (json!({ "applied_transform": applied, "applied_scale": factor }), DVec3::new(2.2, 6.4, -3.4)),
+        ] {
+            fs::write(scene.join("transforms.json"), of_scene.to_string()).unwrap();
+            let axes = TrainedFromScene::find(&path, &scene).unwrap().unwrap();
+            let camera = Camera::new(k, 64, 48, DMat3::IDENTITY, -trained(centre)).unwrap();
+            let back = axes.camera(&camera).unwrap();
+            assert!(back.centre().abs_diff_eq(expected, 1e-12), "{of_scene}: {}", back.centre());
+            // Forward is z of the trained axes: z before, y after the swap.
+            let forward = if of_scene == json!({}) { DVec3::Z } else { DVec3::Y };
+            assert!(back.forward().abs_diff_eq(forward, 1e-12), "{}", back.forward());
+        }
+        // The one beside the path comes first.
+        fs::write(root.path().join(FILE), json!({ "transform": transform }).to_string()).unwrap();
+        assert_eq!(TrainedFromScene::find(&path, &scene).unwrap().unwrap().file, root.path().join(FILE));
+        for (wrong, word) in [
+            (json!({}), "\"transform\" and \"scale\""),
+            (json!({ "transform": [[1, 0, 0, 0]] }), "transform"),
+            (json!({ "transform": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]] }), "rotation"),
+            (json!({ "transform": transform, "scale": 0 }), "scale is 0"),
+        ] {
+            fs::write(root.path().join(FILE), wrong.to_string()).unwrap();
+            let (file, reason) = TrainedFromScene::find(&path, &scene).unwrap_err();
+            assert!(file.ends_with(FILE) && reason.contains(word), "{reason}");
+        }
+    }
+}
