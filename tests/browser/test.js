@@ -165,7 +165,9 @@ try {
   passed("dark, and on a phone's screen");
   await testTouch(phone, passed);
   await phone.close();
+  await page.close();
   other.child.kill();
+  errors.length = 0; // of the connection that was dropped
   const rig = await testRig({ open, options, folder, shots, passed });
   assert.deepEqual(errors, []);
 
