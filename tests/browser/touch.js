@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 
-import { atRest, pixels, saved, sleep, until } from "./page.js";
+import { atRest, pixels, saved, sleep, state, text, until } from "./page.js";
 
 // Moves fingers from their first places to their last; each is [x, y] in shares of the canvas.
 async function fingers(page, from, to) {
@@ -33,14 +33,18 @@ function moved([first, ...rest]) {
 
 export async function testTouch(page, passed) {
   await atRest(page);
+  const frame = async () => (await state(page)).frame;
+  const another = (what, before) => until(what, async () => (await frame()) !== before && (await state(page)).quality === "rest");
   const gesture = async (from, to) => {
+    const last = await frame();
     await page.evaluate(() => document.getElementById("home").click());
-    await sleep(50);
-    await atRest(page);
-    const before = await pixels(page);
+    await another("the picture in the middle", last);
+    const before = [await frame(), (await pixels(page)).hash];
     await page.evaluate(() => document.getElementById("record").click());
     await fingers(page, from, to);
-    await until("another picture at rest", async () => (await pixels(page)).hash !== before.hash && (await atRest(page)));
+    await another("another picture at rest", before[0]);
+    await until("a path of two cameras", async () => Number((await text(page, "record")).match(/\d+/)) > 1);
+    assert.notEqual((await pixels(page)).hash, before[1]);
     return moved(JSON.parse(await saved(page, "record", "path.json")));
   };
   const drag = await gesture([[0.6, 0.5]], [[0.4, 0.5]]);
