@@ -97,14 +97,16 @@ fn check(maps: &[Array2<f32>]) -> Result<(), LayersError> {
         if map.dim() != expected {
             return Err(LayersError::Shape { index, found: map.dim(), expected });
         }
-        if let Some(&value) = map.iter().find(|v| !v.is_finite() || **v < 0.0) {
+        // Folds, unlike searches, vectorise: what is wrong is searched for only where something is.
+        let bad = |value: &&f32| !(**value >= 0.0 && **value < f32::INFINITY);
+        if map.iter().fold(false, |any, value| any | bad(&value)) {
+            let value = *map.iter().find(bad).expect("one of them");
             return Err(LayersError::NotADisparity { index, value: value.into() });
         }
-        if index > 0 {
-            let pair = map.iter().zip(&maps[index - 1]).find(|(value, before)| value > before);
-            if let Some((&value, &before)) = pair {
-                return Err(LayersError::Unsorted { index, value: value.into(), before: before.into() });
-            }
+        let Some(before) = index.checked_sub(1).map(|before| &maps[before]) else { continue };
+        if ndarray::Zip::from(map).and(before).fold(false, |any, value, before| any | (value > before)) {
+            let (value, before) = map.iter().zip(before).find(|(value, before)| value > before).expect("one of them");
+            return Err(LayersError::Unsorted { index, value: (*value).into(), before: (*before).into() });
         }
     }
     Ok(())
@@ -138,5 +140,13 @@ mod tests {
         assert!(matches!(Layers::uniform(2.0, 1.0, 4), Err(LayersError::Range { .. })));
         assert!(matches!(Layers::uniform(0.0, 1.0, 4), Err(LayersError::Range { .. })));
         assert!(matches!(Layers::uniform(f64::NAN, 1.0, 4), Err(LayersError::Range { .. })));
+        let map = |last: f32| Array2::from_shape_vec((1, 3), vec![1.0, 0.0, last]).unwrap();
+        for (maps, wrong) in [(vec![map(f32::INFINITY)], f64::INFINITY), (vec![map(1.0), map(-1.0)], -1.0)] {
+            assert!(matches!(Layers::pixels(maps), Err(LayersError::NotADisparity { value, .. }) if value == wrong));
+        }
+        assert!(matches!(Layers::pixels(vec![map(f32::NAN)]), Err(LayersError::NotADisparity { index: 0, .. })));
+        let unsorted = Layers::pixels(vec![map(0.5), map(0.5), map(0.75)]).unwrap_err();
+        assert!(matches!(unsorted, LayersError::Unsorted { index: 2, value: 0.75, before: 0.5 }), "{unsorted}");
+        assert!(Layers::pixels(vec![map(0.5), map(0.5), map(0.0)]).is_ok());
     }
 }

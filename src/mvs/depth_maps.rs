@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use super::pair_statistics::PairStatistics;
 use super::{Camera, KnownDepth, Opinion, PhotoDepth, Settings, SourceView, confirmed, photo_depth};
 use crate::geometry::looking_alike;
 
@@ -18,13 +19,16 @@ pub struct DepthMaps {
     opinions: HashMap<[usize; 2], Opinion>,
     /// What the maps of the last set confirmed of each other.
     known: Option<HashMap<usize, Arc<KnownDepth>>>,
+    /// Of the photos of that set.
+    statistics: PairStatistics,
 }
 
 impl DepthMaps {
     /// For photos of these cameras, to be searched from `near` to `far` (0 < near < far, scene units; far may be infinite).
     pub fn new(cameras: Vec<Camera>, near: f64, far: f64, settings: Settings) -> Self {
         let found = vec![None; cameras.len()];
-        Self { cameras, near, far, settings, found, opinions: HashMap::new(), known: None }
+        let statistics = PairStatistics::default();
+        Self { cameras, near, far, settings, found, opinions: HashMap::new(), known: None, statistics }
     }
 
     /// What it is tuned by.
@@ -113,11 +117,17 @@ impl DepthMaps {
         let known =
             self.known.take().filter(|known| known.len() == set.len() && set.iter().all(|i| known.contains_key(i)));
         let known = known.unwrap_or_else(|| {
+            self.statistics = PairStatistics::default();
             set.iter().map(|&index| (index, Arc::new(self.confirmed_by(index, &set)))).collect::<HashMap<_, _>>()
         });
         let in_order = set.iter().map(|index| Arc::clone(&known[index])).collect();
         self.known = Some(known);
         in_order
+    }
+
+    /// What pairs of photos of the last set that [`Self::known`] was asked for tell.
+    pub(super) fn statistics(&mut self) -> &mut PairStatistics {
+        &mut self.statistics
     }
 
     /// What the maps of `others` confirm of the photo's own, which is known.

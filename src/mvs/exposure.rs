@@ -8,10 +8,9 @@
 //! mean of the photos' exposures is the guess that scores best and that changes smoothly along a path: gain i becomes
 //! gᵢ / Π gⱼ^wⱼ with wⱼ the share of photo j in Σ 1/dⱼ, dⱼ its distance from the target (where a photo is at the target: all of it).
 
-use rayon::prelude::*;
-
 use super::SurfaceView;
 use super::correspondences::{Correspondence, correspondences};
+use super::pair_statistics::{PairStatistics, kept_or};
 
 /// Values that are neither lost in noise nor clipped.
 const USABLE: std::ops::RangeInclusive<f32> = 0.05..=0.95;
@@ -20,20 +19,21 @@ const ENOUGH: usize = 100;
 
 /// Gains of each view, by channel; `distances` are those of the views from the target, scene units.
 pub fn exposure_gains(views: &[SurfaceView<'_>], distances: &[f64]) -> Vec<[f32; 3]> {
-    let first = views.first();
-    let like_first: Vec<[f32; 3]> = views
-        .par_iter()
-        .enumerate()
-        .map(|(index, view)| match first {
-            Some(first) if index > 0 => gains(view, first).unwrap_or([1.0; 3]),
-            _ => [1.0; 3],
-        })
-        .collect();
-    balanced(&like_first, distances)
+    balanced(&gains_to_first(views, &mut PairStatistics::default()), distances)
+}
+
+/// Gains of each view that make it like the first.
+pub(super) fn gains_to_first(views: &[SurfaceView<'_>], statistics: &mut PairStatistics) -> Vec<[f32; 3]> {
+    let Some((first, others)) = views.split_first() else { return Vec::new() };
+    let pairs: Vec<_> = others.iter().map(|view| [view.view.texture.id(), first.view.texture.id()]).collect();
+    let like_first = |index: usize| gains(&others[index], first).unwrap_or([1.0; 3]);
+    let mut all = vec![[1.0; 3]];
+    all.extend(kept_or(&mut statistics.gains, &pairs, like_first));
+    all
 }
 
 /// Gains whose weighted geometric mean is 1.
-fn balanced(gains: &[[f32; 3]], distances: &[f64]) -> Vec<[f32; 3]> {
+pub(super) fn balanced(gains: &[[f32; 3]], distances: &[f64]) -> Vec<[f32; 3]> {
     let at_target = distances.contains(&0.0);
     let weight = |d: f64| if at_target { f64::from(u8::from(d == 0.0)) } else { 1.0 / d };
     let total: f64 = distances.iter().map(|&d| weight(d)).sum();

@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
+use super::exposure::{balanced, gains_to_first};
+use super::sharpness::sharpening_with;
 use super::{
     Camera, DepthMaps, KnownDepth, Layers, LayersError, SourceView, Surface, SurfaceView, Visibility, VisibleView,
-    exposure_gains, sharpening, surface,
+    surface,
 };
 use crate::geometry::distance;
 use crate::warp::NO_GAINS;
@@ -12,9 +14,9 @@ use crate::warp::NO_GAINS;
 /// In what the photos of a target are made alike, as far as their correspondences tell; by default in all.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Matched {
-    /// Exposure and white balance ([`exposure_gains`]).
+    /// Exposure and white balance ([`super::exposure_gains`]).
     pub exposure: bool,
-    /// Sharpness ([`sharpening`]).
+    /// Sharpness ([`super::sharpening`]).
     pub sharpness: bool,
 }
 
@@ -52,16 +54,26 @@ impl SeenSurface {
         let known = maps.known(&set);
         let view = |(&(_, view), known)| SurfaceView { view, known, gains: NO_GAINS };
         let mut views: Vec<SurfaceView<'_>> = photos.iter().zip(known.iter().map(Arc::as_ref)).map(view).collect();
+        let mut gains = vec![NO_GAINS; views.len()];
+        let mut sharpening = vec![0.0; count.min(views.len())];
+        let statistics = maps.statistics();
+        statistics.keep_of(&views);
+        if matched.exposure {
+            gains = gains_to_first(&views, statistics);
+        }
+        set_gains(&mut views, &gains);
+        if matched.sharpness {
+            // By the gains that do not depend on the target; their quotients are the same.
+            sharpening = sharpening_with(&views[..sharpening.len()], statistics);
+        }
         if matched.exposure {
             let distances: Vec<f64> = views.iter().map(|view| distance(view.view.camera, target)).collect();
-            let gains = exposure_gains(&views, &distances);
-            views.iter_mut().zip(gains).for_each(|(view, gains)| view.gains = gains);
+            gains = balanced(&gains, &distances);
         }
+        set_gains(&mut views, &gains);
         let ((near, far), settings) = (maps.range(), maps.settings());
         let surface = surface(&views, target, near, far, settings);
-        views.truncate(count);
-        let sharpening = if matched.sharpness { sharpening(&views) } else { vec![0.0; views.len()] };
-        let gains = views.iter().map(|view| view.gains).collect();
+        gains.truncate(count);
         let margin = settings.hides * surface.pixel;
         Self { surface, margin, known: known.into_iter().take(count).collect(), gains, sharpening }
     }
@@ -102,4 +114,8 @@ impl SeenSurface {
         let views = views.iter().zip(known).map(view).collect();
         Visibility { views, margin: self.margin }
     }
+}
+
+fn set_gains(views: &mut [SurfaceView<'_>], gains: &[[f32; 3]]) {
+    views.iter_mut().zip(gains).for_each(|(view, &gains)| view.gains = gains);
 }

@@ -101,8 +101,11 @@ fn splat_row_with<'a, S: pulp::Simd>(
             first[i] = if inside { (top + 1) * stride as i32 + left + 1 } else { -1 };
             (across[i], down[i]) = (right - left, bottom - top);
         }
-        for (i, &disparity) in disparity.iter().enumerate().filter(|(i, _)| first[*i] >= 0) {
-            let (first, across) = (first[i] as usize, across[i] as usize);
+        first[disparity.len()..].fill(-1);
+        // A quarter of the run apart: neighbours fall on the same pixels, and would wait for one another.
+        let order = (0..RUN / 4).flat_map(|i| [i, i + RUN / 4, i + RUN / 2, i + 3 * RUN / 4]);
+        for i in order.filter(|&i| first[i] >= 0) {
+            let (disparity, first, across) = (disparity[i], first[i] as usize, across[i] as usize);
             for at in [first, first + down[i] as usize * stride] {
                 let pair = &mut buffer[at..=at + across];
                 for held in [0, across] {

@@ -12,7 +12,10 @@ use super::penalties::Penalties;
 use super::photo_sweep::costs;
 use super::planes::Planes;
 use super::visibility::WarpedLayers;
-use super::{Camera, KnownDepth, PlaneSweep, RunCoverage, Settings, Size, SourceView, Texture, Visibility, WarpSource};
+use super::{
+    Camera, KnownDepth, PlaneSweep, RunCoverage, Settings, SharpenedPhotos, Size, SourceView, Texture, Visibility,
+    WarpSource,
+};
 use super::{disagreement, holes, median, photo_depth, splat, visibility};
 use crate::warp::{run_coverage_len, warp_layers_again, warp_sources};
 
@@ -127,7 +130,7 @@ pub fn hidden(
     let mut seen = vec![false; size.pixels()];
     let mut run_coverage = vec![RunCoverage::Partly; views.len() * run_coverage_len(size)];
     let mut sources = warp_sources(views, target);
-    let mut sharpened = Vec::new();
+    let mut sharpened = SharpenedPhotos::default();
     visibility.balance(&mut sources, &mut sharpened);
     warp_layers_again(flat(layer), &sources, size, &mut colour, &mut coverage, &mut run_coverage);
     let warped = WarpedLayers {

@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use super::project::Projected;
-use super::{Camera, KnownDepth, PlaneSweep, RUN, RunCoverage, Size, Texture, WarpSource, whole};
+use super::{Camera, KnownDepth, PlaneSweep, RUN, RunCoverage, SharpenedPhotos, Size, WarpSource, whole};
 
 /// Coverage, summed over the views, from which on a pixel is seen.
 const SEEN: f32 = 0.05;
@@ -56,15 +56,14 @@ struct Row<'a> {
 }
 
 impl Visibility<'_> {
-    /// Gives the views their balanced colours, and the sharpened photos of those that are to be sharpened; these are written to
-    /// `sharpened`.
-    pub(crate) fn balance<'a>(&self, sources: &mut [WarpSource<'a>], sharpened: &'a mut Vec<Texture>) {
-        sharpened.resize_with(sources.len(), Texture::default);
-        for ((source, view), sharpened) in sources.iter_mut().zip(&self.views).zip(sharpened) {
+    /// Gives the views their balanced colours, and the sharpened photos of those that are to be sharpened.
+    pub(crate) fn balance<'a>(&self, sources: &mut [WarpSource<'a>], sharpened: &'a mut SharpenedPhotos) {
+        let photos = sources.iter().zip(&self.views).map(|(source, view)| (source.texture, view.sharpening));
+        sharpened.sharpen(photos.filter(|(_, amount)| *amount != 0.0));
+        for (source, view) in sources.iter_mut().zip(&self.views) {
             source.gains = view.gains;
             if view.sharpening != 0.0 {
-                source.texture.sharpen(view.sharpening, sharpened);
-                source.texture = sharpened;
+                source.texture = sharpened.get(source.texture, view.sharpening);
             }
         }
     }

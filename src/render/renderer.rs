@@ -15,9 +15,9 @@ use super::error::RenderError;
 use super::frame::{Frame, StageTimes};
 use crate::geometry::{Camera, Size, distance};
 use crate::layers::{Layers, padded};
-use crate::mvs::Visibility;
+use crate::mvs::{SharpenedPhotos, Visibility};
 use crate::network::{Alpha, NetworkError, PlaneNetwork};
-use crate::warp::{RunCoverage, SourceView, Texture, warp_sources};
+use crate::warp::{RunCoverage, SourceView, warp_sources};
 
 /// Layers that are warped, and then composited, together, however few the network takes at once: photos and sums then go through
 /// memory once for all of them. Measured alternatives: docs/experiments.md.
@@ -35,7 +35,7 @@ pub struct Renderer<N> {
     culling: Culling,
     buffers: Buffers,
     /// Photos of the views that are sharpened.
-    sharpened: Vec<Texture>,
+    sharpened: SharpenedPhotos,
 }
 
 impl<N> fmt::Debug for Renderer<N> {
@@ -48,7 +48,14 @@ impl<N: PlaneNetwork> Renderer<N> {
     /// A renderer that runs the network on `batch` layers at once (at least one).
     pub fn new(network: N, batch: usize) -> Self {
         let (alpha, culling) = (Alpha::default(), Culling::default());
-        Self { network, batch: batch.max(1), alpha, culling, buffers: Buffers::default(), sharpened: Vec::new() }
+        Self {
+            network,
+            batch: batch.max(1),
+            alpha,
+            culling,
+            buffers: Buffers::default(),
+            sharpened: SharpenedPhotos::default(),
+        }
     }
 
     /// The network it runs.

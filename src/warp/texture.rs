@@ -1,5 +1,7 @@
 //! Photos as textures.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use rayon::prelude::*;
 
 use crate::geometry::Size;
@@ -12,6 +14,7 @@ pub struct Texture {
     texels: Vec<[f32; 4]>,
     width: usize,
     height: usize,
+    id: u64,
 }
 
 /// Zeros before the first and after the last pixel of a row or column: a coordinate clamped to one pixel outside the
@@ -30,7 +33,12 @@ impl Texture {
                 *texel = [rgb[0], rgb[1], rgb[2], 1.0];
             }
         }
-        Self { texels, width, height }
+        Self { texels, width, height, id: new_id() }
+    }
+
+    /// Tells photos apart: textures of one id are the same.
+    pub(crate) fn id(&self) -> u64 {
+        self.id
     }
 
     /// Columns of the photo.
@@ -74,14 +82,14 @@ impl Texture {
                 *texel = sum.map(|s| s / sum[3]);
             }
         }
-        Self { texels, width, height }
+        Self { texels, width, height, id: new_id() }
     }
 
     /// Writes the photo to `out` with `amount` of its detail, each pixel's difference from its four neighbours, added. Neighbours
     /// outside are the pixel itself; the result is clamped to [0, 1].
     pub(crate) fn sharpen(&self, amount: f32, out: &mut Self) {
         let (width, height, stride) = (self.width, self.height, self.stride() as usize);
-        (out.width, out.height) = (width, height);
+        (out.width, out.height, out.id) = (width, height, new_id());
         out.texels.resize(self.texels.len(), [0.0; 4]);
         let row = |y: usize| &self.texels[(y + BORDER.0) * stride + BORDER.0..][..width];
         let rows = out.texels.par_chunks_exact_mut(stride).enumerate();
@@ -102,7 +110,7 @@ impl Texture {
             let at = (top + y + BORDER.0) * stride + left + BORDER.0;
             row[BORDER.0..BORDER.0 + size.width].copy_from_slice(&self.texels[at..at + size.width]);
         }
-        Self { texels, width: size.width, height: size.height }
+        Self { texels, width: size.width, height: size.height, id: new_id() }
     }
 
     /// Texels from one row to the next.
@@ -118,6 +126,12 @@ impl Texture {
         let lower = &self.texels[stride..];
         (&self.texels[..lower.len()], lower)
     }
+}
+
+/// Not 0, which is an empty texture's.
+fn new_id() -> u64 {
+    static LAST: AtomicU64 = AtomicU64::new(0);
+    LAST.fetch_add(1, Ordering::Relaxed) + 1
 }
 
 /// A row and those above and below it, to the row with `amount` of its detail added; values of the four channels one after another.
