@@ -55,6 +55,7 @@ pub mod mvs;
 pub mod network;
 pub mod render;
 pub mod scene;
+mod simd;
 mod synthesizer;
 pub mod warp;
 

@@ -1,6 +1,7 @@
 //! Layers: planes, or maps of disparity per cell.
 
 use ndarray::Array2;
+use rayon::prelude::*;
 
 use super::cells::{CELL, enlarge};
 use super::error::LayersError;
@@ -123,7 +124,10 @@ impl Layer {
         match self {
             Self::Plane(disparity) => out.fill(*disparity as f32),
             Self::Map(map) => enlarge(map.view(), CELL, width, out),
-            Self::Pixels(map) => out.copy_from_slice(map.as_slice().expect("standard layout")),
+            Self::Pixels(map) => {
+                let rows = out.par_chunks_mut(width).zip_eq(map.as_slice().expect("standard layout").par_chunks(width));
+                rows.for_each(|(out, row)| out.copy_from_slice(row));
+            }
         }
     }
 }

@@ -92,7 +92,7 @@ impl Lanes {
 }
 
 /// Right and left along row `y`; `sums` become those of both.
-#[pulp::with_simd(across = pulp::Arch::new())]
+#[pulp::with_simd(across = crate::simd::arch())]
 #[inline(always)]
 fn across_with<'a, S: pulp::Simd>(_simd: S, paths: &'a Paths<'a>, y: usize, lanes: &'a mut Lanes, sums: &'a mut [u16]) {
     sums.fill(0);
@@ -108,7 +108,7 @@ fn across_with<'a, S: pulp::Simd>(_simd: S, paths: &'a Paths<'a>, y: usize, lane
 }
 
 /// Down and up the columns from `first` on, whose rows of sums `block` holds; `found` becomes their indices.
-#[pulp::with_simd(down_and_up = pulp::Arch::new())]
+#[pulp::with_simd(down_and_up = crate::simd::arch())]
 #[inline(always)]
 fn down_and_up_with<'a, S: pulp::Simd>(
     _simd: S,

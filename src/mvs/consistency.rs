@@ -39,7 +39,7 @@ impl Opinion {
     }
 }
 
-#[pulp::with_simd(compare = pulp::Arch::new())]
+#[pulp::with_simd(compare = crate::simd::arch())]
 #[inline(always)]
 fn compare_with<'a, S: pulp::Simd>(
     _simd: S,

@@ -7,6 +7,7 @@
 use rayon::prelude::*;
 
 use super::{RUN, RunCoverage, SamplePositions, WarpSource, sample};
+use crate::warp::NO_GAINS;
 
 /// What a pixel costs that fewer than two views see, and the most that any costs.
 pub(super) const MOST: f32 = 0.02;
@@ -68,7 +69,7 @@ impl Scratch {
     }
 }
 
-#[pulp::with_simd(window_rows = pulp::Arch::new())]
+#[pulp::with_simd(window_rows = crate::simd::arch())]
 #[inline(always)]
 fn window_rows_with<'a, S: pulp::Simd>(
     simd: S,
@@ -101,7 +102,7 @@ fn window_rows_with<'a, S: pulp::Simd>(
                     continue;
                 }
                 let mut samples = [[0.0; RUN]; 4];
-                sample(simd, source.texture, &scratch.taps, samples.each_mut());
+                sample(simd, source.texture, &scratch.taps, NO_GAINS, samples.each_mut());
                 let mut weight = [0.0; RUN];
                 weight[..wide].copy_from_slice(&visible[span.clone()]);
                 let [red, green, blue, coverage] = &samples;

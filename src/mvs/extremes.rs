@@ -19,7 +19,7 @@ pub(super) fn extremes3(map: &[f32], width: usize) -> (Vec<f32>, Vec<f32>) {
 }
 
 /// Down the columns first (with one more at either end), then along the row.
-#[pulp::with_simd(extremes_row = pulp::Arch::new())]
+#[pulp::with_simd(extremes_row = crate::simd::arch())]
 #[inline(always)]
 fn extremes_row_with<'a, S: pulp::Simd>(
     _simd: S,

@@ -13,7 +13,7 @@ pub(super) fn median3(map: &[f32], width: usize) -> Vec<f32> {
     out
 }
 
-#[pulp::with_simd(median_row = pulp::Arch::new())]
+#[pulp::with_simd(median_row = crate::simd::arch())]
 #[inline(always)]
 fn median_row_with<'a, S: pulp::Simd>(_simd: S, rows: [&'a [f32]; 3], out: &'a mut [f32]) {
     let last = out.len() - 1;

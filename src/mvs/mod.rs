@@ -47,7 +47,7 @@ pub use seen_surface::{Matched, SeenSurface};
 pub(crate) use sharpened::SharpenedPhotos;
 pub use sharpness::sharpening;
 pub use surface::{Surface, SurfaceView, surface};
-pub(crate) use visibility::WarpedLayers;
+pub(crate) use visibility::hide;
 pub use visibility::{Visibility, VisibleView};
 
 use crate::geometry::{Camera, PlaneSweep, Size};

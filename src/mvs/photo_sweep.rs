@@ -15,6 +15,7 @@ use super::grid::{Candidates, Grid, SEGMENT};
 use super::planes::Planes;
 use super::tile::{BAND, KEPT, ROWS, Run, STEP, Tile};
 use super::{RUN, RunCoverage, WarpSource, sample};
+use crate::warp::NO_GAINS;
 
 /// One unit of cost, in units of the volume.
 pub(super) const UNIT: f32 = 32768.0;
@@ -47,7 +48,7 @@ struct Search<'a> {
     count: usize,
 }
 
-#[pulp::with_simd(search_band = pulp::Arch::new())]
+#[pulp::with_simd(search_band = crate::simd::arch())]
 #[inline(always)]
 fn search_band_with<'a, S: pulp::Simd>(
     simd: S,
@@ -140,7 +141,7 @@ impl Search<'_> {
                 all = false;
                 continue;
             }
-            sample(simd, source.texture, &tile.taps, samples.each_mut());
+            sample(simd, source.texture, &tile.taps, NO_GAINS, samples.each_mut());
             let [red, green, blue, coverage] = &samples;
             let [r, g, b] = [0, 1, 2].map(|channel| self.reference.run(channel, y, tile.column));
             if found == RunCoverage::All {

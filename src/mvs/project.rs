@@ -32,7 +32,7 @@ impl Projected {
     }
 }
 
-#[pulp::with_simd(project_row = pulp::Arch::new())]
+#[pulp::with_simd(project_row = crate::simd::arch())]
 #[inline(always)]
 fn project_row_with<'a, S: pulp::Simd>(
     _simd: S,

@@ -1,5 +1,4 @@
-//! Sharpened photos, kept from one target to the next: along a path most stay the same (1.8 of 44 ms of processor time per frame at
-//! V = 4, 504×352).
+//! Sharpened photos, kept from one target to the next: along a path most stay the same (docs/experiments.md, "Along a path").
 
 use super::Texture;
 

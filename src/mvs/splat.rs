@@ -29,7 +29,7 @@ pub(super) fn splat(
     fused
 }
 
-#[pulp::with_simd(fuse_row = pulp::Arch::new())]
+#[pulp::with_simd(fuse_row = crate::simd::arch())]
 #[inline(always)]
 fn fuse_row_with<'a, S: pulp::Simd>(_simd: S, rows: &'a [&'a [f32]], (agree, fuse): (f32, f32), fused: &'a mut [f32]) {
     let width = fused.len();
@@ -78,7 +78,7 @@ fn splat_one((camera, map): &(&Camera, &KnownDepth), target: &Camera, size: Size
 }
 
 /// Points of a row, where they lie in the target, and how far away they are in their own photo: below 0 there is none.
-#[pulp::with_simd(splat_row = pulp::Arch::new())]
+#[pulp::with_simd(splat_row = crate::simd::arch())]
 #[inline(always)]
 fn splat_row_with<'a, S: pulp::Simd>(
     _simd: S,
@@ -90,7 +90,7 @@ fn splat_row_with<'a, S: pulp::Simd>(
     let stride = size.width + 2;
     let (right, bottom) = (size.width as f32 + HALF, size.height as f32 + HALF);
     let points = points.x.chunks(RUN).zip(points.y.chunks(RUN)).zip(points.disparity.chunks(RUN)).zip(own.chunks(RUN));
-    // Upper left corner, and how far right and down of it the lower right one lies: 0 or 1.
+    // Upper left corner, and how far right and down of it the lower right one lies: 0 or 1, 0 or a row.
     let (mut first, mut across, mut down) = ([0; RUN], [0; RUN], [0; RUN]);
     for (((x, y), disparity), own) in points {
         for i in 0..x.len() {
@@ -99,18 +99,19 @@ fn splat_row_with<'a, S: pulp::Simd>(
             let inside = (own[i] >= 0.0) & (x >= -HALF) & (y >= -HALF) & (x < right) & (y < bottom);
             let [left, right, top, bottom] = [x - HALF, x + HALF, y - HALF, y + HALF].map(|at| whole(at.floor()));
             first[i] = if inside { (top + 1) * stride as i32 + left + 1 } else { -1 };
-            (across[i], down[i]) = (right - left, bottom - top);
+            (across[i], down[i]) = (right - left, (bottom - top) * stride as i32);
         }
-        first[disparity.len()..].fill(-1);
-        // A quarter of the run apart: neighbours fall on the same pixels, and would wait for one another.
-        let order = (0..RUN / 4).flat_map(|i| [i, i + RUN / 4, i + RUN / 2, i + 3 * RUN / 4]);
-        for i in order.filter(|&i| first[i] >= 0) {
-            let (disparity, first, across) = (disparity[i], first[i] as usize, across[i] as usize);
-            for at in [first, first + down[i] as usize * stride] {
-                let pair = &mut buffer[at..=at + across];
-                for held in [0, across] {
-                    pair[held] = if disparity > pair[held] { disparity } else { pair[held] };
-                }
+        first[x.len()..].fill(-1);
+        for i in 0..RUN {
+            // A quarter of a run apart: neighbours fall on the same pixels, and would wait for one another.
+            let i = i % 4 * (RUN / 4) + i / 4;
+            if first[i] < 0 {
+                continue;
+            }
+            let (disparity, first, across, down) =
+                (disparity[i], first[i] as usize, across[i] as usize, down[i] as usize);
+            for at in [first, first + across, first + down, first + down + across] {
+                buffer[at] = if disparity > buffer[at] { disparity } else { buffer[at] };
             }
         }
     }

@@ -11,13 +11,12 @@ use super::grid::{Candidates, Grid};
 use super::penalties::Penalties;
 use super::photo_sweep::costs;
 use super::planes::Planes;
-use super::visibility::WarpedLayers;
 use super::{
     Camera, KnownDepth, PlaneSweep, RunCoverage, Settings, SharpenedPhotos, Size, SourceView, Texture, Visibility,
     WarpSource,
 };
 use super::{disagreement, holes, median, photo_depth, splat, visibility};
-use crate::warp::{run_coverage_len, warp_layers_again, warp_sources};
+use crate::warp::{WarpedLayers, run_coverage_len, warp_layers_again, warp_sources};
 
 /// An even grid of disparities on cells of some pixels, and the part of it that each cell is searched at.
 #[derive(Debug, Clone, Copy)]
@@ -132,14 +131,16 @@ pub fn hidden(
     let mut sources = warp_sources(views, target);
     let mut sharpened = SharpenedPhotos::default();
     visibility.balance(&mut sources, &mut sharpened);
-    warp_layers_again(flat(layer), &sources, size, &mut colour, &mut coverage, &mut run_coverage);
-    let warped = WarpedLayers {
+    let mut seen_runs = vec![0; run_coverage.len()];
+    let mut warped = WarpedLayers {
         disparity: flat(layer),
         colour: &mut colour,
         coverage: &mut coverage,
         run_coverage: &mut run_coverage,
+        seen: &mut seen_runs,
     };
-    visibility.hide(target, size, warped, &mut seen);
+    warp_layers_again(&sources, &visibility.own_depth(), size, &mut warped);
+    visibility::hide(views.len(), size, &mut warped, &mut seen);
     let volume = |values: Vec<f32>| {
         Array3::from_shape_vec((values.len() / size.pixels(), height, width), values).expect("whole maps")
     };

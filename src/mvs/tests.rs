@@ -262,3 +262,28 @@ fn exposure_is_told_from_what_two_photos_show() {
         assert!((gains[0][c] * gains[1][c] - 1.0).abs() < 1e-5);
     }
 }
+
+#[test]
+fn what_pairs_of_photos_tell_is_kept_as_long_as_they_are_the_same() {
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let darker = Texture::new(&photo(PLACES[1], [0.8, 0.9, 1.0]));
+    let find = |maps: &mut DepthMaps, x: f64, second: &Texture| {
+        let view =
+            |index| SourceView { texture: if index == 1 { second } else { &rig.photos[index] }, ..rig.view(index) };
+        let mut photos: Vec<_> = (0..4).map(|index| (index, view(index))).collect();
+        photos.sort_by(|a, b| (PLACES[a.0] - x).abs().total_cmp(&(PLACES[b.0] - x).abs()));
+        let found = SeenSurface::find(maps, &photos, 3, &camera(x), Matched::default());
+        (found.gains().to_vec(), found.sharpening().to_vec())
+    };
+    for (x, second) in [(0.05, &rig.photos[1]), (0.02, &rig.photos[1]), (-0.15, &rig.photos[1]), (-0.12, &darker)] {
+        let mut anew = maps.clone();
+        *anew.statistics() = Default::default();
+        let (found, expected) = (find(&mut maps, x, second), find(&mut anew, x, second));
+        assert_eq!(found, expected, "{x}");
+        let kept = maps.statistics().sharpness.len();
+        find(&mut maps, x + 0.01, second);
+        assert_eq!(maps.statistics().sharpness.len(), kept, "of another target nothing is computed anew");
+    }
+    assert_eq!(maps.statistics().gains.len(), 3, "of a photo that has changed nothing is left");
+}

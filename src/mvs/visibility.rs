@@ -5,10 +5,13 @@
 //! 0.05 or less, all views serve as if none were hidden, and the pixel counts as unseen. (Further photos in their place: no gain,
 //! docs/experiments.md.)
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::project::Projected;
 use super::{Camera, KnownDepth, PlaneSweep, RUN, RunCoverage, SharpenedPhotos, Size, WarpSource, whole};
+use crate::warp::{ALL_SEEN, OwnDepth, WarpedLayers};
 
 /// Coverage, summed over the views, from which on a pixel is seen.
 const SEEN: f32 = 0.05;
@@ -35,24 +38,12 @@ pub struct VisibleView<'a> {
     pub sharpening: f32,
 }
 
-/// Layers that the views were warped by.
-#[derive(Debug)]
-pub(crate) struct WarpedLayers<'a> {
-    /// `[n, h, w]`, 1/scene unit.
-    pub(crate) disparity: &'a [f32],
-    /// `[n, 3V, h, w]`.
-    pub(crate) colour: &'a mut [f32],
-    /// `[n, V, h, w]`.
-    pub(crate) coverage: &'a mut [f32],
-    /// What is known of the coverage, by layer, view and row.
-    pub(crate) run_coverage: &'a mut [RunCoverage],
-}
-
-/// A row of a view: colour by channel, coverage, what is known of it.
+/// A row of a view: colour by channel, coverage, what is known of it, and which pixels the view sees.
 struct Row<'a> {
     colour: [&'a mut [f32]; 3],
     coverage: &'a mut [f32],
-    seen: &'a mut [RunCoverage],
+    run_coverage: &'a mut [RunCoverage],
+    seen: &'a mut [u64],
 }
 
 impl Visibility<'_> {
@@ -68,83 +59,89 @@ impl Visibility<'_> {
         }
     }
 
-    /// Multiply colour and coverage of layers of `target`, padded to `size`, by 1 or 0. `seen_any` becomes true where a view sees one
-    /// of them.
-    pub(crate) fn hide(&self, target: &Camera, size: Size, layers: WarpedLayers<'_>, seen_any: &mut [bool]) {
-        let (width, plane) = (size.width, size.pixels());
-        let sweeps: Vec<_> = self.views.iter().map(|view| PlaneSweep::new(view.camera, target)).collect();
-        let runs = width.div_ceil(RUN);
-        // Rows of all layers and views side by side, so that a thread decides over all of them at once.
-        let mut rows: Vec<Vec<Row<'_>>> = (0..size.height).map(|_| Vec::new()).collect();
-        let views = layers.colour.chunks_mut(3 * plane).zip(layers.coverage.chunks_mut(plane));
-        for ((colour, coverage), seen) in views.zip(layers.run_coverage.chunks_mut(size.height * runs)) {
-            let (red, rest) = colour.split_at_mut(plane);
-            let (green, blue) = rest.split_at_mut(plane);
-            let lines = red.chunks_mut(width).zip(green.chunks_mut(width)).zip(blue.chunks_mut(width));
-            let lines = lines.zip(coverage.chunks_mut(width)).zip(seen.chunks_mut(runs));
-            for (rows, ((((red, green), blue), coverage), seen)) in rows.iter_mut().zip(lines) {
-                rows.push(Row { colour: [red, green, blue], coverage, seen });
-            }
-        }
-        let lines = rows.into_par_iter().zip(seen_any.par_chunks_mut(width)).enumerate();
-        lines.for_each_init(
-            || (Projected::default(), vec![vec![1.0; width]; sweeps.len()], vec![0.0; width]),
-            |(projected, masks, left), (y, (mut rows, seen_any))| {
-                let mut before: Option<&[f32]> = None;
-                for (disparity, views) in layers.disparity.chunks(plane).zip(rows.chunks_mut(sweeps.len())) {
-                    let disparity = &disparity[y * width..(y + 1) * width];
-                    for start in (0..width).step_by(RUN) {
-                        let run = start..(start + RUN).min(width);
-                        // Most of a layer along a surface lies where the one before it does.
-                        if before.is_some_and(|before| before[run.clone()] == disparity[run.clone()]) {
-                            continue;
-                        }
-                        left[run.clone()].fill(0.0);
-                        let left = &mut left[run.clone()];
-                        for (((sweep, view), mask), row) in sweeps.iter().zip(&self.views).zip(&mut *masks).zip(&*views)
-                        {
-                            let mask = &mut mask[run.clone()];
-                            projected.part(sweep, (start, y), &disparity[run.clone()]);
-                            see(projected, view.known, self.margin, mask);
-                            left.iter_mut()
-                                .zip(&*mask)
-                                .zip(&row.coverage[run.clone()])
-                                .for_each(|((left, m), c)| *left += m * c);
-                        }
-                        for x in run.clone().filter(|&x| left[x - start] <= SEEN) {
-                            masks.iter_mut().for_each(|mask| mask[x] = 1.0);
-                        }
-                    }
-                    before = Some(disparity);
-                    seen_any.iter_mut().zip(&*left).for_each(|(seen, &left)| *seen |= left > SEEN);
-                    for (mask, row) in masks.iter().zip(views) {
-                        row.hide(mask);
-                    }
-                }
-            },
-        );
+    /// The views' own depth, as the warp asks for it.
+    pub(crate) fn own_depth(&self) -> Vec<OwnDepth<'_>> {
+        let disparities = self.views.iter().map(|view| view.known.disparity.as_slice().expect("standard order"));
+        disparities.map(|disparity| OwnDepth { disparity, margin: self.margin }).collect()
     }
 }
 
-impl Row<'_> {
-    /// Multiplies it by a mask of ones and zeros.
-    fn hide(&mut self, mask: &[f32]) {
-        for (run, mask) in mask.chunks(RUN).enumerate() {
-            if mask.iter().all(|&m| m == 1.0) || self.seen[run] == RunCoverage::None {
-                continue;
+/// Takes colour and coverage from what `layers` of so many views, warped with their own depth, tell is not seen, on a target padded to
+/// `size`. `seen_any` becomes true where a view sees one of them.
+pub(crate) fn hide(views: usize, size: Size, layers: &mut WarpedLayers<'_>, seen_any: &mut [bool]) {
+    let (width, plane, runs) = (size.width, size.pixels(), size.width.div_ceil(RUN));
+    // Rows of all layers and views side by side, so that a thread decides over all of them at once.
+    let mut rows: Vec<Vec<Row<'_>>> =
+        (0..size.height).map(|_| Vec::with_capacity(layers.coverage.len() / plane)).collect();
+    let planes = layers.colour.chunks_mut(3 * plane).zip(layers.coverage.chunks_mut(plane));
+    let known = layers.run_coverage.chunks_mut(size.height * runs).zip(layers.seen.chunks_mut(size.height * runs));
+    for ((colour, coverage), (run_coverage, seen)) in planes.zip(known) {
+        let (red, rest) = colour.split_at_mut(plane);
+        let (green, blue) = rest.split_at_mut(plane);
+        let lines = red.chunks_mut(width).zip(green.chunks_mut(width)).zip(blue.chunks_mut(width));
+        let lines = lines.zip(coverage.chunks_mut(width)).zip(run_coverage.chunks_mut(runs)).zip(seen.chunks_mut(runs));
+        for (rows, (((((red, green), blue), coverage), run_coverage), seen)) in rows.iter_mut().zip(lines) {
+            rows.push(Row { colour: [red, green, blue], coverage, run_coverage, seen });
+        }
+    }
+    rows.into_par_iter().zip(seen_any.par_chunks_mut(width)).for_each(|(mut rows, seen_any)| {
+        for layer in rows.chunks_mut(views) {
+            for (run, seen_any) in seen_any.chunks_mut(RUN).enumerate() {
+                hide_run(layer, run, seen_any);
             }
-            self.seen[run] = RunCoverage::Partly;
-            let span = run * RUN..run * RUN + mask.len();
-            let [red, green, blue] = &mut self.colour;
-            for values in [&mut **red, green, blue, self.coverage] {
-                values[span.clone()].iter_mut().zip(mask).for_each(|(value, m)| *value *= m);
+        }
+    });
+}
+
+/// As [`hide`], a run of a layer.
+fn hide_run(views: &mut [Row<'_>], run: usize, seen_any: &mut [bool]) {
+    let span = run * RUN..run * RUN + seen_any.len();
+    if views.iter().any(|view| view.seen[run] == ALL_SEEN && view.run_coverage[run] == RunCoverage::All) {
+        seen_any.fill(true);
+    } else {
+        let mut left = [0.0; RUN];
+        for view in &*views {
+            let seen = view.seen[run];
+            let pixels = left.iter_mut().zip(&view.coverage[span.clone()]).enumerate();
+            pixels.for_each(|(i, (left, coverage))| *left += mask(seen, i) * coverage);
+        }
+        let left = &left[..seen_any.len()];
+        seen_any.iter_mut().zip(left).for_each(|(seen, &left)| *seen |= left > SEEN);
+        let unseen = left.iter().enumerate().fold(0, |unseen, (i, &left)| unseen | u64::from(left <= SEEN) << i);
+        views.iter_mut().for_each(|view| view.seen[run] |= unseen);
+    }
+    for view in views {
+        view.hide(run, span.clone());
+    }
+}
+
+/// 1 where a bit is set, else 0.
+fn mask(seen: u64, i: usize) -> f32 {
+    f32::from((seen >> i & 1) as u8)
+}
+
+impl Row<'_> {
+    /// Takes away what the view does not see of a run.
+    fn hide(&mut self, run: usize, span: Range<usize>) {
+        let seen = self.seen[run];
+        if seen == ALL_SEEN || self.run_coverage[run] == RunCoverage::None {
+            return;
+        }
+        self.run_coverage[run] = RunCoverage::Partly;
+        let [red, green, blue] = &mut self.colour;
+        for values in [&mut **red, green, blue, self.coverage] {
+            let values = &mut values[span.clone()];
+            let mut hidden = !seen;
+            while hidden != 0 {
+                values[hidden.trailing_zeros() as usize] = 0.0;
+                hidden &= hidden - 1;
             }
         }
     }
 }
 
 /// 1 where the view sees the points of a row, else 0.
-#[pulp::with_simd(see = pulp::Arch::new())]
+#[pulp::with_simd(see = crate::simd::arch())]
 #[inline(always)]
 fn see_with<'a, S: pulp::Simd>(_simd: S, points: &'a Projected, map: &'a KnownDepth, margin: f32, seen: &'a mut [f32]) {
     let (rows, columns) = map.disparity.dim();

@@ -201,7 +201,7 @@ fn lanes<'a>(values: &'a [f32], spare: &'a mut [f32; LANES]) -> &'a [f32; LANES]
 }
 
 /// Plain loops over lanes, compiled for the vector instructions of this processor.
-#[pulp::with_simd(blend_run = pulp::Arch::new())]
+#[pulp::with_simd(blend_run = crate::simd::wide_arch())]
 #[inline(always)]
 fn blend_run_with<'a, S: pulp::Simd>(
     _simd: S,

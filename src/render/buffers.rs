@@ -5,11 +5,11 @@ use rayon::prelude::*;
 
 use super::blend::DistanceWeights;
 use crate::fs::memory::{self, MemoryError};
-use crate::geometry::{Camera, Size};
+use crate::geometry::Size;
 use crate::layers::Layer;
-use crate::mvs::{Visibility, WarpedLayers};
+use crate::mvs::hide;
 use crate::network::{NetworkError, PlaneNetwork};
-use crate::warp::{RunCoverage, WarpSource, run_coverage_len, warp_layers_again};
+use crate::warp::{OwnDepth, RunCoverage, WarpSource, WarpedLayers, run_coverage_len, warp_layers_again};
 
 /// The stages of n layers over the padded target of h × w pixels, as [`super::Renderer::render_observed`] shows them.
 #[derive(Debug, Clone, Copy)]
@@ -39,6 +39,8 @@ pub(crate) struct Buffers {
     hwv: Vec<f32>,
     coverage: Vec<f32>,
     run_coverage: Vec<RunCoverage>,
+    /// Which pixels of a run a view sees, by bit; only from warp to [`Self::hide`].
+    seen: Vec<u64>,
     logits: Vec<f32>,
 }
 
@@ -46,15 +48,15 @@ impl Buffers {
     /// Bytes for `layers` layers of `views` views on a padded target of that size.
     pub(crate) fn bytes(layers: usize, views: usize, size: Size) -> usize {
         // Disparity; of each view colour, coverage and a logit.
-        layers
-            * (size.pixels() * size_of::<f32>() * (1 + 5 * views)
-                + views * run_coverage_len(size) * size_of::<RunCoverage>())
+        let run = size_of::<RunCoverage>() + size_of::<u64>();
+        layers * (size.pixels() * size_of::<f32>() * (1 + 5 * views) + views * run_coverage_len(size) * run)
     }
 
     /// Bytes that it has.
     fn held(&self) -> usize {
         let values = [&self.disparity, &self.hwv, &self.coverage, &self.logits].map(Vec::capacity);
-        values.iter().sum::<usize>() * size_of::<f32>() + self.run_coverage.capacity() * size_of::<RunCoverage>()
+        let runs = self.run_coverage.capacity() * size_of::<RunCoverage>() + self.seen.capacity() * size_of::<u64>();
+        values.iter().sum::<usize>() * size_of::<f32>() + runs
     }
 
     /// Room for `layers` layers of `views` views on a padded target of that size.
@@ -63,14 +65,18 @@ impl Buffers {
         if more > 0 {
             memory::check(more as u64)?;
         }
+        let (pixels, runs) = (layers * size.pixels(), layers * views * run_coverage_len(size));
+        if (self.views, self.size, self.run_coverage.len()) == (views, size, runs) {
+            return Ok(()); // what is known of the coverage goes on to be so
+        }
         (self.views, self.size) = (views, size);
-        let pixels = layers * size.pixels();
         self.disparity.resize(pixels, 0.0);
         self.hwv.resize(3 * views * pixels, 0.0);
         self.coverage.resize(views * pixels, 0.0);
         self.logits.resize(views * pixels, 0.0);
-        self.run_coverage.clear(); // it was known for another target
-        self.run_coverage.resize(layers * views * run_coverage_len(size), RunCoverage::Partly);
+        self.run_coverage.clear();
+        self.run_coverage.resize(runs, RunCoverage::Partly);
+        self.seen.resize(runs, 0);
         Ok(())
     }
 
@@ -80,36 +86,40 @@ impl Buffers {
         [pixels, self.views * pixels, self.views * run_coverage_len(self.size)]
     }
 
-    /// Warps the next layers of `waiting`, one per slot, and writes their indices to `indices`, slot by slot.
+    /// Warps the next layers of `waiting`, one per slot, with the views' own depth or without any, and writes their indices to `indices`, slot by slot.
     pub(crate) fn warp<'a>(
         &mut self,
         waiting: impl Iterator<Item = (usize, &'a Layer)>,
         sources: &[WarpSource<'_>],
+        own: &[OwnDepth<'_>],
         indices: &mut Vec<usize>,
     ) {
-        let [pixels, samples, runs] = self.lengths();
+        let [pixels, ..] = self.lengths();
         indices.clear();
         for (disparity, (index, layer)) in self.disparity.chunks_exact_mut(pixels).zip(waiting) {
             layer.fill(self.size.width, disparity);
             indices.push(index);
         }
-        let n = indices.len();
-        let (colour, coverage) = (&mut self.hwv[..n * 3 * samples], &mut self.coverage[..n * samples]);
-        let run_coverage = &mut self.run_coverage[..n * runs];
-        warp_layers_again(&self.disparity[..n * pixels], sources, self.size, colour, coverage, run_coverage);
+        warp_layers_again(sources, own, self.size, &mut self.layers(indices.len()));
     }
 
-    /// Multiplies colour and coverage of the first `n` layers by whether each view sees the layer there; `seen_any` becomes true
-    /// where some view does.
-    pub(crate) fn hide(&mut self, n: usize, visibility: &Visibility<'_>, target: &Camera, seen_any: &mut [bool]) {
+    /// The first `n` layers.
+    fn layers(&mut self, n: usize) -> WarpedLayers<'_> {
         let [pixels, samples, runs] = self.lengths();
-        let layers = WarpedLayers {
+        WarpedLayers {
             disparity: &self.disparity[..n * pixels],
             colour: &mut self.hwv[..n * 3 * samples],
             coverage: &mut self.coverage[..n * samples],
             run_coverage: &mut self.run_coverage[..n * runs],
-        };
-        visibility.hide(target, self.size, layers, seen_any);
+            seen: &mut self.seen[..n * runs],
+        }
+    }
+
+    /// Takes from colour and coverage of the first `n` layers, warped with the views' own depth, what each view does not see;
+    /// `seen_any` becomes true where some view sees one.
+    pub(crate) fn hide(&mut self, n: usize, seen_any: &mut [bool]) {
+        let (views, size) = (self.views, self.size);
+        hide(views, size, &mut self.layers(n), seen_any);
     }
 
     /// Coverage of the layer in `slot`, `[V, h, w]`.
@@ -201,7 +211,7 @@ mod tests {
         buffers.make_room(3, 3, SIZE).unwrap();
         let planes = Layers::planes(&[2.0, 1.0, 1e-3]).unwrap();
         let sources = [source(-210.0, 5.0), source(210.0, -5.0), source(1.0, 0.5)];
-        buffers.warp(planes.as_slice().iter().enumerate(), &sources, &mut Vec::new());
+        buffers.warp(planes.as_slice().iter().enumerate(), &sources, &[], &mut Vec::new());
         buffers
     }
 

@@ -61,7 +61,7 @@ impl Competing {
 }
 
 /// Plain loops over the pixels, compiled for the vector instructions of this processor.
-#[pulp::with_simd(add_row = pulp::Arch::new())]
+#[pulp::with_simd(add_row = crate::simd::arch())]
 #[inline(always)]
 fn add_row_with<'a, S: pulp::Simd>(
     _simd: S,

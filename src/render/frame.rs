@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use ndarray::Array2;
+use rayon::prelude::*;
 
 use super::composite::Accumulated;
 use super::culling::Culled;
@@ -39,27 +40,37 @@ pub struct StageTimes {
     pub warp: Duration,
     /// Running the network.
     pub network: Duration,
-    /// Blending and compositing.
+    /// Blending and compositing, up to the frame.
     pub composite: Duration,
 }
 
 impl Frame {
     /// From the rows of the target, all layers composited.
     pub(super) fn new(gathered: &[Accumulated], target: &Camera, culled: Culled, times: StageTimes) -> Self {
-        let shape = (target.height(), target.width());
-        let map = |f: fn(&Accumulated) -> &Vec<f64>| {
-            let values = gathered.iter().flat_map(|row| f(row).iter().map(|&value| value as f32)).collect();
-            Array2::from_shape_vec(shape, values).expect("one value per pixel")
-        };
-        let pixel = |row: &Accumulated, x: usize| std::array::from_fn::<_, 3, _>(|c| row.rgb[c][x] as f32);
-        let rgb = gathered.iter().flat_map(|row| (0..shape.1).flat_map(move |x| pixel(row, x))).collect();
-        let best =
-            gathered.iter().flat_map(|row| row.best_layer.iter().map(|&best| (best != u32::MAX).then_some(best)));
+        let (shape, width) = ((target.height(), target.width()), target.width());
+        let pixels = shape.0 * width;
+        let (mut rgb, mut best_layer) = (vec![0.0; 3 * pixels], vec![None; pixels]);
+        let [mut disparity, mut transmittance] = [(); 2].map(|()| vec![0.0; pixels]);
+        let lines = rgb.par_chunks_mut(3 * width).zip(best_layer.par_chunks_mut(width));
+        let lines = lines.zip(disparity.par_chunks_mut(width)).zip(transmittance.par_chunks_mut(width));
+        gathered.par_iter().zip(lines).for_each(|(row, (((rgb, best_layer), disparity), transmittance))| {
+            let [red, green, blue] = &row.rgb;
+            for (((to, &red), &green), &blue) in rgb.as_chunks_mut().0.iter_mut().zip(red).zip(green).zip(blue) {
+                *to = [red as f32, green as f32, blue as f32];
+            }
+            for (to, values) in [(disparity, &row.disparity), (transmittance, &row.transmittance)] {
+                to.iter_mut().zip(values).for_each(|(to, &value)| *to = value as f32);
+            }
+            for (to, &best) in best_layer.iter_mut().zip(&row.best_layer) {
+                *to = (best != u32::MAX).then_some(best);
+            }
+        });
+        let map = |values| Array2::from_shape_vec(shape, values).expect("one value per pixel");
         Self {
-            picture: ImageRgb::new(target.width(), target.height(), rgb).expect("three values per pixel"),
-            disparity: map(|row| &row.disparity),
-            transmittance: map(|row| &row.transmittance),
-            best_layer: Array2::from_shape_vec(shape, best.collect()).expect("one value per pixel"),
+            picture: ImageRgb::new(width, shape.0, rgb).expect("three values per pixel"),
+            disparity: map(disparity),
+            transmittance: map(transmittance),
+            best_layer: Array2::from_shape_vec(shape, best_layer).expect("one value per pixel"),
             culled,
             unseen: 0,
             logits_not_finite: 0,

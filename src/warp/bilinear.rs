@@ -12,20 +12,31 @@ use super::texture::Texture;
 /// Red, green, blue and coverage.
 pub(crate) type Channels<'a> = [&'a mut [f32; RUN]; 4];
 
-/// Each sample is interpolated between the texel of its position, its right neighbour and the two below.
+/// Each sample is interpolated between the texel of its position, its right neighbour and the two below, and its colours are
+/// multiplied by gains.
 #[inline(always)]
 #[cfg_attr(not(target_arch = "x86_64"), expect(unused_variables))]
-pub(crate) fn sample<S: Simd>(simd: S, texture: &Texture, positions: &SamplePositions, out: Channels<'_>) {
+pub(crate) fn sample<S: Simd>(
+    simd: S,
+    texture: &Texture,
+    positions: &SamplePositions,
+    gains: [f32; 3],
+    out: Channels<'_>,
+) {
     #[cfg(target_arch = "x86_64")]
-    if let Some(&simd) = (&simd as &dyn std::any::Any).downcast_ref() {
-        return transposed::sample(simd, texture, positions, out);
+    {
+        let simd = &simd as &dyn std::any::Any;
+        let avx = simd.downcast_ref::<pulp::x86::V4>().map(|simd| &**simd);
+        if let Some(&simd) = avx.or_else(|| simd.downcast_ref()) {
+            return transposed::sample(simd, texture, positions, gains, out);
+        }
     }
-    plain(texture, positions, out);
+    plain(texture, positions, gains, out);
 }
 
 /// In plain loops, for any processor.
 #[inline(always)]
-fn plain(texture: &Texture, positions: &SamplePositions, out: Channels<'_>) {
+fn plain(texture: &Texture, positions: &SamplePositions, [red, green, blue]: [f32; 3], out: Channels<'_>) {
     let (upper, lower) = texture.upper_and_lower();
     let mut samples = [[0.0; 4]; RUN];
     for (k, sample) in samples.iter_mut().enumerate() {
@@ -39,8 +50,8 @@ fn plain(texture: &Texture, positions: &SamplePositions, out: Channels<'_>) {
             sample[i] = pair[i] + (pair[i + 4] - pair[i]) * across;
         }
     }
-    for (channel, values) in out.into_iter().enumerate() {
-        values.iter_mut().zip(&samples).for_each(|(value, sample)| *value = sample[channel]);
+    for ((channel, values), gain) in out.into_iter().enumerate().zip([red, green, blue, 1.0]) {
+        values.iter_mut().zip(&samples).for_each(|(value, sample)| *value = sample[channel] * gain);
     }
 }
 
@@ -55,7 +66,9 @@ mod transposed {
     use super::{Channels, RUN, SamplePositions, Texture};
 
     #[inline(always)]
-    pub(super) fn sample(simd: V3, texture: &Texture, positions: &SamplePositions, out: Channels<'_>) {
+    pub(super) fn sample(simd: V3, texture: &Texture, positions: &SamplePositions, gains: [f32; 3], out: Channels<'_>) {
+        let gains = gains.map(|gain| cast(simd.splat_f32x8(gain)));
+        let times = |value, gain| simd.avx._mm256_mul_ps(value, gain);
         let rows = texture.upper_and_lower();
         let [red, green, blue, coverage] = out.map(|values| values.as_chunks_mut::<8>().0);
         for i in 0..RUN / 8 {
@@ -68,9 +81,9 @@ mod transposed {
             let left = by_channel(simd, [left(p0, p4), left(p1, p5), left(p2, p6), left(p3, p7)]);
             let right = by_channel(simd, [right(p0, p4), right(p1, p5), right(p2, p6), right(p3, p7)]);
             let across = cast(positions.across.as_chunks::<8>().0[i]);
-            red[i] = cast(lerp(simd, left[0], right[0], across));
-            green[i] = cast(lerp(simd, left[1], right[1], across));
-            blue[i] = cast(lerp(simd, left[2], right[2], across));
+            red[i] = cast(times(lerp(simd, left[0], right[0], across), gains[0]));
+            green[i] = cast(times(lerp(simd, left[1], right[1], across), gains[1]));
+            blue[i] = cast(times(lerp(simd, left[2], right[2], across), gains[2]));
             coverage[i] = cast(lerp(simd, left[3], right[3], across));
         }
     }
@@ -123,12 +136,14 @@ mod tests {
             (positions.across[i], positions.down[i]) = ((i as f32).sin().abs(), (i as f32 * 0.7).cos().abs());
         }
         let [mut found, mut expected] = [[[9.0; RUN]; 4]; 2];
-        plain(&texture, &positions, expected.each_mut());
+        plain(&texture, &positions, GAINS, expected.each_mut());
         simd.vectorize(Sample(simd, &texture, &positions, found.each_mut()));
         let bits = |samples: [[f32; RUN]; 4]| samples.map(|channel| channel.map(f32::to_bits));
         assert_eq!(bits(found), bits(expected));
         assert!(expected.iter().all(|channel| channel.iter().any(|&value| value > 0.0)));
     }
+
+    const GAINS: [f32; 3] = [0.9, 1.2, 1.0];
 
     struct Sample<'a>(pulp::x86::V3, &'a Texture, &'a SamplePositions, Channels<'a>);
 
@@ -137,7 +152,7 @@ mod tests {
 
         #[inline(always)]
         fn call(self) {
-            transposed::sample(self.0, self.1, self.2, self.3);
+            transposed::sample(self.0, self.1, self.2, GAINS, self.3);
         }
     }
 }

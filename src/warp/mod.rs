@@ -5,14 +5,18 @@
 //! the colour each sample has its **coverage** in [0, 1]: the same sample of an all-ones image.
 
 mod bilinear;
+mod layer_band;
+mod own_depth;
+mod run_middle;
 mod sample_positions;
 mod source;
 mod texture;
 mod volume;
 
 pub(crate) use bilinear::sample;
+pub(crate) use own_depth::{ALL_SEEN, OwnDepth};
 pub(crate) use sample_positions::{RUN, RunCoverage, SamplePositions, whole};
 pub use source::{NO_GAINS, SourceView, WarpSource, warp_sources};
 pub use texture::Texture;
 pub use volume::warp_layers;
-pub(crate) use volume::{run_coverage_len, warp_layers_again};
+pub(crate) use volume::{WarpedLayers, run_coverage_len, warp_layers_again};

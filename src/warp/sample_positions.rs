@@ -9,7 +9,9 @@ use std::ops::Range;
 
 use glam::DVec3;
 
+use super::run_middle::RunMiddle;
 use super::source::WarpSource;
+use super::texture::Texture;
 use crate::geometry::PlaneSweep;
 
 /// Pixels of a run, computed side by side: enough that the compiler keeps loops over them as loops, and vectorises them.
@@ -33,11 +35,15 @@ pub(crate) struct SamplePositions {
     pub(crate) texel: [u32; RUN],
     pub(crate) across: [f32; RUN],
     pub(crate) down: [f32; RUN],
+    /// As [`Self::find_points`] tells them: the photo's pixel that each falls on, `u32::MAX` outside, and its disparity in the view.
+    pub(super) pixel: [u32; RUN],
+    pub(super) disparity: [f32; RUN],
 }
 
 impl SamplePositions {
     /// Room for a run.
-    pub(crate) const NONE: Self = Self { texel: [0; RUN], across: [0.0; RUN], down: [0.0; RUN] };
+    pub(crate) const NONE: Self =
+        Self { texel: [0; RUN], across: [0.0; RUN], down: [0.0; RUN], pixel: [u32::MAX; RUN], disparity: [0.0; RUN] };
 
     /// The positions of the pixels `run` of a row, at the given disparities (beyond the run's end: anything finite), and their
     /// coverage as far as that is known.
@@ -49,15 +55,38 @@ impl SamplePositions {
         run: &Range<usize>,
         disparity: &[f32; RUN],
     ) -> RunCoverage {
-        self.near(source, row, run, disparity).unwrap_or_else(|| {
-            self.exact(source, row, run.start, disparity);
+        self.find_and::<false>(source, row, run, disparity)
+    }
+
+    /// As [`Self::find`]; on which pixel of the photo each falls, and its disparity there, too.
+    #[inline(always)]
+    pub(super) fn find_points(
+        &mut self,
+        source: &WarpSource<'_>,
+        row: usize,
+        run: &Range<usize>,
+        disparity: &[f32; RUN],
+    ) -> RunCoverage {
+        self.find_and::<true>(source, row, run, disparity)
+    }
+
+    #[inline(always)]
+    fn find_and<const POINTS: bool>(
+        &mut self,
+        source: &WarpSource<'_>,
+        row: usize,
+        run: &Range<usize>,
+        disparity: &[f32; RUN],
+    ) -> RunCoverage {
+        self.near::<POINTS>(source, row, run, disparity).unwrap_or_else(|| {
+            self.exact::<POINTS>(source, row, run.start, disparity);
             RunCoverage::Partly
         })
     }
 
     /// All positions in f64, pixel by pixel.
     #[inline(always)]
-    fn exact(&mut self, source: &WarpSource<'_>, row: usize, start: usize, disparity: &[f32; RUN]) {
+    fn exact<const POINTS: bool>(&mut self, source: &WarpSource<'_>, row: usize, start: usize, disparity: &[f32; RUN]) {
         let PlaneSweep { homography_at_infinity: homography, epipole } = source.sweep;
         let begin = homography * DVec3::new(0.5, row as f64 + 0.5, 1.0);
         let (right, bottom) = ((source.texture.width() + 1) as f64, (source.texture.height() + 1) as f64);
@@ -70,59 +99,50 @@ impl SamplePositions {
             self.across[i] = (at_x - f64::from(column)) as f32;
             self.down[i] = (at_y - f64::from(row)) as f32;
             self.texel[i] = row * source.texture.stride() + column;
+            if POINTS {
+                let at = (column as i32 - 1, row as i32 - 1);
+                self.pixel[i] = nearest(at, (self.across[i], self.down[i]), source.texture);
+                self.disparity[i] = if uvw.z > 0.0 { (f64::from(disparity) * per_w) as f32 } else { 0.0 };
+            }
         }
     }
 
     /// The middle of the run in f64, the others' distances from it in f32; the coverage. `None` where the distances are not small.
     #[inline(always)]
-    fn near(
+    fn near<const POINTS: bool>(
         &mut self,
         source: &WarpSource<'_>,
         row: usize,
         run: &Range<usize>,
         disparity: &[f32; RUN],
     ) -> Option<RunCoverage> {
-        let half = run.len() / 2;
-        let PlaneSweep { homography_at_infinity: homography, epipole } = source.sweep;
-        let pixel = DVec3::new((run.start + half) as f64 + 0.5, row as f64 + 0.5, 1.0);
-        let middle = homography * pixel + epipole * f64::from(disparity[half]);
-        let (x, y) = (middle.x / middle.z, middle.y / middle.z);
-        if !(middle.z > 0.0 && x.abs() < FAR_OUT && y.abs() < FAR_OUT) {
-            return None;
-        }
-        // k columns and d in disparity away, (u, v)/w moves by (k column + d deeper) / (1 + k column.z + d deeper.z).
-        let change =
-            |uvw: DVec3| [uvw.x - x * uvw.z, uvw.y - y * uvw.z, uvw.z].map(|change| (change / middle.z) as f32);
-        let (column, deeper) = (change(homography.x_axis), change(epipole));
-        let (x, y) = (x + 0.5, y + 0.5);
-        let (whole_x, whole_y) = (x.floor(), y.floor());
-        let (part_x, part_y) = ((x - whole_x) as f32, (y - whole_y) as f32);
-        let (left, right) = (-whole_x as f32, (source.texture.width() + 1) as f32 - whole_x as f32);
-        let (top, bottom) = (-whole_y as f32, (source.texture.height() + 1) as f32 - whole_y as f32);
+        let middle = RunMiddle::new(source, row, run, disparity)?;
+        let RunMiddle { whole: (whole_x, whole_y), part: (part_x, part_y), column, .. } = middle;
+        let ((left, top), (right, bottom)) = middle.bounds(source.texture);
         let stride = source.texture.stride() as i32;
-        let (whole_x, whole_y) = (whole_x as i32, whole_y as i32);
         let (width, height) = (source.texture.width() as u32, source.texture.height() as u32);
+        let moved = |i: usize| middle.moved(i, disparity);
         // On a plane of a rectified rig the whole run moves by one offset: a quarter less time.
         if column[0] == 1.0 && column[1].abs().max(column[2].abs()) < RECTIFIED && is_constant(disparity) {
-            let first = whole_x - half as i32;
+            let first = whole_x - (run.len() / 2) as i32;
             if 1 <= first && first + RUN as i32 <= width as i32 && 1 <= whole_y && whole_y < height as i32 {
                 (self.across, self.down) = ([part_x; RUN], [part_y; RUN]);
                 self.texel = std::array::from_fn(|i| (whole_y * stride + first) as u32 + i as u32);
+                if POINTS {
+                    for (i, &disparity) in disparity.iter().enumerate() {
+                        let at = (first - 1 + i as i32, whole_y - 1);
+                        self.pixel[i] = nearest(at, (part_x, part_y), source.texture);
+                        self.disparity[i] = disparity * moved(i).3;
+                    }
+                }
                 return Some(RunCoverage::All);
             }
         }
-        // w, and by how much (u, v)/w moves.
-        let moved = |i: usize| {
-            let (k, d) = (i as i32 as f32 - half as f32, disparity[i] - disparity[half]);
-            let w = 1.0 + (k * column[2] + d * deeper[2]);
-            let per_w = 1.0 / w;
-            (w, (k * column[0] + d * deeper[0]) * per_w, (k * column[1] + d * deeper[1]) * per_w)
-        };
         // Minima and maxima of the bits, which are ordered as the numbers are from 0 on (NaN is above all, negative numbers are
         // below): unlike folds of floats, these vectorise.
         let (mut least_w, mut farthest, mut last_x, mut last_y) = (i32::MAX, 0, 0, 0);
-        for i in 0..RUN {
-            let (w, dx, dy) = moved(i);
+        for (i, &disparity) in disparity.iter().enumerate() {
+            let (w, dx, dy, per_w) = moved(i);
             least_w = least_w.min(w.to_bits() as i32);
             farthest = farthest.max(dx.abs().to_bits()).max(dy.abs().to_bits());
             let (dx, dy) = (clamped(part_x + dx, left, right), clamped(part_y + dy, top, bottom));
@@ -132,6 +152,10 @@ impl SamplePositions {
             let (x, y) = (whole(floor_x) + whole_x - 1, whole(floor_y) + whole_y - 1);
             (last_x, last_y) = (last_x.max(x as u32), last_y.max(y as u32));
             self.texel[i] = ((y + 1) * stride + x + 1) as u32;
+            if POINTS {
+                self.pixel[i] = nearest((x, y), (self.across[i], self.down[i]), source.texture);
+                self.disparity[i] = disparity * per_w;
+            }
         }
         if farthest >= NEAR_BY.to_bits() || least_w <= 0.5_f32.to_bits() as i32 {
             return None;
@@ -140,7 +164,7 @@ impl SamplePositions {
             return Some(RunCoverage::All);
         }
         let is_inside = |i: usize| {
-            let (_, dx, dy) = moved(i);
+            let (_, dx, dy, _) = moved(i);
             let (dx, dy) = (part_x + dx, part_y + dy);
             u32::from((dx > left) & (dx < right) & (dy > top) & (dy < bottom))
         };
@@ -149,14 +173,20 @@ impl SamplePositions {
     }
 }
 
-/// Runs with coordinates beyond this, in pixels, are computed in f64.
-const FAR_OUT: f64 = 1e6;
-
-/// So are runs with samples further than this from their middle, in pixels.
+/// Runs with samples further than this from their middle, in pixels, are computed in f64.
 const NEAR_BY: f32 = 128.0;
 
 /// What rounding leaves of the terms that are 0 on a rectified rig: it moves a sample by less than some ten-millionths of a pixel.
 const RECTIFIED: f32 = 1e-10;
+
+/// Index of the photo's pixel nearest to a position, between pixel `at` and its right and lower neighbours; `u32::MAX` outside.
+#[inline(always)]
+fn nearest((x, y): (i32, i32), (across, down): (f32, f32), photo: &Texture) -> u32 {
+    let (width, height) = (photo.width() as u32, photo.height() as u32);
+    let x = if across >= 0.5 { x + 1 } else { x } as u32;
+    let y = if down >= 0.5 { y + 1 } else { y } as u32;
+    if (x < width) & (y < height) { y.wrapping_mul(width).wrapping_add(x) } else { u32::MAX }
+}
 
 /// Whether the run lies on a plane that faces the target.
 #[inline(always)]
@@ -189,7 +219,6 @@ fn within(x: f64, last: f64) -> f64 {
 mod tests {
     use glam::{DMat3, DVec3};
 
-    use super::super::texture::Texture;
     use super::*;
     use crate::image::ImageRgb;
 
@@ -212,8 +241,8 @@ mod tests {
             (0..RUN).map(position).collect::<Vec<_>>()
         };
         let (mut near, mut exact) = (SamplePositions::NONE, SamplePositions::NONE);
-        exact.exact(&source, 50, 100, &disparity);
-        let coverage = near.near(&source, 50, &(100..100 + RUN), &disparity);
+        exact.exact::<true>(&source, 50, 100, &disparity);
+        let coverage = near.near::<true>(&source, 50, &(100..100 + RUN), &disparity);
         let pairs = positions(&near).into_iter().zip(positions(&exact)).map(|(a, b)| [a[0], a[1], b[0], b[1]]);
         (pairs.collect(), coverage)
     }

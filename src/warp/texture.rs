@@ -135,7 +135,7 @@ fn new_id() -> u64 {
 }
 
 /// A row and those above and below it, to the row with `amount` of its detail added; values of the four channels one after another.
-#[pulp::with_simd(sharpen_row = pulp::Arch::new())]
+#[pulp::with_simd(sharpen_row = crate::simd::arch())]
 #[inline(always)]
 fn sharpen_row_with<'a, S: pulp::Simd>(
     _simd: S,

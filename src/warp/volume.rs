@@ -2,9 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::bilinear::sample;
+use super::layer_band::{LayerBand, Run};
+use super::own_depth::OwnDepth;
 use super::sample_positions::{RUN, RunCoverage, SamplePositions};
-use super::source::{NO_GAINS, WarpSource};
+use super::source::WarpSource;
 use crate::geometry::Size;
 
 /// Warps all views along n layers onto a target of that size (paper, section "HWV").
@@ -23,7 +24,9 @@ pub fn warp_layers(
     coverage: &mut [f32],
 ) {
     let runs = disparity.len() / size.pixels() * sources.len() * run_coverage_len(size);
-    warp_layers_again(disparity, sources, size, colour, coverage, &mut vec![RunCoverage::Partly; runs]);
+    let (mut run_coverage, mut seen) = (vec![RunCoverage::Partly; runs], vec![0; runs]);
+    let (run_coverage, seen) = (run_coverage.as_mut_slice(), seen.as_mut_slice());
+    warp_layers_again(sources, &[], size, &mut WarpedLayers { disparity, colour, coverage, run_coverage, seen });
 }
 
 /// Number of [`RunCoverage`]s of one view on one layer: one per run of [`RUN`] pixels of each row.
@@ -31,106 +34,102 @@ pub(crate) fn run_coverage_len(Size { width, height }: Size) -> usize {
     height * width.div_ceil(RUN)
 }
 
-/// As [`warp_layers`], into buffers that hold an earlier warp. `run_coverage` `[n, V, run_coverage_len]` is what is known about the
-/// coverage that they hold (where that is 0 the colour is too), before the call and after it. Values that would not change are not
-/// written: memory, not arithmetic, limits the warp (docs/experiments.md).
+/// Layers that views are warped by, and what becomes of them.
+#[derive(Debug)]
+pub(crate) struct WarpedLayers<'a> {
+    /// `[n, h, w]`, 1/scene unit.
+    pub(crate) disparity: &'a [f32],
+    /// `[n, 3V, h, w]`.
+    pub(crate) colour: &'a mut [f32],
+    /// `[n, V, h, w]`.
+    pub(crate) coverage: &'a mut [f32],
+    /// What is known of the coverage, `[n, V, run_coverage_len]`.
+    pub(crate) run_coverage: &'a mut [RunCoverage],
+    /// Which pixels of each run the view sees by its own depth, by bit; as many.
+    pub(crate) seen: &'a mut [u64],
+}
+
+/// As [`warp_layers`], into buffers that hold an earlier warp. `run_coverage` is what is known about the coverage that they hold (where
+/// that is 0 the colour is too), before the call and after it. Values that would not change are not written: memory, not
+/// arithmetic, limits the warp (docs/experiments.md). `own` is the depth of each view, or there is none, and `seen` stays what it is.
 pub(crate) fn warp_layers_again(
-    disparity: &[f32],
     sources: &[WarpSource<'_>],
-    Size { width, height }: Size,
-    colour: &mut [f32],
-    coverage: &mut [f32],
-    run_coverage: &mut [RunCoverage],
+    own: &[OwnDepth<'_>],
+    size: Size,
+    layers: &mut WarpedLayers<'_>,
 ) {
-    let plane = height * width;
+    let WarpedLayers { disparity, colour, coverage, run_coverage, seen } = layers;
+    let (width, plane) = (size.width, size.pixels());
     assert_eq!(colour.len(), 3 * disparity.len() * sources.len(), "colour is [n, 3V, height, width]");
     assert_eq!(3 * coverage.len(), colour.len(), "coverage is [n, V, height, width]");
     let (band, runs) = (BAND * width, width.div_ceil(RUN));
-    let planes =
-        colour.chunks_mut(3 * plane).zip(coverage.chunks_mut(plane)).zip(run_coverage.chunks_mut(height * runs));
-    let mut views: Vec<_> = planes.enumerate().collect();
-    // All layers of one view, then the next: its photo stays in the cache.
-    views.sort_by_key(|(index, _)| index % sources.len());
-    views.into_par_iter().for_each(|(index, ((colour, coverage), run_coverage))| {
-        let (layer, source) = (index / sources.len(), &sources[index % sources.len()]);
-        let disparity = &disparity[layer * plane..(layer + 1) * plane];
+    // Band by band of one view, then of the next: its photo stays in the cache; all layers of a band, as they may repeat one another.
+    let bands = size.height.div_ceil(BAND);
+    let mut tasks: Vec<Vec<LayerBand<'_>>> = (0..sources.len() * bands).map(|_| Vec::new()).collect();
+    let planes = colour.chunks_mut(3 * plane).zip(coverage.chunks_mut(plane));
+    let planes = planes.zip(run_coverage.chunks_mut(size.height * runs)).zip(seen.chunks_mut(size.height * runs));
+    for (index, (((colour, coverage), run_coverage), seen)) in planes.enumerate() {
+        let (layer, view) = (index / sources.len(), index % sources.len());
         let (red, rest) = colour.split_at_mut(plane);
         let (green, blue) = rest.split_at_mut(plane);
-        let [red, green, blue, coverage] = [red, green, blue, coverage].map(|plane| plane.par_chunks_mut(band));
-        let bands = disparity.par_chunks(band).zip(red).zip(green).zip(blue).zip(coverage);
-        let bands = bands.zip(run_coverage.par_chunks_mut(BAND * runs)).enumerate();
-        bands.for_each(|(index, (((((disparity, red), green), blue), coverage), run_coverage))| {
-            let rows = disparity.chunks_exact(width).zip(run_coverage.chunks_exact_mut(runs));
-            for (row, (disparity, run_coverage)) in rows.enumerate() {
-                let span = row * width..(row + 1) * width;
-                let out = [&mut *red, green, blue, coverage].map(|plane| &mut plane[span.clone()]);
-                warp_row(source, index * BAND + row, disparity, out, run_coverage);
-            }
-        });
+        let lines =
+            disparity[layer * plane..][..plane].chunks(band).zip(red.chunks_mut(band)).zip(green.chunks_mut(band));
+        let lines = lines.zip(blue.chunks_mut(band)).zip(coverage.chunks_mut(band));
+        let lines = lines.zip(run_coverage.chunks_mut(BAND * runs)).zip(seen.chunks_mut(BAND * runs));
+        for (task, line) in tasks[view * bands..][..bands].iter_mut().zip(lines) {
+            let ((((((disparity, red), green), blue), coverage), run_coverage), seen) = line;
+            task.push(LayerBand { disparity, planes: [red, green, blue, coverage], run_coverage, seen });
+        }
+    }
+    tasks.into_par_iter().enumerate().for_each(|(index, mut layers)| {
+        let (view, first) = (index / bands, index % bands * BAND);
+        warp_band(&sources[view], own.get(view), first, width, &mut layers);
     });
 }
 
 /// Rows that one task takes: V views alone would not divide evenly among threads.
 const BAND: usize = 32;
 
-/// Warps one row of one view: plain loops over runs of pixels, compiled for the vector instructions of this processor.
-#[pulp::with_simd(warp_row = pulp::Arch::new())]
+/// Warps a band of one view, from row `first` on: plain loops over runs of pixels, compiled for the vector instructions of this
+/// processor.
+#[pulp::with_simd(warp_band = crate::simd::wide_arch())]
 #[inline(always)]
-fn warp_row_with<'a, S: pulp::Simd>(
+fn warp_band_with<'a, 'b, S: pulp::Simd>(
     simd: S,
     source: &'a WarpSource<'a>,
-    row: usize,
-    disparity: &'a [f32],
-    out: [&'a mut [f32]; 4],
-    run_coverage: &'a mut [RunCoverage],
+    own: Option<&'a OwnDepth<'a>>,
+    first: usize,
+    width: usize,
+    layers: &'a mut [LayerBand<'b>],
 ) {
-    let [red, green, blue, coverage] = out;
     let mut positions = SamplePositions::NONE;
-    let mut spare = [[0.0; RUN]; 4];
-    let mut padded = [0.0; RUN];
-    for ((index, disparity), run_coverage) in disparity.chunks(RUN).enumerate().zip(run_coverage) {
-        let run = index * RUN..index * RUN + disparity.len();
-        let disparity = <&[f32; RUN]>::try_from(disparity).unwrap_or_else(|_| {
-            padded = [disparity[0]; RUN];
-            padded[..disparity.len()].copy_from_slice(disparity);
-            &padded
-        });
-        let before = std::mem::replace(run_coverage, positions.find(source, row, &run, disparity));
-        match *run_coverage {
-            RunCoverage::None if before == RunCoverage::None => continue,
-            RunCoverage::None => {
-                [&mut *red, green, blue, coverage].into_iter().for_each(|plane| plane[run.clone()].fill(0.0));
+    let (mut padded, mut spare) = ([0.0; RUN], [[0.0; RUN]; 4]);
+    let rows = layers.first().map_or(0, |layer| layer.disparity.len() / width);
+    for (row, start) in (0..rows).flat_map(|row| (0..width).step_by(RUN).map(move |start| (row, start))) {
+        let run = start..(start + RUN).min(width);
+        let at = Run { index: row * width.div_ceil(RUN) + start / RUN, first: row * width + start, len: run.len() };
+        for layer in 0..layers.len() {
+            let (before, layer) = layers.split_at_mut(layer);
+            let layer = &mut layer[0];
+            if before.last().is_some_and(|before| layer.repeats(before, &at)) {
                 continue;
             }
-            RunCoverage::All if before == RunCoverage::All => {}
-            RunCoverage::All => coverage[run.clone()].fill(1.0),
-            RunCoverage::Partly => {}
-        }
-        // Whole runs are written to their planes; a row's end, and coverage that is known, to `spare`.
-        let planes = [&mut *red, green, blue, coverage].map(|plane| &mut plane[run.clone()]);
-        let planes = planes.into_iter().take(if *run_coverage == RunCoverage::Partly { 4 } else { 3 });
-        let mut channels = spare.each_mut();
-        if run.len() == RUN {
-            channels
-                .iter_mut()
-                .zip(planes)
-                .for_each(|(channel, plane)| *channel = plane.try_into().expect("a whole run"));
-            sample(simd, source.texture, &positions, channels.each_mut().map(|channel| &mut **channel));
-            multiply(&mut channels, source.gains);
-        } else {
-            sample(simd, source.texture, &positions, spare.each_mut());
-            multiply(&mut spare.each_mut(), source.gains);
-            planes.zip(&spare).for_each(|(plane, spare)| plane.copy_from_slice(&spare[..run.len()]));
-        }
-    }
-}
-
-/// The colours of a run, multiplied by the gains of their photo.
-#[inline(always)]
-fn multiply(channels: &mut [&mut [f32; RUN]; 4], gains: [f32; 3]) {
-    if gains != NO_GAINS {
-        for (channel, gain) in channels.iter_mut().zip(gains) {
-            channel.iter_mut().for_each(|value| *value *= gain);
+            let disparity = &layer.disparity[at.span()];
+            let disparity = <&[f32; RUN]>::try_from(disparity).unwrap_or_else(|_| {
+                padded = [disparity[0]; RUN];
+                padded[..disparity.len()].copy_from_slice(disparity);
+                &padded
+            });
+            let coverage = if let Some(own) = own {
+                let coverage = positions.find_points(source, first + row, &run, disparity);
+                layer.seen[at.index] = own.seen(&positions) | !at.bits();
+                coverage
+            } else {
+                positions.find(source, first + row, &run, disparity)
+            };
+            if layer.wants(&at, coverage) {
+                layer.sample(simd, source, &positions, &at, &mut spare);
+            }
         }
     }
 }
@@ -156,10 +155,18 @@ mod tests {
         let sources = [WarpSource::new(&texture, sweep)];
         let (mut colour, mut coverage) = (vec![9.0; 3 * pixels], vec![9.0; pixels]);
         let mut run_coverage = vec![RunCoverage::Partly; run_coverage_len(SIZE)];
+        let mut seen = vec![0; run_coverage.len()];
         let mut met = [0; 3];
         for disparity in [0.0, 0.0, 1.0, 3.0, 3.0, 1.0, 0.0] {
             let disparity = vec![disparity; pixels];
-            warp_layers_again(&disparity, &sources, SIZE, &mut colour, &mut coverage, &mut run_coverage);
+            let mut layers = WarpedLayers {
+                disparity: &disparity,
+                colour: &mut colour,
+                coverage: &mut coverage,
+                run_coverage: &mut run_coverage,
+                seen: &mut seen,
+            };
+            warp_layers_again(&sources, &[], SIZE, &mut layers);
             let (mut new_colour, mut new_coverage) = (vec![7.0; 3 * pixels], vec![7.0; pixels]);
             warp_layers(&disparity, &sources, SIZE, &mut new_colour, &mut new_coverage);
             assert!(colour == new_colour && coverage == new_coverage);
@@ -171,5 +178,44 @@ mod tests {
             }
         }
         assert!(met.iter().all(|&runs| runs > 20), "{met:?}");
+    }
+
+    /// A slope that a nearer one before it shares but for a step in its middle, and what the photo's own depth hides of both.
+    #[test]
+    fn layers_that_repeat_one_another_are_as_each_alone() {
+        const SIZE: Size = Size::new(200, 40);
+        let pixels = SIZE.pixels();
+        let values = (0..3 * pixels).map(|i| (i % 251) as f32 / 250.0).collect();
+        let texture = Texture::new(&ImageRgb::new(SIZE.width, SIZE.height, values).unwrap());
+        let homography_at_infinity = DMat3::from_translation(glam::DVec2::new(-3.3, 0.2));
+        let sweep = PlaneSweep { homography_at_infinity, epipole: DVec3::new(-15.0, 2.0, 0.0) };
+        let sources = [WarpSource { gains: [0.9, 1.1, 1.0], ..WarpSource::new(&texture, sweep) }];
+        let own_disparity: Vec<f32> = (0..pixels).map(|i| if i % 7 == 0 { 3.0 } else { -1.0 }).collect();
+        let own = [OwnDepth { disparity: &own_disparity, margin: 1.0 }];
+        let far: Vec<f32> = (0..pixels).map(|i| (i % SIZE.width) as f32 / 150.0).collect();
+        let near = far.iter().enumerate().map(|(i, d)| if i % SIZE.width / 8 == 10 { d + 1.5 } else { *d });
+        let both: Vec<f32> = near.chain(far.iter().copied()).collect();
+        let runs = run_coverage_len(SIZE);
+        let warp = |disparity: &[f32]| {
+            let n = disparity.len() / pixels;
+            let (mut colour, mut coverage) = (vec![9.0; 3 * n * pixels], vec![9.0; n * pixels]);
+            let (mut run_coverage, mut seen) = (vec![RunCoverage::Partly; n * runs], vec![0; n * runs]);
+            let mut layers = WarpedLayers {
+                disparity,
+                colour: &mut colour,
+                coverage: &mut coverage,
+                run_coverage: &mut run_coverage,
+                seen: &mut seen,
+            };
+            warp_layers_again(&sources, &own, SIZE, &mut layers);
+            (colour, coverage, run_coverage, seen)
+        };
+        let (together, alone) = (warp(&both), warp(&far));
+        assert!(together.0[3 * pixels..] == alone.0 && together.1[pixels..] == alone.1);
+        assert!(together.2[runs..] == alone.2 && together.3[runs..] == alone.3);
+        let differing = together.3[..runs].iter().zip(&alone.3).filter(|(near, far)| near != far).count();
+        assert!((20..runs / 2).contains(&differing), "{differing} of {runs} runs differ in what is hidden");
+        let hidden: u32 = alone.3.iter().map(|seen| seen.count_zeros()).sum();
+        assert!((pixels / 20..pixels / 5).contains(&(hidden as usize)), "{hidden} pixels hidden");
     }
 }

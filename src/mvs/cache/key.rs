@@ -54,7 +54,7 @@ impl DepthKey {
     /// Without a photo.
     pub(crate) fn new(photos: &[(&Camera, PhotoDigest)], (near, far): (f64, f64), settings: &Settings) -> Self {
         let mut hash = Sha256::new();
-        let machine = format!("{} {:?}", std::env::consts::ARCH, pulp::Arch::new());
+        let machine = format!("{} {:?}", std::env::consts::ARCH, crate::simd::arch());
         for text in [FORMAT, env!("CARGO_PKG_VERSION"), &machine, &format!("{settings:?}")] {
             hash.update((text.len() as u64).to_le_bytes());
             hash.update(text);

@@ -1,0 +1,33 @@
+//! Whether a view sees a point: unless its own depth, in the pixel that the point falls on, is nearer by some margin.
+//!
+//! Told along with the samples, from the same positions (docs/experiments.md, "Along a path").
+
+use super::sample_positions::{RUN, SamplePositions};
+
+/// All pixels of a run, as bits.
+pub(crate) const ALL_SEEN: u64 = u64::MAX;
+
+/// A view's own depth.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct OwnDepth<'a> {
+    /// Of each pixel of its photo, 1/scene unit; below 0 where nothing is known.
+    pub(crate) disparity: &'a [f32],
+    /// How much nearer than a point it must be to hide it, 1/scene unit.
+    pub(crate) margin: f32,
+}
+
+impl OwnDepth<'_> {
+    /// Which points of a run the view sees, by bit ([`SamplePositions::find_points`]).
+    #[inline(always)]
+    pub(super) fn seen(&self, points: &SamplePositions) -> u64 {
+        let mut own = [-1.0; RUN];
+        for (own, &pixel) in own.iter_mut().zip(&points.pixel) {
+            *own = self.disparity.get(pixel as usize).copied().unwrap_or(-1.0);
+        }
+        let hidden = |i: usize| own[i] - points.disparity[i] >= self.margin;
+        if !(0..RUN).fold(false, |any, i| any | hidden(i)) {
+            return ALL_SEEN;
+        }
+        (0..RUN).fold(ALL_SEEN, |seen, i| seen & !(u64::from(hidden(i)) << i))
+    }
+}
