@@ -122,7 +122,7 @@ fn a_pose_on_top_of_a_view_shows_its_photo() {
     .unwrap();
     let transforms = r#"{"transform": [[-1, 0, 0, 1], [0, -1, 0, 1], [0, 0, 1, 3]], "scale": 0.5}"#;
     fs::write(folders.scene().join("dataparser_transforms.json"), transforms).unwrap();
-    let told = folders.render(&["--pose", path.to_str().unwrap(), "-o", &picture]).output().unwrap();
+    let told = folders.render(&["--path", path.to_str().unwrap(), "-o", &picture]).output().unwrap();
     assert!(String::from_utf8_lossy(&told.stderr).contains("path.json: from nerfstudio's axes"));
     let score = psnr(&image::load(picture.as_ref()).unwrap(), &image::load(&folders.photo(2)).unwrap(), 0);
     assert!(score > 45.0, "from nerfstudio's axes: {score}");

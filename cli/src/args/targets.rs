@@ -9,6 +9,7 @@ use liveview::geometry::{CameraFile, CameraPath, read_cameras};
 use liveview::{Camera, PhotoCache, Scene, SynthesisError, Targets};
 
 use super::numbers;
+use super::output::has_ending;
 use crate::console::print_notes;
 
 /// Options that say what to render; exactly one.
@@ -28,9 +29,23 @@ pub(crate) struct TargetArgs {
     #[arg(long, value_name = "FILE")]
     pose: Option<PathBuf>,
     /// A path of N frames: line:N between the two outermost views, circle:N or spiral:N around the middle of the rig, turning as
-    /// the views do
-    #[arg(long, value_name = "SHAPE:N")]
-    path: Option<CameraPath>,
+    /// the views do; or a file (.json) of cameras, as --pose takes it
+    #[arg(long, value_name = "SHAPE:N|FILE", value_parser = path)]
+    path: Option<CameraPathOrFile>,
+}
+
+/// What `--path` says.
+#[derive(Debug, Clone)]
+enum CameraPathOrFile {
+    Shape(CameraPath),
+    File(PathBuf),
+}
+
+fn path(text: &str) -> Result<CameraPathOrFile, String> {
+    if has_ending(Path::new(text), &["json"]) {
+        return Ok(CameraPathOrFile::File(text.into()));
+    }
+    text.parse().map(CameraPathOrFile::Shape)
 }
 
 /// As the option on the command line.
@@ -39,7 +54,8 @@ impl fmt::Display for TargetArgs {
         match self {
             Self { heldout: Some(step), .. } => write!(f, "--heldout {step}"),
             Self { pose: Some(file), .. } => write!(f, "--pose {}", file.display()),
-            Self { path: Some(path), .. } => write!(f, "--path {path}"),
+            Self { path: Some(CameraPathOrFile::Shape(path)), .. } => write!(f, "--path {path}"),
+            Self { path: Some(CameraPathOrFile::File(file)), .. } => write!(f, "--path {}", file.display()),
             Self { target, .. } => write!(f, "--target {}", target.join(",")),
         }
     }
@@ -51,18 +67,21 @@ impl TargetArgs {
         self.pose.is_none() && self.path.is_none()
     }
 
-    /// The file of `--pose`.
-    pub(crate) fn pose(&self) -> Option<&Path> {
-        self.pose.as_deref()
+    /// The option that names a file of cameras, and the file.
+    pub(crate) fn camera_file(&self) -> (&'static str, Option<&Path>) {
+        match &self.path {
+            Some(CameraPathOrFile::File(file)) => ("--path", Some(file)),
+            _ => ("--pose", self.pose.as_deref()),
+        }
     }
 
     /// The targets.
     pub(crate) fn resolve(&self, photos: &PhotoCache) -> Result<Targets> {
         let scene = photos.scene();
-        if let Some(file) = &self.pose {
+        if let (_, Some(file)) = self.camera_file() {
             return Ok(Targets::cameras(cameras_of(file, photos)?));
         }
-        if let Some(path) = self.path {
+        if let Some(CameraPathOrFile::Shape(path)) = self.path {
             return match Targets::path(scene, path) {
                 Err(error @ SynthesisError::Path(_)) => bail!("{error}; expected --pose instead"),
                 targets => Ok(targets?),

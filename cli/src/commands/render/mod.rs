@@ -96,7 +96,8 @@ fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<
     let all = job.synthesizer.shots(targets)?;
     let shots = args.shard.map_or_else(|| all.clone(), |shard| shard.of(all.clone()));
     let mut claims = Claims::new(job.scene());
-    claims.protect("--pose", args.targets.pose());
+    let (option, file) = args.targets.camera_file();
+    claims.protect(option, file);
     args.model.protect(&mut claims, job.model.path());
     outputs.claim(&shots, &mut claims)?;
     args.explain.claim(&shots, &mut claims)?;
