@@ -20,6 +20,7 @@ from liveview_ref import onnx_session  # noqa: E402
 from liveview_ref.export import export  # noqa: E402
 from liveview_ref.parity import mvs_goldens, stages  # noqa: E402
 from liveview_ref.parity.rigs import SIZE, rig  # noqa: E402
+from liveview_ref.reference.cover import cover_planes  # noqa: E402
 from liveview_ref.reference.guided import search_planes  # noqa: E402
 from liveview_ref.reference.histogram import plane_histogram, select_planes  # noqa: E402
 from liveview_ref.reference.kmeans import kmeans_planes  # noqa: E402
@@ -83,6 +84,7 @@ def fill(data: Arrays, layers, net: UNet, model: Path) -> None:
             histogram = plane_histogram(torch.from_numpy(data["alpha"][:, :height, :width]))
         data["histogram"] = histogram.numpy()
         data["selected"] = np.array(select_planes(histogram, 2))
+        data["covering"] = np.array(cover_planes(histogram, 2))
     views, target = cameras_of(data)
     data["distances"] = view_distances(views, target).numpy()
     data["onnxruntime.logits"] = onnx_session.logits(onnx_session.session(model, 1), data["colour"])

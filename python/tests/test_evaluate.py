@@ -15,7 +15,8 @@ from liveview_ref.data.held_out import Case
 from liveview_ref.evaluation import baselines, evaluate, evaluate_visible, figure, methods
 from liveview_ref.evaluation.lpips import load_lpips, lpips, weights_file
 from liveview_ref.reference.composite_competing import composite_competing
-from liveview_ref.reference.histogram import plane_histogram, select_planes
+from liveview_ref.reference.cover import cover_planes
+from liveview_ref.reference.histogram import plane_histogram
 from liveview_ref.reference.layer_spec import DisparityList, Guided, Planes, Select
 from liveview_ref.reference.metrics import psnr
 from liveview_ref.reference.renderer import render
@@ -187,7 +188,7 @@ def test_competing_planes_are_the_composite_of_all_at_once():
     whole = composite_competing(stages.logits[:, 0], stages.rgb, covered, maps, 2.0)
     crop = (..., slice(case.target.height), slice(case.target.width))
     torch.testing.assert_close(found["competing, planes:10"], whole.rgb[crop])
-    ids = select_planes(plane_histogram(whole.weights[crop]), 4)
+    ids = cover_planes(plane_histogram(whole.weights[crop]), 4)
     few = composite_competing(stages.logits[ids, 0], stages.rgb[ids], covered[ids], maps[ids], 2.0)
     torch.testing.assert_close(found["competing, select:4/10"], few.rgb[crop])
 

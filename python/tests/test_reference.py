@@ -1,6 +1,7 @@
 """The reference against kornia, against figures worked by hand, and against the paper's own counts."""
 
 import math
+from itertools import combinations
 
 import numpy as np
 import onnx
@@ -14,6 +15,7 @@ from liveview_ref.parity.kornia_warp import warp_plane_kornia
 from liveview_ref.parity.rigs import rig
 from liveview_ref.reference.blend import blend
 from liveview_ref.reference.composite import composite
+from liveview_ref.reference.cover import cover_planes
 from liveview_ref.reference.guided import guided_search, search_planes
 from liveview_ref.reference.histogram import plane_histogram, select_planes
 from liveview_ref.reference.layers import plane_maps, uniform_disparities
@@ -130,6 +132,24 @@ def test_selection_takes_the_fullest_bins_and_the_nearer_of_equals():
     histogram = plane_histogram(alpha)
     assert histogram.tolist() == [1, 1, 1]
     assert select_planes(histogram, 2) == [0, 1]
+
+
+def distance(votes, kept):
+    return sum(v * min(abs(k - p) for p in kept) for k, v in enumerate(votes))
+
+
+def test_no_other_planes_cover_the_winners_better():
+    """And the fullest bins may crowd."""
+    histogram = torch.tensor([40, 50, 45, 0, 0, 0, 0, 9, 8, 0])
+    assert select_planes(histogram, 2) == [1, 2] and cover_planes(histogram, 2) == [1, 7]
+    assert cover_planes(histogram, 6) == select_planes(histogram, 6)
+    rng = np.random.default_rng(0)
+    for planes in range(2, 10):
+        votes = rng.integers(0, 9, planes) * rng.integers(0, 2, planes)
+        for count in range(1, planes):
+            kept = cover_planes(torch.from_numpy(votes), count)
+            assert len(kept) == count and kept == sorted(set(kept))
+            assert distance(votes, kept) == min(distance(votes, some) for some in combinations(range(planes), count))
 
 
 def test_the_coarse_pass_has_as_many_planes_as_asked_for():

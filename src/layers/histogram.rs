@@ -23,11 +23,6 @@ pub fn select_planes(histogram: &[u64], count: usize) -> Vec<usize> {
     order
 }
 
-/// The disparities of the planes that [`select_planes`] keeps.
-pub(crate) fn select_disparities(disparities: &[f64], histogram: &[u64], count: usize) -> Vec<f64> {
-    select_planes(histogram, count).into_iter().map(|plane| disparities[plane]).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

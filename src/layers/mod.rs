@@ -5,6 +5,7 @@
 //! compositing along a target ray stays exact.
 
 mod cells;
+mod cover;
 mod error;
 pub mod guided;
 mod histogram;
@@ -15,8 +16,8 @@ mod uniform;
 
 pub(crate) use cells::enlarge;
 pub use cells::{CELL, STRIDE, padded};
+pub use cover::cover_planes;
 pub use error::LayersError;
-pub(crate) use histogram::select_disparities;
 pub use histogram::{plane_histogram, select_planes};
 pub use kmeans::kmeans_planes;
 pub use layer::{Layer, Layers};

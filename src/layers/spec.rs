@@ -5,7 +5,7 @@
 //! | `planes:64` | planes evenly spaced in disparity from near to far (the paper's) |
 //! | `guided:2` | layers that follow the scene, with a range of disparities for each pixel; `guided:2/32`: 32 planes in the first search |
 //! | `surface:2` | layers along the surface that the photos' own depth gives, each view counting only where it sees it |
-//! | `select:16/64` | the paper's selection: of 64 planes the 16 that are most pixels' best; `select:16` is of 64 |
+//! | `select:16/64` | of 64 planes 16: the paper's selection, those that are most pixels' best, or of competing planes those nearest to every pixel's best; `select:16` is of 64 |
 //! | `kmeans:16` | planes at the disparities that the guided search finds; `kmeans:16/32`: 32 planes in the first search |
 //! | `list:0.5,0.25,0` | planes at these disparities (1/scene unit), near to far: descending |
 

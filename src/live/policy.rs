@@ -12,8 +12,8 @@ pub enum Policy {
     /// Every so many frames (1: each). In between, the surface of guided layers moves with the target camera, and the cameras keep
     /// their depth for surface layers, whatever the photos show.
     Every(usize),
-    /// On the first frame: with `select:16/64` the paper's video, which renders 64 planes once and the 16 fullest of their histogram
-    /// from then on.
+    /// On the first frame: with `select:16/64` the paper's video, which renders 64 planes once and 16 of them from then on
+    /// ([`crate::network::Alpha::select_planes`]).
     Once,
     /// Guided layers: the surface of the last frame moves with the target camera, and is searched anew where the photos agree with
     /// it less well than they did. Surface layers: the depth of a camera's photo is searched anew where it has changed.

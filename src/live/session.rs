@@ -13,7 +13,7 @@ use super::settings::LiveSettings;
 use super::step::Step;
 use crate::geometry::{Camera, TooFewViews};
 use crate::image::ImageRgb;
-use crate::layers::{LayerSpec, Layers, select_disparities, uniform_disparities};
+use crate::layers::{LayerSpec, Layers, uniform_disparities};
 use crate::network::PlaneNetwork;
 use crate::render::Renderer;
 use crate::warp::SourceView;
@@ -91,7 +91,8 @@ impl<N: PlaneNetwork> LiveSession<N> {
         let frame = self.renderers[network].render_visible(&sources, visibility.as_ref(), target, &layers, |_| ())?;
         if let (LayerSpec::Select { keep, from }, LayerSource::Dense) = (&self.settings.layers, source) {
             let disparities = uniform_disparities(self.settings.near, self.settings.far, *from)?;
-            let kept = select_disparities(&disparities, &frame.plane_histogram(*from), *keep);
+            let kept = self.renderers[network].alpha().select_planes(&frame.plane_histogram(*from), *keep);
+            let kept: Vec<f64> = kept.into_iter().map(|plane| disparities[plane]).collect();
             self.history.keep_planes(Layers::planes(&kept)?);
         }
         let times = LiveTimes { photos: ready - started, layers: found - ready, stages: frame.times };

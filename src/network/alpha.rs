@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use crate::layers::{cover_planes, select_planes};
+
 /// How the layers of a pixel share it, by their logits 0.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[non_exhaustive]
@@ -21,6 +23,15 @@ pub enum Alpha {
 impl Alpha {
     /// The scale of competing layers for a network that was not trained for it; measured in docs/experiments.md.
     pub const UNTRAINED_SCALE: f64 = 2.0;
+
+    /// The `count` planes of a histogram of best planes ([`crate::layers::plane_histogram`]) that serve in place of all, near → far: the
+    /// paper's ([`select_planes`]), or where planes compete [`cover_planes`].
+    pub fn select_planes(self, histogram: &[u64], count: usize) -> Vec<usize> {
+        match self {
+            Self::Independent => select_planes(histogram, count),
+            Self::Competing { .. } => cover_planes(histogram, count),
+        }
+    }
 }
 
 impl fmt::Display for Alpha {

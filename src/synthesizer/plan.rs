@@ -6,7 +6,7 @@ use super::error::SynthesisError;
 use super::photo_cache::PhotoCache;
 use super::target::Shot;
 use crate::layers::guided::RangeMap;
-use crate::layers::{LayerSpec, Layers, kmeans_planes, select_disparities, uniform_disparities};
+use crate::layers::{LayerSpec, Layers, kmeans_planes, uniform_disparities};
 use crate::mvs::{Matched, SeenSurface};
 use crate::network::PlaneNetwork;
 use crate::render::Renderer;
@@ -66,7 +66,8 @@ pub(super) fn plan<N: PlaneNetwork>(
         LayerSpec::Select { keep, from } => {
             let disparities = uniform_disparities(shot.near, shot.far, from)?;
             let histogram = histogram(photos, renderer, shot, &disparities)?;
-            let kept = select_disparities(&disparities, &histogram, keep);
+            let kept = renderer.alpha().select_planes(&histogram, keep);
+            let kept: Vec<f64> = kept.into_iter().map(|plane| disparities[plane]).collect();
             Plan { selection: started.elapsed(), ..known(Layers::planes(&kept)?) }
         }
     })

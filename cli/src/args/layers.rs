@@ -14,8 +14,9 @@ use crate::network::Network;
 pub(crate) struct LayerArgs {
     /// Which layers: guided:L (L layers that follow the scene, each pixel's own range of depths; guided:L/D with D planes in
     /// the first search), surface:L (L layers along the surface that the photos' own depth gives; each photo counts only where it sees
-    /// it), planes:D (evenly spaced in disparity from near to far), select:K/D (the paper's selection: of D planes
-    /// the K that most pixels choose; a path keeps those of its first frame), kmeans:K (planes where the search finds the
+    /// it), planes:D (evenly spaced in disparity from near to far), select:K/D (of D planes K: the paper's
+    /// selection, those that most pixels choose, or where planes compete those nearest to every pixel's choice; a path keeps those
+    /// of its first frame), kmeans:K (planes where the search finds the
     /// scene), list:… (disparities in 1/scene unit, separated by commas, near to far: descending)
     #[arg(long, value_name = "SPEC", group = "which_layers")]
     layers: Option<LayerSpec>,

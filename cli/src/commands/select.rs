@@ -11,7 +11,7 @@ use liveview::geometry::PlaneSweep;
 use liveview::geometry::parallax::parallax;
 use liveview::image::{bar_chart, coloured, side_by_side};
 use liveview::layers::guided::{COARSE, RangeMap};
-use liveview::layers::{CELL, select_planes, uniform_disparities};
+use liveview::layers::{CELL, uniform_disparities};
 use liveview::{Camera, ImageRgb, LayerSpec, PhotoCache, Shot, Targets};
 use ndarray::Array2;
 use serde_json::{Value, json};
@@ -45,7 +45,7 @@ pub(crate) struct SelectArgs {
     /// The view, by name; held out
     #[arg(long, value_name = "NAME")]
     target: String,
-    /// What to show: select:K/D, the paper's histogram over D planes and the K it keeps; or guided:L, the range of depths that L
+    /// What to show: select:K/D, the paper's histogram over D planes and the K that are kept; or guided:L, the range of depths that L
     /// guided layers divide (needs no model)
     #[arg(long, value_name = "SPEC", default_value = "select:16/64")]
     layers: LayerSpec,
@@ -95,7 +95,7 @@ fn planes(
     let disparities = uniform_disparities(shot.near, shot.far, from)?;
     let histogram = job.synthesizer.histogram(&shot, &disparities)?;
     job.progress.finish_and_clear();
-    let chosen = select_planes(&histogram, keep);
+    let chosen = job.alpha().select_planes(&histogram, keep);
 
     let pixels = (shot.target.width() * shot.target.height()) as f64;
     let share = |k: usize| 100.0 * histogram[k] as f64 / pixels;

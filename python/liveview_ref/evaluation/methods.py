@@ -8,6 +8,7 @@ from ..data.held_out import Case
 from ..reference.blend import blend
 from ..reference.composite import composite
 from ..reference.composite_competing import composite_competing
+from ..reference.cover import cover_planes
 from ..reference.guided import guided_layers, guided_search
 from ..reference.histogram import plane_histogram, select_planes
 from ..reference.kmeans import kmeans_planes
@@ -83,7 +84,7 @@ def planes(network: Network, case: Case):
 
 def competing(network: Network, case: Case, scale: float = 1.0, counts: tuple[int, ...] = PLANES):
     """Each number of uniform planes that compete, and of the largest number a few, which compete anew among themselves:
-    those that win at the most pixels, and those next to the k-means of the winners' disparities."""
+    those that lie nearest to the winners, and those next to the k-means of the winners' disparities."""
     crop = (..., slice(case.target.height), slice(case.target.width))
     for count in counts:
         maps = maps_of(case, Planes(count))
@@ -97,7 +98,7 @@ def competing(network: Network, case: Case, scale: float = 1.0, counts: tuple[in
                 centres = torch.tensor(kmeans_planes(winners, few), dtype=disparities.dtype)
                 near_by = (disparities - centres[:, None]).abs().argmin(1).unique().tolist()
                 selections = {
-                    Select(few, count): select_planes(histogram, few),
+                    Select(few, count): cover_planes(histogram, few),
                     f"{KMeans(few)} of {Planes(count)}": near_by,
                 }
                 for layers, ids in selections.items():

@@ -15,7 +15,8 @@ from ..data.visibility import SEEN, UNKNOWN, partly_hidden
 from ..evaluation.view_weights import view_weights, weight_on_seen
 from ..reference.blend import blend
 from ..reference.composite_competing import composite_competing
-from ..reference.histogram import plane_histogram, select_planes
+from ..reference.cover import cover_planes
+from ..reference.histogram import plane_histogram
 from ..reference.layers import uniform_disparities
 from ..reference.plane_sweep import PlaneSweep
 from ..reference.unet import UNet
@@ -83,9 +84,9 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
             parts = zip(*(x.split(CHUNK) for x in (logits, colour, coverage)), strict=True)
             rgb = torch.cat([blend(*part, distances)[1] for part in parts])
             covered = (coverage > 0).any(1)
-            if selected:  # as the renderer selects: the fullest bins, which compete anew
+            if selected:  # as the renderer selects: they compete anew
                 weights = composite_competing(logits[:, 0], rgb, covered, planes.expand_as(covered)).weights
-                kept = select_planes(plane_histogram(weights), int(rng.choice(config["selected_planes"])))
+                kept = cover_planes(plane_histogram(weights), int(rng.choice(config["selected_planes"])))
                 planes, colour, coverage, logits, rgb, covered = (
                     x[kept] for x in (planes, colour, coverage, logits, rgb, covered)
                 )
