@@ -48,6 +48,7 @@ class Program(NamedTuple):
         out = folder / "dump.npz"
         range_ = [x for end in ("near", "far") if spec.get(end) for x in (f"--{end}", spec[end])]
         options = ["--target", TARGET, "--layers", f"surface:{layers}", "--threads", self.threads, "-o", out]
+        options += ["--cache", folder / "depth"]  # of the photos: the same whatever is made of it
         command = [str(x) for x in (self.binary, "dump", folder, *options, *range_, *network)]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
