@@ -108,6 +108,8 @@ def main() -> None:
     training = ", then ".join(
         f"V = {views}: {steps} steps, {seconds / 60:.0f} minutes" for views, steps, seconds in runs
     )
+    if "view_weights" in config:
+        training += "; then view weights fitted to surface:1"
     metadata = {
         "recommended_layers": str(args.recommended_layers),
         "training": f"batches of {config['batch']} scenes; {training}",

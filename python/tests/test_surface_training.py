@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from liveview_ref.checkpoint import load_network
+from liveview_ref.checkpoint import load_network, load_state, trained_network
 from liveview_ref.config import read_config
 from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.scene import open_scene
@@ -22,8 +22,8 @@ from liveview_ref.data.surface_frames import (
 )
 from liveview_ref.data.visibility import HIDDEN, SEEN
 from liveview_ref.reference.blend import VISIBLE_POWER
-from liveview_ref.reference.unet import UNet
-from liveview_ref.training import mix
+from liveview_ref.reference.unet import UNet, fold_batchnorm, unfold_batchnorm
+from liveview_ref.training import fit_view_weights, mix
 from liveview_ref.training.surface_loss import CELL, crop_of, example_loss, interest, masks, recoloured, rendered
 
 ROOT = Path(__file__).parents[2]
@@ -165,3 +165,29 @@ def test_a_mixture_lies_between_its_networks(tmp_path, monkeypatch):
     torch.testing.assert_close(nets[0.0], load_network(first).conv9.weight)
     torch.testing.assert_close(nets[1.0], load_network(second).conv9.weight)
     torch.testing.assert_close(nets[0.25], 0.75 * nets[0.0] + 0.25 * nets[1.0])
+
+
+def test_view_weights_that_only_cost_are_fitted_away(tmp_path, monkeypatch):
+    """The network prefers the nearest view by a constant, where the truth is the views' mean by distance."""
+    torch.manual_seed(0)
+    net = fold_batchnorm(UNet(4).eval())
+    with torch.no_grad():
+        net.conv9.bias[1:] -= torch.tensor([2.0, 3.0, 4.0])
+    frame = made_up(seen=False)
+    frame.shown.fill_(1)
+    colour, coverage = frame.colour[:1] / 255, frame.coverage[:1] / 255
+    truth = rendered(torch.zeros_like(coverage), colour, coverage, frame.distances)
+    frame.target.copy_((truth * 255).round().to(torch.uint8))
+    frame.save(tmp_path / "00000.pt")
+    state = {"average": unfold_batchnorm(net).state_dict(), "views": 4, "config": {}}
+    torch.save(state, tmp_path / "start")
+    command = ["", str(tmp_path / "start"), str(tmp_path / "out.pt"), "--frames", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", command)
+    fit_view_weights.main()
+    made = load_state(tmp_path / "out.pt")
+    assert made["config"]["view_weights"] == {"constant": 0.0, "varying": 0.4}
+    before = fit_view_weights.first_layer(net, frame)[0]
+    after = fit_view_weights.first_layer(trained_network(made), frame)[0]
+    torch.testing.assert_close(after[:, 0], before[:, 0])
+    varying = before[:, 1:] - before[:, 1:].mean((2, 3), keepdim=True)
+    torch.testing.assert_close(after[:, 1:], 0.4 * varying, atol=1e-4, rtol=1e-4)

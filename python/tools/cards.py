@@ -27,6 +27,8 @@ def trained(models: dict[str, dict]) -> str:
     for name, state in models.items():
         runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
         training = ", then ".join(f"V = {v}: {steps:,} steps, {seconds / 60:.0f} minutes" for v, steps, seconds in runs)
+        if "view_weights" in state["config"]:
+            training += "; then view weights fitted to surface:1"
         last = {kind: state["history"][-1][kind] for kind in kinds_of(state["history"][-1])}
         scenes = ", ".join(f"{Path(s['path']).name} at {s['width']}" for s in state["config"]["validation"])
         row = (name, training, ", ".join(f"{kind}: {value:.2f}" for kind, value in last.items()), scenes)
