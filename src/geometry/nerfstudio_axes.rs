@@ -1,8 +1,9 @@
 //! The axes that nerfstudio trains in: those of the scene, turned, moved and scaled.
 //!
 //! `dataparser_transforms.json`, which nerfstudio writes beside a model's `config.yml`, says how: `x_trained = scale · (transform · x)`,
-//! `transform` 3×4. There x is a place before `ns-process-data`, whose own change `transforms.json` holds as `applied_transform` (3×4) and
-//! `applied_scale`: x_scene = applied_scale · (applied_transform · x).
+//! `transform` 3×4. Into these two nerfstudio has multiplied `applied_transform` (3×4) and `applied_scale` of `transforms.json`, each where
+//! it is there (its `nerfstudio_dataparser.py`): for a place of the scene, x_trained = scale / applied_scale · (transform ·
+//! applied_transform⁻¹ · x_scene).
 
 use std::path::{Path, PathBuf};
 
@@ -36,13 +37,14 @@ impl TrainedFromScene {
         let Some(file) = files.find(|file| file.is_file()) else { return Ok(None) };
         let applied = scene.join("transforms.json");
         let of_scene = if applied.is_file() { read(&applied)? } else { Value::Null };
-        let trained = similarity(&read(&file)?, "transform", "scale").map_err(|reason| (file.clone(), reason))?;
-        let scene = similarity(&of_scene, "applied_transform", "applied_scale").map_err(|reason| (applied, reason))?;
-        let (a, r) = (scene.unwrap_or((DMat3::IDENTITY, DVec3::ZERO, 1.0)), trained);
-        let Some(r) = r else { return Err((file, "expected \"transform\" and \"scale\"".to_owned())) };
-        // x = Aᵀ (x_scene / a_scale − a), put into scale (R x + r).
+        let given = read(&file)?;
+        if given.get("transform").is_none() {
+            return Err((file, "expected \"transform\" and \"scale\"".to_owned()));
+        }
+        let r = similarity(&given, "transform", "scale").map_err(|reason| (file.clone(), reason))?;
+        let a = similarity(&of_scene, "applied_transform", "applied_scale").map_err(|reason| (applied, reason))?;
         let rotation = r.0 * a.0.transpose();
-        let (scale, translation) = (r.2 / a.2, a.2 * (r.1 - rotation * a.1));
+        let (scale, translation) = (r.2 / a.2, r.1 - rotation * a.1);
         Ok(Some(Self { rotation, translation, scale, file }))
     }
 
@@ -61,17 +63,17 @@ fn read(file: &Path) -> Result<Value, (PathBuf, String)> {
     serde_json::from_slice(&bytes).map_err(|error| failed(format!("not JSON: {error}")))
 }
 
-/// Rotation, translation and scale; `None` where neither key is there, the scale 1 where it alone is left out.
-fn similarity(of: &Value, matrix: &str, scale: &str) -> Result<Option<(DMat3, DVec3, f64)>, String> {
-    let Some(given) = of.get(matrix) else { return Ok(None) };
-    let (rotation, translation) = split(given, matrix, 3)?;
+/// Rotation, translation and scale; those of the identity where a key is left out.
+fn similarity(of: &Value, matrix: &str, scale: &str) -> Result<(DMat3, DVec3, f64), String> {
+    let given = of.get(matrix).map(|given| split(given, matrix, 3)).transpose()?;
+    let (rotation, translation) = given.unwrap_or((DMat3::IDENTITY, DVec3::ZERO));
     let deviation = (rotation * rotation.transpose() - DMat3::IDENTITY).to_cols_array();
     if !deviation.iter().all(|value| value.abs() < 1e-3) || rotation.determinant() < 0.0 {
         return Err(format!("{matrix}: expected a rotation in its first three columns"));
     }
     let factor = of.get(scale).map_or(Some(1.0), Value::as_f64).filter(|factor| factor.is_finite() && *factor > 0.0);
     let factor = factor.ok_or_else(|| format!("{scale} is {}; expected a number above 0", of[scale]))?;
-    Ok(Some((rotation, translation, factor)))
+    Ok((rotation, translation, factor))
 }
 
 #[cfg(test)]
@@ -100,7 +102,9 @@ mod tests {
         for (of_scene, expected) in [
             (json!({}), centre),
             (json!({ "applied_transform": applied }), DVec3::new(1.1, 3.2, -1.7)),
-            (json!({ "applied_transform": applied, "applied_scale": factor }), DVec3::new(2.2, 6.4, -3.4)),
+            // By hand: 0.125 (T x_scene) of nerfstudio's, T = transform · applied_transform⁻¹.
+            (json!({ "applied_transform": applied, "applied_scale": factor }), DVec3::new(0.1, 9.2, -3.2)),
+            (json!({ "applied_scale": factor }), DVec3::new(0.0, 3.5, 9.0)),
         ] {
             fs::write(scene.join("transforms.json"), of_scene.to_string()).unwrap();
             let axes = TrainedFromScene::find(&path, &scene).unwrap().unwrap();
@@ -108,7 +112,7 @@ mod tests {
             let back = axes.camera(&camera).unwrap();
             assert!(back.centre().abs_diff_eq(expected, 1e-12), "{of_scene}: {}", back.centre());
             // Forward is z of the trained axes: z before, y after the swap.
-            let forward = if of_scene == json!({}) { DVec3::Z } else { DVec3::Y };
+            let forward = if of_scene.get("applied_transform").is_none() { DVec3::Z } else { DVec3::Y };
             assert!(back.forward().abs_diff_eq(forward, 1e-12), "{}", back.forward());
         }
         // The one beside the path comes first.

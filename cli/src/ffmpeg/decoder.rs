@@ -57,10 +57,12 @@ impl Decoder {
     pub(crate) fn count(path: &Path) -> Result<usize> {
         // A line for each packet, which holds a frame, and lines of comment.
         let mut decoder = Self::start_with(path, &["-map", "0:v:0", "-c", "copy", "-f", "framecrc"])?;
-        let count = decoder.reading(|pipe| {
-            let lines = pipe.lines().map(|line| line.map(|line| usize::from(!line.starts_with('#'))));
-            lines.sum::<io::Result<usize>>()
-        })?;
+        let (mut count, mut line) = (0, String::new());
+        // Line by line: ffmpeg hangs where none comes for long, not where there are many.
+        while decoder.reading(|pipe| pipe.read_line(&mut line))? > 0 {
+            count += usize::from(!line.starts_with('#'));
+            line.clear();
+        }
         if decoder.process.wait()?.success() { Ok(count) } else { Err(decoder.failed()) }
     }
 

@@ -7,7 +7,7 @@ from pathlib import Path
 TITLES = {
     "liveview": "LiveView",
     "liveview_from_agreement": "LiveView, from other initial weights",
-    "liveview_competing": "LiveView, trained competing",
+    "liveview_competing": "LiveView, competing, from the weights of liveview_v4_planes",
     "input_centred": "LiveView's network, input-centred",
     "stereo_magnification": "Stereo Magnification",
     "local_light_field": "Local Light Field (Local LF)",

@@ -78,7 +78,9 @@ class Scenes:
         path = self.folder / f"{number:04}.pt"
         if not path.exists():
             if isinstance(self.textures, Path):
-                self.textures = Textures(self.textures)
+                folder, self.textures = self.textures, Textures(self.textures)
+                if not self.textures.photos:  # scenes of other textures would be others, under the same names
+                    raise FileNotFoundError(f"{folder}: expected a folder of photos to paint scenes with")
             scene = make(self.split, number, self.textures)
             torch.save(vars(scene), path.with_suffix(".tmp"))
             path.with_suffix(".tmp").rename(path)

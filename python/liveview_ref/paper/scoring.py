@@ -16,15 +16,15 @@ from ..checkpoint import load_state
 from ..data.held_out import BORDER, INNER
 from ..evaluation import lpips as perceptual
 from ..reference import blend, composite_competing, histogram, metrics, plane_sweep, renderer, unet, warp
-from . import crops, mpi, rig, shots, train, variants
+from . import crops, mpi, rig, samples, scenes, shots, train, variants
 from .method import Method
 from .registry import Entry
 from .shots import window
 
-SCALES = 0.5, 1.0, 2.0, 4.0
+SCALES = 0.5, 1.0, 2.0, 4.0, 8.0, 16.0
 CODE = (
-    mpi, rig, shots, variants, blend, composite_competing, histogram, metrics, plane_sweep, renderer, unet, warp,
-    perceptual,
+    mpi, rig, samples, scenes, shots, variants, blend, composite_competing, histogram, metrics, plane_sweep, renderer,
+    unet, warp, perceptual,
 )  # fmt: skip
 
 

@@ -51,7 +51,8 @@ def loss_of(method: Method, samples: list[Sample], count: int) -> Tensor:
     renderings = method.batch([(s.photos, s.target, d) for s, d in zip(samples, planes, strict=True)])
     total = torch.zeros(())
     for s, r, disparities in zip(samples, renderings, planes, strict=True):
-        total = total + image_loss(r.rgb, s.truth, r.valid)
+        # image_loss is a mean over all pixels: an image that reaches some of them is judged by those alone
+        total = total + image_loss(r.rgb, s.truth, r.valid) / r.valid.float().mean().clamp(min=0.1)
         if r.alpha is not None:
             offset = (disparities.float()[:, None, None] - s.disparity_at(r.camera)) * (SIDE * FOCAL)
             total = total + ALPHA_WEIGHT * alpha_loss(r.alpha, offset)

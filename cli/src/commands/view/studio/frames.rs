@@ -3,11 +3,12 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use liveview::live::LiveError;
 use liveview::{ImageRgb, Scene};
 use rayon::prelude::*;
 
+use crate::interrupt;
 use crate::rig::{Delivered, Feed, Reader};
 
 /// Frames stay in memory as far as this goes, the last of each camera in any case …
@@ -100,8 +101,11 @@ impl CameraFrames {
             }
         };
         let photo = photo.map_err(|error| format!("{error:#}"));
-        self.kept.truncate(self.room - 1);
-        self.kept.push_front((step, photo.clone()));
+        // What could not be read is tried again when it is asked for again.
+        if self.reader.is_some() {
+            self.kept.truncate(self.room - 1);
+            self.kept.push_front((step, photo.clone()));
+        }
         photo
     }
 
@@ -112,6 +116,9 @@ impl CameraFrames {
             None => self.reader.insert((self.feed.open()?, 0)),
         };
         while *next < step {
+            if interrupt::requested() {
+                bail!("interrupted");
+            }
             if !reader.skip(*next)? {
                 return Ok(Delivered::Ended);
             }

@@ -4,15 +4,13 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use liveview::geometry::distance;
-use liveview::{Camera, ImageRgb, LayerSpec, Scene, Shot, TargetView, Targets};
+use liveview::{Camera, ImageRgb, LayerSpec, PhotoCache, Scene, Shot, TargetView, Targets};
 
 use super::pace::Pace;
 use super::{Moment, Rendered, Source};
 use crate::job::Job;
 
-/// Photos and depths stay in memory as far as this goes (`PhotoCache::load_for`) …
-const KEPT_BYTES: usize = 128 << 20;
-/// … at so many bytes a pixel, at most.
+/// Of a photo and its depth in memory, at most.
 const BYTES_PER_PIXEL: usize = 20;
 
 /// A synthesizer, and what it is going to need.
@@ -45,7 +43,7 @@ impl Photos {
         let mut around: Vec<Shot> = free.filter_map(|view| photos.shot(&views[view].camera).ok()).collect();
         around.sort_by(|a, b| distance(&a.target, at).total_cmp(&distance(&b.target, at)));
         let pixels = views.iter().map(|view| view.camera.size().pixels()).max().unwrap_or(1);
-        let room = KEPT_BYTES / (BYTES_PER_PIXEL * pixels);
+        let room = PhotoCache::KEPT_BYTES / (BYTES_PER_PIXEL * pixels);
         photos.unprepared = around.iter().take(room).cloned().collect();
         photos.around = around;
         photos
