@@ -13,14 +13,14 @@ pub(crate) enum Network {
 }
 
 impl Network {
-    /// The layers that the model recommends; without one a single layer along the surface, the only kind on which all equally opaque
-    /// layers make a picture.
+    /// The layers that the model recommends; without one three along the surface, which soften its edges: equal shares make a picture
+    /// only of layers that lie close together.
     pub(crate) fn recommended_layers(&self) -> Result<LayerSpec> {
         match self {
             Self::Model(network) => {
                 network.recommended_layers().map_err(|error| anyhow::anyhow!("{error}; --layers decides instead"))
             }
-            Self::None(_) => Ok(LayerSpec::Surface(1)),
+            Self::None(_) => Ok(LayerSpec::Surface(3)),
         }
     }
 

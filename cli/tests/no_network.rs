@@ -37,7 +37,7 @@ fn neither_a_model_nor_a_library_is_needed() {
 
     let none = [&target[..], &["--network", "none"]].concat();
     let told = json(&mut bare(&folders, "render", &none));
-    assert_eq!((&told["layers"], &told["model"]), (&"surface:1".into(), &Value::Null));
+    assert_eq!((&told["layers"], &told["model"]), (&"surface:3".into(), &Value::Null));
     assert_eq!(told["engine"]["name"], "none");
     assert_eq!(told["targets"][0]["views"].as_array().unwrap().len(), 4, "as with the default model");
     assert!(told["mean"]["psnr"].as_f64().unwrap() > 30.0, "{told}");
@@ -88,6 +88,6 @@ fn every_logit_is_nought() {
     assert_eq!((&told["model"], &told["engine"], &told["library"]), (&Value::Null, &"none".into(), &Value::Null));
     let mut arrays = ndarray_npy::NpzReader::new(fs::File::open(folders.out("d.npz")).unwrap()).unwrap();
     let logits: ndarray::Array4<f32> = arrays.by_name("logits").unwrap();
-    assert_eq!(logits.dim(), (1, 4, 48, 64));
+    assert_eq!(logits.dim(), (3, 4, 48, 64));
     assert!(logits.iter().all(|&logit| logit == 0.0));
 }

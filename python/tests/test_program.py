@@ -57,7 +57,12 @@ def test_each_row_is_asked_for(tmp_path):
     program = Program(binary, tmp_path / "model.onnx", 1)
     rows = dict(program.surface(scene, SPEC, 7, case_of(scene, SPEC, 7, 4)))
     asked = {name: image[0, 0].tolist() for name, image in rows.items()}
-    assert asked == {"surface:2": [6, 2, 0], "surface:1": [6, 1, 0], "surface:1, no network": [6, 1, 1]}
+    assert asked == {
+        "surface:2": [6, 2, 0],
+        "surface:1": [6, 1, 0],
+        "surface:1, no network": [6, 1, 1],
+        "surface:3, no network": [6, 3, 1],
+    }
     binary.write_text(f"#!{sys.executable}\nimport sys\nsys.exit('no such thing')\n")
     with pytest.raises(RuntimeError, match="no such thing"):
         next(program.surface(scene, SPEC, 7, case_of(scene, SPEC, 7, 4)))

@@ -11,7 +11,7 @@ from .marked_text import fill
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 METHODS = (
-    "surface:2", "surface:1", "surface:1, no network", "guided:2", "guided:4", "guided:8", "select:16/64", "planes:64",
+    "surface:2", "surface:1", "surface:1, no network", "surface:3, no network", "guided:2", "guided:4", "guided:8", "select:16/64", "planes:64",
     "sweep, guided:4", "sweep, planes:64", "DIS flow", "best single plane", "nearest view",
 )  # fmt: skip
 
@@ -48,8 +48,9 @@ def scores(report: dict) -> str:
 
 def views(reports: dict[int, dict]) -> str:
     """Surface layers by V; a scene with too few photos for a V is none of its scenes."""
-    methods = "surface:1", "surface:2", "surface:1, no network"
-    lines = ["| V | scenes | " + " | ".join(methods) + " | V = 4 on the same scenes, surface:1 |", "|---" * 6 + "|"]
+    methods = "surface:1", "surface:2", "surface:1, no network", "surface:3, no network"
+    head = ["V", "scenes", *methods, "V = 4 on the same scenes, surface:1"]
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
 
     def mean(report: dict, scenes: list[str], method: str) -> str:
         rows = [report["scenes"][scene]["mean"][method] for scene in scenes]

@@ -46,8 +46,8 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// `count` layers near → far: one follows the surface; more divide the range between its largest and its smallest disparity
-    /// over 3×3 pixels evenly (k-th of L: near + k/(L − 1)·(far − near), in f32).
+    /// `count` layers near → far: one follows the surface; two are its largest and its smallest disparity over 3×3 pixels, three
+    /// these with the surface between them; more divide that range evenly (k-th of L: near + k/(L − 1)·(far − near), in f32).
     ///
     /// # Errors
     ///
@@ -60,8 +60,10 @@ impl Surface {
         let extremes = extremes3(self.disparity.as_slice().expect("standard order"), width);
         let [near, far] = [extremes.0, extremes.1]
             .map(|values| Array2::from_shape_vec((height, width), values).expect("one per pixel"));
-        if count == 2 {
-            return Layers::pixels(vec![near, far]);
+        match count {
+            2 => return Layers::pixels(vec![near, far]),
+            3 => return Layers::pixels(vec![near, self.disparity.clone(), far]),
+            _ => {}
         }
         let layer = |k: usize| {
             let share = k as f32 / (count - 1) as f32;

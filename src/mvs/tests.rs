@@ -14,6 +14,7 @@ use super::planes::Planes;
 use super::*;
 use crate::geometry::Intrinsics;
 use crate::image::ImageRgb;
+use crate::layers::Layer;
 use crate::warp::NO_GAINS;
 
 const WIDTH: usize = 128;
@@ -166,7 +167,15 @@ fn photos_know_their_depth_and_the_target_its_surface() {
     let share = right(&found.disparity, 0.1, found.pixel);
     assert!(share > 0.95, "{share}");
     let layers = found.layers(3).unwrap();
+    let values = |layer: usize| match &layers.as_slice()[layer] {
+        Layer::Pixels(map) => map.clone(),
+        other => panic!("{other:?}"),
+    };
     assert_eq!(layers.len(), 3);
+    assert_eq!(values(1), found.disparity, "the surface itself is between its extremes");
+    let ordered = |(near, (own, far)): (&f32, (&f32, &f32))| near >= own && own >= far;
+    assert!(values(0).iter().zip(values(1).iter().zip(&values(2))).all(ordered));
+    assert_ne!(values(0), values(2), "it has edges");
     assert!(matches!(found.layers(0), Err(LayersError::Empty)));
 }
 

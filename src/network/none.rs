@@ -4,8 +4,8 @@ use ndarray::{ArrayView4, ArrayViewMut4};
 
 use super::{NetworkError, PlaneNetwork};
 
-/// Logits of 0: views are weighed by their distance alone, and every layer but the last, which is the background, is half opaque. On
-/// one layer along a surface that is what the network is to be compared with.
+/// Logits of 0: views are weighed by their distance alone, and layers that compete ([`super::Alpha::Competing`]) share a pixel evenly.
+/// Along a surface that is what the network is to be compared with.
 #[derive(Debug, Clone, Copy)]
 pub struct NoNetwork {
     /// V.

@@ -6,7 +6,9 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use liveview::network::{ExecutionProvider, NoNetwork, OrtLibrary, OrtNetwork, Precision, check_threads, cpu_has_bf16};
+use liveview::network::{
+    Alpha, ExecutionProvider, NoNetwork, OrtLibrary, OrtNetwork, Precision, check_threads, cpu_has_bf16,
+};
 use liveview::render::Renderer;
 use liveview::{LayerSpec, Model, ModelOptions};
 
@@ -25,8 +27,8 @@ pub(crate) struct ModelArgs {
     /// Views that each picture is made from; picks the model [default: 4, or the --model's own]
     #[arg(long, value_name = "V", value_parser = numbers::count)]
     pub(crate) views: Option<usize>,
-    /// none: no network, and neither a model nor ONNX Runtime is needed. Views are weighed by their distance alone; every layer but the
-    /// last is half opaque, the last opaque, so that one layer makes the best picture [default layers: surface:1]
+    /// none: no network, and neither a model nor ONNX Runtime is needed. Views are weighed by their distance alone, and
+    /// layers share a pixel evenly, so that only layers along the surface make a good picture [default layers: surface:3]
     #[arg(long, value_enum, conflicts_with_all = ["model", "alpha", "engine", "precision", "ort_lib"])]
     network: Option<NetworkName>,
     /// Model file [default: liveview_v<V>.onnx in LIVEVIEW_MODELS, or in a `models` folder beside or above the binary, or
@@ -152,8 +154,7 @@ impl ModelArgs {
     /// Finds and opens the model for these layers, if there is to be one.
     pub(crate) fn open_for(&self, layers: Option<&LayerSpec>) -> Result<(Renderer<Network>, ModelInfo)> {
         let (renderer, model) = if self.without_network() {
-            let network = Network::None(NoNetwork { views: self.views_or_default() });
-            (Renderer::new(network, self.batch), None)
+            (self.renderer_without_network(self.views_or_default()), None)
         } else {
             let (network, model) = self.open_model(layers)?;
             (self.renderer(network), Some(model))
@@ -166,6 +167,13 @@ impl ModelArgs {
         let alpha = network.card().alpha(self.alpha.map(Into::into));
         let mut renderer = Renderer::new(Network::Model(Box::new(network)), self.batch);
         renderer.set_alpha(alpha);
+        renderer
+    }
+
+    /// A renderer whose layers share a pixel evenly.
+    fn renderer_without_network(&self, views: usize) -> Renderer<Network> {
+        let mut renderer = Renderer::new(Network::None(NoNetwork { views }), self.batch);
+        renderer.set_alpha(Alpha::Competing { scale: 1.0 });
         renderer
     }
 
@@ -202,8 +210,7 @@ impl ModelArgs {
     /// The models for fewer views than `views`, to fall back on; none if --model names one.
     pub(crate) fn open_smaller(&self, views: usize, layers: Option<&LayerSpec>) -> Result<Vec<Renderer<Network>>> {
         if self.without_network() {
-            let none = |views| Renderer::new(Network::None(NoNetwork { views }), self.batch);
-            return Ok((2..views).map(none).collect());
+            return Ok((2..views).map(|views| self.renderer_without_network(views)).collect());
         }
         if self.model.is_some() {
             return Ok(Vec::new());

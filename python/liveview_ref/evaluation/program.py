@@ -21,6 +21,7 @@ from ..data.written_scene import write_photo, write_transforms
 TARGET = "target.png"
 SURFACE = 2, 1
 NO_NETWORK = "surface:1, no network"
+WITHOUT = 1, 3  # layers without a network: what it is to be compared with, and what the program takes then
 
 
 class Program(NamedTuple):
@@ -35,13 +36,14 @@ class Program(NamedTuple):
         return [f"{path.name} is missing" for path in (self.binary, self.model) if not path.is_file()]
 
     def surface(self, scene: Scene, spec: dict, target: int, case: Case):
-        """Each number of surface layers, and one without a network. Yields (name, image [3, H, W])."""
+        """Each number of surface layers, with the network and without. Yields (name, image [3, H, W])."""
         with tempfile.TemporaryDirectory() as folder:
             write_scene(Path(folder), scene, spec, target, case)
             for count in SURFACE:
                 yield f"surface:{count}", self.render(Path(folder), spec, count, ["--model", self.model])
             without = ["--network", "none", "--views", len(case.views)]
-            yield NO_NETWORK, self.render(Path(folder), spec, 1, without)
+            for count in WITHOUT:
+                yield f"surface:{count}, no network", self.render(Path(folder), spec, count, without)
 
     def render(self, folder: Path, spec: dict, layers: int, network: list) -> Tensor:
         """The target of the scene in this folder."""

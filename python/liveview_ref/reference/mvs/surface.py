@@ -40,10 +40,12 @@ class Surface(NamedTuple):
     holes: float
 
     def layers(self, count: int) -> Tensor:
-        """`count` layers [L, h, w], near -> far: one follows the surface; more divide the range between its largest and
-        its smallest disparity over 3x3 pixels evenly."""
+        """`count` layers [L, h, w], near -> far: one follows the surface; two are its largest and its smallest disparity
+        over 3x3 pixels, three these with the surface between them; more divide that range evenly."""
         surface = self.disparity[None]
         near, far = F.max_pool2d(surface, 3, 1, 1)[0], -F.max_pool2d(-surface, 3, 1, 1)[0]
+        if count == 3:
+            return torch.stack([near, self.disparity, far])
         found = guided_maps(near, self.disparity, far, count)
         return found if count == 1 else torch.cat([found[:-1], far[None]])
 
