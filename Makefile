@@ -15,7 +15,7 @@ RUFF := --config python/pyproject.toml python parity tests
 NPM ?= npm
 
 .PHONY: demo demo-stereo demo-video test test-browser build runtime runtime-openvino setup-ray int8 report setup lint docs goldens test-rust \
-	test-python parity stability readme live-report cards setup-evaluation evaluate limits paper-scenes paper-train paper-score \
+	test-python parity stability readme live-report cards setup-evaluation evaluate limits paper-scenes paper-train paper-keep paper-score \
 	paper-cost paper-departures paper-report fuzz clean
 
 ## Render the two held-out views of the example scene and compare them with the truth.
@@ -185,6 +185,10 @@ paper-scenes: setup
 paper-train: paper-scenes
 	$(PAPER).train $(PAPER_SCENES) --out $(abspath $(PAPER_RUNS))/runs
 
+## The averaged weights of what was trained, the small ones, in models/paper/weights, and their card.
+paper-keep: setup
+	$(PAPER).cards --runs $(abspath $(PAPER_RUNS))/runs
+
 paper-score: setup-evaluation
 	$(PAPER).score $(PAPER_SCENES) --runs $(abspath $(PAPER_RUNS))/runs --out ../models/paper/scores
 
@@ -196,6 +200,7 @@ paper-departures: setup
 
 paper-report: setup
 	$(PAPER).report
+	$(PAPER).cards
 
 ## Damaged files for every reader, FUZZ_SECONDS each; needs nightly Rust. What breaks one is kept in tests/fuzz/artifacts.
 ## No sanitizer: the readers are safe Rust, which can panic, hang or take memory, and all three are caught.
