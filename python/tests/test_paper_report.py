@@ -8,7 +8,20 @@ import pytest
 import torch
 from torch import nn
 
-from liveview_ref.paper import cost, cost_worker, crops, departures, figures, report, results, scoring, tables, variants
+from liveview_ref.paper import (
+    cost,
+    cost_worker,
+    crops,
+    departures,
+    figures,
+    report,
+    results,
+    score,
+    scoring,
+    tables,
+    train,
+    variants,
+)
 from liveview_ref.paper.captured import CapturedScene
 from liveview_ref.paper.captured_samples import kind_of
 from liveview_ref.paper.method import Method, Photos, Rendering
@@ -375,6 +388,17 @@ def test_every_measured_departure_is_one_that_is_measured(net, monkeypatch):
     listed = tomllib.loads((report.HERE / "departures.toml").read_text())["departure"]
     named = {name for each in listed for name in each.get("measured", [])}
     assert named == known - {departures.AS_IT_IS}
+
+
+@pytest.mark.parametrize("module", [score, train])
+def test_the_pages_commands_have_options_that_there_are(module, monkeypatch, capsys):
+    text = (report.HERE / "report.md").read_text().replace("\\\n", "")
+    used = set(re.findall(r"--[a-z-]+", " ".join(re.findall(rf"-m {module.__name__} (--.*)", text))))
+    monkeypatch.setattr("sys.argv", ["", "--help"])
+    with pytest.raises(SystemExit):
+        module.main()
+    known = set(re.findall(r"--[a-z-]+", capsys.readouterr().out))
+    assert {"--data", "--scenes", "--textures", "--out"} <= used <= known
 
 
 def test_a_file_that_is_no_json_is_named(models):
