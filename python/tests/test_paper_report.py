@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import pytest
 import torch
@@ -83,10 +83,22 @@ def test_planes_that_compete_take_photos_nearest_first():
 
 
 def test_selected_planes_are_the_fullest_of_the_histogram(net):
-    alpha, rgb, _, _ = variants.plane_by_plane(net, shot := toy(), shot.planes(12))
-    most = torch.bincount(alpha.argmax(0).flatten(), minlength=12).argsort(descending=True, stable=True)[:8]
-    expected = variants.independent(alpha, rgb, sorted(most.tolist()))
+    planes = variants.plane_by_plane(net, shot := toy(), shot.planes(12))
+    most = torch.bincount(planes.alpha.argmax(0).flatten(), minlength=12).argsort(descending=True, stable=True)[:8]
+    expected = variants.independent(planes, sorted(most.tolist()))
     assert torch.equal(dict(variants.renderings(net, shot, (12,)))["select:8/12"], expected)
+
+
+def test_planes_that_compete_are_selected_by_how_near_they_lie_to_the_best(net, monkeypatch):
+    monkeypatch.setattr(variants, "SELECTED", (2,))
+    best = torch.cat([torch.zeros(40), torch.ones(50), torch.full((45,), 2), torch.full((30,), 7)])
+    logit = torch.zeros(8, 1, len(best))
+    logit.scatter_(0, best.long()[None, None], 5.0)
+    planes = variants.Planes(torch.sigmoid(logit), torch.rand(8, 3, 1, len(best)), logit, logit > -1)
+    monkeypatch.setattr(variants, "plane_by_plane", lambda *given: planes)
+    found = dict(variants.renderings(net, toy(), (8,), 2.0))
+    assert torch.equal(found["select:2/8, competing"], variants.competing(planes, 2.0, [1, 7])[0])
+    assert torch.equal(found["select:2/8"], variants.independent(planes, [1, 2]))
 
 
 def test_methods_that_are_not_liveview_have_their_planes_alone():
@@ -144,15 +156,38 @@ def test_scores_grow_by_target_and_are_redone_only_for_another_step(tmp_path):
     assert (tmp_path / "rig_constant_v4.webp").exists() and (tmp_path / "rig_truth.webp").exists()
 
 
-def test_the_scale_of_planes_that_compete_is_the_best_of_validation(net, tmp_path, monkeypatch):
+@dataclass
+class Splits(Toys):
+    """The middle of the target, which the scale is fitted on, is what `net` renders at one scale for validation and at
+    another for test; splits are noted as they are asked for."""
+
+    net: Method | None = None
+    asked: list[str] = field(default_factory=list)
+
+    def shots(self, split, views):
+        self.asked.append(split)
+        for shot in super().shots(split, views):
+            part = window(shot, 16, 12, 32, 24)
+            layers = dict(variants.renderings(self.net, part, (4,), {"validation": 4.0, "test": 0.5}[split]))
+            shot.truth[:, 12:36, 16:48] = layers["planes:4, competing"]
+            shot.truth += 0.01 * torch.rand(shot.truth.shape, generator=torch.Generator().manual_seed(0))
+            yield shot
+
+
+def test_the_scale_of_planes_that_compete_is_the_best_of_validation_alone(net, tmp_path, monkeypatch):
     monkeypatch.setattr(scoring, "INNER", ...)  # the middle of the toy is smaller than two borders
-    entry, source = Entry("liveview", 4, liveview, planes=(4,)), Toys()
-    found = scoring.fitted_scale(net, entry, source)
-    assert list(found) == list(scoring.SCALES)
-    parts = [window(shot, 16, 12, 32, 24) for shot in source.shots("validation", 4)]
-    images = [dict(variants.renderings(net, part, (4,), 2.0))["planes:4, competing"] for part in parts]
-    expected = [float(-10 * torch.log10(((i - p.truth) ** 2).mean())) for i, p in zip(images, parts, strict=True)]
-    assert found[2.0] == pytest.approx(sum(expected) / 3, abs=1e-3)
+    test, validation = Splits(net=net), Splits(net=net)
+    entry = Entry("liveview", 4, liveview, planes=(4,))
+    found = scoring.score(entry, net, {"step": 7}, test, validation, tmp_path, None)
+    assert (test.asked, validation.asked) == (["test"], ["validation"])
+    parts = [window(shot, 16, 12, 32, 24) for shot in validation.shots("validation", 4)]
+    expected = {}
+    for scale in scoring.SCALES:
+        images = [dict(variants.renderings(net, part, (4,), scale))["planes:4, competing"] for part in parts]
+        psnr = [float(-10 * torch.log10(((i - p.truth) ** 2).mean())) for i, p in zip(images, parts, strict=True)]
+        expected[str(scale)] = pytest.approx(sum(psnr) / 3, abs=1e-3)
+    assert found["scales"] == expected
+    assert found["scale"] == float(max(found["scales"], key=found["scales"].__getitem__)) == 4.0
 
 
 def test_a_comment_is_no_other_code():
@@ -185,7 +220,7 @@ def test_captured_scenes_are_shots_like_the_rigs():
         "s", images, shot.photos.cameras, (0,), ["t"], [(shot.truth * 255).byte()], [shot.camera], None, 2.0, 50.0
     )
     made = shot_of(scene, "s", 0, 4)
-    assert made.disparity is None and made.planes(3).tolist() == pytest.approx([0.5, 0.26, 0.02])
+    assert made.disparity is None and made.target == "t" and made.planes(3).tolist() == pytest.approx([0.5, 0.26, 0.02])
     assert made.truth.shape == (3, HEIGHT, WIDTH)
 
 
@@ -266,22 +301,26 @@ def test_cost_rows_have_each_method_once_and_liveview_on_fewer_planes():
 
 
 def scored(name: str, views: int, psnr: float, counts=(8, 16, 32, 64), competing=False) -> dict:
-    """A file of scores; more planes are better by a dB each."""
-    mean = {}
+    """A file of scores of two scenes, 0.5 dB apart; more planes are better by a dB each."""
+    layers = {}
     for suffix, more in (("", 0.0), (", competing", 3.0))[: 1 + competing]:
         for i, n in enumerate(counts):
-            mean[f"planes:{n}{suffix}"] = {
-                "psnr": psnr + more + i,
-                "psnr_se": 0.25,
-                "ssim": 0.9 + i / 100,
-                "lpips": 0.1,
-            }
+            layers[f"planes:{n}{suffix}"] = {"psnr": psnr + more + i, "ssim": 0.9 + i / 100, "lpips": 0.1}
         if competing:
-            mean[f"select:16/64{suffix}"] = {"psnr": psnr + more, "ssim": 0.928, "lpips": 0.1}
+            layers[f"select:16/64{suffix}"] = {"psnr": psnr + more, "ssim": 0.928, "lpips": 0.1}
     about = {"step": 1500, "samples": 3000, "core_seconds": 3600}
-    targets = [{"scene": "0000", "target": "0", "scores": {}}]
-    told = {"entry": f"{name}_v{views}", "name": name, "views": views, "data": "rig", "about": about, "mean": mean}
+    targets = [target(scene, layers, change) for scene, change in (("0000", -0.25), ("0001", 0.25))]
+    told = {"entry": f"{name}_v{views}", "name": name, "views": views, "data": "rig", "about": about}
     return told | {"targets": targets, "key": {"trained_on": "rig"}, "scale": 2.0}
+
+
+def target(scene: str, layers: dict, change: float) -> dict:
+    scores = {name: row | {"psnr": row["psnr"] + change} for name, row in layers.items()}
+    return {"scene": scene, "target": "0", "scores": scores}
+
+
+def saved(models, report: dict) -> None:
+    (models / "scores" / f"{report['data']}_{report['entry']}.json").write_text(json.dumps(report))
 
 
 def cost_row(name: str, planes: int, seconds: float) -> dict:
@@ -323,9 +362,8 @@ def test_a_full_report_has_every_cell(models):
     for row in json.loads(PUBLISHED.read_text())["comparison"]:
         name, views = row["method"], row["views"]
         own = scored(name, views, 20.0, competing=name == "liveview")
-        (models / "scores" / f"rig_{name}_v{views}.json").write_text(json.dumps(own))
-        real = own | {"data": "real"}
-        (models / "scores" / f"real_{name}_v{views}.json").write_text(json.dumps(real))
+        saved(models, own)
+        saved(models, own | {"data": "real"})
     history = [{"step": 500, "samples": 1000, "psnr": 20.0}, {"step": 1000, "samples": 2000, "psnr": 21.0}]
     (models / "history" / "rig_liveview_v4.json").write_text(json.dumps(history))
     rows = [cost_row("light_field_fusion_v10", 64, 40.0), cost_row("local_light_field_v5", 64, 20.0)]
@@ -352,17 +390,37 @@ def test_a_full_report_has_every_cell(models):
     # The better composite is told: 26 dB, not 23; 0.928 of 0.93 is within a percent.
     assert "(30 dB not reached)" in text and "SSIM 0.9280, 0.9300 on all (-0.22%, within 1%)" in text
     assert "The best other method: Soft3D, 23.00 dB (+3.00 dB for LiveView)." in text
+    assert "rig scenes: 2 targets of 2 scenes, trained on rig" in text and report.LEFT_OUT not in text
+
+
+def test_means_are_over_the_targets_that_all_files_have(models):
+    saved(models, scored("liveview", 4, 20.0))
+    part, other = scored("soft3d", 4, 21.0), scored("deepview", 4, 22.0)
+    part["targets"].pop()
+    other["targets"] = [each | {"scene": "9999"} for each in other["targets"][:1]]
+    saved(models, part)
+    saved(models, other)
+    text = page(models)
+    assert "| 4 | LiveView | 64 | 22.75 / 0.9300" in text and "| 4 | Soft3D | 64 | 23.75 / 0.9300" in text
+    assert "rig scenes: 1 targets of 1 scenes" in text and "1 targets." in text
+    assert (
+        report.LEFT_OUT in text
+        and "- `rig_liveview_v4.json`: 0001/0" in text
+        and "- `rig_deepview_v4.json`: 9999/0" in text
+    )
+    assert "| 4 | DeepView, small *(80 planes)* | – | – |" in text
 
 
 def test_a_score_that_falls_is_said_to_fall():
     own = scored("liveview", 4, 20.0)
+    own["mean"] = results.mean(own["targets"])
     own["mean"]["planes:64"]["psnr"] = 19.0
     found = results.Results({}, {("rig", "liveview", 4): own})
     assert "not rising throughout" in verdicts(found)
 
 
 def test_methods_that_the_paper_does_not_have_are_rows_too(models):
-    (models / "scores" / "rig_input_centred_v5.json").write_text(json.dumps(scored("input_centred", 5, 21.0)))
+    saved(models, scored("input_centred", 5, 21.0))
     assert "| 5 | LiveView's network, input-centred | 64 | 24.00 ± 0.25" in page(models)
     assert figures.ablation(results.load(models)).count("<polyline") == 2  # one curve in each panel
 

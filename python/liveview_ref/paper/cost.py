@@ -22,6 +22,7 @@ from ..evaluation.evaluate import machine, versions
 from . import rig
 from .cost_worker import scene
 from .registry import ENTRIES, Entry
+from .results import write
 
 ROOT = Path(__file__).parents[3]
 VIEWS = 5  # the paper's methods but LLFF
@@ -173,9 +174,7 @@ def main() -> int:
     report = {"size": [rig.WIDTH, rig.HEIGHT], "threads": args.threads, "rounds": args.rounds, "cpu": machine()}
     report |= {"versions": versions(), "rows": [row.report() for row in rows], "skipped": skipped}
     args.out.parent.mkdir(parents=True, exist_ok=True)
-    temporary = args.out.with_suffix(".tmp")
-    temporary.write_text(json.dumps(report, indent=1) + "\n")
-    temporary.rename(args.out)
+    write(args.out, report)
     print("\n".join(f"skipped {name}: {why}" for name, why in skipped.items()), file=sys.stderr)
     return 0
 

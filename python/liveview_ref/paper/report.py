@@ -9,11 +9,14 @@ import tomllib
 from pathlib import Path
 
 from . import figures, tables
-from .results import Results, load, title
+from .results import Results, load, put, title
 from .verdicts import verdicts
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
+LEFT_OUT = """
+Scored (scene/target), but left out of the means, since other files lack them; a file without others has no figure:
+"""
 
 
 def departures(results: Results, listed: list[dict]) -> str:
@@ -53,18 +56,20 @@ def departure_networks(results: Results) -> str:
 
 
 def scored(results: Results) -> str:
-    """How many scenes and targets the scores are of."""
-    parts = []
-    for data in tables.DATA:
+    """How many scenes and targets the scores are of, and what was scored but is in no mean."""
+    parts, left_out = [], {}
+    for data, lost in results.left_out.items():
         reports = [report for (d, _, _), report in results.scores.items() if d == data]
-        if reports:
-            targets = sorted({len(report["targets"]) for report in reports})
-            scenes = max(len({t["scene"] for t in report["targets"]}) for report in reports)
-            counts = " to ".join(str(n) for n in {targets[0]: 0, targets[-1]: 0})
-            trained = " and ".join(sorted({report["key"]["trained_on"] for report in reports}))
-            what = f"{counts} targets of {scenes} scenes a method, trained on {trained}"
-            parts.append(f"{tables.DATA[data][0]}: {what}")
-    return f"Scored so far: {'; '.join(parts)}." if parts else "Nothing is scored yet."
+        targets = next((report["targets"] for report in reports), [])
+        scenes = len({target["scene"] for target in targets})
+        trained = " and ".join(sorted({report["key"]["trained_on"] for report in reports}))
+        parts.append(f"{tables.DATA[data][0]}: {len(targets)} targets of {scenes} scenes, trained on {trained}")
+        for file, names in lost.items():
+            if names:
+                left_out.setdefault(", ".join(names), []).append(f"`{file}`")
+    lines = [f"- {', '.join(files)}: {names}" for names, files in left_out.items()]
+    told = [f"Every row of a column is over the same targets. {'; '.join(parts)}.", *([LEFT_OUT] if lines else [])]
+    return "\n".join([*told, *lines]) if parts else "Nothing is scored yet."
 
 
 def steps(results: Results) -> str:
@@ -106,9 +111,7 @@ def picture(out: Path, docs: Path, content, save) -> str:
     """Writes a picture, or says that there is none yet."""
     if content is None:
         return "Not measured yet."
-    temporary = out.with_stem("unfinished")
-    save(temporary)
-    temporary.rename(out)
+    put(out, save)
     return f"![{out.stem.replace('_', ' ')}](../{out.relative_to(docs.parent).as_posix()})"
 
 
@@ -131,7 +134,7 @@ def write(models: Path, page: Path) -> None:
         "verdicts": verdicts(results),
         "scored": scored(results),
         "missing": tables.missing(results),
-        "crops": picture(models / "crops.webp", page.parent, sheet, lambda path: sheet.save(path, quality=85)),
+        "crops": picture(models / "crops.webp", page.parent, sheet, lambda path: sheet.save(path, "webp", quality=85)),
         "selection_claim": selection_claim(results),
         "planes_table": tables.planes_table(results),
         "machine": machine(results),
@@ -149,7 +152,7 @@ def write(models: Path, page: Path) -> None:
         raise ValueError(f"report.md: {', '.join(sorted(named ^ set(parts)))}: in the text or made, but not both")
     for name, part in parts.items():
         text = text.replace("{{" + name + "}}", part)
-    page.write_text(text)
+    put(page, lambda path: path.write_text(text))
 
 
 def main() -> int:

@@ -1,8 +1,10 @@
 """What the report is made of: the JSON files in models/paper."""
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import fmean, stdev
 
 TITLES = {
     "liveview": "LiveView",
@@ -34,6 +36,7 @@ class Results:
     histories: dict[str, list[dict]] = field(default_factory=dict)  # by file name
     cost: dict = field(default_factory=dict)
     departures: dict = field(default_factory=dict)
+    left_out: dict[str, dict[str, list[str]]] = field(default_factory=dict)  # by data and file: see `restrict`
 
     def methods(self, data: str) -> list[tuple[str, int]]:
         """(method, views) with scores on that data, fewest views first."""
@@ -56,10 +59,13 @@ class Results:
 def load(folder: Path) -> Results:
     """Of models/paper. What is no JSON of its kind is a ValueError that names the file."""
     found = Results(read(folder / "published.json"))
+    files: dict[str, dict[str, dict]] = {}
     for path in sorted((folder / "scores").glob("*.json")):
         report = read(path)
-        if report.get("mean"):
-            found.scores[report["data"], report["name"], report["views"]] = report
+        files.setdefault(report["data"], {})[path.name] = report
+    for data, reports in files.items():
+        found.left_out[data] = restrict(reports)
+        found.scores |= {(data, r["name"], r["views"]): r for r in reports.values() if r["targets"]}
     found.histories = {path.stem: read(path) for path in sorted((folder / "history").glob("*.json"))}
     for name in ("cost", "departures"):
         if (folder / f"{name}.json").exists():
@@ -67,8 +73,58 @@ def load(folder: Path) -> Results:
     return found
 
 
+def restrict(files: dict[str, dict]) -> dict[str, list[str]]:
+    """Cuts the score files of one data to the targets that all of them have, with means over these alone, since means
+    over different targets cannot be compared; what each file lost, as scene/target. A file without any target that the
+    fuller ones share loses all of its own, and no other loses any for it."""
+
+    def names(report: dict) -> list[str]:
+        return [f"{target['scene']}/{target['target']}" for target in report["targets"]]
+
+    shared: set[str] = set()
+    for report in sorted(files.values(), key=lambda report: -len(report["targets"])):
+        own = set(names(report))
+        shared = (own & shared) or shared or own
+    lost = {}
+    for file, report in files.items():
+        own = list(zip(names(report), report["targets"], strict=True))
+        lost[file] = [name for name, _ in own if name not in shared]
+        report["targets"] = [target for name, target in own if name in shared]
+        report["mean"] = mean(report["targets"]) if report["targets"] else {}
+    return lost
+
+
+def mean(targets: list[dict]) -> dict[str, dict[str, float]]:
+    """Of each kind of layers: the mean over scenes of the mean over their targets, and its standard error (`_se`, over
+    scenes, absent for a single one)."""
+    out = {}
+    for layers in targets[0]["scores"]:
+        by_scene: dict[str, list[dict]] = {}
+        for target in targets:
+            by_scene.setdefault(target["scene"], []).append(target["scores"][layers])
+        row = {}
+        for metric in targets[0]["scores"][layers]:
+            means = [fmean(scores[metric] for scores in rows) for rows in by_scene.values()]
+            row[metric] = round(fmean(means), 5)
+            if len(means) > 1:
+                row[f"{metric}_se"] = round(stdev(means) / len(means) ** 0.5, 5)
+        out[layers] = row
+    return out
+
+
 def read(path: Path):
     try:
         return json.loads(path.read_text())
     except ValueError as error:
         raise ValueError(f"{path}: {error}; expected JSON") from error
+
+
+def write(path: Path, report: dict | list) -> None:
+    put(path, lambda temporary: temporary.write_text(json.dumps(report, indent=1) + "\n"))
+
+
+def put(path: Path, save: Callable[[Path], object]) -> None:
+    """A file that is never there half written."""
+    temporary = path.with_suffix(".tmp")
+    save(temporary)
+    temporary.rename(path)

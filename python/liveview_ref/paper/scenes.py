@@ -16,6 +16,7 @@ from ..data.procedural.world import World
 from ..data.shards import eight_bit
 from ..reference.camera import Camera
 from .method import Photos
+from .results import put
 from .rig import CENTRES, FAR, HEIGHT, NEAR, REFERENCES, SIDE, VIEWS, WIDTH, camera, target_places
 
 SEED = 2021
@@ -82,8 +83,7 @@ class Scenes:
                 if not self.textures.photos:  # scenes of other textures would be others, under the same names
                     raise FileNotFoundError(f"{folder}: expected a folder of photos to paint scenes with")
             scene = make(self.split, number, self.textures)
-            torch.save(vars(scene), path.with_suffix(".tmp"))
-            path.with_suffix(".tmp").rename(path)
+            put(path, lambda temporary: torch.save(vars(scene), temporary))
         return RigScene(**torch.load(path, weights_only=True))
 
 

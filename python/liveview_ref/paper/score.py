@@ -18,9 +18,10 @@ from ..evaluation.lpips import load_lpips
 from . import shots
 from .captured_samples import kind_of, samples_of
 from .registry import ENTRIES, Entry
+from .results import write
 from .samples import RigSamples
 from .scenes import Scenes
-from .scoring import Source, load, score, weights_key, write
+from .scoring import Source, load, score, weights_key
 
 
 def keep_history(folder: Path, entry: Entry, history: list[dict] | None, trained_on: str) -> None:

@@ -7,7 +7,8 @@ import json
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from statistics import fmean, stdev
+from statistics import fmean
+from types import ModuleType
 
 import torch
 from torch import Tensor, nn
@@ -15,16 +16,17 @@ from torch import Tensor, nn
 from ..checkpoint import load_state
 from ..data.held_out import BORDER, INNER
 from ..evaluation import lpips as perceptual
-from ..reference import blend, composite_competing, histogram, metrics, plane_sweep, renderer, unet, warp
+from ..reference import blend, composite_competing, cover, histogram, metrics, plane_sweep, renderer, unet, warp
 from . import crops, mpi, rig, samples, scenes, shots, train, variants
 from .method import Method
 from .registry import Entry
+from .results import COMPETING, mean, write
 from .shots import window
 
 SCALES = 0.5, 1.0, 2.0, 4.0, 8.0, 16.0
 CODE = (
-    mpi, rig, samples, scenes, shots, variants, blend, composite_competing, histogram, metrics, plane_sweep, renderer,
-    unet, warp, perceptual,
+    mpi, rig, samples, scenes, shots, variants, blend, composite_competing, cover, histogram, metrics,
+    plane_sweep, renderer, unet, warp, perceptual,
 )  # fmt: skip
 
 
@@ -58,7 +60,10 @@ def code_digest(entry: Entry) -> str:
     methods = own.__name__.rsplit(".", 1)[0]
     used = {inspect.getmodule(value) for value in vars(own).values()}  # methods that this one is made of
     used = sorted({m for m in used if m and m.__name__.startswith(methods)} | {own}, key=lambda m: m.__name__)
-    modules = [*CODE, sys.modules[__name__], *used]
+    return digest([*CODE, sys.modules[__name__], *used])
+
+
+def digest(modules: list[ModuleType]) -> str:
     return hashlib.sha256("".join(meaning(inspect.getsource(m)) for m in modules).encode()).hexdigest()[:16]
 
 
@@ -106,33 +111,9 @@ def fitted_scale(method: Method, entry: Entry, source: Source) -> dict[float, fl
         with torch.inference_mode():
             planes = variants.plane_by_plane(method, shot, shot.planes(count))
             for scale, rows in found.items():
-                image, _ = variants.competing(planes, list(range(count)), scale)
+                image, _ = variants.competing(planes, scale)
                 rows.append(metrics.psnr(image[INNER], shot.truth[INNER]))
     return {scale: round(fmean(rows), 4) for scale, rows in found.items() if rows}
-
-
-def mean(targets: list[dict]) -> dict[str, dict[str, float]]:
-    """Of each kind of layers: the mean over scenes of the mean over their targets, and its standard error (`_se`, over
-    scenes, absent for a single one)."""
-    out = {}
-    for layers in targets[0]["scores"]:
-        by_scene: dict[str, list[dict]] = {}
-        for target in targets:
-            by_scene.setdefault(target["scene"], []).append(target["scores"][layers])
-        row = {}
-        for metric in targets[0]["scores"][layers]:
-            means = [fmean(scores[metric] for scores in rows) for rows in by_scene.values()]
-            row[metric] = round(fmean(means), 5)
-            if len(means) > 1:
-                row[f"{metric}_se"] = round(stdev(means) / len(means) ** 0.5, 5)
-        out[layers] = row
-    return out
-
-
-def write(path: Path, report: dict) -> None:
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(json.dumps(report, indent=1) + "\n")
-    temporary.rename(path)
 
 
 def score(entry: Entry, method: Method, about: dict, source: Source, validation: Source, out: Path, weights) -> dict:
@@ -155,7 +136,7 @@ def score(entry: Entry, method: Method, about: dict, source: Source, validation:
         for layers, image in variants.renderings(method, shot, entry.planes, report.get("scale", 1.0)):
             found[layers] = scores_of(image, shot.truth, weights)
             if layers.startswith(f"planes:{max(entry.planes)}"):
-                crops.keep(path, image, shot, competing=layers.endswith(variants.COMPETING))
+                crops.keep(path, image, shot, competing=layers.endswith(COMPETING))
         report["targets"].append({"scene": shot.scene, "target": shot.target, "scores": found})
         report["mean"] = mean(report["targets"])
         write(path, report)

@@ -57,9 +57,12 @@ def shots(data: str, folder: Path, textures: Path, split: str, views: int, scene
 
 def shot_of(scene: RigScene | CapturedScene, name: str, index: int, views: int) -> Shot:
     camera, truth, disparity = scene.target(index)
-    planes = scene.planes if isinstance(scene, CapturedScene) else rig.planes
+    captured = isinstance(scene, CapturedScene)
+    planes = scene.planes if captured else rig.planes
+    # which targets a captured scene has depends on the views: an index would be another target
+    target = scene.places[index] if captured else str(index)
     known = disparity if bool((disparity > 0).all()) else None
-    return Shot(name, str(index), scene.photos(views), camera, truth, planes, known)
+    return Shot(name, target, scene.photos(views), camera, truth, planes, known)
 
 
 def real_shots(folder: Path, views: int, scenes: int, targets: int) -> Iterator[Shot]:

@@ -27,6 +27,7 @@ from ..training.train import alpha_loss, image_loss
 from .captured_samples import samples_of
 from .method import Method
 from .registry import ENTRIES, Entry
+from .results import write
 from .rig import FAR, FOCAL, NEAR, SIDE
 from .samples import SEED, RigSamples, Sample
 from .scenes import Scenes
@@ -139,7 +140,7 @@ class Trainee:
             }
         )
         print(self.entry.key, json.dumps(self.history[-1]), flush=True)
-        (self.folder / "history.json").write_text(json.dumps(self.history, indent=1))
+        write(self.folder / "history.json", self.history)
 
     def some(self, samples: Samples, number: int) -> list[Sample]:
         """A batch of the most recent samples."""

@@ -13,7 +13,7 @@ from ...reference.blend import blend
 from ...reference.camera import Camera
 from ...reference.composite_competing import composite_competing
 from ...reference.unet import UNet, start_from_agreement
-from ..method import Method, Photos, Predictor, Rendering
+from ..method import Photos, Predictor, Rendering
 from ..mpi import Mpi, padded, volume_at
 
 USUAL = 64  # planes that the start of alpha is made for
@@ -41,36 +41,36 @@ class PlaneByPlane(Predictor):
     def forward(self, volume: Tensor, coverage: Tensor, distances: Tensor) -> tuple[Tensor, Tensor]:
         return self.batch([(volume, coverage, distances)])[0]
 
+    def each(self, volumes: list[tuple[Tensor, Tensor, Tensor]]) -> list[Tensor]:
+        """The logits of each volume, by one pass over all."""
+        logits = self.logits(torch.cat([volume for volume, _, _ in volumes]))
+        return [own.contiguous() for own in logits.split([len(volume) for volume, _, _ in volumes])]
+
     def batch(self, volumes: list[tuple[Tensor, Tensor, Tensor]]) -> list[tuple[Tensor, Tensor]]:
-        logits = self.logits(torch.cat([volume for volume, _, _ in volumes])).split([len(v) for v, _, _ in volumes])
-        pairs = zip(logits, volumes, strict=True)
-        return [blend(own.contiguous(), colour, coverage, self.distances(d)) for own, (colour, coverage, d) in pairs]
+        pairs = zip(self.each(volumes), volumes, strict=True)
+        return [blend(own, colour, coverage, self.distances(d)) for own, (colour, coverage, d) in pairs]
 
     def distances(self, distances: Tensor) -> Tensor:
         """What weights are divided by: at a photo's place that photo, at distance 0, would take them all."""
         return distances if self.by_distance else torch.ones_like(distances)
 
 
-class Competing(Method):
+class Competing(Mpi):
     """Planes that compete (not in the paper), with photos nearest first, as `liveview render` does it."""
 
     def __init__(self, views: int):
-        super().__init__()
-        self.predictor = PlaneByPlane(views)
+        super().__init__(PlaneByPlane(views), target_centred=True)
 
     def forward(self, photos: Photos, target: Camera, disparities: Tensor, cover: bool = True) -> Rendering:
         return self.batch([(photos, target, disparities)])[0]
 
     def batch(self, examples: list[tuple[Photos, Camera, Tensor]]) -> list[Rendering]:
         volumes = [volume_at(padded(target), nearest_first(photos, target), d) for photos, target, d in examples]
-        logits = self.predictor.logits(torch.cat([volume for volume, _, _ in volumes]))
         renderings = []
-        for own, volume, (_, target, d) in zip(
-            logits.split([len(v[0]) for v in volumes]), volumes, examples, strict=True
-        ):
+        for own, volume, (_, target, _) in zip(self.predictor.each(volumes), volumes, examples, strict=True):
+            _, rgb = blend(own, *volume)
             covered = (volume[1] > 0).any(1)
-            _, rgb = blend(own.contiguous(), *volume)
-            image = composite_competing(own[:, 0], rgb, covered, d.float()[:, None, None].expand_as(covered)).rgb
+            image = composite_competing(own[:, 0], rgb, covered, torch.zeros_like(own[:, 0])).rgb
             valid = torch.ones(target.height, target.width, dtype=torch.bool)
             renderings.append(Rendering(image[:, : target.height, : target.width], valid))
         return renderings
