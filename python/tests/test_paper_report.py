@@ -248,6 +248,20 @@ def test_departures_undone_change_the_picture_and_leave_the_network_as_it_was(ne
         assert torch.allclose(net(own.photos, own.camera, own.planes(4)).rgb, plain, atol=1e-5)
 
 
+def test_the_border_is_scored_by_itself():
+    truth = torch.full((3, HEIGHT, WIDTH), 0.5)
+    edge, middle = truth.clone(), truth + 0.1
+    edge[:, :16] += 0.1  # a third of the rows, of which the scores see none
+    middle[:, :16], middle[:, -16:], middle[:, :, :16], middle[:, :, -16:] = (0.6 + 0.1,) * 4
+    border = 1 - (HEIGHT - 32) * (WIDTH - 32) / (HEIGHT * WIDTH)
+    inside, outside = (departures.scores_with_border(image, truth) for image in (middle, edge))
+    assert inside["psnr"] == pytest.approx(20, abs=1e-3) and inside["border_psnr"] == pytest.approx(13.979, abs=1e-3)
+    expected = -10 * torch.log10(torch.tensor(0.01 / 3 / border)).item()
+    assert outside["psnr"] > 100 and outside["border_psnr"] == pytest.approx(expected, abs=1e-3)
+    found = departures.summary([{"scores": {departures.AS_IT_IS: inside, "other": inside | {"border_psnr": 10.0}}}])
+    assert found["other"]["difference"] == 0 and found["other"]["border_difference"] == pytest.approx(-3.979, abs=1e-3)
+
+
 def test_without_the_zero_logit_the_other_photos_share_by_their_own_logits():
     generator = torch.Generator().manual_seed(1)
     logits, volume = torch.randn(1, 3, 2, 2, generator=generator), torch.rand(1, 3, 3, 2, 2, generator=generator)
@@ -427,11 +441,13 @@ def test_methods_that_the_paper_does_not_have_are_rows_too(models):
 
 def test_what_departures_change_comes_from_their_file(models):
     mean = {"as it is": {"psnr": 25.0, "difference": 0.0}, "no normalisation by coverage": {"psnr": 24.0}}
-    mean["no normalisation by coverage"]["difference"] = -1.0
+    mean["no normalisation by coverage"] |= {"difference": -1.0, "border_difference": -9.0}
+    mean["planes compete, scale 2"] = {"psnr": 33.0, "difference": 8.0}
     (models / "departures.json").write_text(json.dumps({"liveview_v4": {"targets": [{}] * 5, "mean": mean}}))
     text = page(models)
-    assert "no normalisation by coverage: liveview_v4: -1.00" in text and "quarters of 5 of the rig's targets" in text
-    assert "padded by zeros: not measured yet" in text
+    assert "undone (no normalisation by coverage): liveview_v4: -1.00 (border: -9.00) |" in text
+    assert "introduced (planes compete, scale 2): liveview_v4: +8.00 |" in text
+    assert "quarters of 5 of the rig's targets" in text and "undone (padded by zeros): not measured yet" in text
 
 
 def test_every_measured_departure_is_one_that_is_measured(net, monkeypatch):
@@ -444,7 +460,7 @@ def test_every_measured_departure_is_one_that_is_measured(net, monkeypatch):
         for name, _ in departures.switched(departures.Network(net.predictor.net, scale, first), toy())
     }
     listed = tomllib.loads((report.HERE / "departures.toml").read_text())["departure"]
-    named = {name for each in listed for name in each.get("measured", [])}
+    named = {name for each in listed for kind in ("undone", "introduced") for name in each.get(kind, [])}
     assert named == known - {departures.AS_IT_IS}
 
 

@@ -1,15 +1,17 @@
 """What single departures from the paper change, where that shows without another training: the same network with one of
-them undone, on the same targets.
+them undone, or introduced where it was trained without, on the same targets.
 
     python -m liveview_ref.paper.departures --scenes FOLDER --textures FOLDER --out ../models/paper/departures.json
 
 Networks: the shipped `liveview_v4` (independent planes, as in the paper), `liveview_v4_planes` (planes that compete),
 and with --runs the one trained on the rig. Each on 64 planes, of the upper left quarter of a target, which has its
-share of edges; 16 pixels at each side left out. Kept after each target: run again, it goes on, and
-begins anew where the training's step is another."""
+share of edges: scores inside 16 pixels at each side, and the PSNR of those 16 alone, where photos end and padding is
+near. Kept after each target: run again, it goes on, and begins anew where the training's step or the code that decides
+the scores is another."""
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -21,19 +23,21 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ..checkpoint import load_state, trained_network
+from ..data.held_out import INNER
 from ..evaluation.view_weights import view_weights
 from ..reference import unet
 from ..reference.blend import blend
-from ..reference.composite_competing import composite_competing
-from ..reference.view_selection import view_distances
-from .method import Photos
-from .methods.liveview import BATCH
-from .mpi import opaque_background, over, padded, volume_at
+from ..reference.metrics import psnr
+from .methods import liveview
+from .methods.liveview import BATCH, nearest_first
+from .mpi import over, padded, volume_at
 from .registry import entry
+from .results import write
 from .samples import RigSamples
 from .scenes import Scenes
-from .scoring import Source, load, scores_of, write
+from .scoring import CODE, Source, digest, load, scores_of
 from .shots import Shot, window
+from .variants import Planes, competing, independent
 
 PLANES = 64
 MODELS = Path(__file__).parents[3] / "models"
@@ -49,17 +53,6 @@ class Network:
     scale: float | None  # of planes that compete; None: independent
     nearest_first: bool
     step: int = 0
-
-
-@dataclass
-class Planes:
-    """What the compositing starts from: alpha, logit of alpha and whether a photo covers the pixel [D, H, W], rgb
-    [D, 3, H, W]."""
-
-    alpha: Tensor
-    rgb: Tensor
-    logit: Tensor
-    covered: Tensor
 
 
 Blend = Callable[[Tensor, Tensor, Tensor, Tensor], Tensor]  # logits, volume, coverage, distances -> rgb
@@ -119,35 +112,22 @@ def planes_of(network: Network, shot: Shot, blends: dict[str, Blend], zeros: boo
         logits = network.net(volume.flatten(1, 2))
         seen = (coverage > 0).any(1)
         for name, blended in blends.items():
-            made = (
-                torch.sigmoid(logits[:, 0]) * seen,
-                blended(logits, volume, coverage, distances),
-                logits[:, 0],
-                seen,
-            )
-            parts[name].append([x[crop] for x in made])
+            rgb = blended(logits, volume, coverage, distances)
+            parts[name].append([x[crop] for x in (torch.sigmoid(logits[:, 0]) * seen, rgb, logits[:, 0], seen)])
     return {name: Planes(*(torch.cat(x) for x in zip(*rows, strict=True))) for name, rows in parts.items()}
 
 
 def composited(network: Network, planes: Planes) -> Tensor:
-    if network.scale is None:
-        return over(opaque_background(planes.alpha), planes.rgb)
-    return composite_competing(
-        planes.logit, planes.rgb, planes.covered, torch.zeros_like(planes.logit), network.scale
-    ).rgb
+    return independent(planes) if network.scale is None else competing(planes, network.scale)[0]
 
 
-def ordered(shot: Shot, nearest_first: bool) -> Shot:
+def ordered(shot: Shot, nearest: bool) -> Shot:
     """With the photos nearest first, or in the rig's order, as they come."""
-    if not nearest_first:
-        return shot
-    order = view_distances(shot.photos.cameras, shot.camera).argsort(stable=True).tolist()
-    images, cameras = ([x[i] for i in order] for x in (shot.photos.images, shot.photos.cameras))
-    return replace(shot, photos=Photos(images, cameras, ()))
+    return replace(shot, photos=nearest_first(shot.photos, shot.camera)) if nearest else shot
 
 
 def switched(network: Network, shot: Shot) -> Iterator[tuple[str, Tensor]]:
-    """(departure undone, image) of each, what is as it is first."""
+    """(departure undone or introduced, image) of each, what is as it is first."""
     own = ordered(shot, network.nearest_first)
     made = planes_of(network, own, BLENDS)
     for name, planes in made.items():
@@ -191,12 +171,22 @@ def networks(runs: Path | None, training: Scenes) -> dict[str, Network]:
     return found
 
 
+def scores_with_border(image: Tensor, truth: Tensor) -> dict[str, float]:
+    """Scores inside the border, and `border_psnr` (dB) of the border alone."""
+    border = torch.ones(truth.shape[1:], dtype=torch.bool)
+    border[INNER] = False
+    at_border = psnr(image.clamp(0, 1)[:, border], truth[:, border])
+    return scores_of(image, truth, None) | {"border_psnr": round(at_border, 5)}
+
+
 def summary(targets: list[dict]) -> dict[str, dict[str, float]]:
-    """Of each departure undone: mean scores, and the difference in dB to what is as it is."""
+    """Of each departure: mean scores, and the difference in dB to what is as it is, inside the border and there."""
     out = {}
     for name in targets[0]["scores"]:
         row = {m: round(fmean(t["scores"][name][m] for t in targets), 5) for m in targets[0]["scores"][name]}
-        out[name] = row | {"difference": round(row["psnr"] - (out[AS_IT_IS] if out else row)["psnr"], 5)}
+        for part in ("", "border_"):
+            row[f"{part}difference"] = round(row[f"{part}psnr"] - out.get(AS_IT_IS, row)[f"{part}psnr"], 5)
+        out[name] = row
     return out
 
 
@@ -211,16 +201,18 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     report = json.loads(args.out.read_text()) if args.out.exists() else {}
+    code = digest([*CODE, liveview, sys.modules[__name__]])
     for name, network in networks(args.runs, Scenes(args.scenes, args.textures, "train")).items():
-        if report.get(name, {}).get("step") != network.step:
-            report[name] = {"planes": PLANES, "step": network.step, "targets": []}
+        key = {"step": network.step, "code": code}
+        if report.get(name, {}).get("key") != key:
+            report[name] = {"planes": PLANES, "key": key, "targets": []}
         own = report[name]
         done = {target["scene"] for target in own["targets"]}
         for shot in Source("rig", args.scenes, args.textures, args.limit, 1).shots("test", 4):
             if shot.scene in done:
                 continue
             quarter = window(shot, 0, 0, shot.camera.width // 2, shot.camera.height // 2)
-            found = {what: scores_of(image, quarter.truth, None) for what, image in switched(network, quarter)}
+            found = {what: scores_with_border(image, quarter.truth) for what, image in switched(network, quarter)}
             own["targets"].append({"scene": shot.scene, "scores": found})
             own["mean"] = summary(own["targets"])
             write(args.out, report)

@@ -20,11 +20,11 @@ Scored (scene/target), but left out of the means, since other files lack them; a
 
 
 def departures(results: Results, listed: list[dict]) -> str:
-    """The table of departures: what changes in dB where it is undone, by network."""
+    """The table of departures: what changes in dB where it is undone or introduced, by network."""
     rows = []
     for each in listed:
         rows.append([each["paper"], each["here"], each["why"], "; ".join(changes(results, each)) or "not measured"])
-    return tables.table(["the paper", "here", "why", "undone, dB"], rows)
+    return tables.table(["the paper", "here", "why", "change, dB"], rows)
 
 
 def changes(results: Results, each: dict) -> list[str]:
@@ -32,19 +32,26 @@ def changes(results: Results, each: dict) -> list[str]:
     found = [each[kind] for kind in ("retraining", "elsewhere") if kind in each]
     if "retraining" in each:
         found[0] = f"needs another training: {found[0]}"
-    for name in each.get("measured", []):
-        values = [
-            f"{network}: {report['mean'][name]['difference']:+.2f}"
-            for network, report in results.departures.items()
-            if name in report["mean"]
-        ]
-        found.append(f"{name}: {', '.join(values)}" if values else f"{name}: not measured yet")
+    for direction in ("undone", "introduced"):
+        for name in each.get(direction, []):
+            values = [
+                f"{network}: {in_decibels(report['mean'][name], each.get('border', False))}"
+                for network, report in results.departures.items()
+                if name in report["mean"]
+            ]
+            found.append(f"{direction} ({name}): {', '.join(values) or 'not measured yet'}")
     if "compared" in each:
         first, second = (tables.best_row(results, "rig", *row, "") for row in each["compared"])
         names = " against ".join(title(row[0]) for row in each["compared"])
         change = f"{first['psnr'] - second['psnr']:+.2f}" if first and second else "not scored yet"
         found.append(f"{names}: {change}")
     return found
+
+
+def in_decibels(row: dict, border: bool) -> str:
+    """The change, and that of the border alone where a departure acts there."""
+    at_border = f"{row['border_difference']:+.2f}" if "border_difference" in row else "not measured yet"
+    return f"{row['difference']:+.2f}" + (f" (border: {at_border})" if border else "")
 
 
 def departure_networks(results: Results) -> str:
@@ -128,7 +135,8 @@ def write(models: Path, page: Path) -> None:
         }.items()
     }
     sheet = figures.crops(models / "scores")
-    targets = {len(report["targets"]) for report in results.departures.values()}
+    targets = sorted(len(report["targets"]) for report in results.departures.values())
+    counts = " to ".join(map(str, sorted({*targets[:1], *targets[-1:]})))
     parts = charts | {
         "comparison": tables.comparison(results),
         "verdicts": verdicts(results),
@@ -144,7 +152,7 @@ def write(models: Path, page: Path) -> None:
         "steps": steps(results),
         "departures": departures(results, listed),
         "departure_networks": departure_networks(results),
-        "departure_targets": f"quarters of {max(targets)} of the rig's targets" if targets else "no target yet",
+        "departure_targets": f"quarters of {counts} of the rig's targets" if targets else "no target yet",
     }
     text = (HERE / "report.md").read_text()
     named = set(re.findall(r"\{\{(\w+)\}\}", text))
