@@ -11,8 +11,8 @@ from .marked_text import fill
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 METHODS = (
-    "surface:2", "surface:1", "surface:1, no network", "surface:3, no network", "guided:2", "guided:4", "guided:8", "select:16/64", "planes:64",
-    "sweep, guided:4", "sweep, planes:64", "DIS flow", "best single plane", "nearest view",
+    "surface:2", "surface:1", "surface:1, no network", "surface:3, no network", "guided:2", "guided:4", "guided:8",
+    "select:16/64", "planes:64", "sweep, guided:4", "sweep, planes:64", "DIS flow", "best single plane", "nearest view",
 )  # fmt: skip
 
 

@@ -40,8 +40,8 @@ class Surface(NamedTuple):
     holes: float
 
     def layers(self, count: int) -> Tensor:
-        """`count` layers [L, h, w], near -> far: one follows the surface; two are its largest and its smallest disparity
-        over 3x3 pixels, three these with the surface between them; more divide that range evenly."""
+        """`count` layers [L, h, w], near -> far: one follows the surface; two are its largest and its smallest
+        disparity over 3x3 pixels, three these with the surface between them; more divide that range evenly."""
         surface = self.disparity[None]
         near, far = F.max_pool2d(surface, 3, 1, 1)[0], -F.max_pool2d(-surface, 3, 1, 1)[0]
         if count == 3:
