@@ -12,6 +12,8 @@ from liveview_ref.data.held_out import case_of
 from liveview_ref.data.scene import open_scene
 from liveview_ref.evaluation import evaluate
 from liveview_ref.evaluation.program import TARGET, Program, write_scene
+from liveview_ref.paper.method import Photos
+from liveview_ref.paper.methods import program
 
 ROOT = Path(__file__).parents[2]
 WORKSHOP = ROOT / "tests" / "scenes" / "workshop"
@@ -27,7 +29,7 @@ frame = np.zeros((3, 1, 3), np.float32)
 layers = args[args.index("--layers") + 1]
 frame[0, 0] = len(frames), int(layers.split(":")[1]), "--network" in args
 assert args[0] == "dump" and args[args.index("--target") + 1] == "{TARGET}", args
-assert ("--network" in args) != ("--model" in args) and args[args.index("--near") + 1] == "1", args
+assert ("--network" in args) != ("--model" in args) and float(args[args.index("--near") + 1]) == 1, args
 np.savez(args[args.index("-o") + 1], frame=frame)
 """
 
@@ -66,6 +68,21 @@ def test_each_row_is_asked_for(tmp_path):
     binary.write_text(f"#!{sys.executable}\nimport sys\nsys.exit('no such thing')\n")
     with pytest.raises(RuntimeError, match="no such thing"):
         next(program.surface(scene, SPEC, 7, case_of(scene, SPEC, 7, 4)))
+
+
+def test_the_papers_comparison_asks_for_as_many_layers_as_there_are_planes(tmp_path, monkeypatch):
+    monkeypatch.setattr(program, "BINARY", tmp_path / "liveview")
+    with pytest.raises(FileNotFoundError) as caught:
+        program.surface(4)
+    assert caught.value.filename == str(program.BINARY)
+    program.BINARY.write_text(FAKE)
+    program.BINARY.chmod(0o755)
+    scene = open_scene(WORKSHOP)
+    case = case_of(scene, SPEC, 7, 4)
+    photos, planes = Photos(case.sources, case.cameras, (0,)), torch.tensor([1.0, 0.5, 1 / 9])
+    for build, without in ((program.surface, 0), (program.surface_without_network, 1)):
+        rendering = build(4)(photos, case.target, planes)
+        assert rendering.rgb[0, 0].tolist() == [5, 3, without]
 
 
 def test_without_the_program_surface_layers_are_skipped_unless_asked_for(tmp_path, monkeypatch, capsys):

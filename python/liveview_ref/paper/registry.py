@@ -8,6 +8,7 @@ from .methods.deepview import DeepView
 from .methods.light_field_fusion import light_field_fusion
 from .methods.liveview import competing, from_agreement, input_centred, liveview
 from .methods.local_light_field import local_light_field, target_centred
+from .methods.program import surface, surface_without_network
 from .methods.soft3d import Soft3D
 from .methods.stereo_magnification import stereo_magnification
 
@@ -43,6 +44,8 @@ ENTRIES = [
     Entry("liveview_from_agreement", 4, from_agreement),
     Entry("liveview_competing", 4, competing),
     Entry("soft3d", 4, lambda views: Soft3D(), trained=False),
+    Entry("liveview_surface", 4, surface, planes=(2,), trained=False),
+    Entry("liveview_no_network", 4, surface_without_network, planes=(3,), trained=False),
     Entry("light_field_fusion", 10, light_field_fusion, weights="local_light_field_v5", trained=False),
 ]
 

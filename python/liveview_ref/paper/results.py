@@ -10,6 +10,8 @@ TITLES = {
     "liveview": "LiveView",
     "liveview_from_agreement": "LiveView, from other initial weights",
     "liveview_competing": "LiveView, competing, from the weights of liveview_v4_planes",
+    "liveview_surface": "LiveView, this program, layers along the surface",
+    "liveview_no_network": "LiveView, this program, layers along the surface, no network",
     "input_centred": "LiveView's network, input-centred",
     "stereo_magnification": "Stereo Magnification",
     "local_light_field": "Local Light Field (Local LF)",
