@@ -204,6 +204,7 @@ paper-departures: setup
 paper-report: setup
 	$(PAPER).report
 	$(PAPER).cards
+	cd python && ../$(BIN)/python -m tools.paper_headline
 
 ## Damaged files for every reader, FUZZ_SECONDS each; needs nightly Rust. What breaks one is kept in tests/fuzz/artifacts.
 ## No sanitizer: the readers are safe Rust, which can panic, hang or take memory, and all three are caught.

@@ -31,6 +31,7 @@ from liveview_ref.paper.shots import Shot, shot_of, window
 from liveview_ref.paper.verdicts import verdicts
 from liveview_ref.reference.camera import Camera
 from liveview_ref.reference.layers import uniform_disparities
+from tools.paper_headline import headline
 
 WIDTH, HEIGHT = 64, 48
 PUBLISHED = report.ROOT / "models" / "paper" / "published.json"
@@ -431,6 +432,26 @@ def test_a_score_that_falls_is_said_to_fall():
     own["mean"]["planes:64"]["psnr"] = 19.0
     found = results.Results({}, {("rig", "liveview", 4): own})
     assert "not rising throughout" in verdicts(found)
+
+
+def test_the_headline_names_the_strongest_opponent():
+    reports = {}
+    untrained = {"step": None}
+    for name, psnr, about in (
+        ("liveview", 24.0, {}),
+        ("local_light_field", 25.0, {}),
+        ("soft3d", 31.0, untrained),
+        ("liveview_surface", 32.0, untrained),
+        ("input_centred", 40.0, {}),  # this project's, but no method of its own
+    ):
+        reports["rig", name, 4] = own = scored(name, 4, psnr)
+        own["about"] |= about
+        own["mean"] = results.mean(own["targets"])
+    found = results.Results({}, reports)
+    strongest, trained = headline(found).split(" Networks trained alike")
+    assert strongest.index("Soft3D") < strongest.index("this program, layers along the surface")
+    assert "Local Light Field" in trained and "Soft3D" not in trained and "input" not in trained
+    assert headline(results.Results({}, {})) == "Not scored yet."
 
 
 def test_methods_that_the_paper_does_not_have_are_rows_too(models):

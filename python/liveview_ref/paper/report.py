@@ -70,13 +70,18 @@ def scored(results: Results) -> str:
         targets = next((report["targets"] for report in reports), [])
         scenes = len({target["scene"] for target in targets})
         trained = " and ".join(sorted({report["key"]["trained_on"] for report in reports}))
-        parts.append(f"{tables.DATA[data][0]}: {len(targets)} targets of {scenes} scenes, trained on {trained}")
+        count = f"{counted(len(targets), 'target')} of {counted(scenes, 'scene')}"
+        parts.append(f"{tables.DATA[data][0]}: {count}, trained on {trained}")
         for file, names in lost.items():
             if names:
                 left_out.setdefault(", ".join(names), []).append(f"`{file}`")
     lines = [f"- {', '.join(files)}: {names}" for names, files in left_out.items()]
     told = [f"Every row of a column is over the same targets. {'; '.join(parts)}.", *([LEFT_OUT] if lines else [])]
     return "\n".join([*told, *lines]) if parts else "Nothing is scored yet."
+
+
+def counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 def steps(results: Results) -> str:
