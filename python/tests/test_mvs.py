@@ -178,7 +178,9 @@ def test_layers_bracket_the_surface():
     step = filled(0.2)
     step[:, 6:] = 0.4
     layers = Surface(step, 0.01, 0.0).layers(3)
-    torch.testing.assert_close(layers[:, 0, 5], torch.tensor([0.4, 0.3, 0.2], dtype=torch.float64))
+    assert layers[:, 0, 5].tolist() == [0.4, 0.2, 0.2], "the surface itself in the middle"
+    evenly = torch.tensor([0.4, 1 / 3, 0.8 / 3, 0.2], dtype=torch.float64)
+    torch.testing.assert_close(Surface(step, 0.01, 0.0).layers(4)[:, 0, 5], evenly)
     assert layers[:, 0, 4].tolist() == [0.2] * 3 and layers[:, 0, 7].tolist() == [0.4] * 3
     assert torch.equal(Surface(step, 0.01, 0.0).layers(1)[0], step)
 

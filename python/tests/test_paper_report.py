@@ -417,7 +417,7 @@ def test_means_are_over_the_targets_that_all_files_have(models):
     saved(models, other)
     text = page(models)
     assert "| 4 | LiveView | 64 | 22.75 / 0.9300" in text and "| 4 | Soft3D | 64 | 23.75 / 0.9300" in text
-    assert "rig scenes: 1 targets of 1 scenes" in text and "1 targets." in text
+    assert "rig scenes: 1 target of 1 scene," in text and "1 target." in text
     assert (
         report.LEFT_OUT in text
         and "- `rig_liveview_v4.json`: 0001/0" in text

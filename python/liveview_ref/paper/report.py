@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 
 from . import figures, tables
-from .results import Results, load, put, title
+from .results import Results, counted, load, put, title
 from .verdicts import verdicts
 
 HERE = Path(__file__).parent
@@ -78,10 +78,6 @@ def scored(results: Results) -> str:
     lines = [f"- {', '.join(files)}: {names}" for names, files in left_out.items()]
     told = [f"Every row of a column is over the same targets. {'; '.join(parts)}.", *([LEFT_OUT] if lines else [])]
     return "\n".join([*told, *lines]) if parts else "Nothing is scored yet."
-
-
-def counted(number: int, noun: str) -> str:
-    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 def steps(results: Results) -> str:

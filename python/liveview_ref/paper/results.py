@@ -29,6 +29,10 @@ def title(name: str) -> str:
     return TITLES.get(name, name.replace("_", " "))
 
 
+def counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 @dataclass
 class Results:
     """Everything that was measured, and what the paper tells; all but the last may lack anything."""

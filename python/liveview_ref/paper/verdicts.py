@@ -1,6 +1,6 @@
 """What the scores say of the paper's claims, as sentences made from them."""
 
-from .results import COMPETING, Results, title
+from .results import COMPETING, Results, counted, title
 
 GOAL = 30.0  # dB, on 64 planes by the better composite
 OURS = ("liveview",)  # not what starts from weights that were trained before
@@ -49,5 +49,5 @@ def sentences(results: Results, data: str, method: str, views: int) -> list[str]
             f"The best other method: {title(name)}, {psnr:.2f} dB ({rows[best]['psnr'] - psnr:+.2f} dB for LiveView)."
         )
     if report["about"].get("step"):
-        out.append(f"Trained for {report['about']['step']:,} steps; {len(report['targets'])} targets.")
+        out.append(f"Trained for {report['about']['step']:,} steps; {counted(len(report['targets']), 'target')}.")
     return out
