@@ -108,7 +108,7 @@ def markdown(report: dict) -> str:
     about = ", ".join(f"{key} {value}" for key, value in report["trained"].items())
     lines = [f"# {report['model']}: {report['views']} views ({about})", "", f"{report['cpu']}, torch "]
     lines[-1] += f"{report['versions']['torch']}; a border of {report['border']} pixels is left out."
-    if NO_NETWORK in report["mean"]:
+    if any(method.endswith(NO_NETWORK) for method in report["mean"]):
         lines += [
             "",
             "Surface layers are rendered by the program, everything else by the reference; scores are of one kind.",

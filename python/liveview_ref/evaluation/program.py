@@ -20,7 +20,7 @@ from ..data.written_scene import write_photo, write_transforms
 
 TARGET = "target.png"
 SURFACE = 2, 1
-NO_NETWORK = "surface:1, no network"
+NO_NETWORK = ", no network"  # after the layers' name
 WITHOUT = 1, 3  # layers without a network: what it is to be compared with, and what the program takes then
 
 
@@ -43,7 +43,7 @@ class Program(NamedTuple):
                 yield f"surface:{count}", self.render(Path(folder), spec, count, ["--model", self.model])
             without = ["--network", "none", "--views", len(case.views)]
             for count in WITHOUT:
-                yield f"surface:{count}, no network", self.render(Path(folder), spec, count, without)
+                yield f"surface:{count}{NO_NETWORK}", self.render(Path(folder), spec, count, without)
 
     def render(self, folder: Path, spec: dict, layers: int, network: list) -> Tensor:
         """The target of the scene in this folder."""

@@ -13,9 +13,9 @@ from ..training.fine_tune import save
 from . import samples, scenes, train
 from .methods.liveview import competing
 from .registry import ENTRIES, Entry
+from .results import put, title, write
 from .results import read as read_json
-from .results import title
-from .scoring import weights_key, write
+from .scoring import weights_key
 from .tables import DASH, table
 
 HERE = Path(__file__).parent
@@ -126,9 +126,7 @@ def main() -> int:
     except ValueError as error:
         print(error, file=sys.stderr)
         return 2
-    temporary = MODELS / "README.tmp"
-    temporary.write_text(text)
-    temporary.rename(MODELS / "README.md")
+    put(MODELS / "README.md", lambda path: path.write_text(text))
     return 0
 
 

@@ -17,10 +17,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 
-from ..data.written_scene import write_photo, write_transforms
 from ..evaluation.evaluate import machine, versions
+from ..evaluation.program import TARGET
 from . import rig
 from .cost_worker import scene
+from .methods.program import BINARY, write_scene
 from .registry import ENTRIES, Entry
 from .results import write
 
@@ -63,13 +64,9 @@ class Program:
 
     def __init__(self, binary: Path, folder: Path, planes: int, threads: int, views: int):
         photos, target = scene(views)
-        bounds = rig.NEAR, rig.FAR
-        frames = [write_photo(folder, "target.png", photos.images[0], target, bounds)]
-        for i, (image, camera) in enumerate(zip(photos.images, photos.cameras, strict=True)):
-            frames.append(write_photo(folder, f"{i}.png", image, camera, bounds))
-        write_transforms(folder, frames)
+        write_scene(folder, photos, target, (rig.NEAR, rig.FAR))
         model = ROOT / "models" / f"liveview_v{views}.onnx"
-        options = ["--target", "target.png", "--layers", f"planes:{planes}", "--views", views, "--model", model]
+        options = ["--target", TARGET, "--layers", f"planes:{planes}", "--views", views, "--model", model]
         options += ["--alpha", "independent", "--threads", threads, "--json", "-o", folder.parent / "out.png"]
         self.command = [str(x) for x in (binary, "render", folder, *options)]
         self.ready = {}
@@ -140,7 +137,7 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--only", nargs="+", metavar="METHOD", help=f"these alone, such as liveview_v5 or {PROGRAM}")
-    parser.add_argument("--binary", type=Path, default=ROOT / "target" / "release" / "liveview")
+    parser.add_argument("--binary", type=Path, default=BINARY)
     args = parser.parse_args()
     rows = [row for row in rows_of(ENTRIES) if not args.only or row.name in args.only]
     skipped = {}

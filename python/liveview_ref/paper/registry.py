@@ -4,12 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .method import Method
-from .methods.deepview import DeepView
+from .methods.deepview import deepview
 from .methods.light_field_fusion import light_field_fusion
 from .methods.liveview import competing, from_agreement, input_centred, liveview
 from .methods.local_light_field import local_light_field, target_centred
 from .methods.program import surface, surface_without_network
-from .methods.soft3d import Soft3D
+from .methods.soft3d import soft3d
 from .methods.stereo_magnification import stereo_magnification
 
 PLANES = (8, 16, 32, 64)
@@ -40,10 +40,10 @@ ENTRIES = [
     Entry("stereo_magnification", 5, stereo_magnification, planes=(64,)),
     Entry("input_centred", 5, input_centred),
     Entry("local_light_field_at_target", 5, target_centred),
-    Entry("deepview", 4, lambda views: DeepView(), planes=PLANES[:3]),
+    Entry("deepview", 4, deepview, planes=PLANES[:3]),
     Entry("liveview_from_agreement", 4, from_agreement),
     Entry("liveview_competing", 4, competing),
-    Entry("soft3d", 4, lambda views: Soft3D(), trained=False),
+    Entry("soft3d", 4, soft3d, trained=False),
     Entry("liveview_surface", 4, surface, planes=(2,), trained=False),
     Entry("liveview_no_network", 4, surface_without_network, planes=(3,), trained=False),
     Entry("light_field_fusion", 10, light_field_fusion, weights="local_light_field_v5", trained=False),

@@ -9,7 +9,7 @@ from statistics import fmean, stdev
 TITLES = {
     "liveview": "LiveView",
     "liveview_from_agreement": "LiveView, from other initial weights",
-    "liveview_competing": "LiveView, competing, from the weights of liveview_v4_planes",
+    "liveview_competing": "LiveView, begun from liveview_v4_planes",
     "liveview_surface": "LiveView, this program, layers along the surface",
     "liveview_no_network": "LiveView, this program, layers along the surface, no network",
     "input_centred": "LiveView's network, input-centred",
@@ -21,6 +21,7 @@ TITLES = {
     "deepview": "DeepView, small",
     "program": "LiveView, this program",
 }
+BEGUN_ELSEWHERE = ("liveview_competing",)  # trained on other scenes before: no part in what is compared
 METRICS = "psnr", "ssim", "lpips"
 COMPETING = ", competing"  # after the name of layers
 

@@ -70,8 +70,7 @@ def main() -> int:
             keep_history(args.out.parent / "history", entry, about.pop("history", None), trained_on)
             score(entry, method, about, source, validation, args.out, weights)
         except FileNotFoundError as error:
-            why = "trained" if str(error.filename).endswith(".pt") else "built"
-            missing.append(f"{entry.key}: {error.filename} is missing: not {why} yet")
+            missing.append(f"{entry.key}: {error.filename} is missing: {error.strerror}")
         except ValueError as error:  # of the data's readers
             print(error, file=sys.stderr)
             return 2

@@ -6,6 +6,7 @@ import inspect
 import json
 import sys
 from dataclasses import dataclass, replace
+from errno import ENOENT
 from pathlib import Path
 from statistics import fmean
 from types import ModuleType
@@ -88,7 +89,10 @@ def load(entry: Entry, runs: Path, samples: train.Samples) -> tuple[Method, dict
     method = entry.build(entry.views)
     if not any(True for _ in method.parameters()):
         return method.eval(), {"step": None}
-    state = load_state(runs / weights_key(entry) / "checkpoint.pt")
+    path = runs / weights_key(entry) / "checkpoint.pt"
+    if not path.exists():
+        raise FileNotFoundError(ENOENT, "not trained yet", str(path))
+    state = load_state(path)
     method.load_state_dict(state["average"])
     about = {"step": state["step"], "samples": state["step"] * train.BATCH, "core_seconds": round(state["seconds"])}
     if any(isinstance(m, nn.modules.batchnorm._BatchNorm) for m in method.modules()):

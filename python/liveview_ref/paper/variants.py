@@ -49,10 +49,10 @@ def renderings(method: Method, shot: Shot, counts: tuple[int, ...], scale: float
         together, weights = competing(planes, scale)
         yield f"planes:{count}", independent(planes)
         yield f"planes:{count}{COMPETING}", together
+    alone, shared = plane_histogram(planes.alpha), plane_histogram(weights)
     for few in [few for few in SELECTED if few < count]:
-        yield f"select:{few}/{count}", independent(planes, select_planes(plane_histogram(planes.alpha), few))
-        covering = cover_planes(plane_histogram(weights), few)
-        yield f"select:{few}/{count}{COMPETING}", competing(planes, scale, covering)[0]
+        yield f"select:{few}/{count}", independent(planes, select_planes(alone, few))
+        yield f"select:{few}/{count}{COMPETING}", competing(planes, scale, cover_planes(shared, few))[0]
 
 
 def plane_by_plane(method: Method, shot: Shot, disparities: Tensor) -> Planes:

@@ -17,6 +17,15 @@ ROOT = Path(__file__).parents[4]
 BINARY = ROOT / "target" / "release" / "liveview"
 
 
+def write_scene(folder: Path, photos: Photos, target: Camera, bounds: tuple[float, float]) -> None:
+    """A scene that the program can render the target from; bounds: near and far in scene units."""
+    blank = torch.zeros(3, target.height, target.width)  # where the target's photo is expected
+    frames = [write_photo(folder, TARGET, blank, target, bounds)]
+    for i, (image, camera) in enumerate(zip(photos.images, photos.cameras, strict=True)):
+        frames.append(write_photo(folder, f"{i}.png", image, camera, bounds))
+    write_transforms(folder, frames)
+
+
 class Surface(Method):
     """As many layers along the surface as there are planes, with the shipped network or none; near and far are those of
     the planes. FileNotFoundError where the program is not built."""
@@ -24,18 +33,14 @@ class Surface(Method):
     def __init__(self, views: int, network: bool):
         super().__init__()
         if not BINARY.is_file():
-            raise FileNotFoundError(ENOENT, "not built", str(BINARY))
+            raise FileNotFoundError(ENOENT, "not built yet", str(BINARY))
         self.program = Program(BINARY, ROOT / "models" / f"liveview_v{views}.onnx", torch.get_num_threads())
         self.options = ["--model", self.program.model] if network else ["--network", "none", "--views", views]
 
     def forward(self, photos: Photos, target: Camera, disparities: Tensor, cover: bool = True) -> Rendering:
         near, far = (1 / float(disparities[i]) for i in (0, -1))
         with tempfile.TemporaryDirectory() as folder:
-            blank = torch.zeros(3, target.height, target.width)  # where the target's photo is expected
-            frames = [write_photo(Path(folder), TARGET, blank, target, (near, far))]
-            for i, (image, camera) in enumerate(zip(photos.images, photos.cameras, strict=True)):
-                frames.append(write_photo(Path(folder), f"{i}.png", image, camera, (near, far)))
-            write_transforms(Path(folder), frames)
+            write_scene(Path(folder), photos, target, (near, far))
             rgb = self.program.render(Path(folder), {"near": near, "far": far}, len(disparities), self.options)
         return Rendering(rgb, torch.ones(target.height, target.width, dtype=torch.bool))
 

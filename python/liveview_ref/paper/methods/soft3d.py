@@ -174,3 +174,8 @@ def rendered(photos: Photos, votes: list[Tensor], visibility: list[Tensor], targ
             colour, weight = colour + own * warped[0], weight + own * coverage[0]
         rgb += share * colour / weight
     return rgb / shares.sum(0)
+
+
+def soft3d(views: int) -> Soft3D:
+    """The same for any number of photos."""
+    return Soft3D()
