@@ -66,9 +66,10 @@ def fill(data: Arrays, layers, net: UNet, model: Path) -> None:
         if stage not in (stages.homography, stages.composited):
             data |= {name: value.astype(np.float32) for name, value in found.items()}
         if stage is stages.warp:
+            oracle |= stages.agreement(data, torch.float64)
             oracle["logits"] = stages.logits(net, data["colour"], torch.float64)
             data["logits"] = oracle["logits"].astype(np.float32)
-    for stage in stages.STAGES:
+    for stage in (*stages.STAGES, stages.agreement):
         for name, single in stage(data, torch.float32).items():
             data[f"torch.{name}"] = np.array(stages.errors(single, oracle[name], name)[:2])
     single = stages.logits(net, data["colour"], torch.float32)

@@ -15,7 +15,7 @@ use liveview::layers::guided::{
     COARSE, GuidedSearch, WINDOWS, fine_layers, layer_costs, range_of, semi_global, winner_takes_all,
 };
 use liveview::layers::{CELL, Layer, Layers, cover_planes, kmeans_planes, padded, plane_histogram, select_planes};
-use liveview::network::{Alpha, ExecutionProvider, OrtNetwork, PlaneNetwork};
+use liveview::network::{Alpha, ExecutionProvider, NoNetwork, OrtNetwork, PlaneNetwork};
 use liveview::render::{Accumulated, Blended, Competing, DistanceWeights, LayerSamples, Renderer};
 use liveview::warp::{SourceView, Texture, warp_layers, warp_sources};
 use ndarray::{Array, Array2, Array3, ArrayD, Axis, Dimension, IxDyn, OwnedRepr, s};
@@ -257,6 +257,18 @@ fn logits() {
         let python = case.get::<f32>("onnxruntime.logits");
         let differ = found.iter().zip(python.iter()).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
         assert_eq!(differ, 0, "{}: ort and onnxruntime differ in {differ} of {} logits", case.name, found.len());
+    });
+}
+
+#[test]
+fn agreement() {
+    for_all(|case| {
+        let hwv = input(case, "colour");
+        let (n, _, height, width) = hwv.dim();
+        let views = case.cameras.len();
+        let mut found = Array::<f32, _>::zeros((n, views, height, width));
+        NoNetwork { views }.infer(hwv.view(), found.view_mut()).unwrap();
+        case.check("agreement", &found);
     });
 }
 

@@ -13,8 +13,8 @@ pub(crate) enum Network {
 }
 
 impl Network {
-    /// The layers that the model recommends; without one three along the surface, which soften its edges: equal shares make a picture
-    /// only of layers that lie close together.
+    /// The layers that the model recommends; without one three along the surface, which soften its edges: how well views
+    /// agree tells little between layers that lie far apart.
     pub(crate) fn recommended_layers(&self) -> Result<LayerSpec> {
         match self {
             Self::Model(network) => {

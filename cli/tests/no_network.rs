@@ -1,4 +1,4 @@
-//! `--network none`: pictures from the views' distances alone, without a model or ONNX Runtime.
+//! `--network none`: pictures from the views' distances and agreement, without a model or ONNX Runtime.
 
 mod common;
 
@@ -44,7 +44,7 @@ fn neither_a_model_nor_a_library_is_needed() {
     let explanation = folders.out("e.png");
     let three = [&none[..], &["--views", "3", "--explain", &explanation]].concat();
     let text = run(&mut bare(&folders, "render", &three));
-    assert!(text.contains("from 3 views") && text.contains("network none: views weighed by distance alone"), "{text}");
+    assert!(text.contains("from 3 views") && text.contains("network none: views weighed by distance and agreement"), "{text}");
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn what_only_a_network_has_is_refused() {
 }
 
 #[test]
-fn every_logit_is_nought() {
+fn logits_are_those_of_the_views_agreement() {
     let folders = Folders::new();
     let arguments = ["--target", "2", "--network", "none", "-o", &folders.out("d.npz")];
     let told = json(&mut bare(&folders, "dump", &arguments));
@@ -89,5 +89,8 @@ fn every_logit_is_nought() {
     let mut arrays = ndarray_npy::NpzReader::new(fs::File::open(folders.out("d.npz")).unwrap()).unwrap();
     let logits: ndarray::Array4<f32> = arrays.by_name("logits").unwrap();
     assert_eq!(logits.dim(), (3, 4, 48, 64));
-    assert!(logits.iter().all(|&logit| logit == 0.0));
+    let of_layers = logits.index_axis(ndarray::Axis(1), 0);
+    assert!(of_layers.iter().all(|&logit| (0.0..=2.0).contains(&logit)) && of_layers.iter().any(|&logit| logit > 1.9));
+    let of_views = logits.slice(ndarray::s![.., 1.., .., ..]);
+    assert!(of_views.iter().all(|logit| logit.abs() <= 2.0) && of_views.iter().any(|&logit| logit != 0.0));
 }

@@ -1,11 +1,20 @@
-//! No network: every layer and every view as good as any other.
+//! No network: views count as far as they agree.
 
-use ndarray::{ArrayView4, ArrayViewMut4};
+use ndarray::{ArrayView2, ArrayView4, ArrayViewMut2, ArrayViewMut4, Axis};
+use rayon::prelude::*;
 
 use super::{NetworkError, PlaneNetwork};
 
-/// Logits of 0: views are weighed by their distance alone, and layers that compete ([`super::Alpha::Competing`]) share a pixel evenly.
-/// Along a surface that is what the network is to be compared with.
+/// Sum over the channels of the squared difference of colours that agree by half: 0.08 in each.
+const HALF_AGREEMENT: f32 = (3.0 * 0.08 * 0.08_f64) as f32;
+
+/// Logit between a view that agrees with all others and one that agrees with none.
+const STRENGTH: f32 = 2.0;
+
+/// Logits from how well the views agree on a pixel's colour, not in the paper: a view that shows something else, because it does not see
+/// the surface, counts less, and so does a layer that the views do not agree on, where layers compete ([`super::Alpha::Competing`]).
+/// A view's agreement is the mean over the views with a colour, itself among them, of 1 / (1 + (difference / 0.08)²).
+/// Along a surface that is what a network is to be compared with; what it is worth is told in docs/experiments.md.
 #[derive(Debug, Clone, Copy)]
 pub struct NoNetwork {
     /// V.
@@ -17,8 +26,82 @@ impl PlaneNetwork for NoNetwork {
         self.views
     }
 
-    fn infer(&mut self, _: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
-        logits.fill(0.0);
+    fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+        for (hwv, mut logits) in hwv.outer_iter().zip(logits.outer_iter_mut()) {
+            let rows: Vec<_> = hwv.axis_iter(Axis(1)).zip(logits.axis_iter_mut(Axis(1))).collect();
+            rows.into_par_iter().for_each(|(hwv, logits)| row_logits(hwv, logits));
+        }
         Ok(())
+    }
+}
+
+/// Logits `[V, w]` of a row `[3V, w]` of a layer.
+fn row_logits(hwv: ArrayView2<'_, f32>, mut logits: ArrayViewMut2<'_, f32>) {
+    let (views, width) = logits.dim();
+    let channels = |view: usize| -> [&[f32]; 3] {
+        std::array::from_fn(|c| hwv.index_axis_move(Axis(0), 3 * view + c).to_slice().expect("standard layout"))
+    };
+    let (mut shown, mut agreement) = (vec![0.0_f32; width], vec![0.0_f32; views * width]);
+    for (view, agreement) in agreement.chunks_exact_mut(width).enumerate() {
+        let [r, g, b] = channels(view);
+        for x in 0..width {
+            shown[x] += has_colour([r[x], g[x], b[x]]);
+        }
+        for other in 0..views {
+            let [or, og, ob] = channels(other);
+            for x in 0..width {
+                let (own, others) = ([r[x], g[x], b[x]], [or[x], og[x], ob[x]]);
+                let squares: f32 = own.iter().zip(&others).map(|(a, b)| (a - b) * (a - b)).sum();
+                let difference = squares / HALF_AGREEMENT;
+                agreement[x] += has_colour(own) * has_colour(others) / (1.0 + difference);
+            }
+        }
+    }
+    for x in 0..width {
+        let strength = STRENGTH / shown[x].max(1.0);
+        let (first, mut sum) = (agreement[x], 0.0);
+        for view in 0..views {
+            let own = agreement[view * width + x];
+            sum += own;
+            logits[[view, x]] = strength * (own - first);
+        }
+        logits[[0, x]] = strength * sum / shown[x].max(1.0);
+    }
+}
+
+/// 1 or 0: black is what a view has where it does not see the layer.
+fn has_colour([r, g, b]: [f32; 3]) -> f32 {
+    f32::from(u8::from(r + g + b > 0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::{Array4, ArrayViewD};
+
+    use super::*;
+
+    /// Logits of one pixel, from the grey of each view.
+    fn logits(greys: &[f32]) -> Vec<f32> {
+        let hwv: Vec<f32> = greys.iter().flat_map(|&grey| [grey; 3]).collect();
+        let hwv = ArrayViewD::from_shape(vec![1, hwv.len(), 1, 1], &hwv).unwrap();
+        let mut logits = Array4::zeros((1, greys.len(), 1, 1));
+        NoNetwork { views: greys.len() }.infer(hwv.into_dimensionality().unwrap(), logits.view_mut()).unwrap();
+        logits.into_raw_vec_and_offset().0
+    }
+
+    #[test]
+    fn views_that_agree_count_alike_and_one_that_does_not_counts_less() {
+        assert_eq!(logits(&[0.5; 4]), [STRENGTH, 0.0, 0.0, 0.0]);
+        let found = logits(&[0.5, 0.5, 0.58, 0.5]);
+        assert!((found[2] - STRENGTH * (2.5 - 3.5) / 4.0).abs() < 1e-5, "{found:?}");
+        assert_eq!(found[1], 0.0);
+        assert!((found[0] - STRENGTH * (3.0 * 3.5 + 2.5) / 16.0).abs() < 1e-5, "{found:?}");
+    }
+
+    #[test]
+    fn views_without_a_colour_have_no_say() {
+        assert_eq!(logits(&[0.5, 0.0, 0.5])[..], [STRENGTH, -STRENGTH, 0.0]);
+        assert_eq!(logits(&[0.0; 3]), [0.0; 3]);
+        assert_eq!(logits(&[0.7]), [STRENGTH]);
     }
 }

@@ -27,8 +27,8 @@ pub(crate) struct ModelArgs {
     /// Views that each picture is made from; picks the model [default: 4, or the --model's own]
     #[arg(long, value_name = "V", value_parser = numbers::count)]
     pub(crate) views: Option<usize>,
-    /// none: no network, and neither a model nor ONNX Runtime is needed. Views are weighed by their distance alone, and
-    /// layers share a pixel evenly, so that only layers along the surface make a good picture [default layers: surface:3]
+    /// none: no network, and neither a model nor ONNX Runtime is needed. Views are weighed by their distance and by how well they agree,
+    /// which also decides how layers share a pixel: only layers along the surface make a good picture [default layers: surface:3]
     #[arg(long, value_enum, conflicts_with_all = ["model", "alpha", "engine", "precision", "ort_lib"])]
     network: Option<NetworkName>,
     /// Model file [default: liveview_v<V>.onnx in LIVEVIEW_MODELS, or in a `models` folder beside or above the binary, or

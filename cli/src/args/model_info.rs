@@ -47,7 +47,7 @@ impl ModelInfo {
 
     pub(crate) fn text(&self) -> String {
         let Some(model) = &self.model else {
-            return format!("network none: views weighed by distance alone, {} threads\n", self.threads);
+            return format!("network none: views weighed by distance and agreement, {} threads\n", self.threads);
         };
         format!(
             "engine  ONNX Runtime ({}), {} {}, {} threads, {} layers at once\nmodel   {}: {}\nalpha   {}\n",

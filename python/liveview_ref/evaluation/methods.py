@@ -70,16 +70,17 @@ def guided(network: Network, case: Case):
         yield name, composited(infer(network, case, maps), maps, list(range(len(maps))))
 
 
-def planes(network: Network, case: Case):
+def planes(network: Network, case: Case, counts: tuple[int, ...] = PLANES):
     """Each number of uniform planes, and the fullest of the largest number. A plane's alpha and colour do not depend on
     the others, so the selected planes need no second pass of the network."""
-    for count in PLANES:
+    for count in counts:
         maps = maps_of(case, Planes(count))
         layers = infer(network, case, maps)
+        if count == counts[-1]:
+            histogram = plane_histogram(layers[0])
+            for few in counts[:-1]:
+                yield str(Select(few, count)), composited(layers, maps, select_planes(histogram, few))
         yield str(Planes(count)), composited(layers, maps, list(range(count)))
-    histogram = plane_histogram(layers[0])
-    for few in PLANES[:-1]:
-        yield str(Select(few, count)), composited(layers, maps, select_planes(histogram, few))
 
 
 def competing(network: Network, case: Case, scale: float = 1.0, counts: tuple[int, ...] = PLANES):

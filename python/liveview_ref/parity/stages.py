@@ -8,7 +8,7 @@ float32 of guided layers, with the steps of the coarse pass: `coarse_disparities
 `costs`, `aggregated_costs` [D, h/2, w/2], `coarse_disparity` [h/2, w/2]; `fine_layers`, `fine_costs` [D, h, w],
 `fine_disparity` [h, w]; `range` [3, h, w]. `maps` [L, H8, W8]; `colour` (the HWV) [L, 3V, H8, W8]; `coverage`,
 `logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8]; `frame` [3, H, W]; `disparity`, `transmittance`
-[H, W]. `alpha_scale` [1] float64, where layers compete.
+[H, W]. `alpha_scale` [1] float64, where layers compete. `agreement`: the logits without a network.
 """
 
 import numpy as np
@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from ..reference import guided
+from ..reference.agreement import agreement_logits
 from ..reference.blend import VISIBLE_POWER, blend
 from ..reference.composite import composite
 from ..reference.composite_competing import best_layer as best_competing
@@ -85,6 +86,11 @@ def logits(net: UNet, hwv: np.ndarray, dtype: torch.dtype) -> np.ndarray:
     """The network on an HWV [n, 3V, H8, W8], layer by layer."""
     with torch.no_grad():
         return torch.cat([net.to(dtype)(torch.from_numpy(x[None]).to(dtype)) for x in hwv]).numpy()
+
+
+def agreement(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The logits that there are without a network, from the warped colours."""
+    return {"agreement": agreement_logits(tensor(data, "colour", dtype).unflatten(1, (-1, 3))).numpy()}
 
 
 def blended(data: Arrays, dtype: torch.dtype) -> Arrays:

@@ -41,12 +41,12 @@ def rate(step: int, config: dict) -> float:
     return min(1.0, (step + 1) / config["warm_up"]) * max(0.02, min(1.0, left))
 
 
-def start_of(state: dict, scale: float) -> UNet:
-    """The network of a state, BatchNorm folded, its logit 0 times `scale`, ready to be trained."""
+def start_of(state: dict, scale: float, shift: float) -> UNet:
+    """The network of a state, BatchNorm folded, its logit 0 times `scale` plus `shift`, ready to be trained."""
     net = fold_batchnorm(trained_network(state))
-    with torch.no_grad():  # competing planes want logits further apart: the scale goes into the last layer
+    with torch.no_grad():  # competing planes want logits further apart than independent ones
         net.conv9.weight[0] *= scale
-        net.conv9.bias[0] *= scale
+        net.conv9.bias[0] = net.conv9.bias[0] * scale + shift
     for p in net.parameters():
         p.requires_grad_(True)
     return net.to(memory_format=torch.channels_last)
@@ -61,7 +61,7 @@ def fine_tune(config: dict, task: Task, out: Path, start: dict) -> None:
     """Train from the weights of the state `start`, or go on from the checkpoint in `out`."""
     torch.set_num_threads(1)
     checkpoint = out / "checkpoint.pt"
-    net = start_of(start, config["start_scale"])
+    net = start_of(start, config["start_scale"], config.get("start_shift", 0.0))
     earlier = [*start.get("earlier", []), (start["views"], start["step"], round(start["seconds"]))]
     average = copy.deepcopy(net)
     optimiser = torch.optim.AdamW(net.parameters(), lr=config["learning_rate"], weight_decay=1e-4)

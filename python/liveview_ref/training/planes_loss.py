@@ -1,6 +1,6 @@
-"""The loss of an example on uniform planes that compete, with gradients through some of the planes.
+"""The loss of an example on uniform planes, competing or independent, with gradients through some of the planes.
 
-All planes of an example go through the network without gradients; the softmax and the picture of all of them give the
+All planes of an example go through the network without gradients; the weights and the picture of all of them give the
 loss and its gradient for each plane's logit 0 and colour. Those go back through the network for some planes alone,
 drawn by how large they are and weighted by one over the chance to be drawn, so that in the mean they are the gradients
 of all.
@@ -14,6 +14,7 @@ from ..data.shards import Photos
 from ..data.visibility import SEEN, UNKNOWN, partly_hidden
 from ..evaluation.view_weights import view_weights, weight_on_seen
 from ..reference.blend import blend
+from ..reference.composite import Composited, composite
 from ..reference.composite_competing import composite_competing
 from ..reference.cover import cover_planes
 from ..reference.histogram import plane_histogram
@@ -85,7 +86,7 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
             rgb = torch.cat([blend(*part, distances)[1] for part in parts])
             covered = (coverage > 0).any(1)
             if selected:  # as the renderer selects: they compete anew
-                weights = composite_competing(logits[:, 0], rgb, covered, planes.expand_as(covered)).weights
+                weights = composited(logits[:, 0], rgb, covered, planes.expand_as(covered), config).weights
                 kept = cover_planes(plane_histogram(weights), int(rng.choice(config["selected_planes"])))
                 planes, colour, coverage, logits, rgb, covered = (
                     x[kept] for x in (planes, colour, coverage, logits, rgb, covered)
@@ -117,13 +118,20 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
 def outcome(logit0, rgb, covered, planes, photos: Photos, config: dict, whole: bool):
     """(loss, image [3, H, W] without gradients, what the log tells) of planes [L, 1, 1]; `whole`: none was left out."""
     maps = planes.expand_as(covered)
-    shown = composite_competing(logit0, rgb, covered, maps)
+    shown = composited(logit0, rgb, covered, maps, config)
     loss = image_loss(shown.rgb, photos.target.float() / 255, covered.any(0), config["square_weight"])
     told = {"loss": float(loss.detach())}
     if whole and photos.disparity is not None:
         more, share = depth_loss(shown.weights, maps, photos)
         loss, told = loss + config["depth_weight"] * more, told | {"on surface": share, "surfaces": 1.0}
     return loss, shown.rgb.detach(), told
+
+
+def composited(logit0: Tensor, rgb: Tensor, covered: Tensor, maps: Tensor, config: dict) -> Composited:
+    """As the config's "alpha" says: planes that compete, or the paper's composite."""
+    if config["alpha"] == "competing":
+        return composite_competing(logit0, rgb, covered, maps)
+    return composite(torch.sigmoid(logit0) * covered, rgb, covered[-1], maps)
 
 
 def depth_loss(weights: Tensor, maps: Tensor, photos: Photos) -> tuple[Tensor, float]:

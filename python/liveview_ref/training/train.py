@@ -2,7 +2,7 @@
 
 Seeded and resumable (run the same command again). Scenes are mixed within a batch, since BatchNorm statistics of one
 scene do not fit another; they are estimated anew over many batches whenever the averaged weights are used. Where a
-config says "alpha": "competing" or lists "frames", fine_tune.py trains instead.
+config has "shards" or "frames", fine_tune.py trains instead.
 """
 
 import argparse
@@ -115,7 +115,7 @@ def main() -> None:
     alpha = config.get("alpha", "independent")
     if alpha not in ("independent", "competing"):
         parser.error(f'{args.config}: alpha is "{alpha}"; expected "independent" or "competing"')
-    if alpha == "competing" or "frames" in config:
+    if "shards" in config or "frames" in config:
         if not (args.start and args.shards):
             parser.error(f"{args.config} needs --start, weights to start from, and --shards, a folder for examples")
         start = load_state(args.start)

@@ -1,4 +1,4 @@
-"""Training for uniform planes that compete: what train.py runs where a config says "alpha": "competing".
+"""Training for uniform planes, competing or independent: what train.py runs where a config has "shards".
 
 A shard of examples is made when it is first needed.
 """
@@ -11,7 +11,7 @@ from torch import Tensor
 from ..data.shards import Photos, Shards
 from ..reference.unet import UNet
 from .planes_loss import example_loss
-from .validate import validate_competing
+from .validate import validate_planes
 
 
 class Planes:
@@ -42,4 +42,4 @@ class Planes:
         return text + f"seen weight {seen:.3f} (by distance {by_distance:.3f}), {psnr:.2f} dB"
 
     def validate(self, net: UNet, file: Path) -> dict[str, float]:
-        return validate_competing(net, self.config["validation"], self.data, file)
+        return validate_planes(net, self.config["validation"], self.data, file, self.config["alpha"])

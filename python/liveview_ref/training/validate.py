@@ -8,7 +8,7 @@ from torch import Tensor
 
 from ..data.held_out import INNER, cases
 from ..data.image import picture
-from ..evaluation.methods import competing, maps_of
+from ..evaluation.methods import competing, maps_of, planes
 from ..reference.layer_spec import Guided, Planes
 from ..reference.metrics import psnr
 from ..reference.renderer import render
@@ -43,8 +43,10 @@ def sheet_of(rows: list[Tensor], file: Path) -> None:
     picture(sheet).save(file)
 
 
-def validate_competing(net, specs: list[dict], data: Path, file: Path) -> dict[str, float]:
-    """Mean PSNR on 16 and 64 uniform planes that compete, and of 64 on each scene; the file shows truth and 64."""
+def validate_planes(net, specs: list[dict], data: Path, file: Path, alpha: str) -> dict[str, float]:
+    """Mean PSNR on 16 and 64 uniform planes, "competing" or "independent", and of 64 on each scene; the file shows
+    truth and 64."""
+    images = {"competing": competing, "independent": planes}[alpha]
     scores, scenes, rows = {}, {}, []
 
     def network(hwv: Tensor) -> Tensor:
@@ -54,7 +56,7 @@ def validate_competing(net, specs: list[dict], data: Path, file: Path) -> dict[s
     with torch.inference_mode():
         for spec in specs:
             for case in cases([spec], data, net.views):
-                for name, image in competing(network, case, counts=(16, 64)):
+                for name, image in images(network, case, counts=(16, 64)):
                     score = psnr(image[INNER], case.truth[INNER])
                     scores.setdefault(name, []).append(score)
                 rows.append(torch.cat([case.truth, image], 2))

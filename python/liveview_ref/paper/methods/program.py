@@ -51,5 +51,5 @@ def surface(views: int) -> Surface:
 
 
 def surface_without_network(views: int) -> Surface:
-    """Views weighed by distance alone, layers in equal shares."""
+    """Views weighed by their distance and by how well they agree."""
     return Surface(views, network=False)
