@@ -44,7 +44,10 @@ fn neither_a_model_nor_a_library_is_needed() {
     let explanation = folders.out("e.png");
     let three = [&none[..], &["--views", "3", "--explain", &explanation]].concat();
     let text = run(&mut bare(&folders, "render", &three));
-    assert!(text.contains("from 3 views") && text.contains("network none: views weighed by distance and agreement"), "{text}");
+    assert!(
+        text.contains("from 3 views") && text.contains("network none: views weighed by distance and agreement"),
+        "{text}"
+    );
 }
 
 #[test]
