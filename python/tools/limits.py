@@ -1,7 +1,7 @@
 """Write the table "What limits" of models/README.md: `make limits`.
 
 On the example scene's two targets, whose depth and whose views' depth are known: what the program reaches, and one
-layer along the true depth; with the network's view weights and with weights by distance alone, side by side; with all
+layer along the true depth; with the network's view weights and with those of the views' agreement, side by side; with all
 views, with those alone that truly see each pixel, and these with what none of them sees taken from the truth.
 """
 
@@ -18,6 +18,7 @@ from liveview_ref.data.held_out import INNER
 from liveview_ref.data.scene import open_scene
 from liveview_ref.data.visibility import HIDDEN, UNKNOWN, visibility
 from liveview_ref.evaluation.evaluate_visible import SCENE, TARGETS, edge_padded, true_disparity
+from liveview_ref.reference.agreement import agreement_logits
 from liveview_ref.reference.blend import VISIBLE_POWER, blend
 from liveview_ref.reference.layers import padded_size
 from liveview_ref.reference.metrics import psnr
@@ -32,12 +33,12 @@ VIEWS = 4
 EDGE = (
     0.1  # weight of a view where its four pixels around the point do not all show the surface, or all something nearer
 )
-NETWORKS = "network", "distance"
+NETWORKS = "network", "no network"
 
 
 def rendered(layers: str, network: str, names: list[str]) -> list[float]:
     """PSNR of the program's pictures."""
-    chosen = ["--network", "none"] if network == "distance" else ["--model", MODELS / f"liveview_v{VIEWS}.onnx"]
+    chosen = ["--network", "none"] if network == "no network" else ["--model", MODELS / f"liveview_v{VIEWS}.onnx"]
     with tempfile.TemporaryDirectory() as folder:
         options = ["--target", ",".join(names), "--views", VIEWS, "--layers", layers, "-o", folder, "--json", *chosen]
         command = [str(part) for part in (PROGRAM, "render", SCENE, *options)]
@@ -68,7 +69,7 @@ def along_the_truth(net, target: int) -> dict[tuple[str, str], float]:
     def score(what: str, mask: Tensor, power: float, fill_unseen: bool) -> None:
         shown, counts = colour * mask[:, :, None], coverage * mask
         for name in NETWORKS:
-            logits = net(shown.flatten(1, 2)) if name == "network" else torch.zeros_like(counts)
+            logits = net(shown.flatten(1, 2)) if name == "network" else agreement_logits(shown)
             image = blend(logits, shown, counts, distances, power)[1][0, :, :height, :width]
             if fill_unseen:
                 image = torch.where(unseen[0, :, :height, :width], truth, image)
