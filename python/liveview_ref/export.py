@@ -84,7 +84,7 @@ def check(net: UNet, path: Path) -> float:
 def trained_layers(config: dict) -> str:
     """What layers a config trains on, as the card of a model tells."""
     guided, planes = ([min(x), max(x)] for x in (config["guided_layers"], config["uniform_planes"]))
-    if config.get("alpha") == "competing":
+    if "shards" in config:
         return "planes:{} to planes:{}".format(*planes)
     if "frames" in config:
         return f"surface:1, surface:{config['layers']}"

@@ -16,9 +16,9 @@ MODELS = Path(__file__).parents[2] / "models"
 def test_metadata_of_shipped_models(path):
     card = {p.key: p.value for p in onnx.load(path).metadata_props}
     assert path.stem.startswith(f"liveview_v{card['views']}")
-    for_planes = "_planes" in path.stem
+    for_planes, competing = "_planes" in path.stem, path.stem.endswith("_planes")
     assert card["recommended_layers"].startswith("planes:") == for_planes
-    assert card.get("alpha", "independent") == ("competing" if for_planes else "independent")
+    assert card.get("alpha", "independent") == ("competing" if competing else "independent")
     assert card.get("layer_kinds") == ("planes, select, kmeans, list" if for_planes else None)
     assert card["licence"] and card["training"] and ("int8" in path.stem) == (card.get("precision") == "int8")
 

@@ -95,13 +95,14 @@ def test_a_folded_network_and_its_unfolded_copy_agree():
         torch.testing.assert_close(folded(x), net(x), rtol=1e-4, atol=1e-5)
 
 
-def test_steps_lower_the_loss_of_an_example(photos):
+@pytest.mark.parametrize("alpha", ["competing", "independent"])
+def test_steps_lower_the_loss_of_an_example(photos, alpha):
     torch.manual_seed(0)
     net = fold_batchnorm(UNet(4).eval())
     for p in net.parameters():
         p.requires_grad_(True)
     optimiser = torch.optim.Adam(net.parameters(), lr=2e-3)
-    config = {"uniform_planes": [12], "gradient_planes": 6, "visible_weight": 0.05}
+    config = {"alpha": alpha, "uniform_planes": [12], "gradient_planes": 6, "visible_weight": 0.05}
     config |= {"all_of": 8, "depth_weight": 0.02, "square_weight": 2.0}
     config |= {"selected": 0.0, "selected_planes": [4]}
     losses = []
@@ -118,13 +119,14 @@ def test_steps_lower_the_loss_of_an_example(photos):
     assert torch.isfinite(loss) and all(float(p.grad.abs().max()) > 0 for p in net.parameters())
 
 
-def test_drawn_planes_give_the_gradient_of_all_in_the_mean(photos):
+@pytest.mark.parametrize("alpha", ["competing", "independent"])
+def test_drawn_planes_give_the_gradient_of_all_in_the_mean(photos, alpha):
     torch.manual_seed(0)
     net = fold_batchnorm(UNet(4).eval())
     for p in net.parameters():
         p.requires_grad_(True)
     config = {"uniform_planes": [10], "gradient_planes": 10, "visible_weight": 0.05, "selected": 0.0}
-    config |= {"depth_weight": 0.02, "square_weight": 2.0}
+    config |= {"alpha": alpha, "depth_weight": 0.02, "square_weight": 2.0}
 
     def gradient(seed, **changed):
         net.zero_grad()
@@ -141,10 +143,11 @@ def test_drawn_planes_give_the_gradient_of_all_in_the_mean(photos):
     assert spread < 0.5 * whole.norm()
 
 
-def test_a_training_begins_goes_on_and_is_exported(tmp_path, monkeypatch):
+@pytest.mark.parametrize("name", ["v4_planes", "v4_planes_paper"])
+def test_a_training_begins_goes_on_and_is_exported(tmp_path, monkeypatch, name):
     workshop = {"path": "workshop", "reach": 2, "widths": [300], "weight": 1}
     config = {
-        "base": str(ROOT / "python/configs/v4_planes.json"), "steps": 2, "crop": [48, 48], "batch": 2, "shard": 4,
+        "base": str(ROOT / f"python/configs/{name}.json"), "steps": 2, "crop": [48, 48], "batch": 2, "shard": 4,
         "shards": 1, "shards_at_once": 1, "uniform_planes": [6], "textures": "no textures", "real": [workshop],
         "validation": [{"path": "workshop", "width": 96, "targets": [7], "heldout": 0}],
     }  # fmt: skip
@@ -160,14 +163,16 @@ def test_a_training_begins_goes_on_and_is_exported(tmp_path, monkeypatch):
     torch.set_num_threads(threads)
     state = load_state(tmp_path / "checkpoint.pt")
     assert state["step"] == 3 and [row["step"] for row in state["history"]] == [2, 3]
-    assert {"competing, planes:16", "competing, planes:64", "workshop"} < state["history"][0].keys()
+    prefix = "competing, " if name == "v4_planes" else ""
+    assert {f"{prefix}planes:16", f"{prefix}planes:64", "workshop"} < state["history"][0].keys()
     assert state["history"][1]["workshop"] > 15
     model = tmp_path / "model.onnx"
     arguments = ["--licence", "none", "--recommended-layers", "planes:64", "--layer-kinds", "planes", "list"]
     monkeypatch.setattr(sys, "argv", ["", str(tmp_path / "checkpoint.pt"), str(model), *arguments])
     export.main()
     card = {p.key: p.value for p in onnx.load(model).metadata_props}
-    assert card["alpha"] == "competing" and card["alpha_scale"] == "1"
+    alpha = (card.get("alpha"), card.get("alpha_scale"))
+    assert alpha == (("competing", "1") if name == "v4_planes" else (None, None))
     assert card["layer_kinds"] == "planes, list"
     assert card["trained_layers"] == "planes:6 to planes:6" and card["recommended_layers"] == "planes:64"
 

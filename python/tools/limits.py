@@ -1,8 +1,8 @@
 """Write the table "What limits" of models/README.md: `make limits`.
 
 On the example scene's two targets, whose depth and whose views' depth are known: what the program reaches, and one
-layer along the true depth; with the network's view weights and with those of the views' agreement, side by side; with all
-views, with those alone that truly see each pixel, and these with what none of them sees taken from the truth.
+layer along the true depth; with the network's view weights and with those of the views' agreement, side by side; with
+all views, with those alone that truly see each pixel, and these with what none of them sees taken from the truth.
 """
 
 import json
