@@ -2,8 +2,8 @@
 
     python -m liveview_ref.evaluation.evaluate_visible MODEL.pt|MODEL.onnx ...
 
-On the example scene at its true depth, one layer along the truth, nothing masked; beside it the weights by distance
-alone, and the PSNR of the layer's colour on all pixels and on these. "weight" counts views known to see the surface
+On the example scene at its true depth, one layer along the truth, nothing masked; beside it the weights by the views'
+agreement (what the program takes without a network) and by distance alone, and the PSNR of the layer's colour on all pixels and on these. "weight" counts views known to see the surface
 against all that cover the pixel; "of known" leaves out those of which it is not known (at edges, mostly).
 """
 
@@ -19,6 +19,7 @@ from torch import Tensor
 from ..data.held_out import INNER
 from ..data.scene import Scene, open_scene
 from ..data.visibility import SEEN, UNKNOWN, partly_hidden, visibility
+from ..reference.agreement import agreement_logits
 from ..reference.blend import blend
 from ..reference.layers import padded_size
 from ..reference.metrics import psnr
@@ -57,7 +58,8 @@ def measure(network: Network, views: int, target: int) -> dict[str, float]:
     seen = seen.masked_fill(coverage[0, :, :height, :width] < 0.5, UNKNOWN)
     where, found = partly_hidden(seen), {}
     found["partly hidden"] = float(where.float().mean())
-    for name, logits in (("network", network(colour.flatten(1, 2))), ("distance", torch.zeros_like(coverage))):
+    ways = {"network": network(colour.flatten(1, 2)), "agreement": agreement_logits(colour)}
+    for name, logits in (ways | {"distance": torch.zeros_like(coverage)}).items():
         weights = view_weights(logits, coverage, distances)[0, :, :height, :width]
         image = blend(logits, colour, coverage, distances)[1][0, :, :height, :width]
         error = ((image - truth) ** 2).mean(0)
