@@ -173,11 +173,16 @@ fn rates_exposure_and_the_model_for_planes() {
 
     let models = rig.folders.scene().join("models");
     fs::create_dir(&models).unwrap();
-    for of in ["", "_planes"] {
+    for of in ["", "_planes", "_planes_paper"] {
         fs::copy(fixture("tiny_v4"), models.join(format!("liveview_v4{of}.onnx"))).unwrap();
     }
-    for (layers, file) in [("planes:3", "liveview_v4_planes.onnx"), ("guided:1", "liveview_v4.onnx")] {
-        let mut video = rig.folders.liveview("video", &["--camera", "cam2", "--layers", layers, "-o", &out]);
+    for (layers, alpha, file) in [
+        ("planes:3", &[][..], "liveview_v4_planes.onnx"),
+        ("planes:3", &["--alpha", "independent"], "liveview_v4_planes_paper.onnx"),
+        ("guided:1", &[], "liveview_v4.onnx"),
+    ] {
+        let arguments = [&["--camera", "cam2", "--layers", layers, "-o", &out], alpha].concat();
+        let mut video = rig.folders.liveview("video", &arguments);
         let (told, _) = told(video.env("LIVEVIEW_MODELS", &models));
         assert!(told["model"]["file"].as_str().unwrap().ends_with(file), "{told}");
     }

@@ -1,7 +1,10 @@
 //! Finding model files: `liveview_v{V}.onnx` and the quantised `liveview_v{V}_int8.onnx`, one of each per number of views V, and beside
-//! them, if there is one, the model for planes: `liveview_v{V}_planes.onnx` and `liveview_v{V}_planes_int8.onnx`.
+//! them, if there are any, the models for planes: `liveview_v{V}_planes.onnx` for those that compete, `liveview_v{V}_planes_paper.onnx` for
+//! those that do not, and their `_int8.onnx`.
 
 use std::path::{Path, PathBuf};
+
+use super::alpha::AlphaKind;
 
 /// No model for that number of views in any of the folders.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -27,8 +30,8 @@ pub fn model_folders() -> Vec<PathBuf> {
     program.ancestors().skip(1).take(4).map(|folder| folder.join("models")).collect()
 }
 
-/// The model file for `views` views in the first of the folders that has it, the `quantized` one (int8) if asked for; for `planes` the
-/// one made for these, if any folder has one.
+/// The model file for `views` views in the first of the folders that has it, the `quantized` one (int8) if asked for; for planes, given
+/// how these share a pixel, the one made for that, if any folder has one.
 ///
 /// # Errors
 ///
@@ -37,10 +40,16 @@ pub fn find_model(
     folders: Vec<PathBuf>,
     views: usize,
     quantized: bool,
-    planes: bool,
+    planes: Option<AlphaKind>,
 ) -> Result<PathBuf, ModelNotFound> {
-    let [for_planes, ending] = if quantized { ["_planes_int8.onnx", "_int8.onnx"] } else { ["_planes.onnx", ".onnx"] };
-    let found = planes.then(|| find_in(folders.clone(), views, for_planes).ok()).flatten();
+    let ending = if quantized { "_int8.onnx" } else { ".onnx" };
+    let for_planes = planes.map(|alpha| match (alpha, quantized) {
+        (AlphaKind::Competing, false) => "_planes.onnx",
+        (AlphaKind::Competing, true) => "_planes_int8.onnx",
+        (AlphaKind::Independent, false) => "_planes_paper.onnx",
+        (AlphaKind::Independent, true) => "_planes_paper_int8.onnx",
+    });
+    let found = for_planes.and_then(|ending| find_in(folders.clone(), views, ending).ok());
     found.map_or_else(|| find_in(folders, views, ending), Ok)
 }
 
@@ -95,11 +104,21 @@ mod tests {
             std::fs::write(folders[folder].join(file), "").unwrap();
         }
         assert_eq!(find_in(folders.to_vec(), 4, ".onnx").unwrap(), folders[0].join("liveview_v4.onnx"));
-        let found = |planes| find_model(folders.to_vec(), 4, false, planes).unwrap();
-        assert_eq!(found(true), found(false));
-        let of_planes = folders[1].join("liveview_v4_planes.onnx");
-        std::fs::write(&of_planes, "").unwrap();
-        assert_eq!([found(true), found(false)], [of_planes, folders[0].join("liveview_v4.onnx")]);
+        let found = |quantized| {
+            let kinds = [None, Some(AlphaKind::Competing), Some(AlphaKind::Independent)];
+            kinds.map(|planes| find_model(folders.to_vec(), 4, quantized, planes).unwrap())
+        };
+        let general = folders[0].join("liveview_v4.onnx");
+        assert_eq!(found(false), [(); 3].map(|()| general.clone()));
+        for (quantized, ending) in [(false, ".onnx"), (true, "_int8.onnx")] {
+            let files = ["", "_planes", "_planes_paper"].map(|of| folders[1].join(format!("liveview_v4{of}{ending}")));
+            files.iter().for_each(|file| std::fs::write(file, "").unwrap());
+            let [of_folder_b, competing, independent] = files;
+            assert_eq!(
+                found(quantized),
+                [if quantized { of_folder_b } else { general.clone() }, competing, independent]
+            );
+        }
         assert_eq!(find_in(folders.to_vec(), 10, ".onnx").unwrap(), folders[1].join("liveview_v10.onnx"));
         assert_eq!(find_in(folders.to_vec(), 5, "_int8.onnx").unwrap(), folders[1].join("liveview_v5_int8.onnx"));
         let missing = find_in(folders.to_vec(), 5, ".onnx").unwrap_err();

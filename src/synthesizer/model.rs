@@ -21,7 +21,8 @@ pub struct ModelOptions {
     /// V, the number of views that each picture is made from; `None`: the file's own, else [`DEFAULT_VIEWS`].
     pub views: Option<usize>,
     /// The model file; `None`: `liveview_v{V}.onnx`, or the quantised `liveview_v{V}_int8.onnx`, in one of the `folders`; for layers that
-    /// are planes `liveview_v{V}_planes.onnx` or `liveview_v{V}_planes_int8.onnx`, if there is one and `alpha` is not independent.
+    /// are planes `liveview_v{V}_planes.onnx` or `liveview_v{V}_planes_int8.onnx`, if there is one; with an independent `alpha`
+    /// `liveview_v{V}_planes_paper.onnx` or its int8.
     pub file: Option<PathBuf>,
     /// Folders of models; by default [`model_folders`].
     pub folders: Vec<PathBuf>,
@@ -75,7 +76,7 @@ impl ModelOptions {
     ///
     /// [`SynthesisError::Model`] if it is in none of the folders.
     pub fn find(&self, views: usize, layers: Option<&LayerSpec>) -> Result<PathBuf, SynthesisError> {
-        let planes = self.alpha != Some(AlphaKind::Independent) && layers.is_some_and(LayerSpec::is_planes);
+        let planes = layers.filter(|layers| layers.is_planes()).map(|_| self.alpha.unwrap_or(AlphaKind::Competing));
         Ok(find_model(self.folders.clone(), views, self.quantized, planes)?)
     }
 }

@@ -32,7 +32,8 @@ pub(crate) struct ModelArgs {
     #[arg(long, value_enum, conflicts_with_all = ["model", "alpha", "engine", "precision", "ort_lib"])]
     network: Option<NetworkName>,
     /// Model file [default: liveview_v<V>.onnx in LIVEVIEW_MODELS, or in a `models` folder beside or above the binary, or
-    /// in the working directory's; for layers that are planes liveview_v<V>_planes.onnx, if there is one and they may compete]
+    /// in the working directory's; for layers that are planes liveview_v<V>_planes.onnx, with --alpha independent
+    /// liveview_v<V>_planes_paper.onnx, if there is one]
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// How the layers of a pixel share it. independent: each has its own opacity (the paper's); competing: a softmax over all of them,

@@ -3,8 +3,9 @@
     python -m liveview_ref.evaluation.evaluate_visible MODEL.pt|MODEL.onnx ...
 
 On the example scene at its true depth, one layer along the truth, nothing masked; beside it the weights by the views'
-agreement (what the program takes without a network) and by distance alone, and the PSNR of the layer's colour on all pixels and on these. "weight" counts views known to see the surface
-against all that cover the pixel; "of known" leaves out those of which it is not known (at edges, mostly).
+agreement (what the program takes without a network) and by distance alone, and the PSNR of the layer's colour on all
+pixels and on these. "weight" counts views known to see the surface against all that cover the pixel; "of known" leaves
+out those of which it is not known (at edges, mostly).
 """
 
 import argparse
