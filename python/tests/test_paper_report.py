@@ -457,7 +457,18 @@ def test_the_headline_names_the_strongest_opponent():
 def test_methods_that_the_paper_does_not_have_are_rows_too(models):
     saved(models, scored("input_centred", 5, 21.0))
     assert "| 5 | LiveView's network, input-centred | 64 | 24.00 ± 0.25" in page(models)
-    assert figures.ablation(results.load(models)).count("<polyline") == 2  # one curve in each panel
+    assert figures.ablation(results.load(models)) is None  # nothing to compare it with
+    saved(models, scored("local_light_field", 5, 20.0))
+    assert figures.ablation(results.load(models)).count("<polyline") == 4  # two curves in each panel
+    assert "dynamic or static, 5 views: not scored yet: LiveView, Local LF, target-centred." in page(models)
+
+
+def test_networks_trained_on_fewer_planes_have_a_figure(models):
+    assert figures.trained_planes(results.load(models)) is None
+    assert "not scored yet: LiveView, trained on 16 planes; LiveView, trained on 32 planes; Local" in page(models)
+    saved(models, scored("liveview_on_16", 5, 21.0))
+    assert figures.trained_planes(results.load(models)).count("<polyline") == 2
+    assert "not scored yet: LiveView, trained on 32 planes; Local" in page(models)
 
 
 def test_what_departures_change_comes_from_their_file(models):

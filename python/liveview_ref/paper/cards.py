@@ -94,7 +94,7 @@ def row(entry: Entry, models: Path) -> list[str] | None:
     if last and last["step"] != state["step"]:
         psnr += f" at step {last['step']:,}"
     counts = [f"{state[name]:,}" for name in ("parameters", "step", "samples")]
-    start = [title(entry.name), str(entry.views), str(max(entry.planes))]
+    start = [title(entry.name), str(entry.views), str(entry.training_planes)]
     return [*start, *counts, f"{state['seconds'] / 3600:.2f}", psnr, where]
 
 

@@ -125,7 +125,7 @@ def rows_of(entries: list[Entry]) -> list[Row]:
         chosen.setdefault(entry.name, entry)
     rows = []
     for name, entry in chosen.items():
-        if not name.startswith("liveview_"):  # the same network from other initial weights
+        if not name.startswith("liveview_") and not entry.fewer:  # the same network, trained in another way
             counts = (max(entry.planes), *SHORTER) if name == "liveview" else (max(entry.planes),)
             rows += [Row(entry.key, entry.views, count) for count in counts]
     return rows

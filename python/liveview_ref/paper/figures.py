@@ -13,6 +13,8 @@ ABLATION = {
     "target-centred, static": "local_light_field_at_target",
     "input-centred, static": "local_light_field",
 }
+TRAINED_PLANES, TRAINED_PLANES_VIEWS = ("liveview", "local_light_field_at_target"), 5  # dynamic and static
+ABLATION_VIEWS = 4, 5, 10
 UP = {"psnr": "PSNR, dB", "ssim": "SSIM"}
 LINE = 16  # pixels of text under a crop
 ACROSS = 5  # crops in a row
@@ -26,17 +28,31 @@ def points(results: Results, method: str, views: int, metric: str, pattern: str,
 
 
 def ablation(results: Results) -> str | None:
-    """The paper's figure of all four combinations, on the number of views that most of them have; None without any."""
-    have = {name: [v for m, v in results.methods("rig") if m == name] for name in ABLATION.values()}
-    every = [v for views in have.values() for v in views]
-    if not every:
+    """The paper's figure of all four combinations, for each number of views that two of them have at least; None
+    without any."""
+    every = [v for method, v in results.methods("rig") if method in ABLATION.values()]
+    panels = []
+    for views in [v for v in ABLATION_VIEWS if every.count(v) > 1]:
+        panels += compared(results, views, ABLATION)
+    return chart(panels) if panels else None
+
+
+def trained_planes(results: Results) -> str | None:
+    """The paper's figure of networks trained on other numbers of planes, those that are scored; None without any."""
+    scored = {method for method, views in results.methods("rig") if views == TRAINED_PLANES_VIEWS}
+    names = {f"{title(m)}{on.replace('_', ' ')}": m + on for m in TRAINED_PLANES for on in ("_on_16", "_on_32", "")}
+    if not any(name in scored for name in names.values() if "_on_" in name):
         return None
-    views = max(set(every), key=lambda v: (every.count(v), v))
+    return chart(compared(results, TRAINED_PLANES_VIEWS, names))
+
+
+def compared(results: Results, views: int, methods: dict[str, str]) -> list[Panel]:
+    """A panel for each metric: scores against planes, a curve for each of the methods that has any."""
     panels = []
     for metric, up in UP.items():
-        curves = {name: points(results, method, views, metric, "planes:{}") for name, method in ABLATION.items()}
+        curves = {name: points(results, method, views, metric, "planes:{}") for name, method in methods.items()}
         panels.append(Panel(f"{up}, V = {views}", "planes", {k: v for k, v in curves.items() if v}, True))
-    return chart(panels)
+    return panels
 
 
 def selection(results: Results) -> str | None:

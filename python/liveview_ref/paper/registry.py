@@ -17,7 +17,7 @@ PLANES = (8, 16, 32, 64)
 
 @dataclass(frozen=True)
 class Entry:
-    """`planes`: the numbers that it can render with; the largest is what it is trained on."""
+    """`planes`: the numbers that it can render with."""
 
     name: str
     views: int
@@ -25,6 +25,11 @@ class Entry:
     planes: tuple[int, ...] = PLANES
     weights: str | None = None  # of another entry, which it takes over; its own where None
     trained: bool = True  # by itself
+    fewer: int | None = None  # planes that it is trained on, in place of the most that it can render with
+
+    @property
+    def training_planes(self) -> int:
+        return self.fewer or max(self.planes)
 
     @property
     def key(self) -> str:
@@ -41,6 +46,16 @@ ENTRIES = [
     Entry("input_centred", 5, input_centred),
     Entry("local_light_field_at_target", 5, target_centred),
     Entry("deepview", 4, deepview, planes=PLANES[:3]),
+    Entry("input_centred", 4, input_centred),
+    Entry("input_centred", 10, input_centred),
+    Entry("local_light_field", 4, local_light_field),
+    Entry("local_light_field", 10, local_light_field),
+    Entry("local_light_field_at_target", 4, target_centred),
+    Entry("local_light_field_at_target", 10, target_centred),
+    Entry("liveview_on_16", 5, liveview, fewer=16),
+    Entry("liveview_on_32", 5, liveview, fewer=32),
+    Entry("local_light_field_at_target_on_16", 5, target_centred, fewer=16),
+    Entry("local_light_field_at_target_on_32", 5, target_centred, fewer=32),
     Entry("liveview_from_agreement", 4, from_agreement),
     Entry("liveview_competing", 4, competing),
     Entry("soft3d", 4, soft3d, trained=False),

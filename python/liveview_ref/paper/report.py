@@ -131,6 +131,7 @@ def write(models: Path, page: Path) -> None:
         name: picture(models / f"{name}.svg", page.parent, svg, lambda path, svg=svg: path.write_text(svg))
         for name, svg in {
             "ablation": figures.ablation(results),
+            "trained_planes": figures.trained_planes(results),
             "selection": figures.selection(results),
             "training": figures.training(results),
         }.items()

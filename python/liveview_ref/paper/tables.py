@@ -1,5 +1,6 @@
 """The tables of the report, the paper's own figures beside ours in italics, and what is missing, as sentences."""
 
+from .figures import ABLATION, ABLATION_VIEWS, TRAINED_PLANES, TRAINED_PLANES_VIEWS
 from .results import COMPETING, METRICS, Results, title
 
 DATA = {
@@ -101,7 +102,20 @@ def missing(results: Results) -> str:
     for row in results.published["speed"]:
         if (row["method"], row["planes"]) not in measured:
             lines.append(f"- {title(row['method'])}, {row['planes']} planes, run time: not measured yet.")
+    lines += missing_ablations(results)
     return "\n".join(lines) if lines else "None: every cell has its figure."
+
+
+def missing_ablations(results: Results) -> list[str]:
+    """Curves of the figures of ablations that there is nothing for yet."""
+    scored, lines = results.methods("rig"), []
+    for views in ABLATION_VIEWS:
+        if names := [title(method) for method in ABLATION.values() if (method, views) not in scored]:
+            lines.append(f"- Target or input, dynamic or static, {views} views: not scored yet: {', '.join(names)}.")
+    fewer = [(f"{method}_on_{n}", TRAINED_PLANES_VIEWS) for method in TRAINED_PLANES for n in (16, 32)]
+    if names := [title(method) for method, views in fewer if (method, views) not in scored]:
+        lines.append(f"- Networks trained on fewer planes: not scored yet: {'; '.join(names)}.")
+    return lines
 
 
 def cost_rows(results: Results) -> list[dict]:

@@ -78,7 +78,7 @@ class Trainee:
             self.method.load_state_dict(load_state(self.start / "checkpoint.pt")["average"])
         self.average = copy.deepcopy(self.method)
         self.optimiser = torch.optim.Adam(self.method.parameters(), lr=RATE)
-        self.planes = max(self.entry.planes)
+        self.planes = self.entry.training_planes
         self.checkpoint = self.folder / "checkpoint.pt"
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.checkpoint.exists():
