@@ -58,8 +58,8 @@ pub(crate) struct Governor {
 }
 
 impl Governor {
-    /// Levels from these layers down: fewer guided ones, and below surface layers guided ones, of which only a single one makes a picture
-    /// where no network tells their opacities; planes stay, and only the size changes.
+    /// Levels from these layers down: fewer guided ones, and below surface layers guided ones, a single one where there is no
+    /// network; planes stay, and only the size changes.
     pub(crate) fn new(budget: Duration, layers: &LayerSpec, opacities: bool) -> Self {
         let fewer = match *layers {
             LayerSpec::Guided { layers, coarse_planes } => {

@@ -1,4 +1,4 @@
-//! What turns warped views into opacities and view weights: a model, or nothing.
+//! What turns warped views into opacities and view weights: a model, or the views' agreement.
 
 use anyhow::Result;
 use liveview::LayerSpec;

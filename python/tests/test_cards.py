@@ -16,7 +16,7 @@ MODELS = Path(__file__).parents[2] / "models"
 def test_metadata_of_shipped_models(path):
     card = {p.key: p.value for p in onnx.load(path).metadata_props}
     assert path.stem.startswith(f"liveview_v{card['views']}")
-    for_planes, competing = "_planes" in path.stem, path.stem.endswith("_planes")
+    for_planes, competing = "_planes" in path.stem, "_planes" in path.stem and "_planes_paper" not in path.stem
     assert card["recommended_layers"].startswith("planes:") == for_planes
     assert card.get("alpha", "independent") == ("competing" if competing else "independent")
     assert card.get("layer_kinds") == ("planes, select, kmeans, list" if for_planes else None)

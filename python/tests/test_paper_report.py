@@ -460,7 +460,7 @@ def test_methods_that_the_paper_does_not_have_are_rows_too(models):
     assert figures.ablation(results.load(models)) is None  # nothing to compare it with
     saved(models, scored("local_light_field", 5, 20.0))
     assert figures.ablation(results.load(models)).count("<polyline") == 4  # two curves in each panel
-    assert "dynamic or static, 5 views: not scored yet: LiveView, Local LF, target-centred." in page(models)
+    assert "dynamic or static, 5 views: not scored yet: LiveView; Local LF, target-centred." in page(models)
 
 
 def test_networks_trained_on_fewer_planes_have_a_figure(models):

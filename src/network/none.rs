@@ -8,12 +8,14 @@ use super::{NetworkError, PlaneNetwork};
 /// Sum over the channels of the squared difference of colours that agree by half: 0.08 in each.
 const HALF_AGREEMENT: f32 = (3.0 * 0.08 * 0.08_f64) as f32;
 
-/// Logit between a view that agrees with all others and one that agrees with none.
+/// Logit of full agreement.
 const STRENGTH: f32 = 2.0;
 
 /// Logits from how well the views agree on a pixel's colour, not in the paper: a view that shows something else, because it does not see
 /// the surface, counts less, and so does a layer that the views do not agree on, where layers compete ([`super::Alpha::Competing`]).
-/// A view's agreement is the mean over the views with a colour, itself among them, of 1 / (1 + (difference / 0.08)²).
+/// A view's agreement is the mean over the views with a colour, itself among them, of 1 / (1 + (difference / 0.08)²), the difference a root
+/// mean square over the channels. Logit 0 is twice the mean of the views' agreement, each other logit twice that view's less the first's.
+/// Black is what a view has where it does not see the layer, and has no say.
 /// Along a surface that is what a network is to be compared with; what it is worth is told in docs/experiments.md.
 #[derive(Debug, Clone, Copy)]
 pub struct NoNetwork {
@@ -38,6 +40,9 @@ impl PlaneNetwork for NoNetwork {
 /// Logits `[V, w]` of a row `[3V, w]` of a layer.
 fn row_logits(hwv: ArrayView2<'_, f32>, mut logits: ArrayViewMut2<'_, f32>) {
     let (views, width) = logits.dim();
+    if width == 0 {
+        return;
+    }
     let channels = |view: usize| -> [&[f32]; 3] {
         std::array::from_fn(|c| hwv.index_axis_move(Axis(0), 3 * view + c).to_slice().expect("standard layout"))
     };
@@ -69,7 +74,7 @@ fn row_logits(hwv: ArrayView2<'_, f32>, mut logits: ArrayViewMut2<'_, f32>) {
     }
 }
 
-/// 1 or 0: black is what a view has where it does not see the layer.
+/// 1, or 0 for black.
 fn has_colour([r, g, b]: [f32; 3]) -> f32 {
     f32::from(u8::from(r + g + b > 0.0))
 }

@@ -171,7 +171,7 @@ impl ModelArgs {
         renderer
     }
 
-    /// A renderer whose layers share a pixel evenly.
+    /// A renderer whose views and layers count as far as the views agree.
     fn renderer_without_network(&self, views: usize) -> Renderer<Network> {
         let mut renderer = Renderer::new(Network::None(NoNetwork { views }), self.batch);
         renderer.set_alpha(Alpha::Competing { scale: 1.0 });

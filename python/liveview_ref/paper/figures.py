@@ -40,7 +40,7 @@ def ablation(results: Results) -> str | None:
 def trained_planes(results: Results) -> str | None:
     """The paper's figure of networks trained on other numbers of planes, those that are scored; None without any."""
     scored = {method for method, views in results.methods("rig") if views == TRAINED_PLANES_VIEWS}
-    names = {f"{title(m)}{on.replace('_', ' ')}": m + on for m in TRAINED_PLANES for on in ("_on_16", "_on_32", "")}
+    names = {title(m + on): m + on for m in TRAINED_PLANES for on in ("_on_16", "_on_32", "")}
     if not any(name in scored for name in names.values() if "_on_" in name):
         return None
     return chart(compared(results, TRAINED_PLANES_VIEWS, names))

@@ -111,7 +111,7 @@ def missing_ablations(results: Results) -> list[str]:
     scored, lines = results.methods("rig"), []
     for views in ABLATION_VIEWS:
         if names := [title(method) for method in ABLATION.values() if (method, views) not in scored]:
-            lines.append(f"- Target or input, dynamic or static, {views} views: not scored yet: {', '.join(names)}.")
+            lines.append(f"- Target or input, dynamic or static, {views} views: not scored yet: {'; '.join(names)}.")
     fewer = [(f"{method}_on_{n}", TRAINED_PLANES_VIEWS) for method in TRAINED_PLANES for n in (16, 32)]
     if names := [title(method) for method, views in fewer if (method, views) not in scored]:
         lines.append(f"- Networks trained on fewer planes: not scored yet: {'; '.join(names)}.")

@@ -4,12 +4,12 @@ import torch
 from torch import Tensor
 
 HALF_AGREEMENT = 0.08  # colours that differ by this much (root mean square over the channels) agree by half
-STRENGTH = 2.0  # logit between a view that agrees with all others and one that agrees with none
+STRENGTH = 2.0  # logit of full agreement
 
 
 def agreement_logits(colour: Tensor) -> Tensor:
-    """colour [L, V, 3, H, W], 0 where a view does not see the layer -> logits [L, V, H, W]: of alpha the mean agreement
-    of the views, of each view after the first its agreement less the first view's."""
+    """colour [L, V, 3, H, W], black where a view does not see the layer and so has no say -> logits [L, V, H, W]: of
+    alpha the mean agreement of the views, of each view after the first its agreement less the first view's."""
     shown = (colour.sum(2) > 0).to(colour)
     agreement = torch.zeros_like(shown)
     for other in range(colour.shape[1]):

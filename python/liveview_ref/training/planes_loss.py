@@ -17,7 +17,7 @@ from ..reference.blend import blend
 from ..reference.composite import Composited, composite
 from ..reference.composite_competing import composite_competing
 from ..reference.cover import cover_planes
-from ..reference.histogram import plane_histogram
+from ..reference.histogram import plane_histogram, select_planes
 from ..reference.layers import uniform_disparities
 from ..reference.plane_sweep import PlaneSweep
 from ..reference.unet import UNet
@@ -85,9 +85,13 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
             parts = zip(*(x.split(CHUNK) for x in (logits, colour, coverage)), strict=True)
             rgb = torch.cat([blend(*part, distances)[1] for part in parts])
             covered = (coverage > 0).any(1)
-            if selected:  # as the renderer selects: they compete anew
-                weights = composited(logits[:, 0], rgb, covered, planes.expand_as(covered), config).weights
-                kept = cover_planes(plane_histogram(weights), int(rng.choice(config["selected_planes"])))
+            if selected:  # as the renderer selects
+                few = int(rng.choice(config["selected_planes"]))
+                if config["alpha"] == "competing":
+                    weights = composite_competing(logits[:, 0], rgb, covered, planes.expand_as(covered)).weights
+                    kept = cover_planes(plane_histogram(weights), few)
+                else:
+                    kept = select_planes(plane_histogram(torch.sigmoid(logits[:, 0]) * covered), few)
                 planes, colour, coverage, logits, rgb, covered = (
                     x[kept] for x in (planes, colour, coverage, logits, rgb, covered)
                 )

@@ -115,6 +115,8 @@ def main() -> None:
     alpha = config.get("alpha", "independent")
     if alpha not in ("independent", "competing"):
         parser.error(f'{args.config}: alpha is "{alpha}"; expected "independent" or "competing"')
+    if alpha == "competing" and "shards" not in config:
+        parser.error(f'{args.config}: alpha is "competing", which needs "shards" and the rest of v4_planes.json')
     if "shards" in config or "frames" in config:
         if not (args.start and args.shards):
             parser.error(f"{args.config} needs --start, weights to start from, and --shards, a folder for examples")
