@@ -68,10 +68,9 @@ def along_the_truth(net, target: int) -> dict[tuple[str, str], float]:
 
     def score(what: str, mask: Tensor, power: float, fill_unseen: bool) -> None:
         shown, counts = colour * mask[:, :, None], coverage * mask
+        undimmed = colour * (mask > 0)[:, :, None]  # a view that counts a tenth agrees by its own colour
         for name in NETWORKS:
-            logits = (
-                net(shown.flatten(1, 2)) if name == "network" else agreement_logits(colour * (mask > 0)[:, :, None])
-            )
+            logits = net(shown.flatten(1, 2)) if name == "network" else agreement_logits(undimmed)
             image = blend(logits, shown, counts, distances, power)[1][0, :, :height, :width]
             if fill_unseen:
                 image = torch.where(unseen[0, :, :height, :width], truth, image)

@@ -43,27 +43,30 @@ pub fn find_model(
     planes: Option<AlphaKind>,
 ) -> Result<PathBuf, ModelNotFound> {
     let ending = if quantized { "_int8.onnx" } else { ".onnx" };
-    let for_planes = planes.map(|alpha| match (alpha, quantized) {
-        (AlphaKind::Competing, false) => "_planes.onnx",
-        (AlphaKind::Competing, true) => "_planes_int8.onnx",
-        (AlphaKind::Independent, false) => "_planes_paper.onnx",
-        (AlphaKind::Independent, true) => "_planes_paper_int8.onnx",
+    let for_planes = planes.and_then(|alpha| {
+        let kind = match alpha {
+            AlphaKind::Competing => "_planes",
+            AlphaKind::Independent => "_planes_paper",
+        };
+        first_with(&folders, views, &format!("{kind}{ending}"))
     });
-    let found = for_planes.and_then(|ending| find_in(folders.clone(), views, ending).ok());
-    found.map_or_else(|| find_in(folders, views, ending), Ok)
+    for_planes.map_or_else(|| find_in(folders, views, ending), Ok)
 }
 
 fn find_in(mut folders: Vec<PathBuf>, views: usize, ending: &'static str) -> Result<PathBuf, ModelNotFound> {
     let mut distinct = std::collections::HashSet::new();
     folders.retain(|folder| distinct.insert(folder.clone()));
-    let candidates = folders.iter().map(|folder| folder.join(format!("liveview_v{views}{ending}")));
-    if let Some(file) = candidates.into_iter().find(|file| file.is_file()) {
+    if let Some(file) = first_with(&folders, views, ending) {
         return Ok(file);
     }
     let mut found: Vec<usize> = folders.iter().flat_map(|folder| models_in(folder, ending)).collect();
     found.sort_unstable();
     found.dedup();
     Err(ModelNotFound { views, ending, looked_in: folders, found })
+}
+
+fn first_with(folders: &[PathBuf], views: usize, ending: &str) -> Option<PathBuf> {
+    folders.iter().map(|folder| folder.join(format!("liveview_v{views}{ending}"))).find(|file| file.is_file())
 }
 
 /// V of each model in a folder; nothing if it cannot be read.

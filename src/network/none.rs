@@ -40,7 +40,7 @@ impl PlaneNetwork for NoNetwork {
 /// Logits `[V, w]` of a row `[3V, w]` of a layer.
 fn row_logits(hwv: ArrayView2<'_, f32>, mut logits: ArrayViewMut2<'_, f32>) {
     let (views, width) = logits.dim();
-    if width == 0 {
+    if logits.is_empty() {
         return;
     }
     let channels = |view: usize| -> [&[f32]; 3] {
@@ -63,14 +63,13 @@ fn row_logits(hwv: ArrayView2<'_, f32>, mut logits: ArrayViewMut2<'_, f32>) {
         }
     }
     for x in 0..width {
-        let strength = STRENGTH / shown[x].max(1.0);
-        let (first, mut sum) = (agreement[x], 0.0);
-        for view in 0..views {
-            let own = agreement[view * width + x];
-            sum += own;
-            logits[[view, x]] = strength * (own - first);
+        let count = shown[x].max(1.0);
+        let strength = STRENGTH / count;
+        let sum: f32 = (0..views).map(|view| agreement[view * width + x]).sum();
+        logits[[0, x]] = strength * sum / count;
+        for view in 1..views {
+            logits[[view, x]] = strength * (agreement[view * width + x] - agreement[x]);
         }
-        logits[[0, x]] = strength * sum / shown[x].max(1.0);
     }
 }
 

@@ -59,8 +59,9 @@ def measure(network: Network, views: int, target: int) -> dict[str, float]:
     seen = seen.masked_fill(coverage[0, :, :height, :width] < 0.5, UNKNOWN)
     where, found = partly_hidden(seen), {}
     found["partly hidden"] = float(where.float().mean())
-    ways = {"network": network(colour.flatten(1, 2)), "agreement": agreement_logits(colour)}
-    for name, logits in (ways | {"distance": torch.zeros_like(coverage)}).items():
+    by_network, by_distance = network(colour.flatten(1, 2)), torch.zeros_like(coverage)
+    ways = {"network": by_network, "agreement": agreement_logits(colour), "distance": by_distance}
+    for name, logits in ways.items():
         weights = view_weights(logits, coverage, distances)[0, :, :height, :width]
         image = blend(logits, colour, coverage, distances)[1][0, :, :height, :width]
         error = ((image - truth) ** 2).mean(0)

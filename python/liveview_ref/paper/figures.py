@@ -13,7 +13,9 @@ ABLATION = {
     "target-centred, static": "local_light_field_at_target",
     "input-centred, static": "local_light_field",
 }
-TRAINED_PLANES, TRAINED_PLANES_VIEWS = ("liveview", "local_light_field_at_target"), 5  # dynamic and static
+DYNAMIC_STATIC = "liveview", "local_light_field_at_target"
+ON_FEWER = tuple(f"{method}_on_{planes}" for method in DYNAMIC_STATIC for planes in (16, 32))  # trained on fewer planes
+ON_FEWER_VIEWS = 5
 ABLATION_VIEWS = 4, 5, 10
 UP = {"psnr": "PSNR, dB", "ssim": "SSIM"}
 LINE = 16  # pixels of text under a crop
@@ -39,11 +41,9 @@ def ablation(results: Results) -> str | None:
 
 def trained_planes(results: Results) -> str | None:
     """The paper's figure of networks trained on other numbers of planes, those that are scored; None without any."""
-    scored = {method for method, views in results.methods("rig") if views == TRAINED_PLANES_VIEWS}
-    names = {title(m + on): m + on for m in TRAINED_PLANES for on in ("_on_16", "_on_32", "")}
-    if not any(name in scored for name in names.values() if "_on_" in name):
+    if not any((method, ON_FEWER_VIEWS) in results.methods("rig") for method in ON_FEWER):
         return None
-    return chart(compared(results, TRAINED_PLANES_VIEWS, names))
+    return chart(compared(results, ON_FEWER_VIEWS, {title(method): method for method in (*ON_FEWER, *DYNAMIC_STATIC)}))
 
 
 def compared(results: Results, views: int, methods: dict[str, str]) -> list[Panel]:

@@ -25,7 +25,7 @@ TITLES = {
     "deepview": "DeepView, small",
     "program": "LiveView, this program",
 }
-ABLATIONS = "input_centred", "local_light_field_at_target"  # this project's own, not methods of their own
+OWN_VARIANTS = "input_centred", "local_light_field_at_target"  # this project's own, not methods of their own
 BEGUN_ELSEWHERE = ("liveview_competing",)  # trained on other scenes before: no part in what is compared
 METRICS = "psnr", "ssim", "lpips"
 COMPETING = ", competing"  # after the name of layers

@@ -1,6 +1,6 @@
 """The tables of the report, the paper's own figures beside ours in italics, and what is missing, as sentences."""
 
-from .figures import ABLATION, ABLATION_VIEWS, TRAINED_PLANES, TRAINED_PLANES_VIEWS
+from .figures import ABLATION, ABLATION_VIEWS, ON_FEWER, ON_FEWER_VIEWS
 from .results import COMPETING, METRICS, Results, title
 
 DATA = {
@@ -112,8 +112,7 @@ def missing_ablations(results: Results) -> list[str]:
     for views in ABLATION_VIEWS:
         if names := [title(method) for method in ABLATION.values() if (method, views) not in scored]:
             lines.append(f"- Target or input, dynamic or static, {views} views: not scored yet: {'; '.join(names)}.")
-    fewer = [(f"{method}_on_{n}", TRAINED_PLANES_VIEWS) for method in TRAINED_PLANES for n in (16, 32)]
-    if names := [title(method) for method, views in fewer if (method, views) not in scored]:
+    if names := [title(method) for method in ON_FEWER if (method, ON_FEWER_VIEWS) not in scored]:
         lines.append(f"- Networks trained on fewer planes: not scored yet: {'; '.join(names)}.")
     return lines
 

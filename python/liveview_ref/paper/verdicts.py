@@ -1,6 +1,6 @@
 """What the scores say of the paper's claims, as sentences made from them."""
 
-from .results import ABLATIONS, BEGUN_ELSEWHERE, COMPETING, Results, counted, title
+from .results import BEGUN_ELSEWHERE, COMPETING, OWN_VARIANTS, Results, counted, title
 
 GOAL = 30.0  # dB, on 64 planes by the better composite
 OURS = ("liveview", *BEGUN_ELSEWHERE)
@@ -41,7 +41,7 @@ def sentences(results: Results, data: str, method: str, views: int) -> list[str]
     others = [
         (results.row(data, m, v, f"planes:{results.most_planes(data, m, v)}")["psnr"], m)
         for m, v in results.methods(data)
-        if v == views and not m.startswith(("liveview", *ABLATIONS))
+        if v == views and not m.startswith(("liveview", *OWN_VARIANTS))
     ]
     if others:
         psnr, name = max(others)

@@ -46,15 +46,17 @@ def compare(data: stages.Arrays, net: UNet | None):
         oracle, single = stage(data, torch.float64), stage(data, torch.float32)
         for name, exact in oracle.items():
             yield name, exact.size, stages.errors(data[name], exact, name), stages.errors(single[name], exact, name)
-        if stage is stages.warp and net is None:
-            exact, single = (stages.agreement(data, dtype)["agreement"] for dtype in (torch.float64, torch.float32))
-            ours = stages.errors(data["logits"], exact, "agreement")
-            yield "agreement", exact.size, ours, stages.errors(single, exact, "agreement")
-        elif stage is stages.warp:
-            exact = stages.logits(net, data["colour"], torch.float64)
-            ours = stages.errors(data["logits"], exact, "logits")
-            single = stages.logits(net, data["colour"], torch.float32)
-            yield "logits", exact.size, ours, stages.errors(single, exact, "logits")
+        if stage is stages.warp:
+            name, exact, single = "logits" if net else "agreement", *logits_of(data, net)
+            yield name, exact.size, stages.errors(data["logits"], exact, name), stages.errors(single, exact, name)
+
+
+def logits_of(data: stages.Arrays, net: UNet | None) -> list[np.ndarray]:
+    """By the oracle and by torch: the network's, or those of the views' agreement."""
+    both = torch.float64, torch.float32
+    if net is None:
+        return [stages.agreement(data, dtype)["agreement"] for dtype in both]
+    return [stages.logits(net, data["colour"], dtype) for dtype in both]
 
 
 def bound(tolerance: dict, theirs: tuple[float, float]) -> tuple[float, float]:
