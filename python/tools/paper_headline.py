@@ -50,7 +50,7 @@ def headline(results: Results) -> str:
         pairs.append((own[0], others[0]))
     report = results.scores["rig", trained[0].method, trained[0].views]
     return (
-        f"On {len(report['targets'])} targets of a rig that no network has seen, the strongest opponent is "
+        f"On {len(report['targets'])} targets in scenes that no network has seen, the strongest opponent is "
         f"{pairs[0][1]}; against it {pairs[0][0]}. Networks trained alike, for {report['about']['samples']:,} samples: "
         f"{pairs[1][0]}, {pairs[1][1]}."
     )

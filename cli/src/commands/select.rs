@@ -26,7 +26,7 @@ use crate::statistics::percentile;
 
 const EXAMPLES: &str = "\
 Examples:
-  The paper's histogram over 64 planes, and the 16 it keeps:
+  The histogram over 64 planes, and the 16 that are kept:
     liveview select scene --target IMG_7.jpg -o planes.png
   Another choice:
     liveview select scene --target IMG_7.jpg --layers select:8/128
@@ -45,7 +45,7 @@ pub(crate) struct SelectArgs {
     /// The view, by name; held out
     #[arg(long, value_name = "NAME")]
     target: String,
-    /// What to show: select:K/D, the paper's histogram over D planes and the K that are kept; or guided:L, the range of depths that L
+    /// What to show: select:K/D, the histogram over D planes and the K that are kept; or guided:L, the range of depths that L
     /// guided layers divide (needs no model)
     #[arg(long, value_name = "SPEC", default_value = "select:16/64")]
     layers: LayerSpec,

@@ -35,8 +35,8 @@ pub(crate) struct VideoArgs {
     pub(super) scene: SceneArgs,
     #[command(flatten)]
     pub(super) viewpoint: ViewpointArgs,
-    /// Which layers each frame is rendered on: surface:L, guided:L, planes:D, select:K/D (the paper's: D planes on the first frame, K of them
-    /// from then on), kmeans:K or list:… [default: what the model recommends]
+    /// Which layers each frame is rendered on: surface:L, guided:L, planes:D, select:K/D (D planes on the first frame, K of them
+    /// from then on, as the paper's video), kmeans:K or list:… [default: what the model recommends]
     #[arg(long, value_name = "SPEC", group = "which_layers")]
     pub(super) layers: Option<LayerSpec>,
     /// A choice of layers that was measured (README, "Error against run time")
