@@ -140,6 +140,7 @@ def test_the_headline_names_the_strongest_opponent():
         ("soft3d", 31.0, untrained),
         ("liveview_surface", 32.0, untrained),
         ("input_centred", 40.0, {}),  # this project's, but no method of its own
+        ("liveview_on_16", 41.0, {}),  # of the ablation alone
     ):
         reports["rig", name, 4] = own = scored(name, 4, psnr)
         own["about"] |= about
@@ -158,6 +159,11 @@ def test_methods_that_the_paper_does_not_have_are_rows_too(models):
     saved(models, scored("local_light_field", 5, 20.0))
     assert figures.ablation(results.load(models)).count("<polyline") == 4  # two curves in each panel
     assert "dynamic or static, 5 views: not scored yet: LiveView; Local LF, target-centred." in page(models)
+    saved(models, scored("liveview", 5, 22.0, (16, 64)))
+    saved(models, scored("local_light_field_at_target", 5, 18.0, (16, 64)))
+    text = page(models)
+    assert "target-centred instead of input-centred -1.00 dB (dynamic) and -4.00 dB (static)" in text
+    assert "dynamic instead of static +4.00 dB (target-centred) and +1.00 dB (input-centred)" in text
 
 
 def test_networks_trained_on_fewer_planes_have_a_figure(models):
@@ -165,7 +171,10 @@ def test_networks_trained_on_fewer_planes_have_a_figure(models):
     assert "not scored yet: LiveView, trained on 16 planes; LiveView, trained on 32 planes; Local" in page(models)
     saved(models, scored("liveview_on_16", 5, 21.0))
     assert figures.trained_planes(results.load(models)).count("<polyline") == 2
-    assert "not scored yet: LiveView, trained on 32 planes; Local" in page(models)
+    text = page(models)
+    assert "not scored yet: LiveView, trained on 32 planes; Local" in text
+    assert "| LiveView, trained on 16 planes | uniform |" in text
+    assert "| LiveView, trained on 16 planes | 64 |" not in text
 
 
 def test_what_departures_change_comes_from_their_file(models):

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
-from liveview_ref.paper.results import BEGUN_ELSEWHERE, COMPETING, OWN_VARIANTS, Results, load, title
+from liveview_ref.paper.results import BEGUN_ELSEWHERE, COMPETING, ON_FEWER, OWN_VARIANTS, Results, load, title
 from liveview_ref.paper.tables import best_row
 
 from .marked_text import fill
@@ -31,7 +31,7 @@ def rows(results: Results) -> list[Scored]:
     for method, views in results.methods("rig"):
         for suffix in ("", COMPETING):
             row = best_row(results, "rig", method, views, suffix)
-            if row and not method.startswith(OWN_VARIANTS):
+            if row and not method.startswith(OWN_VARIANTS) and method not in ON_FEWER:
                 found.append(Scored(row["psnr"], row["ssim"], method, views, suffix))
     return sorted(found, reverse=True)
 

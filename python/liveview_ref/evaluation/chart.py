@@ -3,7 +3,10 @@
 import math
 from typing import NamedTuple
 
-COLOURS = "#d1495b", "#30638e", "#2e933c", "#edae49", "#7b4fa3", "#00a6a6", "#8d6a4f", "#e07be0", "#555555", "#9bc53d"
+COLOURS = (
+    "#d1495b", "#30638e", "#2e933c", "#edae49", "#7b4fa3", "#00a6a6", "#8d6a4f", "#e07be0", "#555555", "#9bc53d",
+    "#1b1b8f", "#ff7f0e",
+)  # fmt: skip
 WIDTH, HEIGHT = 400, 300  # of a panel
 LEFT, RIGHT, TOP, BOTTOM = 56, 16, 24, 44  # margins around its plot
 

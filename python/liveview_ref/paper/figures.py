@@ -5,18 +5,18 @@ from pathlib import Path
 from PIL import Image, ImageDraw
 
 from ..evaluation.chart import Panel, Points, chart
-from .results import COMPETING, Results, title
+from .results import (
+    ABLATION,
+    ABLATION_VIEWS,
+    COMPETING,
+    DYNAMIC_STATIC,
+    ON_FEWER,
+    ON_FEWER_VIEWS,
+    Results,
+    ablation_alone,
+    title,
+)
 
-ABLATION = {
-    "target-centred, dynamic": "liveview",
-    "input-centred, dynamic": "input_centred",
-    "target-centred, static": "local_light_field_at_target",
-    "input-centred, static": "local_light_field",
-}
-DYNAMIC_STATIC = "liveview", "local_light_field_at_target"
-ON_FEWER = tuple(f"{method}_on_{planes}" for method in DYNAMIC_STATIC for planes in (16, 32))  # trained on fewer planes
-ON_FEWER_VIEWS = 5
-ABLATION_VIEWS = 4, 5, 10
 UP = {"psnr": "PSNR, dB", "ssim": "SSIM"}
 LINE = 16  # pixels of text under a crop
 ACROSS = 5  # crops in a row
@@ -43,7 +43,8 @@ def trained_planes(results: Results) -> str | None:
     """The paper's figure of networks trained on other numbers of planes, those that are scored; None without any."""
     if not any((method, ON_FEWER_VIEWS) in results.methods("rig") for method in ON_FEWER):
         return None
-    return chart(compared(results, ON_FEWER_VIEWS, {title(method): method for method in (*ON_FEWER, *DYNAMIC_STATIC)}))
+    methods = {title(method): method for method in (*ON_FEWER, *DYNAMIC_STATIC)}
+    return chart(compared(results, ON_FEWER_VIEWS, methods), legend=320)
 
 
 def compared(results: Results, views: int, methods: dict[str, str]) -> list[Panel]:
@@ -85,7 +86,8 @@ def training(results: Results) -> str | None:
 
 
 def crops(folder: Path, data: str = "rig") -> Image.Image | None:
-    """The crops that scoring kept, truth first, each with its method's name below; None without any."""
+    """The crops that scoring kept of the methods compared, truth first, each with its method's name below; None without
+    any."""
     truth = folder / f"{data}_truth.webp"
     if not truth.exists():
         return None
@@ -93,7 +95,8 @@ def crops(folder: Path, data: str = "rig") -> Image.Image | None:
     for path in sorted(folder.glob(f"{data}_*_v*.webp")):
         name, competing = path.stem.removesuffix("_competing"), path.stem.endswith("_competing")
         method, _, views = name.removeprefix(f"{data}_").rpartition("_v")
-        found.append((path, f"{title(method)}{COMPETING if competing else ''}, V = {views}"))
+        if not ablation_alone(method, int(views)):
+            found.append((path, f"{title(method)}{COMPETING if competing else ''}, V = {views}"))
     pictures = [(Image.open(path).convert("RGB"), label) for path, label in found]
     width, height = pictures[0][0].size
     width *= 2  # enlarged, so that a pixel is seen

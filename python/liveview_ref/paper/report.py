@@ -10,7 +10,7 @@ from pathlib import Path
 
 from . import figures, tables
 from .results import Results, counted, load, put, title
-from .verdicts import verdicts
+from .verdicts import ablation_verdicts, verdicts
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
@@ -142,6 +142,7 @@ def write(models: Path, page: Path) -> None:
     parts = charts | {
         "comparison": tables.comparison(results),
         "verdicts": verdicts(results),
+        "ablation_verdicts": ablation_verdicts(results),
         "scored": scored(results),
         "missing": tables.missing(results),
         "crops": picture(models / "crops.webp", page.parent, sheet, lambda path: sheet.save(path, "webp", quality=85)),

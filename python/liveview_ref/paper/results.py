@@ -26,9 +26,25 @@ TITLES = {
     "program": "LiveView, this program",
 }
 OWN_VARIANTS = "input_centred", "local_light_field_at_target"  # this project's own, not methods of their own
+# The paper's ablation: where the planes are, and whether a network sees them one by one or all at once.
+ABLATION = {
+    "target-centred, dynamic": "liveview",
+    "input-centred, dynamic": "input_centred",
+    "target-centred, static": "local_light_field_at_target",
+    "input-centred, static": "local_light_field",
+}
+ABLATION_VIEWS = 4, 5, 10
+DYNAMIC_STATIC = "liveview", "local_light_field_at_target"
+ON_FEWER = tuple(f"{method}_on_{planes}" for method in DYNAMIC_STATIC for planes in (16, 32))  # trained on fewer planes
+ON_FEWER_VIEWS = 5
 BEGUN_ELSEWHERE = ("liveview_competing",)  # trained on other scenes before: no part in what is compared
 METRICS = "psnr", "ssim", "lpips"
 COMPETING = ", competing"  # after the name of layers
+
+
+def ablation_alone(method: str, views: int) -> bool:
+    """Whether it was trained for the figures of ablations alone, beside the methods that the tables compare."""
+    return method in ON_FEWER or (views != ON_FEWER_VIEWS and method in ABLATION.values() and method != "liveview")
 
 
 def title(name: str) -> str:

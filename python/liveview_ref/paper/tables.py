@@ -1,7 +1,16 @@
 """The tables of the report, the paper's own figures beside ours in italics, and what is missing, as sentences."""
 
-from .figures import ABLATION, ABLATION_VIEWS, ON_FEWER, ON_FEWER_VIEWS
-from .results import COMPETING, METRICS, Results, title
+from .results import (
+    ABLATION,
+    ABLATION_VIEWS,
+    COMPETING,
+    METRICS,
+    ON_FEWER,
+    ON_FEWER_VIEWS,
+    Results,
+    ablation_alone,
+    title,
+)
 
 DATA = {
     "rig": ("rig scenes", "deepfocus"),
@@ -32,9 +41,9 @@ def italic(values: list[float] | None) -> str:
 
 def comparison_rows(results: Results) -> list[tuple[str, int, str]]:
     """(method, views, suffix of its layers): the paper's rows in their order, each with what this project adds for that
-    number of views after it; a method that competes is a row more."""
+    number of views after it, but for what the figures of ablations alone need; a method that competes is a row more."""
     published = [(row["method"], row["views"]) for row in results.published["comparison"]]
-    ours = {(name, views) for data in DATA for name, views in results.methods(data)}
+    ours = {row for data in DATA for row in results.methods(data) if not ablation_alone(*row)}
     rows = []
     for views in sorted({v for _, v in published} | {v for _, v in ours}):
         own = [row for row in published if row[1] == views]

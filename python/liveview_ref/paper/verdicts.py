@@ -1,6 +1,15 @@
 """What the scores say of the paper's claims, as sentences made from them."""
 
-from .results import BEGUN_ELSEWHERE, COMPETING, OWN_VARIANTS, Results, counted, title
+from .results import (
+    ABLATION,
+    ABLATION_VIEWS,
+    BEGUN_ELSEWHERE,
+    COMPETING,
+    OWN_VARIANTS,
+    Results,
+    counted,
+    title,
+)
 
 GOAL = 30.0  # dB, on 64 planes by the better composite
 OURS = ("liveview", *BEGUN_ELSEWHERE)
@@ -51,3 +60,28 @@ def sentences(results: Results, data: str, method: str, views: int) -> list[str]
     if report["about"].get("step"):
         out.append(f"Trained for {report['about']['step']:,} steps; {counted(len(report['targets']), 'target')}.")
     return out
+
+
+def ablation_verdicts(results: Results) -> str:
+    """For each number of views that has all four of the ablation, by the paper's composite: what each of the two
+    choices is worth on 64 planes, and what 16 lose against them."""
+    lines = []
+    for views in ABLATION_VIEWS:
+        rows = {
+            name: [results.row("rig", method, views, f"planes:{n}") for n in (16, 64)]
+            for name, method in ABLATION.items()
+        }
+        if not all(row for pair in rows.values() for row in pair):
+            continue
+        few, many = ({name: pair[i]["psnr"] for name, pair in rows.items()} for i in (0, 1))
+        centred, seen = (
+            [many[name] - many[name.replace(a, b)] for name in many if a in name]
+            for a, b in (("target-centred", "input-centred"), ("dynamic", "static"))
+        )
+        losses = "; ".join(f"{name} {few[name] - many[name]:+.2f}" for name in many)
+        lines.append(
+            f"- **V = {views}**, 64 planes: target-centred instead of input-centred {centred[0]:+.2f} dB (dynamic) and "
+            f"{centred[1]:+.2f} dB (static); dynamic instead of static {seen[0]:+.2f} dB (target-centred) and "
+            f"{seen[1]:+.2f} dB (input-centred). 16 planes in place of 64, dB: {losses}."
+        )
+    return "\n".join(lines) if lines else "Not scored for all four yet."
