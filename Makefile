@@ -154,7 +154,7 @@ limits: build setup
 
 ## The int8 models and their cards, anew, from the float32 ones; takes minutes each, and DATA.
 int8: setup
-	cd python && for v in 2 4 5; do \
+	cd python && for v in 2 4 5 10 4_planes 4_planes_paper; do \
 		../$(BIN)/python -m liveview_ref.quantize ../models/liveview_v$$v.onnx ../models/liveview_v$${v}_int8.onnx \
 			configs/v$$v.json --data $(abspath $(DATA)) || exit 1; \
 	done

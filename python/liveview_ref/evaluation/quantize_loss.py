@@ -12,13 +12,14 @@ from ..data.held_out import INNER, Case, cases
 from ..onnx_session import logits, session
 from ..reference.blend import blend
 from ..reference.composite import composite
+from ..reference.composite_competing import composite_competing
 from ..reference.layer_spec import Guided, LayerSpec, Planes
 from ..reference.metrics import psnr
 from ..reference.renderer import warp_views
 from ..reference.view_selection import view_distances
 from .methods import maps_of
 
-LAYERS = Guided(4), Planes(16)
+LAYERS = {False: (Guided(4), Planes(16)), True: (Planes(16), Planes(32))}  # True: of the models that are for planes
 
 
 @dataclass
@@ -31,10 +32,14 @@ class Photo:
     coverage: Tensor
     maps: Tensor
 
-    def score(self, logits: Tensor) -> float:
+    def score(self, logits: Tensor, competing: bool) -> float:
         """PSNR of the picture that these logits make."""
         alpha, rgb = blend(logits, self.colour, self.coverage, view_distances(self.case.cameras, self.case.target))
-        full = composite(alpha, rgb, (self.coverage[-1] > 0).any(0), self.maps).rgb
+        covered = (self.coverage > 0).any(1)
+        if competing:
+            full = composite_competing(logits[:, 0], rgb, covered, self.maps).rgb
+        else:
+            full = composite(alpha, rgb, covered[-1], self.maps).rgb
         image = full[..., : self.case.target.height, : self.case.target.width]
         return psnr(image[INNER], self.case.truth[INNER])
 
@@ -48,21 +53,22 @@ class Loss(NamedTuple):
     psnr: dict[str, float]
 
 
-def photos(specs: list[dict], data: Path, views: int) -> list[Photo]:
+def photos(specs: list[dict], data: Path, views: int, kinds: tuple[LayerSpec, ...]) -> list[Photo]:
     found = []
     for case in cases(specs, data, views):
-        for layers in LAYERS:
+        for layers in kinds:
             maps = maps_of(case, layers)
             found.append(Photo(layers, case, *warp_views(case.sources, case.cameras, case.target, maps), maps))
     return found
 
 
-def loss(model: Path, held_out: list[Photo], exact: Loss | None = None) -> Loss:
+def loss(model: Path, held_out: list[Photo], competing: bool, exact: Loss | None = None) -> Loss:
     """Of the model beside `exact`; without it, PSNR itself."""
     network = session(model)
     found = [torch.from_numpy(logits(network, photo.colour.flatten(1, 2).numpy(), 1)) for photo in held_out]
-    scores = [(photo.layers, photo.score(logits)) for photo, logits in zip(held_out, found, strict=True)]
-    mean = {str(layers): float(np.mean([score for of, score in scores if of == layers])) for layers in LAYERS}
+    scores = [(photo.layers, photo.score(logits, competing)) for photo, logits in zip(held_out, found, strict=True)]
+    kinds = dict.fromkeys(photo.layers for photo in held_out)
+    mean = {str(layers): float(np.mean([score for of, score in scores if of == layers])) for layers in kinds}
     if exact is None:
         return Loss(found, 0.0, mean)
     pairs = list(zip(found, exact.found, strict=True))
