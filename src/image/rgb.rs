@@ -6,7 +6,8 @@ use image::imageops::{self, FilterType};
 use super::error::ImageError;
 use crate::geometry::Size;
 
-/// 2⁻⁶⁴: what is nearer to 0 counts as 0. Products with it would be denormal, and on some CPUs the network would take ten times as long.
+/// 2⁻⁶⁴: what is nearer to 0 counts as 0. On denormal values (below 2⁻¹²⁶) the network takes ten times as long on some CPUs; the margin is for
+/// what weights make of them.
 const DARKEST: f32 = 1.0 / (1_u128 << 64) as f32;
 
 /// An sRGB picture: interleaved RGB, f32 in [0, 1], row-major, `data.len() == 3 * width * height`.

@@ -43,8 +43,8 @@ pub(crate) struct ModelArgs {
     /// What computes the network: an execution provider of ONNX Runtime. cuda and tensorrt: see `ONNX Runtime` in the README
     #[arg(long, value_enum, default_value_t = ProviderName::Cpu)]
     engine: ProviderName,
-    /// Precision of the network. int8: a quantised model (liveview_v<V>_int8.onnx unless --model names it); bf16: --engine
-    /// openvino, on CPUs that have it [default: the model's own]
+    /// Precision of the network. int8: a quantised model (liveview_v<V>_int8.onnx, for planes liveview_v<V>_planes_int8.onnx, unless --model
+    /// names it); bf16: --engine openvino, on CPUs that have it [default: the model's own]
     #[arg(long, value_enum)]
     precision: Option<PrecisionName>,
     /// ONNX Runtime library [default: ORT_DYLIB_PATH, then the wheel in a .venv, for other engines than cpu one in

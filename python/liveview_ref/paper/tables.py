@@ -98,7 +98,7 @@ def missing(results: Results) -> str:
                 lines.append(f"- {name}, {PAPER_COLUMNS[column]}: not scored yet.")
         if not results.methods("real") or results.most_planes("real", method, views):
             continue
-        lines.append(f"- {name}: not scored on real photos yet.")
+        lines.append(f"- {name}: not scored on real photos.")
     for column, heading in PAPER_COLUMNS.items():
         if not results.methods(column):
             lines.append(

@@ -10,7 +10,7 @@ const DOUBTFUL_CAP: f64 = 0.01;
 /// One unit in the last place of 1, in float32: the error of a value that was rounded twice, allowed where torch happens to be exact.
 const FLOOR: f64 = 1.2e-7;
 
-/// How many times as long as on noise the network may take on any other input; with denormal arithmetic it would be 30 times.
+/// How many times as long as on noise the network may take on any other input; with denormal arithmetic it takes some CPUs ten times.
 const SLOWEST: f64 = 5.0;
 
 /// The errors of one implementation.
