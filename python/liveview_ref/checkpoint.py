@@ -28,6 +28,11 @@ def load_network(path: Path) -> UNet:
     return exported_network(path) if path.suffix == ".onnx" else fold_batchnorm(trained_network(load_state(path)))
 
 
+def model_card(model: onnx.ModelProto) -> dict[str, str]:
+    """The card of an exported model."""
+    return {p.key: p.value for p in model.metadata_props}
+
+
 def exported_network(path: Path) -> UNet:
     """The network of a float32 model: all its weights are those of its convolutions."""
     model = onnx.load(path)

@@ -15,9 +15,10 @@ import onnx
 import onnxruntime
 from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
 
+from .checkpoint import model_card
 from .data.examples import RealScene, make_example, procedural
 from .data.procedural.textures import Textures
-from .evaluation.quantize_loss import LAYERS, Photo, loss, photos
+from .evaluation.quantize_loss import Photo, loss, photos
 from .training.train import read_config
 
 # Stays float32: quantising it costs more than quantising all other layers together (the card has the figures).
@@ -53,10 +54,6 @@ def calibration_hwvs(config: dict, data: Path | None, count: int) -> list[np.nda
     return found
 
 
-def metadata(model: onnx.ModelProto) -> dict[str, str]:
-    return {p.key: p.value for p in model.metadata_props}
-
-
 def convolutions(model: onnx.ModelProto) -> dict[str, str]:
     """conv1, conv2 and so on, as the paper calls them -> the node's name."""
     nodes = [node.name for node in model.graph.node if node.op_type == "Conv"]
@@ -84,7 +81,7 @@ def quantise(path: Path, out: Path, hwvs: list[np.ndarray], layers: set[str], re
     quantised = onnx.load(out)
     free_logits(quantised.graph)
     summary = f"{len(layers)} of {len(names)} layers, calibrated on {len(hwvs)} training examples"
-    onnx.helper.set_model_props(quantised, metadata(model) | {"precision": "int8", "quantised": summary})
+    onnx.helper.set_model_props(quantised, model_card(model) | {"precision": "int8", "quantised": summary})
     onnx.checker.check_model(quantised, full_check=True)
     onnx.save(quantised, out)
 
@@ -106,19 +103,18 @@ def free_logits(graph: onnx.GraphProto) -> None:
 
 def card(path: Path, out: Path, hwvs: list[np.ndarray], held_out: list[Photo], config_name: str) -> str:
     """The Markdown beside the model."""
-    model = onnx.load(path)
-    names, competing = convolutions(model), metadata(model).get("alpha") == "competing"
+    names = convolutions(onnx.load(path))
     chosen = set(names) - set(KEPT)
     trials = {f"{layer} alone": ({layer}, True) for layer in names}
     trials |= {"all": (set(names), True), f"all but {', '.join(KEPT)}: this model": (chosen, True)}
     trials["the same, weights of 8 bits"] = (chosen, False)
-    exact = loss(path, held_out, competing)
+    exact = loss(path, held_out)
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for trial, (layers, reduce_range) in trials.items():
             made = Path(folder) / "trial.onnx"
             quantise(path, made, hwvs, layers, reduce_range)
-            found = loss(made, held_out, competing, exact)
+            found = loss(made, held_out, exact)
             rows.append(
                 f"| {trial} | {100 * found.logits:.2f} % | "
                 + " | ".join(f"{x:+.3f}" for x in found.psnr.values())
@@ -152,10 +148,9 @@ def main() -> None:
     args = parser.parse_args()
     config = read_config(args.config)
     model = onnx.load(args.model)
-    kinds = LAYERS["layer_kinds" in metadata(model)]
     hwvs = calibration_hwvs(config, args.data, EXAMPLES)
     quantise(args.model, args.out, hwvs, set(convolutions(model)) - set(KEPT))
-    held_out = photos(config["validation"], args.data, config["views"], kinds)
+    held_out = photos(config["validation"], args.data, config["views"], model_card(model))
     args.out.with_suffix(".md").write_text(card(args.model, args.out, hwvs, held_out, args.config.name))
 
 

@@ -6,10 +6,6 @@ use image::imageops::{self, FilterType};
 use super::error::ImageError;
 use crate::geometry::Size;
 
-/// 2⁻⁶⁴: what is nearer to 0 counts as 0. On denormal values (below 2⁻¹²⁶) the network takes ten times as long on some CPUs; the margin is for
-/// what weights make of them.
-const DARKEST: f32 = 1.0 / (1_u128 << 64) as f32;
-
 /// An sRGB picture: interleaved RGB, f32 in [0, 1], row-major, `data.len() == 3 * width * height`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImageRgb {
@@ -19,16 +15,13 @@ pub struct ImageRgb {
 }
 
 impl ImageRgb {
-    /// Wraps interleaved RGB values; those nearer to 0 than 2⁻⁶⁴ become 0.
+    /// Wraps interleaved RGB values.
     ///
     /// # Errors
     ///
     /// [`ImageError::Buffer`] unless `data` holds 3 · width · height values.
-    pub fn new(width: usize, height: usize, mut data: Vec<f32>) -> Result<Self, ImageError> {
+    pub fn new(width: usize, height: usize, data: Vec<f32>) -> Result<Self, ImageError> {
         check_buffer(data.len(), width, height, 3)?;
-        for value in &mut data {
-            *value = if value.abs() < DARKEST { 0.0 } else { *value };
-        }
         Ok(Self { data, width, height })
     }
 
@@ -92,16 +85,4 @@ impl ImageRgb {
 pub(super) fn check_buffer(len: usize, width: usize, height: usize, channels: usize) -> Result<(), ImageError> {
     let expected = width.checked_mul(height).and_then(|pixels| pixels.checked_mul(channels));
     if expected == Some(len) { Ok(()) } else { Err(ImageError::Buffer { len, width, height, channels }) }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn nothing_denormal_comes_of_a_photo() {
-        let values = [f32::from_bits(1), -f32::MIN_POSITIVE, DARKEST / 2.0, DARKEST, 0.5, 1.0];
-        let photo = ImageRgb::new(2, 1, values.to_vec()).unwrap();
-        assert_eq!(photo.data(), [0.0, 0.0, 0.0, DARKEST, 0.5, 1.0]);
-    }
 }

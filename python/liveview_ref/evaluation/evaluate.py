@@ -22,7 +22,7 @@ import onnx
 import torch
 from torch import Tensor
 
-from ..checkpoint import load_network, load_state
+from ..checkpoint import load_network, load_state, model_card
 from ..data.held_out import BORDER, INNER, Case, case_of, targets_of
 from ..data.scene import open_scene
 from ..reference.metrics import psnr, ssim
@@ -53,8 +53,7 @@ Scores = dict[str, dict[str, float]]  # method -> metric -> score
 def load_model(path: Path) -> tuple[Network, int, dict]:
     """The network in float32, its V, and what is known of its training."""
     if path.suffix == ".onnx":
-        metadata = {p.key: p.value for p in onnx.load(path).metadata_props}
-        about = {key: metadata[key] for key in metadata if key in TOLD}
+        about = {key: value for key, value in model_card(onnx.load(path)).items() if key in TOLD}
     else:
         state = load_state(path)
         about = {"steps": state.get("step"), "minutes": round(state.get("seconds", 0) / 60)}

@@ -19,7 +19,8 @@ from ..reference.renderer import warp_views
 from ..reference.view_selection import view_distances
 from .methods import maps_of
 
-LAYERS = {False: (Guided(4), Planes(16)), True: (Planes(16), Planes(32))}  # True: of the models that are for planes
+LAYERS = Guided(4), Planes(16)
+PLANES = Planes(16), Planes(32)  # of the models that are for planes
 
 
 @dataclass
@@ -31,15 +32,16 @@ class Photo:
     colour: Tensor
     coverage: Tensor
     maps: Tensor
+    scale: float | None  # of layers that compete
 
-    def score(self, logits: Tensor, competing: bool) -> float:
+    def score(self, logits: Tensor) -> float:
         """PSNR of the picture that these logits make."""
         alpha, rgb = blend(logits, self.colour, self.coverage, view_distances(self.case.cameras, self.case.target))
         covered = (self.coverage > 0).any(1)
-        if competing:
-            full = composite_competing(logits[:, 0], rgb, covered, self.maps).rgb
-        else:
+        if self.scale is None:
             full = composite(alpha, rgb, covered[-1], self.maps).rgb
+        else:
+            full = composite_competing(logits[:, 0], rgb, covered, self.maps, self.scale).rgb
         image = full[..., : self.case.target.height, : self.case.target.width]
         return psnr(image[INNER], self.case.truth[INNER])
 
@@ -53,20 +55,22 @@ class Loss(NamedTuple):
     psnr: dict[str, float]
 
 
-def photos(specs: list[dict], data: Path, views: int, kinds: tuple[LayerSpec, ...]) -> list[Photo]:
+def photos(specs: list[dict], data: Path, views: int, card: dict[str, str]) -> list[Photo]:
+    """Held-out photos, their layers and composite as the model's card has them."""
+    scale = float(card["alpha_scale"]) if card.get("alpha") == "competing" else None
     found = []
     for case in cases(specs, data, views):
-        for layers in kinds:
+        for layers in PLANES if "layer_kinds" in card else LAYERS:
             maps = maps_of(case, layers)
-            found.append(Photo(layers, case, *warp_views(case.sources, case.cameras, case.target, maps), maps))
+            found.append(Photo(layers, case, *warp_views(case.sources, case.cameras, case.target, maps), maps, scale))
     return found
 
 
-def loss(model: Path, held_out: list[Photo], competing: bool, exact: Loss | None = None) -> Loss:
+def loss(model: Path, held_out: list[Photo], exact: Loss | None = None) -> Loss:
     """Of the model beside `exact`; without it, PSNR itself."""
     network = session(model)
     found = [torch.from_numpy(logits(network, photo.colour.flatten(1, 2).numpy(), 1)) for photo in held_out]
-    scores = [(photo.layers, photo.score(logits, competing)) for photo, logits in zip(held_out, found, strict=True)]
+    scores = [(photo.layers, photo.score(logits)) for photo, logits in zip(held_out, found, strict=True)]
     kinds = dict.fromkeys(photo.layers for photo in held_out)
     mean = {str(layers): float(np.mean([score for of, score in scores if of == layers])) for layers in kinds}
     if exact is None:

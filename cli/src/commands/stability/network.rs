@@ -9,6 +9,7 @@ use anyhow::Result;
 use liveview::geometry::MAX_SIDE;
 use liveview::image::ImageRgb;
 use liveview::network::{OrtNetwork, PlaneNetwork};
+use liveview::warp::Texture;
 use ndarray::{Array4, Axis};
 
 use super::case::{Case, Outputs, Question, Seeded, Truth};
@@ -86,7 +87,7 @@ pub(super) fn families<'a>(network: &'a RefCell<OrtNetwork>) -> Vec<Vec<Case<'a>
     let views = network.borrow().views();
     let shape = |(height, width): (usize, usize)| (1, 3 * views, height, width);
     let all = |value: f32| Array4::from_elem(shape(SIZE), value);
-    let in_photo = |value: f32| ImageRgb::new(1, 1, vec![value; 3]).expect("3 values").pixel(0, 0)[0];
+    let in_photo = |value: f32| Texture::new(&ImageRgb::new(1, 1, vec![value; 3]).expect("3 values")).pixel(0, 0)[0];
     let saturated = Array4::from_shape_fn(shape(SIZE), |(_, c, y, x)| f32::from(u8::from((c / 3 + y + x) % 2 == 0)));
     let mut one_view = noise(shape(SIZE));
     one_view.slice_axis_mut(Axis(1), (3..).into()).fill(0.0);
