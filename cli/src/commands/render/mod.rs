@@ -62,7 +62,7 @@ pub(crate) struct RenderArgs {
     /// what one run would, into one folder or several, and `liveview join` puts it together. auto: I and N from Slurm's job array, or
     /// from JOB_COMPLETION_INDEX (Kubernetes, from 0) and LIVEVIEW_SHARDS
     #[arg(long, value_name = "I/N", value_parser = Shard::parse, requires = "output", conflicts_with = "explain")]
-    #[arg(help_heading = "What to render (one of these)")]
+    #[arg(help_heading = "A share of the work")]
     shard: Option<Shard>,
     #[command(flatten)]
     explain: ExplainArgs,

@@ -44,6 +44,9 @@ Examples:
 const LAYERS: &str = "surface:1,surface:2,guided:1,guided:2,guided:3,guided:4,guided:6,guided:8,guided:12,kmeans:8,kmeans:16,select:8,select:16,\
                       select:32,planes:8,planes:16,planes:32,planes:64";
 
+/// Layers along the surface that are measured without a network: what one network layer is to be compared with, and the default without.
+const WITHOUT_NETWORK: [usize; 2] = [1, 3];
+
 /// Engines of `python -m liveview_ref.competitors.worker`.
 const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
 
@@ -60,7 +63,7 @@ pub(crate) struct SweepArgs {
     #[arg(long, value_name = "NAME,…", required = true)]
     target: Vec<String>,
     /// What to measure, separated by commas: surface:L, guided:L, planes:D, kmeans:K or select:K/D. With any surface layers, surface:1
-    /// without a network is measured too
+    /// and surface:3 without a network are measured too
     #[arg(long, value_name = "LIST", default_value = LAYERS, value_delimiter = ',')]
     layers: Vec<LayerSpec>,
     /// Widths of the picture, separated by commas: time against size; scored where it has the photo's [default: the photo's]
@@ -198,7 +201,8 @@ fn configurations(args: &SweepArgs) -> Vec<(LayerSpec, RowEngine)> {
         .flat_map(|&engine| few.clone().map(move |layers| (layers.clone(), RowEngine::Other(engine))));
     let own = args.layers.iter().map(|layers| (layers.clone(), RowEngine::Own));
     let with_surface = args.layers.iter().any(|layers| along_surface(&layers));
-    let free = (with_surface && !args.model.without_network()).then_some((LayerSpec::Surface(1), RowEngine::NoNetwork));
+    let counts: &[usize] = if with_surface && !args.model.without_network() { &WITHOUT_NETWORK } else { &[] };
+    let free = counts.iter().map(|&count| (LayerSpec::Surface(count), RowEngine::NoNetwork));
     own.chain(free).chain(others).collect()
 }
 
