@@ -46,7 +46,7 @@ pub(crate) struct LayerArgs {
 pub(crate) enum Quality {
     /// 1 guided layer: the fastest for a single picture
     Draft,
-    /// 2 guided layers: a single picture in about a sixth of the time of `full`
+    /// 2 guided layers: a single picture in about a fifth of the time of `full`
     Balanced,
     /// 1 layer along the surface that the photos' own depth gives: the best of these; once that depth is known about as fast as `draft`
     Full,
