@@ -5,6 +5,10 @@ use liveview::LayerSpec;
 use liveview::network::{NetworkError, NoNetwork, OrtNetwork, PlaneNetwork, RunEnd};
 use ndarray::{ArrayView4, ArrayViewMut4};
 
+/// The layers without a network: three along the surface, which soften its edges; how well views agree tells little between
+/// layers that lie far apart.
+pub(crate) const LAYERS_WITHOUT_NETWORK: LayerSpec = LayerSpec::Surface(3);
+
 /// A model, or none.
 #[derive(Debug)]
 pub(crate) enum Network {
@@ -13,14 +17,13 @@ pub(crate) enum Network {
 }
 
 impl Network {
-    /// The layers that the model recommends; without one three along the surface, which soften its edges: how well views
-    /// agree tells little between layers that lie far apart.
+    /// The layers that the model recommends; [`LAYERS_WITHOUT_NETWORK`] without one.
     pub(crate) fn recommended_layers(&self) -> Result<LayerSpec> {
         match self {
             Self::Model(network) => {
                 network.recommended_layers().map_err(|error| anyhow::anyhow!("{error}; --layers decides instead"))
             }
-            Self::None(_) => Ok(LayerSpec::Surface(3)),
+            Self::None(_) => Ok(LAYERS_WITHOUT_NETWORK),
         }
     }
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import onnx
 import pytest
 
-from liveview_ref.checkpoint import load_network
+from liveview_ref.checkpoint import load_network, model_card
 from liveview_ref.export import check
 from tools import cards
 
@@ -14,7 +14,7 @@ MODELS = Path(__file__).parents[2] / "models"
 
 @pytest.mark.parametrize("path", sorted(MODELS.glob("*.onnx")), ids=lambda path: path.stem)
 def test_metadata_of_shipped_models(path):
-    card = {p.key: p.value for p in onnx.load(path).metadata_props}
+    card = model_card(onnx.load(path))
     assert path.stem.startswith(f"liveview_v{card['views']}")
     for_planes, competing = "_planes" in path.stem, "_planes" in path.stem and "_planes_paper" not in path.stem
     assert card["recommended_layers"].startswith("planes:") == for_planes

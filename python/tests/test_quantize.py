@@ -6,6 +6,7 @@ import numpy as np
 import onnx
 import pytest
 
+from liveview_ref.checkpoint import model_card
 from liveview_ref.onnx_session import logits, session
 from liveview_ref.quantize import KEPT, calibration_hwvs, convolutions, quantise
 from liveview_ref.training.train import read_config
@@ -33,9 +34,9 @@ def test_quantised_model_keeps_its_interface_and_stays_near(tmp_path, hwvs):
     found = onnx.load(made)
     for a, b in [(found.graph.input[0], model.graph.input[0]), (found.graph.output[0], model.graph.output[0])]:
         assert (a.name, a.type) == (b.name, b.type)
-    card = {p.key: p.value for p in found.metadata_props}
+    card = model_card(found)
     assert card.pop("precision") == "int8" and card.pop("quantised").startswith("8 of 9 layers")
-    assert card == {p.key: p.value for p in model.metadata_props}
+    assert card == model_card(model)
     assert sum(node.op_type == "QuantizeLinear" for node in found.graph.node) > 8
     assert off(made, original, hwvs) < 0.03  # on what it was calibrated on; four examples are too few for others
 

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from liveview_ref import export
-from liveview_ref.checkpoint import load_state
+from liveview_ref.checkpoint import load_state, model_card
 from liveview_ref.data.procedural.scene import random_scene
 from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.shards import Photos, eight_bit
@@ -170,7 +170,7 @@ def test_a_training_begins_goes_on_and_is_exported(tmp_path, monkeypatch, name):
     arguments = ["--licence", "none", "--recommended-layers", "planes:64", "--layer-kinds", "planes", "list"]
     monkeypatch.setattr(sys, "argv", ["", str(tmp_path / "checkpoint.pt"), str(model), *arguments])
     export.main()
-    card = {p.key: p.value for p in onnx.load(model).metadata_props}
+    card = model_card(onnx.load(model))
     alpha = (card.get("alpha"), card.get("alpha_scale"))
     assert alpha == (("competing", "1") if name == "v4_planes" else (None, None))
     assert card["layer_kinds"] == "planes, list"

@@ -29,6 +29,7 @@ use crate::args::output::{refuse_stdout, write_whole};
 use crate::args::scene::SceneArgs;
 use crate::args::targets::named;
 use crate::console::{Output, print_message, print_notes, progress, shown};
+use crate::network::LAYERS_WITHOUT_NETWORK;
 use crate::npz::Arrays;
 use crate::outputs::Claims;
 use crate::worker_process::{WorkerProcess, text_of, words};
@@ -44,8 +45,8 @@ Examples:
 const LAYERS: &str = "surface:1,surface:2,guided:1,guided:2,guided:3,guided:4,guided:6,guided:8,guided:12,kmeans:8,kmeans:16,select:8,select:16,\
                       select:32,planes:8,planes:16,planes:32,planes:64";
 
-/// Layers along the surface that are measured without a network: what one network layer is to be compared with, and the default without.
-const WITHOUT_NETWORK: [usize; 2] = [1, 3];
+/// What is measured without a network: what a network's one layer is to be compared with, and the default there.
+const WITHOUT_NETWORK: [LayerSpec; 2] = [LayerSpec::Surface(1), LAYERS_WITHOUT_NETWORK];
 
 /// Engines of `python -m liveview_ref.competitors.worker`.
 const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
@@ -201,8 +202,8 @@ fn configurations(args: &SweepArgs) -> Vec<(LayerSpec, RowEngine)> {
         .flat_map(|&engine| few.clone().map(move |layers| (layers.clone(), RowEngine::Other(engine))));
     let own = args.layers.iter().map(|layers| (layers.clone(), RowEngine::Own));
     let with_surface = args.layers.iter().any(|layers| along_surface(&layers));
-    let counts: &[usize] = if with_surface && !args.model.without_network() { &WITHOUT_NETWORK } else { &[] };
-    let free = counts.iter().map(|&count| (LayerSpec::Surface(count), RowEngine::NoNetwork));
+    let free = (with_surface && !args.model.without_network()).then_some(WITHOUT_NETWORK);
+    let free = free.into_iter().flatten().map(|layers| (layers, RowEngine::NoNetwork));
     own.chain(free).chain(others).collect()
 }
 
