@@ -23,9 +23,9 @@ fn start(rig: &Rig, command: &str, model: &str, path: &str, arguments: &[&str]) 
     started.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
-/// Sends a signal once `is_ready`, and waits for the end.
-fn signalled(child: Child, signal: &str, is_ready: impl Fn() -> bool) -> Output {
-    while !is_ready() {
+/// Sends a signal once `is_ready`, and waits for the end; it must not end before.
+fn signalled(mut child: Child, signal: &str, is_ready: impl Fn() -> bool) -> Output {
+    while !is_ready() && child.try_wait().unwrap().is_none() {
         std::thread::sleep(Duration::from_millis(20));
     }
     Command::new("/bin/kill").args([signal, &child.id().to_string()]).assert().success();
@@ -38,7 +38,7 @@ fn ticks(process: u32) -> u64 {
     stat.rsplit_once(") ").unwrap().1.split(' ').nth(11).unwrap().parse().unwrap()
 }
 
-/// Whether ffmpeg has been given a frame or more.
+/// Whether ffmpeg has written a frame or more: before there is one, an interrupt leaves nothing to finish.
 fn is_begun(rig: &Rig) -> bool {
     let written = rig.folders.written();
     written.iter().any(|name| fs::metadata(rig.folders.out(name)).is_ok_and(|file| file.len() >= FRAME))
@@ -89,7 +89,8 @@ fn a_camera_that_stalls_for_ever_keeps_nothing_going() {
 fn what_hangs_ends_after_one_interrupt() {
     let rig = Rig::new(30);
     let (film, frames) = (rig.folders.out("a.mp4"), rig.folders.out("frames"));
-    let hanging = ffmpeg(&rig.folders, "[ \"$last\" = - ] || exec /bin/sleep 600");
+    let script = format!("[ \"$last\" = - ] || {{ /usr/bin/head -c {FRAME} > \"$last\"; exec /bin/sleep 600; }}");
+    let hanging = ffmpeg(&rig.folders, &script);
     let started = Instant::now();
     let video = ["--camera", "cam2", "-o"];
     let encoder = start(&rig, "video", "tiny_v4", &hanging, &[&video[..], &[&film]].concat());
@@ -97,7 +98,7 @@ fn what_hangs_ends_after_one_interrupt() {
     // All that it does before takes far less.
     let process = model.id();
     let model = std::thread::spawn(move || signalled(model, "-TERM", || ticks(process) > 300));
-    let encoder = signalled(encoder, "-INT", || !rig.folders.written().is_empty());
+    let encoder = signalled(encoder, "-INT", || is_begun(&rig));
     let model = model.join().unwrap();
     assert!(started.elapsed() < Duration::from_secs(120));
     assert_eq!(
