@@ -71,7 +71,7 @@ fn blend_and_composite(bencher: Bencher) {
     let weights = DistanceWeights::new(&[0.1, 0.1, 0.2, 0.2, 0.3]);
     let logits: Vec<f32> = (0..VIEWS * PIXELS).map(|at| 4.0 * (at as f32 * 0.37).sin()).collect();
     let (colour, coverage) = (vec![0.5; 3 * VIEWS * PIXELS], vec![1.0; VIEWS * PIXELS]);
-    let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
+    let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage, logit_shift: 0.0 };
     let (disparity, mut rows) = (vec![0.2; SIZE.width], vec![Accumulated::new(SIZE.width); SIZE.height]);
     let bytes = BytesCount::of_many::<f32>(5 * VIEWS * PIXELS);
     bencher.counter(ItemsCount::new(VIEWS * PIXELS)).counter(bytes).bench_local(|| {

@@ -47,8 +47,14 @@ CASES = {  # name: (V, rig, planes or guided layers)
     "competing_v4": (4, "random", uniform_disparities(NEAR, FAR, 12)),
     "competing_unseen": (4, "unseen", uniform_disparities(0.6, float("inf"), 5)),
     "competing_guided": (4, "random", 3),
+    "spaced_v4": (4, "random", uniform_disparities(NEAR, FAR, 12)),
+    "spaced_uneven": (4, "random", torch.tensor([0.9, 0.9, 0.89, 0.5, 0.0], dtype=torch.float64)),
+    "spaced_one": (4, "random", torch.tensor([0.4], dtype=torch.float64)),
+    "spaced_unseen": (4, "unseen", uniform_disparities(0.6, float("inf"), 5)),
 }
 ALPHA_SCALES = {"competing_v4": 2.0, "competing_unseen": 1.0, "competing_guided": 60.0}  # where layers compete
+# Where opacity is per pixel of parallax:
+ALPHA_SPACINGS = {"spaced_v4": 2.0, "spaced_uneven": 3.0, "spaced_one": 3.0, "spaced_unseen": 3.0}
 
 
 def fill(data: Arrays, layers, net: UNet, model: Path) -> None:
@@ -63,7 +69,9 @@ def fill(data: Arrays, layers, net: UNet, model: Path) -> None:
     for stage in stages.STAGES:
         found = stage(data, torch.float64)
         oracle |= found
-        if stage not in (stages.homography, stages.composited):
+        if stage is stages.spacing:
+            data |= found
+        elif stage not in (stages.homography, stages.composited):
             data |= {name: value.astype(np.float32) for name, value in found.items()}
         if stage is stages.warp:
             oracle |= stages.agreement(data, torch.float64)
@@ -96,7 +104,7 @@ def fill(data: Arrays, layers, net: UNet, model: Path) -> None:
 
 def end_to_end(data: Arrays, net: UNet, dtype: torch.dtype) -> np.ndarray:
     """The frame [3, H, W] from photos and layers alone, every stage in `dtype`."""
-    given = ("disparities", "cell_maps", "alpha_scale")
+    given = ("disparities", "cell_maps", "alpha_scale", "alpha_spacing", "logit_shift")
     run = {name: value for name, value in data.items() if "." in name or name in given}
     for stage in (stages.maps, stages.warp, stages.blended, stages.composited):
         if stage is stages.blended:
@@ -132,6 +140,8 @@ def main() -> None:
         data = rig(np.random.default_rng([2021, index]), views, kind)
         if name in ALPHA_SCALES:
             data["alpha_scale"] = np.array([ALPHA_SCALES[name]])
+        if name in ALPHA_SPACINGS:
+            data["alpha_spacing"] = np.array([ALPHA_SPACINGS[name]])
         fill(data, layers, *nets[views])
         np.savez(folder / f"{name}.npz", **data)
     mvs_goldens.write(folder)

@@ -143,6 +143,39 @@ fn competing_layers_are_the_same_to_the_bit_over_threads_and_batches_and_none_is
     }
 }
 
+/// Every plane is as opaque as every other.
+struct Even;
+
+impl PlaneNetwork for Even {
+    fn views(&self) -> usize {
+        4
+    }
+
+    fn infer(&mut self, _: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+        logits.fill(-3.0);
+        Ok(())
+    }
+}
+
+#[test]
+fn opacity_per_pixel_of_parallax_does_not_depend_on_how_densely_planes_lie() {
+    let rig = Rig::open(136);
+    let mean = |alpha: Alpha, layers: LayersOf| {
+        let mut renderer = Renderer::new(Even, 4);
+        renderer.set_alpha(alpha);
+        rig.render(&mut renderer, 2, layers).disparity.mean().unwrap()
+    };
+    let planes: [LayersOf; 2] =
+        [|_| Layers::uniform(1.0, 8.0, 40).unwrap(), |_| Layers::uniform(1.0, 8.0, 320).unwrap()];
+    let apart = |alpha: Alpha| {
+        let [sparse, dense] = planes.map(|layers| mean(alpha, layers));
+        (dense / sparse - 1.0).abs()
+    };
+    assert!(apart(Alpha::Independent) > 0.1, "{}", apart(Alpha::Independent));
+    let per_pixel = apart(Alpha::PerPixel { most: 3.0 });
+    assert!(per_pixel < 0.01, "{per_pixel}");
+}
+
 #[test]
 fn the_last_planes_left_out_change_a_pixel_by_no_more_than_what_it_had_left() {
     let planes = |_: &RangeMap| Layers::uniform(1.0, f64::INFINITY, 16).unwrap();

@@ -16,12 +16,12 @@ use liveview::layers::guided::{
 };
 use liveview::layers::{CELL, Layer, Layers, cover_planes, kmeans_planes, padded, plane_histogram, select_planes};
 use liveview::network::{Alpha, ExecutionProvider, NoNetwork, OrtNetwork, PlaneNetwork};
-use liveview::render::{Accumulated, Blended, Competing, DistanceWeights, LayerSamples, Renderer};
+use liveview::render::{Accumulated, Batch, Blended, Competing, DistanceWeights, LayerSamples, Renderer};
 use liveview::warp::{SourceView, Texture, warp_layers, warp_sources};
-use ndarray::{Array, Array2, Array3, ArrayD, Axis, Dimension, IxDyn, OwnedRepr, s};
+use ndarray::{Array, Array1, Array2, Array3, ArrayD, Axis, Dimension, IxDyn, OwnedRepr, s};
 use ndarray_npy::{NpzReader, ReadNpyError, ReadNpzError, ReadableElement};
 
-const CASES: [&str; 15] = [
+const CASES: [&str; 19] = [
     "random_v4",
     "random_v5",
     "random_v10",
@@ -37,6 +37,10 @@ const CASES: [&str; 15] = [
     "competing_v4",
     "competing_unseen",
     "competing_guided",
+    "spaced_v4",
+    "spaced_uneven",
+    "spaced_one",
+    "spaced_unseen",
 ];
 
 /// Depth range of the generated cases.
@@ -122,8 +126,9 @@ impl Case {
     }
 
     fn alpha(&self) -> Alpha {
-        let scale = self.find::<f64>("alpha_scale");
-        scale.map_or(Alpha::Independent, |scale| Alpha::Competing { scale: scale[[0]] })
+        let number = |name: &str| self.find::<f64>(name).map(|values| values[[0]]);
+        let spaced = || number("alpha_spacing").map(|most| Alpha::PerPixel { most });
+        number("alpha_scale").map(|scale| Alpha::Competing { scale }).or_else(spaced).unwrap_or_default()
     }
 
     fn network(&self) -> OrtNetwork {
@@ -289,12 +294,14 @@ fn blend() {
         let (n, _, height, width) = logits.dim();
         let distances: Vec<f64> = case.cameras.iter().map(|c| distance(c, &case.target)).collect();
         let weights = DistanceWeights::new(&distances);
+        let shifts = case.find::<f64>("logit_shift");
         let mut alpha = Array3::<f32>::zeros((n, height, width));
         let mut rgb = Array::<f32, _>::zeros((n, 3, height, width));
         for k in 0..n {
             let [logits, colour, coverage] = [&logits, &colour, &coverage].map(|all| layer_slice(all, k));
             let mut blended = Blended::new(height * width);
-            weights.blend(&LayerSamples { logits, colour, coverage }, 0, &mut blended);
+            let logit_shift = shifts.as_ref().map_or(0.0, |shifts| shifts[[k]]);
+            weights.blend(&LayerSamples { logits, colour, coverage, logit_shift }, 0, &mut blended);
             let plane = |values: Vec<f32>| Array::from_shape_vec((height, width), values).unwrap();
             alpha.index_axis_mut(Axis(0), k).assign(&plane(blended.alpha));
             for (c, values) in blended.rgb.into_iter().enumerate() {
@@ -414,7 +421,13 @@ fn end_to_end() {
             .map(|batch| {
                 let mut renderer = Renderer::new(case.network(), batch);
                 renderer.set_alpha(case.alpha());
-                renderer.render(&views, &case.target, &case.layers()).unwrap()
+                let mut shifts = Vec::<f64>::new();
+                let gather = |batch: &Batch<'_>| shifts.extend(batch.logit_shifts);
+                let frame = renderer.render_observed(&views, &case.target, &case.layers(), gather).unwrap();
+                if case.find::<f64>("logit_shift").is_some() {
+                    case.check("logit_shift", &Array1::from_vec(shifts));
+                }
+                frame
             })
             .into();
         let picture = &frames[0].picture;

@@ -37,7 +37,7 @@ impl Job {
         layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
         let given = layers.given();
         let mut job = Self::of(photos, models.open(model, given.as_ref())?, given.as_ref())?;
-        if layers.opaque > 0.0 && job.alpha() != Alpha::Independent {
+        if layers.opaque > 0.0 && !job.alpha().is_independent() {
             bail!("--opaque: competing layers do not hide one another; expected --alpha independent with it");
         }
         if let (Some(folder), false) = (&layers.cache, matches!(job.layers(), LayerSpec::Surface(_))) {

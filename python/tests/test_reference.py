@@ -16,11 +16,12 @@ from liveview_ref.parity.rigs import rig
 from liveview_ref.reference.blend import blend
 from liveview_ref.reference.composite import composite
 from liveview_ref.reference.cover import cover_planes
-from liveview_ref.reference.guided import guided_search, search_planes
+from liveview_ref.reference.guided import guided_search, parallax, search_planes
 from liveview_ref.reference.histogram import plane_histogram, select_planes
 from liveview_ref.reference.layers import plane_maps, uniform_disparities
 from liveview_ref.reference.metrics import ssim
 from liveview_ref.reference.renderer import render
+from liveview_ref.reference.spacing import LEAST, spacing
 from liveview_ref.reference.unet import UNet, adapt_views, fold_batchnorm, start_from_agreement
 from liveview_ref.reference.view_selection import choose_views
 from liveview_ref.reference.warp import warp_maps
@@ -31,6 +32,18 @@ def rig_of(kind: str, views: int = 4):
     data = rig(np.random.default_rng(7), views, kind)
     cameras, target = cameras_of(data)
     return images_of(data, torch.float64), cameras, target
+
+
+@pytest.mark.parametrize("kind", ["random", "rectified", "coincident", "unseen"])
+def test_the_spacing_of_planes_is_the_parallax_from_each_to_the_next(kind):
+    _, cameras, target = rig_of(kind)
+    planes = torch.tensor([2.5, 1.1, 1.0, 0.99, 0.99, 0.3, 0.0], dtype=torch.float64)
+    found = spacing(cameras, target, planes, 5.0)
+    pairs = zip((1 / planes).tolist(), (1 / planes[1:]).tolist(), strict=False)
+    expected = [min(max(parallax(cameras, target, *pair), LEAST), 5.0) for pair in pairs]
+    torch.testing.assert_close(found, torch.tensor([*expected, expected[-1]], dtype=torch.float64))
+    assert expected[3] == LEAST and max(expected) == 5.0
+    assert spacing(cameras, target, planes[:1], 5.0).tolist() == [5.0]
 
 
 @pytest.mark.parametrize("kind", ["random", "rectified", "coincident", "unseen"])

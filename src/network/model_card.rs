@@ -20,6 +20,8 @@ pub struct ModelCard {
     pub alpha: AlphaKind,
     /// The scale of competing layers; `None`: it was not trained for these.
     pub alpha_scale: Option<f64>,
+    /// The most pixels of parallax that count between independent planes; `None`: it was not trained for [`Alpha::PerPixel`].
+    pub alpha_spacing: Option<f64>,
     /// Precision of the weights and of the arithmetic on them: `f32`, or `int8` for a quantised model.
     pub precision: String,
     /// How it was trained, in a line.
@@ -32,7 +34,7 @@ impl ModelCard {
     /// How to composite its layers: as it was trained unless `asked` otherwise.
     pub fn alpha(&self, asked: Option<AlphaKind>) -> Alpha {
         match asked.unwrap_or(self.alpha) {
-            AlphaKind::Independent => Alpha::Independent,
+            AlphaKind::Independent => self.alpha_spacing.map_or(Alpha::Independent, |most| Alpha::PerPixel { most }),
             AlphaKind::Competing => Alpha::Competing { scale: self.alpha_scale.unwrap_or(Alpha::UNTRAINED_SCALE) },
         }
     }
@@ -58,14 +60,12 @@ pub(crate) fn read_card(path: &Path, entry: impl Fn(&str) -> Option<String>) -> 
     let alpha = entry("alpha").map_or(Ok(AlphaKind::Independent), |found| {
         found.parse().map_err(|expected| wrong("alpha", Some(found), expected))
     })?;
-    let scale = |text: &String| text.parse().ok().filter(|scale: &f64| scale.is_finite() && *scale > 0.0);
-    let alpha_scale = match entry("alpha_scale") {
-        Some(found) => {
-            Some(scale(&found).ok_or_else(|| wrong("alpha_scale", Some(found), "a positive, finite number"))?)
-        }
-        None if alpha == AlphaKind::Competing => Some(1.0),
-        None => None,
+    let positive = |key: &str| {
+        let number = |text: &String| text.parse().ok().filter(|number: &f64| number.is_finite() && *number > 0.0);
+        let read = |found| number(&found).ok_or_else(|| wrong(key, Some(found), "a positive, finite number"));
+        entry(key).map(read).transpose()
     };
+    let alpha_scale = positive("alpha_scale")?.or((alpha == AlphaKind::Competing).then_some(1.0));
     let kinds = entry("layer_kinds").unwrap_or_default();
     Ok(ModelCard {
         views: count.ok_or_else(|| wrong("views", Some(views), "a whole number, 2 to 64"))?,
@@ -73,6 +73,7 @@ pub(crate) fn read_card(path: &Path, entry: impl Fn(&str) -> Option<String>) -> 
         layer_kinds: kinds.split(',').map(|kind| kind.trim().to_owned()).filter(|kind| !kind.is_empty()).collect(),
         alpha,
         alpha_scale,
+        alpha_spacing: positive("alpha_spacing")?,
         precision: entry("precision").unwrap_or_else(|| "f32".into()),
         training: text("training")?,
         licence: text("licence")?,
@@ -104,9 +105,15 @@ mod tests {
             assert_eq!([card.alpha(None), card.alpha(Some(AlphaKind::Competing))], expected, "{entries:?}");
             assert_eq!(card.alpha(Some(AlphaKind::Independent)), Alpha::Independent);
         }
+        let spaced = read(&[("alpha_spacing", "3.0")]).unwrap();
+        assert_eq!(
+            [spaced.alpha(None), spaced.alpha(Some(AlphaKind::Competing))],
+            [Alpha::PerPixel { most: 3.0 }, competing(2.0)]
+        );
         for (entry, expected) in [
             (("alpha", "Competing"), "metadata `alpha` is Competing, expected \"independent\" or \"competing\""),
             (("alpha_scale", "0"), "metadata `alpha_scale` is 0, expected a positive, finite number"),
+            (("alpha_spacing", "-1"), "metadata `alpha_spacing` is -1, expected a positive, finite number"),
             (("alpha_scale", "inf"), "metadata `alpha_scale` is inf, expected a positive, finite number"),
         ] {
             let message = read(&[entry]).unwrap_err();

@@ -1,9 +1,10 @@
 //! Network output → α and colour of a layer (paper: "Rendering the MPI").
 //!
-//! α = sigmoid(logit 0). The view weights are softmax(0, logit 1 … logit V−1), the implicit zero being the nearest view's,
-//! times d_min/d_i (the paper's normalisation by distance, made free of units; to a power of 1.5 where views count only
-//! where they see); the colour is normalised by coverage, so that a view that does not see a pixel does not darken it. All in
-//! the log domain over the views that cover the pixel: neither extreme logits nor extreme distances ever give 0/0.
+//! α = sigmoid(logit 0), logit 0 shifted where opacity is per pixel of parallax (`spacing.rs`). The view weights are softmax(0, logit 1 …
+//! logit V−1), the implicit zero being the nearest view's, times d_min/d_i (the paper's normalisation by distance, made free of units; to
+//! a power of 1.5 where views count only where they see); the colour is normalised by coverage, so that a view that does not see a pixel
+//! does not darken it. All in the log domain over the views that cover the pixel: neither extreme logits nor extreme distances ever give
+//! 0/0.
 
 use std::ops::Range;
 
@@ -49,6 +50,8 @@ pub struct LayerSamples<'a> {
     pub colour: &'a [f32],
     /// Coverage of each sample, `[V, pixels]`, in [0, 1].
     pub coverage: &'a [f32],
+    /// Added to logit 0: the logarithm of the layer's spacing where [`crate::network::Alpha::PerPixel`] asks for it, else 0.
+    pub logit_shift: f64,
 }
 
 /// A run of a layer's pixels: α and colour.
@@ -151,7 +154,8 @@ impl DistanceWeights {
         let (opacity, mut alpha) = (lanes(&samples.logits[span(0)], spare), [0.0; LANES]);
         for i in 0..LANES {
             let covered = best[i] > f32::NEG_INFINITY;
-            alpha[i] = if covered { (1.0 / (1.0 + exp_f64(-f64::from(opacity[i])))) as f32 } else { 0.0 };
+            let logit = f64::from(opacity[i]) + samples.logit_shift;
+            alpha[i] = if covered { (1.0 / (1.0 + exp_f64(-logit))) as f32 } else { 0.0 };
             total[i] = if covered { 1.0 / total[i] } else { 0.0 };
         }
         out.alpha[run.clone()].copy_from_slice(&alpha[..run.len()]);
@@ -241,7 +245,8 @@ mod tests {
     fn blend(distances: &[f64], logits: &[f32], coverage: &[f32]) -> (f32, [f32; 3], bool) {
         let grey: Vec<f32> = coverage.iter().enumerate().flat_map(|(v, c)| [c * (v + 1) as f32 / 10.0; 3]).collect();
         let mut out = Blended::new(1);
-        DistanceWeights::new(distances).blend(&LayerSamples { logits, colour: &grey, coverage }, 0, &mut out);
+        let samples = LayerSamples { logits, colour: &grey, coverage, logit_shift: 0.0 };
+        DistanceWeights::new(distances).blend(&samples, 0, &mut out);
         (out.alpha[0], std::array::from_fn(|c| out.rgb[c][0]), out.covered[0])
     }
 

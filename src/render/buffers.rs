@@ -22,6 +22,8 @@ pub struct Batch<'a> {
     pub coverage: ArrayView4<'a, f32>,
     /// The network's output `[n, V, h, w]`.
     pub logits: ArrayView4<'a, f32>,
+    /// Added to logit 0 of each layer, `[n]` ([`super::LayerSamples::logit_shift`]).
+    pub logit_shifts: &'a [f64],
     /// Factors of the view weights.
     pub weights: &'a DistanceWeights,
 }
@@ -161,9 +163,14 @@ impl Buffers {
         Ok([logits.len(), strays.sum()])
     }
 
-    /// The first `n` layers, and their run coverage `[n, V, run_coverage_len]`.
-    pub(crate) fn batch<'a>(&'a self, n: usize, weights: &'a DistanceWeights) -> (Batch<'a>, &'a [RunCoverage]) {
+    /// The first layers, as many as there are shifts, and their run coverage `[n, V, run_coverage_len]`.
+    pub(crate) fn batch<'a>(
+        &'a self,
+        logit_shifts: &'a [f64],
+        weights: &'a DistanceWeights,
+    ) -> (Batch<'a>, &'a [RunCoverage]) {
         let [pixels, _, runs] = self.lengths();
+        let n = logit_shifts.len();
         let (views, Size { width, height }) = (self.views, self.size);
         let planes = |channels: usize, values: &'a [f32]| {
             let shape = (n, channels, height, width);
@@ -175,6 +182,7 @@ impl Buffers {
             hwv: planes(3 * views, &self.hwv),
             coverage: planes(views, &self.coverage),
             logits: planes(views, &self.logits),
+            logit_shifts,
             weights,
         };
         (batch, &self.run_coverage[..n * runs])
@@ -229,6 +237,7 @@ mod tests {
                     logits: &buffers.logits[3 * layer * PIXELS..][..3 * PIXELS],
                     colour: &buffers.hwv[9 * layer * PIXELS..][..9 * PIXELS],
                     coverage: buffers.coverage(layer),
+                    logit_shift: 0.0,
                 };
                 for row in 0..SIZE.height {
                     let of_view = |view: usize| {
@@ -254,7 +263,7 @@ mod tests {
         let mut buffers = warped();
         let weights = DistanceWeights::new(&[1.0; 3]);
         let layer = |buffers: &Buffers, slot: usize| {
-            let (batch, run_coverage) = buffers.batch(3, &weights);
+            let (batch, run_coverage) = buffers.batch(&[0.0; 3], &weights);
             let runs = run_coverage.len() / 3;
             let planes = [batch.hwv, batch.coverage].map(|planes| planes.index_axis_move(Axis(0), slot).to_owned());
             (planes, batch.disparity.index_axis(Axis(0), slot).to_owned(), run_coverage[slot * runs..][..runs].to_vec())

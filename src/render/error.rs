@@ -15,6 +15,12 @@ pub enum RenderError {
         /// How many were given.
         found: usize,
     },
+    /// Opacity is per pixel of parallax to the next plane, and some layer is not a plane.
+    #[error("{network}: opacity is per pixel of parallax (metadata `alpha_spacing`), expected layers that are planes")]
+    NotPlanes {
+        /// The network's name.
+        network: String,
+    },
     /// The layers take more memory than can be had.
     #[error("what is rendered together {0}; expected a smaller target or fewer layers at once")]
     Memory(#[from] MemoryError),

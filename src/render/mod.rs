@@ -14,6 +14,7 @@ mod error;
 mod exp;
 mod frame;
 mod renderer;
+mod spacing;
 
 pub use blend::{Blended, DistanceWeights, LayerSamples};
 pub use buffers::Batch;

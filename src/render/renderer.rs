@@ -13,11 +13,12 @@ use super::composite_row::{CompositeRow, LayerRow};
 use super::culling::{Culled, Culling};
 use super::error::RenderError;
 use super::frame::{Frame, StageTimes};
+use super::spacing::spacing;
 use crate::geometry::{Camera, Size, distance};
 use crate::layers::{Layers, padded};
 use crate::mvs::{SharpenedPhotos, Visibility};
 use crate::network::{Alpha, NetworkError, PlaneNetwork};
-use crate::warp::{RunCoverage, SourceView, warp_sources};
+use crate::warp::{RunCoverage, SourceView, WarpSource, warp_sources};
 
 /// Layers that are warped, and then composited, together, however few the network takes at once: photos and sums then go through
 /// memory once for all of them. Measured alternatives: docs/experiments.md.
@@ -103,7 +104,8 @@ impl<N: PlaneNetwork> Renderer<N> {
     ///
     /// # Errors
     ///
-    /// [`RenderError::Views`] unless there are as many views as the network takes; [`RenderError::Network`] if it fails.
+    /// [`RenderError::Views`] unless there are as many views as the network takes; [`RenderError::NotPlanes`] where
+    /// [`Alpha::PerPixel`] needs planes; [`RenderError::Network`] if the network fails.
     pub fn render(&mut self, views: &[SourceView<'_>], target: &Camera, layers: &Layers) -> Result<Frame, RenderError> {
         self.render_observed(views, target, layers, |_| ())
     }
@@ -138,11 +140,22 @@ impl<N: PlaneNetwork> Renderer<N> {
         observe: impl FnMut(&Batch<'_>),
     ) -> Result<Frame, RenderError> {
         match self.alpha {
-            Alpha::Independent => self.render_rows(views, visibility, target, layers, observe, Accumulated::new),
+            Alpha::Independent | Alpha::PerPixel { .. } => {
+                self.render_rows(views, visibility, target, layers, observe, Accumulated::new)
+            }
             Alpha::Competing { scale } => {
                 self.render_rows(views, visibility, target, layers, observe, |pixels| Competing::new(pixels, scale))
             }
         }
+    }
+
+    /// What is added to logit 0 of each layer.
+    fn logit_shifts(&self, sources: &[WarpSource<'_>], size: Size, layers: &Layers) -> Result<Vec<f64>, RenderError> {
+        let Alpha::PerPixel { most } = self.alpha else { return Ok(vec![0.0; layers.len()]) };
+        let sweeps: Vec<_> = sources.iter().map(|source| source.sweep).collect();
+        let found = spacing(&sweeps, size, layers, most);
+        let found = found.ok_or_else(|| RenderError::NotPlanes { network: self.network.name() })?;
+        Ok(found.into_iter().map(f64::ln).collect())
     }
 
     /// Renders with the composite whose rows of so many pixels `new_row` makes.
@@ -163,6 +176,7 @@ impl<N: PlaneNetwork> Renderer<N> {
         let size = padded(target.size());
         self.buffers.make_room(self.together().min(layers.len()), count, size)?;
         let mut sources = warp_sources(views, target);
+        let shifts = self.logit_shifts(&sources, size, layers)?;
         if let Some(visibility) = visibility {
             visibility.balance(&mut sources, &mut self.sharpened);
         }
@@ -209,7 +223,8 @@ impl<N: PlaneNetwork> Renderer<N> {
             let counted = self.buffers.infer(&mut self.network, n, self.batch)?;
             (logits, strays) = (logits + counted[0], strays + counted[1]);
             let inferred = Instant::now();
-            let (shown, run_coverage) = self.buffers.batch(n, &weights);
+            let shifts: Vec<f64> = indices.iter().map(|&index| shifts[index]).collect();
+            let (shown, run_coverage) = self.buffers.batch(&shifts, &weights);
             composite_batch(&shown, run_coverage, &indices, layers.len(), &mut gathered);
             times.composite += inferred.elapsed();
             times.network += inferred - warped;
@@ -254,6 +269,7 @@ fn composite_batch(
                     logits: &logits[k * size..(k + 1) * size],
                     colour: &hwv[3 * k * size..3 * (k + 1) * size],
                     coverage: &coverage[k * size..(k + 1) * size],
+                    logit_shift: batch.logit_shifts[k],
                 };
                 for (row, gathered) in (first..).zip(&mut *gathered) {
                     let known = run_coverage[k * runs..(k + 1) * runs].chunks_exact(runs / views);

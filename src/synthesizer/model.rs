@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use super::error::SynthesisError;
 use crate::layers::LayerSpec;
 use crate::network::{
-    AlphaKind, ExecutionProvider, MAX_THREADS, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16, find_model,
+    Alpha, AlphaKind, ExecutionProvider, MAX_THREADS, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16, find_model,
     model_folders,
 };
 use crate::render::Renderer;
@@ -106,12 +106,13 @@ impl Model {
         };
         let library = OrtLibrary::load(options.provider, options.library.as_deref())?;
         let network = OrtNetwork::open_in(options.precision, &library, &path, options.threads_or_default())?;
-        if let (None, Some(layers)) = (&options.file, layers) {
-            network.check_layers(layers)?;
-        }
         let in_bf16 = options.precision == Precision::Bf16 && cpu_has_bf16();
         let precision = if in_bf16 { "bf16".to_owned() } else { network.card().precision.clone() };
         let alpha = network.card().alpha(options.alpha);
+        // A model that is named may serve any layers, as long as it can.
+        if let (true, Some(layers)) = (options.file.is_none() || matches!(alpha, Alpha::PerPixel { .. }), layers) {
+            network.check_layers(layers)?;
+        }
         let mut renderer = Renderer::new(network, options.batch);
         renderer.set_alpha(alpha);
         Ok(Self { renderer, library, precision })

@@ -50,7 +50,7 @@ pub(crate) enum Quality {
     Balanced,
     /// 1 layer along the surface that the photos' own depth gives: the best of these; once that depth is known about as fast as `draft`
     Full,
-    /// 16 planes selected from 64; the paper's own with --alpha independent
+    /// 16 planes selected from 64; with --alpha independent composited as in the paper
     Paper,
 }
 

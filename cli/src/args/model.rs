@@ -36,8 +36,9 @@ pub(crate) struct ModelArgs {
     /// liveview_v<V>_planes_paper.onnx, if there is one]
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// How the layers of a pixel share it. independent: each has its own opacity (the paper's); competing: a softmax over all of them,
-    /// so that faint false ones do not add up to fog [default: as the model was trained]
+    /// How the layers of a pixel share it. independent: each has its own opacity (the paper's; that of liveview_v<V>_planes_paper.onnx also
+    /// depends on how near the next plane lies); competing: a softmax over all of them, so that faint false ones do not add up to fog
+    /// [default: as the model was trained]
     #[arg(long, value_enum)]
     alpha: Option<AlphaName>,
     /// What computes the network: an execution provider of ONNX Runtime. cuda and tensorrt: see `ONNX Runtime` in the README

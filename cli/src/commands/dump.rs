@@ -45,6 +45,7 @@ struct Stages {
     colour: Vec<Array4<f32>>,
     coverage: Vec<Array4<f32>>,
     logits: Vec<Array4<f32>>,
+    logit_shift: Vec<f64>,
     alpha: Vec<Array3<f32>>,
     rgb: Vec<Array4<f32>>,
 }
@@ -59,7 +60,8 @@ impl Stages {
             let (logits, colour) = (flat(batch.logits, k), flat(batch.hwv, k));
             let coverage = flat(batch.coverage, k);
             debug_assert_eq!(coverage.len(), views * height * width);
-            let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
+            let logit_shift = batch.logit_shifts[k];
+            let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage, logit_shift };
             let mut blended = Blended::new(height * width);
             batch.weights.blend(&samples, 0, &mut blended);
             let plane = |values: Vec<f32>| Array::from_shape_vec((height, width), values).expect("one per pixel");
@@ -74,6 +76,7 @@ impl Stages {
         self.colour.push(batch.hwv.to_owned());
         self.coverage.push(batch.coverage.to_owned());
         self.logits.push(batch.logits.to_owned());
+        self.logit_shift.extend(batch.logit_shifts);
     }
 
     fn write(&self, arrays: &mut Arrays) -> Result<()> {
@@ -130,8 +133,13 @@ fn write(job: &mut Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
     job.synthesizer.renderer_mut().set_culling(Culling::NONE);
     let frame = job.synthesizer.render_plan(shot, &plan, |batch| stages.gather(batch))?;
     stages.write(arrays)?;
-    if let Alpha::Competing { scale } = job.alpha() {
-        arrays.add("alpha_scale", Array1::from_vec(vec![scale]))?;
+    match job.alpha() {
+        Alpha::Competing { scale } => arrays.add("alpha_scale", Array1::from_vec(vec![scale]))?,
+        Alpha::PerPixel { most } => {
+            arrays.add("alpha_spacing", Array1::from_vec(vec![most]))?;
+            arrays.add("logit_shift", Array1::from_vec(stages.logit_shift))?;
+        }
+        _ => (),
     }
     write_frame(frame, arrays)
 }

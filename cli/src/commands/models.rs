@@ -67,14 +67,21 @@ fn files(folders: &[PathBuf]) -> Vec<PathBuf> {
 fn card_text(file: &str, card: &ModelCard) -> String {
     let kinds = if card.layer_kinds.is_empty() { "all".to_owned() } else { card.layer_kinds.join(", ") };
     format!(
-        "{file}\n  views       {}\n  precision   {}\n  layers      {}, recommended {}\n  training    {}\n  licence     {}\n",
-        card.views, card.precision, kinds, card.recommended_layers, card.training, card.licence
+        "{file}\n  views       {}\n  precision   {}\n  layers      {}, recommended {}\n  alpha       {}\n  training    {}\n  licence     {}\n",
+        card.views,
+        card.precision,
+        kinds,
+        card.recommended_layers,
+        card.alpha(None),
+        card.training,
+        card.licence
     )
 }
 
 fn card_json(file: &std::path::Path, card: &ModelCard) -> Value {
     json!({
         "file": shown(file), "views": card.views, "precision": card.precision, "layer_kinds": card.layer_kinds,
-        "recommended_layers": card.recommended_layers, "training": card.training, "licence": card.licence,
+        "recommended_layers": card.recommended_layers, "alpha": card.alpha(None).to_string(),
+        "training": card.training, "licence": card.licence,
     })
 }

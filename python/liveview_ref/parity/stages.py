@@ -8,7 +8,8 @@ float32 of guided layers, with the steps of the coarse pass: `coarse_disparities
 `costs`, `aggregated_costs` [D, h/2, w/2], `coarse_disparity` [h/2, w/2]; `fine_layers`, `fine_costs` [D, h, w],
 `fine_disparity` [h, w]; `range` [3, h, w]. `maps` [L, H8, W8]; `colour` (the HWV) [L, 3V, H8, W8]; `coverage`,
 `logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8]; `frame` [3, H, W]; `disparity`, `transmittance`
-[H, W]. `alpha_scale` [1] float64, where layers compete. `agreement`: the logits without a network.
+[H, W]. `alpha_scale` [1] float64, where layers compete; `alpha_spacing` [1] and `logit_shift` [L] float64, where
+opacity is per pixel of parallax. `agreement`: the logits without a network.
 """
 
 import numpy as np
@@ -26,6 +27,7 @@ from ..reference.matching_cost import layer_costs
 from ..reference.plane_sweep import PlaneSweep
 from ..reference.renderer import warp_views
 from ..reference.semi_global import semi_global
+from ..reference.spacing import logit_shift, shifted
 from ..reference.unet import UNet
 from ..reference.view_selection import view_distances
 from ..rig_arrays import Arrays, cameras_of, images_of
@@ -93,11 +95,21 @@ def agreement(data: Arrays, dtype: torch.dtype) -> Arrays:
     return {"agreement": agreement_logits(tensor(data, "colour", dtype).unflatten(1, (-1, 3))).numpy()}
 
 
+def spacing(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """What planes whose opacity is per pixel of parallax have added to logit 0 [L]; float64, as cameras are."""
+    if "alpha_spacing" not in data:
+        return {}
+    disparities = torch.from_numpy(data["disparities"])
+    return {"logit_shift": logit_shift(*cameras_of(data), disparities, float(data["alpha_spacing"][0])).numpy()}
+
+
 def blended(data: Arrays, dtype: torch.dtype) -> Arrays:
     views, target = cameras_of(data)
     logits, coverage = tensor(data, "logits", dtype), tensor(data, "coverage", dtype)
     colour = tensor(data, "colour", dtype).unflatten(1, (len(views), 3))
     power = VISIBLE_POWER if along_surface(data) else 1.0
+    if "logit_shift" in data:
+        logits = shifted(logits, torch.from_numpy(data["logit_shift"]))
     alpha, rgb = blend(logits, colour, coverage, view_distances(views, target), power)
     return {"alpha": alpha.numpy(), "rgb": rgb.numpy()}
 
@@ -195,7 +207,7 @@ def best_layer(data: Arrays) -> np.ndarray:
 
 
 SEARCH = (costs, aggregated_costs, coarse_disparity, fine_layers, fine_costs, fine_disparity, ranges)
-STAGES = (homography, *SEARCH, maps, warp, blended, composited)
+STAGES = (homography, *SEARCH, maps, warp, spacing, blended, composited)
 
 
 def errors(found: np.ndarray, oracle: np.ndarray, name: str) -> tuple[float, float, tuple[int, ...]]:

@@ -19,6 +19,6 @@ pub use matching_cost::layer_costs;
 pub(crate) use range_map::neighbourhood;
 pub use range_map::{RangeMap, range_of};
 pub use search::{COARSE, GuidedSearch, SearchStages, WINDOWS, fine_layers};
-pub(crate) use search::{Levels, parallax};
+pub(crate) use search::{Levels, parallax, parallax_between};
 pub use semi_global::semi_global;
 pub use winner_takes_all::winner_takes_all;

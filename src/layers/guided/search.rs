@@ -133,11 +133,16 @@ impl<'a> Levels<'a> {
 
 /// Parallax between near and far (pixels) in the view where it is largest: the median over the target's corners and centre.
 pub(crate) fn parallax(sweeps: &[PlaneSweep], size: Size, near: f64, far: f64) -> f64 {
+    parallax_between(sweeps, size, (1.0 / near, 1.0 / far))
+}
+
+/// As [`parallax`], between two disparities (1/scene unit), where both lie in front of the view.
+pub(crate) fn parallax_between(sweeps: &[PlaneSweep], size: Size, disparities: (f64, f64)) -> f64 {
     let points = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5)];
     let in_view = |sweep: &PlaneSweep| {
         let apart = |&(x, y): &(f64, f64)| {
             let pixel = DVec2::new(x * size.width as f64, y * size.height as f64);
-            Some(project(sweep, pixel, 1.0 / near)?.distance(project(sweep, pixel, 1.0 / far)?))
+            Some(project(sweep, pixel, disparities.0)?.distance(project(sweep, pixel, disparities.1)?))
         };
         let mut apart: Vec<f64> = points.iter().filter_map(apart).collect();
         apart.sort_by(f64::total_cmp);

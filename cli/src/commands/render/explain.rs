@@ -148,7 +148,7 @@ fn planes(about: &Explained<'_>, alpha: Alpha, text: &mut String, json: &mut Val
         *sum += count;
         Some(*sum)
     });
-    let best = if alpha == Alpha::Independent { "are the most opaque one" } else { "have the largest weight" };
+    let best = if alpha.is_independent() { "are the most opaque one" } else { "have the largest weight" };
     let needed = 1 + sums.take_while(|sum| 10 * sum < 9 * chosen).count();
     let _ = writeln!(
         text,

@@ -79,7 +79,8 @@ impl Question for BlendCase {
 
     fn answer(&self) -> Result<Outputs<f32>, String> {
         let mut out = Blended::new(PIXELS);
-        let samples = LayerSamples { logits: &self.logits, colour: &self.colour, coverage: &self.coverage };
+        let (logits, colour, coverage) = (&self.logits, &self.colour, &self.coverage);
+        let samples = LayerSamples { logits, colour, coverage, logit_shift: 0.0 };
         DistanceWeights::new(&self.distances).blend(&samples, 0, &mut out);
         Ok(vec![("alpha", out.alpha), ("rgb", out.rgb.concat())])
     }

@@ -78,7 +78,7 @@ pub(crate) struct SweepArgs {
     #[arg(long, value_name = "N", default_value = "5", value_parser = numbers::count)]
     repetitions: usize,
     /// A command with the protocol of `liveview worker`, to measure the reference implementations on the most planes, with the model for
-    /// any layers and composited as in the paper (that --model and --alpha independent make all rows like that), such as
+    /// any layers and composited as in the paper (a --model without `alpha_spacing` and --alpha independent make all rows like that), such as
     /// ".venv/bin/python -m liveview_ref.competitors.worker"
     #[arg(long, value_name = "COMMAND", conflicts_with = "network")]
     reference: Option<String>,
