@@ -2,8 +2,9 @@
 
 One file, opset 20, dynamic n, h and w, BatchNorm folded, with metadata for the Rust crate: views, stride,
 recommended_layers, training, trained_layers, licence; of a model for some kinds of layers alone layer_kinds, of one
-trained on competing layers alpha and alpha_scale. Then checked: torch = onnxruntime at batch sizes and image sizes
-that it was not exported with. The checkpoint without the optimiser is written beside it, as MODEL.pt.
+trained on competing layers alpha and alpha_scale, and of one whose opacity is per pixel of parallax alpha_spacing. Then
+checked: torch = onnxruntime at batch sizes and image sizes that it was not exported with. The checkpoint without the
+optimiser is written beside it, as MODEL.pt.
 """
 
 import argparse
@@ -100,9 +101,14 @@ def main() -> None:
     )
     kinds = ("planes", "guided", "surface", "select", "kmeans", "list")
     parser.add_argument("--layer-kinds", nargs="+", choices=kinds, default=[], help="what it is for; all if left out")
+    told = "added to logit 0, folded into the last layer: what a choice among shifts on held-out photos has given"
+    parser.add_argument("--logit-shift", type=float, default=0.0, help=told)
     parser.add_argument("--licence", required=True, help="of the weights and of what they were trained on, in a line")
     args = parser.parse_args()
     state = load_state(args.checkpoint)
+    if args.logit_shift:
+        state["average"]["conv9.bias"][0] += args.logit_shift
+        state["config"]["logit_shift"] = args.logit_shift
     net, config = trained_network(state), state["config"]
     runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
     training = ", then ".join(
@@ -110,6 +116,8 @@ def main() -> None:
     )
     if "view_weights" in config:
         training += "; then view weights fitted to surface:1"
+    if "logit_shift" in config:
+        training += f"; then logit 0 shifted by {config['logit_shift']:g}"
     metadata = {
         "recommended_layers": str(args.recommended_layers),
         "training": f"batches of {config['batch']} scenes; {training}",
@@ -120,6 +128,8 @@ def main() -> None:
         metadata["layer_kinds"] = ", ".join(args.layer_kinds)
     if config.get("alpha") == "competing":  # the scale that logit 0 is to be multiplied by: trained with as it is
         metadata |= {"alpha": "competing", "alpha_scale": "1"}
+    if config.get("alpha_spacing"):
+        metadata["alpha_spacing"] = str(config["alpha_spacing"])
     export(net, args.model, metadata)
     kept = ("average", "views", "step", "seconds", "earlier", "config", "history")
     torch.save({key: state[key] for key in kept}, args.model.with_suffix(".pt"))

@@ -19,6 +19,7 @@ def test_metadata_of_shipped_models(path):
     for_planes, competing = "_planes" in path.stem, "_planes" in path.stem and "_planes_paper" not in path.stem
     assert card["recommended_layers"].startswith("planes:") == for_planes
     assert card.get("alpha", "independent") == ("competing" if competing else "independent")
+    assert ("alpha_spacing" in card) == ("_planes_paper" in path.stem)
     assert card.get("layer_kinds") == ("planes, select, kmeans, list" if for_planes else None)
     assert card["licence"] and card["training"] and ("int8" in path.stem) == (card.get("precision") == "int8")
 

@@ -95,15 +95,15 @@ def test_a_folded_network_and_its_unfolded_copy_agree():
         torch.testing.assert_close(folded(x), net(x), rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize("alpha", ["competing", "independent"])
-def test_steps_lower_the_loss_of_an_example(photos, alpha):
+@pytest.mark.parametrize(("alpha", "spacing"), [("competing", None), ("independent", None), ("independent", 3.0)])
+def test_steps_lower_the_loss_of_an_example(photos, alpha, spacing):
     torch.manual_seed(0)
     net = fold_batchnorm(UNet(4).eval())
     for p in net.parameters():
         p.requires_grad_(True)
     optimiser = torch.optim.Adam(net.parameters(), lr=2e-3)
     config = {"alpha": alpha, "uniform_planes": [12], "gradient_planes": 6, "visible_weight": 0.05}
-    config |= {"all_of": 8, "depth_weight": 0.02, "square_weight": 2.0}
+    config |= {"all_of": 8, "depth_weight": 0.02, "square_weight": 2.0, "log_weight": 0.0, "alpha_spacing": spacing}
     config |= {"selected": 0.0, "selected_planes": [4]}
     losses = []
     for _ in range(12):
@@ -126,7 +126,7 @@ def test_drawn_planes_give_the_gradient_of_all_in_the_mean(photos, alpha):
     for p in net.parameters():
         p.requires_grad_(True)
     config = {"uniform_planes": [10], "gradient_planes": 10, "visible_weight": 0.05, "selected": 0.0}
-    config |= {"alpha": alpha, "depth_weight": 0.02, "square_weight": 2.0}
+    config |= {"alpha": alpha, "alpha_spacing": 3.0, "depth_weight": 0.02, "square_weight": 2.0, "log_weight": 0.05}
 
     def gradient(seed, **changed):
         net.zero_grad()
@@ -143,7 +143,7 @@ def test_drawn_planes_give_the_gradient_of_all_in_the_mean(photos, alpha):
     assert spread < 0.5 * whole.norm()
 
 
-@pytest.mark.parametrize("name", ["v4_planes", "v4_planes_paper"])
+@pytest.mark.parametrize("name", ["v4_planes", "v4_planes_paper", "v4_planes_paper_spacing"])
 def test_a_training_begins_goes_on_and_is_exported(tmp_path, monkeypatch, name):
     workshop = {"path": "workshop", "reach": 2, "widths": [300], "weight": 1}
     config = {
@@ -171,8 +171,9 @@ def test_a_training_begins_goes_on_and_is_exported(tmp_path, monkeypatch, name):
     monkeypatch.setattr(sys, "argv", ["", str(tmp_path / "checkpoint.pt"), str(model), *arguments])
     export.main()
     card = model_card(onnx.load(model))
-    alpha = (card.get("alpha"), card.get("alpha_scale"))
-    assert alpha == (("competing", "1") if name == "v4_planes" else (None, None))
+    alpha = tuple(card.get(f"alpha{of}") for of in ("", "_scale", "_spacing"))
+    expected = {"v4_planes": ("competing", "1", None), "v4_planes_paper_spacing": (None, None, "3.0")}
+    assert alpha == expected.get(name, (None, None, None))
     assert card["layer_kinds"] == "planes, list"
     assert card["trained_layers"] == "planes:6 to planes:6" and card["recommended_layers"] == "planes:64"
 

@@ -29,6 +29,8 @@ def trained(models: dict[str, dict]) -> str:
         training = ", then ".join(f"V = {v}: {steps:,} steps, {seconds / 60:.0f} minutes" for v, steps, seconds in runs)
         if "view_weights" in state["config"]:
             training += "; then view weights fitted to surface:1"
+        if "logit_shift" in state["config"]:
+            training += f"; then, after the last validation, logit 0 shifted by {state['config']['logit_shift']:g}"
         last = {kind: state["history"][-1][kind] for kind in kinds_of(state["history"][-1])}
         scenes = ", ".join(f"{Path(s['path']).name} at {s['width']}" for s in state["config"]["validation"])
         row = (name, training, ", ".join(f"{kind}: {value:.2f}" for kind, value in last.items()), scenes)

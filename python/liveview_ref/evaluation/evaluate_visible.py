@@ -2,14 +2,18 @@
 
     python -m liveview_ref.evaluation.evaluate_visible MODEL.pt|MODEL.onnx ...
 
-On the example scene at its true depth, one layer along the truth, nothing masked; beside it the weights by the views'
+On the example scene at its true depth, one layer along the truth; beside the network the weights by the views'
 agreement (what the program takes without a network) and by distance alone, and the PSNR of the layer's colour on all
 pixels and on these. "weight" counts views known to see the surface against all that cover the pixel; "of known" leaves
-out those of which it is not known (at edges, mostly).
+out those of which it is not known (at edges, mostly). First with nothing masked, which is what the network itself can
+tell; then, "masked", without the views that their photos' own depth says to be hidden, as the program (`make build`)
+finds that depth and hides by it.
 """
 
 import argparse
 import json
+import subprocess
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +25,13 @@ from ..data.held_out import INNER
 from ..data.scene import Scene, open_scene
 from ..data.visibility import SEEN, UNKNOWN, partly_hidden, visibility
 from ..reference.agreement import agreement_logits
-from ..reference.blend import blend
+from ..reference.blend import VISIBLE_POWER, blend
+from ..reference.guided import parallax
 from ..reference.layers import padded_size
 from ..reference.metrics import psnr
+from ..reference.mvs.photo_depth import pixel_of
+from ..reference.mvs.settings import Settings
+from ..reference.mvs.visibility import hide
 from ..reference.renderer import Network, warp_views
 from ..reference.view_selection import choose_views, view_distances
 from .evaluate import ROOT, load_model
@@ -44,8 +52,20 @@ def edge_padded(x: Tensor, size: tuple[int, int]) -> Tensor:
     return torch.nn.functional.pad(x[None, None], (0, size[1] - x.shape[1], 0, size[0] - x.shape[0]), "replicate")[0, 0]
 
 
+def found_depths(program: Path) -> dict[str, Tensor]:
+    """Of each photo, by name: the disparities [H, W] that the program finds and other photos confirm, else -1."""
+    names = open_scene(SCENE).names
+    held_out = ",".join(Path(names[target]).name for target in TARGETS)
+    with tempfile.TemporaryDirectory() as folder:
+        command = [program, "depth", SCENE, "--target", held_out, "-o", folder]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        photos = [name for index, name in enumerate(names) if index not in TARGETS]
+        return {name: torch.from_numpy(np.load(Path(folder) / f"{Path(name).stem}.npy")) for name in photos}
+
+
 @torch.inference_mode()
-def measure(network: Network, views: int, target: int) -> dict[str, float]:
+def measure(network: Network, views: int, target: int, depths: dict[str, Tensor] | None = None) -> dict[str, float]:
+    """What is found at a target; with the photos' `depths`, "masked" too."""
     scene = open_scene(SCENE)
     camera, pool = scene.cameras[target], [i for i in range(len(scene.names)) if i not in TARGETS]
     ids = [pool[i] for i in choose_views([scene.cameras[i] for i in pool], camera, views)]
@@ -59,26 +79,36 @@ def measure(network: Network, views: int, target: int) -> dict[str, float]:
     seen = seen.masked_fill(coverage[0, :, :height, :width] < 0.5, UNKNOWN)
     where, found = partly_hidden(seen), {}
     found["partly hidden"] = float(where.float().mean())
-    by_network, by_distance = network(colour.flatten(1, 2)), torch.zeros_like(coverage)
-    ways = {"network": by_network, "agreement": agreement_logits(colour), "distance": by_distance}
-    for name, logits in ways.items():
-        weights = view_weights(logits, coverage, distances)[0, :, :height, :width]
-        image = blend(logits, colour, coverage, distances)[1][0, :, :height, :width]
-        error = ((image - truth) ** 2).mean(0)
-        found[f"{name}: weight"] = float((weights * (seen == SEEN)).sum(0)[where].mean())
-        found[f"{name}: of known"] = float(weight_on_seen(weights, seen)[where].mean())
-        found[f"{name}: dB"] = psnr(image[INNER], truth[INNER])
-        found[f"{name}: dB there"] = float(-10 * torch.log10(error[where].mean()))
+    kinds = [("", colour, coverage, 1.0)]
+    if depths is not None:
+        near, far = float(1 / disparity.max()), float(1 / disparity[disparity > 0].min())
+        margin = Settings().hides * pixel_of(parallax(cameras, camera, near, far), near, far)
+        known = [(c, depths[scene.names[i]]) for c, i in zip(cameras, ids, strict=True)]
+        left = hide(known, camera, layer, margin, colour[0], coverage[0])
+        kinds.append((", masked", left[0][None], left[1][None], VISIBLE_POWER))
+    for kind, colour, coverage, power in kinds:
+        by_network, by_distance = network(colour.flatten(1, 2)), torch.zeros_like(coverage)
+        ways = {"network": by_network, "agreement": agreement_logits(colour), "distance": by_distance}
+        for name, logits in ways.items():
+            weights = view_weights(logits, coverage, distances, power)[0, :, :height, :width]
+            image = blend(logits, colour, coverage, distances, power)[1][0, :, :height, :width]
+            error = ((image - truth) ** 2).mean(0)
+            found[f"{name}{kind}: weight"] = float((weights * (seen == SEEN)).sum(0)[where].mean())
+            found[f"{name}{kind}: of known"] = float(weight_on_seen(weights, seen)[where].mean())
+            found[f"{name}{kind}: dB"] = psnr(image[INNER], truth[INNER])
+            found[f"{name}{kind}: dB there"] = float(-10 * torch.log10(error[where].mean()))
     return found
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("models", type=Path, nargs="+")
+    parser.add_argument("--binary", type=Path, default=ROOT / "target" / "release" / "liveview")
     args = parser.parse_args()
+    depths = found_depths(args.binary.absolute())
     for model in args.models:
         network, views, _ = load_model(model)
-        each = [measure(network, views, target) for target in TARGETS]
+        each = [measure(network, views, target, depths) for target in TARGETS]
         mean = {key: sum(e[key] for e in each) / len(each) for key in each[0]}
         print(f"{model}: " + ", ".join(f"{key} {value:.3f}" for key, value in mean.items()), flush=True)
 

@@ -15,6 +15,7 @@ from ..reference.kmeans import kmeans_planes
 from ..reference.layer_spec import DisparityList, Guided, KMeans, LayerSpec, Planes, Select
 from ..reference.layers import guided_maps, plane_maps, uniform_disparities, upsample_maps
 from ..reference.renderer import Network, warp_views
+from ..reference.spacing import logit_shift
 from ..reference.view_selection import view_distances
 
 GUIDED = 2, 4, 8
@@ -22,26 +23,30 @@ PLANES = 8, 16, 32, 64  # selected are some of the last
 BATCH = 4
 
 
-def infer(network: Network, case: Case, maps: Tensor, competing: bool = False) -> tuple[Tensor, Tensor, Tensor]:
-    """alpha [L, H, W] (for competing planes logit 0 instead), rgb [L, 3, H, W] and whether any view covers the pixel
-    [L, H, W] of layers [L, H8, W8], cropped to the target: what can be composited in any subset. A batch of layers at a
-    time; no other stage is kept."""
+def infer(network: Network, case: Case, maps: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Logit 0 [L, H, W], rgb [L, 3, H, W] and whether any view covers the pixel [L, H, W] of layers [L, H8, W8],
+    cropped to the target: what can be composited in any subset. A batch of layers at a time; no other stage is kept."""
     distances = view_distances(case.cameras, case.target)
     crop = (..., slice(case.target.height), slice(case.target.width))
     parts = []
     for part in maps.split(BATCH):
         colour, coverage = warp_views(case.sources, case.cameras, case.target, part)
         logits = network(colour.flatten(1, 2))
-        alpha, rgb = blend(logits, colour, coverage, distances)
-        parts.append(((logits[:, 0] if competing else alpha)[crop], rgb[crop], (coverage > 0).any(1)[crop]))
+        rgb = blend(logits, colour, coverage, distances)[1]
+        parts.append((logits[:, 0][crop], rgb[crop], (coverage > 0).any(1)[crop]))
     return tuple(torch.cat(x) for x in zip(*parts, strict=True))
 
 
-def composited(layers: tuple[Tensor, Tensor, Tensor], maps: Tensor, ids: list[int]) -> Tensor:
-    """Image [3, H, W] of these of the layers that `infer` gave."""
-    alpha, rgb, covered = layers
-    crop = (ids, slice(alpha.shape[1]), slice(alpha.shape[2]))
-    return composite(alpha[ids], rgb[ids], covered[ids[-1]], maps[crop]).rgb
+def composited(
+    case: Case, layers: tuple[Tensor, Tensor, Tensor], maps: Tensor, spacing: float | None = None
+) -> tuple[Tensor, Tensor]:
+    """Alpha [L, H, W] and image [3, H, W] of layers that `infer` gave; with `spacing`, of planes whose opacity is per
+    pixel of parallax, up to so many."""
+    logit, rgb, covered = layers
+    if spacing is not None:
+        logit = logit + logit_shift(case.cameras, case.target, maps[:, 0, 0], spacing).to(logit)[:, None, None]
+    alpha = torch.sigmoid(logit) * covered
+    return alpha, composite(alpha, rgb, covered[-1], maps[..., : alpha.shape[1], : alpha.shape[2]]).rgb
 
 
 def guided_maps_of(case: Case) -> dict[str, Tensor]:
@@ -67,20 +72,22 @@ def maps_of(case: Case, layers: LayerSpec) -> Tensor:
 def guided(network: Network, case: Case):
     """Each number of guided layers."""
     for name, maps in guided_maps_of(case).items():
-        yield name, composited(infer(network, case, maps), maps, list(range(len(maps))))
+        yield name, composited(case, infer(network, case, maps), maps)[1]
 
 
-def planes(network: Network, case: Case, counts: tuple[int, ...] = PLANES):
-    """Each number of uniform planes, and the fullest of the largest number. A plane's alpha and colour do not depend on
-    the others, so the selected planes need no second pass of the network."""
+def planes(network: Network, case: Case, spacing: float | None = None, counts: tuple[int, ...] = PLANES):
+    """Each number of uniform planes, and the fullest of the largest number. What the network says of a plane does not
+    depend on the others, so the selected planes need no second pass of it."""
     for count in counts:
         maps = maps_of(case, Planes(count))
         layers = infer(network, case, maps)
+        alpha, image = composited(case, layers, maps, spacing)
         if count == counts[-1]:
-            histogram = plane_histogram(layers[0])
+            histogram = plane_histogram(alpha)
             for few in counts[:-1]:
-                yield str(Select(few, count)), composited(layers, maps, select_planes(histogram, few))
-        yield str(Planes(count)), composited(layers, maps, list(range(count)))
+                ids = select_planes(histogram, few)
+                yield str(Select(few, count)), composited(case, [x[ids] for x in layers], maps[ids], spacing)[1]
+        yield str(Planes(count)), image
 
 
 def competing(network: Network, case: Case, scale: float = 1.0, counts: tuple[int, ...] = PLANES):
@@ -89,7 +96,7 @@ def competing(network: Network, case: Case, scale: float = 1.0, counts: tuple[in
     crop = (..., slice(case.target.height), slice(case.target.width))
     for count in counts:
         maps = maps_of(case, Planes(count))
-        logit, rgb, covered = infer(network, case, maps, competing=True)
+        logit, rgb, covered = infer(network, case, maps)
         whole = composite_competing(logit, rgb, covered, maps[crop], scale)
         if count == counts[-1]:
             histogram = plane_histogram(whole.weights)

@@ -16,6 +16,7 @@ from ..reference.composite_competing import composite_competing
 from ..reference.layer_spec import Guided, LayerSpec, Planes
 from ..reference.metrics import psnr
 from ..reference.renderer import warp_views
+from ..reference.spacing import logit_shift, shifted
 from ..reference.view_selection import view_distances
 from .methods import maps_of
 
@@ -33,16 +34,20 @@ class Photo:
     coverage: Tensor
     maps: Tensor
     scale: float | None  # of layers that compete
+    spacing: float | None  # of planes whose opacity is per pixel of parallax
 
     def score(self, logits: Tensor) -> float:
         """PSNR of the picture that these logits make."""
-        alpha, rgb = blend(logits, self.colour, self.coverage, view_distances(self.case.cameras, self.case.target))
+        cameras, target = self.case.cameras, self.case.target
+        if self.spacing is not None:
+            logits = shifted(logits, logit_shift(cameras, target, self.maps[:, 0, 0], self.spacing))
+        alpha, rgb = blend(logits, self.colour, self.coverage, view_distances(cameras, target))
         covered = (self.coverage > 0).any(1)
         if self.scale is None:
             full = composite(alpha, rgb, covered[-1], self.maps).rgb
         else:
             full = composite_competing(logits[:, 0], rgb, covered, self.maps, self.scale).rgb
-        image = full[..., : self.case.target.height, : self.case.target.width]
+        image = full[..., : target.height, : target.width]
         return psnr(image[INNER], self.case.truth[INNER])
 
 
@@ -57,12 +62,14 @@ class Loss(NamedTuple):
 
 def photos(specs: list[dict], data: Path, views: int, card: dict[str, str]) -> list[Photo]:
     """Held-out photos, their layers and composite as the model's card has them."""
-    scale = float(card["alpha_scale"]) if card.get("alpha") == "competing" else None
+    scale = float(card.get("alpha_scale", 1)) if card.get("alpha") == "competing" else None
+    spacing = float(card["alpha_spacing"]) if "alpha_spacing" in card else None
     found = []
     for case in cases(specs, data, views):
         for layers in PLANES if "layer_kinds" in card else LAYERS:
             maps = maps_of(case, layers)
-            found.append(Photo(layers, case, *warp_views(case.sources, case.cameras, case.target, maps), maps, scale))
+            warped = warp_views(case.sources, case.cameras, case.target, maps)
+            found.append(Photo(layers, case, *warped, maps, scale, spacing))
     return found
 
 

@@ -25,7 +25,7 @@ from torch import Tensor
 from ..checkpoint import load_state, trained_network
 from ..data.held_out import INNER
 from ..evaluation.view_weights import view_weights
-from ..reference import unet
+from ..reference import spacing, unet
 from ..reference.blend import blend
 from ..reference.metrics import psnr
 from .methods import liveview
@@ -40,6 +40,7 @@ from .shots import Shot, window
 from .variants import Planes, competing, independent
 
 PLANES = 64
+SPACING = 3.0  # pixels of parallax to the next plane that count, at most
 MODELS = Path(__file__).parents[3] / "models"
 AS_IT_IS = "as it is"
 
@@ -135,6 +136,9 @@ def switched(network: Network, shot: Shot) -> Iterator[tuple[str, Tensor]]:
     whole = made[AS_IT_IS]
     if network.scale is None:
         yield "the farthest plane not made opaque", over(whole.alpha, whole.rgb)
+        shift = spacing.logit_shift(own.photos.cameras, own.camera, own.planes(PLANES), SPACING).float()[:, None, None]
+        per_pixel = torch.sigmoid(whole.logit + shift) * whole.covered
+        yield "opacity per pixel of parallax", independent(whole._replace(alpha=per_pixel))
         for scale in (1.0, 2.0):
             yield f"planes compete, scale {scale:g}", composited(replace(network, scale=scale), whole)
     else:
@@ -201,7 +205,7 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     report = json.loads(args.out.read_text()) if args.out.exists() else {}
-    code = digest([*CODE, liveview, sys.modules[__name__]])
+    code = digest([*CODE, spacing, liveview, sys.modules[__name__]])
     for name, network in networks(args.runs, Scenes(args.scenes, args.textures, "train")).items():
         key = {"step": network.step, "code": code}
         if report.get(name, {}).get("key") != key:

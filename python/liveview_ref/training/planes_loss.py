@@ -20,10 +20,12 @@ from ..reference.cover import cover_planes
 from ..reference.histogram import plane_histogram, select_planes
 from ..reference.layers import uniform_disparities
 from ..reference.plane_sweep import PlaneSweep
+from ..reference.spacing import logit_shift
 from ..reference.unet import UNet
 from ..reference.view_selection import view_distances
 from .draw_layers import draw_layers
 
+LEAST_SQUARE = 1e-4  # 40 dB
 CHUNK = 16  # planes at a time without gradients: what fits the cache
 
 
@@ -55,13 +57,16 @@ def logits_of(net: UNet, colour: Tensor) -> Tensor:
         return net(hwv).float().contiguous()
 
 
-def image_loss(image: Tensor, truth: Tensor, counted: Tensor, square: float) -> Tensor:
-    """L1 plus half of the L1 of the image gradients, and `square` times the squared error, which is what PSNR looks at;
-    [3, H, W], over the pixels that count [H, W]."""
+def image_loss(image: Tensor, truth: Tensor, counted: Tensor, config: dict) -> Tensor:
+    """L1 plus half of the L1 of the image gradients, "square_weight" times the squared error, which is what PSNR looks
+    at, and "log_weight" times its logarithm, by which an example that is nearly right counts as much as one that is far
+    off, as in a mean of PSNR; [3, H, W], over the pixels that count [H, W]."""
     difference = (image - truth) * counted
     dx = difference[..., 1:] - difference[..., :-1]
     dy = difference[..., 1:, :] - difference[..., :-1, :]
-    return difference.abs().mean() + 0.5 * (dx.abs().mean() + dy.abs().mean()) + square * (difference**2).mean()
+    square = (difference**2).mean()
+    loss = difference.abs().mean() + 0.5 * (dx.abs().mean() + dy.abs().mean()) + config["square_weight"] * square
+    return loss + config["log_weight"] * torch.log(square + LEAST_SQUARE)
 
 
 def planes_for(rng: np.random.Generator, photos: Photos, config: dict) -> Tensor:
@@ -91,7 +96,8 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
                     weights = composite_competing(logits[:, 0], rgb, covered, planes.expand_as(covered)).weights
                     kept = cover_planes(plane_histogram(weights), few)
                 else:
-                    kept = select_planes(plane_histogram(torch.sigmoid(logits[:, 0]) * covered), few)
+                    shifted = logits[:, 0] + shift_of(planes, photos, config)
+                    kept = select_planes(plane_histogram(torch.sigmoid(shifted) * covered), few)
                 planes, colour, coverage, logits, rgb, covered = (
                     x[kept] for x in (planes, colour, coverage, logits, rgb, covered)
                 )
@@ -122,8 +128,8 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
 def outcome(logit0, rgb, covered, planes, photos: Photos, config: dict, whole: bool):
     """(loss, image [3, H, W] without gradients, what the log tells) of planes [L, 1, 1]; `whole`: none was left out."""
     maps = planes.expand_as(covered)
-    shown = composited(logit0, rgb, covered, maps, config)
-    loss = image_loss(shown.rgb, photos.target.float() / 255, covered.any(0), config["square_weight"])
+    shown = composited(logit0, rgb, covered, planes, photos, config)
+    loss = image_loss(shown.rgb, photos.target.float() / 255, covered.any(0), config)
     told = {"loss": float(loss.detach())}
     if whole and photos.disparity is not None:
         more, share = depth_loss(shown.weights, maps, photos)
@@ -131,11 +137,23 @@ def outcome(logit0, rgb, covered, planes, photos: Photos, config: dict, whole: b
     return loss, shown.rgb.detach(), told
 
 
-def composited(logit0: Tensor, rgb: Tensor, covered: Tensor, maps: Tensor, config: dict) -> Composited:
+def shift_of(planes: Tensor, photos: Photos, config: dict) -> Tensor | float:
+    """What is added to logit 0 of the planes [L, 1, 1], in the same shape."""
+    if config["alpha_spacing"] is None:
+        return 0.0
+    shift = logit_shift(photos.cameras, photos.camera, planes.flatten(), config["alpha_spacing"])
+    return shift.to(planes)[:, None, None]
+
+
+def composited(
+    logit0: Tensor, rgb: Tensor, covered: Tensor, planes: Tensor, photos: Photos, config: dict
+) -> Composited:
     """As the config's "alpha" says: planes that compete, or the paper's composite."""
+    maps = planes.expand_as(covered)
     if config["alpha"] == "competing":
         return composite_competing(logit0, rgb, covered, maps)
-    return composite(torch.sigmoid(logit0) * covered, rgb, covered[-1], maps)
+    alpha = torch.sigmoid(logit0 + shift_of(planes, photos, config)) * covered
+    return composite(alpha, rgb, covered[-1], maps)
 
 
 def depth_loss(weights: Tensor, maps: Tensor, photos: Photos) -> tuple[Tensor, float]:

@@ -42,4 +42,4 @@ class Planes:
         return text + f"seen weight {seen:.3f} (by distance {by_distance:.3f}), {psnr:.2f} dB"
 
     def validate(self, net: UNet, file: Path) -> dict[str, float]:
-        return validate_planes(net, self.config["validation"], self.data, file, self.config["alpha"])
+        return validate_planes(net, self.config["validation"], self.data, file, self.config)

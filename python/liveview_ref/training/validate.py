@@ -1,5 +1,6 @@
 """Validation during training: PSNR on held-out photos on guided layers and uniform planes, and a picture to look at."""
 
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -43,10 +44,10 @@ def sheet_of(rows: list[Tensor], file: Path) -> None:
     picture(sheet).save(file)
 
 
-def validate_planes(net, specs: list[dict], data: Path, file: Path, alpha: str) -> dict[str, float]:
-    """Mean PSNR on 16 and 64 uniform planes, "competing" or "independent", and of 64 on each scene; the file shows
-    truth and 64."""
-    images = {"competing": competing, "independent": planes}[alpha]
+def validate_planes(net, specs: list[dict], data: Path, file: Path, config: dict) -> dict[str, float]:
+    """Mean PSNR on 16 and 64 uniform planes, composited as the config's "alpha" says, and of 64 on each scene; the file
+    shows truth and 64."""
+    images = {"competing": competing, "independent": partial(planes, spacing=config["alpha_spacing"])}[config["alpha"]]
     scores, scenes, rows = {}, {}, []
 
     def network(hwv: Tensor) -> Tensor:
