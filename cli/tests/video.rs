@@ -6,9 +6,8 @@ use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use assert_cmd::Command;
 use common::rig::{Rig, ffmpeg};
-use common::{HEIGHT, WIDTH, fixture, photo};
+use common::{HEIGHT, WIDTH, photo};
 use serde_json::Value;
 
 fn lines(path: &str) -> Vec<Value> {
