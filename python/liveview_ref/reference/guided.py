@@ -39,15 +39,24 @@ def parallax(
 ) -> float:
     """Pixels between near and far in the view that sees most of it: the median over the corners and the centre of the
     target, padded unless its size (height, width) is given."""
+    return float(parallax_between(cameras, target, torch.tensor([1 / near, 1 / far], dtype=torch.float64), size))
+
+
+def parallax_between(
+    cameras: list[Camera], target: Camera, disparities: Tensor, size: tuple[int, int] | None = None
+) -> Tensor:
+    """As `parallax`, from each of these disparities [L] to the next, where both lie in front of the view: [L - 1]
+    float64."""
     x, y = torch.tensor([[0, 1, 0, 1, 0.5], [0, 0, 1, 1, 0.5]], dtype=torch.float64)
     height, width = size or padded_size(target.height, target.width)
     pixels = torch.stack([x * width, y * height, torch.ones_like(x)])
-    largest = 0.0
+    largest = torch.zeros(len(disparities) - 1, dtype=torch.float64)
     for camera in cameras:
         homography, epipole = PlaneSweep.of(camera, target)
-        a, b = (homography @ pixels + (epipole * disparity)[:, None] for disparity in (1 / near, 1 / far))
-        apart = (a[:2] / a[2] - b[:2] / b[2]).norm(dim=0)[(a[2] > 0) & (b[2] > 0)]
-        largest = max(largest, float(apart.median()) if len(apart) else 0.0)
+        at = homography @ pixels + epipole[:, None] * disparities.double()[:, None, None]  # [L, 3, 5]
+        positions = (at[:, :2] / at[:, 2:]).masked_fill(at[:, 2:] <= 0, torch.nan)
+        apart = positions.diff(dim=0).norm(dim=1).nanmedian(dim=1).values
+        largest = torch.maximum(largest, apart.nan_to_num(nan=0.0))
     return largest
 
 

@@ -11,8 +11,7 @@ import torch
 from torch import Tensor
 
 from .camera import Camera
-from .layers import padded_size
-from .plane_sweep import PlaneSweep
+from .guided import parallax_between
 
 LEAST = 1e-3  # pixels
 
@@ -24,17 +23,8 @@ def spacing(cameras: list[Camera], target: Camera, disparities: Tensor, most: fl
     `most`."""
     if len(disparities) == 1:
         return torch.full((1,), most, dtype=torch.float64)
-    height, width = padded_size(target.height, target.width)
-    x, y = torch.tensor([[0, width, 0, width, width / 2], [0, 0, height, height, height / 2]], dtype=torch.float64)
-    pixels = torch.stack([x, y, torch.ones_like(x)])
-    largest = torch.zeros(len(disparities) - 1, dtype=torch.float64)
-    for camera in cameras:
-        homography, epipole = PlaneSweep.of(camera, target)
-        at = homography @ pixels + epipole[:, None] * disparities.double()[:, None, None]  # [L, 3, 5]
-        positions = (at[:, :2] / at[:, 2:]).masked_fill(at[:, 2:] <= 0, torch.nan)
-        apart = positions.diff(dim=0).norm(dim=1).nanmedian(dim=1).values
-        largest = torch.maximum(largest, apart.nan_to_num(nan=0.0))
-    return torch.cat([largest, largest[-1:]]).clamp(LEAST, most)
+    pixels = parallax_between(cameras, target, disparities)
+    return torch.cat([pixels, pixels[-1:]]).clamp(LEAST, most)
 
 
 def logit_shift(cameras: list[Camera], target: Camera, disparities: Tensor, most: float) -> Tensor:
