@@ -10,9 +10,8 @@ use std::os::unix::fs::{MetadataExt, symlink};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
-use std::time::Duration;
 
-use common::{Folders, HEIGHT, WIDTH, fixture, photo};
+use common::{Folders, HEIGHT, WIDTH, fixture, photo, wait_until};
 use liveview::fs::atomic::TEMPORARY;
 use liveview::image;
 use serde_json::Value;
@@ -184,10 +183,7 @@ fn a_render_that_is_interrupted_leaves_whole_files_alone() {
             .env("PATH", folders.ffmpeg("for last; do :; done; echo begun > \"$last\"; exec /bin/cat > /dev/null"));
         // As at a terminal: the signal is for whatever the program started, too.
         let mut render = render.process_group(0).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-        while !begun() {
-            assert!(render.try_wait().unwrap().is_none(), "it ended before it was interrupted");
-            std::thread::sleep(Duration::from_millis(10));
-        }
+        wait_until(&mut render, begun);
         let kill = Command::new("/bin/kill").args(["-INT", "--", &format!("-{}", render.id())]).status().unwrap();
         let output = render.wait_with_output().unwrap();
         assert!(kill.success() && output.status.code() == Some(130), "{}", said(&output));
@@ -339,10 +335,8 @@ fn a_photo_that_vanishes_during_the_run() {
     let arguments = ["--path", "line:400", "--layers", "guided:1", "-o", &frames];
     let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
     render.arg("render").arg(folders.scene()).args(arguments).args(["--model", &fixture("tiny_v4")]);
-    let running = render.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
-    while !fs::exists(folders.out("frames/liveview.json")).unwrap() {
-        std::thread::sleep(Duration::from_millis(1));
-    }
+    let mut running = render.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    wait_until(&mut running, || fs::exists(folders.out("frames/liveview.json")).unwrap());
     fs::remove_file(&photo).unwrap();
     let output = running.wait_with_output().unwrap();
     let told = said(&output);

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use common::{Folders, HEIGHT, WIDTH, fixture, photo};
+use common::{Folders, HEIGHT, WIDTH, fixture, photo, wait_until};
 use serde_json::Value;
 
 /// A rig: six cameras, each a folder of frames.
@@ -260,10 +260,7 @@ fn the_record_is_appended_to_and_not_written_anew() {
     render.arg("render").arg(folders.scene()).args(["--path", "line:100", "-o", &folders.out("frames")]);
     render.args(["--model", &fixture("tiny_v4"), "--layers", "guided:1"]).stdout(Stdio::null());
     let mut running = render.spawn().unwrap();
-    while fs::hard_link(&record, &first).is_err() {
-        assert!(running.try_wait().unwrap().is_none(), "it ended without a record");
-        std::thread::sleep(Duration::from_millis(1));
-    }
+    wait_until(&mut running, || fs::hard_link(&record, &first).is_ok());
     assert!(running.wait().unwrap().success());
     let text = fs::read(&record).unwrap();
     assert!(text == fs::read(&first).unwrap(), "one file from the first picture to the last");

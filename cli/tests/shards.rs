@@ -7,9 +7,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
-use std::time::Duration;
 
-use common::Folders;
+use common::{Folders, wait_until};
 use serde_json::Value;
 
 const NONE: [&str; 2] = ["--network", "none"];
@@ -93,10 +92,7 @@ fn a_shard_that_was_killed_is_run_again() {
 
     for kill_after in ["liveview_2_of_3.json", "frame_0031.png"] {
         let mut killed = shard("2/3", &["--resume"]).spawn().unwrap();
-        while !Path::new(&parts).join(kill_after).exists() {
-            assert!(killed.try_wait().unwrap().is_none(), "it ended before it was killed");
-            std::thread::sleep(Duration::from_millis(1));
-        }
+        wait_until(&mut killed, || Path::new(&parts).join(kill_after).exists());
         killed.kill().unwrap();
         assert!(!killed.wait().unwrap().success());
     }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
 use common::rig::{Rig, ffmpeg, said, told};
-use common::{HEIGHT, WIDTH, fixture};
+use common::{HEIGHT, WIDTH, fixture, wait_until};
 use liveview::fs::atomic::TEMPORARY;
 use serde_json::Value;
 
@@ -23,11 +23,9 @@ fn start(rig: &Rig, command: &str, model: &str, path: &str, arguments: &[&str]) 
     started.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
-/// Sends a signal once `is_ready`, and waits for the end; it must not end before.
+/// Sends a signal once `is_ready`, and waits for the end.
 fn signalled(mut child: Child, signal: &str, is_ready: impl Fn() -> bool) -> Output {
-    while !is_ready() && child.try_wait().unwrap().is_none() {
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    wait_until(&mut child, is_ready);
     Command::new("/bin/kill").args([signal, &child.id().to_string()]).assert().success();
     child.wait_with_output().unwrap()
 }

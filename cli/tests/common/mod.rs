@@ -7,9 +7,20 @@ pub(crate) mod viewer;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
+use std::process::Child;
+use std::thread::sleep;
+use std::time::Duration;
 
 use assert_cmd::Command;
 use tempfile::TempDir;
+
+/// Waits until `is_ready`, which a program is while it runs.
+pub(crate) fn wait_until(running: &mut Child, is_ready: impl Fn() -> bool) {
+    while !is_ready() {
+        assert!(running.try_wait().unwrap().is_none(), "it ended before that");
+        sleep(Duration::from_millis(1));
+    }
+}
 
 pub(crate) const WIDTH: u32 = 64;
 pub(crate) const HEIGHT: u32 = 48;
