@@ -23,6 +23,17 @@ def trained_network(state: dict) -> UNet:
     return net
 
 
+def training_of(state: dict) -> str:
+    """The trainings that a state went through, and what was fitted after them, in a line."""
+    runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
+    told = ", then ".join(f"V = {v}: {steps:,} steps, {seconds / 60:.0f} minutes" for v, steps, seconds in runs)
+    if "view_weights" in state["config"]:
+        told += "; then view weights fitted to surface:1"
+    if "logit_shift" in state["config"]:
+        told += f"; then, after the last validation, logit 0 shifted by {state['config']['logit_shift']:g}"
+    return told
+
+
 def load_network(path: Path) -> UNet:
     """The network of either kind of file, float32, in inference mode, BatchNorm folded into its convolutions."""
     return exported_network(path) if path.suffix == ".onnx" else fold_batchnorm(trained_network(load_state(path)))

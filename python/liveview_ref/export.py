@@ -17,7 +17,7 @@ import onnx
 import torch
 from torch import Tensor, nn
 
-from .checkpoint import load_state, trained_network
+from .checkpoint import load_state, trained_network, training_of
 from .onnx_session import logits, session
 from .reference import layer_spec
 from .reference.layers import STRIDE
@@ -110,17 +110,9 @@ def main() -> None:
         state["average"]["conv9.bias"][0] += args.logit_shift
         state["config"]["logit_shift"] = args.logit_shift
     net, config = trained_network(state), state["config"]
-    runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
-    training = ", then ".join(
-        f"V = {views}: {steps} steps, {seconds / 60:.0f} minutes" for views, steps, seconds in runs
-    )
-    if "view_weights" in config:
-        training += "; then view weights fitted to surface:1"
-    if "logit_shift" in config:
-        training += f"; then logit 0 shifted by {config['logit_shift']:g}"
     metadata = {
         "recommended_layers": str(args.recommended_layers),
-        "training": f"batches of {config['batch']} scenes; {training}",
+        "training": f"batches of {config['batch']} scenes; {training_of(state)}",
         "trained_layers": trained_layers(config),
         "licence": args.licence,
     }

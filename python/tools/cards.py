@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from statistics import fmean
 
-from liveview_ref.checkpoint import load_state
+from liveview_ref.checkpoint import load_state, training_of
 from liveview_ref.evaluation.chart import Panel, chart
 
 from .marked_text import fill
@@ -25,15 +25,9 @@ def trained(models: dict[str, dict]) -> str:
     """The training of each model, by V and what else its file's name says."""
     lines = ["| V | training | last validation, PSNR in dB | of |", "|---|---|---|---|"]
     for name, state in models.items():
-        runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
-        training = ", then ".join(f"V = {v}: {steps:,} steps, {seconds / 60:.0f} minutes" for v, steps, seconds in runs)
-        if "view_weights" in state["config"]:
-            training += "; then view weights fitted to surface:1"
-        if "logit_shift" in state["config"]:
-            training += f"; then, after the last validation, logit 0 shifted by {state['config']['logit_shift']:g}"
         last = {kind: state["history"][-1][kind] for kind in kinds_of(state["history"][-1])}
         scenes = ", ".join(f"{Path(s['path']).name} at {s['width']}" for s in state["config"]["validation"])
-        row = (name, training, ", ".join(f"{kind}: {value:.2f}" for kind, value in last.items()), scenes)
+        row = (name, training_of(state), ", ".join(f"{kind}: {value:.2f}" for kind, value in last.items()), scenes)
         lines.append("| " + " | ".join(map(str, row)) + " |")
     return "\n".join(lines)
 
