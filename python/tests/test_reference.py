@@ -1,7 +1,7 @@
 """The reference against kornia, against figures worked by hand, and against the paper's own counts."""
 
 import math
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import onnx
@@ -14,11 +14,12 @@ from liveview_ref.export import check, export
 from liveview_ref.parity.kornia_warp import warp_plane_kornia
 from liveview_ref.parity.rigs import rig
 from liveview_ref.reference.blend import blend
+from liveview_ref.reference.camera import Camera
 from liveview_ref.reference.composite import composite
 from liveview_ref.reference.cover import cover_planes
-from liveview_ref.reference.guided import guided_search, parallax, search_planes
+from liveview_ref.reference.guided import guided_search, search_planes
 from liveview_ref.reference.histogram import plane_histogram, select_planes
-from liveview_ref.reference.layers import plane_maps, uniform_disparities
+from liveview_ref.reference.layers import padded_size, plane_maps, uniform_disparities
 from liveview_ref.reference.metrics import ssim
 from liveview_ref.reference.renderer import render
 from liveview_ref.reference.spacing import LEAST, spacing
@@ -39,8 +40,24 @@ def test_the_spacing_of_planes_is_the_parallax_from_each_to_the_next(kind):
     _, cameras, target = rig_of(kind)
     planes = torch.tensor([2.5, 1.1, 1.0, 0.99, 0.99, 0.3, 0.0], dtype=torch.float64)
     found = spacing(cameras, target, planes, 5.0)
-    pairs = zip((1 / planes).tolist(), (1 / planes[1:]).tolist(), strict=False)
-    expected = [min(max(parallax(cameras, target, *pair), LEAST), 5.0) for pair in pairs]
+    height, width = padded_size(target.height, target.width)
+    corners = [(0, 0), (width, 0), (0, height), (width, height), (width / 2, height / 2)]
+
+    def shown(camera: Camera, corner: tuple, disparity: torch.Tensor) -> torch.Tensor | None:
+        """Where the camera sees the point of a pixel of the target, by way of the world; None behind the camera."""
+        ray = torch.linalg.inv(target.k) @ torch.tensor([*corner, 1.0], dtype=torch.float64)
+        from_target = camera.rotation @ target.rotation.T
+        point = camera.k @ (from_target @ (ray - disparity * target.translation) + disparity * camera.translation)
+        return point[:2] / point[2] if point[2] > 0 else None
+
+    expected = []
+    for near, far in pairwise(planes):
+        largest = 0.0
+        for camera in cameras:
+            ends = [(shown(camera, corner, near), shown(camera, corner, far)) for corner in corners]
+            apart = sorted(float((a - b).norm()) for a, b in ends if a is not None and b is not None)
+            largest = max(largest, apart[(len(apart) - 1) // 2] if apart else 0.0)
+        expected.append(min(max(largest, LEAST), 5.0))
     torch.testing.assert_close(found, torch.tensor([*expected, expected[-1]], dtype=torch.float64))
     assert expected[3] == LEAST and max(expected) == 5.0
     assert spacing(cameras, target, planes[:1], 5.0).tolist() == [5.0]

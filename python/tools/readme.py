@@ -35,9 +35,14 @@ SHOWN = (
 FEW = "surface:1", "surface:2", "surface:3", "guided:1", "guided:2"
 
 
+def measured() -> dict:
+    """The report of V = 4."""
+    return json.loads((REPORT / "v4" / "sweep.json").read_text())
+
+
 def numbers() -> tuple[str, str]:
     """A line, and the table: an excerpt of V = 4."""
-    report = json.loads((REPORT / "v4" / "sweep.json").read_text())
+    report = measured()
     own = [row for row in report["rows"] if not row["reference"]]
     dense = max((row for row in own if row["layers"].startswith("planes:")), key=lambda row: row["count"])
     size = f"{dense['width']}x{dense['height']}"
@@ -84,6 +89,19 @@ def headline(report: dict, size: str) -> str:
     )
 
 
+def int8() -> str:
+    """How many times as fast int8 is as f32 on the CPU, on the layers that gain most."""
+    seconds = {}
+    for row in measured()["rows"]:
+        seconds.setdefault(row["engine"], {})[row["layers"]] = row["seconds"]["median"]
+    whole = seconds["cpu, f32"]
+    cpu, openvino = (
+        max(whole[layers] / taken for layers, taken in seconds[f"{engine}, int8"].items())
+        for engine in ("cpu", "openvino")
+    )
+    return f"{cpu:.1f} times as fast ({openvino:.1f} times with OpenVINO)"
+
+
 def parity() -> str:
     command = [sys.executable, "-m", "liveview_ref.parity", f"../{SCENE}", "--target", "target_0"]
     command += ["--layers", "guided:4"]
@@ -126,7 +144,8 @@ def clip() -> None:
 def main() -> None:
     readme = ROOT / "README.md"
     headline, table = numbers()
-    fill(readme, {"headline": headline, "numbers": f"\n\n{table}\n\n", "parity": f"\n\n{parity()}\n\n"})
+    parts = {"headline": headline, "numbers": f"\n\n{table}\n\n", "int8": int8(), "parity": f"\n\n{parity()}\n\n"}
+    fill(readme, parts)
     picture()
     clip()
 
