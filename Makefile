@@ -99,7 +99,8 @@ test-rust: setup goldens
 	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scene_data -- --ignored
 	test ! -e .venv-openvino/.runtime || cargo test --release --locked --test execution_providers -- --ignored
 
-test-python: setup
+## Those of the program and of the evaluation too: without both they would be skipped.
+test-python: setup-evaluation build
 	cd python && ../$(BIN)/python -m pytest -q
 
 ## `liveview view` driven by a headless Chromium, which npm fetches (Node 20 or later; CHROMIUM names another). Not part of `test`.
@@ -219,4 +220,4 @@ fuzz:
 	done
 
 clean:
-	rm -rf target out $(VENV) .venv-openvino .venv-ray tests/fuzz/target tests/fuzz/corpus tests/fuzz/artifacts
+	rm -rf target out $(VENV) .venv-openvino .venv-cuda .venv-ray tests/fuzz/target tests/fuzz/corpus tests/fuzz/artifacts

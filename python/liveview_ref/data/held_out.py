@@ -1,5 +1,5 @@
 """Held-out photos and the views to render them from, as training's configs ("validation") and configs/evaluation.json
-list them: {"path", "width" (null: the photo's own), "targets", "heldout", "alone", "pool", "near", "far"}."""
+list them: {"path", "width" (null: the photo's own), "targets", "heldout", "pool", "near", "far"}."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -39,17 +39,15 @@ def targets_of(scene: Scene, spec: dict) -> list[int]:
     return spec.get("targets") or list(range(0, len(scene.names), spec["heldout"]))
 
 
-def pool_of(scene: Scene, spec: dict, t: int) -> list[int]:
-    """Photos that target t may be rendered from. Held out are every `heldout`-th photo, or all targets, or, where the
-    spec says "alone", the target alone."""
+def pool_of(scene: Scene, spec: dict) -> list[int]:
+    """Photos that targets may be rendered from. Held out are every `heldout`-th photo, or all targets."""
     every = range(0, len(scene.names), spec["heldout"]) if spec.get("heldout") else spec["targets"]
-    heldout = [t] if spec.get("alone") else every
-    return [i for i in spec.get("pool", range(len(scene.names))) if i not in heldout]
+    return [i for i in spec.get("pool", range(len(scene.names))) if i not in every]
 
 
 def case_of(scene: Scene, spec: dict, t: int, views: int) -> Case:
     """The case of target t: of its pool, the nearest views."""
-    pool = pool_of(scene, spec, t)
+    pool = pool_of(scene, spec)
     width = spec["width"] or scene.cameras[t].width
     truth = resized(scene.image_u8(t), width)
     target = scene.cameras[t].with_size_scaled(width, truth.shape[1])

@@ -19,7 +19,7 @@ from ..reference.plane_sweep import PlaneSweep, source_coordinates
 from .examples import RealScene
 from .procedural.scene import Recipe, random_scene
 from .procedural.textures import Textures
-from .visibility import UNKNOWN, partly_hidden, visibility
+from .visibility import partly_hidden, visibility
 
 
 @dataclass
@@ -142,8 +142,3 @@ class Shards:
             else:
                 photos.append(cropped(rng, config, real[rng.choice(len(real), p=weights / weights.sum())]))
         return photos
-
-
-def hidden_share(p: Photos) -> float:
-    """Of the target's pixels with a view that is known to see them or not: where some are hidden and some see."""
-    return float(partly_hidden(p.seen)[(p.seen != UNKNOWN).any(0)].float().mean())

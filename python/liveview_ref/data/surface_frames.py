@@ -113,7 +113,7 @@ def hiding_frame(rng: np.random.Generator, config: dict, textures: Textures) -> 
 def held_out_rig(scene: Scene, spec: dict, t: int, views: int) -> Rig:
     """A held-out photo and all that it may be rendered from, each at its own size."""
     near, far = case_of(scene, spec, t, views)[4:6]
-    ids = [t, *pool_of(scene, spec, t)]
+    ids = [t, *pool_of(scene, spec)]
     return Rig([scene.image_u8(i).float() / 255 for i in ids], [scene.cameras[i] for i in ids], near, far, None)
 
 

@@ -64,7 +64,7 @@ class Program(NamedTuple):
 def write_scene(folder: Path, scene: Scene, spec: dict, target: int, case: Case) -> None:
     """The photos that a case may be rendered from, and its target, as transforms.json."""
     frames = [write_photo(folder, TARGET, case.truth, case.target, scene.bounds[target])]
-    for index in pool_of(scene, spec, target):
+    for index in pool_of(scene, spec):
         photo = resized(scene.image_u8(index), case.target.width)
         camera = scene.cameras[index].with_size_scaled(photo.shape[2], photo.shape[1])
         frames.append(write_photo(folder, f"{index:04}.png", photo, camera, scene.bounds[index]))

@@ -98,6 +98,8 @@ def main() -> int:
         where = ", ".join(str(int(i)) for i in ours[2])
         figures = f"{ours[0]:.1e} | {theirs[0]:.1e} | {ours[1]:.1e} | {theirs[1]:.1e}"
         print(f"| {name} | {elements} | {figures} | [{where}] | {'ok' if good else 'OFF'} |")
+    if about["layers"].startswith("surface"):
+        print("\nnot held here, but by tests/parity_mvs.rs: the photos' depth, the surface, its layers, their warp")
     chosen = np.array_equal(stages.best_layer(data), data["best_layer"])
     print(f"\nthe same layer chosen at each pixel: {'yes' if chosen else 'NO'}")
     if net is None:

@@ -157,7 +157,7 @@ def main() -> None:
         start = -(-(step - worker) // config["makers"])
         spawn.Process(target=maker, args=(queue, config, args.data, worker, start), daemon=True).start()
     recent: deque[list[Example]] | list = deque(maxlen=48)
-    began, running, waited = time.perf_counter(), 0.0, 0.0
+    began, since, running, waited = time.perf_counter(), 0.0, 0.0, 0.0
     while step < config["steps"]:
         t = time.perf_counter()
         batch = queues[step % config["makers"]].get()
@@ -180,13 +180,12 @@ def main() -> None:
         running += float(loss.detach())
         if step % 100 == 0:
             now = time.perf_counter()
-            print(
-                f"step {step} loss {running / 100:.4f} {(now - began) * 10:.0f} ms/step, waited {waited:.0f} s",
-                flush=True,
-            )
-            seconds += now - began
-            began, running, waited = now, 0.0, 0.0
+            seconds, since = seconds + now - began, since + now - began
+            print(f"step {step} loss {running / 100:.4f} {since * 10:.0f} ms/step, waited {waited:.0f} s", flush=True)
+            began, since, running, waited = now, 0.0, 0.0, 0.0
         if step % config["validate_every"] == 0 or step == config["steps"]:
+            passed = time.perf_counter() - began  # validation does not count
+            seconds, since = seconds + passed, since + passed
             if step == config["steps"]:  # the weights that are kept deserve statistics of more than 48 batches
                 recent = [*recent, *(queues[(step + i) % config["makers"]].get() for i in range(80))]
             estimate_statistics(average, list(recent), device)
