@@ -46,9 +46,8 @@ def numbers() -> tuple[str, str]:
     own = [row for row in report["rows"] if not row["reference"]]
     dense = max((row for row in own if row["layers"].startswith("planes:")), key=lambda row: row["count"])
     size = f"{dense['width']}x{dense['height']}"
-    flags = "AVX-512" if "avx512f" in Path("/proc/cpuinfo").read_text() else "no AVX-512"
     lines = [
-        f"Example scene, {size}, V = {report['views']}, {report['threads']} threads of {report['cpu']} ({flags}), "
+        f"Example scene, {size}, V = {report['views']}, {report['threads']} threads of {report['cpu']}, "
         f"batch {report['batch']}; PSNR and SSIM the mean of its two held-out photos (of the references: the first), "
         "16-pixel border left out; median time per picture of "
         f"{len(dense['seconds']['all'])} interleaved runs, with their range; once: the photos' depth, "

@@ -9,7 +9,7 @@ pub(crate) fn markdown(sweep: &SweepReport) -> String {
     let sizes: Vec<_> = sweep.rows.iter().map(|row| row.size).collect();
     let many = sizes.iter().any(|&size| size != sizes[0]);
     let mut text = format!(
-        "{}, {}{} from {} views, {} threads, batch {}, {}; {} repetitions, interleaved, each configuration in a process of its own; \
+        "{}, {}{} from {} views, {} threads, batch {}, {}; models: {}; {} repetitions, interleaved, each configuration in a process of its own; \
          scores against the held-out photos, errors against the most planes.\n\n",
         sweep.scene,
         sweep.targets.join(" and "),
@@ -18,6 +18,7 @@ pub(crate) fn markdown(sweep: &SweepReport) -> String {
         sweep.threads,
         sweep.batch,
         sweep.cpu,
+        sweep.model,
         sweep.rows.iter().map(|row| row.runs.len()).max().unwrap_or(0),
     );
     if sweep.noisy() {
@@ -50,6 +51,9 @@ pub(crate) fn markdown(sweep: &SweepReport) -> String {
             row.peak_memory_bytes.map_or("-".into(), |bytes| format!("{:.0}", bytes as f64 / 1e6)),
             shares(row),
         );
+    }
+    if sweep.rows.iter().any(|row| row.reference) {
+        text += "\nPyTorch's and ONNX Runtime's rows composite as the paper does, with the model for any layers; scored on the first target.\n";
     }
     text += "\n● on the Pareto front of time and PSNR. `once`: planes selected in a first pass, or the depth of the photos, which all further frames share.\n";
     text

@@ -1,5 +1,6 @@
 //! `liveview sweep`: error against run time, each configuration in a worker process, their repetitions interleaved.
 
+mod cpu;
 mod markdown;
 mod measured;
 mod plot;
@@ -7,11 +8,11 @@ mod rows;
 mod worker;
 
 use std::ffi::OsString;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use cpu::cpu;
 use liveview::geometry::Size;
 use liveview::layers::uniform_disparities;
 use liveview::{LayerSpec, PhotoCache, Shot, Targets};
@@ -256,11 +257,4 @@ fn write_job(path: &Path, photos: &PhotoCache, shot: &Shot, planes: usize) -> Re
     arrays.add_rig(photos, shot)?;
     arrays.add("disparities", Array1::from_vec(uniform_disparities(shot.near, shot.far, planes)?))?;
     arrays.finish()
-}
-
-/// The processor's name, where the system reports it (Linux).
-fn cpu() -> String {
-    let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
-    name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
 }
