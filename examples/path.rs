@@ -25,8 +25,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     for (index, shot) in shots.iter().enumerate() {
         // Photos that later frames need stay in memory.
         synthesizer.photos_mut().load_for(shot, &shots[index + 1..])?;
-        let layers = synthesizer.plan(shot)?.layers;
-        let frame = synthesizer.render_layers(shot, &layers, |_| ())?;
+        let plan = synthesizer.plan(shot)?;
+        let frame = synthesizer.render_plan(shot, &plan, |_| ())?;
         let picture = inpaint_unseen(&frame.picture, &frame.transmittance);
         picture.save(folder.join(format!("{}.png", shot.name)))?;
         write_frame(&mut video, &picture)?;

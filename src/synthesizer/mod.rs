@@ -11,7 +11,7 @@
 //! ```
 //!
 //! The same step by step: [`Synthesizer::shots`] chooses the views and the depth range of each target,
-//! [`Synthesizer::plan`] finds its layers, [`Synthesizer::render_layers`] renders them.
+//! [`Synthesizer::plan`] finds its layers, [`Synthesizer::render_plan`] renders them.
 
 mod error;
 mod memory;
@@ -237,7 +237,8 @@ impl<N: PlaneNetwork> Synthesizer<N> {
         Ok(self.renderer.render_visible(&sources, Some(&visibility), &shot.target, &plan.layers, observe)?)
     }
 
-    /// Renders a shot on these layers; `observe` is shown its stages ([`Renderer::render_observed`]).
+    /// Renders a shot on these layers alone, with every view counted everywhere: what a plan knows of who sees what is for
+    /// [`Self::render_plan`]. `observe` is shown its stages ([`Renderer::render_observed`]).
     ///
     /// # Errors
     ///

@@ -137,8 +137,11 @@ impl Record {
                 );
             }
         }
+        let Some(done) = found["done"].as_object_mut() else {
+            bail!("--resume: {at}: \"done\": expected an object, a picture each");
+        };
         for (name, files) in wanted {
-            let entry = found["done"][name].take();
+            let entry = done.get_mut(*name).map(Value::take).unwrap_or_default();
             let unchanged = |file: &PathBuf| digest_of(file).is_ok_and(|digest| lists(&entry, &digest));
             if files.iter().all(unchanged) {
                 self.done.insert((*name).to_owned(), entry);

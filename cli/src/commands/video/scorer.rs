@@ -19,11 +19,14 @@ pub(super) struct Scorer {
 
 impl Scorer {
     pub(super) fn score(&mut self, picture: &ImageRgb, truth: ImageRgb) -> Option<Scores> {
-        let score = Score::of(picture, &truth);
+        let Some(score) = Score::of(picture, &truth) else {
+            self.before = None; // too small to be scored
+            return None;
+        };
         let before = self.before.as_ref();
         let flicker = before.map(|(before, truth_before)| flicker([before, picture], [truth_before, &truth]));
         self.before = Some((picture.clone(), truth));
-        score.map(|score| Scores { score, flicker })
+        Some(Scores { score, flicker })
     }
 
     /// Forgets the frame before, which the next one does not follow: no flicker between them.
