@@ -55,6 +55,13 @@ mod tests {
     use super::*;
 
     #[test]
+    fn frames_narrower_than_their_borders_are_not_scored() {
+        let frame = || ImageRgb::new(28, 60, vec![0.5; 3 * 28 * 60]).unwrap();
+        let mut scorer = Scorer::default();
+        assert!((0..2).all(|_| scorer.score(&frame(), frame()).is_none()));
+    }
+
+    #[test]
     fn flicker_is_the_change_that_the_truth_does_not_make() {
         let flat = |value: f32| ImageRgb::new(48, 48, vec![value; 3 * 48 * 48]).unwrap();
         let mut scorer = Scorer::default();
