@@ -6,10 +6,10 @@ use std::path::Path;
 use ort::value::{Shape, SymbolicDimensions, TensorElementType, ValueType};
 
 use crate::image::{self, ImageError, ImageRgb};
-use crate::mvs::PhotoDepth;
-use crate::mvs::cache;
 use crate::network::{self, ModelCard, NetworkError};
 pub use crate::scene::fuzz as scene;
+use crate::surface::PhotoDepth;
+use crate::surface::cache;
 
 /// Decodes a PNG or JPEG of at most 4096 pixels; `None` for a larger one.
 ///

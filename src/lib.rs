@@ -42,6 +42,7 @@
 //!
 //! - `load-dynamic` (default): ONNX Runtime is loaded at run time ([`network::OrtLibrary`]); the library may hold OpenVINO.
 //! - `cuda`, `tensorrt`: these execution providers, for libraries that hold them.
+//! - `surface` (default): `surface:L` layers ([`surface`]) and what needs them, such as [`live`].
 //! - `download-binaries`: ONNX Runtime is fetched and linked at build time instead (without default features).
 
 pub mod fs;
@@ -50,12 +51,14 @@ pub mod fuzz;
 pub mod geometry;
 pub mod image;
 pub mod layers;
+#[cfg(feature = "surface")]
 pub mod live;
-pub mod mvs;
 pub mod network;
 pub mod render;
 pub mod scene;
 mod simd;
+#[cfg(feature = "surface")]
+pub mod surface;
 mod synthesizer;
 pub mod warp;
 
@@ -71,8 +74,10 @@ pub use render::Frame;
 pub use scene::{Scene, SceneOptions};
 // The high-level interface has no other path.
 pub use synthesizer::{
-    DEFAULT_VIEWS, DepthSource, Matched, Model, ModelOptions, Options, PhotoCache, Plan, SeenSurface, Shot,
-    SynthesisError, Synthesizer, Target, TargetView, Targets, ViewDepth,
+    DEFAULT_VIEWS, Model, ModelOptions, Options, PhotoCache, Plan, Shot, SynthesisError, Synthesizer, Target,
+    TargetView, Targets,
 };
+#[cfg(feature = "surface")]
+pub use synthesizer::{DepthSource, PhotoCorrection, TargetSurface, ViewDepth};
 // Their types are part of the interface.
 pub use {glam, ndarray};

@@ -47,7 +47,7 @@ impl Job {
         let mut culling = Culling::default();
         culling.transmittance = layers.opaque;
         job.synthesizer.renderer_mut().set_culling(culling);
-        job.synthesizer.set_matched(layers.matched());
+        job.synthesizer.set_photo_correction(layers.photo_correction());
         Ok(job)
     }
 

@@ -21,5 +21,6 @@ pub use plane_sweep::PlaneSweep;
 pub(crate) use pose::cam_from_opengl_world;
 pub use pose::{RelativePose, source_from_target};
 pub use size::{MAX_SIDE, Size};
+#[cfg(feature = "surface")]
 pub(crate) use view_selection::looking_alike;
 pub use view_selection::{TooFewViews, choose_views, distance, middle_camera};

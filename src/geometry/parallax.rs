@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3};
 
 use super::camera::Camera;
 use super::plane_sweep::PlaneSweep;
+use super::size::Size;
 
 /// Samples across and down a target.
 const GRID: (usize, usize) = (48, 36);
@@ -18,7 +19,7 @@ pub fn grid(target: &Camera) -> Vec<DVec2> {
 }
 
 /// Position in the view (pixels) of a target pixel at a disparity (1/scene unit), if it lies in front of the view.
-pub(crate) fn project(sweep: &PlaneSweep, pixel: DVec2, disparity: f64) -> Option<DVec2> {
+fn project(sweep: &PlaneSweep, pixel: DVec2, disparity: f64) -> Option<DVec2> {
     let DVec3 { x, y, z } = sweep.source_from_target(disparity) * pixel.extend(1.0);
     (z > 0.0).then(|| DVec2::new(x / z, y / z))
 }
@@ -41,4 +42,24 @@ pub fn coverage(views: &[(&Camera, PlaneSweep)], grid: &[DVec2], disparity: f64)
         views.iter().any(|(view, sweep)| project(sweep, pixel, disparity).is_some_and(|at| covers(view, at)))
     };
     grid.iter().filter(|&&pixel| covered(pixel)).count() as f64 / grid.len() as f64
+}
+
+/// Parallax between near and far (pixels) in the view where it is largest: the median over the target's corners and centre.
+pub(crate) fn widest_parallax(sweeps: &[PlaneSweep], size: Size, near: f64, far: f64) -> f64 {
+    widest_parallax_between(sweeps, size, (1.0 / near, 1.0 / far))
+}
+
+/// As [`widest_parallax`], between two disparities (1/scene unit), where both lie in front of the view.
+pub(crate) fn widest_parallax_between(sweeps: &[PlaneSweep], size: Size, disparities: (f64, f64)) -> f64 {
+    let points = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5)];
+    let in_view = |sweep: &PlaneSweep| {
+        let apart = |&(x, y): &(f64, f64)| {
+            let pixel = DVec2::new(x * size.width as f64, y * size.height as f64);
+            Some(project(sweep, pixel, disparities.0)?.distance(project(sweep, pixel, disparities.1)?))
+        };
+        let mut apart: Vec<f64> = points.iter().filter_map(apart).collect();
+        apart.sort_by(f64::total_cmp);
+        apart.get(apart.len().saturating_sub(1) / 2).copied().unwrap_or(0.0)
+    };
+    sweeps.iter().map(in_view).fold(0.0, f64::max)
 }

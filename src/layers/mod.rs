@@ -14,6 +14,7 @@ mod layer;
 mod spec;
 mod uniform;
 
+#[cfg(feature = "surface")]
 pub(crate) use cells::enlarge;
 pub use cells::{CELL, STRIDE, padded};
 pub use cover::cover_planes;

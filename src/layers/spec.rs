@@ -34,7 +34,8 @@ pub enum LayerSpec {
         /// Planes of the first search; `None`: by the parallax ([`super::guided::GuidedSearch`]).
         coarse_planes: Option<usize>,
     },
-    /// Layers along the surface that the photos' own depth gives ([`crate::mvs`]).
+    /// Layers along the surface that the depth of the photos gives ([`crate::surface`]).
+    #[cfg(feature = "surface")]
     Surface(usize),
     /// The paper's selection.
     Select {
@@ -73,6 +74,7 @@ impl LayerSpec {
         match self {
             Self::Planes(_) => "planes",
             Self::Guided { .. } => "guided",
+            #[cfg(feature = "surface")]
             Self::Surface(_) => "surface",
             Self::Select { .. } => "select",
             Self::KMeans { .. } => "kmeans",
@@ -82,13 +84,15 @@ impl LayerSpec {
 
     /// Whether its layers are planes.
     pub fn is_planes(&self) -> bool {
-        !matches!(self, Self::Guided { .. } | Self::Surface(_))
+        !matches!(self.kind(), "guided" | "surface")
     }
 
     /// Most layers that are rendered at a time: for [`LayerSpec::Select`] those that it selects from.
     pub fn count(&self) -> usize {
         match self {
-            Self::Planes(count) | Self::Surface(count) => *count,
+            Self::Planes(count) => *count,
+            #[cfg(feature = "surface")]
+            Self::Surface(count) => *count,
             Self::Guided { layers, .. } => *layers,
             Self::Select { from, .. } => *from,
             Self::KMeans { planes, .. } => *planes,
@@ -119,7 +123,10 @@ fn parse(text: &str) -> Result<LayerSpec, String> {
     Ok(match kind {
         "planes" => LayerSpec::Planes(whole(rest, 1..=MAX_LAYERS)?),
         "guided" => LayerSpec::Guided { layers: layers()?, coarse_planes: coarse_planes()? },
+        #[cfg(feature = "surface")]
         "surface" => LayerSpec::Surface(whole(rest, 1..=MAX_LAYERS)?),
+        #[cfg(not(feature = "surface"))]
+        "surface" => return Err("this build is without the cargo feature `surface`".to_owned()),
         "kmeans" => LayerSpec::KMeans { planes: layers()?, coarse_planes: coarse_planes()? },
         "select" => {
             let (keep, from) = (layers()?, of.map_or(Ok(SELECT_FROM), |of| whole(of, 1..=MAX_LAYERS))?);
@@ -153,6 +160,7 @@ impl fmt::Display for LayerSpec {
         match self {
             Self::Planes(planes) => write!(f, "{planes}"),
             Self::Guided { layers, coarse_planes } => write!(f, "{layers}{}", of(coarse_planes)),
+            #[cfg(feature = "surface")]
             Self::Surface(layers) => write!(f, "{layers}"),
             Self::Select { keep, from } => write!(f, "{keep}/{from}"),
             Self::KMeans { planes, coarse_planes } => write!(f, "{planes}{}", of(coarse_planes)),

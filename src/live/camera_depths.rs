@@ -11,7 +11,7 @@ use super::policy::Policy;
 use super::settings::LiveSettings;
 use super::step::Step;
 use crate::geometry::{Camera, Size};
-use crate::mvs::{DepthMaps, Matched, PhotoDepth, SeenSurface, Settings, photo_depth};
+use crate::surface::{DepthMaps, PhotoCorrection, PhotoDepth, Settings, TargetSurface, photo_depth};
 use crate::warp::{SourceView, Texture};
 
 /// Pixels per side of a cell.
@@ -53,13 +53,13 @@ impl CameraDepths {
         target: &Camera,
         count: usize,
         settings: &LiveSettings,
-    ) -> (SeenSurface, f64) {
+    ) -> (TargetSurface, f64) {
         let mut set = step.nearest(target);
         set.truncate(count + self.maps.settings().extra);
         let searched: f64 = set.iter().map(|&camera| self.update(step, camera, settings.policy)).sum();
         let photos: Vec<_> = set.iter().map(|&camera| (camera, step.source(camera))).collect();
-        let matched = Matched { exposure: !settings.keep_exposure, ..Matched::default() };
-        (SeenSurface::find(&mut self.maps, &photos, count, target, matched), searched / set.len() as f64)
+        let correction = PhotoCorrection { exposure: !settings.keep_exposure, ..PhotoCorrection::default() };
+        (TargetSurface::find(&mut self.maps, &photos, count, target, correction), searched / set.len() as f64)
     }
 
     /// Searches what the policy says of a camera's photo; its share.

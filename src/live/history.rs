@@ -9,7 +9,7 @@ use super::step::{Step, TargetViews};
 use crate::geometry::Camera;
 use crate::layers::guided::GuidedSearch;
 use crate::layers::{LayerSpec, Layers, LayersError, kmeans_planes};
-use crate::mvs::SeenSurface;
+use crate::surface::TargetSurface;
 
 /// The layers of a frame.
 pub(super) struct Found {
@@ -17,7 +17,7 @@ pub(super) struct Found {
     /// Where they came from.
     pub(super) source: LayerSource,
     /// Who sees them, for surface layers.
-    pub(super) seen: Option<SeenSurface>,
+    pub(super) seen: Option<TargetSurface>,
 }
 
 /// What a session keeps from the frames before.

@@ -87,7 +87,7 @@ impl<N: PlaneNetwork> LiveSession<N> {
         let ready = Instant::now();
         let Found { layers, source, seen } = self.history.layers(&self.settings, &step, &views, target)?;
         let found = Instant::now();
-        let visibility = seen.as_ref().map(|seen| seen.visibility(&sources));
+        let visibility = seen.as_ref().map(|seen| seen.visibility());
         let frame = self.renderers[network].render_visible(&sources, visibility.as_ref(), target, &layers, |_| ())?;
         if let (LayerSpec::Select { keep, from }, LayerSource::Dense) = (&self.settings.layers, source) {
             let disparities = uniform_disparities(self.settings.near, self.settings.far, *from)?;

@@ -4,12 +4,12 @@ use ndarray::{ArrayView3, ArrayView4, ArrayViewMut4, Axis};
 use rayon::prelude::*;
 
 use super::blend::DistanceWeights;
+use super::visibility::hide;
 use crate::fs::memory::{self, MemoryError};
 use crate::geometry::Size;
 use crate::layers::Layer;
-use crate::mvs::hide;
 use crate::network::{NetworkError, PlaneNetwork};
-use crate::warp::{OwnDepth, RunCoverage, WarpSource, WarpedLayers, run_coverage_len, warp_layers_again};
+use crate::warp::{OwnDepth, RunCoverage, WarpSource, WarpedLayers, run_coverage_len, warp_layers_into};
 
 /// The stages of n layers over the padded target of h × w pixels, as [`super::Renderer::render_observed`] shows them.
 #[derive(Debug, Clone, Copy)]
@@ -102,7 +102,7 @@ impl Buffers {
             layer.fill(self.size.width, disparity);
             indices.push(index);
         }
-        warp_layers_again(sources, own, self.size, &mut self.layers(indices.len()));
+        warp_layers_into(sources, own, self.size, &mut self.layers(indices.len()));
     }
 
     /// The first `n` layers.

@@ -14,7 +14,9 @@ mod error;
 mod exp;
 mod frame;
 mod renderer;
+mod sharpened;
 mod spacing;
+mod visibility;
 
 pub use blend::{Blended, DistanceWeights, LayerSamples};
 pub use buffers::Batch;
@@ -24,3 +26,8 @@ pub use culling::{Culled, Culling};
 pub use error::RenderError;
 pub use frame::{Frame, StageTimes};
 pub use renderer::Renderer;
+#[cfg(feature = "surface")]
+pub(crate) use sharpened::SharpenedPhotos;
+#[cfg(feature = "surface")]
+pub(crate) use visibility::hide;
+pub use visibility::{Visibility, VisibleView};

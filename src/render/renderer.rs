@@ -13,10 +13,11 @@ use super::composite_row::{CompositeRow, LayerRow};
 use super::culling::{Culled, Culling};
 use super::error::RenderError;
 use super::frame::{Frame, StageTimes};
+use super::sharpened::SharpenedPhotos;
 use super::spacing::spacing;
+use super::visibility::Visibility;
 use crate::geometry::{Camera, Size, distance};
 use crate::layers::{Layers, padded};
-use crate::mvs::{SharpenedPhotos, Visibility};
 use crate::network::{Alpha, NetworkError, PlaneNetwork};
 use crate::warp::{RunCoverage, SourceView, WarpSource, warp_sources};
 

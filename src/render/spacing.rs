@@ -8,8 +8,8 @@
 //!
 //! [`Alpha::PerPixel`]: crate::network::Alpha::PerPixel
 
+use crate::geometry::parallax::widest_parallax_between;
 use crate::geometry::{PlaneSweep, Size};
-use crate::layers::guided::parallax_between;
 use crate::layers::{Layer, Layers};
 
 /// Pixels: no plane is closer to the next.
@@ -21,7 +21,7 @@ const LEAST: f64 = 1e-3;
 pub(super) fn spacing(sweeps: &[PlaneSweep], size: Size, layers: &Layers, most: f64) -> Option<Vec<f64>> {
     let disparity = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
     let disparities: Vec<f64> = layers.as_slice().iter().map(disparity).collect::<Option<_>>()?;
-    let to_next = |pair: &[f64]| parallax_between(sweeps, size, (pair[0], pair[1])).max(LEAST).min(most);
+    let to_next = |pair: &[f64]| widest_parallax_between(sweeps, size, (pair[0], pair[1])).max(LEAST).min(most);
     let mut found: Vec<f64> = disparities.windows(2).map(to_next).collect();
     found.push(found.last().copied().unwrap_or(most));
     Some(found)

@@ -1,5 +1,6 @@
 //! Why a scene could not be opened or rendered.
 
+#[cfg(feature = "surface")]
 use std::io;
 use std::path::PathBuf;
 
@@ -42,6 +43,7 @@ pub enum SynthesisError {
     /// No valid layers, or near and far span no range of depths.
     #[error(transparent)]
     Layers(#[from] LayersError),
+    #[cfg(feature = "surface")]
     /// The folder where depth is to be kept cannot be written to.
     #[error("{}: files cannot be written there: {source}; expected a folder for depth maps", folder.display())]
     Cache {

@@ -23,7 +23,7 @@ pub(super) fn check<N: PlaneNetwork>(
     layers: &LayerSpec,
     shots: &[Shot],
 ) -> Result<(), SynthesisError> {
-    let with_depth = matches!(layers, LayerSpec::Surface(_));
+    let with_depth = layers.kind() == "surface";
     let bytes = |shot: &Shot| {
         let photo = |&view: &usize| scene.views[view].camera.size().pixels();
         let views: usize = shot.views.iter().chain(&shot.helpers).map(photo).sum();

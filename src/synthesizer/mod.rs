@@ -17,28 +17,35 @@ mod error;
 mod memory;
 mod model;
 mod photo_cache;
+#[cfg(feature = "surface")]
 mod photo_depths;
 mod plan;
 mod retention;
+#[cfg(feature = "surface")]
 mod scene_depth;
 mod target;
 
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+#[cfg(feature = "surface")]
+use std::path::PathBuf;
 
 pub use error::SynthesisError;
 pub use model::{DEFAULT_VIEWS, Model, ModelOptions};
 pub use photo_cache::PhotoCache;
+#[cfg(feature = "surface")]
 pub use photo_depths::{DepthSource, ViewDepth};
 pub use plan::Plan;
 pub use target::{Shot, Target, TargetView, Targets};
 
 use crate::layers::{LayerSpec, Layers};
-use crate::mvs::Settings;
-pub use crate::mvs::{Matched, SeenSurface};
 use crate::network::{OrtNetwork, PlaneNetwork};
 use crate::render::{Batch, Frame, Renderer};
 use crate::scene::{Scene, SceneOptions};
+#[cfg(feature = "surface")]
+use crate::surface::Settings;
+#[cfg(feature = "surface")]
+pub use crate::surface::{PhotoCorrection, TargetSurface};
 
 /// Options of [`Synthesizer::open`].
 #[derive(Debug, Clone, Default)]
@@ -55,7 +62,9 @@ pub struct Options {
     /// Which layers; `None`: those that the model recommends.
     pub layers: Option<LayerSpec>,
     /// In what surface layers make photos alike.
-    pub matched: Matched,
+    #[cfg(feature = "surface")]
+    pub photo_correction: PhotoCorrection,
+    #[cfg(feature = "surface")]
     /// Folder where surface layers keep the depth of photos for later runs ([`PhotoCache::keep_depths_in`]).
     pub cache: Option<PathBuf>,
 }
@@ -65,7 +74,8 @@ pub struct Synthesizer<N = OrtNetwork> {
     photos: PhotoCache,
     renderer: Renderer<N>,
     layers: LayerSpec,
-    matched: Matched,
+    #[cfg(feature = "surface")]
+    photo_correction: PhotoCorrection,
 }
 
 impl<N> fmt::Debug for Synthesizer<N> {
@@ -86,15 +96,19 @@ impl Synthesizer {
     ///
     /// [`SynthesisError`] for a folder that is no scene, a model or a library that is not found or does not fit.
     pub fn open(folder: impl AsRef<Path>, options: &Options) -> Result<Self, SynthesisError> {
+        #[cfg_attr(not(feature = "surface"), expect(unused_mut))]
         let mut photos = PhotoCache::new(Scene::open(folder.as_ref(), &options.scene)?, options.near, options.far);
+        #[cfg(feature = "surface")]
         options.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder))?;
         let model = Model::open(&options.model, options.layers.as_ref())?;
         let layers = match &options.layers {
             Some(layers) => layers.clone(),
             None => model.renderer.network().recommended_layers()?,
         };
+        #[cfg_attr(not(feature = "surface"), expect(unused_mut))]
         let mut synthesizer = Self::new(photos, model.renderer, layers);
-        synthesizer.set_matched(options.matched);
+        #[cfg(feature = "surface")]
+        synthesizer.set_photo_correction(options.photo_correction);
         Ok(synthesizer)
     }
 }
@@ -102,12 +116,19 @@ impl Synthesizer {
 impl<N: PlaneNetwork> Synthesizer<N> {
     /// A synthesizer of parts that are open already; any [`PlaneNetwork`] can be its network.
     pub fn new(photos: PhotoCache, renderer: Renderer<N>, layers: LayerSpec) -> Self {
-        Self { photos, renderer, layers, matched: Matched::default() }
+        Self {
+            photos,
+            renderer,
+            layers,
+            #[cfg(feature = "surface")]
+            photo_correction: PhotoCorrection::default(),
+        }
     }
 
     /// Sets in what surface layers make photos alike.
-    pub fn set_matched(&mut self, matched: Matched) {
-        self.matched = matched;
+    #[cfg(feature = "surface")]
+    pub fn set_photo_correction(&mut self, photo_correction: PhotoCorrection) {
+        self.photo_correction = photo_correction;
     }
 
     /// The scene and its loaded photos.
@@ -183,7 +204,10 @@ impl<N: PlaneNetwork> Synthesizer<N> {
             LayerSpec::List(list) => Some((1.0 / list[0], 1.0 / list[list.len() - 1])),
             _ => None,
         };
-        let helpers = if matches!(self.layers, LayerSpec::Surface(_)) { Settings::default().extra } else { 0 };
+        #[cfg(feature = "surface")]
+        let helpers = if self.layers.kind() == "surface" { Settings::default().extra } else { 0 };
+        #[cfg(not(feature = "surface"))]
+        let helpers = 0;
         let shots = self.photos.shots(targets, self.renderer.network().views(), helpers, given)?;
         memory::check(self.photos.scene(), &self.renderer, &self.layers, &shots)?;
         Ok(shots)
@@ -200,7 +224,11 @@ impl<N: PlaneNetwork> Synthesizer<N> {
     ///
     /// If its photos are not loaded ([`PhotoCache::load_for`]).
     pub fn plan(&mut self, shot: &Shot) -> Result<Plan, SynthesisError> {
-        plan::plan(&self.layers, &mut self.photos, &mut self.renderer, shot, self.matched)
+        #[cfg(feature = "surface")]
+        if let LayerSpec::Surface(count) = self.layers {
+            return plan::plan_surface(count, &mut self.photos, shot, self.photo_correction);
+        }
+        plan::plan(&self.layers, &self.photos, &mut self.renderer, shot)
     }
 
     /// How many pixels of a shot have each of these planes (1/scene unit, near → far) as their best one: the paper's histogram.
@@ -231,10 +259,12 @@ impl<N: PlaneNetwork> Synthesizer<N> {
         plan: &Plan,
         observe: impl FnMut(&Batch<'_>),
     ) -> Result<Frame, SynthesisError> {
-        let Some(seen) = &plan.surface else { return self.render_layers(shot, &plan.layers, observe) };
+        #[cfg(feature = "surface")]
+        let visibility = plan.surface.as_ref().map(TargetSurface::visibility);
+        #[cfg(not(feature = "surface"))]
+        let visibility = None;
         let sources = self.photos.sources(&shot.views);
-        let visibility = seen.visibility(&sources);
-        Ok(self.renderer.render_visible(&sources, Some(&visibility), &shot.target, &plan.layers, observe)?)
+        Ok(self.renderer.render_visible(&sources, visibility.as_ref(), &shot.target, &plan.layers, observe)?)
     }
 
     /// Renders a shot on these layers alone, with every view counted everywhere: what a plan knows of who sees what is for

@@ -3,7 +3,9 @@
 use std::fmt;
 
 use super::error::SynthesisError;
+#[cfg(feature = "surface")]
 use super::photo_depths::KeptDepths;
+#[cfg(feature = "surface")]
 use super::scene_depth::SceneDepth;
 use super::target::{Shot, TargetView, Targets};
 use crate::geometry::{Camera, choose_views};
@@ -17,7 +19,9 @@ pub struct PhotoCache {
     scene: Scene,
     given: (Option<f64>, Option<f64>),
     pub(super) textures: Vec<Option<Texture>>,
+    #[cfg(feature = "surface")]
     pub(super) depth: Option<SceneDepth>,
+    #[cfg(feature = "surface")]
     pub(super) kept: Option<KeptDepths>,
     /// Views that targets so far were rendered with, last used first.
     pub(super) recent: Vec<usize>,
@@ -35,8 +39,17 @@ impl PhotoCache {
     /// A scene of which no photo is loaded yet. `near` and `far` are in scene units; `None` takes the scene's own.
     pub fn new(scene: Scene, near: Option<f64>, far: Option<f64>) -> Self {
         let textures = scene.views.iter().map(|_| None).collect();
-        let (depth, kept, recent) = (None, None, Vec::new());
-        Self { scene, given: (near, far), textures, depth, kept, recent, kept_bytes: Self::KEPT_BYTES }
+        Self {
+            scene,
+            given: (near, far),
+            textures,
+            #[cfg(feature = "surface")]
+            depth: None,
+            #[cfg(feature = "surface")]
+            kept: None,
+            recent: Vec::new(),
+            kept_bytes: Self::KEPT_BYTES,
+        }
     }
 
     /// The scene.

@@ -8,8 +8,8 @@ use super::error::SynthesisError;
 use super::photo_cache::PhotoCache;
 use super::scene_depth::SceneDepth;
 use super::target::Shot;
-use crate::mvs::cache::{DepthCache, PhotoDigest};
-use crate::mvs::{KnownDepth, Matched, PhotoDepth, SeenSurface};
+use crate::surface::cache::{DepthCache, PhotoDigest};
+use crate::surface::{ConfirmedDepth, PhotoCorrection, PhotoDepth, TargetSurface};
 
 /// A folder of depths, and what has been found out on the way.
 pub(super) struct KeptDepths {
@@ -38,7 +38,7 @@ pub struct ViewDepth {
     /// What the search found.
     pub found: Arc<PhotoDepth>,
     /// Of that, what the depths of the photo's neighbours confirm.
-    pub known: KnownDepth,
+    pub known: ConfirmedDepth,
     /// Nearest and farthest depth searched, scene units.
     pub range: (f64, f64),
     /// How it was found.
@@ -81,11 +81,11 @@ impl PhotoCache {
     /// # Panics
     ///
     /// If the shot's photos are not loaded ([`Self::load_for`]).
-    pub fn surface(&mut self, shot: &Shot, matched: Matched) -> Result<SeenSurface, SynthesisError> {
+    pub fn surface(&mut self, shot: &Shot, photo_correction: PhotoCorrection) -> Result<TargetSurface, SynthesisError> {
         let mut depth = self.take_depth(&shot.held_out)?;
         let set: Vec<usize> = shot.views.iter().chain(&shot.helpers).copied().collect();
         set.iter().try_for_each(|&view| self.find_depth(&mut depth, view))?;
-        let found = depth.surface(shot, &set, |view| self.source(view), matched);
+        let found = depth.surface(shot, &set, |view| self.source(view), photo_correction);
         self.depth = Some(depth);
         Ok(found)
     }

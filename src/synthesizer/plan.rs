@@ -7,9 +7,10 @@ use super::photo_cache::PhotoCache;
 use super::target::Shot;
 use crate::layers::guided::RangeMap;
 use crate::layers::{LayerSpec, Layers, kmeans_planes, uniform_disparities};
-use crate::mvs::{Matched, SeenSurface};
 use crate::network::PlaneNetwork;
 use crate::render::Renderer;
+#[cfg(feature = "surface")]
+use crate::surface::{PhotoCorrection, TargetSurface};
 
 /// The layers of a shot, and the time that finding them took.
 #[derive(Debug, Clone)]
@@ -25,23 +26,30 @@ pub struct Plan {
     /// The range of disparities of each cell, for guided layers.
     pub range: Option<RangeMap>,
     /// The surface and who sees it, for surface layers.
-    pub surface: Option<SeenSurface>,
+    #[cfg(feature = "surface")]
+    pub surface: Option<TargetSurface>,
 }
 
 impl Plan {
     /// A plan of layers that are known already.
     pub fn known(layers: Layers) -> Self {
-        Self { layers, search: Duration::ZERO, selection: Duration::ZERO, range: None, surface: None }
+        Self {
+            layers,
+            search: Duration::ZERO,
+            selection: Duration::ZERO,
+            range: None,
+            #[cfg(feature = "surface")]
+            surface: None,
+        }
     }
 }
 
 /// Finds the layers of a shot whose photos are loaded. A new kind of layers has its arm here.
 pub(super) fn plan<N: PlaneNetwork>(
     spec: &LayerSpec,
-    photos: &mut PhotoCache,
+    photos: &PhotoCache,
     renderer: &mut Renderer<N>,
     shot: &Shot,
-    matched: Matched,
 ) -> Result<Plan, SynthesisError> {
     let started = Instant::now();
     let known = Plan::known;
@@ -53,11 +61,8 @@ pub(super) fn plan<N: PlaneNetwork>(
             let layers = range.layers(layers)?;
             Plan { search: started.elapsed(), range: Some(range), ..known(layers) }
         }
-        LayerSpec::Surface(count) => {
-            let surface = photos.surface(shot, matched)?;
-            let layers = surface.layers(count)?;
-            Plan { search: started.elapsed(), surface: Some(surface), ..known(layers) }
-        }
+        #[cfg(feature = "surface")]
+        LayerSpec::Surface(_) => unreachable!("see plan_surface"),
         LayerSpec::KMeans { planes, coarse_planes } => {
             let found = photos.search(shot, coarse_planes)?.fine_disparity;
             let planes = kmeans_planes(found.as_slice().expect("standard order"), planes);
@@ -71,6 +76,20 @@ pub(super) fn plan<N: PlaneNetwork>(
             Plan { selection: started.elapsed(), ..known(Layers::planes(&kept)?) }
         }
     })
+}
+
+/// Finds `count` layers along the surface of a shot whose photos are loaded.
+#[cfg(feature = "surface")]
+pub(super) fn plan_surface(
+    count: usize,
+    photos: &mut PhotoCache,
+    shot: &Shot,
+    photo_correction: PhotoCorrection,
+) -> Result<Plan, SynthesisError> {
+    let started = Instant::now();
+    let surface = photos.surface(shot, photo_correction)?;
+    let layers = surface.layers(count)?;
+    Ok(Plan { search: started.elapsed(), surface: Some(surface), ..Plan::known(layers) })
 }
 
 /// How many pixels of a shot have each of these planes (1/scene unit, near → far) as their best one.

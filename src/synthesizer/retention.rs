@@ -37,6 +37,7 @@ impl PhotoCache {
 
         let mut left = self.kept_bytes;
         let mut fits = |bytes: usize| left.checked_sub(bytes).inspect(|&rest| left = rest).is_some();
+        #[cfg(feature = "surface")]
         if let Some(depth) = &mut self.depth {
             let kept = order.iter().enumerate().filter(|&(rank, &view)| rank < soon || fits(depth.bytes(view)));
             let kept: Vec<usize> = kept.map(|(_, &view)| view).collect();
@@ -76,7 +77,7 @@ impl Order {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "surface"))]
 mod tests {
     use std::path::Path;
 

@@ -4,9 +4,9 @@ use std::time::{Duration, Instant};
 
 use super::photo_depths::{DepthSource, ViewDepth};
 use super::target::Shot;
-use crate::mvs::cache::{DepthKey, PhotoDigest};
-use crate::mvs::{DepthMaps, Matched, PhotoDepth, SeenSurface, Settings};
 use crate::scene::Scene;
+use crate::surface::cache::{DepthKey, PhotoDigest};
+use crate::surface::{DepthMaps, PhotoCorrection, PhotoDepth, Settings, TargetSurface};
 use crate::warp::SourceView;
 
 /// Depth maps of the views that may take part.
@@ -116,9 +116,9 @@ impl SceneDepth {
         shot: &Shot,
         set: &[usize],
         source: impl Fn(usize) -> SourceView<'a>,
-        matched: Matched,
-    ) -> SeenSurface {
+        photo_correction: PhotoCorrection,
+    ) -> TargetSurface {
         let photos: Vec<_> = set.iter().map(|&view| (self.photo(view), source(view))).collect();
-        SeenSurface::find(&mut self.maps, &photos, shot.views.len(), &shot.target, matched)
+        TargetSurface::find(&mut self.maps, &photos, shot.views.len(), &shot.target, photo_correction)
     }
 }

@@ -13,10 +13,13 @@ mod source;
 mod texture;
 mod volume;
 
+#[cfg(feature = "surface")]
 pub(crate) use bilinear::sample;
 pub(crate) use own_depth::{ALL_SEEN, OwnDepth};
-pub(crate) use sample_positions::{RUN, RunCoverage, SamplePositions, whole};
+pub(crate) use sample_positions::{RUN, RunCoverage};
+#[cfg(feature = "surface")]
+pub(crate) use sample_positions::{SamplePositions, whole};
 pub use source::{NO_GAINS, SourceView, WarpSource, warp_sources};
 pub use texture::Texture;
 pub use volume::warp_layers;
-pub(crate) use volume::{WarpedLayers, run_coverage_len, warp_layers_again};
+pub(crate) use volume::{WarpedLayers, run_coverage_len, warp_layers_into};

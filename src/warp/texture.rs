@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
+#[cfg(feature = "surface")]
 use crate::geometry::Size;
 use crate::image::ImageRgb;
 
@@ -112,6 +113,7 @@ impl Texture {
     }
 
     /// The part of the photo that begins in column `left`, row `top`.
+    #[cfg(feature = "surface")]
     pub(crate) fn window(&self, (left, top): (usize, usize), size: Size) -> Self {
         let (stride, part_stride) = (self.stride() as usize, size.width + BORDER.0 + BORDER.1);
         let mut texels = vec![[0.0; 4]; part_stride * (size.height + BORDER.0 + BORDER.1)];

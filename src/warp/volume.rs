@@ -26,7 +26,7 @@ pub fn warp_layers(
     let runs = disparity.len() / size.pixels() * sources.len() * run_coverage_len(size);
     let (mut run_coverage, mut seen) = (vec![RunCoverage::Partly; runs], vec![0; runs]);
     let (run_coverage, seen) = (run_coverage.as_mut_slice(), seen.as_mut_slice());
-    warp_layers_again(sources, &[], size, &mut WarpedLayers { disparity, colour, coverage, run_coverage, seen });
+    warp_layers_into(sources, &[], size, &mut WarpedLayers { disparity, colour, coverage, run_coverage, seen });
 }
 
 /// Number of [`RunCoverage`]s of one view on one layer: one per run of [`RUN`] pixels of each row.
@@ -52,7 +52,7 @@ pub(crate) struct WarpedLayers<'a> {
 /// As [`warp_layers`], into buffers that hold an earlier warp. `run_coverage` is what is known about the coverage that they hold (where
 /// that is 0 the colour is too), before the call and after it. Values that would not change are not written: memory, not
 /// arithmetic, limits the warp (docs/experiments.md). `own` is the depth of each view, or there is none, and `seen` stays what it is.
-pub(crate) fn warp_layers_again(
+pub(crate) fn warp_layers_into(
     sources: &[WarpSource<'_>],
     own: &[OwnDepth<'_>],
     size: Size,
@@ -166,7 +166,7 @@ mod tests {
                 run_coverage: &mut run_coverage,
                 seen: &mut seen,
             };
-            warp_layers_again(&sources, &[], SIZE, &mut layers);
+            warp_layers_into(&sources, &[], SIZE, &mut layers);
             let (mut new_colour, mut new_coverage) = (vec![7.0; 3 * pixels], vec![7.0; pixels]);
             warp_layers(&disparity, &sources, SIZE, &mut new_colour, &mut new_coverage);
             assert!(colour == new_colour && coverage == new_coverage);
@@ -207,7 +207,7 @@ mod tests {
                 run_coverage: &mut run_coverage,
                 seen: &mut seen,
             };
-            warp_layers_again(&sources, &own, SIZE, &mut layers);
+            warp_layers_into(&sources, &own, SIZE, &mut layers);
             (colour, coverage, run_coverage, seen)
         };
         let (together, alone) = (warp(&both), warp(&far));

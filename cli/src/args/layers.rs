@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::Args;
-use liveview::{LayerSpec, Matched};
+use liveview::{LayerSpec, PhotoCorrection};
 
 use crate::network::Network;
 
@@ -67,8 +67,8 @@ impl From<Quality> for LayerSpec {
 
 impl LayerArgs {
     /// In what the photos are made alike.
-    pub(crate) fn matched(&self) -> Matched {
-        Matched { exposure: !self.keep_exposure, sharpness: !self.keep_sharpness }
+    pub(crate) fn photo_correction(&self) -> PhotoCorrection {
+        PhotoCorrection { exposure: !self.keep_exposure, sharpness: !self.keep_sharpness }
     }
 
     /// Those of the options given that a rig's video has no use for.

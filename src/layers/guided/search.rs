@@ -2,7 +2,6 @@
 
 use std::cell::OnceCell;
 
-use glam::DVec2;
 use ndarray::{Array2, Array3};
 
 use super::super::cells::{CELL, enlarge};
@@ -12,7 +11,7 @@ use super::matching_cost::Shrunk;
 use super::range_map::{RangeMap, range_of};
 use super::semi_global::semi_global;
 use super::winner_takes_all::winner_takes_all;
-use crate::geometry::parallax::project;
+use crate::geometry::parallax::widest_parallax;
 use crate::geometry::{PlaneSweep, Size};
 use crate::warp::{Texture, WarpSource};
 
@@ -82,7 +81,7 @@ impl GuidedSearch {
         sweeps: &[PlaneSweep],
         size: Size,
     ) -> Result<SearchStages, LayersError> {
-        let by_parallax = || (parallax(sweeps, size, self.near, self.far) / COARSE as f64).ceil() as usize;
+        let by_parallax = || (widest_parallax(sweeps, size, self.near, self.far) / COARSE as f64).ceil() as usize;
         let count = self.planes.unwrap_or_else(|| by_parallax().clamp(*PLANES.start(), *PLANES.end()));
         let disparities = uniform_disparities(self.near, self.far, count)?;
         let shape = (count, size.height / COARSE, size.width / COARSE);
@@ -129,26 +128,6 @@ impl<'a> Levels<'a> {
     fn fine(&self) -> &Shrunk {
         self.fine.get_or_init(|| Shrunk::new(&self.photos, CELL))
     }
-}
-
-/// Parallax between near and far (pixels) in the view where it is largest: the median over the target's corners and centre.
-pub(crate) fn parallax(sweeps: &[PlaneSweep], size: Size, near: f64, far: f64) -> f64 {
-    parallax_between(sweeps, size, (1.0 / near, 1.0 / far))
-}
-
-/// As [`parallax`], between two disparities (1/scene unit), where both lie in front of the view.
-pub(crate) fn parallax_between(sweeps: &[PlaneSweep], size: Size, disparities: (f64, f64)) -> f64 {
-    let points = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5)];
-    let in_view = |sweep: &PlaneSweep| {
-        let apart = |&(x, y): &(f64, f64)| {
-            let pixel = DVec2::new(x * size.width as f64, y * size.height as f64);
-            Some(project(sweep, pixel, disparities.0)?.distance(project(sweep, pixel, disparities.1)?))
-        };
-        let mut apart: Vec<f64> = points.iter().filter_map(apart).collect();
-        apart.sort_by(f64::total_cmp);
-        apart.get(apart.len().saturating_sub(1) / 2).copied().unwrap_or(0.0)
-    };
-    sweeps.iter().map(in_view).fold(0.0, f64::max)
 }
 
 /// The layers of the second search (1/scene unit, `[D, h, w]` in cells of [`CELL`] pixels), which divide the ranges that the first

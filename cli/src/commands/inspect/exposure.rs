@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use liveview::mvs::Settings;
-use liveview::{Matched, PhotoCache, Targets};
+use liveview::surface::Settings;
+use liveview::{PhotoCache, PhotoCorrection, Targets};
 
 use crate::console::escaped;
 
@@ -13,7 +13,7 @@ pub(super) fn gains(photos: &mut PhotoCache, target: usize, views: usize) -> Res
     let targets = Targets::held_out(photos.scene(), vec![target]);
     let shot = photos.shots(targets, views, Settings::default().extra, None)?.remove(0);
     photos.load_for(&shot, &[])?;
-    let gains = photos.surface(&shot, Matched::default())?.gains().to_vec();
+    let gains = photos.surface(&shot, PhotoCorrection::default())?.gains().to_vec();
     let names: Vec<String> = photos.names(&shot.views).iter().map(|name| escaped(name)).collect();
     let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
     let mut text = format!("\nexposure   {:width$}  times red   green    blue, so that surface layers agree\n", "view");

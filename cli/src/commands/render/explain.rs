@@ -9,7 +9,7 @@ use liveview::image::{Score, coloured, psnr};
 use liveview::layers::guided::RangeMap;
 use liveview::layers::{Layer, Layers};
 use liveview::network::Alpha;
-use liveview::{Frame, ImageRgb, Plan, SeenSurface, Shot};
+use liveview::{Frame, ImageRgb, Plan, Shot, TargetSurface};
 use ndarray::{Array2, s};
 use serde_json::{Value, json};
 
@@ -109,7 +109,7 @@ fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String,
 }
 
 /// The surface, how much of it no photo's depth gives, and what exposure was balanced by.
-fn surface(about: &Explained<'_>, seen: &SeenSurface, text: &mut String, json: &mut Value) -> ImageRgb {
+fn surface(about: &Explained<'_>, seen: &TargetSurface, text: &mut String, json: &mut Value) -> ImageRgb {
     let holes = seen.surface().holes;
     let hidden = about.frame.unseen as f64 / about.frame.transmittance.len() as f64;
     let _ = writeln!(

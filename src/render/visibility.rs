@@ -1,0 +1,142 @@
+//! Per-view occlusion: a view sees a point unless the view's own depth, at the pixel that the point
+//! projects to, is nearer by more than a margin.
+//!
+//! Where the view's own depth is unknown, or the point projects outside the photo, nothing hides
+//! the point. An occluded sample gets neither colour nor coverage. Where the coverage that remains,
+//! summed over the views, is 0.05 or less, the occlusion of all views is ignored and the pixel
+//! counts as occluded. (Using further photos there instead: no gain, docs/experiments.md.)
+
+use std::ops::Range;
+
+use ndarray::Array2;
+use rayon::prelude::*;
+
+use super::sharpened::SharpenedPhotos;
+use crate::geometry::Size;
+use crate::warp::{ALL_SEEN, OwnDepth, RUN, RunCoverage, WarpSource, WarpedLayers};
+
+/// A pixel is seen where the coverage summed over the views exceeds this.
+const LEAST_COVERAGE: f32 = 0.05;
+
+/// Own depth and photo correction of each view, for layers along a surface.
+#[derive(Debug, Clone)]
+pub struct Visibility<'a> {
+    /// In the order of the views.
+    pub views: Vec<VisibleView<'a>>,
+    /// How much nearer than a point the view's own depth must be to hide it, 1/scene unit.
+    pub margin: f32,
+}
+
+/// Own depth and photo correction of a view.
+#[derive(Debug, Clone, Copy)]
+pub struct VisibleView<'a> {
+    /// Disparity of each pixel of its photo, `[h, w]`, 1/scene unit; −1 where it is unknown.
+    pub disparity: &'a Array2<f32>,
+    /// Factor of each colour channel.
+    pub gains: [f32; 3],
+    /// Share of its detail (4 times a pixel less its four neighbours) that is added to its photo.
+    pub sharpening: f32,
+}
+
+/// A row of a view: colour by channel, coverage, its run coverage, and which pixels the view sees.
+struct Row<'a> {
+    colour: [&'a mut [f32]; 3],
+    coverage: &'a mut [f32],
+    run_coverage: &'a mut [RunCoverage],
+    seen: &'a mut [u64],
+}
+
+impl Visibility<'_> {
+    /// Gives the views their balanced colours, and the sharpened photos of those that are to be sharpened.
+    pub(crate) fn balance<'a>(&self, sources: &mut [WarpSource<'a>], sharpened: &'a mut SharpenedPhotos) {
+        let photos = sources.iter().zip(&self.views).map(|(source, view)| (source.texture, view.sharpening));
+        sharpened.sharpen(photos.filter(|(_, amount)| *amount != 0.0));
+        for (source, view) in sources.iter_mut().zip(&self.views) {
+            source.gains = view.gains;
+            if view.sharpening != 0.0 {
+                source.texture = sharpened.get(source.texture, view.sharpening);
+            }
+        }
+    }
+
+    /// The views' own depth, as the warp asks for it.
+    pub(crate) fn own_depth(&self) -> Vec<OwnDepth<'_>> {
+        let disparities = self.views.iter().map(|view| view.disparity.as_slice().expect("standard order"));
+        disparities.map(|disparity| OwnDepth { disparity, margin: self.margin }).collect()
+    }
+}
+
+/// Takes colour and coverage from what `layers` of so many views, warped with their own depth, tell is not seen, on a target padded to
+/// `size`. `seen_any` becomes true where a view sees one of them.
+pub(crate) fn hide(views: usize, size: Size, layers: &mut WarpedLayers<'_>, seen_any: &mut [bool]) {
+    let (width, plane, runs) = (size.width, size.pixels(), size.width.div_ceil(RUN));
+    // Rows of all layers and views side by side, so that a thread decides over all of them at once.
+    let mut rows: Vec<Vec<Row<'_>>> =
+        (0..size.height).map(|_| Vec::with_capacity(layers.coverage.len() / plane)).collect();
+    let planes = layers.colour.chunks_mut(3 * plane).zip(layers.coverage.chunks_mut(plane));
+    let known = layers.run_coverage.chunks_mut(size.height * runs).zip(layers.seen.chunks_mut(size.height * runs));
+    for ((colour, coverage), (run_coverage, seen)) in planes.zip(known) {
+        let (red, rest) = colour.split_at_mut(plane);
+        let (green, blue) = rest.split_at_mut(plane);
+        let lines = red.chunks_mut(width).zip(green.chunks_mut(width)).zip(blue.chunks_mut(width));
+        let lines = lines.zip(coverage.chunks_mut(width)).zip(run_coverage.chunks_mut(runs)).zip(seen.chunks_mut(runs));
+        for (rows, (((((red, green), blue), coverage), run_coverage), seen)) in rows.iter_mut().zip(lines) {
+            rows.push(Row { colour: [red, green, blue], coverage, run_coverage, seen });
+        }
+    }
+    rows.into_par_iter().zip(seen_any.par_chunks_mut(width)).for_each(|(mut rows, seen_any)| {
+        for layer in rows.chunks_mut(views) {
+            for (run, seen_any) in seen_any.chunks_mut(RUN).enumerate() {
+                hide_run(layer, run, seen_any);
+            }
+        }
+    });
+}
+
+/// As [`hide`], a run of a layer.
+fn hide_run(views: &mut [Row<'_>], run: usize, seen_any: &mut [bool]) {
+    let span = run * RUN..run * RUN + seen_any.len();
+    if views.iter().any(|view| view.seen[run] == ALL_SEEN && view.run_coverage[run] == RunCoverage::All) {
+        seen_any.fill(true);
+    } else {
+        let mut left = [0.0; RUN];
+        for view in &*views {
+            let seen = view.seen[run];
+            let pixels = left.iter_mut().zip(&view.coverage[span.clone()]).enumerate();
+            pixels.for_each(|(i, (left, coverage))| *left += mask(seen, i) * coverage);
+        }
+        let left = &left[..seen_any.len()];
+        seen_any.iter_mut().zip(left).for_each(|(seen, &left)| *seen |= left > LEAST_COVERAGE);
+        let unseen =
+            left.iter().enumerate().fold(0, |unseen, (i, &left)| unseen | u64::from(left <= LEAST_COVERAGE) << i);
+        views.iter_mut().for_each(|view| view.seen[run] |= unseen);
+    }
+    for view in views {
+        view.hide(run, span.clone());
+    }
+}
+
+/// 1 where a bit is set, else 0.
+fn mask(seen: u64, i: usize) -> f32 {
+    f32::from((seen >> i & 1) as u8)
+}
+
+impl Row<'_> {
+    /// Takes away what the view does not see of a run.
+    fn hide(&mut self, run: usize, span: Range<usize>) {
+        let seen = self.seen[run];
+        if seen == ALL_SEEN || self.run_coverage[run] == RunCoverage::None {
+            return;
+        }
+        self.run_coverage[run] = RunCoverage::Partly;
+        let [red, green, blue] = &mut self.colour;
+        for values in [&mut **red, green, blue, self.coverage] {
+            let values = &mut values[span.clone()];
+            let mut hidden = !seen;
+            while hidden != 0 {
+                values[hidden.trailing_zeros() as usize] = 0.0;
+                hidden &= hidden - 1;
+            }
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! The depth of a photo as a file: `<digest>.npz`, a zip archive of numpy arrays that are stored as they are.
+//!
+//! | array | type, shape | |
+//! |---|---|---|
+//! | `key` | uint8 `[32]` | what the depth was searched from ([`super::key`]); also the file's name, in hexadecimal |
+//! | `pixel` | float32 `[]` | disparity that is worth one pixel of parallax, 1/scene unit |
+//! | `disparity` | float32 `[h, w]` | of each pixel, 1/scene unit; before other photos are asked |
+//!
+//! Zip's checksums cover every byte of the arrays.
+
+use std::io::{Cursor, Read, Seek, Write};
+
+use ndarray::{Array2, ArrayView1, ArrayView2, Ix0, Ix1, Ix2, aview0};
+use ndarray_npy::{NpzWriter, WriteNpzError};
+use zip::ZipArchive;
+
+use super::key::DepthKey;
+use crate::fs::npy;
+use crate::surface::PhotoDepth;
+
+/// How far beyond near and far a disparity may lie, of the range of disparities between them: the search moves within half a plane, of 32
+/// at least.
+const BEYOND: f64 = 1.0 / 32.0;
+
+/// Bytes of a file beside its disparities: headers of the arrays and of the archive.
+const OVERHEAD: u64 = 4096;
+
+/// What is wrong with a file.
+#[derive(Debug, PartialEq, thiserror::Error)]
+#[error("{what}; expected {expected}")]
+pub(crate) struct Damage {
+    what: String,
+    expected: String,
+}
+
+fn damage(what: impl Into<String>, expected: impl Into<String>) -> Damage {
+    Damage { what: what.into(), expected: expected.into() }
+}
+
+/// The most bytes that the file of a depth may have.
+pub(super) fn most_bytes(key: &DepthKey) -> u64 {
+    4 * key.size.pixels() as u64 + OVERHEAD
+}
+
+pub(super) fn write<W: Write + Seek>(file: W, key: &DepthKey, depth: &PhotoDepth) -> Result<W, WriteNpzError> {
+    let mut arrays = NpzWriter::new(file);
+    arrays.add_array("key", &ArrayView1::from(&key.digest))?;
+    arrays.add_array("pixel", &aview0(&depth.pixel))?;
+    arrays.add_array("disparity", &depth.disparity)?;
+    arrays.finish()
+}
+
+/// The depth of this key, from the bytes of a file. Nothing is unpacked beyond the size that the key tells.
+pub(super) fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDepth, Damage> {
+    let broken = |error| damage(format!("no archive: {error}"), "a whole .npz file");
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;
+    if archive.len() != 3 {
+        return Err(damage(format!("{} arrays", archive.len()), "key, pixel and disparity"));
+    }
+    let mut unpacked = |name: &str, expected: &str, size: usize| {
+        let wrong = |what: String| damage(format!("{name}: {what}"), expected);
+        let entry = archive.by_name(&format!("{name}.npy")).map_err(|error| wrong(error.to_string()))?;
+        let (most, mut bytes) = (size as u64 + OVERHEAD, Vec::new());
+        entry.take(most + 1).read_to_end(&mut bytes).map_err(|error| wrong(error.to_string()))?;
+        if bytes.len() as u64 > most { Err(wrong(format!("more than {most} bytes"))) } else { Ok(bytes) }
+    };
+    let expected = "uint8 of shape [32]";
+    let stored = unpacked("key", expected, 32)?;
+    let stored = npy::view::<u8, Ix1>(&stored).map_err(|what| damage(format!("key: {what}"), expected))?;
+    if stored != ArrayView1::from(&key.digest) {
+        return Err(damage("key: of another depth", "that of the file's name"));
+    }
+    let expected = "float32 of shape []";
+    let pixel = unpacked("pixel", expected, 4)?;
+    let pixel = npy::view::<f32, Ix0>(&pixel).map_err(|what| damage(format!("pixel: {what}"), expected))?.into_scalar();
+    let expected = format!("float32 of shape [{}, {}]", key.size.height, key.size.width);
+    let disparity = unpacked("disparity", &expected, 4 * key.size.pixels())?;
+    let disparity: ArrayView2<'_, f32> =
+        npy::view::<f32, Ix2>(&disparity).map_err(|what| damage(format!("disparity: {what}"), &expected))?;
+    if disparity.dim() != (key.size.height, key.size.width) {
+        return Err(damage(format!("disparity: of shape {:?}", disparity.shape()), expected));
+    }
+    // Row by row, whichever order it was stored in.
+    let disparity = Array2::from_shape_fn(disparity.dim(), |at| disparity[at]);
+    let depth = PhotoDepth { disparity, pixel: *pixel };
+    check(&depth, key)?;
+    Ok(depth)
+}
+
+/// Whether a search can have found these numbers.
+pub(super) fn check(depth: &PhotoDepth, key: &DepthKey) -> Result<(), Damage> {
+    let pixel = depth.pixel;
+    if !(pixel.is_finite() && pixel > 0.0) {
+        return Err(damage(format!("pixel: {pixel}"), "a finite number above 0"));
+    }
+    let (nearest, farthest) = (1.0 / key.near, 1.0 / key.far);
+    let beyond = BEYOND * (nearest - farthest);
+    let range = (farthest - beyond).max(0.0) as f32..=(nearest + beyond) as f32;
+    match depth.disparity.indexed_iter().find(|(_, value)| !(value.is_finite() && range.contains(value))) {
+        Some(((y, x), value)) => {
+            let expected = format!("{} to {}, between far and near", range.start(), range.end());
+            Err(damage(format!("disparity: {value} in row {y}, column {x}"), expected))
+        }
+        None => Ok(()),
+    }
+}

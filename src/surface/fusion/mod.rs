@@ -1,0 +1,16 @@
+//! From the depth of photos to the target's surface: confirmed by other photos, carried to the
+//! target, averaged, its holes filled.
+
+mod confirmed_depth;
+mod consistency;
+pub(super) mod photo_variance;
+pub(super) mod project;
+pub(super) mod splat;
+mod surface;
+mod surface_view;
+pub(super) mod visible;
+
+pub use confirmed_depth::ConfirmedDepth;
+pub use consistency::{ConsistencyVotes, confirmed};
+pub use surface::{Surface, surface};
+pub use surface_view::SurfaceView;

@@ -1,0 +1,76 @@
+//! Where the pixels of one camera's map lie in another camera, and their disparity there.
+//!
+//! For pixel p at disparity δ: (u, v, w) = H∞ p + δ e ([`PlaneSweep`]); it lies at (u/w, v/w), at disparity δ/w of the other
+//! camera, in front of it iff w > 0. In f64, rounded once.
+
+use glam::{DMat3, DVec3};
+
+use crate::geometry::PlaneSweep;
+
+/// A row of pixels in another camera.
+#[derive(Default)]
+pub(crate) struct Projected {
+    /// Column and row in pixels, the centre of the first at 0.5; −1 where the point lies behind the camera.
+    pub(crate) x: Vec<f32>,
+    pub(crate) y: Vec<f32>,
+    /// 1/scene unit; 0 where the point lies behind the camera.
+    pub(crate) disparity: Vec<f32>,
+}
+
+impl Projected {
+    /// Row `y`, whose pixels lie at `disparity`.
+    pub(crate) fn row(&mut self, other_from_here: &PlaneSweep, y: usize, disparity: &[f32]) {
+        self.part(other_from_here, (0, y), disparity);
+    }
+
+    /// Part of a row, from column `x` of row `y` on, whose pixels lie at `disparity`.
+    pub(crate) fn part(&mut self, other_from_here: &PlaneSweep, (x, y): (usize, usize), disparity: &[f32]) {
+        for values in [&mut self.x, &mut self.y, &mut self.disparity] {
+            values.resize(disparity.len(), 0.0);
+        }
+        project_row(other_from_here, (x, y), disparity, [&mut self.x, &mut self.y, &mut self.disparity]);
+    }
+}
+
+#[pulp::with_simd(project_row = crate::simd::arch())]
+#[inline(always)]
+fn project_row_with<'a, S: pulp::Simd>(
+    _simd: S,
+    sweep: &'a PlaneSweep,
+    (column, row): (usize, usize),
+    disparity: &'a [f32],
+    [to_x, to_y, to_disparity]: [&'a mut Vec<f32>; 3],
+) {
+    let PlaneSweep { homography_at_infinity: homography, epipole } = *sweep;
+    let begin = row_begin(&homography, row);
+    let count = disparity.len();
+    let (to_x, to_y, to_disparity) = (&mut to_x[..count], &mut to_y[..count], &mut to_disparity[..count]);
+    for i in 0..count {
+        let x = f64::from((column + i) as i32);
+        (to_x[i], to_y[i], to_disparity[i]) = carried(&homography, &epipole, begin, x, disparity[i]);
+    }
+}
+
+/// Column, row and disparity of a pixel in another camera, as [`Projected`] has them.
+pub(crate) fn project(other_from_here: &PlaneSweep, (x, y): (usize, usize), disparity: f32) -> (f32, f32, f32) {
+    let PlaneSweep { homography_at_infinity: homography, epipole } = other_from_here;
+    carried(homography, epipole, row_begin(homography, y), x as f64, disparity)
+}
+
+/// H∞ at the centre of the first pixel of row `y`.
+#[inline(always)]
+fn row_begin(homography: &DMat3, y: usize) -> DVec3 {
+    *homography * DVec3::new(0.5, y as f64 + 0.5, 1.0)
+}
+
+#[inline(always)]
+fn carried(homography: &DMat3, epipole: &DVec3, begin: DVec3, x: f64, disparity: f32) -> (f32, f32, f32) {
+    let d = f64::from(disparity);
+    let w = begin.z + homography.x_axis.z * x + epipole.z * d;
+    let u = begin.x + homography.x_axis.x * x + epipole.x * d;
+    let v = begin.y + homography.x_axis.y * x + epipole.y * d;
+    let front = w > 0.0;
+    let per_w = if front { 1.0 / w } else { 0.0 };
+    let pixel = |value: f64| if front { (value * per_w) as f32 } else { -1.0 };
+    (pixel(u), pixel(v), (d * per_w) as f32)
+}

@@ -1,0 +1,35 @@
+//! Surface layers: the depth of the photos (multi-view stereo), and the target's surface from it.
+//!
+//! ```text
+//! photo, neighbours ─► search ─► confirmed by other photos ─┐ (once per photo: DepthMaps)
+//!                                                           ├─► TargetSurface ─► layers, visibility ─► Renderer
+//!                                                  target ──┘
+//! ```
+//!
+//! - `search`: the depth of one photo, by a plane sweep with the photo as reference.
+//! - `fusion`: consistency between photos, and the fusion of their depths at the target.
+//! - `correction`: exposure and sharpness of the photos.
+//! - `cache`: the depth of photos as files.
+//!
+//! Soft3D (Penner and Zhang, 2017) and multi-view stereo systems (COLMAP; Free View Synthesis, 2020)
+//! search depth at a reference image. Each file states its formulas, constants and ties; the result
+//! has the same bits on any number of threads.
+
+pub(crate) mod cache;
+mod correction;
+mod depth_maps;
+mod fusion;
+mod neighbourhood;
+mod search;
+mod settings;
+pub mod stages;
+mod target_surface;
+#[cfg(test)]
+mod tests;
+
+pub use correction::{exposure_gains, sharpening};
+pub use depth_maps::DepthMaps;
+pub use fusion::{ConfirmedDepth, ConsistencyVotes, Surface, SurfaceView, confirmed, surface};
+pub use search::{PhotoDepth, photo_depth};
+pub use settings::Settings;
+pub use target_surface::{PhotoCorrection, TargetSurface};

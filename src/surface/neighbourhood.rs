@@ -1,0 +1,189 @@
+//! Maps filtered over each pixel's 3×3 neighbourhood, edges clamped: median, extremes, and holes
+//! filled ring by ring.
+
+use rayon::prelude::*;
+
+/// Of a map `[h, w]` of rows `width` wide.
+pub(super) fn median3(map: &[f32], width: usize) -> Vec<f32> {
+    let height = map.len() / width;
+    let mut out = vec![0.0; map.len()];
+    out.par_chunks_mut(width).enumerate().for_each(|(y, out)| {
+        let row = |y: usize| &map[y * width..(y + 1) * width];
+        median_row([row(y.saturating_sub(1)), row(y), row((y + 1).min(height - 1))], out);
+    });
+    out
+}
+
+#[pulp::with_simd(median_row = crate::simd::arch())]
+#[inline(always)]
+fn median_row_with<'a, S: pulp::Simd>(_simd: S, rows: [&'a [f32]; 3], out: &'a mut [f32]) {
+    let last = out.len() - 1;
+    let at = |x: usize| {
+        let columns = [x.saturating_sub(1), x, (x + 1).min(last)];
+        median(std::array::from_fn(|k| rows[k / 3][columns[k % 3]]))
+    };
+    (out[0], out[last]) = (at(0), at(last));
+    if last < 2 {
+        return;
+    }
+    let [above, here, below] = rows;
+    let inner = &mut out[1..last];
+    let shifted = |row: &'a [f32]| -> [&'a [f32]; 3] { std::array::from_fn(|i| &row[i..i + last - 1]) };
+    let (above, here, below) = (shifted(above), shifted(here), shifted(below));
+    for x in 0..inner.len() {
+        let row = |row: &[&[f32]; 3]| [row[0][x], row[1][x], row[2][x]];
+        let ([a, b, c], [d, e, f], [g, h, i]) = (row(&above), row(&here), row(&below));
+        inner[x] = median([a, b, c, d, e, f, g, h, i]);
+    }
+}
+
+/// Paeth's network: the extremes fall away, two at a time.
+#[inline(always)]
+fn median(values: [f32; 9]) -> f32 {
+    let low = |a: f32, b: f32| if a < b { a } else { b };
+    let high = |a: f32, b: f32| if a < b { b } else { a };
+    let sort = |[a, b, c]: [f32; 3]| {
+        let (a, b) = (low(a, b), high(a, b));
+        let (b, c) = (low(b, c), high(b, c));
+        [low(a, b), high(a, b), c]
+    };
+    let [a, b, c, d, e, f, g, h, i] = values;
+    let ([a, b, c], [d, e, f], [g, h, i]) = (sort([a, b, c]), sort([d, e, f]), sort([g, h, i]));
+    // The greatest of the least, the middle of the middle, the least of the greatest; of these the middle.
+    let [_, middle, _] = sort([high(high(a, d), g), sort([b, e, h])[1], low(low(c, f), i)]);
+    middle
+}
+
+/// Of a map `[h, w]` of rows `width` wide: the largest, the smallest.
+pub(super) fn extremes3(map: &[f32], width: usize) -> (Vec<f32>, Vec<f32>) {
+    let height = map.len() / width;
+    let (mut largest, mut smallest) = (vec![0.0; map.len()], vec![0.0; map.len()]);
+    let lines = largest.par_chunks_mut(width).zip(smallest.par_chunks_mut(width)).enumerate();
+    lines.for_each_init(
+        || [vec![0.0; width + 2], vec![0.0; width + 2]],
+        |columns, (y, (largest, smallest))| {
+            let row = |y: usize| &map[y * width..(y + 1) * width];
+            let rows = [row(y.saturating_sub(1)), row(y), row((y + 1).min(height - 1))];
+            extremes_row(rows, columns, largest, smallest);
+        },
+    );
+    (largest, smallest)
+}
+
+/// Down the columns first (with one more at either end), then along the row.
+#[pulp::with_simd(extremes_row = crate::simd::arch())]
+#[inline(always)]
+fn extremes_row_with<'a, S: pulp::Simd>(
+    _simd: S,
+    [above, here, below]: [&'a [f32]; 3],
+    [most, least]: &'a mut [Vec<f32>; 2],
+    largest: &'a mut [f32],
+    smallest: &'a mut [f32],
+) {
+    let width = largest.len();
+    let (above, here, below, smallest) = (&above[..width], &here[..width], &below[..width], &mut smallest[..width]);
+    let high = |a: f32, b: f32| if a > b { a } else { b };
+    let low = |a: f32, b: f32| if a < b { a } else { b };
+    for (x, most) in most[1..=width].iter_mut().enumerate() {
+        *most = high(high(above[x], here[x]), below[x]);
+    }
+    for (x, least) in least[1..=width].iter_mut().enumerate() {
+        *least = low(low(above[x], here[x]), below[x]);
+    }
+    for columns in [&mut *most, least] {
+        (columns[0], columns[width + 1]) = (columns[1], columns[width]);
+    }
+    let (most, least) = (&most[..width + 2], &least[..width + 2]);
+    for x in 0..width {
+        largest[x] = high(high(most[x], most[x + 1]), most[x + 2]);
+        smallest[x] = low(low(least[x], least[x + 1]), least[x + 2]);
+    }
+}
+
+/// Pixels below 0 become the least of their 8 neighbours that are known, all of a ring at once, and so on; a map that knows
+/// nothing becomes 0.
+pub(super) fn fill_holes(map: &[f32], width: usize) -> Vec<f32> {
+    let height = map.len() / width;
+    let mut map = map.to_vec();
+    let mut holes: Vec<usize> = (0..map.len()).filter(|&at| map[at] < 0.0).collect();
+    let mut filled = Vec::new();
+    while !holes.is_empty() {
+        holes.retain(|&at| {
+            let (y, x) = (at / width, at % width);
+            let mut least = f32::INFINITY;
+            for row in y.saturating_sub(1)..(y + 2).min(height) {
+                for &near in &map[row * width + x.saturating_sub(1)..row * width + (x + 2).min(width)] {
+                    least = if near >= 0.0 && near < least { near } else { least };
+                }
+            }
+            if least < f32::INFINITY {
+                filled.push((at, least));
+            }
+            least == f32::INFINITY
+        });
+        if filled.is_empty() {
+            holes.drain(..).for_each(|at| map[at] = 0.0);
+        }
+        filled.drain(..).for_each(|(at, value)| map[at] = value);
+    }
+    map
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_the_fifth_of_nine_sorted() {
+        let (width, height) = (7, 5);
+        let map: Vec<f32> = (0..width * height).map(|i| ((i * 37) % 23) as f32).collect();
+        let found = median3(&map, width);
+        for y in 0..height {
+            for x in 0..width {
+                let near = |at: usize, by: usize, last: usize| (at + by).saturating_sub(1).min(last);
+                let value = |k: usize| map[near(y, k / 3, height - 1) * width + near(x, k % 3, width - 1)];
+                let mut nine: Vec<f32> = (0..9).map(value).collect();
+                nine.sort_by(f32::total_cmp);
+                assert_eq!(found[y * width + x], nine[4], "row {y}, column {x}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_row_or_a_column_alone_is_its_own_neighbourhood() {
+        assert_eq!(median3(&[3.0, 1.0, 2.0], 3), [3.0, 2.0, 2.0]);
+        assert_eq!(median3(&[3.0, 1.0, 2.0], 1), [3.0, 2.0, 2.0]);
+        assert_eq!(median3(&[5.0], 1), [5.0]);
+    }
+
+    #[test]
+    fn they_are_those_of_nine() {
+        let (width, height) = (11, 5);
+        let map: Vec<f32> = (0..width * height).map(|i| ((i * 37) % 23) as f32).collect();
+        let (largest, smallest) = extremes3(&map, width);
+        for y in 0..height {
+            for x in 0..width {
+                let near = |at: usize, by: usize, last: usize| (at + by).saturating_sub(1).min(last);
+                let value = |k: usize| map[near(y, k / 3, height - 1) * width + near(x, k % 3, width - 1)];
+                let nine = || (0..9).map(value);
+                let at = y * width + x;
+                assert_eq!(largest[at], nine().fold(f32::MIN, f32::max), "row {y}, column {x}");
+                assert_eq!(smallest[at], nine().fold(f32::MAX, f32::min), "row {y}, column {x}");
+            }
+        }
+        assert_eq!(extremes3(&[3.0], 1), (vec![3.0], vec![3.0]));
+    }
+
+    #[test]
+    fn a_hole_between_near_and_far_becomes_far() {
+        let map = [2.0, -1.0, -1.0, -1.0, -1.0, 1.0];
+        assert_eq!(fill_holes(&map, 6), [2.0, 2.0, 2.0, 1.0, 1.0, 1.0]);
+        assert_eq!(fill_holes(&[2.0, -1.0, 1.0], 3), [2.0, 1.0, 1.0]);
+        assert_eq!(fill_holes(&[-1.0; 4], 2), [0.0; 4]);
+    }
+
+    #[test]
+    fn infinity_is_a_depth() {
+        assert_eq!(fill_holes(&[0.0, -1.0, 1.0], 3), [0.0, 0.0, 1.0]);
+    }
+}

@@ -1,0 +1,11 @@
+//! The depth of one photo: a plane sweep with the photo as reference among its neighbours.
+
+pub(super) mod aggregate;
+pub(super) mod grid;
+pub(super) mod penalties;
+pub(super) mod photo_depth;
+pub(super) mod photo_sweep;
+pub(super) mod planes;
+mod tile;
+
+pub use photo_depth::{PhotoDepth, photo_depth};

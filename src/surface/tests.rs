@@ -1,0 +1,299 @@
+//! A square before a wall, seen by cameras side by side: every stage on a scene whose depth is known.
+
+use std::sync::Arc;
+
+use glam::{DMat3, DVec3};
+use ndarray::Array2;
+
+use super::fusion::photo_variance::{MOST, Views, photo_variance};
+use super::fusion::visible::visible;
+use super::search::aggregate::aggregate;
+use super::search::grid::{Candidates, Grid, SEGMENT};
+use super::search::penalties::Penalties;
+use super::search::photo_sweep::{UNIT, costs};
+use super::search::planes::Planes;
+use super::*;
+use crate::geometry::{Camera, Intrinsics, PlaneSweep};
+use crate::image::ImageRgb;
+use crate::layers::{Layer, LayersError};
+use crate::warp::{NO_GAINS, SourceView, Texture, WarpSource};
+
+const WIDTH: usize = 128;
+const HEIGHT: usize = 96;
+const FOCAL: f64 = 60.0;
+const WALL: f64 = 0.125;
+const SQUARE: f64 = 0.5;
+const RANGE: (f64, f64) = (1.5, 10.0);
+
+fn camera(x: f64) -> Camera {
+    let intrinsics = Intrinsics { fx: FOCAL, fy: FOCAL, cx: 40.0, cy: 28.0, skew: 0.0 };
+    Camera::new(intrinsics, WIDTH, HEIGHT, DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0)).unwrap()
+}
+
+/// Disparity that the camera at `x` sees in a pixel, and where on the surface, in pixels of the camera at 0.
+fn seen(x: f64, column: usize, row: usize) -> (f64, f64, f64) {
+    let (u, v) = (column as f64 + 0.5, row as f64 + 0.5);
+    let on_square = u + FOCAL * x * SQUARE;
+    if (28.0..52.0).contains(&on_square) && (16.0..40.0).contains(&v) {
+        (SQUARE, on_square, v)
+    } else {
+        (WALL, u + FOCAL * x * WALL, v)
+    }
+}
+
+/// What the camera at `x` sees, its channels multiplied by `exposure`.
+fn photo(x: f64, exposure: [f32; 3]) -> ImageRgb {
+    let colour = |i: usize| {
+        let (disparity, u, v) = seen(x, i % WIDTH, i / WIDTH);
+        let wave = |a: f64, b: f64, c: f64| 0.5 + 0.24 * (a * u + b * v + c).sin() + 0.24 * (b * u - a * v).cos();
+        let c = 10.0 * disparity;
+        let colour = [wave(1.1, 0.4, c), wave(0.7, 0.9, 2.0 + c), wave(0.3, 1.3, 4.0 + c)];
+        std::array::from_fn::<_, 3, _>(|channel| exposure[channel] * colour[channel] as f32)
+    };
+    let data = (0..WIDTH * HEIGHT).flat_map(colour).collect();
+    ImageRgb::new(WIDTH, HEIGHT, data).unwrap()
+}
+
+const PLACES: [f64; 5] = [0.0, -0.2, 0.2, -0.4, 0.4];
+
+struct Rig {
+    cameras: Vec<Camera>,
+    photos: Vec<Texture>,
+}
+
+impl Rig {
+    fn new() -> Self {
+        Self {
+            cameras: PLACES.map(camera).to_vec(),
+            photos: PLACES.map(|x| Texture::new(&photo(x, NO_GAINS))).to_vec(),
+        }
+    }
+
+    fn view(&self, index: usize) -> SourceView<'_> {
+        SourceView { camera: &self.cameras[index], texture: &self.photos[index] }
+    }
+
+    /// The first photos, with what is known of them.
+    fn surface_views<'a>(&'a self, known: &'a [Arc<ConfirmedDepth>]) -> Vec<SurfaceView<'a>> {
+        let view =
+            |(k, known): (usize, &'a Arc<ConfirmedDepth>)| SurfaceView { view: self.view(k), known, gains: NO_GAINS };
+        known.iter().enumerate().map(view).collect()
+    }
+
+    fn maps(&self) -> DepthMaps {
+        let mut maps = DepthMaps::new(self.cameras.clone(), RANGE.0, RANGE.1, Settings::default());
+        (0..PLACES.len()).for_each(|index| assert!(maps.depth(index, |k| self.view(k)).is_some()));
+        maps
+    }
+}
+
+/// Share of pixels, those within eight of an edge of the picture left out, whose disparity is within a pixel of parallax.
+fn right(found: &Array2<f32>, x: f64, pixel: f32) -> f64 {
+    let inner = |(y, x): (usize, usize)| (8..HEIGHT - 8).contains(&y) && (8..WIDTH - 8).contains(&x);
+    let all: Vec<_> = found.indexed_iter().filter(|(at, _)| inner(*at)).collect();
+    let good = |((row, column), d): &&((usize, usize), &f32)| (**d - seen(x, *column, *row).0 as f32).abs() < pixel;
+    all.iter().filter(good).count() as f64 / all.len() as f64
+}
+
+#[test]
+fn the_cost_of_a_plane_is_least_where_the_surface_lies_and_most_where_nobody_looks() {
+    let rig = Rig::new();
+    let reference = Planes::new(&rig.photos[0]);
+    let sweep = |index: usize| PlaneSweep::new(&rig.cameras[index], &rig.cameras[0]);
+    let sources = [1, 2].map(|index| WarpSource::new(&rig.photos[index], sweep(index)));
+    let grid = Grid::new(1.0 / 0.625, 1.0 / 0.125, 17); // 0.5 is index 4, 0.125 the last
+    let count = Candidates::All.count(&grid);
+    let volume = costs(&reference, &sources, &grid, Candidates::All);
+    let best = |x: usize, y: usize| {
+        let cell = &volume[(y * WIDTH + x) * count..][..grid.count()];
+        (0..grid.count()).min_by_key(|&k| cell[k]).unwrap()
+    };
+    assert_eq!((best(40, 28), best(14, 10)), (4, 16));
+    let beside = WarpSource {
+        sweep: PlaneSweep {
+            homography_at_infinity: DMat3::from_translation(glam::DVec2::new(1e3, 0.0)),
+            epipole: DVec3::ZERO,
+        },
+        ..sources[0]
+    };
+    let volume = costs(&reference, &[beside], &grid, Candidates::All);
+    assert!(volume.iter().all(|&cost| cost == (0.15 * UNIT).round() as u16));
+}
+
+#[test]
+fn segments_that_cover_the_grid_are_the_whole_grid() {
+    let rig = Rig::new();
+    let reference = Planes::new(&rig.photos[0]);
+    let sweep = PlaneSweep::new(&rig.cameras[2], &rig.cameras[0]);
+    let sources = [WarpSource::new(&rig.photos[2], sweep)];
+    let grid = Grid::new(RANGE.0, RANGE.1, 2 * SEGMENT);
+    let starts = vec![[0, SEGMENT as u16]; WIDTH * HEIGHT];
+    let two = Candidates::Two { starts: &starts, columns: WIDTH, share: 1 };
+    let [all, two] = [Candidates::All, two].map(|candidates| {
+        let volume = costs(&reference, &sources, &grid, candidates);
+        (aggregate(&volume, &reference, &grid, candidates, &Penalties::default()), volume)
+    });
+    assert!(all == two);
+}
+
+#[test]
+fn a_cell_that_nothing_tells_apart_takes_its_neighbours_index() {
+    let flat = Planes::new(&Texture::new(&ImageRgb::new(5, 4, vec![0.5; 60]).unwrap()));
+    let grid = Grid::new(1.0, 2.0, 2 * SEGMENT);
+    let cost = |i: usize| {
+        let (cell, k) = (i / (2 * SEGMENT), i % (2 * SEGMENT));
+        if cell != 12 && k == 5 { 0 } else { 1000 }
+    };
+    let volume: Vec<u16> = (0..20 * 2 * SEGMENT).map(cost).collect();
+    let found = aggregate(&volume, &flat, &grid, Candidates::All, &Penalties::default());
+    assert!(found.iter().all(|&index| index == 5.0), "{found:?}");
+}
+
+#[test]
+fn photos_know_their_depth_and_the_target_its_surface() {
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let set = [0, 1, 2, 3, 4];
+    let known = maps.known(&set);
+    for (index, known) in known.iter().enumerate() {
+        let found = maps.found(index).unwrap();
+        let share = right(&found.disparity, PLACES[index], found.pixel);
+        assert!(share > 0.93, "photo {index}: {share}");
+        let confirmed = known.disparity.iter().filter(|d| **d >= 0.0).count();
+        assert!(confirmed as f64 > 0.8 * (WIDTH * HEIGHT) as f64, "photo {index}: {confirmed} confirmed");
+    }
+    let views = rig.surface_views(&known);
+    let target = camera(0.1);
+    let found = surface(&views, &target, RANGE.0, RANGE.1, &Settings::default());
+    let share = right(&found.disparity, 0.1, found.pixel);
+    assert!(share > 0.95, "{share}");
+    let layers = found.layers(3).unwrap();
+    let values = |layer: usize| match &layers.as_slice()[layer] {
+        Layer::Pixels(map) => map.clone(),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(layers.len(), 3);
+    assert_eq!(values(1), found.disparity, "the surface itself is between its extremes");
+    let ordered = |(near, (own, far)): (&f32, (&f32, &f32))| near >= own && own >= far;
+    assert!(values(0).iter().zip(values(1).iter().zip(&values(2))).all(ordered));
+    assert_ne!(values(0), values(2), "it has edges");
+    assert!(matches!(found.layers(0), Err(LayersError::Empty)));
+}
+
+#[test]
+fn what_other_photos_contradict_is_not_confirmed() {
+    let flat = |disparity: f32| PhotoDepth { disparity: Array2::from_elem((HEIGHT, WIDTH), disparity), pixel: 0.02 };
+    let cameras = [camera(0.0), camera(0.1)];
+    let (good, mut bad) = (flat(0.2), flat(0.2));
+    bad.disparity[(20, 40)] = 0.5; // floats before the wall that the other photo sees
+    let opinion = ConsistencyVotes::new((&cameras[0], &bad), (&cameras[1], &good), &Settings::default());
+    let found = confirmed(&[&opinion], (HEIGHT, WIDTH));
+    assert!(!found[(20, 40)]);
+    assert!(found.indexed_iter().filter(|((_, x), _)| *x > 2).all(|(at, &ok)| ok || at == (20, 40)));
+    assert!(confirmed(&[], (HEIGHT, WIDTH)).iter().all(|&ok| !ok), "alone, nothing is confirmed");
+}
+
+#[test]
+fn a_view_does_not_see_what_its_own_depth_hides() {
+    let target = camera(0.0);
+    let mut map = ConfirmedDepth { disparity: Array2::from_elem((HEIGHT, WIDTH), 0.1), pixel: 0.01 };
+    map.disparity[(10, 20)] = 0.5;
+    map.disparity[(10, 21)] = -1.0;
+    let seen = visible((&target, &map), &target, &[0.1; WIDTH * HEIGHT], WIDTH, 0.05);
+    for (at, &seen) in seen.iter().enumerate() {
+        assert_eq!(seen == 0.0, at == 10 * WIDTH + 20, "{at}");
+    }
+}
+
+#[test]
+fn views_agree_on_the_surface_and_nowhere_else() {
+    let rig = Rig::new();
+    let sources = [0, 1, 2].map(|k| WarpSource::new(&rig.photos[k], PlaneSweep::new(&rig.cameras[k], &rig.cameras[0])));
+    let visible = vec![vec![1.0; WIDTH * HEIGHT]; 3];
+    let views = Views { sources: &sources, visible: &visible };
+    let [wall, before] = [WALL, WALL + 0.2].map(|disparity| vec![disparity as f32; WIDTH * HEIGHT]);
+    let everywhere = vec![-1.0; WIDTH * HEIGHT];
+    let at = 8 * WIDTH + 30;
+    let [on, off] = [&wall, &before].map(|map| photo_variance(&views, map, WIDTH, &everywhere)[at]);
+    assert!(on < 1e-3 && off > 5e-3, "{on} {off}");
+    let blind = vec![vec![0.0; WIDTH * HEIGHT]; 3];
+    let found = photo_variance(&Views { sources: &sources, visible: &blind }, &wall, WIDTH, &everywhere);
+    assert!(found.iter().all(|&d| (d - MOST).abs() < 1e-8));
+    let mut asked = vec![0.0; WIDTH * HEIGHT];
+    asked[at] = -1.0;
+    let found = photo_variance(&views, &wall, WIDTH, &asked);
+    assert!(found.iter().enumerate().all(|(k, &d)| d == if k == at { on } else { 0.0 }));
+}
+
+#[test]
+fn a_scene_searches_each_photo_once_and_its_neighbours_nearest_first() {
+    let rig = Rig::new();
+    let mut maps = DepthMaps::new(rig.cameras.clone(), RANGE.0, RANGE.1, Settings::default());
+    assert_eq!(maps.neighbours(1), [0, 3, 2, 4]);
+    assert_eq!(maps.photos_for(&camera(0.15), 2), [2, 0, 4, 1]);
+    assert_eq!(maps.missing(&[0, 2]), [0, 2]);
+    let first = maps.depth(2, |k| rig.view(k)).unwrap();
+    let again = maps.depth(2, |_| unreachable!("it is known")).unwrap();
+    assert!(Arc::ptr_eq(&first, &again));
+    assert_eq!(maps.missing(&[0, 2]), [0]);
+    let mut alone = DepthMaps::new(vec![camera(0.0)], RANGE.0, RANGE.1, Settings::default());
+    assert!(alone.depth(0, |_| rig.view(0)).is_none(), "nobody to match it with");
+}
+
+#[test]
+fn any_number_of_threads_finds_the_same() {
+    let rig = Rig::new();
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut maps = rig.maps();
+            let known = maps.known(&[0, 1, 2, 3, 4]);
+            let views = rig.surface_views(&known[..4]);
+            surface(&views, &camera(0.07), RANGE.0, RANGE.1, &Settings::default()).disparity
+        })
+    };
+    let bits = |map: Array2<f32>| map.iter().map(|d| d.to_bits()).collect::<Vec<_>>();
+    let one = bits(run(1));
+    assert!(one == bits(run(2)) && one == bits(run(5)));
+}
+
+#[test]
+fn exposure_is_told_from_what_two_photos_show() {
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let known = maps.known(&[0, 1]);
+    let darker = Texture::new(&photo(PLACES[1], [0.8, 0.9, 1.0]));
+    let mut views = rig.surface_views(&known);
+    views[1].view.texture = &darker;
+    let gains = exposure_gains(&views, &[1.0, 1.0]);
+    for (c, expected) in [0.8_f32, 0.9, 1.0].into_iter().enumerate() {
+        let found = gains[0][c] / gains[1][c];
+        assert!((found - expected).abs() < 0.02, "channel {c}: {found}");
+        assert!((gains[0][c] * gains[1][c] - 1.0).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn what_pairs_of_photos_tell_is_kept_as_long_as_they_are_the_same() {
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let darker = Texture::new(&photo(PLACES[1], [0.8, 0.9, 1.0]));
+    let find = |maps: &mut DepthMaps, x: f64, second: &Texture| {
+        let view =
+            |index| SourceView { texture: if index == 1 { second } else { &rig.photos[index] }, ..rig.view(index) };
+        let mut photos: Vec<_> = (0..4).map(|index| (index, view(index))).collect();
+        photos.sort_by(|a, b| (PLACES[a.0] - x).abs().total_cmp(&(PLACES[b.0] - x).abs()));
+        let found = TargetSurface::find(maps, &photos, 3, &camera(x), PhotoCorrection::default());
+        (found.gains().to_vec(), found.sharpening().to_vec())
+    };
+    for (x, second) in [(0.05, &rig.photos[1]), (0.02, &rig.photos[1]), (-0.15, &rig.photos[1]), (-0.12, &darker)] {
+        let mut anew = maps.clone();
+        *anew.statistics() = Default::default();
+        let (found, expected) = (find(&mut maps, x, second), find(&mut anew, x, second));
+        assert_eq!(found, expected, "{x}");
+        let kept = maps.statistics().sharpness.len();
+        find(&mut maps, x + 0.01, second);
+        assert_eq!(maps.statistics().sharpness.len(), kept, "of another target nothing is computed anew");
+    }
+    assert_eq!(maps.statistics().gains.len(), 3, "of a photo that has changed nothing is left");
+}

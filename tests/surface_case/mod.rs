@@ -1,0 +1,219 @@
+//! A golden file of the photos' depth, and the bounds that what Rust finds is held to.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use glam::{DMat3, DVec3};
+use liveview::geometry::{Camera, Intrinsics, PlaneSweep, Size};
+use liveview::image::ImageRgb;
+use liveview::surface::{ConfirmedDepth, PhotoDepth, Settings, SurfaceView, surface};
+use liveview::warp::{SourceView, Texture, WarpSource};
+use ndarray::{Array, Array2, Array3, ArrayD, Dimension, IxDyn, OwnedRepr};
+use ndarray_npy::{NpzReader, ReadNpyError, ReadNpzError, ReadableElement};
+
+pub(crate) fn folder() -> PathBuf {
+    let folder = std::env::var_os("LIVEVIEW_GOLDENS").map(PathBuf::from);
+    folder.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("target/goldens"))
+}
+
+/// One golden file, its photos and cameras ready to use.
+pub(crate) struct Case {
+    pub(crate) name: &'static str,
+    pub(crate) path: PathBuf,
+    pub(crate) cameras: Vec<Camera>,
+    pub(crate) textures: Vec<Texture>,
+    pub(crate) target: Camera,
+    pub(crate) range: (f64, f64),
+    pub(crate) count: usize,
+    pub(crate) settings: Settings,
+    /// What `check` found beyond bounds; all of it is told at the end.
+    pub(crate) failures: Mutex<Vec<String>>,
+}
+
+impl Case {
+    pub(crate) fn open(name: &'static str) -> Self {
+        let path = folder().join(format!("mvs_{name}.npz"));
+        assert!(path.is_file(), "{}: run `make goldens` first", path.display());
+        let mut case = Self {
+            name,
+            path,
+            cameras: Vec::new(),
+            textures: Vec::new(),
+            target: camera_at_origin(),
+            range: (0.0, 0.0),
+            count: 0,
+            settings: Settings::default(),
+            failures: Mutex::default(),
+        };
+        for view in 0.. {
+            let Some(image) = case.find::<f32>(&format!("view{view}.image")) else { break };
+            let (height, width) = (image.shape()[0], image.shape()[1]);
+            case.cameras.push(case.camera(&format!("view{view}"), Size::new(width, height)));
+            case.textures.push(Texture::new(&ImageRgb::new(width, height, flat(image)).unwrap()));
+        }
+        let size = case.get::<i64>("target.size");
+        case.target = case.camera("target", Size::new(size[[0]] as usize, size[[1]] as usize));
+        let range = case.get::<f64>("range");
+        (case.range, case.count) = ((range[[0]], range[[1]]), flat(case.get::<i64>("count"))[0] as usize);
+        case
+    }
+
+    fn find<T: ReadableElement>(&self, array: &str) -> Option<ArrayD<T>> {
+        let mut file = NpzReader::new(std::fs::File::open(&self.path).unwrap()).unwrap();
+        match file.by_name::<OwnedRepr<T>, IxDyn>(array) {
+            Ok(found) => Some(found),
+            Err(ReadNpzError::Npy(ReadNpyError::WrongDescriptor(kind))) => panic!("{}: {array} is {kind:?}", self.name),
+            Err(_) => None,
+        }
+    }
+
+    pub(crate) fn get<T: ReadableElement>(&self, array: &str) -> ArrayD<T> {
+        self.find(array).unwrap_or_else(|| panic!("{}: no array {array}", self.name))
+    }
+
+    pub(crate) fn map(&self, array: &str) -> Array2<f32> {
+        self.get::<f32>(array).into_dimensionality().unwrap()
+    }
+
+    pub(crate) fn volume<T: ReadableElement>(&self, array: &str) -> Array3<T> {
+        self.get::<T>(array).into_dimensionality().unwrap()
+    }
+
+    fn camera(&self, name: &str, size: Size) -> Camera {
+        let matrix = |part: &str| {
+            let m = self.get::<f64>(&format!("{name}.{part}"));
+            DMat3::from_cols_array_2d(&std::array::from_fn(|column| std::array::from_fn(|row| m[[row, column]])))
+        };
+        let k = matrix("k").to_cols_array_2d();
+        let intrinsics = Intrinsics { fx: k[0][0], fy: k[1][1], cx: k[2][0], cy: k[2][1], skew: k[1][0] };
+        let translation = DVec3::from_slice(&flat(self.get::<f64>(&format!("{name}.translation"))));
+        Camera::new(intrinsics, size.width, size.height, matrix("rotation"), translation).unwrap()
+    }
+
+    pub(crate) fn view(&self, index: usize) -> SourceView<'_> {
+        SourceView { camera: &self.cameras[index], texture: &self.textures[index] }
+    }
+
+    /// Photos that photo `which` is matched with.
+    pub(crate) fn neighbours(&self, which: usize) -> Vec<SourceView<'_>> {
+        (0..self.cameras.len()).filter(|&i| i != which).take(self.settings.neighbours).map(|i| self.view(i)).collect()
+    }
+
+    pub(crate) fn depths(&self) -> Vec<PhotoDepth> {
+        let pixels = self.get::<f32>("pixel");
+        let depth = |i: usize| PhotoDepth { disparity: self.map(&format!("depth{i}")), pixel: pixels[[i]] };
+        (0..self.cameras.len()).map(depth).collect()
+    }
+
+    pub(crate) fn known(&self, depths: &[PhotoDepth]) -> Vec<ConfirmedDepth> {
+        let known =
+            |(i, depth)| ConfirmedDepth::new(depth, &self.map(&format!("confirmed{i}")).mapv(|sure| sure > 0.0));
+        depths.iter().enumerate().map(known).collect()
+    }
+
+    /// `use_views` with what is known of the photos.
+    pub(crate) fn with_views<T>(&self, use_views: impl FnOnce(&[SurfaceView<'_>]) -> T) -> T {
+        let depths = self.depths();
+        let known = self.known(&depths);
+        let gains = self.gains();
+        let view = |i: usize| SurfaceView { view: self.view(i), known: &known[i], gains: gains[i] };
+        use_views(&(0..depths.len()).map(view).collect::<Vec<_>>())
+    }
+
+    /// The views at the target, and which pixels of the surface they see.
+    pub(crate) fn at_target(&self) -> (Vec<WarpSource<'_>>, Vec<Vec<f32>>) {
+        let (gains, sweep) = (self.gains(), |i: usize| PlaneSweep::new(&self.cameras[i], &self.target));
+        let source = |i: usize| WarpSource { gains: gains[i], ..WarpSource::new(&self.textures[i], sweep(i)) };
+        let visible = self.volume::<f32>("visible");
+        let visible = visible.outer_iter().map(|map| map.iter().copied().collect()).collect();
+        ((0..self.cameras.len()).map(source).collect(), visible)
+    }
+
+    /// Disparity worth a pixel of parallax at the target.
+    pub(crate) fn pixel(&self) -> f32 {
+        let mut settings = self.settings.clone();
+        settings.search_holes = 1.0;
+        self.with_views(|views| surface(views, &self.target, self.range.0, self.range.1, &settings).pixel)
+    }
+
+    /// What each photo's colours are multiplied by.
+    fn gains(&self) -> Vec<[f32; 3]> {
+        let gains = self.get::<f32>("gains");
+        (0..self.cameras.len()).map(|view| std::array::from_fn(|channel| gains[[view, channel]])).collect()
+    }
+
+    /// Hold `found` against the oracle's `stage`: few elements are doubtful, and all others within what float32 torch's own
+    /// error and the tolerance file allow.
+    pub(crate) fn check<T: Into<f64> + Copy, D: Dimension>(&self, name: &str, found: &Array<T, D>) {
+        let oracle = self.get::<f64>(&format!("oracle.{name}"));
+        assert_eq!(found.shape(), oracle.shape(), "{}: shape of {name}", self.name);
+        let errors: Vec<f64> = found.iter().zip(oracle.iter()).map(|(&a, b)| (a.into() - b).abs()).collect();
+        assert!(errors.iter().all(|e| e.is_finite()), "{}: {name} is not finite everywhere", self.name);
+        let doubtful = self.find::<bool>(&format!("doubtful.{name}")).map_or(vec![false; errors.len()], flat);
+        let share = doubtful.iter().filter(|&&d| d).count() as f64 / errors.len() as f64;
+        let sure: Vec<usize> = (0..errors.len()).filter(|&i| !doubtful[i]).collect();
+        let worst = sure.iter().copied().max_by(|&a, &b| errors[a].total_cmp(&errors[b])).expect("some are sure");
+        let mean = sure.iter().map(|&i| errors[i]).sum::<f64>() / sure.len() as f64;
+        let tolerance = Tolerance::of(name.trim_end_matches(char::is_numeric));
+        let torch = flat(self.get::<f64>(&format!("torch.{name}")));
+        let most = tolerance.floor.max(tolerance.max_factor * torch[0]);
+        // The means themselves are sums in another order: equal errors must count as equal.
+        let mean_most = tolerance.mean_floor.max(tolerance.mean_factor * torch[1]) * (1.0 + 1e-9);
+        let off = (0..errors.len()).filter(|&i| doubtful[i] && errors[i] > most).count();
+        let told = format!(
+            "{:13} {name:12} max {:.1e} (torch {:.1e})  mean {mean:.2e} (torch {:.2e})  doubtful {:.3} %, {off} of them off  \
+             worst at {:?}: {} for {}",
+            self.name,
+            errors[worst],
+            torch[0],
+            torch[1],
+            100.0 * share,
+            oracle.indexed_iter().nth(worst).unwrap().0.slice(),
+            found.iter().nth(worst).map(|&x| x.into()).unwrap(),
+            oracle.iter().nth(worst).unwrap(),
+        );
+        println!("{told}");
+        let mut failures = self.failures.lock().unwrap();
+        if share > tolerance.doubtful {
+            failures.push(format!("more than {} doubtful:\n{told}", tolerance.doubtful));
+        }
+        if errors[worst] > most || mean > mean_most {
+            failures.push(format!("beyond max {most:.1e} or mean {mean_most:.2e}:\n{told}"));
+        }
+    }
+}
+
+/// Bounds of a stage.
+struct Tolerance {
+    floor: f64,
+    max_factor: f64,
+    mean_floor: f64,
+    mean_factor: f64,
+    /// Largest share of doubtful elements.
+    doubtful: f64,
+}
+
+impl Tolerance {
+    fn of(stage: &str) -> Self {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("parity/tolerances.json");
+        let all: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+        let entry = &all[&format!("mvs {stage}")];
+        let get = |key: &str| entry[key].as_f64().unwrap_or_else(|| panic!("tolerances.json: mvs {stage}: no {key}"));
+        Self {
+            floor: get("floor"),
+            max_factor: get("max_factor"),
+            mean_floor: get("mean_floor"),
+            mean_factor: get("mean_factor"),
+            doubtful: get("doubtful"),
+        }
+    }
+}
+
+fn camera_at_origin() -> Camera {
+    let intrinsics = Intrinsics { fx: 1.0, fy: 1.0, cx: 0.5, cy: 0.5, skew: 0.0 };
+    Camera::new(intrinsics, 1, 1, DMat3::IDENTITY, DVec3::ZERO).unwrap()
+}
+
+pub(crate) fn flat<T: Clone>(array: ArrayD<T>) -> Vec<T> {
+    array.iter().cloned().collect()
+}
