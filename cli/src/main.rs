@@ -1,28 +1,20 @@
 //! The `liveview` command; `liveview --help` says what it does.
 
-mod args;
 mod commands;
-mod console;
-mod ffmpeg;
-mod governor;
-mod interrupt;
-mod job;
-mod kept_models;
-mod measure;
-mod network;
-mod npz;
-mod ort_wheel;
-mod outputs;
-mod rig;
-mod statistics;
-mod svg;
-mod worker_process;
+mod shard;
 
 use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use commands::{batch, depth, dump, inspect, join, manual, models, render, select, stability, sweep, video, view};
+use commands::{batch, depth, inspect, join, manual, models, render, select};
+#[cfg(feature = "bench")]
+use liveview_bench::{dump, stability, sweep};
+use liveview_common::{console, interrupt};
+use liveview_live::video;
+#[cfg(feature = "video")]
+#[cfg(feature = "viewer")]
+use liveview_viewer as view;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -62,8 +54,10 @@ enum Command {
     Join(join::JoinArgs),
     /// Run many render commands in one process
     Batch(batch::BatchArgs),
+    #[cfg(feature = "video")]
     /// Turn the frames of a camera rig into the video of a moving viewpoint, live if asked
     Video(video::VideoArgs),
+    #[cfg(feature = "viewer")]
     /// Look around a scene in a browser: prints a link
     View(view::ViewArgs),
     /// Show how a scene is read, and what will be left out
@@ -72,10 +66,13 @@ enum Command {
     Select(select::SelectArgs),
     /// Write the depth of the photos themselves, and score it where the scene knows the truth
     Depth(depth::DepthArgs),
+    #[cfg(feature = "bench")]
     /// Write every stage of one render as arrays (.npz), to compare with the Python reference
     Dump(dump::DumpArgs),
+    #[cfg(feature = "bench")]
     /// Measure error against run time: kinds and numbers of layers, and the Python reference beside them
     Sweep(sweep::SweepArgs),
+    #[cfg(feature = "bench")]
     /// Compare stiff and extreme cases of a scene's rig with float64, and the Python reference beside them
     Stability(stability::StabilityArgs),
     /// List the models that are installed, with their cards
@@ -83,6 +80,7 @@ enum Command {
     /// Write the manual pages, or what a shell completes commands by
     Manual(manual::ManualArgs),
     /// One configuration of a sweep, driven over JSON lines
+    #[cfg(feature = "bench")]
     #[command(hide = true)]
     Worker(sweep::WorkerArgs),
 }
@@ -95,14 +93,20 @@ fn main() -> ExitCode {
         Command::Models(args) => models::run(args),
         Command::Manual(args) => manual::run(args, Cli::command()),
         Command::Batch(args) => batch::run(args),
+        #[cfg(feature = "video")]
         Command::Video(args) => video::run(args),
+        #[cfg(feature = "viewer")]
         Command::View(args) => view::run(args),
         Command::Inspect(args) => inspect::run(args),
         Command::Select(args) => select::run(args),
         Command::Depth(args) => depth::run(args),
+        #[cfg(feature = "bench")]
         Command::Dump(args) => dump::run(args),
+        #[cfg(feature = "bench")]
         Command::Sweep(args) => sweep::run(args),
+        #[cfg(feature = "bench")]
         Command::Stability(args) => stability::run(args),
+        #[cfg(feature = "bench")]
         Command::Worker(args) => sweep::run_worker(args),
     };
     match output {
@@ -117,6 +121,7 @@ fn main() -> ExitCode {
             let written = match &cli.command {
                 // What there is to tell was printed as each command ended.
                 Command::Batch(_) => Ok(()),
+                #[cfg(feature = "video")]
                 // The video itself goes to standard output.
                 Command::Video(args) if args.takes_stdout() => writeln!(std::io::stderr(), "{printed}"),
                 _ => {
@@ -136,8 +141,9 @@ fn main() -> ExitCode {
         Err(error) => {
             let message = console::full_text(&error);
             match &cli.command {
+                #[cfg(feature = "bench")]
                 // To the sweep that started the worker, which prints it.
-                Command::Worker(_) => drop(worker_process::send_line(&serde_json::json!({ "error": message }))),
+                Command::Worker(_) => drop(console::send_line(&serde_json::json!({ "error": message }))),
                 _ => console::print_message("error", message),
             }
             ExitCode::from(if error.is::<interrupt::Interrupted>() { interrupt::EXIT_CODE } else { 2 })

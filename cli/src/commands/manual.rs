@@ -5,9 +5,8 @@ use std::path::PathBuf;
 use anyhow::{Result, anyhow};
 use clap::{Args, Command};
 use clap_complete::Shell;
+use liveview_common::console::Output;
 use serde_json::json;
-
-use crate::console::Output;
 
 const EXAMPLES: &str = "\
 Examples:

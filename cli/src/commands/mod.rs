@@ -2,14 +2,9 @@
 
 pub(crate) mod batch;
 pub(crate) mod depth;
-pub(crate) mod dump;
 pub(crate) mod inspect;
 pub(crate) mod join;
 pub(crate) mod manual;
 pub(crate) mod models;
 pub(crate) mod render;
 pub(crate) mod select;
-pub(crate) mod stability;
-pub(crate) mod sweep;
-pub(crate) mod video;
-pub(crate) mod view;

@@ -7,10 +7,9 @@ use anyhow::Result;
 use clap::Args;
 use liveview::SynthesisError;
 use liveview::network::{ExecutionProvider, ModelCard, OrtLibrary, OrtNetwork, model_folders};
+use liveview_common::console::{Output, shown};
+use liveview_common::ort_wheel::wheel;
 use serde_json::{Value, json};
-
-use crate::console::{Output, shown};
-use crate::ort_wheel::wheel;
 
 /// Options of `liveview models`.
 #[derive(Debug, Args)]

@@ -13,16 +13,15 @@ use liveview::image::{bar_chart, coloured, side_by_side};
 use liveview::layers::guided::{COARSE, RangeMap};
 use liveview::layers::{CELL, uniform_disparities};
 use liveview::{Camera, ImageRgb, LayerSpec, PhotoCache, Shot, Targets};
+use liveview_common::args::model::ModelArgs;
+use liveview_common::args::output::expect_png;
+use liveview_common::args::scene::SceneArgs;
+use liveview_common::console::{Output, print_notes, progress, shown};
+use liveview_common::job::Job;
+use liveview_common::outputs::Claims;
+use liveview_common::statistics::percentile;
 use ndarray::Array2;
 use serde_json::{Value, json};
-
-use crate::args::model::ModelArgs;
-use crate::args::output::expect_png;
-use crate::args::scene::SceneArgs;
-use crate::console::{Output, print_notes, progress, shown};
-use crate::job::Job;
-use crate::outputs::Claims;
-use crate::statistics::percentile;
 
 const EXAMPLES: &str = "\
 Examples:

@@ -7,9 +7,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::fs::bounded;
+use liveview_common::args::output::refuse_stdout;
 use serde_json::Value;
-
-use crate::args::output::refuse_stdout;
 
 const EXPECTED: &str = "expected what an earlier run of `liveview batch` has written, or no file";
 

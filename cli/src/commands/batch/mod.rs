@@ -9,13 +9,12 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use clap::Args;
 use done::DoneFile;
+use liveview_common::console::{Output, full_text, print_message, send_line};
+use liveview_common::interrupt::{self, Interrupted};
+use liveview_common::kept_models::KeptModels;
 use serde_json::{Value, json};
 
 use super::render;
-use crate::console::{Output, full_text, print_message};
-use crate::interrupt::{self, Interrupted};
-use crate::kept_models::KeptModels;
-use crate::worker_process::send_line;
 
 const EXAMPLES: &str = "\
 Examples:

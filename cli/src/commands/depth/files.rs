@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use liveview::image::{coloured, encode, encode_gray16_png};
 use liveview::{Scene, ViewDepth};
+use liveview_common::args::output::{has_ending, refuse_stdout, stem, write_whole};
+use liveview_common::outputs::Claims;
 use ndarray_npy::WriteNpyExt;
 use serde_json::json;
 
 use super::truth::Truth;
-use crate::args::output::{has_ending, refuse_stdout, stem, write_whole};
-use crate::outputs::Claims;
 
 /// What follows the view's name: 16-bit PNG, its scale, the numbers, in colour.
 const ENDINGS: [&str; 4] = [".png", "_scale.json", ".npy", "_colour.png"];

@@ -11,14 +11,13 @@ use std::sync::atomic::Ordering;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use liveview::{ModelOptions, Scene, ViewDepth};
+use liveview_common::args::model::start_threads;
+use liveview_common::args::numbers;
+use liveview_common::args::scene::SceneArgs;
+use liveview_common::args::targets::named;
+use liveview_common::console::{Output, print_message, print_notes, progress};
+use liveview_common::interrupt;
 use truth::{Score, Truth};
-
-use crate::args::model::start_threads;
-use crate::args::numbers;
-use crate::args::scene::SceneArgs;
-use crate::args::targets::named;
-use crate::console::{Output, print_message, print_notes, progress};
-use crate::interrupt;
 
 const EXAMPLES: &str = "\
 Examples:

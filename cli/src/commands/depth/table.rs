@@ -5,12 +5,12 @@ use std::path::Path;
 use std::time::Duration;
 
 use liveview::{DepthSource, Scene};
+use liveview_common::console::{Output, shown};
+use liveview_common::measure::{peak_memory, time_text};
 use serde_json::{Value, json};
 
 use super::Told;
 use super::truth::{Score, WITHIN};
-use crate::console::{Output, shown};
-use crate::measure::{peak_memory, time_text};
 
 pub(super) fn output(scene: &Scene, told: &[Told], (near, far): (f64, f64), held_out: &[usize]) -> Output {
     let scored = told.iter().any(|one| one.score.is_some());

@@ -7,10 +7,9 @@ use anyhow::{Context, Result, anyhow, bail};
 use liveview::fs::bounded;
 use liveview::scene::View;
 use liveview::{Scene, ViewDepth, image};
+use liveview_common::args::output::stem;
 use ndarray::Array2;
 use serde_json::Value;
-
-use crate::args::output::stem;
 
 /// Pixels of parallax from the truth that are told.
 pub(super) const WITHIN: [f32; 3] = [0.5, 1.0, 2.0];

@@ -5,8 +5,7 @@ use std::fmt::Write;
 use anyhow::Result;
 use liveview::surface::Settings;
 use liveview::{PhotoCache, PhotoCorrection, Targets};
-
-use crate::console::escaped;
+use liveview_common::console::escaped;
 
 /// Factors per channel of the photos of these many views of a target, nearest first, and a table of them. Their depth is searched.
 pub(super) fn gains(photos: &mut PhotoCache, target: usize, views: usize) -> Result<(String, Vec<[f32; 3]>)> {

@@ -13,13 +13,12 @@ use liveview::geometry::{MeanPose, PlaneSweep, choose_views, distance, middle_ca
 use liveview::layers::uniform_disparities;
 use liveview::scene::View;
 use liveview::{Camera, LayerSpec, PhotoCache, SynthesisError};
+use liveview_common::args::numbers;
+use liveview_common::args::scene::SceneArgs;
+use liveview_common::console::{Output, advice, escaped, shown};
+use liveview_common::statistics::percentile;
 use serde_json::{Value, json};
 use spread::{largest_angle, nearest_distances};
-
-use crate::args::numbers;
-use crate::args::scene::SceneArgs;
-use crate::console::{Output, advice, escaped, shown};
-use crate::statistics::percentile;
 
 const EXAMPLES: &str = "\
 Examples:

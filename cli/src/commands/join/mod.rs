@@ -8,13 +8,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use clap::Args;
 use liveview::image::{self, Score};
+use liveview_common::args::frame_rate::{FrameRate, frame_rate};
+use liveview_common::args::output::{has_ending, refuse_stdout, write_whole};
+use liveview_common::console::{Output, print_message, shown};
+use liveview_common::ffmpeg::{Encoder, is_video};
 use serde_json::{Value, json};
 use shards::{Picture, ShardRecord};
-
-use crate::args::frame_rate::{FrameRate, frame_rate};
-use crate::args::output::{has_ending, refuse_stdout, write_whole};
-use crate::console::{Output, print_message, shown};
-use crate::ffmpeg::{Encoder, is_video};
 
 const EXAMPLES: &str = "\
 Examples:

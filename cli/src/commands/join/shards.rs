@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::fs::bounded;
+use liveview_common::args::output::stem;
 use serde_json::{Map, Value};
 
-use crate::args::output::stem;
-use crate::args::shard::Shard;
 use crate::commands::render::{record, record_text};
+use crate::shard::Shard;
 
 /// The part of a job that may differ between machines: photos and cameras are told by their contents.
 const MAY_DIFFER: &str = "scene";

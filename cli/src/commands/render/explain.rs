@@ -10,17 +10,17 @@ use liveview::layers::guided::RangeMap;
 use liveview::layers::{Layer, Layers};
 use liveview::network::Alpha;
 use liveview::{Frame, ImageRgb, Plan, Shot, TargetSurface};
+use liveview_common::args::numbers;
+use liveview_common::args::output::expect_png;
+use liveview_common::console::shown;
+use liveview_common::job::Job;
+use liveview_common::measure::Times;
+use liveview_common::outputs::Claims;
+use liveview_common::statistics::{PixelError, percentile};
 use ndarray::{Array2, s};
 use serde_json::{Value, json};
 
-use crate::args::numbers;
-use crate::args::output::expect_png;
 use crate::commands::select::{range_picture, width_in_pixels};
-use crate::console::shown;
-use crate::job::Job;
-use crate::measure::Times;
-use crate::outputs::Claims;
-use crate::statistics::{PixelError, percentile};
 
 /// Options that ask for reasons.
 #[derive(Debug, Args)]

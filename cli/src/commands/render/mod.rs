@@ -17,20 +17,20 @@ use clap::Args;
 use explain::{ExplainArgs, Explained, Explanation};
 use liveview::image::{Score, inpaint_unseen};
 use liveview::{LayerSpec, Plan, Shot};
+use liveview_common::args::layers::LayerArgs;
+use liveview_common::args::model::ModelArgs;
+use liveview_common::args::scene::SceneArgs;
+use liveview_common::args::targets::TargetArgs;
+use liveview_common::console::{Output, escaped, print_message, print_notes, progress};
+use liveview_common::interrupt::{self, Interrupted};
+use liveview_common::job::Job;
+use liveview_common::kept_models::KeptModels;
+use liveview_common::measure::Times;
+use liveview_common::outputs::Claims;
 use outputs::{OutputArgs, Outputs, disparity_max};
 use rendered::Rendered;
 
-use crate::args::layers::LayerArgs;
-use crate::args::model::ModelArgs;
-use crate::args::scene::SceneArgs;
-use crate::args::shard::Shard;
-use crate::args::targets::TargetArgs;
-use crate::console::{Output, escaped, print_message, print_notes, progress};
-use crate::interrupt::{self, Interrupted};
-use crate::job::Job;
-use crate::kept_models::KeptModels;
-use crate::measure::Times;
-use crate::outputs::Claims;
+use crate::shard::Shard;
 
 const EXAMPLES: &str = "\
 Examples:

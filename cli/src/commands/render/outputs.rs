@@ -8,15 +8,15 @@ use clap::Args;
 use liveview::fs::atomic::is_special;
 use liveview::image::{coloured, difference, encode, encode_gray16_png, side_by_side};
 use liveview::{Frame, ImageRgb, Shot};
+use liveview_common::args::frame_rate::{FrameRate, frame_rate};
+use liveview_common::args::output::{Place, Variant, write_whole};
+use liveview_common::ffmpeg::{Encoder, is_video};
+use liveview_common::outputs::{Claims, tell_others};
 use serde_json::json;
 
 use super::record::{self, Fields, Record};
 use super::rendered::Rendered;
-use crate::args::frame_rate::{FrameRate, frame_rate};
-use crate::args::output::{Place, Variant, write_whole};
-use crate::args::shard::Shard;
-use crate::ffmpeg::{Encoder, is_video};
-use crate::outputs::{Claims, tell_others};
+use crate::shard::Shard;
 
 /// Factor by which a comparison shows the difference.
 const DIFFERENCE_FACTOR: f32 = 4.0;

@@ -12,15 +12,15 @@ use liveview::fs::atomic::AtomicFile;
 use liveview::fs::bounded;
 use liveview::image::Score;
 use liveview::{LayerSpec, Shot};
+use liveview_common::args::layers::LayerArgs;
+use liveview_common::args::targets::TargetArgs;
+use liveview_common::console::{print_message, shown};
+use liveview_common::job::Job;
 use serde_json::{Map, Value, json};
 
 use super::record_text::{END, line, parse, whole};
 use super::rendered::Rendered;
-use crate::args::layers::LayerArgs;
-use crate::args::shard::Shard;
-use crate::args::targets::TargetArgs;
-use crate::console::{print_message, shown};
-use crate::job::Job;
+use crate::shard::Shard;
 
 /// Stored on the disk no more often than this: what a power cut takes is rendered again.
 const STORED: Duration = Duration::from_secs(1);

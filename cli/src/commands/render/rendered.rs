@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use liveview::Shot;
 use liveview::image::Score;
-
-use crate::measure::Times;
+use liveview_common::measure::Times;
 
 /// A picture that is rendered and written, or that an earlier run has written.
 pub(super) struct Rendered {

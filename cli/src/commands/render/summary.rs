@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use liveview::image::Score;
+use liveview_common::console::{Output, escaped, shown};
+use liveview_common::job::Job;
+use liveview_common::measure::{Times, peak_memory, time_text};
 use serde_json::{Value, json};
 
 use super::explain::Explanation;
 use super::rendered::Rendered;
-use crate::args::shard::Shard;
-use crate::console::{Output, escaped, shown};
-use crate::job::Job;
-use crate::measure::{Times, peak_memory, time_text};
+use crate::shard::Shard;
 
 /// Names listed in one line of a table.
 const SHOWN: usize = 6;

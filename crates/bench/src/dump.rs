@@ -1,0 +1,191 @@
+//! `liveview dump`: every stage of one render as arrays, for `python -m liveview_ref.parity`.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use clap::Args;
+use liveview::layers::guided::SearchStages;
+use liveview::layers::{Layer, Layers};
+use liveview::network::Alpha;
+use liveview::render::{Batch, Blended, Culling, Frame, LayerSamples};
+use liveview::warp::warp_sources;
+use liveview::{LayerSpec, Plan, Shot, Targets};
+use liveview_common::args::layers::LayerArgs;
+use liveview_common::args::model::ModelArgs;
+use liveview_common::args::scene::SceneArgs;
+use liveview_common::console::{Output, print_notes, shown};
+use liveview_common::job::Job;
+use liveview_common::outputs::Claims;
+use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate, s};
+use serde_json::json;
+
+use crate::npz::Arrays;
+
+/// Options of `liveview dump`.
+#[derive(Debug, Args)]
+pub struct DumpArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// The view to render, by name; it is held out
+    #[arg(long, value_name = "NAME")]
+    target: String,
+    #[command(flatten)]
+    layers: LayerArgs,
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Where to write the arrays
+    #[arg(short, long, value_name = "NPZ")]
+    output: PathBuf,
+}
+
+/// The stages of all layers of a render, near → far.
+#[derive(Default)]
+struct Stages {
+    maps: Vec<Array3<f32>>,
+    colour: Vec<Array4<f32>>,
+    coverage: Vec<Array4<f32>>,
+    logits: Vec<Array4<f32>>,
+    logit_shift: Vec<f64>,
+    alpha: Vec<Array3<f32>>,
+    rgb: Vec<Array4<f32>>,
+}
+
+impl Stages {
+    fn gather(&mut self, batch: &Batch<'_>) {
+        let (n, views, height, width) = batch.logits.dim();
+        let mut alpha = Array3::zeros((n, height, width));
+        let mut rgb = Array4::zeros((n, 3, height, width));
+        let flat = |all: ArrayView4<'_, f32>, k: usize| all.index_axis(Axis(0), k).iter().copied().collect::<Vec<_>>();
+        for k in 0..n {
+            let (logits, colour) = (flat(batch.logits, k), flat(batch.hwv, k));
+            let coverage = flat(batch.coverage, k);
+            debug_assert_eq!(coverage.len(), views * height * width);
+            let logit_shift = batch.logit_shifts[k];
+            let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage, logit_shift };
+            let mut blended = Blended::new(height * width);
+            batch.weights.blend(&samples, 0, &mut blended);
+            let plane = |values: Vec<f32>| Array::from_shape_vec((height, width), values).expect("one per pixel");
+            alpha.index_axis_mut(Axis(0), k).assign(&plane(blended.alpha));
+            for (c, values) in blended.rgb.into_iter().enumerate() {
+                rgb.slice_mut(s![k, c, .., ..]).assign(&plane(values));
+            }
+        }
+        self.maps.push(batch.disparity.to_owned());
+        self.alpha.push(alpha);
+        self.rgb.push(rgb);
+        self.colour.push(batch.hwv.to_owned());
+        self.coverage.push(batch.coverage.to_owned());
+        self.logits.push(batch.logits.to_owned());
+        self.logit_shift.extend(batch.logit_shifts);
+    }
+
+    fn write(&self, arrays: &mut Arrays) -> Result<()> {
+        fn joined<D: Dimension + ndarray::RemoveAxis>(parts: &[Array<f32, D>]) -> Result<Array<f32, D>> {
+            Ok(concatenate(Axis(0), &parts.iter().map(|p| p.view()).collect::<Vec<_>>())?)
+        }
+        arrays.add("maps", joined(&self.maps)?)?;
+        arrays.add("colour", joined(&self.colour)?)?;
+        arrays.add("coverage", joined(&self.coverage)?)?;
+        arrays.add("logits", joined(&self.logits)?)?;
+        arrays.add("alpha", joined(&self.alpha)?)?;
+        arrays.add("rgb", joined(&self.rgb)?)
+    }
+}
+
+/// Runs `liveview dump`.
+pub fn run(args: &DumpArgs) -> Result<Output> {
+    if args.output.extension().is_none_or(|ending| ending != "npz") {
+        bail!("-o {}: expected a name that ends in .npz", args.output.display());
+    }
+    let mut job = Job::open(args.scene.open()?, &args.layers, &args.model)?;
+    let targets = Targets::held_out(job.scene(), vec![job.scene().view_index(&args.target)?]);
+    let Some(shot) = job.synthesizer.shots(targets)?.pop() else { bail!("{}: nothing to render", args.target) };
+    print_notes(&job.scene().notes);
+    let mut claims = Claims::new(job.scene());
+    claims.file("-o", &args.output)?;
+    claims.prepare()?;
+    job.synthesizer.photos_mut().load_for(&shot, &[])?;
+    let mut arrays = Arrays::create(&args.output)?;
+    write(&mut job, &shot, &mut arrays)?;
+    arrays.finish()?;
+    let model = job.model.model.as_ref();
+    let json = json!({
+        "file": shown(&args.output), "target": shot.name, "views": job.photos().names(&shot.views), "near": shot.near,
+        "far": shot.far, "layers": job.layers().to_string(), "model": model.map(|model| shown(&model.path)),
+        "library": model.map(|model| shown(&model.library)), "engine": model.map_or("none", |model| model.provider.name()),
+        "precision": model.map(|model| &model.precision), "alpha": job.alpha().to_string(),
+        "threads": job.model.threads, "batch": job.model.batch,
+    });
+    Ok(Output { text: format!("{}: every stage of {}, {}", args.output.display(), shot.name, job.layers()), json })
+}
+
+fn write(job: &mut Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
+    arrays.add_rig(job.photos(), shot)?;
+    let plan = if let LayerSpec::Guided { layers, coarse_planes } = *job.layers() {
+        let found = job.photos().search(shot, coarse_planes)?;
+        let layers = found.range.layers(layers)?;
+        write_search(found, arrays)?;
+        Plan::known(layers)
+    } else {
+        job.plan(shot)?
+    };
+    write_layers(&plan.layers, job, shot, arrays)?;
+    let mut stages = Stages::default();
+    job.synthesizer.renderer_mut().set_culling(Culling::NONE);
+    let frame = job.synthesizer.render_plan(shot, &plan, |batch| stages.gather(batch))?;
+    stages.write(arrays)?;
+    match job.alpha() {
+        Alpha::Competing { scale } => arrays.add("alpha_scale", Array1::from_vec(vec![scale]))?,
+        Alpha::PerPixel { most } => {
+            arrays.add("alpha_spacing", Array1::from_vec(vec![most]))?;
+            arrays.add("logit_shift", Array1::from_vec(stages.logit_shift))?;
+        }
+        _ => (),
+    }
+    write_frame(frame, arrays)
+}
+
+fn write_search(found: SearchStages, arrays: &mut Arrays) -> Result<()> {
+    arrays.add("coarse_disparities", Array1::from_vec(found.disparities))?;
+    arrays.add("costs", found.costs)?;
+    arrays.add("aggregated_costs", found.aggregated_costs)?;
+    arrays.add("coarse_disparity", found.coarse_disparity)?;
+    arrays.add("fine_layers", found.fine_layers)?;
+    arrays.add("fine_costs", found.fine_costs)?;
+    arrays.add("fine_disparity", found.fine_disparity)?;
+    let range = &found.range;
+    let maps = [range.nearest(), range.surface(), range.farthest()].map(|map| map.view());
+    arrays.add("range", ndarray::stack(Axis(0), &maps)?)
+}
+
+/// The layers: planes and their homographies, or maps on cells.
+fn write_layers(layers: &Layers, job: &Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
+    let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
+    let map = |layer: &Layer| if let Layer::Map(map) = layer { Some(map.clone()) } else { None };
+    let maps: Vec<_> = layers.as_slice().iter().filter_map(map).collect();
+    if !maps.is_empty() {
+        return arrays.add("cell_maps", ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>())?);
+    }
+    let disparities: Vec<f64> = layers.as_slice().iter().filter_map(plane).collect();
+    if disparities.is_empty() {
+        // Layers given by pixel are the array `maps` as they are.
+        return Ok(());
+    }
+    let sweeps: Vec<_> =
+        warp_sources(&job.photos().sources(&shot.views), &shot.target).iter().map(|s| s.sweep).collect();
+    let shape = (disparities.len(), sweeps.len(), 3, 3);
+    let homography = Array4::from_shape_fn(shape, |(d, v, row, column)| {
+        sweeps[v].source_from_target(disparities[d]).row(row)[column]
+    });
+    arrays.add("homography", homography)?;
+    arrays.add("disparities", Array1::from_vec(disparities))
+}
+
+fn write_frame(frame: Frame, arrays: &mut Arrays) -> Result<()> {
+    let (height, width) = frame.disparity.dim();
+    let picture = Array3::from_shape_fn((3, height, width), |(c, y, x)| frame.picture.pixel(x, y)[c]);
+    arrays.add("frame", picture)?;
+    arrays.add("disparity", frame.disparity)?;
+    arrays.add("transmittance", frame.transmittance)?;
+    arrays.add("best_layer", frame.best_layer.map(|best| best.map_or(-1, i64::from)))
+}

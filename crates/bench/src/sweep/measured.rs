@@ -1,0 +1,91 @@
+//! Measuring one configuration of `liveview sweep`.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use liveview::ImageRgb;
+use liveview::image::{Score, psnr, ssim};
+use liveview_common::statistics::PixelError;
+use ndarray::Array3;
+use serde_json::json;
+
+use super::rows::{Row, densest};
+use crate::worker_process::{WorkerProcess, text_of};
+
+/// A worker, with its measurements so far.
+pub(super) struct Measured {
+    worker: WorkerProcess,
+    pub(super) row: Row,
+    /// The pictures of all targets that it renders, until they are scored.
+    pictures: Vec<ImageRgb>,
+}
+
+impl Measured {
+    pub(super) fn new(worker: WorkerProcess, row: Row) -> Self {
+        Self { worker, row, pictures: Vec::new() }
+    }
+
+    /// Renders every target once and keeps the pictures; a reference renders only the first.
+    pub(super) fn warm_up(&mut self, targets: usize, folder: &Path) -> Result<()> {
+        let targets = if self.row.reference { 1 } else { targets };
+        for target in 0..targets {
+            let frame = folder.join("frame.npy");
+            let answer = self.worker.ask(&json!({ "run": true, "target": target, "frame": text_of(&frame)? }))?;
+            let pixels: Array3<f32> = ndarray_npy::read_npy(&frame).context("a worker's picture cannot be read")?;
+            let (height, width, _) = pixels.dim();
+            self.pictures.push(ImageRgb::new(width, height, pixels.iter().copied().collect())?);
+            if target == 0 {
+                let spent = if self.row.along_surface() { "coarse" } else { "select" };
+                self.row.once = answer["seconds"][spent].as_f64().unwrap_or(0.0);
+            }
+            if let Some(count) = answer["layers"].as_u64() {
+                self.row.count = count as usize;
+            }
+        }
+        Ok(())
+    }
+
+    /// Renders the first target once more, and records the times.
+    pub(super) fn time(&mut self) -> Result<()> {
+        let answer = self.worker.ask(&json!({ "run": true, "target": 0 }))?;
+        let Some(seconds) = answer["seconds"].as_object() else {
+            bail!("{}: the answer has no times; expected `seconds`", self.row.engine)
+        };
+        let stages = seconds.iter().map(|(stage, time)| (stage.clone(), time.as_f64().unwrap_or(f64::NAN)));
+        self.row.runs.push(stages.collect());
+        self.row.peak_memory_bytes = answer["peak_memory_bytes"].as_u64();
+        Ok(())
+    }
+
+    /// The row, with all its measurements.
+    pub(super) fn finish(mut self) -> Row {
+        if self.row.along_surface() {
+            // Each picture finds its surface; what the first spent beyond that is the depth of the photos.
+            let surface = self.row.stages().into_iter().find_map(|(stage, time)| (stage == "coarse").then_some(time));
+            self.row.once = (self.row.once - surface.unwrap_or(0.0)).max(0.0);
+        }
+        self.row
+    }
+
+    fn score(&mut self, truths: &[ImageRgb], dense: Option<&[ImageRgb]>) {
+        let count = self.pictures.len() as f64;
+        let mean = |of: &dyn Fn(&ImageRgb, &ImageRgb) -> f64| {
+            self.pictures.iter().zip(truths).map(|(picture, truth)| of(picture, truth)).sum::<f64>() / count
+        };
+        let score = Score {
+            psnr: mean(&|picture, truth| psnr(picture, truth, Score::BORDER)),
+            ssim: mean(&|picture, truth| ssim(picture, truth, Score::BORDER)),
+        };
+        self.row.score = Some(score).filter(|score| score.psnr.is_finite() && score.ssim.is_finite());
+        self.row.error = dense.map(|dense| PixelError::between(self.pictures.iter().zip(dense)));
+    }
+}
+
+/// Scores all pictures against the photos and against those on the most planes, and drops them.
+pub(super) fn score_all(measured: &mut [Measured], truths: &[ImageRgb]) {
+    let dense = densest(measured.iter(), |one| &one.row).map(|one| one.pictures.clone());
+    for one in measured {
+        one.score(truths, dense.as_deref());
+        one.pictures.clear();
+    }
+}

@@ -1,0 +1,261 @@
+//! `liveview sweep`: error against run time, each configuration in a worker process, their repetitions interleaved.
+
+mod cpu;
+mod markdown;
+mod measured;
+mod plot;
+mod rows;
+mod worker;
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use cpu::cpu;
+use liveview::geometry::Size;
+use liveview::layers::uniform_disparities;
+use liveview::{LayerSpec, PhotoCache, Shot, Targets};
+use liveview_common::args::model::ModelArgs;
+use liveview_common::args::model_names::ProviderChoice;
+use liveview_common::args::numbers;
+use liveview_common::args::output::{refuse_stdout, write_whole};
+use liveview_common::args::scene::SceneArgs;
+use liveview_common::args::targets::named;
+use liveview_common::console::{Output, print_message, print_notes, progress, shown};
+use liveview_common::network::LAYERS_WITHOUT_NETWORK;
+use liveview_common::outputs::Claims;
+use measured::{Measured, score_all};
+use ndarray::Array1;
+use rows::{Row, SweepReport};
+use serde_json::{Value, json};
+use worker::scaled;
+pub use worker::{WorkerArgs, run as run_worker};
+
+use crate::npz::Arrays;
+use crate::worker_process::{WorkerProcess, text_of, words};
+
+const EXAMPLES: &str = "\
+Examples:
+  liveview sweep scene --target IMG_7.jpg -o report/
+  liveview sweep scene --target IMG_7.jpg --layers guided:2,guided:4,planes:64 --repetitions 9 -o report/
+  Time against size:
+    liveview sweep scene --target IMG_7.jpg --layers guided:4,planes:16 --widths 500,1000,2000 -o scaling/";
+
+/// Every kind of layers, fewest first; the others are compared with the last.
+const LAYERS: &str = "surface:1,surface:2,guided:1,guided:2,guided:3,guided:4,guided:6,guided:8,guided:12,kmeans:8,kmeans:16,select:8,select:16,\
+                      select:32,planes:8,planes:16,planes:32,planes:64";
+
+/// What is measured without a network: what a network's one layer is to be compared with, and the default there.
+const WITHOUT_NETWORK: [LayerSpec; 2] = [LayerSpec::Surface(1), LAYERS_WITHOUT_NETWORK];
+
+/// Engines of `python -m liveview_ref.competitors.worker`.
+const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
+
+/// The files written.
+const FILES: [&str; 3] = ["sweep.json", "sweep.md", "sweep.svg"];
+
+/// Options of `liveview sweep`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct SweepArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Views to render, by name; all are held out. Scores are means over them, times are the first one's
+    #[arg(long, value_name = "NAME,…", required = true)]
+    target: Vec<String>,
+    /// What to measure, separated by commas: surface:L, guided:L, planes:D, kmeans:K or select:K/D. With any surface layers, surface:1
+    /// and surface:3 without a network are measured too
+    #[arg(long, value_name = "LIST", default_value = LAYERS, value_delimiter = ',')]
+    layers: Vec<LayerSpec>,
+    /// Widths of the picture, separated by commas: time against size; scored where it has the photo's [default: the photo's]
+    #[arg(long, value_name = "PIXELS", value_delimiter = ',', value_parser = numbers::count)]
+    widths: Vec<usize>,
+    /// Engines to measure the surface and guided layers on as well, each with its precision, separated by commas, such as "cpu int8,openvino
+    /// int8"
+    #[arg(long, value_name = "LIST", value_delimiter = ',', conflicts_with = "network")]
+    engines: Vec<ProviderChoice>,
+    /// Times that each is rendered, after one to warm up
+    #[arg(long, value_name = "N", default_value = "5", value_parser = numbers::count)]
+    repetitions: usize,
+    /// A command with the protocol of `liveview worker`, to measure the reference implementations on the most planes, with the model for
+    /// any layers and composited as in the paper (a --model without `alpha_spacing` and --alpha independent make all rows like that), such as
+    /// ".venv/bin/python -m liveview_ref.competitors.worker"
+    #[arg(long, value_name = "COMMAND", conflicts_with = "network")]
+    reference: Option<String>,
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Folder for sweep.json, sweep.md and sweep.svg
+    #[arg(short, long, value_name = "FOLDER")]
+    output: PathBuf,
+}
+
+/// Runs `liveview sweep`.
+pub fn run(args: &SweepArgs) -> Result<Output> {
+    let folder = tempfile::tempdir().context("a temporary folder for the workers' pictures cannot be created")?;
+    let photos = args.scene.open()?;
+    print_notes(&photos.scene().notes);
+    refuse_stdout("-o", &args.output)?;
+    let mut claims = Claims::new(photos.scene());
+    FILES.iter().try_for_each(|name| claims.file("-o", &args.output.join(name)))?;
+    claims.prepare()?;
+    let held_out = named(photos.scene(), &args.target)?;
+    let truths = held_out.iter().map(|&view| Ok(photos.scene().load_image(view)?)).collect::<Result<Vec<_>>>()?;
+    let widths = if args.widths.is_empty() { vec![None] } else { args.widths.iter().copied().map(Some).collect() };
+    let bar = progress("renders")?;
+    let (mut all, mut own, mut models) = (Vec::new(), Value::Null, Vec::new());
+    for width in widths {
+        let mut measured = Vec::new();
+        for (layers, engine) in configurations(args) {
+            let name = layers.to_string();
+            let mut command = worker_command(args, width, &layers)?;
+            command.extend(match engine {
+                RowEngine::Own => args.model.to_args(None),
+                RowEngine::Other(engine) => args.model.to_args(Some(engine)),
+                RowEngine::NoNetwork => args.model.to_args_without_network(views(&own)),
+            });
+            // A folder may be called like an option.
+            command.extend(["--".into(), args.scene.folder().into()]);
+            let (worker, ready) = WorkerProcess::start(&name, &command, None)?;
+            let model = model(&ready);
+            if !model.is_empty() && !models.contains(&model) {
+                models.push(model);
+            }
+            if let RowEngine::Own = engine {
+                own = ready.clone();
+            }
+            measured.push(Measured::new(worker, Row::new(&name, &ready, false, size(&ready))));
+        }
+        if let Some(command) = &args.reference {
+            measured.extend(references(args, command, &photos, width, &own, folder.path())?);
+        }
+        bar.inc_length((measured.len() * (args.repetitions + 1)) as u64);
+        for one in &mut measured {
+            bar.set_message(one.row.name());
+            one.warm_up(truths.len(), folder.path())?;
+            bar.inc(1);
+        }
+        score_all(&mut measured, &truths);
+        all.extend(measured);
+    }
+    for _ in 0..args.repetitions {
+        for one in &mut all {
+            bar.set_message(one.row.name());
+            one.time()?;
+            bar.inc(1);
+        }
+    }
+    bar.finish_and_clear();
+    let sweep = SweepReport {
+        scene: args.scene.folder().display().to_string(),
+        targets: args.target.clone(),
+        views: views(&own),
+        model: if models.is_empty() { "none".into() } else { models.join(", ") },
+        threads: args.model.threads(),
+        batch: args.model.batch,
+        cpu: cpu(),
+        rows: all.into_iter().map(Measured::finish).collect(),
+    };
+    if sweep.noisy() {
+        print_message(
+            "warning",
+            "the repetitions lie far apart: the machine is too noisy for these times to be trusted",
+        );
+    }
+    let (text, json) = (markdown::markdown(&sweep), sweep.json());
+    for (name, contents) in FILES.into_iter().zip([format!("{json:#}\n"), text.clone(), plot::plot(&sweep)]) {
+        write_whole(&args.output.join(name), contents.as_bytes())?;
+    }
+    Ok(Output { text, json })
+}
+
+/// Size of the first target, from a worker's first line.
+fn size(ready: &Value) -> Size {
+    let side = |index: usize| ready["size"][index].as_u64().unwrap_or(0) as usize;
+    Size::new(side(0), side(1))
+}
+
+/// V of the model, from a worker's first line.
+fn views(ready: &Value) -> usize {
+    ready["views"][0].as_array().map_or(0, Vec::len)
+}
+
+/// The model file's name, from a worker's first line; empty without a network.
+fn model(ready: &Value) -> String {
+    let path = Path::new(ready["model"].as_str().unwrap_or_default());
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// What computes the network of a row.
+#[derive(Clone, Copy)]
+enum RowEngine {
+    Own,
+    Other(ProviderChoice),
+    NoNetwork,
+}
+
+/// The layers of each row, the program's own engine first.
+fn configurations(args: &SweepArgs) -> Vec<(LayerSpec, RowEngine)> {
+    let along_surface = |layers: &&LayerSpec| matches!(layers, LayerSpec::Surface(_));
+    let few = args.layers.iter().filter(|layers| along_surface(layers) || matches!(layers, LayerSpec::Guided { .. }));
+    let others = args
+        .engines
+        .iter()
+        .flat_map(|&engine| few.clone().map(move |layers| (layers.clone(), RowEngine::Other(engine))));
+    let own = args.layers.iter().map(|layers| (layers.clone(), RowEngine::Own));
+    let with_surface = args.layers.iter().any(|layers| along_surface(&layers));
+    let free = (with_surface && !args.model.without_network()).then_some(WITHOUT_NETWORK);
+    let free = free.into_iter().flatten().map(|layers| (layers, RowEngine::NoNetwork));
+    own.chain(free).chain(others).collect()
+}
+
+/// The command line of a worker, without the options of its model and the scene's folder.
+fn worker_command(args: &SweepArgs, width: Option<usize>, layers: &LayerSpec) -> Result<Vec<OsString>> {
+    let mut options = args.scene.to_args();
+    options.extend(args.target.iter().map(|target| format!("--target={target}")));
+    options.push(format!("--layers={layers}"));
+    options.extend(width.map(|width| format!("--target-width={width}")));
+    let program = [std::env::current_exe()?.into_os_string(), "worker".into()];
+    Ok(program.into_iter().chain(options.into_iter().map(OsString::from)).collect())
+}
+
+/// The reference implementations, on the most planes.
+fn references(
+    args: &SweepArgs,
+    command: &str,
+    photos: &PhotoCache,
+    width: Option<usize>,
+    own: &Value,
+    folder: &Path,
+) -> Result<Vec<Measured>> {
+    let planes = args.layers.iter().filter_map(|layers| match layers {
+        LayerSpec::Planes(count) => Some(*count),
+        _ => None,
+    });
+    let Some(planes) = planes.max() else { bail!("--reference: expected planes among --layers, to measure it on") };
+    let size = size(own);
+    let file = folder.join(format!("job_{}.npz", size.width));
+    let targets = scaled(Targets::held_out(photos.scene(), named(photos.scene(), &args.target)?), width)?;
+    let shot = photos.shots(targets, views(own), 0, None)?.remove(0);
+    write_job(&file, photos, &shot, planes)?;
+    let model = args.model.general_file()?;
+    let weights = model.with_extension("pt");
+    let words = words(command);
+    let start = |engine: &str| {
+        let job = json!({
+            "job": text_of(&file)?, "model": text_of(&model)?, "weights": weights.is_file().then(|| shown(&weights)),
+            "engine": engine, "threads": args.model.threads(), "batch": args.model.batch,
+        });
+        let (worker, ready) = WorkerProcess::start(engine, &words, Some(&job))?;
+        Ok(Measured::new(worker, Row { count: planes, ..Row::new(&format!("planes:{planes}"), &ready, true, size) }))
+    };
+    REFERENCES.into_iter().map(start).collect()
+}
+
+/// Writes the job of a reference: one target on uniform planes, its views chosen.
+fn write_job(path: &Path, photos: &PhotoCache, shot: &Shot, planes: usize) -> Result<()> {
+    let mut arrays = Arrays::create(path)?;
+    arrays.add_rig(photos, shot)?;
+    arrays.add("disparities", Array1::from_vec(uniform_disparities(shot.near, shot.far, planes)?))?;
+    arrays.finish()
+}

@@ -1,0 +1,219 @@
+//! The measurements of `liveview sweep`: error against run time, a row per configuration.
+
+use liveview::geometry::Size;
+use liveview::image::Score;
+use liveview_common::statistics::{PixelError, quantile};
+use serde_json::{Value, json};
+
+/// Spread of the repetitions (interquartile range / median, median over the rows) above which the times are not to be trusted.
+const NOISY: f64 = 0.15;
+
+/// One configuration: its run time and its error.
+pub(crate) struct Row {
+    /// Such as `guided:4`.
+    pub(crate) layers: String,
+    pub(crate) engine: String,
+    /// Whether it is a reference implementation, not this program.
+    pub(crate) reference: bool,
+    /// Size of the target, pixels.
+    pub(crate) size: Size,
+    /// Layers that went through the network.
+    pub(crate) count: usize,
+    /// Seconds of each repetition, by stage.
+    pub(crate) runs: Vec<Vec<(String, f64)>>,
+    /// Seconds spent once, on selecting the planes of all repetitions, or on the depth of the first target's photos.
+    pub(crate) once: f64,
+    pub(crate) score: Option<Score>,
+    /// Against the result on the most planes at the same size, if that was rendered.
+    pub(crate) error: Option<PixelError>,
+    pub(crate) peak_memory_bytes: Option<u64>,
+}
+
+impl Row {
+    /// The row of a worker that is ready, without measurements.
+    pub(crate) fn new(layers: &str, ready: &Value, reference: bool, size: Size) -> Self {
+        Self {
+            layers: layers.to_owned(),
+            engine: ready["engine"].as_str().unwrap_or("unnamed").to_owned(),
+            reference,
+            size,
+            count: 0,
+            runs: Vec::new(),
+            once: 0.0,
+            score: None,
+            error: None,
+            peak_memory_bytes: None,
+        }
+    }
+
+    pub(crate) fn name(&self) -> String {
+        format!("{}, {}", self.layers, self.engine)
+    }
+
+    pub(super) fn along_surface(&self) -> bool {
+        self.layers.starts_with("surface:")
+    }
+
+    /// Seconds of all stages, a number per repetition, sorted.
+    pub(crate) fn totals(&self) -> Vec<f64> {
+        let mut totals: Vec<f64> = self.runs.iter().map(|run| run.iter().map(|(_, time)| time).sum()).collect();
+        totals.sort_by(f64::total_cmp);
+        totals
+    }
+
+    pub(crate) fn median(&self) -> f64 {
+        quantile(&self.totals(), 0.5)
+    }
+
+    /// Median seconds of each stage.
+    pub(crate) fn stages(&self) -> Vec<(String, f64)> {
+        let names = self.runs.first().into_iter().flatten().map(|(name, _)| name);
+        let of = |name: &String| {
+            let mut times: Vec<f64> =
+                self.runs.iter().flatten().filter(|(stage, _)| stage == name).map(|&(_, time)| time).collect();
+            times.sort_by(f64::total_cmp);
+            (name.clone(), quantile(&times, 0.5))
+        };
+        names.map(of).filter(|&(_, time)| time > 0.0).collect()
+    }
+
+    /// Interquartile range over median.
+    pub(super) fn spread(&self) -> f64 {
+        let totals = self.totals();
+        (quantile(&totals, 0.75) - quantile(&totals, 0.25)) / quantile(&totals, 0.5)
+    }
+
+    /// Root mean square error against the photos, of values in [0, 255].
+    pub(super) fn levels(&self) -> Option<f64> {
+        self.score.map(|score| 255.0 * 10f64.powf(-score.psnr / 20.0))
+    }
+
+    pub(super) fn megapixels(&self) -> f64 {
+        self.size.pixels() as f64 / 1e6
+    }
+}
+
+/// All that was measured in one run.
+pub(crate) struct SweepReport {
+    pub(crate) scene: String,
+    pub(crate) targets: Vec<String>,
+    pub(crate) views: usize,
+    pub(crate) model: String,
+    pub(crate) threads: usize,
+    pub(crate) batch: usize,
+    pub(crate) cpu: String,
+    pub(crate) rows: Vec<Row>,
+}
+
+impl SweepReport {
+    /// Whether the repetitions lie too far apart.
+    pub(crate) fn noisy(&self) -> bool {
+        let mut spreads: Vec<f64> = self.rows.iter().map(Row::spread).collect();
+        spreads.sort_by(f64::total_cmp);
+        quantile(&spreads, 0.5) > NOISY
+    }
+
+    /// Whether the row is on the Pareto front: no other row of its size is at least as fast and as near to the photos, and better in
+    /// one of these.
+    pub(super) fn on_front(&self, row: &Row) -> bool {
+        let Some(error) = row.levels() else { return false };
+        let beats = |other: &Row| {
+            let (time, other_error) = (other.median(), other.levels().unwrap_or(f64::INFINITY));
+            time <= row.median() && other_error <= error && (time < row.median() || other_error < error)
+        };
+        !self.rows.iter().any(|other| other.size == row.size && beats(other))
+    }
+
+    /// The row that others of this size are compared with.
+    pub(super) fn dense(&self, size: Size) -> Option<&Row> {
+        densest(self.rows.iter().filter(|row| row.size == size), |row| row)
+    }
+
+    pub(crate) fn json(&self) -> Value {
+        let row = |row: &Row| {
+            let totals = row.totals();
+            let stages = row.stages().into_iter().map(|(stage, time)| (stage, json!(time)));
+            json!({
+                "layers": row.layers, "engine": row.engine, "reference": row.reference, "width": row.size.width, "height": row.size.height,
+                "count": row.count, "seconds": {
+                    "median": row.median(), "min": totals.first(), "max": totals.last(),
+                    "quartiles": [quantile(&totals, 0.25), quantile(&totals, 0.75)], "all": totals,
+                    "stages": stages.collect::<serde_json::Map<_, _>>(), "once": row.once,
+                },
+                "psnr": row.score.map(|score| score.psnr), "ssim": row.score.map(|score| score.ssim),
+                "error_max": row.error.map(|error| error.max), "error_mean": row.error.map(|error| error.mean),
+                "peak_memory_bytes": row.peak_memory_bytes, "on_front": self.on_front(row),
+            })
+        };
+        json!({
+            "scene": self.scene, "targets": self.targets, "views": self.views, "model": self.model, "threads": self.threads,
+            "batch": self.batch, "cpu": self.cpu, "noisy": self.noisy(), "border_left_out": Score::BORDER,
+            "rows": self.rows.iter().map(row).collect::<Vec<_>>(),
+        })
+    }
+}
+
+/// The row that others of one size are compared with: this program's on the most uniform planes, the first of several.
+pub(crate) fn densest<T>(all: impl Iterator<Item = T>, row: impl Fn(&T) -> &Row) -> Option<T> {
+    let planes = all.filter(|one| !row(one).reference && row(one).layers.starts_with("planes:"));
+    planes.reduce(|most, one| if row(&one).count > row(&most).count { one } else { most })
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    pub(crate) fn row(layers: &str, count: usize, times: &[f64], psnr: f64) -> Row {
+        let run = |&time: &f64| vec![("coarse".to_owned(), 0.25 * time), ("network".to_owned(), 0.75 * time)];
+        Row {
+            layers: layers.to_owned(),
+            engine: "test".to_owned(),
+            reference: false,
+            size: Size::new(40, 30),
+            count,
+            runs: times.iter().map(run).collect(),
+            once: 0.0,
+            score: Some(Score { psnr, ssim: 0.5 }),
+            error: Some(PixelError { max: 0.5, mean: 0.01 }),
+            peak_memory_bytes: Some(300_000_000),
+        }
+    }
+
+    pub(crate) fn sweep() -> SweepReport {
+        SweepReport {
+            scene: "scene".into(),
+            targets: vec!["a".into()],
+            views: 4,
+            model: "model".into(),
+            threads: 2,
+            batch: 1,
+            cpu: "cpu".into(),
+            rows: vec![
+                row("planes:64", 64, &[10.0, 12.0, 11.0], 20.0),
+                row("guided:4", 4, &[1.0, 1.1, 1.0], 22.0),
+                row("guided:8", 8, &[2.0, 2.0, 2.0], 21.0),
+                row("guided:2", 2, &[0.5, 0.5, 0.5], 21.5),
+            ],
+        }
+    }
+
+    #[test]
+    fn medians_front_and_dense() {
+        let sweep = sweep();
+        let [dense, four, eight, two] = &sweep.rows[..] else { unreachable!() };
+        assert_eq!((dense.median(), dense.stages()[0].1), (11.0, 2.75));
+        assert_eq!([dense, four, eight, two].map(|row| sweep.on_front(row)), [false, true, false, true]);
+        assert_eq!(sweep.dense(Size::new(40, 30)).unwrap().layers, "planes:64");
+        assert!(sweep.dense(Size::new(1, 1)).is_none());
+        assert!((four.levels().unwrap() - 255.0 * 0.0794).abs() < 0.01);
+        assert!(!sweep.noisy());
+        assert_eq!(sweep.json()["rows"][1]["on_front"], true);
+    }
+
+    #[test]
+    fn a_shaky_machine_is_called_noisy() {
+        let mut sweep = sweep();
+        sweep.rows = vec![row("guided:4", 4, &[1.0, 1.5, 2.0], 20.0)];
+        assert!(sweep.noisy());
+    }
+}

@@ -1,0 +1,127 @@
+//! `liveview worker`: one configuration of `liveview sweep` in a process of its own, so that its peak memory is its own and
+//! engines that need different libraries can be timed in turn.
+//!
+//! The protocol is lines of JSON: the worker writes `{"ready": true, "size": [width, height], …}` once; each request `{"run": true,
+//! "target": 0, "frame": "a.npy"}` is one render, answered by `{"seconds": {stage: time}, "peak_memory_bytes": …}`; the worker ends
+//! with its input. The picture is saved to `frame`, if given. The Python worker (`liveview_ref.competitors.worker`) has the same
+//! protocol.
+
+use std::io::BufRead;
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::{Result, anyhow};
+use clap::Args;
+use liveview::fs::atomic::AtomicFile;
+use liveview::layers::Layers;
+use liveview::{ImageRgb, LayerSpec, Plan, Shot, Targets};
+use liveview_common::args::layers::LayerArgs;
+use liveview_common::args::model::ModelArgs;
+use liveview_common::args::numbers;
+use liveview_common::args::scene::SceneArgs;
+use liveview_common::args::targets::named;
+use liveview_common::console::{Output, send_line, shown};
+use liveview_common::job::Job;
+use liveview_common::measure::{Times, peak_memory};
+use ndarray::ArrayView3;
+use ndarray_npy::WriteNpyExt;
+use serde_json::{Value, json};
+
+use crate::npz::unwritten;
+
+/// Options of `liveview worker`.
+#[derive(Debug, Args)]
+pub struct WorkerArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Views to render, by name; all are held out
+    #[arg(long, value_name = "NAME,…", required = true)]
+    target: Vec<String>,
+    /// Scale the target cameras to this width
+    #[arg(long, value_name = "PIXELS", value_parser = numbers::count)]
+    target_width: Option<usize>,
+    #[command(flatten)]
+    layers: LayerArgs,
+    #[command(flatten)]
+    model: ModelArgs,
+}
+
+/// A worker's configuration, and what it keeps between requests.
+struct Renders {
+    job: Job,
+    shots: Vec<Shot>,
+    /// The paper's video: planes selected once are kept for the frames that follow.
+    kept: Vec<Option<Layers>>,
+}
+
+/// Runs the hidden command `liveview worker`, which `liveview sweep` starts.
+pub fn run(args: &WorkerArgs) -> Result<Output> {
+    let photos = args.scene.open()?;
+    let mut job = Job::open(photos, &args.layers, &args.model)?;
+    let views = named(job.scene(), &args.target)?;
+    let targets = scaled(Targets::held_out(job.scene(), views), args.target_width)?;
+    let shots = job.synthesizer.shots(targets)?;
+    // What cannot be read is told before anything is timed.
+    for shot in &shots {
+        job.synthesizer.photos_mut().load_for(shot, &shots)?;
+    }
+    let sources = |shot: &Shot| job.photos().names(&shot.views).into_iter().map(str::to_owned).collect::<Vec<_>>();
+    send_line(&json!({
+        "ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]),
+        "engine": job.model.engine(), "layers": job.layers().to_string(), "model": job.model.path().map(shown),
+        "views": shots.iter().map(sources).collect::<Vec<_>>(),
+    }))?;
+    let mut worker = Renders { kept: shots.iter().map(|_| None).collect(), job, shots };
+    for line in std::io::stdin().lock().lines() {
+        let asked: Value = serde_json::from_str(&line?)?;
+        if asked["run"] != true {
+            break;
+        }
+        let answer = worker.render(asked["target"].as_u64().unwrap_or(0) as usize, asked["frame"].as_str())?;
+        send_line(&answer)?;
+    }
+    Ok(Output { text: String::new(), json: Value::Null })
+}
+
+/// The same targets, `width` pixels wide.
+pub(super) fn scaled(mut targets: Targets, width: Option<usize>) -> Result<Targets> {
+    let Some(width) = width else { return Ok(targets) };
+    for target in &mut targets.list {
+        let height = target.camera.height() as f64 * width as f64 / target.camera.width() as f64;
+        target.camera = target.camera.with_size_scaled(width, (height.round() as usize).max(1))?;
+    }
+    Ok(targets)
+}
+
+impl Renders {
+    /// Renders a target, and saves the picture to `frame` if given; the answer.
+    fn render(&mut self, target: usize, frame: Option<&str>) -> Result<Value> {
+        let shot = self.shots.get(target).ok_or_else(|| anyhow!("target {target}: there are {}", self.shots.len()))?;
+        self.job.synthesizer.photos_mut().load_for(shot, &self.shots)?;
+        let planned = match self.kept[target].take() {
+            Some(layers) => Plan::known(layers),
+            None => self.job.plan(shot)?,
+        };
+        let rendered = self.job.render(shot, &planned)?;
+        if let Some(path) = frame {
+            save(path.as_ref(), &rendered.picture)?;
+        }
+        let times =
+            Times { photos: Duration::ZERO, coarse: planned.search, select: planned.selection, stages: rendered.times };
+        let seconds = times.stages().map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
+        let layers = planned.layers.len();
+        self.kept[target] = Some(planned.layers).filter(|_| matches!(self.job.layers(), LayerSpec::Select { .. }));
+        Ok(json!({
+            "seconds": seconds.into_iter().filter(|(stage, _)| stage != "photos").collect::<serde_json::Map<_, _>>(),
+            "layers": layers, "peak_memory_bytes": peak_memory(),
+        }))
+    }
+}
+
+/// A picture as float32 `[height, width, 3]`.
+fn save(path: &Path, picture: &ImageRgb) -> Result<()> {
+    let pixels = ArrayView3::from_shape((picture.height(), picture.width(), 3), picture.data())?;
+    let mut file = AtomicFile::create(path).map_err(|error| unwritten(path, error))?;
+    pixels.write_npy(&mut file).map_err(|error| unwritten(path, error))?;
+    file.finish().map_err(|error| unwritten(path, error))
+}

@@ -1,0 +1,80 @@
+//! Worker processes that answer requests in JSON lines: those of `liveview sweep`, and the Python references.
+
+use std::ffi::OsString;
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+
+/// The program and arguments of a command line without quotes.
+pub(crate) fn words(command: &str) -> Vec<OsString> {
+    command.split_whitespace().map(OsString::from).collect()
+}
+
+/// A path as a worker is told it: JSON holds no other letters than UTF-8.
+pub(crate) fn text_of(path: &Path) -> Result<&str> {
+    path.to_str().with_context(|| format!("{}: cannot be told to a worker; expected a path in UTF-8", path.display()))
+}
+
+/// A process that answers requests; dropped, it is waited for.
+pub(crate) struct WorkerProcess {
+    process: Child,
+    to: Option<ChildStdin>,
+    from: BufReader<ChildStdout>,
+    name: String,
+}
+
+impl WorkerProcess {
+    /// Starts a command, sends it its job if there is one, and waits until it is ready; returns its first line, which describes it.
+    /// `name` is for errors.
+    pub(crate) fn start(name: &str, command: &[OsString], job: Option<&Value>) -> Result<(Self, Value)> {
+        let (program, args) = command.split_first().context("expected a command")?;
+        let mut command = Command::new(program);
+        command.args(args).stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut process = command.spawn().with_context(|| format!("{}: cannot be started", program.display()))?;
+        let (Some(to), Some(from)) = (process.stdin.take(), process.stdout.take()) else { unreachable!("both piped") };
+        let mut worker = Self { process, to: Some(to), from: BufReader::new(from), name: name.to_owned() };
+        if let Some(job) = job {
+            worker.send(job)?;
+        }
+        let ready = worker.receive()?;
+        Ok((worker, ready))
+    }
+
+    /// Sends a request and waits for the answer.
+    pub(crate) fn ask(&mut self, line: &Value) -> Result<Value> {
+        self.send(line)?;
+        self.receive()
+    }
+
+    fn send(&mut self, line: &Value) -> Result<()> {
+        let Some(to) = &mut self.to else { unreachable!("closed only when dropped") };
+        let sent = writeln!(to, "{line}").and_then(|()| to.flush());
+        sent.with_context(|| format!("{}: ended before its time", self.name))
+    }
+
+    fn receive(&mut self) -> Result<Value> {
+        let mut line = String::new();
+        if self.from.read_line(&mut line)? == 0 {
+            bail!("{}: ended before its time", self.name);
+        }
+        let answer: Value = serde_json::from_str(&line)
+            .with_context(|| format!("{}: answered {:?}; expected a line of JSON", self.name, line.trim()))?;
+        match answer["error"].as_str() {
+            Some(error) => bail!("{}: {error}", self.name),
+            None => Ok(answer),
+        }
+    }
+}
+
+impl Drop for WorkerProcess {
+    /// Closes the process's input, at which it ends, and waits for that; if waiting fails, kills it.
+    fn drop(&mut self) {
+        self.to = None;
+        if self.process.wait().is_err() {
+            let _ = self.process.kill();
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! Frames per second.
+
+use std::cmp::Ordering;
+use std::fmt;
+use std::str::FromStr;
+
+/// Frames per second, as a fraction: 30, 29.97 or 30000/1001.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrameRate {
+    /// Numerator: frames in as many seconds.
+    pub frames: u32,
+    /// Denominator: seconds.
+    pub seconds: u32,
+}
+
+impl FrameRate {
+    /// The rate as a number.
+    pub fn per_second(self) -> f64 {
+        f64::from(self.frames) / f64::from(self.seconds)
+    }
+}
+
+/// Parses a rate from 1 to 1000.
+pub fn frame_rate(text: &str) -> Result<FrameRate, String> {
+    let rate = text.parse().ok().filter(|rate: &FrameRate| (1.0..=1000.0).contains(&rate.per_second()));
+    rate.ok_or_else(|| "expected frames per second from 1 to 1000, such as 30, 29.97 or 30000/1001".to_owned())
+}
+
+impl FromStr for FrameRate {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        let digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+        let number = |text: &str| text.parse::<u32>().ok().filter(|&number| number > 0 && digits(text));
+        let parts = match (text.split_once('/'), text.split_once('.')) {
+            (Some((frames, seconds)), _) => number(frames).zip(number(seconds)),
+            (None, Some((_, decimals))) if (1..=6).contains(&decimals.len()) => {
+                number(&text.replacen('.', "", 1)).zip(Some(10_u32.pow(decimals.len() as u32)))
+            }
+            _ => number(text).zip(Some(1)),
+        };
+        let (frames, seconds) = parts.ok_or(())?;
+        let (mut divisor, mut rest) = (frames, seconds);
+        while rest > 0 {
+            (divisor, rest) = (rest, divisor % rest);
+        }
+        Ok(Self { frames: frames / divisor, seconds: seconds / divisor })
+    }
+}
+
+impl Ord for FrameRate {
+    fn cmp(&self, other: &Self) -> Ordering {
+        let crossed = |a: u32, b: u32| u64::from(a) * u64::from(b);
+        crossed(self.frames, other.seconds).cmp(&crossed(other.frames, self.seconds))
+    }
+}
+
+impl PartialOrd for FrameRate {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+/// As ffmpeg reads it.
+impl fmt::Display for FrameRate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.seconds {
+            1 => write!(f, "{}", self.frames),
+            seconds => write!(f, "{}/{seconds}", self.frames),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_numbers_decimals_and_fractions() {
+        let text = |text: &str| frame_rate(text).map(|rate| rate.to_string());
+        for (given, expected) in [
+            ("30", "30"),
+            ("29.97", "2997/100"),
+            ("30000/1001", "30000/1001"),
+            ("60/2", "30"),
+            ("25.0", "25"),
+            ("1", "1"),
+            ("1000", "1000"),
+        ] {
+            assert_eq!(text(given).as_deref(), Ok(expected));
+        }
+        for wrong in [
+            "0", "", "-30", "+30", "1/2", "1001", "30/0", "/", "3e1", "nan", "inf", ".", "30.", "1.2.3", "1/2/3",
+            "29,97",
+        ] {
+            assert!(frame_rate(wrong).is_err(), "{wrong}");
+        }
+        assert!(frame_rate("30000/1001") < frame_rate("30"));
+    }
+}

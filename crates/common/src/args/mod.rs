@@ -1,0 +1,11 @@
+//! Options that several commands share.
+
+pub mod frame_rate;
+pub mod layers;
+pub mod model;
+pub mod model_info;
+pub mod model_names;
+pub mod numbers;
+pub mod output;
+pub mod scene;
+pub mod targets;

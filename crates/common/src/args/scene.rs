@@ -1,0 +1,74 @@
+//! Options of the scene.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use clap::Args;
+use liveview::{PhotoCache, Scene, SceneOptions};
+
+use super::numbers;
+
+/// Options that say what the scene is.
+#[derive(Debug, Args)]
+pub struct SceneArgs {
+    /// Folder of posed photos: transforms.json, COLMAP, LLFF, RealEstate10K or Spaces
+    scene: PathBuf,
+    /// Scale photos wider than this down on load, their intrinsics with them
+    #[arg(long, value_name = "PIXELS", value_parser = numbers::count)]
+    width: Option<usize>,
+    /// Folder of the photos in an LLFF, RealEstate10K or COLMAP scene [default: the usual ones]
+    #[arg(long, value_name = "NAME")]
+    images: Option<String>,
+    /// Rig position of a Spaces scene
+    #[arg(long, value_name = "INDEX", default_value_t = 0)]
+    rig_position: usize,
+    /// Nearest depth, in scene units [default: the smallest of the views chosen]
+    #[arg(long, value_name = "DEPTH", allow_negative_numbers = true)]
+    near: Option<f64>,
+    /// Farthest depth, in scene units; inf for infinity [default: the largest of the views chosen]
+    #[arg(long, value_name = "DEPTH", allow_negative_numbers = true)]
+    far: Option<f64>,
+}
+
+impl SceneArgs {
+    /// The folder of the scene.
+    pub fn folder(&self) -> &Path {
+        &self.scene
+    }
+
+    /// These options as arguments of a command line, without the folder.
+    pub fn to_args(&self) -> Vec<String> {
+        let mut args = vec![format!("--rig-position={}", self.rig_position)];
+        args.extend(self.width.map(|width| format!("--width={width}")));
+        args.extend(self.images.as_ref().map(|images| format!("--images={images}")));
+        args.extend(self.near.map(|near| format!("--near={near}")));
+        args.extend(self.far.map(|far| format!("--far={far}")));
+        args
+    }
+
+    /// How the scene is read.
+    pub fn options(&self) -> SceneOptions {
+        let mut options = SceneOptions::default();
+        options.width = self.width;
+        options.images.clone_from(&self.images);
+        options.rig_position = self.rig_position;
+        options
+    }
+
+    /// Opens the scene.
+    pub fn open(&self) -> Result<PhotoCache> {
+        Ok(self.with_depth(Scene::open(&self.scene, &self.options())?))
+    }
+
+    /// Opens the scene at this width, unless the options name another.
+    pub fn open_at(&self, width: usize) -> Result<PhotoCache> {
+        let mut options = self.options();
+        options.width = options.width.or(Some(width));
+        Ok(self.with_depth(Scene::open(&self.scene, &options)?))
+    }
+
+    /// A scene with the depth range of the options.
+    pub fn with_depth(&self, scene: Scene) -> PhotoCache {
+        PhotoCache::new(scene, self.near, self.far)
+    }
+}

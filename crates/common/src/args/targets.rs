@@ -1,0 +1,131 @@
+//! What to render: held-out views, poses from a file, or a path.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use clap::Args;
+use liveview::geometry::{CameraFile, CameraPath, read_cameras};
+use liveview::{Camera, PhotoCache, Scene, SynthesisError, Targets};
+
+use super::numbers;
+use super::output::has_ending;
+use crate::console::print_notes;
+
+/// Options that say what to render; exactly one.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "What to render (one of these)")]
+#[group(required = true, multiple = false)]
+pub struct TargetArgs {
+    /// A view of the scene, by name; it is held out: never rendered from. Several are held out together
+    #[arg(long, value_name = "NAME,…")]
+    target: Vec<String>,
+    /// Every Nth view in name order, from the first on, each rendered from those not held out (the LLFF protocol)
+    #[arg(long, value_name = "N", value_parser = numbers::count)]
+    heldout: Option<usize>,
+    /// Camera in a JSON file: {"transform_matrix": 4x4 world from camera, OpenGL axes} or {"cam_from_world": 3x4 or 4x4,
+    /// OpenCV axes}, with fl_x, fl_y, cx, cy, w, h if they differ from those of the nearest view; or a list of such, one
+    /// per frame; or a camera path of nerfstudio's viewer, in the scene's axes, or with its model's dataparser_transforms.json beside it
+    #[arg(long, value_name = "FILE")]
+    pose: Option<PathBuf>,
+    /// A path of N frames: line:N between the two outermost views, circle:N or spiral:N around the middle of the rig, turning as
+    /// the views do; or a file (.json) of cameras, as --pose takes it
+    #[arg(long, value_name = "SHAPE:N|FILE", value_parser = path)]
+    path: Option<CameraPathOrFile>,
+}
+
+/// What `--path` says.
+#[derive(Debug, Clone)]
+enum CameraPathOrFile {
+    Shape(CameraPath),
+    File(PathBuf),
+}
+
+fn path(text: &str) -> Result<CameraPathOrFile, String> {
+    if has_ending(Path::new(text), &["json"]) {
+        return Ok(CameraPathOrFile::File(text.into()));
+    }
+    text.parse().map(CameraPathOrFile::Shape)
+}
+
+/// As the option on the command line.
+impl fmt::Display for TargetArgs {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self { heldout: Some(step), .. } => write!(f, "--heldout {step}"),
+            Self { pose: Some(file), .. } => write!(f, "--pose {}", file.display()),
+            Self { path: Some(CameraPathOrFile::Shape(path)), .. } => write!(f, "--path {path}"),
+            Self { path: Some(CameraPathOrFile::File(file)), .. } => write!(f, "--path {}", file.display()),
+            Self { target, .. } => write!(f, "--target {}", target.join(",")),
+        }
+    }
+}
+
+impl TargetArgs {
+    /// Whether the targets have ground truth to compare with.
+    pub fn have_truth(&self) -> bool {
+        self.pose.is_none() && self.path.is_none()
+    }
+
+    /// The option that names a file of cameras, and the file.
+    pub fn camera_file(&self) -> (&'static str, Option<&Path>) {
+        match &self.path {
+            Some(CameraPathOrFile::File(file)) => ("--path", Some(file)),
+            _ => ("--pose", self.pose.as_deref()),
+        }
+    }
+
+    /// The targets.
+    pub fn resolve(&self, photos: &PhotoCache) -> Result<Targets> {
+        let scene = photos.scene();
+        if let (_, Some(file)) = self.camera_file() {
+            return Ok(Targets::cameras(cameras_of(file, photos)?));
+        }
+        if let Some(CameraPathOrFile::Shape(path)) = self.path {
+            return match Targets::path(scene, path) {
+                Err(error @ SynthesisError::Path(_)) => bail!("{error}; expected --pose instead"),
+                targets => Ok(targets?),
+            };
+        }
+        let views = match self.heldout {
+            Some(1) => bail!("--heldout 1 holds out every view and leaves none to render from; expected 2 or more"),
+            Some(step) => (0..scene.views.len()).step_by(step).collect(),
+            None => named(scene, &self.target)?,
+        };
+        if let Some(twice) = (1..views.len()).find(|&i| views[..i].contains(&views[i])) {
+            bail!("--target names \"{}\" twice; expected each view once", scene.views[views[twice]].name);
+        }
+        Ok(Targets::held_out(scene, views))
+    }
+}
+
+/// The cameras of a file; in which axes they were taken to be is told.
+pub fn cameras_of(file: &Path, photos: &PhotoCache) -> Result<Vec<Camera>> {
+    let CameraFile { cameras, note } = read_cameras(file, &photos.all_cameras(), &photos.scene().root)?;
+    print_notes(note.as_slice());
+    Ok(cameras)
+}
+
+/// The views of these lists of names, separated by commas; a name may itself hold commas.
+pub fn named(scene: &Scene, lists: &[String]) -> Result<Vec<usize>> {
+    let mut views = Vec::new();
+    for list in lists {
+        if let Ok(view) = scene.view_index(list) {
+            views.push(view);
+            continue;
+        }
+        let mut rest = Some(list.as_str());
+        while let Some(names) = rest {
+            let ends = || names.match_indices(',').map(|(at, _)| at).chain([names.len()]);
+            let first = ends().find_map(|end| Some((scene.view_index(&names[..end]).ok()?, end)));
+            let (view, end) = match first {
+                Some(found) => found,
+                // Fails, and says which names there are.
+                None => (scene.view_index(&names[..ends().next().unwrap_or(0)])?, names.len()),
+            };
+            views.push(view);
+            rest = names[end..].strip_prefix(',');
+        }
+    }
+    Ok(views)
+}

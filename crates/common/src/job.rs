@@ -1,0 +1,116 @@
+//! A scene, a model and layers: what the commands that render have in common.
+
+use anyhow::{Context, Result, bail};
+use indicatif::ProgressBar;
+use liveview::network::Alpha;
+use liveview::render::{Culling, Frame, Renderer};
+use liveview::{LayerSpec, PhotoCache, Plan, Scene, Shot, Synthesizer};
+use ndarray::Axis;
+
+use crate::args::layers::{LayerArgs, given_or_recommended};
+use crate::args::model::ModelArgs;
+use crate::args::model_info::ModelInfo;
+use crate::console::{print_message, print_notes};
+use crate::kept_models::KeptModels;
+use crate::network::Network;
+
+/// A synthesizer, with the model's description and a progress bar.
+#[derive(Debug)]
+pub struct Job {
+    /// What renders.
+    pub synthesizer: Synthesizer<Network>,
+    /// The model, for the summary.
+    pub model: ModelInfo,
+    /// Counts rendered layers.
+    pub progress: ProgressBar,
+}
+
+impl Job {
+    /// A job by the options of a command.
+    pub fn open(photos: PhotoCache, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
+        Self::open_with(photos, layers, model, &mut KeptModels::default())
+    }
+
+    /// As [`Self::open`], with a model that is kept, if it is.
+    pub fn open_with(
+        mut photos: PhotoCache,
+        layers: &LayerArgs,
+        model: &ModelArgs,
+        models: &mut KeptModels,
+    ) -> Result<Self> {
+        layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
+        let given = layers.given();
+        let mut job = Self::of(photos, models.open(model, given.as_ref())?, given.as_ref())?;
+        if layers.opaque > 0.0 && !job.alpha().is_independent() {
+            bail!("--opaque: competing layers do not hide one another; expected --alpha independent with it");
+        }
+        if let (Some(folder), false) = (&layers.cache, matches!(job.layers(), LayerSpec::Surface(_))) {
+            let (folder, layers) = (folder.display(), job.layers());
+            print_message("note", format!("--cache {folder}: not used, {layers} needs no depth of the photos"));
+        }
+        let mut culling = Culling::default();
+        culling.transmittance = layers.opaque;
+        job.synthesizer.renderer_mut().set_culling(culling);
+        job.synthesizer.set_photo_correction(layers.photo_correction());
+        Ok(job)
+    }
+
+    /// A job with these layers, or those that the model recommends.
+    pub fn with_layers(photos: PhotoCache, model: &ModelArgs, layers: Option<&LayerSpec>) -> Result<Self> {
+        Self::of(photos, model.open_for(layers)?, layers)
+    }
+
+    fn of(photos: PhotoCache, opened: (Renderer<Network>, ModelInfo), layers: Option<&LayerSpec>) -> Result<Self> {
+        let (renderer, model) = opened;
+        let layers = given_or_recommended(layers, None, renderer.network())?;
+        let synthesizer = Synthesizer::new(photos, renderer, layers);
+        Ok(Self { synthesizer, model, progress: ProgressBar::hidden() })
+    }
+
+    /// The model, for another job.
+    pub fn into_model(self) -> (Renderer<Network>, ModelInfo) {
+        (self.synthesizer.into_renderer(), self.model)
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        self.photos().scene()
+    }
+
+    /// The photos of the scene.
+    pub fn photos(&self) -> &PhotoCache {
+        self.synthesizer.photos()
+    }
+
+    /// How the layers of a pixel share it.
+    pub fn alpha(&self) -> Alpha {
+        self.synthesizer.renderer().alpha()
+    }
+
+    /// The layers to render on.
+    pub fn layers(&self) -> &LayerSpec {
+        self.synthesizer.layers()
+    }
+
+    /// The layers of a shot whose photos are loaded.
+    pub fn plan(&mut self, shot: &Shot) -> Result<Plan> {
+        if let LayerSpec::Select { from, .. } = self.layers() {
+            self.progress.inc_length(*from as u64);
+        }
+        let plan = self.synthesizer.plan(shot)?;
+        let notes = self.synthesizer.photos_mut().take_notes();
+        self.progress.suspend(|| print_notes(&notes));
+        if let LayerSpec::Select { from, .. } = self.layers() {
+            self.progress.inc(*from as u64);
+        }
+        Ok(plan)
+    }
+
+    /// Renders a shot whose photos are loaded on the layers of its plan.
+    pub fn render(&mut self, shot: &Shot, plan: &Plan) -> Result<Frame> {
+        let progress = &self.progress;
+        progress.inc_length(plan.layers.len() as u64);
+        let count = |batch: &liveview::render::Batch<'_>| progress.inc(batch.disparity.len_of(Axis(0)) as u64);
+        Ok(self.synthesizer.render_plan(shot, plan, count)?)
+    }
+}

@@ -1,0 +1,15 @@
+//! What the commands of the `liveview` program share.
+
+#![allow(clippy::missing_errors_doc, reason = "errors name the option or the file, and what was expected of it")]
+
+pub mod args;
+pub mod console;
+pub mod ffmpeg;
+pub mod interrupt;
+pub mod job;
+pub mod kept_models;
+pub mod measure;
+pub mod network;
+pub mod ort_wheel;
+pub mod outputs;
+pub mod statistics;

@@ -1,0 +1,219 @@
+//! What one camera delivers: a folder of photos or a video file, read one frame at a time.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow, bail};
+use liveview::geometry::Size;
+use liveview::image::{self, ImageRgb};
+use liveview_common::args::frame_rate::FrameRate;
+use liveview_common::args::output::has_ending;
+use liveview_common::ffmpeg::Running;
+
+use super::decoder::Decoder;
+use super::frame_names::{Photos, photos_in};
+
+const VIDEOS: [&str; 7] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
+
+/// A camera's frames, unread.
+#[derive(Debug, Clone)]
+pub struct Feed {
+    /// Of its folder, or of its file without the ending.
+    pub name: String,
+    frames: Frames,
+}
+
+#[derive(Debug, Clone)]
+enum Frames {
+    Photos(Photos),
+    /// With a rate the frames shown at its times, else all.
+    Video(PathBuf, Option<FrameRate>),
+}
+
+impl Feed {
+    /// The cameras of a rig: folders of photos and video files in a folder, in byte order of their names.
+    pub fn all_in(folder: &Path) -> Result<Vec<Self>> {
+        let mut feeds = Vec::new();
+        for entry in std::fs::read_dir(folder).with_context(|| folder.display().to_string())? {
+            let path = entry?.path();
+            let Some(name) = path.file_stem().and_then(|name| name.to_str()).map(str::to_owned) else { continue };
+            if name.starts_with('.') {
+                continue;
+            }
+            if path.is_file() && has_ending(&path, &VIDEOS) {
+                feeds.push(Self { name, frames: Frames::Video(path, None) });
+            } else if path.is_dir() {
+                let photos = photos_in(&path)?;
+                let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                if !photos.is_empty() {
+                    feeds.push(Self { name, frames: Frames::Photos(photos) });
+                }
+            }
+        }
+        feeds.sort_by(|a, b| a.name.cmp(&b.name));
+        if let Some(pair) = feeds.windows(2).find(|pair| pair[0].name == pair[1].name) {
+            bail!("{}: two cameras are named {}; expected a name for each", folder.display(), pair[0].name);
+        }
+        Ok(feeds)
+    }
+
+    /// Time steps, where they can be told without reading: one more than the last.
+    pub fn steps(&self) -> Option<usize> {
+        match &self.frames {
+            Frames::Photos(photos) => photos.last_key_value().map(|(last, _)| last + 1),
+            Frames::Video(..) => None,
+        }
+    }
+
+    /// Time steps; those of a video are counted by ffmpeg, without decoding.
+    ///
+    /// # Errors
+    /// Of a video: ffmpeg cannot read it.
+    pub fn count_steps(&self) -> Result<usize> {
+        match &self.frames {
+            Frames::Photos(_) => Ok(self.steps().unwrap_or(0)),
+            Frames::Video(path, None) => Decoder::count(path),
+            Frames::Video(path, Some(steps)) => {
+                let seconds = Decoder::count(path)? as f64 / Decoder::rate(path)?.per_second();
+                Ok((seconds * steps.per_second()).round().max(1.0) as usize)
+            }
+        }
+    }
+
+    /// Whether it is a video file.
+    pub fn is_video(&self) -> bool {
+        matches!(self.frames, Frames::Video(..))
+    }
+
+    /// The photos, if they are that.
+    pub fn photos_mut(&mut self) -> Option<(&str, &mut Photos)> {
+        match &mut self.frames {
+            Frames::Photos(photos) => Some((&self.name, photos)),
+            Frames::Video(..) => None,
+        }
+    }
+
+    /// The frame rate, if it is a video.
+    pub fn rate(&self) -> Result<Option<FrameRate>> {
+        match &self.frames {
+            Frames::Photos(_) => Ok(None),
+            Frames::Video(path, _) => Decoder::rate(path).map(Some),
+        }
+    }
+
+    /// Lets a video deliver the frames shown at the times of a rate.
+    pub fn set_rate(&mut self, steps: FrameRate) {
+        if let Frames::Video(_, rate) = &mut self.frames {
+            *rate = Some(steps);
+        }
+    }
+
+    /// Its first frame that can be read.
+    ///
+    /// # Errors
+    /// None can; what is wrong with the first.
+    pub fn first_frame(&self) -> Result<FirstFrame> {
+        match &self.frames {
+            Frames::Photos(photos) => {
+                let mut failed = None;
+                for path in photos.values() {
+                    match image::read_size(path) {
+                        Ok(size) => return Ok(FirstFrame { path: path.clone(), size }),
+                        Err(error) => failed = failed.or(Some(error)),
+                    }
+                }
+                Err(failed.map_or_else(|| anyhow!("{}: no frames", self.name), Into::into))
+            }
+            Frames::Video(path, _) => {
+                let photo = first_of_video(path)?;
+                Ok(FirstFrame { path: path.clone(), size: photo.size() })
+            }
+        }
+    }
+
+    /// The pixels of that frame.
+    ///
+    /// # Errors
+    /// It is damaged, or gone.
+    pub fn load_first(&self, first: &FirstFrame) -> Result<ImageRgb> {
+        match &self.frames {
+            Frames::Photos(_) => Ok(image::load(&first.path)?),
+            Frames::Video(path, _) => first_of_video(path),
+        }
+    }
+
+    /// Its frames, from the first on.
+    pub fn open(&self) -> Result<Reader> {
+        Ok(match &self.frames {
+            Frames::Photos(photos) => Reader(OpenFrames::Photos(photos.clone())),
+            Frames::Video(path, rate) => Reader(OpenFrames::Video(Decoder::start(path, *rate)?)),
+        })
+    }
+}
+
+/// The first frame of a camera that can be read.
+#[derive(Debug, Clone)]
+pub struct FirstFrame {
+    /// Its file, or that of the video.
+    pub path: PathBuf,
+    /// In pixels.
+    pub size: Size,
+}
+
+fn first_of_video(path: &Path) -> Result<ImageRgb> {
+    let first = Decoder::start(path, None)?.next()?;
+    first.ok_or_else(|| anyhow!("{}: the video holds no frame", path.display()))
+}
+
+/// Frames of a camera in the order of time.
+#[derive(Debug)]
+pub struct Reader(OpenFrames);
+
+#[derive(Debug)]
+enum OpenFrames {
+    Photos(Photos),
+    Video(Decoder),
+}
+
+/// What a camera has at a time step.
+#[derive(Debug)]
+pub enum Delivered {
+    /// Its photo.
+    Photo(ImageRgb),
+    /// No file for this step, though there are later ones.
+    Missing,
+    /// Nothing more.
+    Ended,
+}
+
+impl Reader {
+    /// The ffmpeg that reads it, if it is a video.
+    pub fn decoder(&self) -> Option<Running> {
+        match &self.0 {
+            OpenFrames::Photos(_) => None,
+            OpenFrames::Video(decoder) => Some(decoder.running()),
+        }
+    }
+
+    /// The frame of a time step; a video is read in order.
+    ///
+    /// # Errors
+    /// A photo that is damaged; a decoder that failed.
+    pub fn read(&mut self, step: usize) -> Result<Delivered> {
+        match &mut self.0 {
+            OpenFrames::Photos(photos) => match photos.get(&step) {
+                Some(path) => Ok(Delivered::Photo(image::load(path)?)),
+                None if photos.range(step..).next().is_some() => Ok(Delivered::Missing),
+                None => Ok(Delivered::Ended),
+            },
+            OpenFrames::Video(decoder) => Ok(decoder.next()?.map_or(Delivered::Ended, Delivered::Photo)),
+        }
+    }
+
+    /// Passes over the frame of a time step; whether there may be more.
+    pub fn skip(&mut self, step: usize) -> Result<bool> {
+        match &mut self.0 {
+            OpenFrames::Photos(photos) => Ok(photos.range(step..).next().is_some()),
+            OpenFrames::Video(decoder) => decoder.skip(),
+        }
+    }
+}

@@ -1,0 +1,280 @@
+//! A camera rig: a folder with a folder of frames or a video file for each camera, and their poses in any format. Opened as a
+//! scene whose photos are the cameras' first frames.
+
+mod decoder;
+mod feed;
+mod frame_names;
+mod photos;
+mod steps;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::{Result, anyhow, bail};
+use liveview::geometry::choose_views;
+use liveview::scene::SceneError;
+use liveview::{Camera, PhotoCache, Scene, SceneOptions};
+use liveview_common::args::frame_rate::FrameRate;
+use liveview_common::args::scene::SceneArgs;
+
+use photos::{RigCamera, RigPhotos};
+use steps::{align, match_rates};
+
+pub use feed::{Delivered, Feed, Reader};
+
+/// Folders of a rig that may hold its cameras.
+const FOLDERS: [&str; 4] = ["", "images", "frames", "videos"];
+/// Cameras read beyond those that a frame needs, in case one delivers nothing.
+pub const SPARE: usize = 2;
+
+/// A rig: the poses and what each delivers.
+#[derive(Debug)]
+pub struct Rig {
+    /// The first frame of each camera.
+    pub photos: PhotoCache,
+    /// One per view of the scene.
+    pub feeds: Vec<Feed>,
+}
+
+impl Rig {
+    /// Opens a rig; what was left out stands in the scene's notes.
+    ///
+    /// # Errors
+    /// No cameras, fewer than two that can be read, or no poses; what the scene refuses.
+    pub fn open(args: &SceneArgs) -> Result<Self> {
+        let (scene, feeds) = open_scene(args.folder(), &args.options())?;
+        Ok(Self { photos: args.with_depth(scene), feeds })
+    }
+
+    /// Opens a folder if it is a rig; else it is a scene, or nothing that can be opened.
+    ///
+    /// A rig has several cameras in folders or videos of their own, one of several frames at least, and no camera of a folder moves.
+    ///
+    /// # Errors
+    /// Those of [`Self::open`] where there are videos.
+    pub fn find(args: &SceneArgs) -> Result<Option<Self>> {
+        let feeds = find(args.folder()).unwrap_or_default();
+        if feeds.is_empty() || feeds.iter().all(|feed| feed.steps().is_some_and(|steps| steps < 2)) {
+            return Ok(None);
+        }
+        if let Ok(scene) = Scene::open(args.folder(), &args.options())
+            && !is_of_rig(&scene)
+        {
+            return Ok(None);
+        }
+        match Self::open(args) {
+            Ok(rig) => Ok(Some(rig)),
+            Err(error) if feeds.iter().any(Feed::is_video) => Err(error),
+            // What opening it as a scene says is nearer to the cause.
+            Err(_) => Ok(None),
+        }
+    }
+
+    /// Time steps of these cameras.
+    ///
+    /// # Errors
+    /// A video that ffmpeg cannot read.
+    pub fn steps(&self, cameras: &[usize]) -> Result<usize> {
+        let steps = cameras.iter().map(|&camera| self.feeds[camera].count_steps());
+        Ok(steps.collect::<Result<Vec<_>>>()?.into_iter().max().unwrap_or(0))
+    }
+
+    /// The rate of its steps, where they are those of videos.
+    ///
+    /// # Errors
+    /// A video that ffmpeg cannot read.
+    pub fn rate(&self) -> Result<Option<FrameRate>> {
+        let rates = self.feeds.iter().map(Feed::rate).collect::<Result<Vec<_>>>()?;
+        Ok(rates.into_iter().flatten().min())
+    }
+
+    /// The cameras to read for these targets: of each the nearest that are free, `most` if there are so many.
+    ///
+    /// # Errors
+    /// Fewer than `fewest` look a target's way.
+    pub fn cameras_for(
+        &self,
+        targets: &[Camera],
+        free: &[usize],
+        (fewest, most): (usize, usize),
+    ) -> Result<Vec<usize>> {
+        let cameras: Vec<&Camera> = self.photos.cameras(free).collect();
+        let mut read = BTreeSet::new();
+        for target in targets {
+            let some = (fewest..=most).rev().find_map(|count| choose_views(&cameras, target, count).ok());
+            let some = some.map_or_else(|| choose_views(&cameras, target, fewest), Ok);
+            read.extend(some.map_err(|error| anyhow!("{}: {error}", self.photos.scene().root.display()))?);
+        }
+        Ok(read.into_iter().map(|camera| free[camera]).collect())
+    }
+}
+
+/// The scene of the rig's cameras, and the camera of each view.
+fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)> {
+    if !root.is_dir() {
+        bail!("{}: expected the folder of a rig", root.display());
+    }
+    let mut feeds = find(root)?;
+    let mut notes = align(feeds.iter_mut().filter_map(Feed::photos_mut).collect());
+    let (count, mut cameras, mut rates, mut left_out) = (feeds.len(), Vec::new(), Vec::new(), Vec::new());
+    for feed in feeds {
+        match feed.first_frame().and_then(|first| Ok((feed.rate()?, first))) {
+            Ok((rate, first)) => {
+                rates.extend(rate.map(|rate| (feed.name.clone(), rate)));
+                cameras.push(RigCamera { feed, first });
+            }
+            Err(error) => left_out.push(format!("camera {} is left out: {error:#}", feed.name)),
+        }
+    }
+    if cameras.len() < 2 {
+        let (root, read) = (root.display(), cameras.len());
+        bail!("{root}: {read} of {count} cameras can be read; expected 2 or more; {}", left_out.join("; "));
+    }
+    if cameras.len() < count && root.join("poses_bounds.npy").is_file() {
+        bail!("{}: poses_bounds.npy goes by the order of the cameras, but {}", root.display(), left_out.join("; "));
+    }
+    notes.extend(left_out);
+    notes.extend(match_rates(cameras.iter_mut().map(|camera| &mut camera.feed), &rates));
+    let photos = Arc::new(RigPhotos { cameras });
+    let mut scene = Scene::open_with(root, photos.clone(), options).map_err(|error| match error {
+        SceneError::NoScene { .. } => anyhow!(
+            "{}: no poses found; expected transforms.json, poses_bounds.npy, models.json or a COLMAP model in sparse/0",
+            root.display()
+        ),
+        error => error.into(),
+    })?;
+    let is_posed = |camera: &&RigCamera| scene.views.iter().any(|view| view.name == camera.feed.name);
+    let unposed = photos.cameras.iter().filter(|camera| !is_posed(camera));
+    notes.extend(unposed.map(|camera| format!("camera {} has no pose: left out", camera.feed.name)));
+    scene.notes.extend(notes);
+    let feed = |name: &str| photos.named(name).expect("views are named after their cameras").feed.clone();
+    let feeds = scene.views.iter().map(|view| feed(&view.name)).collect();
+    Ok((scene, feeds))
+}
+
+/// Whether the photos of a scene lie in several folders, and those of one folder have one pose.
+fn is_of_rig(scene: &Scene) -> bool {
+    let mut folders: BTreeMap<&Path, &Camera> = BTreeMap::new();
+    let of_one_pose = scene.views.iter().all(|view| {
+        let folder = view.image_path().parent().unwrap_or(Path::new(""));
+        *folders.entry(folder).or_insert(&view.camera) == &view.camera
+    });
+    of_one_pose && folders.len() > 1
+}
+
+/// The first folder that holds cameras.
+fn find(root: &Path) -> Result<Vec<Feed>> {
+    for folder in FOLDERS.map(|folder| root.join(folder)).iter().filter(|folder| folder.is_dir()) {
+        let feeds = Feed::all_in(folder)?;
+        if feeds.len() >= 2 {
+            return Ok(feeds);
+        }
+    }
+    bail!(
+        "{}: no rig found; expected a folder of frames or a video file for each of 2 or more cameras, and their poses",
+        root.display()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use liveview::ImageRgb;
+    use tempfile::{TempDir, tempdir};
+
+    use super::*;
+
+    const COLMAP_CAMERA: &str = "1 PINHOLE 8 6 8 8 4 3\n";
+
+    /// Three cameras, `a`, `a.0` and `c`, of two frames, 8x6 each, and a file of poses.
+    fn rig(poses: &str, text: &str) -> TempDir {
+        let root = tempdir().unwrap();
+        let photo = ImageRgb::new(8, 6, vec![0.5; 3 * 8 * 6]).unwrap();
+        for frame in ["a/1.png", "a/2.png", "a.0/1.png", "a.0/2.png", "c/1.png", "c/2.png"] {
+            write(&root, frame, b"");
+            photo.save(root.path().join(frame)).unwrap();
+        }
+        write(&root, poses, text.as_bytes());
+        root
+    }
+
+    fn write(root: &TempDir, name: &str, bytes: &[u8]) {
+        let path = root.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+    }
+
+    fn transforms(names: &[&str]) -> String {
+        let pose = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]";
+        let frame = |name: &&str| format!(r#"{{"file_path": "{name}", "transform_matrix": {pose}}}"#);
+        let frames = names.iter().map(frame).collect::<Vec<_>>().join(", ");
+        format!(r#"{{"fl_x": 8, "w": 8, "h": 6, "frames": [{frames}]}}"#)
+    }
+
+    fn opened(root: &TempDir) -> (Vec<String>, Vec<String>) {
+        let (scene, feeds) = open_scene(root.path(), &SceneOptions::default()).unwrap();
+        let names: Vec<String> = scene.views.iter().map(|view| view.name.clone()).collect();
+        assert_eq!(names, feeds.iter().map(|feed| feed.name.clone()).collect::<Vec<_>>());
+        assert!(scene.views.iter().all(|view| view.image_path().ends_with(format!("{}/1.png", view.name))));
+        assert_eq!((scene.load_image(0).unwrap().width(), scene.load_image(0).unwrap().height()), (8, 6));
+        (names, scene.notes)
+    }
+
+    #[test]
+    fn a_rig_is_told_from_a_scene_by_its_poses() {
+        let opened = |root: &TempDir| Scene::open(root.path(), &SceneOptions::default()).unwrap();
+        let root = rig("transforms.json", &transforms(&["a/1.png", "a/2.png", "c/1.png"]));
+        assert!(is_of_rig(&opened(&root)), "every frame listed, no camera moves");
+        let moving = transforms(&["a/1.png", "a/2.png", "c/1.png"]).replacen("[1, 0, 0, 0]", "[1, 0, 0, 3]", 1);
+        assert!(!is_of_rig(&opened(&rig("transforms.json", &moving))), "photos taken on the way");
+        assert!(!is_of_rig(&opened(&rig("transforms.json", &transforms(&["a/1.png", "a/2.png"])))), "one folder");
+    }
+
+    #[test]
+    fn an_entry_of_any_frame_is_its_camera_s_and_the_first_counts() {
+        let names = ["../rig/images/a.0/2.png", "a.0/1.png", "a.mp4", "other/1.png", "/far/away/c"];
+        let (names, notes) = opened(&rig("transforms.json", &transforms(&names)));
+        assert_eq!(names, ["a", "a.0", "c"]);
+        assert_eq!(notes, ["other/1.png belongs to no camera: left out"]);
+    }
+
+    #[test]
+    fn entries_left_out_are_asked_for_nothing() {
+        let text = transforms(&["a", "a.0", "c"]).replace("[{", "[{\"file_path\": \"other\", \"is_fisheye\": true}, {");
+        let (names, notes) = opened(&rig("transforms.json", &text));
+        assert_eq!((names.len(), notes), (3, vec!["other belongs to no camera: left out".to_owned()]));
+    }
+
+    #[test]
+    fn cameras_without_pose_or_frame_are_told() {
+        let root = rig("transforms.json", &transforms(&["a/1.png", "a.0/1.png"]));
+        let (names, notes) = opened(&root);
+        assert_eq!((names.len(), notes), (2, vec!["camera c has no pose: left out".to_owned()]));
+        ["c/1.png", "c/2.png"].into_iter().for_each(|frame| write(&root, frame, b"no picture"));
+        let (_, notes) = opened(&root);
+        assert!(notes.len() == 1 && notes[0].starts_with("camera c is left out: "), "{notes:?}");
+        // RealEstate10K's file does not make a rig.
+        fs::rename(root.path().join("transforms.json"), root.path().join("cameras.txt")).unwrap();
+        let error = open_scene(root.path(), &SceneOptions::default()).unwrap_err().to_string();
+        assert!(error.contains("no poses found; expected transforms.json"), "{error}");
+    }
+
+    #[test]
+    fn colmap_names_frames_or_cameras() {
+        for names in [["a/1.png", "a.0/1.png", "c/1.png"], ["a.png", "a.0.jpg", "c.png"]] {
+            let root = rig("sparse/0/cameras.txt", COLMAP_CAMERA);
+            let line = |(i, name): (usize, &&str)| format!("{i} 1 0 0 0 {i} 0 0 1 {name}\n\n");
+            let images: String = names.iter().enumerate().map(line).collect();
+            write(&root, "sparse/0/images.txt", images.as_bytes());
+            assert_eq!(
+                opened(&root),
+                (
+                    ["a", "a.0", "c"].map(str::to_owned).to_vec(),
+                    vec!["no points3D: depth ranges are unknown".to_owned()]
+                )
+            );
+        }
+    }
+}

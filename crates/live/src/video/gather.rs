@@ -1,0 +1,226 @@
+//! From the cameras to time steps: one thread per camera reads and decodes its frames, another collects those of each time step.
+//! Every channel is bounded, so that memory does not grow with the length of the video.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::thread::{Scope, sleep, spawn};
+use std::time::{Duration, Instant};
+
+use anyhow::anyhow;
+use liveview::ImageRgb;
+use liveview::Scene;
+use liveview_common::ffmpeg::Running;
+
+use super::arrivals::{Camera, Frame, await_photos};
+use crate::rig::{Delivered, Feed, Reader};
+
+/// Frames that a camera may be ahead of the others.
+const AHEAD: usize = 2;
+/// The first step still wanted, once the video is over.
+const NONE: usize = usize::MAX;
+
+/// When the frames of a live rig are due, and how late they may be used.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Clock {
+    start: Instant,
+    steps: (usize, usize),
+    period: Duration,
+    pub(super) latency: Duration,
+}
+
+impl Clock {
+    /// A clock that starts now, for the steps from the first to before the last.
+    pub(super) fn new(steps: (usize, usize), fps: f64, latency: Duration) -> Self {
+        Self { start: Instant::now(), steps, period: Duration::from_secs_f64(1.0 / fps), latency }
+    }
+
+    pub(super) fn due(&self, step: usize) -> Instant {
+        self.start + self.period.mul_f64((step - self.steps.0) as f64)
+    }
+
+    /// Whether the step is too late to be used, and a newer one is due.
+    pub(super) fn is_stale(&self, step: usize) -> bool {
+        let now = Instant::now();
+        step + 1 < self.steps.1 && now > self.due(step) + self.latency && now >= self.due(step + 1)
+    }
+}
+
+/// The photos of one time step.
+pub(super) struct Step {
+    pub(super) index: usize,
+    /// By camera; `None` where a camera has delivered none, or is not read.
+    pub(super) photos: Vec<Option<ImageRgb>>,
+}
+
+/// Frames that the cameras did not deliver.
+#[derive(Debug, Default)]
+pub(super) struct Faults {
+    /// By camera: the number of frames missing, damaged or late, and the message of the first.
+    pub(super) cameras: Vec<(usize, Option<String>)>,
+}
+
+impl Faults {
+    /// The first of each camera that has any.
+    pub(super) fn reasons(&self, feeds: &[Feed]) -> String {
+        let faults = feeds.iter().zip(&self.cameras);
+        let reasons = faults.filter_map(|(feed, (_, first))| Some(format!("{}: {}", feed.name, first.as_ref()?)));
+        reasons.collect::<Vec<_>>().join("; ")
+    }
+}
+
+/// The state that the threads share.
+pub(super) struct Gathering {
+    pub(super) scene: Scene,
+    pub(super) feeds: Vec<Feed>,
+    /// Cameras to read.
+    pub(super) read: Vec<usize>,
+    /// The camera that is the ground truth; the video ends when the others have ended.
+    pub(super) truth: Option<usize>,
+    pub(super) steps: std::ops::Range<usize>,
+    pub(super) clock: Option<Clock>,
+    /// Set to end the video early.
+    pub(super) stop: Arc<AtomicBool>,
+    pub(super) faults: Mutex<Faults>,
+    /// The first step still wanted: earlier ones are skipped.
+    pub(super) wanted: AtomicUsize,
+    /// ffmpeg processes of the cameras that are video files.
+    pub(super) decoders: Mutex<Vec<Running>>,
+}
+
+impl Gathering {
+    /// Starts the threads. The receiver gets the time steps in order, without those that are too late by the clock.
+    pub(super) fn start<'scope>(self: &Arc<Self>, scope: &'scope Scope<'scope, '_>) -> Receiver<Step> {
+        // With a clock a step waits here until the renderer takes it, with no second one behind it.
+        let (sender, steps) = sync_channel(if self.clock.is_some() { 0 } else { 1 });
+        let this = Arc::clone(self);
+        scope.spawn(move || {
+            let mut cameras = Vec::new();
+            for &camera in &this.read {
+                let (sender, frames) = sync_channel(AHEAD);
+                let reader = Arc::clone(&this);
+                // Outside of the scope, which would wait for it: a file of a stalled camera may never be read.
+                spawn(move || reader.read_camera(camera, &sender));
+                cameras.push(Camera::new(camera, frames));
+            }
+            this.gather(&mut cameras, &sender);
+            this.wanted.store(NONE, Ordering::Relaxed);
+            this.lock_decoders().iter().for_each(Running::end);
+        });
+        steps
+    }
+
+    fn read_camera(&self, camera: usize, frames: &SyncSender<Frame>) {
+        let mut reader = match self.feeds[camera].open() {
+            Ok(reader) => reader,
+            Err(error) => return self.reason(camera, &format!("{error:#}")),
+        };
+        let decoder = reader.decoder();
+        let is_video = decoder.is_some();
+        self.lock_decoders().extend(decoder);
+        for step in 0..self.steps.start {
+            match reader.skip(step) {
+                Ok(true) if !self.is_over() => {}
+                Err(error) if !self.is_over() => return self.reason(camera, &format!("{error:#}")),
+                _ => return,
+            }
+        }
+        for step in self.steps.clone() {
+            if let Some(clock) = self.clock {
+                sleep(clock.due(step).saturating_duration_since(Instant::now()));
+            }
+            if self.is_over() {
+                return;
+            }
+            if step < self.wanted.load(Ordering::Relaxed) {
+                match reader.skip(step) {
+                    Ok(true) => continue,
+                    Err(error) if !self.is_over() => return self.reason(camera, &format!("{error:#}")),
+                    _ => return,
+                }
+            }
+            let started = Instant::now();
+            let photo = match self.read(&mut reader, camera, step) {
+                Ok(Delivered::Photo(photo)) => Some(photo),
+                Ok(Delivered::Ended) => return,
+                Ok(Delivered::Missing) => {
+                    self.fault(camera, &format!("frame {step} is missing"));
+                    None
+                }
+                Err(_) if self.is_over() => return,
+                // A video cannot be read on: it ends here.
+                Err(error) if is_video => return self.reason(camera, &format!("{error:#}")),
+                Err(error) => {
+                    self.fault(camera, &format!("{error:#}"));
+                    None
+                }
+            };
+            if frames.send(Frame { step, photo, took: started.elapsed() }).is_err() {
+                return;
+            }
+        }
+    }
+
+    fn read(&self, reader: &mut Reader, camera: usize, step: usize) -> anyhow::Result<Delivered> {
+        let photo = match reader.read(step)? {
+            Delivered::Photo(photo) => photo,
+            nothing => return Ok(nothing),
+        };
+        let size = (photo.width(), photo.height());
+        let photo = self.scene.fit(camera, photo);
+        let wrong = |_| anyhow!("frame {step} is {}x{}, not the size of the others", size.0, size.1);
+        Ok(Delivered::Photo(photo.map_err(wrong)?))
+    }
+
+    fn gather(&self, cameras: &mut [Camera], steps: &SyncSender<Step>) {
+        for index in self.steps.clone() {
+            if self.clock.is_some_and(|clock| clock.is_stale(index)) {
+                continue;
+            }
+            self.wanted.store(index, Ordering::Relaxed);
+            if let Some(clock) = self.clock {
+                sleep(clock.due(index).saturating_duration_since(Instant::now()));
+            }
+            let mut photos: Vec<Option<ImageRgb>> = self.feeds.iter().map(|_| None).collect();
+            let late = await_photos(cameras, index, self.clock.map(|clock| clock.latency), &self.stop, &mut photos);
+            late.iter().for_each(|&camera| self.fault(camera, &format!("frame {index} was late")));
+            let mut sources = cameras.iter().filter(|camera| Some(camera.index) != self.truth);
+            // A camera that stalls does not keep the video going once all others have ended.
+            let any_ended = cameras.iter().any(|camera| camera.ended && Some(camera.index) != self.truth);
+            let gone = |camera: &Camera| camera.ended || late.contains(&camera.index);
+            let over = any_ended && sources.all(|camera| gone(camera) && photos[camera.index].is_none());
+            if over || self.stop.load(Ordering::Relaxed) {
+                return;
+            }
+            for camera in cameras.iter().filter(|camera| camera.ended && photos[camera.index].is_none()) {
+                self.fault(camera.index, &format!("no frames from {index} on"));
+            }
+            if steps.send(Step { index, photos }).is_err() {
+                return;
+            }
+        }
+    }
+
+    fn is_over(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.wanted.load(Ordering::Relaxed) == NONE
+    }
+
+    fn lock_decoders(&self) -> MutexGuard<'_, Vec<Running>> {
+        self.decoders.lock().expect("no thread panics with it")
+    }
+
+    /// Counts a frame that a camera has not delivered.
+    fn fault(&self, camera: usize, what: &str) {
+        self.lock_faults().cameras[camera].0 += 1;
+        self.reason(camera, what);
+    }
+
+    /// Why it delivers no frames from here on; they are counted as they fail to come.
+    fn reason(&self, camera: usize, what: &str) {
+        self.lock_faults().cameras[camera].1.get_or_insert_with(|| what.to_owned());
+    }
+
+    pub(super) fn lock_faults(&self) -> MutexGuard<'_, Faults> {
+        self.faults.lock().expect("no thread panics with it")
+    }
+}

@@ -1,0 +1,139 @@
+//! Output of a video: a folder of frames, a file through ffmpeg, or standard output.
+
+use std::collections::HashSet;
+use std::io::{BufWriter, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use liveview::ImageRgb;
+use liveview::geometry::Size;
+use liveview_common::args::frame_rate::FrameRate;
+use liveview_common::ffmpeg::{Encoder, is_video};
+use liveview_common::outputs::{Claims, tell_others};
+
+/// How the name of each frame in a folder begins.
+const FRAME: &str = "frame_";
+
+/// The file of a frame in a folder.
+fn frame(folder: &Path, index: usize) -> PathBuf {
+    folder.join(format!("{FRAME}{index:06}.png"))
+}
+
+/// A video being written, frame by frame.
+pub(super) enum Sink {
+    Folder { path: PathBuf, frames: usize },
+    Video(Encoder),
+    Y4m { pipe: BufWriter<std::io::Stdout>, rate: FrameRate, frames: usize },
+}
+
+impl Sink {
+    /// By the name: `-` is raw y4m on standard output, .mp4 and .gif go through ffmpeg, all else is a folder.
+    pub(super) fn new(path: &Path, rate: FrameRate) -> Result<Self> {
+        if path == Path::new("-") {
+            return Ok(Self::Y4m { pipe: BufWriter::new(std::io::stdout()), rate, frames: 0 });
+        }
+        if is_video(path) {
+            return Ok(Self::Video(Encoder::new(path, rate)?));
+        }
+        if path.is_file() || path.extension().is_some() && !path.is_dir() {
+            bail!(
+                "-o {}: expected a name that ends in .mp4 or .gif, a folder for the frames, or - for y4m on standard output",
+                path.display()
+            );
+        }
+        Ok(Self::Folder { path: path.to_owned(), frames: 0 })
+    }
+
+    /// Prepares for frames of a size. A folder inside the rig's is refused.
+    pub(super) fn claim(&mut self, claims: &mut Claims, size: Size) -> Result<()> {
+        match self {
+            Self::Folder { path, .. } => {
+                if claims.in_scene(path) {
+                    bail!("-o {}: lies in the rig's own folder; expected another place", path.display());
+                }
+                claims.frames("-o", path, FRAME, &frame(path, 0))
+            }
+            Self::Video(video) => {
+                video.set_size(size);
+                claims.file("-o", video.path())
+            }
+            Self::Y4m { .. } => Ok(()),
+        }
+    }
+
+    /// Whether frames are shown as they come.
+    pub(super) fn is_watched(&self) -> bool {
+        matches!(self, Self::Y4m { .. })
+    }
+
+    /// Adds a frame; false if the reader of standard output has closed it.
+    pub(super) fn add(&mut self, picture: &ImageRgb) -> Result<bool> {
+        match self {
+            Self::Folder { path, frames } => {
+                picture.save(frame(path, *frames))?;
+                *frames += 1;
+            }
+            Self::Video(video) => video.add(picture)?,
+            Self::Y4m { pipe, rate, frames } => {
+                let mut bytes = Vec::new();
+                if *frames == 0 {
+                    let (width, height) = (picture.width(), picture.height());
+                    bytes = format!(
+                        "YUV4MPEG2 W{width} H{height} F{}:{} Ip A1:1 C444 XCOLORRANGE=LIMITED\n",
+                        rate.frames, rate.seconds
+                    )
+                    .into_bytes();
+                }
+                *frames += 1;
+                y4m_frame(picture, &mut bytes);
+                return match pipe.write_all(&bytes).and_then(|()| pipe.flush()) {
+                    Ok(()) => Ok(true),
+                    // The player was closed.
+                    Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
+                    Err(error) => Err(error).context("-o -: cannot be written"),
+                };
+            }
+        }
+        Ok(true)
+    }
+
+    /// Closes it; the file or folder written, `None` for standard output.
+    pub(super) fn finish(self) -> Result<Option<PathBuf>> {
+        match self {
+            Self::Folder { path, frames } => {
+                let written: HashSet<PathBuf> = (0..frames).map(|index| frame(&path, index)).collect();
+                tell_others(&path, |other| written.contains(other));
+                Ok(Some(path))
+            }
+            Self::Video(video) => video.finish().map(Some),
+            Self::Y4m { .. } => Ok(None),
+        }
+    }
+}
+
+/// A frame of a y4m stream: BT.601 at limited range, which players assume, one chroma sample per pixel.
+fn y4m_frame(picture: &ImageRgb, out: &mut Vec<u8>) {
+    const ROWS: [[f32; 4]; 3] =
+        [[16.0, 65.481, 128.553, 24.966], [128.0, -37.797, -74.203, 112.0], [128.0, 112.0, -93.786, -18.214]];
+    out.extend_from_slice(b"FRAME\n");
+    for [offset, red, green, blue] in ROWS {
+        let value = |rgb: &[f32]| {
+            let [r, g, b] = [rgb[0], rgb[1], rgb[2]].map(|value| value.clamp(0.0, 1.0));
+            (offset + red * r + green * g + blue * b).round() as u8
+        };
+        out.extend(picture.data().chunks_exact(3).map(value));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_become_those_of_bt_601() {
+        let picture = ImageRgb::new(3, 1, vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0]).unwrap();
+        let mut bytes = Vec::new();
+        y4m_frame(&picture, &mut bytes);
+        assert_eq!(bytes, [&b"FRAME\n"[..], &[16, 235, 81, 128, 128, 90, 128, 128, 240]].concat());
+    }
+}

@@ -1,0 +1,109 @@
+//! The summary of `liveview video`, as text and as JSON.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use liveview::LayerSpec;
+use liveview::image::Score;
+use liveview::live::Policy;
+use liveview_common::args::model_info::ModelInfo;
+use liveview_common::console::{Output, shown};
+use serde_json::{Value, json};
+
+use super::played::{Played, changes_json};
+use super::tally::STAGES;
+use super::viewpoint::Viewpoint;
+use crate::rig::Rig;
+
+const BORDER: usize = Score::BORDER;
+
+pub(super) fn summary(
+    rig: &Rig,
+    viewpoint: &Viewpoint,
+    played: &Played,
+    file: Option<&Path>,
+    model: &ModelInfo,
+    (layers, policy): (&LayerSpec, Policy),
+) -> Output {
+    let Played { tally, written, faults, changes, wall, stopped } = played;
+    let scene = rig.photos.scene();
+    let mut text = String::new();
+    let mut line = |label: &str, content: String| {
+        let _ = writeln!(text, "{label:8} {content}");
+    };
+    let held_out = viewpoint.truth.map(|view| format!(", {} held out", scene.views[view].name)).unwrap_or_default();
+    line("rig", format!("{}: {} cameras{held_out}, {}", scene.root.display(), rig.feeds.len(), scene.format));
+    line("layers", format!("{layers}, {policy}"));
+    let end = if *stopped { "; stopped early" } else { "" };
+    line(
+        "frames",
+        format!(
+            "{} in, {} rendered, {} repeated, of these {} dropped as too late{end}",
+            tally.rendered + tally.repeated,
+            tally.rendered,
+            tally.repeated,
+            tally.dropped
+        ),
+    );
+    line("found", tally.layer_sources());
+    if let Some((psnr, ssim, flicker)) = tally.scores() {
+        let flicker = flicker.map(|flicker| format!(", flicker {:.3} of 255", 255.0 * flicker)).unwrap_or_default();
+        line("score", format!("PSNR {psnr:.2} dB, SSIM {ssim:.4}{flicker} ({BORDER}-pixel border left out)"));
+    }
+    let seconds = tally.seconds();
+    let total: f64 = seconds.iter().sum();
+    let shares = STAGES.iter().zip(seconds);
+    let shares: Vec<String> =
+        shares.map(|(stage, spent)| format!("{stage} {:.1} ({:.0} %)", 1e3 * spent, 100.0 * spent / total)).collect();
+    let writing = 1e3 * written.encoding.as_secs_f64() / written.frames.max(1) as f64;
+    line("times", format!("{:.1} ms per frame: {}; in parallel, writing {writing:.1}", 1e3 * total, shares.join(", ")));
+    line("speed", format!("{:.1} frames per second", written.frames as f64 / wall.as_secs_f64()));
+    let percentiles = (written.latencies.percentile(0.5), written.latencies.percentile(0.99));
+    if let (Some(median), Some(most)) = percentiles {
+        line("latency", format!("median {median} ms, 99 % {most} ms"));
+    }
+    for (step, level) in changes {
+        line("work", format!("from frame {step}: {} at {:.0} % of the size", level.layers, 100.0 * level.scale));
+    }
+    if tally.logits_not_finite > 0 {
+        line("network", format!("{} of its logits over all frames are NaN or infinite", tally.logits_not_finite));
+    }
+    let mut cameras = Vec::new();
+    for (feed, (count, first)) in rig.feeds.iter().zip(&faults.cameras) {
+        if let Some(first) = first {
+            let missing = match count {
+                0 => String::new(),
+                1 => "1 frame not delivered: ".to_owned(),
+                count => format!("{count} frames not delivered; the first: "),
+            };
+            line("camera", format!("{}: {missing}{first}", feed.name));
+            cameras.push(json!({ "camera": feed.name, "not_delivered": count, "first": first }));
+        }
+    }
+    if let Some((first, last)) = tally.memory() {
+        line(
+            "memory",
+            format!("{:.0} MB at the first frame, {:.0} MB at the last", first as f64 / 1e6, last as f64 / 1e6),
+        );
+    }
+    if let Some(file) = file {
+        line("wrote", file.display().to_string());
+    }
+    text += &model.text();
+    let mut json = tally.json();
+    let more = json!({
+        "rig": shown(&scene.root), "format": scene.format.to_string(), "cameras": rig.photos.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
+        "held_out": viewpoint.truth.map(|view| &scene.views[view].name), "layers": layers.to_string(), "policy": policy.to_string(), "frames": written.frames,
+        "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "border_left_out": BORDER,
+        "latency_ms": { "median": percentiles.0, "percentile_99": percentiles.1 }, "changes": changes_json(changes),
+        "logits_not_finite": tally.logits_not_finite, "faults": cameras, "stopped": stopped, "file": file.map(shown), "notes": scene.notes,
+    });
+    if let Value::Object(json) = &mut json {
+        [more, model.json()].into_iter().for_each(|part| {
+            if let Value::Object(part) = part {
+                json.extend(part);
+            }
+        });
+    }
+    Output { text, json }
+}

@@ -1,0 +1,209 @@
+//! Totals of a video, in constant memory: how many frames were rendered, their times, scores and memory. Each frame's own figures are
+//! written to the log.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use liveview::fs::atomic::AtomicFile;
+use liveview::live::{LayerSource, LiveFrame, LiveTimes};
+use liveview_common::measure::resident_memory;
+use serde_json::{Value, json};
+
+use super::scorer::Scores;
+
+/// Stages of a frame, in order.
+pub(super) const STAGES: [&str; 5] = ["photos", "layers", "warp", "network", "composite"];
+/// Memory is recorded at no more than this many frames of the video, and at half as many at least.
+const SAMPLES: usize = 256;
+
+fn stages(times: &LiveTimes) -> [Duration; 5] {
+    [times.photos, times.layers, times.stages.warp, times.stages.network, times.stages.composite]
+}
+
+/// Histogram of durations in milliseconds, up to ten seconds.
+pub(super) struct Latencies(Vec<u64>);
+
+impl Latencies {
+    pub(super) fn new() -> Self {
+        Self(vec![0; 10_001])
+    }
+
+    pub(super) fn add(&mut self, latency: Duration) {
+        let last = self.0.len() - 1;
+        self.0[(latency.as_millis() as usize).min(last)] += 1;
+    }
+
+    /// Milliseconds that this share (0 to 1) of them does not exceed; `None` if there are none.
+    pub(super) fn percentile(&self, part: f64) -> Option<usize> {
+        let total: u64 = self.0.iter().sum();
+        let wanted = (part * total as f64).ceil().max(1.0) as u64;
+        let mut below = 0;
+        self.0.iter().position(|&count| {
+            below += count;
+            below >= wanted
+        })
+    }
+}
+
+/// Sums over the frames.
+#[derive(Default)]
+pub(super) struct Tally {
+    pub(super) rendered: usize,
+    pub(super) repeated: usize,
+    /// Why the first of these was.
+    pub(super) why: Option<String>,
+    pub(super) dropped: usize,
+    /// Whether any camera sees any part of any frame.
+    pub(super) seen: bool,
+    /// Logits of the network that are NaN or infinite, over all frames: a stray few.
+    pub(super) logits_not_finite: usize,
+    layer_sources: BTreeMap<String, usize>,
+    refreshed: f64,
+    spent: [Duration; 5],
+    /// PSNR, SSIM and flicker: sums and counts.
+    scores: [(f64, usize); 3],
+    memory: Vec<(usize, u64)>,
+    stride: usize,
+    frames: usize,
+    log: Option<Log>,
+}
+
+struct Log {
+    path: PathBuf,
+    file: AtomicFile,
+}
+
+impl Tally {
+    /// Without frames yet; with a log file if given.
+    pub(super) fn new(log: Option<&Path>) -> Result<Self> {
+        let open = |path: &Path| {
+            let file =
+                AtomicFile::create(path).with_context(|| format!("--log {}: cannot be written", path.display()))?;
+            Ok::<_, anyhow::Error>(Log { path: path.to_owned(), file })
+        };
+        Ok(Self { stride: 1, log: log.map(open).transpose()?, ..Self::default() })
+    }
+
+    pub(super) fn add(&mut self, step: usize, frame: &LiveFrame, scores: Option<Scores>) -> Result<()> {
+        self.rendered += 1;
+        self.logits_not_finite += frame.frame.logits_not_finite;
+        self.seen = self.seen || frame.frame.transmittance.iter().any(|&left| left < 1.0 - 1e-6);
+        *self.layer_sources.entry(frame.layer_source.to_string()).or_default() += 1;
+        if let LayerSource::Propagated { refreshed } = frame.layer_source {
+            self.refreshed += refreshed;
+        }
+        let spent = stages(&frame.times);
+        self.spent.iter_mut().zip(spent).for_each(|(sum, spent)| *sum += spent);
+        if let Some(Scores { score, flicker }) = scores {
+            for (sum, score) in self.scores.iter_mut().zip([Some(score.psnr), Some(score.ssim), flicker]) {
+                if let Some(score) = score {
+                    *sum = (sum.0 + score, sum.1 + 1);
+                }
+            }
+        }
+        let times: serde_json::Map<String, Value> =
+            STAGES.iter().zip(spent).map(|(stage, spent)| ((*stage).to_owned(), json!(spent.as_secs_f64()))).collect();
+        let refreshed = if let LayerSource::Propagated { refreshed } = frame.layer_source { refreshed } else { 0.0 };
+        self.line(json!({
+            "frame": step, "layers_from": frame.layer_source.to_string(), "refreshed": refreshed, "views": frame.views, "seconds": times,
+            "psnr": scores.map(|s| s.score.psnr), "ssim": scores.map(|s| s.score.ssim), "flicker": scores.and_then(|s| s.flicker),
+        }))
+    }
+
+    pub(super) fn repeat(&mut self, step: usize, why: &str) -> Result<()> {
+        self.repeated += 1;
+        self.why.get_or_insert_with(|| why.to_owned());
+        self.line(json!({ "frame": step, "layers_from": "repeated", "why": why }))
+    }
+
+    fn line(&mut self, mut line: Value) -> Result<()> {
+        let memory = resident_memory();
+        if let Some(bytes) = memory.filter(|_| self.frames.is_multiple_of(self.stride)) {
+            self.memory.push((self.frames, bytes));
+            if self.memory.len() > SAMPLES {
+                self.stride *= 2;
+                let stride = self.stride;
+                self.memory.retain(|(frame, _)| frame.is_multiple_of(stride));
+            }
+        }
+        self.frames += 1;
+        let Some(log) = &mut self.log else { return Ok(()) };
+        line["memory_bytes"] = json!(memory);
+        writeln!(log.file, "{line}").with_context(|| format!("--log {}", log.path.display()))
+    }
+
+    /// Closes the log.
+    pub(super) fn finish(&mut self) -> Result<()> {
+        let Some(log) = self.log.take() else { return Ok(()) };
+        log.file.finish().with_context(|| format!("--log {}: cannot be written", log.path.display()))
+    }
+
+    fn mean(&self, which: usize) -> Option<f64> {
+        let (sum, count) = self.scores[which];
+        (count > 0).then(|| sum / count as f64)
+    }
+
+    /// Mean PSNR, SSIM and flicker.
+    pub(super) fn scores(&self) -> Option<(f64, f64, Option<f64>)> {
+        Some((self.mean(0)?, self.mean(1)?, self.mean(2)))
+    }
+
+    /// Mean seconds of each stage per rendered frame.
+    pub(super) fn seconds(&self) -> [f64; 5] {
+        self.spent.map(|spent| spent.as_secs_f64() / self.rendered.max(1) as f64)
+    }
+
+    /// Where the layers of the frames came from, as text.
+    pub(super) fn layer_sources(&self) -> String {
+        let counts = self.layer_sources.iter().map(|(source, frames)| format!("{source} {frames}"));
+        let counts = counts.collect::<Vec<_>>().join(", ");
+        let share = self.refreshed / self.rendered.max(1) as f64;
+        let refreshed = if share > 0.0 {
+            format!("; {:.1} % of a frame refreshed on average", 100.0 * share)
+        } else {
+            String::new()
+        };
+        counts + &refreshed
+    }
+
+    /// Memory in use at the first frames and at the last.
+    pub(super) fn memory(&self) -> Option<(u64, u64)> {
+        Some((self.memory.first()?.1, self.memory.last()?.1))
+    }
+
+    pub(super) fn json(&self) -> Value {
+        let seconds: serde_json::Map<String, Value> =
+            STAGES.iter().zip(self.seconds()).map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds))).collect();
+        json!({
+            "rendered": self.rendered, "repeated": self.repeated, "dropped": self.dropped, "layers_from": self.layer_sources,
+            "refreshed_share": self.refreshed / self.rendered.max(1) as f64, "seconds_per_frame": seconds,
+            "mean": { "psnr": self.mean(0), "ssim": self.mean(1), "flicker": self.mean(2) },
+            "memory_bytes": self.memory,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_by_the_millisecond() {
+        let mut latencies = Latencies::new();
+        assert_eq!(latencies.percentile(0.5), None);
+        (1..=100).for_each(|ms| latencies.add(Duration::from_millis(ms)));
+        latencies.add(Duration::from_secs(60));
+        assert_eq!(latencies.percentile(0.5), Some(51));
+        assert_eq!((latencies.percentile(0.99), latencies.percentile(1.0)), (Some(100), Some(10_000)));
+    }
+
+    #[test]
+    fn memory_is_recorded_at_few_frames_however_many_there_are() {
+        let mut tally = Tally::new(None).unwrap();
+        (0..5000).for_each(|step| tally.repeat(step, "test").unwrap());
+        assert!(tally.memory.len() <= SAMPLES && tally.memory.len() >= SAMPLES / 2 - 1, "{}", tally.memory.len());
+    }
+}

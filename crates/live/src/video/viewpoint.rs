@@ -1,0 +1,89 @@
+//! The viewpoint of a video: the target camera of each frame.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use clap::Args;
+use liveview::geometry::CameraPath;
+use liveview::{Camera, PhotoCache};
+use liveview_common::args::targets::cameras_of;
+
+/// Options that name the viewpoint; exactly one.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Viewpoint (one of these)")]
+#[group(required = true, multiple = false)]
+pub(super) struct ViewpointArgs {
+    /// A camera of the rig, by name; it is held out: never rendered from, and what it shows scores the frames
+    #[arg(long, value_name = "NAME")]
+    camera: Option<String>,
+    /// A path of N frames: line:N there and back, circle:N or spiral:N, over and over
+    #[arg(long, value_name = "SHAPE:N")]
+    path: Option<CameraPath>,
+    /// A camera per frame, in a JSON file as `render --pose` takes; the last one stays
+    #[arg(long, value_name = "FILE")]
+    poses: Option<PathBuf>,
+}
+
+/// The target camera of each frame.
+pub(super) struct Viewpoint {
+    cameras: Vec<Camera>,
+    repeat: Repeat,
+    /// Index of the camera of the rig that is held out, the ground truth.
+    pub(super) truth: Option<usize>,
+}
+
+enum Repeat {
+    Over,
+    Back,
+    Last,
+}
+
+impl Viewpoint {
+    /// The camera of a time step.
+    pub(super) fn camera(&self, step: usize) -> &Camera {
+        let count = self.cameras.len();
+        &self.cameras[match self.repeat {
+            Repeat::Over => step % count,
+            Repeat::Last => step.min(count - 1),
+            Repeat::Back => {
+                let there = step % (2 * count - 2).max(1);
+                if there < count { there } else { 2 * count - 2 - there }
+            }
+        }]
+    }
+
+    /// All target cameras.
+    pub(super) fn cameras(&self) -> &[Camera] {
+        &self.cameras
+    }
+}
+
+impl ViewpointArgs {
+    /// The file of `--poses`.
+    pub(super) fn poses(&self) -> Option<&Path> {
+        self.poses.as_deref()
+    }
+
+    /// The cameras of the frames.
+    pub(super) fn resolve(&self, photos: &PhotoCache) -> Result<Viewpoint> {
+        let Self { camera, path, poses } = self;
+        let viewpoint = match (camera, path, poses) {
+            (Some(name), ..) => {
+                let view = photos.scene().view_index(name)?;
+                let camera = photos.scene().views[view].camera.clone();
+                Viewpoint { cameras: vec![camera], repeat: Repeat::Last, truth: Some(view) }
+            }
+            (_, Some(path), _) => {
+                let repeat = if path.is_closed() { Repeat::Over } else { Repeat::Back };
+                Viewpoint { cameras: path.cameras(&photos.all_cameras())?, repeat, truth: None }
+            }
+            (.., Some(file)) => Viewpoint { cameras: cameras_of(file, photos)?, repeat: Repeat::Last, truth: None },
+            (None, None, None) => bail!("expected --camera, --path or --poses"),
+        };
+        let size = |camera: &Camera| (camera.width(), camera.height());
+        if viewpoint.cameras.iter().any(|camera| size(camera) != size(&viewpoint.cameras[0])) {
+            bail!("the cameras of the viewpoint have different sizes; expected one size for the whole video");
+        }
+        Ok(viewpoint)
+    }
+}

@@ -1,0 +1,14 @@
+//! Renders what clients ask for: in motion as large as the frame rate allows, at rest at full quality.
+
+mod frames;
+mod pace;
+mod photos;
+mod shared;
+mod source;
+mod video;
+mod view_renderer;
+
+pub(crate) use photos::Photos;
+pub(crate) use source::Source;
+pub(crate) use video::Video;
+pub(crate) use view_renderer::Studio;

@@ -1,0 +1,59 @@
+//! Networks that two sessions share.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use liveview::ndarray::{ArrayView4, ArrayViewMut4};
+use liveview::network::{Alpha, NetworkError, PlaneNetwork};
+use liveview::render::Renderer;
+use liveview_common::network::Network;
+
+/// A network that several renderers run, one at a time.
+#[derive(Clone)]
+pub(super) struct Shared(Rc<RefCell<Network>>);
+
+impl PlaneNetwork for Shared {
+    fn views(&self) -> usize {
+        self.0.borrow().views()
+    }
+
+    fn name(&self) -> String {
+        self.0.borrow().name()
+    }
+
+    fn infer(&mut self, hwv: ArrayView4<'_, f32>, logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+        self.0.borrow_mut().infer(hwv, logits)
+    }
+}
+
+/// Networks for more and for fewer views, and how each composites.
+pub(super) struct Networks {
+    networks: Vec<(Shared, Alpha)>,
+    batch: usize,
+}
+
+impl Networks {
+    pub(super) fn new(renderers: Vec<Renderer<Network>>, batch: usize) -> Self {
+        let share = |renderer: Renderer<Network>| {
+            let alpha = renderer.alpha();
+            (Shared(Rc::new(RefCell::new(renderer.into_network()))), alpha)
+        };
+        Self { networks: renderers.into_iter().map(share).collect(), batch }
+    }
+
+    /// The fewest views that one of them takes, and the most.
+    pub(super) fn views(&self) -> (usize, usize) {
+        let views = || self.networks.iter().map(|(network, _)| network.views());
+        (views().min().unwrap_or(0), views().max().unwrap_or(0))
+    }
+
+    /// Renderers of a session.
+    pub(super) fn renderers(&self) -> Vec<Renderer<Shared>> {
+        let renderer = |(network, alpha): &(Shared, Alpha)| {
+            let mut renderer = Renderer::new(network.clone(), self.batch);
+            renderer.set_alpha(*alpha);
+            renderer
+        };
+        self.networks.iter().map(renderer).collect()
+    }
+}

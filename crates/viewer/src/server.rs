@@ -1,0 +1,61 @@
+//! The HTTP server: a thread of its own; the renderer has another.
+
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use tokio::time::sleep;
+
+use crate::app::App;
+use crate::http;
+use crate::routes::routes;
+
+/// Time that connections have to end.
+const FAREWELL: Duration = Duration::from_secs(1);
+
+/// A socket that listens, and its address; only this machine can reach it unless an address is given.
+pub(crate) fn listen(bind: Option<IpAddr>, port: u16) -> Result<(TcpListener, SocketAddr)> {
+    let address = SocketAddr::new(bind.unwrap_or(Ipv4Addr::LOCALHOST.into()), port);
+    let listener = TcpListener::bind(address);
+    let listener =
+        listener.with_context(|| format!("{address}: expected a free port of this machine (--port 0: any)"))?;
+    listener.set_nonblocking(true)?;
+    let address = listener.local_addr()?;
+    Ok((listener, address))
+}
+
+/// A server that runs.
+pub(crate) struct Server {
+    app: Arc<App>,
+    thread: JoinHandle<io::Result<()>>,
+}
+
+impl Server {
+    pub(crate) fn start(listener: TcpListener, app: App) -> Result<Self> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let app = Arc::new(app);
+        let shared = Arc::clone(&app);
+        let serve = move || runtime.block_on(run(listener, shared));
+        Ok(Self { app, thread: std::thread::Builder::new().name("server".to_owned()).spawn(serve)? })
+    }
+
+    /// Ends all connections, and the thread.
+    pub(crate) fn stop(self) -> Result<()> {
+        self.app.desk.stop();
+        self.app.stopping.send_replace(true);
+        Ok(self.thread.join().map_err(|_| anyhow::anyhow!("the server ended unexpectedly"))??)
+    }
+}
+
+async fn run(listener: TcpListener, app: Arc<App>) -> io::Result<()> {
+    let listener = tokio::net::TcpListener::from_std(listener)?;
+    http::serve(listener, routes(&app), app.stopping.subscribe()).await?;
+    tokio::select! {
+        () = app.stopping.closed() => {}
+        () = sleep(FAREWELL) => {}
+    }
+    Ok(())
+}
