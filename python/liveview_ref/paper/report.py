@@ -1,4 +1,4 @@
-"""Write docs/paper.md and its pictures from what lies in models/paper: python -m liveview_ref.paper.report
+"""Write docs/paper-comparison.md and its pictures from what lies in models/paper: python -m liveview_ref.paper.report
 
 No figure in it is typed: ours come from the JSON files of scores, cost and departures, the paper's from published.json.
 Whatever is not there yet is named as missing."""
@@ -168,7 +168,7 @@ def write(models: Path, page: Path) -> None:
 
 def main() -> int:
     try:
-        write(ROOT / "models" / "paper", ROOT / "docs" / "paper.md")
+        write(ROOT / "models" / "paper", ROOT / "docs" / "paper-comparison.md")
     except ValueError as error:
         print(error, file=sys.stderr)
         return 2

@@ -1,0 +1,124 @@
+"""Tables and sentences about quality and time, from the reports in models/."""
+
+import json
+from pathlib import Path
+
+MODELS = Path(__file__).resolve().parents[2] / "models"
+CPU = "cpu, f32"
+NO_NETWORK = "no network"
+SURFACE, BEST, PAPER, FAST = "surface:1", "surface:3", "select:16/64", "guided:1"  # the layers of each --quality
+ALL_ENGINES = "surface:1", "surface:2", "surface:3", "guided:1", "guided:2"
+CPU_ONLY = "guided:4", "guided:8", "select:16/64", "planes:16", "planes:64"
+
+
+def measured(views: int = 4) -> dict:
+    """The report of `liveview sweep` on the example scene."""
+    return json.loads((MODELS / "report" / f"v{views}" / "sweep.json").read_text())
+
+
+def find(report: dict, layers: str, engine: str) -> dict:
+    """The row of a kind of layers on an engine."""
+    return next(row for row in report["rows"] if (row["layers"], row["engine"]) == (layers, engine))
+
+
+def machine(report: dict) -> str:
+    """What was measured, on what: goes with every table of times."""
+    row = find(report, "planes:64", CPU)
+    noisy = " **The machine was noisy.**" if report["noisy"] else ""
+    return (
+        f"Example scene, {row['width']}x{row['height']}, V = {report['views']} photos, "
+        f"{report['threads']} threads of {report['cpu']}.{noisy}"
+    )
+
+
+def ways(report: dict) -> str:
+    """README: the named ways to render, with quality and time."""
+    ways = (
+        ("a good picture", "*surface* (default)", SURFACE, CPU),
+        ("no model", "*surface*, `--network none`", BEST, NO_NETWORK),
+        ("the paper's planes", "*paper*: `--quality paper`", PAPER, CPU),
+        ("one picture at once", "*fast*: `--quality fast`", FAST, CPU),
+    )
+    lines = ["| I want | use | PSNR dB, SSIM | it costs, in seconds |", "|---|---|---|---|"]
+    for want, use, layers, engine in ways:
+        row = find(report, layers, engine)
+        seconds = row["seconds"]
+        cost = f"{seconds['median']:.2f} a picture"
+        if seconds["once"]:
+            what = "the selection" if layers == PAPER else "the photos' depth"
+            cost += f"; {seconds['once']:.1f} once for {what}"
+        lines.append(f"| {want} | {use} | {row['psnr']:.1f}, {row['ssim']:.2f} | {cost} |")
+    return "\n".join(lines)
+
+
+def excerpt(report: dict) -> str:
+    """The sweep's main rows: every kind of layers on the CPU, the fastest ones on the other engines too."""
+    dense = find(report, "planes:64", CPU)
+    lines = [
+        machine(report)
+        + f" Batch {report['batch']}; PSNR and SSIM are the means of the two held-out photos (of the Python "
+        "implementations: the first), 16-pixel border left out; seconds per picture: the median of "
+        f"{len(dense['seconds']['all'])} interleaved runs, and their range.",
+        "",
+        "| layers | by | PSNR dB | SSIM | seconds per picture | times faster | MB |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for row in report["rows"]:
+        on_cpu = row["reference"] or row["engine"] == CPU
+        if row["layers"] not in ((*ALL_ENGINES, *CPU_ONLY) if on_cpu else ALL_ENGINES):
+            continue
+        seconds = row["seconds"]
+        once = f", once {seconds['once']:.2f}" if seconds["once"] > 0 else ""
+        lines.append(
+            f"| {row['layers']} | {row['engine']} | {row['psnr']:.2f} | {row['ssim']:.4f} | {seconds['median']:.2f} "
+            f"({seconds['min']:.2f}-{seconds['max']:.2f}){once} | "
+            f"{dense['seconds']['median'] / seconds['median']:.1f} | {row['peak_memory_bytes'] / 1e6:.0f} |"
+        )
+    return "\n".join(lines)
+
+
+def int8_gain(report: dict) -> str:
+    """How many times as fast int8 is as f32 on the CPU, on the layers that gain most."""
+    seconds: dict[str, dict[str, float]] = {}
+    for row in report["rows"]:
+        seconds.setdefault(row["engine"], {})[row["layers"]] = row["seconds"]["median"]
+    cpu, openvino = (
+        max(seconds[CPU][layers] / taken for layers, taken in seconds[f"{engine}, int8"].items())
+        for engine in ("cpu", "openvino")
+    )
+    return f"{cpu:.1f} times as fast ({openvino:.1f} times with OpenVINO)"
+
+
+def mean_scores(model: str) -> dict[str, tuple[float, float, float]]:
+    """Method -> PSNR dB, SSIM, LPIPS: the means over the scenes of `make models`, from a model's scores.md."""
+    mean = (MODELS / f"{model}_scores" / "scores.md").read_text().split("## Mean over")[1].split("\n## ")[0]
+    rows = (line.strip("| ").split(" | ") for line in mean.splitlines() if line.startswith("| "))
+    return {name: (float(psnr), float(ssim), float(lpips)) for name, psnr, ssim, lpips in list(rows)[1:]}
+
+
+def network_gain() -> str:
+    """What the network is worth, by kind of layers: the same layers with it and without."""
+    any_layers = mean_scores("liveview_v4")
+    competing, independent = mean_scores("liveview_v4_planes"), mean_scores("liveview_v4_planes_paper")
+    sweep = "sweep, planes:64", "plane sweep, winner takes all"
+    rows = (
+        ("64 planes, competing", competing["competing 64"], sweep),
+        ("64 planes, the paper's composite", independent["planes:64"], sweep),
+        ("2 guided layers", any_layers["guided:2"], ("sweep, guided:2", "plane sweep on them")),
+        ("1 surface layer", any_layers["surface:1"], ("surface:1, no network", "agreement of the photos")),
+        ("3 surface layers", None, ("surface:3, no network", "agreement of the photos")),
+    )
+    lines = ["| layers | with the network | without | by |", "|---|---|---|---|"]
+    for layers, scores, (baseline, name) in rows:
+        lines.append(f"| {layers} | {shown(scores)} | {shown(any_layers[baseline])} | {name} |")
+    return "\n".join(lines)
+
+
+def gain_on_planes() -> str:
+    """README: what the network earns on 64 competing planes over a plane sweep, in dB."""
+    gain = mean_scores("liveview_v4_planes")["competing 64"][0] - mean_scores("liveview_v4")["sweep, planes:64"][0]
+    return f"{gain:.1f} dB"
+
+
+def shown(scores: tuple[float, float, float] | None) -> str:
+    return "not measured" if scores is None else "{:.2f} / {:.3f} / {:.3f}".format(*scores)
