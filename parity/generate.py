@@ -1,10 +1,11 @@
 """Goldens for tests/parity.rs and tests/parity_mvs.rs: python parity/generate.py FOLDER
 
-Seeded cases, each one npz: inputs, the float64 oracle of every stage (`oracle.NAME`), and the largest and mean error of
-float32 torch (`torch.NAME`). A stage's inputs are the float32 roundings of the oracle's outputs of the stage before, so
-that a failure names the first stage that departs. Beside them a seeded, untrained network for each V, and onnxruntime's
-logits. The oracle's network has its BatchNorms, the exported one has them folded in: the logits show that folding keeps
-them.
+Seeded cases, one npz each: inputs, the float64 oracle of every stage (`oracle.NAME`), and the
+largest and mean error of float32 torch (`torch.NAME`). A stage's inputs are the float32 roundings
+of the oracle's outputs of the previous stage, so that a failure names the first stage that differs.
+In addition, a seeded, untrained network for each V, and the logits of onnxruntime. The oracle's
+network has its BatchNorms, in the exported one they are folded: the logits show that folding
+preserves them.
 """
 
 import sys
@@ -18,15 +19,14 @@ sys.path.insert(0, str(ROOT / "python"))
 
 from liveview_ref import onnx_session  # noqa: E402
 from liveview_ref.export import export  # noqa: E402
-from liveview_ref.parity import mvs_goldens, stages  # noqa: E402
+from liveview_ref.parity import stages, surface_goldens  # noqa: E402
 from liveview_ref.parity.rigs import SIZE, rig  # noqa: E402
-from liveview_ref.reference.cover import cover_planes  # noqa: E402
-from liveview_ref.reference.guided import search_planes  # noqa: E402
-from liveview_ref.reference.histogram import plane_histogram, select_planes  # noqa: E402
-from liveview_ref.reference.kmeans import kmeans_planes  # noqa: E402
-from liveview_ref.reference.layers import uniform_disparities  # noqa: E402
+from liveview_ref.reference.geometry.view_selection import view_distances  # noqa: E402
+from liveview_ref.reference.layers.cover import cover_planes  # noqa: E402
+from liveview_ref.reference.layers.guided.search import search_planes  # noqa: E402
+from liveview_ref.reference.layers.histogram import plane_histogram, select_planes  # noqa: E402
+from liveview_ref.reference.layers.uniform import uniform_disparities  # noqa: E402
 from liveview_ref.reference.unet import UNet, start_from_agreement  # noqa: E402
-from liveview_ref.reference.view_selection import view_distances  # noqa: E402
 from liveview_ref.rig_arrays import Arrays, cameras_of  # noqa: E402
 
 NEAR, FAR = 1.0, 8.0
@@ -52,17 +52,18 @@ CASES = {  # name: (V, rig, planes or guided layers)
     "spaced_one": (4, "random", torch.tensor([0.4], dtype=torch.float64)),
     "spaced_unseen": (4, "unseen", uniform_disparities(0.6, float("inf"), 5)),
 }
-ALPHA_SCALES = {"competing_v4": 2.0, "competing_unseen": 1.0, "competing_guided": 60.0}  # where layers compete
+ALPHA_SCALES = {"competing_v4": 2.0, "competing_unseen": 1.0, "competing_guided": 60.0}  # of competing layers
 # Where opacity is per pixel of parallax:
 ALPHA_SPACINGS = {"spaced_v4": 2.0, "spaced_uneven": 3.0, "spaced_one": 3.0, "spaced_unseen": 3.0}
 
 
 def fill(data: Arrays, layers, net: UNet, model: Path) -> None:
-    """Oracle of each stage, from float32 roundings of the one before; then torch's errors."""
+    """Add the oracle of each stage, from float32 roundings of the previous one, then torch's
+    errors."""
     guided = isinstance(layers, int)
     if guided:
         data["coarse_disparities"] = search_planes(*cameras_of(data), NEAR, FAR).numpy()
-        data["cell_maps"] = np.empty(layers)  # as many as the stage is to make
+        data["cell_maps"] = np.empty(layers)  # its length is the number of layers that the stage makes
     else:
         data["disparities"] = layers.numpy()
     oracle = {}
@@ -82,9 +83,7 @@ def fill(data: Arrays, layers, net: UNet, model: Path) -> None:
             data[f"torch.{name}"] = np.array(stages.errors(single, oracle[name], name)[:2])
     single = stages.logits(net, data["colour"], torch.float32)
     data["torch.logits"] = np.array(stages.errors(single, oracle["logits"], "logits")[:2])
-    if guided:
-        data["kmeans"] = np.array(kmeans_planes(data["fine_disparity"], 3))
-    else:
+    if not guided:
         width, height = SIZE
         if "alpha_scale" in data:
             best = stages.best_layer(data)
@@ -114,7 +113,8 @@ def end_to_end(data: Arrays, net: UNet, dtype: torch.dtype) -> np.ndarray:
 
 
 def set_batchnorms(net: UNet) -> None:
-    """Statistics, scales and biases as different from those of an untrained network as a trained one's are."""
+    """Set statistics, scales and biases that differ from those of an untrained network as a trained
+    network's do."""
     with torch.no_grad():
         for norm in (module for module in net.modules() if isinstance(module, torch.nn.BatchNorm2d)):
             norm.running_mean.normal_(0, 0.1)
@@ -144,7 +144,7 @@ def main() -> None:
             data["alpha_spacing"] = np.array([ALPHA_SPACINGS[name]])
         fill(data, layers, *nets[views])
         np.savez(folder / f"{name}.npz", **data)
-    mvs_goldens.write(folder)
+    surface_goldens.write(folder)
     (folder / "cases.txt").write_text("\n".join(CASES) + "\n")
 
 

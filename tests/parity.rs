@@ -14,7 +14,7 @@ use liveview::image::ImageRgb;
 use liveview::layers::guided::{
     COARSE, GuidedSearch, WINDOWS, fine_layers, layer_costs, range_of, semi_global, winner_takes_all,
 };
-use liveview::layers::{CELL, Layer, Layers, cover_planes, kmeans_planes, padded, plane_histogram, select_planes};
+use liveview::layers::{CELL, Layer, Layers, cover_planes, padded, plane_histogram, select_planes};
 use liveview::network::{Alpha, ExecutionProvider, NoNetwork, OrtNetwork, PlaneNetwork};
 use liveview::render::{Accumulated, Batch, Blended, Competing, DistanceWeights, LayerSamples, Renderer};
 use liveview::warp::{SourceView, Texture, warp_layers, warp_sources};
@@ -46,9 +46,6 @@ const CASES: [&str; 19] = [
 /// Depth range of the generated cases.
 const NEAR: f64 = 1.0;
 const FAR: f64 = 8.0;
-
-/// Planes of k-means, as parity/generate.py asks for.
-const KMEANS: usize = 3;
 
 /// Final images of Rust and of the float32 reference may differ by this much on [0, 1].
 const FRAME_TOLERANCE: f64 = 1e-4;
@@ -397,11 +394,6 @@ fn guided_search() {
         let map = |layer: &Layer| if let Layer::Map(map) = layer { map.clone() } else { unreachable!("guided layers") };
         let maps: Vec<_> = layers.as_slice().iter().map(map).collect();
         case.check("cell_maps", &ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>()).unwrap());
-
-        let planes = kmeans_planes(fine.as_slice().unwrap(), KMEANS);
-        let expected = flat(case.get::<f64>("kmeans"));
-        let apart = planes.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        assert!(planes.len() == expected.len() && apart < 1e-12, "{}: k-means {planes:?}, {expected:?}", case.name);
 
         let found = GuidedSearch::new(NEAR, FAR).search(&sources, case.padded()).unwrap();
         assert_eq!(found.disparities, flat(disparities), "{}: planes searched", case.name);

@@ -19,8 +19,8 @@ from torch import Tensor, nn
 
 from .checkpoint import load_state, trained_network, training_of
 from .onnx_session import logits, session
-from .reference import layer_spec
-from .reference.layers import STRIDE
+from .reference.layers import spec as layer_spec
+from .reference.layers.cells import STRIDE
 from .reference.unet import UNet, fold_batchnorm
 
 OPSET = 20  # GridSample came with 16, and with 20 took the names of its modes that torch exports
@@ -99,7 +99,7 @@ def main() -> None:
     parser.add_argument(
         "--recommended-layers", type=layer_spec.argument, default="surface:1", help="such as %(default)s or planes:64"
     )
-    kinds = ("planes", "guided", "surface", "select", "kmeans", "list")
+    kinds = ("planes", "guided", "surface", "select", "list")
     parser.add_argument("--layer-kinds", nargs="+", choices=kinds, default=[], help="what it is for; all if left out")
     told = "added to logit 0, folded into the last layer: what a choice among shifts on held-out photos has given"
     parser.add_argument("--logit-shift", type=float, default=0.0, help=told)

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .reference.camera import Camera
+from .reference.geometry.camera import Camera
 
 Arrays = dict[str, np.ndarray]
 

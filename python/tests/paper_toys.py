@@ -4,8 +4,8 @@ import torch
 
 from liveview_ref.paper.method import Photos
 from liveview_ref.paper.shots import Shot
-from liveview_ref.reference.camera import Camera
-from liveview_ref.reference.layers import uniform_disparities
+from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.layers.uniform import uniform_disparities
 
 WIDTH, HEIGHT = 64, 48
 

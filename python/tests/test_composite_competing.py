@@ -5,7 +5,12 @@ import pytest
 import torch
 
 from liveview_ref.reference.composite import composite
-from liveview_ref.reference.composite_competing import alphas_of, best_layer, competing_weights, composite_competing
+from liveview_ref.reference.render.composite_competing import (
+    alphas_of,
+    best_layer,
+    competing_weights,
+    composite_competing,
+)
 
 
 def layers(count=7, size=(5, 6), seed=0, dtype=torch.float64):

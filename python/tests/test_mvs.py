@@ -1,24 +1,27 @@
-"""The twin of the photos' depth: against figures worked by hand, and the made scene whose depth is known."""
+"""Surface layers: against figures computed by hand, and on a synthetic scene of known depth."""
 
 import numpy as np
 import pytest
 import torch
 
-from liveview_ref.parity import mvs_goldens
-from liveview_ref.parity.mvs_rigs import SQUARE, WALL, mvs_rig
-from liveview_ref.reference.camera import Camera
-from liveview_ref.reference.mvs.aggregate import aggregate
-from liveview_ref.reference.mvs.consistency import KnownDepth, confirmed, known
-from liveview_ref.reference.mvs.exposure import balanced, exposure_gains
-from liveview_ref.reference.mvs.grid import NONE, Candidates, Grid
-from liveview_ref.reference.mvs.holes import grown
-from liveview_ref.reference.mvs.penalties import jumps
-from liveview_ref.reference.mvs.photo_depth import PhotoDepth, bands, photo_depth
-from liveview_ref.reference.mvs.photo_sweep import UNSEEN, costs
-from liveview_ref.reference.mvs.settings import Settings
-from liveview_ref.reference.mvs.splat import splat
-from liveview_ref.reference.mvs.surface import Surface, SurfaceView, surface
-from liveview_ref.reference.mvs.visibility import hide, visible
+from liveview_ref.parity import surface_goldens
+from liveview_ref.parity.surface_rigs import SQUARE, WALL, surface_rig
+from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.render.visibility import hide
+from liveview_ref.reference.surface.correction.exposure import balanced, exposure_gains
+from liveview_ref.reference.surface.fusion import surface as surface_module
+from liveview_ref.reference.surface.fusion.confirmed_depth import ConfirmedDepth
+from liveview_ref.reference.surface.fusion.consistency import confirmed
+from liveview_ref.reference.surface.fusion.splat import splat
+from liveview_ref.reference.surface.fusion.surface import Surface, surface
+from liveview_ref.reference.surface.fusion.surface_view import SurfaceView
+from liveview_ref.reference.surface.fusion.visible import visible
+from liveview_ref.reference.surface.neighbourhood import fill_holes
+from liveview_ref.reference.surface.search.aggregate import aggregate
+from liveview_ref.reference.surface.search.grid import NONE, Candidates, Grid
+from liveview_ref.reference.surface.search.penalties import jump_penalties
+from liveview_ref.reference.surface.search.photo_depth import PhotoDepth, bands, photo_depth
+from liveview_ref.reference.surface.search.photo_sweep import UNSEEN_COST, costs
 from liveview_ref.rig_arrays import cameras_of, images_of
 
 NEAR, FAR = 2.0, 9.0
@@ -33,13 +36,13 @@ def filled(value: float, height: int = 6, width: int = 12) -> torch.Tensor:
     return torch.full((height, width), value, dtype=torch.float64)
 
 
-def test_the_grid_runs_from_near_to_far_and_not_below_0():
+def test_grid_runs_from_near_to_far_without_negative_disparities():
     grid = Grid.of(2.0, float("inf"), 5)
     assert grid.disparity(torch.tensor([0.0, 1.5, 4.0, 9.0])).tolist() == [0.5, 0.3125, 0.0, 0.0]
     assert grid.divided(2) == Grid(0.5, 0.0625, 9)
 
 
-def test_bands_are_one_two_that_join_or_two_apart():
+def test_bands_have_one_segment_two_adjacent_or_two_separate():
     index = torch.tensor([[10.0, 10.5, 10.5, 14.0, 14.0, 14.0, 40.0, 40.0]], dtype=torch.float64)
     assert bands(index, 2, 101)[0].tolist() == [
         [18, NONE],  # 20 to 21: round(20.5) is 21
@@ -55,7 +58,7 @@ def test_bands_are_one_two_that_join_or_two_apart():
     assert bands(torch.full((1, 1), 50.0), 2, 101)[0, 0].tolist() == [93, NONE]
 
 
-def test_costs_of_a_shifted_photo_are_0_at_its_disparity_and_the_most_where_unseen():
+def test_costs_of_shifted_photo_are_0_at_its_disparity_and_maximal_where_unseen():
     image = torch.rand(3, 6, 12, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     grid = Grid.of(1.0, float("inf"), 11)  # 10 pixels apart: index k is 10 - k pixels
     candidates = Candidates.all(grid, 6, 12)
@@ -63,12 +66,12 @@ def test_costs_of_a_shifted_photo_are_0_at_its_disparity_and_the_most_where_unse
     shifted[:, :, :-3] = image[:, :, 3:]
     found = costs(image, camera(), [(shifted, camera(1.0))], grid, candidates, 1)
     assert found.shape == (16, 6, 12)
-    assert found[7, :, 3:].max() == 0 and found[7, :, :3].min() == round(UNSEEN * 32768)
+    assert found[7, :, 3:].max() == 0 and found[7, :, :3].min() == round(UNSEEN_COST * 32768)
     assert (found[:11, :, 4:10] > 0).sum() == 10 * 36
 
 
-def test_the_two_neighbours_that_match_best_count():
-    """Photos of one colour, 0.1, 0 and 0.05 brighter: nothing but the difference of colour costs anything."""
+def test_costs_average_the_two_best_neighbours():
+    """Photos of one colour, 0.1, 0 and 0.05 brighter: only the difference of colour costs."""
     grey = torch.full((3, 6, 12), 0.5, dtype=torch.float64)
     grid = Grid.of(1.0, float("inf"), 2)
     candidates = Candidates.all(grid, 6, 12)
@@ -81,49 +84,49 @@ def test_the_two_neighbours_that_match_best_count():
     assert cost(0.1, 0.0, 0.05) == pytest.approx(0.0125, abs=1e-4)
 
 
-def test_penalties_of_jumps():
+def test_jump_penalties_are_lower_at_edges():
     photo = torch.zeros(3, 1, 4, dtype=torch.float64)
     photo[:, 0, 2], photo[:, 0, 3] = 0.05, 10
-    across, down = jumps(photo, Settings())
+    across, down = jump_penalties(photo)
     assert across.tolist() == [[3932, 1966, 331]] and down.shape == (0, 4)
 
 
-def test_aggregation_takes_the_nearer_of_ties_and_a_parabola_between():
+def test_aggregation_takes_the_nearer_of_ties_and_refines_by_a_parabola():
     photo = torch.zeros(3, 2, 2, dtype=torch.float64)
     candidates = Candidates.all(Grid.of(1.0, 2.0, 12), 2, 2)
     flat = torch.full((16, 2, 2), 100)
-    assert aggregate(flat, photo, candidates, Settings()).tolist() == [[0, 0], [0, 0]]
+    assert aggregate(flat, photo, candidates).tolist() == [[0, 0], [0, 0]]
     valley = 100 * (torch.arange(16) - 4).abs()[:, None, None].expand(16, 2, 2).clone()
     valley[5] = 50
-    assert aggregate(valley, photo, candidates, Settings()).tolist() == [[4 + 0.5 * 50 / 150] * 2] * 2
+    assert aggregate(valley, photo, candidates).tolist() == [[4 + 0.5 * 50 / 150] * 2] * 2
     flat[13] = 0  # beyond the grid's end
-    assert aggregate(flat, photo, candidates, Settings()).max() == 0
+    assert aggregate(flat, photo, candidates).max() == 0
 
 
-def test_an_index_that_the_cell_before_lacks_is_reached_by_a_jump_only():
+def test_aggregation_reaches_an_index_missing_in_the_previous_cell_only_by_a_jump():
     """By hand along one row: 16 candidates and 8, one of them in both."""
     starts = torch.tensor([[[0, 8], [15, NONE]]])
     candidates = Candidates.two(starts, 1, 3)
     volume = torch.full((16, 1, 3), 1000)
     volume[15, 0, :2], volume[0, 0, 2] = 0, 0
     photo = torch.zeros(3, 1, 3, dtype=torch.float64)
-    assert aggregate(volume, photo, candidates, Settings()).tolist() == [[15, 15, 15]]
+    assert aggregate(volume, photo, candidates).tolist() == [[15, 15, 15]]
 
 
-def test_a_map_is_confirmed_by_those_that_agree_unless_more_see_past_it():
+def test_depth_is_confirmed_by_agreeing_maps_unless_more_see_past_it():
     near, far = PhotoDepth(filled(0.5), 0.01), PhotoDepth(filled(0.2), 0.01)
     cameras = [camera(x) for x in (0.0, 0.1, 0.2, 0.3)]
 
     def share(*maps: PhotoDepth) -> float:
-        return float(confirmed(0, list(zip(cameras, maps, strict=False)), Settings())[:, 2:].double().mean())
+        return float(confirmed(0, list(zip(cameras, maps, strict=False)))[:, 2:].double().mean())
 
     assert share(near, near) == 1 and share(near, far) == 0
     assert share(near, near, far) == 1 and share(near, near, far, far) == 0
-    assert share(far, near) == 0, "what hides a point does not confirm it"
-    assert share(near) == 0, "alone"
+    assert share(far, near) == 0, "an occluding map does not confirm"
+    assert share(near) == 0, "a single map"
 
 
-def test_the_nearest_splat_wins_and_those_close_behind_are_averaged():
+def test_splat_averages_the_nearest_depth_with_those_close_behind():
     maps = [(camera(), filled(0.5)), (camera(), filled(0.49)), (camera(), filled(0.3)), (camera(), filled(-1.0))]
     assert splat(maps, camera(), 8, 16, 0.0, 0.0)[:6, :12].unique().tolist() == [0.5]
     found = splat(maps, camera(), 8, 16, 0.05, 0.05)
@@ -131,30 +134,30 @@ def test_the_nearest_splat_wins_and_those_close_behind_are_averaged():
     assert found[6:].max() == -1 and found[:, 12:].max() == -1
 
 
-def test_a_depth_of_one_photo_alone_gives_way_to_a_pair_behind_it():
+def test_splat_prefers_two_agreeing_photos_over_a_single_nearer_one():
     maps = [(camera(), filled(disparity)) for disparity in (0.5, 0.3, 0.29, 0.27)]
     found = splat(maps, camera(), 8, 16, 0.015, 0.025)[:6, :12]
     torch.testing.assert_close(found, filled(0.295))
     assert splat(maps[:2], camera(), 8, 16, 0.015, 0.025)[:6, :12].unique().tolist() == [0.5]
 
 
-def test_a_point_near_a_pixels_edge_falls_into_both():
+def test_splat_of_a_point_near_a_pixel_edge_covers_both_pixels():
     one = filled(-1.0)
     one[2, 5] = 0.4
     shifted = camera(-0.1)  # 0.4 pixels to the right
     found = splat([(camera(), one)], shifted, 8, 16, 0.05, 0.05)
     assert (found >= 0).nonzero().tolist() == [[2, 5], [2, 6]]
-    one[2, 5] = 0.25  # 0.25 pixels: by 0.05 within
+    one[2, 5] = 0.25  # 0.25 pixels: inside by 0.05
     found = splat([(camera(), one)], shifted, 8, 16, 0.05, 0.05)
     assert (found >= 0).nonzero().tolist() == [[2, 5]]
 
 
-def test_holes_take_the_farthest_neighbour():
-    assert grown(torch.tensor([[2.0, -1, -1, -1, -1, 1]])).tolist() == [[2, 2, 2, 1, 1, 1]]
-    assert grown(torch.full((2, 2), -1.0)).tolist() == [[0, 0], [0, 0]]
+def test_fill_holes_takes_the_farthest_neighbour():
+    assert fill_holes(torch.tensor([[2.0, -1, -1, -1, -1, 1]])).tolist() == [[2, 2, 2, 1, 1, 1]]
+    assert fill_holes(torch.full((2, 2), -1.0)).tolist() == [[0, 0], [0, 0]]
 
 
-def test_only_a_confirmed_nearer_depth_hides():
+def test_visible_is_0_only_behind_a_confirmed_nearer_depth():
     own = filled(0.5)
     own[:, :6] = -1
     seen = visible(camera(), own, camera(), filled(0.4), 0.03)
@@ -162,19 +165,19 @@ def test_only_a_confirmed_nearer_depth_hides():
     assert visible(camera(), own, camera(), filled(0.48), 0.03).min() == 1
 
 
-def test_all_views_serve_where_none_sees():
-    """The first view is hidden on the right, the other on the last row."""
+def test_hide_keeps_all_views_where_none_sees():
+    """The first view is occluded on the right, the other on the last row."""
     hidden, seldom = filled(-1.0), filled(-1.0)
     hidden[:, 6:], seldom[5] = 0.5, 0.5
     colour = torch.stack([torch.full((3, 6, 12), value, dtype=torch.float64) for value in (0.2, 0.7)])
-    views = [(camera(), hidden), (camera(), seldom)]
-    found, covered, seen = hide(views, camera(), filled(0.1), 0.03, colour, filled(1.0).expand(2, 6, 12))
+    masks = torch.stack([visible(camera(), own, camera(), filled(0.1), 0.03) for own in (hidden, seldom)])
+    found, covered, seen = hide(masks, colour, filled(1.0).expand(2, 6, 12))
     assert covered[0, :5, 6:].max() == 0 and covered[1, :5].min() == 1 and covered[:, 5, 6:].min() == 1
     assert found[0, :, :5, 6:].max() == 0 and found[0, :, :, :6].unique().tolist() == [0.2]
     assert seen[:5].all() and seen[5, :6].all() and not seen[5, 6:].any()
 
 
-def test_layers_bracket_the_surface():
+def test_surface_layers_bracket_the_surface():
     step = filled(0.2)
     step[:, 6:] = 0.4
     layers = Surface(step, 0.01, 0.0).layers(3)
@@ -187,41 +190,44 @@ def test_layers_bracket_the_surface():
 
 @pytest.fixture(scope="module")
 def scene():
-    """Photos of the made scene with their depth, in float32."""
-    data = mvs_rig(np.random.default_rng(5), 3, "exposure")
+    """Photos of the synthetic scene with their depth, in float32."""
+    data = surface_rig(np.random.default_rng(5), 3, "exposure")
     torch.set_num_threads(1)  # many small steps
     cameras, target = cameras_of(data)
     views = list(zip(images_of(data, torch.float32), cameras, strict=True))
-    settings = Settings()
-    maps = [photo_depth(v, views[:i] + views[i + 1 :], NEAR, FAR, settings) for i, v in enumerate(views)]
+    maps = [photo_depth(v, views[:i] + views[i + 1 :], NEAR, FAR) for i, v in enumerate(views)]
     pairs = list(zip(cameras, maps, strict=True))
-    sure = [known(m, confirmed(i, pairs, settings)) for i, m in enumerate(maps)]
+    sure = [ConfirmedDepth.of(m, confirmed(i, pairs)) for i, m in enumerate(maps)]
     return [SurfaceView(*v, k, torch.ones(3)) for v, k in zip(views, sure, strict=True)], maps, target
 
 
-def test_the_made_scene_is_found(scene):
+def test_surface_of_synthetic_scene_has_its_depth(scene):
     views, maps, target = scene
     middle = maps[0].disparity[45:60, 87:102]
     assert abs(float(middle.median()) - 1 / SQUARE) < 0.02
     assert abs(float(maps[0].disparity[:30].median()) - 1 / WALL) < 0.03
     assert float((views[0].known.disparity >= 0).double().mean()) > 0.7
-    found = surface(views, target, NEAR, FAR, Settings())
+    found = surface(views, target, NEAR, FAR)
     assert found.disparity.shape == (72, 120) and 0 < found.holes < 0.4
     assert abs(float(found.disparity[30:36, 55:65].median()) - 1 / SQUARE) < 0.02
 
 
-def test_only_enough_holes_are_searched(scene):
+def test_holes_are_searched_only_above_the_share(scene, monkeypatch):
     views, _, target = scene
     kept = torch.zeros(105, 189, dtype=torch.bool)
     kept[:, ::4] = True
-    blind = [v._replace(known=KnownDepth(torch.where(kept, v.known.disparity, -1), 1.0)) for v in views]
-    found = [surface(blind, target, NEAR, FAR, Settings(search_holes=share)) for share in (0.0, 1.0)]
-    assert found[0].holes > Settings().search_holes
-    assert not torch.equal(found[0].disparity, found[1].disparity)
-    assert torch.equal(found[0].disparity, surface(blind, target, NEAR, FAR, Settings()).disparity)
+    blind = [v._replace(known=ConfirmedDepth(torch.where(kept, v.known.disparity, -1), 1.0)) for v in views]
+    default = surface(blind, target, NEAR, FAR)
+    assert default.holes > surface_module.SEARCHED_SHARE
+    found = []
+    for share in (0.0, 1.0):
+        monkeypatch.setattr(surface_module, "SEARCHED_SHARE", share)
+        found.append(surface(blind, target, NEAR, FAR).disparity)
+    assert not torch.equal(*found)
+    assert torch.equal(found[0], default.disparity)
 
 
-def test_exposure_is_found(scene):
+def test_exposure_gains_undo_the_exposure(scene):
     gains = exposure_gains(scene[0], torch.tensor([0.0, 1, 2], dtype=torch.float64))
     expected = [(1 - 0.06 * i) ** -np.array([1, 2, 0.5]) for i in range(3)]
     np.testing.assert_allclose(gains, expected, atol=0.02)
@@ -229,7 +235,7 @@ def test_exposure_is_found(scene):
     torch.testing.assert_close(gains, torch.tensor([[0.5, 1.0], [2.0, 1.0]]))
 
 
-def test_the_oracle_doubts_where_a_coverage_is_a_half():
-    data = mvs_goldens.case(0, 2, "scene", count=64)
+def test_few_elements_of_the_oracle_are_doubtful():
+    data = surface_goldens.case(0, 2, "scene", count=64)
     assert 0 <= data["doubtful.half_costs"].mean() < 0.005
     assert data["torch.half_costs"][0] <= 1 and data["torch.half_index"][0] == 0

@@ -11,7 +11,7 @@ from PIL import Image
 from liveview_ref.paper import data_deepfocus, data_spaces
 from liveview_ref.paper.captured_samples import samples_of
 from liveview_ref.paper.samples import CROP
-from liveview_ref.reference.renderer import warp_views
+from liveview_ref.reference.render.renderer import warp_views
 
 SIZE = 96
 

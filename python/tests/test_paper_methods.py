@@ -7,7 +7,7 @@ from liveview_ref.paper import rig
 from liveview_ref.paper.method import Method, Photos, Predictor
 from liveview_ref.paper.methods import deepview, light_field_fusion, local_light_field, soft3d, stereo_magnification
 from liveview_ref.paper.mpi import Mpi, target_from_reference, volume_at
-from liveview_ref.reference.camera import Camera
+from liveview_ref.reference.geometry.camera import Camera
 from liveview_ref.reference.warp import warp_maps
 
 torch.set_num_threads(1)  # these tensors are small

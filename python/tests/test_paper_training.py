@@ -6,7 +6,7 @@ from liveview_ref.paper import registry, rig, train
 from liveview_ref.paper.method import Method, Rendering
 from liveview_ref.paper.samples import CROP, RigSamples
 from liveview_ref.paper.scenes import RigScene
-from liveview_ref.reference.plane_sweep import PlaneSweep
+from liveview_ref.reference.geometry.plane_sweep import PlaneSweep
 
 
 class Scenes:

@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from liveview_ref.data.procedural.scene import make_world, random_scene, render
 from liveview_ref.data.procedural.surfaces import bars, slab
 from liveview_ref.data.procedural.textures import Textures
-from liveview_ref.reference.camera import Camera
+from liveview_ref.reference.geometry.camera import Camera
 from liveview_ref.reference.warp import warp_maps
 
 

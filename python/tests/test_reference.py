@@ -13,18 +13,20 @@ from liveview_ref.checkpoint import load_network
 from liveview_ref.export import check, export
 from liveview_ref.parity.kornia_warp import warp_plane_kornia
 from liveview_ref.parity.rigs import rig
-from liveview_ref.reference.blend import blend
-from liveview_ref.reference.camera import Camera
 from liveview_ref.reference.composite import composite
-from liveview_ref.reference.cover import cover_planes
-from liveview_ref.reference.guided import guided_search, search_planes
-from liveview_ref.reference.histogram import plane_histogram, select_planes
-from liveview_ref.reference.layers import padded_size, plane_maps, uniform_disparities
-from liveview_ref.reference.metrics import ssim
-from liveview_ref.reference.renderer import render
-from liveview_ref.reference.spacing import LEAST, spacing
+from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.geometry.view_selection import choose_views
+from liveview_ref.reference.image.metrics import ssim
+from liveview_ref.reference.layers.cells import padded_size
+from liveview_ref.reference.layers.cover import cover_planes
+from liveview_ref.reference.layers.guided.search import guided_search, search_planes
+from liveview_ref.reference.layers.histogram import plane_histogram, select_planes
+from liveview_ref.reference.layers.layer import plane_maps
+from liveview_ref.reference.layers.uniform import uniform_disparities
+from liveview_ref.reference.render.blend import blend
+from liveview_ref.reference.render.renderer import render
+from liveview_ref.reference.render.spacing import LEAST_SPACING, spacing
 from liveview_ref.reference.unet import UNet, adapt_views, fold_batchnorm, start_from_agreement
-from liveview_ref.reference.view_selection import choose_views
 from liveview_ref.reference.warp import warp_maps
 from liveview_ref.rig_arrays import cameras_of, images_of
 
@@ -57,9 +59,9 @@ def test_the_spacing_of_planes_is_the_parallax_from_each_to_the_next(kind):
             ends = [(shown(camera, corner, near), shown(camera, corner, far)) for corner in corners]
             apart = sorted(float((a - b).norm()) for a, b in ends if a is not None and b is not None)
             largest = max(largest, apart[(len(apart) - 1) // 2] if apart else 0.0)
-        expected.append(min(max(largest, LEAST), 5.0))
+        expected.append(min(max(largest, LEAST_SPACING), 5.0))
     torch.testing.assert_close(found, torch.tensor([*expected, expected[-1]], dtype=torch.float64))
-    assert expected[3] == LEAST and max(expected) == 5.0
+    assert expected[3] == LEAST_SPACING and max(expected) == 5.0
     assert spacing(cameras, target, planes[:1], 5.0).tolist() == [5.0]
 
 
@@ -227,7 +229,7 @@ def test_views_are_the_nearest_that_look_the_same_way():
     assert [float((cameras[i].centre - target.centre).norm()) for i in chosen] == sorted(
         float((c.centre - target.centre).norm()) for c in cameras if float(c.forward @ target.forward) > 0.5
     )
-    with pytest.raises(ValueError, match="only 2 of 4 look the target's way"):
+    with pytest.raises(ValueError, match="only 2 of 4 look in the target's direction"):
         choose_views(cameras, target, 3)
 
 

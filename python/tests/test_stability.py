@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from liveview_ref.parity import fifty_digits, stability
-from liveview_ref.reference.blend import blend
 from liveview_ref.reference.composite import composite
-from liveview_ref.reference.composite_competing import composite_competing
+from liveview_ref.reference.render.blend import blend
+from liveview_ref.reference.render.composite_competing import composite_competing
 from liveview_ref.reference.warp import warp_maps
 from liveview_ref.rig_arrays import cameras_of, images_of
 

@@ -12,16 +12,9 @@ from liveview_ref.checkpoint import load_network, load_state, trained_network
 from liveview_ref.config import read_config
 from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.scene import open_scene
-from liveview_ref.data.surface_frames import (
-    SurfaceFrame,
-    dumped,
-    frame_of,
-    held_out_rig,
-    procedural_rig,
-    write_scene,
-)
+from liveview_ref.data.surface_frames import SurfaceFrame, dumped, frame_of, held_out_rig, procedural_rig, write_scene
 from liveview_ref.data.visibility import HIDDEN, SEEN
-from liveview_ref.reference.blend import VISIBLE_POWER
+from liveview_ref.reference.render.blend import VISIBLE_POWER
 from liveview_ref.reference.unet import UNet, fold_batchnorm, unfold_batchnorm
 from liveview_ref.training import fit_view_weights, mix
 from liveview_ref.training.surface_loss import CELL, crop_of, example_loss, interest, masks, recoloured, rendered

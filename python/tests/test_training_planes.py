@@ -17,10 +17,10 @@ from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.shards import Photos, eight_bit
 from liveview_ref.data.visibility import HIDDEN, SEEN, visibility
 from liveview_ref.evaluation.view_weights import view_weights
-from liveview_ref.reference.blend import blend
-from liveview_ref.reference.camera import Camera
-from liveview_ref.reference.layers import uniform_disparities
-from liveview_ref.reference.renderer import warp_views
+from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.layers.uniform import uniform_disparities
+from liveview_ref.reference.render.blend import blend
+from liveview_ref.reference.render.renderer import warp_views
 from liveview_ref.reference.unet import UNet, fold_batchnorm, unfold_batchnorm
 from liveview_ref.training import train
 from liveview_ref.training.draw_layers import draw_layers

@@ -15,9 +15,9 @@ from liveview_ref.checkpoint import load_network
 from liveview_ref.competitors import job, worker
 from liveview_ref.export import export
 from liveview_ref.parity.rigs import rig
-from liveview_ref.reference.layers import plane_maps
-from liveview_ref.reference.plane_sweep import PlaneSweep, source_coordinates
-from liveview_ref.reference.renderer import render
+from liveview_ref.reference.geometry.plane_sweep import PlaneSweep, source_coordinates
+from liveview_ref.reference.layers.layer import plane_maps
+from liveview_ref.reference.render.renderer import render
 from liveview_ref.reference.unet import UNet, start_from_agreement
 from liveview_ref.rig_arrays import Arrays, cameras_of, images_of
 

@@ -18,12 +18,12 @@ from liveview_ref.data.held_out import INNER
 from liveview_ref.data.scene import open_scene
 from liveview_ref.data.visibility import HIDDEN, UNKNOWN, visibility
 from liveview_ref.evaluation.evaluate_visible import SCENE, TARGETS, edge_padded, true_disparity
-from liveview_ref.reference.agreement import agreement_logits
-from liveview_ref.reference.blend import VISIBLE_POWER, blend
-from liveview_ref.reference.layers import padded_size
-from liveview_ref.reference.metrics import psnr
-from liveview_ref.reference.renderer import warp_views
-from liveview_ref.reference.view_selection import choose_views, view_distances
+from liveview_ref.reference.geometry.view_selection import choose_views, view_distances
+from liveview_ref.reference.image.metrics import psnr
+from liveview_ref.reference.layers.cells import padded_size
+from liveview_ref.reference.network.agreement import agreement_logits
+from liveview_ref.reference.render.blend import VISIBLE_POWER, blend
+from liveview_ref.reference.render.renderer import warp_views
 
 from .marked_text import fill
 

@@ -18,12 +18,12 @@ from torch import Tensor, nn
 
 from ..checkpoint import load_network
 from ..export import export_traced
-from ..reference.blend import blend
 from ..reference.composite import accumulate, empty
-from ..reference.layers import padded_size
-from ..reference.plane_sweep import PlaneSweep
+from ..reference.geometry.plane_sweep import PlaneSweep
+from ..reference.geometry.view_selection import view_distances
+from ..reference.layers.cells import padded_size
+from ..reference.render.blend import blend
 from ..reference.unet import UNet
-from ..reference.view_selection import view_distances
 from ..reference.warp import grid_from_pixels, outside_masked, with_coverage
 from ..rig_arrays import Arrays, cameras_of, images_of
 from .job import batches

@@ -14,13 +14,14 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ..checkpoint import load_network
-from ..reference.blend import blend
-from ..reference.camera import Camera
 from ..reference.composite import accumulate, empty
-from ..reference.layers import padded_size, plane_maps
-from ..reference.plane_sweep import PlaneSweep
-from ..reference.renderer import Network, render
-from ..reference.view_selection import view_distances
+from ..reference.geometry.camera import Camera
+from ..reference.geometry.plane_sweep import PlaneSweep
+from ..reference.geometry.view_selection import view_distances
+from ..reference.layers.cells import padded_size
+from ..reference.layers.layer import plane_maps
+from ..reference.render.blend import blend
+from ..reference.render.renderer import Network, render
 from ..reference.warp import OUTSIDE, grid_from_pixels, outside_masked, with_coverage
 from ..rig_arrays import cameras_of, images_of
 from .job import Job, Stopwatch, batches

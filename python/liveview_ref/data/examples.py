@@ -8,12 +8,14 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..reference.camera import Camera
-from ..reference.guided import guided_search
-from ..reference.layers import guided_maps, uniform_disparities, upsample_maps
-from ..reference.plane_sweep import PlaneSweep
-from ..reference.renderer import warp_views
-from ..reference.view_selection import choose_views, looking_the_same_way, view_distances
+from ..reference.geometry.camera import Camera
+from ..reference.geometry.plane_sweep import PlaneSweep
+from ..reference.geometry.view_selection import choose_views, looking_the_same_way, view_distances
+from ..reference.layers.cells import upsample_maps
+from ..reference.layers.guided.range_map import guided_maps
+from ..reference.layers.guided.search import guided_search
+from ..reference.layers.uniform import uniform_disparities
+from ..reference.render.renderer import warp_views
 from .procedural.scene import random_scene
 from .procedural.textures import Textures
 from .scene import Scene, open_scene

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..reference.camera import Camera
-from ..reference.view_selection import choose_views
+from ..reference.geometry.camera import Camera
+from ..reference.geometry.view_selection import choose_views
 from .scene import Scene, open_scene
 
 BORDER = 16  # pixels on each side that no score looks at

@@ -14,7 +14,7 @@ import torch.nn.functional as F
 from PIL import Image
 from torch import Tensor
 
-from ..reference.camera import Camera
+from ..reference.geometry.camera import Camera
 from .opengl import flip_axes
 
 

@@ -13,9 +13,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..reference.camera import Camera
-from ..reference.guided import parallax
-from ..reference.plane_sweep import PlaneSweep, source_coordinates
+from ..reference.geometry.camera import Camera
+from ..reference.geometry.parallax import widest_parallax
+from ..reference.geometry.plane_sweep import PlaneSweep, source_coordinates
+from ..reference.layers.cells import padded_size
 from .examples import RealScene
 from .procedural.scene import Recipe, random_scene
 from .procedural.textures import Textures
@@ -82,9 +83,10 @@ def made(rng: np.random.Generator, config: dict, textures: Textures) -> Photos:
 
 def cropped(rng: np.random.Generator, config: dict, scene: RealScene) -> Photos:
     """A crop of a real photo, its views cut to what the target can see of them."""
-    for _ in range(20):  # views so far apart that hardly anything is seen twice teach nothing
+    for _ in range(20):  # views so far apart that they share hardly any points teach nothing
         sources, cameras, truth, target, near, far, _ = scene.draw(rng, config["views"], tuple(config["crop"]))
-        if parallax(cameras, target, near, far) < config["most_parallax"]:
+        size = padded_size(target.height, target.width)
+        if widest_parallax(cameras, target, near, far, size) < config["most_parallax"]:
             break
     sources, cameras = nearest_first(sources, cameras, target)
     bounds = torch.tensor([1.1 / near, 0.9 / far], dtype=torch.float64)[:, None, None]

@@ -23,9 +23,9 @@ import torch
 from torch import Tensor
 
 from ..config import read_config
-from ..reference.camera import Camera
-from ..reference.renderer import warp_views
-from ..reference.view_selection import choose_views, looking_the_same_way, view_distances
+from ..reference.geometry.camera import Camera
+from ..reference.geometry.view_selection import choose_views, looking_the_same_way, view_distances
+from ..reference.render.renderer import warp_views
 from .examples import RealScene
 from .held_out import case_of, pool_of, targets_of
 from .procedural.scene import random_scene

@@ -4,8 +4,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..reference.camera import Camera
-from ..reference.plane_sweep import PlaneSweep, source_coordinates
+from ..reference.geometry.camera import Camera
+from ..reference.geometry.plane_sweep import PlaneSweep, source_coordinates
 from ..reference.warp import normalised_grid
 
 HIDDEN, SEEN, UNKNOWN = 0, 1, 2

@@ -1,13 +1,13 @@
-"""How much weight a model gives to the views that truly see the surface, where another view is hidden:
+"""The weight that a model gives to the views that truly see the surface, at pixels where another view is occluded:
 
     python -m liveview_ref.evaluation.evaluate_visible MODEL.pt|MODEL.onnx ...
 
-On the example scene at its true depth, one layer along the truth; beside the network the weights by the views'
-agreement (what the program takes without a network) and by distance alone, and the PSNR of the layer's colour on all
-pixels and on these. "weight" counts views known to see the surface against all that cover the pixel; "of known" leaves
-out those of which it is not known (at edges, mostly). First with nothing masked, which is what the network itself can
-tell; then, "masked", without the views that their photos' own depth says to be hidden, as the program (`make build`)
-finds that depth and hides by it.
+On the example scene at its true depth, with one layer along the truth. Compared with the network: weights by the views'
+agreement (which the program uses without a network) and by distance alone. Reported are the weight and the PSNR of the
+layer's colour, on all pixels and on these. "weight" is the share of views known to see the surface among all that cover
+the pixel; "of known" leaves out views whose visibility is unknown (mostly at edges). First without masks: what the
+network can infer by itself. Then "masked": without the views that are occluded by the depth that the program
+(`make build`) computes for their photos.
 """
 
 import argparse
@@ -24,16 +24,17 @@ from torch import Tensor
 from ..data.held_out import INNER
 from ..data.scene import Scene, open_scene
 from ..data.visibility import SEEN, UNKNOWN, partly_hidden, visibility
-from ..reference.agreement import agreement_logits
-from ..reference.blend import VISIBLE_POWER, blend
-from ..reference.guided import parallax
-from ..reference.layers import padded_size
-from ..reference.metrics import psnr
-from ..reference.mvs.photo_depth import pixel_of
-from ..reference.mvs.settings import Settings
-from ..reference.mvs.visibility import hide
-from ..reference.renderer import Network, warp_views
-from ..reference.view_selection import choose_views, view_distances
+from ..reference.geometry.parallax import widest_parallax
+from ..reference.geometry.view_selection import choose_views, view_distances
+from ..reference.image.metrics import psnr
+from ..reference.layers.cells import padded_size
+from ..reference.network.agreement import agreement_logits
+from ..reference.render.blend import VISIBLE_POWER, blend
+from ..reference.render.renderer import Network, warp_views
+from ..reference.render.visibility import hide
+from ..reference.surface.fusion.surface import OCCLUSION_MARGIN
+from ..reference.surface.fusion.visible import visible
+from ..reference.surface.search.photo_depth import pixel_of
 from .evaluate import ROOT, load_model
 from .view_weights import view_weights, weight_on_seen
 
@@ -65,7 +66,7 @@ def found_depths(program: Path) -> dict[str, Tensor]:
 
 @torch.inference_mode()
 def measure(network: Network, views: int, target: int, depths: dict[str, Tensor] | None = None) -> dict[str, float]:
-    """What is found at a target; with the photos' `depths`, "masked" too."""
+    """The figures of one target; with the photos' `depths`, "masked" as well."""
     scene = open_scene(SCENE)
     camera, pool = scene.cameras[target], [i for i in range(len(scene.names)) if i not in TARGETS]
     ids = [pool[i] for i in choose_views([scene.cameras[i] for i in pool], camera, views)]
@@ -82,9 +83,11 @@ def measure(network: Network, views: int, target: int, depths: dict[str, Tensor]
     kinds = [("", colour, coverage, 1.0)]
     if depths is not None:
         near, far = float(1 / disparity.max()), float(1 / disparity[disparity > 0].min())
-        margin = Settings().hides * pixel_of(parallax(cameras, camera, near, far), near, far)
+        size = padded_size(camera.height, camera.width)
+        margin = OCCLUSION_MARGIN * pixel_of(widest_parallax(cameras, camera, near, far, size), near, far)
         known = [(c, depths[scene.names[i]]) for c, i in zip(cameras, ids, strict=True)]
-        left = hide(known, camera, layer, margin, colour[0], coverage[0])
+        masks = torch.stack([visible(c, depth, camera, layer, margin) for c, depth in known])
+        left = hide(masks, colour[0], coverage[0])
         kinds.append((", masked", left[0][None], left[1][None], VISIBLE_POWER))
     for kind, colour, coverage, power in kinds:
         by_network, by_distance = network(colour.flatten(1, 2)), torch.zeros_like(coverage)

@@ -5,18 +5,20 @@ import torch
 from torch import Tensor
 
 from ..data.held_out import Case
-from ..reference.blend import blend
 from ..reference.composite import composite
-from ..reference.composite_competing import composite_competing
-from ..reference.cover import cover_planes
-from ..reference.guided import guided_layers, guided_search
-from ..reference.histogram import plane_histogram, select_planes
-from ..reference.kmeans import kmeans_planes
-from ..reference.layer_spec import DisparityList, Guided, KMeans, LayerSpec, Planes, Select
-from ..reference.layers import guided_maps, plane_maps, uniform_disparities, upsample_maps
-from ..reference.renderer import Network, warp_views
-from ..reference.spacing import logit_shift
-from ..reference.view_selection import view_distances
+from ..reference.geometry.view_selection import view_distances
+from ..reference.layers.cells import upsample_maps
+from ..reference.layers.cover import cover_planes
+from ..reference.layers.guided.range_map import guided_maps
+from ..reference.layers.guided.search import guided_layers, guided_search
+from ..reference.layers.histogram import plane_histogram, select_planes
+from ..reference.layers.layer import plane_maps
+from ..reference.layers.spec import DisparityList, Guided, LayerSpec, Planes, Select
+from ..reference.layers.uniform import uniform_disparities
+from ..reference.render.blend import blend
+from ..reference.render.composite_competing import composite_competing
+from ..reference.render.renderer import Network, warp_views
+from ..reference.render.spacing import logit_shift
 
 GUIDED = 2, 4, 8
 PLANES = 8, 16, 32, 64  # selected are some of the last
@@ -91,8 +93,8 @@ def planes(network: Network, case: Case, spacing: float | None = None, counts: t
 
 
 def competing(network: Network, case: Case, scale: float = 1.0, counts: tuple[int, ...] = PLANES):
-    """Each number of uniform planes that compete, and of the largest number a few, which compete anew among themselves:
-    those that lie nearest to the winners, and those next to the k-means of the winners' disparities."""
+    """Each number of uniform planes that compete, and of the largest number a few, which compete again among
+    themselves: those that lie nearest to every pixel's best plane."""
     crop = (..., slice(case.target.height), slice(case.target.width))
     for count in counts:
         maps = maps_of(case, Planes(count))
@@ -100,16 +102,8 @@ def competing(network: Network, case: Case, scale: float = 1.0, counts: tuple[in
         whole = composite_competing(logit, rgb, covered, maps[crop], scale)
         if count == counts[-1]:
             histogram = plane_histogram(whole.weights)
-            disparities = maps[:, 0, 0]
-            winners = disparities[whole.weights.argmax(0)][covered.any(0)].numpy()
             for few in counts[:-1]:
-                centres = torch.tensor(kmeans_planes(winners, few), dtype=disparities.dtype)
-                near_by = (disparities - centres[:, None]).abs().argmin(1).unique().tolist()
-                selections = {
-                    Select(few, count): cover_planes(histogram, few),
-                    f"{KMeans(few)} of {Planes(count)}": near_by,
-                }
-                for layers, ids in selections.items():
-                    image = composite_competing(logit[ids], rgb[ids], covered[ids], maps[crop][ids], scale).rgb
-                    yield f"competing, {layers}", image
+                ids = cover_planes(histogram, few)
+                image = composite_competing(logit[ids], rgb[ids], covered[ids], maps[crop][ids], scale).rgb
+                yield f"competing, {Select(few, count)}", image
         yield f"competing, {Planes(count)}", whole.rgb

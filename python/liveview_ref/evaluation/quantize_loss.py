@@ -10,14 +10,14 @@ from torch import Tensor
 
 from ..data.held_out import INNER, Case, cases
 from ..onnx_session import logits, session
-from ..reference.blend import blend
 from ..reference.composite import composite
-from ..reference.composite_competing import composite_competing
-from ..reference.layer_spec import Guided, LayerSpec, Planes
-from ..reference.metrics import psnr
-from ..reference.renderer import warp_views
-from ..reference.spacing import logit_shift, shifted
-from ..reference.view_selection import view_distances
+from ..reference.geometry.view_selection import view_distances
+from ..reference.image.metrics import psnr
+from ..reference.layers.spec import Guided, LayerSpec, Planes
+from ..reference.render.blend import blend
+from ..reference.render.composite_competing import composite_competing
+from ..reference.render.renderer import warp_views
+from ..reference.render.spacing import logit_shift, shifted
 from .methods import maps_of
 
 LAYERS = Guided(4), Planes(16)

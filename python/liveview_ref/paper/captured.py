@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..reference.camera import Camera
-from ..reference.layers import uniform_disparities
+from ..reference.geometry.camera import Camera
+from ..reference.layers.uniform import uniform_disparities
 from .method import Photos
 
 

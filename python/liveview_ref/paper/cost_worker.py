@@ -22,7 +22,7 @@ from torch import Tensor, nn
 from torch.utils.flop_counter import FlopCounterMode
 
 from ..json_lines import run
-from ..reference.camera import Camera
+from ..reference.geometry.camera import Camera
 from . import rig
 from .method import Method, Photos, Predictor
 from .registry import entry

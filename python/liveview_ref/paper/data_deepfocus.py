@@ -21,7 +21,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..reference.camera import Camera
+from ..reference.geometry.camera import Camera
 from .captured import CapturedScene
 
 GRID = 9

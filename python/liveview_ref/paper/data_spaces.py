@@ -21,7 +21,7 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from ..reference.camera import Camera
+from ..reference.geometry.camera import Camera
 from .captured import CapturedScene
 
 TEST = (0, 9, 10, 23, 24, 52, 56, 62, 63, 73)  # code/compute_metrics.py; all others are for training

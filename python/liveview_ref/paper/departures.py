@@ -25,9 +25,10 @@ from torch import Tensor
 from ..checkpoint import load_state, trained_network
 from ..data.held_out import INNER
 from ..evaluation.view_weights import view_weights
-from ..reference import spacing, unet
-from ..reference.blend import blend
-from ..reference.metrics import psnr
+from ..reference import unet
+from ..reference.image.metrics import psnr
+from ..reference.render import spacing
+from ..reference.render.blend import blend
 from .methods import liveview
 from .methods.liveview import BATCH, nearest_first
 from .mpi import over, padded, volume_at

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from ..reference.camera import Camera
+from ..reference.geometry.camera import Camera
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..reference.camera import Camera
-from ..reference.plane_sweep import PlaneSweep
-from ..reference.renderer import warp_views
-from ..reference.view_selection import view_distances
+from ..reference.geometry.camera import Camera
+from ..reference.geometry.plane_sweep import PlaneSweep
+from ..reference.geometry.view_selection import view_distances
+from ..reference.render.renderer import warp_views
 from ..reference.warp import normalised_grid
 from .method import Method, Photos, Predictor, Rendering
 

@@ -10,8 +10,8 @@ import math
 import numpy as np
 import torch
 
-from ..reference.camera import Camera
-from ..reference.layers import uniform_disparities
+from ..reference.geometry.camera import Camera
+from ..reference.layers.uniform import uniform_disparities
 
 WIDTH, HEIGHT = 504, 352  # the paper times its methods at 500 x 350
 FOCAL = WIDTH / 2 / math.tan(math.radians(30))

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ..config import read_config
 from ..data.examples import RealScene
-from ..reference.camera import Camera
+from ..reference.geometry.camera import Camera
 from .method import Photos
 from .rig import FAR, NEAR
 from .scenes import RigScene, Scenes

@@ -14,7 +14,7 @@ from ..data.procedural.scene import Recipe, render
 from ..data.procedural.textures import Textures
 from ..data.procedural.world import World
 from ..data.shards import eight_bit
-from ..reference.camera import Camera
+from ..reference.geometry.camera import Camera
 from .method import Photos
 from .results import put
 from .rig import CENTRES, FAR, HEIGHT, NEAR, REFERENCES, SIDE, VIEWS, WIDTH, camera, target_places

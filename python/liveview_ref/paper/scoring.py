@@ -17,7 +17,11 @@ from torch import Tensor, nn
 from ..checkpoint import load_state
 from ..data.held_out import BORDER, INNER
 from ..evaluation import lpips as perceptual
-from ..reference import blend, composite_competing, cover, histogram, metrics, plane_sweep, renderer, unet, warp
+from ..reference import unet, warp
+from ..reference.geometry import plane_sweep
+from ..reference.image import metrics
+from ..reference.layers import cover, histogram
+from ..reference.render import blend, composite_competing, renderer
 from . import crops, mpi, rig, samples, scenes, shots, train, variants
 from .method import Method
 from .registry import Entry

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from ..data.held_out import case_of, targets_of
 from ..data.scene import open_scene
-from ..reference.camera import Camera
-from ..reference.layers import uniform_disparities
+from ..reference.geometry.camera import Camera
+from ..reference.layers.uniform import uniform_disparities
 from . import rig
 from .captured import CapturedScene
 from .data_deepfocus import DeepFocus

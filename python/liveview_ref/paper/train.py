@@ -20,8 +20,8 @@ from torch import Tensor, nn
 
 from ..checkpoint import load_state
 from ..data.held_out import INNER
-from ..reference.layers import uniform_disparities
-from ..reference.metrics import psnr
+from ..reference.image.metrics import psnr
+from ..reference.layers.uniform import uniform_disparities
 from ..training.fine_tune import save
 from ..training.train import alpha_loss, image_loss
 from .captured_samples import samples_of

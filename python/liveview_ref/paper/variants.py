@@ -7,10 +7,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..reference.blend import blend
-from ..reference.composite_competing import composite_competing
-from ..reference.cover import cover_planes
-from ..reference.histogram import plane_histogram, select_planes
+from ..reference.layers.cover import cover_planes
+from ..reference.layers.histogram import plane_histogram, select_planes
+from ..reference.render.blend import blend
+from ..reference.render.composite_competing import composite_competing
 from .method import Method
 from .methods.liveview import BATCH, Competing, PlaneByPlane, nearest_first
 from .mpi import Mpi, opaque_background, over, padded, volume_at

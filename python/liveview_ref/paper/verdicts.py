@@ -1,15 +1,6 @@
 """What the scores say of the paper's claims, as sentences made from them."""
 
-from .results import (
-    ABLATION,
-    ABLATION_VIEWS,
-    BEGUN_ELSEWHERE,
-    COMPETING,
-    OWN_VARIANTS,
-    Results,
-    counted,
-    title,
-)
+from .results import ABLATION, ABLATION_VIEWS, BEGUN_ELSEWHERE, COMPETING, OWN_VARIANTS, Results, counted, title
 
 GOAL = 30.0  # dB, on 64 planes by the better composite
 OURS = ("liveview", *BEGUN_ELSEWHERE)

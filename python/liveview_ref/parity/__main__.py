@@ -1,11 +1,12 @@
-"""Parity on your own scene: python -m liveview_ref.parity SCENE --target NAME [options of liveview dump]
+"""Parity on your own scene: python -m liveview_ref.parity SCENE --target NAME [options of liveview
+dump]
 
-Lets the Rust binary dump every stage of one render, computes each stage again from the same inputs, in float64 (the
-oracle) and float32 torch, and prints a table: elements, largest and mean error of Rust and of torch. Exit code 1 if
-Rust is off by more than parity/tolerances.json allows.
+Lets the Rust binary dump every stage of one render, computes each stage again from the same inputs,
+in float64 (the oracle) and float32 torch, and prints a table: elements, largest and mean error of
+Rust and of torch. Exit code 1 if Rust is off by more than parity/tolerances.json allows.
 
-Of surface layers the stages from the blend on are held here, tests/parity_mvs.rs holds those before. With --network
-none the logits are those of the views' agreement.
+Of surface layers the stages from the blend on are held here, tests/parity_mvs.rs holds those
+before. With --network none the logits are those of the views' agreement.
 """
 
 import argparse
@@ -34,14 +35,16 @@ def source_model(about: dict) -> Path:
 
 
 def bounded_as(name: str, about: dict) -> str:
-    """The entry of the tolerance file: logits in another precision, or by another engine than cpu, have their own."""
+    """The entry of the tolerance file: logits in another precision, or by another engine than cpu,
+    have their own."""
     if name != "logits" or about["model"] is None or (about["precision"], about["engine"]) == ("f32", "cpu"):
         return name
     return f"logits {about['precision'] if about['precision'] != 'f32' else about['engine']}"
 
 
 def compare(data: stages.Arrays, net: UNet | None):
-    """For each output of each stage in `data`: (name, elements, Rust's errors, torch's errors), as stages.errors."""
+    """For each output of each stage in `data`: (name, elements, Rust's errors, torch's errors), as
+    stages.errors."""
     for stage in stages.STAGES:
         oracle, single = stage(data, torch.float64), stage(data, torch.float32)
         for name, exact in oracle.items():

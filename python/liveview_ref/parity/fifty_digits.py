@@ -1,6 +1,8 @@
-"""Pixels of warp, blend and composites in 50 decimal digits: what the float64 truth of stability.py is checked against.
+"""Pixels of warp, blend and composites in 50 decimal digits: what the float64 truth of stability.py
+is checked against.
 
-Written plainly from the formulas of the paper, one pixel at a time; arrays are numpy, as stability.py reads them.
+Written plainly from the formulas of the paper, one pixel at a time; arrays are numpy, as
+stability.py reads them.
 """
 
 import numpy as np
@@ -78,8 +80,8 @@ def composite(data: dict[str, np.ndarray], pixel: int) -> list[mpf]:
 
 
 def composite_competing(data: dict[str, np.ndarray], pixel: int) -> list[mpf]:
-    """RGB, disparity and transmittance of a pixel whose layers compete. Infinite logits are as the largest of their
-    sign, and one that is not a number as the least."""
+    """RGB, disparity and transmittance of a pixel whose layers compete. Infinite logits are as the
+    largest of their sign, and one that is not a number as the least."""
     largest = float(np.finfo(np.float32).max)
     covered = np.flatnonzero(data["covered"][:, pixel])
     if not len(covered):

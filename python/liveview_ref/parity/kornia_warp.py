@@ -1,18 +1,21 @@
-"""The warp by kornia's homography_warp, one plane at a time: what the reference and the Rust crate are held against."""
+"""The warp by kornia's homography_warp, one plane at a time: what the reference and the Rust crate
+are held against."""
 
 import torch
 from kornia.geometry.transform import homography_warp
 from torch import Tensor
 
-from ..reference.camera import Camera
-from ..reference.plane_sweep import PlaneSweep, source_coordinates
+from ..reference.geometry.camera import Camera
+from ..reference.geometry.plane_sweep import PlaneSweep, source_coordinates
 from ..reference.warp import OUTSIDE, grid_from_pixels, normalised_grid, with_coverage
 
 
 def kornia_samples(image: Tensor, source: Camera, target: Camera, disparity: float, size: tuple[int, int]) -> Tensor:
-    """Warp one view by one plane with kornia's homography_warp, as it comes -> colour and coverage [4, H, W].
+    """Warp one view by one plane with kornia's homography_warp, as it comes -> colour and coverage
+    [4, H, W].
 
-    Convention: kornia takes destination -> source in normalised coordinates; here that is source_from_target.
+    Convention: kornia takes destination -> source in normalised coordinates; here that is
+    source_from_target.
     """
     height, width = size
     normal_source = grid_from_pixels(image.shape[2], image.shape[1])
@@ -24,8 +27,8 @@ def kornia_samples(image: Tensor, source: Camera, target: Camera, disparity: flo
 
 
 def warp_plane_kornia(image: Tensor, source: Camera, target: Camera, disparity: float, size: tuple[int, int]):
-    """Warp one view by one plane with kornia -> colour [3, H, W], coverage [H, W]. kornia samples points behind the
-    camera (w <= 0) as if in front, hence the mask."""
+    """Warp one view by one plane with kornia -> colour [3, H, W], coverage [H, W]. kornia samples
+    points behind the camera (w <= 0) as if in front, hence the mask."""
     rgbc = kornia_samples(image, source, target, disparity, size)
     maps = torch.full((1, *size), disparity, dtype=image.dtype)
     coordinates, w = source_coordinates(PlaneSweep.of(source, target), maps)

@@ -1,4 +1,5 @@
-"""Seeded rigs of photos and cameras, as arrays (rig_arrays.py): what the goldens and the tests render."""
+"""Seeded rigs of photos and cameras, as arrays (rig_arrays.py): what the goldens and the tests
+render."""
 
 import numpy as np
 import torch

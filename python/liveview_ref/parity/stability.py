@@ -1,5 +1,5 @@
-"""Stiff and extreme cases in torch, kornia and onnxruntime, for
-`liveview stability SCENE --reference "python -m liveview_ref.parity.stability"`.
+"""Stiff and extreme cases in torch, kornia and onnxruntime, for `liveview stability SCENE
+--reference "python -m liveview_ref.parity.stability"`.
 
 One JSON object per line, in and out:
 
@@ -7,10 +7,11 @@ One JSON object per line, in and out:
     in   {"case": FILE.npz, "stage": NAME, "model": FILE.onnx, "bound": 1e-6}
     out  {"torch": {"largest": x, "doubtful": y}, "kornia": ..., "onnxruntime": ..., "oracle": z}
 
-`largest` is the largest error against the case's float64 truth outside doubtful pixels, null where anything is not
-finite; `doubtful` the share of the doubtful pixels that is off by more than the bound. An implementation that has no
-such stage is left out. `oracle`: how far the truth itself is from 50 digits, at some pixels. The truth of the network
-is computed here, so its reply has `rust` as well, and whether Rust's logits are `equal` to onnxruntime's bit for bit.
+`largest` is the largest error against the case's float64 truth outside doubtful pixels, null where
+anything is not finite; `doubtful` the share of the doubtful pixels that is off by more than the
+bound. An implementation that has no such stage is left out. `oracle`: how far the truth itself is
+from 50 digits, at some pixels. The truth of the network is computed here, so its reply has `rust`
+as well, and whether Rust's logits are `equal` to onnxruntime's bit for bit.
 """
 
 import functools
@@ -25,10 +26,10 @@ import torch
 from ..checkpoint import exported_network
 from ..json_lines import run
 from ..onnx_session import session
-from ..reference.blend import blend
 from ..reference.composite import composite
-from ..reference.composite_competing import composite_competing
-from ..reference.histogram import plane_histogram, select_planes
+from ..reference.layers.histogram import plane_histogram, select_planes
+from ..reference.render.blend import blend
+from ..reference.render.composite_competing import composite_competing
 from ..reference.warp import warp_maps
 from ..rig_arrays import Arrays, cameras_of, images_of
 from . import fifty_digits, stability_graphs
@@ -122,8 +123,9 @@ def inferred(data: Arrays, model: str) -> dict[str, Outputs]:
 
 
 def off_by(data: Arrays, pixel_of, names: tuple[str, ...]) -> float | None:
-    """How far the truth is from 50 digits, at its largest, over some pixels that are not doubtful: half of them
-    anywhere, half where anything is seen. None where there are none, or the truth is that of other cameras."""
+    """How far the truth is from 50 digits, at its largest, over some pixels that are not doubtful:
+    half of them anywhere, half where anything is seen. None where there are none, or the truth is
+    that of other cameras."""
     doubtful = data["doubtful"]
     sure = np.flatnonzero(~doubtful)
     if not len(sure) or "meant" in data:

@@ -11,16 +11,16 @@ from torch import Tensor, nn
 
 from ..export import export_traced
 from ..onnx_session import session
-from ..reference import blend as reference_blend
-from ..reference.camera import Camera
 from ..reference.composite import accumulate, empty
-from ..reference.plane_sweep import PlaneSweep
+from ..reference.geometry.camera import Camera
+from ..reference.geometry.plane_sweep import PlaneSweep
+from ..reference.render import blend as reference_blend
 from ..reference.warp import grid_from_pixels, outside_masked, with_coverage
 
 
 class Warp(nn.Module):
-    """image [1, 4, h, w], homography [3, 3] (normalised source coordinates from target pixels), pixels [3, P]
-    -> [1, 4, P, 1]."""
+    """image [1, 4, h, w], homography [3, 3] (normalised source coordinates from target pixels),
+    pixels [3, P] -> [1, 4, P, 1]."""
 
     def forward(self, image, homography, pixels):
         points = homography @ pixels
@@ -41,7 +41,8 @@ class Composite(nn.Module):
 
 
 def graph_of(module: nn.Module, inputs: tuple[Tensor, ...], dynamic: dict) -> onnxruntime.InferenceSession:
-    """Traced with these inputs, named input0, input1, ...; `dynamic` axes as torch.onnx.export takes them."""
+    """Traced with these inputs, named input0, input1, ...; `dynamic` axes as torch.onnx.export
+    takes them."""
     file = io.BytesIO()
     export_traced(module, inputs, file, input_names=[f"input{i}" for i in range(len(inputs))], dynamic_axes=dynamic)
     return session(file.getvalue(), 1)

@@ -1,35 +1,42 @@
-"""The stages as functions of plain arrays, in either precision: what the Rust crate is held against.
+"""The stages as functions of plain arrays, in either precision: the reference that the Rust crate
+is compared with.
 
-Each stage reads its inputs from `data` (numpy arrays, as `liveview dump` and parity/generate.py write them) and
-returns its outputs by name.
+Each stage reads its inputs from `data` (numpy arrays, as `liveview dump` and parity/generate.py
+write them) and returns its outputs by name.
 
-Photos and cameras are named as rig_arrays.py says. `disparities` [D] float64 of planes, or `cell_maps` [L, h, w]
-float32 of guided layers, with the steps of the coarse pass: `coarse_disparities` [D] float64, the planes searched;
-`costs`, `aggregated_costs` [D, h/2, w/2], `coarse_disparity` [h/2, w/2]; `fine_layers`, `fine_costs` [D, h, w],
-`fine_disparity` [h, w]; `range` [3, h, w]. `maps` [L, H8, W8]; `colour` (the HWV) [L, 3V, H8, W8]; `coverage`,
-`logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8]; `frame` [3, H, W]; `disparity`, `transmittance`
-[H, W]. `alpha_scale` [1] float64, where layers compete; `alpha_spacing` [1] and `logit_shift` [L] float64, where
-opacity is per pixel of parallax. `agreement`: the logits without a network.
+Photos and cameras are named as in rig_arrays.py. `disparities` [D] float64 of planes, or
+`cell_maps` [L, h, w] float32 of guided layers, with the stages of the guided search:
+`coarse_disparities` [D] float64, the planes searched; `costs`, `aggregated_costs` [D, h/2, w/2],
+`coarse_disparity` [h/2, w/2]; `fine_layers`, `fine_costs` [D, h, w], `fine_disparity` [h, w];
+`range` [3, h, w]. `maps` [L, H8, W8]; `colour` (the HWV) [L, 3V, H8, W8]; `coverage`, `logits` [L,
+V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8]; `frame` [3, H, W]; `disparity`,
+`transmittance` [H, W]. `alpha_scale` [1] float64 if layers compete; `alpha_spacing` [1] and
+`logit_shift` [L] float64 if opacity is per pixel of parallax. `agreement`: the logits without a
+network.
 """
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ..reference import guided
-from ..reference.agreement import agreement_logits
-from ..reference.blend import VISIBLE_POWER, blend
 from ..reference.composite import composite
-from ..reference.composite_competing import best_layer as best_competing
-from ..reference.composite_competing import composite_competing
-from ..reference.layers import CELL, guided_maps, padded_size, plane_maps, upsample_maps
-from ..reference.matching_cost import layer_costs
-from ..reference.plane_sweep import PlaneSweep
-from ..reference.renderer import warp_views
-from ..reference.semi_global import semi_global
-from ..reference.spacing import logit_shift, shifted
+from ..reference.geometry.plane_sweep import PlaneSweep
+from ..reference.geometry.view_selection import view_distances
+from ..reference.layers.cells import CELL, padded_size, upsample_maps
+from ..reference.layers.guided.matching_cost import layer_costs
+from ..reference.layers.guided.range_map import guided_maps, range_of
+from ..reference.layers.guided.search import COARSE_CELL, WINDOWS
+from ..reference.layers.guided.search import fine_layers as layers_of_range
+from ..reference.layers.guided.semi_global import semi_global
+from ..reference.layers.guided.winner_takes_all import winner_takes_all
+from ..reference.layers.layer import plane_maps
+from ..reference.network.agreement import agreement_logits
+from ..reference.render.blend import VISIBLE_POWER, blend
+from ..reference.render.composite_competing import best_layer as best_competing
+from ..reference.render.composite_competing import composite_competing
+from ..reference.render.renderer import warp_views
+from ..reference.render.spacing import logit_shift, shifted
 from ..reference.unet import UNet
-from ..reference.view_selection import view_distances
 from ..rig_arrays import Arrays, cameras_of, images_of
 
 SCALED = (
@@ -50,7 +57,7 @@ def tensor(data: Arrays, name: str, dtype: torch.dtype) -> Tensor:
 
 
 def homography(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """source_from_target of each view and plane [D, V, 3, 3]; float64 whatever the dtype."""
+    """source_from_target of each view and plane [D, V, 3, 3]; float64 for any dtype."""
     views, target = cameras_of(data)
     if "disparities" not in data:
         return {}
@@ -60,7 +67,8 @@ def homography(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 def maps(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """Disparity of each layer and pixel of the padded target [L, H8, W8]; of surface layers `maps` is all there is."""
+    """Disparity of each layer and pixel of the padded target [L, H8, W8]; surface layers are given
+    as `maps`."""
     _, target = cameras_of(data)
     if "disparities" in data:
         return {"maps": plane_maps(target, torch.from_numpy(data["disparities"]), dtype).numpy()}
@@ -75,8 +83,8 @@ def along_surface(data: Arrays) -> bool:
 
 
 def warp(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """Colour and coverage; not of surface layers, whose views are balanced and hidden where they do not see
-    (mvs_stages)."""
+    """Colour and coverage; not of surface layers, whose photos are corrected and whose occluded
+    samples are removed (surface_stages.py)."""
     if along_surface(data):
         return {}
     views, target = cameras_of(data)
@@ -91,12 +99,13 @@ def logits(net: UNet, hwv: np.ndarray, dtype: torch.dtype) -> np.ndarray:
 
 
 def agreement(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """The logits that there are without a network, from the warped colours."""
+    """The logits without a network, from the warped colours."""
     return {"agreement": agreement_logits(tensor(data, "colour", dtype).unflatten(1, (-1, 3))).numpy()}
 
 
 def spacing(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """What planes whose opacity is per pixel of parallax have added to logit 0 [L]; float64, as cameras are."""
+    """The value added to logit 0 of planes whose opacity is per pixel of parallax [L]; float64, as
+    cameras are."""
     if "alpha_spacing" not in data:
         return {}
     disparities = torch.from_numpy(data["disparities"])
@@ -129,7 +138,8 @@ def composited(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 def planes_of_search(data: Arrays, shape: tuple[int, ...], dtype: torch.dtype) -> Tensor:
-    """The planes of the first search as maps of this shape: the float32 numbers that both Rust and torch search."""
+    """The planes of the first search as maps of this shape, rounded to float32 as Rust searches
+    them."""
     disparities = tensor(data, "coarse_disparities", torch.float32).to(dtype)
     return disparities[:, None, None].expand(shape)
 
@@ -140,32 +150,32 @@ def costs(data: Arrays, dtype: torch.dtype) -> Arrays:
         return {}
     views, target = cameras_of(data)
     height, width = padded_size(target.height, target.width)
-    shape = (len(data["coarse_disparities"]), height // guided.COARSE, width // guided.COARSE)
+    shape = (len(data["coarse_disparities"]), height // COARSE_CELL, width // COARSE_CELL)
     planes = planes_of_search(data, shape, dtype)
-    found = layer_costs(images_of(data, dtype), views, target, planes, guided.COARSE, guided.WINDOWS[0])
+    found = layer_costs(images_of(data, dtype), views, target, planes, COARSE_CELL, WINDOWS[0])
     return {"costs": found.numpy()}
 
 
 def aggregated_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """The costs, aggregated along rows and columns."""
+    """The costs aggregated along rows and columns."""
     return {"aggregated_costs": semi_global(tensor(data, "costs", dtype)).numpy()} if "costs" in data else {}
 
 
 def coarse_disparity(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """The disparity that the first search finds."""
+    """The disparity found by the first search."""
     if "aggregated_costs" not in data:
         return {}
     costs = tensor(data, "aggregated_costs", dtype)
-    return {"coarse_disparity": guided.winner_takes_all(costs, planes_of_search(data, costs.shape, dtype)).numpy()}
+    return {"coarse_disparity": winner_takes_all(costs, planes_of_search(data, costs.shape, dtype)).numpy()}
 
 
 def fine_layers(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """The layers of the second search, from what the first found."""
+    """The layers of the second search, from the range found by the first."""
     if "coarse_disparity" not in data:
         return {}
     step = float(data["coarse_disparities"][0] - data["coarse_disparities"][1])
-    found = guided.range_of(tensor(data, "coarse_disparity", dtype), step / 2)
-    return {"fine_layers": guided.fine_layers(found).numpy()}
+    found = range_of(tensor(data, "coarse_disparity", dtype), step / 2)
+    return {"fine_layers": layers_of_range(found).numpy()}
 
 
 def fine_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
@@ -174,30 +184,32 @@ def fine_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
         return {}
     views, target = cameras_of(data)
     layers = tensor(data, "fine_layers", dtype)
-    found = layer_costs(images_of(data, dtype), views, target, layers, CELL, guided.WINDOWS[1])
+    found = layer_costs(images_of(data, dtype), views, target, layers, CELL, WINDOWS[1])
     return {"fine_costs": found.numpy()}
 
 
 def fine_disparity(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """The disparity that the second search finds."""
+    """The disparity found by the second search."""
     if "fine_costs" not in data:
         return {}
-    found = guided.winner_takes_all(tensor(data, "fine_costs", dtype), tensor(data, "fine_layers", dtype))
+    found = winner_takes_all(tensor(data, "fine_costs", dtype), tensor(data, "fine_layers", dtype))
     return {"fine_disparity": found.numpy()}
 
 
 def ranges(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """Nearest, surface and farthest disparity of each cell [3, h, w]; the layers that divide that range [L, h, w]."""
+    """Nearest, surface and farthest disparity of each cell [3, h, w]; the layers that divide that
+    range [L, h, w]."""
     if "fine_disparity" not in data:
         return {}
-    found = guided.range_of(tensor(data, "fine_disparity", dtype))
+    found = range_of(tensor(data, "fine_disparity", dtype))
     divided = guided_maps(*found, len(data["cell_maps"]))
     return {"range": torch.stack(found).numpy(), "cell_maps": divided.numpy()}
 
 
 def best_layer(data: Arrays) -> np.ndarray:
-    """Index of the layer of largest alpha (ties: the nearer) per pixel of the target [H, W]; -1 where all are 0. Where
-    layers compete, of the largest weight; -1 where no view covers any."""
+    """Index of the layer of largest alpha (ties: the nearer) per pixel of the target [H, W]; -1
+    where all are 0. If layers compete, the layer of largest weight; -1 where no view covers any
+    layer."""
     width, height = data["target.size"]
     if "alpha_scale" in data:
         logit, covered = torch.from_numpy(data["logits"][:, 0]), torch.from_numpy(data["coverage"] > 0).any(1)
@@ -211,7 +223,8 @@ STAGES = (homography, *SEARCH, maps, warp, spacing, blended, composited)
 
 
 def errors(found: np.ndarray, oracle: np.ndarray, name: str) -> tuple[float, float, tuple[int, ...]]:
-    """(largest, mean, index of the largest) absolute error; relative to the oracle's largest element where SCALED."""
+    """(largest, mean, index of the largest) absolute error; relative to the oracle's largest
+    element where SCALED."""
     difference = np.abs(found.astype(np.float64) - oracle)
     if not np.isfinite(difference).all():
         raise ValueError(f"{name}: not finite at {tuple(np.argwhere(~np.isfinite(difference))[0])}")

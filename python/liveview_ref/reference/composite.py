@@ -8,7 +8,8 @@ from torch import Tensor
 
 @dataclass
 class Composited:
-    """rgb [3, H, W]; disparity [H, W] = sum T a d; transmittance [H, W] = what no layer covered; weights [L, H, W]."""
+    """rgb [3, H, W]; disparity [H, W] = sum T a d; transmittance [H, W] left behind the last layer;
+    weights [L, H, W]."""
 
     rgb: Tensor
     disparity: Tensor
@@ -17,8 +18,8 @@ class Composited:
 
 
 def composite(alpha: Tensor, rgb: Tensor, covered: Tensor, maps: Tensor) -> Composited:
-    """alpha [L, H, W], rgb [L, 3, H, W], covered [H, W] (of the farthest layer, which is the background: its alpha
-    is 1 where any view covers it), maps [L, H, W] disparities."""
+    """alpha [L, H, W], rgb [L, 3, H, W], maps [L, H, W] disparities, near -> far; covered [H, W]:
+    whether any view covers the farthest layer, the background, whose alpha is then 1."""
     transmittance = torch.ones_like(alpha[0])
     weights = []
     last = len(alpha) - 1
@@ -34,13 +35,14 @@ State = tuple[Tensor, Tensor, Tensor]  # rgb [3, H, W], disparity [H, W], transm
 
 
 def empty(size: tuple[int, int]) -> State:
-    """Before the first plane; size (height, width)."""
+    """The state before the first plane; size (height, width)."""
     return torch.zeros(3, *size), torch.zeros(size), torch.ones(size)
 
 
 def accumulate(state: State, alpha: Tensor, rgb: Tensor, coverage: Tensor, disparities: Tensor, background: Tensor):
-    """`composite` a batch of planes at a time, so that memory does not grow with their number. alpha [n, H, W],
-    rgb [n, 3, H, W], coverage [n, V, H, W], disparities [n], background [n] bool (true for the farthest plane)."""
+    """`composite` one batch of planes at a time, so that memory does not grow with their number.
+    alpha [n, H, W], rgb [n, 3, H, W], coverage [n, V, H, W], disparities [n], background [n] bool
+    (true for the farthest plane)."""
     total, disparity, transmittance = state
     opaque = background[:, None, None] & (coverage > 0).any(1)
     alpha = torch.where(opaque, torch.ones_like(alpha), alpha)

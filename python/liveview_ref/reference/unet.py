@@ -1,7 +1,9 @@
-"""The paper's U-Net (its table "Network architecture") for any V: HWV [N, 3V, H, W] -> logits [N, V, H, W].
+"""The paper's U-Net (its table "Network architecture") for any V: HWV [N, 3V, H, W] -> logits [N,
+V, H, W].
 
-conv1 .. conv5 go down to 1/8, conv6 .. conv8 up again with skips; 3x3, BatchNorm + ReLU except conv9.
-391,680 convolution weights at V = 4; 28,800 multiply-adds per pixel and layer. H and W are multiples of 8.
+conv1 .. conv5 go down to 1/8, conv6 .. conv8 up again with skips; 3x3, BatchNorm + ReLU except
+conv9. 391,680 convolution weights at V = 4; 28,800 multiply-adds per pixel and layer. H and W are
+multiples of 8.
 """
 
 import torch
@@ -43,14 +45,16 @@ class UNet(nn.Module):
 def upsample(x: Tensor) -> Tensor:
     y = F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
     if y.requires_grad and not torch.compiler.is_exporting():
-        # Concatenation gives back a slice of its gradient; interpolating that as it is costs four times as much.
+        # Concatenation gives back a slice of its gradient; interpolating that slice directly takes
+        # four times as long.
         y.register_hook(lambda g: g.contiguous(memory_format=torch.channels_last))
     return y
 
 
 def start_from_agreement(net: UNet) -> None:
-    """Initial weights that act as a plane sweep: conv1 takes signed differences of pairs of views, conv8 and conv9
-    average them over a window, so that a layer is the more opaque the better its views agree."""
+    """Initialise the weights as a plane sweep: conv1 takes signed differences of pairs of views,
+    conv8 and conv9 average them over a window, so that a layer is more opaque the better its views
+    agree."""
     pairs = [(i, j) for i in range(net.views) for j in range(i + 1, net.views)]  # the nearest view's first
     differences = 14  # of 16 channels: seven pairs (or colours of them), both signs
     with torch.no_grad():
@@ -69,7 +73,8 @@ def start_from_agreement(net: UNet) -> None:
 
 
 def adapt_views(state: dict[str, Tensor], net: UNet) -> None:
-    """Start `net` from the weights of another V: the inner layers as they are, the first and last by their views."""
+    """Initialise `net` from the weights of another V: inner layers unchanged, the first and last
+    layer view by view."""
     own = net.state_dict()
     for name, value in state.items():
         if own[name].shape == value.shape:
@@ -78,7 +83,7 @@ def adapt_views(state: dict[str, Tensor], net: UNet) -> None:
             views = value.shape[1] // 3
             pick = [min(v, views - 1) for v in range(net.views)]
             own[name] = torch.cat([value[:, 3 * v : 3 * v + 3] for v in pick], 1) * (views / net.views)
-        else:  # conv9: alpha and one weight per view
+        else:  # conv9: alpha, and a weight for every view but the first
             pick = [min(v, value.shape[0] - 1) for v in range(net.views)]
             own[name] = value[pick]
     net.load_state_dict(own)
@@ -97,7 +102,7 @@ def fold_batchnorm(net: UNet) -> UNet:
 
 
 def unfold_batchnorm(net: UNet) -> UNet:
-    """A folded network with BatchNorms that change nothing, as checkpoints have them."""
+    """A folded network with identity BatchNorms, in the form of checkpoints."""
     full = UNet(net.views).eval()
     full.conv9.load_state_dict(net.conv9.state_dict())
     for index in range(1, 9):

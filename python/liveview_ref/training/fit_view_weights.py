@@ -19,7 +19,7 @@ from torch import Tensor
 from ..checkpoint import load_state, trained_network
 from ..data.held_out import INNER
 from ..data.surface_frames import SurfaceFrame
-from ..reference.metrics import psnr
+from ..reference.image.metrics import psnr
 from ..reference.unet import UNet
 from .fine_tune import save
 from .surface_loss import rendered

@@ -13,16 +13,16 @@ from torch import Tensor
 from ..data.shards import Photos
 from ..data.visibility import SEEN, UNKNOWN, partly_hidden
 from ..evaluation.view_weights import view_weights, weight_on_seen
-from ..reference.blend import blend
 from ..reference.composite import Composited, composite
-from ..reference.composite_competing import composite_competing
-from ..reference.cover import cover_planes
-from ..reference.histogram import plane_histogram, select_planes
-from ..reference.layers import uniform_disparities
-from ..reference.plane_sweep import PlaneSweep
-from ..reference.spacing import logit_shift
+from ..reference.geometry.plane_sweep import PlaneSweep
+from ..reference.geometry.view_selection import view_distances
+from ..reference.layers.cover import cover_planes
+from ..reference.layers.histogram import plane_histogram, select_planes
+from ..reference.layers.uniform import uniform_disparities
+from ..reference.render.blend import blend
+from ..reference.render.composite_competing import composite_competing
+from ..reference.render.spacing import logit_shift
 from ..reference.unet import UNet
-from ..reference.view_selection import view_distances
 from .draw_layers import draw_layers
 
 LEAST_SQUARE = 1e-4  # 40 dB

@@ -11,8 +11,8 @@ from torch import Tensor
 from ..data.surface_frames import SurfaceFrame
 from ..data.visibility import UNKNOWN, partly_hidden
 from ..evaluation.view_weights import view_weights, weight_on_seen
-from ..reference.blend import VISIBLE_POWER, blend
 from ..reference.composite import composite
+from ..reference.render.blend import VISIBLE_POWER, blend
 from ..reference.unet import UNet
 
 CELL = 16  # pixels

@@ -20,8 +20,8 @@ from torch import Tensor, multiprocessing
 from ..checkpoint import load_state
 from ..config import read_config
 from ..data.examples import Example, maker
-from ..reference.blend import blend
 from ..reference.composite import composite
+from ..reference.render.blend import blend
 from ..reference.unet import UNet, adapt_views, start_from_agreement
 from .fine_tune import fine_tune
 from .train_planes import Planes

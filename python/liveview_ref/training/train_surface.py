@@ -9,7 +9,7 @@ from torch import Tensor
 from ..data.held_out import INNER
 from ..data.surface_frames import SurfaceFrame
 from ..evaluation.evaluate_visible import TARGETS, measure
-from ..reference.metrics import psnr
+from ..reference.image.metrics import psnr
 from ..reference.unet import UNet
 from .surface_loss import crop_of, example_loss, interest, plain_errors, recoloured, rendered
 from .validate import sheet_of

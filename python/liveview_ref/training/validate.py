@@ -10,9 +10,9 @@ from torch import Tensor
 from ..data.held_out import INNER, cases
 from ..data.image import picture
 from ..evaluation.methods import competing, maps_of, planes
-from ..reference.layer_spec import Guided, Planes
-from ..reference.metrics import psnr
-from ..reference.renderer import render
+from ..reference.image.metrics import psnr
+from ..reference.layers.spec import Guided, Planes
+from ..reference.render.renderer import render
 
 LAYERS = Guided(4), Guided(8), Planes(32)
 SHOWN = Guided(4)  # beside the truth, on the picture

@@ -17,8 +17,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ...reference.camera import Camera
-from ...reference.warp import grid_from_pixels, outside_masked
+from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.warp import grid_from_pixels, outside_masked
+
 from ..method import Method, Photos, Rendering
 from ..mpi import opaque_background, target_from_reference, view_of, volume_at, window
 

@@ -5,7 +5,8 @@ blending"). Nothing is trained here: the network is that of the local light fiel
 import torch
 from torch import Tensor
 
-from ...reference.camera import Camera
+from liveview_ref.reference.geometry.camera import Camera
+
 from ..method import Method, Photos, Predictor, Rendering
 from ..mpi import view_of, volume_at, window
 from .local_light_field import LocalLightField

@@ -8,11 +8,12 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ...checkpoint import load_state
-from ...reference.blend import blend
-from ...reference.camera import Camera
-from ...reference.composite_competing import composite_competing
-from ...reference.unet import UNet, start_from_agreement
+from liveview_ref.checkpoint import load_state
+from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.render.blend import blend
+from liveview_ref.reference.render.composite_competing import composite_competing
+from liveview_ref.reference.unet import UNet, start_from_agreement
+
 from ..method import Photos, Predictor, Rendering
 from ..mpi import Mpi, padded, volume_at
 

@@ -12,7 +12,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ...reference.blend import blend
+from liveview_ref.reference.render.blend import blend
+
 from ..method import Predictor
 from ..mpi import Mpi
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ...data.written_scene import write_photo, write_transforms
-from ...evaluation.program import TARGET, Program
-from ...reference.camera import Camera
+from liveview_ref.data.written_scene import write_photo, write_transforms
+from liveview_ref.evaluation.program import TARGET, Program
+from liveview_ref.reference.geometry.camera import Camera
+
 from ..method import Method, Photos, Rendering
 
 ROOT = Path(__file__).parents[4]

@@ -11,11 +11,12 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ...reference.camera import Camera
-from ...reference.mvs.photo_sweep import KEPT, neighbour_cost
-from ...reference.plane_sweep import PlaneSweep, source_coordinates
-from ...reference.view_selection import view_distances
-from ...reference.warp import OUTSIDE, grid_from_pixels, normalised_grid, warp_maps
+from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.geometry.plane_sweep import PlaneSweep, source_coordinates
+from liveview_ref.reference.geometry.view_selection import view_distances
+from liveview_ref.reference.surface.search.photo_sweep import BEST_NEIGHBOURS, neighbour_cost
+from liveview_ref.reference.warp import OUTSIDE, grid_from_pixels, normalised_grid, warp_maps
+
 from ..method import Method, Photos, Rendering
 
 BATCH = 8  # planes at a time
@@ -121,7 +122,7 @@ def matching_costs(k: int, photos: Photos, visibility: list[Tensor], disparities
         maps = disparities[planes][:, None, None].expand(-1, camera.height, camera.width)
         costs = [neighbour_cost(image, camera, photos.images[i], photos.cameras[i], maps, 1) for i in neighbours]
         costs = torch.stack(costs)
-        best = costs.sort(0).values[:KEPT].mean(0)
+        best = costs.sort(0).values[:BEST_NEIGHBOURS].mean(0)
         if visibility:
             pairs = [(visibility[i], photos.cameras[i]) for i in neighbours]
             weights = torch.stack(

@@ -1,0 +1,69 @@
+"""Seeded photos of a synthetic scene, as arrays (rig_arrays.py): the inputs of the goldens of
+surface layers."""
+
+import numpy as np
+
+from ..rig_arrays import Arrays
+from .rigs import turned
+
+SIZE = 126, 70  # width, height of most photos: two tiles of the sweep, an even number of cells
+SIZES = SIZE, (95, 61), (64, 40), (131, 52)  # of the case with photos of different sizes
+LARGE = 189, 105  # of the case that estimates exposure, from one pixel of 64
+TARGET = 117, 66
+WALL, SQUARE = 6.0, 3.0  # depths of a slanted wall at its centre and of a square in front of it
+SLANT = 0.15
+
+
+def colour(rng: np.random.Generator, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Texture [h, w, 3] of a surface: waves of all sizes."""
+    found = np.zeros((*x.shape, 3))
+    for _ in range(14):
+        fx, fy = rng.normal(0, 5, 2)
+        found += np.sin(fx * x + fy * y + rng.uniform(0, 6))[..., None] * rng.uniform(-0.1, 0.1, 3)
+    return found + rng.uniform(0.4, 0.6, 3)
+
+
+def photo(k: np.ndarray, rotation: np.ndarray, centre: np.ndarray, size: tuple[int, int], seed: int) -> np.ndarray:
+    """The scene from a camera, [h, w, 3] float32 in [0, 1], by intersecting rays with the wall and
+    the square."""
+    columns, rows = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
+    rays = np.stack([columns, rows, np.ones_like(rows)], -1) @ (rotation.T @ np.linalg.inv(k)).T
+    normal = np.array([-SLANT, 0, 1])
+    along = (WALL - normal @ centre) / (rays @ normal)
+    wall = centre + along[..., None] * rays
+    square = centre + ((SQUARE - centre[2]) / rays[..., 2])[..., None] * rays
+    inside = (np.abs(square[..., :2]) < [0.5, 0.4]).all(-1)
+    textures = np.random.default_rng(seed), np.random.default_rng(seed + 1)
+    behind, before = (colour(r, p[..., 0], p[..., 1]) for r, p in zip(textures, (wall, square), strict=True))
+    return np.clip(np.where(inside[..., None], before, behind), 0, 1).astype(np.float32)
+
+
+def surface_rig(rng: np.random.Generator, views: int, kind: str) -> Arrays:
+    """Photos and cameras, nearest view first; kinds: scene, sizes, rectified, identical, flat,
+    exposure."""
+    data, placed = {}, []
+    for index in range(views):
+        size = SIZES[index % len(SIZES)] if kind == "sizes" else LARGE if kind == "exposure" else SIZE
+        focal = size[0] * 0.9
+        rotation, centre = turned(rng.normal(0, 0.02, 3)), rng.normal(0, 0.3, 3) * [1, 1, 0.3]
+        k = np.array([[focal * rng.uniform(0.95, 1.05), 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1.0]])
+        if kind == "rectified":
+            rotation, centre, k[0, 0] = np.eye(3), np.array([0.2 * index, 0, 0]), focal
+        if kind == "identical" and placed:
+            rotation, centre, k, _ = placed[0]
+        placed.append((rotation, centre, k, size))
+    middle = turned(rng.normal(0, 0.01, 3)), rng.normal(0, 0.05, 3), np.array([[105.0, 0, 58], [0, 105, 33], [0, 0, 1]])
+    if kind == "rectified":
+        middle = np.eye(3), np.array([0.1, 0, 0]), middle[2]
+    placed.sort(key=lambda p: float(np.linalg.norm(p[1] - middle[1])))
+    seed = int(rng.integers(1 << 30))
+    for index, (rotation, centre, k, size) in enumerate(placed):
+        image = photo(k, rotation, centre, size, seed)
+        image = image + rng.normal(0, 0.004, image.shape)
+        if kind == "exposure":
+            image = image * (1 - 0.06 * index) ** np.array([1, 2, 0.5])
+        image = np.full_like(image, 0.5) if kind == "flat" else np.clip(image, 0, 1)
+        data[f"view{index}.image"] = image.astype(np.float32)
+    for name, (rotation, centre, k) in [*((f"view{i}", p[:3]) for i, p in enumerate(placed)), ("target", middle)]:
+        data |= {f"{name}.rotation": rotation, f"{name}.translation": -rotation @ centre, f"{name}.k": k}
+    return data | {"target.size": np.array(TARGET)}

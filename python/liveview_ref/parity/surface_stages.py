@@ -1,0 +1,219 @@
+"""The stages of surface layers as functions of plain arrays, in either precision: the reference of
+tests/parity_mvs.rs.
+
+Beside photos and cameras (rig_arrays.py): `range` [2] float64, near and far; `count`, planes of the
+first search. Of photo 0, matched with the others: `half_costs` [h/2, w/2, n], `half_found`,
+`half_index` [h/2, w/2], `starts` [h/2, w/2, 2], `fine_costs` [h, w, 16], `fine_found`, `fine_index`
+[h, w]. Of every photo i: `depth{i}` and `confirmed{i}` [h, w], `pixel` [V]. At the target: `gains`
+[V, 3], `sharpening` [V], `sharpened{i}` [h, w, 3], `splat`, `grown`, `surface`, `seen` [H8, W8],
+`layers` [3, H8, W8], `hidden_colour` [V, 3, H8, W8], `hidden_coverage`, `visible` [V, H8, W8],
+`disagreement` [7, H8, W8].
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..reference.geometry.parallax import widest_parallax
+from ..reference.geometry.view_selection import view_distances
+from ..reference.layers.cells import padded_size
+from ..reference.layers.guided.matching_cost import shrink
+from ..reference.layers.guided.range_map import median3
+from ..reference.render.sharpened import sharpened
+from ..reference.render.visibility import hide
+from ..reference.surface.correction.exposure import exposure_gains
+from ..reference.surface.correction.sharpness import sharpening
+from ..reference.surface.fusion.confirmed_depth import ConfirmedDepth
+from ..reference.surface.fusion.consistency import AGREEMENT, confirmed
+from ..reference.surface.fusion.photo_variance import photo_variance
+from ..reference.surface.fusion.splat import FUSED, splat
+from ..reference.surface.fusion.surface import OCCLUSION_MARGIN, seen, surface
+from ..reference.surface.fusion.surface_view import SurfaceView
+from ..reference.surface.neighbourhood import fill_holes
+from ..reference.surface.search.aggregate import aggregate
+from ..reference.surface.search.grid import Candidates, Grid
+from ..reference.surface.search.photo_depth import FINE_STEPS, NEIGHBOURS, PhotoDepth, bands, photo_depth, pixel_of
+from ..reference.surface.search.photo_sweep import costs
+from ..reference.warp import warp_maps
+from ..rig_arrays import Arrays, cameras_of, images_of
+
+Stage = Callable[[Arrays, torch.dtype], Arrays]
+LAYERS = 3
+ADDED_SHARPENING = 0.05
+OFFSETS = 1.5, 1.0, 0.5, 0.0, -0.5, -1.0, -1.5  # px by which the surface is moved
+
+
+def tensor(data: Arrays, name: str, dtype: torch.dtype) -> Tensor:
+    return torch.from_numpy(data[name]).to(dtype)
+
+
+def photos(data: Arrays, dtype: torch.dtype, cell: int = 1) -> list[tuple]:
+    """The photos, shrunk, and their cameras."""
+    images = [shrink(image, cell) if cell > 1 else image for image in images_of(data, dtype)]
+    return list(zip(images, cameras_of(data)[0], strict=True))
+
+
+def neighbours(data: Arrays, which: int, dtype: torch.dtype, cell: int = 1) -> list[tuple]:
+    """The photos that photo `which` is matched with: the first others."""
+    all_ = photos(data, dtype, cell)
+    return (all_[:which] + all_[which + 1 :])[:NEIGHBOURS]
+
+
+def coarse_grid(data: Arrays) -> Grid:
+    return Grid.of(*(float(x) for x in data["range"]), int(data["count"]))
+
+
+def fine_grid(data: Arrays) -> Grid:
+    return coarse_grid(data).divided(FINE_STEPS)
+
+
+def fine_candidates(data: Arrays) -> Candidates:
+    starts = torch.from_numpy(data["starts"].astype(np.int64))
+    return Candidates.two(starts, *data["view0.image"].shape[:2])
+
+
+def half_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
+    image, camera = photos(data, dtype, 2)[0]
+    candidates = Candidates.all(coarse_grid(data), *image.shape[1:])
+    around = neighbours(data, 0, dtype, 2)
+    found = costs(image, camera, around, coarse_grid(data), candidates, 2)
+    return {"half_costs": found.permute(1, 2, 0).numpy()}
+
+
+def half_found(data: Arrays, dtype: torch.dtype) -> Arrays:
+    image, _ = photos(data, dtype, 2)[0]
+    candidates = Candidates.all(coarse_grid(data), *image.shape[1:])
+    volume = tensor(data, "half_costs", torch.int64).permute(2, 0, 1)
+    return {"half_found": aggregate(volume, image, candidates).numpy()}
+
+
+def half_index(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"half_index": median3(tensor(data, "half_found", dtype)).numpy()}
+
+
+def starts(data: Arrays, dtype: torch.dtype) -> Arrays:
+    found = bands(tensor(data, "half_index", dtype), FINE_STEPS, fine_grid(data).count)
+    return {"starts": found.numpy()}
+
+
+def fine_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Costs of the candidates that a cell has, 0 for the others."""
+    image, camera = photos(data, dtype)[0]
+    candidates, grid = fine_candidates(data), fine_grid(data)
+    around = neighbours(data, 0, dtype)
+    found = costs(image, camera, around, grid, candidates, 1)
+    return {"fine_costs": torch.where(candidates.there, found, 0).permute(1, 2, 0).numpy()}
+
+
+def fine_found(data: Arrays, dtype: torch.dtype) -> Arrays:
+    image, _ = photos(data, dtype)[0]
+    volume = tensor(data, "fine_costs", torch.int64).permute(2, 0, 1)
+    return {"fine_found": aggregate(volume, image, fine_candidates(data)).numpy()}
+
+
+def fine_index(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"fine_index": median3(tensor(data, "fine_found", dtype)).numpy()}
+
+
+def depths(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Every photo's depth, from photos and cameras alone."""
+    near, far = (float(x) for x in data["range"])
+    views = photos(data, dtype)
+    found = [photo_depth(v, neighbours(data, i, dtype), near, far) for i, v in enumerate(views)]
+    maps = {f"depth{i}": depth.disparity.numpy() for i, depth in enumerate(found)}
+    return maps | {"pixel": np.array([depth.pixel for depth in found])}
+
+
+def confirmations(data: Arrays, dtype: torch.dtype) -> Arrays:
+    cameras, _ = cameras_of(data)
+    pixels = data["pixel"]
+    maps = [(c, PhotoDepth(tensor(data, f"depth{i}", dtype), float(pixels[i]))) for i, c in enumerate(cameras)]
+    return {f"confirmed{i}": confirmed(i, maps).to(dtype).numpy() for i in range(len(maps))}
+
+
+def surface_views(data: Arrays, dtype: torch.dtype) -> list[SurfaceView]:
+    found = []
+    for i, (image, camera) in enumerate(photos(data, dtype)):
+        depth = PhotoDepth(tensor(data, f"depth{i}", dtype), float(data["pixel"][i]))
+        sure = torch.from_numpy(data[f"confirmed{i}"]) > 0
+        gains = tensor(data, "gains", dtype)[i] if "gains" in data else torch.ones(3, dtype=dtype)
+        found.append(SurfaceView(image, camera, ConfirmedDepth.of(depth, sure), gains))
+    return found
+
+
+def exposures(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"gains": exposure_gains(surface_views(data, dtype), view_distances(*cameras_of(data))).numpy()}
+
+
+def sharpness(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"sharpening": sharpening(surface_views(data, dtype)).numpy()}
+
+
+def sharpened_photos(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """A little more is added, so that the stage has an effect where there is nothing to sharpen."""
+    amounts = tensor(data, "sharpening", dtype) + ADDED_SHARPENING
+    pairs = zip(images_of(data, dtype), amounts, strict=True)
+    return {f"sharpened{i}": sharpened(image, a).permute(1, 2, 0).numpy() for i, (image, a) in enumerate(pairs)}
+
+
+def target_pixel(data: Arrays) -> float:
+    near, far = (float(x) for x in data["range"])
+    cameras, target = cameras_of(data)
+    size = padded_size(target.height, target.width)
+    return pixel_of(widest_parallax(cameras, target, near, far, size), near, far)
+
+
+def splatted(data: Arrays, dtype: torch.dtype) -> Arrays:
+    _, target = cameras_of(data)
+    maps = [(v.camera, v.known.disparity) for v in surface_views(data, dtype)]
+    margins = AGREEMENT * target_pixel(data), FUSED * target_pixel(data)
+    return {"splat": splat(maps, target, *padded_size(target.height, target.width), *margins).numpy()}
+
+
+def holes(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"grown": fill_holes(tensor(data, "splat", dtype)).numpy()}
+
+
+def visibility(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Which views see the surface, its holes filled."""
+    _, target = cameras_of(data)
+    margin = OCCLUSION_MARGIN * target_pixel(data)
+    return {"visible": seen(surface_views(data, dtype), target, tensor(data, "grown", dtype), margin).numpy()}
+
+
+def photo_variances(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """On that surface, and on the surface moved by some pixels of parallax."""
+    _, target = cameras_of(data)
+    views = [(v.image, v.camera, v.gains) for v in surface_views(data, dtype)]
+    sees, surface_ = tensor(data, "visible", dtype), tensor(data, "grown", dtype)
+    maps = [(surface_ + offset * target_pixel(data)).clamp(min=0) for offset in OFFSETS]
+    return {"disagreement": torch.stack([photo_variance(views, sees, target, m) for m in maps]).numpy()}
+
+
+def surfaces(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """All stages at the target together, from the confirmed depths."""
+    near, far = (float(x) for x in data["range"])
+    found = surface(surface_views(data, dtype), cameras_of(data)[1], near, far)
+    return {"surface": found.disparity.numpy(), "layers": found.layers(LAYERS).numpy()}
+
+
+def hidden(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The filled surface as a layer, warped, in balanced colours, without the occluded samples; and
+    where any view sees it."""
+    views, (_, target) = surface_views(data, dtype), cameras_of(data)
+    map_ = tensor(data, "grown", dtype)
+    warped = [warp_maps(v.image, v.camera, target, map_[None]) for v in views]
+    colour, coverage = (torch.cat(x) for x in zip(*warped, strict=True))
+    colour = colour * torch.stack([v.gains for v in views])[:, :, None, None]
+    masks = seen(views, target, map_, OCCLUSION_MARGIN * target_pixel(data))
+    found = hide(masks, colour, coverage)
+    names = "hidden_colour", "hidden_coverage", "seen"
+    return {name: value.to(dtype).numpy() for name, value in zip(names, found, strict=True)}
+
+
+PHOTO = (half_costs, half_found, half_index, starts, fine_costs, fine_found, fine_index)
+TARGET = (exposures, sharpness, sharpened_photos, splatted, holes, visibility, photo_variances, surfaces, hidden)
+STAGES = (*PHOTO, depths, confirmations, *TARGET)
+INTEGERS = {"half_costs": np.uint16, "fine_costs": np.uint16, "starts": np.uint16}  # the others are float32

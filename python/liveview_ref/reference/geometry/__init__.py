@@ -1,0 +1,1 @@
+"""Cameras, and where a pixel of one camera lies in another."""

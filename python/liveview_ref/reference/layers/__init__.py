@@ -1,0 +1,1 @@
+"""Layers: disparity per target pixel, near -> far, and the ways to choose them."""

@@ -1,0 +1,1 @@
+"""From warped photos and logits to a picture: blending, compositing, per-view occlusion."""

@@ -1,0 +1,1 @@
+"""Photos brought to the same exposure and sharpness, measured on their correspondences."""

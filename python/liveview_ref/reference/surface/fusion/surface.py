@@ -1,0 +1,90 @@
+"""The target's surface: the confirmed depths of the photos, fused at the target, holes filled.
+
+1. Splat of the confirmed depths (splat.py).
+2. Holes are filled from their farthest neighbours. Where they are more than a share of the target, a guided search at
+   the target among the first views replaces this wherever the views that see it agree clearly better.
+3. 3x3 median.
+"""
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.geometry.parallax import widest_parallax
+from liveview_ref.reference.layers.cells import padded_size, upsample_maps
+from liveview_ref.reference.layers.guided.range_map import guided_maps, median3
+from liveview_ref.reference.layers.guided.search import guided_search
+
+from ..neighbourhood import fill_holes
+from ..search.photo_depth import pixel_of
+from .consistency import AGREEMENT
+from .photo_variance import photo_variance
+from .splat import FUSED, splat
+from .surface_view import SurfaceView
+from .visible import visible
+
+SEARCHED_SHARE = 0.05  # of holes in the target, above which the guided search offers a second candidate
+SEARCHED_VIEWS = 4  # views of that search
+OCCLUSION_MARGIN = 4.0  # px by which a view's own depth must be nearer to hide a point
+BETTER = 0.9  # share of the first candidate's photo variance below which the second fills a hole
+ROUNDING = 1e-7  # and it must be lower by this much: without texture only rounding differs
+
+
+class Surface(NamedTuple):
+    """Disparity [h, w] of the padded target, the disparity worth one px, and the share of the
+    target that no confirmed depth falls on."""
+
+    disparity: Tensor
+    pixel: float
+    holes: float
+
+    def layers(self, count: int) -> Tensor:
+        """`count` layers [L, h, w], near -> far: one follows the surface; two are its largest and
+        its smallest disparity over 3x3 pixels; three are these with the surface between them; more
+        divide that range evenly."""
+        surface = self.disparity[None]
+        near, far = F.max_pool2d(surface, 3, 1, 1)[0], -F.max_pool2d(-surface, 3, 1, 1)[0]
+        if count == 3:
+            return torch.stack([near, self.disparity, far])
+        found = guided_maps(near, self.disparity, far, count)
+        return found if count == 1 else torch.cat([found[:-1], far[None]])
+
+
+def surface(views: list[SurfaceView], target: Camera, near: float, far: float) -> Surface:
+    """The surface of `target` from these photos, nearest first (one at least)."""
+    size = padded_size(target.height, target.width)
+    pixel = pixel_of(widest_parallax([v.camera for v in views], target, near, far, size), near, far)
+    maps = [(v.camera, v.known.disparity) for v in views]
+    map_ = splat(maps, target, *size, AGREEMENT * pixel, FUSED * pixel)
+    empty = map_ < 0
+    holes = float(empty.double().mean())
+    filled = fill_holes(map_)
+    if holes > SEARCHED_SHARE:
+        searching = views[:SEARCHED_VIEWS]
+        found = searched(searching, target, near, far)
+        filled = choose(searching, target, empty, filled, found, OCCLUSION_MARGIN * pixel)
+    return Surface(median3(filled), pixel, holes)
+
+
+def searched(views: list[SurfaceView], target: Camera, near: float, far: float) -> Tensor:
+    """The surface that a guided search at the target finds."""
+    images = [v.image * v.gains[:, None, None] for v in views]
+    found = guided_search(images, [v.camera for v in views], target, near, far)
+    return upsample_maps(found.surface[None])[0]
+
+
+def choose(
+    views: list[SurfaceView], target: Camera, empty: Tensor, first: Tensor, other: Tensor, margin: float
+) -> Tensor:
+    """`first`, but in holes `other` where its photo variance is clearly lower."""
+    photos = [(v.image, v.camera, v.gains) for v in views]
+    a, b = (photo_variance(photos, seen(views, target, m, margin), target, m) for m in (first, other))
+    return torch.where(empty & (b < BETTER * a - ROUNDING), other, first)
+
+
+def seen(views: list[SurfaceView], target: Camera, map_: Tensor, margin: float) -> Tensor:
+    """Visibility [V, h, w] of a surface."""
+    return torch.stack([visible(v.camera, v.known.disparity, target, map_, margin) for v in views])

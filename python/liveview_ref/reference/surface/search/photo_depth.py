@@ -1,0 +1,89 @@
+"""The depth of one photo: a plane sweep with the photo as reference at half resolution, then a
+search of a narrow band around its result at full resolution."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.geometry.parallax import widest_parallax
+from liveview_ref.reference.layers.guided.matching_cost import shrink
+from liveview_ref.reference.layers.guided.range_map import median3
+
+from .aggregate import aggregate
+from .grid import NONE, SEGMENT, Candidates, Grid
+from .photo_sweep import costs
+
+LEAST_PLANES, MOST_PLANES = 32, 256  # of the first search
+PLANE_SPACING = 1.0  # px between two planes of the first search
+FINE_STEPS = 2  # steps of the second search per step of the first
+NEIGHBOURS = 5  # photos that a photo is matched with
+View = tuple[Tensor, Camera]  # a photo [3, h, w] and its camera
+
+
+class PhotoDepth(NamedTuple):
+    """Disparity [h, w] that a photo's search finds, not yet confirmed by other photos; `pixel`, the
+    disparity worth one pixel of parallax in the neighbour with most of it, rounded to float32."""
+
+    disparity: Tensor
+    pixel: float
+
+
+def pixel_of(widest: float, near: float, far: float) -> float:
+    """Disparity worth one pixel where the whole range is `widest` pixels (at least one)."""
+    return float(np.float32((1 / near - 1 / far) / max(widest, 1)))
+
+
+def planes_of(camera: Camera, cameras: list[Camera], near: float, far: float) -> tuple[Grid, float]:
+    """The grid of the first search and the pixel of parallax of a photo."""
+    widest = max(widest_parallax(cameras, camera, near, far, (camera.height, camera.width)), 1)
+    count = min(max(math.ceil(widest / PLANE_SPACING) + 1, LEAST_PLANES), MOST_PLANES)
+    return Grid.of(near, far, count), pixel_of(widest, near, far)
+
+
+def bands(index: Tensor, parts: int, count: int) -> Tensor:
+    """Starts of the two segments [h, w, 2] int64 of each cell, on a finer grid of `count` indices,
+    `parts` for each of the coarser grid's.
+
+    n and f are the nearest and farthest index of the 3x3 neighbourhood, in steps of the finer grid.
+    f - n < 3: one segment from round((n + f)/2) - 3 on. < 10: two adjacent ones from round((n +
+    f)/2) - 7 on. Else one from round(n) - 3 on and one from round(f) - 4 on, the second not before
+    the end of the first. All are shifted to lie on the grid; halves are rounded up.
+    """
+    near, far = (-F.max_pool2d(-index[None], 3, 1, 1)[0] * parts, F.max_pool2d(index[None], 3, 1, 1)[0] * parts)
+    last = max(count, 2 * SEGMENT) - 2 * SEGMENT
+    middle = round_half_up(0.5 * (near + far))
+    first, joined = (middle - 3).clamp(0, last + SEGMENT), (middle - (SEGMENT - 1)).clamp(0, last)
+    apart = (round_half_up(near) - 3).clamp(0, last)
+    second = torch.maximum((round_half_up(far) - 4).clamp(max=last + SEGMENT), apart + SEGMENT)
+    one, two = far - near < 3, far - near < SEGMENT + 2
+    starts = (
+        torch.where(one, first, torch.where(two, joined, apart)),
+        torch.where(one, NONE, torch.where(two, joined + SEGMENT, second)),
+    )
+    return torch.stack(starts, -1).long()
+
+
+def round_half_up(x: Tensor) -> Tensor:
+    return (x + 0.5).floor()
+
+
+def photo_depth(photo: View, neighbours: list[View], near: float, far: float) -> PhotoDepth:
+    """The depth of `photo` between `near` and `far`, searched among its neighbours (at least
+    one)."""
+    image, camera = photo
+    grid, pixel = planes_of(camera, [c for _, c in neighbours], near, far)
+    half = shrink(image, 2)
+    halves = [(shrink(n, 2), c) for n, c in neighbours]
+    candidates = Candidates.all(grid, *half.shape[1:])
+    volume = costs(half, camera, halves, grid, candidates, 2)
+    index = median3(aggregate(volume, half, candidates))
+    fine = grid.divided(FINE_STEPS)
+    candidates = Candidates.two(bands(index, FINE_STEPS, fine.count), *image.shape[1:])
+    volume = costs(image, camera, neighbours, fine, candidates, 1)
+    index = median3(aggregate(volume, image, candidates))
+    return PhotoDepth(fine.disparity(index), pixel)
