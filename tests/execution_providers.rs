@@ -1,6 +1,7 @@
-//! Execution providers other than ONNX Runtime's own, where they are installed: their logits against float64, on the goldens of
-//! `make goldens`, within the bounds of `parity/tolerances.json`. A process can load one library: hence a file of its own. Ignored
-//! unless asked for; `make test` asks where OpenVINO is installed.
+//! Execution providers other than ONNX Runtime's own, where they are installed: their logits
+//! against float64, on the goldens of `parity/generate.py` (`make test-rust` generates them), within
+//! the bounds of `parity/tolerances.json`. A process can load one library only, hence a file of its
+//! own. Ignored by default; `make test` runs it where OpenVINO is installed.
 
 mod wheel;
 
@@ -17,8 +18,8 @@ fn folder() -> PathBuf {
 
 fn get<T: ReadableElement>(case: &str, array: &str) -> Array4<T> {
     let path = folder().join(format!("{case}.npz"));
-    let file =
-        std::fs::File::open(&path).unwrap_or_else(|e| panic!("{}: {e}: run `make goldens` first", path.display()));
+    let file = std::fs::File::open(&path)
+        .unwrap_or_else(|e| panic!("{}: {e}: run `make test-rust`, which generates it", path.display()));
     NpzReader::new(file).unwrap().by_name::<OwnedRepr<T>, Ix4>(array).unwrap()
 }
 

@@ -1,4 +1,4 @@
-//! Every stage against the float64 oracle and float32 torch, on the goldens of `parity/generate.py` (`make goldens`).
+//! Every stage against the float64 oracle and float32 torch, on the goldens of `parity/generate.py` (`make test-rust` generates them).
 //!
 //! Each stage is fed the float32 roundings of the oracle's outputs of the stage before: the first stage that fails is the
 //! one that departs. Bounds are those of `parity/tolerances.json`.
@@ -67,7 +67,7 @@ struct Case {
 impl Case {
     fn open(name: &'static str) -> Self {
         let path = folder().join(format!("{name}.npz"));
-        assert!(path.is_file(), "{}: run `make goldens` first", path.display());
+        assert!(path.is_file(), "{}: run `make test-rust`, which generates it", path.display());
         let mut case = Self { name, path, cameras: Vec::new(), textures: Vec::new(), target: camera_at_origin() };
         for view in 0.. {
             let Some(image) = case.find::<f32>(&format!("view{view}.image")) else { break };
@@ -203,7 +203,7 @@ fn for_all(check: impl Fn(&Case)) {
 
 #[test]
 fn every_generated_case_is_tested() {
-    let listed = std::fs::read_to_string(folder().join("cases.txt")).expect("run `make goldens` first");
+    let listed = std::fs::read_to_string(folder().join("cases.txt")).expect("run `make test-rust`, which generates it");
     assert_eq!(listed.lines().collect::<Vec<_>>(), CASES);
 }
 

@@ -1,8 +1,8 @@
 //! The photos' depth and the target's surface, stage by stage, against the float64 oracle and float32 torch, on the goldens
-//! of `parity/generate.py` (`make goldens`).
+//! of `parity/generate.py` (`make test-rust` generates them).
 //!
 //! Each stage is fed the float32 roundings of the oracle's outputs of the stage before. Elements whose decision hangs on the
-//! last bits are marked doubtful by the oracle (`liveview_ref/parity/mvs_goldens.py`): they may be off, but only few are
+//! last bits are marked doubtful by the oracle (`liveview_ref/parity/surface_goldens.py`): they may be off, but only few are
 //! doubtful. All others lie within the bounds of `parity/tolerances.json`.
 
 mod surface_case;
@@ -29,7 +29,7 @@ const CASES: [&str; 11] = [
     "planes_4096",
 ];
 
-/// Layers along the surface, as many as `liveview_ref/parity/mvs_stages.py` makes.
+/// Layers along the surface, as many as `liveview_ref/parity/surface_stages.py` makes.
 const LAYERS: usize = 3;
 /// By how much the surface is moved on which the views may disagree, px, as there.
 const OFFSETS: [f32; 7] = [1.5, 1.0, 0.5, 0.0, -0.5, -1.0, -1.5];
@@ -56,7 +56,8 @@ fn for_whole(check: impl Fn(&Case)) {
 
 #[test]
 fn every_generated_case_is_tested() {
-    let listed = std::fs::read_to_string(folder().join("mvs_cases.txt")).expect("run `make goldens` first");
+    let listed =
+        std::fs::read_to_string(folder().join("surface_cases.txt")).expect("run `make test-rust`, which generates it");
     assert_eq!(listed.lines().collect::<Vec<_>>(), CASES);
 }
 
@@ -127,8 +128,8 @@ fn carried_to_the_target() {
             let maps: Vec<_> = views.iter().map(|v| (v.view.camera, v.known)).collect();
             let margins = (case.settings.agree * pixel, case.settings.fuse * pixel);
             case.check("splat", &stages::splatted(&maps, &case.target, size, margins));
-            case.check("grown", &stages::fill_holes(&case.map("splat")));
-            let (map, margin) = (case.map("grown"), case.settings.hides * pixel);
+            case.check("filled", &stages::fill_holes(&case.map("splat")));
+            let (map, margin) = (case.map("filled"), case.settings.hides * pixel);
             let seen: Vec<_> = maps.iter().map(|&m| stages::visible(m, &case.target, &map, margin)).collect();
             let seen: Vec<_> = seen.iter().map(|map| map.view()).collect();
             case.check("visible", &ndarray::stack(Axis(0), &seen).unwrap());
@@ -139,10 +140,10 @@ fn carried_to_the_target() {
 #[test]
 fn disagreement_of_the_views() {
     for_whole(|case| {
-        let ((sources, visible), map, pixel) = (case.at_target(), case.map("grown"), case.pixel());
+        let ((sources, visible), map, pixel) = (case.at_target(), case.map("filled"), case.pixel());
         let moved = |offset: f32| map.mapv(|disparity| (disparity + offset * pixel).max(0.0));
         let found = OFFSETS.map(|offset| stages::photo_variances(&sources, &visible, &moved(offset)));
-        case.check("disagreement", &ndarray::stack(Axis(0), &found.each_ref().map(|map| map.view())).unwrap());
+        case.check("photo_variance", &ndarray::stack(Axis(0), &found.each_ref().map(|map| map.view())).unwrap());
     });
 }
 
@@ -162,7 +163,7 @@ fn surface_from_what_is_known() {
 #[test]
 fn hidden_from_views() {
     for_whole(|case| {
-        let (map, pixel) = (case.map("grown"), case.pixel());
+        let (map, pixel) = (case.map("filled"), case.pixel());
         let (colour, coverage, seen) = case.with_views(|views| {
             let seen =
                 views.iter().map(|v| VisibleView { disparity: &v.known.disparity, gains: v.gains, sharpening: 0.0 });

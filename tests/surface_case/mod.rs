@@ -32,8 +32,8 @@ pub(crate) struct Case {
 
 impl Case {
     pub(crate) fn open(name: &'static str) -> Self {
-        let path = folder().join(format!("mvs_{name}.npz"));
-        assert!(path.is_file(), "{}: run `make goldens` first", path.display());
+        let path = folder().join(format!("surface_{name}.npz"));
+        assert!(path.is_file(), "{}: run `make test-rust`, which generates it", path.display());
         let mut case = Self {
             name,
             path,
@@ -197,8 +197,9 @@ impl Tolerance {
     fn of(stage: &str) -> Self {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("parity/tolerances.json");
         let all: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
-        let entry = &all[&format!("mvs {stage}")];
-        let get = |key: &str| entry[key].as_f64().unwrap_or_else(|| panic!("tolerances.json: mvs {stage}: no {key}"));
+        let entry = &all[&format!("surface {stage}")];
+        let get =
+            |key: &str| entry[key].as_f64().unwrap_or_else(|| panic!("tolerances.json: surface {stage}: no {key}"));
         Self {
             floor: get("floor"),
             max_factor: get("max_factor"),

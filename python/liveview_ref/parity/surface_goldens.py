@@ -1,4 +1,4 @@
-"""Goldens of surface layers, for tests/parity_mvs.rs: each stage's float64 oracle, and float32
+"""Goldens of surface layers, for tests/parity_surface.rs: each stage's float64 oracle, and float32
 torch's errors.
 
 As in parity/generate.py, a stage's inputs are the float32 roundings of the oracle's outputs of the
@@ -29,7 +29,7 @@ DECISIONS = {  # the change of an output that means another decision; the other 
     "fine_index": 0.05,
     "depth": 0.025,  # pixels of parallax, as for all IN_PIXELS: 0.05 indices
     "splat": 0.001,
-    "grown": 0.001,
+    "filled": 0.001,
     "surface": 0.01,
     "layers": 0.01,
     "confirmed": 0.5,
@@ -37,11 +37,11 @@ DECISIONS = {  # the change of an output that means another decision; the other 
     "seen": 0.5,
     "hidden_colour": 0.001,
     "hidden_coverage": 0.01,
-    "disagreement": 1e-5,  # of at most 0.02
+    "photo_variance": 1e-5,  # of at most 0.02
     "gains": 1e-3,
     "sharpening": 1e-4,
 }
-IN_PIXELS = "depth", "splat", "grown", "surface", "layers"
+IN_PIXELS = "depth", "splat", "filled", "surface", "layers"
 
 CASES: dict[str, dict] = {
     "scene": {"views": 5},
@@ -137,7 +137,7 @@ def case(seed: int, views: int, kind: str = "scene", range=(2.0, 9.0), count=Non
 
 
 def write(folder: Path) -> None:
-    """mvs_NAME.npz of each case, and their names."""
+    """surface_NAME.npz of each case, and their names."""
     for seed, (name, arguments) in enumerate(CASES.items()):
-        np.savez_compressed(folder / f"mvs_{name}.npz", **case(seed, **arguments))
-    (folder / "mvs_cases.txt").write_text("\n".join(CASES) + "\n")
+        np.savez_compressed(folder / f"surface_{name}.npz", **case(seed, **arguments))
+    (folder / "surface_cases.txt").write_text("\n".join(CASES) + "\n")

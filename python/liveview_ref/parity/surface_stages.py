@@ -1,13 +1,13 @@
 """The stages of surface layers as functions of plain arrays, in either precision: the reference of
-tests/parity_mvs.rs.
+tests/parity_surface.rs.
 
 Beside photos and cameras (rig_arrays.py): `range` [2] float64, near and far; `count`, planes of the
 first search. Of photo 0, matched with the others: `half_costs` [h/2, w/2, n], `half_found`,
 `half_index` [h/2, w/2], `starts` [h/2, w/2, 2], `fine_costs` [h, w, 16], `fine_found`, `fine_index`
 [h, w]. Of every photo i: `depth{i}` and `confirmed{i}` [h, w], `pixel` [V]. At the target: `gains`
-[V, 3], `sharpening` [V], `sharpened{i}` [h, w, 3], `splat`, `grown`, `surface`, `seen` [H8, W8],
+[V, 3], `sharpening` [V], `sharpened{i}` [h, w, 3], `splat`, `filled`, `surface`, `seen` [H8, W8],
 `layers` [3, H8, W8], `hidden_colour` [V, 3, H8, W8], `hidden_coverage`, `visible` [V, H8, W8],
-`disagreement` [7, H8, W8].
+`photo_variance` [7, H8, W8].
 """
 
 from collections.abc import Callable
@@ -173,23 +173,23 @@ def splatted(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 def holes(data: Arrays, dtype: torch.dtype) -> Arrays:
-    return {"grown": fill_holes(tensor(data, "splat", dtype)).numpy()}
+    return {"filled": fill_holes(tensor(data, "splat", dtype)).numpy()}
 
 
 def visibility(data: Arrays, dtype: torch.dtype) -> Arrays:
     """Which views see the surface, its holes filled."""
     _, target = cameras_of(data)
     margin = OCCLUSION_MARGIN * target_pixel(data)
-    return {"visible": seen(surface_views(data, dtype), target, tensor(data, "grown", dtype), margin).numpy()}
+    return {"visible": seen(surface_views(data, dtype), target, tensor(data, "filled", dtype), margin).numpy()}
 
 
 def photo_variances(data: Arrays, dtype: torch.dtype) -> Arrays:
     """On that surface, and on the surface moved by some pixels of parallax."""
     _, target = cameras_of(data)
     views = [(v.image, v.camera, v.gains) for v in surface_views(data, dtype)]
-    sees, surface_ = tensor(data, "visible", dtype), tensor(data, "grown", dtype)
+    sees, surface_ = tensor(data, "visible", dtype), tensor(data, "filled", dtype)
     maps = [(surface_ + offset * target_pixel(data)).clamp(min=0) for offset in OFFSETS]
-    return {"disagreement": torch.stack([photo_variance(views, sees, target, m) for m in maps]).numpy()}
+    return {"photo_variance": torch.stack([photo_variance(views, sees, target, m) for m in maps]).numpy()}
 
 
 def surfaces(data: Arrays, dtype: torch.dtype) -> Arrays:
@@ -203,7 +203,7 @@ def hidden(data: Arrays, dtype: torch.dtype) -> Arrays:
     """The filled surface as a layer, warped, in balanced colours, without the occluded samples; and
     where any view sees it."""
     views, (_, target) = surface_views(data, dtype), cameras_of(data)
-    map_ = tensor(data, "grown", dtype)
+    map_ = tensor(data, "filled", dtype)
     warped = [warp_maps(v.image, v.camera, target, map_[None]) for v in views]
     colour, coverage = (torch.cat(x) for x in zip(*warped, strict=True))
     colour = colour * torch.stack([v.gains for v in views])[:, :, None, None]
