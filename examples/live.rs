@@ -28,7 +28,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let library = OrtLibrary::load(ExecutionProvider::Cpu, None)?;
     let network = OrtNetwork::open(&library, Path::new("models/liveview_v4.onnx"), 2)?;
-    let mut session = LiveSession::new(cameras, vec![Renderer::new(network, 1)], LiveSettings::new(near, far))?;
+    let mut session =
+        LiveSession::new(cameras, vec![Renderer::new(Box::new(network), 1)], LiveSettings::new(near, far))?;
 
     for step in 0.. {
         // A camera that has nothing to show is left out of this step.

@@ -41,7 +41,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     // The depth range is the scene's own, and one layer goes through the network at once.
     let photos = PhotoCache::new(Scene::open(Path::new("tests/scenes/workshop"), &options)?, None, None);
-    let mut synthesizer = Synthesizer::new(photos, Renderer::new(Agreement, 1), LayerSpec::guided(4));
+    let mut synthesizer = Synthesizer::new(photos, Renderer::new(Box::new(Agreement), 1), LayerSpec::guided(4));
     let frame = synthesizer.render(&Target::held_out("target_0"))?;
     frame.picture.save(folder.join("target_0.png"))?;
     Ok(())

@@ -63,12 +63,12 @@ impl Rig {
         self.views.iter().zip(&self.photos).map(|(camera, texture)| SourceView { camera, texture }).collect()
     }
 
-    fn render(&self, network: impl PlaneNetwork, layers: &Layers, batch: usize) -> Frame {
-        Renderer::new(network, batch).render(&self.sources(), &self.target, layers).unwrap()
+    fn render(&self, network: impl PlaneNetwork + 'static, layers: &Layers, batch: usize) -> Frame {
+        Renderer::new(Box::new(network), batch).render(&self.sources(), &self.target, layers).unwrap()
     }
 
     /// On guided layers between these depths.
-    fn render_guided(&self, network: impl PlaneNetwork, near: f64, far: f64) -> Frame {
+    fn render_guided(&self, network: impl PlaneNetwork + 'static, near: f64, far: f64) -> Frame {
         let size = padded(Size::new(SIZE.0, SIZE.1));
         let sources = warp_sources(&self.sources(), &self.target);
         let found = GuidedSearch::new(near, far).search(&sources, size).unwrap();
@@ -76,7 +76,9 @@ impl Rig {
     }
 }
 
-const SCRAMBLER: Scrambler = Scrambler { opacity: 0.0, layers: 0 };
+fn scrambler() -> Scrambler {
+    Scrambler::new(0.0)
+}
 
 fn apart(a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len());
@@ -121,8 +123,8 @@ proptest! {
         let scaled = rig.moved(|camera| (camera.rotation(), camera.translation() * unit));
         let planes = |unit: f64| Layers::planes(&[1.0, 0.7, 0.3, 0.0].map(|disparity| disparity / unit)).unwrap();
         for (before, after) in [
-            (rig.render(SCRAMBLER, &planes(1.0), 2), scaled.render(SCRAMBLER, &planes(unit), 2)),
-            (rig.render_guided(SCRAMBLER, 1.0, 9.0), scaled.render_guided(SCRAMBLER, unit, 9.0 * unit)),
+            (rig.render(scrambler(), &planes(1.0), 2), scaled.render(scrambler(), &planes(unit), 2)),
+            (rig.render_guided(scrambler(), 1.0, 9.0), scaled.render_guided(scrambler(), unit, 9.0 * unit)),
         ] {
             prop_assert_eq!(before.picture.data(), after.picture.data());
             prop_assert_eq!(before.transmittance, after.transmittance);
@@ -142,7 +144,7 @@ proptest! {
             Texture::new(&liveview::image::ImageRgb::new(PHOTO.0, PHOTO.1, values).unwrap())
         };
         rig.photos = [within(seed), within(!seed)];
-        let frame = rig.render(Scrambler { opacity, layers: 0 }, &Layers::uniform(1.0, 8.0, 5).unwrap(), 2);
+        let frame = rig.render(Scrambler::new(opacity), &Layers::uniform(1.0, 8.0, 5).unwrap(), 2);
         let outside = frame.picture.data().iter().map(|&value| (low - value).max(value - low - span)).fold(0.0, f32::max);
         // A sample is two roundings of f32 on each of two axes, blending three more.
         prop_assert!(outside <= 8.0 * f32::EPSILON, "{outside:e} outside");

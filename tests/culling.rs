@@ -2,6 +2,9 @@
 
 mod double;
 
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
 use double::{Scrambler, camera, photo};
 use glam::{DMat3, DVec3};
 use liveview::geometry::Camera;
@@ -42,10 +45,12 @@ fn render(
     culling: Culling,
 ) -> (Frame, usize) {
     let views: Vec<_> = cameras.iter().zip(photos).map(|(camera, texture)| SourceView { camera, texture }).collect();
-    let mut renderer = Renderer::new(Scrambler { opacity, layers: 0 }, batch);
+    let network = Scrambler::new(opacity);
+    let layers_inferred = Arc::clone(&network.layers);
+    let mut renderer = Renderer::new(Box::new(network), batch);
     renderer.set_culling(culling);
     let frame = renderer.render(&views, &camera(SIZE, DMat3::IDENTITY, DVec3::ZERO), layers).unwrap();
-    (frame, renderer.network().layers)
+    (frame, layers_inferred.load(Ordering::Relaxed))
 }
 
 fn assert_same(a: &Frame, b: &Frame) {

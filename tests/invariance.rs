@@ -40,7 +40,7 @@ impl Rig {
     }
 
     /// On a pool of `threads`.
-    fn render<N: PlaneNetwork + Send>(&self, renderer: &mut Renderer<N>, threads: usize, layers: LayersOf) -> Frame {
+    fn render(&self, renderer: &mut Renderer, threads: usize, layers: LayersOf) -> Frame {
         let views: Vec<_> = self.views.iter().map(|(camera, texture)| SourceView { camera, texture }).collect();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
@@ -60,7 +60,7 @@ fn render(threads: usize, batch: usize) -> Frame {
 fn render_culled(threads: usize, batch: usize, layers: LayersOf, culling: Culling) -> Frame {
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/liveview_v4.onnx");
     let network = OrtNetwork::open(&wheel::load(ExecutionProvider::Cpu).unwrap(), &model, threads).unwrap();
-    let mut renderer = Renderer::new(network, batch);
+    let mut renderer = Renderer::new(Box::new(network), batch);
     renderer.set_culling(culling);
     Rig::open(200).render(&mut renderer, threads, layers)
 }
@@ -110,14 +110,14 @@ fn native_stages_are_the_same_to_the_bit_over_runs_threads_and_batches() {
         (Rig::open(200), |range| range.layers(5).unwrap()),
         (Rig::open(136), |_| Layers::uniform(0.05, 8.0, 12).unwrap()),
     ];
-    let frame = |renderer: &mut Renderer<Sum>, threads: usize, job: usize| {
+    let frame = |renderer: &mut Renderer, threads: usize, job: usize| {
         let (rig, layers) = &jobs[job];
         let frame = rig.render(renderer, threads, *layers);
         (frame.picture, frame.disparity, frame.transmittance, frame.best_layer, frame.culled)
     };
-    let first = [0, 1].map(|job| frame(&mut Renderer::new(Sum, 1), 1, job));
+    let first = [0, 1].map(|job| frame(&mut Renderer::new(Box::new(Sum), 1), 1, job));
     assert!(first[1].4.uncovered > 0 && first[1].4.uncovered < 12, "{:?}", first[1].4);
-    let mut renderers: Vec<_> = (0..10).map(|i| (1 + i % 2, Renderer::new(Sum, 1 + i / 2))).collect();
+    let mut renderers: Vec<_> = (0..10).map(|i| (1 + i % 2, Renderer::new(Box::new(Sum), 1 + i / 2))).collect();
     for run in 0..100 {
         let (job, (threads, renderer)) = (run / 10 % 2, &mut renderers[run % 10]);
         assert!(frame(renderer, *threads, job) == first[job], "run {run}");
@@ -128,7 +128,7 @@ fn native_stages_are_the_same_to_the_bit_over_runs_threads_and_batches() {
 fn competing_layers_are_the_same_to_the_bit_over_threads_and_batches_and_none_is_hidden() {
     let rig = Rig::open(136);
     let frame = |threads: usize, batch: usize, transmittance: f64| {
-        let mut renderer = Renderer::new(Sum, batch);
+        let mut renderer = Renderer::new(Box::new(Sum), batch);
         renderer.set_alpha(Alpha::Competing { scale: 2.0 });
         let mut culling = Culling::default();
         culling.transmittance = transmittance;
@@ -161,7 +161,7 @@ impl PlaneNetwork for Even {
 fn opacity_per_pixel_of_parallax_does_not_depend_on_how_densely_planes_lie() {
     let rig = Rig::open(136);
     let mean = |alpha: Alpha, layers: LayersOf| {
-        let mut renderer = Renderer::new(Even, 4);
+        let mut renderer = Renderer::new(Box::new(Even), 4);
         renderer.set_alpha(alpha);
         rig.render(&mut renderer, 2, layers).disparity.mean().unwrap()
     };

@@ -77,18 +77,18 @@ fn rig() -> Vec<Camera> {
     [(-0.2, 0.1), (0.0, -0.2), (0.2, 0.1), (0.1, 0.15), (0.5, 0.0)].map(|(x, y)| camera(x, y)).to_vec()
 }
 
-fn session_of(layers: LayerSpec, policy: Policy, views: &[usize]) -> LiveSession<Agreement> {
+fn session_of(layers: LayerSpec, policy: Policy, views: &[usize]) -> LiveSession {
     let mut settings = LiveSettings::new(2.0, 12.0);
     (settings.layers, settings.policy) = (layers, policy);
-    let renderers = views.iter().map(|&views| Renderer::new(Agreement(views), 1)).collect();
+    let renderers = views.iter().map(|&views| Renderer::new(Box::new(Agreement(views)), 1)).collect();
     LiveSession::new(rig(), renderers, settings).unwrap()
 }
 
-fn session(policy: Policy) -> LiveSession<Agreement> {
+fn session(policy: Policy) -> LiveSession {
     session_of(LayerSpec::guided(2), policy, &[4])
 }
 
-fn show(session: &mut LiveSession<Agreement>, stage: Stage, target: &Camera) -> LiveFrame {
+fn show(session: &mut LiveSession, stage: Stage, target: &Camera) -> LiveFrame {
     let photos = stage.photos();
     session.render(&photos.iter().map(Some).collect::<Vec<_>>(), target).unwrap()
 }
@@ -231,7 +231,7 @@ fn another_size_of_the_target_starts_anew() {
     assert_eq!((frame.layer_source, frame.frame.picture.width()), (LayerSource::Searched, 192));
 }
 
-fn surface_session(policy: Policy) -> LiveSession<Agreement> {
+fn surface_session(policy: Policy) -> LiveSession {
     session_of(LayerSpec::Surface(1), policy, &[4])
 }
 

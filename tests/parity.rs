@@ -15,7 +15,7 @@ use liveview::layers::guided::{
     COARSE, GuidedSearch, WINDOWS, fine_layers, layer_costs, range_of, semi_global, winner_takes_all,
 };
 use liveview::layers::{CELL, Layer, Layers, cover_planes, padded, plane_histogram, select_planes};
-use liveview::network::{Alpha, ExecutionProvider, NoNetwork, OrtNetwork, PlaneNetwork};
+use liveview::network::{Alpha, ExecutionProvider, OrtNetwork, PlaneNetwork, ViewAgreement};
 use liveview::render::{Accumulated, Batch, Blended, Competing, DistanceWeights, LayerSamples, Renderer};
 use liveview::warp::{SourceView, Texture, warp_layers, warp_sources};
 use ndarray::{Array, Array1, Array2, Array3, ArrayD, Axis, Dimension, IxDyn, OwnedRepr, s};
@@ -269,7 +269,7 @@ fn agreement() {
         let (n, _, height, width) = hwv.dim();
         let views = case.cameras.len();
         let mut found = Array::<f32, _>::zeros((n, views, height, width));
-        NoNetwork { views }.infer(hwv.view(), found.view_mut()).unwrap();
+        ViewAgreement { views }.infer(hwv.view(), found.view_mut()).unwrap();
         case.check("agreement", &found);
     });
 }
@@ -411,7 +411,7 @@ fn end_to_end() {
         let views = case.views();
         let frames: Vec<_> = [1, 3]
             .map(|batch| {
-                let mut renderer = Renderer::new(case.network(), batch);
+                let mut renderer = Renderer::new(Box::new(case.network()), batch);
                 renderer.set_alpha(case.alpha());
                 let mut shifts = Vec::<f64>::new();
                 let gather = |batch: &Batch<'_>| shifts.extend(batch.logit_shifts);

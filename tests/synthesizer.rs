@@ -37,9 +37,9 @@ fn workshop() -> Scene {
     Scene::open(Path::new(WORKSHOP), &options).unwrap()
 }
 
-fn synthesizer(layers: &str) -> Synthesizer<Agreement> {
+fn synthesizer(layers: &str) -> Synthesizer {
     let photos = PhotoCache::new(workshop(), None, None);
-    Synthesizer::new(photos, Renderer::new(Agreement, 1), layers.parse().unwrap())
+    Synthesizer::new(photos, Renderer::new(Box::new(Agreement), 1), layers.parse().unwrap())
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn a_held_out_photo_takes_no_part_in_the_depth_of_others() {
     options.width = Some(96);
     let picture = |scene: Scene| {
         let photos = PhotoCache::new(scene, None, None);
-        let mut synthesizer = Synthesizer::new(photos, Renderer::new(Agreement, 1), LayerSpec::Surface(2));
+        let mut synthesizer = Synthesizer::new(photos, Renderer::new(Box::new(Agreement), 1), LayerSpec::Surface(2));
         synthesizer.render(&Target::held_out("target_0")).unwrap().picture
     };
     let with = picture(Scene::open(folder.path(), &options).unwrap());
@@ -201,7 +201,7 @@ fn what_cannot_be_rendered_is_refused_by_name() {
 
     let render = |scene: Scene, near, far| {
         let photos = PhotoCache::new(scene, near, far);
-        Synthesizer::new(photos, Renderer::new(Agreement, 1), LayerSpec::guided(2))
+        Synthesizer::new(photos, Renderer::new(Box::new(Agreement), 1), LayerSpec::guided(2))
             .render(&Target::held_out("target_0"))
     };
     let mut few = workshop();
@@ -247,7 +247,7 @@ impl PlaneNetwork for Straying {
 fn a_stray_few_logits_that_are_not_finite_are_counted_and_more_are_an_error() {
     let render = |strays: usize| {
         let photos = PhotoCache::new(workshop(), None, None);
-        let renderer = Renderer::new(Straying(strays), 1);
+        let renderer = Renderer::new(Box::new(Straying(strays)), 1);
         Synthesizer::new(photos, renderer, "guided:1".parse().unwrap()).render(&Target::held_out("target_0"))
     };
     let pixels = 96 * 72; // the padded target's, of which each has four logits

@@ -14,20 +14,19 @@ use super::step::Step;
 use crate::geometry::{Camera, TooFewViews};
 use crate::image::ImageRgb;
 use crate::layers::{LayerSpec, Layers, uniform_disparities};
-use crate::network::PlaneNetwork;
 use crate::render::Renderer;
 use crate::warp::SourceView;
 
 /// Renders the time steps of a rig, one after the other.
-pub struct LiveSession<N> {
+pub struct LiveSession {
     cameras: Vec<Camera>,
     /// Largest V first.
-    renderers: Vec<Renderer<N>>,
+    renderers: Vec<Renderer>,
     settings: LiveSettings,
     history: History,
 }
 
-impl<N> fmt::Debug for LiveSession<N> {
+impl fmt::Debug for LiveSession {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("LiveSession")
             .field("cameras", &self.cameras.len())
@@ -36,18 +35,14 @@ impl<N> fmt::Debug for LiveSession<N> {
     }
 }
 
-impl<N: PlaneNetwork> LiveSession<N> {
+impl LiveSession {
     /// A session for the cameras of a rig. Of several networks the one with the most views renders; the next only a time step for
     /// which fewer photos were delivered than that takes.
     ///
     /// # Errors
     ///
     /// [`LiveError::NoNetwork`], or [`LiveError::Layers`] unless 0 < near < far.
-    pub fn new(
-        cameras: Vec<Camera>,
-        mut renderers: Vec<Renderer<N>>,
-        settings: LiveSettings,
-    ) -> Result<Self, LiveError> {
+    pub fn new(cameras: Vec<Camera>, mut renderers: Vec<Renderer>, settings: LiveSettings) -> Result<Self, LiveError> {
         uniform_disparities(settings.near, settings.far, 2)?;
         renderers.sort_by_key(|renderer| std::cmp::Reverse(renderer.network().views()));
         if renderers.is_empty() {
@@ -116,7 +111,7 @@ impl<N: PlaneNetwork> LiveSession<N> {
     /// Index of the network, and of the cameras that it renders from.
     fn choose(&self, step: &Step<'_>, target: &Camera) -> Result<(usize, Vec<usize>), LiveError> {
         let mut nearest = step.nearest(target);
-        let views = |renderer: &Renderer<N>| renderer.network().views();
+        let views = |renderer: &Renderer| renderer.network().views();
         let fits = self.renderers.iter().position(|renderer| views(renderer) <= nearest.len());
         let Some(network) = fits else {
             let wanted = self.renderers.iter().map(views).min().unwrap_or(0);

@@ -9,15 +9,16 @@ mod execution_provider;
 mod library_file;
 mod model_card;
 mod model_file;
-mod none;
 mod ort;
 mod ort_library;
 mod plane_network;
+mod run_end;
 mod threads;
+mod view_agreement;
 
+pub use self::ort::OrtNetwork;
 #[cfg(fuzzing)]
 pub(crate) use self::ort::check_outlets;
-pub use self::ort::{OrtNetwork, RunEnd};
 pub use alpha::{Alpha, AlphaKind};
 pub use error::NetworkError;
 pub use execution_provider::{ExecutionProvider, Precision, cpu_has_bf16};
@@ -25,7 +26,8 @@ pub use model_card::ModelCard;
 #[cfg(fuzzing)]
 pub(crate) use model_card::read_card;
 pub use model_file::{ModelNotFound, find_model, model_folders};
-pub use none::NoNetwork;
 pub use ort_library::{OrtLibrary, OrtLibraryError};
 pub use plane_network::PlaneNetwork;
+pub use run_end::RunEnd;
 pub use threads::{MAX_THREADS, ThreadsError, check_threads};
+pub use view_agreement::ViewAgreement;

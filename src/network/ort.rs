@@ -13,6 +13,7 @@ use super::execution_provider::{ExecutionProvider, Precision};
 use super::model_card::{ModelCard, read_card};
 use super::ort_library::OrtLibrary;
 use super::plane_network::PlaneNetwork;
+use super::run_end::RunEnd;
 use super::threads::check_threads;
 use crate::fs::bounded;
 use crate::layers::LayerSpec;
@@ -27,25 +28,6 @@ pub struct OrtNetwork {
     path: PathBuf,
     card: ModelCard,
     run_options: Arc<RunOptions>,
-}
-
-/// Ends a network's runs from another thread.
-#[derive(Clone)]
-pub struct RunEnd(Arc<RunOptions>);
-
-impl fmt::Debug for RunEnd {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("RunEnd")
-    }
-}
-
-impl RunEnd {
-    /// Ends the run that goes on, if one does, and all later ones, with [`NetworkError::OnnxRuntime`]. Execution providers other than
-    /// [`ExecutionProvider::Cpu`] may go on.
-    pub fn end(&self) {
-        // ONNX Runtime's function cannot fail.
-        let _ = self.0.terminate();
-    }
 }
 
 impl fmt::Debug for OrtNetwork {
@@ -105,23 +87,6 @@ impl OrtNetwork {
         Ok(Self { session, path: path.to_path_buf(), card, run_options })
     }
 
-    /// The layers that the model's metadata recommends.
-    ///
-    /// # Errors
-    ///
-    /// [`NetworkError::Unfit`] if that entry is no [`LayerSpec`].
-    pub fn recommended_layers(&self) -> Result<LayerSpec, NetworkError> {
-        let found = &self.card.recommended_layers;
-        found.parse().map_err(|_| {
-            unfit(
-                &self.path,
-                "metadata `recommended_layers`",
-                format!("\"{found}\""),
-                "such as \"guided:2\" or \"planes:64\"",
-            )
-        })
-    }
-
     /// Refuses layers that the model is not for.
     pub(crate) fn check_layers(&self, layers: &LayerSpec) -> Result<(), NetworkError> {
         if self.card.is_for(layers) {
@@ -134,11 +99,6 @@ impl OrtNetwork {
     /// The model's metadata.
     pub fn card(&self) -> &ModelCard {
         &self.card
-    }
-
-    /// A handle that ends its runs from another thread.
-    pub fn run_end(&self) -> RunEnd {
-        RunEnd(Arc::clone(&self.run_options))
     }
 
     /// The model file.
@@ -170,6 +130,22 @@ impl PlaneNetwork for OrtNetwork {
         }
         logits.assign(&found);
         Ok(())
+    }
+
+    fn recommended_layers(&self) -> Result<LayerSpec, NetworkError> {
+        let found = &self.card.recommended_layers;
+        found.parse().map_err(|_| {
+            unfit(
+                &self.path,
+                "metadata `recommended_layers`",
+                format!("\"{found}\""),
+                "such as \"guided:2\" or \"planes:64\"",
+            )
+        })
+    }
+
+    fn run_end(&self) -> Option<RunEnd> {
+        Some(RunEnd(Arc::clone(&self.run_options)))
     }
 }
 

@@ -147,7 +147,7 @@ impl Buffers {
     /// Runs the network on the first `n` layers, `batch` at once; how many of their logits there are, and are not finite.
     pub(crate) fn infer(
         &mut self,
-        network: &mut impl PlaneNetwork,
+        network: &mut dyn PlaneNetwork,
         n: usize,
         batch: usize,
     ) -> Result<[usize; 2], NetworkError> {

@@ -34,8 +34,8 @@ const FINITE_PER_STRAY: usize = 10_000;
 
 /// Runs a network over layers. Keeps its buffers from frame to frame; their size depends on `batch` (four layers at least) and the
 /// target, not on the number of layers.
-pub struct Renderer<N> {
-    network: N,
+pub struct Renderer {
+    network: Box<dyn PlaneNetwork>,
     batch: usize,
     alpha: Alpha,
     culling: Culling,
@@ -44,15 +44,15 @@ pub struct Renderer<N> {
     sharpened: SharpenedPhotos,
 }
 
-impl<N> fmt::Debug for Renderer<N> {
+impl fmt::Debug for Renderer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Renderer").field("batch", &self.batch).field("culling", &self.culling).finish_non_exhaustive()
     }
 }
 
-impl<N: PlaneNetwork> Renderer<N> {
+impl Renderer {
     /// A renderer that runs the network on `batch` layers at once (at least one).
-    pub fn new(network: N, batch: usize) -> Self {
+    pub fn new(network: Box<dyn PlaneNetwork>, batch: usize) -> Self {
         let (alpha, culling) = (Alpha::default(), Culling::default());
         Self {
             network,
@@ -65,12 +65,12 @@ impl<N: PlaneNetwork> Renderer<N> {
     }
 
     /// The network it runs.
-    pub fn network(&self) -> &N {
-        &self.network
+    pub fn network(&self) -> &dyn PlaneNetwork {
+        self.network.as_ref()
     }
 
     /// The network, without the buffers.
-    pub fn into_network(self) -> N {
+    pub fn into_network(self) -> Box<dyn PlaneNetwork> {
         self.network
     }
 
@@ -221,7 +221,7 @@ impl<N: PlaneNetwork> Renderer<N> {
             if n == 0 {
                 continue;
             }
-            let counted = self.buffers.infer(&mut self.network, n, self.batch)?;
+            let counted = self.buffers.infer(self.network.as_mut(), n, self.batch)?;
             (logits, strays) = (logits + counted[0], strays + counted[1]);
             let inferred = Instant::now();
             let shifts: Vec<f64> = indices.iter().map(|&index| shifts[index]).collect();

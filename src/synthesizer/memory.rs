@@ -5,7 +5,6 @@ use super::error::SynthesisError;
 use super::target::Shot;
 use crate::fs::memory;
 use crate::layers::LayerSpec;
-use crate::network::PlaneNetwork;
 use crate::render::Renderer;
 use crate::scene::Scene;
 
@@ -17,9 +16,9 @@ const DEPTH: usize = 25;
 const TARGET: usize = 250;
 
 /// Refuses the shots of which one takes more memory than can be had.
-pub(super) fn check<N: PlaneNetwork>(
+pub(super) fn check(
     scene: &Scene,
-    renderer: &Renderer<N>,
+    renderer: &Renderer,
     layers: &LayerSpec,
     shots: &[Shot],
 ) -> Result<(), SynthesisError> {

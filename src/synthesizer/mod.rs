@@ -39,7 +39,7 @@ pub use plan::Plan;
 pub use target::{Shot, Target, TargetView, Targets};
 
 use crate::layers::{LayerSpec, Layers};
-use crate::network::{OrtNetwork, PlaneNetwork};
+use crate::network::PlaneNetwork;
 use crate::render::{Batch, Frame, Renderer};
 use crate::scene::{Scene, SceneOptions};
 #[cfg(feature = "surface")]
@@ -70,15 +70,15 @@ pub struct Options {
 }
 
 /// Renders new views of a scene.
-pub struct Synthesizer<N = OrtNetwork> {
+pub struct Synthesizer {
     photos: PhotoCache,
-    renderer: Renderer<N>,
+    renderer: Renderer,
     layers: LayerSpec,
     #[cfg(feature = "surface")]
     photo_correction: PhotoCorrection,
 }
 
-impl<N> fmt::Debug for Synthesizer<N> {
+impl fmt::Debug for Synthesizer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { photos, renderer, layers, .. } = self;
         f.debug_struct("Synthesizer")
@@ -103,19 +103,17 @@ impl Synthesizer {
         let model = Model::open(&options.model, options.layers.as_ref())?;
         let layers = match &options.layers {
             Some(layers) => layers.clone(),
-            None => model.renderer.network().recommended_layers()?,
+            None => model.network.recommended_layers()?,
         };
         #[cfg_attr(not(feature = "surface"), expect(unused_mut))]
-        let mut synthesizer = Self::new(photos, model.renderer, layers);
+        let mut synthesizer = Self::new(photos, model.into_renderer(), layers);
         #[cfg(feature = "surface")]
         synthesizer.set_photo_correction(options.photo_correction);
         Ok(synthesizer)
     }
-}
 
-impl<N: PlaneNetwork> Synthesizer<N> {
     /// A synthesizer of parts that are open already; any [`PlaneNetwork`] can be its network.
-    pub fn new(photos: PhotoCache, renderer: Renderer<N>, layers: LayerSpec) -> Self {
+    pub fn new(photos: PhotoCache, renderer: Renderer, layers: LayerSpec) -> Self {
         Self {
             photos,
             renderer,
@@ -142,17 +140,17 @@ impl<N: PlaneNetwork> Synthesizer<N> {
     }
 
     /// The renderer, with the network.
-    pub fn renderer(&self) -> &Renderer<N> {
+    pub fn renderer(&self) -> &Renderer {
         &self.renderer
     }
 
     /// As [`Self::renderer`], to set its culling.
-    pub fn renderer_mut(&mut self) -> &mut Renderer<N> {
+    pub fn renderer_mut(&mut self) -> &mut Renderer {
         &mut self.renderer
     }
 
     /// The renderer, for another synthesizer.
-    pub fn into_renderer(self) -> Renderer<N> {
+    pub fn into_renderer(self) -> Renderer {
         self.renderer
     }
 

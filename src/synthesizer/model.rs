@@ -81,12 +81,16 @@ impl ModelOptions {
     }
 }
 
-/// A model, ready to render.
+/// An opened model.
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct Model {
-    /// A renderer with the network.
-    pub renderer: Renderer<OrtNetwork>,
+    /// The network.
+    pub network: OrtNetwork,
+    /// How the layers of a pixel share it.
+    pub alpha: Alpha,
+    /// Layers that go through the network at once.
+    pub batch: usize,
     /// ONNX Runtime.
     pub library: OrtLibrary,
     /// Precision of the arithmetic: f32, bf16 or int8.
@@ -113,8 +117,13 @@ impl Model {
         if let (true, Some(layers)) = (options.file.is_none() || matches!(alpha, Alpha::PerPixel { .. }), layers) {
             network.check_layers(layers)?;
         }
-        let mut renderer = Renderer::new(network, options.batch);
-        renderer.set_alpha(alpha);
-        Ok(Self { renderer, library, precision })
+        Ok(Self { network, alpha, batch: options.batch, library, precision })
+    }
+
+    /// A renderer that runs it.
+    pub fn into_renderer(self) -> Renderer {
+        let mut renderer = Renderer::new(Box::new(self.network), self.batch);
+        renderer.set_alpha(self.alpha);
+        renderer
     }
 }

@@ -7,7 +7,6 @@ use super::photo_cache::PhotoCache;
 use super::target::Shot;
 use crate::layers::guided::RangeMap;
 use crate::layers::{LayerSpec, Layers, kmeans_planes, uniform_disparities};
-use crate::network::PlaneNetwork;
 use crate::render::Renderer;
 #[cfg(feature = "surface")]
 use crate::surface::{PhotoCorrection, TargetSurface};
@@ -45,10 +44,10 @@ impl Plan {
 }
 
 /// Finds the layers of a shot whose photos are loaded. A new kind of layers has its arm here.
-pub(super) fn plan<N: PlaneNetwork>(
+pub(super) fn plan(
     spec: &LayerSpec,
     photos: &PhotoCache,
-    renderer: &mut Renderer<N>,
+    renderer: &mut Renderer,
     shot: &Shot,
 ) -> Result<Plan, SynthesisError> {
     let started = Instant::now();
@@ -93,9 +92,9 @@ pub(super) fn plan_surface(
 }
 
 /// How many pixels of a shot have each of these planes (1/scene unit, near → far) as their best one.
-pub(super) fn histogram<N: PlaneNetwork>(
+pub(super) fn histogram(
     photos: &PhotoCache,
-    renderer: &mut Renderer<N>,
+    renderer: &mut Renderer,
     shot: &Shot,
     disparities: &[f64],
 ) -> Result<Vec<u64>, SynthesisError> {

@@ -83,21 +83,21 @@ mod tests {
 
     use super::*;
     use crate::image::ImageRgb;
-    use crate::network::NoNetwork;
+    use crate::network::ViewAgreement;
     use crate::render::Renderer;
     use crate::scene::{Scene, SceneOptions};
     use crate::synthesizer::{Synthesizer, Target, Targets};
 
-    fn synthesizer(kept_bytes: usize) -> Synthesizer<NoNetwork> {
+    fn synthesizer(kept_bytes: usize) -> Synthesizer {
         let options = SceneOptions { width: Some(96), ..SceneOptions::default() };
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scenes/workshop");
         let mut photos = PhotoCache::new(Scene::open(&folder, &options).unwrap(), None, None);
         photos.kept_bytes = kept_bytes;
-        Synthesizer::new(photos, Renderer::new(NoNetwork { views: 1 }, 1), "surface:1".parse().unwrap())
+        Synthesizer::new(photos, Renderer::new(Box::new(ViewAgreement { views: 1 }), 1), "surface:1".parse().unwrap())
     }
 
     /// Photos in memory, and photos whose depth is.
-    fn held(synthesizer: &Synthesizer<NoNetwork>) -> [usize; 2] {
+    fn held(synthesizer: &Synthesizer) -> [usize; 2] {
         let photos = synthesizer.photos();
         let depth = |view: &usize| photos.depth.as_ref().is_some_and(|depth| depth.bytes(*view) > 0);
         let views = || 0..photos.textures.len();

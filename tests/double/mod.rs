@@ -1,6 +1,9 @@
 //! A network without weights, and what it looks at.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use glam::{DMat3, DVec3};
 use liveview::geometry::{Camera, Intrinsics};
 use liveview::image::ImageRgb;
@@ -10,9 +13,15 @@ use ndarray::{ArrayView4, ArrayViewMut4};
 
 /// Logits that look random but depend on the layer's own pixels alone, around `opacity`.
 pub(crate) struct Scrambler {
-    pub(crate) opacity: f32,
-    /// How many it has seen.
-    pub(crate) layers: usize,
+    opacity: f32,
+    /// Layers that it was run on.
+    pub(crate) layers: Arc<AtomicUsize>,
+}
+
+impl Scrambler {
+    pub(crate) fn new(opacity: f32) -> Self {
+        Self { opacity, layers: Arc::default() }
+    }
 }
 
 impl PlaneNetwork for Scrambler {
@@ -21,7 +30,7 @@ impl PlaneNetwork for Scrambler {
     }
 
     fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
-        self.layers += hwv.dim().0;
+        self.layers.fetch_add(hwv.dim().0, Ordering::Relaxed);
         for ((n, v, y, x), logit) in logits.indexed_iter_mut() {
             let pixel = (0..6).map(|c| (37 * (c + v) + 1) as f32 * hwv[[n, c, y, x]]).sum::<f32>();
             *logit = 4.0 * pixel.sin() + if v == 0 { self.opacity } else { 0.0 };

@@ -12,13 +12,12 @@ use crate::args::model::ModelArgs;
 use crate::args::model_info::ModelInfo;
 use crate::console::{print_message, print_notes};
 use crate::kept_models::KeptModels;
-use crate::network::Network;
 
 /// A synthesizer, with the model's description and a progress bar.
 #[derive(Debug)]
 pub struct Job {
     /// What renders.
-    pub synthesizer: Synthesizer<Network>,
+    pub synthesizer: Synthesizer,
     /// The model, for the summary.
     pub model: ModelInfo,
     /// Counts rendered layers.
@@ -60,7 +59,7 @@ impl Job {
         Self::of(photos, model.open_for(layers)?, layers)
     }
 
-    fn of(photos: PhotoCache, opened: (Renderer<Network>, ModelInfo), layers: Option<&LayerSpec>) -> Result<Self> {
+    fn of(photos: PhotoCache, opened: (Renderer, ModelInfo), layers: Option<&LayerSpec>) -> Result<Self> {
         let (renderer, model) = opened;
         let layers = given_or_recommended(layers, None, renderer.network())?;
         let synthesizer = Synthesizer::new(photos, renderer, layers);
@@ -68,7 +67,7 @@ impl Job {
     }
 
     /// The model, for another job.
-    pub fn into_model(self) -> (Renderer<Network>, ModelInfo) {
+    pub fn into_model(self) -> (Renderer, ModelInfo) {
         (self.synthesizer.into_renderer(), self.model)
     }
 

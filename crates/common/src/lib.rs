@@ -9,7 +9,6 @@ pub mod interrupt;
 pub mod job;
 pub mod kept_models;
 pub mod measure;
-pub mod network;
 pub mod ort_wheel;
 pub mod outputs;
 pub mod statistics;

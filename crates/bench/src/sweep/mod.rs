@@ -15,6 +15,7 @@ use clap::Args;
 use cpu::cpu;
 use liveview::geometry::Size;
 use liveview::layers::uniform_disparities;
+use liveview::network::ViewAgreement;
 use liveview::{LayerSpec, PhotoCache, Shot, Targets};
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::model_names::ProviderChoice;
@@ -23,7 +24,6 @@ use liveview_common::args::output::{refuse_stdout, write_whole};
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::named;
 use liveview_common::console::{Output, print_message, print_notes, progress, shown};
-use liveview_common::network::LAYERS_WITHOUT_NETWORK;
 use liveview_common::outputs::Claims;
 use measured::{Measured, score_all};
 use ndarray::Array1;
@@ -47,7 +47,7 @@ const LAYERS: &str = "surface:1,surface:2,guided:1,guided:2,guided:3,guided:4,gu
                       select:32,planes:8,planes:16,planes:32,planes:64";
 
 /// What is measured without a network: what a network's one layer is to be compared with, and the default there.
-const WITHOUT_NETWORK: [LayerSpec; 2] = [LayerSpec::Surface(1), LAYERS_WITHOUT_NETWORK];
+const WITHOUT_NETWORK: [LayerSpec; 2] = [LayerSpec::Surface(1), ViewAgreement::LAYERS];
 
 /// Engines of `python -m liveview_ref.competitors.worker`.
 const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];

@@ -2,11 +2,10 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use clap::Args;
+use liveview::network::PlaneNetwork;
 use liveview::{LayerSpec, PhotoCorrection};
-
-use crate::network::Network;
 
 /// Options that choose the layers of a render.
 #[derive(Debug, Args)]
@@ -91,14 +90,14 @@ impl LayerArgs {
 pub fn given_or_recommended(
     layers: Option<&LayerSpec>,
     quality: Option<Quality>,
-    network: &Network,
+    network: &dyn PlaneNetwork,
 ) -> Result<LayerSpec> {
     let layers = match (layers, quality) {
         (Some(layers), _) => layers.clone(),
         (None, Some(quality)) => quality.into(),
-        (None, None) => network.recommended_layers()?,
+        (None, None) => network.recommended_layers().map_err(|error| anyhow!("{error}; --layers decides instead"))?,
     };
-    if matches!(layers, LayerSpec::Select { .. }) && !network.tells_opacity() {
+    if matches!(layers, LayerSpec::Select { .. }) && !network.predicts_opacity() {
         bail!("--network none: {layers} needs the opacities of a network to select planes by; expected other layers");
     }
     Ok(layers)

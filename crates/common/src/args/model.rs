@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use liveview::network::{
-    Alpha, ExecutionProvider, NoNetwork, OrtLibrary, OrtNetwork, Precision, check_threads, cpu_has_bf16,
+    Alpha, ExecutionProvider, OrtLibrary, OrtNetwork, Precision, ViewAgreement, check_threads, cpu_has_bf16,
 };
 use liveview::render::Renderer;
 use liveview::{LayerSpec, Model, ModelOptions};
@@ -16,7 +16,6 @@ use super::model_info::{ModelInfo, OpenedModel};
 use super::model_names::{AlphaName, NetworkName, PrecisionName, ProviderChoice, ProviderName, flag};
 use super::numbers;
 use crate::console::print_message;
-use crate::network::Network;
 use crate::ort_wheel::wheel;
 use crate::outputs::Claims;
 
@@ -154,7 +153,7 @@ impl ModelArgs {
     }
 
     /// Finds and opens the model for these layers, if there is to be one.
-    pub fn open_for(&self, layers: Option<&LayerSpec>) -> Result<(Renderer<Network>, ModelInfo)> {
+    pub fn open_for(&self, layers: Option<&LayerSpec>) -> Result<(Renderer, ModelInfo)> {
         let (renderer, model) = if self.without_network() {
             (self.renderer_without_network(self.views_or_default()), None)
         } else {
@@ -165,16 +164,16 @@ impl ModelArgs {
     }
 
     /// A renderer with the model's alpha, or the one asked for.
-    fn renderer(&self, network: OrtNetwork) -> Renderer<Network> {
+    fn renderer(&self, network: OrtNetwork) -> Renderer {
         let alpha = network.card().alpha(self.alpha.map(Into::into));
-        let mut renderer = Renderer::new(Network::Model(Box::new(network)), self.batch);
+        let mut renderer = Renderer::new(Box::new(network), self.batch);
         renderer.set_alpha(alpha);
         renderer
     }
 
     /// A renderer whose views and layers count as far as the views agree.
-    fn renderer_without_network(&self, views: usize) -> Renderer<Network> {
-        let mut renderer = Renderer::new(Network::None(NoNetwork { views }), self.batch);
+    fn renderer_without_network(&self, views: usize) -> Renderer {
+        let mut renderer = Renderer::new(Box::new(ViewAgreement { views }), self.batch);
         renderer.set_alpha(Alpha::Competing { scale: 1.0 });
         renderer
     }
@@ -191,9 +190,7 @@ impl ModelArgs {
             bail!("--network none: expected a model");
         }
         let options = self.options()?;
-        let Model { renderer, library, precision, .. } = Model::open(&options, layers)?;
-        let alpha = renderer.alpha();
-        let network = renderer.into_network();
+        let Model { network, alpha, library, precision, .. } = Model::open(&options, layers)?;
         let (path, card) = (network.path().to_owned(), network.card().clone());
         let expected = if options.quantized { "int8" } else { "f32" };
         if self.precision.is_some() && card.precision != expected {
@@ -210,7 +207,7 @@ impl ModelArgs {
     }
 
     /// The models for fewer views than `views`, to fall back on; none if --model names one.
-    pub fn open_smaller(&self, views: usize, layers: Option<&LayerSpec>) -> Result<Vec<Renderer<Network>>> {
+    pub fn open_smaller(&self, views: usize, layers: Option<&LayerSpec>) -> Result<Vec<Renderer>> {
         if self.without_network() {
             return Ok((2..views).map(|views| self.renderer_without_network(views)).collect());
         }

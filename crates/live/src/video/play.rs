@@ -6,12 +6,10 @@ use std::time::Duration;
 
 use anyhow::{Result, bail};
 use liveview::live::{LiveSession, LiveSettings, Policy};
-use liveview::network::PlaneNetwork;
 use liveview::{Camera, ImageRgb, LayerSpec};
 use liveview_common::args::layers::given_or_recommended;
 use liveview_common::console::{Output, print_notes, progress};
 use liveview_common::interrupt::{self, Interrupted};
-use liveview_common::network::Network;
 use liveview_common::outputs::Claims;
 
 use super::gather::{Clock, Faults, Gathering};
@@ -37,7 +35,7 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
     let (renderer, model) = args.model.open_for(given.as_ref())?;
     let views = renderer.network().views();
     let layers = given_or_recommended(given.as_ref(), None, renderer.network())?;
-    let opacities = renderer.network().tells_opacity();
+    let opacities = renderer.network().predicts_opacity();
     let policy = policy(args.policy, &layers)?;
     let mut renderers = args.model.open_smaller(views, given.as_ref())?;
     let fewest = renderers.iter().map(|renderer| renderer.network().views()).min().unwrap_or(views);
@@ -120,7 +118,7 @@ fn policy(given: Option<Policy>, layers: &LayerSpec) -> Result<Policy> {
 }
 
 /// Renders a picture of each size that the video may have: the first of a size takes longer than all others.
-fn warm_up(session: &mut LiveSession<Network>, read: &[usize], target: &Camera, governor: &Governor) -> Result<()> {
+fn warm_up(session: &mut LiveSession, read: &[usize], target: &Camera, governor: &Governor) -> Result<()> {
     let grey = |camera: &Camera| {
         let (width, height) = (camera.width(), camera.height());
         ImageRgb::new(width, height, vec![0.5; 3 * width * height])

@@ -12,7 +12,6 @@ use liveview::live::{LiveError, LiveSession};
 use liveview::{Camera, ImageRgb};
 use liveview_common::console::print_message;
 use liveview_common::interrupt::{self, Interrupted};
-use liveview_common::network::Network;
 
 use super::gather::{Clock, Faults, Gathering, Step};
 use super::played::Played;
@@ -29,7 +28,7 @@ const AHEAD: usize = 2;
 
 /// Renders the time steps, and passes the frames to the writer.
 pub(super) struct Player<'a> {
-    pub(super) session: LiveSession<Network>,
+    pub(super) session: LiveSession,
     /// Whether a frame of the governor's level has been rendered.
     pub(super) settled: bool,
     pub(super) viewpoint: &'a Viewpoint,

@@ -1,28 +1,32 @@
 //! Networks that two sessions share.
 
-use std::cell::RefCell;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use liveview::ndarray::{ArrayView4, ArrayViewMut4};
 use liveview::network::{Alpha, NetworkError, PlaneNetwork};
 use liveview::render::Renderer;
-use liveview_common::network::Network;
 
 /// A network that several renderers run, one at a time.
 #[derive(Clone)]
-pub(super) struct Shared(Rc<RefCell<Network>>);
+struct Shared(Arc<Mutex<Box<dyn PlaneNetwork>>>);
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Box<dyn PlaneNetwork>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
 
 impl PlaneNetwork for Shared {
     fn views(&self) -> usize {
-        self.0.borrow().views()
+        self.lock().views()
     }
 
     fn name(&self) -> String {
-        self.0.borrow().name()
+        self.lock().name()
     }
 
     fn infer(&mut self, hwv: ArrayView4<'_, f32>, logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
-        self.0.borrow_mut().infer(hwv, logits)
+        self.lock().infer(hwv, logits)
     }
 }
 
@@ -33,10 +37,10 @@ pub(super) struct Networks {
 }
 
 impl Networks {
-    pub(super) fn new(renderers: Vec<Renderer<Network>>, batch: usize) -> Self {
-        let share = |renderer: Renderer<Network>| {
+    pub(super) fn new(renderers: Vec<Renderer>, batch: usize) -> Self {
+        let share = |renderer: Renderer| {
             let alpha = renderer.alpha();
-            (Shared(Rc::new(RefCell::new(renderer.into_network()))), alpha)
+            (Shared(Arc::new(Mutex::new(renderer.into_network()))), alpha)
         };
         Self { networks: renderers.into_iter().map(share).collect(), batch }
     }
@@ -48,9 +52,9 @@ impl Networks {
     }
 
     /// Renderers of a session.
-    pub(super) fn renderers(&self) -> Vec<Renderer<Shared>> {
+    pub(super) fn renderers(&self) -> Vec<Renderer> {
         let renderer = |(network, alpha): &(Shared, Alpha)| {
-            let mut renderer = Renderer::new(network.clone(), self.batch);
+            let mut renderer = Renderer::new(Box::new(network.clone()), self.batch);
             renderer.set_alpha(*alpha);
             renderer
         };

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use liveview::live::{LiveFrame, LiveSession, LiveSettings, Policy};
-use liveview::network::{PlaneNetwork, RunEnd};
+use liveview::network::RunEnd;
 use liveview::{Camera, ImageRgb, LayerSpec, Scene};
 use liveview_common::args::layers::{LayerArgs, given_or_recommended};
 use liveview_common::args::model::ModelArgs;
@@ -13,7 +13,7 @@ use liveview_live::governor::Governor;
 use liveview_live::rig::{Rig, SPARE};
 
 use super::frames::{Frames, Step};
-use super::shared::{Networks, Shared};
+use super::shared::Networks;
 use super::source::{BUDGET, Rendered, Source};
 use crate::wish::Moment;
 
@@ -28,7 +28,7 @@ pub(crate) struct Video {
     networks: Networks,
     layers: LayerSpec,
     keep_exposure: bool,
-    moving: LiveSession<Shared>,
+    moving: LiveSession,
     governor: Governor,
     /// Whether a frame of the governor's level has been rendered: the first takes longer.
     settled: bool,
@@ -41,7 +41,7 @@ struct Still {
     step: usize,
     /// The cameras read: of each the depth is found with the others.
     read: Vec<usize>,
-    session: LiveSession<Shared>,
+    session: LiveSession,
 }
 
 impl Video {
@@ -55,7 +55,7 @@ impl Video {
         let (renderer, info) = model.open_for(given.as_ref())?;
         let views = renderer.network().views();
         let spec = given_or_recommended(given.as_ref(), None, renderer.network())?;
-        let governor = Governor::new(BUDGET, &spec, renderer.network().tells_opacity());
+        let governor = Governor::new(BUDGET, &spec, renderer.network().predicts_opacity());
         let mut renderers = model.open_smaller(views, given.as_ref())?;
         renderers.push(renderer);
         let runs = renderers.iter().filter_map(|renderer| renderer.network().run_end()).collect();
@@ -126,7 +126,7 @@ fn session(
     networks: &Networks,
     layers: &LayerSpec,
     keep_exposure: bool,
-) -> Result<LiveSession<Shared>> {
+) -> Result<LiveSession> {
     let (near, far) = rig.photos.depth_range(read)?;
     let mut settings = LiveSettings::new(near, far);
     settings.policy = Policy::default_for(layers);

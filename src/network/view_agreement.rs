@@ -1,9 +1,11 @@
-//! No network: views count as far as they agree.
+//! Logits from how well the views agree on a pixel's colour: no network is needed.
 
 use ndarray::{ArrayView2, ArrayView4, ArrayViewMut2, ArrayViewMut4, Axis};
 use rayon::prelude::*;
 
-use super::{NetworkError, PlaneNetwork};
+use super::error::NetworkError;
+use super::plane_network::PlaneNetwork;
+use crate::layers::LayerSpec;
 
 /// Sum over the channels of the squared difference of colours that agree by half: 0.08 in each.
 const HALF_AGREEMENT: f32 = (3.0 * 0.08 * 0.08_f64) as f32;
@@ -11,19 +13,30 @@ const HALF_AGREEMENT: f32 = (3.0 * 0.08 * 0.08_f64) as f32;
 /// Logit of full agreement.
 const STRENGTH: f32 = 2.0;
 
-/// Logits from how well the views agree on a pixel's colour, not in the paper: a view that shows something else, because it does not see
-/// the surface, counts less, and so does a layer that the views do not agree on, where layers compete ([`super::Alpha::Competing`]).
-/// A view's agreement is the mean over the views with a colour, itself among them, of 1 / (1 + (difference / 0.08)²), the difference a root
-/// mean square over the channels. Logit 0 is twice the mean of the views' agreement, each other logit twice that view's less the first's.
-/// Black is what a view has where it does not see the layer, and has no say.
-/// Along a surface that is what a network is to be compared with; what it is worth is told in docs/experiments.md.
+/// Logits from how well the views agree on a pixel's colour; not in the paper.
+///
+/// A view that shows something else, because the surface is hidden from it, gets a lower weight;
+/// where layers compete ([`super::Alpha::Competing`]), so does a layer that the views disagree on.
+/// The agreement of a view is the mean, over the views that have a colour (itself included), of
+/// 1 / (1 + (difference / 0.08)²), where the difference is the root mean square over the channels.
+/// Logit 0 is twice the mean agreement of the views; logit v is twice the agreement of view v less
+/// that of the first view. A view is black where it does not see the layer, and is left out there.
+///
+/// Along a surface it is the baseline that a network has to beat (docs/experiments.md).
 #[derive(Debug, Clone, Copy)]
-pub struct NoNetwork {
+pub struct ViewAgreement {
     /// V.
     pub views: usize,
 }
 
-impl PlaneNetwork for NoNetwork {
+#[cfg(feature = "surface")]
+impl ViewAgreement {
+    /// The layers that it recommends: three along the surface, which soften its edges. Agreement
+    /// says little about which of several distant layers is the right one.
+    pub const LAYERS: LayerSpec = LayerSpec::Surface(3);
+}
+
+impl PlaneNetwork for ViewAgreement {
     fn views(&self) -> usize {
         self.views
     }
@@ -34,6 +47,19 @@ impl PlaneNetwork for NoNetwork {
             rows.into_par_iter().for_each(|(hwv, logits)| row_logits(hwv, logits));
         }
         Ok(())
+    }
+
+    fn name(&self) -> String {
+        "view agreement".to_owned()
+    }
+
+    #[cfg(feature = "surface")]
+    fn recommended_layers(&self) -> Result<LayerSpec, NetworkError> {
+        Ok(Self::LAYERS)
+    }
+
+    fn predicts_opacity(&self) -> bool {
+        false
     }
 }
 
@@ -89,7 +115,7 @@ mod tests {
         let hwv: Vec<f32> = greys.iter().flat_map(|&grey| [grey; 3]).collect();
         let hwv = ArrayViewD::from_shape(vec![1, hwv.len(), 1, 1], &hwv).unwrap();
         let mut logits = Array4::zeros((1, greys.len(), 1, 1));
-        NoNetwork { views: greys.len() }.infer(hwv.into_dimensionality().unwrap(), logits.view_mut()).unwrap();
+        ViewAgreement { views: greys.len() }.infer(hwv.into_dimensionality().unwrap(), logits.view_mut()).unwrap();
         logits.into_raw_vec_and_offset().0
     }
 
