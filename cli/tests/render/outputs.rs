@@ -2,10 +2,6 @@
 //! picture.
 #![cfg(unix)]
 
-mod common;
-#[path = "../../tests/scene_common/mod.rs"]
-mod scene_common;
-
 use std::ffi::OsStr;
 use std::fs;
 use std::io::Read;
@@ -15,8 +11,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use common::{Folders, HEIGHT, WIDTH, fixture, photo, wait_until};
 use serde_json::Value;
+
+use crate::common::{Folders, HEIGHT, WIDTH, fixture, photo, wait_until};
 
 /// A rig: six cameras, each a folder of frames.
 fn rig(frames: usize) -> Folders {
@@ -58,7 +55,7 @@ fn llff() -> (Folders, PathBuf) {
         photo(&root.join(format!("images/{view}.png")), 0.1 * f64::from(view), 4 * WIDTH, 4 * HEIGHT);
         photo(&root.join(format!("images_4/{view}.png")), 0.1 * f64::from(view), WIDTH, HEIGHT);
     }
-    scene_common::poses_bounds(&root.join("poses_bounds.npy"), &[0.0, 0.1, 0.2, 0.3, 0.4].map(row));
+    crate::scene_common::poses_bounds(&root.join("poses_bounds.npy"), &[0.0, 0.1, 0.2, 0.3, 0.4].map(row));
     (folders, root)
 }
 

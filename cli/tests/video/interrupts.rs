@@ -1,17 +1,16 @@
 //! Videos that are interrupted, and what could keep them from ending: the file is whole, or there is none.
 #![cfg(target_os = "linux")]
 
-mod common;
-
 use std::fs;
 use std::process::{Child, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
-use common::rig::{Rig, ffmpeg, said, told};
-use common::{HEIGHT, WIDTH, fixture, wait_until};
 use liveview::fs::atomic::TEMPORARY;
 use serde_json::Value;
+
+use crate::common::rig::{Rig, ffmpeg, said, told};
+use crate::common::{HEIGHT, WIDTH, fixture, wait_until};
 
 /// Bytes of a frame as it goes to ffmpeg.
 const FRAME: u64 = 3 * WIDTH as u64 * HEIGHT as u64;

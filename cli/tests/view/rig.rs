@@ -1,13 +1,12 @@
 //! `liveview view` of a rig: its time steps, by the server.
 
-mod common;
-
 use std::fs;
 
-use common::rig::{Rig, ffmpeg};
-use common::viewer::{Client, Viewer, moved};
-use common::{Folders, fixture};
 use serde_json::{Value, json};
+
+use crate::common::rig::{Rig, ffmpeg};
+use crate::common::viewer::{Client, Viewer, moved};
+use crate::common::{Folders, fixture};
 
 const STEPS: usize = 4;
 

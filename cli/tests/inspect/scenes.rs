@@ -1,11 +1,10 @@
 //! `liveview inspect` and `liveview select`.
 
-mod common;
-
-use common::{Folders, fixture};
 use liveview::geometry::Size;
 use liveview::image;
 use serde_json::Value;
+
+use crate::common::{Folders, fixture};
 
 fn json(command: &mut assert_cmd::Command) -> Value {
     let output = command.arg("--json").output().unwrap();
@@ -61,7 +60,7 @@ fn inspect_tells_exposure_on_request() {
     let folders = Folders::new();
     // Large enough that gains are told, and one of them a third darker in red.
     folders.write_scene(5, r#""cx": 32, "cy": 24, "w": 64, "h": 48"#, r#""cx": 96, "cy": 72, "w": 192, "h": 144"#);
-    (0..5).for_each(|view| common::photo(&folders.photo(view), 0.1 * view as f64, 192, 144));
+    (0..5).for_each(|view| crate::common::photo(&folders.photo(view), 0.1 * view as f64, 192, 144));
     let darker = folders.photo(1);
     let mut picture = ::image::open(&darker).unwrap().into_rgb8();
     picture.pixels_mut().for_each(|pixel| pixel.0[0] = (2 * u16::from(pixel.0[0]) / 3) as u8);

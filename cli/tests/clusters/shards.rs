@@ -1,15 +1,14 @@
 //! `render --shard` and `join`: however a job is shared out, and whatever is killed on the way, the pictures are those of one run.
 #![cfg(unix)]
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
-use common::{Folders, wait_until};
 use serde_json::Value;
+
+use crate::common::{Folders, wait_until};
 
 const NONE: [&str; 2] = ["--network", "none"];
 

@@ -1,14 +1,13 @@
 //! `liveview depth`: what it writes, what it scores, what it refuses.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::{Folders, HEIGHT, WIDTH};
 use image::{ImageBuffer, Luma};
 use ndarray::Array2;
 use serde_json::Value;
+
+use crate::common::{Folders, HEIGHT, WIDTH};
 
 /// Disparity of the wall.
 const WALL: f32 = 0.25;
@@ -93,7 +92,7 @@ fn some_photos_and_held_out_ones() {
     let without = map(&folders, 3);
     assert_ne!(whole, without, "two of its neighbours take no part");
     // What a held-out photo shows does not matter.
-    common::photo(&folders.photo(2), 7.0, WIDTH, HEIGHT);
+    crate::common::photo(&folders.photo(2), 7.0, WIDTH, HEIGHT);
     depth(&folders, &["--target", "0,2,4"]);
     assert_eq!(map(&folders, 3), without);
     let (told, _) = depth(&folders, &["--target", "0,1,2,4"]);

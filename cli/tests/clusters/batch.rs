@@ -1,15 +1,14 @@
 //! `liveview batch`: many renders in one process, as each alone would have made them.
 #![cfg(unix)]
 
-mod common;
-
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use common::{Folders, fixture};
 use serde_json::{Value, json};
+
+use crate::common::{Folders, fixture};
 
 fn batch(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_liveview")).arg("batch").args(arguments).output().unwrap()

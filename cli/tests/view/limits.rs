@@ -1,13 +1,11 @@
 //! `liveview view`: who is slow, sends too much, or opens too many connections.
 
-mod common;
-
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use common::Folders;
-use common::viewer::{PATIENCE, Viewer, moved};
+use crate::common::Folders;
+use crate::common::viewer::{PATIENCE, Viewer, moved};
 
 /// What a raw connection is answered before it is closed.
 fn raw(mut stream: TcpStream, sent: &str) -> String {

@@ -2,8 +2,6 @@
 //! written, and `--resume` goes on.
 #![cfg(target_os = "linux")]
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::os::unix::fs::{MetadataExt, symlink};
@@ -11,10 +9,11 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-use common::{Folders, HEIGHT, WIDTH, fixture, photo, wait_until};
 use liveview::fs::atomic::TEMPORARY;
 use liveview::image;
 use serde_json::Value;
+
+use crate::common::{Folders, HEIGHT, WIDTH, fixture, photo, wait_until};
 
 /// Frames of a path whose record passes the file size that [`LIMIT`] allows, and whose frames do not.
 const FRAMES: usize = 300;
@@ -327,7 +326,7 @@ fn a_photo_that_vanishes_during_the_run() {
     };
     ends(&format!("/bin/rm {photo}"), &["cannot be read: No such file"]);
     ends(&format!("echo > {photo}"), &["not a complete PNG or JPEG"]);
-    common::photo(&folders.scene().join("larger.png"), 0.4, 2 * WIDTH, HEIGHT);
+    crate::common::photo(&folders.scene().join("larger.png"), 0.4, 2 * WIDTH, HEIGHT);
     ends(&format!("/bin/mv {} {photo}", folders.scene().join("larger.png").display()), &["another size", "128x48"]);
 
     // Frames that were finished stay.

@@ -1,13 +1,12 @@
 //! `--cache`: depth of photos kept on disk. It saves time, and changes nothing else.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::process::{Command, Stdio};
 
-use common::{Folders, HEIGHT, WIDTH, fixture, photo};
 use serde_json::Value;
+
+use crate::common::{Folders, HEIGHT, WIDTH, fixture, photo};
 
 /// The picture of view 2 from the others, with these arguments, and what is said on stderr.
 fn render(folders: &Folders, arguments: &[&str]) -> (Vec<u8>, String) {

@@ -1,15 +1,10 @@
 //! Bad input: each is refused with exit code 2 and one message that names the file, the field and what was expected.
 
-mod common;
-#[path = "../../tests/scene_common/mod.rs"]
-mod scene_common;
-#[path = "../../tests/wheel/mod.rs"]
-mod wheel;
-
 use std::fs;
 
-use common::{Folders, fixture, photo};
 use liveview::network::ExecutionProvider;
+
+use crate::common::{Folders, fixture, photo};
 
 /// Renders view 2 of the scene, which must be refused.
 fn assert_render_refused(folders: &Folders, arguments: &[&str], words: &[&str]) {
@@ -55,7 +50,7 @@ fn intrinsics_that_are_not_finite() {
     let folders = Folders::new();
     fs::remove_file(folders.scene().join("transforms.json")).unwrap();
     let names = &["0.png", "1.png", "2.png", "3.png", "4.png"];
-    let colmap = scene_common::Colmap { camera: "PINHOLE 64 48 nan 60 30 25", names };
+    let colmap = crate::scene_common::Colmap { camera: "PINHOLE 64 48 nan 60 30 25", names };
     colmap.write_text(&folders.scene().join("sparse/0"));
     assert_render_refused(&folders, &[], &["sparse/0/cameras.txt", "PINHOLE", "fx is NaN", "finite"]);
 }
@@ -198,7 +193,7 @@ fn runtime_library() {
     );
     let text = format!("{}/Cargo.toml", env!("CARGO_MANIFEST_DIR"));
     assert_render_refused(&folders, &["--ort-lib", &text], &[&text, "not a usable ONNX Runtime library"]);
-    let whole = wheel::file(ExecutionProvider::Cpu).unwrap();
+    let whole = crate::wheel::file(ExecutionProvider::Cpu).unwrap();
     let cut_short = folders.scene().join("libonnxruntime.so");
     fs::write(&cut_short, &fs::read(whole).unwrap()[..1 << 20]).unwrap();
     let cut_short = cut_short.to_str().unwrap();
@@ -213,7 +208,7 @@ fn engines_that_are_not_there() {
     refused(&["--precision", "int4"], &["'int4'", "f32, bf16, int8"]);
     refused(&["--precision", "bf16"], &["--precision bf16", "--engine openvino"]);
     refused(&["--precision", "int8"], &["tiny_v4.onnx", "metadata `precision` is f32", "expected int8"]);
-    let library = wheel::file(ExecutionProvider::Cpu).unwrap().to_str().unwrap().to_owned();
+    let library = crate::wheel::file(ExecutionProvider::Cpu).unwrap().to_str().unwrap().to_owned();
     refused(
         &["--engine", "openvino", "--ort-lib", &library],
         &[&library, "has no execution provider openvino", "make runtime-openvino", "--ort-lib"],

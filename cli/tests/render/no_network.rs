@@ -1,12 +1,11 @@
 //! `--network none`: pictures from the views' distances and agreement, without a model or ONNX Runtime.
 
-mod common;
-
 use std::fs;
 
 use assert_cmd::Command;
-use common::{Folders, fixture};
 use serde_json::Value;
+
+use crate::common::{Folders, fixture};
 
 /// A command that finds neither a model nor ONNX Runtime.
 fn bare(folders: &Folders, command: &str, arguments: &[&str]) -> Command {

@@ -1,18 +1,17 @@
 //! `liveview view`: its server, over sockets of its own.
 
-mod common;
-
 use std::fs;
 use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use common::viewer::{Viewer, moved};
-use common::{Folders, fixture};
 use serde_json::{Value, json};
 use tungstenite::Message;
 use tungstenite::protocol::frame::coding::CloseCode;
+
+use crate::common::viewer::{Viewer, moved};
+use crate::common::{Folders, fixture};
 
 #[test]
 fn pictures_arrive_and_at_rest_they_are_those_of_render() {

@@ -1,14 +1,13 @@
 //! `liveview video` on a tiny rig: what goes in, what comes out, and what is told when a camera fails.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use common::rig::{Rig, ffmpeg};
-use common::{HEIGHT, WIDTH, photo};
 use serde_json::Value;
+
+use crate::common::rig::{Rig, ffmpeg};
+use crate::common::{HEIGHT, WIDTH, photo};
 
 fn lines(path: &str) -> Vec<Value> {
     fs::read_to_string(path).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()

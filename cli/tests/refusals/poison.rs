@@ -1,18 +1,15 @@
 //! One number of an input at a time replaced by one that no sane file holds: a picture that is finite everywhere, or exit
 //! code 2 and a message that names the file and the field. Never a panic, a signal, a hang or a file half written.
 
-mod common;
-#[path = "../../tests/scene_common/mod.rs"]
-mod scene_common;
-
 use std::fs;
 use std::ops::Range;
 use std::path::Path;
 use std::time::Duration;
 
-use common::{Folders, fixture};
-use scene_common::{Colmap, LLFF_ROW, poses_bounds, write};
 use serde_json::Value;
+
+use crate::common::{Folders, fixture};
+use crate::scene_common::{Colmap, LLFF_ROW, poses_bounds, write};
 
 /// For text: infinities by name and by overflow, squares that overflow in f32 and in f64, a denormal, a zero with a sign.
 const TEXTS: [&str; 7] = ["nan", "-inf", "1e38", "1e308", "-1e308", "1e-310", "-0"];

@@ -1,12 +1,11 @@
 //! What is installed: `liveview models`, `liveview manual`.
 
-mod common;
-
 use std::fs;
 use std::process::{Command, Output};
 
-use common::{Folders, fixture};
 use serde_json::Value;
+
+use crate::common::{Folders, fixture};
 
 fn liveview(arguments: &[&str], models: &str) -> Output {
     let mut liveview = Command::new(env!("CARGO_BIN_EXE_liveview"));

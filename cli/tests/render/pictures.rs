@@ -1,13 +1,12 @@
 //! `liveview render`: what it writes and what it tells.
 
-mod common;
-
 use std::fs;
 
-use common::{Folders, HEIGHT, WIDTH};
 use liveview::geometry::Size;
 use liveview::image::{self, psnr};
 use serde_json::Value;
+
+use crate::common::{Folders, HEIGHT, WIDTH};
 
 /// Runs a command that must succeed; its stdout.
 fn run(command: &mut assert_cmd::Command) -> String {

@@ -1,14 +1,13 @@
 //! Cameras of a video that end, go or do not match, and what cannot be read at all: what was left out is told, and why.
 #![cfg(target_os = "linux")]
 
-mod common;
-
 use std::fs;
 use std::os::unix::fs::symlink;
 
 use assert_cmd::Command;
-use common::rig::{Rig, ffmpeg, said, told};
-use common::{HEIGHT, WIDTH, fixture, photo};
+
+use crate::common::rig::{Rig, ffmpeg, said, told};
+use crate::common::{HEIGHT, WIDTH, fixture, photo};
 
 /// Bytes of a frame as it goes to ffmpeg.
 const FRAME: u64 = 3 * WIDTH as u64 * HEIGHT as u64;

@@ -3,18 +3,15 @@
 
 #![cfg(unix)]
 
-mod common;
-#[path = "../../tests/scene_common/mod.rs"]
-mod scene_common;
-
 use std::fs::{self, File};
 use std::path::Path;
 use std::time::Duration;
 
 use assert_cmd::Command;
-use common::{Folders, fixture};
 use image::ImageEncoder;
-use scene_common::{Bytes, Colmap, LLFF_ROW, poses_bounds, write};
+
+use crate::common::{Folders, fixture};
+use crate::scene_common::{Bytes, Colmap, LLFF_ROW, poses_bounds, write};
 
 const NAMES: [&str; 5] = ["0.png", "1.png", "2.png", "3.png", "4.png"];
 
@@ -71,11 +68,11 @@ fn photos_that_claim_60000_pixels() {
     let mut png = fs::read(folders.photo(3)).unwrap();
     png[16..20].copy_from_slice(&side);
     png[20..24].copy_from_slice(&side);
-    let checksum = scene_common::crc32(&png[12..29]);
+    let checksum = crate::scene_common::crc32(&png[12..29]);
     png[29..33].copy_from_slice(&checksum.to_be_bytes());
 
     let photo = folders.scene().join("photo.jpg");
-    scene_common::picture(&photo, 64, 48);
+    crate::scene_common::picture(&photo, 64, 48);
     let mut jpeg = fs::read(&photo).unwrap();
     let frame = jpeg.windows(2).position(|marker| marker == [0xFF, 0xC0]).unwrap();
     jpeg[frame + 5..frame + 7].copy_from_slice(&side[2..]);
