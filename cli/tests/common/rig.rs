@@ -1,4 +1,4 @@
-//! A tiny camera rig, and a stand-in for ffmpeg.
+//! A tiny camera rig, and a substitute for ffmpeg.
 
 use std::fs;
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::{Folders, HEIGHT, WIDTH, fixture, photo};
 
-/// Six cameras in a row before a wall, each a folder of frames; `cam2` to hold out.
+/// Six cameras in a row in front of a wall, each a folder of frames.
 pub(crate) struct Rig {
     pub(crate) folders: Folders,
 }
@@ -41,7 +41,7 @@ impl Rig {
         photo(&self.frame(camera, frame), 0.1 * camera as f64 + moved, WIDTH, HEIGHT);
     }
 
-    /// A video file in place of each camera's folder, pixmaps that the stand-in for ffmpeg takes as they are.
+    /// Replaces each camera's folder by a video file: pixmaps, which the substitute for ffmpeg copies.
     pub(crate) fn as_videos(&self, frames: &[usize; 6]) {
         for (camera, &frames) in frames.iter().enumerate() {
             let mut video = Vec::new();
@@ -73,17 +73,16 @@ impl Rig {
         video
     }
 
-    /// Its report, once it has succeeded.
-    pub(crate) fn told(&self, arguments: &[&str]) -> Value {
+    /// The report of a run that succeeds.
+    pub(crate) fn report(&self, arguments: &[&str]) -> Value {
         let output = self.video(arguments).arg("--json").output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(0), "{said}");
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
         serde_json::from_slice(&output.stdout).unwrap()
     }
 }
 
-/// A stand-in for ffmpeg: what it reads, as a video of the pixmaps in its input, 30 a second; what it writes, its input as it is.
-/// Of what it reads, `$2` is the input and `$all` its arguments; `script` comes before the rest.
+/// A substitute for ffmpeg. It decodes a file of pixmaps as a video of 30 frames per second, and encodes by copying its input.
+/// `script` runs first; when decoding, `$2` is the input file and `$all` the arguments.
 pub(crate) fn ffmpeg(folders: &Folders, script: &str) -> String {
     folders.ffmpeg(&format!(
         r#"all="$*"
@@ -103,14 +102,14 @@ exec /bin/cat > "$last""#
     ))
 }
 
-/// What a program said on standard error.
-pub(crate) fn said(output: &Output) -> String {
+/// The standard error of a program.
+pub(crate) fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// The report of a program, once it has succeeded, and what else it said.
-pub(crate) fn told(command: &mut Command) -> (Value, String) {
+/// The report of a run that succeeds, and its standard error.
+pub(crate) fn report(command: &mut Command) -> (Value, String) {
     let output = command.arg("--json").output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    (serde_json::from_slice(&output.stdout).unwrap(), said(&output))
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    (serde_json::from_slice(&output.stdout).unwrap(), stderr(&output))
 }

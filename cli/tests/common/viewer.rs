@@ -1,4 +1,4 @@
-//! A running viewer, and clients of it.
+//! A running viewer, and its clients.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -12,7 +12,7 @@ use tungstenite::{Message, WebSocket};
 
 use super::{Folders, fixture};
 
-/// Longer than anything takes, so that a test fails and does not hang.
+/// A timeout longer than any step takes: a test fails instead of hanging.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A running viewer of the tiny scene.
@@ -20,7 +20,7 @@ pub(crate) struct Viewer {
     child: Child,
     pub(crate) host: String,
     pub(crate) query: String,
-    /// What it says further on standard error.
+    /// Further lines of standard error.
     pub(crate) lines: Box<dyn Iterator<Item = String> + Send>,
 }
 
@@ -85,11 +85,11 @@ impl Viewer {
         }
     }
 
-    /// A client that was told of the scene.
+    /// A client, and the session info that it received.
     pub(crate) fn client(&self) -> (Client, Value) {
         let mut client = self.open(&[("Origin", &format!("http://{}", self.host))]).unwrap();
-        let hello = client.text();
-        (client, hello)
+        let info = client.text();
+        (client, info)
     }
 
     /// Ctrl-C: the exit code and what was printed.
@@ -117,7 +117,7 @@ impl Client {
         self.socket.send(Message::text(message.to_string())).unwrap();
     }
 
-    pub(crate) fn look(&mut self, id: u64, camera: &Value, moving: bool) {
+    pub(crate) fn request(&mut self, id: u64, camera: &Value, moving: bool) {
         self.send(&json!({ "id": id, "camera": camera, "moving": moving, "depth": false }));
     }
 
@@ -143,7 +143,7 @@ impl Client {
         (serde_json::from_slice(header).unwrap(), picture.to_vec())
     }
 
-    /// Code and reason with which it is closed.
+    /// The code and the reason with which the connection is closed.
     pub(crate) fn closed(&mut self) -> (CloseCode, String) {
         match self.next() {
             Message::Close(Some(why)) => (why.code, why.reason.to_string()),
@@ -152,9 +152,9 @@ impl Client {
     }
 }
 
-/// The camera of a view as told, moved to the right in its own axes.
-pub(crate) fn moved(hello: &Value, view: usize, by: f64) -> Value {
-    let mut camera = hello["views"][view]["camera"].clone();
+/// The camera of a view in the session info, moved to the right along its own x axis.
+pub(crate) fn moved(info: &Value, view: usize, by: f64) -> Value {
+    let mut camera = info["views"][view]["camera"].clone();
     let x = camera["cam_from_world"][0][3].as_f64().unwrap();
     camera["cam_from_world"][0][3] = (x - by).into();
     camera

@@ -1,4 +1,4 @@
-//! Cameras of a video that end, go or do not match, and what cannot be read at all: what was left out is told, and why.
+//! Cameras of a video that end early, differ in their frame times, or cannot be read: what is left out is reported, with the reason.
 #![cfg(target_os = "linux")]
 
 use std::fs;
@@ -6,14 +6,14 @@ use std::os::unix::fs::symlink;
 
 use assert_cmd::Command;
 
-use crate::common::rig::{Rig, ffmpeg, said, told};
+use crate::common::rig::{Rig, ffmpeg, report, stderr};
 use crate::common::{HEIGHT, WIDTH, fixture, photo};
 
-/// Bytes of a frame as it goes to ffmpeg.
+/// Bytes of a frame written to ffmpeg.
 const FRAME: u64 = 3 * WIDTH as u64 * HEIGHT as u64;
 
 #[test]
-fn steps_are_the_frames_there_are() {
+fn frames_are_matched_by_number_or_by_time() {
     let rig = Rig::new(4);
     let rename = |name: &dyn Fn(usize, usize) -> String| {
         for camera in 0..6 {
@@ -43,12 +43,12 @@ fn steps_are_the_frames_there_are() {
         ),
     ] {
         rename(name);
-        let (told, said) = told(&mut rig.video(&arguments));
+        let (report, stderr) = report(&mut rig.video(&arguments));
         assert_eq!(
-            (told["rendered"].as_u64(), told["frames"].as_u64(), &told["faults"]),
+            (report["rendered"].as_u64(), report["frames"].as_u64(), &report["faults"]),
             (Some(4), Some(4), &serde_json::json!([]))
         );
-        assert!(said.contains(words), "{said}");
+        assert!(stderr.contains(words), "{stderr}");
         assert_eq!(fs::read_dir(&out).unwrap().count(), 4);
         fs::remove_dir_all(&out).unwrap();
     }
@@ -57,7 +57,7 @@ fn steps_are_the_frames_there_are() {
 }
 
 #[test]
-fn cameras_of_different_frame_rates_are_matched_by_time() {
+fn different_frame_rates_are_matched_by_time() {
     let rig = Rig::new(0);
     for frame in 0..12 {
         (0..6).for_each(|camera| rig.film(camera, frame, 0.1 * frame as f64 * if camera == 1 { 2.0 } else { 1.0 }));
@@ -73,15 +73,16 @@ fn cameras_of_different_frame_rates_are_matched_by_time() {
 esac"#,
     );
     let out = rig.folders.out("frames");
-    let (told, said) = told(rig.video(&["--camera", "cam2", "--layers", "planes:8", "-o", &out]).env("PATH", path));
-    assert!(said.contains("different frame rates (cam0 30, cam1 15, cam2 30"), "{said}");
-    assert!(said.contains("matched by time, 15 steps per second"), "{said}");
-    assert_eq!((told["rendered"].as_u64(), &told["faults"]), (Some(6), &serde_json::json!([])), "{told}");
-    assert!(told["mean"]["psnr"].as_f64().unwrap() > 20.0, "{told}");
+    let (report, stderr) =
+        report(rig.video(&["--camera", "cam2", "--layers", "planes:8", "-o", &out]).env("PATH", path));
+    assert!(stderr.contains("different frame rates (cam0 30, cam1 15, cam2 30"), "{stderr}");
+    assert!(stderr.contains("matched by time, 15 steps per second"), "{stderr}");
+    assert_eq!((report["rendered"].as_u64(), &report["faults"]), (Some(6), &serde_json::json!([])), "{report}");
+    assert!(report["mean"]["psnr"].as_f64().unwrap() > 20.0, "{report}");
 }
 
 #[test]
-fn why_cameras_cannot_be_read_is_told() {
+fn unreadable_cameras_are_refused_with_the_reason() {
     let rig = Rig::new(2);
     rig.as_videos(&[2; 6]);
     let out = rig.folders.out("a.mp4");
@@ -93,19 +94,19 @@ fn why_cameras_cannot_be_read_is_told() {
     let mut video = rig.video(&["--camera", "cam2", "-o", &frames]);
     let words = ["cam5.mp4: ffmpeg failed (exit status: 1): moov atom not found"];
     rig.folders.assert_refused(video.env("PATH", broken), &words);
-    // Video of 10 bits becomes pixmaps of 16, unless others are asked for.
+    // ffmpeg decodes a 10-bit video to 16-bit pixmaps unless rgb24 is requested.
     let deep =
         r#"case "$all" in *image2pipe*) case "$all" in *"-pix_fmt rgb24"*) ;; *) echo "P6 64 48 65535";; esac;; esac"#;
     let path = ffmpeg(&rig.folders, deep);
-    told(rig.video(&["--camera", "cam2", "-o", &frames]).env("PATH", &path));
-    // In a folder that could be a protocol, and into one.
+    report(rig.video(&["--camera", "cam2", "-o", &frames]).env("PATH", &path));
+    // Folder names that look like protocols.
     let root = rig.path().parent().unwrap().to_owned();
     symlink(rig.path(), root.join("a:b")).unwrap();
     let mut video = Command::new(env!("CARGO_BIN_EXE_liveview"));
     video.current_dir(&root).env("PATH", &path).args(["video", "a:b", "--camera", "cam2", "-o", "c:d/a.mp4"]);
-    told(video.args(["--model", &fixture("tiny_v4")]));
+    report(video.args(["--model", &fixture("tiny_v4")]));
     assert_eq!(fs::metadata(root.join("c:d/a.mp4")).unwrap().len(), 2 * FRAME);
-    // Gone after opening: no frame, no file.
+    // Deleted after opening: no frame, no file.
     let path = ffmpeg(&rig.folders, r#"case "$all" in *yuv4*) /bin/rm "$2"; echo YUV4MPEG2 F30:1; exit;; esac"#);
     fs::remove_dir_all(&frames).unwrap();
     let mut video = rig.video(&["--camera", "cam2", "-o", &out]);
@@ -116,37 +117,37 @@ fn why_cameras_cannot_be_read_is_told() {
 }
 
 #[test]
-fn frames_that_are_not_delivered_are_counted_and_no_video_is_no_success() {
+fn missing_frames_are_counted_and_an_empty_video_is_an_error() {
     let rig = Rig::new(12);
     (3..12).for_each(|frame| fs::remove_file(rig.frame(1, frame)).unwrap());
     let out = rig.folders.out("frames");
-    let (told, _) = told(&mut rig.video(&["--camera", "cam2", "-o", &out]));
+    let (report, _) = report(&mut rig.video(&["--camera", "cam2", "-o", &out]));
     let expected = serde_json::json!([{ "camera": "cam1", "not_delivered": 9, "first": "no frames from 3 on" }]);
-    assert_eq!(told["faults"], expected);
+    assert_eq!(report["faults"], expected);
     fs::remove_dir_all(&out).unwrap();
     let refused = |arguments: &[&str], words: &[&str]| {
         rig.folders.assert_refused(&mut rig.video(&[&["--camera", "cam2", "-o", &out], arguments].concat()), words);
     };
     refused(&["--frames", "100.."], &["--frames 100..", "12 time steps"]);
     refused(&["--fps", "0"], &["--fps", "30000/1001"]);
-    // Of videos it is not known before how long they are.
+    // The length of videos is unknown before they are read.
     let films = Rig::new(2);
     films.as_videos(&[2; 6]);
     let mut late = films.video(&["--camera", "cam2", "-o", &films.folders.out("frames"), "--frames", "9.."]);
     films
         .folders
         .assert_refused(late.env("PATH", ffmpeg(&films.folders, "")), &["no camera has a frame from time step 9 on"]);
-    // Too few cameras at every step that is asked for.
+    // Too few cameras at every step of the range.
     (0..6).for_each(|camera| (9..11).for_each(|frame| fs::write(rig.frame(camera, frame), "").unwrap()));
     refused(&["--frames", "9..11"], &["no frame could be rendered", "cam0: ", "009.png"]);
 }
 
 #[test]
-fn rates_exposure_and_the_model_for_planes() {
+fn rates_exposure_and_models_for_planes() {
     let rig = Rig::new(2);
     for (rate, header) in [("29.97", "F2997:100 "), ("30000/1001", "F30000:1001 ")] {
         let output = rig.video(&["--camera", "cam2", "--fps", rate, "-o", "-"]).output().unwrap();
-        assert!(String::from_utf8_lossy(&output.stdout[..80]).contains(header), "{}", said(&output));
+        assert!(String::from_utf8_lossy(&output.stdout[..80]).contains(header), "{}", stderr(&output));
     }
     // Photos large enough for their exposures to be compared.
     let poses = rig.path().join("transforms.json");
@@ -165,7 +166,7 @@ fn rates_exposure_and_the_model_for_planes() {
     let out = rig.folders.out("frames");
     let psnr = |more: &[&str]| {
         let arguments = [&["--camera", "cam2", "--layers", "surface:1", "-o", &out], more].concat();
-        told(&mut rig.video(&arguments)).0["mean"]["psnr"].as_f64().unwrap()
+        report(&mut rig.video(&arguments)).0["mean"]["psnr"].as_f64().unwrap()
     };
     let (balanced, kept) = (psnr(&[]), psnr(&["--keep-exposure"]));
     assert!((balanced - kept).abs() > 0.1, "{balanced} {kept}");
@@ -182,7 +183,7 @@ fn rates_exposure_and_the_model_for_planes() {
     ] {
         let arguments = [&["--camera", "cam2", "--layers", layers, "-o", &out], alpha].concat();
         let mut video = rig.folders.liveview("video", &arguments);
-        let (told, _) = told(video.env("LIVEVIEW_MODELS", &models));
-        assert!(told["model"]["file"].as_str().unwrap().ends_with(file), "{told}");
+        let (report, _) = report(video.env("LIVEVIEW_MODELS", &models));
+        assert!(report["model"]["file"].as_str().unwrap().ends_with(file), "{report}");
     }
 }

@@ -1,4 +1,4 @@
-//! `liveview view`: who is slow, sends too much, or opens too many connections.
+//! `liveview view`: clients that are slow, send too much, or open too many connections.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::common::Folders;
 use crate::common::viewer::{PATIENCE, Viewer, moved};
 
-/// What a raw connection is answered before it is closed.
+/// The answer to raw bytes, until the connection is closed.
 fn raw(mut stream: TcpStream, sent: &str) -> String {
     // It may be closed before all is sent.
     let _ = stream.write_all(sent.as_bytes());
@@ -17,7 +17,7 @@ fn raw(mut stream: TcpStream, sent: &str) -> String {
 }
 
 #[test]
-fn heads_are_limited_and_whoever_is_slow_is_cut_off() {
+fn large_heads_and_slow_requests_are_refused() {
     let folders = Folders::new();
     let viewer = Viewer::start(&folders, &["--layers", "guided:1", "--bind", "127.0.0.1"]);
     let head = format!("GET /{} HTTP/1.1\r\nHost: {}\r\n", viewer.query, viewer.host);
@@ -29,15 +29,15 @@ fn heads_are_limited_and_whoever_is_slow_is_cut_off() {
     }
     let body =
         format!("POST /picture{} HTTP/1.1\r\nHost: {}\r\nContent-Length: 100\r\n\r\n{{", viewer.query, viewer.host);
-    let (mut good, hello) = viewer.client();
-    // Each of them would wait for a minute: half a head, nothing at all, half a body, and a second request that never comes.
+    let (mut good, info) = viewer.client();
+    // Half a head, no byte at all, half a body, and a second request that never comes.
     let began = Instant::now();
     std::thread::scope(|scope| {
         let [half, nothing, body, idle] = [head.clone(), String::new(), body, format!("{head}\r\n")].map(|sent| {
             let stream = viewer.stream();
             scope.spawn(move || raw(stream, &sent))
         });
-        good.look(1, &moved(&hello, 2, 0.0), true);
+        good.request(1, &moved(&info, 2, 0.0), true);
         assert_eq!(good.frame().0["id"], 1);
         let answers = [half, nothing, body, idle].map(|slow| slow.join().unwrap());
         assert!(answers[0].is_empty() || answers[0].starts_with("HTTP/1.1 408"), "{}", answers[0]);
@@ -49,17 +49,17 @@ fn heads_are_limited_and_whoever_is_slow_is_cut_off() {
 }
 
 #[test]
-fn connections_are_limited_and_sockets_go_on() {
+fn connections_are_limited_and_open_sockets_still_served() {
     let folders = Folders::new();
     let viewer = Viewer::start(&folders, &["--layers", "guided:1"]);
-    let (mut good, hello) = viewer.client();
+    let (mut good, info) = viewer.client();
     let mut idle: Vec<TcpStream> = (0..64).map(|_| viewer.stream()).collect();
     let mut late = viewer.stream();
     late.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
     late.write_all(format!("GET / HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", viewer.host).as_bytes()).unwrap();
     let mut answer = [0; 12];
-    assert!(late.read_exact(&mut answer).is_err(), "no place is free");
-    good.look(1, &moved(&hello, 2, 0.0), true);
+    assert!(late.read_exact(&mut answer).is_err(), "it waits for a free connection");
+    good.request(1, &moved(&info, 2, 0.0), true);
     assert_eq!(good.frame().0["id"], 1);
     idle.pop();
     late.set_read_timeout(Some(PATIENCE)).unwrap();

@@ -1,4 +1,4 @@
-//! `liveview view`: its server, over sockets of its own.
+//! `liveview view` of a scene of photos: the server and its messages.
 
 use std::fs;
 use std::net::TcpListener;
@@ -14,19 +14,19 @@ use crate::common::viewer::{Viewer, moved};
 use crate::common::{Folders, fixture};
 
 #[test]
-fn pictures_arrive_and_at_rest_they_are_those_of_render() {
+fn picture_at_rest_equals_that_of_render() {
     let folders = Folders::new();
     let viewer = Viewer::start(&folders, &[]);
-    let (mut client, hello) = viewer.client();
-    assert_eq!(hello["views"].as_array().unwrap().len(), 5);
-    let camera = moved(&hello, 2, 0.037);
+    let (mut client, info) = viewer.client();
+    assert_eq!(info["views"].as_array().unwrap().len(), 5);
+    let camera = moved(&info, 2, 0.037);
 
-    client.look(1, &camera, true);
+    client.request(1, &camera, true);
     let (header, picture) = client.frame();
     assert_eq!((&header["id"], &header["moving"], &header["layers"]), (&1.into(), &true.into(), &"guided:1".into()));
     assert_eq!(picture[..2], [0xFF, 0xD8], "JPEG");
 
-    client.look(2, &camera, false);
+    client.request(2, &camera, false);
     let (header, shown) = client.frame();
     assert_eq!((&header["id"], &header["width"], &header["layers"]), (&2.into(), &64.into(), &"guided:2".into()));
     let (status, saved) =
@@ -38,8 +38,8 @@ fn pictures_arrive_and_at_rest_they_are_those_of_render() {
     let rendered = fs::read(&picture).unwrap();
     assert!(shown == rendered && saved == rendered);
 
-    // A camera that was not shown is rendered for the file; a damaged one is refused.
-    let (status, other) = viewer.ask("POST /picture", &[], &json!({ "camera": moved(&hello, 1, 0.0) }).to_string());
+    // A camera that was not shown yet is rendered; an invalid one is refused.
+    let (status, other) = viewer.ask("POST /picture", &[], &json!({ "camera": moved(&info, 1, 0.0) }).to_string());
     assert!(status == 200 && other != rendered);
     let (status, reason) = viewer.ask("POST /picture", &[], r#"{"camera": {"cam_from_world": 3}}"#);
     assert!(status == 400 && String::from_utf8_lossy(&reason).contains("3 or 4 rows of 4 numbers"));
@@ -51,29 +51,29 @@ fn pictures_arrive_and_at_rest_they_are_those_of_render() {
 }
 
 #[test]
-fn the_newest_pose_wins_for_each_client() {
+fn newest_request_of_each_client_is_served() {
     let folders = Folders::new();
     let viewer = Viewer::start(&folders, &["--layers", "guided:1"]);
-    let ((mut one, hello), (mut two, _)) = (viewer.client(), viewer.client());
-    // As many as may be on their way to a client that shows nothing.
+    let ((mut one, info), (mut two, _)) = (viewer.client(), viewer.client());
+    // As many frames as are sent to a client that shows none.
     for id in [1, 2] {
-        one.look(id, &moved(&hello, 2, 0.01 * id as f64), true);
+        one.request(id, &moved(&info, 2, 0.01 * id as f64), true);
         assert_eq!(one.frame().0["id"], id);
     }
-    (3..=60).for_each(|id| one.look(id, &moved(&hello, 2, 0.001 * id as f64), true));
-    // The other one is served all the same.
-    two.look(7, &moved(&hello, 1, 0.01), false);
+    (3..=60).for_each(|id| one.request(id, &moved(&info, 2, 0.001 * id as f64), true));
+    // The other client is served meanwhile.
+    two.request(7, &moved(&info, 1, 0.01), false);
     assert_eq!(two.frame().0["id"], 7);
     one.send(&json!({ "shown": 1 }));
     assert_eq!(one.frame().0["id"], 60);
-    // One that fails is told so, and the next is served.
-    let mut astray = moved(&hello, 2, 0.0);
-    astray["cam_from_world"] = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]);
-    two.look(8, &astray, false);
+    // A request that fails is answered with an error, and the next one is served.
+    let mut behind = moved(&info, 2, 0.0);
+    behind["cam_from_world"] = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]);
+    two.request(8, &behind, false);
     assert!(two.text()["error"].as_str().unwrap().contains("look the target's way"));
-    two.look(9, &moved(&hello, 2, 0.0), false);
+    two.request(9, &moved(&info, 2, 0.0), false);
     assert_eq!(two.frame().0["id"], 9);
-    // The end of the program is told.
+    // The end of the program is sent to each client.
     let ended = std::thread::spawn(move || viewer.end().0);
     assert_eq!(two.closed(), (CloseCode::Away, "the program has ended".to_owned()));
     assert_eq!(one.closed().0, CloseCode::Away);
@@ -82,7 +82,7 @@ fn the_newest_pose_wins_for_each_client() {
 }
 
 #[test]
-fn no_other_page_gets_in() {
+fn requests_of_other_pages_are_refused() {
     let folders = Folders::new();
     let viewer = Viewer::start(&folders, &["--layers", "guided:1"]);
     let own = format!("http://{}", viewer.host);
@@ -101,11 +101,11 @@ fn no_other_page_gets_in() {
     assert_eq!(viewer.open(&[("Origin", "http://evil.example")]).err(), Some(403));
     assert_eq!(viewer.open(&[("Origin", "null")]).err(), Some(403));
     assert_eq!(viewer.open(&[("Host", "evil.example")]).err(), Some(403));
-    assert!(viewer.open(&[]).is_ok(), "no page at all");
+    assert!(viewer.open(&[]).is_ok(), "a client that is no browser");
 }
 
 #[test]
-fn a_chosen_address_needs_the_token_of_the_link() {
+fn with_bind_the_token_of_the_link_is_required() {
     let folders = Folders::new();
     let mut viewer = Viewer::start(&folders, &["--layers", "guided:1", "--bind", "127.0.0.1"]);
     assert!(viewer.query.starts_with("?token="));
@@ -119,7 +119,7 @@ fn a_chosen_address_needs_the_token_of_the_link() {
     for path in ["/", "/photo/0"] {
         assert_eq!(viewer.status(&format!("GET {path}{}", viewer.query), &[]), 200);
     }
-    // No picture is asked for without a camera, and no socket without an upgrade.
+    // A picture needs a camera, and the socket an upgrade.
     assert_eq!(viewer.status(&format!("POST /picture{}", viewer.query), &[]), 400);
     assert_eq!(viewer.status(&format!("GET /socket{}", viewer.query), &[]), 400);
     let origin = ("Origin", "http://evil.example");
@@ -130,11 +130,11 @@ fn a_chosen_address_needs_the_token_of_the_link() {
 }
 
 #[test]
-fn a_hostile_message_closes_its_connection_alone_with_a_reason() {
+fn invalid_message_closes_only_its_connection_and_says_why() {
     let folders = Folders::new();
     let viewer = Viewer::start(&folders, &["--layers", "guided:1"]);
-    let (mut good, hello) = viewer.client();
-    let mut large = moved(&hello, 2, 0.0);
+    let (mut good, info) = viewer.client();
+    let mut large = moved(&info, 2, 0.0);
     large["w"] = 16384.into();
     let large = json!({ "id": 1, "moving": false, "depth": false, "camera": large }).to_string();
     for (message, code, word) in [
@@ -153,30 +153,30 @@ fn a_hostile_message_closes_its_connection_alone_with_a_reason() {
     let (mut client, _) = viewer.client();
     (0..1000).for_each(|_| drop(client.socket.send(Message::text(r#"{"shown": 1}"#))));
     assert_eq!(client.closed(), (CloseCode::Policy, "too many messages a second".to_owned()));
-    good.look(1, &moved(&hello, 2, 0.0), true);
+    good.request(1, &moved(&info, 2, 0.0), true);
     assert_eq!(good.frame().0["id"], 1);
 }
 
 #[test]
-fn a_held_out_photo_is_scored_and_not_rendered_from() {
+fn held_out_photo_is_scored_and_not_rendered_from() {
     let folders = Folders::new();
     let viewer = Viewer::start(&folders, &["--target", "2", "--layers", "surface:1"]);
-    let (mut client, hello) = viewer.client();
-    assert_eq!(hello["views"][2]["held_out"], true);
-    client.look(1, &moved(&hello, 2, 0.0), false);
+    let (mut client, info) = viewer.client();
+    assert_eq!(info["views"][2]["held_out"], true);
+    client.request(1, &moved(&info, 2, 0.0), false);
     let (header, picture) = client.frame();
     assert!(!header["views"].as_array().unwrap().contains(&2.into()));
     let target = folders.out("target.png");
-    let told = folders.render(&["--target", "2", "--layers", "surface:1", "-o", &target, "--json"]).output().unwrap();
-    let told: Value = serde_json::from_slice(&told.stdout).unwrap();
-    assert_eq!((&header["truth"], &header["psnr"]), (&2.into(), &told["targets"][0]["psnr"]));
+    let report = folders.render(&["--target", "2", "--layers", "surface:1", "-o", &target, "--json"]).output().unwrap();
+    let report: Value = serde_json::from_slice(&report.stdout).unwrap();
+    assert_eq!((&header["truth"], &header["psnr"]), (&2.into(), &report["targets"][0]["psnr"]));
     assert!(header["psnr"].as_f64().unwrap() > 10.0 && picture == fs::read(&target).unwrap());
-    client.look(2, &moved(&hello, 2, 0.001), false);
+    client.request(2, &moved(&info, 2, 0.001), false);
     assert_eq!(client.frame().0["psnr"], Value::Null);
 }
 
 #[test]
-fn what_cannot_be_shown_is_refused_at_once() {
+fn options_that_cannot_work_are_refused_at_start() {
     let folders = Folders::new();
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
@@ -191,7 +191,7 @@ fn what_cannot_be_shown_is_refused_at_once() {
     refused(&["--port", "0", "--heldout", "2"], &["4 views are needed"]);
 }
 
-/// A folder to be the PATH, with programs of these names that write their arguments into a file.
+/// A folder for the PATH, with programs of these names that write their arguments into a file; and that file.
 fn browsers(folders: &Folders, names: &[&str]) -> (String, PathBuf) {
     let (path, opened) = (folders.scene().join("bin"), folders.scene().join("opened"));
     fs::create_dir_all(&path).unwrap();
@@ -206,7 +206,7 @@ fn browsers(folders: &Folders, names: &[&str]) -> (String, PathBuf) {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn the_browser_is_opened_where_asked_and_else_that_is_told() {
+fn open_starts_the_browser_or_prints_a_note() {
     let folders = Folders::new();
     for (arguments, names) in [(&["--open"][..], &["xdg-open"][..]), (&["--open"], &[]), (&[], &["xdg-open"])] {
         let arguments = [&["--layers", "guided:1", "--bind", "127.0.0.1"], arguments].concat();
@@ -229,7 +229,7 @@ fn the_browser_is_opened_where_asked_and_else_that_is_told() {
             }
             _ => assert!(!opened.exists()),
         }
-        // It serves all the same.
+        // The server runs in each case.
         assert_eq!(viewer.status(&format!("GET /{}", viewer.query), &[]), 200);
         fs::remove_dir_all(path).unwrap();
     }

@@ -96,7 +96,7 @@ impl Governor {
     }
 
     /// Records the time of a frame; the new level, if it changes.
-    pub fn note(&mut self, took: Duration) -> Option<&Level> {
+    pub fn record(&mut self, took: Duration) -> Option<&Level> {
         let share = took.as_secs_f64() / self.budget.as_secs_f64();
         let now = self.level().work();
         let expected = |level: &Level| share * level.work() / now;
@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     fn after(governor: &mut Governor, frames: usize, milliseconds: u64) -> Vec<Level> {
-        (0..frames).filter_map(|_| governor.note(Duration::from_millis(milliseconds)).cloned()).collect()
+        (0..frames).filter_map(|_| governor.record(Duration::from_millis(milliseconds)).cloned()).collect()
     }
 
     fn guided(layers: usize) -> Governor {
@@ -167,7 +167,7 @@ mod tests {
         let mut governor = guided(2);
         after(&mut governor, 3, 45);
         assert_eq!(after(&mut governor, 300, 25), [], "two layers would not fit");
-        let back = |governor: &mut Governor| (1..1000).find(|_| governor.note(Duration::from_millis(10)).is_some());
+        let back = |governor: &mut Governor| (1..1000).find(|_| governor.record(Duration::from_millis(10)).is_some());
         assert_eq!(back(&mut governor), Some(2 * ROOM));
         assert_eq!(governor.level().layers, LayerSpec::guided(2));
         after(&mut governor, 3, 45);

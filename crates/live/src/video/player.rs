@@ -138,7 +138,7 @@ impl Player<'_> {
         // The first frame of a level takes longer than those that take over from it: its time does not count.
         let usual = std::mem::replace(&mut self.settled, true);
         let live = self.live.as_mut().filter(|_| usual);
-        if let Some(level) = live.and_then(|(governor, _)| governor.note(frame.times.total())) {
+        if let Some(level) = live.and_then(|(governor, _)| governor.record(frame.times.total())) {
             self.session.set_layers(level.layers.clone());
             self.settled = false;
             self.changes.push((step.index + 1, level.clone()));

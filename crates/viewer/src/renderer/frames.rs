@@ -10,12 +10,12 @@ use liveview_common::interrupt;
 use liveview_live::rig::{Delivered, Feed, Reader};
 use rayon::prelude::*;
 
-/// Frames stay in memory as far as this goes, the last of each camera in any case …
+/// Memory for recent frames; the last one of each camera is kept in any case.
 const KEPT_BYTES: usize = 128 << 20;
-/// … at so many bytes a pixel.
+/// Memory of a frame.
 const BYTES_PER_PIXEL: usize = 12;
 
-/// The frames of all cameras; the last ones stay in memory.
+/// The frames of all cameras; recent ones stay in memory.
 pub(super) struct Frames {
     scene: Scene,
     cameras: Vec<CameraFrames>,
@@ -23,9 +23,9 @@ pub(super) struct Frames {
 
 /// The photos of one time step.
 pub(super) struct Step {
-    /// By camera; `None` where it has none, or was not asked.
+    /// By camera; `None` for a camera without a photo, or that was not read.
     photos: Vec<Option<Arc<ImageRgb>>>,
-    /// Cameras that were asked and have none, and why.
+    /// Cameras that were read and have no photo, and why.
     pub(super) left_out: Vec<String>,
 }
 
@@ -34,8 +34,8 @@ impl Step {
         self.photos.iter().map(Option::as_deref).collect()
     }
 
-    /// An error, with the cameras that may be to blame for it.
-    pub(super) fn blamed(&self, error: LiveError) -> anyhow::Error {
+    /// Adds to an error the cameras that may have caused it.
+    pub(super) fn with_left_out(&self, error: LiveError) -> anyhow::Error {
         match (&error, &self.left_out[..]) {
             (LiveError::Views(_), [_, ..]) => anyhow!("{error}; {}", self.left_out.join("; ")),
             _ => error.into(),
@@ -46,12 +46,12 @@ impl Step {
 impl Frames {
     pub(super) fn new(scene: Scene, feeds: &[Feed]) -> Self {
         let pixels: usize = scene.views.iter().map(|view| view.camera.size().pixels()).sum();
-        let room = (KEPT_BYTES / (BYTES_PER_PIXEL * pixels.max(1))).max(1);
-        let camera = |feed: &Feed| CameraFrames { feed: feed.clone(), reader: None, kept: VecDeque::new(), room };
+        let capacity = (KEPT_BYTES / (BYTES_PER_PIXEL * pixels.max(1))).max(1);
+        let camera = |feed: &Feed| CameraFrames { feed: feed.clone(), reader: None, kept: VecDeque::new(), capacity };
         Self { scene, cameras: feeds.iter().map(camera).collect() }
     }
 
-    /// What these cameras have at a time step.
+    /// The photos of these cameras at a time step.
     pub(super) fn at(&mut self, step: usize, cameras: &[usize]) -> Step {
         let Self { scene, cameras: all } = self;
         let read = |(index, camera): (usize, &mut CameraFrames)| {
@@ -64,10 +64,10 @@ impl Frames {
         Step { photos: read.into_iter().map(|read| read?.ok()).collect(), left_out }
     }
 
-    /// What a camera has at a time step.
+    /// The photo of a camera at a time step.
     ///
     /// # Errors
-    /// Nothing, and why.
+    /// It has none, and why.
     pub(super) fn photo(&mut self, camera: usize, step: usize) -> Result<ImageRgb> {
         let mut read = self.at(step, &[camera]);
         let photo = read.photos.swap_remove(camera);
@@ -78,11 +78,11 @@ impl Frames {
 /// The frames of a camera.
 struct CameraFrames {
     feed: Feed,
-    /// Its frames from a time step on.
+    /// A reader, and the time step that it reads next.
     reader: Option<(Reader, usize)>,
-    /// The last that were read, or why they were not, by time step.
+    /// The last frames with their time steps, or why they could not be read; the newest first.
     kept: VecDeque<(usize, Result<Arc<ImageRgb>, String>)>,
-    room: usize,
+    capacity: usize,
 }
 
 impl CameraFrames {
@@ -100,15 +100,15 @@ impl CameraFrames {
             }
         };
         let photo = photo.map_err(|error| format!("{error:#}"));
-        // What could not be read is tried again when it is asked for again.
+        // After an error the reader is gone: the next request tries again.
         if self.reader.is_some() {
-            self.kept.truncate(self.room - 1);
+            self.kept.truncate(self.capacity - 1);
             self.kept.push_front((step, photo.clone()));
         }
         photo
     }
 
-    /// A video is read forwards alone: what lies behind is read from its beginning.
+    /// Reads a frame. A video is only read forwards: for an earlier step it is opened again.
     fn read(&mut self, step: usize) -> Result<Delivered> {
         let (reader, next) = match self.reader.take().filter(|(_, next)| *next <= step) {
             Some(reader) => self.reader.insert(reader),

@@ -1,9 +1,9 @@
-//! Renders what clients ask for: in motion as large as the frame rate allows, at rest at full quality.
+//! Renders requested views: in motion as large as the frame rate allows, at rest at full quality.
 
 mod frames;
-mod pace;
 mod photos;
 mod shared;
+mod size_controller;
 mod source;
 mod video;
 mod view_renderer;
@@ -11,4 +11,4 @@ mod view_renderer;
 pub(crate) use photos::Photos;
 pub(crate) use source::Source;
 pub(crate) use video::Video;
-pub(crate) use view_renderer::Studio;
+pub(crate) use view_renderer::ViewRenderer;

@@ -1,4 +1,4 @@
-//! The photos of a scene: at rest as `liveview render` renders them.
+//! Pictures from the photos of a scene: at rest the same as those of `liveview render`.
 
 use std::time::{Duration, Instant};
 
@@ -7,52 +7,52 @@ use liveview::geometry::distance;
 use liveview::{Camera, ImageRgb, LayerSpec, PhotoCache, Scene, Shot, TargetView, Targets};
 use liveview_common::job::Job;
 
-use super::pace::Pace;
+use super::size_controller::SizeController;
 use super::source::{Rendered, Source};
-use crate::wish::Moment;
+use crate::request::Viewpoint;
 
-/// Of a photo and its depth in memory, at most.
+/// Memory of a photo and its depth, at most.
 const BYTES_PER_PIXEL: usize = 20;
 
-/// A synthesizer, and what it is going to need.
+/// A synthesizer, and the photos that it will need.
 pub(crate) struct Photos {
     job: Job,
     held_out: Vec<usize>,
     layers: LayerSpec,
-    moving_layers: LayerSpec,
-    /// A target at each view, those nearest to the last target first.
-    around: Vec<Shot>,
-    /// Of these, those whose own photo and depth were not prepared.
+    motion_layers: LayerSpec,
+    /// A shot at the camera of each view, those nearest to the last target first.
+    view_shots: Vec<Shot>,
+    /// Those of them whose photo and depth are not prepared yet.
     unprepared: Vec<Shot>,
-    pace: Pace,
+    size: SizeController,
 }
 
 impl Photos {
-    /// `at`: where clients begin.
-    pub(crate) fn new(mut job: Job, held_out: Vec<usize>, at: &Camera) -> Self {
+    /// `start`: the camera at which clients start.
+    pub(crate) fn new(mut job: Job, held_out: Vec<usize>, start: &Camera) -> Self {
         let layers = job.layers().clone();
-        let moving_layers = match layers {
+        let motion_layers = match layers {
             LayerSpec::Guided { coarse_planes, .. } => LayerSpec::Guided { layers: 1, coarse_planes },
-            // Planes take seconds.
+            // Rendering planes takes seconds.
             _ => LayerSpec::Surface(1),
         };
-        job.synthesizer.set_layers(moving_layers.clone());
-        let (around, unprepared, pace) = (Vec::new(), Vec::new(), Pace::default());
-        let mut photos = Self { job, held_out, layers, moving_layers, around, unprepared, pace };
+        job.synthesizer.set_layers(motion_layers.clone());
+        let (view_shots, unprepared, size) = (Vec::new(), Vec::new(), SizeController::default());
+        let mut photos = Self { job, held_out, layers, motion_layers, view_shots, unprepared, size };
         let views = &photos.job.scene().views;
         let free = (0..views.len()).filter(|view| !photos.held_out.contains(view));
-        let mut around: Vec<Shot> = free.filter_map(|view| photos.shot(&views[view].camera).ok()).collect();
-        around.sort_by(|a, b| distance(&a.target, at).total_cmp(&distance(&b.target, at)));
+        let mut view_shots: Vec<Shot> = free.filter_map(|view| photos.shot(&views[view].camera).ok()).collect();
+        view_shots.sort_by(|a, b| distance(&a.target, start).total_cmp(&distance(&b.target, start)));
         let pixels = views.iter().map(|view| view.camera.size().pixels()).max().unwrap_or(1);
-        let room = PhotoCache::KEPT_BYTES / (BYTES_PER_PIXEL * pixels);
-        photos.unprepared = around.iter().take(room).cloned().collect();
-        photos.around = around;
+        let capacity = PhotoCache::KEPT_BYTES / (BYTES_PER_PIXEL * pixels);
+        photos.unprepared = view_shots.iter().take(capacity).cloned().collect();
+        photos.view_shots = view_shots;
         photos
     }
 
-    /// The nearest depth around any photo, scene units.
+    /// The nearest depth of any photo, scene units.
     pub(crate) fn near(&self) -> Option<f64> {
-        self.around.iter().map(|shot| shot.near).reduce(f64::min)
+        self.view_shots.iter().map(|shot| shot.near).reduce(f64::min)
     }
 
     fn shot(&self, camera: &Camera) -> Result<Shot> {
@@ -61,11 +61,11 @@ impl Photos {
         Ok(self.job.synthesizer.shots(targets)?.remove(0))
     }
 
-    /// Loads the photos of a shot; others stay as far as there is room, those near it first.
+    /// Loads the photos of a shot. Others stay in memory while there is room, those near it first.
     fn load(&mut self, shot: &Shot) -> Result<()> {
-        // All but in order already where the viewpoint has moved little.
-        self.around.sort_by(|a, b| distance(&a.target, &shot.target).total_cmp(&distance(&b.target, &shot.target)));
-        Ok(self.job.synthesizer.photos_mut().load_for(shot, &self.around)?)
+        // Almost sorted already where the viewpoint has moved little: the sort is fast then.
+        self.view_shots.sort_by(|a, b| distance(&a.target, &shot.target).total_cmp(&distance(&b.target, &shot.target)));
+        Ok(self.job.synthesizer.photos_mut().load_for(shot, &self.view_shots)?)
     }
 
     fn render(&mut self, camera: &Camera, layers: LayerSpec) -> Result<Rendered> {
@@ -82,7 +82,7 @@ impl Photos {
             layers,
             views: shot.views,
             helpers: shot.helpers,
-            before: [photos, plan.search, plan.selection],
+            planning: [photos, plan.search, plan.selection],
             left_out: Vec::new(),
         })
     }
@@ -93,21 +93,21 @@ impl Source for Photos {
         self.job.scene()
     }
 
-    fn scale(&self, pixels: usize) -> f64 {
-        self.pace.scale(pixels)
+    fn motion_scale(&self, pixels: usize) -> f64 {
+        self.size.scale(pixels)
     }
 
-    fn in_motion(&mut self, at: &Moment) -> Result<Rendered> {
-        self.render(&at.camera, self.moving_layers.clone())
+    fn render_in_motion(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
+        self.render(&viewpoint.camera, self.motion_layers.clone())
     }
 
-    fn note(&mut self, rendered: &Rendered, took: Duration) {
-        let [_, search, _] = rendered.before;
-        self.pace.note(rendered.frame.transmittance.len(), took, search);
+    fn record_motion_time(&mut self, rendered: &Rendered, took: Duration) {
+        let [_, search, _] = rendered.planning;
+        self.size.record(rendered.frame.transmittance.len(), took, search);
     }
 
-    fn at_rest(&mut self, at: &Moment) -> Result<Rendered> {
-        self.render(&at.camera, self.layers.clone())
+    fn render_at_rest(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
+        self.render(&viewpoint.camera, self.layers.clone())
     }
 
     fn photo(&mut self, view: usize, _: usize) -> Result<ImageRgb> {
@@ -119,21 +119,21 @@ impl Source for Photos {
     }
 
     fn needed_first(&self) -> usize {
-        self.around.first().map_or(0, |shot| shot.views.len() + shot.helpers.len())
+        self.view_shots.first().map_or(0, |shot| shot.views.len() + shot.helpers.len())
     }
 
-    /// Reads the nearest photo that is not prepared, and finds its depth.
-    fn prepare(&mut self, at: &Camera) -> Result<()> {
-        let far = |&i: &usize| distance(&self.unprepared[i].target, at);
+    /// Reads the nearest photo that is not prepared, and searches its depth.
+    fn prepare(&mut self, near: &Camera) -> Result<()> {
+        let far = |&i: &usize| distance(&self.unprepared[i].target, near);
         let nearest = (0..self.unprepared.len()).min_by(|a, b| far(a).total_cmp(&far(b)));
         let Some(nearest) = nearest else { return Ok(()) };
         let mut shot = self.unprepared.swap_remove(nearest);
-        // Its own photo alone, so that who begins to move does not wait for long.
+        // One photo at a time, so that a client that starts to move does not wait long.
         shot.views.truncate(1);
         shot.helpers.clear();
-        self.job.synthesizer.set_layers(self.moving_layers.clone());
+        self.job.synthesizer.set_layers(self.motion_layers.clone());
         self.load(&shot)?;
-        if matches!(self.moving_layers, LayerSpec::Surface(_)) {
+        if matches!(self.motion_layers, LayerSpec::Surface(_)) {
             self.job.plan(&shot)?;
         }
         Ok(())

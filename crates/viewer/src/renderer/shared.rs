@@ -1,4 +1,4 @@
-//! Networks that two sessions share.
+//! Networks that several live sessions share.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -6,7 +6,7 @@ use liveview::ndarray::{ArrayView4, ArrayViewMut4};
 use liveview::network::{Alpha, NetworkError, PlaneNetwork};
 use liveview::render::Renderer;
 
-/// A network that several renderers run, one at a time.
+/// A network that several renderers use, one at a time.
 #[derive(Clone)]
 struct Shared(Arc<Mutex<Box<dyn PlaneNetwork>>>);
 
@@ -30,7 +30,7 @@ impl PlaneNetwork for Shared {
     }
 }
 
-/// Networks for more and for fewer views, and how each composites.
+/// A network for each number of views, with its compositing.
 pub(super) struct Networks {
     networks: Vec<(Shared, Alpha)>,
     batch: usize,
@@ -45,13 +45,13 @@ impl Networks {
         Self { networks: renderers.into_iter().map(share).collect(), batch }
     }
 
-    /// The fewest views that one of them takes, and the most.
+    /// The smallest and the largest number of views that one of them takes.
     pub(super) fn views(&self) -> (usize, usize) {
         let views = || self.networks.iter().map(|(network, _)| network.views());
         (views().min().unwrap_or(0), views().max().unwrap_or(0))
     }
 
-    /// Renderers of a session.
+    /// Renderers for a session.
     pub(super) fn renderers(&self) -> Vec<Renderer> {
         let renderer = |(network, alpha): &(Shared, Alpha)| {
             let mut renderer = Renderer::new(Box::new(network.clone()), self.batch);

@@ -1,48 +1,49 @@
-//! What pictures are rendered from.
+//! What pictures are rendered from: the photos of a scene, or the video of a rig.
 
 use std::time::Duration;
 
 use anyhow::Result;
 use liveview::{Camera, Frame, ImageRgb, LayerSpec, Scene};
 
-use crate::wish::Moment;
+use crate::request::Viewpoint;
 
-/// Time for one picture while something moves.
-pub(super) const BUDGET: Duration = Duration::from_millis(50);
+/// Target time for one picture while the viewpoint or the time changes.
+pub(super) const MOTION_BUDGET: Duration = Duration::from_millis(50);
 
-/// What pictures are rendered from: the photos of a scene, or the video of a rig.
+/// A source of pictures. It renders at full quality at rest, and in motion as fast as it can.
 pub(crate) trait Source {
     /// The photos with their cameras.
     fn scene(&self) -> &Scene;
-    /// Scale of the target's sides for the next picture in motion.
-    fn scale(&self, pixels: usize) -> f64;
-    /// A picture while the viewpoint or time moves.
-    fn in_motion(&mut self, at: &Moment) -> Result<Rendered>;
-    /// Records how long a picture in motion took, with everything.
-    fn note(&mut self, rendered: &Rendered, took: Duration);
+    /// Scale of the target's sides, at most 1, for the next picture in motion; `pixels`: those of the full size.
+    fn motion_scale(&self, pixels: usize) -> f64;
+    /// A picture in motion.
+    fn render_in_motion(&mut self, viewpoint: &Viewpoint) -> Result<Rendered>;
+    /// Records the time that a picture in motion took, encoding included.
+    fn record_motion_time(&mut self, rendered: &Rendered, took: Duration);
     /// A picture at full quality.
-    fn at_rest(&mut self, at: &Moment) -> Result<Rendered>;
-    /// What a camera shows at a time step.
+    fn render_at_rest(&mut self, viewpoint: &Viewpoint) -> Result<Rendered>;
+    /// The photo of a camera at a time step.
     fn photo(&mut self, view: usize, step: usize) -> Result<ImageRgb>;
-    /// How often [`Self::prepare`] can do something.
+    /// Number of calls of [`Self::prepare`] that still have something to do.
     fn unprepared(&self) -> usize;
-    /// Of these, what a first picture takes.
+    /// Number of these that the first picture needs.
     fn needed_first(&self) -> usize;
-    /// Does some work that pictures from near `at` are going to need.
-    fn prepare(&mut self, at: &Camera) -> Result<()>;
+    /// Does a part of the work that pictures near a camera will need.
+    fn prepare(&mut self, near: &Camera) -> Result<()>;
 }
 
-/// A picture, and what there is to tell of it.
+/// A picture, and what its header reports.
 pub(crate) struct Rendered {
     pub(super) frame: Frame,
     /// Nearest and farthest depth, scene units.
     pub(super) range: (f64, f64),
     pub(super) layers: LayerSpec,
-    /// Views that it was rendered from, and others that its surface was found with.
+    /// Indices of the views that it was rendered from.
     pub(super) views: Vec<usize>,
+    /// Indices of further views that its surface was found with.
     pub(super) helpers: Vec<usize>,
-    /// Time for the photos, to find the layers, and to select planes.
-    pub(super) before: [Duration; 3],
-    /// Cameras that it was rendered without, and why.
+    /// Time to read photos, to search depth, and to select planes.
+    pub(super) planning: [Duration; 3],
+    /// Cameras without a photo at the time step, and why.
     pub(super) left_out: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! The video of a rig: at rest as `liveview video` renders a time step by itself.
+//! Pictures from the video of a rig: at rest the same as `liveview video` renders of a single time step.
 
 use std::time::{Duration, Instant};
 
@@ -14,33 +14,34 @@ use liveview_live::rig::{Rig, SPARE};
 
 use super::frames::{Frames, Step};
 use super::shared::Networks;
-use super::source::{BUDGET, Rendered, Source};
-use crate::wish::Moment;
+use super::source::{MOTION_BUDGET, Rendered, Source};
+use crate::request::Viewpoint;
 
-/// A session for what moves, and one for each time step that a picture rests on: what the first carries over is not as good.
+/// One session for pictures in motion, and a fresh one for each time step shown at rest: depth that the first propagates between
+/// time steps is not as good.
 pub(crate) struct Video {
     rig: Rig,
     frames: Frames,
-    /// Cameras that are not held out.
+    /// Indices of the cameras that are not held out.
     free: Vec<usize>,
-    /// Nearest and farthest depth of these, scene units.
+    /// Nearest and farthest depth of these cameras, scene units.
     range: (f64, f64),
     networks: Networks,
     layers: LayerSpec,
     keep_exposure: bool,
-    moving: LiveSession,
+    motion: LiveSession,
     governor: Governor,
-    /// Whether a frame of the governor's level has been rendered: the first takes longer.
+    /// Whether a frame of the governor's level was rendered: the first takes longer and is not recorded.
     settled: bool,
     still: Option<Still>,
     unprepared: usize,
 }
 
-/// A session of one time step.
+/// A session for one time step.
 struct Still {
     step: usize,
-    /// The cameras read: of each the depth is found with the others.
-    read: Vec<usize>,
+    /// The cameras read: the depth of each is searched with the others.
+    cameras: Vec<usize>,
     session: LiveSession,
 }
 
@@ -55,13 +56,13 @@ impl Video {
         let (renderer, info) = model.open_for(given.as_ref())?;
         let views = renderer.network().views();
         let spec = given_or_recommended(given.as_ref(), None, renderer.network())?;
-        let governor = Governor::new(BUDGET, &spec, renderer.network().predicts_opacity());
+        let governor = Governor::new(MOTION_BUDGET, &spec, renderer.network().predicts_opacity());
         let mut renderers = model.open_smaller(views, given.as_ref())?;
         renderers.push(renderer);
         let runs = renderers.iter().filter_map(|renderer| renderer.network().run_end()).collect();
         let networks = Networks::new(renderers, model.batch);
         let range = rig.photos.depth_range(&free)?;
-        let moving = session(&rig, &free, &networks, &spec, layers.keep_exposure)?;
+        let motion = session(&rig, &free, &networks, &spec, layers.keep_exposure)?;
         let video = Self {
             frames: Frames::new(rig.photos.scene().clone(), &rig.feeds),
             rig,
@@ -70,7 +71,7 @@ impl Video {
             networks,
             layers: spec,
             keep_exposure: layers.keep_exposure,
-            moving,
+            motion,
             governor,
             settled: false,
             still: None,
@@ -87,23 +88,24 @@ impl Video {
     /// The cameras to read for a target.
     ///
     /// # Errors
-    /// Too few look its way.
+    /// Too few cameras see what the target sees.
     pub(crate) fn cameras_for(&self, target: &Camera) -> Result<Vec<usize>> {
         let (fewest, views) = self.networks.views();
         self.rig.cameras_for(std::slice::from_ref(target), &self.free, (fewest, views + SPARE))
     }
 
-    /// What is read for a picture in motion: no more than it takes, as far as that delivers.
-    fn step_in_motion(&mut self, at: &Moment) -> Result<Step> {
+    /// The photos for a picture in motion: of no more cameras than it needs, unless one of these has no photo.
+    fn step_in_motion(&mut self, viewpoint: &Viewpoint) -> Result<Step> {
         if !matches!(self.governor.level().layers, LayerSpec::Surface(_)) {
-            let nearest = self.rig.cameras_for(std::slice::from_ref(&at.camera), &self.free, self.networks.views())?;
-            let step = self.frames.at(at.step, &nearest);
+            let nearest =
+                self.rig.cameras_for(std::slice::from_ref(&viewpoint.camera), &self.free, self.networks.views())?;
+            let step = self.frames.at(viewpoint.step, &nearest);
             if step.left_out.is_empty() {
                 return Ok(step);
             }
         }
-        let cameras = self.cameras_for(&at.camera)?;
-        Ok(self.frames.at(at.step, &cameras))
+        let cameras = self.cameras_for(&viewpoint.camera)?;
+        Ok(self.frames.at(viewpoint.step, &cameras))
     }
 }
 
@@ -113,13 +115,13 @@ fn rendered(frame: LiveFrame, layers: LayerSpec, read: Duration, step: Step, ran
         layers,
         views: frame.views,
         helpers: Vec::new(),
-        before: [read + frame.times.photos, frame.times.layers, Duration::ZERO],
+        planning: [read + frame.times.photos, frame.times.layers, Duration::ZERO],
         left_out: step.left_out,
         frame: frame.frame,
     }
 }
 
-/// A session for all cameras, the depth range that of some.
+/// A session of all cameras, with the depth range of those read.
 fn session(
     rig: &Rig,
     read: &[usize],
@@ -140,46 +142,47 @@ impl Source for Video {
         self.rig.photos.scene()
     }
 
-    fn scale(&self, _: usize) -> f64 {
+    fn motion_scale(&self, _: usize) -> f64 {
         self.governor.level().scale
     }
 
-    fn in_motion(&mut self, at: &Moment) -> Result<Rendered> {
+    fn render_in_motion(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
         let started = Instant::now();
-        let step = self.step_in_motion(at)?;
+        let step = self.step_in_motion(viewpoint)?;
         let read = started.elapsed();
-        let frame = self.moving.render(&step.photos(), &at.camera).map_err(|error| step.blamed(error))?;
+        let frame = self.motion.render(&step.photos(), &viewpoint.camera).map_err(|error| step.with_left_out(error))?;
         Ok(rendered(frame, self.governor.level().layers.clone(), read, step, self.range))
     }
 
-    fn note(&mut self, rendered: &Rendered, took: Duration) {
-        // Reading takes its time whatever the level: of the budget there is so much less.
-        let read = rendered.before[0].min(BUDGET.mul_f64(0.75));
-        let share = took.saturating_sub(read).div_duration_f64(BUDGET - read);
+    fn record_motion_time(&mut self, rendered: &Rendered, took: Duration) {
+        // The time to read does not depend on the level: it is taken off the budget.
+        let read = rendered.planning[0].min(MOTION_BUDGET.mul_f64(0.75));
+        let share = took.saturating_sub(read).div_duration_f64(MOTION_BUDGET - read);
         if std::mem::replace(&mut self.settled, true)
-            && let Some(level) = self.governor.note(BUDGET.mul_f64(share))
+            && let Some(level) = self.governor.record(MOTION_BUDGET.mul_f64(share))
         {
-            self.moving.set_layers(level.layers.clone());
+            self.motion.set_layers(level.layers.clone());
             self.settled = false;
         }
     }
 
-    fn at_rest(&mut self, at: &Moment) -> Result<Rendered> {
+    fn render_at_rest(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
         let started = Instant::now();
-        let cameras = self.cameras_for(&at.camera)?;
-        let step = self.frames.at(at.step, &cameras);
+        let cameras = self.cameras_for(&viewpoint.camera)?;
+        let step = self.frames.at(viewpoint.step, &cameras);
         let read = started.elapsed();
-        // The depth of photos that stay the same does not depend on the target; what else is found does.
-        let kept = self.still.take().filter(|still| still.step == at.step && still.read == cameras);
+        // The depth of photos does not depend on the target: the session of the same photos is used again. Other layers do depend on it.
+        let kept = self.still.take().filter(|still| still.step == viewpoint.step && still.cameras == cameras);
         let mut still = match kept.filter(|_| matches!(self.layers, LayerSpec::Surface(_))) {
             Some(still) => still,
             None => {
                 let session = session(&self.rig, &cameras, &self.networks, &self.layers, self.keep_exposure)?;
-                Still { step: at.step, read: cameras, session }
+                Still { step: viewpoint.step, cameras, session }
             }
         };
-        let frame = still.session.render(&step.photos(), &at.camera).map_err(|error| step.blamed(error))?;
-        let range = self.rig.photos.depth_range(&still.read)?;
+        let frame =
+            still.session.render(&step.photos(), &viewpoint.camera).map_err(|error| step.with_left_out(error))?;
+        let range = self.rig.photos.depth_range(&still.cameras)?;
         self.still = Some(still);
         Ok(rendered(frame, self.layers.clone(), read, step, range))
     }
@@ -197,13 +200,13 @@ impl Source for Video {
     }
 
     /// Renders the first time step, at rest and then in motion.
-    fn prepare(&mut self, at: &Camera) -> Result<()> {
-        let at = Moment { camera: at.clone(), step: 0 };
+    fn prepare(&mut self, near: &Camera) -> Result<()> {
+        let viewpoint = Viewpoint { camera: near.clone(), step: 0 };
         self.unprepared = self.unprepared.saturating_sub(1);
         if self.unprepared > 0 {
-            self.at_rest(&at)?;
+            self.render_at_rest(&viewpoint)?;
         } else {
-            self.in_motion(&at)?;
+            self.render_in_motion(&viewpoint)?;
         }
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! The HTTP server: a thread of its own; the renderer has another.
+//! The HTTP server, in its own thread.
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
@@ -9,14 +9,14 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use tokio::time::sleep;
 
-use crate::app::App;
-use crate::http;
-use crate::routes::routes;
+use super::app::App;
+use super::http;
+use super::routes::routes;
 
-/// Time that connections have to end.
-const FAREWELL: Duration = Duration::from_secs(1);
+/// Time for open connections to end.
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// A socket that listens, and its address; only this machine can reach it unless an address is given.
+/// A listening socket and its address: that of this machine alone unless one is given.
 pub(crate) fn listen(bind: Option<IpAddr>, port: u16) -> Result<(TcpListener, SocketAddr)> {
     let address = SocketAddr::new(bind.unwrap_or(Ipv4Addr::LOCALHOST.into()), port);
     let listener = TcpListener::bind(address);
@@ -27,7 +27,7 @@ pub(crate) fn listen(bind: Option<IpAddr>, port: u16) -> Result<(TcpListener, So
     Ok((listener, address))
 }
 
-/// A server that runs.
+/// A running server.
 pub(crate) struct Server {
     app: Arc<App>,
     thread: JoinHandle<io::Result<()>>,
@@ -42,9 +42,9 @@ impl Server {
         Ok(Self { app, thread: std::thread::Builder::new().name("server".to_owned()).spawn(serve)? })
     }
 
-    /// Ends all connections, and the thread.
+    /// Closes all connections and ends the thread.
     pub(crate) fn stop(self) -> Result<()> {
-        self.app.desk.stop();
+        self.app.queue.stop();
         self.app.stopping.send_replace(true);
         Ok(self.thread.join().map_err(|_| anyhow::anyhow!("the server ended unexpectedly"))??)
     }
@@ -55,7 +55,7 @@ async fn run(listener: TcpListener, app: Arc<App>) -> io::Result<()> {
     http::serve(listener, routes(&app), app.stopping.subscribe()).await?;
     tokio::select! {
         () = app.stopping.closed() => {}
-        () = sleep(FAREWELL) => {}
+        () = sleep(CLOSE_TIMEOUT) => {}
     }
     Ok(())
 }

@@ -1,5 +1,5 @@
-// Where the viewpoint may be: the surface that the photos' places make, and poses on it. Vectors are arrays; matrices are arrays of rows;
-// cameras as `liveview render --pose` reads them: cam_from_world with x right, y down, z forward.
+// The surface through the photos' positions on which the viewpoint moves, and the poses on it. Vectors are arrays; matrices are arrays of
+// rows; cameras have the format of `liveview render --pose`: cam_from_world with x right, y down, z forward.
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const add = (a, b, factor = 1) => a.map((x, i) => x + factor * b[i]);
@@ -15,14 +15,14 @@ export const centreOf = (camera) => {
   return times(columns(rotationOf(camera)), translation).map((x) => -x);
 };
 
-// The rotation that looks along `forward`, its down axis as near to `down` as that allows.
+// The rotation that looks along `forward`, with its down axis as near to `down` as possible.
 function facing(forward, down) {
   const ahead = unit(forward);
   const right = unit(cross(down, ahead));
   return [right, cross(ahead, right), ahead];
 }
 
-// Within [low, high] as it is; beyond, ever more slowly, never further than `margin`: the edge is felt, not hit.
+// The identity within [low, high]; beyond, it approaches the limit `margin` outside smoothly.
 export function soft(x, low, high, margin) {
   if (x > high) return high + margin * (1 - Math.exp((high - x) / margin));
   if (x < low) return low - margin * (1 - Math.exp((x - low) / margin));
@@ -30,42 +30,42 @@ export function soft(x, low, high, margin) {
 }
 
 export class Rig {
-  // `around`: the view whose neighbourhood this is; others count where they look within 60 degrees of its way.
-  constructor(views, around, near) {
-    const forward = rotationOf(views[around].camera)[2];
+  // A rig around a view: of the photos whose viewing directions are within 60 degrees of its own.
+  constructor(views, centreView, near) {
+    const forward = rotationOf(views[centreView].camera)[2];
     const alike = views.filter((view) => dot(rotationOf(view.camera)[2], forward) > 0.5);
     const rotations = alike.map((view) => rotationOf(view.camera));
-    this.like = views[around].camera;
+    this.templateCamera = views[centreView].camera;
     this.centre = mean(alike.map((view) => centreOf(view.camera)));
     this.rotation = facing(mean(rotations.map((r) => r[2])), mean(rotations.map((r) => r[1])));
-    this.places = alike.map((view) => this.toRig(centreOf(view.camera)));
-    // 1 / distance of the point that the axes converge on, by least squares.
+    this.positions = alike.map((view) => this.toRig(centreOf(view.camera)));
+    // 1 / distance of the point at which the optical axes converge, by least squares.
     const axes = rotations.map((r) => times(this.rotation, r[2]));
-    const sums = this.places.reduce(
+    const sums = this.positions.reduce(
       ([products, squares], p, i) => [products - axes[i][0] * p[0] - axes[i][1] * p[1], squares + p[0] ** 2 + p[1] ** 2], [0, 0]);
     this.convergence = sums[1] > 0 ? sums[0] / sums[1] : 0;
-    const range = (axis) => [Math.min(...this.places.map((p) => p[axis])), Math.max(...this.places.map((p) => p[axis]))];
+    const range = (axis) => [Math.min(...this.positions.map((p) => p[axis])), Math.max(...this.positions.map((p) => p[axis]))];
     [this.across, this.down] = [range(0), range(1)];
     const extent = Math.max(this.across[1] - this.across[0], this.down[1] - this.down[0]);
     this.extent = extent > 0 ? Math.min(extent, near) : 0.2 * near;
   }
 
-  // Right, down, forward from the rig's middle, of a point in the world.
+  // Rig coordinates (right, down, forward from the rig's middle) of a point in the world.
   toRig(point) {
     return times(this.rotation, add(point, this.centre, -1));
   }
 
-  // How far in front of the rig's plane its surface lies at a place: of the photos around it, the nearer the more.
+  // How far the surface lies in front of the rig's plane: the photos' distances, weighted by their nearness.
   surface(u, v) {
     let [sum, weights] = [0, 0];
-    for (const place of this.places) {
-      const weight = 1 / ((place[0] - u) ** 2 + (place[1] - v) ** 2 + (0.05 * this.extent) ** 2);
-      [sum, weights] = [sum + weight * place[2], weights + weight];
+    for (const position of this.positions) {
+      const weight = 1 / ((position[0] - u) ** 2 + (position[1] - v) ** 2 + (0.05 * this.extent) ** 2);
+      [sum, weights] = [sum + weight * position[2], weights + weight];
     }
     return sum / weights;
   }
 
-  // Of each coordinate of a viewpoint: what is free, and how far it goes beyond.
+  // Limits of each coordinate of a viewpoint: low, high, and the margin beyond.
   limits() {
     const margin = 0.2 * this.extent;
     return {
@@ -73,18 +73,18 @@ export class Rig {
     };
   }
 
-  // A viewpoint that keeps near the rig.
+  // The viewpoint with soft limits applied.
   bounded(place) {
     return Object.fromEntries(Object.entries(this.limits()).map(([key, limits]) => [key, soft(place[key], ...limits)]));
   }
 
-  // The same viewpoint, not so far out that the way back would take long.
+  // The viewpoint clamped to twice the margin, so that moving back has an effect at once.
   within(place) {
     const clamped = ([key, [low, high, margin]]) => [key, Math.max(low - 2 * margin, Math.min(high + 2 * margin, place[key]))];
     return Object.fromEntries(Object.entries(this.limits()).map(clamped));
   }
 
-  // The camera of a viewpoint, turned as the photos there are, then by yaw (to the right) and pitch (down), in radians.
+  // The camera of a viewpoint: oriented as the photos are there, then turned by yaw (right) and pitch (down), radians.
   camera({ u, v, z, yaw, pitch }) {
     const world = columns(this.rotation);
     const centre = add(this.centre, times(world, [u, v, this.surface(u, v) + z]));
@@ -93,10 +93,10 @@ export class Rig {
     const turned = [Math.cos(pitch) * Math.sin(yaw), Math.sin(pitch), Math.cos(pitch) * Math.cos(yaw)];
     const rotation = facing(times(columns(base), turned), base[1]);
     const translation = times(rotation, centre).map((x) => -x);
-    return { ...this.like, cam_from_world: rotation.map((row, i) => [...row, translation[i]]) };
+    return { ...this.templateCamera, cam_from_world: rotation.map((row, i) => [...row, translation[i]]) };
   }
 
-  // The viewpoint at a camera, as near as one of this rig comes to it.
+  // The viewpoint of this rig that is nearest to a camera.
   viewpoint(camera) {
     const [u, v, w] = this.toRig(centreOf(camera));
     const base = rotationOf(this.camera({ u, v, z: 0, yaw: 0, pitch: 0 }));

@@ -1,10 +1,10 @@
-//! The page: files that are part of the program.
+//! The files of the page, which are part of the program.
 
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-/// Nothing from anywhere else, and in no other page.
-pub(crate) const POLICY: &str =
+/// Content security policy: the page loads nothing from elsewhere, and no other page may embed it.
+pub(crate) const SECURITY_POLICY: &str =
     "default-src 'self'; img-src 'self' blob: data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'";
 
 const FILES: [(&str, &str, &str); 8] = [

@@ -1,9 +1,9 @@
-// The time steps of a rig: played at their pace, or the one that the slider is put to.
+// The time steps of a rig: played at their rate, or set by the slider.
 
 const element = (id) => document.getElementById(id);
 
 export class Player {
-  // `changed`: another step is to be shown, or time stands still.
+  // `changed`: called when the step changes or playing stops.
   constructor(changed) {
     this.changed = changed;
     [this.steps, this.rate, this.step, this.playing] = [1, 1, 0, false];
@@ -17,16 +17,16 @@ export class Player {
   }
 
   // `video`: steps and their rate per second; null for a scene.
-  hello(video) {
+  session(video) {
     element("time").hidden = !video;
     if (!video) return;
     [this.steps, this.rate] = [video.steps, video.rate];
     this.step = Math.min(this.step, this.steps - 1);
     element("step").max = this.steps - 1;
-    this.tell();
+    this.update();
   }
 
-  tell() {
+  update() {
     element("step").value = this.step;
     element("step_number").textContent = `${this.step + 1} / ${this.steps}`;
     element("play").textContent = this.playing ? "Pause" : "Play";
@@ -36,31 +36,31 @@ export class Player {
   play(on) {
     this.playing = on;
     this.start();
-    this.tell();
+    this.update();
     this.changed();
     if (on) requestAnimationFrame((now) => this.tick(now));
   }
 
-  // From the step there is.
+  // Sets the clock so that playing continues from the current step.
   start() {
-    this.begun = performance.now() - (1000 * this.step) / this.rate;
+    this.startedAt = performance.now() - (1000 * this.step) / this.rate;
   }
 
-  // Steps that a picture comes too late for are passed over.
+  // Steps for which a frame would be late are skipped.
   tick(now) {
     if (!this.playing) return;
     requestAnimationFrame((next) => this.tick(next));
-    const step = Math.floor((Math.max(0, now - this.begun) / 1000) * this.rate) % this.steps;
+    const step = Math.floor((Math.max(0, now - this.startedAt) / 1000) * this.rate) % this.steps;
     if (step === this.step) return;
     this.step = step;
-    this.tell();
+    this.update();
     this.changed();
   }
 
   scrub(step) {
     this.step = step;
     this.start();
-    this.tell();
+    this.update();
     this.changed();
   }
 }

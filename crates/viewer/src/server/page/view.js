@@ -1,4 +1,4 @@
-// The page: where the viewpoint is, what is wished for, what is shown.
+// The page: the viewpoint, requests for pictures, and the picture shown.
 
 import { listen } from "./input.js";
 import { Link, address } from "./link.js";
@@ -6,72 +6,74 @@ import { Panel } from "./panel.js";
 import { Player } from "./player.js";
 import { Rig, centreOf } from "./rig.js";
 
-// Milliseconds without a movement after which the viewpoint rests.
-const REST = 80;
+// Milliseconds without a movement after which a picture at full quality is requested.
+const REST_DELAY = 80;
 const element = (id) => document.getElementById(id);
 const picture = element("picture");
 const panel = new Panel();
-const player = new Player(lookOn);
+const player = new Player(requestMoving);
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
 let views = [];
 let rig;
-// The rig's neighbourhood that a viewer begins in.
-let middle;
-// The viewpoint as moved, before it is kept near the rig; and a camera that it stands on exactly.
+// The rig around the view at which the session starts.
+let startRig;
+// The viewpoint before soft limits are applied; and the camera of a photo, if the viewpoint is exactly there.
 let place = { u: 0, v: 0, z: 0, yaw: 0, pitch: 0 };
-let standing;
-// Of what the last picture shows: mean disparity, 1/scene unit.
+let photoCamera;
+// Mean disparity of the last picture, 1/scene unit.
 let disparity;
-let resting;
-// Cameras that are wished for, by number; a path that is recorded.
-const wished = new Map();
+let restTimer;
+// Requested cameras, by the number of the request.
+const requested = new Map();
+// The path that is being recorded.
 let path;
+// The camera of the picture shown.
 let shown;
 
 const link = new Link({
-  hello(told) {
-    const before = rig;
-    views = told.views.map((view) => ({ ...view, centre: centreOf(view.camera) }));
-    if (!before) begin(told);
-    panel.hello(told);
-    player.hello(told.video);
+  session(info) {
+    const isFirst = !rig;
+    views = info.views.map((view) => ({ ...view, centre: centreOf(view.camera) }));
+    if (isFirst) start(info);
+    panel.session(info);
+    player.session(info.video);
     panel.message();
     listHeldOut();
-    look(player.playing);
+    request(player.playing);
   },
   picture: show,
-  refused: (text) => panel.message(text),
+  error: (text) => panel.message(text),
   lost: (reason) => {
     panel.message(reason ? `Closed: ${reason}. Trying again …` : "The connection is lost. Trying again …");
     picture.dataset.quality = "lost";
   },
 });
 
-function begin(told) {
-  const { w, h } = views[told.middle].camera;
+function start(info) {
+  const { w, h } = views[info.start_view].camera;
   document.documentElement.style.setProperty("--aspect", w / h);
   [picture.width, picture.height] = [w, h];
-  middle = rig = new Rig(views, told.middle, told.near);
-  disparity = 1 / told.near;
+  startRig = rig = new Rig(views, info.start_view, info.near);
+  disparity = 1 / info.near;
   listen(picture, move);
 }
 
-const cameraNow = () => standing ?? rig.camera(rig.bounded(place));
+const currentCamera = () => photoCamera ?? rig.camera(rig.bounded(place));
 
-function look(moving) {
-  const camera = cameraNow();
-  const id = link.look({ camera, step: player.step, moving, depth: element("depth").checked });
-  wished.set(id, camera);
-  if (wished.size > 200) wished.delete(wished.keys().next().value);
+function request(moving) {
+  const camera = currentCamera();
+  const id = link.request({ camera, step: player.step, moving, depth: element("depth").checked });
+  requested.set(id, camera);
+  if (requested.size > 200) requested.delete(requested.keys().next().value);
 }
 
-// In shares of the picture's width, and in parts of the depth looked at.
+// Moves the viewpoint: shares of the picture's width, and of the depth in view (`ahead`).
 function move({ right = 0, down = 0, ahead = 0, yaw = 0, pitch = 0 }) {
   if (!rig) return;
-  if (standing) place = rig.viewpoint(standing);
-  standing = undefined;
-  const { w, fl_x } = rig.like;
+  if (photoCamera) place = rig.viewpoint(photoCamera);
+  photoCamera = undefined;
+  const { w, fl_x } = rig.templateCamera;
   const depth = 1 / Math.max(disparity, 1e-9);
   place.u += (right * w * depth) / fl_x;
   place.v += (down * w * depth) / fl_x;
@@ -79,26 +81,27 @@ function move({ right = 0, down = 0, ahead = 0, yaw = 0, pitch = 0 }) {
   place.yaw += (yaw * w) / fl_x;
   place.pitch += (pitch * w) / fl_x;
   place = rig.within(place);
-  lookOn();
+  requestMoving();
 }
 
-// Another viewpoint or time step, perhaps not the last; while time runs nothing rests.
-function lookOn() {
-  look(true);
-  clearTimeout(resting);
-  resting = setTimeout(() => player.playing || look(false), REST);
+// Requests a picture of a changed viewpoint or time step, and one at full quality once nothing changes and no video plays.
+function requestMoving() {
+  request(true);
+  clearTimeout(restTimer);
+  restTimer = setTimeout(() => player.playing || request(false), REST_DELAY);
 }
 
-function stand(view) {
-  clearTimeout(resting);
-  standing = views[view].camera;
+// Puts the viewpoint at a photo.
+function goToPhoto(view) {
+  clearTimeout(restTimer);
+  photoCamera = views[view].camera;
   rig = new Rig(views, view, 1 / disparity);
-  place = rig.viewpoint(standing);
-  look(player.playing);
+  place = rig.viewpoint(photoCamera);
+  request(player.playing);
 }
 
 function show(header, bitmap) {
-  const camera = wished.get(header.id);
+  const camera = requested.get(header.id);
   if (camera && (camera.w !== picture.width || camera.h !== picture.height)) {
     [picture.width, picture.height] = [camera.w, camera.h];
     document.documentElement.style.setProperty("--aspect", camera.w / camera.h);
@@ -111,7 +114,7 @@ function show(header, bitmap) {
     element("record").textContent = path ? `Stop (${path.length})` : "Record path";
   }
   panel.message(header.left_out.length > 0 ? `Left out: ${header.left_out.join("; ")}` : undefined);
-  panel.picture(header, views, rig, rig.viewpoint(shown ?? cameraNow()));
+  panel.picture(header, views, rig, rig.viewpoint(shown ?? currentCamera()));
   showPhoto(header);
   picture.dataset.quality = header.moving ? "moving" : "rest";
   picture.dataset.frame = header.id;
@@ -122,7 +125,7 @@ function showPhoto({ views: [view], step, moving }) {
   const beside = element("side").checked;
   element("beside").hidden = !beside;
   const { dataset } = element("photo");
-  // While time runs the photo follows when it rests, so that the picture has all the time there is.
+  // While a video plays the photo is not updated, so that the picture has all the time.
   if (!beside || view === undefined || (dataset.view === String(view) && (moving || dataset.step === String(step)))) return;
   [dataset.view, dataset.step] = [view, step];
   element("photo").src = address(`photo/${view}?step=${step}`);
@@ -134,8 +137,8 @@ function listHeldOut() {
     if (!view.held_out) return [];
     const button = document.createElement("button");
     button.textContent = view.name;
-    button.title = "Stand on this held-out photo";
-    button.onclick = () => stand(i);
+    button.title = "Go to the pose of this held-out photo";
+    button.onclick = () => goToPhoto(i);
     return [button];
   });
   element("held_out").replaceChildren(...buttons);
@@ -150,24 +153,24 @@ function download(blob, name) {
   setTimeout(() => URL.revokeObjectURL(anchor.href), 1000);
 }
 
-element("depth").onchange = () => look(player.playing);
-element("side").onchange = () => look(player.playing);
+element("depth").onchange = () => request(player.playing);
+element("side").onchange = () => request(player.playing);
 element("home").onclick = () => {
-  [rig, standing, place] = [middle, undefined, { u: 0, v: 0, z: 0, yaw: 0, pitch: 0 }];
-  look(player.playing);
+  [rig, photoCamera, place] = [startRig, undefined, { u: 0, v: 0, z: 0, yaw: 0, pitch: 0 }];
+  request(player.playing);
 };
 element("map").onclick = (event) => {
   const view = panel.viewAt(event.offsetX, event.offsetY);
-  if (view !== undefined) stand(view);
+  if (view !== undefined) goToPhoto(view);
 };
 element("save").onclick = async () => {
-  const answer = await fetch(address("picture"), { method: "POST", body: JSON.stringify({ camera: cameraNow(), step: player.step }) }).catch(() => undefined);
+  const answer = await fetch(address("picture"), { method: "POST", body: JSON.stringify({ camera: currentCamera(), step: player.step }) }).catch(() => undefined);
   if (answer?.ok) download(await answer.blob(), "picture.png");
   else panel.message(`The picture was not saved: ${answer ? await answer.text() : "no connection"}`);
 };
 element("record").onclick = () => {
   if (path) download(new Blob([JSON.stringify(path, null, 1)], { type: "application/json" }), "path.json");
-  path = path ? undefined : [cameraNow()];
+  path = path ? undefined : [currentCamera()];
   element("record").textContent = path ? `Stop (${path.length})` : "Record path";
   element("record").setAttribute("aria-pressed", String(Boolean(path)));
 };

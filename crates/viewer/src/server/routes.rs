@@ -1,4 +1,4 @@
-//! What the server answers: the page, the socket, photos, and pictures to save.
+//! Routes of the server: the page, the WebSocket, photos, and pictures to save.
 
 use std::path::Path as FilePath;
 use std::sync::Arc;
@@ -13,17 +13,17 @@ use axum::routing::{get, post};
 use liveview::image::encode;
 use tokio::time::timeout;
 
-use crate::app::App;
-use crate::message::{MAX_BYTES, moment};
-use crate::wish::Asked;
-use crate::{page, socket};
+use super::app::App;
+use super::message::{MAX_BYTES, viewpoint};
+use super::{page, socket};
+use crate::request::FileRequest;
 
-/// Largest message that is read at all; one over [`MAX_BYTES`] is refused with a reason.
-const MAX_READ: usize = 1 << 16;
-/// Time to send what is asked for.
-const BODY_TIME: Duration = Duration::from_secs(10);
+/// Largest message that is read; one above [`MAX_BYTES`] is refused with a reason.
+const MAX_READ_BYTES: usize = 1 << 16;
+/// Time to receive the body of a request.
+const BODY_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// All routes, behind the guard.
+/// All routes. All but the files of the page are behind the guard.
 pub(crate) fn routes(app: &Arc<App>) -> Router {
     Router::new()
         .route("/socket", get(open_socket))
@@ -31,7 +31,7 @@ pub(crate) fn routes(app: &Arc<App>) -> Router {
         .route("/picture", post(picture))
         .route("/", get(|| async { page::file("index.html") }))
         .layer(from_fn_with_state(Arc::clone(app), guarded))
-        // Nothing in these is secret, and a page asks for them without the token.
+        // These hold no secrets, and the page requests them without the token.
         .route("/page/{file}", get(|Path(name): Path<String>| async move { page::file(&name) }))
         .layer(DefaultBodyLimit::max(MAX_BYTES))
         .with_state(Arc::clone(app))
@@ -43,7 +43,7 @@ async fn guarded(State(app): State<Arc<App>>, request: Request, next: Next) -> R
     }
     let mut response = next.run(request).await;
     let headers = response.headers_mut();
-    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(page::POLICY));
+    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(page::SECURITY_POLICY));
     headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
     headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     response
@@ -51,16 +51,16 @@ async fn guarded(State(app): State<Arc<App>>, request: Request, next: Next) -> R
 
 async fn open_socket(State(app): State<Arc<App>>, upgrade: WebSocketUpgrade) -> Response {
     let alive = app.stopping.subscribe();
-    let upgrade = upgrade.max_message_size(MAX_READ).max_frame_size(MAX_READ);
+    let upgrade = upgrade.max_message_size(MAX_READ_BYTES).max_frame_size(MAX_READ_BYTES);
     upgrade.on_upgrade(|socket| socket::serve(socket, app, alive))
 }
 
-/// The time step of a query: `step=3`, among others.
+/// The time step in a query, such as `step=3`.
 fn step(uri: &Uri) -> Option<usize> {
     uri.query()?.split('&').find_map(|pair| pair.strip_prefix("step="))?.parse().ok()
 }
 
-/// A photo as the renderer sees it: undistorted, at the size of its camera. Of a rig that of the time step in the query.
+/// A photo, undistorted, at the size of its camera; for a rig at the time step in the query.
 async fn photo(State(app): State<Arc<App>>, Path(view): Path<usize>, uri: Uri) -> Response {
     let views = app.scene.views.len();
     if view >= views {
@@ -70,7 +70,7 @@ async fn photo(State(app): State<Arc<App>>, Path(view): Path<usize>, uri: Uri) -
         let Some(step) = step(&uri).filter(|&step| step < steps) else {
             return (StatusCode::NOT_FOUND, format!("expected ?step= from 0 to {}\n", steps - 1)).into_response();
         };
-        return asked(&app, Asked::Photo { view, step }, "image/jpeg").await;
+        return rendered_file(&app, FileRequest::Photo { view, step }, "image/jpeg").await;
     }
     let Ok(_permit) = app.reading.acquire().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
     let scene = app.scene.clone();
@@ -84,24 +84,24 @@ async fn photo(State(app): State<Arc<App>>, Path(view): Path<usize>, uri: Uri) -
     }
 }
 
-/// The picture of a camera, as `liveview render --pose` writes it.
+/// A picture at full quality, the same that `liveview render --pose` writes.
 async fn picture(State(app): State<Arc<App>>, request: Request) -> Response {
-    let body = match timeout(BODY_TIME, String::from_request(request, &())).await {
+    let body = match timeout(BODY_TIMEOUT, String::from_request(request, &())).await {
         Ok(Ok(body)) => body,
         Ok(Err(refused)) => return refused.into_response(),
         Err(_) => return StatusCode::REQUEST_TIMEOUT.into_response(),
     };
-    let wanted = serde_json::from_str(&body).map_err(|error| format!("not JSON: {error}"));
-    match wanted.and_then(|wanted| moment(&wanted, &app.range())) {
-        Ok(at) => asked(&app, Asked::Picture(at), "image/png").await,
+    let parsed = serde_json::from_str(&body).map_err(|error| format!("not JSON: {error}"));
+    match parsed.and_then(|parsed| viewpoint(&parsed, &app.limits())) {
+        Ok(viewpoint) => rendered_file(&app, FileRequest::Picture(viewpoint), "image/png").await,
         Err(reason) => refused(reason),
     }
 }
 
-/// A file that the renderer makes.
-async fn asked(app: &App, asked: Asked, kind: &'static str) -> Response {
-    let Some(answer) = app.desk.ask(asked) else {
-        return (StatusCode::SERVICE_UNAVAILABLE, "others are still being served\n").into_response();
+/// A file from the renderer.
+async fn rendered_file(app: &App, request: FileRequest, kind: &'static str) -> Response {
+    let Some(answer) = app.queue.request_file(request) else {
+        return (StatusCode::SERVICE_UNAVAILABLE, "too many pictures are requested at once\n").into_response();
     };
     match answer.await {
         Ok(Ok(bytes)) => ([(header::CONTENT_TYPE, kind)], axum::body::Bytes::from_owner(bytes)).into_response(),

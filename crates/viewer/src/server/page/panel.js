@@ -1,7 +1,8 @@
-// What is told beside the picture: figures, the time of each stage, the map of the rig.
+// The panel beside the picture: figures, the time of each stage, the map of the rig.
 
 const STAGES = ["photos", "depth", "select", "warp", "network", "composite", "rest"];
-const KEPT = 60;
+// Number of recent pictures in the plot of times.
+const PLOTTED_PICTURES = 60;
 const element = (id) => document.getElementById(id);
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const percent = (share) => `${(100 * share).toFixed(1)} %`;
@@ -30,10 +31,10 @@ export class Panel {
     addEventListener("resize", () => this.draw());
   }
 
-  hello(told) {
-    element("scene").textContent = told.scene;
-    document.title = `${told.scene} · LiveView`;
-    element("engine").textContent = `${told.engine}, ${told.threads} ${told.threads === 1 ? "thread" : "threads"}`;
+  session(info) {
+    element("scene").textContent = info.scene;
+    document.title = `${info.scene} · LiveView`;
+    element("engine").textContent = `${info.engine}, ${info.threads} ${info.threads === 1 ? "thread" : "threads"}`;
   }
 
   picture(header, views, rig, place) {
@@ -41,17 +42,17 @@ export class Panel {
     this.moving = this.moving.filter((time) => now - time < 1000);
     if (header.moving) this.moving.push(now);
     const known = Object.values(header.stages).reduce((sum, time) => sum + time, 0);
-    // What was rendered before and is only shown again took no time.
+    // A picture that was rendered before and is only sent again took no time.
     if (header.milliseconds >= known) this.times.push({ ...header.stages, rest: header.milliseconds - known });
-    this.times = this.times.slice(-KEPT);
+    this.times = this.times.slice(-PLOTTED_PICTURES);
     element("layers").textContent = header.layers;
     element("size").textContent = `${header.width} × ${header.height}`;
-    element("unseen").textContent = percent(header.uncovered + header.hidden);
+    element("uncovered").textContent = percent(header.uncovered + header.occluded);
     element("score").textContent = header.psnr === undefined ? "–" : `${views[header.truth].name}: ${header.psnr.toFixed(2)} dB`;
     const quality = header.moving ? `${this.moving.length} frames a second` : "full quality";
     element("status").textContent = `${quality} · ${header.width} × ${header.height} · ${header.milliseconds.toFixed(0)} ms`;
     [this.header, this.views, this.rig, this.place] = [header, views, rig, place];
-    // The picture comes first: ten times a second is enough.
+    // At most ten times a second, so that the picture goes first.
     this.drawing ??= setTimeout(() => {
       this.drawing = undefined;
       this.draw();
@@ -67,22 +68,22 @@ export class Panel {
   drawTimes() {
     const [context, width, height] = prepared(element("plot"));
     const totals = this.times.map((times) => STAGES.reduce((sum, stage) => sum + times[stage], 0));
-    // One slow picture, for which a photo's depth was found, shall not flatten all others.
+    // The scale follows the 90th percentile: a slow picture that waited for depth does not flatten all others.
     const scale = height / (1.2 * Math.max(20, [...totals].sort((a, b) => a - b)[Math.floor(0.9 * (totals.length - 1))]));
     this.times.forEach((times, i) => {
       let top = height;
       for (const stage of STAGES) {
         const size = scale * times[stage];
         context.fillStyle = colour(stage);
-        context.fillRect((i * width) / KEPT, top - size, width / KEPT - 1, size);
+        context.fillRect((i * width) / PLOTTED_PICTURES, top - size, width / PLOTTED_PICTURES - 1, size);
         top -= size;
       }
     });
     element("rate").textContent = totals.length > 0 ? `${totals[totals.length - 1].toFixed(0)} ms` : "";
   }
 
-  // Of a point right and down from the rig's middle, its place on the map.
-  scale(width, height) {
+  // The mapping from a point (right, down from the rig's middle, scene units) to the map.
+  mapTransform(width, height) {
     const { across, down, extent } = this.rig;
     const [w, h] = [across[1] - across[0] + 0.6 * extent, down[1] - down[0] + 0.6 * extent];
     const factor = Math.min(width / w, height / h);
@@ -91,7 +92,7 @@ export class Panel {
 
   drawMap() {
     const [context, width, height] = prepared(element("map"));
-    const at = this.scale(width, height);
+    const at = this.mapTransform(width, height);
     this.spots = this.views.map((view) => at(this.rig.toRig(view.centre)));
     const here = at([this.place.u, this.place.v]);
     const lines = (views, stroke) => {
@@ -120,7 +121,7 @@ export class Panel {
     context.fill();
   }
 
-  // The view whose spot on the map is near a point there.
+  // The view near a point on the map.
   viewAt(x, y) {
     const distances = (this.spots ?? []).map((spot) => Math.hypot(spot[0] - x, spot[1] - y));
     const nearest = distances.indexOf(Math.min(...distances));

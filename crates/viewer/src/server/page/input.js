@@ -1,10 +1,10 @@
-// Mouse, fingers, wheel and keys: how far each moves the viewpoint. `move` takes shares of the picture's width (right, down, turn right,
-// turn down) and steps ahead, in parts of the depth that is looked at.
+// Mouse, touch, wheel and keyboard input. `move` takes shifts and turns as shares of the picture's width (right, down, yaw to the right,
+// pitch down), and steps ahead as shares of the depth in view.
 
 const KEYS = { ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0], ArrowUp: [0, -1, 0], ArrowDown: [0, 1, 0], "+": [0, 0, 1], "=": [0, 0, 1], "-": [0, 0, -1] };
-// Pictures' widths, and parts of the depth, per second.
-const KEY_PACE = 0.35;
-const AHEAD_PACE = 0.2;
+// Speed of the arrow keys, picture widths per second, and of + and -, shares of the depth per second.
+const KEY_SPEED = 0.35;
+const AHEAD_SPEED = 0.2;
 
 export function listen(canvas, move) {
   const pointers = new Map();
@@ -24,7 +24,7 @@ export function listen(canvas, move) {
     const width = canvas.clientWidth * pointers.size;
     const [dx, dy] = [(event.clientX - pointer.x) / width, (event.clientY - pointer.y) / width];
     [pointer.x, pointer.y] = [event.clientX, event.clientY];
-    // The scene follows the hand, so that the viewpoint goes the other way.
+    // The scene follows the pointer: the viewpoint moves the other way.
     if (pointers.size === 2) move({ yaw: -dx, pitch: -dy, ahead: before > 0 ? (spread() - before) / canvas.clientWidth : 0 });
     else if (event.shiftKey) move({ yaw: -dx, pitch: -dy });
     else move({ right: -dx, down: -dy });
@@ -45,12 +45,12 @@ export function listen(canvas, move) {
     const seconds = Math.min(0.1, (now - last) / 1000);
     last = now;
     const [x, y, z] = [...held].map((key) => KEYS[key]).reduce((sum, key) => sum.map((value, i) => value + key[i]), [0, 0, 0]);
-    const [right, down] = [KEY_PACE * seconds * x, KEY_PACE * seconds * y];
-    move({ ...(turning ? { yaw: right, pitch: down } : { right, down }), ahead: AHEAD_PACE * seconds * z });
+    const [right, down] = [KEY_SPEED * seconds * x, KEY_SPEED * seconds * y];
+    move({ ...(turning ? { yaw: right, pitch: down } : { right, down }), ahead: AHEAD_SPEED * seconds * z });
     requestAnimationFrame(step);
   };
   addEventListener("keydown", (event) => {
-    // Elsewhere keys have their own meaning.
+    // Other elements handle these keys themselves.
     if (event.target !== document.body && event.target !== canvas) return;
     if (!(event.key in KEYS) || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();

@@ -1,0 +1,8 @@
+//! Commands that look without rendering: `inspect`, `select`, `depth`, `models` and `manual`.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod depth;
+mod installed;
+mod scenes;

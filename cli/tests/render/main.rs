@@ -1,0 +1,11 @@
+//! `liveview render`: its pictures, its outputs, `--cache` and `--network none`.
+
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../../../tests/scene_common/mod.rs"]
+mod scene_common;
+
+mod cache;
+mod no_network;
+mod outputs;
+mod pictures;

@@ -1,0 +1,8 @@
+//! `liveview video`.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod faults;
+mod frames;
+mod interrupts;

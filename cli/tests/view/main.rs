@@ -1,0 +1,8 @@
+//! `liveview view`.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod limits;
+mod rig;
+mod scene;

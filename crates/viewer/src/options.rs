@@ -1,0 +1,66 @@
+//! Options of `liveview view`.
+
+use std::net::IpAddr;
+
+use anyhow::{Result, bail};
+use clap::Args;
+use liveview::Scene;
+use liveview_common::args::frame_rate::{FrameRate, frame_rate};
+use liveview_common::args::layers::LayerArgs;
+use liveview_common::args::model::ModelArgs;
+use liveview_common::args::numbers;
+use liveview_common::args::scene::SceneArgs;
+use liveview_common::args::targets::named;
+
+const EXAMPLES: &str = "\
+Examples:
+  liveview view scene --open
+  liveview view scene --engine openvino --precision int8
+  liveview view scene --target IMG_7.jpg,IMG_9.jpg
+  liveview view scene --bind 192.168.1.2 --port 9000
+  liveview view rig --fps 25
+
+On the page: drag moves the viewpoint, the wheel or a pinch goes forward and back, shift-drag turns; so do the arrow keys, with shift
+for turning. The video of a rig (see `liveview video --help`) starts and stops with the space bar.";
+
+/// Options of `liveview view`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct ViewArgs {
+    #[command(flatten)]
+    pub(crate) scene: SceneArgs,
+    /// Port of the link; 0: any free port
+    #[arg(long, value_name = "N", default_value_t = 8090)]
+    pub(crate) port: u16,
+    /// Address of this machine at which others reach it, such as 192.168.1.2; the link then holds a token that grants access
+    /// [default: this machine alone]
+    #[arg(long, value_name = "ADDRESS")]
+    pub(crate) bind: Option<IpAddr>,
+    /// Open the link in the browser
+    #[arg(long)]
+    pub(crate) open: bool,
+    /// Time steps per second of a rig [default: that of its videos, else 30]
+    #[arg(long, value_name = "N", value_parser = frame_rate)]
+    pub(crate) fps: Option<FrameRate>,
+    /// Photos to hold out, by name: never rendered from; a picture at the pose of one is scored against it
+    #[arg(long, value_name = "NAME", value_delimiter = ',', conflicts_with = "heldout")]
+    target: Vec<String>,
+    /// Hold out every Nth photo in name order, from the first on
+    #[arg(long, value_name = "N", value_parser = numbers::count)]
+    heldout: Option<usize>,
+    #[command(flatten)]
+    pub(crate) layers: LayerArgs,
+    #[command(flatten)]
+    pub(crate) model: ModelArgs,
+}
+
+impl ViewArgs {
+    /// Indices of the photos to hold out.
+    pub(crate) fn held_out(&self, scene: &Scene) -> Result<Vec<usize>> {
+        match self.heldout {
+            Some(1) => bail!("--heldout 1 holds out every photo and leaves none to render from; expected 2 or more"),
+            Some(step) => Ok((0..scene.views.len()).step_by(step).collect()),
+            None => named(scene, &self.target),
+        }
+    }
+}

@@ -1,0 +1,63 @@
+//! What clients ask for, and what they are sent.
+
+use std::sync::Arc;
+
+use liveview::Camera;
+use tokio::sync::oneshot;
+
+/// A camera, and a time step of a rig.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Viewpoint {
+    pub(crate) camera: Camera,
+    /// 0 for a scene of photos.
+    pub(crate) step: usize,
+}
+
+/// A client's request for a picture.
+#[derive(Debug, Clone)]
+pub(crate) struct ViewRequest {
+    /// The client's number of the request.
+    pub(crate) id: u64,
+    pub(crate) viewpoint: Viewpoint,
+    /// Whether the viewpoint or the time is changing: speed then goes before quality.
+    pub(crate) moving: bool,
+    /// Disparity as colours instead of the picture.
+    pub(crate) depth: bool,
+}
+
+/// A client's request for a file.
+#[derive(Debug)]
+pub(crate) enum FileRequest {
+    /// A picture at full quality, as PNG.
+    Picture(Viewpoint),
+    /// A camera's photo at a time step, as JPEG.
+    Photo { view: usize, step: usize },
+}
+
+/// The bytes of a file, or the reason why there are none.
+pub(crate) type FileAnswer = Result<Arc<[u8]>, String>;
+
+/// The renderer's next task.
+#[derive(Debug)]
+pub(crate) enum Task {
+    Frame {
+        client: u64,
+        request: ViewRequest,
+    },
+    File {
+        request: FileRequest,
+        reply: oneshot::Sender<FileAnswer>,
+    },
+    /// No request is pending: time to load photos and search depth ahead.
+    Prepare,
+    Stop,
+}
+
+/// A message to a client.
+#[derive(Debug, Clone)]
+pub(crate) enum Message {
+    /// A header in JSON, then a picture.
+    Frame(Arc<[u8]>),
+    /// JSON.
+    Text(String),
+}

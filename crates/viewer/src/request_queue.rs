@@ -1,0 +1,231 @@
+//! Pending requests of all clients. Of each client only the newest request for a picture is kept, and clients take turns.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+use tokio::sync::{mpsc, oneshot};
+
+use crate::request::{FileAnswer, FileRequest, Message, Task, ViewRequest};
+
+/// Frames sent to a client that it has not shown yet, at most: a slow client gets fewer frames, not older ones.
+const MAX_FRAMES_IN_FLIGHT: usize = 2;
+/// Clients at a time.
+const MAX_CLIENTS: usize = 16;
+/// Pending requests for files.
+const MAX_FILES: usize = 4;
+
+struct Client {
+    request: Option<ViewRequest>,
+    in_flight: usize,
+    outbox: mpsc::Sender<Message>,
+}
+
+#[derive(Default)]
+struct State {
+    clients: BTreeMap<u64, Client>,
+    files: VecDeque<(FileRequest, oneshot::Sender<FileAnswer>)>,
+    /// The client that was served last; files take turns with clients.
+    last_client: u64,
+    file_was_last: bool,
+    joined: u64,
+    stopped: bool,
+}
+
+/// Pending requests; shared by the renderer and the server.
+#[derive(Default)]
+pub(crate) struct RequestQueue {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+impl RequestQueue {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Adds a client: its number and the receiver of its messages; `None` if there are too many.
+    pub(crate) fn join(&self) -> Option<(u64, mpsc::Receiver<Message>)> {
+        let mut state = self.state();
+        if state.clients.len() >= MAX_CLIENTS || state.stopped {
+            return None;
+        }
+        // Room for the frames in flight and for as many error messages.
+        let (outbox, messages) = mpsc::channel(2 * MAX_FRAMES_IN_FLIGHT);
+        state.joined += 1;
+        let client = state.joined;
+        state.clients.insert(client, Client { request: None, in_flight: 0, outbox });
+        Some((client, messages))
+    }
+
+    /// Removes a client.
+    pub(crate) fn leave(&self, client: u64) {
+        self.state().clients.remove(&client);
+    }
+
+    /// Clients that have joined so far.
+    pub(crate) fn joined(&self) -> u64 {
+        self.state().joined
+    }
+
+    /// Replaces the client's pending request, if there is one.
+    pub(crate) fn request_view(&self, client: u64, request: ViewRequest) {
+        if let Some(client) = self.state().clients.get_mut(&client) {
+            client.request = Some(request);
+        }
+        self.changed.notify_one();
+    }
+
+    /// The client has shown a frame that it was sent.
+    pub(crate) fn frame_shown(&self, client: u64) {
+        if let Some(client) = self.state().clients.get_mut(&client) {
+            client.in_flight = client.in_flight.saturating_sub(1);
+        }
+        self.changed.notify_one();
+    }
+
+    /// Adds a request for a file; `None` if too many are pending.
+    pub(crate) fn request_file(&self, request: FileRequest) -> Option<oneshot::Receiver<FileAnswer>> {
+        let mut state = self.state();
+        if state.files.len() >= MAX_FILES || state.stopped {
+            return None;
+        }
+        let (reply, answer) = oneshot::channel();
+        state.files.push_back((request, reply));
+        self.changed.notify_one();
+        Some(answer)
+    }
+
+    /// Sends a message to a client, which may have left.
+    pub(crate) fn send(&self, client: u64, message: Message) {
+        if let Some(client) = self.state().clients.get_mut(&client) {
+            client.in_flight += usize::from(matches!(message, Message::Frame(_)));
+            // Full only of error messages that the client does not read.
+            let _ = client.outbox.try_send(message);
+        }
+    }
+
+    /// Drops all clients and requests, and accepts no more.
+    pub(crate) fn stop(&self) {
+        let mut state = self.state();
+        state.stopped = true;
+        state.clients.clear();
+        state.files.clear();
+        self.changed.notify_all();
+    }
+
+    /// Whether any client is connected.
+    pub(crate) fn has_clients(&self) -> bool {
+        !self.state().clients.is_empty()
+    }
+
+    /// Waits for the next task; with `prepare`, returns [`Task::Prepare`] at once if no request is pending.
+    pub(crate) fn next(&self, prepare: bool) -> Task {
+        let mut state = self.state();
+        loop {
+            if let Some(task) = state.take() {
+                return task;
+            }
+            if prepare {
+                return Task::Prepare;
+            }
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
+
+impl State {
+    fn take(&mut self) -> Option<Task> {
+        if self.stopped {
+            return Some(Task::Stop);
+        }
+        // Round robin: from the client after the last one on.
+        let is_ready = |client: &Client| client.request.is_some() && client.in_flight < MAX_FRAMES_IN_FLIGHT;
+        let in_turn = self.clients.range(self.last_client + 1..).chain(self.clients.range(..=self.last_client));
+        let next = in_turn.filter(|(_, client)| is_ready(client)).map(|(&number, _)| number).next();
+        if !(self.file_was_last && next.is_some())
+            && let Some((request, reply)) = self.files.pop_front()
+        {
+            self.file_was_last = true;
+            return Some(Task::File { request, reply });
+        }
+        let client = next?;
+        (self.last_client, self.file_was_last) = (client, false);
+        let request = self.clients.get_mut(&client)?.request.take()?;
+        Some(Task::Frame { client, request })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use liveview::glam::{DMat3, DVec3};
+    use liveview::{Camera, Intrinsics};
+
+    use super::*;
+    use crate::request::Viewpoint;
+
+    fn view_request(id: u64) -> ViewRequest {
+        let k = Intrinsics { fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0, skew: 0.0 };
+        let camera = Camera::new(k, 64, 48, DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        ViewRequest { id, viewpoint: Viewpoint { camera, step: 0 }, moving: true, depth: false }
+    }
+
+    fn file_request() -> FileRequest {
+        FileRequest::Picture(view_request(0).viewpoint)
+    }
+
+    /// The client and the number of the next request; zeros for a file.
+    fn served(queue: &RequestQueue) -> Option<(u64, u64)> {
+        match queue.next(true) {
+            Task::Frame { client, request } => Some((client, request.id)),
+            Task::File { .. } => Some((0, 0)),
+            _ => None,
+        }
+    }
+
+    #[test]
+    fn newest_request_of_each_client_is_served_in_turn() {
+        let queue = RequestQueue::default();
+        let [a, b] = [0, 1].map(|_| queue.join().unwrap().0);
+        (1..=5).for_each(|id| queue.request_view(a, view_request(id)));
+        queue.request_view(b, view_request(7));
+        assert_eq!([served(&queue), served(&queue), served(&queue)], [Some((a, 5)), Some((b, 7)), None]);
+        queue.request_view(a, view_request(8));
+        queue.request_view(b, view_request(9));
+        let _answers = [0, 1].map(|_| queue.request_file(file_request()).unwrap());
+        let turns: Vec<_> = std::iter::from_fn(|| served(&queue)).collect();
+        assert_eq!(turns, [(0, 0), (a, 8), (0, 0), (b, 9)]);
+    }
+
+    #[test]
+    fn client_that_shows_no_frame_gets_no_more() {
+        let queue = RequestQueue::default();
+        let (client, mut messages) = queue.join().unwrap();
+        let frame = || Message::Frame(Arc::from(&b"frame"[..]));
+        for id in 0..MAX_FRAMES_IN_FLIGHT as u64 {
+            queue.request_view(client, view_request(id));
+            assert_eq!(served(&queue), Some((client, id)));
+            queue.send(client, frame());
+        }
+        queue.request_view(client, view_request(9));
+        assert_eq!(served(&queue), None);
+        assert!(messages.try_recv().is_ok());
+        queue.frame_shown(client);
+        assert_eq!(served(&queue), Some((client, 9)));
+    }
+
+    #[test]
+    fn clients_and_pending_files_are_limited() {
+        let queue = RequestQueue::default();
+        let clients: Vec<_> = std::iter::from_fn(|| queue.join()).collect();
+        assert_eq!(clients.len(), MAX_CLIENTS);
+        queue.leave(clients[0].0);
+        assert!(queue.join().is_some());
+        let answers: Vec<_> = std::iter::from_fn(|| queue.request_file(file_request())).collect();
+        assert_eq!(answers.len(), MAX_FILES);
+        queue.stop();
+        assert!(matches!(queue.next(true), Task::Stop));
+        assert!(queue.join().is_none() && queue.request_file(file_request()).is_none());
+    }
+}
