@@ -6,7 +6,7 @@ use super::photo_depths::{DepthSource, ViewDepth};
 use super::target::Shot;
 use crate::scene::Scene;
 use crate::surface::cache::{DepthKey, PhotoDigest};
-use crate::surface::{DepthMaps, PhotoCorrection, PhotoDepth, Settings, TargetSurface};
+use crate::surface::{DepthMaps, PhotoCorrection, PhotoDepth, TargetSurface};
 use crate::warp::SourceView;
 
 /// Depth maps of the views that may take part.
@@ -23,7 +23,7 @@ impl SceneDepth {
     pub(super) fn new(scene: &Scene, free: Vec<usize>, held_out: Vec<usize>, (near, far): (f64, f64)) -> Self {
         let cameras = free.iter().map(|&view| scene.views[view].camera.clone()).collect();
         let sources = vec![(DepthSource::Alone, Duration::ZERO); free.len()];
-        Self { maps: DepthMaps::new(cameras, near, far, Settings::default()), free, held_out, sources }
+        Self { maps: DepthMaps::new(cameras, near, far), free, held_out, sources }
     }
 
     /// Whether exactly these views are held out.
@@ -55,12 +55,12 @@ impl SceneDepth {
     pub(super) fn key(&self, views: &[usize], digests: &[PhotoDigest]) -> DepthKey {
         let cameras = views.iter().map(|&view| &self.maps.cameras()[self.photo(view)]);
         let photos: Vec<_> = cameras.zip(digests.iter().copied()).collect();
-        DepthKey::new(&photos, self.maps.range(), self.maps.settings())
+        DepthKey::new(&photos, self.maps.range())
     }
 
     /// The depth of a view's photo, if it is known.
     pub(super) fn found(&self, view: usize) -> Option<&PhotoDepth> {
-        self.maps.found(self.photo(view))
+        self.maps.get(self.photo(view))
     }
 
     /// Takes the depth of a view's photo as found.
@@ -106,7 +106,7 @@ impl SceneDepth {
 
     /// Bytes of the depth of a view's photo; 0 if it is not known.
     pub(super) fn bytes(&self, view: usize) -> usize {
-        let found = self.taking_part(view).and_then(|photo| self.maps.found(photo));
+        let found = self.taking_part(view).and_then(|photo| self.maps.get(photo));
         found.map_or(0, |found| size_of_val(found.disparity.as_slice().expect("standard order")))
     }
 

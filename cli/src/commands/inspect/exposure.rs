@@ -3,14 +3,14 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use liveview::surface::Settings;
+use liveview::surface::EXTRA_PHOTOS;
 use liveview::{PhotoCache, PhotoCorrection, Targets};
 use liveview_common::console::escaped;
 
 /// Factors per channel of the photos of these many views of a target, nearest first, and a table of them. Their depth is searched.
 pub(super) fn gains(photos: &mut PhotoCache, target: usize, views: usize) -> Result<(String, Vec<[f32; 3]>)> {
     let targets = Targets::held_out(photos.scene(), vec![target]);
-    let shot = photos.shots(targets, views, Settings::default().extra, None)?.remove(0);
+    let shot = photos.shots(targets, views, EXTRA_PHOTOS, None)?.remove(0);
     photos.load_for(&shot, &[])?;
     let gains = photos.surface(&shot, PhotoCorrection::default())?.gains().to_vec();
     let names: Vec<String> = photos.names(&shot.views).iter().map(|name| escaped(name)).collect();
