@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use liveview::ndarray::{ArrayView4, ArrayViewMut4};
 use liveview::network::{NetworkError, PlaneNetwork};
 use liveview::render::Renderer;
-use liveview::{LayerSpec, PhotoCache, Scene, SceneOptions, Synthesizer, Target};
+use liveview::{LayerSpec, Scene, SceneOptions, SceneViews, Synthesizer, Target};
 
 /// Opaque where the views agree on the colour: the oldest idea of stereo.
 struct Agreement;
@@ -40,7 +40,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     options.width = args.next().map(|width| width.parse()).transpose()?;
 
     // The depth range is the scene's own, and one layer goes through the network at once.
-    let photos = PhotoCache::new(Scene::open(Path::new("tests/scenes/workshop"), &options)?, None, None);
+    let photos = SceneViews::new(Scene::open(Path::new("tests/scenes/workshop"), &options)?, None, None);
     let mut synthesizer = Synthesizer::new(photos, Renderer::new(Box::new(Agreement), 1), LayerSpec::guided(4));
     let frame = synthesizer.render(&Target::held_out("target_0"))?;
     frame.picture.save(folder.join("target_0.png"))?;

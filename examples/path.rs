@@ -18,15 +18,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     options.scene.width = args.next().map(|width| width.parse()).transpose()?;
 
     let mut synthesizer = Synthesizer::open("tests/scenes/workshop", &options)?;
-    let targets = Targets::path(synthesizer.photos().scene(), "circle:12".parse()?)?;
+    let targets = Targets::path(synthesizer.scene(), "circle:12".parse()?)?;
     let shots = synthesizer.shots(targets)?;
     let mut video = BufWriter::new(File::create(folder.join("path.y4m"))?);
     writeln!(video, "YUV4MPEG2 W{} H{} F12:1 Ip A1:1 C444", shots[0].target.width(), shots[0].target.height())?;
     for (index, shot) in shots.iter().enumerate() {
         // Photos that later frames need stay in memory.
-        synthesizer.photos_mut().load_for(shot, &shots[index + 1..])?;
-        let plan = synthesizer.plan(shot)?;
-        let frame = synthesizer.render_plan(shot, &plan, |_| ())?;
+        let loaded = synthesizer.load(shot, &shots[index + 1..])?;
+        let plan = synthesizer.plan(&loaded)?;
+        let frame = synthesizer.render_plan(&loaded, &plan, |_| ())?;
         let picture = inpaint_unseen(&frame.picture, &frame.transmittance);
         picture.save(folder.join(format!("{}.png", shot.name)))?;
         write_frame(&mut video, &picture)?;

@@ -74,8 +74,8 @@ pub use render::Frame;
 pub use scene::{Scene, SceneOptions};
 // The high-level interface has no other path.
 pub use synthesizer::{
-    DEFAULT_VIEWS, Model, ModelOptions, Options, PhotoCache, Plan, Shot, SynthesisError, Synthesizer, Target,
-    TargetView, Targets,
+    DEFAULT_VIEWS, LoadedShot, Model, ModelOptions, Options, Plan, ScenePhotos, SceneViews, Shot, SynthesisError,
+    Synthesizer, Target, TargetCamera, Targets,
 };
 #[cfg(feature = "surface")]
 pub use synthesizer::{DepthSource, PhotoCorrection, TargetSurface, ViewDepth};

@@ -8,7 +8,8 @@ use liveview::image::psnr;
 use liveview::network::{NetworkError, PlaneNetwork};
 use liveview::render::Renderer;
 use liveview::{
-    DepthSource, LayerSpec, Options, PhotoCache, Scene, SceneOptions, SynthesisError, Synthesizer, Target, Targets,
+    DepthSource, LayerSpec, Options, Scene, SceneOptions, ScenePhotos, SceneViews, SynthesisError, Synthesizer, Target,
+    Targets,
 };
 use ndarray::{ArrayView4, ArrayViewMut4};
 
@@ -38,8 +39,8 @@ fn workshop() -> Scene {
 }
 
 fn synthesizer(layers: &str) -> Synthesizer {
-    let photos = PhotoCache::new(workshop(), None, None);
-    Synthesizer::new(photos, Renderer::new(Box::new(Agreement), 1), layers.parse().unwrap())
+    let views = SceneViews::new(workshop(), None, None);
+    Synthesizer::new(views, Renderer::new(Box::new(Agreement), 1), layers.parse().unwrap())
 }
 
 #[test]
@@ -70,12 +71,12 @@ fn every_kind_of_layers_shows_the_held_out_view() {
             .shots(Targets::held_out(&scene, vec![scene.view_index("target_0").unwrap()]))
             .unwrap()
             .remove(0);
-        synthesizer.photos_mut().load_for(&shot, &[]).unwrap();
-        let plan = synthesizer.plan(&shot).unwrap();
+        let loaded = synthesizer.load(&shot, &[]).unwrap();
+        let plan = synthesizer.plan(&loaded).unwrap();
         assert_eq!(plan.layers.len(), count, "{layers}");
         assert_eq!(plan.range.is_some(), matches!(synthesizer.layers(), LayerSpec::Guided { .. }), "{layers}");
         assert_eq!(plan.surface.is_some(), matches!(synthesizer.layers(), LayerSpec::Surface(_)), "{layers}");
-        let again = synthesizer.render_plan(&shot, &plan, |_| ()).unwrap();
+        let again = synthesizer.render_plan(&loaded, &plan, |_| ()).unwrap();
         assert_eq!(frame.picture, again.picture, "{layers}");
     }
 }
@@ -109,8 +110,8 @@ fn a_held_out_photo_takes_no_part_in_the_depth_of_others() {
     let mut options = SceneOptions::default();
     options.width = Some(96);
     let picture = |scene: Scene| {
-        let photos = PhotoCache::new(scene, None, None);
-        let mut synthesizer = Synthesizer::new(photos, Renderer::new(Box::new(Agreement), 1), LayerSpec::Surface(2));
+        let views = SceneViews::new(scene, None, None);
+        let mut synthesizer = Synthesizer::new(views, Renderer::new(Box::new(Agreement), 1), LayerSpec::Surface(2));
         synthesizer.render(&Target::held_out("target_0")).unwrap().picture
     };
     let with = picture(Scene::open(folder.path(), &options).unwrap());
@@ -125,16 +126,16 @@ fn a_held_out_photo_takes_no_part_in_the_depth_of_others() {
 #[test]
 fn the_depth_of_photos_is_kept_from_frame_to_frame() {
     let mut along = synthesizer("surface:1");
-    let targets = Targets::path(along.photos().scene(), "line:4".parse().unwrap()).unwrap();
+    let targets = Targets::path(along.scene(), "line:4".parse().unwrap()).unwrap();
     let shots = along.shots(targets.clone()).unwrap();
     assert!(shots.iter().all(|shot| shot.helpers.len() == 2 && shot.helpers.iter().all(|h| !shot.views.contains(h))));
     let mut pictures = Vec::new();
     along.render_all(targets, |_, frame| pictures.push(frame.picture)).unwrap();
     for (shot, picture) in shots.iter().zip(&pictures) {
         let mut alone = synthesizer("surface:1");
-        alone.photos_mut().load_for(shot, &[]).unwrap();
-        let plan = alone.plan(shot).unwrap();
-        assert!(alone.render_plan(shot, &plan, |_| ()).unwrap().picture == *picture, "{}", shot.name);
+        let loaded = alone.load(shot, &[]).unwrap();
+        let plan = alone.plan(&loaded).unwrap();
+        assert!(alone.render_plan(&loaded, &plan, |_| ()).unwrap().picture == *picture, "{}", shot.name);
     }
 }
 
@@ -158,7 +159,7 @@ fn the_depth_of_photos_is_kept_from_run_to_run() {
     assert!(picture("target_0") == plain);
     assert_eq!(files(), first, "nothing is searched again");
     let source = workshop().view_index("target_0").unwrap();
-    let mut photos = PhotoCache::new(workshop(), None, None);
+    let mut photos = ScenePhotos::new(SceneViews::new(workshop(), None, None));
     photos.keep_depths_in(&kept).unwrap();
     let views: Vec<usize> = (0..workshop().views.len()).filter(|&view| view != source).collect();
     let mut sources = Vec::new();
@@ -173,7 +174,7 @@ fn the_depth_of_photos_is_kept_from_run_to_run() {
 
     let taken = folder.path().join("file");
     std::fs::write(&taken, "").unwrap();
-    let refused = PhotoCache::new(workshop(), None, None).keep_depths_in(&taken).unwrap_err();
+    let refused = ScenePhotos::new(SceneViews::new(workshop(), None, None)).keep_depths_in(&taken).unwrap_err();
     assert!(matches!(refused, SynthesisError::Cache { .. }) && refused.to_string().contains("file: "), "{refused}");
     let mut options = Options::default();
     options.cache = Some(taken);
@@ -184,7 +185,7 @@ fn the_depth_of_photos_is_kept_from_run_to_run() {
 #[test]
 fn the_frames_of_a_path_share_one_range_of_depths() {
     let mut synthesizer = synthesizer("guided:1");
-    let targets = Targets::path(synthesizer.photos().scene(), "line:5".parse().unwrap()).unwrap();
+    let targets = Targets::path(synthesizer.scene(), "line:5".parse().unwrap()).unwrap();
     let shots = synthesizer.shots(targets.clone()).unwrap();
     assert!(shots.iter().all(|shot| (shot.near, shot.far) == (shots[0].near, shots[0].far)));
     let mut names = Vec::new();
@@ -200,8 +201,8 @@ fn what_cannot_be_rendered_is_refused_by_name() {
     assert!(matches!(unknown, SynthesisError::Scene(_)) && unknown.to_string().contains("nobody"), "{unknown}");
 
     let render = |scene: Scene, near, far| {
-        let photos = PhotoCache::new(scene, near, far);
-        Synthesizer::new(photos, Renderer::new(Box::new(Agreement), 1), LayerSpec::guided(2))
+        let views = SceneViews::new(scene, near, far);
+        Synthesizer::new(views, Renderer::new(Box::new(Agreement), 1), LayerSpec::guided(2))
             .render(&Target::held_out("target_0"))
     };
     let mut few = workshop();
@@ -246,9 +247,9 @@ impl PlaneNetwork for Straying {
 #[test]
 fn a_stray_few_logits_that_are_not_finite_are_counted_and_more_are_an_error() {
     let render = |strays: usize| {
-        let photos = PhotoCache::new(workshop(), None, None);
+        let views = SceneViews::new(workshop(), None, None);
         let renderer = Renderer::new(Box::new(Straying(strays)), 1);
-        Synthesizer::new(photos, renderer, "guided:1".parse().unwrap()).render(&Target::held_out("target_0"))
+        Synthesizer::new(views, renderer, "guided:1".parse().unwrap()).render(&Target::held_out("target_0"))
     };
     let pixels = 96 * 72; // the padded target's, of which each has four logits
     let few = pixels * 4 / 10_000;

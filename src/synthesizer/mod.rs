@@ -10,19 +10,23 @@
 //! # Ok(()) }
 //! ```
 //!
-//! The same step by step: [`Synthesizer::shots`] chooses the views and the depth range of each target,
-//! [`Synthesizer::plan`] finds its layers, [`Synthesizer::render_plan`] renders them.
+//! The same step by step: [`Synthesizer::shots`] chooses the views and the depth range of each
+//! target, [`Synthesizer::load`] loads their photos, [`Synthesizer::plan`] finds the layers,
+//! [`Synthesizer::render_plan`] renders them.
 
+#[cfg(feature = "surface")]
+mod depth_store;
 mod error;
+mod loaded_shot;
 mod memory;
 mod model;
-mod photo_cache;
-#[cfg(feature = "surface")]
-mod photo_depths;
+mod photo_store;
 mod plan;
 mod retention;
 #[cfg(feature = "surface")]
 mod scene_depth;
+mod scene_photos;
+mod scene_views;
 mod target;
 
 use std::fmt;
@@ -31,19 +35,21 @@ use std::path::Path;
 use std::path::PathBuf;
 
 pub use error::SynthesisError;
+pub use loaded_shot::LoadedShot;
 pub use model::{DEFAULT_VIEWS, Model, ModelOptions};
-pub use photo_cache::PhotoCache;
-#[cfg(feature = "surface")]
-pub use photo_depths::{DepthSource, ViewDepth};
 pub use plan::Plan;
-pub use target::{Shot, Target, TargetView, Targets};
+#[cfg(feature = "surface")]
+pub use scene_depth::{DepthSource, ViewDepth};
+pub use scene_photos::ScenePhotos;
+pub use scene_views::SceneViews;
+pub use target::{Shot, Target, TargetCamera, Targets};
 
-use crate::layers::{LayerSpec, Layers};
+use crate::layers::LayerSpec;
 use crate::network::PlaneNetwork;
 use crate::render::{Batch, Frame, Renderer};
 use crate::scene::{Scene, SceneOptions};
 #[cfg(feature = "surface")]
-use crate::surface::EXTRA_PHOTOS;
+use crate::surface::Settings;
 #[cfg(feature = "surface")]
 pub use crate::surface::{PhotoCorrection, TargetSurface};
 
@@ -65,13 +71,13 @@ pub struct Options {
     #[cfg(feature = "surface")]
     pub photo_correction: PhotoCorrection,
     #[cfg(feature = "surface")]
-    /// Folder where surface layers keep the depth of photos for later runs ([`PhotoCache::keep_depths_in`]).
+    /// Folder where surface layers keep the depth of photos for later runs ([`ScenePhotos::keep_depths_in`]).
     pub cache: Option<PathBuf>,
 }
 
 /// Renders new views of a scene.
 pub struct Synthesizer {
-    photos: PhotoCache,
+    photos: ScenePhotos,
     renderer: Renderer,
     layers: LayerSpec,
     #[cfg(feature = "surface")]
@@ -96,8 +102,9 @@ impl Synthesizer {
     ///
     /// [`SynthesisError`] for a folder that is no scene, a model or a library that is not found or does not fit.
     pub fn open(folder: impl AsRef<Path>, options: &Options) -> Result<Self, SynthesisError> {
+        let views = SceneViews::new(Scene::open(folder.as_ref(), &options.scene)?, options.near, options.far);
         #[cfg_attr(not(feature = "surface"), expect(unused_mut))]
-        let mut photos = PhotoCache::new(Scene::open(folder.as_ref(), &options.scene)?, options.near, options.far);
+        let mut photos = ScenePhotos::new(views);
         #[cfg(feature = "surface")]
         options.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder))?;
         let model = Model::open(&options.model, options.layers.as_ref())?;
@@ -105,17 +112,20 @@ impl Synthesizer {
             Some(layers) => layers.clone(),
             None => model.network.recommended_layers()?,
         };
-        #[cfg_attr(not(feature = "surface"), expect(unused_mut))]
-        let mut synthesizer = Self::new(photos, model.into_renderer(), layers);
-        #[cfg(feature = "surface")]
-        synthesizer.set_photo_correction(options.photo_correction);
-        Ok(synthesizer)
+        Ok(Self {
+            photos,
+            renderer: model.into_renderer(),
+            layers,
+            #[cfg(feature = "surface")]
+            photo_correction: options.photo_correction,
+        })
     }
 
     /// A synthesizer of parts that are open already; any [`PlaneNetwork`] can be its network.
-    pub fn new(photos: PhotoCache, renderer: Renderer, layers: LayerSpec) -> Self {
+    /// `photos` are a scene's [`SceneViews`], or their [`ScenePhotos`] where settings were made on these.
+    pub fn new(photos: impl Into<ScenePhotos>, renderer: Renderer, layers: LayerSpec) -> Self {
         Self {
-            photos,
+            photos: photos.into(),
             renderer,
             layers,
             #[cfg(feature = "surface")]
@@ -129,13 +139,18 @@ impl Synthesizer {
         self.photo_correction = photo_correction;
     }
 
-    /// The scene and its loaded photos.
-    pub fn photos(&self) -> &PhotoCache {
-        &self.photos
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        self.views().scene()
     }
 
-    /// As [`Self::photos`], to load photos.
-    pub fn photos_mut(&mut self) -> &mut PhotoCache {
+    /// The views of the scene, and the depth range given for it.
+    pub fn views(&self) -> &SceneViews {
+        self.photos.views()
+    }
+
+    /// The photos of the scene, to say where their depth is kept.
+    pub fn photos_mut(&mut self) -> &mut ScenePhotos {
         &mut self.photos
     }
 
@@ -172,7 +187,7 @@ impl Synthesizer {
     /// or a network that failed.
     pub fn render(&mut self, target: &Target) -> Result<Frame, SynthesisError> {
         let mut frame = None;
-        self.render_all(target.resolve(self.photos.scene())?, |_, rendered| frame = Some(rendered))?;
+        self.render_all(target.resolve(self.scene())?, |_, rendered| frame = Some(rendered))?;
         Ok(frame.expect("one target"))
     }
 
@@ -184,9 +199,9 @@ impl Synthesizer {
     pub fn render_all(&mut self, targets: Targets, mut take: impl FnMut(&Shot, Frame)) -> Result<(), SynthesisError> {
         let shots = self.shots(targets)?;
         for (index, shot) in shots.iter().enumerate() {
-            self.photos.load_for(shot, &shots[index + 1..])?;
-            let plan = self.plan(shot)?;
-            take(shot, self.render_plan(shot, &plan, |_| ())?);
+            let loaded = self.load(shot, &shots[index + 1..])?;
+            let plan = self.plan(&loaded)?;
+            take(shot, self.render_plan(&loaded, &plan, |_| ())?);
         }
         Ok(())
     }
@@ -203,57 +218,56 @@ impl Synthesizer {
             _ => None,
         };
         #[cfg(feature = "surface")]
-        let helpers = if self.layers.kind() == "surface" { EXTRA_PHOTOS } else { 0 };
+        let helpers = if self.layers.kind() == "surface" { Settings::default().extra } else { 0 };
         #[cfg(not(feature = "surface"))]
         let helpers = 0;
-        let shots = self.photos.shots(targets, self.renderer.network().views(), helpers, given)?;
-        memory::check(self.photos.scene(), &self.renderer, &self.layers, &shots)?;
+        let shots = self.views().shots(targets, self.renderer.network().views(), helpers, given)?;
+        memory::check(self.scene(), &self.renderer, &self.layers, &shots)?;
         Ok(shots)
+    }
+
+    /// Loads the photos of a shot ([`ScenePhotos::load`]); `later` are the shots that follow, in order.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Scene`] for a photo that cannot be read.
+    pub fn load(&mut self, shot: &Shot, later: &[Shot]) -> Result<LoadedShot, SynthesisError> {
+        self.photos.load(shot, later)
     }
 
     /// Finds the layers of a shot.
     ///
     /// # Errors
     ///
-    /// [`SynthesisError::Layers`]; [`SynthesisError::Render`] where planes are selected from a render; [`SynthesisError::Scene`] where
-    /// a photo is needed for its depth and cannot be read.
-    ///
-    /// # Panics
-    ///
-    /// If its photos are not loaded ([`PhotoCache::load_for`]).
-    pub fn plan(&mut self, shot: &Shot) -> Result<Plan, SynthesisError> {
+    /// [`SynthesisError::Layers`]; [`SynthesisError::Render`] where planes are selected from a render;
+    /// [`SynthesisError::Scene`] where a photo is needed for its depth and cannot be read.
+    pub fn plan(&mut self, shot: &LoadedShot) -> Result<Plan, SynthesisError> {
         #[cfg(feature = "surface")]
         if let LayerSpec::Surface(count) = self.layers {
             return plan::plan_surface(count, &mut self.photos, shot, self.photo_correction);
         }
-        plan::plan(&self.layers, &self.photos, &mut self.renderer, shot)
+        plan::plan(&self.layers, &mut self.renderer, shot)
     }
 
-    /// How many pixels of a shot have each of these planes (1/scene unit, near → far) as their best one: the paper's histogram.
+    /// How many pixels of a shot have each of these planes (1/scene unit, near → far) as their best
+    /// one: the paper's histogram.
     ///
     /// # Errors
     ///
     /// [`SynthesisError::Layers`] and [`SynthesisError::Render`].
-    ///
-    /// # Panics
-    ///
-    /// If its photos are not loaded ([`PhotoCache::load_for`]).
-    pub fn histogram(&mut self, shot: &Shot, disparities: &[f64]) -> Result<Vec<u64>, SynthesisError> {
-        plan::histogram(&self.photos, &mut self.renderer, shot, disparities)
+    pub fn histogram(&mut self, shot: &LoadedShot, disparities: &[f64]) -> Result<Vec<u64>, SynthesisError> {
+        plan::histogram(&mut self.renderer, shot, disparities)
     }
 
-    /// Renders a shot on the layers of its plan; `observe` is shown its stages ([`Renderer::render_observed`]).
+    /// Renders a shot on the layers of its plan; `observe` is shown its stages
+    /// ([`Renderer::render_observed`]).
     ///
     /// # Errors
     ///
     /// [`SynthesisError::Render`].
-    ///
-    /// # Panics
-    ///
-    /// If its photos are not loaded ([`PhotoCache::load_for`]).
     pub fn render_plan(
         &mut self,
-        shot: &Shot,
+        shot: &LoadedShot,
         plan: &Plan,
         observe: impl FnMut(&Batch<'_>),
     ) -> Result<Frame, SynthesisError> {
@@ -261,27 +275,7 @@ impl Synthesizer {
         let visibility = plan.surface.as_ref().map(TargetSurface::visibility);
         #[cfg(not(feature = "surface"))]
         let visibility = None;
-        let sources = self.photos.sources(&shot.views);
-        Ok(self.renderer.render_visible(&sources, visibility.as_ref(), &shot.target, &plan.layers, observe)?)
-    }
-
-    /// Renders a shot on these layers alone, with every view counted everywhere: what a plan knows of who sees what is for
-    /// [`Self::render_plan`]. `observe` is shown its stages ([`Renderer::render_observed`]).
-    ///
-    /// # Errors
-    ///
-    /// [`SynthesisError::Render`].
-    ///
-    /// # Panics
-    ///
-    /// If its photos are not loaded ([`PhotoCache::load_for`]).
-    pub fn render_layers(
-        &mut self,
-        shot: &Shot,
-        layers: &Layers,
-        observe: impl FnMut(&Batch<'_>),
-    ) -> Result<Frame, SynthesisError> {
-        let sources = self.photos.sources(&shot.views);
-        Ok(self.renderer.render_observed(&sources, &shot.target, layers, observe)?)
+        let target = &shot.shot().target;
+        Ok(self.renderer.render_visible(&shot.sources(), visibility.as_ref(), target, &plan.layers, observe)?)
     }
 }

@@ -3,8 +3,9 @@
 use std::time::{Duration, Instant};
 
 use super::error::SynthesisError;
-use super::photo_cache::PhotoCache;
-use super::target::Shot;
+use super::loaded_shot::LoadedShot;
+#[cfg(feature = "surface")]
+use super::scene_photos::ScenePhotos;
 use crate::layers::guided::RangeMap;
 use crate::layers::{LayerSpec, Layers, kmeans_planes, uniform_disparities};
 use crate::render::Renderer;
@@ -44,32 +45,28 @@ impl Plan {
 }
 
 /// Finds the layers of a shot whose photos are loaded. A new kind of layers has its arm here.
-pub(super) fn plan(
-    spec: &LayerSpec,
-    photos: &PhotoCache,
-    renderer: &mut Renderer,
-    shot: &Shot,
-) -> Result<Plan, SynthesisError> {
+pub(super) fn plan(spec: &LayerSpec, renderer: &mut Renderer, loaded: &LoadedShot) -> Result<Plan, SynthesisError> {
     let started = Instant::now();
+    let shot = loaded.shot();
     let known = Plan::known;
     Ok(match *spec {
         LayerSpec::Planes(count) => known(Layers::uniform(shot.near, shot.far, count)?),
         LayerSpec::List(ref disparities) => known(Layers::planes(disparities)?),
         LayerSpec::Guided { layers, coarse_planes } => {
-            let range = photos.search(shot, coarse_planes)?.range;
+            let range = loaded.search(coarse_planes)?.range;
             let layers = range.layers(layers)?;
             Plan { search: started.elapsed(), range: Some(range), ..known(layers) }
         }
         #[cfg(feature = "surface")]
         LayerSpec::Surface(_) => unreachable!("see plan_surface"),
         LayerSpec::KMeans { planes, coarse_planes } => {
-            let found = photos.search(shot, coarse_planes)?.fine_disparity;
+            let found = loaded.search(coarse_planes)?.fine_disparity;
             let planes = kmeans_planes(found.as_slice().expect("standard order"), planes);
             Plan { search: started.elapsed(), ..known(Layers::planes(&planes)?) }
         }
         LayerSpec::Select { keep, from } => {
             let disparities = uniform_disparities(shot.near, shot.far, from)?;
-            let histogram = histogram(photos, renderer, shot, &disparities)?;
+            let histogram = histogram(renderer, loaded, &disparities)?;
             let kept = renderer.alpha().select_planes(&histogram, keep);
             let kept: Vec<f64> = kept.into_iter().map(|plane| disparities[plane]).collect();
             Plan { selection: started.elapsed(), ..known(Layers::planes(&kept)?) }
@@ -81,8 +78,8 @@ pub(super) fn plan(
 #[cfg(feature = "surface")]
 pub(super) fn plan_surface(
     count: usize,
-    photos: &mut PhotoCache,
-    shot: &Shot,
+    photos: &mut ScenePhotos,
+    shot: &LoadedShot,
     photo_correction: PhotoCorrection,
 ) -> Result<Plan, SynthesisError> {
     let started = Instant::now();
@@ -93,11 +90,10 @@ pub(super) fn plan_surface(
 
 /// How many pixels of a shot have each of these planes (1/scene unit, near → far) as their best one.
 pub(super) fn histogram(
-    photos: &PhotoCache,
     renderer: &mut Renderer,
-    shot: &Shot,
+    loaded: &LoadedShot,
     disparities: &[f64],
 ) -> Result<Vec<u64>, SynthesisError> {
-    let frame = renderer.render(&photos.sources(&shot.views), &shot.target, &Layers::planes(disparities)?)?;
+    let frame = renderer.render(&loaded.sources(), &loaded.shot().target, &Layers::planes(disparities)?)?;
     Ok(frame.plane_histogram(disparities.len()))
 }

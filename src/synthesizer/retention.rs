@@ -1,62 +1,69 @@
 //! Which photos, and which depths of photos, stay in memory from one target to the next.
 //!
-//! What the target and the one after it need stays. Of the rest, as much as fits into a fixed number of bytes: first depths, which take
-//! longest to find and least to keep, then photos; of each, those needed sooner before those needed later, and depths that no known
-//! target needs after these, last used first. What is dropped is found again when it is needed, the same bit for bit.
+//! What the target and the one after it need stays. Of the rest, as much as fits into a fixed number
+//! of bytes: first depths, which take longest to find and least to keep, then photos; of each, those
+//! needed sooner before those needed later, and depths that no known target needs after these, last
+//! used first. What is dropped is found again when it is needed, the same bit for bit.
 
-use super::error::SynthesisError;
-use super::photo_cache::PhotoCache;
+#[cfg(feature = "surface")]
+use super::depth_store::DepthStore;
+use super::photo_store::PhotoStore;
 use super::target::Shot;
 
-impl PhotoCache {
-    /// Bytes of photos and depths that [`Self::load_for`] keeps beyond what the target and the next one need.
-    pub const KEPT_BYTES: usize = 128 << 20;
+/// Bytes of photos and depths that are kept beyond what the target and the next one need.
+pub(super) const KEPT_BYTES: usize = 128 << 20;
 
-    /// Loads the photos of a shot. `later` are the shots that follow, in order: of photos and depths in memory, those that the first of
-    /// them needs stay, others as far as 128 MiB go, those needed sooner first; photos that no later shot needs are dropped.
-    ///
-    /// # Errors
-    ///
-    /// [`SynthesisError::Scene`] for a photo that cannot be read.
-    pub fn load_for(&mut self, shot: &Shot, later: &[Shot]) -> Result<(), SynthesisError> {
-        self.drop_unneeded(shot, later);
-        needed(shot).try_for_each(|view| self.load(view))
+/// What has been used lately, and how much of it stays.
+pub(super) struct Retention {
+    /// Views that targets so far were rendered with, last used first.
+    recent: Vec<usize>,
+    /// Bytes kept beyond what the target and the next one need.
+    pub(super) bytes: usize,
+}
+
+impl Retention {
+    pub(super) fn new() -> Self {
+        Self { recent: Vec::new(), bytes: KEPT_BYTES }
     }
 
-    fn drop_unneeded(&mut self, shot: &Shot, later: &[Shot]) {
+    /// Drops what neither the shot nor, as far as there is room, the `later` ones need, for a scene
+    /// of so many views.
+    pub(super) fn drop_unneeded(
+        &mut self,
+        views: usize,
+        shot: &Shot,
+        later: &[Shot],
+        photos: &mut PhotoStore,
+        #[cfg(feature = "surface")] depths: &mut DepthStore,
+    ) {
         // Views in the order in which they are needed, each once.
-        let mut order = Order::new(self.textures.len());
-        needed(shot).for_each(|view| order.push(view));
-        later.iter().take(1).flat_map(needed).for_each(|view| order.push(view));
+        let mut order = Order::new(views);
+        shot.photos().for_each(|view| order.push(view));
+        later.iter().take(1).flat_map(Shot::photos).for_each(|view| order.push(view));
         let soon = order.views.len();
-        later.iter().skip(1).flat_map(needed).for_each(|view| order.push(view));
+        later.iter().skip(1).flat_map(Shot::photos).for_each(|view| order.push(view));
         let ever = order.views.len();
-        // Then those that no known target needs: who renders target by target knows of none.
+        // Then those that no known target needs: later targets may be unknown yet.
         self.recent.iter().for_each(|&view| order.push(view));
         let order = order.views;
 
-        let mut left = self.kept_bytes;
+        let mut left = self.bytes;
         let mut fits = |bytes: usize| left.checked_sub(bytes).inspect(|&rest| left = rest).is_some();
         #[cfg(feature = "surface")]
-        if let Some(depth) = &mut self.depth {
-            let kept = order.iter().enumerate().filter(|&(rank, &view)| rank < soon || fits(depth.bytes(view)));
+        {
+            let kept = order.iter().enumerate().filter(|&(rank, &view)| rank < soon || fits(depths.bytes(view)));
             let kept: Vec<usize> = kept.map(|(_, &view)| view).collect();
-            depth.retain(&kept, &order[..soon]);
+            depths.retain(&kept, &order[..soon]);
         }
-        let mut keep = vec![false; self.textures.len()];
+        let mut keep = vec![false; views];
         for (rank, &view) in order[..ever].iter().enumerate() {
-            keep[view] = rank < soon || self.textures[view].as_ref().is_some_and(|photo| fits(photo.bytes()));
+            keep[view] = rank < soon || fits(photos.bytes(view));
         }
-        self.textures.iter_mut().zip(keep).filter(|(_, keep)| !keep).for_each(|(photo, _)| *photo = None);
+        photos.retain(|view| keep[view]);
 
-        self.recent.retain(|&view| !needed(shot).any(|needed| needed == view));
-        self.recent.splice(..0, needed(shot));
+        self.recent.retain(|&view| !shot.photos().any(|needed| needed == view));
+        self.recent.splice(..0, shot.photos());
     }
-}
-
-/// The views that a shot needs.
-fn needed(shot: &Shot) -> impl Iterator<Item = usize> {
-    shot.views.iter().chain(&shot.helpers).copied()
 }
 
 /// Views, each once.
@@ -86,37 +93,39 @@ mod tests {
     use crate::network::ViewAgreement;
     use crate::render::Renderer;
     use crate::scene::{Scene, SceneOptions};
-    use crate::synthesizer::{Synthesizer, Target, Targets};
+    use crate::synthesizer::{SceneViews, Synthesizer, Target, Targets};
 
     fn synthesizer(kept_bytes: usize) -> Synthesizer {
         let options = SceneOptions { width: Some(96), ..SceneOptions::default() };
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scenes/workshop");
-        let mut photos = PhotoCache::new(Scene::open(&folder, &options).unwrap(), None, None);
-        photos.kept_bytes = kept_bytes;
-        Synthesizer::new(photos, Renderer::new(Box::new(ViewAgreement { views: 1 }), 1), "surface:1".parse().unwrap())
+        let views = SceneViews::new(Scene::open(&folder, &options).unwrap(), None, None);
+        let renderer = Renderer::new(Box::new(ViewAgreement { views: 1 }), 1);
+        let mut synthesizer = Synthesizer::new(views, renderer, "surface:1".parse().unwrap());
+        synthesizer.photos_mut().retention.bytes = kept_bytes;
+        synthesizer
     }
 
     /// Photos in memory, and photos whose depth is.
-    fn held(synthesizer: &Synthesizer) -> [usize; 2] {
-        let photos = synthesizer.photos();
-        let depth = |view: &usize| photos.depth.as_ref().is_some_and(|depth| depth.bytes(*view) > 0);
-        let views = || 0..photos.textures.len();
-        [views().filter(|&view| photos.textures[view].is_some()).count(), views().filter(depth).count()]
+    fn held(synthesizer: &mut Synthesizer) -> [usize; 2] {
+        let photos = synthesizer.photos_mut();
+        let views = 0..photos.views().scene().views.len();
+        [photos.photos.loaded().count(), views.filter(|&view| photos.depths.bytes(view) > 0).count()]
     }
 
-    /// Cameras along the scene's own and back; the pictures, and the most that was held when one was done.
+    /// Cameras along the scene's own and back; the pictures, and the most that was held when one was
+    /// done.
     fn along(kept_bytes: usize) -> (Vec<ImageRgb>, [usize; 2]) {
         let mut synthesizer = synthesizer(kept_bytes);
-        let views = &synthesizer.photos().scene().views;
+        let views = &synthesizer.scene().views;
         let cameras: Vec<_> = views.iter().chain(views.iter().rev()).map(|view| view.camera.clone()).collect();
         let shots = synthesizer.shots(Targets::cameras(cameras)).unwrap();
         let (mut pictures, mut most) = (Vec::new(), [0, 0]);
         for (index, shot) in shots.iter().enumerate() {
-            synthesizer.photos_mut().load_for(shot, &shots[index + 1..]).unwrap();
-            let photos = synthesizer.photos().textures.iter().flatten().count();
-            let plan = synthesizer.plan(shot).unwrap();
-            pictures.push(synthesizer.render_plan(shot, &plan, |_| ()).unwrap().picture);
-            most = [most[0].max(photos), most[1].max(held(&synthesizer)[1])];
+            let loaded = synthesizer.load(shot, &shots[index + 1..]).unwrap();
+            let [photos, _] = held(&mut synthesizer);
+            let plan = synthesizer.plan(&loaded).unwrap();
+            pictures.push(synthesizer.render_plan(&loaded, &plan, |_| ()).unwrap().picture);
+            most = [most[0].max(photos), most[1].max(held(&mut synthesizer)[1])];
         }
         (pictures, most)
     }
@@ -136,35 +145,34 @@ mod tests {
     fn depth_that_no_known_target_needs_stays_as_long_as_there_is_room() {
         for (kept_bytes, expected) in [(usize::MAX, [3, 9]), (0, [3, 3])] {
             let mut synthesizer = synthesizer(kept_bytes);
-            let views = synthesizer.photos().scene().views.clone();
+            let views = synthesizer.scene().views.clone();
             for view in &views {
                 synthesizer.render(&Target::camera(view.camera.clone())).unwrap();
             }
             let shot = synthesizer.shots(Targets::cameras(vec![views[0].camera.clone()])).unwrap().remove(0);
-            synthesizer.photos_mut().load_for(&shot, &[]).unwrap();
-            synthesizer.plan(&shot).unwrap();
-            synthesizer.photos_mut().load_for(&shot, &[]).unwrap();
-            assert_eq!(held(&synthesizer), expected);
+            let loaded = synthesizer.load(&shot, &[]).unwrap();
+            synthesizer.plan(&loaded).unwrap();
+            synthesizer.load(&shot, &[]).unwrap();
+            assert_eq!(held(&mut synthesizer), expected);
         }
     }
 
     #[test]
     fn what_is_needed_sooner_stays() {
         let mut synthesizer = synthesizer(0);
-        let one = synthesizer.photos().scene().views.iter().map(|view| view.camera.clone()).collect();
+        let one = synthesizer.scene().views.iter().map(|view| view.camera.clone()).collect();
         let shots = synthesizer.shots(Targets::cameras(one)).unwrap();
         let photos = synthesizer.photos_mut();
-        shots.iter().for_each(|shot| needed(shot).for_each(|view| photos.load(view).unwrap()));
-        let bytes = photos.textures[0].as_ref().unwrap().bytes();
-        photos.kept_bytes = 2 * bytes;
-        photos.load_for(&shots[0], &shots[1..]).unwrap();
-        let mut order = Order::new(photos.textures.len());
-        shots[..2].iter().flat_map(needed).for_each(|view| order.push(view));
+        let mut load = |view| photos.photos.load(photos.views.scene(), view).unwrap();
+        shots.iter().flat_map(Shot::photos).for_each(|view| drop(load(view)));
+        photos.retention.bytes = 2 * photos.photos.bytes(0);
+        photos.load(&shots[0], &shots[1..]).unwrap();
+        let mut order = Order::new(photos.views().scene().views.len());
+        shots[..2].iter().flat_map(Shot::photos).for_each(|view| order.push(view));
         let soon = order.views.len();
-        shots.iter().flat_map(needed).for_each(|view| order.push(view));
+        shots.iter().flat_map(Shot::photos).for_each(|view| order.push(view));
         let mut expected = order.views[..soon + 2].to_vec();
         expected.sort_unstable();
-        let held = (0..photos.textures.len()).filter(|&view| photos.textures[view].is_some());
-        assert_eq!(held.collect::<Vec<_>>(), expected);
+        assert_eq!(photos.photos.loaded().collect::<Vec<_>>(), expected);
     }
 }

@@ -1,15 +1,43 @@
-//! The depth of a scene's photos, kept for all pictures of a run, and the surface of a target from it.
+//! The depth of a scene's photos, with some views held out.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::photo_depths::{DepthSource, ViewDepth};
-use super::target::Shot;
+use crate::geometry::Camera;
 use crate::scene::Scene;
 use crate::surface::cache::{DepthKey, PhotoDigest};
-use crate::surface::{DepthMaps, PhotoCorrection, PhotoDepth, TargetSurface};
+use crate::surface::{ConfirmedDepth, DepthMaps, PhotoCorrection, PhotoDepth, Settings, TargetSurface, photo_depth};
 use crate::warp::SourceView;
 
-/// Depth maps of the views that may take part.
+/// How the depth of a photo was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum DepthSource {
+    /// Searched among the photo's neighbours.
+    Searched,
+    /// Read from the folder of [`super::ScenePhotos::keep_depths_in`].
+    Kept,
+    /// There is no other photo to search it with: nothing is confirmed.
+    Alone,
+}
+
+/// The depth of a view's photo.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct ViewDepth {
+    /// What the search found.
+    pub found: Arc<PhotoDepth>,
+    /// Of that, what the depths of the photo's neighbours confirm.
+    pub known: ConfirmedDepth,
+    /// Nearest and farthest depth searched, scene units.
+    pub range: (f64, f64),
+    /// How it was found.
+    pub source: DepthSource,
+    /// Wall time of that, without loading photos and taking their digests.
+    pub time: Duration,
+}
+
+/// Depth maps of the views that are not held out.
 pub(super) struct SceneDepth {
     maps: DepthMaps,
     /// Views of the maps' photos.
@@ -23,7 +51,7 @@ impl SceneDepth {
     pub(super) fn new(scene: &Scene, free: Vec<usize>, held_out: Vec<usize>, (near, far): (f64, f64)) -> Self {
         let cameras = free.iter().map(|&view| scene.views[view].camera.clone()).collect();
         let sources = vec![(DepthSource::Alone, Duration::ZERO); free.len()];
-        Self { maps: DepthMaps::new(cameras, near, far), free, held_out, sources }
+        Self { maps: DepthMaps::new(cameras, near, far, Settings::default()), free, held_out, sources }
     }
 
     /// Whether exactly these views are held out.
@@ -31,94 +59,90 @@ impl SceneDepth {
         self.held_out == held_out
     }
 
-    /// Index of a view among the photos that take part.
-    fn photo(&self, view: usize) -> usize {
-        self.taking_part(view).expect("a view that is not held out")
+    /// Index of a view's photo among the maps'.
+    fn map_index(&self, view: usize) -> usize {
+        self.find_map_index(view).expect("a view that is not held out")
     }
 
-    fn taking_part(&self, view: usize) -> Option<usize> {
+    fn find_map_index(&self, view: usize) -> Option<usize> {
         self.free.iter().position(|&free| free == view)
     }
 
     /// A view and those whose photos its own is matched with, nearest first.
     pub(super) fn with_neighbours(&self, view: usize) -> Vec<usize> {
-        let neighbours = self.maps.neighbours(self.photo(view)).into_iter().map(|photo| self.free[photo]);
+        let neighbours = self.maps.neighbours(self.map_index(view)).into_iter().map(|index| self.free[index]);
         std::iter::once(view).chain(neighbours).collect()
     }
 
-    /// The views whose photos are needed to search the depth of one, itself first; none if it is known.
+    /// The views whose photos are needed to search the depth of one, itself first; none if it is
+    /// known.
     pub(super) fn photos_to_search(&self, view: usize) -> Vec<usize> {
-        if self.maps.missing(&[self.photo(view)]).is_empty() { Vec::new() } else { self.with_neighbours(view) }
+        if self.found(view).is_some() { Vec::new() } else { self.with_neighbours(view) }
     }
 
     /// What identifies the depth of the first view's photo, searched among the others; their digests.
     pub(super) fn key(&self, views: &[usize], digests: &[PhotoDigest]) -> DepthKey {
-        let cameras = views.iter().map(|&view| &self.maps.cameras()[self.photo(view)]);
+        let cameras = views.iter().map(|&view| &self.maps.cameras()[self.map_index(view)]);
         let photos: Vec<_> = cameras.zip(digests.iter().copied()).collect();
-        DepthKey::new(&photos, self.maps.range())
+        DepthKey::new(&photos, self.maps.range(), self.maps.settings())
     }
 
     /// The depth of a view's photo, if it is known.
     pub(super) fn found(&self, view: usize) -> Option<&PhotoDepth> {
-        self.maps.get(self.photo(view))
+        self.maps.found(self.map_index(view))
     }
 
     /// Takes the depth of a view's photo as found.
     pub(super) fn insert(&mut self, view: usize, found: PhotoDepth, source: DepthSource, time: Duration) {
-        let photo = self.photo(view);
-        self.maps.insert(photo, found);
-        self.sources[photo] = (source, time);
+        let index = self.map_index(view);
+        self.maps.insert(index, found);
+        self.sources[index] = (source, time);
     }
 
-    /// Searches the depth of a view's photo, unless it is known. A photo without neighbours has none that anything confirms.
-    pub(super) fn search<'a>(&mut self, view: usize, source: impl Fn(usize) -> SourceView<'a>) {
-        let photo = self.photo(view);
-        if self.maps.missing(&[photo]).is_empty() {
-            return;
-        }
-        let (free, started) = (&self.free, Instant::now());
-        if self.maps.depth(photo, |photo| source(free[photo])).is_some() {
-            self.sources[photo] = (DepthSource::Searched, started.elapsed());
+    /// Searches the depth of a view's photo with those of its neighbours. Without any there is
+    /// nothing to find, and its depth is unknown everywhere.
+    pub(super) fn search(&mut self, view: usize, photo: &SourceView<'_>, neighbours: &[SourceView<'_>]) {
+        let started = Instant::now();
+        let (near, far) = self.maps.range();
+        let (found, source) = if neighbours.is_empty() {
+            (PhotoDepth::unknown(photo.camera.size()), DepthSource::Alone)
         } else {
-            let size = source(view).camera.size();
-            self.insert(view, PhotoDepth::unknown(size), DepthSource::Alone, started.elapsed());
-        }
+            (photo_depth(photo, neighbours, near, far, self.maps.settings()), DepthSource::Searched)
+        };
+        self.insert(view, found, source, started.elapsed());
     }
 
-    /// The depth of a view's photo, and what is confirmed of it.
-    ///
-    /// # Panics
-    ///
-    /// If it is not known.
-    pub(super) fn view_depth(&mut self, view: usize) -> ViewDepth {
-        let photo = self.photo(view);
-        let (found, known) = self.maps.confirmed_by_neighbours(photo).expect("searched before");
-        let (source, time) = self.sources[photo];
-        ViewDepth { found, known, range: self.maps.range(), source, time }
+    /// The depth of a view's photo, and what is confirmed of it; `None` if it is unknown yet.
+    pub(super) fn view_depth(&mut self, view: usize) -> Option<ViewDepth> {
+        let index = self.map_index(view);
+        let (found, known) = self.maps.confirmed_by_neighbours(index)?;
+        let (source, time) = self.sources[index];
+        Some(ViewDepth { found, known, range: self.maps.range(), source, time })
     }
 
-    /// Forgets the depth of all views but these, and what confirms it unless it is needed `soon`.
+    /// Drops the depth of all views but these, and what confirms it unless it is needed `soon`.
     pub(super) fn retain(&mut self, views: &[usize], soon: &[usize]) {
-        let photos = |views: &[usize]| views.iter().filter_map(|&view| self.taking_part(view)).collect::<Vec<_>>();
-        let (keep, soon) = (photos(views), photos(soon));
+        let indices = |views: &[usize]| views.iter().filter_map(|&view| self.find_map_index(view)).collect::<Vec<_>>();
+        let (keep, soon) = (indices(views), indices(soon));
         self.maps.retain(&keep, &soon);
     }
 
-    /// Bytes of the depth of a view's photo; 0 if it is not known.
+    /// Bytes of the depth of a view's photo; 0 if it is unknown.
     pub(super) fn bytes(&self, view: usize) -> usize {
-        let found = self.taking_part(view).and_then(|photo| self.maps.get(photo));
+        let found = self.find_map_index(view).and_then(|index| self.maps.found(index));
         found.map_or(0, |found| size_of_val(found.disparity.as_slice().expect("standard order")))
     }
 
-    /// The surface of a target, from the photos of these views: the first are those that it is rendered from.
-    pub(super) fn surface<'a>(
+    /// The surface of a target, from the photos of these views; it is rendered from the first
+    /// `count`.
+    pub(super) fn surface(
         &mut self,
-        shot: &Shot,
-        set: &[usize],
-        source: impl Fn(usize) -> SourceView<'a>,
+        target: &Camera,
+        photos: &[(usize, SourceView<'_>)],
+        count: usize,
         photo_correction: PhotoCorrection,
     ) -> TargetSurface {
-        let photos: Vec<_> = set.iter().map(|&view| (self.photo(view), source(view))).collect();
-        TargetSurface::find(&mut self.maps, &photos, shot.views.len(), &shot.target, photo_correction)
+        let photos: Vec<_> = photos.iter().map(|&(view, source)| (self.map_index(view), source)).collect();
+        TargetSurface::find(&mut self.maps, &photos, count, target, photo_correction)
     }
 }

@@ -33,9 +33,9 @@ impl Target {
     }
 }
 
-/// A target's camera, and the view that is its ground truth, if there is one.
+/// A target's name and camera, and the view that is its ground truth, if there is one.
 #[derive(Debug, Clone)]
-pub struct TargetView {
+pub struct TargetCamera {
     /// Its name.
     pub name: String,
     /// Its camera.
@@ -48,7 +48,7 @@ pub struct TargetView {
 #[derive(Debug, Clone)]
 pub struct Targets {
     /// In order.
-    pub list: Vec<TargetView>,
+    pub list: Vec<TargetCamera>,
     /// Indices of the views that no target is rendered from.
     pub held_out: Vec<usize>,
     /// Whether the targets are the frames of one path.
@@ -64,7 +64,7 @@ impl Targets {
     pub fn held_out(scene: &Scene, views: Vec<usize>) -> Self {
         let target = |&view: &usize| {
             let found = &scene.views[view];
-            TargetView { name: found.name.clone(), camera: found.camera.clone(), truth: Some(view) }
+            TargetCamera { name: found.name.clone(), camera: found.camera.clone(), truth: Some(view) }
         };
         Self { list: views.iter().map(target).collect(), held_out: views, moving: false }
     }
@@ -94,7 +94,7 @@ impl Targets {
     }
 
     fn named(cameras: Vec<Camera>, name: impl Fn(usize) -> String, moving: bool) -> Self {
-        let target = |(index, camera)| TargetView { name: name(index), camera, truth: None };
+        let target = |(index, camera)| TargetCamera { name: name(index), camera, truth: None };
         Self { list: cameras.into_iter().enumerate().map(target).collect(), held_out: Vec::new(), moving }
     }
 }
@@ -118,4 +118,11 @@ pub struct Shot {
     pub near: f64,
     /// Farthest depth, scene units; may be infinite.
     pub far: f64,
+}
+
+impl Shot {
+    /// Indices of the views whose photos it needs: those to render from, then the helpers.
+    pub(super) fn photos(&self) -> impl Iterator<Item = usize> {
+        self.views.iter().chain(&self.helpers).copied()
+    }
 }

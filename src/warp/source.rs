@@ -1,4 +1,4 @@
-//! Views: the input of the warp.
+//! The views as the warp takes them.
 
 use super::texture::Texture;
 use crate::geometry::{Camera, PlaneSweep};
@@ -19,12 +19,12 @@ pub struct WarpSource<'a> {
     pub texture: &'a Texture,
     /// Its sweep over the target's disparities.
     pub sweep: PlaneSweep,
-    /// Factor of each colour channel of its samples.
+    /// What its samples are multiplied by, per channel.
     pub gains: [f32; 3],
 }
 
 impl<'a> WarpSource<'a> {
-    /// A photo with unchanged colours.
+    /// A photo as it is.
     pub fn new(texture: &'a Texture, sweep: PlaneSweep) -> Self {
         Self { texture, sweep, gains: NO_GAINS }
     }

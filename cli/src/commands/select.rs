@@ -12,7 +12,7 @@ use liveview::geometry::parallax::parallax;
 use liveview::image::{bar_chart, coloured, side_by_side};
 use liveview::layers::guided::{COARSE, RangeMap};
 use liveview::layers::{CELL, uniform_disparities};
-use liveview::{Camera, ImageRgb, LayerSpec, PhotoCache, Shot, Targets};
+use liveview::{Camera, ImageRgb, LayerSpec, ScenePhotos, SceneViews, Shot, Targets};
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::output::expect_png;
 use liveview_common::args::scene::SceneArgs;
@@ -57,18 +57,18 @@ pub(crate) struct SelectArgs {
 }
 
 pub(crate) fn run(args: &SelectArgs) -> Result<Output> {
-    let photos = args.scene.open()?;
-    print_notes(&photos.scene().notes);
-    let target = Targets::held_out(photos.scene(), vec![photos.scene().view_index(&args.target)?]);
+    let views = args.scene.open()?;
+    print_notes(&views.scene().notes);
+    let target = Targets::held_out(views.scene(), vec![views.scene().view_index(&args.target)?]);
     if let Some(file) = &args.output {
         expect_png("-o", file)?;
-        let mut claims = Claims::new(photos.scene());
+        let mut claims = Claims::new(views.scene());
         claims.file("-o", file)?;
         claims.prepare()?;
     }
     let (mut output, picture) = match args.layers {
-        LayerSpec::Guided { layers, coarse_planes } => guided(args, photos, target, layers, coarse_planes)?,
-        LayerSpec::Select { keep, from } => planes(args, photos, target, keep, from)?,
+        LayerSpec::Guided { layers, coarse_planes } => guided(args, views, target, layers, coarse_planes)?,
+        LayerSpec::Select { keep, from } => planes(args, views, target, keep, from)?,
         _ => bail!("--layers {}: expected select:K/D or guided:L", args.layers),
     };
     if let Some(file) = &args.output {
@@ -82,17 +82,17 @@ pub(crate) fn run(args: &SelectArgs) -> Result<Output> {
 /// The paper's histogram over planes.
 fn planes(
     args: &SelectArgs,
-    photos: PhotoCache,
+    views: SceneViews,
     target: Targets,
     keep: usize,
     from: usize,
 ) -> Result<(Output, ImageRgb)> {
-    let mut job = Job::with_layers(photos, &args.model, Some(&args.layers))?;
+    let mut job = Job::with_layers(views, &args.model, Some(&args.layers))?;
     let shot = job.synthesizer.shots(target)?.remove(0);
-    job.synthesizer.photos_mut().load_for(&shot, &[])?;
+    let loaded = job.synthesizer.load(&shot, &[])?;
     job.progress = progress("layers")?;
     let disparities = uniform_disparities(shot.near, shot.far, from)?;
-    let histogram = job.synthesizer.histogram(&shot, &disparities)?;
+    let histogram = job.synthesizer.histogram(&loaded, &disparities)?;
     job.progress.finish_and_clear();
     let chosen = job.alpha().select_planes(&histogram, keep);
 
@@ -100,7 +100,7 @@ fn planes(
     let share = |k: usize| 100.0 * histogram[k] as f64 / pixels;
     let kept: f64 = chosen.iter().map(|&k| share(k)).sum();
     let unseen = 100.0 * (pixels - histogram.iter().sum::<u64>() as f64) / pixels;
-    let mut text = heading(job.photos(), &shot);
+    let mut text = heading(job.views(), &shot);
     let _ = writeln!(text, "kept     {} of {} planes, which {kept:.1} % of the pixels choose", chosen.len(), from);
     let _ = writeln!(
         text,
@@ -111,7 +111,7 @@ fn planes(
     for &k in &chosen {
         let _ = writeln!(text, "{k:5}  {:9.5}  {:9.4}  {:4.1} %", disparities[k], 1.0 / disparities[k], share(k));
     }
-    let mut json = heading_json(job.photos(), &shot);
+    let mut json = heading_json(job.views(), &shot);
     json["disparities"] = json!(disparities);
     json["histogram"] = json!(histogram);
     json["chosen"] = json!(chosen);
@@ -121,21 +121,22 @@ fn planes(
 /// The range per pixel that guided layers divide.
 fn guided(
     args: &SelectArgs,
-    mut photos: PhotoCache,
+    views: SceneViews,
     target: Targets,
     layers: usize,
     coarse_planes: Option<usize>,
 ) -> Result<(Output, ImageRgb)> {
     args.model.set_threads()?;
-    let shot = photos.shots(target, args.model.views_or_default(), 0, None)?.remove(0);
-    photos.load_for(&shot, &[])?;
+    let shot = views.shots(target, args.model.views_or_default(), 0, None)?.remove(0);
+    let mut photos = ScenePhotos::new(views);
+    let loaded = photos.load(&shot, &[])?;
     let started = Instant::now();
-    let found = photos.search(&shot, coarse_planes)?;
+    let found = loaded.search(coarse_planes)?;
     let coarse = started.elapsed();
     let range = &found.range;
-    let width = width_in_pixels(&photos, &shot, range);
+    let width = width_in_pixels(photos.views(), &shot, range);
 
-    let mut text = heading(&photos, &shot);
+    let mut text = heading(photos.views(), &shot);
     let _ = writeln!(
         text,
         "coarse   {} planes on cells of {COARSE}x{COARSE} pixels, {} layers on {CELL}x{CELL}, {:.0} ms",
@@ -145,7 +146,7 @@ fn guided(
     );
     let shares = PERCENTILES.map(|part| format!("{:>9}", format!("{:.0} %", 100.0 * part))).concat();
     let _ = writeln!(text, "\nof the pixels                   {shares}");
-    let mut json = heading_json(&photos, &shot);
+    let mut json = heading_json(photos.views(), &shot);
     let rows: [(&str, &str, Array2<f32>); 4] = [
         ("farthest depth, scene units", "farthest_depth", range.farthest().mapv(|disparity| 1.0 / disparity)),
         ("nearest depth, scene units", "nearest_depth", range.nearest().mapv(|disparity| 1.0 / disparity)),
@@ -179,9 +180,9 @@ pub(super) fn range_picture(shot: &Shot, range: &RangeMap, width: &Array2<f32>) 
 }
 
 /// The range of each cell in pixels of parallax, in the view where it is widest.
-pub(super) fn width_in_pixels(photos: &PhotoCache, shot: &Shot, range: &RangeMap) -> Array2<f32> {
+pub(super) fn width_in_pixels(views: &SceneViews, shot: &Shot, range: &RangeMap) -> Array2<f32> {
     let views: Vec<(&Camera, PlaneSweep)> =
-        photos.cameras(&shot.views).map(|view| (view, PlaneSweep::new(view, &shot.target))).collect();
+        views.cameras(&shot.views).map(|view| (view, PlaneSweep::new(view, &shot.target))).collect();
     Array2::from_shape_fn(range.nearest().dim(), |(y, x)| {
         let pixel = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) * CELL as f64;
         let ends = (range.nearest()[(y, x)].into(), range.farthest()[(y, x)].into());
@@ -189,15 +190,15 @@ pub(super) fn width_in_pixels(photos: &PhotoCache, shot: &Shot, range: &RangeMap
     })
 }
 
-fn heading(photos: &PhotoCache, shot: &Shot) -> String {
+fn heading(views: &SceneViews, shot: &Shot) -> String {
     let (width, height) = (shot.target.width(), shot.target.height());
-    let views = photos.names(&shot.views).join(", ");
+    let views = views.names(&shot.views).join(", ");
     format!(
         "target   {}, {width}x{height}, held out, from {views}\ndepth    {:.4} to {:.4} scene units\n",
         shot.name, shot.near, shot.far
     )
 }
 
-fn heading_json(photos: &PhotoCache, shot: &Shot) -> Value {
-    json!({ "scene": shown(&photos.scene().root), "target": shot.name, "views": photos.names(&shot.views), "near": shot.near, "far": shot.far, "notes": photos.scene().notes })
+fn heading_json(views: &SceneViews, shot: &Shot) -> Value {
+    json!({ "scene": shown(&views.scene().root), "target": shot.name, "views": views.names(&shot.views), "near": shot.near, "far": shot.far, "notes": views.scene().notes })
 }

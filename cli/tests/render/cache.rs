@@ -99,7 +99,7 @@ fn a_damaged_file_is_told_and_written_anew() {
     for (name, word) in files.keys().zip(words) {
         let line = said.lines().find(|line| line.contains(name.as_str())).unwrap_or_else(|| panic!("{name}: {said}"));
         assert!(line.starts_with("note: ") && line.contains(word) && line.contains("; expected "), "{word}: {said}");
-        assert!(line.ends_with(": the depth is searched anew"), "{said}");
+        assert!(line.ends_with(": the depth is searched again"), "{said}");
     }
     assert_eq!(said.lines().count(), 4, "{said}");
 

@@ -9,7 +9,7 @@ use liveview::layers::{Layer, Layers};
 use liveview::network::Alpha;
 use liveview::render::{Batch, Blended, Culling, Frame, LayerSamples};
 use liveview::warp::warp_sources;
-use liveview::{LayerSpec, Plan, Shot, Targets};
+use liveview::{LayerSpec, LoadedShot, Plan, Targets};
 use liveview_common::args::layers::LayerArgs;
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::scene::SceneArgs;
@@ -104,13 +104,13 @@ pub fn run(args: &DumpArgs) -> Result<Output> {
     let mut claims = Claims::new(job.scene());
     claims.file("-o", &args.output)?;
     claims.prepare()?;
-    job.synthesizer.photos_mut().load_for(&shot, &[])?;
+    let loaded = job.synthesizer.load(&shot, &[])?;
     let mut arrays = Arrays::create(&args.output)?;
-    write(&mut job, &shot, &mut arrays)?;
+    write(&mut job, &loaded, &mut arrays)?;
     arrays.finish()?;
     let model = job.model.model.as_ref();
     let json = json!({
-        "file": shown(&args.output), "target": shot.name, "views": job.photos().names(&shot.views), "near": shot.near,
+        "file": shown(&args.output), "target": shot.name, "views": job.views().names(&shot.views), "near": shot.near,
         "far": shot.far, "layers": job.layers().to_string(), "model": model.map(|model| shown(&model.path)),
         "library": model.map(|model| shown(&model.library)), "engine": model.map_or("none", |model| model.provider.name()),
         "precision": model.map(|model| &model.precision), "alpha": job.alpha().to_string(),
@@ -119,17 +119,17 @@ pub fn run(args: &DumpArgs) -> Result<Output> {
     Ok(Output { text: format!("{}: every stage of {}, {}", args.output.display(), shot.name, job.layers()), json })
 }
 
-fn write(job: &mut Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
-    arrays.add_rig(job.photos(), shot)?;
+fn write(job: &mut Job, shot: &LoadedShot, arrays: &mut Arrays) -> Result<()> {
+    arrays.add_rig(job.views(), shot.shot())?;
     let plan = if let LayerSpec::Guided { layers, coarse_planes } = *job.layers() {
-        let found = job.photos().search(shot, coarse_planes)?;
+        let found = shot.search(coarse_planes)?;
         let layers = found.range.layers(layers)?;
         write_search(found, arrays)?;
         Plan::known(layers)
     } else {
         job.plan(shot)?
     };
-    write_layers(&plan.layers, job, shot, arrays)?;
+    write_layers(&plan.layers, shot, arrays)?;
     let mut stages = Stages::default();
     job.synthesizer.renderer_mut().set_culling(Culling::NONE);
     let frame = job.synthesizer.render_plan(shot, &plan, |batch| stages.gather(batch))?;
@@ -159,7 +159,7 @@ fn write_search(found: SearchStages, arrays: &mut Arrays) -> Result<()> {
 }
 
 /// The layers: planes and their homographies, or maps on cells.
-fn write_layers(layers: &Layers, job: &Job, shot: &Shot, arrays: &mut Arrays) -> Result<()> {
+fn write_layers(layers: &Layers, shot: &LoadedShot, arrays: &mut Arrays) -> Result<()> {
     let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
     let map = |layer: &Layer| if let Layer::Map(map) = layer { Some(map.clone()) } else { None };
     let maps: Vec<_> = layers.as_slice().iter().filter_map(map).collect();
@@ -171,8 +171,7 @@ fn write_layers(layers: &Layers, job: &Job, shot: &Shot, arrays: &mut Arrays) ->
         // Layers given by pixel are the array `maps` as they are.
         return Ok(());
     }
-    let sweeps: Vec<_> =
-        warp_sources(&job.photos().sources(&shot.views), &shot.target).iter().map(|s| s.sweep).collect();
+    let sweeps: Vec<_> = warp_sources(&shot.sources(), &shot.shot().target).iter().map(|s| s.sweep).collect();
     let shape = (disparities.len(), sweeps.len(), 3, 3);
     let homography = Array4::from_shape_fn(shape, |(d, v, row, column)| {
         sweeps[v].source_from_target(disparities[d]).row(row)[column]

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Error, Result, anyhow};
 use liveview::fs::atomic::AtomicFile;
-use liveview::{Camera, ImageRgb, PhotoCache, Shot};
+use liveview::{Camera, ImageRgb, SceneViews, Shot};
 use ndarray::{Array, Array1, Array3, Dimension};
 use ndarray_npy::{NpzWriter, WritableElement};
 
@@ -32,10 +32,10 @@ impl Arrays {
     }
 
     /// The photos that a shot is rendered from, their cameras, and the target's.
-    pub(crate) fn add_rig(&mut self, photos: &PhotoCache, shot: &Shot) -> Result<()> {
+    pub(crate) fn add_rig(&mut self, views: &SceneViews, shot: &Shot) -> Result<()> {
         for (index, &view) in shot.views.iter().enumerate() {
-            self.add_camera(&format!("view{index}"), &photos.scene().views[view].camera)?;
-            self.add_image(&format!("view{index}.image"), &photos.scene().load_image(view)?)?;
+            self.add_camera(&format!("view{index}"), &views.scene().views[view].camera)?;
+            self.add_image(&format!("view{index}.image"), &views.scene().load_image(view)?)?;
         }
         self.add_camera("target", &shot.target)?;
         self.add("target.size", Array1::from_vec(vec![shot.target.width() as i64, shot.target.height() as i64]))

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use liveview::network::Alpha;
 use liveview::render::{Culling, Frame, Renderer};
-use liveview::{LayerSpec, PhotoCache, Plan, Scene, Shot, Synthesizer};
+use liveview::{LayerSpec, LoadedShot, Plan, Scene, ScenePhotos, SceneViews, Synthesizer};
 use ndarray::Axis;
 
 use crate::args::layers::{LayerArgs, given_or_recommended};
@@ -26,17 +26,18 @@ pub struct Job {
 
 impl Job {
     /// A job by the options of a command.
-    pub fn open(photos: PhotoCache, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
-        Self::open_with(photos, layers, model, &mut KeptModels::default())
+    pub fn open(views: SceneViews, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
+        Self::open_with(views, layers, model, &mut KeptModels::default())
     }
 
     /// As [`Self::open`], with a model that is kept, if it is.
     pub fn open_with(
-        mut photos: PhotoCache,
+        views: SceneViews,
         layers: &LayerArgs,
         model: &ModelArgs,
         models: &mut KeptModels,
     ) -> Result<Self> {
+        let mut photos = ScenePhotos::new(views);
         layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
         let given = layers.given();
         let mut job = Self::of(photos, models.open(model, given.as_ref())?, given.as_ref())?;
@@ -55,11 +56,11 @@ impl Job {
     }
 
     /// A job with these layers, or those that the model recommends.
-    pub fn with_layers(photos: PhotoCache, model: &ModelArgs, layers: Option<&LayerSpec>) -> Result<Self> {
-        Self::of(photos, model.open_for(layers)?, layers)
+    pub fn with_layers(views: SceneViews, model: &ModelArgs, layers: Option<&LayerSpec>) -> Result<Self> {
+        Self::of(views.into(), model.open_for(layers)?, layers)
     }
 
-    fn of(photos: PhotoCache, opened: (Renderer, ModelInfo), layers: Option<&LayerSpec>) -> Result<Self> {
+    fn of(photos: ScenePhotos, opened: (Renderer, ModelInfo), layers: Option<&LayerSpec>) -> Result<Self> {
         let (renderer, model) = opened;
         let layers = given_or_recommended(layers, None, renderer.network())?;
         let synthesizer = Synthesizer::new(photos, renderer, layers);
@@ -73,12 +74,12 @@ impl Job {
 
     /// The scene.
     pub fn scene(&self) -> &Scene {
-        self.photos().scene()
+        self.synthesizer.scene()
     }
 
-    /// The photos of the scene.
-    pub fn photos(&self) -> &PhotoCache {
-        self.synthesizer.photos()
+    /// The views of the scene.
+    pub fn views(&self) -> &SceneViews {
+        self.synthesizer.views()
     }
 
     /// How the layers of a pixel share it.
@@ -91,8 +92,8 @@ impl Job {
         self.synthesizer.layers()
     }
 
-    /// The layers of a shot whose photos are loaded.
-    pub fn plan(&mut self, shot: &Shot) -> Result<Plan> {
+    /// The layers of a shot.
+    pub fn plan(&mut self, shot: &LoadedShot) -> Result<Plan> {
         if let LayerSpec::Select { from, .. } = self.layers() {
             self.progress.inc_length(*from as u64);
         }
@@ -105,8 +106,8 @@ impl Job {
         Ok(plan)
     }
 
-    /// Renders a shot whose photos are loaded on the layers of its plan.
-    pub fn render(&mut self, shot: &Shot, plan: &Plan) -> Result<Frame> {
+    /// Renders a shot on the layers of its plan.
+    pub fn render(&mut self, shot: &LoadedShot, plan: &Plan) -> Result<Frame> {
         let progress = &self.progress;
         progress.inc_length(plan.layers.len() as u64);
         let count = |batch: &liveview::render::Batch<'_>| progress.inc(batch.disparity.len_of(Axis(0)) as u64);

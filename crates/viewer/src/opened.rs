@@ -67,7 +67,7 @@ fn open_photos(args: &ViewArgs) -> Result<Opened> {
 }
 
 fn open_rig(args: &ViewArgs, rig: Rig) -> Result<Opened> {
-    let scene = rig.photos.scene();
+    let scene = rig.views.scene();
     print_notes(&scene.notes);
     for option in args.layers.unused_for_video() {
         print_message("note", format_args!("{option}: not used for the video of a rig"));

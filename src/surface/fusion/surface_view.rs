@@ -3,13 +3,13 @@
 use super::confirmed_depth::ConfirmedDepth;
 use crate::warp::SourceView;
 
-/// A photo with its confirmed depth.
+/// A photo with what is known of its depth.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfaceView<'a> {
     /// Camera and photo.
     pub view: SourceView<'a>,
-    /// The photo's depth where other photos confirm it.
-    pub confirmed: &'a ConfirmedDepth,
-    /// Factor of each colour channel ([`crate::surface::exposure_gains`]).
+    /// What other photos confirm of its depth.
+    pub known: &'a ConfirmedDepth,
+    /// What its colours are multiplied by, per channel ([`super::exposure_gains`]).
     pub gains: [f32; 3],
 }

@@ -10,7 +10,7 @@ use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use liveview::{ModelOptions, Scene, ViewDepth};
+use liveview::{ModelOptions, Scene, ScenePhotos, ViewDepth};
 use liveview_common::args::model::start_threads;
 use liveview_common::args::numbers;
 use liveview_common::args::scene::SceneArgs;
@@ -42,7 +42,7 @@ pub(crate) struct DepthArgs {
     /// Hold out every Nth view in name order, from the first on, as in `render`
     #[arg(long, value_name = "N", value_parser = numbers::count)]
     heldout: Option<usize>,
-    /// Keep the depth of photos in this folder, a .npz each (the library's `PhotoCache::keep_depths_in` says what it holds), and take from
+    /// Keep the depth of photos in this folder, a .npz each (the library's `ScenePhotos::keep_depths_in` says what it holds), and take from
     /// there what an earlier run has kept; the result is the same. Any file there may be deleted
     #[arg(long, value_name = "FOLDER")]
     cache: Option<PathBuf>,
@@ -77,14 +77,15 @@ struct ViewDepthSummary {
 }
 
 pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
-    let mut photos = args.scene.open()?;
-    print_notes(&photos.scene().notes);
-    let (views, held_out) = views(args, photos.scene())?;
-    let truth = Truth::open(photos.scene()).unwrap_or_else(|error| {
+    let mut photos = ScenePhotos::new(args.scene.open()?);
+    let scene = photos.views().scene();
+    print_notes(&scene.notes);
+    let (views, held_out) = views(args, scene)?;
+    let truth = Truth::open(scene).unwrap_or_else(|error| {
         print_message("note", format!("{error:#}: not scored"));
         None
     });
-    let all_files = files::claimed(&args.output, photos.scene(), &views, truth.as_ref())?;
+    let all_files = files::claimed(&args.output, scene, &views, truth.as_ref())?;
     args.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
     start_threads(args.threads.unwrap_or_else(|| ModelOptions::default().threads_or_default()))?;
     let bar = progress("photos")?;
@@ -96,10 +97,10 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
             bar.finish_and_clear();
             return Err(interrupt::Interrupted.into());
         }
-        bar.set_message(photos.scene().views[view].name.clone());
+        bar.set_message(photos.views().scene().views[view].name.clone());
         let depth = photos.view_depth(view, &held_out, &views[index + 1..])?;
         files::write(&files, &depth)?;
-        let shown = &photos.scene().views[view];
+        let shown = &photos.views().scene().views[view];
         let score = truth.as_ref().map_or(Ok(None), |truth| truth.score(shown, &depth));
         let score = score.unwrap_or_else(|error| {
             bar.suspend(|| print_message("note", format!("{error:#}: not scored")));
@@ -112,7 +113,7 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    Ok(table::output(photos.scene(), &told, range, &held_out))
+    Ok(table::output(photos.views().scene(), &told, range, &held_out))
 }
 
 /// The views to write, and those that are held out.
@@ -149,6 +150,6 @@ fn summary(depth: &ViewDepth) -> ViewDepthSummary {
         seconds: depth.time.as_secs_f64(),
         confirmed: count as f64 / depth.known.disparity.len() as f64,
         span: (count > 0).then(|| (1.0 / f64::from(high), 1.0 / f64::from(low))),
-        pixel: depth.found.disparity_per_pixel,
+        pixel: depth.found.pixel,
     }
 }

@@ -3,17 +3,18 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use liveview::surface::EXTRA_PHOTOS;
-use liveview::{PhotoCache, PhotoCorrection, Targets};
+use liveview::surface::Settings;
+use liveview::{PhotoCorrection, ScenePhotos, SceneViews, Targets};
 use liveview_common::console::escaped;
 
 /// Factors per channel of the photos of these many views of a target, nearest first, and a table of them. Their depth is searched.
-pub(super) fn gains(photos: &mut PhotoCache, target: usize, views: usize) -> Result<(String, Vec<[f32; 3]>)> {
-    let targets = Targets::held_out(photos.scene(), vec![target]);
-    let shot = photos.shots(targets, views, EXTRA_PHOTOS, None)?.remove(0);
-    photos.load_for(&shot, &[])?;
-    let gains = photos.surface(&shot, PhotoCorrection::default())?.gains().to_vec();
-    let names: Vec<String> = photos.names(&shot.views).iter().map(|name| escaped(name)).collect();
+pub(super) fn gains(scene_views: &SceneViews, target: usize, views: usize) -> Result<(String, Vec<[f32; 3]>)> {
+    let targets = Targets::held_out(scene_views.scene(), vec![target]);
+    let shot = scene_views.shots(targets, views, Settings::default().extra, None)?.remove(0);
+    let mut photos = ScenePhotos::new(scene_views.clone());
+    let loaded = photos.load(&shot, &[])?;
+    let gains = photos.surface(&loaded, PhotoCorrection::default())?.gains().to_vec();
+    let names: Vec<String> = photos.views().names(&shot.views).iter().map(|name| escaped(name)).collect();
     let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
     let mut text = format!("\nexposure   {:width$}  times red   green    blue, so that surface layers agree\n", "view");
     for (name, [red, green, blue]) in names.iter().zip(&gains) {

@@ -12,7 +12,7 @@ use liveview::geometry::parallax::{coverage, grid, parallax};
 use liveview::geometry::{MeanPose, PlaneSweep, choose_views, distance, middle_camera};
 use liveview::layers::uniform_disparities;
 use liveview::scene::View;
-use liveview::{Camera, LayerSpec, PhotoCache, SynthesisError};
+use liveview::{Camera, LayerSpec, SceneViews, SynthesisError};
 use liveview_common::args::numbers;
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::console::{Output, advice, escaped, shown};
@@ -55,7 +55,7 @@ pub(crate) struct InspectArgs {
 type Section = (String, Value);
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
-    let mut photos = args.scene.open()?;
+    let photos = args.scene.open()?;
     let scene = photos.scene();
     let target = match &args.target {
         Some(name) => scene.view_index(name)?,
@@ -70,7 +70,7 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
     let (section, mut told) = target_section(&photos, target, args)?;
     text += &section;
     if args.exposure && told["warning"].is_null() {
-        let (section, gains) = exposure::gains(&mut photos, target, args.views)?;
+        let (section, gains) = exposure::gains(&photos, target, args.views)?;
         text += &section;
         gains.iter().enumerate().for_each(|(view, gains)| told["views"][view]["exposure_gains"] = json!(gains));
     }
@@ -138,7 +138,7 @@ fn rig(views: &[View]) -> Section {
 }
 
 /// The target, the views it would be rendered from, and what its planes would leave out.
-fn target_section(photos: &PhotoCache, target: usize, args: &InspectArgs) -> Result<Section> {
+fn target_section(photos: &SceneViews, target: usize, args: &InspectArgs) -> Result<Section> {
     let View { name, camera, .. } = &photos.scene().views[target];
     let elsewhere = |view: &&View| choose_views(&[&view.camera], camera, 1).is_err();
     let elsewhere: Vec<&str> = photos.scene().views.iter().filter(elsewhere).map(|view| view.name.as_str()).collect();
@@ -208,7 +208,7 @@ fn target_section(photos: &PhotoCache, target: usize, args: &InspectArgs) -> Res
 
 /// A table of a row per view and one for all, as text and JSON, and the largest step between neighbouring planes (pixels).
 fn spacing(
-    photos: &PhotoCache,
+    photos: &SceneViews,
     views: &[usize],
     sources: &[(&Camera, PlaneSweep)],
     grid: &[DVec2],

@@ -9,7 +9,7 @@ use liveview::image::{Score, coloured, psnr};
 use liveview::layers::guided::RangeMap;
 use liveview::layers::{Layer, Layers};
 use liveview::network::Alpha;
-use liveview::{Frame, ImageRgb, Plan, Shot, TargetSurface};
+use liveview::{Frame, ImageRgb, LoadedShot, Plan, Shot, TargetSurface};
 use liveview_common::args::numbers;
 use liveview_common::args::output::expect_png;
 use liveview_common::console::shown;
@@ -38,6 +38,7 @@ pub(super) struct ExplainArgs {
 /// A render that is to be explained.
 pub(super) struct Explained<'a> {
     pub(super) shot: &'a Shot,
+    pub(super) loaded: &'a LoadedShot,
     pub(super) plan: &'a Plan,
     pub(super) frame: &'a Frame,
     pub(super) times: &'a Times,
@@ -87,7 +88,7 @@ fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String,
     let spans = range.nearest() - range.farthest();
     let mut shares: Vec<f64> = spans.iter().map(|&span| f64::from(span) / whole).collect();
     let [median, wide] = [0.5, 0.95].map(|part| percentile(&mut shares, part));
-    let width = width_in_pixels(job.photos(), about.shot, range);
+    let width = width_in_pixels(job.views(), about.shot, range);
     let mut steps: Vec<f64> = width.iter().map(|&w| f64::from(w)).collect();
     let pixels = percentile(&mut steps, 0.5);
     let layers = about.plan.layers.len();
@@ -195,7 +196,7 @@ fn time_shares(times: &Times, text: &mut String, json: &mut Value) {
 /// How far the result is from that on `planes` uniform planes.
 fn dense(job: &mut Job, about: &Explained<'_>, planes: usize, text: &mut String, json: &mut Value) -> Result<()> {
     let layers = Layers::uniform(about.shot.near, about.shot.far, planes)?;
-    let dense = job.render(about.shot, &Plan::known(layers))?;
+    let dense = job.render(about.loaded, &Plan::known(layers))?;
     let PixelError { max, mean } = PixelError::between(std::iter::once((&about.frame.picture, &dense.picture)));
     let seconds = (dense.times.warp + dense.times.network + dense.times.composite).as_secs_f64();
     let faster = seconds / about.times.total().as_secs_f64();

@@ -91,7 +91,7 @@ pub(crate) fn run_with(args: &RenderArgs, models: &mut KeptModels) -> Result<Out
 }
 
 fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<Output> {
-    let targets = args.targets.resolve(job.photos())?;
+    let targets = args.targets.resolve(job.views())?;
     let moving = targets.moving;
     let all = job.synthesizer.shots(targets)?;
     let shots = args.shard.map_or_else(|| all.clone(), |shard| shard.of(all.clone()));
@@ -176,24 +176,31 @@ fn render(
         job.progress.set_message(escaped(&shot.name));
         let started = Instant::now();
         if let (true, None, first) = (shared && shot.name != all[0].name, &kept, &all[0]) {
-            job.synthesizer.photos_mut().load_for(first, later)?;
-            kept = Some(job.plan(first)?);
+            let first = job.synthesizer.load(first, later)?;
+            kept = Some(job.plan(&first)?);
         }
-        job.synthesizer.photos_mut().load_for(&shot, later)?;
+        let loaded = job.synthesizer.load(&shot, later)?;
         let truth = shot.truth.map(|view| job.scene().load_image(view)).transpose()?;
         let photos = started.elapsed();
         let plan = match kept.take() {
             Some(plan) => Plan::known(plan.layers),
-            None => job.plan(&shot)?,
+            None => job.plan(&loaded)?,
         };
-        let mut frame = job.render(&shot, &plan)?;
+        let mut frame = job.render(&loaded, &plan)?;
         // Scored as rendered, before pixels that no view covers are filled.
         let score = truth.as_ref().and_then(|truth| Score::of(&frame.picture, truth));
         if truth.is_some() && score.is_none() {
             print_message("note", format!("{}: too small to be scored", shot.name));
         }
         let times = Times { photos, coarse: plan.search, select: plan.selection, stages: frame.times };
-        let about = Explained { shot: &shot, plan: &plan, frame: &frame, times: &times, truth: truth.as_ref() };
+        let about = Explained {
+            shot: &shot,
+            loaded: &loaded,
+            plan: &plan,
+            frame: &frame,
+            times: &times,
+            truth: truth.as_ref(),
+        };
         let pixels = frame.transmittance.len() as f64;
         let unseen = frame.transmittance.iter().map(|&left| f64::from(left)).sum::<f64>() / pixels;
         if single && is_blank(unseen) {

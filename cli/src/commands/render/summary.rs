@@ -65,7 +65,7 @@ fn target(job: &Job, one: &Rendered) -> Value {
     let seconds = |times: &Times| times.stages().map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
     json!({
         "name": one.shot.name, "width": one.shot.target.width(), "height": one.shot.target.height(),
-        "views": job.photos().names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
+        "views": job.views().names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
         "seconds": one.times.as_ref().map(|times| seconds(times).into_iter().collect::<serde_json::Map<_, _>>()),
         "psnr": one.score.as_ref().map(|score| score.psnr), "ssim": one.score.as_ref().map(|score| score.ssim),
         "seen_by_no_view": one.unseen, "hidden_from_all_views": one.hidden, "disparity_max": one.disparity_max, "files": one.files.iter().map(|file| shown(file)).collect::<Vec<_>>(),
@@ -74,7 +74,7 @@ fn target(job: &Job, one: &Rendered) -> Value {
 
 fn single(job: &Job, one: &Rendered) -> String {
     let mut text = heading(job, std::slice::from_ref(one), &escaped(&one.shot.name));
-    line(&mut text, "views", &job.photos().names(&one.shot.views).join(", "));
+    line(&mut text, "views", &job.views().names(&one.shot.views).join(", "));
     line_of_times(&mut text, std::slice::from_ref(one), "");
     if let Some(score) = &one.score {
         let text_of_score =
@@ -90,7 +90,7 @@ fn flight(job: &Job, done: &[Rendered]) -> String {
     let mut views = done.iter().flat_map(|one| one.shot.views.iter().copied()).collect::<Vec<_>>();
     views.sort_unstable();
     views.dedup();
-    line(&mut text, "views", &some_of(&job.photos().names(&views)));
+    line(&mut text, "views", &some_of(&job.views().names(&views)));
     line_of_times(&mut text, done, " (medians per frame)");
     finish(&mut text, done);
     text
@@ -103,7 +103,7 @@ fn table(job: &Job, done: &[Rendered]) -> String {
     for Rendered { shot, score, times, .. } in done {
         let (psnr, ssim) = score.as_ref().map_or((f64::NAN, f64::NAN), |score| (score.psnr, score.ssim));
         let time = times.as_ref().map_or_else(|| "was there".to_owned(), |times| time_text(times.total()));
-        let views = job.photos().names(&shot.views);
+        let views = job.views().names(&shot.views);
         let _ = writeln!(
             text,
             "{:width$}  {psnr:7.2}  {ssim:6.4}  {time:>9}  {}",

@@ -16,7 +16,7 @@ use cpu::cpu;
 use liveview::geometry::Size;
 use liveview::layers::uniform_disparities;
 use liveview::network::ViewAgreement;
-use liveview::{LayerSpec, PhotoCache, Shot, Targets};
+use liveview::{LayerSpec, SceneViews, Shot, Targets};
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::model_names::ProviderChoice;
 use liveview_common::args::numbers;
@@ -223,7 +223,7 @@ fn worker_command(args: &SweepArgs, width: Option<usize>, layers: &LayerSpec) ->
 fn references(
     args: &SweepArgs,
     command: &str,
-    photos: &PhotoCache,
+    scene_views: &SceneViews,
     width: Option<usize>,
     own: &Value,
     folder: &Path,
@@ -235,9 +235,9 @@ fn references(
     let Some(planes) = planes.max() else { bail!("--reference: expected planes among --layers, to measure it on") };
     let size = size(own);
     let file = folder.join(format!("job_{}.npz", size.width));
-    let targets = scaled(Targets::held_out(photos.scene(), named(photos.scene(), &args.target)?), width)?;
-    let shot = photos.shots(targets, views(own), 0, None)?.remove(0);
-    write_job(&file, photos, &shot, planes)?;
+    let targets = scaled(Targets::held_out(scene_views.scene(), named(scene_views.scene(), &args.target)?), width)?;
+    let shot = scene_views.shots(targets, views(own), 0, None)?.remove(0);
+    write_job(&file, scene_views, &shot, planes)?;
     let model = args.model.general_file()?;
     let weights = model.with_extension("pt");
     let words = words(command);
@@ -253,9 +253,9 @@ fn references(
 }
 
 /// Writes the job of a reference: one target on uniform planes, its views chosen.
-fn write_job(path: &Path, photos: &PhotoCache, shot: &Shot, planes: usize) -> Result<()> {
+fn write_job(path: &Path, scene_views: &SceneViews, shot: &Shot, planes: usize) -> Result<()> {
     let mut arrays = Arrays::create(path)?;
-    arrays.add_rig(photos, shot)?;
+    arrays.add_rig(scene_views, shot)?;
     arrays.add("disparities", Array1::from_vec(uniform_disparities(shot.near, shot.far, planes)?))?;
     arrays.finish()
 }

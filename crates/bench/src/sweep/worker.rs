@@ -63,9 +63,9 @@ pub fn run(args: &WorkerArgs) -> Result<Output> {
     let shots = job.synthesizer.shots(targets)?;
     // What cannot be read is told before anything is timed.
     for shot in &shots {
-        job.synthesizer.photos_mut().load_for(shot, &shots)?;
+        job.synthesizer.load(shot, &shots)?;
     }
-    let sources = |shot: &Shot| job.photos().names(&shot.views).into_iter().map(str::to_owned).collect::<Vec<_>>();
+    let sources = |shot: &Shot| job.views().names(&shot.views).into_iter().map(str::to_owned).collect::<Vec<_>>();
     send_line(&json!({
         "ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]),
         "engine": job.model.engine(), "layers": job.layers().to_string(), "model": job.model.path().map(shown),
@@ -97,7 +97,7 @@ impl Renders {
     /// Renders a target, and saves the picture to `frame` if given; the answer.
     fn render(&mut self, target: usize, frame: Option<&str>) -> Result<Value> {
         let shot = self.shots.get(target).ok_or_else(|| anyhow!("target {target}: there are {}", self.shots.len()))?;
-        self.job.synthesizer.photos_mut().load_for(shot, &self.shots)?;
+        let shot = &self.job.synthesizer.load(shot, &self.shots)?;
         let planned = match self.kept[target].take() {
             Some(layers) => Plan::known(layers),
             None => self.job.plan(shot)?,

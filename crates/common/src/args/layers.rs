@@ -34,7 +34,7 @@ pub struct LayerArgs {
     /// show the same points sharper in other photos
     #[arg(long)]
     pub keep_sharpness: bool,
-    /// Surface layers: keep the depth of photos in this folder, a .npz each (the library's `PhotoCache::keep_depths_in` says what it
+    /// Surface layers: keep the depth of photos in this folder, a .npz each (the library's `ScenePhotos::keep_depths_in` says what it
     /// holds), and take from there what an earlier run has kept; the picture is the same. Any file there may be deleted
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,

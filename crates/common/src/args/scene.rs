@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::Args;
-use liveview::{PhotoCache, Scene, SceneOptions};
+use liveview::{Scene, SceneOptions, SceneViews};
 
 use super::numbers;
 
@@ -56,19 +56,19 @@ impl SceneArgs {
     }
 
     /// Opens the scene.
-    pub fn open(&self) -> Result<PhotoCache> {
+    pub fn open(&self) -> Result<SceneViews> {
         Ok(self.with_depth(Scene::open(&self.scene, &self.options())?))
     }
 
     /// Opens the scene at this width, unless the options name another.
-    pub fn open_at(&self, width: usize) -> Result<PhotoCache> {
+    pub fn open_at(&self, width: usize) -> Result<SceneViews> {
         let mut options = self.options();
         options.width = options.width.or(Some(width));
         Ok(self.with_depth(Scene::open(&self.scene, &options)?))
     }
 
     /// A scene with the depth range of the options.
-    pub fn with_depth(&self, scene: Scene) -> PhotoCache {
-        PhotoCache::new(scene, self.near, self.far)
+    pub fn with_depth(&self, scene: Scene) -> SceneViews {
+        SceneViews::new(scene, self.near, self.far)
     }
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use clap::Args;
 use liveview::geometry::{CameraFile, CameraPath, read_cameras};
-use liveview::{Camera, PhotoCache, Scene, SynthesisError, Targets};
+use liveview::{Camera, Scene, SceneViews, SynthesisError, Targets};
 
 use super::numbers;
 use super::output::has_ending;
@@ -76,10 +76,10 @@ impl TargetArgs {
     }
 
     /// The targets.
-    pub fn resolve(&self, photos: &PhotoCache) -> Result<Targets> {
-        let scene = photos.scene();
+    pub fn resolve(&self, views: &SceneViews) -> Result<Targets> {
+        let scene = views.scene();
         if let (_, Some(file)) = self.camera_file() {
-            return Ok(Targets::cameras(cameras_of(file, photos)?));
+            return Ok(Targets::cameras(cameras_of(file, views)?));
         }
         if let Some(CameraPathOrFile::Shape(path)) = self.path {
             return match Targets::path(scene, path) {
@@ -100,8 +100,8 @@ impl TargetArgs {
 }
 
 /// The cameras of a file; in which axes they were taken to be is told.
-pub fn cameras_of(file: &Path, photos: &PhotoCache) -> Result<Vec<Camera>> {
-    let CameraFile { cameras, note } = read_cameras(file, &photos.all_cameras(), &photos.scene().root)?;
+pub fn cameras_of(file: &Path, views: &SceneViews) -> Result<Vec<Camera>> {
+    let CameraFile { cameras, note } = read_cameras(file, &views.all_cameras(), &views.scene().root)?;
     print_notes(note.as_slice());
     Ok(cameras)
 }

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use anyhow::{Result, anyhow, bail};
 use liveview::geometry::choose_views;
 use liveview::scene::SceneError;
-use liveview::{Camera, PhotoCache, Scene, SceneOptions};
+use liveview::{Camera, Scene, SceneOptions, SceneViews};
 use liveview_common::args::frame_rate::FrameRate;
 use liveview_common::args::scene::SceneArgs;
 
@@ -31,8 +31,8 @@ pub const SPARE: usize = 2;
 /// A rig: the poses and what each delivers.
 #[derive(Debug)]
 pub struct Rig {
-    /// The first frame of each camera.
-    pub photos: PhotoCache,
+    /// The poses, with the first frame of each camera as photos.
+    pub views: SceneViews,
     /// One per view of the scene.
     pub feeds: Vec<Feed>,
 }
@@ -44,7 +44,7 @@ impl Rig {
     /// No cameras, fewer than two that can be read, or no poses; what the scene refuses.
     pub fn open(args: &SceneArgs) -> Result<Self> {
         let (scene, feeds) = open_scene(args.folder(), &args.options())?;
-        Ok(Self { photos: args.with_depth(scene), feeds })
+        Ok(Self { views: args.with_depth(scene), feeds })
     }
 
     /// Opens a folder if it is a rig; else it is a scene, or nothing that can be opened.
@@ -99,12 +99,12 @@ impl Rig {
         free: &[usize],
         (fewest, most): (usize, usize),
     ) -> Result<Vec<usize>> {
-        let cameras: Vec<&Camera> = self.photos.cameras(free).collect();
+        let cameras: Vec<&Camera> = self.views.cameras(free).collect();
         let mut read = BTreeSet::new();
         for target in targets {
             let some = (fewest..=most).rev().find_map(|count| choose_views(&cameras, target, count).ok());
             let some = some.map_or_else(|| choose_views(&cameras, target, fewest), Ok);
-            read.extend(some.map_err(|error| anyhow!("{}: {error}", self.photos.scene().root.display()))?);
+            read.extend(some.map_err(|error| anyhow!("{}: {error}", self.views.scene().root.display()))?);
         }
         Ok(read.into_iter().map(|camera| free[camera]).collect())
     }

@@ -29,8 +29,8 @@ const SHARE: f64 = 0.9;
 pub fn run(args: &VideoArgs) -> Result<Output> {
     let mut sink = Sink::new(&args.output, args.fps)?;
     let rig = Rig::open(&args.scene)?;
-    print_notes(&rig.photos.scene().notes);
-    let viewpoint = args.viewpoint.resolve(&rig.photos)?;
+    print_notes(&rig.views.scene().notes);
+    let viewpoint = args.viewpoint.resolve(&rig.views)?;
     let given = args.layers.clone().or_else(|| args.quality.map(Into::into));
     let (renderer, model) = args.model.open_for(given.as_ref())?;
     let views = renderer.network().views();
@@ -41,12 +41,12 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
     let fewest = renderers.iter().map(|renderer| renderer.network().views()).min().unwrap_or(views);
     let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != viewpoint.truth).collect();
     let read = rig.cameras_for(viewpoint.cameras(), &free, (fewest, views + SPARE))?;
-    let (near, far) = rig.photos.depth_range(&read)?;
+    let (near, far) = rig.views.depth_range(&read)?;
     let mut settings = LiveSettings::new(near, far);
     (settings.layers, settings.policy, settings.keep_exposure) = (layers.clone(), policy, args.keep_exposure);
     renderers.push(renderer);
     let runs = renderers.iter().filter_map(|renderer| renderer.network().run_end()).collect();
-    let cameras = rig.photos.scene().views.iter().map(|view| view.camera.clone()).collect();
+    let cameras = rig.views.scene().views.iter().map(|view| view.camera.clone()).collect();
     let mut session = LiveSession::new(cameras, renderers, settings)?;
     let target = viewpoint.camera(0);
     let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
@@ -55,7 +55,7 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
     if first >= last {
         bail!("--frames {first}..: the cameras have {all} time steps, from 0 on; expected some of these");
     }
-    let mut claims = Claims::new(rig.photos.scene());
+    let mut claims = Claims::new(rig.views.scene());
     claims.protect("--poses", args.viewpoint.poses());
     args.model.protect(&mut claims, model.path());
     sink.claim(&mut claims, target.size())?;
@@ -78,7 +78,7 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
     // A live video is not scored: that takes too long.
     let truth = viewpoint.truth.filter(|_| live.is_none());
     let gathering = Arc::new(Gathering {
-        scene: rig.photos.scene().clone(),
+        scene: rig.views.scene().clone(),
         feeds: rig.feeds.clone(),
         read: read.iter().copied().chain(truth).collect(),
         truth,

@@ -26,7 +26,7 @@ pub(super) fn summary(
     (layers, policy): (&LayerSpec, Policy),
 ) -> Output {
     let Played { tally, written, faults, changes, wall, stopped } = played;
-    let scene = rig.photos.scene();
+    let scene = rig.views.scene();
     let mut text = String::new();
     let mut line = |label: &str, content: String| {
         let _ = writeln!(text, "{label:8} {content}");
@@ -92,7 +92,7 @@ pub(super) fn summary(
     text += &model.text();
     let mut json = tally.json();
     let more = json!({
-        "rig": shown(&scene.root), "format": scene.format.to_string(), "cameras": rig.photos.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
+        "rig": shown(&scene.root), "format": scene.format.to_string(), "cameras": rig.views.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
         "held_out": viewpoint.truth.map(|view| &scene.views[view].name), "layers": layers.to_string(), "policy": policy.to_string(), "frames": written.frames,
         "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "border_left_out": BORDER,
         "latency_ms": { "median": percentiles.0, "percentile_99": percentiles.1 }, "changes": changes_json(changes),

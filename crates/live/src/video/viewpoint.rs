@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use clap::Args;
 use liveview::geometry::CameraPath;
-use liveview::{Camera, PhotoCache};
+use liveview::{Camera, SceneViews};
 use liveview_common::args::targets::cameras_of;
 
 /// Options that name the viewpoint; exactly one.
@@ -65,19 +65,19 @@ impl ViewpointArgs {
     }
 
     /// The cameras of the frames.
-    pub(super) fn resolve(&self, photos: &PhotoCache) -> Result<Viewpoint> {
+    pub(super) fn resolve(&self, views: &SceneViews) -> Result<Viewpoint> {
         let Self { camera, path, poses } = self;
         let viewpoint = match (camera, path, poses) {
             (Some(name), ..) => {
-                let view = photos.scene().view_index(name)?;
-                let camera = photos.scene().views[view].camera.clone();
+                let view = views.scene().view_index(name)?;
+                let camera = views.scene().views[view].camera.clone();
                 Viewpoint { cameras: vec![camera], repeat: Repeat::Last, truth: Some(view) }
             }
             (_, Some(path), _) => {
                 let repeat = if path.is_closed() { Repeat::Over } else { Repeat::Back };
-                Viewpoint { cameras: path.cameras(&photos.all_cameras())?, repeat, truth: None }
+                Viewpoint { cameras: path.cameras(&views.all_cameras())?, repeat, truth: None }
             }
-            (.., Some(file)) => Viewpoint { cameras: cameras_of(file, photos)?, repeat: Repeat::Last, truth: None },
+            (.., Some(file)) => Viewpoint { cameras: cameras_of(file, views)?, repeat: Repeat::Last, truth: None },
             (None, None, None) => bail!("expected --camera, --path or --poses"),
         };
         let size = |camera: &Camera| (camera.width(), camera.height());

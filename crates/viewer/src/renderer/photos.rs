@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use liveview::geometry::distance;
-use liveview::{Camera, ImageRgb, LayerSpec, PhotoCache, Scene, Shot, TargetView, Targets};
+use liveview::{Camera, ImageRgb, LayerSpec, LoadedShot, Scene, ScenePhotos, Shot, TargetCamera, Targets};
 use liveview_common::job::Job;
 
 use super::size_controller::SizeController;
@@ -44,7 +44,7 @@ impl Photos {
         let mut view_shots: Vec<Shot> = free.filter_map(|view| photos.shot(&views[view].camera).ok()).collect();
         view_shots.sort_by(|a, b| distance(&a.target, start).total_cmp(&distance(&b.target, start)));
         let pixels = views.iter().map(|view| view.camera.size().pixels()).max().unwrap_or(1);
-        let capacity = PhotoCache::KEPT_BYTES / (BYTES_PER_PIXEL * pixels);
+        let capacity = ScenePhotos::KEPT_BYTES / (BYTES_PER_PIXEL * pixels);
         photos.unprepared = view_shots.iter().take(capacity).cloned().collect();
         photos.view_shots = view_shots;
         photos
@@ -56,26 +56,26 @@ impl Photos {
     }
 
     fn shot(&self, camera: &Camera) -> Result<Shot> {
-        let target = TargetView { name: "pose".to_owned(), camera: camera.clone(), truth: None };
+        let target = TargetCamera { name: "pose".to_owned(), camera: camera.clone(), truth: None };
         let targets = Targets { list: vec![target], held_out: self.held_out.clone(), moving: false };
         Ok(self.job.synthesizer.shots(targets)?.remove(0))
     }
 
     /// Loads the photos of a shot. Others stay in memory while there is room, those near it first.
-    fn load(&mut self, shot: &Shot) -> Result<()> {
+    fn load(&mut self, shot: &Shot) -> Result<LoadedShot> {
         // Almost sorted already where the viewpoint has moved little: the sort is fast then.
         self.view_shots.sort_by(|a, b| distance(&a.target, &shot.target).total_cmp(&distance(&b.target, &shot.target)));
-        Ok(self.job.synthesizer.photos_mut().load_for(shot, &self.view_shots)?)
+        Ok(self.job.synthesizer.load(shot, &self.view_shots)?)
     }
 
     fn render(&mut self, camera: &Camera, layers: LayerSpec) -> Result<Rendered> {
         self.job.synthesizer.set_layers(layers.clone());
         let shot = self.shot(camera)?;
         let started = Instant::now();
-        self.load(&shot)?;
+        let loaded = self.load(&shot)?;
         let photos = started.elapsed();
-        let plan = self.job.plan(&shot)?;
-        let frame = self.job.render(&shot, &plan)?;
+        let plan = self.job.plan(&loaded)?;
+        let frame = self.job.render(&loaded, &plan)?;
         Ok(Rendered {
             frame,
             range: (shot.near, shot.far),
@@ -132,9 +132,9 @@ impl Source for Photos {
         shot.views.truncate(1);
         shot.helpers.clear();
         self.job.synthesizer.set_layers(self.motion_layers.clone());
-        self.load(&shot)?;
+        let loaded = self.load(&shot)?;
         if matches!(self.motion_layers, LayerSpec::Surface(_)) {
-            self.job.plan(&shot)?;
+            self.job.plan(&loaded)?;
         }
         Ok(())
     }

@@ -61,10 +61,10 @@ impl Video {
         renderers.push(renderer);
         let runs = renderers.iter().filter_map(|renderer| renderer.network().run_end()).collect();
         let networks = Networks::new(renderers, model.batch);
-        let range = rig.photos.depth_range(&free)?;
+        let range = rig.views.depth_range(&free)?;
         let motion = session(&rig, &free, &networks, &spec, layers.keep_exposure)?;
         let video = Self {
-            frames: Frames::new(rig.photos.scene().clone(), &rig.feeds),
+            frames: Frames::new(rig.views.scene().clone(), &rig.feeds),
             rig,
             free,
             range,
@@ -129,17 +129,17 @@ fn session(
     layers: &LayerSpec,
     keep_exposure: bool,
 ) -> Result<LiveSession> {
-    let (near, far) = rig.photos.depth_range(read)?;
+    let (near, far) = rig.views.depth_range(read)?;
     let mut settings = LiveSettings::new(near, far);
     settings.policy = Policy::default_for(layers);
     (settings.layers, settings.keep_exposure) = (layers.clone(), keep_exposure);
-    let cameras = rig.photos.scene().views.iter().map(|view| view.camera.clone()).collect();
+    let cameras = rig.views.scene().views.iter().map(|view| view.camera.clone()).collect();
     Ok(LiveSession::new(cameras, networks.renderers(), settings)?)
 }
 
 impl Source for Video {
     fn scene(&self) -> &Scene {
-        self.rig.photos.scene()
+        self.rig.views.scene()
     }
 
     fn motion_scale(&self, _: usize) -> f64 {
@@ -182,7 +182,7 @@ impl Source for Video {
         };
         let frame =
             still.session.render(&step.photos(), &viewpoint.camera).map_err(|error| step.with_left_out(error))?;
-        let range = self.rig.photos.depth_range(&still.cameras)?;
+        let range = self.rig.views.depth_range(&still.cameras)?;
         self.still = Some(still);
         Ok(rendered(frame, self.layers.clone(), read, step, range))
     }

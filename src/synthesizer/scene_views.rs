@@ -1,55 +1,23 @@
-//! A scene, and its photos in memory.
-
-use std::fmt;
+//! The views of a scene, and the choice among them: which a target is rendered from, and over which
+//! range of depths.
 
 use super::error::SynthesisError;
-#[cfg(feature = "surface")]
-use super::photo_depths::KeptDepths;
-#[cfg(feature = "surface")]
-use super::scene_depth::SceneDepth;
-use super::target::{Shot, TargetView, Targets};
+use super::target::{Shot, TargetCamera, Targets};
 use crate::geometry::{Camera, choose_views};
-use crate::layers::guided::{GuidedSearch, SearchStages};
-use crate::layers::{padded, uniform_disparities};
+use crate::layers::uniform_disparities;
 use crate::scene::Scene;
-use crate::warp::{SourceView, Texture, warp_sources};
 
-/// A scene, the depth range given for it, and the photos that are loaded.
-pub struct PhotoCache {
+/// A scene and the depth range given for it: chooses the views and the depth range of each target.
+#[derive(Debug, Clone)]
+pub struct SceneViews {
     scene: Scene,
     given: (Option<f64>, Option<f64>),
-    pub(super) textures: Vec<Option<Texture>>,
-    #[cfg(feature = "surface")]
-    pub(super) depth: Option<SceneDepth>,
-    #[cfg(feature = "surface")]
-    pub(super) kept: Option<KeptDepths>,
-    /// Views that targets so far were rendered with, last used first.
-    pub(super) recent: Vec<usize>,
-    pub(super) kept_bytes: usize,
 }
 
-impl fmt::Debug for PhotoCache {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let loaded = self.textures.iter().flatten().count();
-        f.debug_struct("PhotoCache").field("scene", &self.scene.root).field("loaded", &loaded).finish_non_exhaustive()
-    }
-}
-
-impl PhotoCache {
-    /// A scene of which no photo is loaded yet. `near` and `far` are in scene units; `None` takes the scene's own.
+impl SceneViews {
+    /// The views of a scene. `near` and `far` are in scene units; `None` takes the scene's own.
     pub fn new(scene: Scene, near: Option<f64>, far: Option<f64>) -> Self {
-        let textures = scene.views.iter().map(|_| None).collect();
-        Self {
-            scene,
-            given: (near, far),
-            textures,
-            #[cfg(feature = "surface")]
-            depth: None,
-            #[cfg(feature = "surface")]
-            kept: None,
-            recent: Vec::new(),
-            kept_bytes: Self::KEPT_BYTES,
-        }
+        Self { scene, given: (near, far) }
     }
 
     /// The scene.
@@ -85,11 +53,17 @@ impl PhotoCache {
         views.iter().map(|&view| self.scene.views[view].name.as_str()).collect()
     }
 
-    /// Indices of the `count` views nearest to the target, nearest first, without those held out. `name` is the target's, for errors.
+    /// All views but those held out.
+    pub(super) fn all_but(&self, held_out: &[usize]) -> Vec<usize> {
+        (0..self.scene.views.len()).filter(|view| !held_out.contains(view)).collect()
+    }
+
+    /// Indices of the `count` views nearest to the target, nearest first, without those held out.
+    /// `name` is the target's, for errors.
     ///
     /// # Errors
     ///
-    /// [`SynthesisError::Views`] if fewer look the target's way.
+    /// [`SynthesisError::Views`] if fewer views face the target's direction.
     pub fn choose(
         &self,
         name: &str,
@@ -97,7 +71,7 @@ impl PhotoCache {
         held_out: &[usize],
         count: usize,
     ) -> Result<Vec<usize>, SynthesisError> {
-        let free: Vec<usize> = (0..self.scene.views.len()).filter(|view| !held_out.contains(view)).collect();
+        let free = self.all_but(held_out);
         let cameras: Vec<&Camera> = self.cameras(&free).collect();
         let chosen = choose_views(&cameras, target, count).map_err(|source| SynthesisError::Views {
             target: format!("{}: {name}", self.scene.root.display()),
@@ -106,11 +80,13 @@ impl PhotoCache {
         Ok(chosen.into_iter().map(|i| free[i]).collect())
     }
 
-    /// Near and far in scene units: as given to [`Self::new`], else the extremes of these views' depth ranges.
+    /// Near and far in scene units: as given to [`Self::new`], else the extremes of these views'
+    /// depth ranges.
     ///
     /// # Errors
     ///
-    /// [`SynthesisError::UnknownDepth`] if one of them is not known; [`SynthesisError::Layers`] unless 0 < near < far.
+    /// [`SynthesisError::UnknownDepth`] if one of them is unknown; [`SynthesisError::Layers`] unless
+    /// 0 < near < far.
     ///
     /// # Panics
     ///
@@ -127,8 +103,9 @@ impl PhotoCache {
         Ok((near, far))
     }
 
-    /// Chooses the `count` views and the depth range of each target: `given` (near, far; scene units), or by [`Self::depth_range`]. The
-    /// frames of a path share one range. Each gets `helpers` further views, as far as there are any.
+    /// Chooses the `count` views and the depth range of each target: `given` (near, far; scene
+    /// units), or by [`Self::depth_range`]. The frames of a path share one range. Each target also
+    /// gets up to `helpers` further views.
     ///
     /// # Errors
     ///
@@ -141,7 +118,7 @@ impl PhotoCache {
         given: Option<(f64, f64)>,
     ) -> Result<Vec<Shot>, SynthesisError> {
         let held_out = &targets.held_out;
-        let choose = |target: &TargetView| -> Result<(Vec<usize>, Vec<usize>), SynthesisError> {
+        let choose = |target: &TargetCamera| -> Result<(Vec<usize>, Vec<usize>), SynthesisError> {
             let views = self.choose(&target.name, &target.camera, held_out, count)?;
             let more = (1..=helpers).rev().find_map(|more| {
                 self.choose(&target.name, &target.camera, held_out, count + more).ok().map(|all| all[count..].to_vec())
@@ -166,42 +143,5 @@ impl PhotoCache {
             })
         });
         shots.collect()
-    }
-
-    pub(super) fn load(&mut self, view: usize) -> Result<(), SynthesisError> {
-        if self.textures[view].is_none() {
-            self.textures[view] = Some(Texture::new(&self.scene.load_image(view)?));
-        }
-        Ok(())
-    }
-
-    /// These views as the renderer takes them.
-    ///
-    /// # Panics
-    ///
-    /// If the photo of one is not loaded ([`Self::load_for`]).
-    pub fn sources(&self, views: &[usize]) -> Vec<SourceView<'_>> {
-        views.iter().map(|&view| self.source(view)).collect()
-    }
-
-    pub(super) fn source(&self, view: usize) -> SourceView<'_> {
-        let texture = self.textures[view].as_ref().expect("loaded before");
-        SourceView { camera: &self.scene.views[view].camera, texture }
-    }
-
-    /// The guided search for a shot, with a number of planes in the first search or by the parallax.
-    ///
-    /// # Errors
-    ///
-    /// [`SynthesisError::Layers`].
-    ///
-    /// # Panics
-    ///
-    /// If its photos are not loaded ([`Self::load_for`]).
-    pub fn search(&self, shot: &Shot, coarse_planes: Option<usize>) -> Result<SearchStages, SynthesisError> {
-        let sources = self.sources(&shot.views);
-        let size = padded(shot.target.size());
-        let search = GuidedSearch { near: shot.near, far: shot.far, planes: coarse_planes };
-        Ok(search.search(&warp_sources(&sources, &shot.target), size)?)
     }
 }

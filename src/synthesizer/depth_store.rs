@@ -1,0 +1,169 @@
+//! The depth of a scene's photos: searched when it is first needed, or read from a folder where an
+//! earlier run has stored it.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::error::SynthesisError;
+use super::loaded_shot::{LoadedPhoto, LoadedShot};
+use super::photo_store::PhotoStore;
+use super::scene_depth::{DepthSource, SceneDepth, ViewDepth};
+use super::scene_views::SceneViews;
+use crate::surface::cache::{DepthCache, PhotoDigest};
+use crate::surface::{PhotoCorrection, TargetSurface};
+use crate::warp::{SourceView, Texture};
+
+/// The depth of photos in memory, and the folder that keeps it from run to run, if there is one.
+#[derive(Default)]
+pub(super) struct DepthStore {
+    /// With the views held out that the last shot held out.
+    depth: Option<SceneDepth>,
+    files: Option<DepthFiles>,
+}
+
+/// A folder of depths, and what has been found out on the way.
+struct DepthFiles {
+    folder: DepthCache,
+    /// Of each view's photo, once it has been loaded.
+    digests: Vec<Option<PhotoDigest>>,
+    notes: Vec<String>,
+}
+
+impl DepthStore {
+    /// Stores depths in a folder, for a scene of so many views.
+    pub(super) fn keep_in(&mut self, folder: &Path, views: usize) -> Result<(), SynthesisError> {
+        let refused = |source| SynthesisError::Cache { folder: folder.to_owned(), source };
+        let folder = DepthCache::open(folder).map_err(refused)?;
+        self.files = Some(DepthFiles { folder, digests: vec![None; views], notes: Vec::new() });
+        Ok(())
+    }
+
+    /// What went wrong with files since the last call, a line each.
+    pub(super) fn take_notes(&mut self) -> Vec<String> {
+        self.files.as_mut().map(|files| std::mem::take(&mut files.notes)).unwrap_or_default()
+    }
+
+    /// The surface of a shot's target.
+    pub(super) fn surface(
+        &mut self,
+        views: &SceneViews,
+        photos: &mut PhotoStore,
+        loaded: &LoadedShot,
+        photo_correction: PhotoCorrection,
+    ) -> Result<TargetSurface, SynthesisError> {
+        let shot = loaded.shot();
+        let depth = with_held_out(&mut self.depth, views, &shot.held_out)?;
+        let set = loaded.photos();
+        set.iter().try_for_each(|photo| find(depth, &mut self.files, views, photos, photo.view))?;
+        let set: Vec<_> = set.iter().map(|photo| (photo.view, photo.source())).collect();
+        Ok(depth.surface(&shot.target, &set, shot.views.len(), photo_correction))
+    }
+
+    /// The depth of a view's photo, and what its neighbours confirm of it. Photos and depths that
+    /// none of the `later` views needs are dropped.
+    pub(super) fn view_depth(
+        &mut self,
+        views: &SceneViews,
+        photos: &mut PhotoStore,
+        view: usize,
+        held_out: &[usize],
+        later: &[usize],
+    ) -> Result<ViewDepth, SynthesisError> {
+        let depth = with_held_out(&mut self.depth, views, held_out)?;
+        for view in depth.with_neighbours(view) {
+            find(depth, &mut self.files, views, photos, view)?;
+        }
+        let found = depth.view_depth(view).expect("found just now");
+        let needed: Vec<usize> = later.iter().flat_map(|&view| depth.with_neighbours(view)).collect();
+        depth.retain(&needed, &needed);
+        let searched: Vec<usize> = needed.iter().flat_map(|&view| depth.photos_to_search(view)).collect();
+        photos.retain(|view| searched.contains(&view));
+        Ok(found)
+    }
+
+    /// Drops the depth of all views but these, and what confirms it unless it is needed `soon`.
+    pub(super) fn retain(&mut self, views: &[usize], soon: &[usize]) {
+        if let Some(depth) = &mut self.depth {
+            depth.retain(views, soon);
+        }
+    }
+
+    /// Bytes of the depth of a view's photo; 0 if it is not in memory.
+    pub(super) fn bytes(&self, view: usize) -> usize {
+        self.depth.as_ref().map_or(0, |depth| depth.bytes(view))
+    }
+}
+
+/// The depths with these views held out: those in memory, or none yet.
+fn with_held_out<'a>(
+    depth: &'a mut Option<SceneDepth>,
+    views: &SceneViews,
+    held_out: &[usize],
+) -> Result<&'a mut SceneDepth, SynthesisError> {
+    *depth = match depth.take().filter(|depth| depth.serves(held_out)) {
+        None => {
+            let free = views.all_but(held_out);
+            let range = views.depth_range(&free)?;
+            Some(SceneDepth::new(views.scene(), free, held_out.to_vec(), range))
+        }
+        known => known,
+    };
+    Ok(depth.as_mut().expect("set just now"))
+}
+
+/// Finds the depth of a view's photo, unless it is known: in the folder, or by a search.
+fn find(
+    depth: &mut SceneDepth,
+    files: &mut Option<DepthFiles>,
+    views: &SceneViews,
+    photos: &mut PhotoStore,
+    view: usize,
+) -> Result<(), SynthesisError> {
+    let needed = depth.photos_to_search(view);
+    if needed.is_empty() {
+        return Ok(());
+    }
+    // The depth of a photo without neighbours is not worth a file.
+    let mut files = files.as_mut().filter(|_| needed.len() > 1);
+    let key = match &mut files {
+        Some(files) => {
+            let digests = needed.iter().map(|&view| files.digest(view, || photos.load(views.scene(), view)));
+            Some(depth.key(&needed, &digests.collect::<Result<Vec<_>, _>>()?))
+        }
+        None => None,
+    };
+    let started = Instant::now();
+    if let (Some(files), Some(key)) = (&mut files, &key) {
+        match files.folder.load(key) {
+            Ok(Some(found)) => {
+                depth.insert(view, found, DepthSource::Kept, started.elapsed());
+                return Ok(());
+            }
+            Ok(None) => {}
+            Err(damage) => files.notes.push(format!("{damage}: the depth is searched again")),
+        }
+    }
+    let load = |&view: &usize| {
+        let texture = photos.load(views.scene(), view)?;
+        Ok(LoadedPhoto { view, camera: views.scene().views[view].camera.clone(), texture })
+    };
+    let loaded = needed.iter().map(load).collect::<Result<Vec<_>, SynthesisError>>()?;
+    let sources: Vec<SourceView<'_>> = loaded.iter().map(LoadedPhoto::source).collect();
+    depth.search(view, &sources[0], &sources[1..]);
+    if let (Some(files), Some(key)) = (files, &key) {
+        let stored = depth.found(view).map_or(Ok(()), |found| files.folder.store(key, found));
+        stored.unwrap_or_else(|error| files.notes.push(format!("{error}: the depth is not kept")));
+    }
+    Ok(())
+}
+
+impl DepthFiles {
+    /// The digest of a view's photo, which is loaded for it if the digest is unknown.
+    fn digest<E>(&mut self, view: usize, load: impl FnOnce() -> Result<Arc<Texture>, E>) -> Result<PhotoDigest, E> {
+        if let Some(digest) = self.digests[view] {
+            return Ok(digest);
+        }
+        Ok(*self.digests[view].insert(PhotoDigest::new(&*load()?)))
+    }
+}

@@ -1,0 +1,67 @@
+//! A shot with its photos in memory.
+
+use std::sync::Arc;
+
+use super::target::Shot;
+use crate::geometry::Camera;
+use crate::layers::guided::{GuidedSearch, SearchStages};
+use crate::layers::{LayersError, padded};
+use crate::warp::{SourceView, Texture, warp_sources};
+
+/// A shot with its photos in memory: what a plan is found from, and rendered from.
+#[derive(Debug, Clone)]
+pub struct LoadedShot {
+    shot: Shot,
+    /// Of the shot's views, then of its helpers.
+    photos: Vec<LoadedPhoto>,
+}
+
+/// The photo of a view, in memory.
+#[derive(Debug, Clone)]
+pub(super) struct LoadedPhoto {
+    /// Index of the view in the scene.
+    pub(super) view: usize,
+    pub(super) camera: Camera,
+    pub(super) texture: Arc<Texture>,
+}
+
+impl LoadedPhoto {
+    /// The photo as warp and searches take it.
+    pub(super) fn source(&self) -> SourceView<'_> {
+        SourceView { camera: &self.camera, texture: &self.texture }
+    }
+}
+
+impl LoadedShot {
+    /// `photos` are those of the shot's views, then of its helpers.
+    pub(super) fn new(shot: Shot, photos: Vec<LoadedPhoto>) -> Self {
+        Self { shot, photos }
+    }
+
+    /// The shot.
+    pub fn shot(&self) -> &Shot {
+        &self.shot
+    }
+
+    /// The views to render from, nearest first.
+    pub fn sources(&self) -> Vec<SourceView<'_>> {
+        self.photos.iter().take(self.shot.views.len()).map(LoadedPhoto::source).collect()
+    }
+
+    /// Photos of the views to render from and of the helpers.
+    #[cfg(feature = "surface")]
+    pub(super) fn photos(&self) -> &[LoadedPhoto] {
+        &self.photos
+    }
+
+    /// The guided search, with a number of planes in the first search or by the parallax.
+    ///
+    /// # Errors
+    ///
+    /// [`LayersError::Empty`] for no planes; [`LayersError::Range`] unless 0 < near < far.
+    pub fn search(&self, coarse_planes: Option<usize>) -> Result<SearchStages, LayersError> {
+        let Shot { target, near, far, .. } = &self.shot;
+        let search = GuidedSearch { near: *near, far: *far, planes: coarse_planes };
+        search.search(&warp_sources(&self.sources(), target), padded(target.size()))
+    }
+}

@@ -1,0 +1,44 @@
+//! The photos of a scene that are in memory.
+
+use std::sync::Arc;
+
+use crate::scene::{Scene, SceneError};
+use crate::warp::Texture;
+
+/// The photos of a scene that are in memory, by view.
+pub(super) struct PhotoStore {
+    textures: Vec<Option<Arc<Texture>>>,
+}
+
+impl PhotoStore {
+    /// Without a photo yet, for a scene of so many views.
+    pub(super) fn new(views: usize) -> Self {
+        Self { textures: vec![None; views] }
+    }
+
+    /// The photo of a view of the store's scene, read from its file unless it is in memory.
+    pub(super) fn load(&mut self, scene: &Scene, view: usize) -> Result<Arc<Texture>, SceneError> {
+        if let Some(texture) = &self.textures[view] {
+            return Ok(Arc::clone(texture));
+        }
+        let texture = Arc::new(Texture::new(&scene.load_image(view)?));
+        self.textures[view] = Some(Arc::clone(&texture));
+        Ok(texture)
+    }
+
+    /// The views whose photos are in memory.
+    pub(super) fn loaded(&self) -> impl Iterator<Item = usize> {
+        self.textures.iter().enumerate().filter_map(|(view, texture)| texture.as_ref().map(|_| view))
+    }
+
+    /// Bytes of a view's photo; 0 if it is not in memory.
+    pub(super) fn bytes(&self, view: usize) -> usize {
+        self.textures[view].as_ref().map_or(0, |texture| texture.bytes())
+    }
+
+    /// Drops the photos of all views but those that `keep` names.
+    pub(super) fn retain(&mut self, keep: impl Fn(usize) -> bool) {
+        let dropped = self.textures.iter_mut().enumerate().filter(|(view, _)| !keep(*view));
+        dropped.for_each(|(_, texture)| *texture = None);
+    }
+}

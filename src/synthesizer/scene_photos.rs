@@ -1,0 +1,153 @@
+//! The photos of a scene, in memory as far as they are needed, and their depth.
+
+use std::fmt;
+#[cfg(feature = "surface")]
+use std::path::Path;
+
+#[cfg(feature = "surface")]
+use super::depth_store::DepthStore;
+use super::error::SynthesisError;
+use super::loaded_shot::{LoadedPhoto, LoadedShot};
+use super::photo_store::PhotoStore;
+use super::retention::{KEPT_BYTES, Retention};
+#[cfg(feature = "surface")]
+use super::scene_depth::ViewDepth;
+use super::scene_views::SceneViews;
+use super::target::Shot;
+#[cfg(feature = "surface")]
+use crate::surface::{PhotoCorrection, TargetSurface};
+
+/// The photos of a scene and their depth: what a shot needs is loaded, and dropped when no later
+/// shot needs it.
+pub struct ScenePhotos {
+    pub(super) views: SceneViews,
+    pub(super) photos: PhotoStore,
+    #[cfg(feature = "surface")]
+    pub(super) depths: DepthStore,
+    pub(super) retention: Retention,
+}
+
+impl From<SceneViews> for ScenePhotos {
+    fn from(views: SceneViews) -> Self {
+        Self::new(views)
+    }
+}
+
+impl fmt::Debug for ScenePhotos {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let loaded = self.photos.loaded().count();
+        f.debug_struct("ScenePhotos")
+            .field("scene", &self.views.scene().root)
+            .field("loaded", &loaded)
+            .finish_non_exhaustive()
+    }
+}
+
+impl ScenePhotos {
+    /// Bytes of photos and depths that [`Self::load`] keeps beyond what the target and the next one
+    /// need.
+    pub const KEPT_BYTES: usize = KEPT_BYTES;
+
+    /// The photos of these views, of which none is loaded yet.
+    pub fn new(views: SceneViews) -> Self {
+        let photos = PhotoStore::new(views.scene().views.len());
+        Self {
+            views,
+            photos,
+            #[cfg(feature = "surface")]
+            depths: DepthStore::default(),
+            retention: Retention::new(),
+        }
+    }
+
+    /// The views, to choose among them.
+    pub fn views(&self) -> &SceneViews {
+        &self.views
+    }
+
+    /// Loads the photos of a shot of this scene. `later` are the shots that follow, in order: of the
+    /// photos and depths in memory, those that the first of them needs stay, others within 128 MiB,
+    /// those needed sooner first; photos that no later shot needs are dropped.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Scene`] for a photo that cannot be read.
+    pub fn load(&mut self, shot: &Shot, later: &[Shot]) -> Result<LoadedShot, SynthesisError> {
+        let scene = self.views.scene();
+        self.retention.drop_unneeded(
+            scene.views.len(),
+            shot,
+            later,
+            &mut self.photos,
+            #[cfg(feature = "surface")]
+            &mut self.depths,
+        );
+        let load = |view: usize| {
+            let texture = self.photos.load(scene, view)?;
+            Ok(LoadedPhoto { view, camera: scene.views[view].camera.clone(), texture })
+        };
+        let photos = shot.photos().map(load).collect::<Result<Vec<_>, SynthesisError>>()?;
+        Ok(LoadedShot::new(shot.clone(), photos))
+    }
+}
+
+#[cfg(feature = "surface")]
+impl ScenePhotos {
+    /// Keeps the depth of photos in a folder, one file each, and reads from there what an earlier run
+    /// has kept; pictures stay the same, bit for bit. The folder is created if there is none.
+    ///
+    /// A file `<digest>.npz` holds the arrays `disparity` (float32 `[h, w]`, 1/scene unit), `pixel`
+    /// (float32, the disparity that is worth a pixel of parallax) and `key` (uint8 `[32]`): the
+    /// SHA-256 of the photo's and its neighbours' pixels and cameras, the depth range and the
+    /// settings. Any file may be deleted; a damaged one is reported by [`Self::take_notes`] and
+    /// written again.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Cache`] if files cannot be written there.
+    pub fn keep_depths_in(&mut self, folder: &Path) -> Result<(), SynthesisError> {
+        self.depths.keep_in(folder, self.views.scene().views.len())
+    }
+
+    /// What went wrong with files of the folder of depths since the last call, a line each; nothing
+    /// else depends on it.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        self.depths.take_notes()
+    }
+
+    /// The target's surface by the photos' own depth, and what its views see of it. The depth of a
+    /// photo is searched when it is first needed, over the depth range of all views that are not held
+    /// out, and kept.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Scene`] for a photo that cannot be read; those of
+    /// [`SceneViews::depth_range`].
+    pub fn surface(
+        &mut self,
+        shot: &LoadedShot,
+        photo_correction: PhotoCorrection,
+    ) -> Result<TargetSurface, SynthesisError> {
+        self.depths.surface(&self.views, &mut self.photos, shot, photo_correction)
+    }
+
+    /// The depth of a view's photo, and what its neighbours confirm of it. A depth that is known is
+    /// not searched again as long as the same views are held out; photos and depths that none of the
+    /// `later` views needs are dropped.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Self::surface`].
+    ///
+    /// # Panics
+    ///
+    /// If there is no such view, or it is held out.
+    pub fn view_depth(
+        &mut self,
+        view: usize,
+        held_out: &[usize],
+        later: &[usize],
+    ) -> Result<ViewDepth, SynthesisError> {
+        self.depths.view_depth(&self.views, &mut self.photos, view, held_out, later)
+    }
+}
