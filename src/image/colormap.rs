@@ -1,10 +1,11 @@
-//! Data as pictures: colour maps, differences, pictures side by side, and a bar chart.
+//! Visualisation: colour maps, difference pictures, pictures side by side, and a bar chart.
 
 use ndarray::ArrayView2;
 
 use super::rgb::ImageRgb;
 
-/// Evenly spaced colours from 0 (far, dark) to 1 (near, light); lightness rises throughout, so that it reads in grey as well.
+/// Evenly spaced colours from 0 (far, dark) to 1 (near, light). Their lightness increases
+/// monotonically, so that the map is readable in greyscale.
 const COLOURS: [[f32; 3]; 6] = [
     [0.05, 0.03, 0.16],
     [0.24, 0.08, 0.45],
@@ -14,10 +15,11 @@ const COLOURS: [[f32; 3]; 6] = [
     [0.99, 0.95, 0.70],
 ];
 
-/// Pixels between pictures side by side.
+/// Pixels between adjacent pictures.
 const GAP: usize = 4;
 
-/// A map `[height, width]` in colour: dark at `low`, light at `high`, clamped beyond; values that are not finite are black.
+/// A map `[height, width]` in colour: dark at `low`, light at `high`. Values outside are clamped;
+/// non-finite values are black.
 pub fn coloured(map: ArrayView2<'_, f32>, low: f32, high: f32) -> ImageRgb {
     let colour = |value: f32| {
         let step = ((value - low) / (high - low)).clamp(0.0, 1.0) * (COLOURS.len() - 1) as f32;
@@ -32,7 +34,7 @@ pub fn coloured(map: ArrayView2<'_, f32>, low: f32, high: f32) -> ImageRgb {
     from_pixels(width, height, |x, y| colour(map[(y, x)]))
 }
 
-/// `factor` · |a − b| per channel, at most 1; where sizes differ, of the part that both have.
+/// `factor` · |a − b| per channel, at most 1. If the sizes differ, covers the part that both have.
 pub fn difference(a: &ImageRgb, b: &ImageRgb, factor: f32) -> ImageRgb {
     from_pixels(a.width().min(b.width()), a.height().min(b.height()), |x, y| {
         let (a, b) = (a.pixel(x, y), b.pixel(x, y));
@@ -40,7 +42,7 @@ pub fn difference(a: &ImageRgb, b: &ImageRgb, factor: f32) -> ImageRgb {
     })
 }
 
-/// Pictures in a row from left to right, tops aligned, on white.
+/// The pictures in a row, aligned at the top, on white.
 pub fn side_by_side(pictures: &[&ImageRgb]) -> ImageRgb {
     let height = pictures.iter().map(|p| p.height()).max().unwrap_or(0);
     let width = pictures.iter().map(|p| p.width() + GAP).sum::<usize>().saturating_sub(GAP);
@@ -56,9 +58,11 @@ pub fn side_by_side(pictures: &[&ImageRgb]) -> ImageRgb {
     ImageRgb::new(width, height, data).expect("three values per pixel")
 }
 
-/// One bar per bin from left to right, those `chosen` in colour, the others in grey, with light lines at each quarter of
-/// the fullest bin's height. A bin that is not empty shows at least one pixel.
+/// A histogram with one bar per bin: `chosen` bins in colour, the others in grey, and grid lines at
+/// each quarter of the height. The fullest bin spans the height; a bin that is not empty shows at
+/// least one pixel.
 pub fn bar_chart(bins: &[u64], chosen: &[usize]) -> ImageRgb {
+    // In pixels.
     const BAR: usize = 10;
     const SPACE: usize = 2;
     const HEIGHT: usize = 240;
@@ -91,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colours_run_from_dark_to_light_and_what_is_not_finite_is_black() {
+    fn coloured_is_lighter_for_larger_values_and_black_for_nan() {
         let map = ndarray::array![[0.0, 1.0, 2.0, 9.0, f32::NAN]];
         let picture = coloured(map.view(), 0.0, 2.0);
         let lightness: Vec<f32> = (0..5).map(|x| picture.pixel(x, 0).iter().sum()).collect();
@@ -101,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_stand_side_by_side_on_white() {
+    fn side_by_side_aligns_pictures_at_the_top_on_white() {
         let (red, blue) = (from_pixels(2, 1, |_, _| [1.0, 0.0, 0.0]), from_pixels(1, 2, |_, _| [0.0, 0.0, 1.0]));
         let both = side_by_side(&[&red, &blue]);
         assert_eq!((both.width(), both.height()), (2 + GAP + 1, 2));
@@ -111,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn each_bin_has_its_bar() {
+    fn bar_chart_scales_bars_to_the_fullest_bin() {
         let chart = bar_chart(&[0, 1, 1000], &[2]);
         let heights: Vec<usize> = (0..3)
             .map(|bin| {

@@ -1,7 +1,8 @@
-//! Reading pictures: PNG and JPEG to interleaved f32 RGB.
+//! Decodes PNG and JPEG to interleaved f32 RGB.
 //!
-//! Colours are sRGB values in [0, 1] as stored in the file (no linearisation). Alpha is dropped; the EXIF orientation is
-//! ignored, as COLMAP and the other pose tools ignore it, so poses belong to the pixels as stored. [`read_header`] tells of both.
+//! Colours are sRGB values in [0, 1] as stored in the file (no linearisation). The alpha channel is
+//! dropped. The EXIF orientation is ignored, as in COLMAP and other pose estimators, so poses
+//! belong to the pixels as stored. [`read_header`] reports both.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Seek};
@@ -17,26 +18,27 @@ use super::rgb::ImageRgb;
 use crate::fs::{bounded, memory};
 use crate::geometry::{MAX_SIDE, Size};
 
-/// Memory that a decoder may use in addition to the pixels, in bytes: a colour profile of a few bytes can inflate to gigabytes.
-const MAX_EXTRA: u64 = 64 << 20;
+/// Memory that a decoder may use in addition to the pixels, in bytes: a compressed colour profile
+/// of a few bytes can expand to gigabytes.
+const MAX_EXTRA_BYTES: u64 = 64 << 20;
 
-/// Memory per pixel while a photo is decoded, made f32 and, by whoever loads it, undistorted, resized or made a texture: f32 RGB twice, and
-/// 8 bytes of the decoder's own.
+/// Peak memory per pixel while a photo is decoded, converted to f32 and then undistorted, resized
+/// or copied to a texture: two f32 RGB buffers and 8 bytes for the decoder.
 const BYTES_PER_PIXEL: u64 = 32;
 
-/// What the header of a picture says.
+/// Properties from the header of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Header {
-    /// In pixels, as stored.
+    /// Size in pixels, as stored.
     pub size: Size,
-    /// Whether EXIF asks that it be shown turned or mirrored; [`load`] does not.
+    /// Whether its EXIF orientation is a rotation or reflection; [`load`] ignores it.
     pub oriented: bool,
     /// Whether it has an alpha channel; [`load`] drops it.
     pub alpha: bool,
 }
 
-/// The header of a PNG or JPEG.
+/// Reads the header of a PNG or JPEG.
 ///
 /// # Errors
 ///
@@ -45,7 +47,7 @@ pub fn read_header(path: &Path) -> Result<Header, ImageError> {
     header_of(path, BufReader::new(open(path)?))
 }
 
-/// Size of a PNG or JPEG in pixels, from its header alone.
+/// Reads the size of a PNG or JPEG in pixels from its header.
 ///
 /// # Errors
 ///
@@ -58,7 +60,7 @@ fn open(path: &Path) -> Result<File, ImageError> {
     bounded::open(path, bounded::MAX_BYTES).map_err(|source| ImageError::Read { path: path.to_owned(), source })
 }
 
-/// As [`read_size`], of a file that is open already; `path` is for errors.
+/// As [`read_size`], from an open file; `path` is for errors.
 pub(crate) fn size_of(path: &Path, input: impl BufRead + Seek) -> Result<Size, ImageError> {
     let size = reader(path, input)?.into_dimensions().map_err(|error| decode_error(path, &error))?;
     check_side(path, size)
@@ -67,12 +69,12 @@ pub(crate) fn size_of(path: &Path, input: impl BufRead + Seek) -> Result<Size, I
 fn header_of(path: &Path, input: impl BufRead + Seek) -> Result<Header, ImageError> {
     let mut decoder = reader(path, input)?.into_decoder().map_err(|error| decode_error(path, &error))?;
     let size = check_side(path, decoder.dimensions())?;
-    // EXIF data that is damaged asks for nothing.
+    // Damaged EXIF data counts as none.
     let oriented = decoder.orientation().is_ok_and(|orientation| orientation != Orientation::NoTransforms);
     Ok(Header { size, oriented, alpha: decoder.color_type().has_alpha() })
 }
 
-/// A decoder by content, not by extension: photos called .jpg that are PNG are common.
+/// A decoder chosen by content, not by extension: PNG files named .jpg are common.
 fn reader<R: BufRead + Seek>(path: &Path, input: R) -> Result<ImageReader<R>, ImageError> {
     let reader = ImageReader::new(input).with_guessed_format();
     let reader = reader.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
@@ -84,7 +86,8 @@ fn reader<R: BufRead + Seek>(path: &Path, input: R) -> Result<ImageReader<R>, Im
 ///
 /// # Errors
 ///
-/// [`ImageError::Read`], [`ImageError::TooLarge`], [`ImageError::Memory`], or [`ImageError::Decode`] if the file is damaged or ends early.
+/// [`ImageError::Read`], [`ImageError::TooLarge`], [`ImageError::Memory`], or
+/// [`ImageError::Decode`] if the file is damaged or ends early.
 pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
     let read = bounded::read(path, bounded::MAX_BYTES);
     decode(path, &read.map_err(|source| ImageError::Read { path: path.to_owned(), source })?)
@@ -101,10 +104,10 @@ pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> 
         jpeg::check(bytes).map_err(refused)?;
     }
     let mut limits = Limits::no_limits();
-    // Four channels of 16 bits are the most that a PNG has.
-    limits.max_alloc = Some(8 * size.pixels() as u64 + MAX_EXTRA);
+    // A PNG has up to four channels of 16 bits.
+    limits.max_alloc = Some(8 * size.pixels() as u64 + MAX_EXTRA_BYTES);
     reader.limits(limits);
-    // Should the decoder panic, the error still names the file; no state of the decoder outlives the call.
+    // If the decoder panics, the error names the file; no state of the decoder outlives the call.
     let decoded = catch_unwind(AssertUnwindSafe(|| reader.decode())).map_err(|_| refused("the decoder failed"))?;
     let decoded = decoded.map_err(|error| decode_error(path, &error))?.into_rgb32f();
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
@@ -114,8 +117,8 @@ pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> 
 fn check_format(path: &Path, format: Option<ImageFormat>) -> Result<(), ImageError> {
     match format {
         Some(ImageFormat::Png | ImageFormat::Jpeg) => Ok(()),
-        Some(other) => Err(ImageError::Decode { path: path.to_owned(), reason: format!("{other:?} is not read") }),
-        None => Err(ImageError::Decode { path: path.to_owned(), reason: "unknown kind of file".to_owned() }),
+        Some(other) => Err(ImageError::Decode { path: path.to_owned(), reason: format!("{other:?} is not supported") }),
+        None => Err(ImageError::Decode { path: path.to_owned(), reason: "unknown file format".to_owned() }),
     }
 }
 

@@ -1,5 +1,5 @@
-//! Writing pictures: PNG and JPEG. Encoded in memory first: writing to a file, the PNG encoder would lose the error of its last
-//! write.
+//! Writes PNG and JPEG files. Pictures are encoded in memory first, because the PNG encoder drops
+//! the error of its last write to a file.
 
 use std::path::Path;
 
@@ -12,17 +12,18 @@ use super::rgb::{ImageRgb, check_buffer};
 use crate::fs::atomic;
 
 const JPEG_QUALITY: u8 = 95;
-/// PNG's keyword for the program that made a picture, and its value. In a JPEG it is a comment.
-const MARK: &[u8; 17] = b"Software\0liveview";
-/// CRC-32 of the chunk `tEXt` that holds [`MARK`].
-const MARK_CRC: u32 = 0xE2C2_02E6;
+/// PNG's keyword for the program that wrote a picture, and its value. A JPEG holds it as a comment.
+const SOFTWARE_TAG: &[u8; 17] = b"Software\0liveview";
+/// CRC-32 of the chunk `tEXt` that holds [`SOFTWARE_TAG`].
+const SOFTWARE_TAG_CRC: u32 = 0xE2C2_02E6;
 
 impl ImageRgb {
-    /// Writes the picture whole or not at all: JPEG where the name ends in .jpg or .jpeg, else PNG.
+    /// Writes the picture atomically, as JPEG if the name ends in .jpg or .jpeg, else as PNG.
     ///
     /// # Errors
     ///
-    /// [`ImageError::Encode`], or [`ImageError::Write`], naming the file.
+    /// [`ImageError::Encode`] if the picture is too large for the format; [`ImageError::Write`],
+    /// naming the file.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), ImageError> {
         let path = path.as_ref();
         let failed = |source| ImageError::Write { path: path.to_owned(), source };
@@ -30,57 +31,59 @@ impl ImageRgb {
     }
 }
 
-/// 8-bit RGB, as JPEG where the name ends in .jpg or .jpeg, else as PNG.
+/// Encodes 8-bit RGB, as JPEG if the name ends in .jpg or .jpeg, else as PNG.
 ///
 /// # Errors
 ///
-/// [`ImageError::Encode`] if the picture is too large for such a file.
+/// [`ImageError::Encode`] if the picture is too large for the format.
 pub fn encode(path: &Path, picture: &ImageRgb) -> Result<Vec<u8>, ImageError> {
     let jpeg = path.extension().is_some_and(|found| ["jpg", "jpeg"].iter().any(|e| found.eq_ignore_ascii_case(e)));
     let (mut bytes, rgb8, color) = (Vec::new(), picture.to_rgb8(), ExtendedColorType::Rgb8);
     Ok(if jpeg {
         let encoder = JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY);
         write(encoder, &rgb8, picture.width(), picture.height(), color)?;
-        marked_jpeg(bytes)
+        tagged_jpeg(bytes)
     } else {
         write(PngEncoder::new(&mut bytes), &rgb8, picture.width(), picture.height(), color)?;
-        marked_png(bytes)
+        tagged_png(bytes)
     })
 }
 
-/// A 16-bit grey PNG, row-major.
+/// Encodes a 16-bit greyscale PNG; `data` is row-major.
 ///
 /// # Errors
 ///
-/// [`ImageError::Buffer`] unless `data` holds width · height values; [`ImageError::Encode`] if that is too large for a PNG.
+/// [`ImageError::Buffer`] unless `data` holds width · height values; [`ImageError::Encode`] if the
+/// picture is too large for a PNG.
 pub fn encode_gray16_png(width: usize, height: usize, data: &[u16]) -> Result<Vec<u8>, ImageError> {
     check_buffer(data.len(), width, height, 1)?;
-    // The encoder takes the machine's byte order.
+    // The encoder expects native byte order.
     let values: Vec<u8> = data.iter().flat_map(|v| v.to_ne_bytes()).collect();
     let mut bytes = Vec::new();
     write(PngEncoder::new(&mut bytes), &values, width, height, ExtendedColorType::L16)?;
-    Ok(marked_png(bytes))
+    Ok(tagged_png(bytes))
 }
 
-/// Whether a picture, or its first 256 bytes, bears the mark that [`encode`] and [`encode_gray16_png`] leave in theirs.
-pub fn has_mark(picture: &[u8]) -> bool {
-    picture.windows(MARK.len()).any(|bytes| bytes == MARK)
+/// Whether a picture file was written by [`encode`] or [`encode_gray16_png`]; its first 256 bytes
+/// suffice.
+pub fn is_tagged(picture: &[u8]) -> bool {
+    picture.windows(SOFTWARE_TAG.len()).any(|bytes| bytes == SOFTWARE_TAG)
 }
 
-/// Puts [`MARK`] after the header.
-fn marked_png(mut png: Vec<u8>) -> Vec<u8> {
-    /// Of the signature and the first chunk.
-    const HEADER: usize = 8 + 25;
-    let length = (MARK.len() as u32).to_be_bytes();
-    let chunk = [&length[..], b"tEXt", MARK, &MARK_CRC.to_be_bytes()].concat();
-    png.splice(HEADER..HEADER, chunk);
+/// Inserts [`SOFTWARE_TAG`] after the header chunk.
+fn tagged_png(mut png: Vec<u8>) -> Vec<u8> {
+    /// Bytes of the signature and the header chunk.
+    const HEADER_LEN: usize = 8 + 25;
+    let length = (SOFTWARE_TAG.len() as u32).to_be_bytes();
+    let chunk = [&length[..], b"tEXt", SOFTWARE_TAG, &SOFTWARE_TAG_CRC.to_be_bytes()].concat();
+    png.splice(HEADER_LEN..HEADER_LEN, chunk);
     png
 }
 
-/// Puts [`MARK`] after the first segment, which says what kind of JPEG it is.
-fn marked_jpeg(mut jpeg: Vec<u8>) -> Vec<u8> {
+/// Inserts [`SOFTWARE_TAG`] after the first segment, the JFIF header.
+fn tagged_jpeg(mut jpeg: Vec<u8>) -> Vec<u8> {
     let at = 4 + usize::from(u16::from_be_bytes([jpeg[4], jpeg[5]]));
-    let segment = [&[0xFF, 0xFE], &(MARK.len() as u16 + 2).to_be_bytes()[..], MARK].concat();
+    let segment = [&[0xFF, 0xFE], &(SOFTWARE_TAG.len() as u16 + 2).to_be_bytes()[..], SOFTWARE_TAG].concat();
     jpeg.splice(at..at, segment);
     jpeg
 }
@@ -104,20 +107,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_bear_a_mark_and_are_still_read() {
+    fn encoded_pictures_are_tagged_and_decodable() {
         let picture = ImageRgb::new(5, 3, vec![0.5; 45]).unwrap();
         let [png, jpeg] = ["a.png", "a.jpg"].map(|name| encode(name.as_ref(), &picture).unwrap());
         for bytes in [&png, &jpeg, &encode_gray16_png(5, 3, &[7; 15]).unwrap()] {
-            assert!(has_mark(&bytes[..bytes.len().min(256)]));
+            assert!(is_tagged(&bytes[..bytes.len().min(256)]));
             let read = image::load_from_memory(bytes).unwrap();
             assert_eq!((read.width(), read.height()), (5, 3));
         }
-        let crc = [b"tEXt", &MARK[..]].concat().iter().fold(u32::MAX, |crc, byte| {
+        let crc = [b"tEXt", &SOFTWARE_TAG[..]].concat().iter().fold(u32::MAX, |crc, byte| {
             (0..8).fold(crc ^ u32::from(*byte), |c, _| if c & 1 == 1 { (c >> 1) ^ 0xEDB8_8320 } else { c >> 1 })
         });
-        assert_eq!(!crc, MARK_CRC);
-        // Between the first segment of a JPEG (JFIF) and the next.
-        let mark = jpeg.windows(MARK.len()).position(|bytes| bytes == MARK).unwrap();
-        assert_eq!((&jpeg[mark - 4..mark - 2], jpeg[mark + MARK.len()]), (&[0xFF, 0xFE][..], 0xFF));
+        assert_eq!(!crc, SOFTWARE_TAG_CRC);
+        // A comment segment between the first segment of a JPEG (JFIF) and the next.
+        let tag = jpeg.windows(SOFTWARE_TAG.len()).position(|bytes| bytes == SOFTWARE_TAG).unwrap();
+        assert_eq!((&jpeg[tag - 4..tag - 2], jpeg[tag + SOFTWARE_TAG.len()]), (&[0xFF, 0xFE][..], 0xFF));
     }
 }

@@ -1,4 +1,4 @@
-//! Why a picture could not be read or written.
+//! Errors on reading or writing pictures.
 
 use std::io;
 use std::path::PathBuf;
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use crate::fs::memory::MemoryError;
 use crate::geometry::{MAX_SIDE, Size};
 
-/// Why a picture could not be read or written. Every message about a file names it.
+/// Why a picture could not be read or written. A message about a file names it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ImageError {
@@ -15,10 +15,10 @@ pub enum ImageError {
     Read {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: io::Error,
     },
-    /// The file is damaged, cut short, or neither PNG nor JPEG.
+    /// The file is damaged, truncated, or neither PNG nor JPEG.
     #[error("{}: not a complete PNG or JPEG image: {reason}", path.display())]
     Decode {
         /// The file.
@@ -26,8 +26,8 @@ pub enum ImageError {
         /// The decoder's message.
         reason: String,
     },
-    /// The header declares more than [`MAX_SIDE`] pixels in a side. Nothing was decoded.
-    #[error("{}: the image is {width}x{height}; at most {MAX_SIDE} pixels per side are read", path.display())]
+    /// The header declares more than [`MAX_SIDE`] pixels per side. Nothing was decoded.
+    #[error("{}: the image is {width}x{height}; expected at most {MAX_SIDE} pixels per side", path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
@@ -36,20 +36,20 @@ pub enum ImageError {
         /// Declared height in pixels.
         height: usize,
     },
-    /// The picture takes more memory than can be had. Nothing was decoded.
+    /// The picture needs more memory than is available. Nothing was decoded.
     #[error("{}: the image is {size}, which {source}; expected a smaller image", path.display())]
     Memory {
         /// The file.
         path: PathBuf,
-        /// Declared size, pixels.
+        /// Declared size in pixels.
         size: Size,
-        /// How much.
+        /// The memory needed and available.
         source: MemoryError,
     },
-    /// The pixel buffer given does not hold width × height pixels.
+    /// A pixel buffer's length is not width · height · channels.
     #[error("{len} values given for a {width}x{height} image with {channels} channels")]
     Buffer {
-        /// Values given.
+        /// Number of values in the buffer.
         len: usize,
         /// Width in pixels.
         width: usize,
@@ -58,8 +58,8 @@ pub enum ImageError {
         /// Values per pixel.
         channels: usize,
     },
-    /// No PNG can hold the picture.
-    #[error("a picture of {width}x{height} cannot be a PNG: {reason}")]
+    /// The picture is too large for the file format.
+    #[error("a picture of {width}x{height} cannot be encoded: {reason}")]
     Encode {
         /// Width in pixels.
         width: usize,
@@ -73,7 +73,7 @@ pub enum ImageError {
     Write {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: io::Error,
     },
 }

@@ -1,11 +1,13 @@
-//! Fills the pixels that no view covers from those around them, so that a picture has no black edges. That is a guess:
-//! [`crate::render::Frame`] keeps these pixels black, and the program reports their share.
+//! Inpaints the pixels that no view covers, so that a picture has no black borders. Their colours
+//! are a guess: [`crate::render::Frame`] keeps these pixels black, and the program reports their
+//! share.
 
 use ndarray::Array2;
 
 use super::rgb::ImageRgb;
 
-/// One level of the pyramid: colour times weight, and weight in [0, 1].
+/// One level of the image pyramid: each pixel is its colour times its weight, and the weight in [0,
+/// 1].
 struct Level {
     width: usize,
     height: usize,
@@ -17,7 +19,8 @@ impl Level {
         self.pixels[y.min(self.height - 1) * self.width + x.min(self.width - 1)]
     }
 
-    /// Half the size; a weight saturates at 1, so that far pixels fill only what near ones leave.
+    /// The level at half the size. Weights saturate at 1, so that distant pixels fill only what
+    /// near ones leave uncovered.
     fn halved(&self) -> Self {
         let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
         let pixel = |i: usize| {
@@ -42,13 +45,14 @@ impl Level {
     }
 }
 
-/// `picture` with what is missing (`transmittance` `[height, width]`, as in [`crate::render::Frame`]) filled with the colours
-/// around it (push-pull pyramid, Gortler et al. 1996). Unchanged, to the bit, where nothing is missing.
+/// Fills the uncovered part of each pixel (`transmittance` `[height, width]`, as in
+/// [`crate::render::Frame`]) with the surrounding colours (push-pull pyramid, Gortler et al. 1996).
+/// Covered pixels are bitwise unchanged.
 ///
 /// # Panics
 ///
 /// If the sizes differ.
-pub fn inpaint_unseen(picture: &ImageRgb, transmittance: &Array2<f32>) -> ImageRgb {
+pub fn inpaint_uncovered(picture: &ImageRgb, transmittance: &Array2<f32>) -> ImageRgb {
     let (width, height) = (picture.width(), picture.height());
     assert_eq!(transmittance.dim(), (height, width), "one transmittance per pixel");
     let base = picture.data().chunks_exact(3).zip(transmittance).map(|(rgb, t)| [rgb[0], rgb[1], rgb[2], 1.0 - t]);
@@ -75,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_seen_stays_and_what_is_not_takes_its_neighbours_colour() {
+    fn uncovered_pixels_take_the_surrounding_colour() {
         let mut transmittance = Array2::zeros((9, 13));
         let mut rgb = vec![0.25; 3 * 9 * 13];
         for y in 0..9 {
@@ -84,15 +88,15 @@ mod tests {
                 rgb[3 * (13 * y + x)..3 * (13 * y + x) + 3].fill(0.0);
             }
         }
-        let filled = inpaint_unseen(&ImageRgb::new(13, 9, rgb).unwrap(), &transmittance);
+        let filled = inpaint_uncovered(&ImageRgb::new(13, 9, rgb).unwrap(), &transmittance);
         assert!(filled.data().iter().all(|c| (c - 0.25).abs() < 1e-6), "{:?}", filled.data());
     }
 
     #[test]
-    fn a_whole_picture_is_unchanged_and_an_empty_one_stays_black() {
+    fn covered_pixels_are_unchanged_and_an_uncovered_picture_stays_black() {
         let picture = ImageRgb::new(5, 3, (0..45).map(|i| i as f32 / 45.0).collect()).unwrap();
-        assert_eq!(inpaint_unseen(&picture, &Array2::zeros((3, 5))).data(), picture.data());
+        assert_eq!(inpaint_uncovered(&picture, &Array2::zeros((3, 5))).data(), picture.data());
         let black = ImageRgb::new(5, 3, vec![0.0; 45]).unwrap();
-        assert_eq!(inpaint_unseen(&black, &Array2::ones((3, 5))).data(), black.data());
+        assert_eq!(inpaint_uncovered(&black, &Array2::ones((3, 5))).data(), black.data());
     }
 }

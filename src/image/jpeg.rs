@@ -1,60 +1,60 @@
-//! Checks of JPEG data that the decoder does not make, or fails without. Compressed data has no checksum, and the decoder makes a picture
-//! of anything; but whoever follows the codes of damaged data (`jpeg_scan.rs`) meets one that does not exist, or more or less data than the
-//! picture has.
+//! Detects damaged JPEG data that the decoder would accept or panic on. Compressed data has no
+//! checksum, and the decoder turns any data into a picture; but the Huffman codes of damaged data
+//! (`jpeg_scan.rs`) usually include an undefined one, or give too few or too many coefficients.
 
 use super::jpeg_huffman::HuffmanTable;
-use super::jpeg_scan::{Component, Scan, Walk};
+use super::jpeg_scan::{Component, Scan, ScanReader};
 
-const CUT_SHORT: &str = "the JPEG data ends early";
-const NO_HEADER: &str = "a JPEG header that is damaged";
+const TRUNCATED: &str = "the JPEG data is truncated";
+const DAMAGED_HEADER: &str = "the JPEG header is damaged";
 
-/// What the segments before a scan say.
+/// The contents of the segments before a scan.
 #[derive(Default)]
 struct Header {
     progressive: bool,
     width: usize,
     height: usize,
     components: Vec<Component>,
-    /// Of the class, DC then AC, and the number that a scan knows them by.
+    /// By class (DC, then AC) and destination identifier.
     tables: [[Option<HuffmanTable>; 4]; 2],
-    /// Blocks between restart markers; 0 for none.
+    /// MCUs between restart markers; 0 for none.
     restart_interval: usize,
 }
 
-/// Refuses data that is cut short or damaged, of which the decoder would make a picture; and data with a channel that is sampled more
-/// finely than the first, on which it panics.
+/// Refuses truncated or damaged data, which the decoder would turn into a picture, and data with a
+/// component sampled more finely than the first, on which the decoder panics.
 pub(crate) fn check(bytes: &[u8]) -> Result<(), &'static str> {
     let mut header = Header::default();
     let mut at = 2; // past the start-of-image marker
     loop {
-        let marker = match bytes.get(at..at + 2).ok_or(CUT_SHORT)? {
+        let marker = match bytes.get(at..at + 2).ok_or(TRUNCATED)? {
             [0xFF, marker] => *marker,
             _ => {
-                at += 1; // what some programs leave between segments
+                at += 1; // padding between segments
                 continue;
             }
         };
         match marker {
             0xD9 => return Ok(()),
-            // Without a length: fill bytes, restart markers.
+            // Fill bytes and restart markers have no length.
             0xFF => at += 1,
             0x00 | 0x01 | 0xD0..=0xD8 => at += 2,
             _ => {
-                let length = bytes.get(at + 2..at + 4).ok_or(CUT_SHORT)?;
+                let length = bytes.get(at + 2..at + 4).ok_or(TRUNCATED)?;
                 let length = usize::from(u16::from_be_bytes([length[0], length[1]]));
                 let end = at + 2 + length;
-                let segment = bytes.get(at + 4..end.max(at + 4)).ok_or(CUT_SHORT)?;
+                let segment = bytes.get(at + 4..end.max(at + 4)).ok_or(TRUNCATED)?;
                 at = end.max(at + 4);
                 match marker {
-                    0xC4 => header.read_tables(segment).ok_or(NO_HEADER)?,
+                    0xC4 => header.read_tables(segment).ok_or(DAMAGED_HEADER)?,
                     0xC0..=0xC2 => {
                         header.progressive = marker == 0xC2;
-                        header.read_frame(segment).ok_or(NO_HEADER)??;
+                        header.read_frame(segment).ok_or(DAMAGED_HEADER)??;
                     }
-                    0xDD => header.restart_interval = be16(segment).ok_or(NO_HEADER)?,
+                    0xDD => header.restart_interval = be16(segment).ok_or(DAMAGED_HEADER)?,
                     0xDA if !header.components.is_empty() => {
                         let data = &bytes[at..];
-                        at += header.walk(segment, data).ok_or(NO_HEADER)??;
+                        at += header.check_scan(segment, data).ok_or(DAMAGED_HEADER)??;
                     }
                     _ => {}
                 }
@@ -83,15 +83,16 @@ impl Header {
     fn read_frame(&mut self, segment: &[u8]) -> Option<Result<(), &'static str>> {
         (self.height, self.width) = (be16(segment.get(1..)?)?, be16(segment.get(3..)?)?);
         let count = usize::from(*segment.get(5)?);
-        // A second frame could ask for more memory than the picture's size, which was checked, says.
+        // The memory was checked for the size in the first frame header; a second could declare a
+        // larger one.
         if count > 4 || !self.components.is_empty() {
             return None;
         }
-        let channels = segment.get(6..6 + 3 * count)?.chunks_exact(3);
-        let factors: Vec<_> = channels.map(|c| (c[0], usize::from(c[1] >> 4), usize::from(c[1] & 15))).collect();
+        let components = segment.get(6..6 + 3 * count)?.chunks_exact(3);
+        let factors: Vec<_> = components.map(|c| (c[0], usize::from(c[1] >> 4), usize::from(c[1] & 15))).collect();
         let &(_, across, down) = factors.first()?;
         if factors.iter().any(|&(_, x, y)| x > across || y > down) {
-            return Some(Err("a JPEG with a channel sampled more finely than the first"));
+            return Some(Err("a JPEG component is sampled more finely than the first one"));
         }
         if factors.iter().any(|&(_, x, y)| x == 0 || y == 0) {
             return None;
@@ -100,7 +101,7 @@ impl Header {
         let component = |(id, x, y): (u8, usize, usize)| Component {
             id,
             sampling: (x, y),
-            // Of the picture's own part; scans of several channels hold whole groups of blocks.
+            // Scans of one component hold the picture's blocks alone, others whole MCUs.
             blocks: ((self.width * x).div_ceil(8 * across), (self.height * y).div_ceil(8 * down)),
             stride: mcus_across * x,
             nonzero: if self.progressive { vec![0; mcus_across * x * mcus_down * y] } else { Vec::new() },
@@ -109,19 +110,19 @@ impl Header {
         Some(Ok(()))
     }
 
-    /// Follows a scan through its data; its length.
-    fn walk(&mut self, segment: &[u8], data: &[u8]) -> Option<Result<usize, &'static str>> {
+    /// Decodes the Huffman codes of a scan; returns the length of its data in bytes.
+    fn check_scan(&mut self, segment: &[u8], data: &[u8]) -> Option<Result<usize, &'static str>> {
         let count = usize::from(*segment.first()?);
-        let mut channels = Vec::with_capacity(count);
-        for channel in segment.get(1..1 + 2 * count)?.chunks_exact(2) {
-            let index = self.components.iter().position(|component| component.id == channel[0])?;
-            channels.push((index, usize::from(channel[1] >> 4 & 3), usize::from(channel[1] & 3)));
+        let mut components = Vec::with_capacity(count);
+        for selector in segment.get(1..1 + 2 * count)?.chunks_exact(2) {
+            let index = self.components.iter().position(|component| component.id == selector[0])?;
+            components.push((index, usize::from(selector[1] >> 4 & 3), usize::from(selector[1] & 3)));
         }
         let &[first, last, approximation] = segment.get(1 + 2 * count..4 + 2 * count)? else { return None };
-        let (&(one, ..), mcus) = (channels.first()?, (self.components.first()?.sampling, &self.components));
-        let ((across, down), components) = mcus;
-        let groups = match channels.len() {
-            1 => components[one].blocks,
+        let (across, down) = self.components.first()?.sampling;
+        let mcus = match components[..] {
+            [] => return None,
+            [(only, ..)] => self.components[only].blocks,
             _ => (self.width.div_ceil(8 * across), self.height.div_ceil(8 * down)),
         };
         let [first, last] = if self.progressive { [first, last] } else { [0, 63] };
@@ -129,13 +130,13 @@ impl Header {
             return None;
         }
         let scan = Scan {
-            channels,
-            groups,
+            components,
+            mcus,
             band: (usize::from(first), usize::from(last)),
             progressive: self.progressive,
             refines: self.progressive && approximation >> 4 != 0,
             restart_interval: self.restart_interval,
         };
-        Some(Walk::new(&scan, &self.tables, &mut self.components, data).follow())
+        Some(ScanReader::new(&scan, &self.tables, &mut self.components, data).read())
     }
 }

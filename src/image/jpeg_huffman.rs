@@ -1,49 +1,52 @@
-//! The Huffman codes of a JPEG (ITU-T T.81, annex C).
+//! Huffman tables of a JPEG (ITU-T T.81, annex C).
 
-/// Bits of the codes that are looked up at once: most of them, in a table that stays in the fastest cache.
-const FAST: u8 = 9;
+/// Codes of up to this many bits are found by one table look-up. Longer codes are rare, and the
+/// table of 2⁹ entries fits the L1 cache.
+const LOOKUP_BITS: u8 = 9;
 
 /// Codes and their symbols.
 pub(super) struct HuffmanTable {
-    /// Length in bits and symbol of the code that the next bits start with; length 0 for none as short as this.
-    fast: Vec<(u8, u8)>,
-    /// Of the longer ones, for each length: the first 16 bits behind its codes, and its symbols.
+    /// Code length in bits and symbol, indexed by the next [`LOOKUP_BITS`] bits; length 0 if they
+    /// start a longer code.
+    short: Vec<(u8, u8)>,
+    /// For each code length above [`LOOKUP_BITS`]: the first 16-bit value after its codes, and its
+    /// symbols.
     long: Vec<(u32, Vec<u8>)>,
 }
 
 impl HuffmanTable {
-    /// From the number of codes of each length, 1 to 16 bits, and their symbols in order of the codes; `None` for more codes than
-    /// there can be.
+    /// From the number of codes of each length, 1 to 16 bits, and their symbols in order of the
+    /// codes; `None` if these are more codes than such lengths allow.
     pub(super) fn new(counts: &[u8; 16], symbols: &[u8]) -> Option<Self> {
-        let (mut fast, mut long) = (Vec::with_capacity(1 << FAST), Vec::new());
+        let (mut short, mut long) = (Vec::with_capacity(1 << LOOKUP_BITS), Vec::new());
         let (mut rest, mut end) = (symbols, 0);
         for (length, &count) in (1..).zip(counts) {
-            let (here, behind) = rest.split_at_checked(count.into())?;
-            (rest, end) = (behind, end + (u32::from(count) << (16 - length)));
+            let (of_length, longer) = rest.split_at_checked(count.into())?;
+            (rest, end) = (longer, end + (u32::from(count) << (16 - length)));
             if end > 1 << 16 {
                 return None;
             }
-            if length > FAST {
-                long.push((end, here.to_vec()));
+            if length > LOOKUP_BITS {
+                long.push((end, of_length.to_vec()));
                 continue;
             }
-            for &symbol in here {
-                fast.resize(fast.len() + (1 << (FAST - length)), (length, symbol));
+            for &symbol in of_length {
+                short.resize(short.len() + (1 << (LOOKUP_BITS - length)), (length, symbol));
             }
         }
-        fast.resize(1 << FAST, (0, 0));
-        Some(Self { fast, long })
+        short.resize(1 << LOOKUP_BITS, (0, 0));
+        Some(Self { short, long })
     }
 
-    /// Length and symbol of the code that these bits start with.
+    /// Length in bits and symbol of the code that these bits start with.
     pub(super) fn find(&self, bits: u16) -> Option<(u8, u8)> {
-        let found = self.fast[usize::from(bits >> (16 - FAST))];
+        let found = self.short[usize::from(bits >> (16 - LOOKUP_BITS))];
         if found.0 > 0 { Some(found) } else { self.find_long(bits.into()) }
     }
 
     fn find_long(&self, bits: u32) -> Option<(u8, u8)> {
-        let (length, (end, symbols)) = (FAST + 1..).zip(&self.long).find(|(_, (end, _))| bits < *end)?;
-        // Codes of a length lie one after another, the last of them before the end.
+        let (length, (end, symbols)) = (LOOKUP_BITS + 1..).zip(&self.long).find(|(_, (end, _))| bits < *end)?;
+        // Codes of one length are consecutive; the last one is just before the end.
         let from_last = (end - 1 - bits) >> (16 - length);
         Some((length, symbols[symbols.len() - 1 - from_last as usize]))
     }
@@ -54,8 +57,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn codes_of_every_length_are_found() {
-        // One code of each length: 0, 10, 110 and so on, and none of ones alone.
+    fn find_decodes_every_code_length() {
+        // One code of each length: 0, 10, 110 and so on; no code consists of ones alone.
         let symbols: Vec<u8> = (101..117).collect();
         let table = HuffmanTable::new(&[1; 16], &symbols).unwrap();
         for bits in 0..=u16::MAX {
@@ -65,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_of_one_length_are_in_order() {
+    fn find_returns_symbols_in_order_of_codes_of_one_length() {
         let mut counts = [0; 16];
         (counts[1], counts[11]) = (2, 200);
         let symbols: Vec<u8> = (0..202).collect();
@@ -80,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn more_codes_than_there_can_be_are_refused() {
+    fn new_refuses_more_codes_than_their_lengths_allow() {
         let mut counts = [0; 16];
         counts[0] = 3;
         assert!(HuffmanTable::new(&counts, &[1, 2, 3]).is_none());

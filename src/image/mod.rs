@@ -1,4 +1,4 @@
-//! Pictures: reading and writing, PSNR and SSIM, colour maps, and filling in what no view covers.
+//! Pictures: decoding and encoding, PSNR and SSIM, colour maps, and inpainting of uncovered pixels.
 
 mod colormap;
 mod decode;
@@ -15,8 +15,8 @@ pub use colormap::{bar_chart, coloured, difference, side_by_side};
 pub use decode::{Header, load, read_header, read_size};
 #[cfg(fuzzing)]
 pub(crate) use decode::{decode, size_of};
-pub use encode::{encode, encode_gray16_png, has_mark};
+pub use encode::{encode, encode_gray16_png, is_tagged};
 pub use error::ImageError;
-pub use inpaint::inpaint_unseen;
+pub use inpaint::inpaint_uncovered;
 pub use metrics::{Score, psnr, ssim};
 pub use rgb::ImageRgb;

@@ -45,7 +45,7 @@ impl ImageRgb {
         &self.data
     }
 
-    /// All values, as [`Self::data`], without a copy.
+    /// All values as in [`Self::data`], without a copy.
     pub fn into_data(self) -> Vec<f32> {
         self.data
     }
@@ -61,11 +61,12 @@ impl ImageRgb {
         [self.data[at], self.data[at + 1], self.data[at + 2]]
     }
 
-    /// The picture scaled to another size (pixels) with a triangle filter, which widens when scaling down: nothing aliases.
+    /// The picture scaled to another size (pixels) with a triangle filter, which widens on
+    /// downscaling to avoid aliasing.
     ///
     /// # Errors
     ///
-    /// [`ImageError::Buffer`] if either size is beyond what a picture file holds.
+    /// [`ImageError::Buffer`] if a side of either size exceeds `u32`.
     pub fn resized(self, width: usize, height: usize) -> Result<Self, ImageError> {
         let refused = ImageError::Buffer { len: self.data.len(), width, height, channels: 3 };
         let sides = [self.width, self.height, width, height].map(u32::try_from);
@@ -81,7 +82,7 @@ impl ImageRgb {
     }
 }
 
-/// Refuses a buffer of another length than width · height · channels.
+/// Checks that a buffer's length is width · height · channels.
 pub(super) fn check_buffer(len: usize, width: usize, height: usize, channels: usize) -> Result<(), ImageError> {
     let expected = width.checked_mul(height).and_then(|pixels| pixels.checked_mul(channels));
     if expected == Some(len) { Ok(()) } else { Err(ImageError::Buffer { len, width, height, channels }) }

@@ -11,15 +11,16 @@ use crate::geometry::{Intrinsics, Size};
 /// The size a format's intrinsics are for, in pixels.
 #[derive(Clone, Copy)]
 pub(super) enum DeclaredSize {
-    /// The photo's own.
+    /// The photo's own size.
     Actual,
-    /// Declared; the photo must have it.
+    /// A declared size that the photo must have.
     Exactly(Size),
-    /// Declared; a photo resampled to another size is fine, K follows it.
+    /// A declared size; if the photo was resampled to another size, K is scaled accordingly.
     Scaled(Size),
 }
 
-/// One view as its format declares it. The pose is `cam_from_world`, OpenCV axes; intrinsics in pixels of `size`.
+/// One view as its format declares it. The pose is `cam_from_world`, OpenCV axes; intrinsics are in
+/// pixels of `size`.
 pub(super) struct DeclaredView {
     pub(super) photo: Photo,
     pub(super) intrinsics: Intrinsics,
@@ -27,13 +28,13 @@ pub(super) struct DeclaredView {
     pub(super) rotation: DMat3,
     pub(super) translation: DVec3,
     pub(super) distortion: Distortion,
-    /// Near and far, in scene units; an unusable range becomes a note.
+    /// Near and far depth in scene units; an invalid range is ignored with a note.
     pub(super) depth_range: Option<(f64, f64)>,
 }
 
-/// What a format's reader hands back.
+/// The result of a format's reader.
 pub(super) struct DeclaredViews {
-    /// The file the cameras stand in, for messages.
+    /// The file that holds the cameras, for messages.
     pub(super) cameras: PathBuf,
     pub(super) views: Vec<DeclaredView>,
     pub(super) notes: Vec<String>,

@@ -1,4 +1,4 @@
-//! What can be wrong with a scene folder.
+//! Errors on opening or reading a scene.
 
 use std::io;
 use std::path::PathBuf;
@@ -10,13 +10,13 @@ use crate::image::ImageError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {
-    /// The path is no folder, or none of the formats lies in it.
+    /// The path is not a folder, or the folder holds none of the formats.
     #[error("{}: {reason}; expected a folder with one of: transforms.json, poses_bounds.npy, models.json (Spaces), \
              cameras.txt with frames/ (RealEstate10K), sparse/0 (COLMAP)", path.display())]
     NoScene {
         /// The path given.
         path: PathBuf,
-        /// What was found instead.
+        /// Why it is not a scene.
         reason: String,
     },
     /// A file or folder cannot be read.
@@ -24,40 +24,40 @@ pub enum SceneError {
     Read {
         /// The file or folder.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: io::Error,
     },
-    /// A field is missing or holds something else than it should.
+    /// A field is missing or holds an unexpected value.
     #[error("{}: {what}; expected {expected}", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
-        /// The field and what it holds.
+        /// The field and its value.
         what: String,
-        /// What it should hold.
+        /// The expected value.
         expected: String,
     },
-    /// Something this program does not read, such as a fisheye camera model.
+    /// A feature of the format that is not implemented, such as a fisheye camera model.
     #[error("{}: {what} is not supported; {hint}", path.display())]
     Unsupported {
         /// The file.
         path: PathBuf,
         /// The feature, by its name in the file.
         what: String,
-        /// What is, or what to do.
+        /// The supported alternatives, or a way to convert the scene.
         hint: String,
     },
-    /// A view's camera is not usable.
+    /// A view's camera is invalid.
     #[error("{}: camera of {image}: {source}", path.display())]
     Camera {
-        /// The file the camera stands in.
+        /// The file that declares the camera.
         path: PathBuf,
         /// The photo it belongs to.
         image: String,
-        /// Why.
+        /// The cause.
         source: CameraError,
     },
-    /// A path in a scene file leaves the scene's folder.
+    /// A path in a scene file points outside the scene folder.
     #[error("{}: the path \"{image}\" leaves the scene folder; expected a relative path without \"..\"", path.display())]
     UnsafePath {
         /// The file that names it.
@@ -73,20 +73,20 @@ pub enum SceneError {
         /// The file that lists it.
         listed_in: PathBuf,
     },
-    /// A photo's size is not the one its intrinsics are for.
-    #[error("{}: image of another size than declared: it is {actual}, {} says {declared}",
+    /// A photo's size differs from the size its intrinsics are declared for.
+    #[error("{}: the image is {actual}; {} declares {declared}, expected equal sizes",
             path.display(), declared_in.display())]
     ImageSize {
         /// The photo.
         path: PathBuf,
         /// Its size in pixels.
         actual: Size,
-        /// The file that declares another.
+        /// The file that declares another size.
         declared_in: PathBuf,
         /// The declared size.
         declared: Size,
     },
-    /// LLFF: as many photos as poses are needed, since they are matched by order.
+    /// LLFF: the numbers of photos and poses differ, but they are matched by order.
     #[error("{}: {rows} poses, but {} holds {images} images; expected one pose per image", path.display(), folder.display())]
     CountMismatch {
         /// The pose file.
@@ -98,16 +98,16 @@ pub enum SceneError {
         /// Photos in it.
         images: usize,
     },
-    /// No view has that name, or several have.
+    /// No view or several views have that name.
     #[error("{reason} \"{name}\" among the {count} views; closest: {}", closest.join(", "))]
     UnknownView {
-        /// The name asked for.
+        /// The requested name.
         name: String,
         /// `no view is named` or `several views are named`.
         reason: &'static str,
         /// Number of views in the scene.
         count: usize,
-        /// The names most like it.
+        /// The most similar names.
         closest: Vec<String>,
     },
     /// A photo cannot be decoded.

@@ -1,4 +1,4 @@
-//! The formats of scenes, by name.
+//! The scene formats and their conventions.
 
 use std::fmt;
 
@@ -19,17 +19,15 @@ pub enum Format {
 }
 
 impl Format {
-    /// In the order in which they are looked for.
+    /// All formats, in order of precedence.
     pub(super) const ALL: [Self; 5] = [Self::Transforms, Self::Llff, Self::Spaces, Self::RealEstate10k, Self::Colmap];
-}
 
-impl Format {
-    /// How its poses and intrinsics are written, in words.
+    /// Its conventions for poses and intrinsics, as text for the user.
     pub fn conventions(self) -> &'static str {
         match self {
             Self::Transforms => "world from camera with OpenGL axes (x right, y up, z backwards); K in pixels of w x h",
             Self::Llff => "world from camera with columns [down, right, backwards]; K in pixels of the declared size",
-            Self::Spaces => "angle-axis and centre, OpenCV axes; K in pixels of the declared size",
+            Self::Spaces => "axis-angle rotation and camera centre, OpenCV axes; K in pixels of the declared size",
             Self::RealEstate10k => "camera from world, OpenCV axes; K as fractions of width and height",
             Self::Colmap => "camera from world, OpenCV axes (x right, y down, z forward); K in pixels",
         }

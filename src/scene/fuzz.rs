@@ -1,4 +1,5 @@
-//! The readers without a file system, for the fuzz targets (`tests/fuzz`): every photo that a file names exists, 64×48.
+//! Scene readers without a file system, for the fuzz targets (`tests/fuzz`): every photo that a
+//! file names exists and is 64×48 pixels.
 
 use std::path::Path;
 
@@ -13,10 +14,10 @@ use super::view::{self, View};
 use crate::geometry::Size;
 use crate::image::ImageRgb;
 
-/// What [`super::Scene::open`] makes of a scene's files.
+/// Views and notes, as [`super::Scene::open`] gets them from a scene's files.
 pub type Opened = Result<(Vec<View>, Vec<String>), SceneError>;
 
-/// Any photo, 64×48.
+/// A source that has every photo, 64×48 pixels.
 #[derive(Debug)]
 struct AnyPhoto;
 
@@ -36,27 +37,27 @@ impl PhotoSource for AnyPhoto {
     }
 }
 
-/// `1.png`, `2.png`, … of a folder.
+/// `1.png`, `2.png`, … in a folder.
 fn photos(folder: &str, count: usize) -> PhotoList {
     PhotoList { folder: Some(folder.to_owned()), names: (1..=count).map(|number| format!("{number}.png")).collect() }
 }
 
-/// `transforms.json`.
+/// Reads a `transforms.json`.
 pub fn transforms(bytes: &[u8]) -> Opened {
     finish(transforms::views(Path::new("scene/transforms.json"), bytes, &AnyPhoto)?)
 }
 
-/// `models.json`.
+/// Reads a `models.json`.
 pub fn spaces(bytes: &[u8]) -> Opened {
     finish(spaces::views(Path::new("scene/models.json"), bytes, 0, &AnyPhoto)?)
 }
 
-/// `cameras.txt`, beside the pictures 1 and 2.
+/// Reads a `cameras.txt` with the photos 1 and 2.
 pub fn realestate10k(bytes: &[u8]) -> Opened {
     finish(realestate10k::views(Path::new("scene/cameras.txt"), bytes, &photos("frames", 2), &AnyPhoto)?)
 }
 
-/// `poses_bounds.npy`, beside as many photos as it has rows.
+/// Reads a `poses_bounds.npy` with as many photos as it has rows.
 pub fn llff(bytes: &[u8]) -> Opened {
     let path = Path::new("scene/poses_bounds.npy");
     let rows = poses_bounds::parse(path, bytes)?;
@@ -64,7 +65,7 @@ pub fn llff(bytes: &[u8]) -> Opened {
     finish(llff::views(path, rows, &list, &AnyPhoto)?)
 }
 
-/// `cameras`, `images` and `points3D`, binary or text.
+/// Reads `cameras`, `images` and `points3D`, binary or text.
 pub fn colmap(binary: bool, [cameras, images, points]: [&[u8]; 3]) -> Opened {
     let format = if binary { colmap::binary::FORMAT } else { colmap::text::FORMAT };
     let mut model = Model::default();
@@ -76,5 +77,5 @@ pub fn colmap(binary: bool, [cameras, images, points]: [&[u8]; 3]) -> Opened {
 }
 
 fn finish(found: DeclaredViews) -> Opened {
-    view::views(found, &SceneOptions { width: Some(32), ..SceneOptions::default() })
+    view::from_declared(found, &SceneOptions { width: Some(32), ..SceneOptions::default() })
 }

@@ -1,5 +1,5 @@
-//! Posed photos: the poses from a folder, in whichever of five formats it holds, the photos from the same folder or from any
-//! other [`PhotoSource`].
+//! Scenes: photos with known camera poses. The poses are read from a folder in one of five formats;
+//! the photos come from the same folder or from any other [`PhotoSource`].
 //!
 //! | format | recognised by | camera axes, pose | intrinsics |
 //! |---|---|---|---|
@@ -9,10 +9,11 @@
 //! | RealEstate10K | `cameras.txt` and `frames/` | OpenCV, camera from world | fractions of width and height |
 //! | COLMAP | `sparse/0`, `sparse` or the folder itself | OpenCV, camera from world | pixels |
 //!
-//! All become [`Camera`](crate::geometry::Camera)s: OpenCV axes, `cam_from_world`, K in pixels with pixel centres at
-//! half-integers, which all five formats share. Where several lie in one folder, the first of the table is read. Nothing in a
-//! file is trusted: counts are checked against the file's length, paths must stay in the folder, sizes must be those of the
-//! photos, and no file may be larger than [`crate::fs::bounded`] says.
+//! Each is converted to a [`Camera`](crate::geometry::Camera): OpenCV axes, `cam_from_world`, K in
+//! pixels with pixel centres at half-integers (as in all five formats). If a folder holds several
+//! formats, the first one in the table is read. Files are not trusted: counts are checked against
+//! the file's length, paths must stay inside the folder, declared sizes must match the photos, and
+//! [`crate::fs::bounded`] limits the size of a file.
 
 mod declared;
 mod error;
@@ -20,6 +21,7 @@ mod format;
 mod formats;
 #[cfg(fuzzing)]
 pub mod fuzz;
+mod masks;
 mod options;
 mod photo_folder;
 mod photo_lookup;
@@ -41,31 +43,23 @@ pub use view::View;
 
 use crate::image::ImageRgb;
 
-/// Posed photos.
+/// Photos with known camera poses.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// The folder of the poses.
+    /// The folder that holds the poses.
     pub root: PathBuf,
-    /// What it was read as.
+    /// The format the poses were read from.
     pub format: Format,
-    /// At least one, in byte order of their names.
+    /// At least one view, in byte order of the names.
     pub views: Vec<View>,
-    /// Everything that was skipped or assumed, by name, for the user to read.
+    /// Messages for the user: every file or entry that was skipped, every assumption that was made.
     pub notes: Vec<String>,
     photos: Arc<dyn PhotoSource>,
 }
 
-/// Folders of masks, as COLMAP, nerfstudio and gsplat have them.
-const MASKS: [&str; 5] = ["masks", "masks_2", "masks_4", "masks_8", "mask"];
-
-/// That masks which are named so are not read.
-fn masks_note(name: &str) -> String {
-    format!("{name}: not read, what a mask leaves out of a photo counts like the rest of it")
-}
-
 impl Scene {
-    /// Opens a folder of poses and photos. Only the headers of the photos are read; every camera is valid and every photo has the
-    /// right size.
+    /// Opens a folder of poses and photos. Reads only the headers of the photos, and checks that
+    /// every camera is valid and every photo has the declared size.
     ///
     /// # Errors
     ///
@@ -74,11 +68,12 @@ impl Scene {
         Self::open_with(path, Arc::new(PhotoFolder::new(path)), options)
     }
 
-    /// Opens a folder of poses, whose photos come from elsewhere: for `photos` the folder need not hold any.
+    /// Opens a folder of poses and takes the photos from `photos`; the folder need not hold any
+    /// photo.
     ///
     /// # Errors
     ///
-    /// [`SceneError`], naming the file and the field; what the source refuses.
+    /// [`SceneError`], naming the file and the field; any error of the photo source.
     pub fn open_with(path: &Path, photos: Arc<dyn PhotoSource>, options: &SceneOptions) -> Result<Self, SceneError> {
         let no_scene = |reason: &str| SceneError::NoScene { path: path.to_owned(), reason: reason.to_owned() };
         if !path.exists() {
@@ -87,44 +82,48 @@ impl Scene {
         if !path.is_dir() {
             return Err(no_scene("is not a folder"));
         }
-        let mut found = formats::all_in(path).filter(|&format| photos.serves(format));
+        let mut found = formats::all_in(path).filter(|&format| photos.supports(format));
         let format = found.next().ok_or_else(|| no_scene("no scene found"))?;
-        let (views, mut notes) = view::views(formats::read(format, path, &*photos, options)?, options)?;
-        notes.extend(found.map(|other| format!("the folder also holds {other}: not read, {format} comes first")));
-        notes.extend(MASKS.into_iter().filter(|folder| path.join(folder).is_dir()).map(masks_note));
+        let (views, mut notes) = view::from_declared(formats::read(format, path, &*photos, options)?, options)?;
+        notes.extend(found.map(|other| format!("the folder also holds {other}: not read, {format} takes precedence")));
+        notes.extend(masks::folder_notes(path));
         Ok(Self { root: path.to_owned(), format, views, notes, photos })
     }
 
-    /// Index of the view with this name, file name, file name without extension, or name as its source has it (`images/1.png`).
+    /// Index of the view with this name, file name, file name without extension, or name in the
+    /// photo source (`images/1.png`).
     ///
     /// # Errors
     ///
-    /// [`SceneError::UnknownView`] if none or several match, listing the closest names.
+    /// [`SceneError::UnknownView`] if no view or several views match; it lists the closest names.
     pub fn view_index(&self, name: &str) -> Result<usize, SceneError> {
         let names: Vec<&str> = self.views.iter().map(|view| view.name.as_str()).collect();
-        let listed = || self.views.iter().position(|view| view.photo() == name.strip_prefix("./").unwrap_or(name));
-        view_names::index_of(&names, name).or_else(|unknown| listed().ok_or(unknown))
+        let by_source_name =
+            || self.views.iter().position(|view| view.source_name() == name.strip_prefix("./").unwrap_or(name));
+        view_names::index_of(&names, name).or_else(|unknown| by_source_name().ok_or(unknown))
     }
 
-    /// Decodes the photo of a view: distortion undone, then scaled down to the size of its camera.
+    /// Decodes the photo of a view, undistorts it and scales it down to the size of the view's
+    /// camera.
     ///
     /// # Errors
     ///
-    /// [`SceneError::Image`] if the file is damaged or cut short; [`SceneError::ImageSize`] if it changed since `open`; what
-    /// else the source refuses.
+    /// [`SceneError::Image`] if the file is damaged or truncated; [`SceneError::ImageSize`] if its
+    /// size changed since `open`; any other error of the photo source.
     ///
     /// # Panics
     ///
     /// If there is no view `index`.
     pub fn load_image(&self, index: usize) -> Result<ImageRgb, SceneError> {
-        self.fit(index, self.photos.load(self.views[index].photo())?)
+        self.fit(index, self.photos.load(self.views[index].source_name())?)
     }
 
-    /// A photo of the view's camera, made that of [`View::camera`]: distortion undone, then scaled down.
+    /// Undistorts a photo taken by the view's camera and scales it down to the size of
+    /// [`View::camera`].
     ///
     /// # Errors
     ///
-    /// [`SceneError::ImageSize`] if it has another size than the view's own photo.
+    /// [`SceneError::ImageSize`] if its size differs from that of the view's own photo.
     ///
     /// # Panics
     ///

@@ -1,13 +1,15 @@
-//! How to open a scene.
+//! Options for opening a scene.
 
-/// How to open a scene.
+/// Options for opening a scene.
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct SceneOptions {
-    /// Photos wider than this many pixels are scaled down on load, their intrinsics with them.
+    /// Photos wider than this, in pixels, are scaled down to it on load, together with their
+    /// intrinsics.
     pub width: Option<usize>,
-    /// Folder of the photos inside an LLFF, RealEstate10K or COLMAP scene, instead of the usual search (`images_8`, `images_4`, …).
+    /// The photo folder inside an LLFF, RealEstate10K or COLMAP scene; by default the first that
+    /// exists of the format's usual ones (`images_8`, `images_4`, …).
     pub images: Option<String>,
-    /// Which rig position of a Spaces scene, counted from 0.
+    /// The rig position to read from a Spaces scene, counted from 0.
     pub rig_position: usize,
 }

@@ -1,4 +1,4 @@
-//! The photos of a scene that is a folder of files.
+//! Photos as files in the scene folder.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,20 +8,20 @@ use super::photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 use super::pose_file::safe_name;
 use crate::image::{self, Header, ImageRgb};
 
-/// Folders nested deeper than this are not searched for photos.
+/// Levels of nested folders that are searched for photos.
 const MAX_DEPTH: usize = 4;
 
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
-/// PNG and JPEG files below a folder, by their path relative to it. None that a pose file lists may be missing, and no path may
-/// leave the folder.
+/// PNG and JPEG files in a folder, named by their path relative to it. A photo that a pose file
+/// lists must exist, and its path must stay inside the folder.
 #[derive(Debug, Clone)]
 pub struct PhotoFolder {
     root: PathBuf,
 }
 
 impl PhotoFolder {
-    /// The photos below this folder.
+    /// The photos in this folder and its subfolders.
     pub fn new(root: impl Into<PathBuf>) -> Self {
         Self { root: root.into() }
     }
@@ -65,12 +65,12 @@ impl PhotoSource for PhotoFolder {
     }
 }
 
-/// What of a photo is not used.
+/// Properties of a photo that are ignored, as text for the scene's notes.
 fn ignored(header: Header) -> Vec<&'static str> {
-    let turned =
-        header.oriented.then_some("EXIF orientation ignored, poses are taken to be those of the pixels as stored");
-    let alpha = header.alpha.then_some("alpha channel dropped, colours are taken as stored");
-    turned.into_iter().chain(alpha).collect()
+    let orientation =
+        header.oriented.then_some("EXIF orientation ignored, poses are assumed to belong to the pixels as stored");
+    let alpha = header.alpha.then_some("alpha channel dropped, colours used as stored");
+    orientation.into_iter().chain(alpha).collect()
 }
 
 /// `name` with an extension added, then with its extension replaced.
@@ -83,12 +83,12 @@ fn other_extensions(name: &str) -> Vec<String> {
     [name, stem].iter().flat_map(|base| endings.map(|ending| format!("{base}.{ending}"))).collect()
 }
 
-/// Adds the names of the photos below `folder`, each after `prefix`.
+/// Adds the names of the photos in `folder` and its subfolders, each preceded by `prefix`.
 fn collect(folder: &Path, prefix: &str, depth: usize, names: &mut Vec<String>) -> Result<(), SceneError> {
     let failed = |source| SceneError::Read { path: folder.to_owned(), source };
     for entry in fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
-        // A name that is not UTF-8 cannot be listed in any scene file.
+        // No scene file can list a name that is not UTF-8.
         let Some(name) = path.file_name().and_then(|name| name.to_str()) else { continue };
         if name.starts_with('.') {
             continue;

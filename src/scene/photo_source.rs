@@ -1,8 +1,8 @@
-//! Where the photos of a scene come from: which exist, their sizes, their pixels.
+//! The source of a scene's photos: which photos exist, their sizes, their pixels.
 //!
-//! A scene's poses are read from files; its photos need not be. [`PhotoFolder`](super::PhotoFolder) is the source that
-//! [`Scene::open`](super::Scene::open) takes; whoever has photos elsewhere (the frames of a camera rig, an archive, memory) hands
-//! a source of their own to [`Scene::open_with`](super::Scene::open_with).
+//! A scene's poses are read from files; its photos need not be. [`Scene::open`](super::Scene::open)
+//! uses [`PhotoFolder`](super::PhotoFolder). For photos from elsewhere (the frames of a camera rig,
+//! an archive, memory), pass your own source to [`Scene::open_with`](super::Scene::open_with).
 
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
@@ -15,50 +15,51 @@ use crate::image::ImageRgb;
 /// A photo that exists.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Photo {
-    /// What its source calls it, with `/` between folders; no two photos of a source share a name. Views are named after it.
+    /// Its name in the source, unique there, with `/` between folders. Views are named after it.
     pub name: String,
-    /// The file it comes from, for messages and so that no output overwrites it.
+    /// The file it comes from, for messages and to protect it from being overwritten by outputs.
     pub path: PathBuf,
-    /// In pixels.
+    /// Size in pixels.
     pub size: Size,
-    /// What of the file is not used, such as its alpha channel, in words; the scene's notes say so.
+    /// Properties of the file that are ignored, such as its alpha channel, as text for the scene's
+    /// notes.
     pub ignored: Vec<&'static str>,
 }
 
 /// A photo as a pose file lists it.
 #[derive(Debug, Clone, Copy)]
 pub struct ListedPhoto<'a> {
-    /// The name as written there, or as [`PhotoSource::list`] gave it, with its folder.
+    /// The name as the pose file writes it, or the folder and name from [`PhotoSource::list`].
     pub name: &'a str,
     /// The pose file, for messages.
     pub listed_in: &'a Path,
-    /// Whether the same name with another image extension, or with one added, will do as well.
+    /// Whether a photo also matches if its image extension differs or the listed name has none.
     pub any_extension: bool,
 }
 
-/// What a source has for a name.
+/// The result of looking up a listed photo.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Found {
-    /// The photo of this name and of no other.
+    /// The photo, which no other entry lists.
     Photo(Photo),
-    /// A photo that has many names, as that of a camera whose frames all have one. The first entry that names it becomes a
-    /// view; the others are left out without a word.
-    OneOfMany(Photo),
-    /// The entry is to be left out; the scene's notes say so in these words.
-    LeftOut(String),
+    /// A photo that several entries may list, such as a camera's current frame listed by all names
+    /// of its frames. The first such entry becomes a view; the others are skipped without a note.
+    Shared(Photo),
+    /// The entry is skipped; the text becomes one of the scene's notes.
+    Skipped(String),
 }
 
-/// Photos that a pose file takes by order or by file name alone.
+/// Photos of formats that match them by order or by file name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PhotoList {
-    /// The folder that they are in; `None` where the source keeps them in no folder.
+    /// The folder that holds them; `None` if the source has no folders.
     pub folder: Option<String>,
     /// Their names inside that folder, in byte order.
     pub names: Vec<String>,
 }
 
 impl PhotoList {
-    /// The name with the folder before it.
+    /// The name, preceded by the folder.
     pub(super) fn with_folder(&self, name: &str) -> String {
         self.folder.as_ref().map_or_else(|| name.to_owned(), |folder| format!("{folder}/{name}"))
     }
@@ -66,33 +67,34 @@ impl PhotoList {
 
 /// Photos by name.
 pub trait PhotoSource: Debug + Send + Sync {
-    /// Whether a scene of this format can be made of these photos; if not, its files are passed over.
-    fn serves(&self, format: Format) -> bool {
+    /// Whether a scene of this format can use these photos; otherwise its files are not read.
+    fn supports(&self, format: Format) -> bool {
         let _ = format;
         true
     }
 
-    /// The photo of an entry, without reading its pixels.
+    /// Looks up the photo of an entry, without reading its pixels.
     ///
     /// # Errors
     ///
-    /// [`SceneError::MissingImage`] where the entry names a photo that should exist and does not; [`SceneError::UnsafePath`] for
-    /// a name that leads elsewhere; [`SceneError::Image`] for a photo whose size cannot be read. The scene is then refused: an
-    /// entry that may be absent is [`Found::LeftOut`].
+    /// [`SceneError::MissingImage`] if a required photo does not exist; [`SceneError::UnsafePath`]
+    /// for a name that points outside the source; [`SceneError::Image`] if the photo's size cannot
+    /// be read. An error rejects the whole scene: return [`Found::Skipped`] for a photo that may be
+    /// absent.
     fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError>;
 
-    /// All photos of the first of these folders that the source has; `None` if it has none of them. A source without folders
-    /// lists all its photos.
+    /// All photos of the first of these folders that exists; `None` if none exists. A source
+    /// without folders lists all its photos.
     ///
     /// # Errors
     ///
-    /// [`SceneError::Read`] for a folder that cannot be read.
+    /// [`SceneError::Read`] if a folder cannot be read.
     fn list(&self, folders: &[&str]) -> Result<Option<PhotoList>, SceneError>;
 
-    /// The pixels of a photo, by the name that [`PhotoSource::find`] gave it.
+    /// Decodes a photo, given the [`Photo::name`] that [`PhotoSource::find`] returned.
     ///
     /// # Errors
     ///
-    /// [`SceneError::Image`] or [`SceneError::Read`] if it is damaged or gone.
+    /// [`SceneError::Image`] if it is damaged, [`SceneError::Read`] if it cannot be read.
     fn load(&self, name: &str) -> Result<ImageRgb, SceneError>;
 }

@@ -1,16 +1,16 @@
-//! Pose files: whole, as text, and the names they hold.
+//! Reads pose files, and checks the photo names they hold.
 
 use std::path::{Component, Path};
 
 use super::error::SceneError;
 use crate::fs::bounded;
 
-/// A whole file.
+/// Reads a file.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, SceneError> {
     read_up_to(bounded::MAX_BYTES, path)
 }
 
-/// A whole JSON file.
+/// Reads a JSON file.
 pub(super) fn read_json(path: &Path) -> Result<Vec<u8>, SceneError> {
     read_up_to(bounded::MAX_JSON_BYTES, path)
 }
@@ -19,15 +19,15 @@ fn read_up_to(limit: u64, path: &Path) -> Result<Vec<u8>, SceneError> {
     bounded::read(path, limit).map_err(|source| SceneError::Read { path: path.to_owned(), source })
 }
 
-/// The text of a file, without a byte order mark; bytes that are not UTF-8 are an error.
+/// The UTF-8 text of a file, without a byte order mark.
 pub(super) fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, SceneError> {
     let text = std::str::from_utf8(bytes);
     text.map(|text| text.strip_prefix('\u{feff}').unwrap_or(text))
         .map_err(|error| SceneError::malformed(path, format!("byte {} is not text", error.valid_up_to()), "UTF-8"))
 }
 
-/// `name` made clean (no `./`), or refused if it leads out of the scene folder. Links are followed: a file of the scene cannot
-/// make them, only its owner.
+/// `name` without `./`; an error if it points outside the scene folder. Symbolic links are
+/// followed, since only the folder's owner can create them, not a scene file.
 pub(super) fn safe_name(listed_in: &Path, name: &str) -> Result<String, SceneError> {
     let refuse = || SceneError::UnsafePath { path: listed_in.to_owned(), image: name.to_owned() };
     let mut parts = Vec::new();
@@ -41,8 +41,8 @@ pub(super) fn safe_name(listed_in: &Path, name: &str) -> Result<String, SceneErr
     if parts.is_empty() { Err(refuse()) } else { Ok(parts.join("/")) }
 }
 
-/// Names in a note: all of them, or the first few and how many more.
-pub(super) fn some_of(names: &[String]) -> String {
+/// The names as a list for a note; of a long list the first few and the number of others.
+pub(super) fn abbreviated(names: &[String]) -> String {
     const SHOWN: usize = 12;
     let shown = names.iter().take(SHOWN).map(String::as_str).collect::<Vec<_>>().join(", ");
     match names.len().checked_sub(SHOWN) {

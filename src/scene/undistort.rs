@@ -1,22 +1,24 @@
-//! Lens distortion, undone once when a photo is loaded.
+//! Undistorts photos.
 //!
-//! The model is OpenCV's (also COLMAP's `OPENCV`, nerfstudio's and instant-ngp's): with x, y the pinhole ray at z = 1 and
-//! r² = x² + y², the photo shows that ray at
+//! The model is OpenCV's (also COLMAP's `OPENCV`, nerfstudio's and instant-ngp's): for a pinhole
+//! ray (x, y, 1) with r² = x² + y², the photo shows that ray at
 //!
 //! ```text
 //! x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
 //! y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
 //! ```
 //!
-//! The result is the pinhole image with the same K and size: each of its pixels samples the photo at its distorted position,
-//! bilinearly, so nothing needs inverting. Positions outside the photo take its nearest edge pixel.
+//! The result is the pinhole image with the same K and size. Each of its pixels samples the photo
+//! bilinearly at its distorted position, so the model need not be inverted. Positions outside the
+//! photo take the nearest edge pixel.
 
 use rayon::prelude::*;
 
 use crate::geometry::{Camera, CameraError, Intrinsics};
 use crate::image::{ImageError, ImageRgb};
 
-/// Coefficients of OpenCV's radial and tangential model; they act on rays, so they hold at any image size.
+/// Coefficients of OpenCV's radial and tangential model. They apply to rays, so they are
+/// independent of the image size.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Distortion {
     pub(super) k1: f64,
@@ -27,7 +29,7 @@ pub(super) struct Distortion {
 }
 
 impl Distortion {
-    pub(super) fn is_none(&self) -> bool {
+    pub(super) fn is_zero(&self) -> bool {
         *self == Self::default()
     }
 
@@ -40,7 +42,7 @@ impl Distortion {
         wrong.map_or(Ok(()), |(field, value)| Err(CameraError::NotFinite { field: field.to_owned(), value }))
     }
 
-    /// Where the photo shows the pinhole ray (x, y, 1).
+    /// The point (x', y') at z = 1 where the photo shows the pinhole ray (x, y, 1).
     pub(super) fn distort(&self, x: f64, y: f64) -> (f64, f64) {
         let Self { k1, k2, k3, p1, p2 } = *self;
         let r2 = x * x + y * y;
@@ -52,7 +54,7 @@ impl Distortion {
     }
 }
 
-/// The pinhole image of `camera` from a photo of the same size and K taken through a lens.
+/// The pinhole image of `camera` from a distorted photo of the same size and K.
 pub(super) fn undistort(photo: &ImageRgb, camera: &Camera, distortion: &Distortion) -> Result<ImageRgb, ImageError> {
     let (width, height) = (photo.width(), photo.height());
     let Intrinsics { fx, fy, cx, cy, skew } = camera.intrinsics();
@@ -68,11 +70,11 @@ pub(super) fn undistort(photo: &ImageRgb, camera: &Camera, distortion: &Distorti
     ImageRgb::new(width, height, data)
 }
 
-/// Bilinear sample at pixel coordinates (centres at .5), held at the edges.
+/// Bilinear sample at pixel coordinates (centres at .5); the edge pixels extend outwards.
 fn sample(photo: &ImageRgb, u: f64, v: f64) -> [f32; 3] {
-    // `max` before `min`: NaN becomes 0, and whatever lies outside becomes the nearest edge.
-    let hold = |x: f64, size: usize| (x - 0.5).max(0.0).min((size - 1) as f64);
-    let (u, v) = (hold(u, photo.width()), hold(v, photo.height()));
+    // `max` before `min`: `clamp` would keep NaN, this turns it into 0.
+    let clamped = |x: f64, size: usize| (x - 0.5).max(0.0).min((size - 1) as f64);
+    let (u, v) = (clamped(u, photo.width()), clamped(v, photo.height()));
     let (left, top) = (u as usize, v as usize);
     let (right, bottom) = ((left + 1).min(photo.width() - 1), (top + 1).min(photo.height() - 1));
     let (a, b) = ((u - left as f64) as f32, (v - top as f64) as f32);
@@ -98,14 +100,15 @@ mod tests {
         Camera::new(k, 64, 48, DMat3::IDENTITY, DVec3::ZERO).unwrap()
     }
 
-    /// A photo whose colour is its own coordinates: bilinear sampling of it is exact, and shows where was sampled.
+    /// A photo whose colours are its pixel coordinates: a bilinear sample of it equals the sampled
+    /// position.
     fn coordinates() -> ImageRgb {
         let pixel = |i: usize| [(i % 64) as f32 + 0.5, (i / 64) as f32 + 0.5, 1.0];
         ImageRgb::new(64, 48, (0..64 * 48).flat_map(pixel).collect()).unwrap()
     }
 
     #[test]
-    fn each_pixel_samples_the_photo_where_the_lens_puts_its_ray() {
+    fn undistorted_pixel_samples_photo_at_distorted_ray() {
         let camera = camera();
         let pinhole = undistort(&coordinates(), &camera, &LENS).unwrap();
         let mut inside = 0;
@@ -114,16 +117,19 @@ mod tests {
             let (a, b) = LENS.distort(ray.x, ray.y);
             let expected = camera.k() * DVec3::new(a, b, 1.0);
             let [u, v, _] = pinhole.pixel(x, y).map(f64::from);
-            // Beyond the photo its edge pixels are held.
-            let held = (expected.x.clamp(0.5, 63.5), expected.y.clamp(0.5, 47.5));
-            assert!((u - held.0).abs() < 1e-5 && (v - held.1).abs() < 1e-5, "({x}, {y}): ({u}, {v}), {held:?}");
-            inside += usize::from(held == (expected.x, expected.y));
+            // Outside the photo its edge pixels are repeated.
+            let clamped = (expected.x.clamp(0.5, 63.5), expected.y.clamp(0.5, 47.5));
+            assert!(
+                (u - clamped.0).abs() < 1e-5 && (v - clamped.1).abs() < 1e-5,
+                "({x}, {y}): ({u}, {v}), {clamped:?}"
+            );
+            inside += usize::from(clamped == (expected.x, expected.y));
         }
         assert!(inside > 2500, "{inside}");
     }
 
     #[test]
-    fn opencv_distorts_as_worked_by_hand() {
+    fn distort_matches_values_worked_out_by_hand() {
         let lens = Distortion { k1: 0.1, k2: 0.01, k3: 0.001, p1: 0.02, p2: 0.03 };
         // r² = 5: radial = 1 + 0.5 + 0.25 + 0.125 = 1.875.
         // x' = 1.875 + 2·0.02·2 + 0.03·(5 + 2) = 2.165; y' = 3.75 + 0.02·(5 + 8) + 2·0.03·2 = 4.13.
@@ -132,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn no_distortion_changes_nothing() {
+    fn zero_distortion_keeps_the_photo() {
         let photo = coordinates();
         let same = undistort(&photo, &camera(), &Distortion::default()).unwrap();
         let worst = photo.data().iter().zip(same.data()).fold(0.0_f32, |worst, (a, b)| worst.max((a - b).abs()));
@@ -140,9 +146,9 @@ mod tests {
     }
 
     #[test]
-    fn lenses_that_fold_far_out_stay_finite() {
-        let wild = Distortion { k1: 1e300, k2: -1e300, k3: 1e308, p1: 1e300, p2: f64::MAX };
-        let image = undistort(&coordinates(), &camera(), &wild).unwrap();
+    fn huge_coefficients_give_finite_pixels() {
+        let huge = Distortion { k1: 1e300, k2: -1e300, k3: 1e308, p1: 1e300, p2: f64::MAX };
+        let image = undistort(&coordinates(), &camera(), &huge).unwrap();
         assert!(image.data().iter().all(|v| v.is_finite()));
     }
 }

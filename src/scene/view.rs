@@ -1,39 +1,41 @@
-//! A posed photo, and how it comes from what a format declares: the size its intrinsics are for, `--width`, the depth range.
+//! A posed photo, made from what a format declares: intrinsics scaled to the photo's size and to
+//! `--width`, the depth range checked.
 
 use std::path::{Path, PathBuf};
 
 use super::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use super::error::SceneError;
 use super::options::SceneOptions;
-use super::pose_file::some_of;
+use super::pose_file::abbreviated;
 use super::undistort::{Distortion, undistort};
 use crate::geometry::{Camera, CameraError, Size};
 use crate::image::ImageRgb;
 use crate::layers::uniform_disparities;
 
-/// How far declared and actual aspect ratios may part when intrinsics are rescaled.
+/// Largest relative difference of declared and actual aspect ratio at which intrinsics are
+/// rescaled.
 const ASPECT_TOLERANCE: f64 = 0.01;
 
 /// One posed photo.
 #[derive(Debug, Clone)]
 pub struct View {
-    /// The photo's path below the folder that all photos share: usually its file name.
+    /// The photo's path relative to the folder that all photos share: usually its file name.
     pub name: String,
-    /// The camera, at the size [`Scene::load_image`](super::Scene::load_image) returns.
+    /// The camera, at the size of the image that [`Scene::load_image`](super::Scene::load_image)
+    /// returns.
     pub camera: Camera,
-    /// Near and far depth, in scene units, where the format tells them; 0 < near < far.
+    /// Near and far depth in scene units, if the format has them; 0 < near < far.
     pub depth_range: Option<(f64, f64)>,
-    /// What the source calls the photo.
-    photo: String,
-    image: PathBuf,
+    source_name: String,
+    path: PathBuf,
     native: Camera,
     distortion: Option<Distortion>,
 }
 
 impl View {
-    /// The file that the photo comes from.
+    /// The photo's file.
     pub fn image_path(&self) -> &Path {
-        &self.image
+        &self.path
     }
 
     /// The camera at the photo's own size.
@@ -41,24 +43,24 @@ impl View {
         &self.native
     }
 
-    /// Name and value of the coefficients of OpenCV's lens distortion, which [`Scene::load_image`](super::Scene::load_image)
-    /// undoes; all 0 for none.
+    /// Names and values of the coefficients of OpenCV's lens distortion, which
+    /// [`Scene::load_image`](super::Scene::load_image) removes; all 0 for a pinhole camera.
     pub fn distortion(&self) -> [(&'static str, f64); 5] {
         self.distortion.unwrap_or_default().fields()
     }
 
-    /// What the source calls the photo.
-    pub(super) fn photo(&self) -> &str {
-        &self.photo
+    /// The photo's name in its source.
+    pub(super) fn source_name(&self) -> &str {
+        &self.source_name
     }
 
-    /// See [`Scene::fit`](super::Scene::fit); `root` is the scene's, for messages.
+    /// See [`Scene::fit`](super::Scene::fit); `root` is the scene folder, for messages.
     pub(super) fn fit(&self, root: &Path, mut photo: ImageRgb) -> Result<ImageRgb, SceneError> {
-        let Self { camera, native, image, distortion, .. } = self;
+        let Self { camera, native, path, distortion, .. } = self;
         let (actual, declared) = (photo.size(), native.size());
         if actual != declared {
             let declared_in = root.to_owned();
-            return Err(SceneError::ImageSize { path: image.clone(), actual, declared_in, declared });
+            return Err(SceneError::ImageSize { path: path.clone(), actual, declared_in, declared });
         }
         if let Some(distortion) = distortion {
             photo = undistort(&photo, native, distortion)?;
@@ -70,17 +72,21 @@ impl View {
     }
 }
 
-/// What happened to the views of a scene, told once and not per view.
+/// Views by what was changed in them, so that each kind of change gets one note instead of one per
+/// view.
 #[derive(Default)]
 struct Changes {
     rescaled: Vec<String>,
     undistorted: Vec<String>,
     shrunk: Vec<String>,
-    no_range: Vec<String>,
+    invalid_range: Vec<String>,
 }
 
-/// Views in name order, and the notes.
-pub(super) fn views(found: DeclaredViews, options: &SceneOptions) -> Result<(Vec<View>, Vec<String>), SceneError> {
+/// The views in order of their names, and the notes.
+pub(super) fn from_declared(
+    found: DeclaredViews,
+    options: &SceneOptions,
+) -> Result<(Vec<View>, Vec<String>), SceneError> {
     let DeclaredViews { cameras, views: mut declared, mut notes } = found;
     if declared.is_empty() {
         return Err(SceneError::malformed(cameras, "no views", "at least one"));
@@ -90,20 +96,20 @@ pub(super) fn views(found: DeclaredViews, options: &SceneOptions) -> Result<(Vec
         let what = format!("\"{}\" is listed twice", pair[0].photo.name);
         return Err(SceneError::malformed(cameras, what, "each photo once"));
     }
-    let shared = shared_folder(&declared);
+    let prefix = shared_folder_len(&declared);
     let mut changes = Changes::default();
     let views = declared
         .into_iter()
-        .map(|declared| view(&cameras, declared, shared, options, &mut changes))
+        .map(|declared| view(&cameras, declared, prefix, options, &mut changes))
         .collect::<Result<Vec<_>, _>>()?;
-    changes.tell(&mut notes);
+    changes.add_notes(&mut notes);
     Ok((views, notes))
 }
 
-/// Length of the folder part (with its slash) that all photos share.
-fn shared_folder(declared: &[DeclaredView]) -> usize {
+/// Length in bytes of the folder prefix (with its slash) that all photos share; `declared` is
+/// sorted by name.
+fn shared_folder_len(declared: &[DeclaredView]) -> usize {
     let (Some(first), Some(last)) = (declared.first(), declared.last()) else { return 0 };
-    // Sorted, so what the first and the last share, all share.
     let same = first.photo.name.bytes().zip(last.photo.name.bytes()).take_while(|(a, b)| a == b).count();
     first.photo.name.as_bytes()[..same].iter().rposition(|&byte| byte == b'/').map_or(0, |slash| slash + 1)
 }
@@ -111,12 +117,12 @@ fn shared_folder(declared: &[DeclaredView]) -> usize {
 fn view(
     cameras: &Path,
     declared: DeclaredView,
-    shared: usize,
+    prefix: usize,
     options: &SceneOptions,
     changes: &mut Changes,
 ) -> Result<View, SceneError> {
     let DeclaredView { photo, intrinsics, size, rotation, translation, distortion, depth_range } = declared;
-    let name = photo.name[shared..].to_owned();
+    let name = photo.name[prefix..].to_owned();
     let refused = |source: CameraError| SceneError::Camera { path: cameras.to_owned(), image: name.clone(), source };
     let actual = photo.size;
     let declared = match size {
@@ -124,7 +130,7 @@ fn view(
         DeclaredSize::Exactly(declared) | DeclaredSize::Scaled(declared) => declared,
     };
     let may_scale = matches!(size, DeclaredSize::Scaled(..));
-    if declared != actual && !(may_scale && same_shape(declared, actual)) {
+    if declared != actual && !(may_scale && same_aspect(declared, actual)) {
         return Err(SceneError::ImageSize { path: photo.path, actual, declared_in: cameras.to_owned(), declared });
     }
     let mut native =
@@ -134,7 +140,7 @@ fn view(
         changes.rescaled.push(format!("{name} {declared} → {actual}"));
     }
     distortion.check().map_err(refused)?;
-    let distortion = Some(distortion).filter(|d| !d.is_none());
+    let distortion = Some(distortion).filter(|d| !d.is_zero());
     if distortion.is_some() {
         changes.undistorted.push(name.clone());
     }
@@ -147,36 +153,37 @@ fn view(
     let usable = |&(near, far): &(f64, f64)| far.is_finite() && uniform_disparities(near, far, 2).is_ok();
     let usable_range = depth_range.filter(usable);
     if let (Some((near, far)), None) = (depth_range, usable_range) {
-        changes.no_range.push(format!("{name} ({near:?} to {far:?})"));
+        changes.invalid_range.push(format!("{name} ({near:?} to {far:?})"));
     }
-    let (photo, image) = (photo.name, photo.path);
-    Ok(View { name, camera, depth_range: usable_range, photo, image, native, distortion })
+    let (source_name, path) = (photo.name, photo.path);
+    Ok(View { name, camera, depth_range: usable_range, source_name, path, native, distortion })
 }
 
-/// Whether one size is the other resampled: equal aspect within 1 %, or within the rounding of one pixel.
-fn same_shape(declared: Size, actual: Size) -> bool {
+/// Whether one size can be the other resampled: aspect ratios equal within 1 %, or heights within
+/// one pixel.
+fn same_aspect(declared: Size, actual: Size) -> bool {
     let [w, h, width, height] = [declared.width, declared.height, actual.width, actual.height].map(|side| side as f64);
     let expected = h * width / w;
     (height / expected - 1.0).abs() <= ASPECT_TOLERANCE || (height - expected).abs() <= 1.0
 }
 
 impl Changes {
-    fn tell(&self, notes: &mut Vec<String>) {
-        let told = [
-            ("intrinsics scaled with the image, from the declared to the actual size", &self.rescaled),
-            ("lens distortion undone on load (edges held)", &self.undistorted),
-            ("images scaled down on load, intrinsics with them", &self.shrunk),
+    fn add_notes(&self, notes: &mut Vec<String>) {
+        let changes = [
+            ("intrinsics scaled from the declared to the actual image size", &self.rescaled),
+            ("photos undistorted on load (edge pixels repeated)", &self.undistorted),
+            ("photos and intrinsics scaled down on load", &self.shrunk),
         ];
-        for (what, names) in told {
+        for (change, names) in changes {
             match names.as_slice() {
                 [] => {}
-                [name] => notes.push(format!("{what}: {name}")),
-                [name, ..] => notes.push(format!("{what}: {} views, such as {name}", names.len())),
+                [name] => notes.push(format!("{change}: {name}")),
+                [name, ..] => notes.push(format!("{change}: {} views, such as {name}", names.len())),
             }
         }
-        if !self.no_range.is_empty() {
-            let names = some_of(&self.no_range);
-            notes.push(format!("depth range left out, not 0 < near < far of ordinary size: {names}"));
+        if !self.invalid_range.is_empty() {
+            let names = abbreviated(&self.invalid_range);
+            notes.push(format!("depth range ignored, expected 0 < near < far within float32's range: {names}"));
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Fields of a JSON scene file, with errors that name the file and the field.
+//! Reads fields of a JSON scene file; errors name the file and the field.
 
 use std::path::Path;
 
@@ -7,23 +7,24 @@ use serde_json::{Map, Value};
 use crate::scene::error::SceneError;
 use crate::scene::pose_file::text;
 
-/// Parses a file. JSON has no NaN or Infinity, so those end here, with the line that holds them.
+/// Parses a file. JSON has no NaN or Infinity: they are errors, which quote the text around them.
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneError> {
     let text = text(path, bytes)?;
     serde_json::from_str(text).map_err(|error| {
         let line = text.lines().nth(error.line().saturating_sub(1)).unwrap_or_default().as_bytes();
-        // Around the place, whose column is counted in bytes.
+        // serde_json counts columns in bytes.
         let around = error.column().saturating_sub(80).min(line.len())..(error.column() + 20).min(line.len());
         let excerpt = String::from_utf8_lossy(&line[around]);
         SceneError::malformed(path, format!("{error}: `{}`", excerpt.trim()), "JSON, all numbers finite")
     })
 }
 
-/// An object's fields, backed by those of an outer object: what a frame does not say, the file says for all.
+/// An object's fields; a field that it lacks is looked up in the outer object, which holds the
+/// values common to all frames.
 #[derive(Clone, Copy)]
 pub(super) struct Fields<'a> {
     path: &'a Path,
-    /// Where the object stands, such as `frames[3]`.
+    /// The object's position in the file, such as `frames[3]`, for messages.
     place: &'a str,
     own: &'a Map<String, Value>,
     outer: Option<&'a Map<String, Value>>,
@@ -38,7 +39,7 @@ impl<'a> Fields<'a> {
     ) -> Result<Self, SceneError> {
         let own = value
             .as_object()
-            .ok_or_else(|| SceneError::malformed(path, format!("{place} is no object"), "an object"))?;
+            .ok_or_else(|| SceneError::malformed(path, format!("{place} is not an object"), "an object"))?;
         Ok(Self { path, place, own, outer })
     }
 
@@ -81,10 +82,10 @@ impl<'a> Fields<'a> {
         self.get(key).and_then(Value::as_str).ok_or_else(|| self.wrong(key, "text"))
     }
 
-    /// A width or height, which some writers store as 540.0.
+    /// A width or height in pixels; some programs write it as 540.0.
     pub(super) fn side(&self, key: &str) -> Result<Option<usize>, SceneError> {
         let Some(value) = self.optional(key)? else { return Ok(None) };
-        let whole = value.fract() == 0.0 && (1.0..=1e9).contains(&value);
-        if whole { Ok(Some(value as usize)) } else { Err(self.wrong(key, "a whole number of pixels")) }
+        let is_valid = value.fract() == 0.0 && (1.0..=1e9).contains(&value);
+        if is_valid { Ok(Some(value as usize)) } else { Err(self.wrong(key, "a whole number of pixels")) }
     }
 }

@@ -1,6 +1,8 @@
-//! LLFF: `poses_bounds.npy` beside a folder of photos, matched by order: row i belongs to the i-th name sorted as text.
+//! LLFF: `poses_bounds.npy` and a folder of photos, matched by order: row i belongs to the i-th
+//! name in byte order.
 //!
-//! The photos are usually reduced copies; intrinsics follow their actual size. Depth ranges are the stored bounds.
+//! The photos are usually downscaled copies; intrinsics are scaled to their actual size. Depth
+//! ranges are the stored bounds.
 
 use std::path::Path;
 
@@ -13,7 +15,7 @@ use crate::scene::photo_source::{PhotoList, PhotoSource};
 use crate::scene::pose_file::read;
 use crate::scene::undistort::Distortion;
 
-/// Folders of photos, in the order they are tried.
+/// Photo folders, in order of precedence.
 const FOLDERS: [&str; 4] = ["images_8", "images_4", "images_2", "images"];
 
 pub(in crate::scene) fn open(
@@ -31,7 +33,7 @@ pub(in crate::scene) fn open(
     views(&path, rows, &list, photos)
 }
 
-/// One row of the file for each photo of the list.
+/// Views of the listed photos, one for each row of the file.
 pub(in crate::scene) fn views(
     path: &Path,
     rows: Vec<PoseBounds>,
@@ -53,6 +55,6 @@ pub(in crate::scene) fn views(
         });
     }
     let mut notes = lookup.into_notes();
-    notes.extend(list.folder.iter().map(|folder| format!("photos are those of {folder}")));
+    notes.extend(list.folder.iter().map(|folder| format!("photos are read from {folder}")));
     Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
 }

@@ -1,4 +1,4 @@
-//! One module per format; each makes [`DeclaredViews`] of the files it knows.
+//! One module per format; each reads its files into [`DeclaredViews`].
 
 pub(super) mod colmap;
 mod json;
@@ -16,7 +16,7 @@ use super::format::Format;
 use super::options::SceneOptions;
 use super::photo_source::PhotoSource;
 
-/// The formats whose files lie in a folder, the one to read first.
+/// The formats whose files a folder holds, in order of precedence.
 pub(super) fn all_in(root: &Path) -> impl Iterator<Item = Format> {
     Format::ALL.into_iter().filter(move |&format| is_in(format, root))
 }

@@ -1,8 +1,9 @@
-//! `poses_bounds.npy`, the pose file of LLFF and of rigs that follow it.
+//! `poses_bounds.npy`, the pose file of LLFF and of rigs that use its format.
 //!
-//! One row of 17 f64 per camera: a 3×5 matrix, row by row, then near and far depth. The matrix holds the camera's axes in the
-//! world as columns [down, right, backwards], its centre, and (height, width, focal length) of the full-size photos: LLFF's
-//! README, "Using your own poses". OpenCV's axes are [right, down, −backwards]. The principal point is the image centre.
+//! One row of 17 f64 per camera: a 3×5 matrix, row by row, then near and far depth. The columns of
+//! the matrix are the camera's axes in world coordinates [down, right, backwards], its centre, and
+//! (height, width, focal length) of the full-size photos (LLFF's README, "Using your own poses").
+//! OpenCV's axes are [right, down, −backwards]. The principal point is the image centre.
 
 use std::path::Path;
 
@@ -15,14 +16,14 @@ use crate::scene::error::SceneError;
 
 /// One row of the file.
 pub(in crate::scene) struct PoseBounds {
-    /// For the declared size.
+    /// In pixels of `size`.
     pub(in crate::scene) intrinsics: Intrinsics,
-    /// Declared, full size in pixels.
+    /// Declared size of the full-size photos, in pixels.
     pub(in crate::scene) size: Size,
     /// `cam_from_world`, OpenCV axes.
     pub(in crate::scene) rotation: DMat3,
     pub(in crate::scene) translation: DVec3,
-    /// As stored, in scene units.
+    /// Bounds of the depth as stored, in scene units; not checked.
     pub(in crate::scene) near: f64,
     pub(in crate::scene) far: f64,
 }
@@ -40,10 +41,10 @@ fn pose_bounds(path: &Path, index: usize, at: impl Fn(usize) -> f64) -> Result<P
     let column = |i: usize| DVec3::new(at(i), at(5 + i), at(10 + i));
     let (down, right, backwards, centre) = (column(0), column(1), column(2), column(3));
     let side = |name: &str, value: f64| {
-        let whole = value.fract() == 0.0 && (1.0..=1e9).contains(&value);
+        let is_valid = value.fract() == 0.0 && (1.0..=1e9).contains(&value);
         let wrong =
             || SceneError::malformed(path, format!("row {index}: {name} is {value}"), "a whole number of pixels");
-        whole.then_some(value as usize).ok_or_else(wrong)
+        is_valid.then_some(value as usize).ok_or_else(wrong)
     };
     let (height, width, focal) = (side("height", at(4))?, side("width", at(9))?, at(14));
     let rotation = DMat3::from_rows(right, down, -backwards);

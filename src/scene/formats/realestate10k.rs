@@ -1,8 +1,10 @@
-//! RealEstate10K: `cameras.txt` and a folder `frames` of pictures named by timestamp.
+//! RealEstate10K: `cameras.txt` and a folder `frames` of photos named by timestamp.
 //!
-//! The file is the data set's own (google.github.io/realestate10k, "Camera format"): the first line is the video's address (where it
-//! is a pose it counts as one), each further line `timestamp fx fy cx cy 0 0` and a 3×4 `cam_from_world` row by row, OpenCV axes. Intrinsics are fractions
-//! of the image's width (fx, cx) and height (fy, cy), so they hold at any size. Timestamps are microseconds.
+//! The file is a camera file of the data set (google.github.io/realestate10k, "Camera format"). The
+//! first line is the video's URL; a pose there is accepted as well. Each further line is `timestamp
+//! fx fy cx cy 0 0` and a 3×4 `cam_from_world` row by row, OpenCV axes. Intrinsics are fractions of
+//! the image's width (fx, cx) and height (fy, cy), so they are independent of its size. Timestamps
+//! are in microseconds.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -15,7 +17,7 @@ use crate::scene::error::SceneError;
 use crate::scene::options::SceneOptions;
 use crate::scene::photo_lookup::{PhotoLookup, list_photos};
 use crate::scene::photo_source::{PhotoList, PhotoSource};
-use crate::scene::pose_file::{read, some_of, text};
+use crate::scene::pose_file::{abbreviated, read, text};
 use crate::scene::undistort::Distortion;
 
 const LINE: &str = "timestamp fx fy cx cy 0 0 and 12 numbers of the pose";
@@ -31,7 +33,7 @@ pub(in crate::scene) fn open(
     views(&path, &bytes, &list, photos)
 }
 
-/// From the photos of this list.
+/// Views of the listed photos.
 pub(in crate::scene) fn views(
     path: &Path,
     bytes: &[u8],
@@ -42,18 +44,17 @@ pub(in crate::scene) fn views(
     let by_stem: HashMap<&str, &str> =
         list.names.iter().filter_map(|name| Some((name.rsplit_once('.')?.0, name.as_str()))).collect();
     let mut lookup = PhotoLookup::new(photos, path);
-    let (mut views, mut absent) = (Vec::new(), Vec::new());
+    let (mut views, mut missing) = (Vec::new(), Vec::new());
     let is_pose =
         |line: &str| line.trim().split_once(char::is_whitespace).is_some_and(|(_, n)| parse_numbers(n).is_ok());
-    let without_address = text.lines().next().is_some_and(is_pose);
-    let lines = text.lines().enumerate().skip(usize::from(!without_address));
+    let starts_with_pose = text.lines().next().is_some_and(is_pose);
+    let lines = text.lines().enumerate().skip(usize::from(!starts_with_pose));
     for (index, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
         let wrong = |what: String| SceneError::malformed(path, format!("line {}: {what}", index + 1), LINE);
-        let (stamp, numbers) =
-            line.trim().split_once(char::is_whitespace).ok_or_else(|| wrong("one word".to_owned()))?;
+        let (stamp, numbers) = line.trim().split_once(char::is_whitespace).ok_or_else(|| wrong("1 word".to_owned()))?;
         let numbers = parse_numbers(numbers).map_err(wrong)?;
         let Some(name) = by_stem.get(stamp) else {
-            absent.push(stamp.to_owned());
+            missing.push(stamp.to_owned());
             continue;
         };
         let Some(photo) = lookup.find(&list.with_folder(name))? else { continue };
@@ -75,22 +76,23 @@ pub(in crate::scene) fn views(
     }
     if views.is_empty() {
         let place = list.folder.as_ref().map(|folder| format!(" in {folder}")).unwrap_or_default();
-        let what = format!("none of its {} timestamps has a picture{place}", absent.len());
-        return Err(SceneError::malformed(path, what, "pictures named by timestamp, such as 50016633.jpg"));
+        let what = format!("none of its {} timestamps has a photo{place}", missing.len());
+        return Err(SceneError::malformed(path, what, "photos named by timestamp, such as 50016633.jpg"));
     }
     let mut notes = lookup.into_notes();
-    if without_address {
-        notes.push("the first line is a pose and not the video's address: read as a pose".to_owned());
+    if starts_with_pose {
+        notes.push("the first line is read as a pose, since it is not the video's URL".to_owned());
     }
-    if !absent.is_empty() {
-        notes.push(format!("{} of the listed timestamps have no picture, skipped: {}", absent.len(), some_of(&absent)));
+    if !missing.is_empty() {
+        let stamps = abbreviated(&missing);
+        notes.push(format!("{} of the listed timestamps have no photo, skipped: {stamps}", missing.len()));
     }
     Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
 }
 
 fn parse_numbers(text: &str) -> Result<[f64; 18], String> {
     let words: Vec<&str> = text.split_whitespace().collect();
-    let number = |word: &&str| word.parse::<f64>().map_err(|_| format!("\"{word}\" is no number"));
+    let number = |word: &&str| word.parse::<f64>().map_err(|_| format!("\"{word}\" is not a number"));
     let numbers = words.iter().map(number).collect::<Result<Vec<_>, _>>()?;
     numbers.try_into().map_err(|_| format!("{} words", words.len() + 1))
 }

@@ -1,11 +1,13 @@
 //! DeepView's Spaces data set: `models.json`, a list of rig positions, each a list of cameras.
 //!
-//! As read by the data set's own `code/utils.py`: OpenCV axes, metres, pixel centres at half-integers. `orientation` is axis
-//! times angle (radians) of `cam_from_world` (that code builds world from camera out of the *negated* angle), `position` is
-//! the camera's centre; fx = `focal_length`, fy = `focal_length` · `pixel_aspect_ratio`, (cx, cy) = `principal_point`.
+//! Conventions are those of the data set's `code/utils.py`: OpenCV axes, metres, pixel centres at
+//! half-integers. `orientation` is the rotation axis times the angle (radians) of `cam_from_world`
+//! (that code builds world from camera with the *negated* angle), `position` is the camera's
+//! centre; fx = `focal_length`, fy = `focal_length` · `pixel_aspect_ratio`, (cx, cy) =
+//! `principal_point`.
 //!
-//! Two traps: heights differ from camera to camera, and in some scenes the declared size (2048 wide) is not that of the
-//! photos (800 wide), so K is always scaled by the actual over the declared size.
+//! Heights differ between cameras, and in some scenes the declared size (2048 wide) differs from
+//! that of the photos (800 wide), so K is always scaled by actual over declared size.
 
 use std::path::Path;
 
@@ -38,10 +40,14 @@ pub(in crate::scene) fn views(
     photos: &dyn PhotoSource,
 ) -> Result<DeclaredViews, SceneError> {
     let file = parse(path, bytes)?;
-    let rigs =
-        file.as_array().ok_or_else(|| SceneError::malformed(path, "the file is no list", "a list of rig positions"))?;
+    let rigs = file
+        .as_array()
+        .ok_or_else(|| SceneError::malformed(path, "the file is not a list", "a list of rig positions"))?;
     let cameras = rigs.get(position).and_then(Value::as_array).ok_or_else(|| {
-        let what = format!("rig position {position} of {} is no list", rigs.len());
+        let what = match rigs.get(position) {
+            Some(_) => format!("rig position {position} is not a list"),
+            None => format!("rig position {position} does not exist, the file has {}", rigs.len()),
+        };
         SceneError::malformed(path, what, "a list of cameras")
     })?;
     let mut lookup = PhotoLookup::new(photos, path);
@@ -52,14 +58,14 @@ pub(in crate::scene) fn views(
     }
     let mut notes = lookup.into_notes();
     if rigs.len() > 1 {
-        notes.push(format!("{} rig positions, of which only number {position} is read", rigs.len()));
+        notes.push(format!("the file has {} rig positions, only number {position} is read", rigs.len()));
     }
     Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
 }
 
-/// A camera's view; `None` if its entry is to be left out.
+/// A camera's view; `None` if its entry is skipped.
 fn view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<Option<DeclaredView>, SceneError> {
-    // First of all, so that nothing is asked of an entry that is left out.
+    // The photo comes first: a skipped entry is not checked any further.
     let Some(photo) = camera.text("relative_path").and_then(|name| lookup.find(name)).transpose() else {
         return Ok(None);
     };
@@ -80,9 +86,9 @@ fn view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<Option<Decla
     }))
 }
 
-/// `cam_from_world` of axis times angle.
+/// `cam_from_world` from an axis times its angle.
 fn rotation(angle_axis: DVec3) -> DMat3 {
     let angle = angle_axis.length();
-    // The data set's own threshold.
+    // The threshold of the data set's code.
     if angle < 1e-7 { DMat3::IDENTITY } else { DMat3::from_axis_angle(angle_axis / angle, angle) }
 }

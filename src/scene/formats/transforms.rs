@@ -1,10 +1,11 @@
 //! nerfstudio's and instant-ngp's `transforms.json`.
 //!
-//! `transform_matrix` is world from camera with OpenGL camera axes (x right, y up, z backwards), 4×4 or 3×4: nerfstudio's
-//! "Data conventions" page. Negating its second and third column gives OpenCV's. Intrinsics are pixels of a `w` × `h` image
-//! whose pixel centres lie at half-integers, for the whole file or per frame; `camera_angle_x` (radians, across the whole
-//! width) stands in for a missing `fl_x`. Distortion is OpenCV's k1, k2, k3, p1, p2. `near` and `far` (scene units) are no
-//! part of the format but used when present.
+//! `transform_matrix` is world from camera with OpenGL camera axes (x right, y up, z backwards),
+//! 4×4 or 3×4 (nerfstudio's "Data conventions" page). Negating its second and third columns gives
+//! OpenCV's axes. Intrinsics are in pixels of a `w` × `h` image with pixel centres at
+//! half-integers, for the whole file or per frame; `camera_angle_x` (horizontal field of view,
+//! radians) replaces a missing `fl_x`. Distortion is OpenCV's k1, k2, k3, p1, p2. `near` and `far`
+//! (scene units) are not part of the format but are used if present.
 
 use std::path::Path;
 
@@ -15,12 +16,13 @@ use super::json::{Fields, parse};
 use crate::geometry::{Intrinsics, Size, cam_from_opengl_world};
 use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::error::SceneError;
-use crate::scene::masks_note;
+use crate::scene::masks;
 use crate::scene::photo_lookup::PhotoLookup;
 use crate::scene::photo_source::PhotoSource;
 use crate::scene::pose_file::read_json;
 use crate::scene::undistort::Distortion;
 
+/// A camera model is refused if its name contains one of these.
 const REFUSED_MODELS: [&str; 6] = ["FISHEYE", "EQUIRECT", "SPHER", "ORTHO", "OMNI", "FOV"];
 const KNOWN_MODELS: [&str; 7] =
     ["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "PERSPECTIVE"];
@@ -38,7 +40,7 @@ pub(in crate::scene) fn views(
     let file = parse(path, bytes)?;
     let head = Fields::new(path, "the file", &file, None)?;
     let frames = head.get("frames").and_then(Value::as_array).ok_or_else(|| head.wrong("frames", "a list"))?;
-    // Synthetic scenes leave the extension out.
+    // In the synthetic NeRF scenes, names have no extension.
     let mut lookup = PhotoLookup::new(photos, path).any_extension(true);
     let mut notes = Vec::new();
     let mut views = Vec::with_capacity(frames.len());
@@ -53,18 +55,18 @@ pub(in crate::scene) fn views(
     Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
 }
 
-/// A frame's view; `None` if its entry is to be left out.
+/// A frame's view; `None` if its entry is skipped.
 fn view(
     path: &Path,
     frame: Fields<'_>,
     lookup: &mut PhotoLookup<'_>,
     notes: &mut Vec<String>,
 ) -> Result<Option<DeclaredView>, SceneError> {
-    // First of all, so that nothing is asked of an entry that is left out.
+    // The photo comes first: a skipped entry is not checked any further.
     let Some(photo) = frame.text("file_path").and_then(|name| lookup.find(name)).transpose() else { return Ok(None) };
     check_model(path, frame, notes)?;
     if frame.text("mask_path").is_ok() {
-        notes.push(masks_note("mask_path"));
+        notes.push(masks::note("mask_path"));
     }
     let photo = photo?;
     let size = match (frame.side("w")?, frame.side("h")?) {
@@ -76,7 +78,7 @@ fn view(
     let Size { width, height } = match size {
         DeclaredSize::Scaled(declared) | DeclaredSize::Exactly(declared) => declared,
         DeclaredSize::Actual => {
-            notes.push("w and h are not given: intrinsics taken as those of the images as they are".to_owned());
+            notes.push("w and h are missing: intrinsics are assumed to be for the photos' actual size".to_owned());
             photo.size
         }
     };
@@ -101,7 +103,7 @@ fn view(
 
 fn check_model(path: &Path, frame: Fields<'_>, notes: &mut Vec<String>) -> Result<(), SceneError> {
     let refuse = |what: String| {
-        let hint = "undistort the photos first (pinhole, or OpenCV's k1, k2, k3, p1, p2, is read)".to_owned();
+        let hint = "undistort the photos first (expected a pinhole, or OpenCV's k1, k2, k3, p1, p2)".to_owned();
         Err(SceneError::Unsupported { path: path.to_owned(), what, hint })
     };
     if let Some(model) = frame.get("camera_model").and_then(Value::as_str) {
@@ -110,7 +112,7 @@ fn check_model(path: &Path, frame: Fields<'_>, notes: &mut Vec<String>) -> Resul
             return refuse(format!("camera_model {model}"));
         }
         if !KNOWN_MODELS.contains(&upper.as_str()) {
-            notes.push(format!("camera_model {model} is unknown: read as a pinhole with k1, k2, k3, p1, p2"));
+            notes.push(format!("camera_model {model} is unknown: assumed to be a pinhole with k1, k2, k3, p1, p2"));
         }
     }
     if frame.get("is_fisheye").is_some_and(|flag| *flag != Value::Bool(false)) {
@@ -124,7 +126,8 @@ fn check_model(path: &Path, frame: Fields<'_>, notes: &mut Vec<String>) -> Resul
     Ok(())
 }
 
-/// A frame's own `fl_x` or `camera_angle_x` comes before either of the file's.
+/// The intrinsics; a frame's own `fl_x` or `camera_angle_x` takes precedence over both of the
+/// file's.
 fn intrinsics(frame: Fields<'_>, width: f64, height: f64) -> Result<Intrinsics, SceneError> {
     let focal = |length: &str, angle: &str, side: f64| -> Result<Option<f64>, SceneError> {
         for fields in [frame.own(), frame] {

@@ -1,4 +1,5 @@
-//! COLMAP's binary files, little-endian. Every count is checked against what is left of the file before it is believed.
+//! COLMAP's binary files, little-endian. Every count is checked against the rest of the file before
+//! memory is allocated for it.
 
 use std::path::Path;
 
@@ -8,7 +9,7 @@ use super::model::{MODELS, Model, ModelFormat, Registered, lens, rotation};
 use crate::scene::error::SceneError;
 
 pub(in crate::scene) const FORMAT: ModelFormat =
-    ModelFormat { ending: "bin", cameras: read_cameras, images: read_images, points: read_points };
+    ModelFormat { extension: "bin", cameras: read_cameras, images: read_images, points: read_points };
 
 fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
     let mut input = Input { path, bytes, at: 0 };
@@ -21,7 +22,7 @@ fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scen
             .ok_or_else(|| input.wrong(&format!("camera {id} has model number {number}"), "0 to 4"))?;
         let parameters = (0..parameters).map(|_| input.f64("camera parameters")).collect::<Result<Vec<_>, _>>()?;
         if model.lenses.insert(id, lens(path, name, width, height, &parameters)?).is_some() {
-            return Err(input.wrong(&format!("camera {id} a second time"), "each camera once"));
+            return Err(input.wrong(&format!("camera {id} is listed twice"), "each camera once"));
         }
     }
     input.end("camera")
@@ -41,7 +42,7 @@ fn read_images(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scene
         let mut tracked = Vec::new();
         for _ in 0..input.count("keypoints", 24)? {
             let (u, v, point) = (input.f64("keypoint")?, input.f64("keypoint")?, input.u64("keypoint")?);
-            // All ones: a keypoint without a 3D point.
+            // All bits set: a keypoint without a 3D point.
             if point != u64::MAX {
                 tracked.push((u, v, point));
             }
@@ -62,13 +63,13 @@ fn read_points(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scene
             input.u64("track")?;
         }
         if model.points.insert(id, position).is_some() {
-            return Err(input.wrong(&format!("point {id} a second time"), "each point once"));
+            return Err(input.wrong(&format!("point {id} is listed twice"), "each point once"));
         }
     }
     input.end("point")
 }
 
-/// A file being read.
+/// Reads the fields of a file in order.
 struct Input<'a> {
     path: &'a Path,
     bytes: &'a [u8],
@@ -116,24 +117,24 @@ impl Input<'_> {
         Ok(count)
     }
 
-    /// After the last record.
+    /// Checks that the file ends after the last record.
     fn end(&self, what: &str) -> Result<(), SceneError> {
         let left = self.bytes.len() - self.at;
         if left == 0 {
             return Ok(());
         }
-        Err(self.wrong(&format!("{left} bytes after the last {what} that is declared"), "the end of the file"))
+        Err(self.wrong(&format!("{left} bytes after the last declared {what}"), "the end of the file"))
     }
 
-    /// A text that ends with a zero byte.
+    /// A zero-terminated text.
     fn name(&mut self) -> Result<String, SceneError> {
         let rest = &self.bytes[self.at..];
         let end = rest
             .iter()
             .position(|&byte| byte == 0)
-            .ok_or_else(|| self.wrong("an image name without end", "a zero byte"))?;
+            .ok_or_else(|| self.wrong("an unterminated image name", "a zero byte"))?;
         let name =
-            std::str::from_utf8(&rest[..end]).map_err(|_| self.wrong("an image name is not text", "UTF-8"))?.to_owned();
+            std::str::from_utf8(&rest[..end]).map_err(|_| self.wrong("an invalid image name", "UTF-8"))?.to_owned();
         self.at += end + 1;
         Ok(name)
     }

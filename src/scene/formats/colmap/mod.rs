@@ -1,11 +1,14 @@
-//! COLMAP sparse models: `cameras`, `images` and `points3D`, binary or text, in `sparse/0`, `sparse`, or the folder itself.
+//! COLMAP sparse models: `cameras`, `images` and `points3D`, binary or text, in `sparse/0`,
+//! `sparse`, or the folder itself.
 //!
-//! Conventions are those of COLMAP's "Output Format" page: poses are `cam_from_world` (quaternion w x y z, then t), OpenCV
-//! axes; intrinsics are in pixels with the first pixel's centre at (0.5, 0.5). Lens models up to OPENCV are undone on load,
-//! all others refused by name. Photos that COLMAP did not register are named in the notes.
+//! Conventions are those of COLMAP's "Output Format" page: poses are `cam_from_world` (quaternion w
+//! x y z, then t), OpenCV axes; intrinsics are in pixels with the first pixel's centre at (0.5,
+//! 0.5). Photos of the camera models up to OPENCV are undistorted on load; other models are refused
+//! by name. The notes list the photos that COLMAP did not register.
 //!
-//! Depth ranges come from each view's tracked points: 0.9 × their 1st and 1.1 × their 99th percentile of depth. The median
-//! reprojection error of these points is told in a note: it shows at once whether poses and photos belong together.
+//! A view's depth range comes from its tracked points: 0.9 × the 1st and 1.1 × the 99th percentile
+//! of their depths. A note reports the median reprojection error of these points, since a large one
+//! means that poses and photos do not belong together.
 
 pub(in crate::scene) mod binary;
 pub(in crate::scene) mod model;
@@ -16,7 +19,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use model::{Model, ModelFormat};
-use tracked_points::{depth_range, depths_and_errors, reprojection};
+use tracked_points::{depth_range, depths_and_errors, reprojection_note};
 
 use crate::geometry::Size;
 use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
@@ -24,9 +27,9 @@ use crate::scene::error::SceneError;
 use crate::scene::options::SceneOptions;
 use crate::scene::photo_lookup::{PhotoLookup, list_photos};
 use crate::scene::photo_source::{PhotoList, PhotoSource};
-use crate::scene::pose_file::{safe_name, some_of};
+use crate::scene::pose_file::{abbreviated, safe_name};
 
-/// The folder of the model, and its format.
+/// The folder of the sparse model, and its format.
 pub(in crate::scene) fn model_folder(root: &Path) -> Option<(PathBuf, ModelFormat)> {
     let folders = ["sparse/0", "sparse", "", "colmap/sparse/0"].map(|folder| root.join(folder));
     folders.into_iter().find_map(|folder| {
@@ -51,16 +54,16 @@ pub(in crate::scene) fn open(
     Ok(found)
 }
 
-/// From the photos in the folder of the list.
+/// Views of the listed photos.
 pub(in crate::scene) fn views(
     listed_in: &Path,
     model: &Model,
     list: &PhotoList,
     photos: &dyn PhotoSource,
 ) -> Result<DeclaredViews, SceneError> {
-    // Reduced copies have another size by design, and may have another extension.
-    let reduced = list.folder.as_deref().filter(|&folder| folder != "images");
-    let mut lookup = PhotoLookup::new(photos, listed_in).any_extension(reduced.is_some());
+    // Downscaled copies differ in size from the model's photos, and may differ in extension.
+    let downscaled = list.folder.as_deref().filter(|&folder| folder != "images");
+    let mut lookup = PhotoLookup::new(photos, listed_in).any_extension(downscaled.is_some());
     let mut views = Vec::with_capacity(model.images.len());
     let mut errors = Vec::new();
     for image in &model.images {
@@ -70,12 +73,12 @@ pub(in crate::scene) fn views(
         };
         let name = safe_name(listed_in, &image.name)?;
         let Some(photo) = lookup.find(&list.with_folder(&name))? else { continue };
-        let (depths, worst) = depths_and_errors(image, lens, &model.points);
-        errors.extend(worst);
+        let (depths, view_errors) = depths_and_errors(image, lens, &model.points);
+        errors.extend(view_errors);
         views.push(DeclaredView {
             photo,
             intrinsics: lens.intrinsics,
-            size: match reduced {
+            size: match downscaled {
                 Some(_) => DeclaredSize::Scaled(Size::new(lens.width, lens.height)),
                 None => DeclaredSize::Exactly(Size::new(lens.width, lens.height)),
             },
@@ -86,19 +89,19 @@ pub(in crate::scene) fn views(
         });
     }
     let mut notes = lookup.into_notes();
-    notes.extend(reduced.map(|folder| format!("photos are those of {folder}")));
-    notes.extend(reprojection(errors));
+    notes.extend(downscaled.map(|folder| format!("photos are read from {folder}")));
+    notes.extend(reprojection_note(errors));
     if model.points.is_empty() {
         notes.push("no points3D: depth ranges are unknown".to_owned());
     }
     Ok(DeclaredViews { cameras: listed_in.to_owned(), views, notes })
 }
 
-/// The note on photos that the model does not place.
+/// The note on photos that COLMAP did not register.
 fn unregistered(list: &PhotoList, views: &[DeclaredView]) -> Option<String> {
-    let known: HashSet<&str> = views.iter().map(|view| view.photo.name.as_str()).collect();
-    let unknown = |name: &&String| !known.contains(list.with_folder(name).as_str());
-    let names: Vec<String> = list.names.iter().filter(unknown).cloned().collect();
+    let registered: HashSet<&str> = views.iter().map(|view| view.photo.name.as_str()).collect();
+    let is_unregistered = |name: &&String| !registered.contains(list.with_folder(name).as_str());
+    let names: Vec<String> = list.names.iter().filter(is_unregistered).cloned().collect();
     (!names.is_empty())
-        .then(|| format!("{} photos were not registered by COLMAP, skipped: {}", names.len(), some_of(&names)))
+        .then(|| format!("{} photos were not registered by COLMAP, skipped: {}", names.len(), abbreviated(&names)))
 }

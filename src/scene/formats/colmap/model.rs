@@ -1,4 +1,4 @@
-//! A sparse model as its files hold it, and what both encodings, binary and text, share.
+//! A sparse model, and what its binary and text encodings have in common.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,8 @@ use crate::scene::error::SceneError;
 use crate::scene::pose_file;
 use crate::scene::undistort::Distortion;
 
-/// A lens of the model, at the size of its photos.
+/// The intrinsics and distortion of one of the model's cameras, at the size of its photos in
+/// pixels.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Lens {
     pub(super) intrinsics: Intrinsics,
@@ -19,14 +20,14 @@ pub(super) struct Lens {
     pub(super) height: usize,
 }
 
-/// A registered photo.
+/// A registered photo; its pose is `cam_from_world`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Registered {
     pub(super) name: String,
     pub(super) camera: u32,
     pub(super) rotation: DMat3,
     pub(super) translation: DVec3,
-    /// Keypoints with a 3D point: position in the photo as taken (pixels), id of the point.
+    /// Keypoints with a 3D point: position in the distorted photo (pixels), id of the point.
     pub(super) tracked: Vec<(f64, f64, u64)>,
 }
 
@@ -38,13 +39,13 @@ pub(in crate::scene) struct Model {
     pub(super) points: HashMap<u64, DVec3>,
 }
 
-/// Reads one file of a model, given its path and bytes.
+/// Adds the contents of one file, given its path and bytes, to a model.
 pub(in crate::scene) type Parse = fn(&Path, &[u8], &mut Model) -> Result<(), SceneError>;
 
-/// Binary or text.
+/// An encoding of a model, binary or text.
 pub(in crate::scene) struct ModelFormat {
-    /// Of its files' names.
-    pub(super) ending: &'static str,
+    /// File extension.
+    pub(super) extension: &'static str,
     pub(in crate::scene) cameras: Parse,
     pub(in crate::scene) images: Parse,
     pub(in crate::scene) points: Parse,
@@ -52,7 +53,7 @@ pub(in crate::scene) struct ModelFormat {
 
 impl ModelFormat {
     pub(super) fn file(&self, folder: &Path, name: &str) -> PathBuf {
-        folder.join(format!("{name}.{}", self.ending))
+        folder.join(format!("{name}.{}", self.extension))
     }
 
     pub(super) fn is_in(&self, folder: &Path) -> bool {
@@ -71,7 +72,7 @@ impl ModelFormat {
     }
 }
 
-/// Camera models by their number in binary files, with their number of parameters.
+/// Camera models and their numbers of parameters, indexed by the model number in binary files.
 pub(super) const MODELS: [(&str, usize); 12] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
@@ -87,7 +88,7 @@ pub(super) const MODELS: [(&str, usize); 12] = [
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
 ];
 
-/// The lens of a camera model's parameters, or a refusal by name.
+/// A lens from a camera model's name and parameters; an error for unsupported models.
 pub(super) fn lens(
     path: &Path,
     model: &str,
@@ -95,19 +96,19 @@ pub(super) fn lens(
     height: usize,
     parameters: &[f64],
 ) -> Result<Lens, SceneError> {
-    let none = Distortion::default();
-    let square = |f, cx, cy| Intrinsics { fx: f, fy: f, cx, cy, skew: 0.0 };
+    let zero = Distortion::default();
+    let square_pixels = |f, cx, cy| Intrinsics { fx: f, fy: f, cx, cy, skew: 0.0 };
     let (intrinsics, distortion) = match (model, parameters) {
-        ("SIMPLE_PINHOLE", &[f, cx, cy]) => (square(f, cx, cy), none),
-        ("PINHOLE", &[fx, fy, cx, cy]) => (Intrinsics { fx, fy, cx, cy, skew: 0.0 }, none),
-        ("SIMPLE_RADIAL", &[f, cx, cy, k1]) => (square(f, cx, cy), Distortion { k1, ..none }),
-        ("RADIAL", &[f, cx, cy, k1, k2]) => (square(f, cx, cy), Distortion { k1, k2, ..none }),
+        ("SIMPLE_PINHOLE", &[f, cx, cy]) => (square_pixels(f, cx, cy), zero),
+        ("PINHOLE", &[fx, fy, cx, cy]) => (Intrinsics { fx, fy, cx, cy, skew: 0.0 }, zero),
+        ("SIMPLE_RADIAL", &[f, cx, cy, k1]) => (square_pixels(f, cx, cy), Distortion { k1, ..zero }),
+        ("RADIAL", &[f, cx, cy, k1, k2]) => (square_pixels(f, cx, cy), Distortion { k1, k2, ..zero }),
         ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => {
-            (Intrinsics { fx, fy, cx, cy, skew: 0.0 }, Distortion { k1, k2, p1, p2, ..none })
+            (Intrinsics { fx, fy, cx, cy, skew: 0.0 }, Distortion { k1, k2, p1, p2, ..zero })
         }
         ("SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV", _) => {
             let what = format!("a {model} camera with {} parameters", parameters.len());
-            return Err(SceneError::malformed(path, what, "as many as the camera model has"));
+            return Err(SceneError::malformed(path, what, "the camera model's number of parameters"));
         }
         _ => {
             let hint =
@@ -115,16 +116,16 @@ pub(super) fn lens(
             return Err(SceneError::Unsupported { path: path.to_owned(), what: format!("camera model {model}"), hint });
         }
     };
-    // Checked here, where the file that holds the intrinsics is still known.
+    // Checked here, so that the error names the file that holds the intrinsics.
     let refused = |source| SceneError::Camera { path: path.to_owned(), image: format!("model {model}"), source };
     Camera::new(intrinsics, 1, 1, DMat3::IDENTITY, DVec3::ZERO).and(distortion.check()).map_err(refused)?;
     Ok(Lens { intrinsics, distortion, width, height })
 }
 
-/// Rotation of a quaternion w x y z of any length; NaN if it has none.
+/// Rotation from a quaternion w x y z of any length; NaN if the length is 0 or not finite.
 pub(super) fn rotation([w, x, y, z]: [f64; 4]) -> DMat3 {
     let length = (w * w + x * x + y * y + z * z).sqrt();
     let unit = DQuat::from_xyzw(x / length, y / length, z / length, w / length);
-    // `DMat3::from_quat` asserts unit length in some builds; a bad quaternion must become an error instead.
+    // `DMat3::from_quat` panics on other lengths in some builds; NaN becomes an error later.
     if length > 0.0 && unit.is_finite() { DMat3::from_quat(unit) } else { DMat3::NAN }
 }

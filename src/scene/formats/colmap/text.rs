@@ -1,5 +1,5 @@
-//! COLMAP's text files: `#` starts a comment line. In `images.txt` each photo has two lines, of which the second, its
-//! keypoints, may be empty.
+//! COLMAP's text files: `#` starts a comment line. In `images.txt` each photo has two lines; the
+//! second, its keypoints, may be empty.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::scene::error::SceneError;
 use crate::scene::pose_file::text;
 
 pub(in crate::scene) const FORMAT: ModelFormat =
-    ModelFormat { ending: "txt", cameras: read_cameras, images: read_images, points: read_points };
+    ModelFormat { extension: "txt", cameras: read_cameras, images: read_images, points: read_points };
 
 fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
     for line in records(text(path, bytes)?) {
@@ -18,7 +18,7 @@ fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scen
         let parameters = (4..words.len()).map(|i| words.parse(i)).collect::<Result<Vec<f64>, _>>()?;
         let lens = lens(path, words.get(1)?, words.parse(2)?, words.parse(3)?, &parameters)?;
         if model.lenses.insert(words.parse(0)?, lens).is_some() {
-            return Err(words.wrong(format!("camera {} a second time", words.get(0)?)));
+            return Err(words.wrong(format!("camera {} is listed twice", words.get(0)?)));
         }
     }
     Ok(())
@@ -65,7 +65,7 @@ fn read_points(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scene
         let words = Words::new(path, line, "POINT3D_ID X Y Z R G B ERROR TRACK");
         let position = DVec3::new(words.parse(1)?, words.parse(2)?, words.parse(3)?);
         if model.points.insert(words.parse(0)?, position).is_some() {
-            return Err(words.wrong(format!("point {} a second time", words.get(0)?)));
+            return Err(words.wrong(format!("point {} is listed twice", words.get(0)?)));
         }
     }
     Ok(())
