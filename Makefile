@@ -96,7 +96,7 @@ target/goldens/cases.txt: parity/generate.py $(REFERENCE) | setup
 ## What needs more than a clone is ignored by `cargo test`, and asked for here where it is there.
 test-rust: setup goldens
 	cargo test --release --locked
-	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scene_data -- --ignored
+	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scene -- --ignored
 	test ! -e .venv-openvino/.runtime || cargo test --release --locked --test execution_providers -- --ignored
 
 ## Those of the program and of the evaluation too: without both they would be skipped.

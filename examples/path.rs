@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 
-use liveview::image::inpaint_unseen;
+use liveview::image::inpaint_uncovered;
 use liveview::{ImageRgb, Options, Synthesizer, Targets};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let loaded = synthesizer.load(shot, &shots[index + 1..])?;
         let plan = synthesizer.plan(&loaded)?;
         let frame = synthesizer.render_plan(&loaded, &plan, |_| ())?;
-        let picture = inpaint_unseen(&frame.picture, &frame.transmittance);
+        let picture = inpaint_uncovered(&frame.picture, &frame.transmittance);
         picture.save(folder.join(format!("{}.png", shot.name)))?;
         write_frame(&mut video, &picture)?;
     }

@@ -36,7 +36,7 @@
 //!
 //! Training, pose estimation, an interactive viewer (the program has one, `liveview view`), fetching models or libraries at run time, and
 //! extrapolation far beyond the photos. Gloss and reflections are only as good as the nearest photos; pixels that no photo covers are black in a [`Frame`]
-//! ([`image::inpaint_unseen`] fills them).
+//! ([`image::inpaint_uncovered`] fills them).
 //!
 //! # Features
 //!

@@ -1,5 +1,5 @@
-//! Small scene folders, written by the tests into temporary folders.
-#![allow(dead_code, reason = "each test file uses its own part")]
+//! Writes small scenes into temporary folders, and assertions about scenes.
+#![allow(dead_code, reason = "shared by several test binaries, none of which uses all of it")]
 
 use std::fs;
 use std::path::Path;
@@ -8,14 +8,14 @@ use glam::DVec3;
 use liveview::geometry::Camera;
 use liveview::scene::{Scene, SceneError, SceneOptions};
 
-/// A picture with a gradient and a pattern, PNG or JPEG by the extension.
+/// Writes a picture with a gradient and a pattern, as PNG or JPEG by the extension.
 pub(crate) fn picture(path: &Path, width: u32, height: u32) {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     let colour = |x, y| image::Rgb([(x * 255 / width) as u8, (y * 255 / height) as u8, ((x ^ y) * 8 % 256) as u8]);
     image::RgbImage::from_fn(width, height, colour).save(path).unwrap();
 }
 
-/// The checksum of a PNG's chunk.
+/// The checksum of a PNG chunk.
 pub(crate) fn crc32(bytes: &[u8]) -> u32 {
     let step = |crc: u32, byte: &u8| {
         (0..8).fold(crc ^ u32::from(*byte), |c, _| if c & 1 == 1 { (c >> 1) ^ 0xEDB8_8320 } else { c >> 1 })
@@ -32,19 +32,24 @@ pub(crate) fn open(root: &Path) -> Result<Scene, SceneError> {
     Scene::open(root, &SceneOptions::default())
 }
 
-/// The message of a refusal.
+/// The message of the error on opening a scene.
 pub(crate) fn refusal(root: &Path) -> String {
     open(root).unwrap_err().to_string()
 }
 
-/// Asserts that every part stands in the message.
+/// The notes of a scene, one per line.
+pub(crate) fn notes(scene: &Scene) -> String {
+    scene.notes.join("\n")
+}
+
+/// Asserts that the message contains every part.
 pub(crate) fn assert_says(message: &str, parts: &[&str]) {
     for part in parts {
         assert!(message.contains(part), "\"{part}\" is missing in: {message}");
     }
 }
 
-/// Pixel of a world point, and its depth.
+/// Pixel coordinates of a world point, and its depth.
 pub(crate) fn project(camera: &Camera, x: f64, y: f64, z: f64) -> [f64; 3] {
     let ray = camera.rotation() * DVec3::new(x, y, z) + camera.translation();
     let pixel = camera.k() * (ray / ray.z);
@@ -56,15 +61,15 @@ pub(crate) fn assert_close(actual: [f64; 3], expected: [f64; 3]) {
     assert!(worst < 1e-9, "{actual:?}, expected {expected:?}");
 }
 
-/// `poses_bounds.npy` with these rows.
+/// Writes a `poses_bounds.npy` with these rows.
 pub(crate) fn poses_bounds(path: &Path, rows: &[[f64; 17]]) {
     let array = ndarray::Array2::from_shape_fn((rows.len(), 17), |(i, j)| rows[i][j]);
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     ndarray_npy::write_npy(path, &array).unwrap();
 }
 
-/// A camera at (1, 2, 3), x right, y up, looking along −z: right (1,0,0), down (0,−1,0), backwards (0,0,1).
-/// Photos of 64×48 with a focal length of 80.
+/// A camera at (1, 2, 3), x right, y up, looking along −z: right (1,0,0), down (0,−1,0), backwards
+/// (0,0,1). Photos of 64×48 with a focal length of 80.
 pub(crate) const LLFF_ROW: [f64; 17] = [
     0.0, 1.0, 0.0, 1.0, 48.0, //
     -1.0, 0.0, 0.0, 2.0, 64.0, //
@@ -72,8 +77,8 @@ pub(crate) const LLFF_ROW: [f64; 17] = [
     1.5, 20.0,
 ];
 
-/// A `transforms.json` whose one frame, `images/a.png`, is 64×48 and looks along −z from the origin.
-/// `from` and `to` replace a piece of its text.
+/// Writes a `transforms.json` with one frame, `images/a.png`, which is 64×48 and looks along −z
+/// from the origin; `from`, a part of its text, is replaced by `to`.
 pub(crate) fn transforms(root: &Path, from: &str, to: &str) {
     let text = r#"{
   "fl_x": 50.0, "fl_y": 60.0, "cx": 30.0, "cy": 25.0, "w": 64, "h": 48,
@@ -87,11 +92,19 @@ pub(crate) fn transforms(root: &Path, from: &str, to: &str) {
     picture(&root.join("images/a.png"), 64, 48);
 }
 
-/// A COLMAP model as text, with one camera, and photos named `names` that each see 10 points at depths 2 to 11.
+/// A COLMAP model with one camera and photos named `names`, each of which sees 10 points at depths
+/// 2 to 11.
 pub(crate) struct Colmap<'a> {
+    /// The camera's line in `cameras.txt`, without its number.
     pub(crate) camera: &'a str,
     pub(crate) names: &'a [&'a str],
 }
+
+/// A COLMAP model with one photo.
+pub(crate) const ONE_PHOTO: Colmap<'_> = Colmap { camera: Colmap::PINHOLE, names: &["a.png"] };
+
+/// A COLMAP model with two photos, one of them in a subfolder.
+pub(crate) const TWO_PHOTOS: Colmap<'_> = Colmap { camera: Colmap::PINHOLE, names: &["b.png", "sub/a.png"] };
 
 impl Colmap<'_> {
     pub(crate) const PINHOLE: &'static str = "PINHOLE 64 48 50 60 30 25";
@@ -100,13 +113,14 @@ impl Colmap<'_> {
         (0..10).map(|i| [0.1 * f64::from(i), -0.05 * f64::from(i), 2.0 + f64::from(i)]).collect()
     }
 
-    /// Pose of photo `i`: a turn about y and a shift.
+    /// Pose of photo `i` (quaternion w x y z, translation): rotated about y and shifted.
     pub(crate) fn pose(i: usize) -> [f64; 7] {
         let half = 0.05 * i as f64;
         [half.cos(), 0.0, half.sin(), 0.0, 0.2 * i as f64, 0.1, 0.0]
     }
 
-    /// The keypoints of photo `i`: the points seen by the pinhole camera, and one without a point.
+    /// The keypoints of photo `i` and the ids of their points: one without a point, then all points
+    /// as the pinhole camera sees them.
     fn keypoints(i: usize) -> Vec<([f64; 2], i64)> {
         let [w, _, y, _, tx, ty, tz] = Self::pose(i);
         let (sin, cos) = (2.0 * w * y, w * w - y * y);
@@ -133,9 +147,9 @@ impl Colmap<'_> {
         write(&folder.join("points3D.txt"), Self::points().into_iter().zip(1..).map(point).collect::<String>());
     }
 
-    /// Only for [`Colmap::PINHOLE`].
+    /// Supports the camera [`Colmap::PINHOLE`] only.
     pub(crate) fn write_binary(&self, folder: &Path) {
-        assert_eq!(self.camera, Self::PINHOLE, "the binary writer knows one camera");
+        assert_eq!(self.camera, Self::PINHOLE, "the only camera that can be written as binary");
         let mut cameras = Bytes::default().u64(1).u32(1).u32(1).u64(64).u64(48);
         for parameter in [50.0, 60.0, 30.0, 25.0] {
             cameras = cameras.f64(parameter);
@@ -163,7 +177,7 @@ impl Colmap<'_> {
     }
 }
 
-/// Little-endian fields, one after the other.
+/// Little-endian fields in a row.
 #[derive(Default)]
 pub(crate) struct Bytes(pub(crate) Vec<u8>);
 

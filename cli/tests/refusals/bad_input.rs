@@ -36,7 +36,7 @@ fn truncated_image() {
 fn image_of_another_size() {
     let folders = Folders::new();
     photo(&folders.photo(3), 0.3, 60, 48);
-    assert_render_refused(&folders, &[], &["images/3.png", "another size than declared", "60x48", "64x48"]);
+    assert_render_refused(&folders, &[], &["images/3.png", "the image is 60x48", "declares 64x48"]);
 }
 
 #[test]

@@ -15,7 +15,7 @@ use std::time::Instant;
 use anyhow::{Error, Result, anyhow};
 use clap::Args;
 use explain::{ExplainArgs, Explained, Explanation};
-use liveview::image::{Score, inpaint_unseen};
+use liveview::image::{Score, inpaint_uncovered};
 use liveview::{LayerSpec, Plan, Shot};
 use liveview_common::args::layers::LayerArgs;
 use liveview_common::args::model::ModelArgs;
@@ -207,7 +207,7 @@ fn render(
             return Err(nothing_seen(args));
         }
         explanation = args.explain.explain(job, &about)?;
-        frame.picture = inpaint_unseen(&frame.picture, &frame.transmittance);
+        frame.picture = inpaint_uncovered(&frame.picture, &frame.transmittance);
         let digests = outputs.write(&shot, &frame, truth.as_ref())?;
         if frame.logits_not_finite > 0 {
             let strays = frame.logits_not_finite;

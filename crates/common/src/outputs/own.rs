@@ -1,19 +1,19 @@
-//! Files that the program wrote itself.
+//! Recognises files that the program wrote.
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 use liveview::fs::bounded;
-use liveview::image::has_mark;
+use liveview::image::is_tagged;
 use serde_json::Value;
 
 use crate::args::output::has_ending;
 
-/// Bytes in which the mark of a picture stands.
-const START: u64 = 256;
+/// Bytes at the start of a picture file that include the program's tag.
+const TAGGED_BYTES: u64 = 256;
 
-/// Whether a file bears the program's mark: a picture of its own, or JSON that says so.
+/// Whether the program wrote a file: a tagged picture, or JSON with the program's fields.
 pub(super) fn is_own(file: &Path) -> bool {
     if has_ending(file, &["json"]) {
         let read = || bounded::read(file, bounded::MAX_JSON_BYTES).ok();
@@ -21,7 +21,7 @@ pub(super) fn is_own(file: &Path) -> bool {
         return json["job"]["liveview"].is_string() || json["liveview"].is_string();
     }
     if has_ending(file, &["npy"]) {
-        // An array bears no mark; those of `liveview depth` have a picture and its scale beside them.
+        // An array has no tag; `liveview depth` writes a picture and its scale next to each.
         let stem = file.file_stem().unwrap_or_default();
         return [".png", "_scale.json"].iter().all(|ending| {
             let mut name = stem.to_owned();
@@ -30,5 +30,5 @@ pub(super) fn is_own(file: &Path) -> bool {
         });
     }
     let mut start = Vec::new();
-    File::open(file).and_then(|file| file.take(START).read_to_end(&mut start)).is_ok() && has_mark(&start)
+    File::open(file).and_then(|file| file.take(TAGGED_BYTES).read_to_end(&mut start)).is_ok() && is_tagged(&start)
 }

@@ -237,14 +237,14 @@ mod tests {
         let names = ["../rig/images/a.0/2.png", "a.0/1.png", "a.mp4", "other/1.png", "/far/away/c"];
         let (names, notes) = opened(&rig("transforms.json", &transforms(&names)));
         assert_eq!(names, ["a", "a.0", "c"]);
-        assert_eq!(notes, ["other/1.png belongs to no camera: left out"]);
+        assert_eq!(notes, ["other/1.png belongs to no camera: skipped"]);
     }
 
     #[test]
     fn entries_left_out_are_asked_for_nothing() {
         let text = transforms(&["a", "a.0", "c"]).replace("[{", "[{\"file_path\": \"other\", \"is_fisheye\": true}, {");
         let (names, notes) = opened(&rig("transforms.json", &text));
-        assert_eq!((names.len(), notes), (3, vec!["other belongs to no camera: left out".to_owned()]));
+        assert_eq!((names.len(), notes), (3, vec!["other belongs to no camera: skipped".to_owned()]));
     }
 
     #[test]

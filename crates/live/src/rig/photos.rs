@@ -44,15 +44,15 @@ impl RigPhotos {
 }
 
 impl PhotoSource for RigPhotos {
-    /// RealEstate10K's poses are those of one camera on its way.
-    fn serves(&self, format: Format) -> bool {
+    /// All formats but RealEstate10K, whose poses are those of a single moving camera.
+    fn supports(&self, format: Format) -> bool {
         format != Format::RealEstate10k
     }
 
     fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError> {
         Ok(match self.of_frame(listed.name) {
-            Some(camera) => Found::OneOfMany(camera.photo()),
-            None => Found::LeftOut(format!("{} belongs to no camera: left out", listed.name)),
+            Some(camera) => Found::Shared(camera.photo()),
+            None => Found::Skipped(format!("{} belongs to no camera: skipped", listed.name)),
         })
     }
 

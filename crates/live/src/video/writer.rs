@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use liveview::ImageRgb;
 use liveview::geometry::Size;
-use liveview::image::inpaint_unseen;
+use liveview::image::inpaint_uncovered;
 use liveview::render::Frame;
 
 use super::gather::Clock;
@@ -46,7 +46,7 @@ pub(super) fn write(
         let mut due = None;
         if let Shown::Frame { step, frame } = shown {
             due = clock.map(|clock| clock.due(step));
-            last = inpaint_unseen(&frame.picture, &frame.transmittance);
+            last = inpaint_uncovered(&frame.picture, &frame.transmittance);
             if last.size() != size {
                 last = last.resized(size.width, size.height)?;
             }

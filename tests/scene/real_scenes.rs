@@ -1,5 +1,6 @@
-//! The real scenes of the folder `LIVEVIEW_DATA`, else `../shared/data`. Ignored unless asked for: not everyone has them; `make test`
-//! asks where the folder exists.
+//! Real scenes from the folder `LIVEVIEW_DATA`, by default `../shared/data`. These tests are
+//! ignored unless requested, because the scenes are not part of the repository; `make test` runs
+//! them if the folder exists.
 
 use std::path::{Path, PathBuf};
 
@@ -9,11 +10,11 @@ use liveview::image::ImageRgb;
 use liveview::scene::{Format, Scene, SceneOptions};
 
 fn data() -> PathBuf {
-    let named = std::env::var_os("LIVEVIEW_DATA").map(PathBuf::from);
-    named.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"))
+    let folder = std::env::var_os("LIVEVIEW_DATA").map(PathBuf::from);
+    folder.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"))
 }
 
-/// Scene, format, number of views, whether it has depth ranges.
+/// Scene, format, number of views, whether the views have depth ranges.
 const SCENES: &[(&str, Format, usize, bool)] = &[
     ("dev/grid3x3", Format::Colmap, 9, true),
     ("dev/llff_flower", Format::Llff, 34, true),
@@ -30,15 +31,15 @@ const SCENES: &[(&str, Format, usize, bool)] = &[
 
 #[test]
 #[ignore = "needs the real scenes"]
-fn every_scene_opens_and_loads() {
+fn all_scenes_open_and_load() {
     let data = data();
-    for &(name, format, count, ranged) in SCENES {
+    for &(name, format, count, has_range) in SCENES {
         let mut options = SceneOptions::default();
         options.width = Some(160);
         let scene = Scene::open(&data.join(name), &options).unwrap();
         println!("{name}: {} views, {:?}", scene.views.len(), scene.notes);
         assert_eq!((scene.format, scene.views.len()), (format, count), "{name}");
-        assert!(scene.views.iter().all(|view| view.depth_range.is_some() == ranged), "{name}");
+        assert!(scene.views.iter().all(|view| view.depth_range.is_some() == has_range), "{name}");
         assert!(scene.views.is_sorted_by(|a, b| a.name < b.name), "{name}");
         let image = scene.load_image(0).unwrap();
         let camera = &scene.views[0].camera;
@@ -49,7 +50,7 @@ fn every_scene_opens_and_loads() {
 
 #[test]
 #[ignore = "needs the real scenes"]
-fn colmap_points_project_onto_their_keypoints() {
+fn colmap_reprojection_error_is_below_a_pixel() {
     let data = data();
     let scene = Scene::open(&data.join("dev/grid3x3"), &SceneOptions::default()).unwrap();
     let note = scene.notes.iter().find(|note| note.starts_with("median reprojection error")).unwrap();
@@ -57,11 +58,11 @@ fn colmap_points_project_onto_their_keypoints() {
     assert!(median < 1.0, "{note}");
 }
 
-/// The poses, axes and intrinsics of a format hang together if a plane sweep between neighbours finds matches, and finds far
-/// fewer once the relative pose is turned the wrong way round.
+/// Checks that poses, axes and intrinsics are consistent: a plane sweep between neighbouring views
+/// finds matches, and far fewer with the relative pose inverted.
 #[test]
 #[ignore = "needs the real scenes"]
-fn neighbours_match_along_epipolar_lines() {
+fn neighbouring_views_match_along_epipolar_lines() {
     let data = data();
     for &(name, ..) in SCENES {
         let mut options = SceneOptions::default();
@@ -71,9 +72,9 @@ fn neighbours_match_along_epipolar_lines() {
         let distance = |&i: &usize| (scene.views[i].camera.centre() - scene.views[target].camera.centre()).length();
         let source =
             (0..scene.views.len()).filter(|&i| i != target).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap();
-        let (right, wrong) = (matches(&scene, source, target, false), matches(&scene, source, target, true));
-        println!("{name}: {:.0} % of patches match, {:.0} % with the pose inverted", 100.0 * right, 100.0 * wrong);
-        assert!(right > 0.5 && right > wrong + 0.2, "{name}: {right} {wrong}");
+        let (share, inverted) = (matches(&scene, source, target, false), matches(&scene, source, target, true));
+        println!("{name}: {:.0} % of patches match, {:.0} % with the pose inverted", 100.0 * share, 100.0 * inverted);
+        assert!(share > 0.5 && share > inverted + 0.2, "{name}: {share} {inverted}");
     }
 }
 
@@ -119,7 +120,7 @@ fn correlation(
     Some(found.iter().zip(patch).map(|(a, b)| a * b).sum())
 }
 
-/// A 7×7 patch with mean 0 and length 1, if it is inside and textured.
+/// A 7×7 patch with mean 0 and norm 1, if it is inside the image and textured.
 fn normalised(sample: impl Fn(f64, f64) -> Option<f64>) -> Option<[f64; 49]> {
     let mut patch = [0.0; 49];
     for (i, value) in patch.iter_mut().enumerate() {
@@ -130,7 +131,7 @@ fn normalised(sample: impl Fn(f64, f64) -> Option<f64>) -> Option<[f64; 49]> {
     (length > 0.3).then(|| patch.map(|v| (v - mean) / length))
 }
 
-/// Bilinear grey value at pixel coordinates (centres at .5), if inside.
+/// Bilinear grey value at pixel coordinates (centres at .5), if inside the image.
 fn grey(image: &ImageRgb, u: f64, v: f64) -> Option<f64> {
     let (u, v) = (u - 0.5, v - 0.5);
     let inside = u >= 0.0 && v >= 0.0 && u < (image.width() - 1) as f64 && v < (image.height() - 1) as f64;

@@ -1,6 +1,4 @@
-//! Scenes whose photos are no files: what a source of one's own says is what the scene holds.
-
-mod scene_common;
+//! Scenes whose photos come from another source than the scene folder.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -8,17 +6,18 @@ use std::sync::Arc;
 use liveview::geometry::Size;
 use liveview::image::ImageRgb;
 use liveview::scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource, Scene, SceneError, SceneOptions};
-use scene_common::{Colmap, LLFF_ROW, assert_says, poses_bounds, transforms, write};
 use tempfile::tempdir;
 
-/// Grey photos of 64×48: `a.png` to `c.png`, and `d`, which is whatever lies in a folder `d`.
+use crate::scene_common::{Colmap, LLFF_ROW, assert_says, notes, poses_bounds, transforms, write};
+
+/// Grey photos of 64×48: `a.png` to `c.png`, and `d`, which every name in a folder `d` shares.
 #[derive(Debug)]
 struct Grey {
     folder: Option<&'static str>,
 }
 
 impl PhotoSource for Grey {
-    fn serves(&self, format: Format) -> bool {
+    fn supports(&self, format: Format) -> bool {
         format != Format::Spaces
     }
 
@@ -32,12 +31,12 @@ impl PhotoSource for Grey {
         let file = listed.name.rsplit('/').next().unwrap_or_default();
         Ok(match file {
             "a.png" | "b.png" | "c.png" => Found::Photo(photo(listed.name)),
-            _ if listed.name.contains("d/") => Found::OneOfMany(photo("d")),
+            _ if listed.name.contains("d/") => Found::Shared(photo("d")),
             "lost.png" => {
                 let (path, listed_in) = (PathBuf::from("lost"), listed.listed_in.to_owned());
                 return Err(SceneError::MissingImage { path, listed_in });
             }
-            _ => Found::LeftOut(format!("{file} is not mine")),
+            _ => Found::Skipped(format!("{file} does not exist")),
         })
     }
 
@@ -60,8 +59,8 @@ fn names(scene: &Scene) -> Vec<&str> {
     scene.views.iter().map(|view| view.name.as_str()).collect()
 }
 
-/// A `transforms.json` of these entries alone.
-fn entries(root: &Path, entries: &[&str]) {
+/// Writes a `transforms.json` with these entries.
+fn write_entries(root: &Path, entries: &[&str]) {
     let pose = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]";
     let frame = |entry: &&str| format!("{{\"file_path\": \"{entry}\", \"transform_matrix\": {pose}}}");
     let frames = entries.iter().map(frame).collect::<Vec<_>>().join(", ");
@@ -69,25 +68,25 @@ fn entries(root: &Path, entries: &[&str]) {
 }
 
 #[test]
-fn entries_are_taken_once_or_left_out_as_the_source_says() {
+fn entries_are_found_shared_skipped_or_errors_as_the_source_decides() {
     let root = tempdir().unwrap();
-    entries(root.path(), &["a.png", "d/7.png", "../d/8.png", "other.png", "b.png"]);
+    write_entries(root.path(), &["a.png", "d/7.png", "../d/8.png", "other.png", "b.png"]);
     let scene = open(root.path(), None).unwrap();
     assert_eq!(names(&scene), ["a.png", "b.png", "d"]);
-    assert_eq!(scene.notes, ["other.png is not mine"]);
+    assert_eq!(scene.notes, ["other.png does not exist"]);
     assert_eq!(scene.load_image(2).unwrap().pixel(3, 3), [0.25; 3]);
     assert_eq!(scene.views[2].image_path(), Path::new("memory"));
-    // A photo of one name is named once, by whatever source.
-    entries(root.path(), &["a.png", "a.png"]);
+    // An unshared photo must not be listed twice.
+    write_entries(root.path(), &["a.png", "a.png"]);
     assert_says(&open(root.path(), None).unwrap_err().to_string(), &["\"a.png\" is listed twice"]);
-    entries(root.path(), &["a.png", "lost.png"]);
+    write_entries(root.path(), &["a.png", "lost.png"]);
     assert_says(&open(root.path(), None).unwrap_err().to_string(), &["lost: missing image, listed in"]);
-    entries(root.path(), &["other.png"]);
+    write_entries(root.path(), &["other.png"]);
     assert_says(&open(root.path(), None).unwrap_err().to_string(), &["no views; expected at least one"]);
 }
 
 #[test]
-fn what_is_left_out_is_not_judged_and_everything_else_is() {
+fn skipped_entry_is_not_validated() {
     let root = tempdir().unwrap();
     for (name, refused) in [("other.png", false), ("b.png", true)] {
         transforms(
@@ -103,40 +102,40 @@ fn what_is_left_out_is_not_judged_and_everything_else_is() {
 }
 
 #[test]
-fn photos_by_order_come_from_the_source_s_folder_or_from_none() {
+fn llff_photos_come_from_the_sources_folder_or_from_all_its_photos() {
     let root = tempdir().unwrap();
     poses_bounds(&root.path().join("poses_bounds.npy"), &[LLFF_ROW; 3]);
     let scene = open(root.path(), Some("images_4")).unwrap();
     assert_eq!(
         (names(&scene), scene.notes.as_slice()),
-        (vec!["a.png", "b.png", "c.png"], &["photos are those of images_4".to_owned()][..])
+        (vec!["a.png", "b.png", "c.png"], &["photos are read from images_4".to_owned()][..])
     );
     let scene = open(root.path(), None).unwrap();
     assert_eq!((scene.views.len(), scene.notes.len()), (3, 0));
     assert_says(
         &open(root.path(), Some("elsewhere")).unwrap_err().to_string(),
-        &["no folder of photos; expected one of: images_8"],
+        &["no photo folder; expected one of: images_8"],
     );
     let mut options = SceneOptions::default();
     options.images = Some("images".to_owned());
     let error = Scene::open_with(root.path(), Arc::new(Grey { folder: None }), &options).unwrap_err().to_string();
-    assert_says(&error, &["no folder of photos; expected one of: images"]);
+    assert_says(&error, &["no photo folder; expected one of: images"]);
     poses_bounds(&root.path().join("poses_bounds.npy"), &[LLFF_ROW; 2]);
     let error = open(root.path(), None).unwrap_err().to_string();
     assert_says(&error, &["2 poses, but", &format!("{} holds 3 images", root.path().display())]);
 }
 
 #[test]
-fn colmap_names_stand_alone_without_a_folder() {
+fn colmap_names_have_no_folder_in_a_source_without_folders() {
     let root = tempdir().unwrap();
     Colmap { camera: Colmap::PINHOLE, names: &["b.png", "d/2.png"] }.write_text(&root.path().join("sparse/0"));
     let scene = open(root.path(), None).unwrap();
     assert_eq!(names(&scene), ["b.png", "d"]);
-    assert_says(&scene.notes.join("\n"), &["2 photos were not registered by COLMAP, skipped: a.png, c.png"]);
+    assert_says(&notes(&scene), &["2 photos were not registered by COLMAP, skipped: a.png, c.png"]);
 }
 
 #[test]
-fn formats_that_a_source_does_not_serve_are_passed_over() {
+fn format_that_the_source_does_not_support_is_not_read() {
     let root = tempdir().unwrap();
     write(&root.path().join("models.json"), "[]");
     assert_says(&open(root.path(), None).unwrap_err().to_string(), &["no scene found"]);
