@@ -327,7 +327,10 @@ fn a_photo_that_vanishes_during_the_run() {
     ends(&format!("/bin/rm {photo}"), &["cannot be read: No such file"]);
     ends(&format!("echo > {photo}"), &["not a complete PNG or JPEG"]);
     crate::common::photo(&folders.scene().join("larger.png"), 0.4, 2 * WIDTH, HEIGHT);
-    ends(&format!("/bin/mv {} {photo}", folders.scene().join("larger.png").display()), &["another size", "128x48"]);
+    ends(
+        &format!("/bin/mv {} {photo}", folders.scene().join("larger.png").display()),
+        &["expected equal sizes", "128x48"],
+    );
 
     // Frames that were finished stay.
     let frames = folders.out("frames");

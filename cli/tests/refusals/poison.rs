@@ -235,7 +235,8 @@ fn colmap_text() {
     let arguments = ["--target", "2"];
     let line = "line";
     // CAMERA_ID, WIDTH, HEIGHT, PARAMS.
-    let fields: &[(Range<usize>, &[&str])] = &[(0..1, &["which is not listed", line]), (1..3, &["another size", line])];
+    let fields: &[(Range<usize>, &[&str])] =
+        &[(0..1, &["which is not listed", line]), (1..3, &["expected equal sizes", line])];
     poison_text(&folders, "sparse/0/cameras.txt", &TEXTS, &arguments, fields);
     poison_text(&folders, "sparse/0/cameras.txt", &TEXTS, &arguments, &[(3..7, K)]).assert_both();
     // The second photo's IMAGE_ID, pose, CAMERA_ID and first two keypoints; before it 9 numbers and 11 keypoints of 3.
@@ -281,8 +282,8 @@ fn colmap_binary() {
     }
     let integers: [(&str, usize, usize, &[&str]); 6] = [
         ("cameras.bin", 8, 8, &["camera"]),
-        ("cameras.bin", 16, 8, &["another size"]),
-        ("cameras.bin", 24, 8, &["another size"]),
+        ("cameras.bin", 16, 8, &["expected equal sizes"]),
+        ("cameras.bin", 24, 8, &["expected equal sizes"]),
         ("images.bin", 68, 4, &["camera"]),
         ("images.bin", 78, 8, &["keypoints"]),
         ("points3D.bin", 8, 8, &["point"]),
@@ -294,7 +295,7 @@ fn colmap_binary() {
             bytes[start..start + size].copy_from_slice(&value.to_le_bytes()[..size]);
             fs::write(model.join(file), bytes).unwrap();
             // The size stands with the photos, of which `images.bin` tells.
-            let name = if words == ["another size"] || words == ["camera"] { "s.bin" } else { file };
+            let name = if words == ["expected equal sizes"] || words == ["camera"] { "s.bin" } else { file };
             tally.render(&folders, &["--target", "2"], &format!("{file}, byte {start} is {value}"), name, words);
         }
         fs::write(model.join(file), whole).unwrap();
