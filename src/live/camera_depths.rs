@@ -11,7 +11,7 @@ use super::policy::Policy;
 use super::settings::LiveSettings;
 use super::step::Step;
 use crate::geometry::{Camera, Size};
-use crate::surface::{DepthMaps, PhotoCorrection, PhotoDepth, Settings, TargetSurface, photo_depth};
+use crate::surface::{DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, PhotoCorrection, PhotoDepth, TargetSurface, photo_depth};
 use crate::warp::{SourceView, Texture};
 
 /// Pixels per side of a cell.
@@ -35,7 +35,7 @@ pub(super) struct CameraDepths {
 
 impl CameraDepths {
     pub(super) fn new(cameras: &[Camera], near: f64, far: f64) -> Self {
-        let maps = DepthMaps::new(cameras.to_vec(), near, far, Settings::default());
+        let maps = DepthMaps::new(cameras.to_vec(), near, far);
         Self { maps, searched: vec![None; cameras.len()] }
     }
 
@@ -55,7 +55,7 @@ impl CameraDepths {
         settings: &LiveSettings,
     ) -> (TargetSurface, f64) {
         let mut set = step.nearest(target);
-        set.truncate(count + self.maps.settings().extra);
+        set.truncate(count + EXTRA_PHOTOS);
         let searched: f64 = set.iter().map(|&camera| self.update(step, camera, settings.policy)).sum();
         let photos: Vec<_> = set.iter().map(|&camera| (camera, step.source(camera))).collect();
         let correction = PhotoCorrection { exposure: !settings.keep_exposure, ..PhotoCorrection::default() };
@@ -65,9 +65,9 @@ impl CameraDepths {
     /// Searches what the policy says of a camera's photo; its share.
     fn update(&mut self, step: &Step<'_>, camera: usize, policy: Policy) -> f64 {
         let view = step.source(camera);
-        let Some((then, found)) = self.searched[camera].as_mut().zip(self.maps.found(camera)) else {
+        let Some((then, found)) = self.searched[camera].as_mut().zip(self.maps.get(camera)) else {
             self.searched[camera] = Some(cells(view.texture));
-            self.maps.insert(camera, search(&view, &neighbours(step, camera, self.maps.settings()), &self.maps));
+            self.maps.insert(camera, search(&view, &neighbours(step, camera), &self.maps));
             return 1.0;
         };
         if policy != Policy::Propagate {
@@ -80,7 +80,7 @@ impl CameraDepths {
         }
         let expanded: Vec<Region> = dirty.iter().map(|region| region.expanded(HALO, now.dim())).collect();
         let share = |regions: &[Region]| regions.iter().map(Region::area).sum::<usize>() as f64 / now.len() as f64;
-        let neighbours = neighbours(step, camera, self.maps.settings());
+        let neighbours = neighbours(step, camera);
         if share(&expanded) > WHOLE {
             *then = now;
             self.maps.insert(camera, search(&view, &neighbours, &self.maps));
@@ -115,9 +115,9 @@ impl Region {
 }
 
 /// What a camera's photo is matched with.
-fn neighbours<'a>(step: &'a Step<'_>, camera: usize, settings: &Settings) -> Vec<SourceView<'a>> {
+fn neighbours<'a>(step: &'a Step<'_>, camera: usize) -> Vec<SourceView<'a>> {
     let near = step.nearest(&step.cameras[camera]).into_iter().filter(|&other| other != camera);
-    near.take(settings.neighbours).map(|other| step.source(other)).collect()
+    near.take(NEIGHBOURS).map(|other| step.source(other)).collect()
 }
 
 fn search(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], maps: &DepthMaps) -> PhotoDepth {
@@ -125,7 +125,7 @@ fn search(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], maps: &DepthMap
     if neighbours.is_empty() {
         return PhotoDepth::unknown(photo.camera.size());
     }
-    photo_depth(photo, neighbours, near, far, maps.settings())
+    photo_depth(photo, neighbours, near, far)
 }
 
 fn cells(photo: &Texture) -> Cells {

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::error::NetworkError;
 use super::plane_network::PlaneNetwork;
+#[cfg(feature = "surface")]
 use crate::layers::LayerSpec;
 
 /// Sum over the channels of the squared difference of colours that agree by half: 0.08 in each.

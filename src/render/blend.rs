@@ -109,7 +109,7 @@ impl DistanceWeights {
         let at = from + run.start;
         let known = |view: usize| {
             let row = run_coverage.get(view).map(|row| &row[run.start / RUN..run.end.div_ceil(RUN)]);
-            row.filter(|row| row.iter().all(|run| *run == row[0])).map_or(RunCoverage::Partly, |row| row[0])
+            row.filter(|row| row.iter().all(|run| *run == row[0])).map_or(RunCoverage::Partial, |row| row[0])
         };
         let views = self.bias.len();
         let pixels = samples.coverage.len() / views;
@@ -189,7 +189,7 @@ fn covered<'a>(known: RunCoverage, coverage: &'a [f32], spare: &'a mut [f32; LAN
     match known {
         RunCoverage::None => None,
         RunCoverage::All => Some(&ONES),
-        RunCoverage::Partly => Some(lanes(coverage, spare)),
+        RunCoverage::Partial => Some(lanes(coverage, spare)),
     }
 }
 

@@ -77,7 +77,7 @@ impl Buffers {
         self.coverage.resize(views * pixels, 0.0);
         self.logits.resize(views * pixels, 0.0);
         self.run_coverage.clear();
-        self.run_coverage.resize(runs, RunCoverage::Partly);
+        self.run_coverage.resize(runs, RunCoverage::Partial);
         self.seen.resize(runs, 0);
         Ok(())
     }

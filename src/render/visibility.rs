@@ -128,7 +128,7 @@ impl Row<'_> {
         if seen == ALL_SEEN || self.run_coverage[run] == RunCoverage::None {
             return;
         }
-        self.run_coverage[run] = RunCoverage::Partly;
+        self.run_coverage[run] = RunCoverage::Partial;
         let [red, green, blue] = &mut self.colour;
         for values in [&mut **red, green, blue, self.coverage] {
             let values = &mut values[span.clone()];

@@ -21,15 +21,13 @@ mod depth_maps;
 mod fusion;
 mod neighbourhood;
 mod search;
-mod settings;
 pub mod stages;
 mod target_surface;
 #[cfg(test)]
 mod tests;
 
 pub use correction::{exposure_gains, sharpening};
-pub use depth_maps::DepthMaps;
+pub use depth_maps::{DepthMaps, EXTRA_PHOTOS, NEIGHBOURS};
 pub use fusion::{ConfirmedDepth, ConsistencyVotes, Surface, SurfaceView, confirmed, surface};
 pub use search::{PhotoDepth, photo_depth};
-pub use settings::Settings;
 pub use target_surface::{PhotoCorrection, TargetSurface};

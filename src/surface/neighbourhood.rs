@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-/// Of a map `[h, w]` of rows `width` wide.
+/// Median of each 3×3 neighbourhood of a map with rows `width` wide.
 pub(super) fn median3(map: &[f32], width: usize) -> Vec<f32> {
     let height = map.len() / width;
     let mut out = vec![0.0; map.len()];
@@ -37,7 +37,7 @@ fn median_row_with<'a, S: pulp::Simd>(_simd: S, rows: [&'a [f32]; 3], out: &'a m
     }
 }
 
-/// Paeth's network: the extremes fall away, two at a time.
+/// Median of nine by Paeth's network, which discards the extremes two at a time.
 #[inline(always)]
 fn median(values: [f32; 9]) -> f32 {
     let low = |a: f32, b: f32| if a < b { a } else { b };
@@ -49,12 +49,12 @@ fn median(values: [f32; 9]) -> f32 {
     };
     let [a, b, c, d, e, f, g, h, i] = values;
     let ([a, b, c], [d, e, f], [g, h, i]) = (sort([a, b, c]), sort([d, e, f]), sort([g, h, i]));
-    // The greatest of the least, the middle of the middle, the least of the greatest; of these the middle.
+    // The maximum of the minima, the median of the medians, the minimum of the maxima; their median.
     let [_, middle, _] = sort([high(high(a, d), g), sort([b, e, h])[1], low(low(c, f), i)]);
     middle
 }
 
-/// Of a map `[h, w]` of rows `width` wide: the largest, the smallest.
+/// Largest and smallest value of each 3×3 neighbourhood of a map with rows `width` wide.
 pub(super) fn extremes3(map: &[f32], width: usize) -> (Vec<f32>, Vec<f32>) {
     let height = map.len() / width;
     let (mut largest, mut smallest) = (vec![0.0; map.len()], vec![0.0; map.len()]);
@@ -70,13 +70,13 @@ pub(super) fn extremes3(map: &[f32], width: usize) -> (Vec<f32>, Vec<f32>) {
     (largest, smallest)
 }
 
-/// Down the columns first (with one more at either end), then along the row.
+/// Down the columns first (with one more column at either end), then along the row.
 #[pulp::with_simd(extremes_row = crate::simd::arch())]
 #[inline(always)]
 fn extremes_row_with<'a, S: pulp::Simd>(
     _simd: S,
     [above, here, below]: [&'a [f32]; 3],
-    [most, least]: &'a mut [Vec<f32>; 2],
+    [highest, lowest]: &'a mut [Vec<f32>; 2],
     largest: &'a mut [f32],
     smallest: &'a mut [f32],
 ) {
@@ -84,24 +84,24 @@ fn extremes_row_with<'a, S: pulp::Simd>(
     let (above, here, below, smallest) = (&above[..width], &here[..width], &below[..width], &mut smallest[..width]);
     let high = |a: f32, b: f32| if a > b { a } else { b };
     let low = |a: f32, b: f32| if a < b { a } else { b };
-    for (x, most) in most[1..=width].iter_mut().enumerate() {
-        *most = high(high(above[x], here[x]), below[x]);
+    for (x, highest) in highest[1..=width].iter_mut().enumerate() {
+        *highest = high(high(above[x], here[x]), below[x]);
     }
-    for (x, least) in least[1..=width].iter_mut().enumerate() {
-        *least = low(low(above[x], here[x]), below[x]);
+    for (x, lowest) in lowest[1..=width].iter_mut().enumerate() {
+        *lowest = low(low(above[x], here[x]), below[x]);
     }
-    for columns in [&mut *most, least] {
+    for columns in [&mut *highest, lowest] {
         (columns[0], columns[width + 1]) = (columns[1], columns[width]);
     }
-    let (most, least) = (&most[..width + 2], &least[..width + 2]);
+    let (highest, lowest) = (&highest[..width + 2], &lowest[..width + 2]);
     for x in 0..width {
-        largest[x] = high(high(most[x], most[x + 1]), most[x + 2]);
-        smallest[x] = low(low(least[x], least[x + 1]), least[x + 2]);
+        largest[x] = high(high(highest[x], highest[x + 1]), highest[x + 2]);
+        smallest[x] = low(low(lowest[x], lowest[x + 1]), lowest[x + 2]);
     }
 }
 
-/// Pixels below 0 become the least of their 8 neighbours that are known, all of a ring at once, and so on; a map that knows
-/// nothing becomes 0.
+/// Fills holes (values below 0) with the smallest of their 8 neighbours that are no holes: one ring of
+/// holes after another. A map without values becomes 0.
 pub(super) fn fill_holes(map: &[f32], width: usize) -> Vec<f32> {
     let height = map.len() / width;
     let mut map = map.to_vec();
@@ -110,16 +110,16 @@ pub(super) fn fill_holes(map: &[f32], width: usize) -> Vec<f32> {
     while !holes.is_empty() {
         holes.retain(|&at| {
             let (y, x) = (at / width, at % width);
-            let mut least = f32::INFINITY;
+            let mut smallest = f32::INFINITY;
             for row in y.saturating_sub(1)..(y + 2).min(height) {
-                for &near in &map[row * width + x.saturating_sub(1)..row * width + (x + 2).min(width)] {
-                    least = if near >= 0.0 && near < least { near } else { least };
+                for &value in &map[row * width + x.saturating_sub(1)..row * width + (x + 2).min(width)] {
+                    smallest = if value >= 0.0 && value < smallest { value } else { smallest };
                 }
             }
-            if least < f32::INFINITY {
-                filled.push((at, least));
+            if smallest < f32::INFINITY {
+                filled.push((at, smallest));
             }
-            least == f32::INFINITY
+            smallest == f32::INFINITY
         });
         if filled.is_empty() {
             holes.drain(..).for_each(|at| map[at] = 0.0);
@@ -134,14 +134,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_the_fifth_of_nine_sorted() {
+    fn median3_is_the_fifth_of_nine_sorted_values() {
         let (width, height) = (7, 5);
         let map: Vec<f32> = (0..width * height).map(|i| ((i * 37) % 23) as f32).collect();
         let found = median3(&map, width);
         for y in 0..height {
             for x in 0..width {
-                let near = |at: usize, by: usize, last: usize| (at + by).saturating_sub(1).min(last);
-                let value = |k: usize| map[near(y, k / 3, height - 1) * width + near(x, k % 3, width - 1)];
+                let clamped = |at: usize, by: usize, last: usize| (at + by).saturating_sub(1).min(last);
+                let value = |k: usize| map[clamped(y, k / 3, height - 1) * width + clamped(x, k % 3, width - 1)];
                 let mut nine: Vec<f32> = (0..9).map(value).collect();
                 nine.sort_by(f32::total_cmp);
                 assert_eq!(found[y * width + x], nine[4], "row {y}, column {x}");
@@ -150,21 +150,21 @@ mod tests {
     }
 
     #[test]
-    fn a_row_or_a_column_alone_is_its_own_neighbourhood() {
+    fn median3_single_row_or_column_clamps_its_edges() {
         assert_eq!(median3(&[3.0, 1.0, 2.0], 3), [3.0, 2.0, 2.0]);
         assert_eq!(median3(&[3.0, 1.0, 2.0], 1), [3.0, 2.0, 2.0]);
         assert_eq!(median3(&[5.0], 1), [5.0]);
     }
 
     #[test]
-    fn they_are_those_of_nine() {
+    fn extremes3_are_the_extremes_of_nine_values() {
         let (width, height) = (11, 5);
         let map: Vec<f32> = (0..width * height).map(|i| ((i * 37) % 23) as f32).collect();
         let (largest, smallest) = extremes3(&map, width);
         for y in 0..height {
             for x in 0..width {
-                let near = |at: usize, by: usize, last: usize| (at + by).saturating_sub(1).min(last);
-                let value = |k: usize| map[near(y, k / 3, height - 1) * width + near(x, k % 3, width - 1)];
+                let clamped = |at: usize, by: usize, last: usize| (at + by).saturating_sub(1).min(last);
+                let value = |k: usize| map[clamped(y, k / 3, height - 1) * width + clamped(x, k % 3, width - 1)];
                 let nine = || (0..9).map(value);
                 let at = y * width + x;
                 assert_eq!(largest[at], nine().fold(f32::MIN, f32::max), "row {y}, column {x}");
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hole_between_near_and_far_becomes_far() {
+    fn fill_holes_between_near_and_far_gives_far() {
         let map = [2.0, -1.0, -1.0, -1.0, -1.0, 1.0];
         assert_eq!(fill_holes(&map, 6), [2.0, 2.0, 2.0, 1.0, 1.0, 1.0]);
         assert_eq!(fill_holes(&[2.0, -1.0, 1.0], 3), [2.0, 1.0, 1.0]);
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn infinity_is_a_depth() {
+    fn fill_holes_zero_disparity_is_a_value() {
         assert_eq!(fill_holes(&[0.0, -1.0, 1.0], 3), [0.0, 0.0, 1.0]);
     }
 }

@@ -1,4 +1,5 @@
-//! A target's surface together with what hides it from its views: all that rendering along it needs.
+//! A target's surface with the occlusion and the photo correction of its views: all that rendering
+//! along it needs.
 
 use std::sync::Arc;
 
@@ -10,7 +11,8 @@ use crate::layers::{Layers, LayersError};
 use crate::render::{Visibility, VisibleView};
 use crate::warp::{NO_GAINS, SourceView};
 
-/// In what the photos of a target are made alike, as far as their correspondences tell; by default in all.
+/// Which differences between the photos of a target are corrected, by their correspondences; all by
+/// default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PhotoCorrection {
     /// Exposure and white balance ([`super::exposure_gains`]).
@@ -25,56 +27,54 @@ impl Default for PhotoCorrection {
     }
 }
 
-/// A target's surface, and what is known of the photos of its views.
+/// A target's surface, with the confirmed depth and the correction of its views' photos.
 #[derive(Debug, Clone)]
 pub struct TargetSurface {
     surface: Surface,
-    /// How much nearer than a point a photo's own depth must be to hide it, 1/scene unit.
-    margin: f32,
     /// The confirmed depth of each view's photo.
-    known: Vec<Arc<ConfirmedDepth>>,
-    /// What each view's photo is multiplied by, per channel, so that all have the exposure that the target is to have.
+    confirmed: Vec<Arc<ConfirmedDepth>>,
+    /// Factor of each colour channel of each view's photo, for a common exposure.
     gains: Vec<[f32; 3]>,
-    /// How much each view's photo is sharpened.
+    /// Amount by which each view's photo is sharpened.
     sharpening: Vec<f32>,
 }
 
 impl TargetSurface {
-    /// Finds the surface by photos of known depth, given by their indices among the maps' with camera and texture, nearest first; the
-    /// target is rendered from the first `count`.
+    /// Finds the surface from photos whose depth is in `maps`, given by their indices among the maps
+    /// with camera and texture, nearest first; the target is rendered from the first `count`.
     pub(crate) fn find(
         maps: &mut DepthMaps,
         photos: &[(usize, SourceView<'_>)],
         count: usize,
         target: &Camera,
-        photo_correction: PhotoCorrection,
+        correction: PhotoCorrection,
     ) -> Self {
         let set: Vec<usize> = photos.iter().map(|&(photo, _)| photo).collect();
-        let known = maps.known(&set);
-        let view = |(&(_, view), known)| SurfaceView { view, known, gains: NO_GAINS };
-        let mut views: Vec<SurfaceView<'_>> = photos.iter().zip(known.iter().map(Arc::as_ref)).map(view).collect();
+        let mut confirmed = maps.mutually_confirmed(&set);
+        let view = |(&(_, view), confirmed)| SurfaceView { view, confirmed, gains: NO_GAINS };
+        let mut views: Vec<SurfaceView<'_>> = photos.iter().zip(confirmed.iter().map(Arc::as_ref)).map(view).collect();
         let mut gains = vec![NO_GAINS; views.len()];
         let mut sharpening = vec![0.0; count.min(views.len())];
         let statistics = maps.statistics();
-        statistics.keep_of(&views);
-        if photo_correction.exposure {
+        statistics.reset_unless_of(&views);
+        if correction.exposure {
             gains = gains_to_first(&views, statistics);
         }
         set_gains(&mut views, &gains);
-        if photo_correction.sharpness {
+        if correction.sharpness {
             // By the gains that do not depend on the target; their quotients are the same.
             sharpening = sharpening_with(&views[..sharpening.len()], statistics);
         }
-        if photo_correction.exposure {
+        if correction.exposure {
             let distances: Vec<f64> = views.iter().map(|view| distance(view.view.camera, target)).collect();
             gains = balanced(&gains, &distances);
         }
         set_gains(&mut views, &gains);
-        let ((near, far), settings) = (maps.range(), maps.settings());
-        let surface = surface(&views, target, near, far, settings);
+        let (near, far) = maps.range();
+        let surface = surface(&views, target, near, far);
         gains.truncate(count);
-        let margin = settings.hides * surface.pixel;
-        Self { surface, margin, known: known.into_iter().take(count).collect(), gains, sharpening }
+        confirmed.truncate(count);
+        Self { surface, confirmed, gains, sharpening }
     }
 
     /// The surface.
@@ -82,12 +82,12 @@ impl TargetSurface {
         &self.surface
     }
 
-    /// Factors of exposure of each view, by channel; 1 where they are left as they are.
+    /// Exposure gains `[V]` of the views, by channel; 1 where exposure is not corrected.
     pub fn gains(&self) -> &[[f32; 3]] {
         &self.gains
     }
 
-    /// How much each view's photo is sharpened; 0 where they are left as they are.
+    /// Amount of sharpening `[V]` of the views; 0 where sharpness is not corrected.
     pub fn sharpening(&self) -> &[f32] {
         &self.sharpening
     }
@@ -96,20 +96,19 @@ impl TargetSurface {
     ///
     /// # Errors
     ///
-    /// [`LayersError::Empty`] for none.
+    /// [`LayersError::Empty`] for a count of 0.
     pub fn layers(&self, count: usize) -> Result<Layers, LayersError> {
         self.surface.layers(count)
     }
 
-    /// What hides its layers from these views, and makes their photos alike.
-    pub(crate) fn visibility<'a>(&'a self) -> Visibility<'a> {
-        let views = self.known.iter().zip(self.gains.iter().zip(&self.sharpening));
-        let view = |(known, (&gains, &sharpening)): (&'a Arc<ConfirmedDepth>, _)| VisibleView {
-            disparity: &known.disparity,
-            gains,
-            sharpening,
-        };
-        Visibility { views: views.map(view).collect(), margin: self.margin }
+    /// Occlusion and photo correction of its views, for the renderer.
+    pub fn visibility(&self) -> Visibility<'_> {
+        let views = (0..self.confirmed.len()).map(|index| VisibleView {
+            disparity: &self.confirmed[index].disparity,
+            gains: self.gains[index],
+            sharpening: self.sharpening[index],
+        });
+        Visibility { views: views.collect(), margin: self.surface.occlusion_margin() }
     }
 }
 

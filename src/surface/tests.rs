@@ -1,16 +1,15 @@
-//! A square before a wall, seen by cameras side by side: every stage on a scene whose depth is known.
+//! Every stage on a scene of known depth: a square before a wall, photographed by cameras side by side.
 
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 use ndarray::Array2;
 
-use super::fusion::photo_variance::{MOST, Views, photo_variance};
+use super::fusion::photo_variance::{MAX_VARIANCE, VarianceViews, photo_variance};
 use super::fusion::visible::visible;
 use super::search::aggregate::aggregate;
 use super::search::grid::{Candidates, Grid, SEGMENT};
-use super::search::penalties::Penalties;
-use super::search::photo_sweep::{UNIT, costs};
+use super::search::photo_sweep::{COST_SCALE, costs};
 use super::search::planes::Planes;
 use super::*;
 use crate::geometry::{Camera, Intrinsics, PlaneSweep};
@@ -30,8 +29,8 @@ fn camera(x: f64) -> Camera {
     Camera::new(intrinsics, WIDTH, HEIGHT, DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0)).unwrap()
 }
 
-/// Disparity that the camera at `x` sees in a pixel, and where on the surface, in pixels of the camera at 0.
-fn seen(x: f64, column: usize, row: usize) -> (f64, f64, f64) {
+/// Disparity of a pixel of the camera at `x`, and the point of the surface, in pixels of the camera at 0.
+fn ground_truth(x: f64, column: usize, row: usize) -> (f64, f64, f64) {
     let (u, v) = (column as f64 + 0.5, row as f64 + 0.5);
     let on_square = u + FOCAL * x * SQUARE;
     if (28.0..52.0).contains(&on_square) && (16.0..40.0).contains(&v) {
@@ -41,10 +40,10 @@ fn seen(x: f64, column: usize, row: usize) -> (f64, f64, f64) {
     }
 }
 
-/// What the camera at `x` sees, its channels multiplied by `exposure`.
+/// Photo of the camera at `x`, its channels multiplied by `exposure`.
 fn photo(x: f64, exposure: [f32; 3]) -> ImageRgb {
     let colour = |i: usize| {
-        let (disparity, u, v) = seen(x, i % WIDTH, i / WIDTH);
+        let (disparity, u, v) = ground_truth(x, i % WIDTH, i / WIDTH);
         let wave = |a: f64, b: f64, c: f64| 0.5 + 0.24 * (a * u + b * v + c).sin() + 0.24 * (b * u - a * v).cos();
         let c = 10.0 * disparity;
         let colour = [wave(1.1, 0.4, c), wave(0.7, 0.9, 2.0 + c), wave(0.3, 1.3, 4.0 + c)];
@@ -73,30 +72,35 @@ impl Rig {
         SourceView { camera: &self.cameras[index], texture: &self.photos[index] }
     }
 
-    /// The first photos, with what is known of them.
-    fn surface_views<'a>(&'a self, known: &'a [Arc<ConfirmedDepth>]) -> Vec<SurfaceView<'a>> {
-        let view =
-            |(k, known): (usize, &'a Arc<ConfirmedDepth>)| SurfaceView { view: self.view(k), known, gains: NO_GAINS };
-        known.iter().enumerate().map(view).collect()
+    /// The first photos, with their confirmed depth.
+    fn surface_views<'a>(&'a self, confirmed: &'a [Arc<ConfirmedDepth>]) -> Vec<SurfaceView<'a>> {
+        let view = |(k, confirmed): (usize, &'a Arc<ConfirmedDepth>)| SurfaceView {
+            view: self.view(k),
+            confirmed,
+            gains: NO_GAINS,
+        };
+        confirmed.iter().enumerate().map(view).collect()
     }
 
     fn maps(&self) -> DepthMaps {
-        let mut maps = DepthMaps::new(self.cameras.clone(), RANGE.0, RANGE.1, Settings::default());
+        let mut maps = DepthMaps::new(self.cameras.clone(), RANGE.0, RANGE.1);
         (0..PLACES.len()).for_each(|index| assert!(maps.depth(index, |k| self.view(k)).is_some()));
         maps
     }
 }
 
-/// Share of pixels, those within eight of an edge of the picture left out, whose disparity is within a pixel of parallax.
-fn right(found: &Array2<f32>, x: f64, pixel: f32) -> f64 {
+/// Share of pixels, without a border of eight, whose disparity is within a pixel of parallax.
+fn correct_share(found: &Array2<f32>, x: f64, disparity_per_pixel: f32) -> f64 {
     let inner = |(y, x): (usize, usize)| (8..HEIGHT - 8).contains(&y) && (8..WIDTH - 8).contains(&x);
     let all: Vec<_> = found.indexed_iter().filter(|(at, _)| inner(*at)).collect();
-    let good = |((row, column), d): &&((usize, usize), &f32)| (**d - seen(x, *column, *row).0 as f32).abs() < pixel;
+    let good = |((row, column), d): &&((usize, usize), &f32)| {
+        (**d - ground_truth(x, *column, *row).0 as f32).abs() < disparity_per_pixel
+    };
     all.iter().filter(good).count() as f64 / all.len() as f64
 }
 
 #[test]
-fn the_cost_of_a_plane_is_least_where_the_surface_lies_and_most_where_nobody_looks() {
+fn costs_are_lowest_on_the_surface_and_highest_where_unseen() {
     let rig = Rig::new();
     let reference = Planes::new(&rig.photos[0]);
     let sweep = |index: usize| PlaneSweep::new(&rig.cameras[index], &rig.cameras[0]);
@@ -117,27 +121,27 @@ fn the_cost_of_a_plane_is_least_where_the_surface_lies_and_most_where_nobody_loo
         ..sources[0]
     };
     let volume = costs(&reference, &[beside], &grid, Candidates::All);
-    assert!(volume.iter().all(|&cost| cost == (0.15 * UNIT).round() as u16));
+    assert!(volume.iter().all(|&cost| cost == (0.15 * COST_SCALE).round() as u16));
 }
 
 #[test]
-fn segments_that_cover_the_grid_are_the_whole_grid() {
+fn segments_covering_the_grid_give_the_result_of_all_candidates() {
     let rig = Rig::new();
     let reference = Planes::new(&rig.photos[0]);
     let sweep = PlaneSweep::new(&rig.cameras[2], &rig.cameras[0]);
     let sources = [WarpSource::new(&rig.photos[2], sweep)];
     let grid = Grid::new(RANGE.0, RANGE.1, 2 * SEGMENT);
     let starts = vec![[0, SEGMENT as u16]; WIDTH * HEIGHT];
-    let two = Candidates::Two { starts: &starts, columns: WIDTH, share: 1 };
-    let [all, two] = [Candidates::All, two].map(|candidates| {
+    let segments = Candidates::Segments { starts: &starts, columns: WIDTH, cells_per_side: 1 };
+    let [all, segments] = [Candidates::All, segments].map(|candidates| {
         let volume = costs(&reference, &sources, &grid, candidates);
-        (aggregate(&volume, &reference, &grid, candidates, &Penalties::default()), volume)
+        (aggregate(&volume, &reference, &grid, candidates), volume)
     });
-    assert!(all == two);
+    assert!(all == segments);
 }
 
 #[test]
-fn a_cell_that_nothing_tells_apart_takes_its_neighbours_index() {
+fn aggregate_cell_without_texture_takes_its_neighbours_index() {
     let flat = Planes::new(&Texture::new(&ImageRgb::new(5, 4, vec![0.5; 60]).unwrap()));
     let grid = Grid::new(1.0, 2.0, 2 * SEGMENT);
     let cost = |i: usize| {
@@ -145,27 +149,27 @@ fn a_cell_that_nothing_tells_apart_takes_its_neighbours_index() {
         if cell != 12 && k == 5 { 0 } else { 1000 }
     };
     let volume: Vec<u16> = (0..20 * 2 * SEGMENT).map(cost).collect();
-    let found = aggregate(&volume, &flat, &grid, Candidates::All, &Penalties::default());
+    let found = aggregate(&volume, &flat, &grid, Candidates::All);
     assert!(found.iter().all(|&index| index == 5.0), "{found:?}");
 }
 
 #[test]
-fn photos_know_their_depth_and_the_target_its_surface() {
+fn depth_and_surface_are_within_a_pixel_of_the_truth() {
     let rig = Rig::new();
     let mut maps = rig.maps();
     let set = [0, 1, 2, 3, 4];
-    let known = maps.known(&set);
-    for (index, known) in known.iter().enumerate() {
-        let found = maps.found(index).unwrap();
-        let share = right(&found.disparity, PLACES[index], found.pixel);
+    let confirmed = maps.mutually_confirmed(&set);
+    for (index, confirmed) in confirmed.iter().enumerate() {
+        let found = maps.get(index).unwrap();
+        let share = correct_share(&found.disparity, PLACES[index], found.disparity_per_pixel);
         assert!(share > 0.93, "photo {index}: {share}");
-        let confirmed = known.disparity.iter().filter(|d| **d >= 0.0).count();
-        assert!(confirmed as f64 > 0.8 * (WIDTH * HEIGHT) as f64, "photo {index}: {confirmed} confirmed");
+        let count = confirmed.disparity.iter().filter(|d| **d >= 0.0).count();
+        assert!(count as f64 > 0.8 * (WIDTH * HEIGHT) as f64, "photo {index}: {count} confirmed");
     }
-    let views = rig.surface_views(&known);
+    let views = rig.surface_views(&confirmed);
     let target = camera(0.1);
-    let found = surface(&views, &target, RANGE.0, RANGE.1, &Settings::default());
-    let share = right(&found.disparity, 0.1, found.pixel);
+    let found = surface(&views, &target, RANGE.0, RANGE.1);
+    let share = correct_share(&found.disparity, 0.1, found.disparity_per_pixel);
     assert!(share > 0.95, "{share}");
     let layers = found.layers(3).unwrap();
     let values = |layer: usize| match &layers.as_slice()[layer] {
@@ -181,22 +185,25 @@ fn photos_know_their_depth_and_the_target_its_surface() {
 }
 
 #[test]
-fn what_other_photos_contradict_is_not_confirmed() {
-    let flat = |disparity: f32| PhotoDepth { disparity: Array2::from_elem((HEIGHT, WIDTH), disparity), pixel: 0.02 };
+fn confirmed_contradicted_depth_is_rejected() {
+    let flat = |disparity: f32| PhotoDepth {
+        disparity: Array2::from_elem((HEIGHT, WIDTH), disparity),
+        disparity_per_pixel: 0.02,
+    };
     let cameras = [camera(0.0), camera(0.1)];
     let (good, mut bad) = (flat(0.2), flat(0.2));
-    bad.disparity[(20, 40)] = 0.5; // floats before the wall that the other photo sees
-    let opinion = ConsistencyVotes::new((&cameras[0], &bad), (&cameras[1], &good), &Settings::default());
-    let found = confirmed(&[&opinion], (HEIGHT, WIDTH));
+    bad.disparity[(20, 40)] = 0.5; // in front of the wall that the other photo sees
+    let votes = ConsistencyVotes::new((&cameras[0], &bad), (&cameras[1], &good));
+    let found = confirmed(&[&votes], (HEIGHT, WIDTH));
     assert!(!found[(20, 40)]);
     assert!(found.indexed_iter().filter(|((_, x), _)| *x > 2).all(|(at, &ok)| ok || at == (20, 40)));
-    assert!(confirmed(&[], (HEIGHT, WIDTH)).iter().all(|&ok| !ok), "alone, nothing is confirmed");
+    assert!(confirmed(&[], (HEIGHT, WIDTH)).iter().all(|&ok| !ok), "nothing is confirmed without votes");
 }
 
 #[test]
-fn a_view_does_not_see_what_its_own_depth_hides() {
+fn visible_point_behind_the_views_own_depth_is_hidden() {
     let target = camera(0.0);
-    let mut map = ConfirmedDepth { disparity: Array2::from_elem((HEIGHT, WIDTH), 0.1), pixel: 0.01 };
+    let mut map = ConfirmedDepth { disparity: Array2::from_elem((HEIGHT, WIDTH), 0.1), disparity_per_pixel: 0.01 };
     map.disparity[(10, 20)] = 0.5;
     map.disparity[(10, 21)] = -1.0;
     let seen = visible((&target, &map), &target, &[0.1; WIDTH * HEIGHT], WIDTH, 0.05);
@@ -206,19 +213,19 @@ fn a_view_does_not_see_what_its_own_depth_hides() {
 }
 
 #[test]
-fn views_agree_on_the_surface_and_nowhere_else() {
+fn photo_variance_is_low_on_the_surface_only() {
     let rig = Rig::new();
     let sources = [0, 1, 2].map(|k| WarpSource::new(&rig.photos[k], PlaneSweep::new(&rig.cameras[k], &rig.cameras[0])));
     let visible = vec![vec![1.0; WIDTH * HEIGHT]; 3];
-    let views = Views { sources: &sources, visible: &visible };
+    let views = VarianceViews { sources: &sources, visible: &visible };
     let [wall, before] = [WALL, WALL + 0.2].map(|disparity| vec![disparity as f32; WIDTH * HEIGHT]);
-    let everywhere = vec![-1.0; WIDTH * HEIGHT];
+    let all_holes = vec![-1.0; WIDTH * HEIGHT];
     let at = 8 * WIDTH + 30;
-    let [on, off] = [&wall, &before].map(|map| photo_variance(&views, map, WIDTH, &everywhere)[at]);
+    let [on, off] = [&wall, &before].map(|map| photo_variance(&views, map, WIDTH, &all_holes)[at]);
     assert!(on < 1e-3 && off > 5e-3, "{on} {off}");
     let blind = vec![vec![0.0; WIDTH * HEIGHT]; 3];
-    let found = photo_variance(&Views { sources: &sources, visible: &blind }, &wall, WIDTH, &everywhere);
-    assert!(found.iter().all(|&d| (d - MOST).abs() < 1e-8));
+    let found = photo_variance(&VarianceViews { sources: &sources, visible: &blind }, &wall, WIDTH, &all_holes);
+    assert!(found.iter().all(|&d| (d - MAX_VARIANCE).abs() < 1e-8));
     let mut asked = vec![0.0; WIDTH * HEIGHT];
     asked[at] = -1.0;
     let found = photo_variance(&views, &wall, WIDTH, &asked);
@@ -226,30 +233,30 @@ fn views_agree_on_the_surface_and_nowhere_else() {
 }
 
 #[test]
-fn a_scene_searches_each_photo_once_and_its_neighbours_nearest_first() {
+fn depth_maps_search_each_photo_once_among_its_nearest_neighbours() {
     let rig = Rig::new();
-    let mut maps = DepthMaps::new(rig.cameras.clone(), RANGE.0, RANGE.1, Settings::default());
+    let mut maps = DepthMaps::new(rig.cameras.clone(), RANGE.0, RANGE.1);
     assert_eq!(maps.neighbours(1), [0, 3, 2, 4]);
     assert_eq!(maps.photos_for(&camera(0.15), 2), [2, 0, 4, 1]);
     assert_eq!(maps.missing(&[0, 2]), [0, 2]);
     let first = maps.depth(2, |k| rig.view(k)).unwrap();
-    let again = maps.depth(2, |_| unreachable!("it is known")).unwrap();
+    let again = maps.depth(2, |_| unreachable!("searched already")).unwrap();
     assert!(Arc::ptr_eq(&first, &again));
     assert_eq!(maps.missing(&[0, 2]), [0]);
-    let mut alone = DepthMaps::new(vec![camera(0.0)], RANGE.0, RANGE.1, Settings::default());
-    assert!(alone.depth(0, |_| rig.view(0)).is_none(), "nobody to match it with");
+    let mut alone = DepthMaps::new(vec![camera(0.0)], RANGE.0, RANGE.1);
+    assert!(alone.depth(0, |_| rig.view(0)).is_none(), "a photo without neighbours");
 }
 
 #[test]
-fn any_number_of_threads_finds_the_same() {
+fn surface_any_number_of_threads_gives_the_same_bits() {
     let rig = Rig::new();
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let mut maps = rig.maps();
-            let known = maps.known(&[0, 1, 2, 3, 4]);
-            let views = rig.surface_views(&known[..4]);
-            surface(&views, &camera(0.07), RANGE.0, RANGE.1, &Settings::default()).disparity
+            let confirmed = maps.mutually_confirmed(&[0, 1, 2, 3, 4]);
+            let views = rig.surface_views(&confirmed[..4]);
+            surface(&views, &camera(0.07), RANGE.0, RANGE.1).disparity
         })
     };
     let bits = |map: Array2<f32>| map.iter().map(|d| d.to_bits()).collect::<Vec<_>>();
@@ -258,12 +265,12 @@ fn any_number_of_threads_finds_the_same() {
 }
 
 #[test]
-fn exposure_is_told_from_what_two_photos_show() {
+fn exposure_gains_of_a_darker_photo_are_found() {
     let rig = Rig::new();
     let mut maps = rig.maps();
-    let known = maps.known(&[0, 1]);
+    let confirmed = maps.mutually_confirmed(&[0, 1]);
     let darker = Texture::new(&photo(PLACES[1], [0.8, 0.9, 1.0]));
-    let mut views = rig.surface_views(&known);
+    let mut views = rig.surface_views(&confirmed);
     views[1].view.texture = &darker;
     let gains = exposure_gains(&views, &[1.0, 1.0]);
     for (c, expected) in [0.8_f32, 0.9, 1.0].into_iter().enumerate() {
@@ -274,7 +281,7 @@ fn exposure_is_told_from_what_two_photos_show() {
 }
 
 #[test]
-fn what_pairs_of_photos_tell_is_kept_as_long_as_they_are_the_same() {
+fn pair_statistics_are_kept_while_the_photos_stay_the_same() {
     let rig = Rig::new();
     let mut maps = rig.maps();
     let darker = Texture::new(&photo(PLACES[1], [0.8, 0.9, 1.0]));
@@ -287,13 +294,13 @@ fn what_pairs_of_photos_tell_is_kept_as_long_as_they_are_the_same() {
         (found.gains().to_vec(), found.sharpening().to_vec())
     };
     for (x, second) in [(0.05, &rig.photos[1]), (0.02, &rig.photos[1]), (-0.15, &rig.photos[1]), (-0.12, &darker)] {
-        let mut anew = maps.clone();
-        *anew.statistics() = Default::default();
-        let (found, expected) = (find(&mut maps, x, second), find(&mut anew, x, second));
+        let mut fresh = maps.clone();
+        *fresh.statistics() = Default::default();
+        let (found, expected) = (find(&mut maps, x, second), find(&mut fresh, x, second));
         assert_eq!(found, expected, "{x}");
         let kept = maps.statistics().sharpness.len();
         find(&mut maps, x + 0.01, second);
-        assert_eq!(maps.statistics().sharpness.len(), kept, "of another target nothing is computed anew");
+        assert_eq!(maps.statistics().sharpness.len(), kept, "another target computes nothing again");
     }
-    assert_eq!(maps.statistics().gains.len(), 3, "of a photo that has changed nothing is left");
+    assert_eq!(maps.statistics().gains.len(), 3, "statistics of a changed photo are dropped");
 }

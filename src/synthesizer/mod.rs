@@ -49,7 +49,7 @@ use crate::network::PlaneNetwork;
 use crate::render::{Batch, Frame, Renderer};
 use crate::scene::{Scene, SceneOptions};
 #[cfg(feature = "surface")]
-use crate::surface::Settings;
+use crate::surface::EXTRA_PHOTOS;
 #[cfg(feature = "surface")]
 pub use crate::surface::{PhotoCorrection, TargetSurface};
 
@@ -218,7 +218,7 @@ impl Synthesizer {
             _ => None,
         };
         #[cfg(feature = "surface")]
-        let helpers = if self.layers.kind() == "surface" { Settings::default().extra } else { 0 };
+        let helpers = if self.layers.kind() == "surface" { EXTRA_PHOTOS } else { 0 };
         #[cfg(not(feature = "surface"))]
         let helpers = 0;
         let shots = self.views().shots(targets, self.renderer.network().views(), helpers, given)?;

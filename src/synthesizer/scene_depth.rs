@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use crate::geometry::Camera;
 use crate::scene::Scene;
 use crate::surface::cache::{DepthKey, PhotoDigest};
-use crate::surface::{ConfirmedDepth, DepthMaps, PhotoCorrection, PhotoDepth, Settings, TargetSurface, photo_depth};
+use crate::surface::{ConfirmedDepth, DepthMaps, PhotoCorrection, PhotoDepth, TargetSurface, photo_depth};
 use crate::warp::SourceView;
 
 /// How the depth of a photo was found.
@@ -51,7 +51,7 @@ impl SceneDepth {
     pub(super) fn new(scene: &Scene, free: Vec<usize>, held_out: Vec<usize>, (near, far): (f64, f64)) -> Self {
         let cameras = free.iter().map(|&view| scene.views[view].camera.clone()).collect();
         let sources = vec![(DepthSource::Alone, Duration::ZERO); free.len()];
-        Self { maps: DepthMaps::new(cameras, near, far, Settings::default()), free, held_out, sources }
+        Self { maps: DepthMaps::new(cameras, near, far), free, held_out, sources }
     }
 
     /// Whether exactly these views are held out.
@@ -84,12 +84,12 @@ impl SceneDepth {
     pub(super) fn key(&self, views: &[usize], digests: &[PhotoDigest]) -> DepthKey {
         let cameras = views.iter().map(|&view| &self.maps.cameras()[self.map_index(view)]);
         let photos: Vec<_> = cameras.zip(digests.iter().copied()).collect();
-        DepthKey::new(&photos, self.maps.range(), self.maps.settings())
+        DepthKey::new(&photos, self.maps.range())
     }
 
     /// The depth of a view's photo, if it is known.
     pub(super) fn found(&self, view: usize) -> Option<&PhotoDepth> {
-        self.maps.found(self.map_index(view))
+        self.maps.get(self.map_index(view))
     }
 
     /// Takes the depth of a view's photo as found.
@@ -107,7 +107,7 @@ impl SceneDepth {
         let (found, source) = if neighbours.is_empty() {
             (PhotoDepth::unknown(photo.camera.size()), DepthSource::Alone)
         } else {
-            (photo_depth(photo, neighbours, near, far, self.maps.settings()), DepthSource::Searched)
+            (photo_depth(photo, neighbours, near, far), DepthSource::Searched)
         };
         self.insert(view, found, source, started.elapsed());
     }
@@ -129,7 +129,7 @@ impl SceneDepth {
 
     /// Bytes of the depth of a view's photo; 0 if it is unknown.
     pub(super) fn bytes(&self, view: usize) -> usize {
-        let found = self.find_map_index(view).and_then(|index| self.maps.found(index));
+        let found = self.find_map_index(view).and_then(|index| self.maps.get(index));
         found.map_or(0, |found| size_of_val(found.disparity.as_slice().expect("standard order")))
     }
 

@@ -1,19 +1,21 @@
 //! Bilinear interpolation at the [`SamplePositions`] of a run of pixels, one output array per channel.
 //!
-//! A texel and its right neighbour lie side by side in memory: the vertical step takes both, eight numbers at once. For the
-//! horizontal step they are transposed to one register per channel, with instructions that plain loops do not compile to (those
-//! transpose through memory). Measured alternatives: docs/experiments.md.
+//! A texel and its right neighbour lie side by side in memory: the vertical step interpolates both, eight
+//! numbers at once. For the horizontal step they are transposed to one register per channel, with
+//! instructions that plain loops do not compile to (those transpose through memory). Measured
+//! alternatives: docs/experiments.md.
 
 use pulp::Simd;
 
-use super::sample_positions::{RUN, SamplePositions};
+use super::run::RUN;
+use super::sample_positions::SamplePositions;
 use super::texture::Texture;
 
 /// Red, green, blue and coverage.
 pub(crate) type Channels<'a> = [&'a mut [f32; RUN]; 4];
 
-/// Each sample is interpolated between the texel of its position, its right neighbour and the two below, and its colours are
-/// multiplied by gains.
+/// Interpolates each sample between the texel of its position, its right neighbour and the two below,
+/// and multiplies its colours by `gains`.
 #[inline(always)]
 #[cfg_attr(not(target_arch = "x86_64"), expect(unused_variables))]
 pub(crate) fn sample<S: Simd>(
@@ -34,7 +36,7 @@ pub(crate) fn sample<S: Simd>(
     plain(texture, positions, gains, out);
 }
 
-/// In plain loops, for any processor.
+/// Plain loops, for any processor.
 #[inline(always)]
 fn plain(texture: &Texture, positions: &SamplePositions, [red, green, blue]: [f32; 3], out: Channels<'_>) {
     let (upper, lower) = texture.upper_and_lower();
@@ -55,7 +57,7 @@ fn plain(texture: &Texture, positions: &SamplePositions, [red, green, blue]: [f3
     }
 }
 
-/// The same to the bit, eight samples at a time with AVX.
+/// The same bits, eight samples at a time with AVX.
 #[cfg(target_arch = "x86_64")]
 mod transposed {
     use std::arch::x86_64::__m256;
@@ -123,14 +125,14 @@ mod tests {
     use crate::image::ImageRgb;
 
     #[test]
-    fn the_transposed_samples_are_the_plain_ones_to_the_bit() {
+    fn transposed_samples_have_the_bits_of_plain_ones() {
         let Some(simd) = pulp::x86::V3::try_new() else {
             eprintln!("skipped: no AVX2 here");
             return;
         };
         let values = (0..3 * 40 * 30).map(|i| (i * 31 % 113) as f32 / 112.0).collect();
         let texture = Texture::new(&ImageRgb::new(40, 30, values).unwrap());
-        let mut positions = SamplePositions::NONE;
+        let mut positions = SamplePositions::NEW;
         for i in 0..RUN {
             positions.texel[i] = (i as u32 * 211) % (texture.stride() * 31);
             (positions.across[i], positions.down[i]) = ((i as f32).sin().abs(), (i as f32 * 0.7).cos().abs());

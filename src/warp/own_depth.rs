@@ -1,23 +1,22 @@
-//! Whether a view sees a point: unless its own depth, in the pixel that the point falls on, is nearer by some margin.
+//! Per-view occlusion of samples: a view sees a point unless the view's own depth, at the pixel that
+//! the point projects to, is nearer by a margin.
 //!
-//! Told along with the samples, from the same positions (docs/experiments.md, "Along a path").
+//! Computed together with the samples, from the same positions (docs/experiments.md, "Along a path").
 
-use super::sample_positions::{RUN, SamplePositions};
-
-/// All pixels of a run, as bits.
-pub(crate) const ALL_SEEN: u64 = u64::MAX;
+use super::run::{ALL_SEEN, RUN};
+use super::sample_positions::SamplePositions;
 
 /// A view's own depth.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct OwnDepth<'a> {
-    /// Of each pixel of its photo, 1/scene unit; below 0 where nothing is known.
+    /// Disparity of each pixel of its photo, 1/scene unit; below 0 where it is unknown.
     pub(crate) disparity: &'a [f32],
-    /// How much nearer than a point it must be to hide it, 1/scene unit.
+    /// How much nearer than a point it must be to hide the point, 1/scene unit.
     pub(crate) margin: f32,
 }
 
 impl OwnDepth<'_> {
-    /// Which points of a run the view sees, by bit ([`SamplePositions::find_points`]).
+    /// Which points of a run the view sees, by bit ([`SamplePositions::locate_with_pixels`]).
     #[inline(always)]
     pub(super) fn seen(&self, points: &SamplePositions) -> u64 {
         let mut own = [-1.0; RUN];

@@ -1,34 +1,37 @@
-//! Where the middle pixel of a run lies in the source, in f64, and how far from it the others lie, in f32.
+//! Position in the source of the middle pixel of a run, in f64, and the offsets of the others from it,
+//! in f32.
 
 use std::ops::Range;
 
 use glam::DVec3;
 
-use super::sample_positions::RUN;
+use super::run::RUN;
 use super::source::WarpSource;
 use super::texture::Texture;
 use crate::geometry::PlaneSweep;
 
-/// Runs with coordinates beyond this, in pixels, are computed in f64.
-const FAR_OUT: f64 = 1e6;
+/// Runs with coordinates beyond this, pixels, are computed in f64.
+const MAX_COORDINATE: f64 = 1e6;
 
 /// The middle of a run.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RunMiddle {
     /// Its index in the run.
     half: usize,
-    /// Where it lies in the texture, in texels, the first of the border at 0: whole columns and rows, and what remains.
-    pub(super) whole: (i32, i32),
-    pub(super) part: (f32, f32),
-    /// k columns and d in disparity away, (u, v)/w moves by (k column + d deeper) / (1 + k column.z + d deeper.z).
-    pub(super) column: [f32; 3],
-    deeper: [f32; 3],
+    /// Its column and row in the texture, in texels, the first of the border at 0: integer part.
+    pub(super) texel: (i32, i32),
+    /// Fractional part.
+    pub(super) fraction: (f32, f32),
+    /// At an offset of k columns and of d in disparity, (u, v)/w moves by
+    /// (k per_column + d per_disparity) / (1 + k per_column.z + d per_disparity.z).
+    pub(super) per_column: [f32; 3],
+    per_disparity: [f32; 3],
     /// 1/w.
     per_w: f32,
 }
 
 impl RunMiddle {
-    /// Of the pixels `run` of a row; `None` where it lies behind the source's camera, or far out.
+    /// Of the pixels `run` of a row; `None` where it lies behind the source's camera, or too far outside.
     #[inline(always)]
     pub(super) fn new(source: &WarpSource<'_>, row: usize, run: &Range<usize>, disparity: &[f32; RUN]) -> Option<Self> {
         let half = run.len() / 2;
@@ -36,39 +39,40 @@ impl RunMiddle {
         let pixel = DVec3::new((run.start + half) as f64 + 0.5, row as f64 + 0.5, 1.0);
         let middle = homography * pixel + epipole * f64::from(disparity[half]);
         let (x, y) = (middle.x / middle.z, middle.y / middle.z);
-        if !(middle.z > 0.0 && x.abs() < FAR_OUT && y.abs() < FAR_OUT) {
+        if !(middle.z > 0.0 && x.abs() < MAX_COORDINATE && y.abs() < MAX_COORDINATE) {
             return None;
         }
         let change =
             |uvw: DVec3| [uvw.x - x * uvw.z, uvw.y - y * uvw.z, uvw.z].map(|change| (change / middle.z) as f32);
-        // +0.5: pixel centres lie at halves, the border adds one.
+        // +0.5: pixel centres lie at halves, and the border adds one.
         let (x, y) = (x + 0.5, y + 0.5);
-        let (whole_x, whole_y) = (x.floor(), y.floor());
+        let (floor_x, floor_y) = (x.floor(), y.floor());
         Some(Self {
             half,
-            whole: (whole_x as i32, whole_y as i32),
-            part: ((x - whole_x) as f32, (y - whole_y) as f32),
-            column: change(homography.x_axis),
-            deeper: change(epipole),
+            texel: (floor_x as i32, floor_y as i32),
+            fraction: ((x - floor_x) as f32, (y - floor_y) as f32),
+            per_column: change(homography.x_axis),
+            per_disparity: change(epipole),
             per_w: (1.0 / middle.z) as f32,
         })
     }
 
-    /// w of pixel i of the run over that of the middle, by how much (u, v)/w moves, and 1/w.
+    /// Of pixel i of the run: w over that of the middle, the offset of (u, v)/w, and 1/w.
     #[inline(always)]
-    pub(super) fn moved(&self, i: usize, disparity: &[f32; RUN]) -> (f32, f32, f32, f32) {
-        let Self { half, column, deeper, .. } = self;
+    pub(super) fn offset(&self, i: usize, disparity: &[f32; RUN]) -> (f32, f32, f32, f32) {
+        let Self { half, per_column, per_disparity, .. } = self;
         let (k, d) = (i as i32 as f32 - *half as f32, disparity[i] - disparity[*half]);
-        let w = 1.0 + (k * column[2] + d * deeper[2]);
+        let w = 1.0 + (k * per_column[2] + d * per_disparity[2]);
         let per_w = 1.0 / w;
-        let (dx, dy) = ((k * column[0] + d * deeper[0]) * per_w, (k * column[1] + d * deeper[1]) * per_w);
+        let dx = (k * per_column[0] + d * per_disparity[0]) * per_w;
+        let dy = (k * per_column[1] + d * per_disparity[1]) * per_w;
         (w, dx, dy, self.per_w * per_w)
     }
 
-    /// The first and the last texel that samples are clamped to, as distances from the middle's whole columns and rows.
+    /// The first and the last texel that samples are clamped to, relative to [`Self::texel`].
     #[inline(always)]
     pub(super) fn bounds(&self, texture: &Texture) -> ((f32, f32), (f32, f32)) {
-        let (x, y) = (self.whole.0 as f32, self.whole.1 as f32);
+        let (x, y) = (self.texel.0 as f32, self.texel.1 as f32);
         ((-x, -y), ((texture.width() + 1) as f32 - x, (texture.height() + 1) as f32 - y))
     }
 }

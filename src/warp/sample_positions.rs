@@ -1,33 +1,21 @@
-//! Where the samples of a run of target pixels lie in the source: the texel above left, and the weights of its right and lower
-//! neighbours.
+//! Positions in the source of the samples of a run of target pixels: the texel above left, and the
+//! weights of its right and lower neighbours.
 //!
-//! With H∞ and e of the [`PlaneSweep`], (u, v, w) = H∞ p + δ e and the position is (u, v)/w. A run computes the position of its
-//! middle pixel in f64 and the others' distances from it in f32: these are small, and f32 holds them three times more exactly
-//! than whole coordinates. Runs where they are not small are computed in f64. Measured alternatives: docs/experiments.md.
+//! With H∞ and e of the [`PlaneSweep`], (u, v, w) = H∞ p + δ e and the position is (u, v)/w. A run
+//! computes the position of its middle pixel in f64 and the offsets of the others in f32: offsets are
+//! small, and f32 represents them three times more precisely than whole coordinates. Runs where they are
+//! not small are computed in f64. Measured alternatives: docs/experiments.md.
 
 use std::ops::Range;
 
 use glam::DVec3;
 
+use super::rounding::{clamp, clamp_from_zero, round_to_i32};
+use super::run::{RUN, RunCoverage};
 use super::run_middle::RunMiddle;
 use super::source::WarpSource;
 use super::texture::Texture;
 use crate::geometry::PlaneSweep;
-
-/// Pixels of a run, computed side by side: enough that the compiler keeps loops over them as loops, and vectorises them.
-pub(crate) const RUN: usize = 64;
-
-/// What is known about the coverage of a run of [`RUN`] pixels.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) enum RunCoverage {
-    /// Nothing: any values in [0, 1].
-    #[default]
-    Partly,
-    /// 0 throughout: every sample lies outside the photo.
-    None,
-    /// 1 throughout: every sample lies between the centres of four pixels.
-    All,
-}
 
 /// Index of the texel above left of each sample, in the source with its border, and the weights of its right and lower
 /// neighbours. Samples outside the photo are clamped to the border, which is 0.
@@ -35,71 +23,80 @@ pub(crate) struct SamplePositions {
     pub(crate) texel: [u32; RUN],
     pub(crate) across: [f32; RUN],
     pub(crate) down: [f32; RUN],
-    /// As [`Self::find_points`] tells them: the photo's pixel that each falls on, `u32::MAX` outside, and its disparity in the view.
+    /// Index of the photo's pixel that each falls on, `u32::MAX` outside
+    /// ([`Self::locate_with_pixels`] alone).
     pub(super) pixel: [u32; RUN],
+    /// Its disparity in the view, 1/scene unit ([`Self::locate_with_pixels`] alone).
     pub(super) disparity: [f32; RUN],
 }
 
 impl SamplePositions {
-    /// Room for a run.
-    pub(crate) const NONE: Self =
+    /// Storage for a run.
+    pub(crate) const NEW: Self =
         Self { texel: [0; RUN], across: [0.0; RUN], down: [0.0; RUN], pixel: [u32::MAX; RUN], disparity: [0.0; RUN] };
 
-    /// The positions of the pixels `run` of a row, at the given disparities (beyond the run's end: anything finite), and their
-    /// coverage as far as that is known.
+    /// Locates the pixels `run` of a row, at the given disparities (beyond the run's end: anything
+    /// finite); returns what is known about their coverage.
     #[inline(always)]
-    pub(crate) fn find(
+    pub(crate) fn locate(
         &mut self,
         source: &WarpSource<'_>,
         row: usize,
         run: &Range<usize>,
         disparity: &[f32; RUN],
     ) -> RunCoverage {
-        self.find_and::<false>(source, row, run, disparity)
+        self.locate_run::<false>(source, row, run, disparity)
     }
 
-    /// As [`Self::find`]; on which pixel of the photo each falls, and its disparity there, too.
+    /// As [`Self::locate`], with the photo's pixel that each falls on and its disparity there.
     #[inline(always)]
-    pub(super) fn find_points(
+    pub(super) fn locate_with_pixels(
         &mut self,
         source: &WarpSource<'_>,
         row: usize,
         run: &Range<usize>,
         disparity: &[f32; RUN],
     ) -> RunCoverage {
-        self.find_and::<true>(source, row, run, disparity)
+        self.locate_run::<true>(source, row, run, disparity)
     }
 
     #[inline(always)]
-    fn find_and<const POINTS: bool>(
+    fn locate_run<const PIXELS: bool>(
         &mut self,
         source: &WarpSource<'_>,
         row: usize,
         run: &Range<usize>,
         disparity: &[f32; RUN],
     ) -> RunCoverage {
-        self.near::<POINTS>(source, row, run, disparity).unwrap_or_else(|| {
-            self.exact::<POINTS>(source, row, run.start, disparity);
-            RunCoverage::Partly
+        self.locate_by_offsets::<PIXELS>(source, row, run, disparity).unwrap_or_else(|| {
+            self.locate_in_f64::<PIXELS>(source, row, run.start, disparity);
+            RunCoverage::Partial
         })
     }
 
     /// All positions in f64, pixel by pixel.
     #[inline(always)]
-    fn exact<const POINTS: bool>(&mut self, source: &WarpSource<'_>, row: usize, start: usize, disparity: &[f32; RUN]) {
+    fn locate_in_f64<const PIXELS: bool>(
+        &mut self,
+        source: &WarpSource<'_>,
+        row: usize,
+        start: usize,
+        disparity: &[f32; RUN],
+    ) {
         let PlaneSweep { homography_at_infinity: homography, epipole } = source.sweep;
         let begin = homography * DVec3::new(0.5, row as f64 + 0.5, 1.0);
         let (right, bottom) = ((source.texture.width() + 1) as f64, (source.texture.height() + 1) as f64);
         for (i, &disparity) in disparity.iter().enumerate() {
             let uvw = begin + homography.x_axis * (start + i) as f64 + epipole * f64::from(disparity);
-            // +0.5: pixel centres lie at halves, the border adds one. NaN and w <= 0 end up at 0: outside.
+            // +0.5: pixel centres lie at halves, and the border adds one. NaN and w <= 0 give 0: outside.
             let per_w = if uvw.z > 0.0 { 1.0 / uvw.z } else { f64::NAN };
-            let (at_x, at_y) = (within(uvw.x * per_w + 0.5, right), within(uvw.y * per_w + 0.5, bottom));
+            let (at_x, at_y) =
+                (clamp_from_zero(uvw.x * per_w + 0.5, right), clamp_from_zero(uvw.y * per_w + 0.5, bottom));
             let (column, row) = (at_x as u32, at_y as u32);
             self.across[i] = (at_x - f64::from(column)) as f32;
             self.down[i] = (at_y - f64::from(row)) as f32;
             self.texel[i] = row * source.texture.stride() + column;
-            if POINTS {
+            if PIXELS {
                 let at = (column as i32 - 1, row as i32 - 1);
                 self.pixel[i] = nearest(at, (self.across[i], self.down[i]), source.texture);
                 self.disparity[i] = if uvw.z > 0.0 { (f64::from(disparity) * per_w) as f32 } else { 0.0 };
@@ -107,9 +104,10 @@ impl SamplePositions {
         }
     }
 
-    /// The middle of the run in f64, the others' distances from it in f32; the coverage. `None` where the distances are not small.
+    /// The middle of the run in f64, the offsets of the others in f32; returns their coverage, or `None`
+    /// where the offsets are not small.
     #[inline(always)]
-    fn near<const POINTS: bool>(
+    fn locate_by_offsets<const PIXELS: bool>(
         &mut self,
         source: &WarpSource<'_>,
         row: usize,
@@ -117,69 +115,72 @@ impl SamplePositions {
         disparity: &[f32; RUN],
     ) -> Option<RunCoverage> {
         let middle = RunMiddle::new(source, row, run, disparity)?;
-        let RunMiddle { whole: (whole_x, whole_y), part: (part_x, part_y), column, .. } = middle;
+        let RunMiddle { texel: (texel_x, texel_y), fraction: (fraction_x, fraction_y), per_column, .. } = middle;
         let ((left, top), (right, bottom)) = middle.bounds(source.texture);
         let stride = source.texture.stride() as i32;
         let (width, height) = (source.texture.width() as u32, source.texture.height() as u32);
-        let moved = |i: usize| middle.moved(i, disparity);
-        // On a plane of a rectified rig the whole run moves by one offset: a quarter less time.
-        if column[0] == 1.0 && column[1].abs().max(column[2].abs()) < RECTIFIED && is_constant(disparity) {
-            let first = whole_x - (run.len() / 2) as i32;
-            if 1 <= first && first + RUN as i32 <= width as i32 && 1 <= whole_y && whole_y < height as i32 {
-                (self.across, self.down) = ([part_x; RUN], [part_y; RUN]);
-                self.texel = std::array::from_fn(|i| (whole_y * stride + first) as u32 + i as u32);
-                if POINTS {
+        let offset = |i: usize| middle.offset(i, disparity);
+        // On a plane of a rectified rig all pixels have the same fractional part: a quarter less time.
+        let is_rectified = per_column[0] == 1.0 && per_column[1].abs().max(per_column[2].abs()) < RECTIFIED;
+        if is_rectified && is_constant(disparity) {
+            let first = texel_x - (run.len() / 2) as i32;
+            if 1 <= first && first + RUN as i32 <= width as i32 && 1 <= texel_y && texel_y < height as i32 {
+                (self.across, self.down) = ([fraction_x; RUN], [fraction_y; RUN]);
+                self.texel = std::array::from_fn(|i| (texel_y * stride + first) as u32 + i as u32);
+                if PIXELS {
                     for (i, &disparity) in disparity.iter().enumerate() {
-                        let at = (first - 1 + i as i32, whole_y - 1);
-                        self.pixel[i] = nearest(at, (part_x, part_y), source.texture);
-                        self.disparity[i] = disparity * moved(i).3;
+                        let at = (first - 1 + i as i32, texel_y - 1);
+                        self.pixel[i] = nearest(at, (fraction_x, fraction_y), source.texture);
+                        self.disparity[i] = disparity * offset(i).3;
                     }
                 }
                 return Some(RunCoverage::All);
             }
         }
-        // Minima and maxima of the bits, which are ordered as the numbers are from 0 on (NaN is above all, negative numbers are
-        // below): unlike folds of floats, these vectorise.
-        let (mut least_w, mut farthest, mut last_x, mut last_y) = (i32::MAX, 0, 0, 0);
+        // Minima and maxima of the bits, which have the order of the numbers from 0 on (NaN is above all,
+        // negative numbers are below): unlike folds of floats, these vectorise.
+        let (mut smallest_w, mut largest_offset, mut last_x, mut last_y) = (i32::MAX, 0, 0, 0);
         for (i, &disparity) in disparity.iter().enumerate() {
-            let (w, dx, dy, per_w) = moved(i);
-            least_w = least_w.min(w.to_bits() as i32);
-            farthest = farthest.max(dx.abs().to_bits()).max(dy.abs().to_bits());
-            let (dx, dy) = (clamped(part_x + dx, left, right), clamped(part_y + dy, top, bottom));
+            let (w, dx, dy, per_w) = offset(i);
+            smallest_w = smallest_w.min(w.to_bits() as i32);
+            largest_offset = largest_offset.max(dx.abs().to_bits()).max(dy.abs().to_bits());
+            let (dx, dy) = (clamp(fraction_x + dx, left, right), clamp(fraction_y + dy, top, bottom));
             let (floor_x, floor_y) = (dx.floor(), dy.floor());
             (self.across[i], self.down[i]) = (dx - floor_x, dy - floor_y);
-            // Without the border; a sample that begins in the border is at -1, the largest number as u32.
-            let (x, y) = (whole(floor_x) + whole_x - 1, whole(floor_y) + whole_y - 1);
+            // Without the border; a sample that begins in the border is at -1, the largest u32.
+            let (x, y) = (round_to_i32(floor_x) + texel_x - 1, round_to_i32(floor_y) + texel_y - 1);
             (last_x, last_y) = (last_x.max(x as u32), last_y.max(y as u32));
             self.texel[i] = ((y + 1) * stride + x + 1) as u32;
-            if POINTS {
+            if PIXELS {
                 self.pixel[i] = nearest((x, y), (self.across[i], self.down[i]), source.texture);
                 self.disparity[i] = disparity * per_w;
             }
         }
-        if farthest >= NEAR_BY.to_bits() || least_w <= 0.5_f32.to_bits() as i32 {
+        if largest_offset >= MAX_OFFSET.to_bits() || smallest_w <= 0.5_f32.to_bits() as i32 {
             return None;
         }
         if last_x < width - 1 && last_y < height - 1 {
             return Some(RunCoverage::All);
         }
         let is_inside = |i: usize| {
-            let (_, dx, dy, _) = moved(i);
-            let (dx, dy) = (part_x + dx, part_y + dy);
+            let (_, dx, dy, _) = offset(i);
+            let (dx, dy) = (fraction_x + dx, fraction_y + dy);
             u32::from((dx > left) & (dx < right) & (dy > top) & (dy < bottom))
         };
         let any = (0..RUN).fold(0, |any, i| any | is_inside(i)) == 1;
-        Some(if any { RunCoverage::Partly } else { RunCoverage::None })
+        Some(if any { RunCoverage::Partial } else { RunCoverage::None })
     }
 }
 
-/// Runs with samples further than this from their middle, in pixels, are computed in f64.
-const NEAR_BY: f32 = 128.0;
+/// Runs with a larger offset from their middle, pixels, are computed in f64.
+const MAX_OFFSET: f32 = 128.0;
 
-/// What rounding leaves of the terms that are 0 on a rectified rig: it moves a sample by less than some ten-millionths of a pixel.
+/// Bound of the rounding errors of terms that are 0 on a rectified rig: they move a sample by less than
+/// some ten-millionths of a pixel.
 const RECTIFIED: f32 = 1e-10;
 
-/// Index of the photo's pixel nearest to a position, between pixel `at` and its right and lower neighbours; `u32::MAX` outside.
+/// Index of the photo's pixel nearest to a position between pixel (x, y) and its right and lower
+/// neighbours; `u32::MAX` outside.
 #[inline(always)]
 fn nearest((x, y): (i32, i32), (across, down): (f32, f32), photo: &Texture) -> u32 {
     let (width, height) = (photo.width() as u32, photo.height() as u32);
@@ -194,27 +195,6 @@ fn is_constant(disparity: &[f32; RUN]) -> bool {
     disparity.iter().fold(0, |differs, d| differs | (d.to_bits() ^ disparity[0].to_bits())) == 0
 }
 
-/// A whole number below 2^22 as an integer: `as` would look for overflow.
-#[inline(always)]
-pub(crate) fn whole(x: f32) -> i32 {
-    const ZERO: f32 = 12_582_912.0; // 1.5 * 2^23: the bits of whole numbers around it are consecutive
-    (x + ZERO).to_bits().wrapping_sub(ZERO.to_bits()) as i32
-}
-
-/// `x` clamped to [low, high]: two instructions, where `f32::max` and `min` take eight.
-#[inline(always)]
-fn clamped(x: f32, low: f32, high: f32) -> f32 {
-    let x = if x > low { x } else { low };
-    if x < high { x } else { high }
-}
-
-/// `x` clamped to [0, last], NaN to 0: two instructions, where `f64::max` and `min` take eight.
-#[inline(always)]
-fn within(x: f64, last: f64) -> f64 {
-    let x = if x > 0.0 { x } else { 0.0 };
-    if x < last { x } else { last }
-}
-
 #[cfg(test)]
 mod tests {
     use glam::{DMat3, DVec3};
@@ -222,8 +202,9 @@ mod tests {
     use super::*;
     use crate::image::ImageRgb;
 
-    /// Positions in the source of the pixels from 100 on of row 50, in both ways (x and y of each), and the coverage of the first.
-    fn both(
+    /// Positions in the source of the pixels from 100 on of row 50: by offsets and in f64 (x and y of
+    /// each), and the coverage of the former.
+    fn locate_both_ways(
         homography: DMat3,
         epipole: DVec3,
         disparity: impl Fn(usize) -> f32,
@@ -240,18 +221,19 @@ mod tests {
             };
             (0..RUN).map(position).collect::<Vec<_>>()
         };
-        let (mut near, mut exact) = (SamplePositions::NONE, SamplePositions::NONE);
-        exact.exact::<true>(&source, 50, 100, &disparity);
-        let coverage = near.near::<true>(&source, 50, &(100..100 + RUN), &disparity);
-        let pairs = positions(&near).into_iter().zip(positions(&exact)).map(|(a, b)| [a[0], a[1], b[0], b[1]]);
+        let (mut by_offsets, mut in_f64) = (SamplePositions::NEW, SamplePositions::NEW);
+        in_f64.locate_in_f64::<true>(&source, 50, 100, &disparity);
+        let coverage = by_offsets.locate_by_offsets::<true>(&source, 50, &(100..100 + RUN), &disparity);
+        let pairs = positions(&by_offsets).into_iter().zip(positions(&in_f64)).map(|(a, b)| [a[0], a[1], b[0], b[1]]);
         (pairs.collect(), coverage)
     }
 
     #[test]
-    fn near_the_middle_of_a_run_f32_is_exact_to_some_millionths_of_a_pixel() {
+    fn locate_by_offsets_is_exact_to_some_millionths_of_a_pixel() {
         let tilted = DMat3::from_cols_array(&[1.02, 0.03, 2e-4, -0.02, 0.97, -1e-4, 9.3, -4.1, 1.0]);
         for (homography, step) in [(DMat3::IDENTITY, 0.0), (tilted, 0.0), (tilted, 1e-3)] {
-            let (pairs, coverage) = both(homography, DVec3::new(210.3, 7.7, 0.01), |i| 0.1 + step * (i as f32).sin());
+            let (pairs, coverage) =
+                locate_both_ways(homography, DVec3::new(210.3, 7.7, 0.01), |i| 0.1 + step * (i as f32).sin());
             assert!(coverage.is_some());
             for [x, y, exact_x, exact_y] in pairs {
                 assert!((x - exact_x).abs() < 8e-6 && (y - exact_y).abs() < 8e-6, "{x} {y}, not {exact_x} {exact_y}");
@@ -259,13 +241,13 @@ mod tests {
         }
     }
 
-    /// In the source with its border, whose first pixel centre is at 1.
+    /// Positions are those in the source with its border, whose first pixel centre is at 1.
     #[test]
-    fn a_rectified_run_on_a_plane_moves_as_one_up_to_the_photos_edges() {
-        let mut as_one = [0; 2];
+    fn rectified_run_on_a_plane_has_one_fractional_part_up_to_the_edges() {
+        let mut uniform = [0; 2];
         for (epipole, last, axis) in [(DVec3::X, 320.0, 0), (DVec3::Y, 200.0, 1)] {
             for step in -1500..1500 {
-                let (pairs, coverage) = both(DMat3::IDENTITY, f64::from(step) * 1.37 * epipole, |_| 0.1);
+                let (pairs, coverage) = locate_both_ways(DMat3::IDENTITY, f64::from(step) * 1.37 * epipole, |_| 0.1);
                 for [x, y, exact_x, exact_y] in &pairs {
                     assert!(
                         (x - exact_x).abs() < 8e-6 && (y - exact_y).abs() < 8e-6,
@@ -276,22 +258,25 @@ mod tests {
                 let inside = first >= 1.0 && end < last;
                 assert_eq!(coverage == Some(RunCoverage::All), inside, "{first} to {end}");
                 let part = |at: f64| at - at.floor();
-                as_one[axis] += usize::from(inside && pairs.iter().all(|pair| part(pair[0]) == part(pairs[0][0])));
+                uniform[axis] += usize::from(inside && pairs.iter().all(|pair| part(pair[0]) == part(pairs[0][0])));
             }
         }
-        assert!(as_one.iter().all(|&runs| runs > 100), "{as_one:?}");
-        let (pairs, _) = both(DMat3::IDENTITY, DVec3::new(210.3, 7.7, 0.0), |i| 0.1 + 1e-3 * i as f32);
-        assert!(pairs[1][0] - pairs[0][0] > 1.1, "not on a plane, not as one");
+        assert!(uniform.iter().all(|&runs| runs > 100), "{uniform:?}");
+        let (pairs, _) = locate_both_ways(DMat3::IDENTITY, DVec3::new(210.3, 7.7, 0.0), |i| 0.1 + 1e-3 * i as f32);
+        assert!(pairs[1][0] - pairs[0][0] > 1.1, "a run that is not on a plane");
     }
 
     #[test]
-    fn far_from_it_and_around_the_horizon_f64_serves() {
+    fn large_offsets_and_the_horizon_are_computed_in_f64() {
         let stretched = DMat3::from_diagonal(DVec3::new(5.0, 1.0, 1.0));
         let horizon = DMat3::from_cols_array(&[1.0, 0.0, 0.01, 0.0, 1.0, 0.0, 0.0, 0.0, -1.4]);
         let behind = DMat3::from_diagonal(DVec3::new(-1.0, -1.0, -1.0));
         for homography in [stretched, horizon, behind] {
-            assert!(both(homography, DVec3::ZERO, |_| 0.0).1.is_none());
+            assert!(locate_both_ways(homography, DVec3::ZERO, |_| 0.0).1.is_none());
         }
-        assert!(both(DMat3::IDENTITY, DVec3::new(300.0, 0.0, 0.0), |i| i as f32 / 64.0).1.is_none(), "steep disparity");
+        assert!(
+            locate_both_ways(DMat3::IDENTITY, DVec3::new(300.0, 0.0, 0.0), |i| i as f32 / 64.0).1.is_none(),
+            "steep disparity"
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! The views as the warp takes them.
+//! Views: the input of the warp.
 
 use super::texture::Texture;
 use crate::geometry::{Camera, PlaneSweep};
@@ -19,12 +19,12 @@ pub struct WarpSource<'a> {
     pub texture: &'a Texture,
     /// Its sweep over the target's disparities.
     pub sweep: PlaneSweep,
-    /// What its samples are multiplied by, per channel.
+    /// Factor of each colour channel of its samples.
     pub gains: [f32; 3],
 }
 
 impl<'a> WarpSource<'a> {
-    /// A photo as it is.
+    /// A photo with unchanged colours.
     pub fn new(texture: &'a Texture, sweep: PlaneSweep) -> Self {
         Self { texture, sweep, gains: NO_GAINS }
     }

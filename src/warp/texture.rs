@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use crate::geometry::Size;
 use crate::image::ImageRgb;
 
-/// A view's photo as the warp samples it: RGB and a fourth channel of ones (whose sample is the coverage), inside a border of
-/// zeros so that sampling needs no bounds test.
+/// A view's photo as the warp samples it: RGB and a fourth channel of ones (whose sample is the
+/// coverage), inside a border of zeros so that sampling needs no bounds test.
 #[derive(Debug, Clone, Default)]
 pub struct Texture {
     texels: Vec<[f32; 4]>,
@@ -18,16 +18,16 @@ pub struct Texture {
     id: u64,
 }
 
-/// Zeros before the first and after the last pixel of a row or column: a coordinate clamped to one pixel outside the
-/// image still has both its neighbours.
+/// Zeros before the first and after the last pixel of a row or column: a coordinate clamped to one pixel
+/// outside the image still has both its neighbours.
 const BORDER: (usize, usize) = (1, 2);
 
-/// 2⁻⁶⁴: what is nearer to 0 counts as 0. On denormal values (below 2⁻¹²⁶) the network takes ten times as long on some CPUs; the margin is for
-/// what weights make of them.
-const DARKEST: f32 = 1.0 / (1_u128 << 64) as f32;
+/// 2⁻⁶⁴: smaller values become 0. With denormal values (below 2⁻¹²⁶) the network takes ten times as long
+/// on some CPUs; the margin is for their products with weights.
+const SMALLEST_VALUE: f32 = 1.0 / (1_u128 << 64) as f32;
 
 impl Texture {
-    /// Copies the photo; values nearer to 0 than 2⁻⁶⁴ become 0.
+    /// Copies the photo; values below 2⁻⁶⁴ (absolute) become 0.
     pub fn new(photo: &ImageRgb) -> Self {
         let (width, height) = (photo.width(), photo.height());
         let stride = width + BORDER.0 + BORDER.1;
@@ -35,14 +35,15 @@ impl Texture {
         for (y, row) in photo.data().chunks_exact(3 * width).enumerate() {
             let at = (y + BORDER.0) * stride + BORDER.0;
             for (texel, rgb) in texels[at..at + width].iter_mut().zip(row.chunks_exact(3)) {
-                let [r, g, b] = [rgb[0], rgb[1], rgb[2]].map(|value| if value.abs() < DARKEST { 0.0 } else { value });
+                let [r, g, b] =
+                    [rgb[0], rgb[1], rgb[2]].map(|value| if value.abs() < SMALLEST_VALUE { 0.0 } else { value });
                 *texel = [r, g, b, 1.0];
             }
         }
         Self { texels, width, height, id: new_id() }
     }
 
-    /// Tells photos apart: textures of one id are the same.
+    /// Identifies the photo: textures of one id have the same content.
     pub(crate) fn id(&self) -> u64 {
         self.id
     }
@@ -57,7 +58,7 @@ impl Texture {
         self.height
     }
 
-    /// Bytes that it takes in memory.
+    /// Bytes in memory.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(self.texels.as_slice())
     }
@@ -66,14 +67,15 @@ impl Texture {
     ///
     /// # Panics
     ///
-    /// If the row lies more than its border below the photo; elsewhere outside it is not checked.
+    /// If the row lies below the photo's border; other positions outside the photo are not checked.
     pub fn pixel(&self, x: usize, y: usize) -> [f32; 3] {
         let at = (y + BORDER.0) * (self.width + BORDER.0 + BORDER.1) + BORDER.0 + x;
         let [r, g, b, _] = self.texels[at];
         [r, g, b]
     }
 
-    /// The photo and its fourth channel shrunk by `cell`: area averages, at the right and lower edge of the pixels that there are.
+    /// The photo shrunk by a factor of `cell`: averages of `cell`×`cell` pixels, of fewer at the right and
+    /// lower edge.
     pub(crate) fn shrunk(&self, cell: usize) -> Self {
         let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
         let (stride, shrunk_stride) = (self.width + BORDER.0 + BORDER.1, width + BORDER.0 + BORDER.1);
@@ -95,8 +97,8 @@ impl Texture {
         Self { texels, width, height, id: new_id() }
     }
 
-    /// Writes the photo to `out` with `amount` of its detail, each pixel's difference from its four neighbours, added. Neighbours
-    /// outside are the pixel itself; the result is clamped to [0, 1].
+    /// Writes the photo to `out` with `amount` of its detail added: 4 times each pixel less its four
+    /// neighbours. Neighbours outside are the pixel itself; the result is clamped to [0, 1].
     pub(crate) fn sharpen(&self, amount: f32, out: &mut Self) {
         let (width, height, stride) = (self.width, self.height, self.stride() as usize);
         (out.width, out.height, out.id) = (width, height, new_id());
@@ -129,8 +131,8 @@ impl Texture {
         (self.width + BORDER.0 + BORDER.1) as u32
     }
 
-    /// All texels but the last row, and all but the first: a texel and the one below it have the same index in both, and one
-    /// test of bounds serves both.
+    /// All texels but the last row, and all but the first: a texel and the one below it have the same index,
+    /// and one bounds check is enough for both.
     #[inline(always)]
     pub(crate) fn upper_and_lower(&self) -> (&[[f32; 4]], &[[f32; 4]]) {
         let stride = self.stride() as usize;
@@ -139,13 +141,14 @@ impl Texture {
     }
 }
 
-/// Not 0, which is an empty texture's.
+/// Never 0, the id of an empty texture.
 fn new_id() -> u64 {
     static LAST: AtomicU64 = AtomicU64::new(0);
     LAST.fetch_add(1, Ordering::Relaxed) + 1
 }
 
-/// A row and those above and below it, to the row with `amount` of its detail added; values of the four channels one after another.
+/// Writes a row with `amount` of its detail added, given the rows above and below it; the four channels
+/// are interleaved.
 #[pulp::with_simd(sharpen_row = crate::simd::arch())]
 #[inline(always)]
 fn sharpen_row_with<'a, S: pulp::Simd>(
@@ -154,7 +157,7 @@ fn sharpen_row_with<'a, S: pulp::Simd>(
     amount: f32,
     out: &'a mut [f32],
 ) {
-    // The fourth channel is 1 in all of them, and stays 1.
+    // The fourth channel is 1 everywhere, and stays 1.
     let sharpened = |here: f32, [above, below, left, right]: [f32; 4]| {
         (here + amount * (4.0 * here - above - below - left - right)).clamp(0.0, 1.0)
     };
@@ -178,9 +181,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_denormal_comes_of_a_photo() {
-        let values = [f32::from_bits(1), -f32::MIN_POSITIVE, DARKEST / 2.0, DARKEST, 0.5, 1.0];
+    fn new_denormal_values_become_zero() {
+        let values = [f32::from_bits(1), -f32::MIN_POSITIVE, SMALLEST_VALUE / 2.0, SMALLEST_VALUE, 0.5, 1.0];
         let photo = Texture::new(&ImageRgb::new(2, 1, values.to_vec()).unwrap());
-        assert_eq!([photo.pixel(0, 0), photo.pixel(1, 0)].concat(), [0.0, 0.0, 0.0, DARKEST, 0.5, 1.0]);
+        assert_eq!([photo.pixel(0, 0), photo.pixel(1, 0)].concat(), [0.0, 0.0, 0.0, SMALLEST_VALUE, 0.5, 1.0]);
     }
 }

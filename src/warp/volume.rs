@@ -2,16 +2,18 @@
 
 use rayon::prelude::*;
 
-use super::layer_band::{LayerBand, Run};
+use super::layer_band::LayerBand;
 use super::own_depth::OwnDepth;
-use super::sample_positions::{RUN, RunCoverage, SamplePositions};
+use super::run::{RUN, Run, RunCoverage};
+use super::sample_positions::SamplePositions;
 use super::source::WarpSource;
 use crate::geometry::Size;
 
 /// Warps all views along n layers onto a target of that size (paper, section "HWV").
 ///
-/// `disparity` is `[n, height, width]`, in 1/scene unit ([`crate::layers::Layer::fill`]). `colour` becomes `[n, 3V, height, width]`:
-/// the homography warped volume, RGB in [0, 1]; `coverage` becomes `[n, V, height, width]`.
+/// `disparity` is `[n, height, width]`, in 1/scene unit ([`crate::layers::Layer::fill`]). `colour` becomes
+/// `[n, 3V, height, width]`: the homography warped volume, RGB in [0, 1]; `coverage` becomes
+/// `[n, V, height, width]`.
 ///
 /// # Panics
 ///
@@ -24,7 +26,7 @@ pub fn warp_layers(
     coverage: &mut [f32],
 ) {
     let runs = disparity.len() / size.pixels() * sources.len() * run_coverage_len(size);
-    let (mut run_coverage, mut seen) = (vec![RunCoverage::Partly; runs], vec![0; runs]);
+    let (mut run_coverage, mut seen) = (vec![RunCoverage::Partial; runs], vec![0; runs]);
     let (run_coverage, seen) = (run_coverage.as_mut_slice(), seen.as_mut_slice());
     warp_layers_into(sources, &[], size, &mut WarpedLayers { disparity, colour, coverage, run_coverage, seen });
 }
@@ -34,7 +36,7 @@ pub(crate) fn run_coverage_len(Size { width, height }: Size) -> usize {
     height * width.div_ceil(RUN)
 }
 
-/// Layers that views are warped by, and what becomes of them.
+/// Layers that views are warped by, and the output of the warp.
 #[derive(Debug)]
 pub(crate) struct WarpedLayers<'a> {
     /// `[n, h, w]`, 1/scene unit.
@@ -49,9 +51,10 @@ pub(crate) struct WarpedLayers<'a> {
     pub(crate) seen: &'a mut [u64],
 }
 
-/// As [`warp_layers`], into buffers that hold an earlier warp. `run_coverage` is what is known about the coverage that they hold (where
-/// that is 0 the colour is too), before the call and after it. Values that would not change are not written: memory, not
-/// arithmetic, limits the warp (docs/experiments.md). `own` is the depth of each view, or there is none, and `seen` stays what it is.
+/// As [`warp_layers`], into buffers that hold an earlier warp. `run_coverage` is what is known about the
+/// coverage in them (where that is 0 the colour is too), before the call and after it. Values that would
+/// not change are not written: memory, not arithmetic, limits the warp (docs/experiments.md). `own` is the
+/// own depth of each view; without any, `seen` stays unchanged.
 pub(crate) fn warp_layers_into(
     sources: &[WarpSource<'_>],
     own: &[OwnDepth<'_>],
@@ -62,9 +65,10 @@ pub(crate) fn warp_layers_into(
     let (width, plane) = (size.width, size.pixels());
     assert_eq!(colour.len(), 3 * disparity.len() * sources.len(), "colour is [n, 3V, height, width]");
     assert_eq!(3 * coverage.len(), colour.len(), "coverage is [n, V, height, width]");
-    let (band, runs) = (BAND * width, width.div_ceil(RUN));
-    // Band by band of one view, then of the next: its photo stays in the cache; all layers of a band, as they may repeat one another.
-    let bands = size.height.div_ceil(BAND);
+    let (band, runs) = (BAND_ROWS * width, width.div_ceil(RUN));
+    // Band by band of one view, then of the next: its photo stays in the cache. All layers of a band
+    // together, as a run may be the same on the next layer.
+    let bands = size.height.div_ceil(BAND_ROWS);
     let mut tasks: Vec<Vec<LayerBand<'_>>> = (0..sources.len() * bands).map(|_| Vec::new()).collect();
     let planes = colour.chunks_mut(3 * plane).zip(coverage.chunks_mut(plane));
     let planes = planes.zip(run_coverage.chunks_mut(size.height * runs)).zip(seen.chunks_mut(size.height * runs));
@@ -75,23 +79,23 @@ pub(crate) fn warp_layers_into(
         let lines =
             disparity[layer * plane..][..plane].chunks(band).zip(red.chunks_mut(band)).zip(green.chunks_mut(band));
         let lines = lines.zip(blue.chunks_mut(band)).zip(coverage.chunks_mut(band));
-        let lines = lines.zip(run_coverage.chunks_mut(BAND * runs)).zip(seen.chunks_mut(BAND * runs));
+        let lines = lines.zip(run_coverage.chunks_mut(BAND_ROWS * runs)).zip(seen.chunks_mut(BAND_ROWS * runs));
         for (task, line) in tasks[view * bands..][..bands].iter_mut().zip(lines) {
             let ((((((disparity, red), green), blue), coverage), run_coverage), seen) = line;
             task.push(LayerBand { disparity, planes: [red, green, blue, coverage], run_coverage, seen });
         }
     }
     tasks.into_par_iter().enumerate().for_each(|(index, mut layers)| {
-        let (view, first) = (index / bands, index % bands * BAND);
+        let (view, first) = (index / bands, index % bands * BAND_ROWS);
         warp_band(&sources[view], own.get(view), first, width, &mut layers);
     });
 }
 
-/// Rows that one task takes: V views alone would not divide evenly among threads.
-const BAND: usize = 32;
+/// Rows of a task: V views alone would not divide evenly among threads.
+const BAND_ROWS: usize = 32;
 
-/// Warps a band of one view, from row `first` on: plain loops over runs of pixels, compiled for the vector instructions of this
-/// processor.
+/// Warps a band of one view, from row `first` on: plain loops over runs of pixels, compiled for the
+/// vector instructions of this processor.
 #[pulp::with_simd(warp_band = crate::simd::wide_arch())]
 #[inline(always)]
 fn warp_band_with<'a, 'b, S: pulp::Simd>(
@@ -102,16 +106,16 @@ fn warp_band_with<'a, 'b, S: pulp::Simd>(
     width: usize,
     layers: &'a mut [LayerBand<'b>],
 ) {
-    let mut positions = SamplePositions::NONE;
-    let (mut padded, mut spare) = ([0.0; RUN], [[0.0; RUN]; 4]);
+    let mut positions = SamplePositions::NEW;
+    let (mut padded, mut scratch) = ([0.0; RUN], [[0.0; RUN]; 4]);
     let rows = layers.first().map_or(0, |layer| layer.disparity.len() / width);
     for (row, start) in (0..rows).flat_map(|row| (0..width).step_by(RUN).map(move |start| (row, start))) {
         let run = start..(start + RUN).min(width);
         let at = Run { index: row * width.div_ceil(RUN) + start / RUN, first: row * width + start, len: run.len() };
         for layer in 0..layers.len() {
-            let (before, layer) = layers.split_at_mut(layer);
+            let (previous, layer) = layers.split_at_mut(layer);
             let layer = &mut layer[0];
-            if before.last().is_some_and(|before| layer.repeats(before, &at)) {
+            if previous.last().is_some_and(|previous| layer.copy_if_same(previous, &at)) {
                 continue;
             }
             let disparity = &layer.disparity[at.span()];
@@ -121,14 +125,14 @@ fn warp_band_with<'a, 'b, S: pulp::Simd>(
                 &padded
             });
             let coverage = if let Some(own) = own {
-                let coverage = positions.find_points(source, first + row, &run, disparity);
+                let coverage = positions.locate_with_pixels(source, first + row, &run, disparity);
                 layer.seen[at.index] = own.seen(&positions) | !at.bits();
                 coverage
             } else {
-                positions.find(source, first + row, &run, disparity)
+                positions.locate(source, first + row, &run, disparity)
             };
-            if layer.wants(&at, coverage) {
-                layer.sample(simd, source, &positions, &at, &mut spare);
+            if layer.set_coverage(&at, coverage) {
+                layer.sample(simd, source, &positions, &at, &mut scratch);
             }
         }
     }
@@ -143,9 +147,10 @@ mod tests {
     use crate::image::ImageRgb;
     use crate::warp::Texture;
 
-    /// A far layer, seen but for the left edge; a near one, seen in a corner; one beside the photo; and back.
+    /// A far layer, covered except at the left edge; a near one, covered in a corner; one outside the photo;
+    /// and back.
     #[test]
-    fn buffers_used_before_end_up_as_new_ones_do() {
+    fn warp_layers_into_used_buffers_equals_new_ones() {
         const SIZE: Size = Size::new(200, 40);
         let pixels = SIZE.pixels();
         let values = (0..3 * pixels).map(|i| (i % 251) as f32 / 250.0).collect();
@@ -154,7 +159,7 @@ mod tests {
         let sweep = PlaneSweep { homography_at_infinity, epipole: DVec3::new(-150.0, 20.0, 0.0) };
         let sources = [WarpSource::new(&texture, sweep)];
         let (mut colour, mut coverage) = (vec![9.0; 3 * pixels], vec![9.0; pixels]);
-        let mut run_coverage = vec![RunCoverage::Partly; run_coverage_len(SIZE)];
+        let mut run_coverage = vec![RunCoverage::Partial; run_coverage_len(SIZE)];
         let mut seen = vec![0; run_coverage.len()];
         let mut met = [0; 3];
         for disparity in [0.0, 0.0, 1.0, 3.0, 3.0, 1.0, 0.0] {
@@ -180,9 +185,10 @@ mod tests {
         assert!(met.iter().all(|&runs| runs > 20), "{met:?}");
     }
 
-    /// A slope that a nearer one before it shares but for a step in its middle, and what the photo's own depth hides of both.
+    /// A slope, before it the same slope with a nearer step in its middle, and a photo whose own depth hides
+    /// some of both.
     #[test]
-    fn layers_that_repeat_one_another_are_as_each_alone() {
+    fn warp_layers_into_equal_runs_of_layers_equal_each_layer_alone() {
         const SIZE: Size = Size::new(200, 40);
         let pixels = SIZE.pixels();
         let values = (0..3 * pixels).map(|i| (i % 251) as f32 / 250.0).collect();
@@ -199,7 +205,7 @@ mod tests {
         let warp = |disparity: &[f32]| {
             let n = disparity.len() / pixels;
             let (mut colour, mut coverage) = (vec![9.0; 3 * n * pixels], vec![9.0; n * pixels]);
-            let (mut run_coverage, mut seen) = (vec![RunCoverage::Partly; n * runs], vec![0; n * runs]);
+            let (mut run_coverage, mut seen) = (vec![RunCoverage::Partial; n * runs], vec![0; n * runs]);
             let mut layers = WarpedLayers {
                 disparity,
                 colour: &mut colour,

@@ -1,4 +1,4 @@
-//! A golden file of the photos' depth, and the bounds that what Rust finds is held to.
+//! A golden file of surface layers, and the bounds of the errors of the Rust stages.
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -6,7 +6,8 @@ use std::sync::Mutex;
 use glam::{DMat3, DVec3};
 use liveview::geometry::{Camera, Intrinsics, PlaneSweep, Size};
 use liveview::image::ImageRgb;
-use liveview::surface::{ConfirmedDepth, PhotoDepth, Settings, SurfaceView, surface};
+use liveview::surface::stages::target_disparity_per_pixel;
+use liveview::surface::{ConfirmedDepth, NEIGHBOURS, PhotoDepth, SurfaceView};
 use liveview::warp::{SourceView, Texture, WarpSource};
 use ndarray::{Array, Array2, Array3, ArrayD, Dimension, IxDyn, OwnedRepr};
 use ndarray_npy::{NpzReader, ReadNpyError, ReadNpzError, ReadableElement};
@@ -25,8 +26,7 @@ pub(crate) struct Case {
     pub(crate) target: Camera,
     pub(crate) range: (f64, f64),
     pub(crate) count: usize,
-    pub(crate) settings: Settings,
-    /// What `check` found beyond bounds; all of it is told at the end.
+    /// Errors that `check` found beyond their bounds; all of them are reported at the end.
     pub(crate) failures: Mutex<Vec<String>>,
 }
 
@@ -42,7 +42,6 @@ impl Case {
             target: camera_at_origin(),
             range: (0.0, 0.0),
             count: 0,
-            settings: Settings::default(),
             failures: Mutex::default(),
         };
         for view in 0.. {
@@ -94,29 +93,30 @@ impl Case {
         SourceView { camera: &self.cameras[index], texture: &self.textures[index] }
     }
 
-    /// Photos that photo `which` is matched with.
+    /// Neighbours of photo `which`.
     pub(crate) fn neighbours(&self, which: usize) -> Vec<SourceView<'_>> {
-        (0..self.cameras.len()).filter(|&i| i != which).take(self.settings.neighbours).map(|i| self.view(i)).collect()
+        (0..self.cameras.len()).filter(|&i| i != which).take(NEIGHBOURS).map(|i| self.view(i)).collect()
     }
 
     pub(crate) fn depths(&self) -> Vec<PhotoDepth> {
         let pixels = self.get::<f32>("pixel");
-        let depth = |i: usize| PhotoDepth { disparity: self.map(&format!("depth{i}")), pixel: pixels[[i]] };
+        let depth =
+            |i: usize| PhotoDepth { disparity: self.map(&format!("depth{i}")), disparity_per_pixel: pixels[[i]] };
         (0..self.cameras.len()).map(depth).collect()
     }
 
-    pub(crate) fn known(&self, depths: &[PhotoDepth]) -> Vec<ConfirmedDepth> {
-        let known =
-            |(i, depth)| ConfirmedDepth::new(depth, &self.map(&format!("confirmed{i}")).mapv(|sure| sure > 0.0));
-        depths.iter().enumerate().map(known).collect()
+    fn confirmed(&self, depths: &[PhotoDepth]) -> Vec<ConfirmedDepth> {
+        let confirmed =
+            |(i, depth)| ConfirmedDepth::new(depth, &self.map(&format!("confirmed{i}")).mapv(|yes| yes > 0.0));
+        depths.iter().enumerate().map(confirmed).collect()
     }
 
-    /// `use_views` with what is known of the photos.
+    /// `use_views` of the views with their confirmed depth.
     pub(crate) fn with_views<T>(&self, use_views: impl FnOnce(&[SurfaceView<'_>]) -> T) -> T {
         let depths = self.depths();
-        let known = self.known(&depths);
+        let confirmed = self.confirmed(&depths);
         let gains = self.gains();
-        let view = |i: usize| SurfaceView { view: self.view(i), known: &known[i], gains: gains[i] };
+        let view = |i: usize| SurfaceView { view: self.view(i), confirmed: &confirmed[i], gains: gains[i] };
         use_views(&(0..depths.len()).map(view).collect::<Vec<_>>())
     }
 
@@ -129,21 +129,19 @@ impl Case {
         ((0..self.cameras.len()).map(source).collect(), visible)
     }
 
-    /// Disparity worth a pixel of parallax at the target.
-    pub(crate) fn pixel(&self) -> f32 {
-        let mut settings = self.settings.clone();
-        settings.search_holes = 1.0;
-        self.with_views(|views| surface(views, &self.target, self.range.0, self.range.1, &settings).pixel)
+    /// Disparity that moves a point by one pixel at the target.
+    pub(crate) fn disparity_per_pixel(&self) -> f32 {
+        self.with_views(|views| target_disparity_per_pixel(views, &self.target, self.range))
     }
 
-    /// What each photo's colours are multiplied by.
+    /// Exposure gains of each photo.
     fn gains(&self) -> Vec<[f32; 3]> {
         let gains = self.get::<f32>("gains");
         (0..self.cameras.len()).map(|view| std::array::from_fn(|channel| gains[[view, channel]])).collect()
     }
 
-    /// Hold `found` against the oracle's `stage`: few elements are doubtful, and all others within what float32 torch's own
-    /// error and the tolerance file allow.
+    /// Compares `found` with the oracle's stage `name`: few elements may be doubtful, and the errors of all
+    /// others are bounded by float32 torch's own error and the tolerance file.
     pub(crate) fn check<T: Into<f64> + Copy, D: Dimension>(&self, name: &str, found: &Array<T, D>) {
         let oracle = self.get::<f64>(&format!("oracle.{name}"));
         assert_eq!(found.shape(), oracle.shape(), "{}: shape of {name}", self.name);
@@ -151,16 +149,20 @@ impl Case {
         assert!(errors.iter().all(|e| e.is_finite()), "{}: {name} is not finite everywhere", self.name);
         let doubtful = self.find::<bool>(&format!("doubtful.{name}")).map_or(vec![false; errors.len()], flat);
         let share = doubtful.iter().filter(|&&d| d).count() as f64 / errors.len() as f64;
-        let sure: Vec<usize> = (0..errors.len()).filter(|&i| !doubtful[i]).collect();
-        let worst = sure.iter().copied().max_by(|&a, &b| errors[a].total_cmp(&errors[b])).expect("some are sure");
-        let mean = sure.iter().map(|&i| errors[i]).sum::<f64>() / sure.len() as f64;
+        let certain: Vec<usize> = (0..errors.len()).filter(|&i| !doubtful[i]).collect();
+        let worst = certain
+            .iter()
+            .copied()
+            .max_by(|&a, &b| errors[a].total_cmp(&errors[b]))
+            .expect("some elements are not doubtful");
+        let mean = certain.iter().map(|&i| errors[i]).sum::<f64>() / certain.len() as f64;
         let tolerance = Tolerance::of(name.trim_end_matches(char::is_numeric));
         let torch = flat(self.get::<f64>(&format!("torch.{name}")));
-        let most = tolerance.floor.max(tolerance.max_factor * torch[0]);
-        // The means themselves are sums in another order: equal errors must count as equal.
-        let mean_most = tolerance.mean_floor.max(tolerance.mean_factor * torch[1]) * (1.0 + 1e-9);
-        let off = (0..errors.len()).filter(|&i| doubtful[i] && errors[i] > most).count();
-        let told = format!(
+        let max_bound = tolerance.floor.max(tolerance.max_factor * torch[0]);
+        // The means are sums in different orders: equal errors must count as equal.
+        let mean_bound = tolerance.mean_floor.max(tolerance.mean_factor * torch[1]) * (1.0 + 1e-9);
+        let off = (0..errors.len()).filter(|&i| doubtful[i] && errors[i] > max_bound).count();
+        let report = format!(
             "{:13} {name:12} max {:.1e} (torch {:.1e})  mean {mean:.2e} (torch {:.2e})  doubtful {:.3} %, {off} of them off  \
              worst at {:?}: {} for {}",
             self.name,
@@ -172,13 +174,13 @@ impl Case {
             found.iter().nth(worst).map(|&x| x.into()).unwrap(),
             oracle.iter().nth(worst).unwrap(),
         );
-        println!("{told}");
+        println!("{report}");
         let mut failures = self.failures.lock().unwrap();
         if share > tolerance.doubtful {
-            failures.push(format!("more than {} doubtful:\n{told}", tolerance.doubtful));
+            failures.push(format!("more than {} doubtful:\n{report}", tolerance.doubtful));
         }
-        if errors[worst] > most || mean > mean_most {
-            failures.push(format!("beyond max {most:.1e} or mean {mean_most:.2e}:\n{told}"));
+        if errors[worst] > max_bound || mean > mean_bound {
+            failures.push(format!("beyond max {max_bound:.1e} or mean {mean_bound:.2e}:\n{report}"));
         }
     }
 }

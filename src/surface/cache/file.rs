@@ -1,12 +1,12 @@
-//! The depth of a photo as a file: `<digest>.npz`, a zip archive of numpy arrays that are stored as they are.
+//! The depth of a photo as a file: `<digest>.npz`, a zip archive of uncompressed numpy arrays.
 //!
 //! | array | type, shape | |
 //! |---|---|---|
-//! | `key` | uint8 `[32]` | what the depth was searched from ([`super::key`]); also the file's name, in hexadecimal |
-//! | `pixel` | float32 `[]` | disparity that is worth one pixel of parallax, 1/scene unit |
-//! | `disparity` | float32 `[h, w]` | of each pixel, 1/scene unit; before other photos are asked |
+//! | `key` | uint8 `[32]` | digest of the search's input ([`super::key`]); its hexadecimal form is the file's name |
+//! | `pixel` | float32 `[]` | disparity per pixel of parallax, 1/scene unit |
+//! | `disparity` | float32 `[h, w]` | of each pixel, 1/scene unit; before other photos confirm it |
 //!
-//! Zip's checksums cover every byte of the arrays.
+//! The archive's checksums cover every byte of the arrays.
 
 use std::io::{Cursor, Read, Seek, Write};
 
@@ -16,13 +16,13 @@ use zip::ZipArchive;
 
 use super::key::DepthKey;
 use crate::fs::npy;
-use crate::surface::PhotoDepth;
+use crate::surface::search::PhotoDepth;
 
-/// How far beyond near and far a disparity may lie, of the range of disparities between them: the search moves within half a plane, of 32
-/// at least.
-const BEYOND: f64 = 1.0 / 32.0;
+/// How far beyond near and far a disparity may lie, as a share of the range between them: the search
+/// refines by up to half the distance of two planes, of which there are at least 32.
+const RANGE_MARGIN: f64 = 1.0 / 32.0;
 
-/// Bytes of a file beside its disparities: headers of the arrays and of the archive.
+/// Upper bound of the bytes of a file beside its disparities: headers of the arrays and the archive.
 const OVERHEAD: u64 = 4096;
 
 /// What is wrong with a file.
@@ -37,22 +37,22 @@ fn damage(what: impl Into<String>, expected: impl Into<String>) -> Damage {
     Damage { what: what.into(), expected: expected.into() }
 }
 
-/// The most bytes that the file of a depth may have.
-pub(super) fn most_bytes(key: &DepthKey) -> u64 {
+/// Upper bound of the bytes of the file of a depth.
+pub(super) fn max_bytes(key: &DepthKey) -> u64 {
     4 * key.size.pixels() as u64 + OVERHEAD
 }
 
 pub(super) fn write<W: Write + Seek>(file: W, key: &DepthKey, depth: &PhotoDepth) -> Result<W, WriteNpzError> {
     let mut arrays = NpzWriter::new(file);
     arrays.add_array("key", &ArrayView1::from(&key.digest))?;
-    arrays.add_array("pixel", &aview0(&depth.pixel))?;
+    arrays.add_array("pixel", &aview0(&depth.disparity_per_pixel))?;
     arrays.add_array("disparity", &depth.disparity)?;
     arrays.finish()
 }
 
-/// The depth of this key, from the bytes of a file. Nothing is unpacked beyond the size that the key tells.
+/// The depth of this key, from the bytes of a file. Nothing is unpacked beyond the size given by the key.
 pub(super) fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDepth, Damage> {
-    let broken = |error| damage(format!("no archive: {error}"), "a whole .npz file");
+    let broken = |error| damage(format!("no archive: {error}"), "a complete .npz file");
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;
     if archive.len() != 3 {
         return Err(damage(format!("{} arrays", archive.len()), "key, pixel and disparity"));
@@ -60,9 +60,9 @@ pub(super) fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDepth, Damage> {
     let mut unpacked = |name: &str, expected: &str, size: usize| {
         let wrong = |what: String| damage(format!("{name}: {what}"), expected);
         let entry = archive.by_name(&format!("{name}.npy")).map_err(|error| wrong(error.to_string()))?;
-        let (most, mut bytes) = (size as u64 + OVERHEAD, Vec::new());
-        entry.take(most + 1).read_to_end(&mut bytes).map_err(|error| wrong(error.to_string()))?;
-        if bytes.len() as u64 > most { Err(wrong(format!("more than {most} bytes"))) } else { Ok(bytes) }
+        let (limit, mut bytes) = (size as u64 + OVERHEAD, Vec::new());
+        entry.take(limit + 1).read_to_end(&mut bytes).map_err(|error| wrong(error.to_string()))?;
+        if bytes.len() as u64 > limit { Err(wrong(format!("more than {limit} bytes"))) } else { Ok(bytes) }
     };
     let expected = "uint8 of shape [32]";
     let stored = unpacked("key", expected, 32)?;
@@ -82,20 +82,20 @@ pub(super) fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDepth, Damage> {
     }
     // Row by row, whichever order it was stored in.
     let disparity = Array2::from_shape_fn(disparity.dim(), |at| disparity[at]);
-    let depth = PhotoDepth { disparity, pixel: *pixel };
+    let depth = PhotoDepth { disparity, disparity_per_pixel: *pixel };
     check(&depth, key)?;
     Ok(depth)
 }
 
-/// Whether a search can have found these numbers.
+/// Refuses values that no search can have found.
 pub(super) fn check(depth: &PhotoDepth, key: &DepthKey) -> Result<(), Damage> {
-    let pixel = depth.pixel;
+    let pixel = depth.disparity_per_pixel;
     if !(pixel.is_finite() && pixel > 0.0) {
         return Err(damage(format!("pixel: {pixel}"), "a finite number above 0"));
     }
     let (nearest, farthest) = (1.0 / key.near, 1.0 / key.far);
-    let beyond = BEYOND * (nearest - farthest);
-    let range = (farthest - beyond).max(0.0) as f32..=(nearest + beyond) as f32;
+    let margin = RANGE_MARGIN * (nearest - farthest);
+    let range = (farthest - margin).max(0.0) as f32..=(nearest + margin) as f32;
     match depth.disparity.indexed_iter().find(|(_, value)| !(value.is_finite() && range.contains(value))) {
         Some(((y, x), value)) => {
             let expected = format!("{} to {}, between far and near", range.start(), range.end());
@@ -103,4 +103,11 @@ pub(super) fn check(depth: &PhotoDepth, key: &DepthKey) -> Result<(), Damage> {
         }
         None => Ok(()),
     }
+}
+
+/// Reads the file of a depth of 7×5 pixels between 2 and 8, the bytes of its key all 7.
+#[cfg(fuzzing)]
+pub(crate) fn read_for_fuzzing(bytes: &[u8]) -> Result<PhotoDepth, Damage> {
+    let size = crate::geometry::Size::new(7, 5);
+    read(bytes, &DepthKey { digest: [7; 32], size, near: 2.0, far: 8.0 })
 }

@@ -1,26 +1,30 @@
-//! What a photo's depth depends on, as a digest.
+//! Everything that a photo's depth depends on, as a digest.
 //!
-//! SHA-256 of, in this order and all numbers little-endian: the text [`FORMAT`], the program's version, the CPU's architecture and
-//! vector instructions (which round differently), the [`Settings`] as their `Debug` text (each text after its length in bytes, u64);
-//! near and far (f64); the number of photos (u64); and for the photo itself and each of its neighbours, nearest first, its size (two
+//! SHA-256 of, in this order and all numbers little-endian: the text [`FORMAT`], the program's version,
+//! the CPU's architecture and vector instructions, which round differently (each text after its length
+//! in bytes, u64); the constants of the search ([`SEARCH_CONSTANTS`], f64); near and far (f64); the number
+//! of photos (u64); and for the photo itself and each of its neighbours, nearest first, its size (two
 //! u64), fx, fy, cx, cy, skew, rotation (rows), translation (f64) and the [`PhotoDigest`].
-//!
-//! The `Debug` text names every setting and writes every number so that no other reads back as it, whatever settings come and go; a
-//! format that lists them here would have to be kept in step. What the search computes from the same settings is not in it: that is what
-//! the version in [`FORMAT`] is for.
 
 use std::fmt;
 
 use sha2::{Digest, Sha256};
 
 use crate::geometry::{Camera, Intrinsics, Size};
-use crate::surface::Settings;
+use crate::surface::search::penalties::{EDGE_CONTRAST, JUMP_PENALTY, STEP_PENALTY};
+use crate::surface::search::photo_depth::{FINE_PER_COARSE, PLANE_SPACING};
 use crate::warp::Texture;
 
-/// Kind and version of the files. To be raised with every change of what a file holds or of what the search finds.
-const FORMAT: &str = "liveview photo depth 1";
+/// Kind and version of the files. To be raised with every change of a file's content or of the search's
+/// result.
+const FORMAT: &str = "liveview photo depth 2";
 
-/// SHA-256 of a photo's pixels as they are matched (decoded, undistorted, scaled): RGB as f32, little-endian, row by row.
+/// Constants that the search was tuned by.
+const SEARCH_CONSTANTS: [f64; 5] =
+    [PLANE_SPACING, FINE_PER_COARSE as f64, STEP_PENALTY as f64, JUMP_PENALTY as f64, EDGE_CONTRAST as f64];
+
+/// SHA-256 of a photo's pixels as the search reads them (decoded, undistorted, scaled): RGB as f32,
+/// little-endian, row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct PhotoDigest([u8; 32]);
 
@@ -37,7 +41,7 @@ impl PhotoDigest {
     }
 }
 
-/// What identifies the depth of a photo, and what a depth must be like to be it.
+/// Identifies the depth of a photo, and bounds its size and values.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct DepthKey {
     pub(super) digest: [u8; 32],
@@ -47,19 +51,20 @@ pub(crate) struct DepthKey {
 }
 
 impl DepthKey {
-    /// Of the depth of the first photo, searched among the others, nearest first.
+    /// Of the depth of the first photo, searched among the others, nearest first, from near to far
+    /// (scene units).
     ///
     /// # Panics
     ///
     /// Without a photo.
-    pub(crate) fn new(photos: &[(&Camera, PhotoDigest)], (near, far): (f64, f64), settings: &Settings) -> Self {
+    pub(crate) fn new(photos: &[(&Camera, PhotoDigest)], (near, far): (f64, f64)) -> Self {
         let mut hash = Sha256::new();
         let machine = format!("{} {:?}", std::env::consts::ARCH, crate::simd::arch());
-        for text in [FORMAT, env!("CARGO_PKG_VERSION"), &machine, &format!("{settings:?}")] {
+        for text in [FORMAT, env!("CARGO_PKG_VERSION"), &machine] {
             hash.update((text.len() as u64).to_le_bytes());
             hash.update(text);
         }
-        [near, far].iter().for_each(|depth| hash.update(depth.to_le_bytes()));
+        SEARCH_CONSTANTS.iter().chain(&[near, far]).for_each(|number| hash.update(number.to_le_bytes()));
         hash.update((photos.len() as u64).to_le_bytes());
         for (camera, digest) in photos {
             [camera.width(), camera.height()].iter().for_each(|&side| hash.update((side as u64).to_le_bytes()));
@@ -73,7 +78,7 @@ impl DepthKey {
     }
 }
 
-/// The digest in hexadecimal: the file's name without its ending.
+/// The digest in hexadecimal: the file's name without its extension.
 impl fmt::Display for DepthKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.digest.iter().try_for_each(|byte| write!(f, "{byte:02x}"))

@@ -1,4 +1,5 @@
 use std::io::{Cursor, Write};
+use std::path::Path;
 
 use glam::{DMat3, DVec3};
 use ndarray::{Array2, ShapeBuilder, array};
@@ -6,34 +7,35 @@ use ndarray_npy::{NpzWriter, WritableElement};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-use super::*;
+use super::key::{DepthKey, PhotoDigest};
+use super::{DepthCache, file};
 use crate::geometry::{Camera, Intrinsics, Size};
 use crate::image::ImageRgb;
-use crate::surface::Settings;
+use crate::surface::search::PhotoDepth;
 use crate::warp::Texture;
 
 const KEY: DepthKey = DepthKey { digest: [7; 32], size: Size::new(7, 5), near: 2.0, far: 8.0 };
 
 fn depth() -> PhotoDepth {
     let disparity = Array2::from_shape_fn((5, 7), |(y, x)| 0.125 + 0.375 * (7 * y + x) as f32 / 34.0);
-    PhotoDepth { disparity, pixel: 0.0125 }
+    PhotoDepth { disparity, disparity_per_pixel: 0.0125 }
 }
 
-/// The file of a depth that [`KEY`] names.
-fn whole() -> Vec<u8> {
+/// A complete file of the depth of [`KEY`].
+fn complete() -> Vec<u8> {
     file::write(Cursor::new(Vec::new()), &KEY, &depth()).unwrap().into_inner()
 }
 
-/// A file of which two arrays are right, and this one is what it says.
+/// A file with this array in place of the right one.
 fn with<T: WritableElement, D: ndarray::Dimension>(name: &str, array: &ndarray::Array<T, D>) -> Vec<u8> {
     let mut arrays = NpzWriter::new(Cursor::new(Vec::new()));
     arrays.add_array(name, array).unwrap();
-    let PhotoDepth { disparity, pixel } = depth();
+    let PhotoDepth { disparity, disparity_per_pixel } = depth();
     if name != "key" {
         arrays.add_array("key", &ndarray::Array1::from_elem(32, 7_u8)).unwrap();
     }
     if name != "pixel" {
-        arrays.add_array("pixel", &ndarray::arr0(pixel)).unwrap();
+        arrays.add_array("pixel", &ndarray::arr0(disparity_per_pixel)).unwrap();
     }
     if name != "disparity" {
         arrays.add_array("disparity", &disparity).unwrap();
@@ -59,27 +61,29 @@ fn npy<T: WritableElement, D: ndarray::Dimension>(array: &ndarray::Array<T, D>) 
 
 fn same(a: &PhotoDepth, b: &PhotoDepth) -> bool {
     let bits = |depth: &PhotoDepth| depth.disparity.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
-    a.pixel.to_bits() == b.pixel.to_bits() && a.disparity.dim() == b.disparity.dim() && bits(a) == bits(b)
+    a.disparity_per_pixel.to_bits() == b.disparity_per_pixel.to_bits()
+        && a.disparity.dim() == b.disparity.dim()
+        && bits(a) == bits(b)
 }
 
 #[track_caller]
 fn assert_refused(bytes: &[u8], words: &[&str]) {
-    let told = file::read(bytes, &KEY).unwrap_err().to_string();
-    words.iter().for_each(|word| assert!(told.contains(word), "\"{word}\" is missing in: {told}"));
-    assert!(told.contains("; expected ") && !told.contains('\n'), "{told}");
+    let message = file::read(bytes, &KEY).unwrap_err().to_string();
+    words.iter().for_each(|word| assert!(message.contains(word), "\"{word}\" is missing in: {message}"));
+    assert!(message.contains("; expected ") && !message.contains('\n'), "{message}");
 }
 
 #[test]
-fn what_is_written_comes_back() {
-    assert!(same(&file::read(&whole(), &KEY).unwrap(), &depth()));
-    // By columns, as numpy may store it.
+fn file_round_trip_gives_the_same_bits() {
+    assert!(same(&file::read(&complete(), &KEY).unwrap(), &depth()));
+    // In column order, as numpy may store it.
     let mut columns = Array2::zeros((5, 7).f());
     columns.assign(&depth().disparity);
     assert!(same(&file::read(&with("disparity", &columns), &KEY).unwrap(), &depth()));
 }
 
 #[test]
-fn wrong_arrays_are_named() {
+fn wrong_array_is_named_in_the_error() {
     let map = depth().disparity;
     assert_refused(&with("disparity", &map.mapv(f64::from)), &["disparity: ", "float32 of shape [5, 7]"]);
     assert_refused(&with("disparity", &map.t().to_owned()), &["disparity: of shape [7, 5]", "[5, 7]"]);
@@ -94,7 +98,7 @@ fn wrong_arrays_are_named() {
 }
 
 #[test]
-fn poison_is_refused() {
+fn value_out_of_range_is_an_error() {
     for (value, word) in
         [(f32::NAN, "NaN"), (f32::INFINITY, "inf"), (-1.0, "-1 "), (-0.001, "-0.001"), (0.6, "0.6"), (0.1, "0.1")]
     {
@@ -107,9 +111,10 @@ fn poison_is_refused() {
     }
 }
 
-/// Pickled objects, a shape of terabytes, a header that takes years to parse, and a megabyte of zeros in a thousand bytes.
+/// Pickled objects, a shape of terabytes, a header that takes years to parse, and a megabyte of zeros in
+/// a thousand bytes.
 #[test]
-fn what_would_run_or_take_memory_is_refused() {
+fn hostile_array_is_an_error() {
     let header = |text: &str| {
         let length = (text.len() as u16).to_le_bytes();
         [b"\x93NUMPY\x01\x00", &length[..], text.as_bytes()].concat()
@@ -131,15 +136,15 @@ fn what_would_run_or_take_memory_is_refused() {
     assert_refused(&bomb, &["disparity: more than 4236 bytes"]);
 }
 
-/// A file that is cut short anywhere is refused; one of which a byte changed is refused or read as it was. Never a panic.
+/// A truncated file is refused; one with a changed byte is refused or read unchanged. Never a panic.
 #[test]
-fn damaged_files_never_change_a_depth() {
-    let (whole, depth) = (whole(), depth());
-    (0..whole.len()).for_each(|length| drop(file::read(&whole[..length], &KEY).unwrap_err()));
+fn damaged_file_never_changes_a_depth() {
+    let (complete, depth) = (complete(), depth());
+    (0..complete.len()).for_each(|length| drop(file::read(&complete[..length], &KEY).unwrap_err()));
     let mut refused = 0;
-    for at in 0..whole.len() {
+    for at in 0..complete.len() {
         for change in [1, 0x10, 0x80, 0xFF] {
-            let mut damaged = whole.clone();
+            let mut damaged = complete.clone();
             damaged[at] ^= change;
             match file::read(&damaged, &KEY) {
                 Ok(read) => assert!(same(&read, &depth), "byte {at} changed by {change:#x}"),
@@ -147,12 +152,12 @@ fn damaged_files_never_change_a_depth() {
             }
         }
     }
-    // What else there is, such as dates, is not read.
-    assert!(refused > 2 * whole.len(), "{refused} of {}", 4 * whole.len());
+    // The rest, such as dates, is not read.
+    assert!(refused > 2 * complete.len(), "{refused} of {}", 4 * complete.len());
 }
 
 #[test]
-fn everything_that_a_depth_depends_on_is_in_its_key() {
+fn key_depends_on_every_input_of_the_search() {
     let camera = |k: [f64; 5], x: f64, size: (usize, usize)| {
         let intrinsics = Intrinsics { fx: k[0], fy: k[1], cx: k[2], cy: k[3], skew: k[4] };
         Camera::new(intrinsics, size.0, size.1, DMat3::IDENTITY, DVec3::new(x, 0.0, 0.0)).unwrap()
@@ -164,41 +169,29 @@ fn everything_that_a_depth_depends_on_is_in_its_key() {
     };
     const K: [f64; 5] = [9.0, 9.0, 3.5, 2.5, 0.0];
     let (here, there, own) = (camera(K, 0.0, (7, 5)), camera(K, 0.1, (7, 5)), digest(None));
-    let (settings, range) = (Settings::default(), (2.0, 8.0));
-    let key =
-        |photos: &[(&Camera, PhotoDigest)], range, settings: &Settings| DepthKey::new(photos, range, settings).digest;
+    let range = (2.0, 8.0);
+    let key = |photos: &[(&Camera, PhotoDigest)], range| DepthKey::new(photos, range).digest;
     let pair = [(&here, own), (&there, own)];
-    let mut keys = vec![key(&pair, range, &settings)];
-    assert_eq!(keys[0], key(&pair, range, &settings), "the same twice");
+    let mut keys = vec![key(&pair, range)];
+    assert_eq!(keys[0], key(&pair, range), "the same twice");
     for range in [(2.0, 8.000_000_000_000_002), (1.999_999_999_999_999_8, 8.0), (2.0, f64::INFINITY)] {
-        keys.push(key(&pair, range, &settings));
+        keys.push(key(&pair, range));
     }
     for at in [0, 52, 104] {
-        keys.push(key(&[(&here, digest(Some(at))), (&there, own)], range, &settings));
-        keys.push(key(&[(&here, own), (&there, digest(Some(at)))], range, &settings));
+        keys.push(key(&[(&here, digest(Some(at))), (&there, own)], range));
+        keys.push(key(&[(&here, own), (&there, digest(Some(at)))], range));
     }
     for entry in 0..5 {
         let mut k = K;
         k[entry] += 1e-12;
-        keys.push(key(&[(&camera(k, 0.0, (7, 5)), own), (&there, own)], range, &settings));
+        keys.push(key(&[(&camera(k, 0.0, (7, 5)), own), (&there, own)], range));
     }
     for other in [camera(K, 1e-300, (7, 5)), camera(K, 0.0, (5, 7))] {
-        keys.push(key(&[(&other, own), (&there, own)], range, &settings));
+        keys.push(key(&[(&other, own), (&there, own)], range));
     }
-    keys.push(key(&pair[..1], range, &settings));
-    keys.push(key(&[pair[1], pair[0]], range, &settings));
-    keys.push(key(&[pair[0], pair[1], pair[1]], range, &settings));
-    let changes: [fn(&mut Settings); 4] = [
-        |settings| settings.neighbours += 1,
-        |settings| settings.spacing = 1.000_000_000_000_000_2,
-        |settings| settings.jump = f32::from_bits(settings.jump.to_bits() + 1),
-        |settings| settings.parts = 3,
-    ];
-    for change in changes {
-        let mut settings = settings.clone();
-        change(&mut settings);
-        keys.push(key(&pair, range, &settings));
-    }
+    keys.push(key(&pair[..1], range));
+    keys.push(key(&[pair[1], pair[0]], range));
+    keys.push(key(&[pair[0], pair[1], pair[1]], range));
     let all = keys.len();
     keys.sort_unstable();
     keys.dedup();
@@ -206,7 +199,7 @@ fn everything_that_a_depth_depends_on_is_in_its_key() {
 }
 
 #[test]
-fn a_folder_is_made_and_a_damaged_file_is_replaced() {
+fn cache_creates_its_folder_and_replaces_damaged_files() {
     let root = tempfile::tempdir().unwrap();
     let folder = root.path().join("a/b");
     let cache = DepthCache::open(&folder).unwrap();
@@ -217,28 +210,28 @@ fn a_folder_is_made_and_a_damaged_file_is_replaced() {
     assert_eq!(names, [folder.join(format!("{}.npz", "07".repeat(32)))]);
     for (bytes, word) in [(&b""[..], "no archive"), (&[0; 1 << 16], "more than 4236 bytes")] {
         std::fs::write(&names[0], bytes).unwrap();
-        let told = cache.load(&KEY).unwrap_err();
-        assert!(told.starts_with(names[0].to_str().unwrap()) && told.contains(word), "{told}");
+        let message = cache.load(&KEY).unwrap_err();
+        assert!(message.starts_with(names[0].to_str().unwrap()) && message.contains(word), "{message}");
         cache.store(&KEY, &depth()).unwrap();
         assert!(cache.load(&KEY).unwrap().is_some());
     }
     let mut poisoned = depth();
     poisoned.disparity[(0, 0)] = f32::NAN;
-    let told = cache.store(&KEY, &poisoned).unwrap_err();
-    assert!(told.contains("cannot be written: disparity: NaN"), "{told}");
-    assert!(cache.load(&KEY).unwrap().is_some(), "the file that was there");
+    let message = cache.store(&KEY, &poisoned).unwrap_err();
+    assert!(message.contains("cannot be written: disparity: NaN"), "{message}");
+    assert!(cache.load(&KEY).unwrap().is_some(), "the file from before");
     let taken = root.path().join("file");
     std::fs::write(&taken, "").unwrap();
     DepthCache::open(&taken).unwrap_err();
 }
 
-/// The seeds of the fuzz target are files that numpy has written, one of them compressed and by columns.
+/// The seeds of the fuzz target were written by numpy, one of them compressed and in column order.
 #[test]
-fn what_numpy_writes_is_read() {
+fn file_written_by_numpy_is_read() {
     let seeds = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzz/seeds/depth");
     for name in ["stored", "deflated_columns"] {
         let read = file::read(&std::fs::read(seeds.join(name)).unwrap(), &KEY).unwrap();
         assert!((&read.disparity - &depth().disparity).iter().all(|apart| apart.abs() < 1e-6), "{name}");
-        assert_eq!(read.pixel, depth().pixel, "{name}");
+        assert_eq!(read.disparity_per_pixel, depth().disparity_per_pixel, "{name}");
     }
 }

@@ -1,5 +1,6 @@
-//! What pairs of photos tell of their exposure and sharpness. None of it depends on the target, so along a path it is computed once
-//! for a set of photos (docs/experiments.md, "Along a path").
+//! Statistics of pairs of photos: relative exposure and missing sharpness. They do not depend on the
+//! target, so along a path they are computed once for a set of photos (docs/experiments.md, "Along a
+//! path").
 
 use std::collections::{BTreeSet, HashMap};
 use std::hash::Hash;
@@ -9,7 +10,7 @@ use rayon::prelude::*;
 use crate::surface::fusion::SurfaceView;
 
 /// Two photos, by their textures' ids.
-pub(crate) type Pair = [u64; 2];
+pub(super) type Pair = [u64; 2];
 
 /// Σ d (p − s), Σ d² and the number of correspondences ([`super::sharpness`]).
 #[derive(Debug, Clone, Copy, Default)]
@@ -24,15 +25,15 @@ pub(crate) struct DetailSums {
 pub(crate) struct PairStatistics {
     /// Ids of their textures.
     photos: BTreeSet<u64>,
-    /// Gains of the first photo that make it like the second.
+    /// Gains of the first photo that give it the exposure of the second.
     pub(crate) gains: HashMap<Pair, [f32; 3]>,
-    /// What the second photo, multiplied by gains of these bits, says of the first one's sharpness.
+    /// Missing detail of the first photo by the second, multiplied by gains of these bits.
     pub(crate) sharpness: HashMap<(Pair, [u32; 3]), DetailSums>,
 }
 
 impl PairStatistics {
-    /// Forgets everything unless it is of these very photos.
-    pub(crate) fn keep_of(&mut self, views: &[SurfaceView<'_>]) {
+    /// Clears all statistics if they are of another set of photos.
+    pub(crate) fn reset_unless_of(&mut self, views: &[SurfaceView<'_>]) {
         let photos: BTreeSet<u64> = views.iter().map(|view| view.view.texture.id()).collect();
         if photos != self.photos {
             *self = Self { photos, ..Self::default() };
@@ -40,16 +41,16 @@ impl PairStatistics {
     }
 }
 
-/// The values of all keys; those that are not kept yet are computed, in parallel.
-pub(crate) fn kept_or<K: Copy + Eq + Hash + Sync, T: Copy + Send>(
-    kept: &mut HashMap<K, T>,
+/// The values of all keys; missing ones are computed, in parallel, and stored.
+pub(super) fn get_or_compute<K: Copy + Eq + Hash + Sync, T: Copy + Send>(
+    stored: &mut HashMap<K, T>,
     keys: &[K],
     compute: impl Fn(usize) -> T + Sync,
 ) -> Vec<T> {
-    let missing: Vec<usize> = (0..keys.len()).filter(|&index| !kept.contains_key(&keys[index])).collect();
+    let missing: Vec<usize> = (0..keys.len()).filter(|&index| !stored.contains_key(&keys[index])).collect();
     let computed: Vec<T> = missing.par_iter().map(|&index| compute(index)).collect();
-    kept.extend(missing.iter().map(|&index| keys[index]).zip(computed));
-    keys.iter().map(|key| kept[key]).collect()
+    stored.extend(missing.iter().map(|&index| keys[index]).zip(computed));
+    keys.iter().map(|key| stored[key]).collect()
 }
 
 #[cfg(test)]
@@ -59,17 +60,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_kept_is_not_computed_again() {
+    fn get_or_compute_stored_key_is_not_computed_again() {
         let computed = AtomicUsize::new(0);
-        let square = |keys: &[usize], kept: &mut HashMap<usize, usize>| {
-            kept_or(kept, keys, |index| {
+        let square = |keys: &[usize], stored: &mut HashMap<usize, usize>| {
+            get_or_compute(stored, keys, |index| {
                 computed.fetch_add(1, Ordering::Relaxed);
                 keys[index] * keys[index]
             })
         };
-        let mut kept = HashMap::new();
-        assert_eq!(square(&[3, 1, 2], &mut kept), [9, 1, 4]);
-        assert_eq!(square(&[2, 4, 3], &mut kept), [4, 16, 9]);
+        let mut stored = HashMap::new();
+        assert_eq!(square(&[3, 1, 2], &mut stored), [9, 1, 4]);
+        assert_eq!(square(&[2, 4, 3], &mut stored), [4, 16, 9]);
         assert_eq!(computed.into_inner(), 4);
     }
 }

@@ -1,48 +1,51 @@
-//! How much to sharpen each photo before it is warped: bilinear sampling takes detail away, and focus and motion blur differ between
-//! photos. What other photos show of the same points says how much is missing.
+//! How much to sharpen each photo before it is warped: bilinear sampling removes detail, and focus and
+//! motion blur differ between photos. Other photos of the same points show how much is missing.
 //!
-//! Where a photo corresponds to a pixel of another one ([`super::correspondences`]), let p be that pixel's colour brought to the
-//! photo's exposure, s the photo's own bilinear sample and d that of its detail 4t − (its four neighbours). The amount is the least
-//! squares solution of p ≈ s + a d, Σ d (p − s) / Σ d², over all channels and all other photos where |p − s| < 0.1; 0 instead of a
-//! negative one (no photo is blurred), 0.15 at most, and 0 with fewer than 100 correspondences. They are told from where all that
-//! is sampled lies inside.
+//! Where a photo corresponds to a pixel of another one ([`super::correspondences`]), let p be that
+//! pixel's colour at the photo's exposure, s the photo's own bilinear sample and d that of its detail
+//! 4t − (its four neighbours). The amount is the least squares solution of p ≈ s + a d,
+//! Σ d (p − s) / Σ d², over all channels and all other photos where |p − s| < 0.1; at least 0 (no photo
+//! is blurred), at most 0.15, and 0 with fewer than 100 correspondences. Correspondences whose samples
+//! reach beyond the photo are left out.
 //!
-//! The photo becomes t + a (4t − its four neighbours), of which those outside are the pixel itself, clamped to \[0, 1\].
+//! The photo becomes t + a (4t − its four neighbours), clamped to \[0, 1\]; neighbours outside it are
+//! the pixel itself.
 //!
-//! Worth 0.14 dB and 0.002 of SSIM in the mean of the seven scenes of `make evaluate`; alternatives: docs/experiments.md.
+//! Worth 0.14 dB and 0.002 of SSIM in the mean of the seven scenes of `make evaluate`; alternatives:
+//! docs/experiments.md.
 
 use super::correspondences::correspondences;
-use super::pair_statistics::{DetailSums, PairStatistics, kept_or};
+use super::pair_statistics::{DetailSums, PairStatistics, get_or_compute};
 use crate::surface::fusion::SurfaceView;
 use crate::warp::Texture;
 
-/// Differences from which on two photos do not show the same.
-const SAME: f32 = 0.1;
-/// Most that a photo is sharpened by.
-const MOST: f64 = 0.15;
-/// Fewest correspondences that an amount is told from.
-const ENOUGH: usize = 100;
+/// From this difference on, two photos do not show the same point.
+const MAX_DIFFERENCE: f32 = 0.1;
+/// Largest amount of sharpening.
+const MAX_AMOUNT: f64 = 0.15;
+/// Fewest correspondences that give an amount.
+const MIN_CORRESPONDENCES: usize = 100;
 
-/// Amounts of sharpening of each view.
+/// Amount of sharpening `[V]` of the views: the share of their detail to add.
 pub fn sharpening(views: &[SurfaceView<'_>]) -> Vec<f32> {
     sharpening_with(views, &mut PairStatistics::default())
 }
 
-/// As [`sharpening`].
+/// As [`sharpening`], with statistics of the photos from earlier targets.
 pub(crate) fn sharpening_with(views: &[SurfaceView<'_>], statistics: &mut PairStatistics) -> Vec<f32> {
     let pairs = views.iter().flat_map(|photo| views.iter().map(move |other| (photo, other)));
     let pairs: Vec<_> = pairs.filter(|(photo, other)| !std::ptr::eq(*photo, *other)).collect();
     let key = |&(photo, other): &(&SurfaceView<'_>, &SurfaceView<'_>)| {
-        ([photo, other].map(|view| view.view.texture.id()), like_photo(photo, other).map(f32::to_bits))
+        ([photo, other].map(|view| view.view.texture.id()), relative_gains(photo, other).map(f32::to_bits))
     };
     let keys: Vec<_> = pairs.iter().map(key).collect();
-    let sums = kept_or(&mut statistics.sharpness, &keys, |pair| sums(pairs[pair].0, pairs[pair].1));
+    let sums = get_or_compute(&mut statistics.sharpness, &keys, |pair| sums(pairs[pair].0, pairs[pair].1));
     let others = views.len().saturating_sub(1);
     (0..views.len()).map(|photo| amount(&sums[photo * others..][..others])).collect()
 }
 
-/// What another photo is multiplied by to have the photo's exposure.
-fn like_photo(photo: &SurfaceView<'_>, other: &SurfaceView<'_>) -> [f32; 3] {
+/// Gains that give another photo the photo's exposure.
+fn relative_gains(photo: &SurfaceView<'_>, other: &SurfaceView<'_>) -> [f32; 3] {
     std::array::from_fn(|c| other.gains[c] / photo.gains[c])
 }
 
@@ -51,13 +54,17 @@ fn amount(pairs: &[DetailSums]) -> f32 {
     for pair in pairs {
         (product, square, count) = (product + pair.product, square + pair.square, count + pair.count as f64);
     }
-    if count >= ENOUGH as f64 && square > 0.0 { (product / square).clamp(0.0, MOST) as f32 } else { 0.0 }
+    if count >= MIN_CORRESPONDENCES as f64 && square > 0.0 {
+        (product / square).clamp(0.0, MAX_AMOUNT) as f32
+    } else {
+        0.0
+    }
 }
 
-/// What the pixels of another photo say of a photo.
+/// Sums over the correspondences of another photo with a photo.
 fn sums(photo: &SurfaceView<'_>, other: &SurfaceView<'_>) -> DetailSums {
     let texture = photo.view.texture;
-    let gains = like_photo(photo, other);
+    let gains = relative_gains(photo, other);
     let (width, height) = (texture.width() as f32, texture.height() as f32);
     let mut sums = DetailSums::default();
     for found in correspondences(other, photo) {
@@ -70,7 +77,7 @@ fn sums(photo: &SurfaceView<'_>, other: &SurfaceView<'_>) -> DetailSums {
         sums.count += 1;
         for c in 0..3 {
             let missing = shown[c] * gains[c] - sample[c];
-            if missing.abs() < SAME {
+            if missing.abs() < MAX_DIFFERENCE {
                 sums.product += f64::from(detail[c]) * f64::from(missing);
                 sums.square += f64::from(detail[c]) * f64::from(detail[c]);
             }
@@ -102,8 +109,9 @@ mod tests {
     use crate::image::ImageRgb;
 
     #[test]
-    fn samples_and_their_detail_are_those_of_a_paraboloid() {
-        // Of x² + y² the detail is −4 everywhere; a bilinear sample is too large by f (1 − f) in each direction.
+    fn sample_and_detail_match_a_paraboloid() {
+        // The detail of x² + y² is −4 everywhere; a bilinear sample is too large by f (1 − f) in each
+        // direction.
         let value = |x: usize, y: usize| ((x * x + y * y) as f32) / 128.0;
         let data = (0..64).flat_map(|i| [value(i % 8, i / 8); 3]).collect();
         let texture = Texture::new(&ImageRgb::new(8, 8, data).unwrap());
@@ -113,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn the_amount_is_the_least_squares_solution_within_its_limits() {
+    fn amount_is_the_least_squares_solution_within_its_limits() {
         let sums = |product, count| {
             [DetailSums { product, square: 2.0, count }, DetailSums { product, square: 2.0, count: 0 }]
         };

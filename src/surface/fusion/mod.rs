@@ -1,12 +1,12 @@
-//! From the depth of photos to the target's surface: confirmed by other photos, carried to the
-//! target, averaged, its holes filled.
+//! From the depth of photos to the target's surface: confirmed by other photos, splatted to the
+//! target, averaged, holes filled.
 
 mod confirmed_depth;
 mod consistency;
 pub(super) mod photo_variance;
 pub(super) mod project;
 pub(super) mod splat;
-mod surface;
+pub(super) mod surface;
 mod surface_view;
 pub(super) mod visible;
 

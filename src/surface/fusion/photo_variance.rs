@@ -1,116 +1,123 @@
-//! How little the views that see a pixel agree about it: the variance of their colours, over a window.
+//! Photo-consistency of a surface: the variance of the colours of the photos that see a pixel, over a
+//! window.
 //!
-//! Of the views with a coverage above 0.5 and a visibility of 1 (two at least): Σ (c − mean)² over views and channels, divided by
-//! 3·(n − 1), computed as (Σ c² − (Σ c)²/n); c is the sample divided by its coverage, times the view's gain, less 0.5. With fewer
-//! views, and above: 0.02. Then the mean over a window of 7×7 pixels, clipped to the map.
+//! Of the n views with a coverage above 0.5 and a visibility of 1 (at least two): Σ (c − mean)² over
+//! views and channels, divided by 3·(n − 1), computed as (Σ c² − (Σ c)²/n); c is the sample divided by
+//! its coverage, times the view's gain, less 0.5. At most 0.02, which is also the value with fewer
+//! views. Then the mean over a window of 7×7 pixels, clipped to the map.
 
 use rayon::prelude::*;
 
 use crate::warp::{NO_GAINS, RUN, RunCoverage, SamplePositions, WarpSource, sample};
 
-/// What a pixel costs that fewer than two views see, and the most that any costs.
-pub(crate) const MOST: f32 = 0.02;
-/// What colours are measured from.
+/// Upper bound of the variance, and its value where fewer than two views see the pixel.
+pub(crate) const MAX_VARIANCE: f32 = 0.02;
+/// Subtracted from the colours: it changes no variance but spares half of the digits that
+/// Σ c² − (Σ c)²/n would cancel.
 const GREY: f32 = 0.5;
 /// Radius of the window, pixels.
-const RADIUS: usize = 3;
-/// Rows that a thread takes at a time.
-const BAND: usize = 16;
+const WINDOW_RADIUS: usize = 3;
+/// Rows that one task processes at a time.
+const BAND_ROWS: usize = 16;
 
-/// The views at the target: their photos, and which pixels of the surface they see (1 or 0, `[V][h·w]`).
-pub(crate) struct Views<'a> {
+/// The views at the target: their photos, and which pixels of the surface they see (1 or 0,
+/// `[V][h·w]`).
+pub(crate) struct VarianceViews<'a> {
     pub(crate) sources: &'a [WarpSource<'a>],
     pub(crate) visible: &'a [Vec<f32>],
 }
 
-/// Disagreement `[h·w]` on `surface` (row by row, `width` wide, a multiple of 8) at the pixels whose `asked` is below 0; 0 elsewhere.
-pub(crate) fn photo_variance(views: &Views<'_>, surface: &[f32], width: usize, asked: &[f32]) -> Vec<f32> {
+/// Variance `[h·w]` on `surface` (row by row, `width` wide, a multiple of 8) at the pixels where
+/// `splatted` is below 0, the holes; 0 elsewhere.
+pub(crate) fn photo_variance(views: &VarianceViews<'_>, surface: &[f32], width: usize, splatted: &[f32]) -> Vec<f32> {
     let mut out = vec![0.0; surface.len()];
-    let bands = out.par_chunks_mut(BAND * width).enumerate();
-    let map = Map { surface, asked, width, height: surface.len() / width };
+    let bands = out.par_chunks_mut(BAND_ROWS * width).enumerate();
+    let map = Map { surface, splatted, width, height: surface.len() / width };
     bands.for_each_init(
         || Scratch::new(width),
-        |scratch, (index, rows)| window_rows(views, &map, index * BAND, scratch, rows),
+        |scratch, (index, rows)| band_variance(views, &map, index * BAND_ROWS, scratch, rows),
     );
     out
 }
 
-/// A surface, and where it is asked about.
+/// A surface, and where its holes are.
 struct Map<'a> {
     surface: &'a [f32],
-    asked: &'a [f32],
+    splatted: &'a [f32],
     width: usize,
     height: usize,
 }
 
 impl Map<'_> {
-    /// Whether a pixel of these rows and columns is asked about.
-    fn asks(&self, mut rows: std::ops::Range<usize>, columns: std::ops::Range<usize>) -> bool {
+    /// Whether a pixel of these rows and columns is a hole.
+    fn has_holes(&self, mut rows: std::ops::Range<usize>, columns: std::ops::Range<usize>) -> bool {
         let columns = columns.start..columns.end.min(self.width);
-        rows.any(|y| y < self.height && self.asked[y * self.width..][columns.clone()].iter().any(|&asked| asked < 0.0))
+        let is_hole = |&disparity: &f32| disparity < 0.0;
+        rows.any(|y| y < self.height && self.splatted[y * self.width..][columns.clone()].iter().any(is_hole))
     }
 }
 
 struct Scratch {
-    values: Vec<f32>,
-    sums: Vec<f32>,
-    taps: SamplePositions,
+    /// Variances of a band's rows and those that its windows reach.
+    variances: Vec<f32>,
+    /// Sums of their columns over the rows of a window.
+    column_sums: Vec<f32>,
+    positions: SamplePositions,
 }
 
 impl Scratch {
     fn new(width: usize) -> Self {
         let stride = width.next_multiple_of(RUN);
         Self {
-            values: vec![0.0; (BAND + 2 * RADIUS) * stride],
-            sums: vec![0.0; stride + 2 * RUN],
-            taps: SamplePositions::NONE,
+            variances: vec![0.0; (BAND_ROWS + 2 * WINDOW_RADIUS) * stride],
+            column_sums: vec![0.0; stride + 2 * RUN],
+            positions: SamplePositions::NEW,
         }
     }
 }
 
-#[pulp::with_simd(window_rows = crate::simd::arch())]
+#[pulp::with_simd(band_variance = crate::simd::arch())]
 #[inline(always)]
-fn window_rows_with<'a, S: pulp::Simd>(
+fn band_variance_with<'a, S: pulp::Simd>(
     simd: S,
-    views: &'a Views<'a>,
+    views: &'a VarianceViews<'a>,
     map: &'a Map<'a>,
     first: usize,
     scratch: &'a mut Scratch,
     out: &'a mut [f32],
 ) {
-    let Map { surface, asked, width, height } = *map;
+    let Map { surface, splatted, width, height } = *map;
     let stride = width.next_multiple_of(RUN);
     let rows = out.len() / width;
-    let (begin, end) = (first.saturating_sub(RADIUS), (first + rows + RADIUS).min(height));
+    let (begin, end) = (first.saturating_sub(WINDOW_RADIUS), (first + rows + WINDOW_RADIUS).min(height));
     for start in (0..width).step_by(RUN) {
-        if !map.asks(begin..end, start.saturating_sub(RADIUS)..start + RUN + RADIUS) {
+        if !map.has_holes(begin..end, start.saturating_sub(WINDOW_RADIUS)..start + RUN + WINDOW_RADIUS) {
             continue;
         }
         for y in begin..end {
-            let wide = RUN.min(width - start);
-            let span = y * width + start..y * width + start + wide;
+            let length = RUN.min(width - start);
+            let span = y * width + start..y * width + start + length;
             let mut disparity = [0.0; RUN];
-            disparity[..wide].copy_from_slice(&surface[span.clone()]);
-            let last = disparity[wide - 1];
-            disparity[wide..].fill(last);
+            disparity[..length].copy_from_slice(&surface[span.clone()]);
+            let last = disparity[length - 1];
+            disparity[length..].fill(last);
             let mut sums = [[0.0_f32; RUN]; 3];
             let (mut squares, mut number) = ([0.0_f32; RUN], [0.0_f32; RUN]);
             for (source, visible) in views.sources.iter().zip(views.visible) {
-                let found = scratch.taps.find(source, y, &(start..start + RUN), &disparity);
-                if found == RunCoverage::None {
+                let run_coverage = scratch.positions.locate(source, y, &(start..start + RUN), &disparity);
+                if run_coverage == RunCoverage::None {
                     continue;
                 }
                 let mut samples = [[0.0; RUN]; 4];
-                sample(simd, source.texture, &scratch.taps, NO_GAINS, samples.each_mut());
+                sample(simd, source.texture, &scratch.positions, NO_GAINS, samples.each_mut());
                 let mut weight = [0.0; RUN];
-                weight[..wide].copy_from_slice(&visible[span.clone()]);
+                weight[..length].copy_from_slice(&visible[span.clone()]);
                 let [red, green, blue, coverage] = &samples;
                 let gains = source.gains;
                 for i in 0..RUN {
                     let seen = coverage[i] > 0.5;
                     let w = if seen { weight[i] } else { 0.0 };
                     let share = w / if seen { coverage[i] } else { 1.0 };
-                    // Less a grey, which changes no variance but spares half its digits in the difference below.
                     let grey = GREY * w;
                     let r = red[i] * share * gains[0] - grey;
                     let g = green[i] * share * gains[1] - grey;
@@ -122,37 +129,37 @@ fn window_rows_with<'a, S: pulp::Simd>(
                     number[i] += w;
                 }
             }
-            let values: &mut [f32; RUN] =
-                (&mut scratch.values[(y - begin) * stride + start..][..RUN]).try_into().expect("a run");
+            let variances: &mut [f32; RUN] =
+                (&mut scratch.variances[(y - begin) * stride + start..][..RUN]).try_into().expect("a run");
             for i in 0..RUN {
                 let n = if number[i] > 1.0 { number[i] } else { 1.0 };
                 let mean = ((sums[0][i] * sums[0][i] + sums[1][i] * sums[1][i]) + sums[2][i] * sums[2][i]) / n;
-                let less = if number[i] > 2.0 { number[i] - 1.0 } else { 1.0 };
-                let variance = (squares[i] - mean) / (3.0 * less);
-                let variance = if number[i] > 1.5 { variance } else { MOST };
-                let variance = if variance < MOST { variance } else { MOST };
-                values[i] = if variance > 0.0 { variance } else { 0.0 };
+                let degrees = if number[i] > 2.0 { number[i] - 1.0 } else { 1.0 };
+                let variance = (squares[i] - mean) / (3.0 * degrees);
+                let variance = if number[i] > 1.5 { variance } else { MAX_VARIANCE };
+                let variance = if variance < MAX_VARIANCE { variance } else { MAX_VARIANCE };
+                variances[i] = if variance > 0.0 { variance } else { 0.0 };
             }
         }
     }
     for (row, out) in out.chunks_exact_mut(width).enumerate() {
         let y = first + row;
-        let asked = &asked[y * width..(y + 1) * width];
-        if asked.iter().all(|&asked| asked >= 0.0) {
+        let splatted = &splatted[y * width..(y + 1) * width];
+        if splatted.iter().all(|&disparity| disparity >= 0.0) {
             continue;
         }
-        let (top, bottom) = (y.saturating_sub(RADIUS), (y + RADIUS + 1).min(height));
-        let sums = &mut scratch.sums[RADIUS..RADIUS + width];
+        let (top, bottom) = (y.saturating_sub(WINDOW_RADIUS), (y + WINDOW_RADIUS + 1).min(height));
+        let sums = &mut scratch.column_sums[WINDOW_RADIUS..WINDOW_RADIUS + width];
         sums.fill(0.0);
         for y in top..bottom {
-            let values = &scratch.values[(y - begin) * stride..][..width];
-            sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+            let variances = &scratch.variances[(y - begin) * stride..][..width];
+            sums.iter_mut().zip(variances).for_each(|(sum, value)| *sum += value);
         }
-        scratch.sums[..RADIUS].fill(0.0);
-        scratch.sums[RADIUS + width..][..RADIUS].fill(0.0);
-        for x in (0..width).filter(|&x| asked[x] < 0.0) {
-            let total = scratch.sums[x..=x + 2 * RADIUS].iter().fold(0.0, |total, sum| total + sum);
-            let columns = (x + RADIUS + 1).min(width) - x.saturating_sub(RADIUS);
+        scratch.column_sums[..WINDOW_RADIUS].fill(0.0);
+        scratch.column_sums[WINDOW_RADIUS + width..][..WINDOW_RADIUS].fill(0.0);
+        for x in (0..width).filter(|&x| splatted[x] < 0.0) {
+            let total = scratch.column_sums[x..=x + 2 * WINDOW_RADIUS].iter().fold(0.0, |total, sum| total + sum);
+            let columns = (x + WINDOW_RADIUS + 1).min(width) - x.saturating_sub(WINDOW_RADIUS);
             out[x] = total / ((bottom - top) * columns) as f32;
         }
     }

@@ -1,16 +1,18 @@
-//! Where the pixels of one camera's map lie in another camera, and their disparity there.
+//! Projection of the pixels of one camera's depth map into another camera, with their disparity there.
 //!
-//! For pixel p at disparity δ: (u, v, w) = H∞ p + δ e ([`PlaneSweep`]); it lies at (u/w, v/w), at disparity δ/w of the other
-//! camera, in front of it iff w > 0. In f64, rounded once.
+//! For pixel p at disparity δ: (u, v, w) = H∞ p + δ e ([`PlaneSweep`]); its position is (u/w, v/w), its
+//! disparity in the other camera δ/w, and it lies in front of that camera iff w > 0. In f64, rounded
+//! once.
 
 use glam::{DMat3, DVec3};
 
 use crate::geometry::PlaneSweep;
 
-/// A row of pixels in another camera.
+/// A row of pixels projected into another camera.
 #[derive(Default)]
 pub(crate) struct Projected {
-    /// Column and row in pixels, the centre of the first at 0.5; −1 where the point lies behind the camera.
+    /// Column and row in pixels, the centre of the first at 0.5; −1 where the point lies behind the
+    /// camera.
     pub(crate) x: Vec<f32>,
     pub(crate) y: Vec<f32>,
     /// 1/scene unit; 0 where the point lies behind the camera.
@@ -18,17 +20,12 @@ pub(crate) struct Projected {
 }
 
 impl Projected {
-    /// Row `y`, whose pixels lie at `disparity`.
+    /// Projects row `y`, whose pixels have these disparities.
     pub(crate) fn row(&mut self, other_from_here: &PlaneSweep, y: usize, disparity: &[f32]) {
-        self.part(other_from_here, (0, y), disparity);
-    }
-
-    /// Part of a row, from column `x` of row `y` on, whose pixels lie at `disparity`.
-    pub(crate) fn part(&mut self, other_from_here: &PlaneSweep, (x, y): (usize, usize), disparity: &[f32]) {
         for values in [&mut self.x, &mut self.y, &mut self.disparity] {
             values.resize(disparity.len(), 0.0);
         }
-        project_row(other_from_here, (x, y), disparity, [&mut self.x, &mut self.y, &mut self.disparity]);
+        project_row(other_from_here, y, disparity, [&mut self.x, &mut self.y, &mut self.disparity]);
     }
 }
 
@@ -37,7 +34,7 @@ impl Projected {
 fn project_row_with<'a, S: pulp::Simd>(
     _simd: S,
     sweep: &'a PlaneSweep,
-    (column, row): (usize, usize),
+    row: usize,
     disparity: &'a [f32],
     [to_x, to_y, to_disparity]: [&'a mut Vec<f32>; 3],
 ) {
@@ -46,15 +43,15 @@ fn project_row_with<'a, S: pulp::Simd>(
     let count = disparity.len();
     let (to_x, to_y, to_disparity) = (&mut to_x[..count], &mut to_y[..count], &mut to_disparity[..count]);
     for i in 0..count {
-        let x = f64::from((column + i) as i32);
-        (to_x[i], to_y[i], to_disparity[i]) = carried(&homography, &epipole, begin, x, disparity[i]);
+        let x = f64::from(i as i32);
+        (to_x[i], to_y[i], to_disparity[i]) = project_pixel(&homography, &epipole, begin, x, disparity[i]);
     }
 }
 
-/// Column, row and disparity of a pixel in another camera, as [`Projected`] has them.
+/// Column, row and disparity of a pixel in another camera, as in [`Projected`].
 pub(crate) fn project(other_from_here: &PlaneSweep, (x, y): (usize, usize), disparity: f32) -> (f32, f32, f32) {
     let PlaneSweep { homography_at_infinity: homography, epipole } = other_from_here;
-    carried(homography, epipole, row_begin(homography, y), x as f64, disparity)
+    project_pixel(homography, epipole, row_begin(homography, y), x as f64, disparity)
 }
 
 /// H∞ at the centre of the first pixel of row `y`.
@@ -64,7 +61,7 @@ fn row_begin(homography: &DMat3, y: usize) -> DVec3 {
 }
 
 #[inline(always)]
-fn carried(homography: &DMat3, epipole: &DVec3, begin: DVec3, x: f64, disparity: f32) -> (f32, f32, f32) {
+fn project_pixel(homography: &DMat3, epipole: &DVec3, begin: DVec3, x: f64, disparity: f32) -> (f32, f32, f32) {
     let d = f64::from(disparity);
     let w = begin.z + homography.x_axis.z * x + epipole.z * d;
     let u = begin.x + homography.x_axis.x * x + epipole.x * d;

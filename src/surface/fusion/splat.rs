@@ -1,39 +1,47 @@
-//! Depths of photos carried to the target: each pixel as a square of 0.4 pixels' side, nearest wins.
+//! Depths of photos projected to the target and fused: each pixel is splatted as a square with a side
+//! of 0.4 pixels.
 //!
-//! A point lies in the pixels that hold its four corners (±0.2 pixel); of each photo's points each pixel keeps the largest
-//! disparity. Over the photos: the largest that another photo has within `agree` of it, or the largest of all if there is no such
-//! pair (docs/experiments.md); then the mean, in f32 and in their order, of those at most `fuse` behind that.
+//! A point covers the pixels that contain its four corners (±0.2 pixel); of each photo's points each
+//! pixel keeps the largest disparity. Over the photos: the largest that another photo has within
+//! `same` of it, or the largest of all if there is no such pair (docs/experiments.md); then the mean,
+//! in f32 and in their order, of those at most `averaged` behind that.
 
 use rayon::prelude::*;
 
 use super::confirmed_depth::ConfirmedDepth;
 use super::project::Projected;
 use crate::geometry::{Camera, PlaneSweep, Size};
-use crate::warp::{RUN, whole};
+use crate::warp::{RUN, round_to_i32};
 
-/// Half a side of a point, in pixels.
-const HALF: f32 = 0.2;
+/// Half the side of a point's square, pixels.
+const HALF_SIDE: f32 = 0.2;
 
-/// Disparity of each pixel of a padded target of `size`, row by row; −1 where nothing falls. `agree` and `fuse`: 1/scene unit.
+/// Disparity of each pixel of a padded target of `size`, row by row; −1 in holes. `same` and
+/// `averaged`: 1/scene unit.
 pub(crate) fn splat(
     maps: &[(&Camera, &ConfirmedDepth)],
     target: &Camera,
     size: Size,
-    (agree, fuse): (f32, f32),
+    (same, averaged): (f32, f32),
 ) -> Vec<f32> {
     let each: Vec<Vec<f32>> = maps.par_iter().map(|map| splat_one(map, target, size)).collect();
     let mut fused = vec![-1.0; size.pixels()];
     fused.par_chunks_mut(size.width).enumerate().for_each(|(y, fused)| {
         let begin = (y + 1) * (size.width + 2) + 1;
         let rows: Vec<&[f32]> = each.iter().map(|map| &map[begin..begin + size.width]).collect();
-        fuse_row(&rows, (agree, fuse), fused);
+        fuse_row(&rows, (same, averaged), fused);
     });
     fused
 }
 
 #[pulp::with_simd(fuse_row = crate::simd::arch())]
 #[inline(always)]
-fn fuse_row_with<'a, S: pulp::Simd>(_simd: S, rows: &'a [&'a [f32]], (agree, fuse): (f32, f32), fused: &'a mut [f32]) {
+fn fuse_row_with<'a, S: pulp::Simd>(
+    _simd: S,
+    rows: &'a [&'a [f32]],
+    (same, averaged): (f32, f32),
+    fused: &'a mut [f32],
+) {
     let width = fused.len();
     let mut paired = vec![-1.0; width];
     for (k, row) in rows.iter().enumerate() {
@@ -45,7 +53,7 @@ fn fuse_row_with<'a, S: pulp::Simd>(_simd: S, rows: &'a [&'a [f32]], (agree, fus
             let other = &other[..width];
             for x in 0..width {
                 let (near, far) = if row[x] > other[x] { (row[x], other[x]) } else { (other[x], row[x]) };
-                let pair = (far >= 0.0) & (near - far <= agree) & (near > paired[x]);
+                let pair = (far >= 0.0) & (near - far <= same) & (near > paired[x]);
                 paired[x] = if pair { near } else { paired[x] };
             }
         }
@@ -57,7 +65,7 @@ fn fuse_row_with<'a, S: pulp::Simd>(_simd: S, rows: &'a [&'a [f32]], (agree, fus
     for row in rows {
         let row = &row[..width];
         for x in 0..width {
-            let counts = (row[x] >= 0.0) & (row[x] <= fused[x]) & (fused[x] - row[x] <= fuse);
+            let counts = (row[x] >= 0.0) & (row[x] <= fused[x]) & (fused[x] - row[x] <= averaged);
             sum[x] += if counts { row[x] } else { 0.0 };
             number[x] += if counts { 1.0 } else { 0.0 };
         }
@@ -67,7 +75,8 @@ fn fuse_row_with<'a, S: pulp::Simd>(_simd: S, rows: &'a [&'a [f32]], (agree, fus
     }
 }
 
-/// The target with a border of one pixel, which takes what falls just beside it.
+/// The points of one photo on the target, which has a border of one pixel for points that overlap its
+/// edge.
 fn splat_one((camera, map): &(&Camera, &ConfirmedDepth), target: &Camera, size: Size) -> Vec<f32> {
     let mut buffer = vec![-1.0_f32; (size.width + 2) * (size.height + 2)];
     let (sweep, mut projected) = (PlaneSweep::new(target, camera), Projected::default());
@@ -79,7 +88,8 @@ fn splat_one((camera, map): &(&Camera, &ConfirmedDepth), target: &Camera, size: 
     buffer
 }
 
-/// Points of a row, where they lie in the target, and how far away they are in their own photo: below 0 there is none.
+/// Splats the points of a row, given their positions in the target and their disparities `own` in
+/// their photo (below 0: no point).
 #[pulp::with_simd(splat_row = crate::simd::arch())]
 #[inline(always)]
 fn splat_row_with<'a, S: pulp::Simd>(
@@ -90,22 +100,24 @@ fn splat_row_with<'a, S: pulp::Simd>(
     buffer: &'a mut [f32],
 ) {
     let stride = size.width + 2;
-    let (right, bottom) = (size.width as f32 + HALF, size.height as f32 + HALF);
+    let (right, bottom) = (size.width as f32 + HALF_SIDE, size.height as f32 + HALF_SIDE);
     let points = points.x.chunks(RUN).zip(points.y.chunks(RUN)).zip(points.disparity.chunks(RUN)).zip(own.chunks(RUN));
-    // Upper left corner, and how far right and down of it the lower right one lies: 0 or 1, 0 or a row.
+    // Index of the upper left corner, and the offsets from it to the right and down: 0 or 1, 0 or a row.
     let (mut first, mut across, mut down) = ([0; RUN], [0; RUN], [0; RUN]);
     for (((x, y), disparity), own) in points {
         for i in 0..x.len() {
             let (x, y) = (x[i], y[i]);
-            // Behind the camera: at −1.
-            let inside = (own[i] >= 0.0) & (x >= -HALF) & (y >= -HALF) & (x < right) & (y < bottom);
-            let [left, right, top, bottom] = [x - HALF, x + HALF, y - HALF, y + HALF].map(|at| whole(at.floor()));
+            // A point behind the camera has the position −1.
+            let inside = (own[i] >= 0.0) & (x >= -HALF_SIDE) & (y >= -HALF_SIDE) & (x < right) & (y < bottom);
+            let [left, right, top, bottom] =
+                [x - HALF_SIDE, x + HALF_SIDE, y - HALF_SIDE, y + HALF_SIDE].map(|at| round_to_i32(at.floor()));
             first[i] = if inside { (top + 1) * stride as i32 + left + 1 } else { -1 };
             (across[i], down[i]) = (right - left, (bottom - top) * stride as i32);
         }
         first[x.len()..].fill(-1);
         for i in 0..RUN {
-            // A quarter of a run apart: neighbours fall on the same pixels, and would wait for one another.
+            // In steps of a quarter of a run: consecutive points often fall on the same pixels, and
+            // each write would wait for the one before.
             let i = i % 4 * (RUN / 4) + i / 4;
             if first[i] < 0 {
                 continue;
@@ -133,9 +145,9 @@ mod tests {
     }
 
     #[test]
-    fn points_move_by_their_parallax_and_the_nearest_wins() {
+    fn splat_shifted_camera_moves_points_by_parallax_and_keeps_the_nearest() {
         // Disparity 1 moves by eight pixels for a unit's shift.
-        let mut map = ConfirmedDepth { disparity: Array2::from_elem((8, 8), -1.0), pixel: 1.0 };
+        let mut map = ConfirmedDepth { disparity: Array2::from_elem((8, 8), -1.0), disparity_per_pixel: 1.0 };
         map.disparity[(3, 5)] = 1.0;
         map.disparity[(3, 3)] = 0.0;
         let found = splat(&[(&camera(0.0), &map)], &camera(0.25), Size::new(8, 8), (0.0, 0.0));
@@ -144,8 +156,8 @@ mod tests {
     }
 
     #[test]
-    fn a_depth_of_one_photo_alone_gives_way_to_a_pair_behind_it() {
-        let at = |d: f32| ConfirmedDepth { disparity: Array2::from_elem((8, 8), d), pixel: 1.0 };
+    fn splat_prefers_a_pair_of_photos_to_a_nearer_single_depth() {
+        let at = |d: f32| ConfirmedDepth { disparity: Array2::from_elem((8, 8), d), disparity_per_pixel: 1.0 };
         let (a, b, c) = (at(0.5), at(0.25), at(0.125));
         let here = camera(0.0);
         let maps = [(&here, &a), (&here, &b), (&here, &b), (&here, &c)];
@@ -154,12 +166,12 @@ mod tests {
     }
 
     #[test]
-    fn photos_that_almost_agree_are_averaged() {
-        let at = |d: f32| ConfirmedDepth { disparity: Array2::from_elem((8, 8), d), pixel: 1.0 };
+    fn splat_averages_depths_within_the_margin() {
+        let at = |d: f32| ConfirmedDepth { disparity: Array2::from_elem((8, 8), d), disparity_per_pixel: 1.0 };
         let (a, b, c) = (at(0.5), at(0.45), at(0.1));
         let here = camera(0.0);
         let maps = [(&here, &a), (&here, &b), (&here, &c)];
-        let found = |agree: f32, fuse: f32| splat(&maps, &here, Size::new(8, 8), (agree, fuse));
+        let found = |same: f32, averaged: f32| splat(&maps, &here, Size::new(8, 8), (same, averaged));
         assert!(found(0.1, 0.1).iter().all(|&d| d == (0.5 + 0.45) / 2.0));
         assert!(found(0.0, 0.0).iter().all(|&d| d == 0.5));
     }

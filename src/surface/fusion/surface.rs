@@ -1,48 +1,66 @@
-//! The target's surface: what the photos know of their depth, carried to the target, its holes filled.
+//! The target's surface: the confirmed depths of the photos, fused at the target, holes filled.
 //!
 //! 1. Splat of the confirmed depths ([`super::splat`]).
-//! 2. Holes: the farthest neighbour, growing ([`super::holes`]). Where holes are more than a share of the target, what the guided
-//!    search at the target finds among the first four views ([`crate::layers::guided`], its surface enlarged bilinearly) takes its
-//!    place wherever those that see it disagree less about it over 7×7 pixels ([`super::photo_variance`]): less than 0.9 of the first
-//!    one's photo_variance − 1e-7.
+//! 2. Holes: from their farthest neighbours inwards ([`fill_holes`]). Where holes are more than 5 % of
+//!    the target, the guided search at the target among the first four views
+//!    ([`crate::layers::guided`], its surface enlarged bilinearly) gives a second candidate. It replaces
+//!    the first wherever the variance of the photos that see it ([`super::photo_variance`]) is lower:
+//!    below 0.9 of the first one's − 1e-7.
 //! 3. 3×3 median.
 //!
-//! px is the target's pixel of parallax: (1/near − 1/far) over the parallax of near and far in the view that sees most of it (1 at
-//! least).
+//! px is the target's disparity per pixel: (1/near − 1/far) over the parallax between near and far in
+//! the view where it is largest (at least 1).
 
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use super::photo_variance::{Views, photo_variance};
+use super::confirmed_depth::ConfirmedDepth;
+use super::photo_variance::{VarianceViews, photo_variance};
 use super::splat::splat;
 use super::surface_view::SurfaceView;
 use super::visible::visible;
 use crate::geometry::parallax::widest_parallax;
-use crate::geometry::{Camera, PlaneSweep};
+use crate::geometry::{Camera, PlaneSweep, Size};
 use crate::layers::guided::GuidedSearch;
 use crate::layers::{CELL, Layers, LayersError, enlarge, padded};
 use crate::surface::neighbourhood::{extremes3, fill_holes, median3};
-use crate::surface::settings::Settings;
 use crate::warp::{SourceView, WarpSource};
+
+/// Two depths splatted to a pixel are one surface within this, px.
+const SAME_SURFACE_PX: f32 = 2.0;
+/// Depths up to this far behind the nearest are averaged with it, px.
+const AVERAGED_PX: f32 = 3.0;
+/// How much nearer a view's own depth must be to hide a point, px.
+const OCCLUSION_MARGIN_PX: f32 = 4.0;
+/// Share of holes from which on the target is searched.
+const SEARCHED_HOLE_SHARE: f64 = 0.05;
+/// Number of views that the target is searched with.
+const SEARCHED_VIEWS: usize = 4;
+/// The second candidate replaces the first below this share of the first one's variance.
+const VARIANCE_RATIO: f32 = 0.9;
+/// And by this much: rounding, the only difference where the photos have no texture (a tenth of a
+/// grey level, squared).
+const VARIANCE_ROUNDING: f32 = 1e-7;
 
 /// Disparity of each pixel of a padded target.
 #[derive(Debug, Clone)]
 pub struct Surface {
     /// 1/scene unit, `[h, w]`, multiples of 8.
     pub disparity: Array2<f32>,
-    /// Disparity that is worth one pixel of parallax in the view that sees most of it.
-    pub pixel: f32,
-    /// Share of the target that no confirmed depth fell on.
+    /// Disparity that moves a point by one pixel in the view with the largest parallax, 1/scene unit.
+    pub disparity_per_pixel: f32,
+    /// Share (0 to 1) of the target without a confirmed depth.
     pub holes: f64,
 }
 
 impl Surface {
-    /// `count` layers near → far: one follows the surface; two are its largest and its smallest disparity over 3×3 pixels, three
-    /// these with the surface between them; more divide that range evenly (k-th of L: near + k/(L − 1)·(far − near), in f32).
+    /// `count` layers near → far: one follows the surface; two are its largest and its smallest
+    /// disparity over 3×3 pixels, three these with the surface between them; more divide that range
+    /// evenly (k-th of L: near + k/(L − 1)·(far − near), in f32).
     ///
     /// # Errors
     ///
-    /// [`LayersError::Empty`] for none.
+    /// [`LayersError::Empty`] for a count of 0.
     pub fn layers(&self, count: usize) -> Result<Layers, LayersError> {
         if count <= 1 {
             return Layers::pixels(vec![self.disparity.clone(); count]);
@@ -63,50 +81,67 @@ impl Surface {
         };
         Layers::pixels((0..count).map(layer).collect())
     }
+
+    /// How much nearer than a point a view's own depth must be to hide it, 1/scene unit.
+    pub fn occlusion_margin(&self) -> f32 {
+        OCCLUSION_MARGIN_PX * self.disparity_per_pixel
+    }
 }
 
-/// Finds the surface of `target` from these photos, nearest first (one at least).
-pub fn surface(views: &[SurfaceView<'_>], target: &Camera, near: f64, far: f64, settings: &Settings) -> Surface {
+/// Finds the surface of `target` from these photos, nearest first (at least one), between `near` and
+/// `far` (scene units).
+pub fn surface(views: &[SurfaceView<'_>], target: &Camera, near: f64, far: f64) -> Surface {
     let size = padded(target.size());
-    let sources: Vec<_> = views
-        .iter()
-        .map(|v| {
-            let SourceView { camera, texture } = v.view;
-            WarpSource { texture, sweep: PlaneSweep::new(camera, target), gains: v.gains }
-        })
-        .collect();
-    let sweeps: Vec<_> = sources.iter().map(|source| source.sweep).collect();
-    let pixel = ((1.0 / near - 1.0 / far) / widest_parallax(&sweeps, size, near, far).max(1.0)) as f32;
-    let known: Vec<_> = views.iter().map(|v| (v.view.camera, v.known)).collect();
-    let splatted = splat(&known, target, size, (settings.agree * pixel, settings.fuse * pixel));
+    let sources = warp_sources(views, target);
+    let disparity_per_pixel = disparity_per_pixel(&sources, size, near, far);
+    let splatted = splat_confirmed(views, target, disparity_per_pixel);
     let holes = splatted.iter().filter(|&&d| d < 0.0).count() as f64 / splatted.len() as f64;
     let mut filled = fill_holes(&splatted, size.width);
-    if holes > settings.search_holes {
-        let count = views.len().min(SEARCHED);
-        let (sources, known) = (&sources[..count], &known[..count]);
-        let found = GuidedSearch::new(near, far).search(sources, size).expect("a range that is one");
+    if holes > SEARCHED_HOLE_SHARE {
+        let count = views.len().min(SEARCHED_VIEWS);
+        let (views, sources) = (&views[..count], &sources[..count]);
+        let found = GuidedSearch::new(near, far).search(sources, size).expect("near < far");
         let mut searched = vec![0.0; splatted.len()];
         enlarge(found.range.surface().view(), CELL, size.width, &mut searched);
-        let cost = |map: &[f32]| {
-            let see = |&view| visible(view, target, map, size.width, settings.hides * pixel);
-            let visible: Vec<_> = known.par_iter().map(see).collect();
-            photo_variance(&Views { sources, visible: &visible }, map, size.width, &splatted)
+        let margin = OCCLUSION_MARGIN_PX * disparity_per_pixel;
+        let variance = |disparity: &[f32]| {
+            let visible_to = |&view| visible(view, target, disparity, size.width, margin);
+            let visible: Vec<_> = depth_maps(views).par_iter().map(visible_to).collect();
+            photo_variance(&VarianceViews { sources, visible: &visible }, disparity, size.width, &splatted)
         };
-        let (first, second) = (cost(&filled), cost(&searched));
+        let (of_filled, of_searched) = (variance(&filled), variance(&searched));
         for (at, &splatted) in splatted.iter().enumerate() {
-            if splatted < 0.0 && second[at] < BETTER * first[at] - ROUNDING {
+            if splatted < 0.0 && of_searched[at] < VARIANCE_RATIO * of_filled[at] - VARIANCE_ROUNDING {
                 filled[at] = searched[at];
             }
         }
     }
     let disparity = median3(&filled, size.width);
     let disparity = Array2::from_shape_vec((size.height, size.width), disparity).expect("one per pixel");
-    Surface { disparity, pixel, holes }
+    Surface { disparity, disparity_per_pixel, holes }
 }
 
-/// Views that holes are searched with.
-const SEARCHED: usize = 4;
-/// Share of the first candidate's photo_variance that the second must stay below to fill a hole.
-const BETTER: f32 = 0.9;
-/// And by how much: rounding, which is all that differs where the photos have no texture (a tenth of a grey level, squared).
-const ROUNDING: f32 = 1e-7;
+/// The views for the warp to `target`, with their gains.
+pub(crate) fn warp_sources<'a>(views: &[SurfaceView<'a>], target: &Camera) -> Vec<WarpSource<'a>> {
+    let source = |v: &SurfaceView<'a>| {
+        let SourceView { camera, texture } = v.view;
+        WarpSource { texture, sweep: PlaneSweep::new(camera, target), gains: v.gains }
+    };
+    views.iter().map(source).collect()
+}
+
+/// Disparity that moves a point by one pixel on a padded target of that size, 1/scene unit.
+pub(crate) fn disparity_per_pixel(sources: &[WarpSource<'_>], size: Size, near: f64, far: f64) -> f32 {
+    let sweeps: Vec<_> = sources.iter().map(|source| source.sweep).collect();
+    ((1.0 / near - 1.0 / far) / widest_parallax(&sweeps, size, near, far).max(1.0)) as f32
+}
+
+/// The confirmed depths splatted to the padded target, row by row; −1 in holes.
+pub(crate) fn splat_confirmed(views: &[SurfaceView<'_>], target: &Camera, disparity_per_pixel: f32) -> Vec<f32> {
+    let margins = (SAME_SURFACE_PX * disparity_per_pixel, AVERAGED_PX * disparity_per_pixel);
+    splat(&depth_maps(views), target, padded(target.size()), margins)
+}
+
+fn depth_maps<'a>(views: &[SurfaceView<'a>]) -> Vec<(&'a Camera, &'a ConfirmedDepth)> {
+    views.iter().map(|v| (v.view.camera, v.confirmed)).collect()
+}

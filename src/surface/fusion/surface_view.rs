@@ -3,13 +3,13 @@
 use super::confirmed_depth::ConfirmedDepth;
 use crate::warp::SourceView;
 
-/// A photo with what is known of its depth.
+/// A photo with its confirmed depth.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfaceView<'a> {
     /// Camera and photo.
     pub view: SourceView<'a>,
-    /// What other photos confirm of its depth.
-    pub known: &'a ConfirmedDepth,
-    /// What its colours are multiplied by, per channel ([`super::exposure_gains`]).
+    /// The photo's depth where other photos confirm it.
+    pub confirmed: &'a ConfirmedDepth,
+    /// Factor of each colour channel ([`crate::surface::exposure_gains`]).
     pub gains: [f32; 3],
 }

@@ -1,37 +1,17 @@
-//! Which points of the target's surface a view sees, by the view's own depth.
+//! Which points of the target's surface a view sees, by the view's own confirmed depth.
 
 use rayon::prelude::*;
 
 use super::confirmed_depth::ConfirmedDepth;
 use super::project::Projected;
 use crate::geometry::{Camera, PlaneSweep};
-use crate::warp::whole;
+use crate::warp::round_to_i32;
 
-/// 1 where the view sees the points of a row, else 0.
-#[pulp::with_simd(see = crate::simd::arch())]
-#[inline(always)]
-fn see_with<'a, S: pulp::Simd>(
-    _simd: S,
-    points: &'a Projected,
-    map: &'a ConfirmedDepth,
-    margin: f32,
-    seen: &'a mut [f32],
-) {
-    let (rows, columns) = map.disparity.dim();
-    let cells = map.disparity.as_slice().expect("standard order");
-    let (right, bottom) = (columns as f32, rows as f32);
-    let points = points.x.iter().zip(&points.y).zip(&points.disparity);
-    for (((&x, &y), &disparity), seen) in points.zip(seen) {
-        let inside = (x >= 0.0) & (y >= 0.0) & (x < right) & (y < bottom);
-        let at = |at: f32| whole(at.floor()) as usize;
-        let own = if inside { cells[at(y) * columns + at(x)] } else { -1.0 };
-        *seen = if own - disparity < margin { 1.0 } else { 0.0 };
-    }
-}
-
-/// 1 where the view sees the point of each pixel of the target at `disparity` (row by row, `width` wide), else 0.
+/// 1 where the view sees the point of each pixel of the target at `disparity` (row by row, `width`
+/// wide), else 0: unless the view's own confirmed depth, at the pixel that the point projects to, is
+/// nearer by `margin` (1/scene unit).
 pub(crate) fn visible(
-    (camera, map): (&Camera, &ConfirmedDepth),
+    (camera, depth): (&Camera, &ConfirmedDepth),
     target: &Camera,
     disparity: &[f32],
     width: usize,
@@ -39,10 +19,31 @@ pub(crate) fn visible(
 ) -> Vec<f32> {
     let sweep = PlaneSweep::new(camera, target);
     let mut seen = vec![1.0; disparity.len()];
-    let lines = seen.par_chunks_mut(width).zip(disparity.par_chunks(width)).enumerate();
-    lines.for_each_init(Projected::default, |projected, (y, (seen, disparity))| {
+    let rows = seen.par_chunks_mut(width).zip(disparity.par_chunks(width)).enumerate();
+    rows.for_each_init(Projected::default, |projected, (y, (seen, disparity))| {
         projected.row(&sweep, y, disparity);
-        see(projected, map, margin, seen);
+        visible_row(projected, depth, margin, seen);
     });
     seen
+}
+
+#[pulp::with_simd(visible_row = crate::simd::arch())]
+#[inline(always)]
+fn visible_row_with<'a, S: pulp::Simd>(
+    _simd: S,
+    points: &'a Projected,
+    depth: &'a ConfirmedDepth,
+    margin: f32,
+    seen: &'a mut [f32],
+) {
+    let (rows, columns) = depth.disparity.dim();
+    let own_disparity = depth.disparity.as_slice().expect("standard order");
+    let (right, bottom) = (columns as f32, rows as f32);
+    let points = points.x.iter().zip(&points.y).zip(&points.disparity);
+    for (((&x, &y), &disparity), seen) in points.zip(seen) {
+        let inside = (x >= 0.0) & (y >= 0.0) & (x < right) & (y < bottom);
+        let pixel = |at: f32| round_to_i32(at.floor()) as usize;
+        let own = if inside { own_disparity[pixel(y) * columns + pixel(x)] } else { -1.0 };
+        *seen = if own - disparity < margin { 1.0 } else { 0.0 };
+    }
 }

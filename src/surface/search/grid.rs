@@ -1,9 +1,10 @@
 //! An even grid of disparities, and which of them each cell of a photo is searched at.
 //!
-//! Index 0 is the nearest disparity, 1/near; index k lies at 1/near − k·step. A fractional index is what a search finds between
-//! two of them. As f32, disparity(index) = nearest − index·step, product and difference each rounded once.
+//! Index 0 is the nearest disparity, 1/near; index k is the disparity 1/near − k·step. A search
+//! finds a fractional index between two of them. In f32: disparity(index) = nearest − index·step,
+//! product and difference each rounded once.
 
-/// Disparities a cell is searched at side by side: one vector of 16-bit costs.
+/// Consecutive disparities that a cell is searched at together: one vector of 16-bit costs.
 pub(crate) const SEGMENT: usize = 8;
 
 /// `count` disparities, near → far.
@@ -15,7 +16,7 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    /// From 1/near to 1/far in `count` disparities (two at least).
+    /// From 1/near to 1/far in `count` disparities (at least two).
     pub(crate) fn new(near: f64, far: f64, count: usize) -> Self {
         let (nearest, farthest) = (1.0 / near, 1.0 / far);
         Self { nearest: nearest as f32, step: ((nearest - farthest) / (count - 1) as f64) as f32, count }
@@ -41,29 +42,30 @@ impl Grid {
 /// Which indices of a grid are searched.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Candidates<'a> {
-    /// All of them (their number rounded up to whole segments, beyond the end of the grid), at every cell.
+    /// All of them at every cell; their number is rounded up to whole segments, beyond the end of
+    /// the grid.
     All,
-    /// One or two segments of consecutive indices, which begin at `starts[cell]`; the second not before the end of the first,
-    /// or [`Candidates::NONE`]. One pair serves `share`×`share` cells of a map that is `columns` wide.
-    Two {
-        /// First index of each segment, row by row.
+    /// One or two segments of consecutive indices at each cell.
+    Segments {
+        /// First index of each segment, row by row. The second segment does not begin before the
+        /// end of the first; [`Candidates::NO_SEGMENT`] where there is none.
         starts: &'a [[u16; 2]],
-        /// Pairs in a row.
+        /// Entries of `starts` per row.
         columns: usize,
-        /// Cells per side that a pair serves.
-        share: usize,
+        /// Each entry applies to this many cells across and down.
+        cells_per_side: usize,
     },
 }
 
 impl Candidates<'_> {
-    /// In place of the start of a second segment: there is only one.
-    pub(crate) const NONE: u16 = u16::MAX;
+    /// Takes the place of the start of a second segment where there is only one.
+    pub(crate) const NO_SEGMENT: u16 = u16::MAX;
 
-    /// How many indices a cell is searched at.
+    /// Number of indices that a cell is searched at.
     pub(crate) fn count(&self, grid: &Grid) -> usize {
         match self {
             Self::All => grid.count().next_multiple_of(2 * SEGMENT),
-            Self::Two { .. } => 2 * SEGMENT,
+            Self::Segments { .. } => 2 * SEGMENT,
         }
     }
 
@@ -72,8 +74,9 @@ impl Candidates<'_> {
     pub(crate) fn index(&self, (y, x): (usize, usize), k: usize) -> usize {
         match self {
             Self::All => k,
-            Self::Two { starts, columns, share } => {
-                usize::from(starts[y / share * columns + x / share][k / SEGMENT]) + k % SEGMENT
+            Self::Segments { starts, columns, cells_per_side } => {
+                let starts = starts[y / cells_per_side * columns + x / cells_per_side];
+                usize::from(starts[k / SEGMENT]) + k % SEGMENT
             }
         }
     }

@@ -2,6 +2,7 @@
 
 pub(super) mod aggregate;
 pub(super) mod grid;
+mod path;
 pub(super) mod penalties;
 pub(super) mod photo_depth;
 pub(super) mod photo_sweep;

@@ -1,38 +1,34 @@
-//! What a path of the aggregation pays for a change of index: P1 and P2 of [`super::aggregate`].
+//! Penalties of semi-global aggregation for a change of index along a path: P1 and P2 of
+//! [`super::aggregate`].
 
 use rayon::prelude::*;
 
-use super::photo_sweep::UNIT;
+use super::photo_sweep::COST_SCALE;
 use super::planes::Planes;
 
-/// Penalties of a step to the next index and of a jump, and the difference of colour that halves the latter.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Penalties {
-    pub(crate) step: f32,
-    pub(crate) jump: f32,
-    pub(crate) edge: f32,
+/// P1: change to the next index.
+pub(crate) const STEP_PENALTY: f32 = 0.01;
+/// P2 where the photo has no edge: change to any other index.
+pub(crate) const JUMP_PENALTY: f32 = 0.12;
+/// Difference of colour (mean over the channels) that halves P2.
+pub(crate) const EDGE_CONTRAST: f32 = 0.05;
+
+/// Penalties in units of the cost volume.
+pub(super) struct Penalties {
+    pub(super) step: u16,
+    /// Of a jump from the cell to the left, at each cell.
+    pub(super) jump_across: Vec<u16>,
+    /// Of a jump from the cell above, at each cell.
+    pub(super) jump_down: Vec<u16>,
 }
 
-impl Default for Penalties {
-    fn default() -> Self {
-        Self { step: 0.01, jump: 0.12, edge: 0.05 }
-    }
-}
-
-/// In units of the volume: the penalty of a step, and at each cell those of a jump from the cell to the left and from the one above.
-pub(crate) struct Jumps {
-    pub(crate) step: u16,
-    pub(crate) across: Vec<u16>,
-    pub(crate) down: Vec<u16>,
-}
-
-impl Jumps {
-    pub(crate) fn new(photo: &Planes, penalties: &Penalties) -> Self {
+impl Penalties {
+    pub(super) fn new(photo: &Planes) -> Self {
         let (width, height) = (photo.width, photo.height);
-        let step = (penalties.step * UNIT).round();
+        let step = (STEP_PENALTY * COST_SCALE).round();
         let jump = |difference: f32| {
-            let jump = penalties.jump / (1.0 + difference / 3.0 / penalties.edge);
-            (jump.max(1.01 * penalties.step) * UNIT).round() as u16
+            let jump = JUMP_PENALTY / (1.0 + difference / 3.0 / EDGE_CONTRAST);
+            (jump.max(1.01 * STEP_PENALTY) * COST_SCALE).round() as u16
         };
         let (mut across, mut down) = (vec![0; width * height], vec![0; width * height]);
         let rows = across.par_chunks_mut(width).zip(down.par_chunks_mut(width)).enumerate();
@@ -46,6 +42,6 @@ impl Jumps {
                 (across[x], down[x]) = (jump((r.0 + g.0) + b.0), jump((r.1 + g.1) + b.1));
             }
         });
-        Self { step: step as u16, across, down }
+        Self { step: step as u16, jump_across: across, jump_down: down }
     }
 }

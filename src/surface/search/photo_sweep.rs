@@ -1,30 +1,38 @@
-//! Matching cost with a photo as reference: how far its neighbours, warped onto a plane or a band of planes, are from it.
+//! Matching cost with a photo as reference: the difference between the photo and its neighbours
+//! warped onto a plane, or onto a band of planes.
 //!
-//! Per neighbour and cell, with e = (r, g, b) the neighbour's colour less the photo's (RGB in \[0, 1\]; the neighbour's sample divided
-//! by its coverage) and s = (r + g) + b: 0.5·min((|r| + |g| + |b|)/3, 0.15) + 1.5·min((|s right − s| + |s below − s|)/6, 0.05). A
-//! difference towards a cell that the neighbour does not see, or beyond the photo's right or lower edge, counts as 0. A cell is seen
-//! where the coverage is above 0.5; one that is not costs 0.15, the most there is. Over the neighbours: the mean of the least two.
-//! In units of 1/32768, rounded to nearest (halves to even), as u16. No windows: they blur edges that aggregation
-//! ([`super::aggregate`]) keeps (docs/experiments.md).
+//! Per neighbour and cell, with e = (r, g, b) the neighbour's colour less the photo's (RGB in
+//! \[0, 1\]; the neighbour's sample divided by its coverage) and s = (r + g) + b:
+//! 0.5·min((|r| + |g| + |b|)/3, 0.15) + 1.5·min((|s right − s| + |s below − s|)/6, 0.05). A gradient
+//! towards a cell that the neighbour does not see, or beyond the photo's right or lower edge, counts
+//! as 0. A cell is seen where the coverage is above 0.5; one that is not costs 0.15, the maximum.
+//! Over the neighbours: the mean of the two lowest costs. In units of 1/32768, rounded to nearest
+//! (halves to even), as u16. No windows: they blur edges that the aggregation ([`super::aggregate`])
+//! preserves (docs/experiments.md).
 //!
-//! All in f32, divisions by 3 and 6 as products with the rounded reciprocal; the kept costs are added from the least on.
+//! All in f32; divisions by 3 and 6 are products with the rounded reciprocal; costs are summed in
+//! ascending order.
 
 use rayon::prelude::*;
 
 use super::grid::{Candidates, Grid, SEGMENT};
 use super::planes::Planes;
-use super::tile::{BAND, KEPT, ROWS, Run, STEP, Tile};
-use crate::warp::{NO_GAINS, RUN, RunCoverage, WarpSource, sample, whole};
+use super::tile::{BAND_ROWS, BEST_NEIGHBOURS, TILE_COLUMNS, TILE_ROWS, Tile, TileRow};
+use crate::warp::{NO_GAINS, RUN, RunCoverage, WarpSource, round_to_i32, sample};
 
-/// One unit of cost, in units of the volume.
-pub(crate) const UNIT: f32 = 32768.0;
-/// Weights and bounds of the differences of colour and of gradient.
-const COLOUR: (f32, f32) = (0.5, 0.15);
-const GRADIENT: (f32, f32) = (1.5, 0.05);
-/// What an unseen cell costs.
-const UNSEEN: f32 = COLOUR.0 * COLOUR.1 + GRADIENT.0 * GRADIENT.1;
+/// Units of the volume per unit of cost.
+pub(crate) const COST_SCALE: f32 = 32768.0;
+/// Weight and upper bound of the difference of colour.
+const COLOUR_WEIGHT: f32 = 0.5;
+const COLOUR_BOUND: f32 = 0.15;
+/// Weight and upper bound of the difference of gradient.
+const GRADIENT_WEIGHT: f32 = 1.5;
+const GRADIENT_BOUND: f32 = 0.05;
+/// Cost of a cell that the neighbour does not see.
+const UNSEEN_COST: f32 = COLOUR_WEIGHT * COLOUR_BOUND + GRADIENT_WEIGHT * GRADIENT_BOUND;
 
-/// Costs `[h, w, n]` of the n candidates of each cell of the reference; sources are its neighbours at the same scale.
+/// Costs `[h, w, n]` of the n candidates of each cell of the reference; the sources are its
+/// neighbours at the same scale.
 pub(crate) fn costs(
     reference: &Planes,
     sources: &[WarpSource<'_>],
@@ -34,8 +42,9 @@ pub(crate) fn costs(
     let count = candidates.count(grid);
     let mut volume = vec![0; reference.height * reference.width * count];
     let search = Search { reference, sources, grid, candidates, count };
-    let bands = volume.par_chunks_mut(BAND * reference.width * count).enumerate();
-    bands.for_each_init(|| Box::new(Tile::NEW), |tile, (index, out)| search_band(&search, index * BAND, tile, out));
+    let bands = volume.par_chunks_mut(BAND_ROWS * reference.width * count).enumerate();
+    bands
+        .for_each_init(|| Box::new(Tile::NEW), |tile, (index, out)| search_band(&search, index * BAND_ROWS, tile, out));
     volume
 }
 
@@ -58,7 +67,7 @@ fn search_band_with<'a, S: pulp::Simd>(
 ) {
     let Planes { width, height, .. } = *search.reference;
     (tile.first, tile.rows) = (first, out.len() / (width * search.count));
-    for left in (0..width).step_by(STEP) {
+    for left in (0..width).step_by(TILE_COLUMNS) {
         tile.column = left;
         tile.inside = first + tile.rows < height && left + RUN <= width;
         for segment in 0..search.count / SEGMENT {
@@ -74,76 +83,78 @@ fn search_band_with<'a, S: pulp::Simd>(
 }
 
 #[inline(always)]
-fn least(a: f32, b: f32) -> f32 {
+fn lower(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 impl Search<'_> {
-    /// The index of each cell's first candidate of a segment; false where no cell of the tile has that segment.
+    /// Sets the index of each cell's first candidate of a segment; false where no cell of the tile
+    /// has that segment.
     #[inline(always)]
     fn begin_segment(&self, segment: usize, tile: &mut Tile) -> bool {
-        let Candidates::Two { starts, columns, share } = self.candidates else {
-            tile.index = [[(segment * SEGMENT) as f32; RUN]; ROWS];
+        let Candidates::Segments { starts, columns, cells_per_side } = self.candidates else {
+            tile.index = [[(segment * SEGMENT) as f32; RUN]; TILE_ROWS];
             return true;
         };
         let mut any = false;
-        for y in tile.sampled(self.reference.height) {
-            let starts = &starts[y / share * columns..][..columns];
+        for y in tile.sampled_rows(self.reference.height) {
+            let starts = &starts[y / cells_per_side * columns..][..columns];
             for (i, index) in tile.index[y - tile.first].iter_mut().enumerate() {
-                let start = starts[((tile.column + i) / share).min(columns - 1)][segment];
-                any |= start != Candidates::NONE;
-                *index = f32::from(if start == Candidates::NONE { 0 } else { start });
+                let start = starts[((tile.column + i) / cells_per_side).min(columns - 1)][segment];
+                any |= start != Candidates::NO_SEGMENT;
+                *index = f32::from(if start == Candidates::NO_SEGMENT { 0 } else { start });
             }
         }
         any
     }
 
-    /// Costs of the segment's `k`-th candidate, into `tile.found`.
+    /// Computes the costs of the segment's `k`-th candidate, into `tile.costs`.
     #[inline(always)]
     fn candidate<S: pulp::Simd>(&self, simd: S, k: usize, tile: &mut Tile) {
-        let kept = self.sources.len().min(KEPT);
+        let averaged = self.sources.len().min(BEST_NEIGHBOURS);
         for (index, source) in self.sources.iter().enumerate() {
-            let seen_everywhere = self.differences(simd, source, k as f32, tile);
-            if seen_everywhere && tile.inside {
-                keep_costs::<true>(kept, index == 0, tile);
+            let all_seen = self.differences(simd, source, k as f32, tile);
+            if all_seen && tile.inside {
+                keep_lowest::<true>(averaged, index == 0, tile);
             } else {
-                keep_costs::<false>(kept, index == 0, tile);
+                keep_lowest::<false>(averaged, index == 0, tile);
             }
         }
-        let scale = UNIT / kept as f32;
+        let scale = COST_SCALE / averaged as f32;
         for row in 0..tile.rows {
-            let mut sum = tile.kept[0][row];
-            for list in &tile.kept[1..kept] {
+            let mut sum = tile.lowest[0][row];
+            for list in &tile.lowest[1..averaged] {
                 (0..RUN).for_each(|i| sum[i] += list[row][i]);
             }
-            let found = &mut tile.found[k][row];
-            // Below 2^16, so that the conversion need not look for overflow.
-            (0..RUN).for_each(|i| found[i] = whole(sum[i] * scale) as u16);
+            let costs = &mut tile.costs[k][row];
+            // Below 2^16, so that the conversion need not check for overflow.
+            (0..RUN).for_each(|i| costs[i] = round_to_i32(sum[i] * scale) as u16);
         }
     }
 
-    /// The neighbour's colours less the photo's on the tile's rows and the one below; whether it sees all of them.
+    /// Computes the neighbour's colours less the photo's, on the tile's rows and the one below;
+    /// returns whether the neighbour sees all of these cells.
     #[inline(always)]
     fn differences<S: pulp::Simd>(&self, simd: S, source: &WarpSource<'_>, k: f32, tile: &mut Tile) -> bool {
         let Planes { width, height, .. } = *self.reference;
-        let (mut samples, mut disparity, mut all) = ([[0.0; RUN]; 4], [0.0; RUN], true);
+        let (mut samples, mut disparity, mut all_seen) = ([[0.0; RUN]; 4], [0.0; RUN], true);
         let run = tile.column..tile.column + RUN;
-        for y in tile.sampled(height) {
+        for y in tile.sampled_rows(height) {
             let row = y - tile.first;
             let index = &tile.index[row];
             (0..RUN).for_each(|i| disparity[i] = self.grid.disparity(index[i] + k));
-            let found = tile.taps.find(source, y, &run, &disparity);
+            let run_coverage = tile.positions.locate(source, y, &run, &disparity);
             let [colour, signed] = [&mut tile.colour[row], tile.signed[row].first_chunk_mut().expect("a run")];
-            let seen: &mut Run = tile.seen[row].first_chunk_mut().expect("a run");
-            if found == RunCoverage::None {
+            let seen: &mut TileRow = tile.seen[row].first_chunk_mut().expect("a run");
+            if run_coverage == RunCoverage::None {
                 (*colour, *signed, *seen) = ([0.0; RUN], [0.0; RUN], [0.0; RUN]);
-                all = false;
+                all_seen = false;
                 continue;
             }
-            sample(simd, source.texture, &tile.taps, NO_GAINS, samples.each_mut());
+            sample(simd, source.texture, &tile.positions, NO_GAINS, samples.each_mut());
             let [red, green, blue, coverage] = &samples;
             let [r, g, b] = [0, 1, 2].map(|channel| self.reference.run(channel, y, tile.column));
-            if found == RunCoverage::All {
+            if run_coverage == RunCoverage::All {
                 *seen = [1.0; RUN];
                 for i in 0..RUN {
                     let (r, g, b) = (red[i] - r[i], green[i] - g[i], blue[i] - b[i]);
@@ -151,7 +162,7 @@ impl Search<'_> {
                     signed[i] = (r + g) + b;
                 }
             } else {
-                all = false;
+                all_seen = false;
                 for i in 0..RUN {
                     let sees = coverage[i] > 0.5;
                     let one = if sees { 1.0 } else { 0.0 };
@@ -170,27 +181,28 @@ impl Search<'_> {
         if tile.first + tile.rows == height {
             tile.seen[tile.rows].fill(0.0);
         }
-        all
+        all_seen
     }
 
-    /// The tile's costs of a segment, to their cells.
+    /// Copies the tile's costs of a segment to the volume.
     #[inline(always)]
     fn store(&self, segment: usize, tile: &Tile, out: &mut [u16]) {
         let (width, count) = (self.reference.width, self.count);
         for row in 0..tile.rows {
-            let found: [&[u16; RUN]; SEGMENT] = std::array::from_fn(|k| &tile.found[k][row]);
+            let costs: [&[u16; RUN]; SEGMENT] = std::array::from_fn(|k| &tile.costs[k][row]);
             let cells = out[(row * width + tile.column) * count..].chunks_exact_mut(count);
-            for (i, cell) in cells.enumerate().take(STEP.min(width - tile.column)) {
-                let costs: [u16; SEGMENT] = std::array::from_fn(|k| found[k][i]);
+            for (i, cell) in cells.enumerate().take(TILE_COLUMNS.min(width - tile.column)) {
+                let costs: [u16; SEGMENT] = std::array::from_fn(|k| costs[k][i]);
                 cell[segment * SEGMENT..(segment + 1) * SEGMENT].copy_from_slice(&costs);
             }
         }
     }
 }
 
-/// What each cell costs in one neighbour, into the lists of the least.
+/// Merges the cost of each cell in one neighbour (`first`: of the first neighbour) into the lists of
+/// the `averaged` lowest. `INSIDE`: the neighbour sees all cells, none on the photo's edge.
 #[inline(always)]
-fn keep_costs<const WHOLE: bool>(kept: usize, only: bool, tile: &mut Tile) {
+fn keep_lowest<const INSIDE: bool>(averaged: usize, first: bool, tile: &mut Tile) {
     for row in 0..tile.rows {
         let [here, below] = [&tile.signed[row], &tile.signed[row + 1]];
         let [seen, seen_below] = [&tile.seen[row], &tile.seen[row + 1]];
@@ -198,16 +210,17 @@ fn keep_costs<const WHOLE: bool>(kept: usize, only: bool, tile: &mut Tile) {
         let mut cost = [0.0; RUN];
         for i in 0..RUN {
             let (mut right, mut down) = ((here[i + 1] - here[i]).abs(), (below[i] - here[i]).abs());
-            if !WHOLE {
+            if !INSIDE {
                 (right, down) = (right * seen[i + 1], down * seen_below[i]);
             }
             let gradient = (right + down) * (1.0 / 6.0);
-            let sum = COLOUR.0 * least(colour[i] * (1.0 / 3.0), COLOUR.1) + GRADIENT.0 * least(gradient, GRADIENT.1);
-            cost[i] = if WHOLE || seen[i] > 0.0 { sum } else { UNSEEN };
+            let sum = COLOUR_WEIGHT * lower(colour[i] * (1.0 / 3.0), COLOUR_BOUND)
+                + GRADIENT_WEIGHT * lower(gradient, GRADIENT_BOUND);
+            cost[i] = if INSIDE || seen[i] > 0.0 { sum } else { UNSEEN_COST };
         }
-        for (index, list) in tile.kept.iter_mut().take(kept).enumerate() {
+        for (index, list) in tile.lowest.iter_mut().take(averaged).enumerate() {
             let list = &mut list[row];
-            if only {
+            if first {
                 *list = if index == 0 { cost } else { [f32::MAX; RUN] };
                 continue;
             }

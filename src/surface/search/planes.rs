@@ -1,8 +1,8 @@
-//! A photo as the sweep and the aggregation read it.
+//! A photo by colour plane, as the plane sweep and the aggregation read it.
 
 use crate::warp::{RUN, Texture};
 
-/// A photo's colours by plane; a run of [`RUN`] may begin in any column.
+/// Colour planes of a photo. Rows are padded so that a run of [`RUN`] may begin in any column.
 pub(crate) struct Planes {
     pub(crate) width: usize,
     pub(crate) height: usize,
@@ -24,14 +24,14 @@ impl Planes {
         Self { width, height, stride, rgb }
     }
 
-    /// A row of a channel, as wide as the photo.
-    pub(crate) fn row(&self, channel: usize, y: usize) -> &[f32] {
+    /// Row `y` of a channel, without its padding.
+    pub(super) fn row(&self, channel: usize, y: usize) -> &[f32] {
         &self.rgb[channel][y * self.stride..][..self.width]
     }
 
-    /// A run of a row of a channel, from column `x` on.
+    /// Run of row `y` of a channel, from column `x` on.
     #[inline(always)]
-    pub(crate) fn run(&self, channel: usize, y: usize, x: usize) -> &[f32; RUN] {
+    pub(super) fn run(&self, channel: usize, y: usize, x: usize) -> &[f32; RUN] {
         self.rgb[channel][y * self.stride + x..][..RUN].try_into().expect("a run")
     }
 }

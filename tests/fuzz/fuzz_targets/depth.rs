@@ -7,7 +7,7 @@ fuzz_target!(|bytes: &[u8]| match liveview::fuzz::depth(bytes) {
     Ok(depth) => {
         assert_eq!(depth.disparity.dim(), (5, 7));
         assert!(depth.disparity.iter().all(|disparity| (0.11..0.52).contains(disparity)), "{:?}", depth.disparity);
-        assert!(depth.pixel.is_finite() && depth.pixel > 0.0, "{}", depth.pixel);
+        assert!(depth.disparity_per_pixel.is_finite() && depth.disparity_per_pixel > 0.0, "{}", depth.disparity_per_pixel);
     }
     Err(damage) => assert!(damage.contains("; expected "), "{damage}"),
 });

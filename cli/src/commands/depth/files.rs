@@ -56,7 +56,7 @@ pub(super) fn write(files: &[PathBuf; 4], depth: &ViewDepth) -> Result<()> {
     let scale = json!({
         "liveview": env!("CARGO_PKG_VERSION"),
         "disparity": "value / 65535 * disparity_max = 1 / z, z along the camera's axis; 0: no other photo confirms it",
-        "disparity_max": largest, "unit": "1/scene unit", "disparity_per_pixel_of_parallax": depth.found.pixel,
+        "disparity_max": largest, "unit": "1/scene unit", "disparity_per_pixel_of_parallax": depth.found.disparity_per_pixel,
     });
     let mut array = Vec::new();
     known.write_npy(&mut array)?;

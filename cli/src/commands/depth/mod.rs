@@ -150,6 +150,6 @@ fn summary(depth: &ViewDepth) -> ViewDepthSummary {
         seconds: depth.time.as_secs_f64(),
         confirmed: count as f64 / depth.known.disparity.len() as f64,
         span: (count > 0).then(|| (1.0 / f64::from(high), 1.0 / f64::from(low))),
-        pixel: depth.found.pixel,
+        pixel: depth.found.disparity_per_pixel,
     }
 }

@@ -3,14 +3,14 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use liveview::surface::Settings;
+use liveview::surface::EXTRA_PHOTOS;
 use liveview::{PhotoCorrection, ScenePhotos, SceneViews, Targets};
 use liveview_common::console::escaped;
 
 /// Factors per channel of the photos of these many views of a target, nearest first, and a table of them. Their depth is searched.
 pub(super) fn gains(scene_views: &SceneViews, target: usize, views: usize) -> Result<(String, Vec<[f32; 3]>)> {
     let targets = Targets::held_out(scene_views.scene(), vec![target]);
-    let shot = scene_views.shots(targets, views, Settings::default().extra, None)?.remove(0);
+    let shot = scene_views.shots(targets, views, EXTRA_PHOTOS, None)?.remove(0);
     let mut photos = ScenePhotos::new(scene_views.clone());
     let loaded = photos.load(&shot, &[])?;
     let gains = photos.surface(&loaded, PhotoCorrection::default())?.gains().to_vec();

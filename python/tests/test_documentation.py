@@ -1,0 +1,122 @@
+"""What README.md and docs/ say holds: their commands run as they are printed, their links lead somewhere."""
+
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import urllib.request
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *ROOT.glob("*/README.md"),
+]
+COMMAND_PAGES = ["README.md", "docs/usage.md", "docs/viewer.md", "docs/live-video.md", "docs/clusters.md"]
+COMMAND_PAGES += ["docs/benchmarks.md"]
+MOST_LINES, MOST_WORDS, WIDEST = 130, 1100, 110
+NEEDS_FFMPEG = ".mp4", "ffplay"
+
+
+def commands(page: str) -> list[str]:
+    """The lines of the page's ```sh blocks, a continued line in one."""
+    blocks = re.findall(r"^```sh\n(.*?)^```", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE)
+    return [line for block in blocks for line in block.replace("\\\n", " ").splitlines() if line]
+
+
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory) -> Path:
+    """What a reader's working directory is: the repository, with an `out` of its own and the program installed."""
+    folder = tmp_path_factory.mktemp("clone")
+    for name in ("tests", "models", ".venv"):
+        (folder / name).symlink_to(ROOT / name)
+    return folder
+
+
+def environment(clone: Path) -> dict[str, str]:
+    """Nothing set but what the README says: `cargo install` writes into the clone instead of the home folder."""
+    kept = {name: value for name, value in os.environ.items() if name not in ("LIVEVIEW_MODELS", "ORT_DYLIB_PATH")}
+    installed = clone / "installed"
+    return kept | {"CARGO_INSTALL_ROOT": str(installed), "PATH": f"{installed / 'bin'}:{kept['PATH']}"}
+
+
+@pytest.fixture(scope="module")
+def installed(clone) -> Path:
+    """Installed as the README says."""
+    for command in commands("README.md"):
+        if command.startswith(("make ", "cargo ")):
+            subprocess.run(shlex.split(command), cwd=ROOT, env=environment(clone), check=True, capture_output=True)
+    return clone
+
+
+@pytest.mark.skipif(not (ROOT / "target/release/liveview").is_file(), reason="the program is not built (make build)")
+@pytest.mark.parametrize("page", COMMAND_PAGES)
+def test_every_command_of_a_page_runs(page, installed):
+    found = [command for command in commands(page) if command.startswith("liveview ")]
+    assert found and all(line.startswith(("liveview ", "make ", "cargo ")) for line in commands(page))
+    for command in found:
+        if not shutil.which("ffmpeg") and any(word in command for word in NEEDS_FFMPEG):
+            continue
+        if command.startswith("liveview view "):
+            answers_over_http(command, installed)
+            continue
+        run = subprocess.run(
+            shlex.split(command), cwd=installed, env=environment(installed), capture_output=True, text=True
+        )
+        assert run.returncode == 0, f"{page}: {command}\n{run.stderr}"
+        if " -o " in command:
+            assert (installed / shlex.split(command)[shlex.split(command).index("-o") + 1]).exists(), command
+
+
+def answers_over_http(command: str, clone: Path) -> None:
+    """`liveview view` runs until it is interrupted: its link leads to a page. Any free port, where another is taken."""
+    words = [*shlex.split(command), "--port", "0"]
+    with subprocess.Popen(words, cwd=clone, env=environment(clone), stdout=subprocess.PIPE, text=True) as server:
+        try:
+            link = next(match[0] for line in server.stdout if (match := re.search(r"http://\S+", line)))
+            with urllib.request.urlopen(link, timeout=30) as answer:
+                assert answer.status == 200 and b"<html" in answer.read().lower()
+        finally:
+            server.send_signal(signal.SIGINT)
+            server.wait(30)
+
+
+def test_the_readme_fits_on_a_page():
+    text = (ROOT / "README.md").read_text()
+    assert len(text.splitlines()) <= MOST_LINES and len(text.split()) <= MOST_WORDS
+    wide = [line for line in text.splitlines() if len(line) > WIDEST and not line.startswith("[")]  # links have no end
+    assert not wide, wide
+
+
+def test_the_three_files_to_read_first_have_as_many_lines_as_the_readme_says():
+    text = " ".join((ROOT / "README.md").read_text().split())
+    said = re.search(r"three files of the Python reference first, (\d+) lines in all: (.*?)\. ", text)
+    files = re.findall(r"\]\((python/\S+?\.py)\)", said[2])
+    assert len(files) == 3
+    assert sum(len((ROOT / file).read_text().splitlines()) for file in files) == int(said[1])
+
+
+@cache
+def anchors(page: Path) -> set[str]:
+    """Of its headings, as GitHub writes them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_link_of_a_page_leads_somewhere(page):
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if link.startswith(("http://", "https://")):
+            continue
+        name, _, anchor = link.partition("#")
+        target = (page.parent / name).resolve() if name else page
+        assert target.exists(), f"{page.relative_to(ROOT)}: {link}"
+        assert not anchor or anchor in anchors(target), f"{page.relative_to(ROOT)}: {link}"
