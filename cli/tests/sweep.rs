@@ -25,9 +25,9 @@ fn json(command: &mut Command) -> Value {
 #[test]
 fn every_configuration_has_its_error_and_its_time() {
     let folders = Folders::new();
-    let told = json(&mut sweep(&folders, &["--layers", "guided:1,kmeans:3,select:2,planes:4,planes:64"]));
+    let report = json(&mut sweep(&folders, &["--layers", "guided:1,kmeans:3,select:2,planes:4,planes:64"]));
     assert_eq!(folders.written(), ["report/sweep.json", "report/sweep.md", "report/sweep.svg"]);
-    let rows = told["rows"].as_array().unwrap();
+    let rows = report["rows"].as_array().unwrap();
     let named: Vec<&str> = rows.iter().map(|row| row["layers"].as_str().unwrap()).collect();
     assert_eq!(named, ["guided:1", "kmeans:3", "select:2/64", "planes:4", "planes:64"]);
     for row in rows {
@@ -42,7 +42,7 @@ fn every_configuration_has_its_error_and_its_time() {
         "against itself"
     );
     assert!(rows[3]["error_max"].as_f64().unwrap() > 0.0);
-    assert!(rows[2]["seconds"]["once"].as_f64().unwrap() > 0.0, "the selection is told apart");
+    assert!(rows[2]["seconds"]["once"].as_f64().unwrap() > 0.0, "the selection is report apart");
     assert!(rows[2]["seconds"]["stages"].get("select").is_none(), "and is not part of what each frame takes");
     assert!(rows[4]["seconds"]["stages"]["network"].as_f64().unwrap() > 0.0);
     // The same picture as `render` makes.
@@ -53,8 +53,8 @@ fn every_configuration_has_its_error_and_its_time() {
 #[test]
 fn guided_layers_are_measured_on_other_engines_too() {
     let folders = Folders::new();
-    let told = json(&mut sweep(&folders, &["--layers", "guided:1,planes:2", "--engines", "cpu f32"]));
-    let rows: Vec<_> = told["rows"].as_array().unwrap().iter().map(|row| (&row["layers"], &row["engine"])).collect();
+    let report = json(&mut sweep(&folders, &["--layers", "guided:1,planes:2", "--engines", "cpu f32"]));
+    let rows: Vec<_> = report["rows"].as_array().unwrap().iter().map(|row| (&row["layers"], &row["engine"])).collect();
     let [guided, planes] = ["guided:1", "planes:2"].map(Value::from);
     let cpu = Value::from("cpu, f32");
     assert_eq!(rows, [(&guided, &cpu), (&planes, &cpu), (&guided, &cpu)]);
@@ -66,28 +66,29 @@ fn guided_layers_are_measured_on_other_engines_too() {
 #[test]
 fn surface_layers_stand_beside_one_and_three_without_a_network() {
     let folders = Folders::new();
-    let told = json(&mut sweep(&folders, &["--layers", "surface:1,planes:2", "--engines", "cpu f32"]));
-    let rows = told["rows"].as_array().unwrap();
+    let report = json(&mut sweep(&folders, &["--layers", "surface:1,planes:2", "--engines", "cpu f32"]));
+    let rows = report["rows"].as_array().unwrap();
     let text = |row: &Value, key: &str| row[key].as_str().unwrap().to_owned();
     let named: Vec<String> = rows.iter().map(|row| text(row, "layers") + ", " + &text(row, "engine")).collect();
     let [own, planes] = ["surface:1, cpu, f32", "planes:2, cpu, f32"];
     assert_eq!(named, [own, planes, "surface:1, no network", "surface:3, no network", own]);
-    assert!(rows[2..4].iter().all(|row| row["psnr"].as_f64().unwrap() > 30.0), "{told}");
-    let report = fs::read_to_string(folders.out("report/sweep.md")).unwrap();
-    assert!(report.contains("| surface:1 | no network |"), "{report}");
+    assert!(rows[2..4].iter().all(|row| row["psnr"].as_f64().unwrap() > 30.0), "{report}");
+    let table = fs::read_to_string(folders.out("report/sweep.md")).unwrap();
+    assert!(table.contains("| surface:1 | no network |"), "{table}");
     assert!(fs::read_to_string(folders.out("report/sweep.svg")).unwrap().contains(">surface, no network<"));
-    assert_eq!(told["model"], "tiny_v4.onnx", "of the network beside it");
+    assert_eq!(report["model"], "tiny_v4.onnx", "of the network beside it");
 
     let mut alone = folders.liveview("sweep", &["--target", "2", "--repetitions", "1", "--network", "none"]);
-    let told = json(alone.args(["--layers", "surface:1", "-o", &folders.out("report")]));
-    assert_eq!((told["rows"].as_array().unwrap().len(), &told["model"]), (1, &"none".into()));
+    let report = json(alone.args(["--layers", "surface:1", "-o", &folders.out("report")]));
+    assert_eq!((report["rows"].as_array().unwrap().len(), &report["model"]), (1, &"none".into()));
 }
 
 #[test]
 fn widths_scale_the_photos() {
     let folders = Folders::new();
-    let told = json(&mut sweep(&folders, &["--layers", "planes:2", "--widths", "32,64"]));
-    let widths: Vec<u64> = told["rows"].as_array().unwrap().iter().map(|row| row["width"].as_u64().unwrap()).collect();
+    let report = json(&mut sweep(&folders, &["--layers", "planes:2", "--widths", "32,64"]));
+    let widths: Vec<u64> =
+        report["rows"].as_array().unwrap().iter().map(|row| row["width"].as_u64().unwrap()).collect();
     assert_eq!(widths, [32, 64]);
     assert!(fs::read_to_string(folders.out("report/sweep.svg")).unwrap().contains("megapixels"));
 }
@@ -106,8 +107,8 @@ fn a_reference_joins_in_its_own_process() {
     )
     .unwrap();
     fs::set_permissions(&script, fs::Permissions::from_mode(0o755)).unwrap();
-    let told = json(&mut sweep(&folders, &["--layers", "planes:2", "--reference", script.to_str().unwrap()]));
-    let rows = told["rows"].as_array().unwrap();
+    let report = json(&mut sweep(&folders, &["--layers", "planes:2", "--reference", script.to_str().unwrap()]));
+    let rows = report["rows"].as_array().unwrap();
     assert_eq!(rows.len(), 6, "five references");
     assert_eq!((&rows[1]["reference"], &rows[1]["engine"]), (&true.into(), &"reference".into()));
     assert_eq!(rows[1]["seconds"]["median"], 7.0);

@@ -18,7 +18,7 @@ use liveview_common::args::output::expect_png;
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::console::{Output, print_notes, progress, shown};
 use liveview_common::job::Job;
-use liveview_common::outputs::Claims;
+use liveview_common::outputs::OutputPlan;
 use liveview_common::statistics::percentile;
 use ndarray::Array2;
 use serde_json::{Value, json};
@@ -62,9 +62,9 @@ pub(crate) fn run(args: &SelectArgs) -> Result<Output> {
     let target = Targets::held_out(views.scene(), vec![views.scene().view_index(&args.target)?]);
     if let Some(file) = &args.output {
         expect_png("-o", file)?;
-        let mut claims = Claims::new(views.scene());
-        claims.file("-o", file)?;
-        claims.prepare()?;
+        let mut output_plan = OutputPlan::new(views.scene());
+        output_plan.file("-o", file)?;
+        output_plan.prepare()?;
     }
     let (mut output, picture) = match args.layers {
         LayerSpec::Guided { layers, coarse_planes } => guided(args, views, target, layers, coarse_planes)?,

@@ -14,7 +14,7 @@ fn batch(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_liveview")).arg("batch").args(arguments).output().unwrap()
 }
 
-fn said(output: &Output) -> String {
+fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
@@ -58,12 +58,12 @@ fn a_list_makes_what_its_commands_make_and_goes_on_after_errors() {
     let list = write_list(&folders, &commands);
     let done = folders.scene().join("done.jsonl");
     let output = batch(&[&list, "--done", done.to_str().unwrap()]);
-    assert_eq!(output.status.code(), Some(2), "{}", said(&output));
-    assert!(said(&output).contains("error: 1 of 5 commands failed, that of line 3 first"), "{}", said(&output));
-    let told = lines(&output);
-    assert_eq!(told.iter().map(|line| line["line"].as_u64().unwrap()).collect::<Vec<_>>(), [1, 3, 5, 7, 9]);
-    assert!(told[1]["error"].as_str().unwrap().contains("no such view"), "{}", told[1]);
-    assert_eq!(told[2]["result"]["targets"].as_array().unwrap().len(), 3);
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    assert!(stderr(&output).contains("error: 1 of 5 commands failed, that of line 3 first"), "{}", stderr(&output));
+    let report = lines(&output);
+    assert_eq!(report.iter().map(|line| line["line"].as_u64().unwrap()).collect::<Vec<_>>(), [1, 3, 5, 7, 9]);
+    assert!(report[1]["error"].as_str().unwrap().contains("no such view"), "{}", report[1]);
+    assert_eq!(report[2]["result"]["targets"].as_array().unwrap().len(), 3);
 
     let bytes = |file: &str| fs::read(file).unwrap();
     let ours = [&a, &c, &d, &format!("{b}/frame_0001.png")].map(|file| bytes(file));
@@ -77,7 +77,7 @@ fn a_list_makes_what_its_commands_make_and_goes_on_after_errors() {
 
     for (at, file) in [(0, &a), (3, &c), (4, &d), (2, &format!("{b}/frame_0001.png"))] {
         let alone = Command::new(env!("CARGO_BIN_EXE_liveview")).arg("render").args(&commands[at]).output().unwrap();
-        assert!(alone.status.success(), "{}", said(&alone));
+        assert!(alone.status.success(), "{}", stderr(&alone));
         assert!(ours.contains(&bytes(file)), "{file}");
     }
 }
@@ -99,7 +99,7 @@ fn a_file_that_was_cut_short_is_gone_on_with() {
     fs::write(&done, format!("{}\nanother\n", text.lines().next().unwrap())).unwrap();
     let output = batch(&arguments);
     assert_eq!(output.status.code(), Some(2));
-    assert!(said(&output).contains("done.jsonl: line 2: expected what an earlier run"), "{}", said(&output));
+    assert!(stderr(&output).contains("done.jsonl: line 2: expected what an earlier run"), "{}", stderr(&output));
 }
 
 #[test]
@@ -113,7 +113,7 @@ fn a_list_is_checked_before_the_first_command() {
         let output = batch(&[list]);
         assert_eq!(output.status.code(), Some(2));
         for word in words {
-            assert!(said(&output).contains(word), "\"{word}\" is missing in: {}", said(&output));
+            assert!(stderr(&output).contains(word), "\"{word}\" is missing in: {}", stderr(&output));
         }
         assert!(output.stdout.is_empty() && folders.written().is_empty());
     };
@@ -126,8 +126,8 @@ fn a_list_is_checked_before_the_first_command() {
     refused(&format!("{good}\n{two}"), &["line 2: 2 threads, but line 1 has 1"]);
     fs::write(list, good.to_string()).unwrap();
     let output = batch(&[list, "--done", list]);
-    assert!(said(&output).contains("is the list itself"), "{}", said(&output));
+    assert!(stderr(&output).contains("is the list itself"), "{}", stderr(&output));
     let photo = folders.photo(0);
     let output = batch(&[list, "--done", photo.to_str().unwrap()]);
-    assert!(output.status.code() == Some(2) && folders.written().is_empty(), "{}", said(&output));
+    assert!(output.status.code() == Some(2) && folders.written().is_empty(), "{}", stderr(&output));
 }

@@ -26,20 +26,20 @@ fn join(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_liveview")).arg("join").args(arguments).output().unwrap()
 }
 
-fn said(output: &Output) -> String {
+fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 fn succeeds(output: Output) -> String {
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", stderr(&output));
     String::from_utf8(output.stdout).unwrap()
 }
 
 fn assert_refused(output: &Output, words: &[&str]) {
-    let said = said(output);
-    assert_eq!(output.status.code(), Some(2), "{said}");
+    let stderr = stderr(output);
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
     for word in words {
-        assert!(said.contains(word), "\"{word}\" is missing in: {said}");
+        assert!(stderr.contains(word), "\"{word}\" is missing in: {stderr}");
     }
 }
 
@@ -63,8 +63,8 @@ fn sixteen_shards_make_what_one_run_makes() {
     let running: Vec<Child> = (1..=16).map(|index| shard(format!("{index}/16"))).collect();
     for child in running {
         let output = child.wait_with_output().unwrap();
-        let told = said(&output);
-        assert!(!told.contains("other pictures"), "those of other shards are no strangers: {told}");
+        let report = stderr(&output);
+        assert!(!report.contains("other pictures"), "those of other shards are no strangers: {report}");
         assert!(succeeds(output).contains("/16: 4 of 64 pictures"));
     }
     let (one, shared) = (pictures(&whole), pictures(&parts));
@@ -98,7 +98,7 @@ fn a_shard_that_was_killed_is_run_again() {
     succeeds(shard("3/3", &["--resume"]).output().unwrap());
     assert_refused(&join(&[&parts]), &["shard 2/3 lacks", "with --resume"]);
     let again = shard("2/3", &["--resume"]).output().unwrap();
-    assert!(said(&again).contains("of 80 pictures were there"), "{}", said(&again));
+    assert!(stderr(&again).contains("of 80 pictures were there"), "{}", stderr(&again));
     succeeds(again);
     let (one, shared) = (pictures(&whole), pictures(&parts));
     let other: Vec<_> = shared.keys().filter(|name| one.get(*name) != shared.get(*name)).collect();

@@ -116,13 +116,13 @@ impl Folders {
     /// Asserts that a command is refused with exit code 2, says all these words in one `error:`, and leaves nothing behind.
     pub(crate) fn assert_refused(&self, command: &mut Command, words: &[&str]) {
         let output = command.output().unwrap();
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert_eq!(said.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{said}");
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{stderr}");
+        assert_eq!(stderr.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{stderr}");
         for word in words {
-            assert!(said.contains(word), "\"{word}\" is missing in: {said}");
+            assert!(stderr.contains(word), "\"{word}\" is missing in: {stderr}");
         }
-        assert!(!said.contains("panicked"), "{said}");
+        assert!(!stderr.contains("panicked"), "{stderr}");
         assert_eq!(output.stdout, b"", "nothing on stdout");
         assert_eq!(self.written(), Vec::<String>::new(), "nothing written");
     }

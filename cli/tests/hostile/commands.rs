@@ -54,20 +54,20 @@ impl Attack {
         let open = open.iter().filter(|(_, given)| !self.arguments.contains(given)).map(|(add, _)| *add);
         let added = open.collect::<Vec<_>>().join(" ");
         let output = shell(&format!("{}\nexec \"$LIVEVIEW\" {} {added}", limits.join("\n"), self.arguments));
-        let said = String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout);
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout);
         let after = snapshot(&root);
-        let told = |what: String| Some(format!("{}: {what}; {said}", self.name));
+        let failed = |what: String| Some(format!("{}: {what}; {stderr}", self.name));
         if let Some((changed, _)) = all.iter().find(|(path, entry)| after.get(*path) != Some(entry)) {
-            return told(format!("{} is changed", changed.display()));
+            return failed(format!("{} is changed", changed.display()));
         }
         if output.status.code() != Some(self.exit_code) {
-            return told(format!("ended with {:?}, not {}", output.status.code(), self.exit_code));
+            return failed(format!("ended with {:?}, not {}", output.status.code(), self.exit_code));
         }
         if let (2, Some(new)) = (self.exit_code, after.keys().find(|path| !all.contains_key(*path))) {
-            return told(format!("left {} behind", new.display()));
+            return failed(format!("left {} behind", new.display()));
         }
-        let missing = self.says.iter().find(|words| !said.contains(**words));
-        missing.and_then(|words| told(format!("\"{words}\" is missing")))
+        let missing = self.says.iter().find(|words| !stderr.contains(**words));
+        missing.and_then(|words| failed(format!("\"{words}\" is missing")))
     }
 }
 

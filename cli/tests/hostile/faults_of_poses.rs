@@ -64,18 +64,18 @@ fn word(chance: &mut Chance) -> Value {
 fn of_transforms(path: &Path, chance: &mut Chance) -> String {
     let mut scene = transforms();
     let view = chance.below(5);
-    let told = match chance.below(8) {
+    let description = match chance.below(8) {
         0 => {
             let (field, value) = (*chance.of(&["fl_x", "cx", "w", "h", "near", "far", "frames"]), word(chance));
-            let told = format!("{field} is {value}");
+            let description = format!("{field} is {value}");
             scene[field] = value;
-            told
+            description
         }
         1 => {
             let (row, column, value) = (chance.below(4), chance.below(4), word(chance));
-            let told = format!("element {row}, {column} of pose {view} is {value}");
+            let description = format!("element {row}, {column} of pose {view} is {value}");
             scene["frames"][view]["transform_matrix"][row][column] = value;
-            told
+            description
         }
         2 => {
             let names = ["", "images", "/dev/zero", "../../../etc/passwd", "images/\0.png", "images/3.png", "?", "~"];
@@ -119,7 +119,7 @@ fn of_transforms(path: &Path, chance: &mut Chance) -> String {
         text = text.replace("null", chance.of::<&str>(&["NaN", "Infinity", "1e400"]));
     }
     fs::write(path, text).unwrap();
-    told
+    description
 }
 
 /// One word of one line is another, or there twice, or gone.

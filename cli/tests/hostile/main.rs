@@ -56,31 +56,31 @@ fn ends_well(seed: u64) -> Result<bool, String> {
     let mut render = Command::new(program());
     render.arg("render").arg(&scene).args(["--network", "none", "--threads", "1", "--layers", layers]).args(target);
     let output = render.arg("-o").arg(out.join("a.png")).timeout(LIMIT).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    let told = |what: &str| Err(format!("seed {seed}, {layers}, {}: {what}; {said}", faults.join(", ")));
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    let failed = |what: &str| Err(format!("seed {seed}, {layers}, {}: {what}; {stderr}", faults.join(", ")));
     let written: Vec<_> = fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     if snapshot(&scene) != before {
-        return told("the scene is changed");
+        return failed("the scene is changed");
     }
     match output.status.code() {
         Some(0) if written == ["a.png"] => match image::open(out.join("a.png")) {
             Ok(_) => Ok(true),
-            Err(error) => told(&format!("a picture that is none: {error}")),
+            Err(error) => failed(&format!("a picture that is none: {error}")),
         },
-        Some(0) => told(&format!("no picture: {written:?}")),
-        Some(2) if !written.is_empty() => told(&format!("left behind {written:?}")),
-        Some(2) if said.contains("panicked") => told("panicked"),
-        Some(2) if said.lines().filter(|line| line.starts_with("error: ")).count() != 1 => told("not one error"),
-        Some(2) if !names_a_file(&said, &scene) => told("no file is named"),
+        Some(0) => failed(&format!("no picture: {written:?}")),
+        Some(2) if !written.is_empty() => failed(&format!("left behind {written:?}")),
+        Some(2) if stderr.contains("panicked") => failed("panicked"),
+        Some(2) if stderr.lines().filter(|line| line.starts_with("error: ")).count() != 1 => failed("not one error"),
+        Some(2) if !names_a_file(&stderr, &scene) => failed("no file is named"),
         Some(2) => Ok(false),
-        Some(code) => told(&format!("exit code {code}")),
-        None => told("a signal, or the time limit"),
+        Some(code) => failed(&format!("exit code {code}")),
+        None => failed("a signal, or the time limit"),
     }
 }
 
 /// Whether an error names the scene or a file in it.
-fn names_a_file(said: &str, scene: &Path) -> bool {
-    let error = said.lines().skip_while(|line| !line.starts_with("error: ")).collect::<Vec<_>>().join("\n");
+fn names_a_file(stderr: &str, scene: &Path) -> bool {
+    let error = stderr.lines().skip_while(|line| !line.starts_with("error: ")).collect::<Vec<_>>().join("\n");
     let names = snapshot(scene).into_keys().filter_map(|path| Some(path.file_name()?.to_str()?.to_owned()));
     error.contains(scene.to_str().unwrap()) || names.into_iter().any(|name| error.contains(&name))
 }

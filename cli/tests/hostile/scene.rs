@@ -20,7 +20,7 @@ pub(crate) struct Hostile {
     pub(crate) root: TempDir,
     /// What to render.
     pub(crate) target: [&'static str; 2],
-    /// What is wrong with it, told when the test fails.
+    /// What is wrong with it, description when the test fails.
     pub(crate) faults: Vec<String>,
 }
 

@@ -15,9 +15,9 @@ const WALL: f32 = 0.25;
 /// `liveview depth scene -o out/depth ARGUMENTS --json`, and what it says on stderr.
 fn depth(folders: &Folders, arguments: &[&str]) -> (Value, String) {
     let output = folders.liveview("depth", arguments).args(["-o", &folders.out("depth"), "--json"]).output().unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{said}");
-    (serde_json::from_slice(&output.stdout).unwrap(), said)
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{stderr}");
+    (serde_json::from_slice(&output.stdout).unwrap(), stderr)
 }
 
 fn map(folders: &Folders, view: usize) -> Array2<f32> {
@@ -41,18 +41,21 @@ fn write_truth(folders: &Folders, width: u32, height: u32, delta_max: f32) {
 #[test]
 fn every_photo_has_its_depth_as_numbers_and_as_pictures() {
     let folders = Folders::new();
-    let (told, _) = depth(&folders, &[]);
+    let (report, _) = depth(&folders, &[]);
     let names = |view: usize| [".npy", ".png", "_colour.png", "_scale.json"].map(|end| format!("depth/{view}{end}"));
     assert_eq!(folders.written(), (0..5).flat_map(names).collect::<Vec<_>>());
-    assert_eq!((&told["near"], &told["far"], told["photos"].as_array().unwrap().len()), (&2.0.into(), &8.0.into(), 5));
+    assert_eq!(
+        (&report["near"], &report["far"], report["photos"].as_array().unwrap().len()),
+        (&2.0.into(), &8.0.into(), 5)
+    );
     for view in 0..5 {
-        let (told, map) = (&told["photos"][view], map(&folders, view));
+        let (report, map) = (&report["photos"][view], map(&folders, view));
         assert_eq!(map.dim(), (HEIGHT as usize, WIDTH as usize));
         let sure: Vec<f32> = map.iter().copied().filter(|&disparity| disparity != -1.0).collect();
         assert!(sure.iter().all(|disparity| (0.11..0.52).contains(disparity)), "{sure:?}");
         let share = sure.len() as f64 / map.len() as f64;
-        assert!(share > 0.5 && told["confirmed"] == share && told["source"] == "searched", "{share} in {told}");
-        let pixel = told["disparity_per_pixel_of_parallax"].as_f64().unwrap() as f32;
+        assert!(share > 0.5 && report["confirmed"] == share && report["source"] == "searched", "{share} in {report}");
+        let pixel = report["disparity_per_pixel_of_parallax"].as_f64().unwrap() as f32;
         let near = sure.iter().filter(|&disparity| (disparity - WALL).abs() < pixel).count();
         assert!(10 * near > 8 * sure.len(), "photo {view}: {near} of {}", sure.len());
 
@@ -77,16 +80,16 @@ fn every_photo_has_its_depth_as_numbers_and_as_pictures() {
 #[test]
 fn some_photos_and_held_out_ones() {
     let folders = Folders::new();
-    let names = |told: &Value| {
-        let photos = told["photos"].as_array().unwrap().iter();
+    let names = |report: &Value| {
+        let photos = report["photos"].as_array().unwrap().iter();
         photos.map(|photo| photo["name"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
     };
-    let (told, _) = depth(&folders, &["--photo", "3,0"]);
-    assert_eq!(names(&told), ["3.png", "0.png"]);
+    let (report, _) = depth(&folders, &["--photo", "3,0"]);
+    assert_eq!(names(&report), ["3.png", "0.png"]);
     let whole = map(&folders, 3);
-    let (told, _) = depth(&folders, &["--heldout", "2"]);
+    let (report, _) = depth(&folders, &["--heldout", "2"]);
     assert_eq!(
-        (names(&told), &told["held_out"]),
+        (names(&report), &report["held_out"]),
         (vec!["1.png".into(), "3.png".into()], &serde_json::json!(["0.png", "2.png", "4.png"]))
     );
     let without = map(&folders, 3);
@@ -95,8 +98,8 @@ fn some_photos_and_held_out_ones() {
     crate::common::photo(&folders.photo(2), 7.0, WIDTH, HEIGHT);
     depth(&folders, &["--target", "0,2,4"]);
     assert_eq!(map(&folders, 3), without);
-    let (told, _) = depth(&folders, &["--target", "0,1,2,4"]);
-    assert_eq!((&told["photos"][0]["source"], &told["photos"][0]["confirmed"]), (&"alone".into(), &0.0.into()));
+    let (report, _) = depth(&folders, &["--target", "0,1,2,4"]);
+    assert_eq!((&report["photos"][0]["source"], &report["photos"][0]["confirmed"]), (&"alone".into(), &0.0.into()));
     assert!(map(&folders, 3).iter().all(|&disparity| disparity == -1.0));
 }
 
@@ -105,19 +108,19 @@ fn it_is_scored_where_the_scene_knows_the_truth() {
     let folders = Folders::new();
     assert_eq!(depth(&folders, &[]).0["photos"][0]["within"], Value::Null);
     write_truth(&folders, WIDTH, HEIGHT, 0.5);
-    let (told, said) = depth(&folders, &[]);
-    assert_eq!(said, "");
+    let (report, stderr) = depth(&folders, &[]);
+    assert_eq!(stderr, "");
     for view in 0..5 {
-        let told = &told["photos"][view];
+        let report = &report["photos"][view];
         let map = map(&folders, view);
-        let pixel = told["disparity_per_pixel_of_parallax"].as_f64().unwrap() as f32;
+        let pixel = report["disparity_per_pixel_of_parallax"].as_f64().unwrap() as f32;
         let value = (WALL / 0.5 * 65535.0).round() / 65535.0 * 0.5;
         let sure: Vec<f32> = map.rows().into_iter().skip(1).flatten().copied().filter(|&d| d != -1.0).collect();
         for (k, most) in [0.5, 1.0, 2.0].into_iter().enumerate() {
             let share = sure.iter().filter(|&d| (d - value).abs() / pixel <= most).count() as f64 / sure.len() as f64;
-            let (confirmed, all) = (&told["within"]["confirmed"][k], told["within"]["all"][k].as_f64().unwrap());
-            assert!((confirmed.as_f64().unwrap() - share).abs() < 2e-3, "photo {view}, {most} px: {share} in {told}");
-            assert!((0.3..=1.0).contains(&all), "{told}");
+            let (confirmed, all) = (&report["within"]["confirmed"][k], report["within"]["all"][k].as_f64().unwrap());
+            assert!((confirmed.as_f64().unwrap() - share).abs() < 2e-3, "photo {view}, {most} px: {share} in {report}");
+            assert!((0.3..=1.0).contains(&all), "{report}");
         }
     }
     let table = folders.liveview("depth", &["-o", &folders.out("depth")]).output().unwrap();
@@ -125,14 +128,14 @@ fn it_is_scored_where_the_scene_knows_the_truth() {
     assert!(table.contains("of the truth") && table.lines().any(|line| line.starts_with("mean ")), "{table}");
 
     write_truth(&folders, WIDTH / 2, HEIGHT, 0.5);
-    let (told, said) = depth(&folders, &["--photo", "1"]);
-    assert!(said.contains("depth/1.png: 32x48; expected 64x48, the size of the photo: not scored"), "{said}");
-    assert_eq!(told["photos"][0]["within"], Value::Null);
+    let (report, stderr) = depth(&folders, &["--photo", "1"]);
+    assert!(stderr.contains("depth/1.png: 32x48; expected 64x48, the size of the photo: not scored"), "{stderr}");
+    assert_eq!(report["photos"][0]["within"], Value::Null);
     for (scale, word) in [("{}", "\"delta_max\" is null"), ("{\"delta_max\": -1}", "-1"), ("{", "EOF")] {
         fs::write(folders.scene().join("depth/scale.json"), scale).unwrap();
-        let (_, said) = depth(&folders, &["--photo", "1"]);
-        let one = said.lines().count() == 1 && said.starts_with("note: ") && said.contains("scale.json: ");
-        assert!(one && said.contains(word) && said.trim_end().ends_with(": not scored"), "{said}");
+        let (_, stderr) = depth(&folders, &["--photo", "1"]);
+        let one = stderr.lines().count() == 1 && stderr.starts_with("note: ") && stderr.contains("scale.json: ");
+        assert!(one && stderr.contains(word) && stderr.trim_end().ends_with(": not scored"), "{stderr}");
     }
 }
 
@@ -143,8 +146,8 @@ fn the_example_scene_is_near_its_truth() {
     let workshop = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes/workshop");
     let mut liveview = assert_cmd::Command::new(env!("CARGO_BIN_EXE_liveview"));
     liveview.arg("depth").arg(workshop).args(["--photo", "source_0", "-o", &folders.out("depth"), "--json"]);
-    let told: Value = serde_json::from_slice(&liveview.output().unwrap().stdout).unwrap();
-    let photo = &told["photos"][0];
+    let report: Value = serde_json::from_slice(&liveview.output().unwrap().stdout).unwrap();
+    let photo = &report["photos"][0];
     let share = |of: &str, k: usize| photo["within"][of][k].as_f64().unwrap();
     assert!(photo["confirmed"].as_f64().unwrap() > 0.7, "{photo}");
     assert!(share("confirmed", 1) > 0.85 && share("confirmed", 2) > share("all", 2), "{photo}");
@@ -169,9 +172,9 @@ fn what_cannot_be_done_is_refused() {
     ] {
         let before = fs::read(folders.photo(0)).unwrap();
         let output = folders.liveview("depth", &arguments).output().unwrap();
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert_eq!((output.status.code(), said.matches("error: ").count()), (Some(2), 1), "{arguments:?}: {said}");
-        words.iter().for_each(|word| assert!(said.contains(word), "\"{word}\" is missing in: {said}"));
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!((output.status.code(), stderr.matches("error: ").count()), (Some(2), 1), "{arguments:?}: {stderr}");
+        words.iter().for_each(|word| assert!(stderr.contains(word), "\"{word}\" is missing in: {stderr}"));
         assert_eq!((fs::read(folders.photo(0)).unwrap(), folders.written()), (before, Vec::new()), "{arguments:?}");
     }
 }

@@ -22,11 +22,11 @@ fn models_are_listed_with_their_cards() {
     let folders = Folders::new();
     fs::copy(fixture("tiny_v4"), folders.out("liveview_v4.onnx")).unwrap();
     fs::copy(fixture("no_card"), folders.out("other.onnx")).unwrap();
-    let told: Value = serde_json::from_str(&succeeds(liveview(&["models", "--json"], &folders.out("")))).unwrap();
-    let models = told["models"].as_array().unwrap();
-    assert_eq!(models.len(), 2, "{told}");
-    assert!(models[0]["views"] == 4 && models[0]["recommended_layers"] == "guided:2", "{told}");
-    assert!(models[1]["error"].as_str().unwrap().contains("other.onnx"), "{told}");
+    let report: Value = serde_json::from_str(&succeeds(liveview(&["models", "--json"], &folders.out("")))).unwrap();
+    let models = report["models"].as_array().unwrap();
+    assert_eq!(models.len(), 2, "{report}");
+    assert!(models[0]["views"] == 4 && models[0]["recommended_layers"] == "guided:2", "{report}");
+    assert!(models[1]["error"].as_str().unwrap().contains("other.onnx"), "{report}");
     let text = succeeds(liveview(&["models"], &folders.out("")));
     assert!(text.contains("recommended guided:2") && text.contains("cannot be used"), "{text}");
     let none = succeeds(liveview(&["models"], folders.scene().to_str().unwrap()));

@@ -19,16 +19,16 @@ fn close(value: &Value, expected: f64) {
 #[test]
 fn inspect_tells_what_was_understood() {
     let folders = Folders::new();
-    let told = json(&mut folders.liveview("inspect", &[]));
-    assert_eq!((&told["views"]["count"], &told["target"]["name"]), (&5.into(), &"2.png".into()));
-    close(&told["rig"]["extent"][0], 0.4);
-    close(&told["rig"]["baseline"]["median"], 0.1);
-    close(&told["target"]["near"], 2.0);
-    let view = &told["target"]["views"][0];
+    let report = json(&mut folders.liveview("inspect", &[]));
+    assert_eq!((&report["views"]["count"], &report["target"]["name"]), (&5.into(), &"2.png".into()));
+    close(&report["rig"]["extent"][0], 0.4);
+    close(&report["rig"]["baseline"]["median"], 0.1);
+    close(&report["target"]["near"], 2.0);
+    let view = &report["target"]["views"][0];
     close(&view["distance"], 0.1);
     // 60 pixels · 0.1 · (1/2 − 1/8), and that over 63 steps; the farthest of the four is twice as far.
     close(&view["parallax_pixels"], 2.25);
-    close(&told["target"]["planes"]["largest_step_pixels"], 4.5 / 63.0);
+    close(&report["target"]["planes"]["largest_step_pixels"], 4.5 / 63.0);
     let text = folders.liveview("inspect", &["--layers", "planes:3"]).output().unwrap();
     let text = String::from_utf8(text.stdout).unwrap();
     assert!(text.contains("2.25 pixels apart") && text.contains("planes:6 are enough"), "{text}");
@@ -43,39 +43,39 @@ fn inspect_tells_what_will_be_left_out() {
         "[[1, 0, 0, 0.4], [0, 1, 0, 0], [0, 0, 1, 0]",
         "[[-1, 0, 0, 0.4], [0, 1, 0, 0], [0, 0, -1, 0]",
     );
-    let told = json(&mut folders.liveview("inspect", &["--target", "1"]));
-    assert_eq!(told["target"]["look_elsewhere"], serde_json::json!(["4.png"]));
-    assert!(told["target"]["warning"].as_str().unwrap().contains("4 views are needed"), "{told}");
+    let report = json(&mut folders.liveview("inspect", &["--target", "1"]));
+    assert_eq!(report["target"]["look_elsewhere"], serde_json::json!(["4.png"]));
+    assert!(report["target"]["warning"].as_str().unwrap().contains("4 views are needed"), "{report}");
     folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
-    let told = json(&mut folders.liveview("inspect", &[]));
-    assert!(told["target"]["warning"].as_str().unwrap().contains("--near and --far"), "{told}");
+    let report = json(&mut folders.liveview("inspect", &[]));
+    assert!(report["target"]["warning"].as_str().unwrap().contains("--near and --far"), "{report}");
     folders.assert_refused(&mut folders.liveview("inspect", &["--near", "5", "--far", "2"]), &["0 < near < far"]);
     // Planes nearer than the views can see together: 60 · 0.1 / 0.01 is far beyond the photo.
-    let told = json(&mut folders.liveview("inspect", &["--near", "0.01", "--far", "8", "--layers", "planes:4"]));
-    assert_eq!(told["target"]["planes"]["covered_by_no_view"], serde_json::json!([0, 1, 2]));
+    let report = json(&mut folders.liveview("inspect", &["--near", "0.01", "--far", "8", "--layers", "planes:4"]));
+    assert_eq!(report["target"]["planes"]["covered_by_no_view"], serde_json::json!([0, 1, 2]));
 }
 
 #[test]
 fn inspect_tells_exposure_on_request() {
     let folders = Folders::new();
-    // Large enough that gains are told, and one of them a third darker in red.
+    // Large enough that gains are report, and one of them a third darker in red.
     folders.write_scene(5, r#""cx": 32, "cy": 24, "w": 64, "h": 48"#, r#""cx": 96, "cy": 72, "w": 192, "h": 144"#);
     (0..5).for_each(|view| crate::common::photo(&folders.photo(view), 0.1 * view as f64, 192, 144));
     let darker = folders.photo(1);
     let mut picture = ::image::open(&darker).unwrap().into_rgb8();
     picture.pixels_mut().for_each(|pixel| pixel.0[0] = (2 * u16::from(pixel.0[0]) / 3) as u8);
     picture.save(&darker).unwrap();
-    let told = json(&mut folders.liveview("inspect", &[]));
-    assert!(told["target"]["views"][0]["exposure_gains"].is_null(), "{told}");
+    let report = json(&mut folders.liveview("inspect", &[]));
+    assert!(report["target"]["views"][0]["exposure_gains"].is_null(), "{report}");
 
-    let told = json(&mut folders.liveview("inspect", &["--exposure"]));
+    let report = json(&mut folders.liveview("inspect", &["--exposure"]));
     let gain = |name: &str, channel: usize| {
-        let views = told["target"]["views"].as_array().unwrap();
+        let views = report["target"]["views"].as_array().unwrap();
         let view = views.iter().find(|view| view["name"] == name).unwrap();
         view["exposure_gains"][channel].as_f64().unwrap()
     };
-    assert!((gain("1.png", 0) / gain("3.png", 0) - 1.5).abs() < 0.05, "{told}");
-    assert!((gain("1.png", 2) / gain("3.png", 2) - 1.0).abs() < 0.02, "{told}");
+    assert!((gain("1.png", 0) / gain("3.png", 0) - 1.5).abs() < 0.05, "{report}");
+    assert!((gain("1.png", 2) / gain("3.png", 2) - 1.0).abs() < 0.02, "{report}");
     let text = folders.liveview("inspect", &["--exposure"]).output().unwrap().stdout;
     let text = String::from_utf8(text).unwrap();
     let row = format!("1.png     {:9.3} {:7.3} {:7.3}", gain("1.png", 0), gain("1.png", 1), gain("1.png", 2));
@@ -88,14 +88,14 @@ fn inspect_tells_exposure_on_request() {
     let rendered = json(&mut folders.render(&arguments));
     let used = &rendered["explanation"]["surface"]["gains"];
     let names: Vec<&str> =
-        told["target"]["views"].as_array().unwrap().iter().map(|v| v["name"].as_str().unwrap()).collect();
+        report["target"]["views"].as_array().unwrap().iter().map(|v| v["name"].as_str().unwrap()).collect();
     for (view, name) in names.iter().enumerate() {
         (0..3).for_each(|c| assert_eq!(used[view][c].as_f64().unwrap(), gain(name, c), "{name}: {rendered}"));
     }
     // Nothing is known of depth: the warning says so, and there is nothing to tell.
     folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
-    let told = json(&mut folders.liveview("inspect", &["--exposure"]));
-    assert!(told["target"]["warning"].as_str().unwrap().contains("--near and --far"), "{told}");
+    let report = json(&mut folders.liveview("inspect", &["--exposure"]));
+    assert!(report["target"]["warning"].as_str().unwrap().contains("--near and --far"), "{report}");
 }
 
 #[test]
@@ -117,12 +117,12 @@ fn select_shows_the_histogram() {
     let folders = Folders::new();
     let (picture, model) = (folders.out("planes.png"), fixture("tiny_v4"));
     let arguments = ["--target", "2", "--layers", "select:3/8", "--model", &model, "-o", &picture];
-    let told = json(&mut folders.liveview("select", &arguments));
+    let report = json(&mut folders.liveview("select", &arguments));
     let histogram: Vec<u64> =
-        told["histogram"].as_array().unwrap().iter().map(|votes| votes.as_u64().unwrap()).collect();
+        report["histogram"].as_array().unwrap().iter().map(|votes| votes.as_u64().unwrap()).collect();
     assert_eq!((histogram.len(), histogram.iter().sum::<u64>()), (8, 64 * 48));
     // The fixture finds all planes alike, so the nearer one wins.
-    assert_eq!(told["chosen"][0], 0);
+    assert_eq!(report["chosen"][0], 0);
     assert_eq!(image::read_size(picture.as_ref()).unwrap(), Size::new(8 * 12 + 24, 264));
     let refused = ["--target", "2", "--layers", "select:9/8", "--model", &model];
     std::fs::remove_file(&picture).unwrap();
@@ -134,10 +134,10 @@ fn select_shows_the_range_of_guided_layers_without_a_model() {
     let folders = Folders::new();
     let picture = folders.out("range.png");
     let arguments = ["--target", "2", "--layers", "guided:4", "-o", &picture, "--ort-lib", "/nonexistent"];
-    let told = json(&mut folders.liveview("select", &arguments));
-    let median = |key: &str| told[key][2].as_f64().unwrap();
+    let report = json(&mut folders.liveview("select", &arguments));
+    let median = |key: &str| report[key][2].as_f64().unwrap();
     let (nearest, farthest) = (median("nearest_depth"), median("farthest_depth"));
-    assert!(3.8 < nearest && nearest <= farthest && farthest < 4.2, "the wall is at depth 4: {told}");
-    assert!((median("step_pixels") - median("width_pixels") / 3.0).abs() < 1e-6, "{told}");
+    assert!(3.8 < nearest && nearest <= farthest && farthest < 4.2, "the wall is at depth 4: {report}");
+    assert!((median("step_pixels") - median("width_pixels") / 3.0).abs() < 1e-6, "{report}");
     assert_eq!(image::read_size(picture.as_ref()).unwrap(), Size::new(3 * 64 + 8, 48));
 }

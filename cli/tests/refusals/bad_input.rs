@@ -177,8 +177,11 @@ fn names_are_shown_escaped() {
     fs::rename(folders.photo(3), folders.scene().join("images").join(name)).unwrap();
     folders.write_scene(5, "images/3.png", "images/a\\u001b[31m\\nb.png");
     let output = folders.liveview("inspect", &["--target", "2"]).output().unwrap();
-    let said = String::from_utf8(output.stdout).unwrap();
-    assert!(output.status.success() && said.contains(r"a\u{1b}[31m\nb.png") && !said.contains('\u{1b}'), "{said}");
+    let stderr = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        output.status.success() && stderr.contains(r"a\u{1b}[31m\nb.png") && !stderr.contains('\u{1b}'),
+        "{stderr}"
+    );
     fs::remove_file(folders.scene().join("images").join(name)).unwrap();
     assert_render_refused(&folders, &[], &[r"images/a\u{1b}[31m\nb.png: missing image"]);
 }

@@ -31,13 +31,13 @@ fn limited(folders: &Folders, blocks: usize, trap: bool, command: &str, argument
     limited
 }
 
-fn said(output: &Output) -> String {
+fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 fn json(command: &mut assert_cmd::Command) -> Value {
     let output = command.arg("--json").output().unwrap();
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", stderr(&output));
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
@@ -60,10 +60,10 @@ fn is_temporary(name: &str) -> bool {
 fn assert_refused(folders: &Folders, command: &mut assert_cmd::Command, words: &[&str]) {
     let before = contents(folders);
     let output = command.output().unwrap();
-    let said = said(&output);
-    assert_eq!((output.status.code(), said.matches("error: ").count()), (Some(2), 1), "{said}");
-    words.iter().for_each(|word| assert!(said.contains(word), "\"{word}\" is missing in: {said}"));
-    assert!(contents(folders) == before, "{said}");
+    let stderr = stderr(&output);
+    assert_eq!((output.status.code(), stderr.matches("error: ").count()), (Some(2), 1), "{stderr}");
+    words.iter().for_each(|word| assert!(stderr.contains(word), "\"{word}\" is missing in: {stderr}"));
+    assert!(contents(folders) == before, "{stderr}");
 }
 
 /// A scene of seven photos.
@@ -101,16 +101,20 @@ fn a_full_disk_leaves_nothing_and_is_named() {
 #[test]
 fn what_cannot_be_told_is_an_error() {
     let folders = Folders::new();
-    let told = |stdout: Stdio| {
+    let report = |stdout: Stdio| {
         let mut inspect = Command::new(env!("CARGO_BIN_EXE_liveview"));
         inspect.arg("inspect").arg(folders.scene()).stdout(stdout).stderr(Stdio::piped()).output().unwrap()
     };
-    let output = told(fs::File::create("/dev/full").unwrap().into());
+    let output = report(fs::File::create("/dev/full").unwrap().into());
     assert_eq!(output.status.code(), Some(2));
-    assert!(said(&output).contains("standard output: cannot be written: No space left on device"), "{}", said(&output));
+    assert!(
+        stderr(&output).contains("standard output: cannot be written: No space left on device"),
+        "{}",
+        stderr(&output)
+    );
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
-    assert!(told(writer.into()).status.success(), "a reader that went away is no error");
+    assert!(report(writer.into()).status.success(), "a reader that went away is no error");
 }
 
 #[test]
@@ -127,7 +131,7 @@ fn a_run_that_fails_half_way_goes_on_where_it_was() {
     json(&mut folders.render(&whole));
 
     let output = limited(&folders, LIMIT, false, "render", &parts).output().unwrap();
-    assert_eq!(output.status.signal(), Some(25), "SIGXFSZ, in the middle of a write: {}", said(&output));
+    assert_eq!(output.status.signal(), Some(25), "SIGXFSZ, in the middle of a write: {}", stderr(&output));
     // What another process may be writing.
     fs::write(folders.out(&format!("parts/{TEMPORARY}other.png")), "").unwrap();
     let killed = contents(&folders);
@@ -142,16 +146,16 @@ fn a_run_that_fails_half_way_goes_on_where_it_was() {
     // The disk is still full.
     let more = [&parts[..], &["--resume"]].concat();
     let output = limited(&folders, LIMIT, true, "render", &more).output().unwrap();
-    let told = said(&output);
+    let report = stderr(&output);
     // The frames, less the one whose line was being written and the record.
     let there = frames.len() - 2;
-    assert_eq!(output.status.code(), Some(2), "{told}");
+    assert_eq!(output.status.code(), Some(2), "{report}");
     for words in [
         format!("note: {there} of {FRAMES} pictures were there"),
         format!("note: {there} of {FRAMES} pictures are in {}; the same with --resume", folders.out("parts")),
         "parts/liveview.json: cannot be written: File too large".to_owned(),
     ] {
-        assert!(told.contains(&words), "\"{words}\" is missing in: {told}");
+        assert!(report.contains(&words), "\"{words}\" is missing in: {report}");
     }
     assert_eq!(contents(&folders).len(), killed.len(), "no second temporary file");
 
@@ -165,7 +169,7 @@ fn a_run_that_fails_half_way_goes_on_where_it_was() {
     }
     assert_eq!(after.keys().filter(|name| is_temporary(name)).count(), 1, "which --resume leaves alone");
     let again = folders.render(&more).output().unwrap();
-    assert!(again.status.success() && said(&again).contains(&format!("{FRAMES} of {FRAMES} pictures were there")));
+    assert!(again.status.success() && stderr(&again).contains(&format!("{FRAMES} of {FRAMES} pictures were there")));
     folders.render(&parts).assert().success();
     assert_ne!(first(), before, "without --resume, written again");
 }
@@ -185,12 +189,12 @@ fn a_render_that_is_interrupted_leaves_whole_files_alone() {
         wait_until(&mut render, begun);
         let kill = Command::new("/bin/kill").args(["-INT", "--", &format!("-{}", render.id())]).status().unwrap();
         let output = render.wait_with_output().unwrap();
-        assert!(kill.success() && output.status.code() == Some(130), "{}", said(&output));
-        assert!(said(&output).ends_with("error: interrupted\n"), "{}", said(&output));
-        said(&output)
+        assert!(kill.success() && output.status.code() == Some(130), "{}", stderr(&output));
+        assert!(stderr(&output).ends_with("error: interrupted\n"), "{}", stderr(&output));
+        stderr(&output)
     };
-    let told = interrupted(&frames, &|| Path::new(&folders.out("frames/frame_0009.png")).exists());
-    assert!(told.contains("of 2000 pictures are in"), "{told}");
+    let report = interrupted(&frames, &|| Path::new(&folders.out("frames/frame_0009.png")).exists());
+    assert!(report.contains("of 2000 pictures are in"), "{report}");
     let is_film = |name: &String, contents: &[u8]| !name.starts_with("frames/") && !contents.is_empty();
     interrupted(&film, &|| contents(&folders).iter().any(|(name, contents)| is_film(name, contents)));
     let left = contents(&folders);
@@ -205,9 +209,9 @@ fn all_files_of_a_picture_and_its_score_are_kept_or_made_again() {
     let folders = seven();
     let [pictures, depth, compare] = ["pictures", "depth", "compare"].map(|name| folders.out(name));
     let arguments = ["--heldout", "4", "-o", &pictures, "--depth", &depth, "--compare", &compare];
-    let untimed = |mut told: Value| {
-        told["targets"].as_array_mut().unwrap().iter_mut().for_each(|target| drop(target["seconds"].take()));
-        (told["targets"].take(), told["mean"].take())
+    let untimed = |mut report: Value| {
+        report["targets"].as_array_mut().unwrap().iter_mut().for_each(|target| drop(target["seconds"].take()));
+        (report["targets"].take(), report["mean"].take())
     };
     let first = json(&mut folders.render(&arguments));
     assert_eq!(first["kept"], 0);
@@ -225,13 +229,13 @@ fn all_files_of_a_picture_and_its_score_are_kept_or_made_again() {
             "truncated" => fs::write(&file, &fs::read(&file).unwrap()[..40]).unwrap(),
             _ => drop(fs::copy(folders.out("depth/4_colour.png"), &file).unwrap()),
         }
-        let told = json(folders.render(&arguments).arg("--resume"));
-        assert_eq!(told["kept"], 1, "{file}");
-        assert!(untimed(told) == first && contents(&folders) == written, "{file}, {how}");
+        let report = json(folders.render(&arguments).arg("--resume"));
+        assert_eq!(report["kept"], 1, "{file}");
+        assert!(untimed(report) == first && contents(&folders) == written, "{file}, {how}");
     }
     let output = folders.render(&arguments).arg("--resume").output().unwrap();
-    let told = String::from_utf8_lossy(&output.stdout);
-    assert!(told.contains("was there") && told.contains("mean") && !told.contains("wrote"), "{told}");
+    let report = String::from_utf8_lossy(&output.stdout);
+    assert!(report.contains("was there") && report.contains("mean") && !report.contains("wrote"), "{report}");
 }
 
 #[test]
@@ -341,10 +345,10 @@ fn a_photo_that_vanishes_during_the_run() {
     wait_until(&mut running, || fs::exists(folders.out("frames/liveview.json")).unwrap());
     fs::remove_file(&photo).unwrap();
     let output = running.wait_with_output().unwrap();
-    let told = said(&output);
-    assert_eq!(output.status.code(), Some(2), "{told}");
+    let report = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{report}");
     for words in ["images/4.png: cannot be read", "of 400 pictures are in", "the same with --resume renders the rest"] {
-        assert!(told.contains(words), "\"{words}\" is missing in: {told}");
+        assert!(report.contains(words), "\"{words}\" is missing in: {report}");
     }
     let written = folders.written();
     assert!(written.len() > 100 && !written.iter().any(|name| is_temporary(name)), "{} files", written.len());

@@ -36,16 +36,16 @@ impl Tally {
         fs::remove_dir_all(out).and_then(|()| fs::create_dir(out)).unwrap();
         let mut render = folders.render(&["-o", &picture, "--depth", &depth, "--threads", "1", "--json"]);
         let output = render.args(arguments).timeout(LIMIT).output().unwrap();
-        let said = String::from_utf8(output.stderr).unwrap();
+        let stderr = String::from_utf8(output.stderr).unwrap();
         match output.status.code() {
             Some(0) => {
                 self.rendered += 1;
-                let told: Value = serde_json::from_slice(&output.stdout).unwrap();
-                let target = &told["targets"][0];
+                let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+                let target = &report["targets"][0];
                 // What is not finite would be null here; a picture one pixel wide is not scored.
                 let scored = (arguments.contains(&"--target") && !arguments.contains(&"--width=1")).then_some("psnr");
                 for number in ["disparity_max", "seen_by_no_view"].into_iter().chain(scored) {
-                    assert!(target[number].is_number(), "{what}: {number} of {told:#}\n{said}");
+                    assert!(target[number].is_number(), "{what}: {number} of {report:#}\n{stderr}");
                 }
                 for file in [&picture, &depth] {
                     image::open(file).unwrap_or_else(|error| panic!("{what}: {file}: {error}"));
@@ -60,13 +60,13 @@ impl Tally {
                     let mut dump = folders.liveview("dump", arguments);
                     dump.args(["--model", &fixture("tiny_v4"), "-o", &arrays, "--threads", "1"]).args(*layers);
                     let output = dump.timeout(LIMIT).output().unwrap();
-                    let said = String::from_utf8(output.stderr).unwrap();
+                    let stderr = String::from_utf8(output.stderr).unwrap();
                     // The photos' own depth asks more photos, one of which may be the poisoned one.
                     if layers.contains(&"surface:1") && output.status.code() == Some(2) {
-                        assert!(said.contains("error: ") && !said.contains("panicked"), "{what}: {said}");
+                        assert!(stderr.contains("error: ") && !stderr.contains("panicked"), "{what}: {stderr}");
                         continue;
                     }
-                    assert!(output.status.success(), "{what}, {layers:?}: {said}");
+                    assert!(output.status.success(), "{what}, {layers:?}: {stderr}");
                     let mut arrays = ndarray_npy::NpzReader::new(fs::File::open(&arrays).unwrap()).unwrap();
                     for name in ["rgb", "alpha", "frame", "disparity", "transmittance"] {
                         let array: ndarray::ArrayD<f32> = arrays.by_name(name).unwrap();
@@ -77,8 +77,8 @@ impl Tally {
             }
             Some(2) => {
                 self.refused += 1;
-                assert!(!said.contains("panicked"), "{what}: {said}");
-                let error = said.split("error: ").nth(1).unwrap_or_else(|| panic!("{what}: {said}"));
+                assert!(!stderr.contains("panicked"), "{what}: {stderr}");
+                let error = stderr.split("error: ").nth(1).unwrap_or_else(|| panic!("{what}: {stderr}"));
                 let says = |words: &[&str]| words.iter().any(|word| error.contains(word));
                 let elsewhere = ELSEWHERE.iter().any(|words| fields.contains(words) && error.contains(words));
                 // An extreme number may leave nothing to be seen, whatever it is of.
@@ -86,7 +86,7 @@ impl Tally {
                 assert!(elsewhere || blank || says(&[file]) && says(fields), "{what}: {fields:?} in: {error}");
                 assert_eq!(folders.written(), Vec::<String>::new(), "{what}");
             }
-            other => panic!("{what}: exit code {other:?}: {said}"),
+            other => panic!("{what}: exit code {other:?}: {stderr}"),
         }
     }
 
@@ -175,7 +175,7 @@ const K: &[&str] = &["fl_x", "fl_y", "fx", "fy", "cx", "cy"];
 const POSE: &[&str] = &["rotation", "translation", "centre", "transform_matrix", ELSEWHERE[0], ELSEWHERE[1]];
 const RANGE: &[&str] = &["near", "far", ELSEWHERE[1]];
 const POINTS: &[&str] = &["near", ELSEWHERE[1]];
-/// What is said of a legal number of a pose, a point or a depth, without the file: where the views look or how near things are.
+/// What is stderr of a legal number of a pose, a point or a depth, without the file: where the views look or how near things are.
 const ELSEWHERE: [&str; 2] = ["look the target's way", "expected near"];
 
 #[test]

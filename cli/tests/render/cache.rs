@@ -8,14 +8,14 @@ use serde_json::Value;
 
 use crate::common::{Folders, HEIGHT, WIDTH, fixture, photo};
 
-/// The picture of view 2 from the others, with these arguments, and what is said on stderr.
+/// The picture of view 2 from the others, with these arguments, and what is stderr on stderr.
 fn render(folders: &Folders, arguments: &[&str]) -> (Vec<u8>, String) {
     let picture = folders.scene().join("picture.png");
     let mut render = folders.render(&["--target", "2", "--layers", "surface:2", "-o", picture.to_str().unwrap()]);
     let output = render.args(arguments).output().unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{said}");
-    (fs::read(picture).unwrap(), said)
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{stderr}");
+    (fs::read(picture).unwrap(), stderr)
 }
 
 /// The files of a folder below `out`, with their contents.
@@ -29,8 +29,8 @@ fn sources(folders: &Folders, arguments: &[&str]) -> Vec<String> {
     let mut depth = folders.liveview("depth", arguments);
     depth.args(["--cache", &folders.out("kept"), "--json", "-o"]).arg(depths);
     let output = depth.output().unwrap();
-    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
-    told["photos"].as_array().unwrap().iter().map(|photo| photo["source"].as_str().unwrap().to_owned()).collect()
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    report["photos"].as_array().unwrap().iter().map(|photo| photo["source"].as_str().unwrap().to_owned()).collect()
 }
 
 #[test]
@@ -54,10 +54,10 @@ fn pictures_are_the_same_with_and_without_what_is_kept() {
     };
     #[cfg(unix)]
     let before = inodes();
-    let (warm, said) = render(&folders, &["--cache", &cache]);
+    let (warm, stderr) = render(&folders, &["--cache", &cache]);
     #[cfg(unix)]
     assert_eq!(inodes(), before);
-    assert!(without == cold && cold == warm && said.is_empty() && kept(&folders) == files, "{said}");
+    assert!(without == cold && cold == warm && stderr.is_empty() && kept(&folders) == files, "{stderr}");
 }
 
 /// Python and `depth` see the same numbers.
@@ -93,23 +93,24 @@ fn a_damaged_file_is_told_and_written_anew() {
     for (name, bytes) in files.keys().zip(&damaged) {
         fs::write(folders.out(name), bytes).unwrap();
     }
-    let (again, said) = render(&folders, &["--cache", &cache]);
-    assert!(again == picture && kept(&folders) == files, "{said}");
+    let (again, stderr) = render(&folders, &["--cache", &cache]);
+    assert!(again == picture && kept(&folders) == files, "{stderr}");
     let words = ["no archive", "no archive", "key: of another depth", "disparity: Invalid checksum"];
     for (name, word) in files.keys().zip(words) {
-        let line = said.lines().find(|line| line.contains(name.as_str())).unwrap_or_else(|| panic!("{name}: {said}"));
-        assert!(line.starts_with("note: ") && line.contains(word) && line.contains("; expected "), "{word}: {said}");
-        assert!(line.ends_with(": the depth is searched again"), "{said}");
+        let line =
+            stderr.lines().find(|line| line.contains(name.as_str())).unwrap_or_else(|| panic!("{name}: {stderr}"));
+        assert!(line.starts_with("note: ") && line.contains(word) && line.contains("; expected "), "{word}: {stderr}");
+        assert!(line.ends_with(": the depth is searched again"), "{stderr}");
     }
-    assert_eq!(said.lines().count(), 4, "{said}");
+    assert_eq!(stderr.lines().count(), 4, "{stderr}");
 
     // Where neither reading nor writing works.
     let name = files.keys().next().unwrap();
     fs::remove_file(folders.out(name)).unwrap();
     fs::create_dir_all(folders.out(name) + "/folder").unwrap();
-    let (again, said) = render(&folders, &["--cache", &cache]);
-    assert!(again == picture && said.lines().count() == 2, "{said}");
-    assert!(said.contains("cannot be read: ") && said.contains(": the depth is not kept"), "{said}");
+    let (again, stderr) = render(&folders, &["--cache", &cache]);
+    assert!(again == picture && stderr.lines().count() == 2, "{stderr}");
+    assert!(stderr.contains("cannot be read: ") && stderr.contains(": the depth is not kept"), "{stderr}");
 }
 
 #[test]
@@ -137,8 +138,8 @@ fn layers_that_need_no_depth_say_so() {
     let (picture, cache) = (folders.out("a.png"), folders.out("kept"));
     let mut render = folders.render(&["--target", "2", "--layers", "guided:1", "-o", &picture, "--cache", &cache]);
     let output = render.output().unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success() && said.contains("not used, guided:1 needs no depth of the photos"), "{said}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && stderr.contains("not used, guided:1 needs no depth of the photos"), "{stderr}");
     assert_eq!(folders.written(), ["a.png"]);
 }
 
@@ -183,7 +184,10 @@ fn a_folder_that_cannot_be_written_is_refused_at_once() {
         folders.assert_refused(&mut folders.render(&arguments), &["--cache", "transforms.json", "cannot be written"]);
         let mut depth = folders.liveview("depth", &["-o", &folders.out("depth"), "--cache", &folder]);
         let output = depth.output().unwrap();
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert!(output.status.code() == Some(2) && said.contains("--cache") && folders.written().is_empty(), "{said}");
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert!(
+            output.status.code() == Some(2) && stderr.contains("--cache") && folders.written().is_empty(),
+            "{stderr}"
+        );
     }
 }

@@ -35,11 +35,11 @@ fn neither_a_model_nor_a_library_is_needed() {
     folders.assert_refused(&mut bare(&folders, "render", &with_model), &["no-library.so"]);
 
     let none = [&target[..], &["--network", "none"]].concat();
-    let told = json(&mut bare(&folders, "render", &none));
-    assert_eq!((&told["layers"], &told["model"]), (&"surface:3".into(), &Value::Null));
-    assert_eq!(told["engine"]["name"], "none");
-    assert_eq!(told["targets"][0]["views"].as_array().unwrap().len(), 4, "as with the default model");
-    assert!(told["mean"]["psnr"].as_f64().unwrap() > 30.0, "{told}");
+    let report = json(&mut bare(&folders, "render", &none));
+    assert_eq!((&report["layers"], &report["model"]), (&"surface:3".into(), &Value::Null));
+    assert_eq!(report["engine"]["name"], "none");
+    assert_eq!(report["targets"][0]["views"].as_array().unwrap().len(), 4, "as with the default model");
+    assert!(report["mean"]["psnr"].as_f64().unwrap() > 30.0, "{report}");
     let explanation = folders.out("e.png");
     let three = [&none[..], &["--views", "3", "--explain", &explanation]].concat();
     let text = run(&mut bare(&folders, "render", &three));
@@ -58,9 +58,9 @@ fn the_record_tells_it_from_a_network() {
     let record: Value = serde_json::from_slice(&fs::read(folders.out("frames/liveview.json")).unwrap()).unwrap();
     assert_eq!((&record["job"]["model"], &record["job"]["engine"]), (&"none".into(), &"no network".into()));
     let output = folders.render(&path).arg("--resume").output().unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("\"model\" is none there and tiny_v4.onnx"), "{said}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("\"model\" is none there and tiny_v4.onnx"), "{stderr}");
 }
 
 #[test]
@@ -86,8 +86,8 @@ fn what_only_a_network_has_is_refused() {
 fn logits_are_those_of_the_views_agreement() {
     let folders = Folders::new();
     let arguments = ["--target", "2", "--network", "none", "-o", &folders.out("d.npz")];
-    let told = json(&mut bare(&folders, "dump", &arguments));
-    assert_eq!((&told["model"], &told["engine"], &told["library"]), (&Value::Null, &"none".into(), &Value::Null));
+    let report = json(&mut bare(&folders, "dump", &arguments));
+    assert_eq!((&report["model"], &report["engine"], &report["library"]), (&Value::Null, &"none".into(), &Value::Null));
     let mut arrays = ndarray_npy::NpzReader::new(fs::File::open(folders.out("d.npz")).unwrap()).unwrap();
     let logits: ndarray::Array4<f32> = arrays.by_name("logits").unwrap();
     assert_eq!(logits.dim(), (3, 4, 48, 64));

@@ -76,20 +76,20 @@ fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 fn assert_refused(command: &mut assert_cmd::Command, folder: &Path, words: &[&str]) {
     let before = contents(folder);
     let output = command.timeout(Duration::from_secs(60)).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
+    let stderr = String::from_utf8_lossy(&output.stderr);
     let after = contents(folder);
     let changed: Vec<_> = after.iter().filter(|file| !before.contains(file)).map(|(path, _)| path).collect();
-    assert!(before == after, "{} files before, {} after, changed: {changed:?}; {said}", before.len(), after.len());
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert_eq!(said.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{said}");
-    words.iter().for_each(|word| assert!(said.contains(word), "\"{word}\" is missing in: {said}"));
+    assert!(before == after, "{} files before, {} after, changed: {changed:?}; {stderr}", before.len(), after.len());
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    assert_eq!(stderr.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{stderr}");
+    words.iter().for_each(|word| assert!(stderr.contains(word), "\"{word}\" is missing in: {stderr}"));
 }
 
 fn succeeds(command: &mut assert_cmd::Command) -> String {
     let output = command.timeout(Duration::from_secs(60)).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
-    said
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{stderr}");
+    stderr
 }
 
 #[test]
@@ -240,13 +240,13 @@ fn frames_of_an_earlier_run_are_told() {
     let frames = folders.out("frames");
     let render = |count: &str| succeeds(&mut folders.render(&["--path", count, "-o", &frames, "--layers", "guided:1"]));
     assert!(!render("line:5").contains("frames"));
-    let told = render("line:3");
-    assert!(told.contains("2 other pictures are in ") && told.contains("frame_0003.png"), "{told}");
+    let report = render("line:3");
+    assert!(report.contains("2 other pictures are in ") && report.contains("frame_0003.png"), "{report}");
     let frames = folders.out("film");
     let film = |range: &str| succeeds(&mut video(&folders, &["--frames", range, "-o", &frames]));
     assert!(!film("..4").contains("other pictures"));
-    let told = film("..1");
-    assert!(told.contains("3 other pictures are in ") && told.contains("frame_000001.png"), "{told}");
+    let report = film("..1");
+    assert!(report.contains("3 other pictures are in ") && report.contains("frame_000001.png"), "{report}");
 }
 
 #[test]
@@ -272,9 +272,9 @@ fn a_record_that_is_no_record() {
     let resume = || folders.render(&["--path", "line:3", "-o", &folders.out("frames"), "--resume"]);
     let refused = |words: &[&str]| {
         let output = resume().timeout(Duration::from_secs(20)).output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        words.iter().for_each(|word| assert!(said.contains(word), "\"{word}\" is missing in: {said}"));
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{stderr}");
+        words.iter().for_each(|word| assert!(stderr.contains(word), "\"{word}\" is missing in: {stderr}"));
     };
     fs::create_dir(folders.out("frames")).unwrap();
     assert!(Command::new("mkfifo").arg(&record).status().unwrap().success());
@@ -316,8 +316,8 @@ fn names_as_they_are() {
         let mut render = folders.liveview("render", &["--target", target, "-o", &folders.out("made"), "--json"]);
         let output = render.args(["--network", "none", "--views", "2"]).output().unwrap();
         assert!(output.status.success(), "{target}: {}", String::from_utf8_lossy(&output.stderr));
-        let told: Value = serde_json::from_slice(&output.stdout).unwrap();
-        let targets = told["targets"].as_array().unwrap().iter();
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let targets = report["targets"].as_array().unwrap().iter();
         targets.map(|one| one["name"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
     };
     assert_eq!(named("a,b.png"), ["a,b.png"]);

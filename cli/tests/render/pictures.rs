@@ -23,15 +23,16 @@ fn json(command: &mut assert_cmd::Command) -> Value {
 fn a_held_out_view_is_rendered_scored_and_compared() {
     let folders = Folders::new();
     let [picture, depth, compare] = ["a.png", "d.png", "c.png"].map(|name| folders.out(name));
-    let told = json(&mut folders.render(&["--target", "2", "-o", &picture, "--depth", &depth, "--compare", &compare]));
+    let report =
+        json(&mut folders.render(&["--target", "2", "-o", &picture, "--depth", &depth, "--compare", &compare]));
     assert_eq!(folders.written(), ["a.png", "c.png", "d.png", "d_colour.png", "d_scale.json"]);
-    let target = &told["targets"][0];
+    let target = &report["targets"][0];
     assert_eq!(target["name"], "2.png");
     let mut views: Vec<&str> = target["views"].as_array().unwrap().iter().map(|name| name.as_str().unwrap()).collect();
     views.sort_unstable();
     assert_eq!(views, ["0.png", "1.png", "3.png", "4.png"], "never from itself");
     assert_eq!((&target["near"], &target["far"]), (&2.0.into(), &8.0.into()));
-    assert_eq!(told["layers"], "guided:2", "as the model recommends");
+    assert_eq!(report["layers"], "guided:2", "as the model recommends");
 
     let (result, truth) = (image::load(picture.as_ref()).unwrap(), image::load(&folders.photo(2)).unwrap());
     let score = psnr(&result, &truth, 16);
@@ -39,7 +40,7 @@ fn a_held_out_view_is_rendered_scored_and_compared() {
     // The rounding of each value to 8 bits, at most half a level, bounds the distance of the root mean squares.
     let rms = |psnr: f64| 10f64.powf(-psnr / 20.0);
     let apart = (rms(target["psnr"].as_f64().unwrap()) - rms(score)).abs();
-    assert!(apart <= 0.5 / 255.0, "8-bit rounding apart, the score is the picture's: {score} dB, {told}");
+    assert!(apart <= 0.5 / 255.0, "8-bit rounding apart, the score is the picture's: {score} dB, {report}");
     let size = image::read_size(compare.as_ref()).unwrap();
     assert_eq!(size, Size::new(3 * WIDTH as usize + 8, HEIGHT as usize));
 
@@ -60,8 +61,8 @@ fn every_second_view_from_the_others() {
     let text = run(&mut folders.render(&["--heldout", "5"]));
     assert!(text.contains("PSNR") && text.contains("0.png"), "{text}");
     assert!(folders.written().is_empty(), "pictures only where asked for");
-    let told = json(&mut folders.render(&["--target", "0", "-o", &folders.out("a.png")]));
-    assert_eq!(told["mean"]["psnr"], told["targets"][0]["psnr"]);
+    let report = json(&mut folders.render(&["--target", "0", "-o", &folders.out("a.png")]));
+    assert_eq!(report["mean"]["psnr"], report["targets"][0]["psnr"]);
 }
 
 #[test]
@@ -111,8 +112,8 @@ fn a_pose_on_top_of_a_view_shows_its_photo() {
     let score = psnr(&image::load(picture.as_ref()).unwrap(), &image::load(&folders.photo(2)).unwrap(), 0);
     assert!(score > 45.0, "nerfstudio's: {score}");
     // Turned by half a turn about z, moved and scaled by nerfstudio, which says so beside the path.
-    let told = folders.render(&["--pose", path.to_str().unwrap(), "-o", &picture]).output().unwrap();
-    assert!(String::from_utf8_lossy(&told.stderr).contains("path.json: taken to be in the scene's own axes"));
+    let report = folders.render(&["--pose", path.to_str().unwrap(), "-o", &picture]).output().unwrap();
+    assert!(String::from_utf8_lossy(&report.stderr).contains("path.json: taken to be in the scene's own axes"));
     let trained = "[-1, 0, 0, 0.4, 0, -1, 0, 0.5, 0, 0, 1, 1.5, 0, 0, 0, 1]";
     fs::write(
         &path,
@@ -121,8 +122,8 @@ fn a_pose_on_top_of_a_view_shows_its_photo() {
     .unwrap();
     let transforms = r#"{"transform": [[-1, 0, 0, 1], [0, -1, 0, 1], [0, 0, 1, 3]], "scale": 0.5}"#;
     fs::write(folders.scene().join("dataparser_transforms.json"), transforms).unwrap();
-    let told = folders.render(&["--path", path.to_str().unwrap(), "-o", &picture]).output().unwrap();
-    assert!(String::from_utf8_lossy(&told.stderr).contains("path.json: from nerfstudio's axes"));
+    let report = folders.render(&["--path", path.to_str().unwrap(), "-o", &picture]).output().unwrap();
+    assert!(String::from_utf8_lossy(&report.stderr).contains("path.json: from nerfstudio's axes"));
     let score = psnr(&image::load(picture.as_ref()).unwrap(), &image::load(&folders.photo(2)).unwrap(), 0);
     assert!(score > 45.0, "from nerfstudio's axes: {score}");
     let (file, picture) = (folders.scene().join("pose.json"), folders.out("wide.jpg"));
@@ -134,12 +135,13 @@ fn a_pose_on_top_of_a_view_shows_its_photo() {
 #[test]
 fn a_path_becomes_a_folder_of_frames_and_keeps_the_planes_of_the_first() {
     let folders = Folders::new();
-    let told = json(&mut folders.render(&["--path", "line:3", "--layers", "select:2/8", "-o", &folders.out("frames")]));
+    let report =
+        json(&mut folders.render(&["--path", "line:3", "--layers", "select:2/8", "-o", &folders.out("frames")]));
     let frames = ["frames/frame_0000.png", "frames/frame_0001.png", "frames/frame_0002.png"];
     assert_eq!(folders.written(), [&frames[..], &["frames/liveview.json"]].concat());
-    let seconds = |frame: usize| told["targets"][frame]["seconds"]["select"].as_f64().unwrap();
-    assert!(seconds(0) > 0.0 && seconds(1) == 0.0 && seconds(2) == 0.0, "{told}");
-    assert_eq!((&told["targets"][2]["layers"], &told["layers"]), (&2.into(), &"select:2/8".into()));
+    let seconds = |frame: usize| report["targets"][frame]["seconds"]["select"].as_f64().unwrap();
+    assert!(seconds(0) > 0.0 && seconds(1) == 0.0 && seconds(2) == 0.0, "{report}");
+    assert_eq!((&report["targets"][2]["layers"], &report["layers"]), (&2.into(), &"select:2/8".into()));
     // The ends of a line are the outermost views.
     for (frame, view) in [(0, 0), (2, 4)] {
         let frame = image::load(folders.out(&format!("frames/frame_{frame:04}.png")).as_ref()).unwrap();
@@ -162,12 +164,12 @@ fn other_layers() {
         (["--layers", "list:0.25"], 1),
         (["--layers", "list:0.4,0.2,0"], 3),
     ] {
-        let told = json(&mut folders.render(&[&["--target", "2", "-o", &picture], &how[..]].concat()));
-        assert_eq!(told["targets"][0]["layers"], layers, "{how:?}");
+        let report = json(&mut folders.render(&[&["--target", "2", "-o", &picture], &how[..]].concat()));
+        assert_eq!(report["targets"][0]["layers"], layers, "{how:?}");
     }
-    let told = json(&mut folders.render(&["--target", "2", "--width", "32", "-o", &picture]));
-    assert_eq!((&told["targets"][0]["width"], &told["targets"][0]["height"]), (&32.into(), &24.into()));
-    assert!(told["notes"][0].as_str().unwrap().contains("scaled down"), "{told}");
+    let report = json(&mut folders.render(&["--target", "2", "--width", "32", "-o", &picture]));
+    assert_eq!((&report["targets"][0]["width"], &report["targets"][0]["height"]), (&32.into(), &24.into()));
+    assert!(report["notes"][0].as_str().unwrap().contains("scaled down"), "{report}");
 }
 
 #[test]
@@ -176,8 +178,8 @@ fn layers_are_those_that_the_model_recommends() {
     for (layers, count) in [("planes:3", 3), ("kmeans:4", 4)] {
         let model = folders.recommending(layers);
         let arguments = ["--target", "2", "--model", &model, "-o", &folders.out("a.png")];
-        let told = json(&mut folders.liveview("render", &arguments));
-        assert_eq!((told["layers"].as_str(), told["targets"][0]["layers"].as_u64()), (Some(layers), Some(count)));
+        let report = json(&mut folders.liveview("render", &arguments));
+        assert_eq!((report["layers"].as_str(), report["targets"][0]["layers"].as_u64()), (Some(layers), Some(count)));
     }
 }
 
@@ -193,8 +195,8 @@ fn videos_go_through_ffmpeg() {
             folders.render(&arguments).env("PATH", folders.ffmpeg("echo no such codec >&2; exit 1")),
             &[name, "no such codec", "exit status: 1"],
         );
-        let told = json(folders.render(&arguments).env("PATH", folders.ffmpeg(copies)));
-        assert_eq!((told["video"].as_str(), folders.written()), (Some(arguments[3]), vec![name.to_owned()]));
+        let report = json(folders.render(&arguments).env("PATH", folders.ffmpeg(copies)));
+        assert_eq!((report["video"].as_str(), folders.written()), (Some(arguments[3]), vec![name.to_owned()]));
         assert_eq!(fs::read(arguments[3]).unwrap().len() as u32, 3 * 3 * WIDTH * HEIGHT);
         fs::remove_file(arguments[3]).unwrap();
     }
@@ -218,8 +220,8 @@ fn memory_does_not_grow_with_the_number_of_layers() {
 fn what_was_left_out_is_explained() {
     let folders = Folders::new();
     let [picture, why] = ["a.png", "why.png"].map(|name| folders.out(name));
-    let told = json(&mut folders.render(&["--target", "2", "-o", &picture, "--explain", &why, "--dense", "9"]));
-    let explained = &told["explanation"];
+    let report = json(&mut folders.render(&["--target", "2", "-o", &picture, "--explain", &why, "--dense", "9"]));
+    let explained = &report["explanation"];
     let share = explained["range_share"]["median"].as_f64().unwrap();
     assert!(share > 0.0 && share < 0.5, "a wall needs little of the depth range: {explained}");
     let shares: f64 = explained["time_shares"].as_object().unwrap().values().map(|share| share.as_f64().unwrap()).sum();
@@ -231,8 +233,8 @@ fn what_was_left_out_is_explained() {
 
     // 60 · 0.1 / 0.01 pixels of parallax: the first three of these planes are beyond every photo.
     let near = ["--target", "2", "-o", &picture, "--near", "0.01", "--layers", "planes:4", "--explain", &why];
-    let told = json(&mut folders.render(&near));
-    assert_eq!(told["explanation"]["left_out"]["uncovered"], 3, "as `inspect` says: {told}");
+    let report = json(&mut folders.render(&near));
+    assert_eq!(report["explanation"]["left_out"]["uncovered"], 3, "as `inspect` says: {report}");
     assert_eq!(json(folders.render(&near).args(["--opaque", "0.5"]))["explanation"]["left_out"]["uncovered"], 3);
 
     let text = run(&mut folders.render(&["--target", "2", "-o", &picture, "--layers", "planes:5", "--explain", &why]));
@@ -253,27 +255,27 @@ fn a_surface_is_explained_and_exposure_and_sharpness_may_be_kept() {
     let folders = Folders::new();
     let [picture, why] = ["a.png", "why.png"].map(|name| folders.out(name));
     let arguments = ["--target", "2", "-o", &picture, "--layers", "surface:2", "--explain", &why];
-    let told = json(&mut folders.render(&arguments));
-    assert_eq!((&told["layers"], &told["targets"][0]["layers"]), (&"surface:2".into(), &2.into()));
-    let surface = &told["explanation"]["surface"];
+    let report = json(&mut folders.render(&arguments));
+    assert_eq!((&report["layers"], &report["targets"][0]["layers"]), (&"surface:2".into(), &2.into()));
+    let surface = &report["explanation"]["surface"];
     assert!(surface["holes"].as_f64().unwrap() < 0.5 && surface["gains"].as_array().unwrap().len() == 4, "{surface}");
     assert_eq!(image::read_size(why.as_ref()).unwrap(), Size::new(WIDTH as usize, HEIGHT as usize));
     let kept = json(folders.render(&arguments).arg("--keep-exposure"));
     let gains = kept["explanation"]["surface"]["gains"].as_array().unwrap().clone();
     assert!(gains.iter().flat_map(|view| view.as_array().unwrap()).all(|gain| gain == 1.0), "{gains:?}");
     let sharpening =
-        |told: &serde_json::Value| told["explanation"]["surface"]["sharpening"].as_array().unwrap().clone();
+        |report: &serde_json::Value| report["explanation"]["surface"]["sharpening"].as_array().unwrap().clone();
     let kept = json(folders.render(&arguments).arg("--keep-sharpness"));
     assert!(sharpening(&kept).iter().all(|amount| amount == 0.0), "{kept}");
-    assert!(sharpening(&told).iter().any(|amount| amount.as_f64().unwrap() > 0.0), "{told}");
+    assert!(sharpening(&report).iter().any(|amount| amount.as_f64().unwrap() > 0.0), "{report}");
 }
 
 #[test]
 fn qualities_are_choices_of_layers() {
     let folders = Folders::new();
     let layers = |arguments: &[&str]| {
-        let told = json(folders.render(&["--target", "2", "-o", &folders.out("a.png")]).args(arguments));
-        told["layers"].as_str().unwrap().to_owned()
+        let report = json(folders.render(&["--target", "2", "-o", &folders.out("a.png")]).args(arguments));
+        report["layers"].as_str().unwrap().to_owned()
     };
     assert_eq!(layers(&["--quality", "draft"]), "guided:1");
     assert_eq!(layers(&["--quality", "balanced"]), "guided:2");

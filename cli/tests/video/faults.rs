@@ -35,7 +35,7 @@ fn frames_are_matched_by_number_or_by_time() {
         ),
         (
             &|camera: usize, frame: usize| format!("{}.png", 1_000_000 + 33_333 * frame + 7 * camera),
-            "matched by these as times",
+            "the numbers are taken as times",
         ),
         (
             &|_, frame| format!("{:08}.png", [0, 1, 2, 99_999_999][frame]),

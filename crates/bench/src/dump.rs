@@ -15,7 +15,7 @@ use liveview_common::args::model::ModelArgs;
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::console::{Output, print_notes, shown};
 use liveview_common::job::Job;
-use liveview_common::outputs::Claims;
+use liveview_common::outputs::OutputPlan;
 use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate, s};
 use serde_json::json;
 
@@ -101,9 +101,9 @@ pub fn run(args: &DumpArgs) -> Result<Output> {
     let targets = Targets::held_out(job.scene(), vec![job.scene().view_index(&args.target)?]);
     let Some(shot) = job.synthesizer.shots(targets)?.pop() else { bail!("{}: nothing to render", args.target) };
     print_notes(&job.scene().notes);
-    let mut claims = Claims::new(job.scene());
-    claims.file("-o", &args.output)?;
-    claims.prepare()?;
+    let mut output_plan = OutputPlan::new(job.scene());
+    output_plan.file("-o", &args.output)?;
+    output_plan.prepare()?;
     let loaded = job.synthesizer.load(&shot, &[])?;
     let mut arrays = Arrays::create(&args.output)?;
     write(&mut job, &loaded, &mut arrays)?;

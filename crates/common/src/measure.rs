@@ -9,11 +9,13 @@ use liveview::render::StageTimes;
 pub struct Times {
     /// Reading and decoding the photos that were not in memory yet.
     pub photos: Duration,
-    /// The guided search.
-    pub coarse: Duration,
+    /// Searching depth: the guided search, or the depth of the photos.
+    pub depth: Duration,
     /// The render that planes were selected from.
     pub select: Duration,
-    /// Warp, network and composite.
+    /// The name of the stage that computes opacities and view weights: `network`, or `blend` without one.
+    pub weighting: &'static str,
+    /// Warp, weighting and composite.
     pub stages: StageTimes,
 }
 
@@ -22,13 +24,13 @@ const STAGES: usize = 6;
 impl Times {
     /// Each stage by name.
     pub fn stages(&self) -> [(&'static str, Duration); STAGES] {
-        let Self { photos, coarse, select, stages } = *self;
+        let Self { photos, depth, select, weighting, stages } = *self;
         [
             ("photos", photos),
-            ("coarse", coarse),
+            ("depth", depth),
             ("select", select),
             ("warp", stages.warp),
-            ("network", stages.network),
+            (weighting, stages.network),
             ("composite", stages.composite),
         ]
     }

@@ -1,26 +1,25 @@
-//! Adapts the work per frame of a live video to the machine's speed: first the layers, then the size of the target. Down at once to
-//! the level that is expected to fit the budget, up again one level at a time.
+//! Adapts the work per frame of a live video to the machine's speed: first the layers, then the size of the target. It lowers the level
+//! at once as far as the budget is expected to need, and raises it one level at a time.
 
 use std::time::Duration;
 
 use liveview::LayerSpec;
 use serde_json::{Value, json};
 
-/// Frames in a row over the budget after which the level falls …
-const LATE: usize = 3;
-/// … or one that takes more than this many times the budget.
-const GROSS: f64 = 2.0;
-/// Frames in a row that would have fitted at the next higher level, after which the level rises; twice as many after each fall.
-const ROOM: usize = 30;
+/// Frames in a row over the budget after which the level is lowered.
+const LATE_FRAMES: usize = 3;
+/// Time of a single frame, in budgets, after which the level is lowered at once.
+const FAR_TOO_LATE: f64 = 2.0;
+/// Frames in a row that would fit at the next higher level, after which the level is raised; doubled each time it is lowered.
+const FITTING_FRAMES: usize = 30;
 /// The largest such number.
-const LONGEST: usize = 30 * 32;
-/// Share of the budget that the work of a higher level must fit into.
-const COMFORT: f64 = 0.8;
+const MAX_FITTING_FRAMES: usize = 30 * 32;
+/// Share of the budget that a frame of a higher level must be expected to fit into.
+const RAISE_SHARE: f64 = 0.8;
+/// Work of surface layers to find where photos change, in layers of the full size.
+const DEPTH_WORK: f64 = 6.0;
 
-/// Time that surface layers take to find where photos change, in layers of the full size.
-const DEPTH: f64 = 6.0;
-
-/// A level: the work of a frame.
+/// How a frame is rendered: a level of work.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Level {
     /// The layers of a frame.
@@ -30,39 +29,43 @@ pub struct Level {
 }
 
 impl Level {
-    /// Work, in layers of the full size; a search at the target takes about as long as one of them. That of planes does not matter: their
-    /// number is the same on all levels.
+    /// Work in layers of the full size; a guided search takes about as long as one of them. For planes, whose number is the same on
+    /// all levels, only the size counts.
     fn work(&self) -> f64 {
         let (layers, depth) = match self.layers {
             LayerSpec::Guided { layers, .. } => (layers + 1, 0.0),
-            // Of photos, whatever the target's size.
-            LayerSpec::Surface(layers) => (layers, DEPTH),
+            // The depth search is on photos: it does not depend on the target's size.
+            LayerSpec::Surface(layers) => (layers, DEPTH_WORK),
             _ => (1, 0.0),
         };
         layers as f64 * self.scale * self.scale + depth
     }
 
-    /// The level in the log and the summary.
+    /// The level as JSON, for the summary.
     pub fn json(&self) -> Value {
         json!({ "layers": self.layers.to_string(), "scale": self.scale })
     }
 }
 
-/// Chooses the level from the frames' times.
+/// Chooses the level by the times of frames.
 #[derive(Debug)]
 pub struct Governor {
     budget: Duration,
     /// The most work first.
     levels: Vec<Level>,
-    at: usize,
+    /// Index of the current level.
+    current: usize,
+    /// Frames in a row over the budget.
     late: usize,
-    room: usize,
-    patience: usize,
+    /// Frames in a row that would fit at the next higher level.
+    fitting: usize,
+    /// Number of these after which the level is raised.
+    raise_after: usize,
 }
 
 impl Governor {
-    /// Levels from these layers down: fewer guided ones, and below surface layers guided ones, a single one where there is no
-    /// network; planes stay, and only the size changes.
+    /// The levels below `layers`: fewer guided layers; below surface layers guided ones, of which a single one without opacities of a
+    /// network; of planes only the size changes.
     pub fn new(budget: Duration, layers: &LayerSpec, opacities: bool) -> Self {
         let fewer = match *layers {
             LayerSpec::Guided { layers, coarse_planes } => {
@@ -80,12 +83,12 @@ impl Governor {
         let mut levels: Vec<Level> = std::iter::once(layers.clone()).chain(fewer).map(level).collect();
         let least = levels[levels.len() - 1].clone();
         levels.extend([0.75, 0.5].map(|scale| Level { scale, ..least.clone() }));
-        Self { budget, levels, at: 0, late: 0, room: 0, patience: ROOM }
+        Self { budget, levels, current: 0, late: 0, fitting: 0, raise_after: FITTING_FRAMES }
     }
 
-    /// The level now.
+    /// The current level.
     pub fn level(&self) -> &Level {
-        &self.levels[self.at]
+        &self.levels[self.current]
     }
 
     /// The scales of all levels.
@@ -95,32 +98,32 @@ impl Governor {
         scales
     }
 
-    /// Records the time of a frame; the new level, if it changes.
+    /// Records the time of a frame at the current level; the new level, if it changes.
     pub fn record(&mut self, took: Duration) -> Option<&Level> {
         let share = took.as_secs_f64() / self.budget.as_secs_f64();
         let now = self.level().work();
         let expected = |level: &Level| share * level.work() / now;
         if share > 1.0 {
-            (self.late, self.room) = (self.late + 1, 0);
-            if self.late < LATE && share <= GROSS {
+            (self.late, self.fitting) = (self.late + 1, 0);
+            if self.late < LATE_FRAMES && share <= FAR_TOO_LATE {
                 return None;
             }
-            let less = &self.levels[self.at + 1..];
-            let steps = less.iter().position(|level| expected(level) <= 1.0).map_or(less.len(), |fits| fits + 1);
+            let lower = &self.levels[self.current + 1..];
+            let steps = lower.iter().position(|level| expected(level) <= 1.0).map_or(lower.len(), |fits| fits + 1);
             if steps == 0 {
                 return None;
             }
-            (self.at, self.late) = (self.at + steps, 0);
-            self.patience = (2 * self.patience).min(LONGEST);
+            (self.current, self.late) = (self.current + steps, 0);
+            self.raise_after = (2 * self.raise_after).min(MAX_FITTING_FRAMES);
             return Some(self.level());
         }
         self.late = 0;
-        let more = self.at.checked_sub(1)?;
-        self.room = if expected(&self.levels[more]) < COMFORT { self.room + 1 } else { 0 };
-        if self.room < self.patience {
+        let higher = self.current.checked_sub(1)?;
+        self.fitting = if expected(&self.levels[higher]) < RAISE_SHARE { self.fitting + 1 } else { 0 };
+        if self.fitting < self.raise_after {
             return None;
         }
-        (self.at, self.room) = (more, 0);
+        (self.current, self.fitting) = (higher, 0);
         Some(self.level())
     }
 }
@@ -129,7 +132,8 @@ impl Governor {
 mod tests {
     use super::*;
 
-    fn after(governor: &mut Governor, frames: usize, milliseconds: u64) -> Vec<Level> {
+    /// The levels that a number of frames of equal time lead to.
+    fn levels_after(governor: &mut Governor, frames: usize, milliseconds: u64) -> Vec<Level> {
         (0..frames).filter_map(|_| governor.record(Duration::from_millis(milliseconds)).cloned()).collect()
     }
 
@@ -143,39 +147,40 @@ mod tests {
     }
 
     #[test]
-    fn layers_go_first_then_size_and_nothing_below() {
+    fn layers_are_reduced_first_then_the_size() {
         let mut governor = guided(4);
-        assert_eq!(after(&mut governor, 2, 40), [], "two late frames are an accident");
-        assert_eq!(pairs(&after(&mut governor, 40, 40)), [(2, 1.0), (1, 1.0), (1, 0.75), (1, 0.5)]);
+        assert_eq!(levels_after(&mut governor, 2, 40), [], "two late frames change nothing");
+        assert_eq!(pairs(&levels_after(&mut governor, 40, 40)), [(2, 1.0), (1, 1.0), (1, 0.75), (1, 0.5)]);
         let planes = Governor::new(Duration::from_millis(33), &LayerSpec::Planes(8), true);
         assert_eq!(planes.levels.len(), 3);
     }
 
     #[test]
-    fn it_goes_straight_to_the_most_that_fits() {
+    fn level_falls_at_once_to_the_highest_that_fits() {
         // Work 5, 3, 2, 1.125 and 0.5: of 60 ms 36, 24, …, of 100 ms 60, 40, 22.5.
         let mut governor = guided(4);
-        assert_eq!(pairs(&after(&mut governor, 3, 60)), [(1, 1.0)], "not past what fits");
+        assert_eq!(pairs(&levels_after(&mut governor, 3, 60)), [(1, 1.0)], "the highest that fits");
         let mut governor = guided(4);
-        assert_eq!(pairs(&after(&mut governor, 1, 100)), [(1, 0.75)], "far too much: at once");
+        assert_eq!(pairs(&levels_after(&mut governor, 1, 100)), [(1, 0.75)], "far too late: after one frame");
         let mut governor = guided(4);
-        assert_eq!(pairs(&after(&mut governor, 9, 1000)), [(1, 0.5)], "where nothing fits, the least, once");
+        assert_eq!(pairs(&levels_after(&mut governor, 9, 1000)), [(1, 0.5)], "nothing fits: the lowest, once");
     }
 
     #[test]
-    fn it_comes_back_when_there_is_room_and_the_more_slowly_the_more_often_that_failed() {
+    fn level_rises_later_each_time_it_was_lowered() {
         let mut governor = guided(2);
-        after(&mut governor, 3, 45);
-        assert_eq!(after(&mut governor, 300, 25), [], "two layers would not fit");
-        let back = |governor: &mut Governor| (1..1000).find(|_| governor.record(Duration::from_millis(10)).is_some());
-        assert_eq!(back(&mut governor), Some(2 * ROOM));
+        levels_after(&mut governor, 3, 45);
+        assert_eq!(levels_after(&mut governor, 300, 25), [], "two layers would not fit");
+        let frames_until_raised =
+            |governor: &mut Governor| (1..1000).find(|_| governor.record(Duration::from_millis(10)).is_some());
+        assert_eq!(frames_until_raised(&mut governor), Some(2 * FITTING_FRAMES));
         assert_eq!(governor.level().layers, LayerSpec::guided(2));
-        after(&mut governor, 3, 45);
-        assert_eq!(back(&mut governor), Some(4 * ROOM));
+        levels_after(&mut governor, 3, 45);
+        assert_eq!(frames_until_raised(&mut governor), Some(4 * FITTING_FRAMES));
     }
 
     #[test]
-    fn surface_layers_are_the_best_level_and_guided_ones_stand_below() {
+    fn guided_layers_are_the_levels_below_surface_layers() {
         let ladder = |layers, opacities| {
             let governor = Governor::new(Duration::from_millis(33), &LayerSpec::Surface(layers), opacities);
             governor.levels.iter().map(|level| format!("{} {}", level.layers, level.scale)).collect::<Vec<_>>()
@@ -185,10 +190,10 @@ mod tests {
         assert_eq!(ladder(1, true), [&["surface:1 1"], &below[..]].concat());
         assert_eq!(ladder(1, false), [&["surface:1 1"], &below[1..]].concat());
         let mut governor = Governor::new(Duration::from_millis(33), &LayerSpec::Surface(1), true);
-        let levels = after(&mut governor, 3, 60);
+        let levels = levels_after(&mut governor, 3, 60);
         assert_eq!(pairs(&levels), [(2, 1.0)], "work 7 and 3: of 60 ms 26");
-        assert_eq!(after(&mut governor, 100, 12), [], "surface layers would take 28");
-        let back = after(&mut governor, 100, 10);
+        assert_eq!(levels_after(&mut governor, 100, 12), [], "surface layers would take 28 ms");
+        let back = levels_after(&mut governor, 100, 10);
         assert_eq!(back[0].layers, LayerSpec::Surface(1));
     }
 }

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use liveview::image::{coloured, encode, encode_gray16_png};
 use liveview::{Scene, ViewDepth};
 use liveview_common::args::output::{has_ending, refuse_stdout, stem, write_whole};
-use liveview_common::outputs::Claims;
+use liveview_common::outputs::OutputPlan;
 use ndarray_npy::WriteNpyExt;
 use serde_json::json;
 
@@ -16,7 +16,7 @@ use super::truth::Truth;
 const ENDINGS: [&str; 4] = [".png", "_scale.json", ".npy", "_colour.png"];
 
 /// The files of each of these views, in a folder that is made; refuses, before any work, what cannot be written.
-pub(super) fn claimed(
+pub(super) fn planned(
     folder: &Path,
     scene: &Scene,
     views: &[usize],
@@ -31,15 +31,18 @@ pub(super) fn claimed(
     if truth.is_some_and(|truth| same(truth.folder())) {
         bail!("-o {shown}: would overwrite the true depth of the scene; expected another place");
     }
-    let mut claims = Claims::new(scene);
+    let mut output_plan = OutputPlan::new(scene);
     let mut all = Vec::with_capacity(views.len());
     for &view in views {
         let name = &scene.views[view].name;
         let files = ENDINGS.map(|ending| folder.join(stem(name) + ending));
-        files.iter().try_for_each(|file| claims.file("-o", file)).with_context(|| format!("the depth of {name}"))?;
+        files
+            .iter()
+            .try_for_each(|file| output_plan.file("-o", file))
+            .with_context(|| format!("the depth of {name}"))?;
         all.push(files);
     }
-    claims.prepare()?;
+    output_plan.prepare()?;
     Ok(all)
 }
 

@@ -56,8 +56,8 @@ pub(crate) struct DepthArgs {
     output: PathBuf,
 }
 
-/// What is told of a photo's depth.
-struct Told {
+/// The report on a photo's depth.
+struct Report {
     name: String,
     depth: ViewDepthSummary,
     score: Option<Score>,
@@ -85,13 +85,13 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
         print_message("note", format!("{error:#}: not scored"));
         None
     });
-    let all_files = files::claimed(&args.output, scene, &views, truth.as_ref())?;
+    let all_files = files::planned(&args.output, scene, &views, truth.as_ref())?;
     args.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
     start_threads(args.threads.unwrap_or_else(|| ModelOptions::default().threads_or_default()))?;
     let bar = progress("photos")?;
     bar.set_length(views.len() as u64);
     let stop = if views.len() > 1 { interrupt::watch(Vec::new())? } else { Arc::default() };
-    let (mut told, mut range) = (Vec::with_capacity(views.len()), (0.0, 0.0));
+    let (mut reports, mut range) = (Vec::with_capacity(views.len()), (0.0, 0.0));
     for (index, (&view, files)) in views.iter().zip(all_files).enumerate() {
         if stop.load(Ordering::Relaxed) {
             bar.finish_and_clear();
@@ -109,11 +109,11 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
         let name = shown.name.clone();
         bar.suspend(|| print_notes(&photos.take_notes()));
         range = depth.range;
-        told.push(Told { name, depth: summary(&depth), score, files });
+        reports.push(Report { name, depth: summary(&depth), score, files });
         bar.inc(1);
     }
     bar.finish_and_clear();
-    Ok(table::output(photos.views().scene(), &told, range, &held_out))
+    Ok(table::output(photos.views().scene(), &reports, range, &held_out))
 }
 
 /// The views to write, and those that are held out.

@@ -9,13 +9,13 @@ use liveview_common::console::{Output, shown};
 use liveview_common::measure::{peak_memory, time_text};
 use serde_json::{Value, json};
 
-use super::Told;
+use super::Report;
 use super::truth::{Score, WITHIN};
 
-pub(super) fn output(scene: &Scene, told: &[Told], (near, far): (f64, f64), held_out: &[usize]) -> Output {
-    let scored = told.iter().any(|one| one.score.is_some());
-    let width = told.iter().map(|one| one.name.chars().count()).max().unwrap_or(0).max(5);
-    let mut text = format!("{} photos, searched from {near:.4} to {far:.4} scene units\n", told.len());
+pub(super) fn output(scene: &Scene, reports: &[Report], (near, far): (f64, f64), held_out: &[usize]) -> Output {
+    let scored = reports.iter().any(|one| one.score.is_some());
+    let width = reports.iter().map(|one| one.name.chars().count()).max().unwrap_or(0).max(5);
+    let mut text = format!("{} photos, searched from {near:.4} to {far:.4} scene units\n", reports.len());
     if scored {
         let of = WITHIN.map(|most| format!("{most}")).join(", ");
         let _ =
@@ -23,7 +23,7 @@ pub(super) fn output(scene: &Scene, told: &[Told], (near, far): (f64, f64), held
     }
     let truth = if scored { format!("  {:^20} | {:^20}", "confirmed", "all") } else { String::new() };
     let _ = writeln!(text, "\n{:width$}  confirmed     nearest    farthest          time{truth}", "photo");
-    for Told { name, depth, score, .. } in told {
+    for Report { name, depth, score, .. } in reports {
         let span = match depth.span {
             Some((nearest, farthest)) => format!("{nearest:10.4}  {farthest:10.4}"),
             None => format!("{:>10}  {:>10}", "-", "-"),
@@ -36,26 +36,26 @@ pub(super) fn output(scene: &Scene, told: &[Told], (near, far): (f64, f64), held
         let score = score.as_ref().map(|score| format!("  {}", cells(score))).unwrap_or_default();
         let _ = writeln!(text, "{name:width$}  {:7.1} %  {span}  {time:>12}{score}", 100.0 * depth.confirmed);
     }
-    let mean = mean(told);
-    if let (Some(mean), true) = (&mean, told.len() > 1) {
-        let confirmed = told.iter().map(|one| one.depth.confirmed).sum::<f64>() / told.len() as f64;
+    let mean = mean(reports);
+    if let (Some(mean), true) = (&mean, reports.len() > 1) {
+        let confirmed = reports.iter().map(|one| one.depth.confirmed).sum::<f64>() / reports.len() as f64;
         let _ = writeln!(text, "{:width$}  {:7.1} %  {:36}  {}", "mean", 100.0 * confirmed, "", cells(mean));
     }
-    if let [first, ..] = told {
+    if let [first, ..] = reports {
         let folder = first.files[0].parent().unwrap_or(Path::new(""));
-        let _ = writeln!(text, "\nwrote {} files in {}", 4 * told.len(), folder.display());
+        let _ = writeln!(text, "\nwrote {} files in {}", 4 * reports.len(), folder.display());
     }
     let json = json!({
         "scene": shown(&scene.root), "near": near, "far": far,
         "held_out": held_out.iter().map(|&view| &scene.views[view].name).collect::<Vec<_>>(),
-        "photos": told.iter().map(photo).collect::<Vec<_>>(), "within_pixels": WITHIN, "mean": mean.as_ref().map(shares),
+        "photos": reports.iter().map(photo).collect::<Vec<_>>(), "within_pixels": WITHIN, "mean": mean.as_ref().map(shares),
         "peak_memory_bytes": peak_memory(), "notes": scene.notes,
     });
     Output { text, json }
 }
 
-fn photo(told: &Told) -> Value {
-    let Told { name, depth, score, files } = told;
+fn photo(report: &Report) -> Value {
+    let Report { name, depth, score, files } = report;
     let source = match depth.source {
         DepthSource::Kept => "kept",
         DepthSource::Alone => "alone",
@@ -79,8 +79,8 @@ fn cells(score: &Score) -> String {
 }
 
 /// The mean of the photos that have a score.
-fn mean(told: &[Told]) -> Option<Score> {
-    let scores: Vec<&Score> = told.iter().filter_map(|one| one.score.as_ref()).collect();
+fn mean(reports: &[Report]) -> Option<Score> {
+    let scores: Vec<&Score> = reports.iter().filter_map(|one| one.score.as_ref()).collect();
     let mean = |of: fn(&Score) -> [f64; 3]| {
         std::array::from_fn(|k| scores.iter().map(|score| of(score)[k]).sum::<f64>() / scores.len() as f64)
     };

@@ -15,7 +15,7 @@ use liveview_common::args::output::expect_png;
 use liveview_common::console::shown;
 use liveview_common::job::Job;
 use liveview_common::measure::Times;
-use liveview_common::outputs::Claims;
+use liveview_common::outputs::OutputPlan;
 use liveview_common::statistics::{PixelError, percentile};
 use ndarray::{Array2, s};
 use serde_json::{Value, json};
@@ -53,13 +53,13 @@ pub(super) struct Explanation {
 
 impl ExplainArgs {
     /// Checks the options before any work.
-    pub(super) fn claim(&self, shots: &[Shot], claims: &mut Claims) -> Result<()> {
+    pub(super) fn plan_outputs(&self, shots: &[Shot], output_plan: &mut OutputPlan) -> Result<()> {
         let Some(file) = &self.explain else { return Ok(()) };
         if shots.len() != 1 {
             bail!("--explain {}: {} pictures are rendered; expected one target", file.display(), shots.len());
         }
         expect_png("--explain", file)?;
-        claims.file("--explain", file)
+        output_plan.file("--explain", file)
     }
 
     /// Explains a render, if asked to.

@@ -26,7 +26,7 @@ use liveview_common::interrupt::{self, Interrupted};
 use liveview_common::job::Job;
 use liveview_common::kept_models::KeptModels;
 use liveview_common::measure::Times;
-use liveview_common::outputs::Claims;
+use liveview_common::outputs::OutputPlan;
 use outputs::{OutputArgs, Outputs, disparity_max};
 use rendered::Rendered;
 
@@ -95,13 +95,13 @@ fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<
     let moving = targets.moving;
     let all = job.synthesizer.shots(targets)?;
     let shots = args.shard.map_or_else(|| all.clone(), |shard| shard.of(all.clone()));
-    let mut claims = Claims::new(job.scene());
+    let mut output_plan = OutputPlan::new(job.scene());
     let (option, file) = args.targets.camera_file();
-    claims.protect(option, file);
-    args.model.protect(&mut claims, job.model.path());
-    outputs.claim(&shots, &mut claims)?;
-    args.explain.claim(&shots, &mut claims)?;
-    claims.prepare()?;
+    output_plan.protect(option, file);
+    args.model.protect(&mut output_plan, job.model.path());
+    outputs.plan_outputs(&shots, &mut output_plan)?;
+    args.explain.plan_outputs(&shots, &mut output_plan)?;
+    output_plan.prepare()?;
     outputs.begin(&shots, &all, || record::fields(job, &all, &args.targets, &args.layers))?;
     job.progress = progress("layers")?;
     let wanted = shots.len();
@@ -192,7 +192,8 @@ fn render(
         if truth.is_some() && score.is_none() {
             print_message("note", format!("{}: too small to be scored", shot.name));
         }
-        let times = Times { photos, coarse: plan.search, select: plan.selection, stages: frame.times };
+        let weighting = job.model.weighting_stage();
+        let times = Times { photos, depth: plan.search, select: plan.selection, weighting, stages: frame.times };
         let about = Explained {
             shot: &shot,
             loaded: &loaded,

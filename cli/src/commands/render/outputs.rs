@@ -11,7 +11,7 @@ use liveview::{Frame, ImageRgb, Shot};
 use liveview_common::args::frame_rate::{FrameRate, frame_rate};
 use liveview_common::args::output::{Place, Variant, write_whole};
 use liveview_common::ffmpeg::{Encoder, is_video};
-use liveview_common::outputs::{Claims, tell_others};
+use liveview_common::outputs::{OutputPlan, note_other_pictures};
 use serde_json::json;
 
 use super::record::{self, Fields, Record};
@@ -104,7 +104,7 @@ impl Outputs {
     }
 
     /// Checks the options against what will be rendered, before the work.
-    pub(super) fn claim(&mut self, shots: &[Shot], claims: &mut Claims) -> Result<()> {
+    pub(super) fn plan_outputs(&mut self, shots: &[Shot], output_plan: &mut OutputPlan) -> Result<()> {
         let places: [(&str, &Option<Place>, &[Variant]); 3] =
             [("-o", &self.pictures, &PLAIN), ("--depth", &self.depth, &DEPTH), ("--compare", &self.compare, &PLAIN)];
         for (option, place, variants) in places {
@@ -115,7 +115,7 @@ impl Outputs {
             }
             let wanted = shots.iter().flat_map(|shot| variants.iter().map(|v| place.file(shot, v.0, v.1)));
             for file in wanted {
-                claims.file(option, &file)?;
+                output_plan.file(option, &file)?;
             }
         }
         if let Some(Place::Folder(folder)) = &self.pictures {
@@ -124,10 +124,10 @@ impl Outputs {
                 let record = record.display();
                 bail!("-o {record}: no file that can be read again; expected the record of an earlier run, or nothing");
             }
-            claims.file("-o", &record)?;
+            output_plan.file("-o", &record)?;
         }
         if let Some(video) = &mut self.video {
-            claims.file("-o", video.path())?;
+            output_plan.file("-o", video.path())?;
             let sizes: HashSet<_> = shots.iter().map(|shot| shot.target.size()).collect();
             match sizes.into_iter().collect::<Vec<_>>()[..] {
                 [size] => video.set_size(size),
@@ -218,7 +218,7 @@ impl Outputs {
         folders.dedup();
         // A single picture is nobody's sequel.
         if all.len() > 1 {
-            folders.into_iter().for_each(|folder| tell_others(folder, |path| files.contains(path)));
+            folders.into_iter().for_each(|folder| note_other_pictures(folder, |path| files.contains(path)));
         }
         self.video.map(Encoder::finish).transpose()
     }

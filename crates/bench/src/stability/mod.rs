@@ -27,7 +27,7 @@ use liveview_common::args::output::{refuse_stdout, write_whole};
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::named;
 use liveview_common::console::{Output, print_notes, progress, shown};
-use liveview_common::outputs::Claims;
+use liveview_common::outputs::OutputPlan;
 use liveview_common::statistics::share;
 use ndarray::Array1;
 use outcome::{Errors, Outcome};
@@ -76,9 +76,12 @@ pub fn run(args: &StabilityArgs) -> Result<Output> {
     let photos = args.scene.open_at(WIDTH)?;
     let output = |name: &str| args.output.as_ref().map(|folder| folder.join(name));
     args.output.iter().try_for_each(|folder| refuse_stdout("-o", folder))?;
-    let mut claims = Claims::new(photos.scene());
-    ["stability.md", "stability.svg"].into_iter().filter_map(output).try_for_each(|file| claims.file("-o", &file))?;
-    claims.prepare()?;
+    let mut output_plan = OutputPlan::new(photos.scene());
+    ["stability.md", "stability.svg"]
+        .into_iter()
+        .filter_map(output)
+        .try_for_each(|file| output_plan.file("-o", &file))?;
+    output_plan.prepare()?;
     args.model.set_threads()?;
     let (network, model) = args.model.open_model(None)?;
     print_notes(&photos.scene().notes);

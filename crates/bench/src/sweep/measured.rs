@@ -35,7 +35,7 @@ impl Measured {
             let (height, width, _) = pixels.dim();
             self.pictures.push(ImageRgb::new(width, height, pixels.iter().copied().collect())?);
             if target == 0 {
-                let spent = if self.row.along_surface() { "coarse" } else { "select" };
+                let spent = if self.row.along_surface() { "depth" } else { "select" };
                 self.row.once = answer["seconds"][spent].as_f64().unwrap_or(0.0);
             }
             if let Some(count) = answer["layers"].as_u64() {
@@ -61,7 +61,7 @@ impl Measured {
     pub(super) fn finish(mut self) -> Row {
         if self.row.along_surface() {
             // Each picture finds its surface; what the first spent beyond that is the depth of the photos.
-            let surface = self.row.stages().into_iter().find_map(|(stage, time)| (stage == "coarse").then_some(time));
+            let surface = self.row.stages().into_iter().find_map(|(stage, time)| (stage == "depth").then_some(time));
             self.row.once = (self.row.once - surface.unwrap_or(0.0)).max(0.0);
         }
         self.row

@@ -164,7 +164,7 @@ pub(crate) mod tests {
     use super::*;
 
     pub(crate) fn row(layers: &str, count: usize, times: &[f64], psnr: f64) -> Row {
-        let run = |&time: &f64| vec![("coarse".to_owned(), 0.25 * time), ("network".to_owned(), 0.75 * time)];
+        let run = |&time: &f64| vec![("depth".to_owned(), 0.25 * time), ("network".to_owned(), 0.75 * time)];
         Row {
             layers: layers.to_owned(),
             engine: "test".to_owned(),

@@ -106,8 +106,14 @@ impl Renders {
         if let Some(path) = frame {
             save(path.as_ref(), &rendered.picture)?;
         }
-        let times =
-            Times { photos: Duration::ZERO, coarse: planned.search, select: planned.selection, stages: rendered.times };
+        let weighting = self.job.model.weighting_stage();
+        let times = Times {
+            photos: Duration::ZERO,
+            depth: planned.search,
+            select: planned.selection,
+            weighting,
+            stages: rendered.times,
+        };
         let seconds = times.stages().map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
         let layers = planned.layers.len();
         self.kept[target] = Some(planned.layers).filter(|_| matches!(self.job.layers(), LayerSpec::Select { .. }));

@@ -17,7 +17,7 @@ use super::model_names::{AlphaName, NetworkName, PrecisionName, ProviderChoice, 
 use super::numbers;
 use crate::console::print_message;
 use crate::ort_wheel::wheel;
-use crate::outputs::Claims;
+use crate::outputs::OutputPlan;
 
 /// Options that choose the model and how it is run.
 #[derive(Debug, Args)]
@@ -61,9 +61,9 @@ pub struct ModelArgs {
 
 impl ModelArgs {
     /// Protects the files of the model and of the engine.
-    pub fn protect(&self, claims: &mut Claims, model: Option<&Path>) {
-        claims.protect("--model", model);
-        claims.protect("--ort-lib", self.ort_lib.as_deref());
+    pub fn protect(&self, output_plan: &mut OutputPlan, model: Option<&Path>) {
+        output_plan.protect("--model", model);
+        output_plan.protect("--ort-lib", self.ort_lib.as_deref());
     }
 
     /// Whether there is no network.

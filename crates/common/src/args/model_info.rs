@@ -48,6 +48,11 @@ impl ModelInfo {
         self.model.as_ref().map(|model| &*model.path)
     }
 
+    /// The name of the stage that computes opacities and view weights: `network`, or `blend` without one.
+    pub fn weighting_stage(&self) -> &'static str {
+        if self.model.is_some() { "network" } else { "blend" }
+    }
+
     /// Execution provider and precision, or `no network`.
     pub fn engine(&self) -> String {
         self.model.as_ref().map_or_else(|| "no network".into(), OpenedModel::provider_and_precision)

@@ -13,14 +13,14 @@ use anyhow::{Result, anyhow, bail};
 use identity::{Identity, Spot};
 use liveview::Scene;
 use liveview::fs::atomic::{AtomicFile, is_special};
-pub use others::tell_others;
+pub use others::note_other_pictures;
 use scene_folder::SceneFolder;
 
 use crate::args::output::refuse_stdout;
 
 /// The output files of a command.
 #[derive(Debug)]
-pub struct Claims {
+pub struct OutputPlan {
     scene: SceneFolder,
     /// What would be lost with a file that exists, in words.
     inputs: HashMap<Identity, String>,
@@ -31,7 +31,7 @@ pub struct Claims {
     files: Vec<(String, PathBuf)>,
 }
 
-impl Claims {
+impl OutputPlan {
     /// No outputs yet, of a command that reads this scene.
     pub fn new(scene: &Scene) -> Self {
         let photo = |path: &Path| format!("a photo of the scene, {}", path.display());

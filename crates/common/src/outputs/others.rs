@@ -6,7 +6,7 @@ use crate::args::output::has_ending;
 use crate::console::print_message;
 
 /// Tells which pictures of a folder are not those written.
-pub fn tell_others(folder: &Path, is_written: impl Fn(&Path) -> bool) {
+pub fn note_other_pictures(folder: &Path, is_written: impl Fn(&Path) -> bool) {
     let listed = if folder == Path::new("") { Path::new(".") } else { folder };
     let entries = std::fs::read_dir(listed).into_iter().flatten().flatten().map(|entry| entry.file_name());
     let hidden = |name: &std::ffi::OsString| name.as_encoded_bytes().starts_with(b".");

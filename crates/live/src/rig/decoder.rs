@@ -10,7 +10,7 @@ use liveview::geometry::{MAX_SIDE, Size};
 use liveview_common::args::frame_rate::FrameRate;
 use liveview_common::ffmpeg::{Process, Running, command, detach};
 
-/// A video being read: ffmpeg writes each frame as a portable pixmap, whose header holds its size.
+/// A video that is being read. ffmpeg writes each frame as a portable pixmap (PPM), whose header holds the size.
 #[derive(Debug)]
 pub(super) struct Decoder {
     path: PathBuf,
@@ -19,7 +19,7 @@ pub(super) struct Decoder {
 }
 
 impl Decoder {
-    /// Reads every frame, or with a rate the frames shown at its times.
+    /// Starts ffmpeg, to read every frame, or with a rate the frame at each of its times.
     pub(super) fn start(path: &Path, rate: Option<FrameRate>) -> Result<Self> {
         let filter = rate.map(|rate| format!("fps={rate}"));
         let mut options = vec!["-pix_fmt", "rgb24"];
@@ -30,7 +30,7 @@ impl Decoder {
 
     fn start_with(path: &Path, options: &[&str]) -> Result<Self> {
         let mut command = command(&format!("{}: videos are read by ffmpeg, which is not on the PATH", path.display()))?;
-        // Absolute: of a path that begins with a name and a colon ffmpeg would take the name for a protocol's.
+        // Absolute: ffmpeg takes a name before a colon for a protocol.
         command.arg("-i").arg(std::path::absolute(path)?).arg("-an").args(options).arg("-");
         detach(&mut command);
         let process = Process::start(command.stdin(Stdio::null()).stdout(Stdio::piped()), None)?;
@@ -40,7 +40,7 @@ impl Decoder {
 
     /// The frame rate of a video.
     pub(super) fn rate(path: &Path) -> Result<FrameRate> {
-        // The only format with a rate in words; the pixels are not looked at.
+        // The y4m header holds the rate; the pixels are not read.
         let mut decoder = Self::start_with(path, &["-frames:v", "1", "-pix_fmt", "gray", "-f", "yuv4mpegpipe"])?;
         let mut header = String::new();
         let _ = decoder.reading(|pipe| pipe.by_ref().take(256).read_line(&mut header));
@@ -48,16 +48,16 @@ impl Decoder {
         match rate {
             Some(rate) => Ok(rate),
             None if header.is_empty() => Err(decoder.failed()),
-            None => bail!("{}: ffmpeg tells no frame rate", path.display()),
+            None => bail!("{}: ffmpeg reports no frame rate", path.display()),
         }
     }
 
     /// The number of frames of a video.
     pub(super) fn count(path: &Path) -> Result<usize> {
-        // A line for each packet, which holds a frame, and lines of comment.
+        // One line for each packet, which holds a frame, and comments.
         let mut decoder = Self::start_with(path, &["-map", "0:v:0", "-c", "copy", "-f", "framecrc"])?;
         let (mut count, mut line) = (0, String::new());
-        // Line by line: ffmpeg hangs where none comes for long, not where there are many.
+        // Line by line, so that the check for a hanging ffmpeg sees each of them.
         while decoder.reading(|pipe| pipe.read_line(&mut line))? > 0 {
             count += usize::from(!line.starts_with('#'));
             line.clear();
@@ -65,7 +65,7 @@ impl Decoder {
         if decoder.process.wait()?.success() { Ok(count) } else { Err(decoder.failed()) }
     }
 
-    /// A handle with which another thread can end ffmpeg, while this one waits for a frame.
+    /// A handle with which another thread can end ffmpeg while this one waits for a frame.
     pub(super) fn running(&self) -> Running {
         self.process.running()
     }
@@ -79,7 +79,7 @@ impl Decoder {
         anyhow!("{}: {}", self.path.display(), self.process.failure())
     }
 
-    /// Width and height of the next frame, whose pixels follow; `None` at the end.
+    /// The size of the next frame, whose pixels follow; `None` at the end.
     fn header(&mut self) -> Result<Option<Size>> {
         if self.reading(|pipe| pipe.fill_buf().map(<[u8]>::is_empty))? {
             return if self.process.wait()?.success() { Ok(None) } else { Err(self.failed()) };
@@ -88,7 +88,7 @@ impl Decoder {
         while words.len() < 4 {
             let mut line = String::new();
             if self.reading(|pipe| pipe.by_ref().take(64).read_line(&mut line))? == 0 {
-                bail!("{}: ffmpeg stopped within a frame", self.path.display());
+                bail!("{}: ffmpeg ended within a frame", self.path.display());
             }
             words.extend(line.split_whitespace().map(str::to_owned));
         }
@@ -108,7 +108,7 @@ impl Decoder {
         Ok(Some(ImageRgb::new(size.width, size.height, bytes.iter().map(|&byte| f32::from(byte) / 255.0).collect())?))
     }
 
-    /// Skips a frame; whether there was one.
+    /// Skips a frame; false at the end.
     pub(super) fn skip(&mut self) -> Result<bool> {
         let Some(size) = self.header()? else { return Ok(false) };
         let size = 3 * size.pixels() as u64;

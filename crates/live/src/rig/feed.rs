@@ -1,4 +1,4 @@
-//! What one camera delivers: a folder of photos or a video file, read one frame at a time.
+//! The frames of one camera: a folder of photos or a video file, read one frame at a time.
 
 use std::path::{Path, PathBuf};
 
@@ -14,10 +14,10 @@ use super::frame_names::{Photos, photos_in};
 
 const VIDEOS: [&str; 7] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
 
-/// A camera's frames, unread.
+/// A camera of a rig, and where its frames are read from.
 #[derive(Debug, Clone)]
 pub struct Feed {
-    /// Of its folder, or of its file without the ending.
+    /// The name of its folder, or of its video without the extension.
     pub name: String,
     frames: Frames,
 }
@@ -25,7 +25,7 @@ pub struct Feed {
 #[derive(Debug, Clone)]
 enum Frames {
     Photos(Photos),
-    /// With a rate the frames shown at its times, else all.
+    /// All frames, or with a rate the frame at each of its times.
     Video(PathBuf, Option<FrameRate>),
 }
 
@@ -56,7 +56,7 @@ impl Feed {
         Ok(feeds)
     }
 
-    /// Time steps, where they can be told without reading: one more than the last.
+    /// The number of time steps, one more than the last; `None` for a video, which would have to be read.
     pub fn steps(&self) -> Option<usize> {
         match &self.frames {
             Frames::Photos(photos) => photos.last_key_value().map(|(last, _)| last + 1),
@@ -64,10 +64,10 @@ impl Feed {
         }
     }
 
-    /// Time steps; those of a video are counted by ffmpeg, without decoding.
+    /// The number of time steps; ffmpeg counts those of a video, without decoding.
     ///
     /// # Errors
-    /// Of a video: ffmpeg cannot read it.
+    /// ffmpeg cannot read the video.
     pub fn count_steps(&self) -> Result<usize> {
         match &self.frames {
             Frames::Photos(_) => Ok(self.steps().unwrap_or(0)),
@@ -84,7 +84,7 @@ impl Feed {
         matches!(self.frames, Frames::Video(..))
     }
 
-    /// The photos, if they are that.
+    /// Its name and its photos, if it is a folder of photos.
     pub fn photos_mut(&mut self) -> Option<(&str, &mut Photos)> {
         match &mut self.frames {
             Frames::Photos(photos) => Some((&self.name, photos)),
@@ -92,7 +92,7 @@ impl Feed {
         }
     }
 
-    /// The frame rate, if it is a video.
+    /// The frame rate of a video.
     pub fn rate(&self) -> Result<Option<FrameRate>> {
         match &self.frames {
             Frames::Photos(_) => Ok(None),
@@ -100,17 +100,17 @@ impl Feed {
         }
     }
 
-    /// Lets a video deliver the frames shown at the times of a rate.
+    /// Makes a video deliver the frame at each time of a rate.
     pub fn set_rate(&mut self, steps: FrameRate) {
         if let Frames::Video(_, rate) = &mut self.frames {
             *rate = Some(steps);
         }
     }
 
-    /// Its first frame that can be read.
+    /// Its first readable frame.
     ///
     /// # Errors
-    /// None can; what is wrong with the first.
+    /// No frame can be read; the error of the first.
     pub fn first_frame(&self) -> Result<FirstFrame> {
         match &self.frames {
             Frames::Photos(photos) => {
@@ -130,10 +130,10 @@ impl Feed {
         }
     }
 
-    /// The pixels of that frame.
+    /// The pixels of the first readable frame.
     ///
     /// # Errors
-    /// It is damaged, or gone.
+    /// The file is damaged or missing.
     pub fn load_first(&self, first: &FirstFrame) -> Result<ImageRgb> {
         match &self.frames {
             Frames::Photos(_) => Ok(image::load(&first.path)?),
@@ -141,7 +141,7 @@ impl Feed {
         }
     }
 
-    /// Its frames, from the first on.
+    /// A reader of its frames, from the first on.
     pub fn open(&self) -> Result<Reader> {
         Ok(match &self.frames {
             Frames::Photos(photos) => Reader(OpenFrames::Photos(photos.clone())),
@@ -150,10 +150,10 @@ impl Feed {
     }
 }
 
-/// The first frame of a camera that can be read.
+/// The first readable frame of a camera.
 #[derive(Debug, Clone)]
 pub struct FirstFrame {
-    /// Its file, or that of the video.
+    /// The photo or the video.
     pub path: PathBuf,
     /// In pixels.
     pub size: Size,
@@ -164,7 +164,7 @@ fn first_of_video(path: &Path) -> Result<ImageRgb> {
     first.ok_or_else(|| anyhow!("{}: the video holds no frame", path.display()))
 }
 
-/// Frames of a camera in the order of time.
+/// Reads the frames of a camera in the order of time.
 #[derive(Debug)]
 pub struct Reader(OpenFrames);
 
@@ -174,19 +174,19 @@ enum OpenFrames {
     Video(Decoder),
 }
 
-/// What a camera has at a time step.
+/// The result of reading a time step of a camera.
 #[derive(Debug)]
 pub enum Delivered {
     /// Its photo.
     Photo(ImageRgb),
-    /// No file for this step, though there are later ones.
+    /// There is no frame for this step, but later ones.
     Missing,
-    /// Nothing more.
+    /// There are no more frames.
     Ended,
 }
 
 impl Reader {
-    /// The ffmpeg that reads it, if it is a video.
+    /// The ffmpeg process that reads a video.
     pub fn decoder(&self) -> Option<Running> {
         match &self.0 {
             OpenFrames::Photos(_) => None,
@@ -194,10 +194,10 @@ impl Reader {
         }
     }
 
-    /// The frame of a time step; a video is read in order.
+    /// Reads the frame of a time step; a video must be read in order.
     ///
     /// # Errors
-    /// A photo that is damaged; a decoder that failed.
+    /// The photo is damaged, or the decoder failed.
     pub fn read(&mut self, step: usize) -> Result<Delivered> {
         match &mut self.0 {
             OpenFrames::Photos(photos) => match photos.get(&step) {
@@ -209,7 +209,7 @@ impl Reader {
         }
     }
 
-    /// Passes over the frame of a time step; whether there may be more.
+    /// Skips the frame of a time step; false if there are no more.
     pub fn skip(&mut self, step: usize) -> Result<bool> {
         match &mut self.0 {
             OpenFrames::Photos(photos) => Ok(photos.range(step..).next().is_some()),

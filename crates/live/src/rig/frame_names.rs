@@ -1,4 +1,4 @@
-//! The frames in a camera's folder, by the numbers in their names.
+//! The photos in a camera's folder, by the numbers in their names.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -6,48 +6,48 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use liveview_common::args::output::has_ending;
 
-const PHOTOS: [&str; 3] = ["png", "jpg", "jpeg"];
+const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 /// Largest number of a frame: nanoseconds of 290 years.
-const LARGEST: usize = i64::MAX as usize;
-/// Decimals of a time stamp in seconds that are read, after which comes nothing that could tell frames apart.
-const DECIMALS: usize = 9;
+const MAX_NUMBER: usize = i64::MAX as usize;
+/// Most decimals of a time stamp in seconds: nanoseconds.
+const MAX_DECIMALS: usize = 9;
 
-/// A camera's frames: by the numbers in their names, or by time step.
+/// Photos of a camera, by the numbers in their names or by time step.
 pub(super) type Photos = BTreeMap<usize, PathBuf>;
 
-/// The photos of a folder: by the last number in their names where all have one of their own, by their order otherwise.
+/// The photos of a folder: by the last number in their names if these all differ, else by their order.
 ///
 /// # Errors
-/// A folder that cannot be read; a number that is too large.
+/// The folder cannot be read, or a number is too large.
 pub(super) fn photos_in(folder: &Path) -> Result<Photos> {
     let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
     let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<std::io::Result<Vec<_>>>()?;
     paths.retain(|path| {
         let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
-        !hidden && has_ending(path, &PHOTOS) && !path.is_dir()
+        !hidden && has_ending(path, &EXTENSIONS) && !path.is_dir()
     });
     paths.sort();
     let mut numbered = BTreeMap::new();
     for path in &paths {
         let Some(digits) = last_number(path) else { break };
-        let Some(number) = digits.parse().ok().filter(|&number: &usize| number <= LARGEST) else {
-            bail!("{}: the number in its name is larger than {LARGEST}", path.display());
+        let Some(number) = digits.parse().ok().filter(|&number: &usize| number <= MAX_NUMBER) else {
+            bail!("{}: the number in its name is larger than {MAX_NUMBER}", path.display());
         };
         numbered.insert(number, path.clone());
     }
     Ok(if numbered.len() == paths.len() { numbered } else { paths.into_iter().enumerate().collect() })
 }
 
-/// The digits of the last number in a name. One of seconds, such as `1305031102.175304`, in nanoseconds.
+/// The digits of the last number in a name; a time stamp in seconds, such as `1305031102.175304`, is converted to nanoseconds.
 fn last_number(path: &Path) -> Option<String> {
     let stem = path.file_stem()?.to_str()?;
     let digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
     if let Some((seconds, decimals)) = stem.split_once('.')
-        && (3..=DECIMALS).contains(&decimals.len())
+        && (3..=MAX_DECIMALS).contains(&decimals.len())
         && digits(seconds)
         && digits(decimals)
     {
-        return Some(format!("{seconds}{decimals:0<DECIMALS$}"));
+        return Some(format!("{seconds}{decimals:0<MAX_DECIMALS$}"));
     }
     let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
     let start = stem[..end]
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_are_matched_by_number_or_by_order() {
+    fn photos_are_keyed_by_number_or_by_order() {
         let numbered = ["f2_10.jpg", "f2_9.jpg", "f2_12.PNG", "notes.txt", ".f2_1.jpg"];
         let expected = [(9, "f2_9.jpg"), (10, "f2_10.jpg"), (12, "f2_12.PNG")].map(|(k, n)| (k, n.to_owned()));
         assert_eq!(names(&folder(&numbered)), expected);
@@ -81,14 +81,14 @@ mod tests {
     }
 
     #[test]
-    fn seconds_with_decimals_are_in_order() {
+    fn time_stamps_in_seconds_become_nanoseconds() {
         let found = names(&folder(&["1700000000.900000.png", "1700000001.000000.png"]));
         let numbers: Vec<usize> = found.iter().map(|(number, _)| *number).collect();
         assert_eq!(numbers, [1_700_000_000_900_000_000, 1_700_000_001_000_000_000]);
     }
 
     #[test]
-    fn a_number_that_is_too_large_is_refused() {
+    fn too_large_number_is_refused() {
         for name in ["18446744073709551615.png", "9223372036854775808.png", "99999999999999999999999.png"] {
             let error = photos_in(folder(&["1.png", name]).path()).unwrap_err().to_string();
             assert!(error.contains(name) && error.contains("larger than 9223372036854775807"), "{error}");

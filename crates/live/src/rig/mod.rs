@@ -1,5 +1,5 @@
-//! A camera rig: a folder with a folder of frames or a video file for each camera, and their poses in any format. Opened as a
-//! scene whose photos are the cameras' first frames.
+//! A camera rig: a folder with a folder of frames or a video file for each camera, and their poses in any format. It is opened as
+//! a scene whose photos are the cameras' first frames.
 
 mod decoder;
 mod feed;
@@ -23,36 +23,35 @@ use steps::{align, match_rates};
 
 pub use feed::{Delivered, Feed, Reader};
 
-/// Folders of a rig that may hold its cameras.
+/// Folders of a rig in which its cameras may lie.
 const FOLDERS: [&str; 4] = ["", "images", "frames", "videos"];
-/// Cameras read beyond those that a frame needs, in case one delivers nothing.
-pub const SPARE: usize = 2;
+/// Cameras that are read in addition to those that a frame needs, in case one delivers no photo.
+pub const SPARE_CAMERAS: usize = 2;
 
-/// A rig: the poses and what each delivers.
+/// A rig: the poses of its cameras, and their frames.
 #[derive(Debug)]
 pub struct Rig {
     /// The poses, with the first frame of each camera as photos.
     pub views: SceneViews,
-    /// One per view of the scene.
+    /// The frames of each camera, in the order of the scene's views.
     pub feeds: Vec<Feed>,
 }
 
 impl Rig {
-    /// Opens a rig; what was left out stands in the scene's notes.
+    /// Opens a rig. The scene's notes say what was left out.
     ///
     /// # Errors
-    /// No cameras, fewer than two that can be read, or no poses; what the scene refuses.
+    /// Fewer than two readable cameras, no poses, or an error of the scene.
     pub fn open(args: &SceneArgs) -> Result<Self> {
         let (scene, feeds) = open_scene(args.folder(), &args.options())?;
         Ok(Self { views: args.with_depth(scene), feeds })
     }
 
-    /// Opens a folder if it is a rig; else it is a scene, or nothing that can be opened.
-    ///
-    /// A rig has several cameras in folders or videos of their own, one of several frames at least, and no camera of a folder moves.
+    /// Opens a folder if it is a rig: several cameras, each with a folder or a video, at least one with several frames, and a single
+    /// pose for each folder.
     ///
     /// # Errors
-    /// Those of [`Self::open`] where there are videos.
+    /// Those of [`Self::open`], if there are videos.
     pub fn find(args: &SceneArgs) -> Result<Option<Self>> {
         let feeds = find(args.folder()).unwrap_or_default();
         if feeds.is_empty() || feeds.iter().all(|feed| feed.steps().is_some_and(|steps| steps < 2)) {
@@ -66,33 +65,33 @@ impl Rig {
         match Self::open(args) {
             Ok(rig) => Ok(Some(rig)),
             Err(error) if feeds.iter().any(Feed::is_video) => Err(error),
-            // What opening it as a scene says is nearer to the cause.
+            // The error of opening it as a scene says more.
             Err(_) => Ok(None),
         }
     }
 
-    /// Time steps of these cameras.
+    /// The number of time steps of these cameras.
     ///
     /// # Errors
-    /// A video that ffmpeg cannot read.
+    /// ffmpeg cannot read a video.
     pub fn steps(&self, cameras: &[usize]) -> Result<usize> {
         let steps = cameras.iter().map(|&camera| self.feeds[camera].count_steps());
         Ok(steps.collect::<Result<Vec<_>>>()?.into_iter().max().unwrap_or(0))
     }
 
-    /// The rate of its steps, where they are those of videos.
+    /// The lowest frame rate of its videos, which is that of its time steps; `None` without videos.
     ///
     /// # Errors
-    /// A video that ffmpeg cannot read.
+    /// ffmpeg cannot read a video.
     pub fn rate(&self) -> Result<Option<FrameRate>> {
         let rates = self.feeds.iter().map(Feed::rate).collect::<Result<Vec<_>>>()?;
         Ok(rates.into_iter().flatten().min())
     }
 
-    /// The cameras to read for these targets: of each the nearest that are free, `most` if there are so many.
+    /// The cameras to read for these targets: for each the nearest of the `free` ones, `most` or as many as there are.
     ///
     /// # Errors
-    /// Fewer than `fewest` look a target's way.
+    /// Fewer than `fewest` cameras see what a target sees.
     pub fn cameras_for(
         &self,
         targets: &[Camera],
@@ -100,17 +99,17 @@ impl Rig {
         (fewest, most): (usize, usize),
     ) -> Result<Vec<usize>> {
         let cameras: Vec<&Camera> = self.views.cameras(free).collect();
-        let mut read = BTreeSet::new();
+        let mut chosen = BTreeSet::new();
         for target in targets {
-            let some = (fewest..=most).rev().find_map(|count| choose_views(&cameras, target, count).ok());
-            let some = some.map_or_else(|| choose_views(&cameras, target, fewest), Ok);
-            read.extend(some.map_err(|error| anyhow!("{}: {error}", self.views.scene().root.display()))?);
+            let views = (fewest..=most).rev().find_map(|count| choose_views(&cameras, target, count).ok());
+            let views = views.map_or_else(|| choose_views(&cameras, target, fewest), Ok);
+            chosen.extend(views.map_err(|error| anyhow!("{}: {error}", self.views.scene().root.display()))?);
         }
-        Ok(read.into_iter().map(|camera| free[camera]).collect())
+        Ok(chosen.into_iter().map(|camera| free[camera]).collect())
     }
 }
 
-/// The scene of the rig's cameras, and the camera of each view.
+/// The scene of a rig's cameras, and the frames of each view.
 fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)> {
     if !root.is_dir() {
         bail!("{}: expected the folder of a rig", root.display());
@@ -132,7 +131,11 @@ fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)>
         bail!("{root}: {read} of {count} cameras can be read; expected 2 or more; {}", left_out.join("; "));
     }
     if cameras.len() < count && root.join("poses_bounds.npy").is_file() {
-        bail!("{}: poses_bounds.npy goes by the order of the cameras, but {}", root.display(), left_out.join("; "));
+        bail!(
+            "{}: poses_bounds.npy lists its poses in the order of the cameras, but {}",
+            root.display(),
+            left_out.join("; ")
+        );
     }
     notes.extend(left_out);
     notes.extend(match_rates(cameras.iter_mut().map(|camera| &mut camera.feed), &rates));
@@ -153,17 +156,17 @@ fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)>
     Ok((scene, feeds))
 }
 
-/// Whether the photos of a scene lie in several folders, and those of one folder have one pose.
+/// Whether a scene's photos lie in several folders, with a single pose for each folder.
 fn is_of_rig(scene: &Scene) -> bool {
     let mut folders: BTreeMap<&Path, &Camera> = BTreeMap::new();
-    let of_one_pose = scene.views.iter().all(|view| {
+    let single_pose = scene.views.iter().all(|view| {
         let folder = view.image_path().parent().unwrap_or(Path::new(""));
         *folders.entry(folder).or_insert(&view.camera) == &view.camera
     });
-    of_one_pose && folders.len() > 1
+    single_pose && folders.len() > 1
 }
 
-/// The first folder that holds cameras.
+/// The cameras in the first folder that holds several.
 fn find(root: &Path) -> Result<Vec<Feed>> {
     for folder in FOLDERS.map(|folder| root.join(folder)).iter().filter(|folder| folder.is_dir()) {
         let feeds = Feed::all_in(folder)?;
@@ -188,7 +191,7 @@ mod tests {
 
     const COLMAP_CAMERA: &str = "1 PINHOLE 8 6 8 8 4 3\n";
 
-    /// Three cameras, `a`, `a.0` and `c`, of two frames, 8x6 each, and a file of poses.
+    /// Three cameras, `a`, `a.0` and `c`, with two frames of 8x6 pixels each, and a file of poses.
     fn rig(poses: &str, text: &str) -> TempDir {
         let root = tempdir().unwrap();
         let photo = ImageRgb::new(8, 6, vec![0.5; 3 * 8 * 6]).unwrap();
@@ -223,17 +226,17 @@ mod tests {
     }
 
     #[test]
-    fn a_rig_is_told_from_a_scene_by_its_poses() {
+    fn scene_with_one_pose_for_each_folder_is_a_rig() {
         let opened = |root: &TempDir| Scene::open(root.path(), &SceneOptions::default()).unwrap();
         let root = rig("transforms.json", &transforms(&["a/1.png", "a/2.png", "c/1.png"]));
-        assert!(is_of_rig(&opened(&root)), "every frame listed, no camera moves");
+        assert!(is_of_rig(&opened(&root)), "every frame is listed, and no camera moves");
         let moving = transforms(&["a/1.png", "a/2.png", "c/1.png"]).replacen("[1, 0, 0, 0]", "[1, 0, 0, 3]", 1);
-        assert!(!is_of_rig(&opened(&rig("transforms.json", &moving))), "photos taken on the way");
+        assert!(!is_of_rig(&opened(&rig("transforms.json", &moving))), "a moving camera");
         assert!(!is_of_rig(&opened(&rig("transforms.json", &transforms(&["a/1.png", "a/2.png"])))), "one folder");
     }
 
     #[test]
-    fn an_entry_of_any_frame_is_its_camera_s_and_the_first_counts() {
+    fn entry_of_any_frame_names_its_camera() {
         let names = ["../rig/images/a.0/2.png", "a.0/1.png", "a.mp4", "other/1.png", "/far/away/c"];
         let (names, notes) = opened(&rig("transforms.json", &transforms(&names)));
         assert_eq!(names, ["a", "a.0", "c"]);
@@ -241,28 +244,28 @@ mod tests {
     }
 
     #[test]
-    fn entries_left_out_are_asked_for_nothing() {
+    fn ignored_entries_are_not_validated() {
         let text = transforms(&["a", "a.0", "c"]).replace("[{", "[{\"file_path\": \"other\", \"is_fisheye\": true}, {");
         let (names, notes) = opened(&rig("transforms.json", &text));
         assert_eq!((names.len(), notes), (3, vec!["other belongs to no camera: skipped".to_owned()]));
     }
 
     #[test]
-    fn cameras_without_pose_or_frame_are_told() {
+    fn cameras_without_pose_or_frame_are_noted() {
         let root = rig("transforms.json", &transforms(&["a/1.png", "a.0/1.png"]));
         let (names, notes) = opened(&root);
         assert_eq!((names.len(), notes), (2, vec!["camera c has no pose: left out".to_owned()]));
         ["c/1.png", "c/2.png"].into_iter().for_each(|frame| write(&root, frame, b"no picture"));
         let (_, notes) = opened(&root);
         assert!(notes.len() == 1 && notes[0].starts_with("camera c is left out: "), "{notes:?}");
-        // RealEstate10K's file does not make a rig.
+        // A RealEstate10K file does not describe a rig.
         fs::rename(root.path().join("transforms.json"), root.path().join("cameras.txt")).unwrap();
         let error = open_scene(root.path(), &SceneOptions::default()).unwrap_err().to_string();
         assert!(error.contains("no poses found; expected transforms.json"), "{error}");
     }
 
     #[test]
-    fn colmap_names_frames_or_cameras() {
+    fn colmap_may_name_frames_or_cameras() {
         for names in [["a/1.png", "a.0/1.png", "c/1.png"], ["a.png", "a.0.jpg", "c.png"]] {
             let root = rig("sparse/0/cameras.txt", COLMAP_CAMERA);
             let line = |(i, name): (usize, &&str)| format!("{i} 1 0 0 0 {i} 0 0 1 {name}\n\n");

@@ -8,7 +8,7 @@ use liveview::scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource,
 
 use super::feed::{Feed, FirstFrame};
 
-/// A camera that can be read.
+/// A camera with at least one readable frame.
 #[derive(Debug)]
 pub(super) struct RigCamera {
     pub(super) feed: Feed,
@@ -22,8 +22,7 @@ impl RigCamera {
     }
 }
 
-/// The first frame of each camera, under the camera's name and under every name that a pose file may have for it: that of any of
-/// its frames, or of its video.
+/// The first frame of each camera. Pose files may name it by the camera, by any of its frames, or by its video.
 #[derive(Debug)]
 pub(super) struct RigPhotos {
     /// In byte order of their names.
@@ -35,9 +34,10 @@ impl RigPhotos {
         self.cameras.iter().find(|camera| camera.feed.name == name)
     }
 
-    /// `cam00` of `cam00`, `cam00.mp4`, `images/cam00.png` and `cam00/0000.jpg`: the last part of the path that names a camera.
+    /// The camera that a path belongs to: `cam00` for `cam00`, `cam00.mp4`, `images/cam00.png` and `cam00/0000.jpg`. The last part of
+    /// the path that names a camera counts.
     fn of_frame(&self, name: &str) -> Option<&RigCamera> {
-        // A folder may be called `cam.0`, beside one called `cam`.
+        // `cam.0` may be a camera beside `cam`.
         let of_part = |part: &str| self.named(part).or_else(|| self.named(part.rsplit_once('.')?.0));
         name.rsplit('/').find_map(of_part)
     }

@@ -1,7 +1,7 @@
-//! Collects the cameras' photos of a time step, and decides which cameras are left out of it.
+//! Collects the cameras' photos of a time step, and decides which cameras are left out.
 //!
-//! With a clock a step waits for its cameras for half the latency. On a slow machine all cameras are read slowly, and none is left
-//! out for that: each may take as long as reading all of them one after the other at the speed of the fastest. Until the first has
+//! A live step waits for its cameras for half the latency. On a slow machine, where all cameras are read slowly, none is left out for
+//! that: each may take as long as reading all of them one after the other at the fastest camera's rate. Until the first camera has
 //! delivered, nothing can be rendered, and the step waits longer.
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,27 +12,27 @@ use std::time::{Duration, Instant};
 use liveview::ImageRgb;
 
 /// Share of the latency that a step waits for a camera.
-const LAG: f64 = 0.5;
-/// How long a step waits for its first camera.
-const FIRST: Duration = Duration::from_secs(1);
+const WAIT_SHARE: f64 = 0.5;
+/// Time that a step waits for its first camera.
+const FIRST_CAMERA_TIMEOUT: Duration = Duration::from_secs(1);
 /// Interval at which a step checks for photos.
-const POLL: Duration = Duration::from_millis(1);
+const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 /// A frame from a camera's thread.
 pub(super) struct Frame {
     pub(super) step: usize,
     pub(super) photo: Option<ImageRgb>,
-    /// Time that reading it took.
+    /// Time to read it.
     pub(super) took: Duration,
 }
 
-/// How long a step waits for the cameras that have not delivered.
-fn patience(latency: Duration, cameras: usize, quickest: Option<Duration>) -> Duration {
-    latency.mul_f64(LAG).max(quickest.map_or(FIRST, |quickest| quickest * cameras as u32))
+/// Time that a step waits for cameras that have not delivered; `fastest`: the shortest read time of those that have.
+fn wait_limit(latency: Duration, cameras: usize, fastest: Option<Duration>) -> Duration {
+    latency.mul_f64(WAIT_SHARE).max(fastest.map_or(FIRST_CAMERA_TIMEOUT, |fastest| fastest * cameras as u32))
 }
 
-/// Collects the cameras' photos of a time step, by camera in `photos`; returns the cameras that are left out. Without a latency it
-/// waits for all of them.
+/// Collects the photos of a time step in `photos`, by camera; returns the cameras that are left out. Without a latency it waits for all
+/// cameras.
 pub(super) fn await_photos(
     cameras: &mut [Camera],
     step: usize,
@@ -40,14 +40,14 @@ pub(super) fn await_photos(
     stop: &AtomicBool,
     photos: &mut [Option<ImageRgb>],
 ) -> Vec<usize> {
-    let (asked, count) = (Instant::now(), cameras.len());
-    let mut quickest: Option<Duration> = None;
+    let (started, count) = (Instant::now(), cameras.len());
+    let mut fastest: Option<Duration> = None;
     let mut missing: Vec<&mut Camera> = cameras.iter_mut().collect();
     loop {
         missing.retain_mut(|camera| match camera.frame(step) {
             Ok((photo, took)) => {
                 if photo.is_some() {
-                    quickest = Some(quickest.map_or(took, |quickest| quickest.min(took)));
+                    fastest = Some(fastest.map_or(took, |fastest| fastest.min(took)));
                 }
                 photos[camera.index] = photo;
                 false
@@ -58,22 +58,22 @@ pub(super) fn await_photos(
             }
             Err(TryRecvError::Empty) => true,
         });
-        let over = latency.is_some_and(|latency| asked.elapsed() > patience(latency, count, quickest));
+        let over = latency.is_some_and(|latency| started.elapsed() > wait_limit(latency, count, fastest));
         if stop.load(Ordering::Relaxed) {
             return Vec::new();
         }
         if missing.is_empty() || over {
             return missing.iter().map(|camera| camera.index).collect();
         }
-        sleep(POLL);
+        sleep(POLL_INTERVAL);
     }
 }
 
-/// A camera, as the thread that collects the photos knows it.
+/// A camera, for the thread that collects the photos.
 pub(super) struct Camera {
     pub(super) index: usize,
     frames: Receiver<Frame>,
-    /// A frame of a later step.
+    /// A frame of a later step, already received.
     early: Option<Frame>,
     pub(super) ended: bool,
 }
@@ -83,7 +83,7 @@ impl Camera {
         Self { index, frames, early: None, ended: false }
     }
 
-    /// Its photo of a time step, if there is one, and the time that reading it took. Later frames are kept, earlier ones dropped.
+    /// Its photo of a time step, if there is one, and the time to read it. Later frames are kept, earlier ones dropped.
     fn frame(&mut self, step: usize) -> Result<(Option<ImageRgb>, Duration), TryRecvError> {
         loop {
             let frame = match self.early.take() {
@@ -122,7 +122,7 @@ mod tests {
         Frame { step, photo: ImageRgb::new(1, 1, vec![0.5; 3]).ok(), took: Duration::from_millis(took) }
     }
 
-    /// Which cameras have delivered step 5, and which are left out.
+    /// Whether each camera has delivered step 5, and which are left out.
     fn step(cameras: &mut [Camera]) -> (Vec<bool>, Vec<usize>) {
         let mut photos = vec![None; cameras.len()];
         let late = await_photos(cameras, 5, Some(LATENCY), &AtomicBool::new(false), &mut photos);
@@ -130,22 +130,22 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_stalls_is_left_out_and_comes_back() {
+    fn stalled_camera_is_left_out_until_it_delivers_again() {
         let (senders, mut cameras) = cameras(3);
         senders[0].send(frame(5, 1)).unwrap();
         senders[1].send(frame(4, 1)).unwrap();
         senders[2].send(frame(5, 1)).unwrap();
         let started = Instant::now();
         assert_eq!(step(&mut cameras), (vec![true, false, true], vec![1]));
-        assert!(started.elapsed() >= LATENCY.mul_f64(LAG));
+        assert!(started.elapsed() >= LATENCY.mul_f64(WAIT_SHARE));
         senders.iter().for_each(|sender| sender.send(frame(5, 1)).unwrap());
         assert_eq!(step(&mut cameras), (vec![true; 3], vec![]));
     }
 
     #[test]
-    fn a_slow_machine_is_waited_for() {
+    fn equally_slow_cameras_are_waited_for() {
         let (senders, mut cameras) = cameras(3);
-        // The first after more than the whole latency, the others as slowly again.
+        // The first delivers after more than the latency, the others as slowly.
         let sending = std::thread::spawn(move || {
             senders.iter().for_each(|sender| {
                 sleep(Duration::from_millis(150));
@@ -160,10 +160,10 @@ mod tests {
     }
 
     #[test]
-    fn one_may_take_as_long_as_all_at_the_pace_of_the_quickest() {
+    fn wait_limit_covers_all_cameras_at_the_fastest_rate() {
         let ms = Duration::from_millis;
-        assert_eq!(patience(LATENCY, 6, Some(ms(5))), ms(50));
-        assert_eq!(patience(LATENCY, 6, Some(ms(60))), ms(360));
-        assert_eq!((patience(LATENCY, 6, None), patience(ms(4000), 6, None)), (FIRST, ms(2000)));
+        assert_eq!(wait_limit(LATENCY, 6, Some(ms(5))), ms(50));
+        assert_eq!(wait_limit(LATENCY, 6, Some(ms(60))), ms(360));
+        assert_eq!((wait_limit(LATENCY, 6, None), wait_limit(ms(4000), 6, None)), (FIRST_CAMERA_TIMEOUT, ms(2000)));
     }
 }

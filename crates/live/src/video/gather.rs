@@ -1,5 +1,5 @@
-//! From the cameras to time steps: one thread per camera reads and decodes its frames, another collects those of each time step.
-//! Every channel is bounded, so that memory does not grow with the length of the video.
+//! Reads the cameras and collects time steps: one thread per camera reads and decodes its frames, another collects those of each step.
+//! All channels are bounded, so that memory does not grow with the length of the video.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -15,12 +15,12 @@ use liveview_common::ffmpeg::Running;
 use super::arrivals::{Camera, Frame, await_photos};
 use crate::rig::{Delivered, Feed, Reader};
 
-/// Frames that a camera may be ahead of the others.
-const AHEAD: usize = 2;
-/// The first step still wanted, once the video is over.
-const NONE: usize = usize::MAX;
+/// Frames that a camera may be read ahead of the others.
+const READ_AHEAD: usize = 2;
+/// The first wanted step once the video is over.
+const NO_STEP: usize = usize::MAX;
 
-/// When the frames of a live rig are due, and how late they may be used.
+/// When the frames of a live rig are due, and how late they may be.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Clock {
     start: Instant,
@@ -30,7 +30,7 @@ pub(super) struct Clock {
 }
 
 impl Clock {
-    /// A clock that starts now, for the steps from the first to before the last.
+    /// A clock that starts now, for the steps `steps.0` to `steps.1` - 1.
     pub(super) fn new(steps: (usize, usize), fps: f64, latency: Duration) -> Self {
         Self { start: Instant::now(), steps, period: Duration::from_secs_f64(1.0 / fps), latency }
     }
@@ -39,7 +39,7 @@ impl Clock {
         self.start + self.period.mul_f64((step - self.steps.0) as f64)
     }
 
-    /// Whether the step is too late to be used, and a newer one is due.
+    /// Whether a step is later than the latency allows while a newer one is due.
     pub(super) fn is_stale(&self, step: usize) -> bool {
         let now = Instant::now();
         step + 1 < self.steps.1 && now > self.due(step) + self.latency && now >= self.due(step + 1)
@@ -49,19 +49,19 @@ impl Clock {
 /// The photos of one time step.
 pub(super) struct Step {
     pub(super) index: usize,
-    /// By camera; `None` where a camera has delivered none, or is not read.
+    /// By camera; `None` for a camera that has delivered none, or that is not read.
     pub(super) photos: Vec<Option<ImageRgb>>,
 }
 
-/// Frames that the cameras did not deliver.
+/// Frames that cameras did not deliver.
 #[derive(Debug, Default)]
 pub(super) struct Faults {
-    /// By camera: the number of frames missing, damaged or late, and the message of the first.
+    /// By camera: the number of missing, damaged and late frames, and the message about the first.
     pub(super) cameras: Vec<(usize, Option<String>)>,
 }
 
 impl Faults {
-    /// The first of each camera that has any.
+    /// The message about the first of each camera that has any.
     pub(super) fn reasons(&self, feeds: &[Feed]) -> String {
         let faults = feeds.iter().zip(&self.cameras);
         let reasons = faults.filter_map(|(feed, (_, first))| Some(format!("{}: {}", feed.name, first.as_ref()?)));
@@ -82,29 +82,29 @@ pub(super) struct Gathering {
     /// Set to end the video early.
     pub(super) stop: Arc<AtomicBool>,
     pub(super) faults: Mutex<Faults>,
-    /// The first step still wanted: earlier ones are skipped.
+    /// The first wanted step: readers skip earlier ones.
     pub(super) wanted: AtomicUsize,
     /// ffmpeg processes of the cameras that are video files.
     pub(super) decoders: Mutex<Vec<Running>>,
 }
 
 impl Gathering {
-    /// Starts the threads. The receiver gets the time steps in order, without those that are too late by the clock.
+    /// Starts the threads. The receiver gets the time steps in order, without those that the clock finds too late.
     pub(super) fn start<'scope>(self: &Arc<Self>, scope: &'scope Scope<'scope, '_>) -> Receiver<Step> {
-        // With a clock a step waits here until the renderer takes it, with no second one behind it.
+        // Of a live rig no second step waits behind the one that the renderer takes next.
         let (sender, steps) = sync_channel(if self.clock.is_some() { 0 } else { 1 });
         let this = Arc::clone(self);
         scope.spawn(move || {
             let mut cameras = Vec::new();
             for &camera in &this.read {
-                let (sender, frames) = sync_channel(AHEAD);
+                let (sender, frames) = sync_channel(READ_AHEAD);
                 let reader = Arc::clone(&this);
-                // Outside of the scope, which would wait for it: a file of a stalled camera may never be read.
+                // Outside of the scope, which would wait for it: reading from a stalled camera may never end.
                 spawn(move || reader.read_camera(camera, &sender));
                 cameras.push(Camera::new(camera, frames));
             }
             this.gather(&mut cameras, &sender);
-            this.wanted.store(NONE, Ordering::Relaxed);
+            this.wanted.store(NO_STEP, Ordering::Relaxed);
             this.lock_decoders().iter().for_each(Running::end);
         });
         steps
@@ -148,7 +148,7 @@ impl Gathering {
                     None
                 }
                 Err(_) if self.is_over() => return,
-                // A video cannot be read on: it ends here.
+                // A video cannot be read beyond an error.
                 Err(error) if is_video => return self.reason(camera, &format!("{error:#}")),
                 Err(error) => {
                     self.fault(camera, &format!("{error:#}"));
@@ -185,7 +185,7 @@ impl Gathering {
             let late = await_photos(cameras, index, self.clock.map(|clock| clock.latency), &self.stop, &mut photos);
             late.iter().for_each(|&camera| self.fault(camera, &format!("frame {index} was late")));
             let mut sources = cameras.iter().filter(|camera| Some(camera.index) != self.truth);
-            // A camera that stalls does not keep the video going once all others have ended.
+            // A stalled camera does not keep the video going once all others have ended.
             let any_ended = cameras.iter().any(|camera| camera.ended && Some(camera.index) != self.truth);
             let gone = |camera: &Camera| camera.ended || late.contains(&camera.index);
             let over = any_ended && sources.all(|camera| gone(camera) && photos[camera.index].is_none());
@@ -202,25 +202,25 @@ impl Gathering {
     }
 
     fn is_over(&self) -> bool {
-        self.stop.load(Ordering::Relaxed) || self.wanted.load(Ordering::Relaxed) == NONE
+        self.stop.load(Ordering::Relaxed) || self.wanted.load(Ordering::Relaxed) == NO_STEP
     }
 
     fn lock_decoders(&self) -> MutexGuard<'_, Vec<Running>> {
-        self.decoders.lock().expect("no thread panics with it")
+        self.decoders.lock().expect("no thread panics while it holds the lock")
     }
 
-    /// Counts a frame that a camera has not delivered.
+    /// Counts a frame that a camera did not deliver.
     fn fault(&self, camera: usize, what: &str) {
         self.lock_faults().cameras[camera].0 += 1;
         self.reason(camera, what);
     }
 
-    /// Why it delivers no frames from here on; they are counted as they fail to come.
+    /// Records why a camera fails, if it is its first failure. The frames that it does not deliver are counted later.
     fn reason(&self, camera: usize, what: &str) {
         self.lock_faults().cameras[camera].1.get_or_insert_with(|| what.to_owned());
     }
 
     pub(super) fn lock_faults(&self) -> MutexGuard<'_, Faults> {
-        self.faults.lock().expect("no thread panics with it")
+        self.faults.lock().expect("no thread panics while it holds the lock")
     }
 }

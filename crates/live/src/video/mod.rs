@@ -1,11 +1,11 @@
-//! `liveview video`: the frames of a camera rig become the video of a moving viewpoint.
+//! `liveview video`: renders the video of a moving viewpoint from the frames of a camera rig.
 
 mod arrivals;
 mod gather;
 mod options;
 mod play;
-mod played;
 mod player;
+mod results;
 mod scorer;
 mod sink;
 mod summary;

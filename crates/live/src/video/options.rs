@@ -1,4 +1,4 @@
-//! Options of `liveview video`, and the viewpoint they name.
+//! Options of `liveview video`.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -16,15 +16,15 @@ use super::viewpoint::ViewpointArgs;
 
 const EXAMPLES: &str = "\
 A rig is a folder with a folder of frames or a video file for each camera (cam00/0000.jpg … or cam00.mp4 …), and poses:
-transforms.json, poses_bounds.npy (cameras in order of their names), models.json or a COLMAP model. Frames belong together by
-the last number in their names, or where these differ, as time stamps do, by time; videos of different frame rates by time.
+transforms.json, poses_bounds.npy (cameras in order of their names), models.json or a COLMAP model. Frames are matched by the
+last number in their names, or if these differ, as time stamps do, by time; videos of different frame rates by time.
 
 Examples:
   A held-out camera, from the others, each frame scored:
     liveview video rig --camera cam05 -o view.mp4
-  A flight around the rig, played while it is made:
+  A camera path around the rig, played while it is rendered:
     liveview video rig --path circle:120 -o - | ffplay -
-  Live: 30 frames per second, none older than a tenth of a second; fewer layers, then a smaller size, where the machine is too slow:
+  Live: 30 frames per second, none older than a tenth of a second, with less work per frame if the machine is too slow:
     liveview video rig --camera cam05 --fps 30 --latency 100ms --engine openvino --precision int8 -o view.mp4";
 
 /// Options of `liveview video`.

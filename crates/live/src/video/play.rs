@@ -1,4 +1,4 @@
-//! Sets up the pipeline: cameras → time steps → frames → file, each stage in threads of its own, bounded channels between them.
+//! Sets up the pipeline: cameras → time steps → frames → file. Each stage has its own threads, with bounded channels between them.
 
 use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Mutex};
@@ -10,7 +10,7 @@ use liveview::{Camera, ImageRgb, LayerSpec};
 use liveview_common::args::layers::given_or_recommended;
 use liveview_common::console::{Output, print_notes, progress};
 use liveview_common::interrupt::{self, Interrupted};
-use liveview_common::outputs::Claims;
+use liveview_common::outputs::OutputPlan;
 
 use super::gather::{Clock, Faults, Gathering};
 use super::options::VideoArgs;
@@ -20,10 +20,10 @@ use super::sink::Sink;
 use super::summary::summary;
 use super::tally::Tally;
 use crate::governor::Governor;
-use crate::rig::{Rig, SPARE};
+use crate::rig::{Rig, SPARE_CAMERAS};
 
-/// Share of the time between two frames, or of the latency, that rendering may take: reading and writing need the rest.
-const SHARE: f64 = 0.9;
+/// Share of the time between two frames, or of the latency, for rendering; reading and writing need the rest.
+const RENDER_SHARE: f64 = 0.9;
 
 /// Runs `liveview video`.
 pub fn run(args: &VideoArgs) -> Result<Output> {
@@ -40,7 +40,7 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
     let mut renderers = args.model.open_smaller(views, given.as_ref())?;
     let fewest = renderers.iter().map(|renderer| renderer.network().views()).min().unwrap_or(views);
     let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != viewpoint.truth).collect();
-    let read = rig.cameras_for(viewpoint.cameras(), &free, (fewest, views + SPARE))?;
+    let read = rig.cameras_for(viewpoint.cameras(), &free, (fewest, views + SPARE_CAMERAS))?;
     let (near, far) = rig.views.depth_range(&read)?;
     let mut settings = LiveSettings::new(near, far);
     (settings.layers, settings.policy, settings.keep_exposure) = (layers.clone(), policy, args.keep_exposure);
@@ -53,29 +53,29 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
     let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
     let (first, last) = args.frames.as_ref().map_or((0, all), |range| (range.start, range.end.min(all)));
     if first >= last {
-        bail!("--frames {first}..: the cameras have {all} time steps, from 0 on; expected some of these");
+        bail!("--frames {first}..: expected a range within the cameras' {all} time steps, which count from 0");
     }
-    let mut claims = Claims::new(rig.views.scene());
-    claims.protect("--poses", args.viewpoint.poses());
-    args.model.protect(&mut claims, model.path());
-    sink.claim(&mut claims, target.size())?;
-    args.log.iter().try_for_each(|log| claims.file("--log", log))?;
-    claims.prepare()?;
+    let mut output_plan = OutputPlan::new(rig.views.scene());
+    output_plan.protect("--poses", args.viewpoint.poses());
+    args.model.protect(&mut output_plan, model.path());
+    sink.plan_outputs(&mut output_plan, target.size())?;
+    args.log.iter().try_for_each(|log| output_plan.file("--log", log))?;
+    output_plan.prepare()?;
     let stop = interrupt::watch(runs)?;
-    let tally = Tally::new(args.log.as_deref())?;
+    let tally = Tally::new(args.log.as_deref(), model.weighting_stage())?;
     let bar = progress("frames")?;
     if last < usize::MAX {
         bar.set_length(last.saturating_sub(first) as u64);
     }
     let mut live = None;
     if let Some(latency) = args.latency {
-        let budget = Duration::from_secs_f64(1.0 / args.fps.per_second()).min(latency).mul_f64(SHARE);
+        let budget = Duration::from_secs_f64(1.0 / args.fps.per_second()).min(latency).mul_f64(RENDER_SHARE);
         let governor = Governor::new(budget, &layers, opacities);
         let warm = warm_up(&mut session, &read, viewpoint.camera(first), &governor);
         warm.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error })?;
         live = Some((governor, Clock::new((first, last), args.fps.per_second(), latency)));
     }
-    // A live video is not scored: that takes too long.
+    // A live video is not scored: that would take too long.
     let truth = viewpoint.truth.filter(|_| live.is_none());
     let gathering = Arc::new(Gathering {
         scene: rig.views.scene().clone(),
@@ -104,7 +104,7 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
     Ok(summary(&rig, &viewpoint, &played, file.as_deref(), &model, (&layers, policy)))
 }
 
-/// The policy given, if it suits the layers, or the default for them.
+/// The policy given, checked against the layers, or the default for these.
 fn policy(given: Option<Policy>, layers: &LayerSpec) -> Result<Policy> {
     match given {
         Some(Policy::Propagate) if Policy::default_for(layers) != Policy::Propagate => {
@@ -117,7 +117,7 @@ fn policy(given: Option<Policy>, layers: &LayerSpec) -> Result<Policy> {
     }
 }
 
-/// Renders a picture of each size that the video may have: the first of a size takes longer than all others.
+/// Renders a picture of each size that the video may have: the first of a size takes longer than later ones.
 fn warm_up(session: &mut LiveSession, read: &[usize], target: &Camera, governor: &Governor) -> Result<()> {
     let grey = |camera: &Camera| {
         let (width, height) = (camera.width(), camera.height());

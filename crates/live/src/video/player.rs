@@ -1,4 +1,4 @@
-//! The renderer of the pipeline, between the threads that read and the thread that writes.
+//! The rendering stage of the pipeline, between the threads that read and the one that writes.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -14,22 +14,22 @@ use liveview_common::console::print_message;
 use liveview_common::interrupt::{self, Interrupted};
 
 use super::gather::{Clock, Faults, Gathering, Step};
-use super::played::Played;
+use super::results::VideoResults;
 use super::scorer::Scorer;
 use super::sink::Sink;
 use super::tally::Tally;
 use super::viewpoint::Viewpoint;
-use super::writer::{Shown, write};
+use super::writer::{WriterInput, write};
 use crate::governor::{Governor, Level};
 use crate::rig::Feed;
 
-/// Frames between the renderer and the writer.
-const AHEAD: usize = 2;
+/// Frames queued between the renderer and the writer.
+const QUEUED_FRAMES: usize = 2;
 
-/// Renders the time steps, and passes the frames to the writer.
+/// Renders time steps and passes the frames to the writer.
 pub(super) struct Player<'a> {
     pub(super) session: LiveSession,
-    /// Whether a frame of the governor's level has been rendered.
+    /// Whether a frame of the governor's current level was rendered.
     pub(super) settled: bool,
     pub(super) viewpoint: &'a Viewpoint,
     pub(super) truth: Option<usize>,
@@ -41,8 +41,8 @@ pub(super) struct Player<'a> {
 }
 
 impl Player<'_> {
-    /// Plays the whole video; its results, and the file or folder written.
-    pub(super) fn play(mut self, gathering: &Arc<Gathering>, sink: Sink) -> Result<(Played, Option<PathBuf>)> {
+    /// Renders the whole video; its results, and the file or folder written.
+    pub(super) fn play(mut self, gathering: &Arc<Gathering>, sink: Sink) -> Result<(VideoResults, Option<PathBuf>)> {
         let started = Instant::now();
         let target = self.viewpoint.camera(0);
         let (size, clock) = (target.size(), gathering.clock);
@@ -50,7 +50,7 @@ impl Player<'_> {
         let stop = Arc::clone(&gathering.stop);
         let (rendered, written) = std::thread::scope(|scope| {
             let steps = gathering.start(scope);
-            let (shown, frames) = sync_channel(AHEAD);
+            let (shown, frames) = sync_channel(QUEUED_FRAMES);
             let stop = &stop;
             let writer = scope.spawn(move || write(sink, &frames, size, clock, stop));
             let rendered = self.render_all(first, &steps, &shown);
@@ -59,43 +59,44 @@ impl Player<'_> {
         });
         self.bar.finish_and_clear();
         let stopped = stop.load(Ordering::Relaxed);
-        // A failure of the writer goes first: rendering then stopped because of it.
+        // A failure of the writer goes first: rendering stopped because of it.
         let (written, sink) = written.map_err(|_| anyhow!("the thread that writes the video failed"))??;
         rendered?;
         let faults = std::mem::take(&mut *gathering.lock_faults());
-        if !self.tally.seen {
+        if !self.tally.covered {
             if stopped {
                 return Err(Interrupted.into());
             }
-            bail!("{}: {}", gathering.scene.root.display(), self.nothing_seen(first, &faults, &gathering.feeds));
+            bail!("{}: {}", gathering.scene.root.display(), self.why_empty(first, &faults, &gathering.feeds));
         }
         let file = sink.finish()?;
         self.tally.finish()?;
         let Self { tally, changes, .. } = self;
-        Ok((Played { tally, written, faults, changes, wall: started.elapsed(), stopped }, file))
+        Ok((VideoResults { tally, written, faults, changes, wall: started.elapsed(), stopped }, file))
     }
 
-    /// Why there is nothing to be seen, of the time steps from `first` on.
-    fn nothing_seen(&mut self, first: usize, faults: &Faults, feeds: &[Feed]) -> String {
+    /// The reason why the video from step `first` on shows nothing.
+    fn why_empty(&mut self, first: usize, faults: &Faults, feeds: &[Feed]) -> String {
         if self.tally.rendered > 0 {
-            return "no camera sees any of the video: expected a viewpoint that looks where they do".to_owned();
+            return "no camera sees any part of the video; expected a viewpoint that looks where the cameras look"
+                .to_owned();
         }
-        let reasons = [faults.reasons(feeds), self.tally.why.take().unwrap_or_default()];
+        let reasons = [faults.reasons(feeds), self.tally.why_repeated.take().unwrap_or_default()];
         let reasons: Vec<String> = reasons.into_iter().filter(|reasons| !reasons.is_empty()).collect();
         let ended = || format!("no camera has a frame from time step {first} on");
         format!("no frame could be rendered: {}", if reasons.is_empty() { ended() } else { reasons.join("; ") })
     }
 
-    fn render_all(&mut self, first: usize, steps: &Receiver<Step>, shown: &SyncSender<Shown>) -> Result<()> {
+    fn render_all(&mut self, first: usize, steps: &Receiver<Step>, shown: &SyncSender<WriterInput>) -> Result<()> {
         let mut next = first;
         for step in steps {
             let stale = self.live.as_ref().is_some_and(|(_, clock)| clock.is_stale(step.index));
-            // The frame before takes the place of those that are dropped.
+            // The previous frame is repeated in place of those that are dropped.
             let dropped = step.index - next + usize::from(stale);
             for index in next..next + dropped {
                 self.tally.dropped += 1;
                 self.tally.repeat(index, "dropped: too late")?;
-                if shown.send(Shown::Repeat).is_err() {
+                if shown.send(WriterInput::Repeat).is_err() {
                     return Ok(());
                 }
             }
@@ -108,8 +109,8 @@ impl Player<'_> {
         Ok(())
     }
 
-    /// Renders a step, or repeats the frame before; false if that was the last, as the writer has stopped or the network was.
-    fn render(&mut self, mut step: Step, shown: &SyncSender<Shown>) -> Result<bool> {
+    /// Renders a step, or repeats the previous frame; false if the writer has stopped or the network was interrupted.
+    fn render(&mut self, mut step: Step, shown: &SyncSender<WriterInput>) -> Result<bool> {
         let truth = self.truth.and_then(|truth| step.photos[truth].take());
         let level = self.live.as_ref().map(|(governor, _)| governor.level());
         let target = scaled(self.viewpoint.camera(step.index), level.map_or(1.0, |level| level.scale))?;
@@ -117,9 +118,9 @@ impl Player<'_> {
         let frame = match self.session.render(&photos, &target) {
             Ok(frame) => frame,
             Err(error @ LiveError::Views(_)) => {
-                self.scorer.interrupt();
+                self.scorer.restart();
                 self.tally.repeat(step.index, &error.to_string())?;
-                return Ok(shown.send(Shown::Repeat).is_ok());
+                return Ok(shown.send(WriterInput::Repeat).is_ok());
             }
             Err(error) if interrupt::requested() => {
                 self.bar.suspend(|| print_message("note", format!("frame {} was given up: {error}", step.index)));
@@ -130,24 +131,24 @@ impl Player<'_> {
         let scores = match truth {
             Some(truth) => self.scorer.score(&frame.frame.picture, truth),
             None => {
-                self.scorer.interrupt();
+                self.scorer.restart();
                 None
             }
         };
         self.tally.add(step.index, &frame, scores)?;
-        // The first frame of a level takes longer than those that take over from it: its time does not count.
-        let usual = std::mem::replace(&mut self.settled, true);
-        let live = self.live.as_mut().filter(|_| usual);
+        // The first frame of a level takes longer: its time does not count.
+        let settled = std::mem::replace(&mut self.settled, true);
+        let live = self.live.as_mut().filter(|_| settled);
         if let Some(level) = live.and_then(|(governor, _)| governor.record(frame.times.total())) {
             self.session.set_layers(level.layers.clone());
             self.settled = false;
             self.changes.push((step.index + 1, level.clone()));
         }
-        Ok(shown.send(Shown::Frame { step: step.index, frame: Box::new(frame.frame) }).is_ok())
+        Ok(shown.send(WriterInput::Frame { step: step.index, frame: Box::new(frame.frame) }).is_ok())
     }
 }
 
-/// The target camera with both sides scaled.
+/// The target camera with both sides of the picture scaled.
 pub(super) fn scaled(target: &Camera, scale: f64) -> Result<Camera> {
     let side = |side: usize| ((side as f64 * scale).round() as usize).max(1);
     Ok(target.with_size_scaled(side(target.width()), side(target.height()))?)

@@ -1,4 +1,4 @@
-//! Scores frames against the held-out camera's: PSNR, SSIM and flicker.
+//! Scores frames against those of the held-out camera: PSNR, SSIM and flicker.
 
 use liveview::ImageRgb;
 use liveview::image::Score;
@@ -7,31 +7,32 @@ use liveview::image::Score;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scores {
     pub(super) score: Score,
-    /// Mean |change of the picture − change of the ground truth| since the frame before, of values in [0, 1].
+    /// Mean |change of the picture − change of the ground truth| since the previous frame, of values in [0, 1].
     pub(super) flicker: Option<f64>,
 }
 
 /// Scores the frames of a video.
 #[derive(Default)]
 pub(super) struct Scorer {
-    before: Option<(ImageRgb, ImageRgb)>,
+    /// The previous picture and its ground truth.
+    previous: Option<(ImageRgb, ImageRgb)>,
 }
 
 impl Scorer {
     pub(super) fn score(&mut self, picture: &ImageRgb, truth: ImageRgb) -> Option<Scores> {
         let Some(score) = Score::of(picture, &truth) else {
-            self.before = None; // too small to be scored
+            self.previous = None; // too small to be scored
             return None;
         };
-        let before = self.before.as_ref();
-        let flicker = before.map(|(before, truth_before)| flicker([before, picture], [truth_before, &truth]));
-        self.before = Some((picture.clone(), truth));
+        let previous = self.previous.as_ref();
+        let flicker = previous.map(|(before, truth_before)| flicker([before, picture], [truth_before, &truth]));
+        self.previous = Some((picture.clone(), truth));
         Some(Scores { score, flicker })
     }
 
-    /// Forgets the frame before, which the next one does not follow: no flicker between them.
-    pub(super) fn interrupt(&mut self) {
-        self.before = None;
+    /// Starts again after a gap: the next frame has no flicker.
+    pub(super) fn restart(&mut self) {
+        self.previous = None;
     }
 }
 
@@ -55,14 +56,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_narrower_than_their_borders_are_not_scored() {
+    fn frames_narrower_than_the_border_are_not_scored() {
         let frame = || ImageRgb::new(28, 60, vec![0.5; 3 * 28 * 60]).unwrap();
         let mut scorer = Scorer::default();
         assert!((0..2).all(|_| scorer.score(&frame(), frame()).is_none()));
     }
 
     #[test]
-    fn flicker_is_the_change_that_the_truth_does_not_make() {
+    fn flicker_is_the_change_that_the_truth_lacks() {
         let flat = |value: f32| ImageRgb::new(48, 48, vec![value; 3 * 48 * 48]).unwrap();
         let mut scorer = Scorer::default();
         assert!(scorer.score(&flat(0.5), flat(0.4)).unwrap().flicker.is_none());

@@ -1,4 +1,4 @@
-//! Output of a video: a folder of frames, a file through ffmpeg, or standard output.
+//! The output of a video: a folder of frames, a file through ffmpeg, or standard output.
 
 use std::collections::HashSet;
 use std::io::{BufWriter, ErrorKind, Write};
@@ -9,14 +9,14 @@ use liveview::ImageRgb;
 use liveview::geometry::Size;
 use liveview_common::args::frame_rate::FrameRate;
 use liveview_common::ffmpeg::{Encoder, is_video};
-use liveview_common::outputs::{Claims, tell_others};
+use liveview_common::outputs::{OutputPlan, note_other_pictures};
 
-/// How the name of each frame in a folder begins.
-const FRAME: &str = "frame_";
+/// Prefix of the names of frames in a folder.
+const FRAME_PREFIX: &str = "frame_";
 
 /// The file of a frame in a folder.
 fn frame(folder: &Path, index: usize) -> PathBuf {
-    folder.join(format!("{FRAME}{index:06}.png"))
+    folder.join(format!("{FRAME_PREFIX}{index:06}.png"))
 }
 
 /// A video being written, frame by frame.
@@ -27,7 +27,7 @@ pub(super) enum Sink {
 }
 
 impl Sink {
-    /// By the name: `-` is raw y4m on standard output, .mp4 and .gif go through ffmpeg, all else is a folder.
+    /// The sink for a path: `-` is raw y4m on standard output, .mp4 and .gif are encoded by ffmpeg, all else is a folder.
     pub(super) fn new(path: &Path, rate: FrameRate) -> Result<Self> {
         if path == Path::new("-") {
             return Ok(Self::Y4m { pipe: BufWriter::new(std::io::stdout()), rate, frames: 0 });
@@ -44,29 +44,29 @@ impl Sink {
         Ok(Self::Folder { path: path.to_owned(), frames: 0 })
     }
 
-    /// Prepares for frames of a size. A folder inside the rig's is refused.
-    pub(super) fn claim(&mut self, claims: &mut Claims, size: Size) -> Result<()> {
+    /// Adds the output to the plan, for frames of a size. A folder inside the rig's is refused.
+    pub(super) fn plan_outputs(&mut self, output_plan: &mut OutputPlan, size: Size) -> Result<()> {
         match self {
             Self::Folder { path, .. } => {
-                if claims.in_scene(path) {
+                if output_plan.in_scene(path) {
                     bail!("-o {}: lies in the rig's own folder; expected another place", path.display());
                 }
-                claims.frames("-o", path, FRAME, &frame(path, 0))
+                output_plan.frames("-o", path, FRAME_PREFIX, &frame(path, 0))
             }
             Self::Video(video) => {
                 video.set_size(size);
-                claims.file("-o", video.path())
+                output_plan.file("-o", video.path())
             }
             Self::Y4m { .. } => Ok(()),
         }
     }
 
-    /// Whether frames are shown as they come.
-    pub(super) fn is_watched(&self) -> bool {
+    /// Whether a player may show frames as they are written.
+    pub(super) fn is_stream(&self) -> bool {
         matches!(self, Self::Y4m { .. })
     }
 
-    /// Adds a frame; false if the reader of standard output has closed it.
+    /// Writes a frame; false if the reader of standard output has closed it.
     pub(super) fn add(&mut self, picture: &ImageRgb) -> Result<bool> {
         match self {
             Self::Folder { path, frames } => {
@@ -88,7 +88,6 @@ impl Sink {
                 y4m_frame(picture, &mut bytes);
                 return match pipe.write_all(&bytes).and_then(|()| pipe.flush()) {
                     Ok(()) => Ok(true),
-                    // The player was closed.
                     Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
                     Err(error) => Err(error).context("-o -: cannot be written"),
                 };
@@ -97,12 +96,12 @@ impl Sink {
         Ok(true)
     }
 
-    /// Closes it; the file or folder written, `None` for standard output.
+    /// Finishes the output; the file or folder written, `None` for standard output.
     pub(super) fn finish(self) -> Result<Option<PathBuf>> {
         match self {
             Self::Folder { path, frames } => {
                 let written: HashSet<PathBuf> = (0..frames).map(|index| frame(&path, index)).collect();
-                tell_others(&path, |other| written.contains(other));
+                note_other_pictures(&path, |other| written.contains(other));
                 Ok(Some(path))
             }
             Self::Video(video) => video.finish().map(Some),
@@ -111,12 +110,12 @@ impl Sink {
     }
 }
 
-/// A frame of a y4m stream: BT.601 at limited range, which players assume, one chroma sample per pixel.
+/// A frame of a y4m stream: BT.601 at limited range, as players assume, with a chroma sample for each pixel (4:4:4).
 fn y4m_frame(picture: &ImageRgb, out: &mut Vec<u8>) {
-    const ROWS: [[f32; 4]; 3] =
+    const YCBCR_FROM_RGB: [[f32; 4]; 3] =
         [[16.0, 65.481, 128.553, 24.966], [128.0, -37.797, -74.203, 112.0], [128.0, 112.0, -93.786, -18.214]];
     out.extend_from_slice(b"FRAME\n");
-    for [offset, red, green, blue] in ROWS {
+    for [offset, red, green, blue] in YCBCR_FROM_RGB {
         let value = |rgb: &[f32]| {
             let [r, g, b] = [rgb[0], rgb[1], rgb[2]].map(|value| value.clamp(0.0, 1.0));
             (offset + red * r + green * g + blue * b).round() as u8
@@ -130,7 +129,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colours_become_those_of_bt_601() {
+    fn colours_are_converted_by_bt_601() {
         let picture = ImageRgb::new(3, 1, vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0]).unwrap();
         let mut bytes = Vec::new();
         y4m_frame(&picture, &mut bytes);

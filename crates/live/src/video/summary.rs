@@ -1,4 +1,4 @@
-//! The summary of `liveview video`, as text and as JSON.
+//! The report of `liveview video`, as text and as JSON.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -10,8 +10,7 @@ use liveview_common::args::model_info::ModelInfo;
 use liveview_common::console::{Output, shown};
 use serde_json::{Value, json};
 
-use super::played::{Played, changes_json};
-use super::tally::STAGES;
+use super::results::{VideoResults, changes_json};
 use super::viewpoint::Viewpoint;
 use crate::rig::Rig;
 
@@ -20,12 +19,12 @@ const BORDER: usize = Score::BORDER;
 pub(super) fn summary(
     rig: &Rig,
     viewpoint: &Viewpoint,
-    played: &Played,
+    results: &VideoResults,
     file: Option<&Path>,
     model: &ModelInfo,
     (layers, policy): (&LayerSpec, Policy),
 ) -> Output {
-    let Played { tally, written, faults, changes, wall, stopped } = played;
+    let VideoResults { tally, written, faults, changes, wall, stopped } = results;
     let scene = rig.views.scene();
     let mut text = String::new();
     let mut line = |label: &str, content: String| {
@@ -45,25 +44,28 @@ pub(super) fn summary(
             tally.dropped
         ),
     );
-    line("found", tally.layer_sources());
+    line("search", tally.layer_sources());
     if let Some((psnr, ssim, flicker)) = tally.scores() {
         let flicker = flicker.map(|flicker| format!(", flicker {:.3} of 255", 255.0 * flicker)).unwrap_or_default();
         line("score", format!("PSNR {psnr:.2} dB, SSIM {ssim:.4}{flicker} ({BORDER}-pixel border left out)"));
     }
     let seconds = tally.seconds();
     let total: f64 = seconds.iter().sum();
-    let shares = STAGES.iter().zip(seconds);
+    let shares = tally.stages.iter().zip(seconds);
     let shares: Vec<String> =
         shares.map(|(stage, spent)| format!("{stage} {:.1} ({:.0} %)", 1e3 * spent, 100.0 * spent / total)).collect();
     let writing = 1e3 * written.encoding.as_secs_f64() / written.frames.max(1) as f64;
-    line("times", format!("{:.1} ms per frame: {}; in parallel, writing {writing:.1}", 1e3 * total, shares.join(", ")));
+    line(
+        "times",
+        format!("{:.1} ms per frame: {}; writing, in parallel: {writing:.1}", 1e3 * total, shares.join(", ")),
+    );
     line("speed", format!("{:.1} frames per second", written.frames as f64 / wall.as_secs_f64()));
     let percentiles = (written.latencies.percentile(0.5), written.latencies.percentile(0.99));
     if let (Some(median), Some(most)) = percentiles {
         line("latency", format!("median {median} ms, 99 % {most} ms"));
     }
     for (step, level) in changes {
-        line("work", format!("from frame {step}: {} at {:.0} % of the size", level.layers, 100.0 * level.scale));
+        line("level", format!("from frame {step}: {} at {:.0} % of the size", level.layers, 100.0 * level.scale));
     }
     if tally.logits_not_finite > 0 {
         line("network", format!("{} of its logits over all frames are NaN or infinite", tally.logits_not_finite));

@@ -1,5 +1,4 @@
-//! Totals of a video, in constant memory: how many frames were rendered, their times, scores and memory. Each frame's own figures are
-//! written to the log.
+//! Totals of a video in constant memory: numbers of frames, their times, scores and memory. The figures of each frame go to the log.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -14,12 +13,11 @@ use serde_json::{Value, json};
 
 use super::scorer::Scores;
 
-/// Stages of a frame, in order.
-pub(super) const STAGES: [&str; 5] = ["photos", "layers", "warp", "network", "composite"];
-/// Memory is recorded at no more than this many frames of the video, and at half as many at least.
-const SAMPLES: usize = 256;
+/// Most frames at which memory is recorded.
+const MEMORY_SAMPLES: usize = 256;
 
-fn stages(times: &LiveTimes) -> [Duration; 5] {
+/// The time of each stage, in the order of [`Tally::stages`].
+fn stage_times(times: &LiveTimes) -> [Duration; 5] {
     [times.photos, times.layers, times.stages.warp, times.stages.network, times.stages.composite]
 }
 
@@ -36,10 +34,10 @@ impl Latencies {
         self.0[(latency.as_millis() as usize).min(last)] += 1;
     }
 
-    /// Milliseconds that this share (0 to 1) of them does not exceed; `None` if there are none.
-    pub(super) fn percentile(&self, part: f64) -> Option<usize> {
+    /// Milliseconds that a share (0 to 1) of them does not exceed; `None` if there are none.
+    pub(super) fn percentile(&self, share: f64) -> Option<usize> {
         let total: u64 = self.0.iter().sum();
-        let wanted = (part * total as f64).ceil().max(1.0) as u64;
+        let wanted = (share * total as f64).ceil().max(1.0) as u64;
         let mut below = 0;
         self.0.iter().position(|&count| {
             below += count;
@@ -53,13 +51,15 @@ impl Latencies {
 pub(super) struct Tally {
     pub(super) rendered: usize,
     pub(super) repeated: usize,
-    /// Why the first of these was.
-    pub(super) why: Option<String>,
+    /// Why the first frame was repeated.
+    pub(super) why_repeated: Option<String>,
     pub(super) dropped: usize,
-    /// Whether any camera sees any part of any frame.
-    pub(super) seen: bool,
-    /// Logits of the network that are NaN or infinite, over all frames: a stray few.
+    /// Whether any camera covers any pixel of any frame.
+    pub(super) covered: bool,
+    /// NaN and infinite logits of the network, over all frames.
     pub(super) logits_not_finite: usize,
+    /// Names of the stages of a frame, in order.
+    pub(super) stages: [&'static str; 5],
     layer_sources: BTreeMap<String, usize>,
     refreshed: f64,
     spent: [Duration; 5],
@@ -77,25 +77,26 @@ struct Log {
 }
 
 impl Tally {
-    /// Without frames yet; with a log file if given.
-    pub(super) fn new(log: Option<&Path>) -> Result<Self> {
+    /// Empty totals; with a log file, if one is given. `weighting`: the name of the stage that computes opacities and view weights.
+    pub(super) fn new(log: Option<&Path>, weighting: &'static str) -> Result<Self> {
         let open = |path: &Path| {
             let file =
                 AtomicFile::create(path).with_context(|| format!("--log {}: cannot be written", path.display()))?;
             Ok::<_, anyhow::Error>(Log { path: path.to_owned(), file })
         };
-        Ok(Self { stride: 1, log: log.map(open).transpose()?, ..Self::default() })
+        let stages = ["photos", "layers", "warp", weighting, "composite"];
+        Ok(Self { stages, stride: 1, log: log.map(open).transpose()?, ..Self::default() })
     }
 
     pub(super) fn add(&mut self, step: usize, frame: &LiveFrame, scores: Option<Scores>) -> Result<()> {
         self.rendered += 1;
         self.logits_not_finite += frame.frame.logits_not_finite;
-        self.seen = self.seen || frame.frame.transmittance.iter().any(|&left| left < 1.0 - 1e-6);
+        self.covered = self.covered || frame.frame.transmittance.iter().any(|&left| left < 1.0 - 1e-6);
         *self.layer_sources.entry(frame.layer_source.to_string()).or_default() += 1;
         if let LayerSource::Propagated { refreshed } = frame.layer_source {
             self.refreshed += refreshed;
         }
-        let spent = stages(&frame.times);
+        let spent = stage_times(&frame.times);
         self.spent.iter_mut().zip(spent).for_each(|(sum, spent)| *sum += spent);
         if let Some(Scores { score, flicker }) = scores {
             for (sum, score) in self.scores.iter_mut().zip([Some(score.psnr), Some(score.ssim), flicker]) {
@@ -104,8 +105,12 @@ impl Tally {
                 }
             }
         }
-        let times: serde_json::Map<String, Value> =
-            STAGES.iter().zip(spent).map(|(stage, spent)| ((*stage).to_owned(), json!(spent.as_secs_f64()))).collect();
+        let times: serde_json::Map<String, Value> = self
+            .stages
+            .iter()
+            .zip(spent)
+            .map(|(stage, spent)| ((*stage).to_owned(), json!(spent.as_secs_f64())))
+            .collect();
         let refreshed = if let LayerSource::Propagated { refreshed } = frame.layer_source { refreshed } else { 0.0 };
         self.line(json!({
             "frame": step, "layers_from": frame.layer_source.to_string(), "refreshed": refreshed, "views": frame.views, "seconds": times,
@@ -115,7 +120,7 @@ impl Tally {
 
     pub(super) fn repeat(&mut self, step: usize, why: &str) -> Result<()> {
         self.repeated += 1;
-        self.why.get_or_insert_with(|| why.to_owned());
+        self.why_repeated.get_or_insert_with(|| why.to_owned());
         self.line(json!({ "frame": step, "layers_from": "repeated", "why": why }))
     }
 
@@ -123,7 +128,7 @@ impl Tally {
         let memory = resident_memory();
         if let Some(bytes) = memory.filter(|_| self.frames.is_multiple_of(self.stride)) {
             self.memory.push((self.frames, bytes));
-            if self.memory.len() > SAMPLES {
+            if self.memory.len() > MEMORY_SAMPLES {
                 self.stride *= 2;
                 let stride = self.stride;
                 self.memory.retain(|(frame, _)| frame.is_multiple_of(stride));
@@ -156,7 +161,7 @@ impl Tally {
         self.spent.map(|spent| spent.as_secs_f64() / self.rendered.max(1) as f64)
     }
 
-    /// Where the layers of the frames came from, as text.
+    /// Numbers of frames by the source of their layers, as text.
     pub(super) fn layer_sources(&self) -> String {
         let counts = self.layer_sources.iter().map(|(source, frames)| format!("{source} {frames}"));
         let counts = counts.collect::<Vec<_>>().join(", ");
@@ -169,14 +174,18 @@ impl Tally {
         counts + &refreshed
     }
 
-    /// Memory in use at the first frames and at the last.
+    /// Memory in use at the first frame and at the last, bytes.
     pub(super) fn memory(&self) -> Option<(u64, u64)> {
         Some((self.memory.first()?.1, self.memory.last()?.1))
     }
 
     pub(super) fn json(&self) -> Value {
-        let seconds: serde_json::Map<String, Value> =
-            STAGES.iter().zip(self.seconds()).map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds))).collect();
+        let seconds: serde_json::Map<String, Value> = self
+            .stages
+            .iter()
+            .zip(self.seconds())
+            .map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds)))
+            .collect();
         json!({
             "rendered": self.rendered, "repeated": self.repeated, "dropped": self.dropped, "layers_from": self.layer_sources,
             "refreshed_share": self.refreshed / self.rendered.max(1) as f64, "seconds_per_frame": seconds,
@@ -191,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn percentiles_by_the_millisecond() {
+    fn percentiles_are_in_whole_milliseconds() {
         let mut latencies = Latencies::new();
         assert_eq!(latencies.percentile(0.5), None);
         (1..=100).for_each(|ms| latencies.add(Duration::from_millis(ms)));
@@ -201,9 +210,13 @@ mod tests {
     }
 
     #[test]
-    fn memory_is_recorded_at_few_frames_however_many_there_are() {
-        let mut tally = Tally::new(None).unwrap();
+    fn memory_samples_are_limited() {
+        let mut tally = Tally::new(None, "network").unwrap();
         (0..5000).for_each(|step| tally.repeat(step, "test").unwrap());
-        assert!(tally.memory.len() <= SAMPLES && tally.memory.len() >= SAMPLES / 2 - 1, "{}", tally.memory.len());
+        assert!(
+            tally.memory.len() <= MEMORY_SAMPLES && tally.memory.len() >= MEMORY_SAMPLES / 2 - 1,
+            "{}",
+            tally.memory.len()
+        );
     }
 }

@@ -13,13 +13,13 @@ use liveview_common::args::targets::cameras_of;
 #[command(next_help_heading = "Viewpoint (one of these)")]
 #[group(required = true, multiple = false)]
 pub(super) struct ViewpointArgs {
-    /// A camera of the rig, by name; it is held out: never rendered from, and what it shows scores the frames
+    /// A camera of the rig, by name: it is held out, never rendered from, and scores the frames
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
-    /// A path of N frames: line:N there and back, circle:N or spiral:N, over and over
+    /// A path of N frames: line:N forth and back, circle:N or spiral:N repeated
     #[arg(long, value_name = "SHAPE:N")]
     path: Option<CameraPath>,
-    /// A camera per frame, in a JSON file as `render --pose` takes; the last one stays
+    /// A JSON file with a camera for each frame, as `render --pose` takes it; the last one is kept
     #[arg(long, value_name = "FILE")]
     poses: Option<PathBuf>,
 }
@@ -28,13 +28,17 @@ pub(super) struct ViewpointArgs {
 pub(super) struct Viewpoint {
     cameras: Vec<Camera>,
     repeat: Repeat,
-    /// Index of the camera of the rig that is held out, the ground truth.
+    /// Index of the held-out camera, the ground truth.
     pub(super) truth: Option<usize>,
 }
 
+/// What follows the last camera.
 enum Repeat {
-    Over,
-    Back,
+    /// The first one.
+    Cycle,
+    /// The path in reverse.
+    Reverse,
+    /// The last one again.
     Last,
 }
 
@@ -43,11 +47,11 @@ impl Viewpoint {
     pub(super) fn camera(&self, step: usize) -> &Camera {
         let count = self.cameras.len();
         &self.cameras[match self.repeat {
-            Repeat::Over => step % count,
+            Repeat::Cycle => step % count,
             Repeat::Last => step.min(count - 1),
-            Repeat::Back => {
-                let there = step % (2 * count - 2).max(1);
-                if there < count { there } else { 2 * count - 2 - there }
+            Repeat::Reverse => {
+                let index = step % (2 * count - 2).max(1);
+                if index < count { index } else { 2 * count - 2 - index }
             }
         }]
     }
@@ -74,7 +78,7 @@ impl ViewpointArgs {
                 Viewpoint { cameras: vec![camera], repeat: Repeat::Last, truth: Some(view) }
             }
             (_, Some(path), _) => {
-                let repeat = if path.is_closed() { Repeat::Over } else { Repeat::Back };
+                let repeat = if path.is_closed() { Repeat::Cycle } else { Repeat::Reverse };
                 Viewpoint { cameras: path.cameras(&views.all_cameras())?, repeat, truth: None }
             }
             (.., Some(file)) => Viewpoint { cameras: cameras_of(file, views)?, repeat: Repeat::Last, truth: None },

@@ -1,4 +1,4 @@
-//! The last stage of the pipeline: frames are filled, scaled and written.
+//! The last stage of the pipeline: inpaints, scales and writes frames.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
@@ -22,35 +22,35 @@ pub(super) struct Written {
 }
 
 /// A frame for the writer.
-pub(super) enum Shown {
-    /// A rendered frame; the writer's thread fills and scales it.
+pub(super) enum WriterInput {
+    /// A rendered frame, to be inpainted and scaled.
     Frame { step: usize, frame: Box<Frame> },
-    /// The last frame once more.
+    /// The last frame again.
     Repeat,
 }
 
-/// Fills, scales and writes frames until there are no more.
+/// Inpaints, scales and writes frames until there are no more.
 pub(super) fn write(
     mut sink: Sink,
-    frames: &Receiver<Shown>,
+    frames: &Receiver<WriterInput>,
     size: Size,
     clock: Option<Clock>,
     stop: &AtomicBool,
 ) -> Result<(Written, Sink)> {
     let mut written = Written { latencies: Latencies::new(), encoding: Duration::ZERO, frames: 0 };
-    // Black until there is a first frame. Where nobody watches it is not written before: there may never be one.
+    // Black until the first frame. Except in a stream it is not written before: there may be no frame at all.
     let mut last = ImageRgb::new(size.width, size.height, vec![0.0; 3 * size.pixels()])?;
     let (black, mut held_back) = (last.clone(), Some(0));
-    for shown in frames {
+    for input in frames {
         let started = Instant::now();
         let mut due = None;
-        if let Shown::Frame { step, frame } = shown {
+        if let WriterInput::Frame { step, frame } = input {
             due = clock.map(|clock| clock.due(step));
             last = inpaint_uncovered(&frame.picture, &frame.transmittance);
             if last.size() != size {
                 last = last.resized(size.width, size.height)?;
             }
-        } else if let Some(frames) = held_back.as_mut().filter(|_| !sink.is_watched()) {
+        } else if let Some(frames) = held_back.as_mut().filter(|_| !sink.is_stream()) {
             *frames += 1;
             continue;
         }

@@ -10,7 +10,7 @@ use liveview_common::args::layers::{LayerArgs, given_or_recommended};
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::model_info::ModelInfo;
 use liveview_live::governor::Governor;
-use liveview_live::rig::{Rig, SPARE};
+use liveview_live::rig::{Rig, SPARE_CAMERAS};
 
 use super::frames::{Frames, Step};
 use super::shared::Networks;
@@ -91,7 +91,7 @@ impl Video {
     /// Too few cameras see what the target sees.
     pub(crate) fn cameras_for(&self, target: &Camera) -> Result<Vec<usize>> {
         let (fewest, views) = self.networks.views();
-        self.rig.cameras_for(std::slice::from_ref(target), &self.free, (fewest, views + SPARE))
+        self.rig.cameras_for(std::slice::from_ref(target), &self.free, (fewest, views + SPARE_CAMERAS))
     }
 
     /// The photos for a picture in motion: of no more cameras than it needs, unless one of these has no photo.

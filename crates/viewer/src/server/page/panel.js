@@ -20,13 +20,6 @@ export class Panel {
   constructor() {
     this.times = [];
     this.moving = [];
-    const legend = STAGES.map((stage) => {
-      const [item, box] = [document.createElement("span"), document.createElement("i")];
-      box.style.background = `var(--${stage})`;
-      item.append(box, stage === "rest" ? "the rest" : stage);
-      return item;
-    });
-    element("legend").replaceChildren(...legend);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
     addEventListener("resize", () => this.draw());
   }
@@ -34,6 +27,15 @@ export class Panel {
   session(info) {
     element("scene").textContent = info.scene;
     document.title = `${info.scene} · LiveView`;
+    // Without a network, views are blended by distance and agreement.
+    const labels = { rest: "the rest", network: info.engine === "no network" ? "blend" : "network" };
+    const legend = STAGES.map((stage) => {
+      const [item, box] = [document.createElement("span"), document.createElement("i")];
+      box.style.background = `var(--${stage})`;
+      item.append(box, labels[stage] ?? stage);
+      return item;
+    });
+    element("legend").replaceChildren(...legend);
     element("engine").textContent = `${info.engine}, ${info.threads} ${info.threads === 1 ? "thread" : "threads"}`;
   }
 

@@ -10,17 +10,17 @@ use super::writer::Written;
 use crate::governor::Level;
 
 /// The results of a video.
-pub(super) struct Played {
+pub(super) struct VideoResults {
     pub(super) tally: Tally,
     pub(super) written: Written,
     pub(super) faults: Faults,
-    /// Steps at which the level changed, and the level from then on.
+    /// Each step from which on another level was used, with the level.
     pub(super) changes: Vec<(usize, Level)>,
     pub(super) wall: Duration,
     pub(super) stopped: bool,
 }
 
-/// The changes of the level as JSON.
+/// The level changes as JSON.
 pub(super) fn changes_json(changes: &[(usize, Level)]) -> Value {
     let change = |(step, level): &(usize, Level)| {
         let mut json = level.json();
