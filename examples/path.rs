@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         // Photos that later frames need stay in memory.
         let loaded = synthesizer.load(shot, &shots[index + 1..])?;
         let plan = synthesizer.plan(&loaded)?;
-        let frame = synthesizer.render_plan(&loaded, &plan, |_| ())?;
+        let frame = synthesizer.render_plan(&loaded, &plan, None)?;
         let picture = inpaint_uncovered(&frame.picture, &frame.transmittance);
         picture.save(folder.join(format!("{}.png", shot.name)))?;
         write_frame(&mut video, &picture)?;

@@ -9,7 +9,9 @@ use liveview::geometry::{Camera, Size};
 use liveview::layers::guided::GuidedSearch;
 use liveview::layers::{Layers, padded};
 use liveview::network::{NetworkError, PlaneNetwork};
-use liveview::render::{Accumulated, Blended, Competing, DistanceWeights, Frame, LayerSamples, Renderer};
+use liveview::render::{
+    Accumulated, Blended, Competing, DistanceWeights, Frame, LayerSamples, RenderRequest, Renderer,
+};
 use liveview::warp::{SourceView, Texture, warp_sources};
 use ndarray::{ArrayView4, ArrayViewMut4};
 use proptest::prelude::*;
@@ -64,7 +66,9 @@ impl Rig {
     }
 
     fn render(&self, network: impl PlaneNetwork + 'static, layers: &Layers, batch: usize) -> Frame {
-        Renderer::new(Box::new(network), batch).render(&self.sources(), &self.target, layers).unwrap()
+        Renderer::new(Box::new(network), batch)
+            .render(RenderRequest::new(&self.sources(), &self.target, layers))
+            .unwrap()
     }
 
     /// On guided layers between these depths.

@@ -174,20 +174,6 @@ fn the_papers_video_chooses_its_planes_on_the_first_frame() {
 }
 
 #[test]
-fn planes_of_k_means_stay_until_the_policy_finds_them_anew() {
-    let target = camera(0.05, 0.0);
-    let layers = LayerSpec::KMeans { planes: 4, coarse_planes: None };
-    for (policy, expected) in
-        [(Policy::Every(1), [true; 3]), (Policy::Every(2), [true, false, true]), (Policy::Once, [true, false, false])]
-    {
-        let mut session = session_of(layers.clone(), policy, &[4]);
-        let sources = [(); 3].map(|()| show(&mut session, EMPTY, &target).layer_source);
-        let kept = LayerSource::Propagated { refreshed: 0.0 };
-        assert_eq!(sources, expected.map(|searched| if searched { LayerSource::Searched } else { kept }), "{policy}");
-    }
-}
-
-#[test]
 fn every_so_many_frames() {
     let mut session = session(Policy::Every(3));
     let searched =

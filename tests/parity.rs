@@ -16,7 +16,9 @@ use liveview::layers::guided::{
 };
 use liveview::layers::{CELL, Layer, Layers, cover_planes, padded, plane_histogram, select_planes};
 use liveview::network::{Alpha, ExecutionProvider, OrtNetwork, PlaneNetwork, ViewAgreement};
-use liveview::render::{Accumulated, Batch, Blended, Competing, DistanceWeights, LayerSamples, Renderer};
+use liveview::render::{
+    Accumulated, Batch, Blended, Competing, DistanceWeights, LayerSamples, RenderRequest, Renderer,
+};
 use liveview::warp::{SourceView, Texture, warp_layers, warp_sources};
 use ndarray::{Array, Array1, Array2, Array3, ArrayD, Axis, Dimension, IxDyn, OwnedRepr, s};
 use ndarray_npy::{NpzReader, ReadNpyError, ReadNpzError, ReadableElement};
@@ -414,8 +416,10 @@ fn end_to_end() {
                 let mut renderer = Renderer::new(Box::new(case.network()), batch);
                 renderer.set_alpha(case.alpha());
                 let mut shifts = Vec::<f64>::new();
-                let gather = |batch: &Batch<'_>| shifts.extend(batch.logit_shifts);
-                let frame = renderer.render_observed(&views, &case.target, &case.layers(), gather).unwrap();
+                let mut gather = |batch: &Batch<'_>| shifts.extend(batch.logit_shifts);
+                let layers = case.layers();
+                let request = RenderRequest::new(&views, &case.target, &layers);
+                let frame = renderer.render(RenderRequest { observer: Some(&mut gather), ..request }).unwrap();
                 if case.find::<f64>("logit_shift").is_some() {
                     case.check("logit_shift", &Array1::from_vec(shifts));
                 }

@@ -56,7 +56,6 @@ fn every_kind_of_layers_shows_the_held_out_view() {
         ("guided:2/16", 2),
         ("surface:1", 1),
         ("surface:2", 2),
-        ("kmeans:12", 12),
         ("select:12/24", 12),
         ("list:0.7,0.5,0.4,0.3,0.25,0.2,0.15", 7),
     ] {
@@ -76,7 +75,7 @@ fn every_kind_of_layers_shows_the_held_out_view() {
         assert_eq!(plan.layers.len(), count, "{layers}");
         assert_eq!(plan.range.is_some(), matches!(synthesizer.layers(), LayerSpec::Guided { .. }), "{layers}");
         assert_eq!(plan.surface.is_some(), matches!(synthesizer.layers(), LayerSpec::Surface(_)), "{layers}");
-        let again = synthesizer.render_plan(&loaded, &plan, |_| ()).unwrap();
+        let again = synthesizer.render_plan(&loaded, &plan, None).unwrap();
         assert_eq!(frame.picture, again.picture, "{layers}");
     }
 }
@@ -135,7 +134,7 @@ fn the_depth_of_photos_is_kept_from_frame_to_frame() {
         let mut alone = synthesizer("surface:1");
         let loaded = alone.load(shot, &[]).unwrap();
         let plan = alone.plan(&loaded).unwrap();
-        assert!(alone.render_plan(&loaded, &plan, |_| ()).unwrap().picture == *picture, "{}", shot.name);
+        assert!(alone.render_plan(&loaded, &plan, None).unwrap().picture == *picture, "{}", shot.name);
     }
 }
 

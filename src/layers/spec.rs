@@ -6,7 +6,6 @@
 //! | `guided:2` | layers that follow the scene, with a range of disparities for each pixel; `guided:2/32`: 32 planes in the first search |
 //! | `surface:2` | layers along the surface that the photos' own depth gives, each view counting only where it sees it |
 //! | `select:16/64` | of 64 planes 16: the paper's selection, those that are most pixels' best, or of competing planes those nearest to every pixel's best; `select:16` is of 64 |
-//! | `kmeans:16` | planes at the disparities that the guided search finds; `kmeans:16/32`: 32 planes in the first search |
 //! | `list:0.5,0.25,0` | planes at these disparities (1/scene unit), near to far: descending |
 
 use std::fmt;
@@ -44,13 +43,6 @@ pub enum LayerSpec {
         /// Planes that they are selected from.
         from: usize,
     },
-    /// Planes at the disparities that the guided search finds.
-    KMeans {
-        /// How many.
-        planes: usize,
-        /// As for [`LayerSpec::Guided`].
-        coarse_planes: Option<usize>,
-    },
     /// Planes at these disparities, 1/scene unit, near → far; valid ([`Layers::planes`]).
     List(Vec<f64>),
 }
@@ -69,7 +61,7 @@ impl LayerSpec {
     /// The paper's: 16 planes selected from 64.
     pub const PAPER: Self = Self::Select { keep: 16, from: SELECT_FROM };
 
-    /// Its kind, as the text begins: `planes`, `guided`, `surface`, `select`, `kmeans` or `list`.
+    /// Its kind, as the text begins: `planes`, `guided`, `surface`, `select` or `list`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Planes(_) => "planes",
@@ -77,7 +69,6 @@ impl LayerSpec {
             #[cfg(feature = "surface")]
             Self::Surface(_) => "surface",
             Self::Select { .. } => "select",
-            Self::KMeans { .. } => "kmeans",
             Self::List(_) => "list",
         }
     }
@@ -95,7 +86,6 @@ impl LayerSpec {
             Self::Surface(count) => *count,
             Self::Guided { layers, .. } => *layers,
             Self::Select { from, .. } => *from,
-            Self::KMeans { planes, .. } => *planes,
             Self::List(list) => list.len(),
         }
     }
@@ -115,7 +105,7 @@ impl FromStr for LayerSpec {
 }
 
 fn parse(text: &str) -> Result<LayerSpec, String> {
-    let kinds = || "expected planes:D, guided:L, surface:L, select:K/D, kmeans:K or list:DISPARITIES".to_owned();
+    let kinds = || "expected planes:D, guided:L, surface:L, select:K/D or list:DISPARITIES".to_owned();
     let (kind, rest) = text.trim().split_once(':').ok_or_else(kinds)?;
     let (count, of) = rest.split_once('/').map_or((rest, None), |(count, of)| (count, Some(of)));
     let layers = || whole(count, 1..=MAX_LAYERS);
@@ -127,7 +117,6 @@ fn parse(text: &str) -> Result<LayerSpec, String> {
         "surface" => LayerSpec::Surface(whole(rest, 1..=MAX_LAYERS)?),
         #[cfg(not(feature = "surface"))]
         "surface" => return Err("this build is without the cargo feature `surface`".to_owned()),
-        "kmeans" => LayerSpec::KMeans { planes: layers()?, coarse_planes: coarse_planes()? },
         "select" => {
             let (keep, from) = (layers()?, of.map_or(Ok(SELECT_FROM), |of| whole(of, 1..=MAX_LAYERS))?);
             if keep > from {
@@ -163,7 +152,6 @@ impl fmt::Display for LayerSpec {
             #[cfg(feature = "surface")]
             Self::Surface(layers) => write!(f, "{layers}"),
             Self::Select { keep, from } => write!(f, "{keep}/{from}"),
-            Self::KMeans { planes, coarse_planes } => write!(f, "{planes}{}", of(coarse_planes)),
             Self::List(list) => {
                 let list: Vec<String> = list.iter().map(f64::to_string).collect();
                 write!(f, "{}", list.join(","))
@@ -178,16 +166,7 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read_again() {
-        let texts = [
-            "planes:64",
-            "guided:2",
-            "guided:2/32",
-            "surface:2",
-            "select:16/64",
-            "kmeans:16",
-            "kmeans:4/8",
-            "list:0.5,0.25,0",
-        ];
+        let texts = ["planes:64", "guided:2", "guided:2/32", "surface:2", "select:16/64", "list:0.5,0.25,0"];
         for text in texts {
             assert_eq!(text.parse::<LayerSpec>().unwrap().to_string(), text);
         }

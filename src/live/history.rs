@@ -8,7 +8,7 @@ use super::settings::LiveSettings;
 use super::step::{Step, TargetViews};
 use crate::geometry::Camera;
 use crate::layers::guided::GuidedSearch;
-use crate::layers::{LayerSpec, Layers, LayersError, kmeans_planes};
+use crate::layers::{LayerSpec, Layers, LayersError};
 use crate::surface::TargetSurface;
 
 /// The layers of a frame.
@@ -64,18 +64,6 @@ impl History {
                     (planes, LayerSource::Selected)
                 }
                 None => (Layers::uniform(near, far, from)?, LayerSource::Dense),
-            },
-            LayerSpec::KMeans { planes: count, coarse_planes } => match self.planes.take().filter(|_| !due) {
-                Some(planes) => {
-                    self.planes = Some(planes.clone());
-                    (planes, LayerSource::Propagated { refreshed: 0.0 })
-                }
-                None => {
-                    let surface = Surface::search(&search(coarse_planes), &target_views())?;
-                    let planes = Layers::planes(&kmeans_planes(surface.disparities(), count))?;
-                    self.planes = Some(planes.clone());
-                    (planes, LayerSource::Searched)
-                }
             },
             LayerSpec::Surface(count) => {
                 let depths = self.depths.get_or_insert_with(|| CameraDepths::new(step.cameras, near, far));

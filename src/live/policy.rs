@@ -21,11 +21,10 @@ pub enum Policy {
 }
 
 impl Policy {
-    /// The default for these layers: `propagate` for guided and surface layers, `each` for k-means planes, `once` for all others.
+    /// The default for these layers: `propagate` for guided and surface layers, `once` for all others.
     pub fn default_for(layers: &LayerSpec) -> Self {
         match layers {
             LayerSpec::Guided { .. } | LayerSpec::Surface(_) => Self::Propagate,
-            LayerSpec::KMeans { .. } => Self::Every(1),
             _ => Self::Once,
         }
     }

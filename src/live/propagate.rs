@@ -44,11 +44,6 @@ impl Surface {
         Ok(Self { target: target.clone(), disparity: found.fine_disparity, cost, planes: found.disparities.len() })
     }
 
-    /// Disparity per cell, 1/scene unit.
-    pub(super) fn disparities(&self) -> &[f32] {
-        self.disparity.as_slice().expect("standard order")
-    }
-
     /// The range of each cell, which guided layers divide.
     pub(super) fn range(&self) -> RangeMap {
         range_of(&self.disparity, 0.0)

@@ -14,7 +14,7 @@ use super::step::Step;
 use crate::geometry::{Camera, TooFewViews};
 use crate::image::ImageRgb;
 use crate::layers::{LayerSpec, Layers, uniform_disparities};
-use crate::render::Renderer;
+use crate::render::{RenderRequest, Renderer};
 use crate::warp::SourceView;
 
 /// Renders the time steps of a rig, one after the other.
@@ -83,7 +83,9 @@ impl LiveSession {
         let Found { layers, source, seen } = self.history.layers(&self.settings, &step, &views, target)?;
         let found = Instant::now();
         let visibility = seen.as_ref().map(|seen| seen.visibility());
-        let frame = self.renderers[network].render_visible(&sources, visibility.as_ref(), target, &layers, |_| ())?;
+        let request =
+            RenderRequest { visibility: visibility.as_ref(), ..RenderRequest::new(&sources, target, &layers) };
+        let frame = self.renderers[network].render(request)?;
         if let (LayerSpec::Select { keep, from }, LayerSource::Dense) = (&self.settings.layers, source) {
             let disparities = uniform_disparities(self.settings.near, self.settings.far, *from)?;
             let kept = self.renderers[network].alpha().select_planes(&frame.plane_histogram(*from), *keep);

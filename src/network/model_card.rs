@@ -14,7 +14,7 @@ pub struct ModelCard {
     pub views: usize,
     /// The layers that it was made for, as a [`crate::layers::LayerSpec`].
     pub recommended_layers: String,
-    /// The kinds of layers that it is for, such as `planes` and `kmeans` ([`LayerSpec::kind`]); empty: all.
+    /// The kinds of layers that it is for, such as `planes` and `select` ([`LayerSpec::kind`]); empty: all.
     pub layer_kinds: Vec<String>,
     /// How layers were composited when it was trained.
     pub alpha: AlphaKind,
@@ -123,9 +123,9 @@ mod tests {
 
     #[test]
     fn the_card_names_kinds_of_layers() {
-        let card = read(&[("layer_kinds", "planes, kmeans")]).unwrap();
+        let card = read(&[("layer_kinds", "planes, select")]).unwrap();
         let is_for = |layers: &str| card.is_for(&layers.parse().unwrap());
-        assert!(is_for("planes:3") && is_for("kmeans:3") && !is_for("guided:2") && !is_for("list:1"));
+        assert!(is_for("planes:3") && is_for("select:3") && !is_for("guided:2") && !is_for("list:1"));
         assert!(read(&[]).unwrap().is_for(&LayerSpec::Surface(1)));
     }
 }

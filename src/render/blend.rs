@@ -13,7 +13,7 @@ use crate::warp::{RUN, RunCoverage};
 
 /// Power of (d_min/d_i) where views count only where they see the layer: what is left to differ between them is how far off their
 /// depth puts them, which grows with the distance. Worth 0.12 dB by distance alone, nothing with a network (docs/experiments.md).
-pub(super) const VISIBLE_POWER: f64 = 1.5;
+pub(super) const OCCLUSION_DISTANCE_POWER: f64 = 1.5;
 
 /// Factors of the view weights, from the distances of the views to the target.
 #[derive(Debug, Clone, PartialEq)]

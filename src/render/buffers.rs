@@ -4,14 +4,15 @@ use ndarray::{ArrayView3, ArrayView4, ArrayViewMut4, Axis};
 use rayon::prelude::*;
 
 use super::blend::DistanceWeights;
-use super::visibility::hide;
+use super::visibility::hide_occluded;
 use crate::fs::memory::{self, MemoryError};
 use crate::geometry::Size;
 use crate::layers::Layer;
 use crate::network::{NetworkError, PlaneNetwork};
 use crate::warp::{OwnDepth, RunCoverage, WarpSource, WarpedLayers, run_coverage_len, warp_layers_into};
 
-/// The stages of n layers over the padded target of h × w pixels, as [`super::Renderer::render_observed`] shows them.
+/// The stages of n layers over the padded target of h × w pixels, as an observer is shown them
+/// ([`super::RenderRequest::observer`]).
 #[derive(Debug, Clone, Copy)]
 pub struct Batch<'a> {
     /// Disparity of n layers, near → far, `[n, h, w]`, 1/scene unit.
@@ -29,7 +30,14 @@ pub struct Batch<'a> {
 }
 
 /// Logits that one task counts.
-const COUNTED: usize = 1 << 16;
+const LOGITS_PER_TASK: usize = 1 << 16;
+
+/// Logits of some layers.
+pub(crate) struct LogitCount {
+    pub(crate) logits: usize,
+    /// Those that are NaN or infinite.
+    pub(crate) not_finite: usize,
+}
 
 /// Buffers for a number of layers, kept from frame to frame. Each slot holds one layer.
 #[derive(Default)]
@@ -117,21 +125,45 @@ impl Buffers {
         }
     }
 
-    /// Takes from colour and coverage of the first `n` layers, warped with the views' own depth, what each view does not see;
-    /// `seen_any` becomes true where some view sees one.
-    pub(crate) fn hide(&mut self, n: usize, seen_any: &mut [bool]) {
+    /// Sets colour and coverage of the first `n` layers, which were warped with the views' own
+    /// depth, to 0 where a view is occluded; `visible` becomes true where some view is not.
+    pub(crate) fn hide_occluded(&mut self, n: usize, visible: &mut [bool]) {
         let (views, size) = (self.views, self.size);
-        hide(views, size, &mut self.layers(n), seen_any);
+        hide_occluded(views, size, &mut self.layers(n), visible);
+    }
+
+    /// Drops the layers that no view covers at any pixel of the target, and moves the others
+    /// together; `indices` are those of the layers in the first slots. Returns how many it dropped.
+    pub(crate) fn drop_uncovered(&mut self, indices: &mut Vec<usize>, target: Size) -> usize {
+        let (warped, mut kept) = (indices.len(), 0);
+        for slot in 0..warped {
+            if self.is_covered(slot, target) {
+                self.move_layer(slot, kept);
+                indices[kept] = indices[slot];
+                kept += 1;
+            }
+        }
+        indices.truncate(kept);
+        warped - kept
+    }
+
+    /// Whether any view covers any pixel of the target on the layer in `slot`.
+    fn is_covered(&self, slot: usize, target: Size) -> bool {
+        let mut rows = self
+            .coverage(slot)
+            .chunks_exact(self.size.pixels())
+            .flat_map(|view| view.chunks_exact(self.size.width).take(target.height).map(|row| &row[..target.width]));
+        rows.any(|row| row.iter().any(|&coverage| coverage > 0.0))
     }
 
     /// Coverage of the layer in `slot`, `[V, h, w]`.
-    pub(crate) fn coverage(&self, slot: usize) -> &[f32] {
+    fn coverage(&self, slot: usize) -> &[f32] {
         let [_, samples, _] = self.lengths();
         &self.coverage[slot * samples..][..samples]
     }
 
     /// Copies a layer to a slot whose layer is no longer needed.
-    pub(crate) fn move_layer(&mut self, from: usize, to: usize) {
+    fn move_layer(&mut self, from: usize, to: usize) {
         fn move_slot<T: Copy>(buffer: &mut [T], length: usize, from: usize, to: usize) {
             buffer.copy_within(from * length..(from + 1) * length, to * length);
         }
@@ -144,13 +176,13 @@ impl Buffers {
         }
     }
 
-    /// Runs the network on the first `n` layers, `batch` at once; how many of their logits there are, and are not finite.
+    /// Runs the network on the first `n` layers, `batch` at once, and counts their logits.
     pub(crate) fn infer(
         &mut self,
         network: &mut dyn PlaneNetwork,
         n: usize,
         batch: usize,
-    ) -> Result<[usize; 2], NetworkError> {
+    ) -> Result<LogitCount, NetworkError> {
         let [_, samples, _] = self.lengths();
         let (views, Size { width, height }) = (self.views, self.size);
         let hwv = ArrayView4::from_shape((n, 3 * views, height, width), &self.hwv[..n * 3 * samples]);
@@ -159,8 +191,8 @@ impl Buffers {
         let batches = hwv.axis_chunks_iter(Axis(0), batch).zip(logits.axis_chunks_iter_mut(Axis(0), batch));
         batches.into_iter().try_for_each(|(hwv, logits)| network.infer(hwv, logits))?;
         let logits = &self.logits[..n * samples];
-        let strays = logits.par_chunks(COUNTED).map(|part| part.iter().filter(|logit| !logit.is_finite()).count());
-        Ok([logits.len(), strays.sum()])
+        let not_finite = logits.par_chunks(LOGITS_PER_TASK).map(|part| part.iter().filter(|x| !x.is_finite()).count());
+        Ok(LogitCount { logits: logits.len(), not_finite: not_finite.sum() })
     }
 
     /// The first layers, as many as there are shifts, and their run coverage `[n, V, run_coverage_len]`.

@@ -54,10 +54,6 @@ impl Competing {
         }
         row
     }
-
-    pub(super) fn transmittance(&self) -> &[f64] {
-        &self.sums.transmittance
-    }
 }
 
 /// Plain loops over the pixels, compiled for the vector instructions of this processor.

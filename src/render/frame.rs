@@ -6,7 +6,6 @@ use ndarray::Array2;
 use rayon::prelude::*;
 
 use super::composite::Accumulated;
-use super::culling::Culled;
 use crate::geometry::Camera;
 use crate::image::ImageRgb;
 use crate::layers::plane_histogram;
@@ -23,11 +22,12 @@ pub struct Frame {
     /// Index of the layer with the largest α in the network's output, `None` where all are 0; of competing layers, with the largest
     /// weight, `None` where no view covers any; `[height, width]`.
     pub best_layer: Array2<Option<u32>>,
-    /// How many layers were left out.
-    pub culled: Culled,
-    /// Pixels that no view sees on any layer, by what is known of the photos' own depth: the least hidden views served.
-    pub unseen: usize,
-    /// Logits of the network that are NaN or infinite: a stray few, or there would be no frame.
+    /// Layers that were skipped because no view covers them.
+    pub uncovered_layers: usize,
+    /// Pixels that are occluded in every view on every layer, by the photos' own depth; they are
+    /// rendered as if no view were occluded there.
+    pub occluded_pixels: usize,
+    /// Logits of the network that are NaN or infinite: at most one in 10,000.
     pub logits_not_finite: usize,
     /// Wall time per stage.
     pub times: StageTimes,
@@ -45,15 +45,15 @@ pub struct StageTimes {
 }
 
 impl Frame {
-    /// From the rows of the target, all layers composited.
-    pub(super) fn new(gathered: &[Accumulated], target: &Camera, culled: Culled, times: StageTimes) -> Self {
+    /// From the rows of the target, all layers composited; counts and times are 0.
+    pub(super) fn new(rows: &[Accumulated], target: &Camera) -> Self {
         let (shape, width) = ((target.height(), target.width()), target.width());
         let pixels = shape.0 * width;
         let (mut rgb, mut best_layer) = (vec![0.0; 3 * pixels], vec![None; pixels]);
         let [mut disparity, mut transmittance] = [(); 2].map(|()| vec![0.0; pixels]);
         let lines = rgb.par_chunks_mut(3 * width).zip(best_layer.par_chunks_mut(width));
         let lines = lines.zip(disparity.par_chunks_mut(width)).zip(transmittance.par_chunks_mut(width));
-        gathered.par_iter().zip(lines).for_each(|(row, (((rgb, best_layer), disparity), transmittance))| {
+        rows.par_iter().zip(lines).for_each(|(row, (((rgb, best_layer), disparity), transmittance))| {
             let [red, green, blue] = &row.rgb;
             for (((to, &red), &green), &blue) in rgb.as_chunks_mut().0.iter_mut().zip(red).zip(green).zip(blue) {
                 *to = [red as f32, green as f32, blue as f32];
@@ -71,11 +71,17 @@ impl Frame {
             disparity: map(disparity),
             transmittance: map(transmittance),
             best_layer: Array2::from_shape_vec(shape, best_layer).expect("one value per pixel"),
-            culled,
-            unseen: 0,
+            uncovered_layers: 0,
+            occluded_pixels: 0,
             logits_not_finite: 0,
-            times,
+            times: StageTimes::default(),
         }
+    }
+
+    /// The share of the picture that no view covers: the mean transmittance, in [0, 1].
+    pub fn uncovered_share(&self) -> f64 {
+        let sum: f64 = self.transmittance.iter().map(|&t| f64::from(t)).sum();
+        sum / self.transmittance.len().max(1) as f64
     }
 
     /// How many pixels have each of `planes` planes, on which the frame was rendered, as their best layer (paper, section "Plane

@@ -9,11 +9,11 @@ mod buffers;
 mod composite;
 mod composite_competing;
 mod composite_row;
-mod culling;
 mod error;
 mod exp;
 mod frame;
 mod renderer;
+mod request;
 mod sharpened;
 mod spacing;
 mod visibility;
@@ -22,12 +22,12 @@ pub use blend::{Blended, DistanceWeights, LayerSamples};
 pub use buffers::Batch;
 pub use composite::Accumulated;
 pub use composite_competing::Competing;
-pub use culling::{Culled, Culling};
 pub use error::RenderError;
 pub use frame::{Frame, StageTimes};
 pub use renderer::Renderer;
+pub use request::{Observer, RenderRequest};
 #[cfg(feature = "surface")]
 pub(crate) use sharpened::SharpenedPhotos;
 #[cfg(feature = "surface")]
-pub(crate) use visibility::hide;
+pub(crate) use visibility::hide_occluded;
 pub use visibility::{Visibility, VisibleView};

@@ -15,8 +15,8 @@ use super::sharpened::SharpenedPhotos;
 use crate::geometry::Size;
 use crate::warp::{ALL_SEEN, OwnDepth, RUN, RunCoverage, WarpSource, WarpedLayers};
 
-/// A pixel is seen where the coverage summed over the views exceeds this.
-const LEAST_COVERAGE: f32 = 0.05;
+/// Coverage, summed over the views that are not occluded, up to which a pixel counts as occluded.
+const MIN_COVERAGE: f32 = 0.05;
 
 /// Own depth and photo correction of each view, for layers along a surface.
 #[derive(Debug, Clone)]
@@ -38,7 +38,8 @@ pub struct VisibleView<'a> {
     pub sharpening: f32,
 }
 
-/// A row of a view: colour by channel, coverage, its run coverage, and which pixels the view sees.
+/// A row of a layer in a view: colour by channel, coverage, run coverage, and for each run a bit per
+/// pixel, set where the view is not occluded.
 struct Row<'a> {
     colour: [&'a mut [f32]; 3],
     coverage: &'a mut [f32],
@@ -47,8 +48,8 @@ struct Row<'a> {
 }
 
 impl Visibility<'_> {
-    /// Gives the views their balanced colours, and the sharpened photos of those that are to be sharpened.
-    pub(crate) fn balance<'a>(&self, sources: &mut [WarpSource<'a>], sharpened: &'a mut SharpenedPhotos) {
+    /// Sets the gains of the views, and replaces the photos that are to be sharpened.
+    pub(crate) fn correct_photos<'a>(&self, sources: &mut [WarpSource<'a>], sharpened: &'a mut SharpenedPhotos) {
         let photos = sources.iter().zip(&self.views).map(|(source, view)| (source.texture, view.sharpening));
         sharpened.sharpen(photos.filter(|(_, amount)| *amount != 0.0));
         for (source, view) in sources.iter_mut().zip(&self.views) {
@@ -66,16 +67,17 @@ impl Visibility<'_> {
     }
 }
 
-/// Takes colour and coverage from what `layers` of so many views, warped with their own depth, tell is not seen, on a target padded to
-/// `size`. `seen_any` becomes true where a view sees one of them.
-pub(crate) fn hide(views: usize, size: Size, layers: &mut WarpedLayers<'_>, seen_any: &mut [bool]) {
+/// Sets colour and coverage of `layers` to 0 where a view is occluded. The layers are of that many
+/// views, were warped with the views' own depth, and cover a target padded to `size`; `visible`,
+/// one per pixel, becomes true where some view is not occluded on one of them.
+pub(crate) fn hide_occluded(views: usize, size: Size, layers: &mut WarpedLayers<'_>, visible: &mut [bool]) {
     let (width, plane, runs) = (size.width, size.pixels(), size.width.div_ceil(RUN));
-    // Rows of all layers and views side by side, so that a thread decides over all of them at once.
+    // The same row of all layers and views, so that one thread decides over all of them at once.
     let mut rows: Vec<Vec<Row<'_>>> =
         (0..size.height).map(|_| Vec::with_capacity(layers.coverage.len() / plane)).collect();
     let planes = layers.colour.chunks_mut(3 * plane).zip(layers.coverage.chunks_mut(plane));
-    let known = layers.run_coverage.chunks_mut(size.height * runs).zip(layers.seen.chunks_mut(size.height * runs));
-    for ((colour, coverage), (run_coverage, seen)) in planes.zip(known) {
+    let of_runs = layers.run_coverage.chunks_mut(size.height * runs).zip(layers.seen.chunks_mut(size.height * runs));
+    for ((colour, coverage), (run_coverage, seen)) in planes.zip(of_runs) {
         let (red, rest) = colour.split_at_mut(plane);
         let (green, blue) = rest.split_at_mut(plane);
         let lines = red.chunks_mut(width).zip(green.chunks_mut(width)).zip(blue.chunks_mut(width));
@@ -84,45 +86,47 @@ pub(crate) fn hide(views: usize, size: Size, layers: &mut WarpedLayers<'_>, seen
             rows.push(Row { colour: [red, green, blue], coverage, run_coverage, seen });
         }
     }
-    rows.into_par_iter().zip(seen_any.par_chunks_mut(width)).for_each(|(mut rows, seen_any)| {
+    rows.into_par_iter().zip(visible.par_chunks_mut(width)).for_each(|(mut rows, visible)| {
         for layer in rows.chunks_mut(views) {
-            for (run, seen_any) in seen_any.chunks_mut(RUN).enumerate() {
-                hide_run(layer, run, seen_any);
+            for (run, visible) in visible.chunks_mut(RUN).enumerate() {
+                hide_run(layer, run, visible);
             }
         }
     });
 }
 
-/// As [`hide`], a run of a layer.
-fn hide_run(views: &mut [Row<'_>], run: usize, seen_any: &mut [bool]) {
-    let span = run * RUN..run * RUN + seen_any.len();
+/// As [`hide_occluded`], one run of a row of a layer.
+fn hide_run(views: &mut [Row<'_>], run: usize, visible: &mut [bool]) {
+    let span = run * RUN..run * RUN + visible.len();
     if views.iter().any(|view| view.seen[run] == ALL_SEEN && view.run_coverage[run] == RunCoverage::All) {
-        seen_any.fill(true);
+        visible.fill(true);
     } else {
-        let mut left = [0.0; RUN];
+        let mut remaining = [0.0; RUN];
         for view in &*views {
             let seen = view.seen[run];
-            let pixels = left.iter_mut().zip(&view.coverage[span.clone()]).enumerate();
-            pixels.for_each(|(i, (left, coverage))| *left += mask(seen, i) * coverage);
+            let pixels = remaining.iter_mut().zip(&view.coverage[span.clone()]).enumerate();
+            pixels.for_each(|(i, (remaining, coverage))| *remaining += bit(seen, i) * coverage);
         }
-        let left = &left[..seen_any.len()];
-        seen_any.iter_mut().zip(left).for_each(|(seen, &left)| *seen |= left > LEAST_COVERAGE);
-        let unseen =
-            left.iter().enumerate().fold(0, |unseen, (i, &left)| unseen | u64::from(left <= LEAST_COVERAGE) << i);
-        views.iter_mut().for_each(|view| view.seen[run] |= unseen);
+        let remaining = &remaining[..visible.len()];
+        visible.iter_mut().zip(remaining).for_each(|(visible, &coverage)| *visible |= coverage > MIN_COVERAGE);
+        let occluded_in_all = remaining
+            .iter()
+            .enumerate()
+            .fold(0, |mask, (i, &coverage)| mask | u64::from(coverage <= MIN_COVERAGE) << i);
+        views.iter_mut().for_each(|view| view.seen[run] |= occluded_in_all);
     }
     for view in views {
         view.hide(run, span.clone());
     }
 }
 
-/// 1 where a bit is set, else 0.
-fn mask(seen: u64, i: usize) -> f32 {
-    f32::from((seen >> i & 1) as u8)
+/// 1 where bit `i` is set, else 0.
+fn bit(mask: u64, i: usize) -> f32 {
+    f32::from((mask >> i & 1) as u8)
 }
 
 impl Row<'_> {
-    /// Takes away what the view does not see of a run.
+    /// Sets colour and coverage of a run to 0 where the view is occluded.
     fn hide(&mut self, run: usize, span: Range<usize>) {
         let seen = self.seen[run];
         if seen == ALL_SEEN || self.run_coverage[run] == RunCoverage::None {

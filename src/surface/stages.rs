@@ -17,7 +17,7 @@ use super::search::photo_sweep::costs;
 use super::search::planes::Planes;
 use crate::geometry::{Camera, PlaneSweep, Size};
 use crate::layers::padded;
-use crate::render::{SharpenedPhotos, Visibility, hide};
+use crate::render::{SharpenedPhotos, Visibility, hide_occluded};
 use crate::warp::{
     self, RunCoverage, SourceView, Texture, WarpSource, WarpedLayers, run_coverage_len, warp_layers_into,
 };
@@ -134,7 +134,7 @@ pub fn occluded(
     let mut run_coverage = vec![RunCoverage::Partial; views.len() * run_coverage_len(size)];
     let mut sources = warp::warp_sources(views, target);
     let mut sharpened = SharpenedPhotos::default();
-    visibility.balance(&mut sources, &mut sharpened);
+    visibility.correct_photos(&mut sources, &mut sharpened);
     let mut seen_runs = vec![0; run_coverage.len()];
     let mut warped = WarpedLayers {
         disparity: flat(layer),
@@ -144,7 +144,7 @@ pub fn occluded(
         seen: &mut seen_runs,
     };
     warp_layers_into(&sources, &visibility.own_depth(), size, &mut warped);
-    hide(views.len(), size, &mut warped, &mut seen);
+    hide_occluded(views.len(), size, &mut warped, &mut seen);
     let volume = |values: Vec<f32>| {
         Array3::from_shape_vec((values.len() / size.pixels(), height, width), values).expect("complete maps")
     };

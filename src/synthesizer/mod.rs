@@ -46,7 +46,7 @@ pub use target::{Shot, Target, TargetCamera, Targets};
 
 use crate::layers::LayerSpec;
 use crate::network::PlaneNetwork;
-use crate::render::{Batch, Frame, Renderer};
+use crate::render::{Frame, Observer, RenderRequest, Renderer};
 use crate::scene::{Scene, SceneOptions};
 #[cfg(feature = "surface")]
 use crate::surface::EXTRA_PHOTOS;
@@ -159,7 +159,7 @@ impl Synthesizer {
         &self.renderer
     }
 
-    /// As [`Self::renderer`], to set its culling.
+    /// As [`Self::renderer`], to change its settings.
     pub fn renderer_mut(&mut self) -> &mut Renderer {
         &mut self.renderer
     }
@@ -201,7 +201,7 @@ impl Synthesizer {
         for (index, shot) in shots.iter().enumerate() {
             let loaded = self.load(shot, &shots[index + 1..])?;
             let plan = self.plan(&loaded)?;
-            take(shot, self.render_plan(&loaded, &plan, |_| ())?);
+            take(shot, self.render_plan(&loaded, &plan, None)?);
         }
         Ok(())
     }
@@ -259,8 +259,8 @@ impl Synthesizer {
         plan::histogram(&mut self.renderer, shot, disparities)
     }
 
-    /// Renders a shot on the layers of its plan; `observe` is shown its stages
-    /// ([`Renderer::render_observed`]).
+    /// Renders a shot on the layers of its plan; `observer` is shown its stages
+    /// ([`RenderRequest::observer`]).
     ///
     /// # Errors
     ///
@@ -269,13 +269,16 @@ impl Synthesizer {
         &mut self,
         shot: &LoadedShot,
         plan: &Plan,
-        observe: impl FnMut(&Batch<'_>),
+        observer: Option<Observer<'_>>,
     ) -> Result<Frame, SynthesisError> {
         #[cfg(feature = "surface")]
         let visibility = plan.surface.as_ref().map(TargetSurface::visibility);
         #[cfg(not(feature = "surface"))]
         let visibility = None;
-        let target = &shot.shot().target;
-        Ok(self.renderer.render_visible(&shot.sources(), visibility.as_ref(), target, &plan.layers, observe)?)
+        let sources = shot.sources();
+        let mut request = RenderRequest::new(&sources, &shot.shot().target, &plan.layers);
+        request.visibility = visibility.as_ref();
+        request.observer = observer.map(|observer| observer as Observer<'_>);
+        Ok(self.renderer.render(request)?)
     }
 }

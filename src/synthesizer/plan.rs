@@ -7,8 +7,8 @@ use super::loaded_shot::LoadedShot;
 #[cfg(feature = "surface")]
 use super::scene_photos::ScenePhotos;
 use crate::layers::guided::RangeMap;
-use crate::layers::{LayerSpec, Layers, kmeans_planes, uniform_disparities};
-use crate::render::Renderer;
+use crate::layers::{LayerSpec, Layers, uniform_disparities};
+use crate::render::{RenderRequest, Renderer};
 #[cfg(feature = "surface")]
 use crate::surface::{PhotoCorrection, TargetSurface};
 
@@ -18,7 +18,7 @@ use crate::surface::{PhotoCorrection, TargetSurface};
 pub struct Plan {
     /// The layers, near → far.
     pub layers: Layers,
-    /// Wall time of the guided search, for guided layers and k-means planes; of the surface, with the depth of photos that was not known
+    /// Wall time of the guided search, for guided layers; of the surface, with the depth of photos that was not known
     /// yet, for surface layers.
     pub search: Duration,
     /// Wall time of the render that planes were selected from, for selected planes.
@@ -59,11 +59,6 @@ pub(super) fn plan(spec: &LayerSpec, renderer: &mut Renderer, loaded: &LoadedSho
         }
         #[cfg(feature = "surface")]
         LayerSpec::Surface(_) => unreachable!("see plan_surface"),
-        LayerSpec::KMeans { planes, coarse_planes } => {
-            let found = loaded.search(coarse_planes)?.fine_disparity;
-            let planes = kmeans_planes(found.as_slice().expect("standard order"), planes);
-            Plan { search: started.elapsed(), ..known(Layers::planes(&planes)?) }
-        }
         LayerSpec::Select { keep, from } => {
             let disparities = uniform_disparities(shot.near, shot.far, from)?;
             let histogram = histogram(renderer, loaded, &disparities)?;
@@ -94,6 +89,7 @@ pub(super) fn histogram(
     loaded: &LoadedShot,
     disparities: &[f64],
 ) -> Result<Vec<u64>, SynthesisError> {
-    let frame = renderer.render(&loaded.sources(), &loaded.shot().target, &Layers::planes(disparities)?)?;
+    let (sources, layers) = (loaded.sources(), Layers::planes(disparities)?);
+    let frame = renderer.render(RenderRequest::new(&sources, &loaded.shot().target, &layers))?;
     Ok(frame.plane_histogram(disparities.len()))
 }

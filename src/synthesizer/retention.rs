@@ -124,7 +124,7 @@ mod tests {
             let loaded = synthesizer.load(shot, &shots[index + 1..]).unwrap();
             let [photos, _] = held(&mut synthesizer);
             let plan = synthesizer.plan(&loaded).unwrap();
-            pictures.push(synthesizer.render_plan(&loaded, &plan, |_| ()).unwrap().picture);
+            pictures.push(synthesizer.render_plan(&loaded, &plan, None).unwrap().picture);
             most = [most[0].max(photos), most[1].max(held(&mut synthesizer)[1])];
         }
         (pictures, most)

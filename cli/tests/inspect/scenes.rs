@@ -108,7 +108,6 @@ fn other_kinds_of_layers_are_refused() {
     refused("inspect", &["--layers", "planes:0"], &["--layers", "planes:0", "a whole number from 1 to 4096"]);
     let target = |layers| ["--target", "2", "--layers", layers];
     refused("select", &target("planes:4"), &["--layers planes:4", "expected select:K/D or guided:L"]);
-    refused("select", &target("kmeans:4"), &["--layers kmeans:4", "expected select:K/D or guided:L"]);
     refused("select", &target("guided:0"), &["--layers", "guided:0", "a whole number from 1 to 4096"]);
 }
 

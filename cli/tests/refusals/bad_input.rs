@@ -111,17 +111,17 @@ fn layers_that_are_none() {
     let refused = |layers: &str, words: &[&str]| {
         assert_render_refused(&folders, &["--layers", layers], &[&["--layers", layers], words].concat());
     };
-    for kind in ["planes", "guided", "surface", "select", "kmeans"] {
+    for kind in ["planes", "guided", "surface", "select"] {
         for count in ["0", "-3", "1e9", "1000000000", ""] {
             refused(&format!("{kind}:{count}"), &["a whole number from 1 to 4096"]);
         }
     }
-    for layers in ["guided:2/1", "kmeans:2/1", "guided:2/4097"] {
+    for layers in ["guided:2/1", "guided:2/4097"] {
         refused(layers, &["a whole number from 2 to 4096"]);
     }
     refused("select:9/8", &["9 planes", "from 8"]);
     for layers in ["", "64", "planes", "planes 64", "tiles:64"] {
-        refused(layers, &["expected planes:D, guided:L, surface:L, select:K/D, kmeans:K or list:DISPARITIES"]);
+        refused(layers, &["expected planes:D, guided:L, surface:L, select:K/D or list:DISPARITIES"]);
     }
     assert_render_refused(&folders, &["--layers", "planes:4", "--quality", "draft"], &["cannot be used with"]);
 }
@@ -131,8 +131,6 @@ fn competing_layers() {
     let folders = Folders::new();
     assert_render_refused(&folders, &["--alpha", "both"], &["--alpha", "independent", "competing"]);
     assert_render_refused(&folders, &["--alpha", "competing", "--network", "none"], &["cannot be used with"]);
-    let hidden = ["--alpha", "competing", "--layers", "planes:4", "--opaque", "0.1"];
-    assert_render_refused(&folders, &hidden, &["--opaque", "do not hide one another", "--alpha independent"]);
 }
 
 #[test]

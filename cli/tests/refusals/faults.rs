@@ -256,7 +256,6 @@ fn frames_of_another_job_are_never_taken() {
     refused(&["--path", "line:4"], &[other, "\"targets\" is --path line:3 there and --path line:4 here"]);
     refused(&["--path", "line:3", "--layers", "guided:3"], &[other, "\"layers\" is guided:2 there and guided:3 here"]);
     refused(&["--path", "line:3", "--layers", "list:0.3"], &[other, "\"layers\"", "list:0.3 here"]);
-    refused(&["--path", "line:3", "--opaque", "0.1"], &[other, "\"opaque\" is 0 there and 0.1 here"]);
     refused(&["--path", "line:3", "--width", "32"], &[other, "\"size\" is 64x48 there and 32x24 here"]);
     refused(&["--path", "line:3", "--near", "1"], &[other, "\"depth\" is 2 to 8 there and 1 to 8 here"]);
     let model = folders.scene().join("other.onnx");

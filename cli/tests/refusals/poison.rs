@@ -150,18 +150,15 @@ fn photos(folder: &str) -> Folders {
 
 const NAMES: [&str; 5] = ["0.png", "1.png", "2.png", "3.png", "4.png"];
 /// Options up to where their number stands; of `--layers`, each kind's.
-const NUMERIC_OPTIONS: [&str; 19] = [
+const NUMERIC_OPTIONS: [&str; 16] = [
     "--near=",
     "--far=",
-    "--opaque=",
     "--layers=list:",
     "--layers=list:1e3,",
     "--layers=guided:",
     "--layers=guided:2/",
     "--layers=surface:",
     "--layers=planes:",
-    "--layers=kmeans:",
-    "--layers=kmeans:2/",
     "--layers=select:",
     "--layers=select:1/",
     "--width=",

@@ -175,7 +175,7 @@ fn other_layers() {
 #[test]
 fn layers_are_those_that_the_model_recommends() {
     let folders = Folders::new();
-    for (layers, count) in [("planes:3", 3), ("kmeans:4", 4)] {
+    for (layers, count) in [("planes:3", 3), ("guided:4", 4)] {
         let model = folders.recommending(layers);
         let arguments = ["--target", "2", "--model", &model, "-o", &folders.out("a.png")];
         let report = json(&mut folders.liveview("render", &arguments));
@@ -234,8 +234,7 @@ fn what_was_left_out_is_explained() {
     // 60 · 0.1 / 0.01 pixels of parallax: the first three of these planes are beyond every photo.
     let near = ["--target", "2", "-o", &picture, "--near", "0.01", "--layers", "planes:4", "--explain", &why];
     let report = json(&mut folders.render(&near));
-    assert_eq!(report["explanation"]["left_out"]["uncovered"], 3, "as `inspect` says: {report}");
-    assert_eq!(json(folders.render(&near).args(["--opaque", "0.5"]))["explanation"]["left_out"]["uncovered"], 3);
+    assert_eq!(report["explanation"]["uncovered_layers"], 3, "as `inspect` says: {report}");
 
     let text = run(&mut folders.render(&["--target", "2", "-o", &picture, "--layers", "planes:5", "--explain", &why]));
     assert!(text.contains("5 planes, of which"), "{text}");
@@ -281,5 +280,5 @@ fn qualities_are_choices_of_layers() {
     assert_eq!(layers(&["--quality", "balanced"]), "guided:2");
     assert_eq!(layers(&["--quality", "full"]), "surface:1");
     assert_eq!(layers(&["--quality", "paper"]), "select:16/64");
-    assert_eq!(layers(&["--layers", "kmeans:3"]), "kmeans:3");
+    assert_eq!(layers(&["--layers", "guided:3"]), "guided:3");
 }

@@ -56,8 +56,6 @@ fn policy_decides_which_frames_search_their_layers() {
         ("surface:2", "each", false, serde_json::json!({ "searched": 3 })),
         ("surface:1", "every:2", false, serde_json::json!({ "searched": 2, "propagated": 1 })),
         ("surface:1", "once", false, serde_json::json!({ "searched": 1, "propagated": 2 })),
-        ("kmeans:3", "each", true, serde_json::json!({ "searched": 3 })),
-        ("kmeans:3", "every:2", false, serde_json::json!({ "searched": 2, "propagated": 1 })),
         ("select:2/8", "every:2", false, serde_json::json!({ "dense": 2, "selected": 1 })),
         ("planes:3", "once", true, serde_json::json!({ "fixed": 3 })),
         ("list:0.4,0.2", "once", true, serde_json::json!({ "fixed": 3 })),

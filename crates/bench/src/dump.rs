@@ -7,7 +7,7 @@ use clap::Args;
 use liveview::layers::guided::SearchStages;
 use liveview::layers::{Layer, Layers};
 use liveview::network::Alpha;
-use liveview::render::{Batch, Blended, Culling, Frame, LayerSamples};
+use liveview::render::{Batch, Blended, Frame, LayerSamples};
 use liveview::warp::warp_sources;
 use liveview::{LayerSpec, LoadedShot, Plan, Targets};
 use liveview_common::args::layers::LayerArgs;
@@ -131,8 +131,8 @@ fn write(job: &mut Job, shot: &LoadedShot, arrays: &mut Arrays) -> Result<()> {
     };
     write_layers(&plan.layers, shot, arrays)?;
     let mut stages = Stages::default();
-    job.synthesizer.renderer_mut().set_culling(Culling::NONE);
-    let frame = job.synthesizer.render_plan(shot, &plan, |batch| stages.gather(batch))?;
+    job.synthesizer.renderer_mut().set_skip_uncovered(false);
+    let frame = job.synthesizer.render_plan(shot, &plan, Some(&mut |batch| stages.gather(batch)))?;
     stages.write(arrays)?;
     match job.alpha() {
         Alpha::Competing { scale } => arrays.add("alpha_scale", Array1::from_vec(vec![scale]))?,

@@ -1,9 +1,9 @@
 //! A scene, a model and layers: what the commands that render have in common.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use indicatif::ProgressBar;
 use liveview::network::Alpha;
-use liveview::render::{Culling, Frame, Renderer};
+use liveview::render::{Frame, Renderer};
 use liveview::{LayerSpec, LoadedShot, Plan, Scene, ScenePhotos, SceneViews, Synthesizer};
 use ndarray::Axis;
 
@@ -41,16 +41,10 @@ impl Job {
         layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
         let given = layers.given();
         let mut job = Self::of(photos, models.open(model, given.as_ref())?, given.as_ref())?;
-        if layers.opaque > 0.0 && !job.alpha().is_independent() {
-            bail!("--opaque: competing layers do not hide one another; expected --alpha independent with it");
-        }
         if let (Some(folder), false) = (&layers.cache, matches!(job.layers(), LayerSpec::Surface(_))) {
             let (folder, layers) = (folder.display(), job.layers());
             print_message("note", format!("--cache {folder}: not used, {layers} needs no depth of the photos"));
         }
-        let mut culling = Culling::default();
-        culling.transmittance = layers.opaque;
-        job.synthesizer.renderer_mut().set_culling(culling);
         job.synthesizer.set_photo_correction(layers.photo_correction());
         Ok(job)
     }
@@ -110,7 +104,7 @@ impl Job {
     pub fn render(&mut self, shot: &LoadedShot, plan: &Plan) -> Result<Frame> {
         let progress = &self.progress;
         progress.inc_length(plan.layers.len() as u64);
-        let count = |batch: &liveview::render::Batch<'_>| progress.inc(batch.disparity.len_of(Axis(0)) as u64);
-        Ok(self.synthesizer.render_plan(shot, plan, count)?)
+        let mut count = |batch: &liveview::render::Batch<'_>| progress.inc(batch.disparity.len_of(Axis(0)) as u64);
+        Ok(self.synthesizer.render_plan(shot, plan, Some(&mut count))?)
     }
 }

@@ -72,7 +72,7 @@ impl ExplainArgs {
             (None, Some(seen)) => surface(about, seen, &mut text, &mut json),
             (None, None) => planes(about, job.alpha(), &mut text, &mut json),
         };
-        culled(about.frame, &mut text, &mut json);
+        uncovered(about.frame, &mut text, &mut json);
         time_shares(about.times, &mut text, &mut json);
         if let Some(planes) = self.dense {
             dense(job, about, planes, &mut text, &mut json)?;
@@ -112,7 +112,7 @@ fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String,
 /// The surface, how much of it no photo's depth gives, and what exposure was balanced by.
 fn surface(about: &Explained<'_>, seen: &TargetSurface, text: &mut String, json: &mut Value) -> ImageRgb {
     let holes = seen.surface().holes;
-    let hidden = about.frame.unseen as f64 / about.frame.transmittance.len() as f64;
+    let hidden = about.frame.occluded_pixels as f64 / about.frame.transmittance.len() as f64;
     let _ = writeln!(
         text,
         "surface {} layers along it; {:.1} % of it beside what the photos' depth gives, {:.1} % hidden from all views",
@@ -165,22 +165,12 @@ fn planes(about: &Explained<'_>, alpha: Alpha, text: &mut String, json: &mut Val
     coloured(map.view(), (1.0 / about.shot.far) as f32, (1.0 / about.shot.near) as f32)
 }
 
-/// Layers that were left out.
-fn culled(frame: &Frame, text: &mut String, json: &mut Value) {
-    let culled = frame.culled;
-    if culled.uncovered > 0 {
-        let _ = writeln!(text, "left    {} layers that no view sees: exact", culled.uncovered);
+/// Layers that were skipped.
+fn uncovered(frame: &Frame, text: &mut String, json: &mut Value) {
+    if frame.uncovered_layers > 0 {
+        let _ = writeln!(text, "skipped {} layers that no view covers", frame.uncovered_layers);
     }
-    if culled.opaque > 0 {
-        let bound = culled.transmittance;
-        let _ = writeln!(
-            text,
-            "left    {} layers hidden behind the others: changes at most {bound:.4} of 1",
-            culled.opaque
-        );
-    }
-    json["left_out"] =
-        json!({ "uncovered": culled.uncovered, "opaque": culled.opaque, "transmittance": culled.transmittance });
+    json["uncovered_layers"] = json!(frame.uncovered_layers);
 }
 
 /// Each stage's share of the time.

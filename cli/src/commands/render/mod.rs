@@ -203,7 +203,7 @@ fn render(
             truth: truth.as_ref(),
         };
         let pixels = frame.transmittance.len() as f64;
-        let unseen = frame.transmittance.iter().map(|&left| f64::from(left)).sum::<f64>() / pixels;
+        let unseen = frame.uncovered_share();
         if single && is_blank(unseen) {
             return Err(nothing_seen(args));
         }
@@ -220,7 +220,7 @@ fn render(
             times: Some(times),
             score,
             unseen,
-            hidden: frame.unseen as f64 / pixels,
+            hidden: frame.occluded_pixels as f64 / pixels,
             disparity_max: disparity_max(&frame),
             files: outputs.files(&shot),
             shot,

@@ -60,7 +60,6 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
         ("scene", shown(&root)),
         ("targets", targets.to_string()),
         ("layers", job.layers().to_string()),
-        ("opaque", layers.opaque.to_string()),
         ("exposure", (if layers.keep_exposure { "kept" } else { "balanced" }).to_owned()),
         ("sharpness", (if layers.keep_sharpness { "kept" } else { "balanced" }).to_owned()),
         ("model", model),

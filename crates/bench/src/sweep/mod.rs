@@ -43,7 +43,7 @@ Examples:
     liveview sweep scene --target IMG_7.jpg --layers guided:4,planes:16 --widths 500,1000,2000 -o scaling/";
 
 /// Every kind of layers, fewest first; the others are compared with the last.
-const LAYERS: &str = "surface:1,surface:2,guided:1,guided:2,guided:3,guided:4,guided:6,guided:8,guided:12,kmeans:8,kmeans:16,select:8,select:16,\
+const LAYERS: &str = "surface:1,surface:2,guided:1,guided:2,guided:3,guided:4,guided:6,guided:8,guided:12,select:8,select:16,\
                       select:32,planes:8,planes:16,planes:32,planes:64";
 
 /// What is measured without a network: what a network's one layer is to be compared with, and the default there.
@@ -64,7 +64,7 @@ pub struct SweepArgs {
     /// Views to render, by name; all are held out. Scores are means over them, times are the first one's
     #[arg(long, value_name = "NAME,…", required = true)]
     target: Vec<String>,
-    /// What to measure, separated by commas: surface:L, guided:L, planes:D, kmeans:K or select:K/D. With any surface layers, surface:1
+    /// What to measure, separated by commas: surface:L, guided:L, planes:D or select:K/D. With any surface layers, surface:1
     /// and surface:3 without a network are measured too
     #[arg(long, value_name = "LIST", default_value = LAYERS, value_delimiter = ',')]
     layers: Vec<LayerSpec>,

@@ -15,17 +15,12 @@ pub struct LayerArgs {
     /// the first search), surface:L (L layers along the surface that the photos' own depth gives; each photo counts only where it sees
     /// it), planes:D (evenly spaced in disparity from near to far), select:K/D (of D planes K: the paper's
     /// selection, those that most pixels choose, or where planes compete those nearest to every pixel's choice; a path keeps those
-    /// of its first frame), kmeans:K (planes where the search finds the
-    /// scene), list:… (disparities in 1/scene unit, separated by commas, near to far: descending)
+    /// of its first frame), list:… (disparities in 1/scene unit, separated by commas, near to far: descending)
     #[arg(long, value_name = "SPEC", group = "which_layers")]
     layers: Option<LayerSpec>,
     /// A choice of layers that was measured (README, "Error against run time")
     #[arg(long, value_enum, group = "which_layers")]
     quality: Option<Quality>,
-    /// Leave out layers behind which less than this part of the light is left at every pixel: the picture changes by at most
-    /// as much (of 1). Competing layers (--alpha) do not hide one another [default: 0, none]
-    #[arg(long, value_name = "TAU", value_parser = super::numbers::part, default_value_t = 0.0, hide_default_value = true)]
-    pub opaque: f64,
     /// Surface layers: leave photos of different exposure or white balance as they are; by default they are balanced, by what their
     /// confirmed depths show to be the same point
     #[arg(long)]
@@ -72,11 +67,7 @@ impl LayerArgs {
 
     /// Those of the options given that a rig's video has no use for.
     pub fn unused_for_video(&self) -> Vec<&'static str> {
-        let given = [
-            ("--opaque", self.opaque > 0.0),
-            ("--keep-sharpness", self.keep_sharpness),
-            ("--cache", self.cache.is_some()),
-        ];
+        let given = [("--keep-sharpness", self.keep_sharpness), ("--cache", self.cache.is_some())];
         given.into_iter().filter_map(|(option, given)| given.then_some(option)).collect()
     }
 

@@ -16,11 +16,3 @@ fn whole(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {
     let number = text.parse().ok().filter(|number| range.contains(number));
     number.ok_or_else(|| format!("expected a whole number from {} to {}", range.start(), range.end()))
 }
-
-/// Parses a number from 0 to 1.
-pub fn part(text: &str) -> Result<f64, String> {
-    text.parse()
-        .ok()
-        .filter(|part| (0.0..=1.0).contains(part))
-        .ok_or_else(|| "expected a number from 0 to 1".to_owned())
-}

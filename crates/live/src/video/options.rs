@@ -36,7 +36,7 @@ pub struct VideoArgs {
     #[command(flatten)]
     pub(super) viewpoint: ViewpointArgs,
     /// Which layers each frame is rendered on: surface:L, guided:L, planes:D, select:K/D (D planes on the first frame, K of them
-    /// from then on, as the paper's video), kmeans:K or list:… [default: what the model recommends]
+    /// from then on, as the paper's video) or list:… [default: what the model recommends]
     #[arg(long, value_name = "SPEC", group = "which_layers")]
     pub(super) layers: Option<LayerSpec>,
     /// A choice of layers that was measured (README, "Error against run time")
@@ -48,8 +48,8 @@ pub struct VideoArgs {
     pub(super) keep_exposure: bool,
     /// When the layers are found anew: propagate (surface layers: the photos' own depth, searched anew where a photo has changed; guided
     /// layers: the last frame's surface, searched anew where the photos no longer agree with it), each (every frame), every:N (one
-    /// every N frames), once (the first frame alone) [default: propagate for surface and guided layers, each for k-means planes,
-    /// once for selected planes]
+    /// every N frames), once (the first frame alone) [default: propagate for surface and guided layers, once for
+    /// selected planes]
     #[arg(long)]
     pub(super) policy: Option<Policy>,
     /// Time steps A to B, without B: A.., ..B or A..B, counted from 0

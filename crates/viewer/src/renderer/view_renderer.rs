@@ -155,7 +155,7 @@ fn header(rendered: &Rendered) -> Value {
     json!({
         "width": frame.picture.width(), "height": frame.picture.height(),
         "layers": layers.to_string(), "views": views, "helpers": helpers, "left_out": left_out,
-        "uncovered": mean(&frame.transmittance), "occluded": frame.unseen as f64 / pixels,
+        "uncovered": frame.uncovered_share(), "occluded": frame.occluded_pixels as f64 / pixels,
         // JSON has no infinity.
         "disparity": mean(&frame.disparity), "near": near, "far": far.is_finite().then_some(far),
         "stages": {
