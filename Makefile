@@ -86,7 +86,7 @@ lint: setup
 docs:
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items
 
-## Seeded goldens for tests/parity.rs and tests/parity_surface.rs; made anew when the reference changes.
+## Seeded goldens for tests/parity; made anew when the reference changes.
 goldens: target/goldens/cases.txt
 REFERENCE := $(wildcard python/liveview_ref/*.py python/liveview_ref/reference/*.py python/liveview_ref/reference/*/*.py \
 	python/liveview_ref/parity/*.py)

@@ -1,4 +1,4 @@
-"""Goldens for tests/parity.rs and tests/parity_surface.rs: python parity/generate.py FOLDER
+"""Goldens for tests/parity: python parity/generate.py FOLDER
 
 Seeded cases, one npz each: inputs, the float64 oracle of every stage (`oracle.NAME`), and the
 largest and mean error of float32 torch (`torch.NAME`). A stage's inputs are the float32 roundings

@@ -5,7 +5,7 @@ Lets the Rust binary dump every stage of one render, computes each stage again f
 in float64 (the oracle) and float32 torch, and prints a table: elements, largest and mean error of
 Rust and of torch. Exit code 1 if Rust is off by more than parity/tolerances.json allows.
 
-Of surface layers the stages from the blend on are held here, tests/parity_surface.rs holds those
+Of surface layers the stages from the blend on are held here, tests/parity/surface.rs holds those
 before. With --network none the logits are those of the views' agreement.
 """
 
@@ -102,7 +102,7 @@ def main() -> int:
         figures = f"{ours[0]:.1e} | {theirs[0]:.1e} | {ours[1]:.1e} | {theirs[1]:.1e}"
         print(f"| {name} | {elements} | {figures} | [{where}] | {'ok' if good else 'OFF'} |")
     if about["layers"].startswith("surface"):
-        print("\nnot held here, but by tests/parity_surface.rs: the photos' depth, the surface, its layers, their warp")
+        print("\nnot held here, but by tests/parity/surface.rs: the photos' depth, the surface, its layers, their warp")
     chosen = np.array_equal(stages.best_layer(data), data["best_layer"])
     print(f"\nthe same layer chosen at each pixel: {'yes' if chosen else 'NO'}")
     if net is None:

@@ -1,4 +1,4 @@
-"""Goldens of surface layers, for tests/parity_surface.rs: each stage's float64 oracle, and float32
+"""Goldens of surface layers, for tests/parity/surface.rs: each stage's float64 oracle, and float32
 torch's errors.
 
 As in parity/generate.py, a stage's inputs are the float32 roundings of the oracle's outputs of the

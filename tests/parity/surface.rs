@@ -1,11 +1,7 @@
-//! Depth of the photos and the target's surface, stage by stage, compared with the float64 oracle and
-//! float32 torch on the goldens of `parity/generate.py` (`make test-rust` generates them).
+//! Depth of the photos and the target's surface, stage by stage.
 //!
-//! The input of each stage is the output of the oracle's previous stage, rounded to float32. Elements
-//! that the last bits decide are marked doubtful by the oracle (`liveview_ref/parity/surface_goldens.py`): they may be
-//! wrong, but only few are doubtful. The errors of all others are within `parity/tolerances.json`.
-
-mod surface_case;
+//! Elements that the last bits decide are marked doubtful by the oracle
+//! (`liveview_ref/parity/surface_goldens.py`): they may be wrong, but only few are doubtful.
 
 use liveview::geometry::distance;
 use liveview::layers::Layer;
@@ -13,7 +9,9 @@ use liveview::render::{Visibility, VisibleView};
 use liveview::surface::stages::{self, Search};
 use liveview::surface::{ConsistencyVotes, confirmed, exposure_gains, photo_depth, sharpening, surface};
 use ndarray::{Array1, Array2, Axis};
-use surface_case::{Case, folder};
+
+use crate::golden::{assert_none, listed_cases};
+use crate::surface_case::SurfaceCase;
 
 const CASES: [&str; 11] = [
     "scene",
@@ -39,30 +37,27 @@ const LAYERS: usize = 3;
 const OFFSETS: [f32; 7] = [1.5, 1.0, 0.5, 0.0, -0.5, -1.0, -1.5];
 
 /// Runs `check` on each of the cases, and reports their failures together.
-fn for_cases(names: &[&'static str], check: impl Fn(&Case)) {
+fn for_cases(names: &[&'static str], check: impl Fn(&SurfaceCase)) {
     let failures = names.iter().flat_map(|name| {
-        let case = Case::open(name);
+        let case = SurfaceCase::open(name);
         check(&case);
-        case.failures.into_inner().unwrap()
+        case.into_failures()
     });
-    let failures: Vec<_> = failures.collect();
-    assert!(failures.is_empty(), "{} beyond their bounds:\n{}", failures.len(), failures.join("\n"));
+    assert_none(&failures.collect::<Vec<_>>());
 }
 
-fn for_all(check: impl Fn(&Case)) {
+fn for_all(check: impl Fn(&SurfaceCase)) {
     for_cases(&CASES, check);
 }
 
 /// All cases but the last, which has the first search only.
-fn for_complete(check: impl Fn(&Case)) {
+fn for_complete(check: impl Fn(&SurfaceCase)) {
     for_cases(&CASES[..CASES.len() - 1], check);
 }
 
 #[test]
 fn generated_cases_are_all_tested() {
-    let listed =
-        std::fs::read_to_string(folder().join("surface_cases.txt")).expect("run `make test-rust`, which generates it");
-    assert_eq!(listed.lines().collect::<Vec<_>>(), CASES);
+    assert_eq!(listed_cases("surface_cases.txt"), CASES);
 }
 
 #[test]
@@ -211,7 +206,7 @@ fn sharpening_is_within_bounds() {
 #[test]
 fn any_number_of_threads_gives_the_same_bits() {
     for name in ["scene", "sizes"] {
-        let case = Case::open(name);
+        let case = SurfaceCase::open(name);
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
