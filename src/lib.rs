@@ -50,6 +50,8 @@ pub mod fs;
 pub mod fuzz;
 pub mod geometry;
 pub mod image;
+#[cfg_attr(not(feature = "surface"), allow(unreachable_pub))]
+mod kinds;
 pub mod layers;
 #[cfg(feature = "surface")]
 pub mod live;

@@ -1,36 +1,69 @@
-//! The depth of each camera's photo, kept from step to step: searched anew where the photo has changed since.
+//! The depth of each camera's photo, kept from step to step: searched again where the photo has
+//! changed.
 //!
-//! A camera's depth belongs to its photo alone; its neighbours only help to find it. So what a photo goes on showing keeps its depth,
-//! whatever changes in others, and wherever the target moves. Photos are compared by the means of [`CELL`]×[`CELL`] pixels with what they
-//! showed when that part was searched: noise averages out, and slow changes add up.
+//! A camera's depth belongs to its photo alone; its neighbours only help to find it. Where a photo
+//! stays the same, its depth is reused, whatever changes in other photos and wherever the target
+//! moves. A photo is compared, by the means of [`CELL`]×[`CELL`] pixels, with its content when that
+//! part was searched: noise averages out, and slow changes accumulate.
 
 use ndarray::{Array2, s};
 
-use super::dirty_tiles::{Region, dirty_regions};
-use super::policy::Policy;
-use super::settings::LiveSettings;
 use super::step::Step;
 use crate::geometry::{Camera, Size};
-use crate::surface::{DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, PhotoCorrection, PhotoDepth, TargetSurface, photo_depth};
+use crate::kinds::{DepthUpdate, FramePhotos, PhotosWithDepth, Region, dirty_regions};
+use crate::surface::{DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, PhotoDepth, photo_depth};
 use crate::warp::{SourceView, Texture};
 
 /// Pixels per side of a cell.
 const CELL: usize = 2;
 /// A cell has changed if the mean of a channel differs by more than this, of values in [0, 1].
-const CHANGED: f32 = 0.03;
-/// Tiles around what has changed that are searched with it, so that its edges agree with their surroundings.
-const HALO: usize = 1;
-/// Where what is to be searched covers more than this share of a photo, all of it is searched: that takes no longer.
-const WHOLE: f64 = 0.75;
+const MIN_CHANGE: f32 = 0.03;
+/// Tiles around a changed region that are searched with it, so that its edges agree with their
+/// surroundings.
+const MARGIN_TILES: usize = 1;
+/// Where the regions to be searched cover more than this share of a photo, all of it is searched:
+/// that takes no longer.
+const MAX_DIRTY_SHARE: f64 = 0.75;
 
-/// What a photo shows, by cell and channel.
+/// Mean colour of each cell of a photo.
 type Cells = Array2<[f32; 3]>;
 
 /// Depth maps of the cameras of a rig.
 pub(super) struct CameraDepths {
     maps: DepthMaps,
-    /// What each camera showed when its depth was searched.
+    /// The photo of each camera when its depth was searched.
     searched: Vec<Option<Cells>>,
+}
+
+/// The photos of a time step, and the depth of its cameras.
+pub(super) struct StepPhotos<'a> {
+    pub(super) step: &'a Step<'a>,
+    pub(super) target: &'a Camera,
+    /// Cameras that the frame is rendered from, nearest first.
+    pub(super) views: &'a [usize],
+    pub(super) depths: &'a mut CameraDepths,
+}
+
+impl<E> FramePhotos<E> for StepPhotos<'_> {
+    fn sources(&self) -> Vec<SourceView<'_>> {
+        self.views.iter().map(|&view| self.step.source(view)).collect()
+    }
+
+    fn with_depth(&mut self, update: DepthUpdate) -> Result<PhotosWithDepth<'_>, E> {
+        if update == DepthUpdate::All {
+            self.depths.clear();
+        }
+        let mut set = self.step.nearest(self.target);
+        set.truncate(self.views.len() + EXTRA_PHOTOS);
+        let refresh = update == DepthUpdate::Changed;
+        let searched: f64 = set.iter().map(|&camera| self.depths.update(self.step, camera, refresh)).sum();
+        Ok(PhotosWithDepth {
+            maps: &mut self.depths.maps,
+            photos: set.iter().map(|&camera| (camera, self.step.source(camera))).collect(),
+            rendered_from: self.views.len(),
+            searched: searched / set.len() as f64,
+        })
+    }
 }
 
 impl CameraDepths {
@@ -39,38 +72,22 @@ impl CameraDepths {
         Self { maps, searched: vec![None; cameras.len()] }
     }
 
-    /// Forgets all depth.
-    pub(super) fn forget(&mut self) {
+    /// Drops all depth.
+    fn clear(&mut self) {
         self.maps.retain(&[], &[]);
         self.searched.fill(None);
     }
 
-    /// The surface of a target that is rendered from its `count` nearest cameras, and the share of the photos used that was searched
-    /// for it, 1 for all.
-    pub(super) fn surface(
-        &mut self,
-        step: &Step<'_>,
-        target: &Camera,
-        count: usize,
-        settings: &LiveSettings,
-    ) -> (TargetSurface, f64) {
-        let mut set = step.nearest(target);
-        set.truncate(count + EXTRA_PHOTOS);
-        let searched: f64 = set.iter().map(|&camera| self.update(step, camera, settings.policy)).sum();
-        let photos: Vec<_> = set.iter().map(|&camera| (camera, step.source(camera))).collect();
-        let correction = PhotoCorrection { exposure: !settings.keep_exposure, ..PhotoCorrection::default() };
-        (TargetSurface::find(&mut self.maps, &photos, count, target, correction), searched / set.len() as f64)
-    }
-
-    /// Searches what the policy says of a camera's photo; its share.
-    fn update(&mut self, step: &Step<'_>, camera: usize, policy: Policy) -> f64 {
+    /// Searches the depth of a camera's photo where there is none yet, and with `refresh` where the
+    /// photo has changed. Returns the share of the photo that was searched.
+    fn update(&mut self, step: &Step<'_>, camera: usize, refresh: bool) -> f64 {
         let view = step.source(camera);
         let Some((then, found)) = self.searched[camera].as_mut().zip(self.maps.get(camera)) else {
             self.searched[camera] = Some(cells(view.texture));
             self.maps.insert(camera, search(&view, &neighbours(step, camera), &self.maps));
             return 1.0;
         };
-        if policy != Policy::Propagate {
+        if !refresh {
             return 0.0;
         }
         let now = cells(view.texture);
@@ -78,26 +95,26 @@ impl CameraDepths {
         if dirty.is_empty() {
             return 0.0;
         }
-        let expanded: Vec<Region> = dirty.iter().map(|region| region.expanded(HALO, now.dim())).collect();
+        let expanded: Vec<Region> = dirty.iter().map(|region| region.expanded(MARGIN_TILES, now.dim())).collect();
         let share = |regions: &[Region]| regions.iter().map(Region::area).sum::<usize>() as f64 / now.len() as f64;
         let neighbours = neighbours(step, camera);
-        if share(&expanded) > WHOLE {
+        if share(&expanded) > MAX_DIRTY_SHARE {
             *then = now;
             self.maps.insert(camera, search(&view, &neighbours, &self.maps));
             return 1.0;
         }
         let mut renewed = found.clone();
         for (region, expanded) in dirty.iter().zip(&expanded) {
-            let inside = s![region.top..region.bottom, region.left..region.right];
-            then.slice_mut(inside).assign(&now.slice(inside));
+            let cells = s![region.top..region.bottom, region.left..region.right];
+            then.slice_mut(cells).assign(&now.slice(cells));
             let size = view.camera.size();
-            let ((left, right), (top, bottom)) = expanded.pixels(size);
-            let size_of_part = Size::new(right - left, bottom - top);
-            let part = view.camera.with_window(left as f64, top as f64, size_of_part.width, size_of_part.height);
-            let texture = view.texture.window((left, top), size_of_part);
+            let ((left, right), (top, bottom)) = pixels(expanded, size);
+            let part_size = Size::new(right - left, bottom - top);
+            let part = view.camera.with_window(left as f64, top as f64, part_size.width, part_size.height);
+            let texture = view.texture.window((left, top), part_size);
             let part = SourceView { camera: &part.expect("a part of a photo"), texture: &texture };
             let found = search(&part, &neighbours, &self.maps);
-            let (columns, rows) = region.pixels(size);
+            let (columns, rows) = pixels(region, size);
             let inner = s![rows.0 - top..rows.1 - top, columns.0 - left..columns.1 - left];
             renewed.disparity.slice_mut(s![rows.0..rows.1, columns.0..columns.1]).assign(&found.disparity.slice(inner));
         }
@@ -106,18 +123,17 @@ impl CameraDepths {
     }
 }
 
-impl Region {
-    /// First column and the one after the last, and so the rows, of a region of cells in a photo.
-    fn pixels(&self, size: Size) -> ((usize, usize), (usize, usize)) {
-        let (right, bottom) = ((self.right * CELL).min(size.width), (self.bottom * CELL).min(size.height));
-        ((self.left * CELL, right), (self.top * CELL, bottom))
-    }
+/// First column and the one after the last, and first row and the one after the last, of a region of
+/// cells in a photo of that size.
+fn pixels(region: &Region, size: Size) -> ((usize, usize), (usize, usize)) {
+    let (right, bottom) = ((region.right * CELL).min(size.width), (region.bottom * CELL).min(size.height));
+    ((region.left * CELL, right), (region.top * CELL, bottom))
 }
 
-/// What a camera's photo is matched with.
+/// The photos that a camera's photo is matched with.
 fn neighbours<'a>(step: &'a Step<'_>, camera: usize) -> Vec<SourceView<'a>> {
-    let near = step.nearest(&step.cameras[camera]).into_iter().filter(|&other| other != camera);
-    near.take(NEIGHBOURS).map(|other| step.source(other)).collect()
+    let nearest = step.nearest(&step.cameras[camera]).into_iter().filter(|&other| other != camera);
+    nearest.take(NEIGHBOURS).map(|other| step.source(other)).collect()
 }
 
 fn search(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], maps: &DepthMaps) -> PhotoDepth {
@@ -133,8 +149,8 @@ fn cells(photo: &Texture) -> Cells {
     Array2::from_shape_fn((means.height(), means.width()), |(y, x)| means.pixel(x, y))
 }
 
-/// Where the photo differs.
+/// Where a photo differs from an earlier one.
 fn changed(then: &Cells, now: &Cells) -> Vec<Region> {
-    let differs = |then: &[f32; 3], now: &[f32; 3]| then.iter().zip(now).any(|(a, b)| (a - b).abs() > CHANGED);
+    let differs = |then: &[f32; 3], now: &[f32; 3]| then.iter().zip(now).any(|(a, b)| (a - b).abs() > MIN_CHANGE);
     dirty_regions(ndarray::Zip::from(then).and(now).map_collect(differs).view())
 }

@@ -4,15 +4,16 @@ use crate::geometry::{Size, TooFewViews};
 use crate::layers::LayersError;
 use crate::render::RenderError;
 
-/// Why a session, or one of its time steps, failed. After a failed time step the session can go on with the next.
+/// Why a session, or one of its time steps, failed. After a failed time step the session can go on
+/// with the next.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LiveError {
     /// A session without a network.
-    #[error("a session needs a network: expected at least one")]
+    #[error("a session without a network; expected at least one")]
     NoNetwork,
     /// The number of photos differs from that of the cameras.
-    #[error("{found} photos were given for {expected} cameras; expected one for each, or none in its place")]
+    #[error("{found} photos for {expected} cameras; expected one entry per camera, None where it delivered nothing")]
     Photos {
         /// Cameras of the rig.
         expected: usize,
@@ -29,7 +30,7 @@ pub enum LiveError {
         /// The camera's size, pixels.
         expected: Size,
     },
-    /// Fewer photos look the target's way than the smallest network takes.
+    /// Fewer photos face the target's direction than the smallest network takes.
     #[error(transparent)]
     Views(#[from] TooFewViews),
     /// Near and far span no range of depths.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::policy::LayerSource;
+use crate::kinds::LayerSource;
 use crate::render::{Frame, StageTimes};
 
 /// A rendered time step.
@@ -21,7 +21,7 @@ pub struct LiveFrame {
 /// Wall time per stage of one time step.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LiveTimes {
-    /// Making textures of the photos.
+    /// Converting the photos to textures.
     pub photos: Duration,
     /// Finding the layers.
     pub layers: Duration,

@@ -5,17 +5,18 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::camera_depths::{CameraDepths, StepPhotos};
 use super::error::LiveError;
 use super::frame::{LiveFrame, LiveTimes};
-use super::history::{Found, History};
-use super::policy::LayerSource;
+use super::policy::Policy;
 use super::settings::LiveSettings;
 use super::step::Step;
 use crate::geometry::{Camera, TooFewViews};
 use crate::image::ImageRgb;
-use crate::layers::{LayerSpec, Layers, uniform_disparities};
+use crate::kinds::{Carried, FoundLayers, FrameInput, LayerSource, Reuse, find_layers};
+use crate::layers::{LayerSpec, uniform_disparities};
 use crate::render::{RenderRequest, Renderer};
-use crate::warp::SourceView;
+use crate::surface::{PhotoCorrection, TargetSurface};
 
 /// Renders the time steps of a rig, one after the other.
 pub struct LiveSession {
@@ -23,7 +24,12 @@ pub struct LiveSession {
     /// Largest V first.
     renderers: Vec<Renderer>,
     settings: LiveSettings,
-    history: History,
+    /// The depth of the cameras' photos, for surface layers.
+    depths: CameraDepths,
+    /// What the layers of the next frame reuse.
+    carried: Carried,
+    /// Frames since the last search or selection.
+    age: usize,
 }
 
 impl fmt::Debug for LiveSession {
@@ -36,8 +42,8 @@ impl fmt::Debug for LiveSession {
 }
 
 impl LiveSession {
-    /// A session for the cameras of a rig. Of several networks the one with the most views renders; the next only a time step for
-    /// which fewer photos were delivered than that takes.
+    /// A session for the cameras of a rig. Of several networks the one with the most views renders; one
+    /// with fewer only a time step for which too few photos were delivered.
     ///
     /// # Errors
     ///
@@ -48,7 +54,8 @@ impl LiveSession {
         if renderers.is_empty() {
             return Err(LiveError::NoNetwork);
         }
-        Ok(Self { cameras, renderers, settings, history: History::default() })
+        let depths = CameraDepths::new(&cameras, settings.near, settings.far);
+        Ok(Self { cameras, renderers, settings, depths, carried: Carried::default(), age: 0 })
     }
 
     /// The cameras of the rig.
@@ -56,41 +63,56 @@ impl LiveSession {
         &self.cameras
     }
 
-    /// Sets the layers of the frames to come.
+    /// Sets the layers of the next frames.
     pub fn set_layers(&mut self, layers: LayerSpec) {
         self.settings.layers = layers;
     }
 
-    /// Forgets the frames before: the next is rendered as the first.
+    /// Drops what is reused of earlier frames: the next is rendered like the first.
     pub fn restart(&mut self) {
-        self.history = History::default();
+        (self.carried, self.age) = (Carried::default(), 0);
     }
 
-    /// Renders `target` from the photos of one time step: one per camera, in their order; `None` where a camera has delivered
-    /// nothing. The nearest V of the others are used.
+    /// Renders `target` from the photos of one time step: one per camera, in the cameras' order; `None`
+    /// where a camera has delivered nothing. The nearest V of the others are used.
     ///
     /// # Errors
     ///
-    /// [`LiveError::Photos`] and [`LiveError::Size`] for photos that do not match the cameras; [`LiveError::Views`] where too few
-    /// look the target's way (what to show instead is up to the caller); [`LiveError::Layers`] and [`LiveError::Render`].
+    /// [`LiveError::Photos`] and [`LiveError::Size`] for photos that do not match the cameras;
+    /// [`LiveError::Views`] where too few face the target's direction (what to show instead is up to
+    /// the caller); [`LiveError::Layers`] and [`LiveError::Render`].
     pub fn render(&mut self, photos: &[Option<&ImageRgb>], target: &Camera) -> Result<LiveFrame, LiveError> {
         self.check(photos)?;
         let step = Step::new(&self.cameras, photos);
         let (network, views) = self.choose(&step, target)?;
         let started = Instant::now();
-        let sources: Vec<SourceView<'_>> = views.par_iter().map(|&view| step.source(view)).collect();
+        let sources: Vec<_> = views.par_iter().map(|&view| step.source(view)).collect();
         let ready = Instant::now();
-        let Found { layers, source, seen } = self.history.layers(&self.settings, &step, &views, target)?;
+        let reuse = match self.settings.policy {
+            Policy::Every(frames) if self.age + 1 >= frames => Reuse::Nothing,
+            Policy::Every(_) | Policy::Once => Reuse::All,
+            Policy::Propagate => Reuse::Refreshed,
+        };
+        let mut photos = StepPhotos { step: &step, target, views: &views, depths: &mut self.depths };
+        let mut input = FrameInput::<LiveError> {
+            target,
+            near: self.settings.near,
+            far: self.settings.far,
+            photos: &mut photos,
+            is_followed: true,
+            photo_correction: PhotoCorrection { exposure: !self.settings.keep_exposure, ..PhotoCorrection::default() },
+        };
+        let FoundLayers { layers, source, selection, surface, .. } =
+            find_layers(&self.settings.layers, &mut self.carried, &mut input, reuse)?;
+        self.age = if matches!(source, LayerSource::Searched | LayerSource::Dense) { 0 } else { self.age + 1 };
         let found = Instant::now();
-        let visibility = seen.as_ref().map(|seen| seen.visibility());
+        let renderer = &mut self.renderers[network];
+        let visibility = surface.as_ref().map(TargetSurface::visibility);
         let request =
             RenderRequest { visibility: visibility.as_ref(), ..RenderRequest::new(&sources, target, &layers) };
-        let frame = self.renderers[network].render(request)?;
-        if let (LayerSpec::Select { keep, from }, LayerSource::Dense) = (&self.settings.layers, source) {
-            let disparities = uniform_disparities(self.settings.near, self.settings.far, *from)?;
-            let kept = self.renderers[network].alpha().select_planes(&frame.plane_histogram(*from), *keep);
-            let kept: Vec<f64> = kept.into_iter().map(|plane| disparities[plane]).collect();
-            self.history.keep_planes(Layers::planes(&kept)?);
+        let frame = renderer.render(request)?;
+        if let Some(selection) = selection {
+            self.carried.keep_selected(selection.planes(&frame, renderer.alpha())?);
         }
         let times = LiveTimes { photos: ready - started, layers: found - ready, stages: frame.times };
         Ok(LiveFrame { frame, layer_source: source, views, times })
@@ -110,7 +132,7 @@ impl LiveSession {
         Ok(())
     }
 
-    /// Index of the network, and of the cameras that it renders from.
+    /// Index of the network, and indices of the cameras that it renders from.
     fn choose(&self, step: &Step<'_>, target: &Camera) -> Result<(usize, Vec<usize>), LiveError> {
         let mut nearest = step.nearest(target);
         let views = |renderer: &Renderer| renderer.network().views();

@@ -10,8 +10,8 @@ use super::loaded_shot::{LoadedPhoto, LoadedShot};
 use super::photo_store::PhotoStore;
 use super::scene_depth::{DepthSource, SceneDepth, ViewDepth};
 use super::scene_views::SceneViews;
+use crate::kinds::PhotosWithDepth;
 use crate::surface::cache::{DepthCache, PhotoDigest};
-use crate::surface::{PhotoCorrection, TargetSurface};
 use crate::warp::{SourceView, Texture};
 
 /// The depth of photos in memory, and the folder that keeps it from run to run, if there is one.
@@ -44,20 +44,19 @@ impl DepthStore {
         self.files.as_mut().map(|files| std::mem::take(&mut files.notes)).unwrap_or_default()
     }
 
-    /// The surface of a shot's target.
-    pub(super) fn surface(
-        &mut self,
+    /// The photos of a shot with their depth, which is found where it is unknown.
+    pub(super) fn with_depth<'a>(
+        &'a mut self,
         views: &SceneViews,
         photos: &mut PhotoStore,
-        loaded: &LoadedShot,
-        photo_correction: PhotoCorrection,
-    ) -> Result<TargetSurface, SynthesisError> {
+        loaded: &'a LoadedShot,
+    ) -> Result<PhotosWithDepth<'a>, SynthesisError> {
         let shot = loaded.shot();
         let depth = with_held_out(&mut self.depth, views, &shot.held_out)?;
         let set = loaded.photos();
         set.iter().try_for_each(|photo| find(depth, &mut self.files, views, photos, photo.view))?;
         let set: Vec<_> = set.iter().map(|photo| (photo.view, photo.source())).collect();
-        Ok(depth.surface(&shot.target, &set, shot.views.len(), photo_correction))
+        Ok(depth.with_depth(&set, shot.views.len()))
     }
 
     /// The depth of a view's photo, and what its neighbours confirm of it. Photos and depths that

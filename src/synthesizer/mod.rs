@@ -33,18 +33,21 @@ use std::fmt;
 use std::path::Path;
 #[cfg(feature = "surface")]
 use std::path::PathBuf;
+use std::time::Instant;
 
 pub use error::SynthesisError;
 pub use loaded_shot::LoadedShot;
 pub use model::{DEFAULT_VIEWS, Model, ModelOptions};
 pub use plan::Plan;
+use plan::ShotPhotos;
 #[cfg(feature = "surface")]
 pub use scene_depth::{DepthSource, ViewDepth};
 pub use scene_photos::ScenePhotos;
 pub use scene_views::SceneViews;
 pub use target::{Shot, Target, TargetCamera, Targets};
 
-use crate::layers::LayerSpec;
+use crate::kinds::{Carried, FrameInput, Reuse, find_layers};
+use crate::layers::{LayerSpec, Layers};
 use crate::network::PlaneNetwork;
 use crate::render::{Frame, Observer, RenderRequest, Renderer};
 use crate::scene::{Scene, SceneOptions};
@@ -242,11 +245,26 @@ impl Synthesizer {
     /// [`SynthesisError::Layers`]; [`SynthesisError::Render`] where planes are selected from a render;
     /// [`SynthesisError::Scene`] where a photo is needed for its depth and cannot be read.
     pub fn plan(&mut self, shot: &LoadedShot) -> Result<Plan, SynthesisError> {
-        #[cfg(feature = "surface")]
-        if let LayerSpec::Surface(count) = self.layers {
-            return plan::plan_surface(count, &mut self.photos, shot, self.photo_correction);
-        }
-        plan::plan(&self.layers, &mut self.renderer, shot)
+        let started = Instant::now();
+        let mut photos = ShotPhotos {
+            shot,
+            #[cfg(feature = "surface")]
+            photos: &mut self.photos,
+        };
+        let mut input = FrameInput {
+            target: &shot.shot().target,
+            near: shot.shot().near,
+            far: shot.shot().far,
+            photos: &mut photos,
+            is_followed: false,
+            #[cfg(feature = "surface")]
+            photo_correction: self.photo_correction,
+        };
+        let found = find_layers(&self.layers, &mut Carried::default(), &mut input, Reuse::Nothing)?;
+        let Some(selection) = found.selection else { return Ok(Plan::found(found, started.elapsed())) };
+        let frame = self.render_plan(shot, &Plan::known(found.layers), None)?;
+        let selected = selection.planes(&frame, self.renderer.alpha())?;
+        Ok(Plan { selection: started.elapsed(), ..Plan::known(selected) })
     }
 
     /// How many pixels of a shot have each of these planes (1/scene unit, near → far) as their best
@@ -256,7 +274,8 @@ impl Synthesizer {
     ///
     /// [`SynthesisError::Layers`] and [`SynthesisError::Render`].
     pub fn histogram(&mut self, shot: &LoadedShot, disparities: &[f64]) -> Result<Vec<u64>, SynthesisError> {
-        plan::histogram(&mut self.renderer, shot, disparities)
+        let plan = Plan::known(Layers::planes(disparities)?);
+        Ok(self.render_plan(shot, &plan, None)?.plane_histogram(disparities.len()))
     }
 
     /// Renders a shot on the layers of its plan; `observer` is shown its stages

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use crate::geometry::Camera;
+use crate::kinds::PhotosWithDepth;
 use crate::scene::Scene;
 use crate::surface::cache::{DepthKey, PhotoDigest};
-use crate::surface::{ConfirmedDepth, DepthMaps, PhotoCorrection, PhotoDepth, TargetSurface, photo_depth};
+use crate::surface::{ConfirmedDepth, DepthMaps, PhotoDepth, photo_depth};
 use crate::warp::SourceView;
 
 /// How the depth of a photo was found.
@@ -133,16 +133,13 @@ impl SceneDepth {
         found.map_or(0, |found| size_of_val(found.disparity.as_slice().expect("standard order")))
     }
 
-    /// The surface of a target, from the photos of these views; it is rendered from the first
-    /// `count`.
-    pub(super) fn surface(
-        &mut self,
-        target: &Camera,
-        photos: &[(usize, SourceView<'_>)],
-        count: usize,
-        photo_correction: PhotoCorrection,
-    ) -> TargetSurface {
-        let photos: Vec<_> = photos.iter().map(|&(view, source)| (self.map_index(view), source)).collect();
-        TargetSurface::find(&mut self.maps, &photos, count, target, photo_correction)
+    /// The photos of these views with their depth; a target is rendered from the first ones.
+    pub(super) fn with_depth<'a>(
+        &'a mut self,
+        photos: &[(usize, SourceView<'a>)],
+        rendered_from: usize,
+    ) -> PhotosWithDepth<'a> {
+        let photos = photos.iter().map(|&(view, source)| (self.map_index(view), source)).collect();
+        PhotosWithDepth { maps: &mut self.maps, photos, rendered_from, searched: 1.0 }
     }
 }

@@ -15,7 +15,7 @@ use super::scene_depth::ViewDepth;
 use super::scene_views::SceneViews;
 use super::target::Shot;
 #[cfg(feature = "surface")]
-use crate::surface::{PhotoCorrection, TargetSurface};
+use crate::kinds::PhotosWithDepth;
 
 /// The photos of a scene and their depth: what a shot needs is loaded, and dropped when no later
 /// shot needs it.
@@ -115,20 +115,15 @@ impl ScenePhotos {
         self.depths.take_notes()
     }
 
-    /// The target's surface by the photos' own depth, and what its views see of it. The depth of a
-    /// photo is searched when it is first needed, over the depth range of all views that are not held
-    /// out, and kept.
+    /// The photos of a shot with their depth. The depth of a photo is searched when it is first
+    /// needed, over the depth range of all views that are not held out, and kept.
     ///
     /// # Errors
     ///
     /// [`SynthesisError::Scene`] for a photo that cannot be read; those of
     /// [`SceneViews::depth_range`].
-    pub fn surface(
-        &mut self,
-        shot: &LoadedShot,
-        photo_correction: PhotoCorrection,
-    ) -> Result<TargetSurface, SynthesisError> {
-        self.depths.surface(&self.views, &mut self.photos, shot, photo_correction)
+    pub(super) fn with_depth<'a>(&'a mut self, shot: &'a LoadedShot) -> Result<PhotosWithDepth<'a>, SynthesisError> {
+        self.depths.with_depth(&self.views, &mut self.photos, shot)
     }
 
     /// The depth of a view's photo, and what its neighbours confirm of it. A depth that is known is
@@ -137,7 +132,8 @@ impl ScenePhotos {
     ///
     /// # Errors
     ///
-    /// Those of [`Self::surface`].
+    /// [`SynthesisError::Scene`] for a photo that cannot be read; those of
+    /// [`SceneViews::depth_range`].
     ///
     /// # Panics
     ///

@@ -3,18 +3,21 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use liveview::surface::EXTRA_PHOTOS;
-use liveview::{PhotoCorrection, ScenePhotos, SceneViews, Targets};
+use liveview::network::ViewAgreement;
+use liveview::render::Renderer;
+use liveview::{LayerSpec, SceneViews, Synthesizer, Targets};
 use liveview_common::console::escaped;
 
 /// Factors per channel of the photos of these many views of a target, nearest first, and a table of them. Their depth is searched.
 pub(super) fn gains(scene_views: &SceneViews, target: usize, views: usize) -> Result<(String, Vec<[f32; 3]>)> {
     let targets = Targets::held_out(scene_views.scene(), vec![target]);
-    let shot = scene_views.shots(targets, views, EXTRA_PHOTOS, None)?.remove(0);
-    let mut photos = ScenePhotos::new(scene_views.clone());
-    let loaded = photos.load(&shot, &[])?;
-    let gains = photos.surface(&loaded, PhotoCorrection::default())?.gains().to_vec();
-    let names: Vec<String> = photos.views().names(&shot.views).iter().map(|name| escaped(name)).collect();
+    let renderer = Renderer::new(Box::new(ViewAgreement { views }), 1);
+    let mut synthesizer = Synthesizer::new(scene_views.clone(), renderer, LayerSpec::Surface(1));
+    let shot = synthesizer.shots(targets)?.remove(0);
+    let loaded = synthesizer.load(&shot, &[])?;
+    let surface = synthesizer.plan(&loaded)?.surface;
+    let gains = surface.map_or_else(Vec::new, |surface| surface.gains().to_vec());
+    let names: Vec<String> = scene_views.names(&shot.views).iter().map(|name| escaped(name)).collect();
     let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
     let mut text = format!("\nexposure   {:width$}  times red   green    blue, so that surface layers agree\n", "view");
     for (name, [red, green, blue]) in names.iter().zip(&gains) {

@@ -7,30 +7,31 @@ const TILE: usize = 8;
 /// A tile is dirty if more than this many of its cells are outliers.
 const MAX_OUTLIERS: usize = 2;
 
-/// A rectangle of cells.
+/// A rectangle of cells: first column and row, and those after the last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Region {
-    pub(super) left: usize,
-    pub(super) top: usize,
-    pub(super) right: usize,
-    pub(super) bottom: usize,
+pub(crate) struct Region {
+    pub(crate) left: usize,
+    pub(crate) top: usize,
+    pub(crate) right: usize,
+    pub(crate) bottom: usize,
 }
 
 impl Region {
-    pub(super) fn width(&self) -> usize {
+    pub(crate) fn width(&self) -> usize {
         self.right - self.left
     }
 
-    pub(super) fn height(&self) -> usize {
+    pub(crate) fn height(&self) -> usize {
         self.bottom - self.top
     }
 
-    pub(super) fn area(&self) -> usize {
+    pub(crate) fn area(&self) -> usize {
         self.width() * self.height()
     }
 
-    /// The rectangle, expanded by a number of tiles on each side, as far as the map of `(height, width)` cells reaches.
-    pub(super) fn expanded(&self, tiles: usize, (height, width): (usize, usize)) -> Self {
+    /// The rectangle, expanded by a number of tiles on each side, cut at the edges of a map of
+    /// `(height, width)` cells.
+    pub(crate) fn expanded(&self, tiles: usize, (height, width): (usize, usize)) -> Self {
         Self {
             left: self.left.saturating_sub(tiles * TILE),
             top: self.top.saturating_sub(tiles * TILE),
@@ -41,7 +42,7 @@ impl Region {
 }
 
 /// The bounding rectangle of each group of adjoining dirty tiles: whole tiles, cut at the edges of the map.
-pub(super) fn dirty_regions(outliers: ArrayView2<'_, bool>) -> Vec<Region> {
+pub(crate) fn dirty_regions(outliers: ArrayView2<'_, bool>) -> Vec<Region> {
     let (height, width) = outliers.dim();
     let mut dirty = Array2::from_shape_fn((height.div_ceil(TILE), width.div_ceil(TILE)), |(y, x)| {
         let rows = y * TILE..(y * TILE + TILE).min(height);
@@ -83,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn groups_of_tiles_become_rectangles_and_single_outliers_none() {
+    fn adjoining_dirty_tiles_become_one_rectangle_and_single_outliers_none() {
         let mut outliers = Array2::from_elem((30, 44), false);
         outliers[(20, 30)] = true;
         assert_eq!(dirty_regions(outliers.view()), []);

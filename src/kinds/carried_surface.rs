@@ -1,31 +1,55 @@
-//! The surface of a frame, propagated to the next: forward-warped to its camera, compared with its photos, and searched anew where
-//! they disagree.
+//! The surface of a frame, carried over to the next: forward-warped to its camera, compared with its
+//! photos, and searched again where they disagree.
 //!
-//! The comparison uses the matching cost of the guided search, the windowed variance of the warped colours, on a single layer: the
-//! propagated surface. A search computes that cost on every one of its planes.
+//! The comparison uses the matching cost of the guided search, the windowed variance of the warped
+//! colours, on a single layer: the carried surface. A search computes that cost on every one of its
+//! planes.
 //!
-//! Measured alternatives: docs/experiments.md.
+//! Measured alternatives: docs/design-log/video.md.
 
 use glam::DVec3;
 use ndarray::{Array2, Axis, s};
 
 use super::dirty_tiles::{Region, dirty_regions};
-use super::step::TargetViews;
 use crate::geometry::{Camera, PlaneSweep, Size, source_from_target};
-use crate::layers::guided::{COARSE, GuidedSearch, RangeMap, WINDOWS, neighbourhood, range_of};
+use crate::layers::guided::{COARSE, GuidedSearch, Levels, RangeMap, SearchStages, WINDOWS, neighbourhood, range_of};
 use crate::layers::{CELL, LayersError, padded};
+use crate::warp::{NO_GAINS, SourceView};
 
-/// A cell is an outlier if its cost is more than this many times what it was when the cell was searched …
-const RATIO: f32 = 1.5;
+/// A cell is an outlier if its cost is more than this many times what it was when the cell was
+/// searched …
+const OUTLIER_COST_RATIO: f32 = 1.5;
 /// … plus this: a variance of colours in [0, 1].
-const NOISE: f32 = 2e-4;
-/// Where the dirty regions cover more than this share of the target, all of it is searched: that takes no longer.
-const WHOLE: f64 = 0.5;
-/// Tiles around a dirty region that are searched with it, so that its edges agree with their surroundings.
-const HALO: usize = 1;
+const NOISE_VARIANCE: f32 = 2e-4;
+/// Where the dirty regions cover more than this share of the target, all of it is searched: that
+/// takes no longer.
+const MAX_DIRTY_SHARE: f64 = 0.5;
+/// Tiles around a dirty region that are searched with it, so that its edges agree with their
+/// surroundings.
+const MARGIN_TILES: usize = 1;
+
+/// The views of a frame, and the target that they are searched for.
+pub(super) struct TargetViews<'a> {
+    pub(super) levels: Levels<'a>,
+    /// In the order of the levels' textures.
+    cameras: Vec<&'a Camera>,
+    target: &'a Camera,
+}
+
+impl<'a> TargetViews<'a> {
+    pub(super) fn new(sources: Vec<SourceView<'a>>, target: &'a Camera) -> Self {
+        let levels = Levels::new(sources.iter().map(|source| (source.texture, NO_GAINS)).collect());
+        Self { levels, cameras: sources.iter().map(|source| source.camera).collect(), target }
+    }
+
+    /// Plane sweeps for a target, or for a part of one.
+    pub(super) fn sweeps(&self, target: &Camera) -> Vec<PlaneSweep> {
+        self.cameras.iter().map(|camera| PlaneSweep::new(camera, target)).collect()
+    }
+}
 
 /// The surface that a frame was rendered along.
-pub(super) struct Surface {
+pub(super) struct CarriedSurface {
     target: Camera,
     /// Per cell of [`CELL`] pixels of the padded target, 1/scene unit.
     disparity: Array2<f32>,
@@ -35,13 +59,12 @@ pub(super) struct Surface {
     planes: usize,
 }
 
-impl Surface {
-    /// A guided search of the whole target.
-    pub(super) fn search(search: &GuidedSearch, views: &TargetViews<'_>) -> Result<Self, LayersError> {
-        let (target, sweeps) = (views.target, views.sweeps(views.target));
-        let found = search.search_levels(&views.levels, &sweeps, padded(target.size()))?;
-        let cost = cost(&found.fine_disparity, views);
-        Ok(Self { target: target.clone(), disparity: found.fine_disparity, cost, planes: found.disparities.len() })
+impl CarriedSurface {
+    /// The surface that a search of the whole target found.
+    pub(super) fn new(stages: SearchStages, views: &TargetViews<'_>) -> Self {
+        let cost = cost(&stages.fine_disparity, views);
+        let planes = stages.disparities.len();
+        Self { target: views.target.clone(), disparity: stages.fine_disparity, cost, planes }
     }
 
     /// The range of each cell, which guided layers divide.
@@ -49,20 +72,21 @@ impl Surface {
         range_of(&self.disparity, 0.0)
     }
 
-    /// Whether it can be propagated to a target: only to one of the same size.
+    /// Whether it can be carried over to a target: only to one of the same size.
     pub(super) fn has_size_of(&self, target: &Camera) -> bool {
         self.target.size() == target.size()
     }
 
-    /// The surface forward-warped to another camera: the nearest where several points fall on one cell; where none does, the farther
-    /// of those left and right.
+    /// The surface forward-warped to another camera: the nearest where several points project to one
+    /// cell; where none does, the farther of those left and right.
     pub(super) fn moved(self, target: &Camera) -> Self {
         if self.target == *target {
             return self;
         }
         let (height, width) = self.disparity.dim();
         let mut disparity = Array2::from_elem((height, width), f32::NAN);
-        // Cells that were hidden before have no cost yet: with 0 they are searched unless the photos agree with what fills them.
+        // Cells that were occluded before have no cost yet: with 0 they are searched unless the
+        // photos agree with what fills them.
         let mut cost = Array2::zeros(self.cost.dim());
         let sweep = PlaneSweep::new(target, &self.target);
         let pose = source_from_target(target, &self.target);
@@ -93,19 +117,23 @@ impl Surface {
         Self { target: target.clone(), disparity, cost, planes: self.planes }
     }
 
-    /// Compares the surface, moved to the target already, with the photos, and searches the regions where they disagree. Returns the
-    /// share of the target that was searched, 1 for all of it.
+    /// Compares the surface, which has been moved to the target, with the photos, and searches the
+    /// regions where they disagree. Returns the share of the target that was searched, 1 for all of
+    /// it.
     pub(super) fn refresh(&mut self, search: &GuidedSearch, views: &TargetViews<'_>) -> Result<f64, LayersError> {
         let now = cost(&self.disparity, views);
-        let outliers = ndarray::Zip::from(&now).and(&self.cost).map_collect(|&now, &then| now > RATIO * then + NOISE);
+        let is_outlier = |&now: &f32, &then: &f32| now > OUTLIER_COST_RATIO * then + NOISE_VARIANCE;
+        let outliers = ndarray::Zip::from(&now).and(&self.cost).map_collect(is_outlier);
         let dirty = dirty_regions(outliers.view());
         if dirty.is_empty() {
             return Ok(0.0);
         }
         let share = |cells: usize| cells as f64 / now.len() as f64;
-        let expanded: Vec<Region> = dirty.iter().map(|region| region.expanded(HALO, now.dim())).collect();
-        if share(expanded.iter().map(Region::area).sum()) > WHOLE {
-            *self = Self::search(search, views)?;
+        let expanded: Vec<Region> = dirty.iter().map(|region| region.expanded(MARGIN_TILES, now.dim())).collect();
+        if share(expanded.iter().map(Region::area).sum()) > MAX_DIRTY_SHARE {
+            let size = padded(views.target.size());
+            let stages = search.search_levels(&views.levels, &views.sweeps(views.target), size)?;
+            *self = Self::new(stages, views);
             return Ok(1.0);
         }
         let search = GuidedSearch { planes: Some(self.planes), ..*search };
@@ -153,8 +181,8 @@ fn cost(disparity: &Array2<f32>, views: &TargetViews<'_>) -> Array2<f32> {
     costs.index_axis_move(Axis(0), 0)
 }
 
-/// Cells without a value (NaN) take the farther of the nearest values left and right; rows without any are copied from the nearest row
-/// that has some.
+/// Cells without a value (NaN) take the farther of the nearest values left and right; rows without
+/// any are copied from the nearest row that has some.
 fn fill_holes(disparity: &mut Array2<f32>) {
     let (height, width) = disparity.dim();
     let mut empty = Vec::new();
@@ -196,35 +224,36 @@ mod tests {
         Camera::new(k, 64, 48, DMat3::IDENTITY, -DVec3::new(x, 0.0, z)).unwrap()
     }
 
-    fn surface(disparity: Array2<f32>) -> Surface {
-        Surface { target: camera(0.0, 0.0), disparity, cost: Array2::from_elem((12, 16), 0.5), planes: 8 }
+    fn surface(disparity: Array2<f32>) -> CarriedSurface {
+        CarriedSurface { target: camera(0.0, 0.0), disparity, cost: Array2::from_elem((12, 16), 0.5), planes: 8 }
     }
 
     #[test]
-    fn a_wall_seen_from_nearer_and_aside_is_a_nearer_wall() {
+    fn wall_moved_to_a_nearer_camera_has_a_larger_disparity() {
         let wall = || surface(Array2::from_elem((24, 32), 0.25));
         let moved = wall().moved(&camera(0.5, 2.0));
         assert!(moved.disparity.iter().all(|&d| (d - 0.5).abs() < 1e-6), "{}", moved.disparity);
         assert_eq!(wall().moved(&camera(0.0, 0.0)).disparity, wall().disparity);
         let away = wall().moved(&camera(0.0, 5.0));
-        assert!(away.disparity.iter().all(|&d| d == 0.0), "behind the camera nothing is known");
+        assert!(away.disparity.iter().all(|&d| d == 0.0), "no disparity behind the camera");
     }
 
     #[test]
-    fn the_nearer_hides_and_what_it_uncovers_is_far_and_has_no_cost_yet() {
+    fn nearer_cells_occlude_and_disoccluded_cells_are_far_and_without_cost() {
         let mut disparity = Array2::from_elem((24, 32), 0.0);
         disparity.slice_mut(s![.., 14..22]).fill(0.5);
         // 1 to the right: what lies at depth 2 moves 16 pixels, 8 cells, to the left.
         let moved = surface(disparity).moved(&camera(1.0, 0.0));
         let row = moved.disparity.row(7);
         assert!((0..32).all(|x| row[x] == if (6..14).contains(&x) { 0.5 } else { 0.0 }), "{row}");
-        // Uncovered are the cells 14 to 21, the coarse ones 7 to 10; but for those beside what is known.
+        // Disoccluded are the cells 14 to 21, the coarse ones 7 to 10; the outer two take the cost
+        // of their neighbours.
         let cost = moved.cost.row(4);
         assert!((0..16).all(|x| cost[x] == if (8..10).contains(&x) { 0.0 } else { 0.5 }), "{cost}");
     }
 
     #[test]
-    fn holes_are_filled_from_beside() {
+    fn holes_take_the_farther_neighbour_of_their_row() {
         let n = f32::NAN;
         let mut map = ndarray::array![[n, n, n], [n, 2.0, n], [3.0, n, 1.0], [n, n, n]];
         fill_holes(&mut map);

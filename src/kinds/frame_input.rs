@@ -1,0 +1,59 @@
+//! What layers are found from: a target and photos, of a scene or of a rig's time step.
+
+use crate::geometry::Camera;
+#[cfg(feature = "surface")]
+use crate::surface::{DepthMaps, PhotoCorrection};
+use crate::warp::SourceView;
+
+/// What the layers of a frame are found from.
+pub(crate) struct FrameInput<'a, E> {
+    /// The camera to render.
+    pub(crate) target: &'a Camera,
+    /// Nearest depth, scene units.
+    pub(crate) near: f64,
+    /// Farthest depth, scene units; may be infinite.
+    pub(crate) far: f64,
+    /// The photos.
+    pub(crate) photos: &'a mut dyn FramePhotos<E>,
+    /// Whether a next frame follows, which reuses what it can.
+    pub(crate) is_followed: bool,
+    /// Photometric corrections for surface layers.
+    #[cfg(feature = "surface")]
+    pub(crate) photo_correction: PhotoCorrection,
+}
+
+/// The photos of a frame: those that a scene's store holds, or those of a rig's time step.
+pub(crate) trait FramePhotos<E> {
+    /// The V views that the frame is rendered from, nearest first.
+    fn sources(&self) -> Vec<SourceView<'_>>;
+
+    /// Those views and some further ones near the target, with the depth of their photos, which is
+    /// searched where there is none yet and where `update` says.
+    #[cfg(feature = "surface")]
+    fn with_depth(&mut self, update: DepthUpdate) -> Result<PhotosWithDepth<'_>, E>;
+}
+
+/// Which depth of photos is searched again.
+#[cfg(feature = "surface")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum DepthUpdate {
+    /// All of it.
+    All,
+    /// Where a photo has changed since.
+    Changed,
+    /// None.
+    Nothing,
+}
+
+/// Photos with their depth.
+#[cfg(feature = "surface")]
+pub(crate) struct PhotosWithDepth<'a> {
+    /// The depth of all photos of the scene or rig.
+    pub(crate) maps: &'a mut DepthMaps,
+    /// Indices among the maps, with camera and photo: those to render from first, nearest first.
+    pub(crate) photos: Vec<(usize, SourceView<'a>)>,
+    /// How many of them the frame is rendered from.
+    pub(crate) rendered_from: usize,
+    /// Mean share of a photo that was searched, 0 to 1.
+    pub(crate) searched: f64,
+}
