@@ -1,5 +1,6 @@
-"""Networks from files: `.pt`, as training keeps them, and `.onnx`, as they are exported."""
+"""Networks from files: `.pt`, a checkpoint of training, and `.onnx`, an exported model."""
 
+import json
 from pathlib import Path
 
 import onnx
@@ -7,13 +8,34 @@ import torch
 from onnx import numpy_helper
 from torch import nn
 
-from .reference.unet import UNet, fold_batchnorm
+from .reference.unet import UNet, fold_batchnorm, unfold_batchnorm
+
+RECORDS = "training.json"  # beside exported models: how each was trained, by the stem of its file
+RECORDED = "views", "step", "seconds", "earlier", "config", "history"
 
 
 def load_state(path: Path, device: torch.device | str = "cpu") -> dict:
-    """What training keeps: `views`, the averaged weights `average`, `step`, `seconds`, `earlier`, `config`, `history`;
-    while it runs also `net` and `optimiser`."""
+    """The state of a training: `views`, the averaged weights `average`, `step`, `seconds`, `earlier`,
+    `config`, `history`; during training also `net` and `optimiser`. An exported model has identity
+    BatchNorms, and only the fields of its record."""
+    if path.suffix == ".onnx":
+        net = exported_network(path)
+        return {"average": unfold_batchnorm(net).state_dict(), "views": net.views} | records(path.parent).get(
+            path.stem, {}
+        )
     return torch.load(path, weights_only=True, map_location=device)
+
+
+def records(folder: Path) -> dict[str, dict]:
+    """How the models in a folder were trained."""
+    path = folder / RECORDS
+    return json.loads(path.read_text()) if path.exists() else {}
+
+
+def record(state: dict, model: Path) -> None:
+    """Add the training of a model to the records beside it."""
+    found = records(model.parent) | {model.stem: {key: state[key] for key in RECORDED}}
+    (model.parent / RECORDS).write_text(json.dumps(found, indent=1) + "\n")
 
 
 def trained_network(state: dict) -> UNet:
@@ -24,28 +46,28 @@ def trained_network(state: dict) -> UNet:
 
 
 def training_of(state: dict) -> str:
-    """The trainings that a state went through, and what was fitted after them, in a line."""
+    """The successive trainings of a state, and later fits, in one line."""
     runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
-    told = ", then ".join(f"V = {v}: {steps:,} steps, {seconds / 60:.0f} minutes" for v, steps, seconds in runs)
+    text = ", then ".join(f"V = {v}: {steps:,} steps, {seconds / 60:.0f} minutes" for v, steps, seconds in runs)
     if "view_weights" in state["config"]:
-        told += "; then view weights fitted to surface:1"
+        text += "; then view weights fitted to surface:1"
     if "logit_shift" in state["config"]:
-        told += f"; then, after the last validation, logit 0 shifted by {state['config']['logit_shift']:g}"
-    return told
+        text += f"; then, after the last validation, logit 0 shifted by {state['config']['logit_shift']:g}"
+    return text
 
 
 def load_network(path: Path) -> UNet:
-    """The network of either kind of file, float32, in inference mode, BatchNorm folded into its convolutions."""
+    """The network of either kind of file, float32, in inference mode, BatchNorm folded."""
     return exported_network(path) if path.suffix == ".onnx" else fold_batchnorm(trained_network(load_state(path)))
 
 
 def model_card(model: onnx.ModelProto) -> dict[str, str]:
-    """The card of an exported model."""
+    """The metadata of an exported model."""
     return {p.key: p.value for p in model.metadata_props}
 
 
 def exported_network(path: Path) -> UNet:
-    """The network of a float32 model: all its weights are those of its convolutions."""
+    """The network of a float32 model, whose weights are all in its convolutions."""
     model = onnx.load(path)
     weights = {i.name: torch.from_numpy(numpy_helper.to_array(i).copy()) for i in model.graph.initializer}
     convolutions = [node for node in model.graph.node if node.op_type == "Conv"]

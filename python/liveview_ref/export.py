@@ -1,10 +1,10 @@
 """Export a checkpoint to ONNX: python -m liveview_ref.export CHECKPOINT MODEL.onnx --licence TEXT
 
 One file, opset 20, dynamic n, h and w, BatchNorm folded, with metadata for the Rust crate: views, stride,
-recommended_layers, training, trained_layers, licence; of a model for some kinds of layers alone layer_kinds, of one
-trained on competing layers alpha and alpha_scale, and of one whose opacity is per pixel of parallax alpha_spacing. Then
-checked: torch = onnxruntime at batch sizes and image sizes that it was not exported with. The checkpoint without the
-optimiser is written beside it, as MODEL.pt.
+recommended_layers, training, trained_layers, licence; layer_kinds if it is for some kinds of layers only; alpha and
+alpha_scale if it was trained on competing layers; alpha_spacing if its opacity is per pixel of parallax. The result is
+checked: torch = onnxruntime at batch sizes and image sizes other than those of the export. The record of the training
+goes to training.json beside it.
 """
 
 import argparse
@@ -17,15 +17,15 @@ import onnx
 import torch
 from torch import Tensor, nn
 
-from .checkpoint import load_state, trained_network, training_of
+from .checkpoint import load_state, record, trained_network, training_of
 from .onnx_session import logits, session
 from .reference.layers import spec as layer_spec
 from .reference.layers.cells import STRIDE
 from .reference.unet import UNet, fold_batchnorm
 
-OPSET = 20  # GridSample came with 16, and with 20 took the names of its modes that torch exports
+OPSET = 20  # the first with GridSample's modes under the names that torch exports
 TOLERANCE = 1e-5  # of the largest logit: float32 sums of up to 1,728 products in another order
-CHECKED = [(1, 8, 8), (3, 56, 72), (5, 24, 200), (2, 352, 504)]
+CHECKED_SHAPES = [(1, 8, 8), (3, 56, 72), (5, 24, 200), (2, 352, 504)]
 
 
 def export(net: UNet, path: Path, metadata: dict[str, str]) -> None:
@@ -59,16 +59,16 @@ def export(net: UNet, path: Path, metadata: dict[str, str]) -> None:
 def export_traced(module: nn.Module, inputs: tuple[Tensor, ...], to: Path | BinaryIO, **names) -> None:
     """Export any module by tracing it with these inputs; `names` as torch.onnx.export takes them."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they warn that the trace holds for inputs like these alone, as it is meant to
+        warnings.simplefilter("ignore")  # they warn that the trace is valid only for inputs like these, as intended
         torch.onnx.export(module, inputs, to, dynamo=False, opset_version=OPSET, **names)
 
 
 def check(net: UNet, path: Path) -> float:
-    """Largest departure of onnxruntime from torch over CHECKED, relative to the logits' largest magnitude."""
+    """Largest difference of onnxruntime from torch over CHECKED_SHAPES, relative to the largest logit."""
     network = session(path)
     worst = 0.0
     generator = torch.Generator().manual_seed(0)
-    for n, height, width in CHECKED:
+    for n, height, width in CHECKED_SHAPES:
         hwv = torch.rand(n, 3 * net.views, height, width, generator=generator)
         with torch.no_grad():
             expected = net.eval()(hwv).numpy()
@@ -76,14 +76,13 @@ def check(net: UNet, path: Path) -> float:
         assert found.shape == expected.shape == (n, net.views, height, width), (found.shape, expected.shape)
         worst = max(worst, float(np.abs(found - expected).max() / np.abs(expected).max()))
     if worst > TOLERANCE:
-        raise ValueError(
-            f"{path}: onnxruntime departs from torch by {worst:.2e} of the logits (at most {TOLERANCE:.0e})"
-        )
+        found = f"onnxruntime differs from torch by {worst:.2e} of the largest logit"
+        raise ValueError(f"{path}: {found}; expected at most {TOLERANCE:.0e}")
     return worst
 
 
 def trained_layers(config: dict) -> str:
-    """What layers a config trains on, as the card of a model tells."""
+    """The layers that a config trains on, as in the metadata of a model."""
     guided, planes = ([min(x), max(x)] for x in (config["guided_layers"], config["uniform_planes"]))
     if "shards" in config:
         return "planes:{} to planes:{}".format(*planes)
@@ -100,10 +99,11 @@ def main() -> None:
         "--recommended-layers", type=layer_spec.argument, default="surface:1", help="such as %(default)s or planes:64"
     )
     kinds = ("planes", "guided", "surface", "select", "list")
-    parser.add_argument("--layer-kinds", nargs="+", choices=kinds, default=[], help="what it is for; all if left out")
-    told = "added to logit 0, folded into the last layer: what a choice among shifts on held-out photos has given"
-    parser.add_argument("--logit-shift", type=float, default=0.0, help=told)
-    parser.add_argument("--licence", required=True, help="of the weights and of what they were trained on, in a line")
+    parser.add_argument(
+        "--layer-kinds", nargs="+", choices=kinds, default=[], help="kinds of layers it is for; default: all"
+    )
+    parser.add_argument("--logit-shift", type=float, default=0.0, help="added to logit 0 in the last layer")
+    parser.add_argument("--licence", required=True, help="of the weights and of the training data, in one line")
     args = parser.parse_args()
     state = load_state(args.checkpoint)
     if args.logit_shift:
@@ -118,14 +118,14 @@ def main() -> None:
     }
     if args.layer_kinds:
         metadata["layer_kinds"] = ", ".join(args.layer_kinds)
-    if config.get("alpha") == "competing":  # the scale that logit 0 is to be multiplied by: trained with as it is
+    if config.get("alpha") == "competing":  # the factor of logit 0: 1, as in training
         metadata |= {"alpha": "competing", "alpha_scale": "1"}
     if config.get("alpha_spacing"):
         metadata["alpha_spacing"] = str(config["alpha_spacing"])
     export(net, args.model, metadata)
-    kept = ("average", "views", "step", "seconds", "earlier", "config", "history")
-    torch.save({key: state[key] for key in kept}, args.model.with_suffix(".pt"))
-    print(f"{args.model}: {args.model.stat().st_size / 1e6:.2f} MB, departs from torch by {check(net, args.model):.1e}")
+    record(state, args.model)
+    size = args.model.stat().st_size / 1e6
+    print(f"{args.model}: {size:.2f} MB, differs from torch by {check(net, args.model):.1e}")
 
 
 if __name__ == "__main__":

@@ -5,8 +5,8 @@ import os
 import pytest
 import torch
 
-from liveview_ref.paper.method import Method
 from liveview_ref.paper.methods.liveview import liveview
+from liveview_ref.paper.methods.method import Method
 
 # Some virtual machines announce AMX and end a program that uses it, as bfloat16 convolutions do: AVX-512 at most. Read
 # when the first of them is made, here and in the programs that tests start.

@@ -1,59 +1,43 @@
-"""The house itself: no module imports another in a circle, and the arrows between the folders point one way."""
+"""The layout of the repository: sizes of folders, pinned packages. Imports are checked by
+import-linter (pyproject.toml) and test_rust_layout.py."""
 
-import ast
 import tomllib
-from graphlib import TopologicalSorter
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
-MAY_IMPORT = {  # folder: the folders that it may import from, beside itself and the modules at the root
-    "reference": set(),
-    "data": {"reference"},
-    "evaluation": {"reference", "data"},
-    "training": {"reference", "data", "evaluation"},
-    "parity": {"reference"},
-    "competitors": {"reference"},
-    "paper": {"reference", "data", "evaluation", "training"},
-}
+ROOT = Path(__file__).parents[2]
+MOST_FILES = 14  # in a folder of sources
+SOURCES = ".rs", ".py", ".md", ".toml", ".js", ".html", ".css"
 
 
-def imports() -> dict[tuple[str, ...], set[tuple[str, ...]]]:
-    """Modules of the package, as paths -> the modules they import, anywhere in the file."""
-    files = {
-        path.relative_to(ROOT).with_suffix("").parts: path
-        for folder in ("liveview_ref", "tools")
-        for path in (ROOT / folder).rglob("*.py")
+def test_source_folders_have_few_files():
+    roots = (
+        "src",
+        "cli",
+        "crates",
+        "examples",
+        "tests",
+        "benches",
+        "python/liveview_ref",
+        "python/tools",
+        "python/tests",
+    )
+    folders = [folder for root in roots for folder in [ROOT / root, *(ROOT / root).rglob("*/")] if folder.is_dir()]
+    skipped = {"target", "node_modules", "scenes", "seeds", "corpus", "artifacts", "__pycache__"}
+    counts = {
+        str(folder.relative_to(ROOT)): sum(path.suffix in SOURCES for path in folder.iterdir() if path.is_file())
+        for folder in folders
+        if not skipped & set(folder.relative_to(ROOT).parts)
     }
-    found = {}
-    for module, path in files.items():
-        found[module] = set()
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom):
-                base = module[: -node.level] if node.level else ()
-                base += tuple(node.module.split(".")) if node.module else ()
-                found[module] |= {m for m in [base, *((*base, alias.name) for alias in node.names)] if m in files}
-    return found
+    assert counts and {name: count for name, count in counts.items() if count > MOST_FILES} == {}
 
 
-def test_no_module_imports_itself_through_others():
-    graph = imports()
-    assert ("liveview_ref", "reference", "warp") in graph["liveview_ref", "reference", "render", "renderer"]
-    tuple(TopologicalSorter(graph).static_order())  # CycleError names a circle
-
-
-def test_folders_import_one_way():
-    for module, imported in imports().items():
-        if module[0] == "liveview_ref" and len(module) > 2:
-            folders = {other[1] for other in imported if len(other) > 2} - {module[1]}
-            assert folders <= MAY_IMPORT[module[1]], f"{'.'.join(module)} imports from {folders}"
-
-
-def test_the_package_depends_on_what_make_setup_installs():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+def test_package_depends_on_what_make_setup_installs():
+    folder = ROOT / "python"
+    project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
 
     def pins(*names: str) -> set[str]:
-        lines = [line for name in names for line in (ROOT / f"{name}.txt").read_text().splitlines()]
+        lines = [line for name in names for line in (folder / f"{name}.txt").read_text().splitlines()]
         return {line for line in lines if line and not line.startswith(("#", "-"))}
 
     assert {*project["dependencies"], *extras["test"]} == pins("requirements", "requirements-runtime")

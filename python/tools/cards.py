@@ -1,15 +1,16 @@
-"""Write the tables of models/README.md and the training curves from the weights and scores in models/: `make cards`."""
+"""Write the tables of models/README.md and the training curves, from the records and scores in models/:
+`make models STEP=cards`."""
 
 import json
 from pathlib import Path
 from statistics import fmean
 
-from liveview_ref.checkpoint import load_state, training_of
+from liveview_ref.checkpoint import records, training_of
 from liveview_ref.evaluation.chart import Panel, chart
+from liveview_ref.paths import MODELS
 
 from .marked_text import fill
 
-MODELS = Path(__file__).resolve().parents[2] / "models"
 METHODS = (
     "surface:2", "surface:1", "surface:1, no network", "surface:3, no network", "guided:2", "guided:4", "guided:8",
     "select:16/64", "planes:64", "sweep, guided:4", "sweep, planes:64", "DIS flow", "best single plane", "nearest view",
@@ -17,12 +18,12 @@ METHODS = (
 
 
 def kinds_of(row: dict) -> list[str]:
-    """What a line of the validation history scores."""
+    """The kinds of layers scored in a line of the validation history."""
     return [kind for kind in row if kind not in ("step", "seconds")]
 
 
 def trained(models: dict[str, dict]) -> str:
-    """The training of each model, by V and what else its file's name says."""
+    """The training of each model, by V and the rest of its file's name."""
     lines = ["| V | training | last validation, PSNR in dB | of |", "|---|---|---|---|"]
     for name, state in models.items():
         last = {kind: state["history"][-1][kind] for kind in kinds_of(state["history"][-1])}
@@ -43,7 +44,7 @@ def scores(report: dict) -> str:
 
 
 def views(reports: dict[int, dict]) -> str:
-    """Surface layers by V; a scene with too few photos for a V is none of its scenes."""
+    """Scores of surface layers by V, over the scenes with enough photos for it."""
     methods = "surface:1", "surface:2", "surface:1, no network", "surface:3, no network"
     head = ["V", "scenes", *methods, "V = 4 on the same scenes, surface:1"]
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
@@ -61,14 +62,14 @@ def views(reports: dict[int, dict]) -> str:
 
 
 def curves(name: str, state: dict) -> Panel:
-    """A training may come to validate more than it began with."""
+    """Validation against steps; kinds of layers may be added during a training."""
     kinds = dict.fromkeys(kind for row in state["history"] for kind in kinds_of(row))
     points = {kind: [(row["step"], row[kind]) for row in state["history"] if kind in row] for kind in kinds}
     return Panel(f"V = {name}: PSNR of validation, dB", "steps of the last training", points)
 
 
 def main() -> None:
-    states = {path.stem.removeprefix("liveview_v").replace("_", ", "): load_state(path) for path in MODELS.glob("*.pt")}
+    states = {stem.removeprefix("liveview_v").replace("_", ", "): state for stem, state in records(MODELS).items()}
     models = {name: states[name] for name in sorted(states, key=lambda name: (states[name]["views"], name))}
     report = json.loads((MODELS / "liveview_v4_scores" / "scores.json").read_text())
     found = {path.parent.name: json.loads(path.read_text()) for path in MODELS.glob("liveview_v*_scores/scores.json")}

@@ -5,8 +5,9 @@ A sentence has one number of views: methods with different numbers are not compa
 
 from pathlib import Path
 
-from liveview_ref.paper.results import COMPETING, Results, load
-from liveview_ref.paper.tables import best_row
+from liveview_ref.paper.measure.variants import COMPETING
+from liveview_ref.paper.report.results import Results, load
+from liveview_ref.paper.report.tables import best_row
 
 from .marked_text import fill
 

@@ -2,8 +2,9 @@
 
     python -m liveview_ref.paper.train --scenes FOLDER --textures FOLDER --out RUNS
 
-Methods take turns, so that at any time all have had the same number of samples (to one turn): whenever this is stopped
-and started again, it goes on. Sample n is the same for every method; all have the same loss, optimiser and rates."""
+Methods take turns, so that at any time all have had the same number of samples (within one turn).
+Training can be stopped and continues when started again. Sample n is the same for every method, as
+are loss, optimiser and rates."""
 
 import argparse
 import copy
@@ -24,35 +25,34 @@ from ..reference.image.metrics import psnr
 from ..reference.layers.uniform import uniform_disparities
 from ..training.fine_tune import save
 from ..training.train import alpha_loss, image_loss
-from .captured_samples import samples_of
-from .method import Method
-from .registry import ENTRIES, Entry
-from .results import write
-from .rig import FAR, FOCAL, NEAR, SIDE
-from .samples import SEED, RigSamples, Sample
-from .scenes import Scenes
+from .data.rig import FAR, FOCAL, NEAR, SIDE
+from .data.samples import SEED, RealSamples, RigSamples, Sample
+from .data.scenes import Scenes
+from .files import write
+from .methods.method import Method
+from .methods.registry import ENTRIES, Entry
 
 BATCH = 2  # crops a step
-RATE, WARM_UP = (
-    5e-4,
-    100,
-)  # Adam's; constant after the warm-up, since nobody knows when training ends: weights are averaged
+# Adam's rate, constant after the warm-up steps: training may end at any time, so weights are
+# averaged.
+RATE, WARM_UP = 5e-4, 100
 AVERAGE = 0.997
 ALPHA_WEIGHT = 0.05  # of the supervision of alpha by the known depth
 TURN = 50  # steps
 VALIDATE_EVERY = 100
-STATISTICS = 12  # batches that BatchNorm's statistics are estimated over
+STATISTICS = 12  # batches for the estimate of BatchNorm's statistics
 
 Samples = Callable[[int, int], Sample]  # by the number of views and the sample's number
 
 
 def loss_of(method: Method, samples: list[Sample], count: int) -> Tensor:
-    """The mean loss over samples on that many planes: on the image, and on alpha where the method has one."""
+    """The mean loss over samples on `count` planes: of the image, and of alpha if the method has
+    one."""
     planes = [uniform_disparities(s.near, s.far, count) for s in samples]
     renderings = method.batch([(s.photos, s.target, d) for s, d in zip(samples, planes, strict=True)])
     total = torch.zeros(())
     for s, r, disparities in zip(samples, renderings, planes, strict=True):
-        # image_loss is a mean over all pixels: an image that reaches some of them is judged by those alone
+        # image_loss is a mean over all pixels: divided by the share that is valid
         total = total + image_loss(r.rgb, s.truth, r.valid) / r.valid.float().mean().clamp(min=0.1)
         if r.alpha is not None:
             offset = (disparities.float()[:, None, None] - s.disparity_at(r.camera)) * (SIDE * FOCAL)
@@ -62,11 +62,11 @@ def loss_of(method: Method, samples: list[Sample], count: int) -> Tensor:
 
 @dataclass
 class Trainee:
-    """A method in training; `average` are the weights that are kept."""
+    """A method in training; `average` are the averaged weights."""
 
     entry: Entry
     folder: Path
-    start: Path | None = None  # another training's folder, whose averaged weights are the first
+    start: Path | None = None  # another training's folder, whose averaged weights are the initial ones
     step: int = 0
     seconds: float = 0.0  # of all cores
     history: list[dict] = field(default_factory=list)
@@ -88,7 +88,7 @@ class Trainee:
             self.step, self.seconds, self.history = state["step"], state["seconds"], state["history"]
 
     def turn(self, samples: Samples, validation: Scenes) -> None:
-        """TURN steps, scores where they are due, and a checkpoint."""
+        """TURN steps, a validation if it is due, and a checkpoint."""
         began, running = time.process_time(), 0.0
         self.method.train()
         for _ in range(TURN):
@@ -102,7 +102,7 @@ class Trainee:
             if bool(torch.isfinite(norm)):
                 self.optimiser.step()
             else:
-                print(f"{self.entry.key}: step {self.step}: a gradient is not finite; left out", flush=True)
+                print(f"{self.entry.key}: step {self.step}: a gradient is not finite; step skipped", flush=True)
             self.step += 1
             decay = min(AVERAGE, (1 + self.step) / (10 + self.step))
             with torch.no_grad():
@@ -119,7 +119,8 @@ class Trainee:
         save(self.checkpoint, **state, **about)
 
     def validate(self, samples: Samples, validation: Scenes) -> None:
-        """PSNR of the averaged weights on the middle of the first target of each validation scene."""
+        """PSNR of the averaged weights on the middle of the first target of each validation
+        scene."""
         estimate_statistics(self.average, [self.some(samples, i) for i in range(STATISTICS)], self.planes)
         scores = []
         for number in range(len(validation)):
@@ -150,7 +151,8 @@ class Trainee:
 
 
 def estimate_statistics(method: Method, batches: list[list[Sample]], count: int) -> None:
-    """BatchNorm's statistics anew, where the method has any: the plain mean over batches of mixed scenes."""
+    """Estimate BatchNorm's statistics again, if the method has any: the mean over batches of mixed
+    scenes."""
     norms = [m for m in method.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)]
     for norm in norms:
         norm.reset_running_stats()
@@ -165,24 +167,24 @@ def estimate_statistics(method: Method, batches: list[list[Sample]], count: int)
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", type=Path, required=True, help="folder where the rig's scenes are kept")
+    parser.add_argument("--scenes", type=Path, required=True, help="folder of the rig's scenes")
     parser.add_argument("--textures", type=Path, required=True, help="folder of photos to paint the scenes with")
     parser.add_argument("--out", type=Path, required=True, help="a folder for each method: checkpoint, history.json")
-    parser.add_argument("--data", type=Path, help="train on its real photos (train/), or on Spaces or DeepFocus")
-    parser.add_argument("--start", type=Path, help="another --out, to start from the weights of")
-    parser.add_argument("--only", nargs="+", metavar="METHOD", help="these alone, such as liveview_v4")
+    parser.add_argument("--data", type=Path, help="train on the real photos in this folder (train/)")
+    parser.add_argument("--start", type=Path, help="the --out of another training, for the initial weights")
+    parser.add_argument("--only", nargs="+", metavar="METHOD", help="these methods alone, such as liveview_v4")
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     train, validation = (Scenes(args.scenes, args.textures, split) for split in ("train", "validation"))
-    samples = samples_of(args.data) if args.data else RigSamples(train)
+    samples = RealSamples(args.data) if args.data else RigSamples(train)
     chosen = [e for e in ENTRIES if e.trained and (not args.only or e.key in args.only)]
     if not chosen:
-        parser.error(f"--only {' '.join(args.only)}: none of {', '.join(e.key for e in ENTRIES if e.trained)}")
+        parser.error(f"--only {' '.join(args.only)}: expected some of {', '.join(e.key for e in ENTRIES if e.trained)}")
     trainees = [Trainee(e, args.out / e.key, args.start and args.start / e.key) for e in chosen]
     stopped = []
-    signal.signal(signal.SIGTERM, lambda *_: stopped.append(True))  # the turn ends, with its checkpoint
+    signal.signal(signal.SIGTERM, lambda *_: stopped.append(True))  # the turn ends with its checkpoint
     while not stopped and (behind := min(trainees, key=lambda t: t.step)).step < args.steps:
         behind.turn(samples, validation)
 

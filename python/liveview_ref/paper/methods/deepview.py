@@ -1,13 +1,14 @@
-"""DeepView (Flynn et al., CVPR 2019), small: a multiplane image at the photos' middle by learned gradient descent.
+"""DeepView (Flynn et al., CVPR 2019), small: a multiplane image at the centre of the photos by
+learned gradient descent.
 
-A network starts it from the photos on its planes; others, one for each step, correct it by how the photos are seen in
-it: for each photo the image rendered in its place, and on every plane what lies behind (accumulated over) and how much
-of the plane is seen (transmittance), which are what a gradient of any loss of the rendered photos is made of (its
-section 3.3). Networks see one plane at a time, share their weights over planes and views, and pool over views by the
-largest.
+One network initialises the image from the photos on its planes. Further networks, one for each
+step, correct it from the components of the gradient of any loss of the rendered photos (its section
+3.3): for each photo the image rendered in its place, and on every plane the accumulated colour
+behind it and its transmittance. The networks see one plane at a time, share their weights over
+planes and views, and pool over views by the maximum.
 
-Reduced: two steps in place of three, 8 to 32 channels, no gradient through the components of the gradient, colours that
-start at the mean of the photos, and 32 planes at most in training.
+Reduced: two steps instead of three, 8 to 32 channels, no gradient through the components of the
+gradient, colours initialised with the mean of the photos, and at most 32 planes in training.
 """
 
 import math
@@ -20,13 +21,13 @@ from torch import Tensor, nn
 from liveview_ref.reference.geometry.camera import Camera
 from liveview_ref.reference.warp import grid_from_pixels, outside_masked
 
-from ..method import Method, Photos, Rendering
-from ..mpi import opaque_background, target_from_reference, view_of, volume_at, window
+from .method import Method, Photos, Rendering
+from .mpi import opaque_background, target_from_reference, view_of, volume_at, window
 
-STEPS = 2  # of gradient descent, after the start
+STEPS = 2  # of gradient descent, after the initialisation
 WIDTH = 8
-BATCH = 8  # planes per pass of a network where nothing is trained
-COMPONENTS = 7  # of the gradient, for each photo and plane: its rendered image, what lies behind, transmittance
+BATCH = 8  # planes per pass of a network outside training
+COMPONENTS = 7  # of the gradient, per photo and plane: the rendered image, the colour behind the plane, transmittance
 
 
 def block(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
@@ -34,7 +35,8 @@ def block(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
 
 
 class Step(nn.Module):
-    """A change of colour and alpha before their sigmoids, [D, 4, H, W], from what each photo says of the planes."""
+    """A change of colour and alpha before their sigmoids, [D, 4, H, W], from the features of each
+    photo on the planes."""
 
     def __init__(self, inputs: int, width: int = WIDTH):
         super().__init__()
@@ -50,11 +52,13 @@ class Step(nn.Module):
         self.to(memory_format=torch.channels_last)
 
     def shared(self, planes: Tensor) -> Tensor:
-        """The part of the first convolution that all views have in common: of the multiplane image [D, 4, H, W]."""
+        """The part of the first convolution that all views share: of the multiplane image [D, 4, H,
+        W]."""
         return F.conv2d(channels_last(planes), self.per_view[0].weight[:, self.inputs :], padding=1)
 
     def features(self, view: Tensor, shared: Tensor) -> tuple[Tensor, Tensor]:
-        """One view's [D, inputs, H, W], and that part, at full and half resolution."""
+        """Features of one view [D, inputs, H, W] with the shared part, at full and half
+        resolution."""
         first = self.per_view[0]
         full = F.relu(F.conv2d(channels_last(view), first.weight[:, : self.inputs], first.bias, padding=1) + shared)
         return full, self.per_view_half(full)
@@ -65,15 +69,15 @@ class Step(nn.Module):
         return self.out(self.pooled_full(channels_last(torch.cat([up, full, planes], 1)))).float()
 
     def forward(self, views: Iterable[tuple[Tensor, ...]], planes: Tensor) -> Tensor:
-        """views: of each photo tensors [D, c, H, W] with `inputs` channels together, made as they are asked for, so
-        that one photo's are in memory at a time."""
+        """views: per photo, tensors [D, c, H, W] with `inputs` channels in total, generated on
+        demand, so that only one photo's are in memory at a time."""
         size = len(planes) if torch.is_grad_enabled() else BATCH
         parts = planes.split(size)
         shared = [self.shared(part) for part in parts]
         pooled: list[tuple[Tensor, Tensor]] = []
         for view in views:
-            for index, said in enumerate(zip(*(tensor.split(size) for tensor in view), strict=True)):
-                full, half = self.features(torch.cat(said, 1), shared[index])
+            for index, parts_of_view in enumerate(zip(*(tensor.split(size) for tensor in view), strict=True)):
+                full, half = self.features(torch.cat(parts_of_view, 1), shared[index])
                 if len(pooled) == index:
                     pooled.append((full, half))
                 else:
@@ -116,14 +120,15 @@ class DeepView(Method):
 
 
 def middle(cameras: list[Camera]) -> Camera:
-    """At the mean of the cameras' centres, otherwise like the first."""
+    """The first camera, moved to the mean of the cameras' centres."""
     first = cameras[0]
     centre = torch.stack([camera.centre for camera in cameras]).mean(0)
     return Camera(first.k, first.rotation, -(first.rotation @ centre), first.width, first.height)
 
 
 def start(seen: Tensor) -> Tensor:
-    """Colours [D, V, 3 + coverage, H, W] -> [D, 4, H, W] before the sigmoid: their mean, and alpha 1 / D."""
+    """Colours [D, V, 3 + coverage, H, W] -> [D, 4, H, W] before the sigmoid: their mean, and alpha
+    1 / D."""
     mean = seen[:, :, :3].sum(1) / seen[:, :, 3:].sum(1).clamp_min(1e-3)
     alpha = torch.full_like(mean[:, :1], -math.log(max(len(seen) - 1, 1)))
     return torch.cat([torch.logit(mean, 0.01), alpha], 1)
@@ -131,13 +136,14 @@ def start(seen: Tensor) -> Tensor:
 
 @torch.no_grad()
 def components(planes: Tensor, camera: Camera, photo: Camera, disparities: Tensor) -> Tensor:
-    """Of a photo's gradient on the planes [D, 4, h, w] of `camera`: [D, COMPONENTS, h, w], where they lie."""
+    """Components of a photo's gradient on the planes [D, 4, h, w] of `camera`: [D, COMPONENTS, h,
+    w], aligned with them."""
     there = torch.stack([target_from_reference(camera, photo, d) for d in disparities.tolist()])
-    carried = sampled(planes, torch.linalg.inv(there), photo)
-    rgb, alpha = carried[:, :3], opaque_background(carried[:, 3])
+    at_photo = sampled(planes, torch.linalg.inv(there), photo)
+    rgb, alpha = at_photo[:, :3], opaque_background(at_photo[:, 3])
     passed = torch.cumprod(torch.cat([torch.ones_like(alpha[:1]), 1 - alpha[:-1]]), 0)
-    light = ((passed * alpha)[:, None] * rgb).cumsum(0)  # from the nearest plane to this
-    del carried, rgb
+    light = ((passed * alpha)[:, None] * rgb).cumsum(0)  # from the nearest plane to this one
+    del at_photo, rgb
     image = light[-1:].clone()
     behind = light.neg_().add_(image).div_((passed * (1 - alpha)).clamp_min(1e-3)[:, None])
     parts = [
@@ -148,12 +154,13 @@ def components(planes: Tensor, camera: Camera, photo: Camera, disparities: Tenso
 
 
 def sampled(planes: Tensor, source_from_camera: Tensor, camera: Camera) -> Tensor:
-    """Each of the planes [D, C, h, w] at the pixels of a camera, by its homography [D, 3, 3]; 0 outside."""
+    """Each of the planes [D, C, h, w] at the pixels of a camera, by its homography [D, 3, 3]; 0
+    outside."""
     y, x = torch.meshgrid(torch.arange(camera.height) + 0.5, torch.arange(camera.width) + 0.5, indexing="ij")
     unit = (grid_from_pixels(planes.shape[3], planes.shape[2]) @ source_from_camera).float()[:, None, None]
     parts = []
     for part, h in zip(planes.split(BATCH), unit.split(BATCH), strict=True):
-        # no matrix product: autocast would round it
+        # not a matrix product, which autocast would round
         points = h[..., 0] * x[..., None] + h[..., 1] * y[..., None] + h[..., 2]
         grid = outside_masked(points[..., :2] / points[..., 2:], points[..., 2])
         parts.append(F.grid_sample(part, grid, align_corners=False))
@@ -161,5 +168,5 @@ def sampled(planes: Tensor, source_from_camera: Tensor, camera: Camera) -> Tenso
 
 
 def deepview(views: int) -> DeepView:
-    """The same for any number of photos."""
+    """The same network for any number of photos."""
     return DeepView()

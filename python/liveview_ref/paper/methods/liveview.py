@@ -1,35 +1,36 @@
-"""LiveView (Ghosh et al., CVPR 2021): the U-Net of its table "Network architecture", one plane at a time.
+"""LiveView (Ghosh et al., CVPR 2021): the U-Net of its table "Network architecture", one plane at a
+time.
 
-Photos come in the rig's order, as in the paper; `liveview render` takes them nearest first."""
+Photos are in the rig's order, as in the paper; `liveview render` takes them nearest first."""
 
 import math
-from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from liveview_ref.checkpoint import load_state
+from liveview_ref.paths import MODELS
 from liveview_ref.reference.geometry.camera import Camera
 from liveview_ref.reference.render.blend import blend
 from liveview_ref.reference.render.composite_competing import composite_competing
 from liveview_ref.reference.unet import UNet, start_from_agreement
 
-from ..method import Photos, Predictor, Rendering
-from ..mpi import Mpi, padded, volume_at
+from .method import Photos, Predictor, Rendering
+from .mpi import Mpi, padded, volume_at
 
-USUAL = 64  # planes that the start of alpha is made for
-MODELS = Path(__file__).parents[4] / "models"
-BATCH = 8  # planes per pass of the network where nothing is trained: memory does not grow with their number
+INITIAL_PLANES = 64  # number of planes for which alpha is initialised
+BATCH = 8  # planes per pass of the network outside training, so that memory does not grow with their number
 
 
 class PlaneByPlane(Predictor):
-    """The dynamic multiplane image: alpha and the photos' weights of each plane from that plane alone."""
+    """The dynamic multiplane image: alpha and the photos' weights of a plane depend on that plane
+    alone."""
 
     def __init__(self, views: int, by_distance: bool = True):
         super().__init__()
         self.net, self.by_distance = UNet(views), by_distance
-        # alphas start at 1 / planes, as those of the other methods do
-        torch.nn.init.constant_(self.net.conv9.bias[:1], -math.log(USUAL - 1))
+        # alpha starts at 1 / planes, as in the other methods
+        torch.nn.init.constant_(self.net.conv9.bias[:1], -math.log(INITIAL_PLANES - 1))
         self.net.to(memory_format=torch.channels_last)
 
     def logits(self, volume: Tensor) -> Tensor:
@@ -43,7 +44,7 @@ class PlaneByPlane(Predictor):
         return self.batch([(volume, coverage, distances)])[0]
 
     def each(self, volumes: list[tuple[Tensor, Tensor, Tensor]]) -> list[Tensor]:
-        """The logits of each volume, by one pass over all."""
+        """The logits of each volume, in one pass over all."""
         logits = self.logits(torch.cat([volume for volume, _, _ in volumes]))
         return [own.contiguous() for own in logits.split([len(volume) for volume, _, _ in volumes])]
 
@@ -52,12 +53,13 @@ class PlaneByPlane(Predictor):
         return [blend(own, colour, coverage, self.distances(d)) for own, (colour, coverage, d) in pairs]
 
     def distances(self, distances: Tensor) -> Tensor:
-        """What weights are divided by: at a photo's place that photo, at distance 0, would take them all."""
+        """The divisors of the weights: 1 at a photo's place, where that photo, at distance 0, would
+        take all the weight."""
         return distances if self.by_distance else torch.ones_like(distances)
 
 
 class Competing(Mpi):
-    """Planes that compete (not in the paper), with photos nearest first, as `liveview render` does it."""
+    """Competing planes (not in the paper), with photos nearest first, as in `liveview render`."""
 
     def __init__(self, views: int):
         super().__init__(PlaneByPlane(views), target_centred=True)
@@ -85,9 +87,9 @@ def nearest_first(photos: Photos, target: Camera) -> Photos:
 
 
 def competing(views: int) -> Competing:
-    """From this project's weights for such planes."""
+    """Competing planes, initialised with this project's weights for them."""
     method = Competing(views)
-    method.predictor.net.load_state_dict(load_state(MODELS / f"liveview_v{views}_planes.pt")["average"])
+    method.predictor.net.load_state_dict(load_state(MODELS / f"liveview_v{views}_planes.onnx")["average"])
     return method
 
 
@@ -97,7 +99,7 @@ def liveview(views: int) -> Mpi:
 
 
 def from_agreement(views: int) -> Mpi:
-    """The same from the initial weights that this project starts with: a plane sweep."""
+    """The same from this project's initial weights, a plane sweep."""
     predictor = PlaneByPlane(views)
     predictor.net = UNet(views).to(memory_format=torch.channels_last)
     start_from_agreement(predictor.net)
@@ -105,5 +107,5 @@ def from_agreement(views: int) -> Mpi:
 
 
 def input_centred(views: int) -> Mpi:
-    """The paper's ablation: dynamic, but at a photo's place."""
+    """The paper's ablation: dynamic, but centred at a photo."""
     return Mpi(PlaneByPlane(views, by_distance=False), target_centred=False)

@@ -1,9 +1,10 @@
-"""Local light field: the 3D network of Local Light Field Fusion (Mildenhall et al., SIGGRAPH 2019; its table "Network
-architecture") from the photos' plane sweep volumes to alpha and the photos' weights at every point of the planes.
+"""Local light field: the 3D network of Local Light Field Fusion (Mildenhall et al., SIGGRAPH 2019;
+its table "Network architecture") from the photos' plane sweep volumes to alpha and the photos'
+weights at every point of the planes.
 
-Convolutions 3 x 3 x 3, halved three times in depth, height and width, dilated at 1/8; layer normalisation and ReLU;
-nearest upsampling of features and skips together. The paper gives no table of its own version: with these widths the
-network is a fifth smaller than the number of parameters that it tells.
+Convolutions 3 x 3 x 3, halved three times in depth, height and width, dilated at 1/8; layer
+normalisation and ReLU; nearest upsampling of features and skips together. The paper has no table of
+its version: with these widths the network has a fifth fewer parameters than the paper gives.
 """
 
 import math
@@ -14,12 +15,12 @@ from torch import Tensor, nn
 
 from liveview_ref.reference.render.blend import blend
 
-from ..method import Predictor
-from ..mpi import Mpi
+from .method import Predictor
+from .mpi import Mpi
 
 WIDTH = 8  # channels of the first layer
 STRIDE = 8  # of the deepest layer: planes are padded to a multiple of it
-USUAL = 64  # planes that the start of alpha is made for
+INITIAL_PLANES = 64  # number of planes for which alpha is initialised
 
 
 def block(inputs: int, outputs: int, stride: int = 1, dilation: int = 1) -> nn.Sequential:
@@ -54,12 +55,13 @@ class LocalLightField(Predictor):
         for convolution in (m for m in self.modules() if isinstance(m, nn.Conv3d)):
             nn.init.xavier_uniform_(convolution.weight)
         nn.init.zeros_(self.out.bias)
-        # alphas start at 1 / planes: every plane is seen, none hides the others
-        nn.init.constant_(self.out.bias[:1], -math.log(USUAL - 1))
+        # alpha starts at 1 / planes: every plane is visible, none occludes the others
+        nn.init.constant_(self.out.bias[:1], -math.log(INITIAL_PLANES - 1))
         self.to(memory_format=torch.channels_last_3d)
 
     def logits(self, volume: Tensor) -> Tensor:
-        """volume [D, V, 3, H, W] -> [D, V, H, W]: of alpha, then of the photos' weights but the first's, which is 0."""
+        """volume [D, V, 3, H, W] -> [D, V, H, W]: of alpha, then of the photos' weights except the
+        first, which is 0."""
         planes = len(volume)
         points = volume.flatten(1, 2).transpose(0, 1)[None]  # [1, 3 V, D, H, W]
         points = F.pad(points, (0, 0, 0, 0, 0, -planes % STRIDE), mode="replicate")
@@ -73,7 +75,7 @@ class LocalLightField(Predictor):
         return self.out(self.conv7(upsampled(up, half))).float()[0, :, :planes].transpose(0, 1)
 
     def forward(self, volume: Tensor, coverage: Tensor, distances: Tensor) -> tuple[Tensor, Tensor]:
-        # weights are the network's alone, whatever the distances
+        # the weights come from the network alone, not from the distances
         return blend(self.logits(volume).contiguous(), volume, coverage, torch.ones_like(distances))
 
 

@@ -1,5 +1,5 @@
-"""This project's program as it ships, on layers along the surface that the photos' own depth gives (src/mvs): not in
-the paper, and trained on other scenes."""
+"""This project's program as it ships, on surface layers from the depth of the photos (src/surface):
+not in the paper, and trained on other scenes."""
 
 import tempfile
 from errno import ENOENT
@@ -10,17 +10,16 @@ from torch import Tensor
 
 from liveview_ref.data.written_scene import write_photo, write_transforms
 from liveview_ref.evaluation.program import TARGET, Program
+from liveview_ref.paths import BINARY, MODELS
 from liveview_ref.reference.geometry.camera import Camera
 
-from ..method import Method, Photos, Rendering
-
-ROOT = Path(__file__).parents[4]
-BINARY = ROOT / "target" / "release" / "liveview"
+from .method import Method, Photos, Rendering
 
 
 def write_scene(folder: Path, photos: Photos, target: Camera, bounds: tuple[float, float]) -> None:
-    """A scene that the program can render the target from; bounds: near and far in scene units."""
-    blank = torch.zeros(3, target.height, target.width)  # where the target's photo is expected
+    """Write a scene from which the program can render the target; bounds: near and far in scene
+    units."""
+    blank = torch.zeros(3, target.height, target.width)  # in place of the target's photo
     frames = [write_photo(folder, TARGET, blank, target, bounds)]
     for i, (image, camera) in enumerate(zip(photos.images, photos.cameras, strict=True)):
         frames.append(write_photo(folder, f"{i}.png", image, camera, bounds))
@@ -28,14 +27,14 @@ def write_scene(folder: Path, photos: Photos, target: Camera, bounds: tuple[floa
 
 
 class Surface(Method):
-    """As many layers along the surface as there are planes, with the shipped network or none; near and far are those of
-    the planes. FileNotFoundError where the program is not built."""
+    """As many surface layers as planes are given, with the shipped network or none; near and far
+    are those of the planes. FileNotFoundError if the program is not built."""
 
     def __init__(self, views: int, network: bool):
         super().__init__()
         if not BINARY.is_file():
             raise FileNotFoundError(ENOENT, "not built yet", str(BINARY))
-        self.program = Program(BINARY, ROOT / "models" / f"liveview_v{views}.onnx", torch.get_num_threads())
+        self.program = Program(BINARY, MODELS / f"liveview_v{views}.onnx", torch.get_num_threads())
         self.options = ["--model", self.program.model] if network else ["--network", "none", "--views", views]
 
     def forward(self, photos: Photos, target: Camera, disparities: Tensor, cover: bool = True) -> Rendering:
@@ -52,5 +51,5 @@ def surface(views: int) -> Surface:
 
 
 def surface_without_network(views: int) -> Surface:
-    """Views weighed by their distance and by how well they agree."""
+    """Without: views weighted by their distance and their agreement."""
     return Surface(views, network=False)

@@ -1,10 +1,12 @@
-"""Soft 3D Reconstruction (Penner and Zhang, SIGGRAPH Asia 2017): nothing is learned. Depth of each photo by local
-matching, votes of all photos for where surfaces are (consensus), the soft visibility that follows, a second round of
-matching in which hidden neighbours do not count, and the target composited from consensus and visibility.
+"""Soft 3D Reconstruction (Penner and Zhang, SIGGRAPH Asia 2017), without learning: depth of each
+photo by local matching, votes of all photos for surfaces (consensus), the resulting soft
+visibility, a second round of matching that leaves out occluded neighbours, and the target
+composited from consensus and visibility.
 
-Volumes [C, D, H, W] are aligned with a photo, near to far; a plane of one camera is looked up in another's volume
-between the two planes that it lies between there. The first round is made at half the resolution. Matching is that of
-the photos' own depth, smoothed by a guided filter in the manner of Hosni et al. (2013), in place of the publication's.
+Volumes [C, D, H, W] are aligned with a photo, near to far; a plane of one camera is interpolated in
+another's volume between its two neighbouring planes. The first round runs at half resolution. The
+matching cost is that of this project's photo depth, smoothed by a guided filter as in Hosni et al.
+(2013), instead of the publication's.
 """
 
 import torch
@@ -17,16 +19,16 @@ from liveview_ref.reference.geometry.view_selection import view_distances
 from liveview_ref.reference.surface.search.photo_sweep import BEST_NEIGHBOURS, neighbour_cost
 from liveview_ref.reference.warp import OUTSIDE, grid_from_pixels, normalised_grid, warp_maps
 
-from ..method import Method, Photos, Rendering
+from .method import Method, Photos, Rendering
 
 BATCH = 8  # planes at a time
-RADIUS = 4  # of the guided filter, in pixels of half the resolution
+RADIUS = 4  # of the guided filter, in pixels at half resolution
 EPSILON = 1e-4  # of the guided filter: variance of colours that counts as flat
-FAINT = 1e-4  # share of what is hidden, or of the farthest plane, so that every pixel has a colour
+FAINT = 1e-4  # weight of occluded photos, and of the farthest plane, so that every pixel has a colour
 
 
 class Soft3D(Method):
-    """Takes any number of photos (two at least) and of planes, at equal steps of disparity."""
+    """For any number of photos (at least two) and of planes at equal steps of disparity."""
 
     @torch.no_grad()
     def forward(self, photos: Photos, target: Camera, disparities: Tensor, cover: bool = True) -> Rendering:
@@ -38,15 +40,15 @@ class Soft3D(Method):
 
 
 def halved_photos(photos: Photos) -> Photos:
-    """At half the resolution."""
+    """The photos at half resolution."""
     images = [halved(image[None])[0] for image in photos.images]
     cameras = [c.with_size_scaled(i.shape[2], i.shape[1]) for c, i in zip(photos.cameras, images, strict=True)]
     return Photos(images, cameras, photos.references)
 
 
 def reconstructed(photos: Photos, visibility: list[Tensor], disparities: Tensor) -> tuple[list[Tensor], list[Tensor]]:
-    """A round of matching: of each photo its votes [2, D, H, W] and soft visibility [1, D, H, W], given that of the
-    round before, at any resolution, if there was one."""
+    """A round of matching: votes [2, D, H, W] and soft visibility [1, D, H, W] of each photo, given
+    the visibility of the previous round, if any, at any resolution."""
     guides = [GuidedFilter(image) for image in photos.images]
     votes = [vote(matching_costs(k, photos, visibility, disparities), guide) for k, guide in enumerate(guides)]
     surfaces = (consensus(votes, photos.cameras, camera, disparities) for camera in photos.cameras)
@@ -54,7 +56,8 @@ def reconstructed(photos: Photos, visibility: list[Tensor], disparities: Tensor)
 
 
 class GuidedFilter:
-    """Edges where the photo [3, H, W] has them (He et al., 2010), its coefficients found at half the resolution."""
+    """A guided filter (He et al., 2010) that keeps the edges of a photo [3, H, W]; its coefficients
+    are computed at half resolution."""
 
     def __init__(self, image: Tensor):
         self.image, self.small = image, halved(image[None])
@@ -113,8 +116,8 @@ def pixel_centres(camera: Camera) -> Tensor:
 
 
 def matching_costs(k: int, photos: Photos, visibility: list[Tensor], disparities: Tensor) -> Tensor:
-    """Of the planes of photo k, [D, H, W]: the mean over the neighbours that match best, or over all by their
-    visibility [1, D, H, W] where it is known."""
+    """Costs of the planes of photo k, [D, H, W]: the mean over the neighbours that match best, or
+    over all weighted by their visibility [1, D, H, W] if it is known."""
     image, camera = photos.images[k], photos.cameras[k]
     neighbours = [i for i in range(len(photos.images)) if i != k]
     result = []
@@ -134,20 +137,21 @@ def matching_costs(k: int, photos: Photos, visibility: list[Tensor], disparities
 
 
 def vote(costs: Tensor, guide: GuidedFilter) -> Tensor:
-    """A photo's votes [2, D, H, W] from its costs: for a surface at each point, and whether it sees that point, both
-    softened along the photo's edges."""
+    """A photo's votes [2, D, H, W] from its costs: for a surface at each point, and for the point
+    being visible, both smoothed between the photo's edges."""
     depth = guide(costs).argmin(0)
     surface = guide((depth == torch.arange(len(costs))[:, None, None]).float()).clamp(0, 1)
     return torch.stack([surface, before(surface)])
 
 
 def before(surface: Tensor) -> Tensor:
-    """What is left of a ray where it reaches each plane of [D, H, W]: soft visibility."""
+    """Soft visibility: the transmittance of a ray in front of each plane of [D, H, W]."""
     return (1 - surface.cumsum(0) + surface).clamp(0, 1)
 
 
 def consensus(votes: list[Tensor], sources: list[Camera], camera: Camera, disparities: Tensor) -> Tensor:
-    """Surface at each point of the camera's planes, [D, H, W]: votes for it, of those photos that see it."""
+    """Surface at each point of the camera's planes, [D, H, W]: the share of votes among the photos
+    that see it."""
     planes = []
     for plane in range(len(disparities)):
         pairs = zip(votes, sources, strict=True)
@@ -157,8 +161,8 @@ def consensus(votes: list[Tensor], sources: list[Camera], camera: Camera, dispar
 
 
 def rendered(photos: Photos, votes: list[Tensor], visibility: list[Tensor], target: Camera, disparities: Tensor):
-    """The target [3, H, W]: on each plane the mean of the photos that see it, the nearer the photo the more; planes
-    from near to far until their consensus fills the pixel."""
+    """The target [3, H, W]: on each plane the mean of the photos that see it, weighted by nearness;
+    planes from near to far until their consensus fills the pixel."""
     surfaces = consensus(votes, photos.cameras, target, disparities)
     surfaces[-1] += FAINT
     shares = torch.minimum(surfaces, before(surfaces))
@@ -178,5 +182,5 @@ def rendered(photos: Photos, votes: list[Tensor], visibility: list[Tensor], targ
 
 
 def soft3d(views: int) -> Soft3D:
-    """The same for any number of photos."""
+    """The same method for any number of photos."""
     return Soft3D()

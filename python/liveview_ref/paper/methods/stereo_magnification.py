@@ -1,11 +1,13 @@
-"""Stereo Magnification (Zhou et al., SIGGRAPH 2018), for any number of photos: the encoder-decoder of its table
-"Network architecture", which makes all planes at once at the place of one photo, the reference.
+"""Stereo Magnification (Zhou et al., SIGGRAPH 2018), for any number of photos: the encoder-decoder
+of its table "Network architecture", which makes all planes at once, centred at one photo, the
+reference.
 
-The paper says of its own version only that it takes five photos. What is read from that: the other photos' plane sweep
-volumes join the one of the original's second photo in the input, and the output stays the original's (alphas, weights
-of blending, one background image), so that colours come from the reference and the background alone. With the nearest
-upsampling and 3 x 3 convolution of the publication's later tables in place of its code's 4 x 4 transposed
-convolutions, the network then has the number of parameters that the paper gives.
+The paper states of its version only that it takes five photos. Interpretation: the plane sweep
+volumes of all other photos are the input, in place of that of the original's second photo, and the
+output remains the original's (alphas, blending weights, one background image), so that colours come
+only from the reference and the background. With the nearest upsampling and 3 x 3 convolution of the
+publication's later tables, instead of the 4 x 4 transposed convolutions of its code, the network
+has the number of parameters that the paper gives.
 """
 
 import math
@@ -14,8 +16,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ..method import Predictor
-from ..mpi import Mpi
+from .method import Predictor
+from .mpi import Mpi
 
 WIDTH = 64  # channels of the first layer
 
@@ -32,7 +34,7 @@ def upsampled(x: Tensor, skip: Tensor) -> Tensor:
 
 
 class StereoMagnification(Predictor):
-    """All planes of a static multiplane image at the photo that is nearest (at distance 0)."""
+    """All planes of a static multiplane image at the nearest photo (at distance 0)."""
 
     def __init__(self, views: int, planes: int, width: int = WIDTH):
         super().__init__()
@@ -53,7 +55,7 @@ class StereoMagnification(Predictor):
         for convolution in (m for m in self.modules() if isinstance(m, nn.Conv2d)):
             nn.init.xavier_uniform_(convolution.weight)
         nn.init.zeros_(self.out.bias)
-        # alphas start at 1 / planes: every plane is seen, none hides the others
+        # alpha starts at 1 / planes: every plane is visible, none occludes the others
         nn.init.constant_(self.out.bias[planes : 2 * planes], -math.log(planes - 1) / 2)
         self.to(memory_format=torch.channels_last)
 
@@ -72,7 +74,7 @@ class StereoMagnification(Predictor):
             made = f"made for {self.planes} planes and {self.views} photos"
             raise ValueError(f"this network is {made}, not {got[0]} planes and {got[1]} photos")
         nearest = int(distances.argmin())
-        centred = 2 * volume - coverage[:, :, None]  # -1 .. 1, and 0 where a photo does not reach
+        centred = 2 * volume - coverage[:, :, None]  # -1 .. 1, and 0 where a photo does not cover
         others = [view for view in range(self.views) if view != nearest]
         inputs = torch.cat([centred[0, nearest], centred[:, others].flatten(0, 2)])[None]
         output = self.encoder_decoder(inputs.contiguous(memory_format=torch.channels_last))[0]

@@ -1,0 +1,1 @@
+"""The rig, its scenes, and the samples and targets drawn from them."""

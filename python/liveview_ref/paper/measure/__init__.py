@@ -1,0 +1,1 @@
+"""Scores, cost and departures of the methods, written to models/paper."""

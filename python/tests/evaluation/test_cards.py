@@ -1,0 +1,48 @@
+"""The shipped models: weights, metadata, records, and the tables of models/README.md."""
+
+import onnx
+import pytest
+
+from liveview_ref.checkpoint import load_network, load_state, model_card, records, trained_network
+from liveview_ref.export import check
+from liveview_ref.paths import MODELS
+from tools import cards
+
+
+@pytest.mark.parametrize("path", sorted(MODELS.glob("*.onnx")), ids=lambda path: path.stem)
+def test_metadata_of_shipped_models(path):
+    card = model_card(onnx.load(path))
+    assert path.stem.startswith(f"liveview_v{card['views']}")
+    for_planes, competing = "_planes" in path.stem, "_planes" in path.stem and "_planes_paper" not in path.stem
+    assert card["recommended_layers"].startswith("planes:") == for_planes
+    assert card.get("alpha", "independent") == ("competing" if competing else "independent")
+    assert ("alpha_spacing" in card) == ("_planes_paper" in path.stem)
+    assert card.get("layer_kinds") == ("planes, select, list" if for_planes else None)
+    assert card["licence"] and card["training"] and ("int8" in path.stem) == (card.get("precision") == "int8")
+
+
+def test_model_equals_its_checkpoint():
+    path = MODELS / "liveview_v4.pt"
+    assert check(load_network(path), path.with_suffix(".onnx")) < 3e-6  # 7e-7 measured
+
+
+def test_every_float32_model_has_a_record_of_its_training():
+    models = {path.stem for path in MODELS.glob("*.onnx") if not path.stem.endswith("_int8")}
+    assert set(records(MODELS)) == models
+
+
+def test_state_of_a_model_gives_its_network_back():
+    path = MODELS / "liveview_v5.onnx"
+    state = load_state(path)
+    assert state["views"] == 5 and state["step"] == 520
+    assert check(trained_network(state), path) < 3e-6
+
+
+def test_models_of_one_v_have_separate_rows():
+    history = [{"step": 1, "seconds": 2, "a": 20.0}, {"step": 3, "seconds": 4, "a": 21.0, "b": 22.0}]
+    config = {"validation": [{"path": "dev/x", "width": 100}]}
+    state = {"views": 4, "step": 3, "seconds": 240, "earlier": [(4, 10, 60)], "history": history, "config": config}
+    table = cards.trained({"4": state, "4, planes": state}).splitlines()
+    assert [row.split("|")[1].strip() for row in table[2:]] == ["4", "4, planes"]
+    assert "V = 4: 10 steps, 1 minutes, then V = 4: 3 steps, 4 minutes" in table[2] and "a: 21.00, b: 22.00" in table[2]
+    assert cards.curves("4, planes", state).curves == {"a": [(1, 20.0), (3, 21.0)], "b": [(3, 22.0)]}

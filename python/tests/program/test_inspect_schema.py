@@ -1,0 +1,68 @@
+"""What `liveview inspect --json` prints is what docs/inspect.schema.json says, and nothing else."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+jsonschema = pytest.importorskip("jsonschema")
+
+ROOT = Path(__file__).parents[3]
+WORKSHOP = ROOT / "tests" / "scenes" / "workshop"
+LIVEVIEW = ROOT / "target" / "release" / "liveview"
+SCHEMA = json.loads((ROOT / "docs" / "inspect.schema.json").read_text())
+
+pytestmark = pytest.mark.skipif(not LIVEVIEW.exists(), reason="needs `make build`")
+
+
+def inspect(scene: Path, *options: str) -> dict:
+    done = subprocess.run([LIVEVIEW, "inspect", scene, "--json", *options], check=True, capture_output=True)
+    return json.loads(done.stdout)
+
+
+@pytest.fixture
+def without_depth(tmp_path) -> Path:
+    """Two photos of the example scene, without anything that tells their depth."""
+    shutil.copytree(WORKSHOP / "images", tmp_path / "images")
+    photos = sorted(path.name for path in (tmp_path / "images").iterdir())[:3]
+    pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    frames = []
+    for x, name in enumerate(photos):
+        pose[0][3] = 0.1 * x
+        frames.append({"file_path": f"images/{name}", "transform_matrix": json.loads(json.dumps(pose))})
+    camera = {"fl_x": 400, "fl_y": 400, "cx": 252, "cy": 176, "w": 504, "h": 352}
+    (tmp_path / "transforms.json").write_text(json.dumps({**camera, "frames": frames}))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        [],
+        ["--target", "target_0", "--views", "5"],
+        ["--far", "inf"],
+        ["--exposure", "--width", "96"],
+        ["--views", "64"],
+    ],
+)
+def test_the_example_scene(options):
+    told = inspect(WORKSHOP, *options)
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+    jsonschema.validate(told, SCHEMA)
+    assert ("warning" in told["target"]) == ("64" in options)
+    assert ("--exposure" in options) == ("exposure_gains" in told["target"].get("views", [{}])[0])
+
+
+def test_a_scene_of_unknown_depth(without_depth):
+    told = inspect(without_depth, "--views", "2")
+    jsonschema.validate(told, SCHEMA)
+    assert "warning" in told["target"] and isinstance(told["target"]["views"][0], str)
+
+
+def test_what_the_schema_does_not_know_is_refused():
+    told = inspect(WORKSHOP)
+    told["target"]["planes"]["another"] = 1
+    with pytest.raises(jsonschema.ValidationError, match="another"):
+        jsonschema.validate(told, SCHEMA)

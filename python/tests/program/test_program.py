@@ -1,0 +1,117 @@
+"""What the evaluation gives the program to render: the same photos and cameras as the case's, and none held out."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from liveview_ref.data.held_out import case_of
+from liveview_ref.data.scene import open_scene
+from liveview_ref.evaluation import evaluate
+from liveview_ref.evaluation.program import TARGET, Program, write_scene
+from liveview_ref.paper.methods import program
+from liveview_ref.paper.methods.method import Photos
+
+ROOT = Path(__file__).parents[3]
+WORKSHOP = ROOT / "tests" / "scenes" / "workshop"
+SPEC = {"width": None, "targets": [7, 8], "pool": [0, 1, 2, 3, 5], "near": 1, "far": 9}
+
+# Writes what it was asked as the picture: photos, layers, and whether without a network.
+FAKE = f"""#!{sys.executable}
+import json, pathlib, sys
+import numpy as np
+args = sys.argv[1:]
+frames = json.loads((pathlib.Path(args[1]) / "transforms.json").read_text())["frames"]
+frame = np.zeros((3, 1, 3), np.float32)
+layers = args[args.index("--layers") + 1]
+frame[0, 0] = len(frames), int(layers.split(":")[1]), "--network" in args
+assert args[0] == "dump" and args[args.index("--target") + 1] == "{TARGET}", args
+assert ("--network" in args) != ("--model" in args) and float(args[args.index("--near") + 1]) == 1, args
+np.savez(args[args.index("-o") + 1], frame=frame)
+"""
+
+
+def test_the_scene_that_is_written_is_the_case(tmp_path):
+    scene = open_scene(WORKSHOP)
+    case = case_of(scene, SPEC, 7, 4)
+    write_scene(tmp_path, scene, SPEC, 7, case)
+    written = open_scene(tmp_path)
+    assert written.names == ["0000.png", "0001.png", "0002.png", "0003.png", "0005.png", TARGET], (
+        "the other target is not"
+    )
+    for index, name in enumerate(written.names):
+        original = 7 if name == TARGET else int(Path(name).stem)
+        assert torch.equal(written.image_u8(index), scene.image_u8(original))
+        assert written.bounds[index] == pytest.approx(scene.bounds[original])
+        found, camera = written.cameras[index], scene.cameras[original]
+        for part in ("k", "rotation", "translation"):
+            torch.testing.assert_close(getattr(found, part), getattr(camera, part), rtol=0, atol=1e-9)
+
+
+def test_each_row_is_asked_for(tmp_path):
+    binary = tmp_path / "liveview"
+    binary.write_text(FAKE)
+    binary.chmod(0o755)
+    scene = open_scene(WORKSHOP)
+    program = Program(binary, tmp_path / "model.onnx", 1)
+    rows = dict(program.surface(scene, SPEC, 7, case_of(scene, SPEC, 7, 4)))
+    asked = {name: image[0, 0].tolist() for name, image in rows.items()}
+    assert asked == {
+        "surface:2": [6, 2, 0],
+        "surface:1": [6, 1, 0],
+        "surface:1, no network": [6, 1, 1],
+        "surface:3, no network": [6, 3, 1],
+    }
+    binary.write_text(f"#!{sys.executable}\nimport sys\nsys.exit('no such thing')\n")
+    with pytest.raises(RuntimeError, match="no such thing"):
+        next(program.surface(scene, SPEC, 7, case_of(scene, SPEC, 7, 4)))
+
+
+def test_the_papers_comparison_asks_for_as_many_layers_as_there_are_planes(tmp_path, monkeypatch):
+    monkeypatch.setattr(program, "BINARY", tmp_path / "liveview")
+    with pytest.raises(FileNotFoundError) as caught:
+        program.surface(4)
+    assert caught.value.filename == str(program.BINARY)
+    program.BINARY.write_text(FAKE)
+    program.BINARY.chmod(0o755)
+    scene = open_scene(WORKSHOP)
+    case = case_of(scene, SPEC, 7, 4)
+    photos, planes = Photos(case.sources, case.cameras, (0,)), torch.tensor([1.0, 0.5, 1 / 9])
+    for build, without in ((program.surface, 0), (program.surface_without_network, 1)):
+        rendering = build(4)(photos, case.target, planes)
+        assert rendering.rgb[0, 0].tolist() == [5, 3, without]
+
+
+def test_without_the_program_surface_layers_are_skipped_unless_asked_for(tmp_path, monkeypatch, capsys):
+    (tmp_path / "spec.json").write_text(json.dumps([{"path": "no", "targets": [0]}]))
+    monkeypatch.setattr(evaluate, "load_lpips", lambda: None)
+    monkeypatch.setattr(evaluate.baselines, "opencv", lambda: None)
+    model, spec = ROOT / "models" / "liveview_v4.pt", tmp_path / "spec.json"
+    command = ["", model, spec, "--data", tmp_path, "--out", tmp_path / "out", "--binary", tmp_path / "liveview"]
+    threads = torch.get_num_threads()
+    monkeypatch.setattr(sys, "argv", [str(x) for x in command])
+    assert evaluate.main() == 1, "no scene"
+    assert "skipped surface layers: liveview is missing" in capsys.readouterr().err
+    monkeypatch.setattr(sys, "argv", [str(x) for x in [*command, "--methods", "surface"]])
+    with pytest.raises(SystemExit):
+        evaluate.main()
+    assert "liveview is missing" in capsys.readouterr().err
+    torch.set_num_threads(threads)
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5])
+def test_zero_logits_weigh_by_distance_alone(power):
+    from liveview_ref.reference.render.blend import blend
+
+    colour = torch.rand(1, 3, 3, 4, 5, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    seen = torch.ones(1, 3, 4, 5, dtype=torch.float64)
+    seen[0, 1, :2] = 0
+    distances = torch.tensor([1.0, 2.0, 4.0], dtype=torch.float64)
+    colour = colour * seen[:, :, None]
+    _, rgb = blend(torch.zeros(1, 3, 4, 5, dtype=torch.float64), colour, seen, distances, power)
+    weights = seen / distances[:, None, None] ** power
+    expected = (weights[:, :, None] * colour).sum(1) / weights.sum(1, keepdim=True)
+    np.testing.assert_allclose(rgb.numpy(), expected.numpy(), atol=1e-12)
