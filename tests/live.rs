@@ -1,4 +1,4 @@
-//! A live session against what its policies promise, with a network that only tells where the views agree.
+//! A live session under each policy, with a network that measures the agreement of the views.
 
 use glam::{DMat3, DVec3};
 use liveview::geometry::{Camera, Intrinsics};
@@ -11,7 +11,7 @@ use ndarray::{ArrayView4, ArrayViewMut4};
 
 const SIZE: (usize, usize) = (384, 256);
 
-/// Opaque where the views agree, and the nearest view's colour there; of so many views.
+/// Of so many views: opaque where they agree, with the nearest view's colour.
 struct Agreement(usize);
 
 impl PlaneNetwork for Agreement {
@@ -28,13 +28,13 @@ impl PlaneNetwork for Agreement {
     }
 }
 
-/// What stands before the rig: a wall, and a board before it.
+/// The scene: a wall, and a board in front of it.
 #[derive(Clone, Copy)]
 struct Stage {
     wall: f64,
     /// Phase of the patterns.
     paint: f64,
-    /// Where the left edge of the board is, at depth 3; it is 1 wide and high.
+    /// x of the left edge of the board, at depth 3; it is 1 wide and high.
     board: Option<f64>,
 }
 
@@ -103,7 +103,7 @@ fn score(frame: &LiveFrame, stage: Stage, target: &Camera) -> f64 {
 }
 
 #[test]
-fn what_does_not_change_is_propagated_to_the_bit() {
+fn unchanged_scene_gives_the_same_bits() {
     let (mut propagated, target) = (session(Policy::Propagate), camera(0.05, 0.0));
     let first = show(&mut propagated, EMPTY, &target);
     let second = show(&mut propagated, EMPTY, &target);
@@ -116,7 +116,7 @@ fn what_does_not_change_is_propagated_to_the_bit() {
 }
 
 #[test]
-fn a_moving_target_takes_the_surface_with_it() {
+fn moving_target_propagates_the_surface() {
     let stage = Stage { board: Some(-0.5), ..EMPTY };
     let mut propagated = session(Policy::Propagate);
     let mut whole = 0;
@@ -131,14 +131,14 @@ fn a_moving_target_takes_the_surface_with_it() {
 }
 
 #[test]
-fn a_cut_is_searched_at_once() {
+fn scene_cut_is_searched_in_the_same_frame() {
     let (mut propagated, target) = (session(Policy::Propagate), camera(0.05, 0.0));
     show(&mut propagated, EMPTY, &target);
     let cut = Stage { wall: 3.0, paint: 2.0, board: None };
     let frame = show(&mut propagated, cut, &target);
     assert_eq!(frame.layer_source, LayerSource::Searched);
     assert_eq!(frame.frame.picture.data(), searched(cut, &target).frame.picture.data());
-    // The moved surface alone does not notice.
+    // The moved surface alone does not follow the cut.
     let mut blind = session(Policy::Every(9));
     show(&mut blind, EMPTY, &target);
     let blind = show(&mut blind, cut, &target);
@@ -147,7 +147,7 @@ fn a_cut_is_searched_at_once() {
 }
 
 #[test]
-fn what_enters_is_found_within_the_frame_and_only_there() {
+fn entering_object_is_searched_in_its_region_only() {
     let (mut propagated, target) = (session(Policy::Propagate), camera(0.05, 0.0));
     show(&mut propagated, EMPTY, &target);
     for left in [0.2, 0.1, 0.0] {
@@ -163,7 +163,7 @@ fn what_enters_is_found_within_the_frame_and_only_there() {
 }
 
 #[test]
-fn the_papers_video_chooses_its_planes_on_the_first_frame() {
+fn paper_layers_select_their_planes_on_the_first_frame() {
     let (mut paper, target) = (session_of(LayerSpec::PAPER, Policy::Once, &[4]), camera(0.05, 0.0));
     let sources = [(); 3].map(|()| {
         let frame = show(&mut paper, EMPTY, &target);
@@ -174,7 +174,7 @@ fn the_papers_video_chooses_its_planes_on_the_first_frame() {
 }
 
 #[test]
-fn every_so_many_frames() {
+fn every_n_policy_searches_every_nth_frame() {
     let mut session = session(Policy::Every(3));
     let searched =
         [(); 7].map(|()| show(&mut session, EMPTY, &camera(0.05, 0.0)).layer_source == LayerSource::Searched);
@@ -182,7 +182,7 @@ fn every_so_many_frames() {
 }
 
 #[test]
-fn a_camera_that_drops_out_is_left_out_and_with_too_few_a_smaller_network_serves() {
+fn missing_camera_is_skipped_and_a_smaller_network_renders_from_fewer() {
     let (mut propagated, target) = (session_of(LayerSpec::guided(2), Policy::Propagate, &[2, 4]), camera(0.05, 0.0));
     let photos = EMPTY.photos();
     let mut render = |missing: &[usize]| {
@@ -200,7 +200,7 @@ fn a_camera_that_drops_out_is_left_out_and_with_too_few_a_smaller_network_serves
 }
 
 #[test]
-fn photos_that_are_not_the_cameras_are_refused() {
+fn photos_that_do_not_match_the_cameras_are_an_error() {
     let mut session = session(Policy::Propagate);
     let small = ImageRgb::new(8, 8, vec![0.5; 192]).unwrap();
     let refused = session.render(&[Some(&small), None, None, None, None], &camera(0.0, 0.0)).unwrap_err();
@@ -209,7 +209,7 @@ fn photos_that_are_not_the_cameras_are_refused() {
 }
 
 #[test]
-fn another_size_of_the_target_starts_anew() {
+fn target_of_another_size_is_searched() {
     let mut session = session(Policy::Propagate);
     show(&mut session, EMPTY, &camera(0.0, 0.0));
     let half = camera(0.0, 0.0).with_size_scaled(192, 128).unwrap();
@@ -233,19 +233,19 @@ fn share(frame: &LiveFrame) -> f64 {
 const BOARD: Stage = Stage { board: Some(0.2), ..EMPTY };
 
 #[test]
-fn a_still_scene_is_searched_once_wherever_the_target_moves() {
+fn unchanged_scene_is_searched_once_for_a_moving_target() {
     let mut propagated = surface_session(Policy::Propagate);
     for step in 0..4 {
         let target = camera(-0.1 + 0.05 * f64::from(step), 0.0);
         let frame = show(&mut propagated, BOARD, &target);
         assert_eq!(share(&frame), if step == 0 { 1.0 } else { 0.0 });
-        let anew = show(&mut surface_session(Policy::Every(1)), BOARD, &target);
-        assert_eq!(frame.frame.picture.data(), anew.frame.picture.data(), "step {step}");
+        let searched = show(&mut surface_session(Policy::Every(1)), BOARD, &target);
+        assert_eq!(frame.frame.picture.data(), searched.frame.picture.data(), "step {step}");
     }
 }
 
 #[test]
-fn depth_is_searched_where_photos_change_and_only_there() {
+fn depth_is_searched_only_where_photos_change() {
     let (mut propagated, target) = (surface_session(Policy::Propagate), camera(0.05, 0.0));
     let mut blind = surface_session(Policy::Once);
     show(&mut propagated, EMPTY, &target);
@@ -263,7 +263,7 @@ fn depth_is_searched_where_photos_change_and_only_there() {
 }
 
 #[test]
-fn depth_is_searched_as_often_as_the_policy_says() {
+fn depth_is_searched_as_often_as_the_policy_sets() {
     let target = camera(0.05, 0.0);
     for (policy, expected) in [
         (Policy::Every(1), [1.0, 1.0, 1.0, 1.0]),
@@ -280,7 +280,7 @@ fn depth_is_searched_as_often_as_the_policy_says() {
 }
 
 #[test]
-fn a_camera_that_drops_out_is_no_longer_asked_and_one_that_joins_is_searched() {
+fn missing_camera_is_skipped_and_a_joining_camera_is_searched() {
     let (mut propagated, target) = (surface_session(Policy::Propagate), camera(0.05, 0.0));
     let photos = BOARD.photos();
     let mut render = |missing: &[usize]| {
@@ -297,7 +297,7 @@ fn a_camera_that_drops_out_is_no_longer_asked_and_one_that_joins_is_searched() {
 }
 
 #[test]
-fn surface_layers_are_the_same_for_any_number_of_threads() {
+fn surface_layers_do_not_depend_on_the_number_of_threads() {
     let target = camera(0.05, 0.0);
     let pictures = [1, 2, 3].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

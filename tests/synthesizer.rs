@@ -1,5 +1,5 @@
-//! A synthesizer, with a network that only tells where the views agree: each kind of layers, each kind of target, and what it
-//! refuses.
+//! A synthesizer with a network that measures the agreement of the views: each kind of layers, each
+//! kind of target, and its errors.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -44,7 +44,7 @@ fn synthesizer(layers: &str) -> Synthesizer {
 }
 
 #[test]
-fn every_kind_of_layers_shows_the_held_out_view() {
+fn every_kind_of_layers_renders_the_held_out_view() {
     let scene = workshop();
     let truth = scene.load_image(scene.view_index("target_0").unwrap()).unwrap();
     let neighbours = (0..7).map(|view| scene.view_index(&format!("source_{view}")).unwrap());
@@ -81,7 +81,7 @@ fn every_kind_of_layers_shows_the_held_out_view() {
 }
 
 #[test]
-fn a_held_out_view_is_never_rendered_from_and_a_camera_of_ones_own_may_be() {
+fn held_out_view_is_not_rendered_from_but_other_views_may_be_targets() {
     let mut synthesizer = synthesizer("guided:2");
     let scene = workshop();
     let view = scene.view_index("source_3").unwrap();
@@ -93,9 +93,10 @@ fn a_held_out_view_is_never_rendered_from_and_a_camera_of_ones_own_may_be() {
     assert!(psnr(&frame.picture, &scene.load_image(view).unwrap(), 8) > 40.0);
 }
 
-/// What the depth of photos knows must not come from what is held out: without that photo's file the picture is the same.
+/// The depth of photos must not depend on held-out photos: with another file in place of a held-out
+/// photo the picture is the same.
 #[test]
-fn a_held_out_photo_takes_no_part_in_the_depth_of_others() {
+fn depth_of_photos_does_not_depend_on_held_out_photos() {
     let folder = tempfile::tempdir().unwrap();
     let copy = |from: &Path, to: &Path| {
         std::fs::create_dir_all(to).unwrap();
@@ -114,16 +115,16 @@ fn a_held_out_photo_takes_no_part_in_the_depth_of_others() {
         synthesizer.render(&Target::held_out("target_0")).unwrap().picture
     };
     let with = picture(Scene::open(folder.path(), &options).unwrap());
-    // Of the same size and black: it is still there to be listed.
+    // A black photo of the same size: the scene still lists it.
     let photo = folder.path().join("images/target_0.jpg");
     let size = liveview::image::read_size(&photo).unwrap();
     liveview::ImageRgb::new(size.width, size.height, vec![0.0; 3 * size.pixels()]).unwrap().save(&photo).unwrap();
     assert_eq!(with, picture(Scene::open(folder.path(), &options).unwrap()));
 }
 
-/// A path searches the depth of each photo once, and gives the same pictures as its frames by themselves.
+/// A path searches the depth of each photo once, and its frames equal those rendered alone.
 #[test]
-fn the_depth_of_photos_is_kept_from_frame_to_frame() {
+fn frames_of_a_path_equal_frames_rendered_alone() {
     let mut along = synthesizer("surface:1");
     let targets = Targets::path(along.scene(), "line:4".parse().unwrap()).unwrap();
     let shots = along.shots(targets.clone()).unwrap();
@@ -138,9 +139,10 @@ fn the_depth_of_photos_is_kept_from_frame_to_frame() {
     }
 }
 
-/// What an earlier run has kept on disk gives the same pictures, and a held-out photo has no part in it.
+/// Depth that an earlier run has stored gives the same pictures, and does not depend on held-out
+/// photos.
 #[test]
-fn the_depth_of_photos_is_kept_from_run_to_run() {
+fn stored_depth_gives_the_same_pictures() {
     let folder = tempfile::tempdir().unwrap();
     let kept = folder.path().join("kept");
     let files = || std::fs::read_dir(&kept).unwrap().map(|entry| entry.unwrap().file_name()).collect::<HashSet<_>>();
@@ -166,10 +168,10 @@ fn the_depth_of_photos_is_kept_from_run_to_run() {
         sources.push(photos.view_depth(view, &[source], &views[index + 1..]).unwrap().source);
     }
     assert_eq!(sources.iter().filter(|&&source| source == DepthSource::Kept).count(), 6);
-    // With another one held out, every photo has one of them as a neighbour, or the range of depths is another.
+    // With another view held out, the neighbours of every photo or the depth range differ.
     let held_out_target_0 = files();
     picture("target_1");
-    assert_eq!(files().len(), held_out_target_0.len() + 6, "no file of the other serves");
+    assert_eq!(files().len(), held_out_target_0.len() + 6, "no file of the other is reused");
 
     let taken = folder.path().join("file");
     std::fs::write(&taken, "").unwrap();
@@ -182,7 +184,7 @@ fn the_depth_of_photos_is_kept_from_run_to_run() {
 }
 
 #[test]
-fn the_frames_of_a_path_share_one_range_of_depths() {
+fn frames_of_a_path_share_one_depth_range() {
     let mut synthesizer = synthesizer("guided:1");
     let targets = Targets::path(synthesizer.scene(), "line:5".parse().unwrap()).unwrap();
     let shots = synthesizer.shots(targets.clone()).unwrap();
@@ -195,7 +197,7 @@ fn the_frames_of_a_path_share_one_range_of_depths() {
 }
 
 #[test]
-fn what_cannot_be_rendered_is_refused_by_name() {
+fn errors_name_view_scene_and_expectation() {
     let unknown = synthesizer("guided:2").render(&Target::held_out("nobody")).unwrap_err();
     assert!(matches!(unknown, SynthesisError::Scene(_)) && unknown.to_string().contains("nobody"), "{unknown}");
 
@@ -208,26 +210,26 @@ fn what_cannot_be_rendered_is_refused_by_name() {
     few.views.retain(|view| {
         !["source_3", "source_4", "source_5", "source_6", "target_1"].iter().any(|name| view.name.starts_with(name))
     });
-    let told = render(few, None, None).unwrap_err().to_string();
-    assert!(told.contains("target_0") && told.contains("4 views are needed, but only 3 of the 3"), "{told}");
+    let error = render(few, None, None).unwrap_err().to_string();
+    assert!(error.contains("target_0") && error.contains("4 views are needed, but only 3 of the 3"), "{error}");
 
     let mut flat = workshop();
     flat.views.iter_mut().for_each(|view| view.depth_range = None);
-    let told = render(flat.clone(), None, Some(9.0)).unwrap_err().to_string();
-    assert!(told.contains("workshop") && told.ends_with("expected near, in scene units"), "{told}");
+    let error = render(flat.clone(), None, Some(9.0)).unwrap_err().to_string();
+    assert!(error.contains("workshop") && error.ends_with("expected near, in scene units"), "{error}");
     assert!(render(flat.clone(), Some(1.0), Some(9.0)).is_ok());
-    let told = render(flat, Some(3.0), Some(2.0)).unwrap_err().to_string();
-    assert!(told.contains("0 < near < far"), "{told}");
+    let error = render(flat, Some(3.0), Some(2.0)).unwrap_err().to_string();
+    assert!(error.contains("0 < near < far"), "{error}");
 
     let nowhere = Synthesizer::open("/nonexistent", &Options::default()).unwrap_err();
     assert!(matches!(nowhere, SynthesisError::Scene(_)) && nowhere.to_string().contains("/nonexistent"), "{nowhere}");
     let mut options = Options::default();
     (options.model.views, options.model.folders) = (Some(63), vec!["elsewhere".into()]);
-    let told = Synthesizer::open(WORKSHOP, &options).unwrap_err().to_string();
-    assert!(told.contains("liveview_v63.onnx") && told.contains("elsewhere"), "{told}");
+    let error = Synthesizer::open(WORKSHOP, &options).unwrap_err().to_string();
+    assert!(error.contains("liveview_v63.onnx") && error.contains("elsewhere"), "{error}");
 }
 
-/// `Agreement`, with some logits that are none.
+/// `Agreement`, with some logits that are not finite.
 struct Straying(usize);
 
 impl PlaneNetwork for Straying {
@@ -244,7 +246,7 @@ impl PlaneNetwork for Straying {
 }
 
 #[test]
-fn a_stray_few_logits_that_are_not_finite_are_counted_and_more_are_an_error() {
+fn few_logits_that_are_not_finite_are_counted_and_more_are_an_error() {
     let render = |strays: usize| {
         let views = SceneViews::new(workshop(), None, None);
         let renderer = Renderer::new(Box::new(Straying(strays)), 1);

@@ -1,5 +1,5 @@
-//! The surface of a frame, carried over to the next: forward-warped to its camera, compared with its
-//! photos, and searched again where they disagree.
+//! The surface of a frame, carried over to the next: forward-warped to its camera, compared with
+//! its photos, and searched again where they disagree.
 //!
 //! The comparison uses the matching cost of the guided search, the windowed variance of the warped
 //! colours, on a single layer: the carried surface. A search computes that cost on every one of its
@@ -11,10 +11,10 @@ use glam::DVec3;
 use ndarray::{Array2, Axis, s};
 
 use super::dirty_tiles::{Region, dirty_regions};
+use super::target_views::TargetViews;
 use crate::geometry::{Camera, PlaneSweep, Size, source_from_target};
-use crate::layers::guided::{COARSE, GuidedSearch, Levels, RangeMap, SearchStages, WINDOWS, neighbourhood, range_of};
+use crate::layers::guided::{COARSE, GuidedSearch, RangeMap, SearchStages, WINDOWS, neighbourhood, range_of};
 use crate::layers::{CELL, LayersError, padded};
-use crate::warp::{NO_GAINS, SourceView};
 
 /// A cell is an outlier if its cost is more than this many times what it was when the cell was
 /// searched …
@@ -27,26 +27,6 @@ const MAX_DIRTY_SHARE: f64 = 0.5;
 /// Tiles around a dirty region that are searched with it, so that its edges agree with their
 /// surroundings.
 const MARGIN_TILES: usize = 1;
-
-/// The views of a frame, and the target that they are searched for.
-pub(super) struct TargetViews<'a> {
-    pub(super) levels: Levels<'a>,
-    /// In the order of the levels' textures.
-    cameras: Vec<&'a Camera>,
-    target: &'a Camera,
-}
-
-impl<'a> TargetViews<'a> {
-    pub(super) fn new(sources: Vec<SourceView<'a>>, target: &'a Camera) -> Self {
-        let levels = Levels::new(sources.iter().map(|source| (source.texture, NO_GAINS)).collect());
-        Self { levels, cameras: sources.iter().map(|source| source.camera).collect(), target }
-    }
-
-    /// Plane sweeps for a target, or for a part of one.
-    pub(super) fn sweeps(&self, target: &Camera) -> Vec<PlaneSweep> {
-        self.cameras.iter().map(|camera| PlaneSweep::new(camera, target)).collect()
-    }
-}
 
 /// The surface that a frame was rendered along.
 pub(super) struct CarriedSurface {
@@ -77,8 +57,8 @@ impl CarriedSurface {
         self.target.size() == target.size()
     }
 
-    /// The surface forward-warped to another camera: the nearest where several points project to one
-    /// cell; where none does, the farther of those left and right.
+    /// The surface forward-warped to another camera: the nearest where several points project to
+    /// one cell; where none does, the farther of those left and right.
     pub(super) fn moved(self, target: &Camera) -> Self {
         if self.target == *target {
             return self;
@@ -174,7 +154,8 @@ impl CarriedSurface {
 
 /// Matching cost of a surface per cell of [`COARSE`] pixels.
 fn cost(disparity: &Array2<f32>, views: &TargetViews<'_>) -> Array2<f32> {
-    // One fine cell of each coarse one, not their mean: at a depth edge the mean lies on neither side.
+    // One fine cell of each coarse one, not their mean: at a depth edge the mean lies on neither
+    // side.
     let step = (COARSE / CELL) as isize;
     let map = disparity.slice(s![..;step, ..;step]).insert_axis(Axis(0));
     let costs = views.levels.coarse().costs(&views.sweeps(views.target), map, WINDOWS[0]);

@@ -41,7 +41,8 @@ impl Region {
     }
 }
 
-/// The bounding rectangle of each group of adjoining dirty tiles: whole tiles, cut at the edges of the map.
+/// The bounding rectangle of each group of adjoining dirty tiles: whole tiles, cut at the edges of
+/// the map.
 pub(crate) fn dirty_regions(outliers: ArrayView2<'_, bool>) -> Vec<Region> {
     let (height, width) = outliers.dim();
     let mut dirty = Array2::from_shape_fn((height.div_ceil(TILE), width.div_ceil(TILE)), |(y, x)| {

@@ -1,10 +1,11 @@
 //! Guided layers: a first frame searches the target for a surface; the next one moves it with the
 //! camera, and searches again where the photos contradict it.
 
-use super::carried_surface::{CarriedSurface, TargetViews};
+use super::carried_surface::CarriedSurface;
 use super::frame_input::FrameInput;
 use super::layer_kind::{FoundLayers, LayerKind};
 use super::layer_source::LayerSource;
+use super::target_views::TargetViews;
 use crate::layers::guided::{GuidedSearch, RangeMap};
 use crate::layers::{LayersError, padded};
 

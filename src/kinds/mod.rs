@@ -7,8 +7,8 @@
 //! | `guided` | `guided:L` | moves the surface with the camera, and refreshes it |
 //! | `surface` | `surface:L` | refreshes the depth of the photos |
 //!
-//! The layers of a still picture are those of a first frame. A new kind implements [`LayerKind`] in a
-//! file of its own and has an arm in [`find_layers`].
+//! The layers of a still picture are those of a first frame. A new kind implements [`LayerKind`] in
+//! a file of its own and has an arm in [`find_layers`].
 
 // Only `live`, which needs that feature, renders next frames of all kinds.
 #![cfg_attr(not(feature = "surface"), allow(dead_code))]
@@ -23,6 +23,7 @@ mod layer_source;
 mod selected;
 #[cfg(feature = "surface")]
 mod surface;
+mod target_views;
 
 #[cfg(feature = "surface")]
 pub(crate) use dirty_tiles::{Region, dirty_regions};

@@ -123,8 +123,8 @@ impl CameraDepths {
     }
 }
 
-/// First column and the one after the last, and first row and the one after the last, of a region of
-/// cells in a photo of that size.
+/// First column and the one after the last, and first row and the one after the last, of a region
+/// of cells in a photo of that size.
 fn pixels(region: &Region, size: Size) -> ((usize, usize), (usize, usize)) {
     let (right, bottom) = ((region.right * CELL).min(size.width), (region.bottom * CELL).min(size.height));
     ((region.left * CELL, right), (region.top * CELL, bottom))

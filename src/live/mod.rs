@@ -1,10 +1,10 @@
 //! Live video: the synchronised frames of a camera rig become the frames of a moving viewpoint.
 //!
 //! A [`LiveSession`] takes the photos of one time step and a target camera, and returns a
-//! [`LiveFrame`]. Its [`Policy`] says what a frame reuses of earlier ones: the paper's planes, selected
-//! once; the surface of the last frame, propagated to the next as long as the photos agree with it;
-//! the depth of each camera's photo, where the photo stays the same. Memory does not grow with the
-//! length of the video.
+//! [`LiveFrame`]. Its [`Policy`] says what a frame reuses of earlier ones: the paper's planes,
+//! selected once; the surface of the last frame, propagated to the next as long as the photos agree
+//! with it; the depth of each camera's photo, where the photo stays the same. Memory does not grow
+//! with the length of the video.
 
 mod camera_depths;
 mod error;

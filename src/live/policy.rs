@@ -10,20 +10,22 @@ use crate::layers::LayerSpec;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Policy {
-    /// Every so many frames (1: each). In between, the surface of guided layers moves with the target
-    /// camera, and the cameras keep their depth for surface layers, whatever the photos show.
+    /// Every so many frames (1: each). In between, the surface of guided layers moves with the
+    /// target camera, and the cameras keep their depth for surface layers, whatever the photos
+    /// show.
     Every(usize),
-    /// On the first frame: with `select:16/64` the paper's video, which renders 64 planes once and 16
-    /// of them from then on ([`crate::network::Alpha::select_planes`]).
+    /// On the first frame: with `select:16/64` the paper's video, which renders 64 planes once and
+    /// 16 of them from then on ([`crate::network::Alpha::select_planes`]).
     Once,
     /// Guided layers: the surface of the last frame moves with the target camera, and is searched
-    /// again where it fits the photos less well than before. Surface layers: the depth of a camera's
-    /// photo is searched again where the photo has changed.
+    /// again where it fits the photos less well than before. Surface layers: the depth of a
+    /// camera's photo is searched again where the photo has changed.
     Propagate,
 }
 
 impl Policy {
-    /// The default for these layers: `once` for planes, `propagate` for layers that follow the scene.
+    /// The default for these layers: `once` for planes, `propagate` for layers that follow the
+    /// scene.
     pub fn default_for(layers: &LayerSpec) -> Self {
         if layers.is_planes() { Self::Once } else { Self::Propagate }
     }

@@ -42,8 +42,8 @@ impl fmt::Debug for LiveSession {
 }
 
 impl LiveSession {
-    /// A session for the cameras of a rig. Of several networks the one with the most views renders; one
-    /// with fewer only a time step for which too few photos were delivered.
+    /// A session for the cameras of a rig. Of several networks the one with the most views renders;
+    /// one with fewer only a time step for which too few photos were delivered.
     ///
     /// # Errors
     ///
@@ -73,14 +73,14 @@ impl LiveSession {
         (self.carried, self.age) = (Carried::default(), 0);
     }
 
-    /// Renders `target` from the photos of one time step: one per camera, in the cameras' order; `None`
-    /// where a camera has delivered nothing. The nearest V of the others are used.
+    /// Renders `target` from the photos of one time step: one per camera, in the cameras' order;
+    /// `None` where a camera has delivered nothing. The nearest V of the others are used.
     ///
     /// # Errors
     ///
     /// [`LiveError::Photos`] and [`LiveError::Size`] for photos that do not match the cameras;
-    /// [`LiveError::Views`] where too few face the target's direction (what to show instead is up to
-    /// the caller); [`LiveError::Layers`] and [`LiveError::Render`].
+    /// [`LiveError::Views`] where too few face the target's direction (what to show instead is up
+    /// to the caller); [`LiveError::Layers`] and [`LiveError::Render`].
     pub fn render(&mut self, photos: &[Option<&ImageRgb>], target: &Camera) -> Result<LiveFrame, LiveError> {
         self.check(photos)?;
         let step = Step::new(&self.cameras, photos);

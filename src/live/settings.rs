@@ -15,7 +15,8 @@ pub struct LiveSettings {
     pub layers: LayerSpec,
     /// When these are searched for.
     pub policy: Policy,
-    /// Whether surface layers leave the exposure of the photos unchanged; by default it is balanced.
+    /// Whether surface layers leave the exposure of the photos unchanged; by default it is
+    /// balanced.
     pub keep_exposure: bool,
 }
 

@@ -6,10 +6,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::error::SynthesisError;
-use super::loaded_shot::{LoadedPhoto, LoadedShot};
 use super::photo_store::PhotoStore;
 use super::scene_depth::{DepthSource, SceneDepth, ViewDepth};
 use super::scene_views::SceneViews;
+use super::shot::{LoadedPhoto, LoadedShot};
 use crate::kinds::PhotosWithDepth;
 use crate::surface::cache::{DepthCache, PhotoDigest};
 use crate::warp::{SourceView, Texture};
@@ -17,12 +17,12 @@ use crate::warp::{SourceView, Texture};
 /// The depth of photos in memory, and the folder that keeps it from run to run, if there is one.
 #[derive(Default)]
 pub(super) struct DepthStore {
-    /// With the views held out that the last shot held out.
+    /// For the views held out by the last shot.
     depth: Option<SceneDepth>,
     files: Option<DepthFiles>,
 }
 
-/// A folder of depths, and what has been found out on the way.
+/// A folder of depths, with the digests of photos and what went wrong with its files.
 struct DepthFiles {
     folder: DepthCache,
     /// Of each view's photo, once it has been loaded.

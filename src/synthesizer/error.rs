@@ -15,20 +15,20 @@ use crate::scene::SceneError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SynthesisError {
-    /// The scene's folder, or a photo in it, is not usable.
+    /// The scene's folder, or a photo in it, cannot be used.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// Too few views look a target's way.
+    /// Too few views face a target's direction.
     #[error("{target}: {source}")]
     Views {
         /// Name of the target.
         target: String,
-        /// How many views are needed, and how many look that way.
+        /// How many views are needed, and how many face that direction.
         source: TooFewViews,
     },
-    /// Neither the scene nor the options give the depth range.
+    /// Neither the scene nor the options set the depth range.
     #[error(
-        "{}: the scene does not tell how near and far things are; expected {}, in scene units",
+        "{}: the scene has no depth range; expected {}, in scene units",
         scene.display(),
         match (near, far) { (true, true) => "near and far", (true, false) => "near", _ => "far" }
     )]
@@ -40,11 +40,11 @@ pub enum SynthesisError {
         /// Whether the farthest depth is unknown.
         far: bool,
     },
-    /// No valid layers, or near and far span no range of depths.
+    /// Invalid layers, or not 0 < near < far.
     #[error(transparent)]
     Layers(#[from] LayersError),
     #[cfg(feature = "surface")]
-    /// The folder where depth is to be kept cannot be written to.
+    /// The folder where depth is kept cannot be written to.
     #[error("{}: files cannot be written there: {source}; expected a folder for depth maps", folder.display())]
     Cache {
         /// The folder.
@@ -52,19 +52,19 @@ pub enum SynthesisError {
         /// Why.
         source: io::Error,
     },
-    /// No path around the views.
+    /// There is no path around the views.
     #[error(transparent)]
     Path(#[from] CameraPathError),
-    /// No model for that number of views.
+    /// There is no model for that number of views.
     #[error(transparent)]
     Model(#[from] ModelNotFound),
     /// ONNX Runtime cannot be used.
     #[error(transparent)]
     Library(#[from] OrtLibraryError),
-    /// The model file is no LiveView model, or does not fit the options.
+    /// The model file is not a LiveView model, or does not fit the options.
     #[error(transparent)]
     Network(#[from] NetworkError),
-    /// A target takes more memory than can be had.
+    /// A target needs more memory than is available.
     #[error(
         "{target}: a picture of {size} from photos such as {photo} {source}; expected a smaller target, smaller photos or \
          fewer layers at once"
@@ -76,7 +76,7 @@ pub enum SynthesisError {
         size: Size,
         /// Name and size of its largest photo.
         photo: String,
-        /// How much.
+        /// How much memory.
         source: MemoryError,
     },
     /// The network failed.

@@ -1,21 +1,23 @@
-//! What a shot takes of memory, before any of it is taken. Measured with `--network none` at 1 and 3 megapixels, within a tenth below and
-//! above; what ONNX Runtime takes is not known, and its failure is an error.
+//! An estimate of the memory that a shot needs, made before any of it is allocated. Measured with
+//! `--network none` at 1 and 3 megapixels, it is right within a tenth; what ONNX Runtime needs is
+//! unknown, and its failure is an error.
 
 use super::error::SynthesisError;
-use super::target::Shot;
+use super::shot::Shot;
 use crate::fs::memory;
 use crate::layers::LayerSpec;
 use crate::render::Renderer;
 use crate::scene::Scene;
 
 /// Bytes per pixel of a photo as a texture.
-const TEXTURE: usize = 16;
-/// Of a photo with its depth.
-const DEPTH: usize = 25;
-/// Of the target, but for its layers: the search, sums in f64, the picture and its file.
-const TARGET: usize = 250;
+const TEXTURE_BYTES: usize = 16;
+/// Bytes per pixel of the depth of a photo.
+const DEPTH_BYTES: usize = 25;
+/// Bytes per pixel of the target without its layers: the search, sums in f64, the picture and its
+/// file.
+const TARGET_BYTES: usize = 250;
 
-/// Refuses the shots of which one takes more memory than can be had.
+/// Refuses the shots if one of them needs more memory than is available.
 pub(super) fn check(
     scene: &Scene,
     renderer: &Renderer,
@@ -26,8 +28,8 @@ pub(super) fn check(
     let bytes = |shot: &Shot| {
         let photo = |&view: &usize| scene.views[view].camera.size().pixels();
         let views: usize = shot.views.iter().chain(&shot.helpers).map(photo).sum();
-        let photos = views * if with_depth { TEXTURE + DEPTH } else { TEXTURE };
-        photos + shot.target.size().pixels() * TARGET + renderer.buffer_bytes(shot.target.size(), layers.count())
+        let photos = views * if with_depth { TEXTURE_BYTES + DEPTH_BYTES } else { TEXTURE_BYTES };
+        photos + shot.target.size().pixels() * TARGET_BYTES + renderer.buffer_bytes(shot.target.size(), layers.count())
     };
     let Some(shot) = shots.iter().max_by_key(|shot| bytes(shot)) else { return Ok(()) };
     memory::check(bytes(shot) as u64).map_err(|source| {

@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use super::error::SynthesisError;
-use super::loaded_shot::LoadedShot;
 #[cfg(feature = "surface")]
 use super::scene_photos::ScenePhotos;
+use super::shot::LoadedShot;
 #[cfg(feature = "surface")]
 use crate::kinds::{DepthUpdate, PhotosWithDepth};
 use crate::kinds::{FoundLayers, FramePhotos, LayerSource};
@@ -21,8 +21,8 @@ use crate::warp::SourceView;
 pub struct Plan {
     /// The layers, near → far.
     pub layers: Layers,
-    /// Wall time of the guided search, for guided layers; for surface layers of the surface, with the
-    /// depth of photos that was unknown before.
+    /// Wall time of the guided search, for guided layers; for surface layers of the surface, with
+    /// the depth of photos that was unknown before.
     pub search: Duration,
     /// Wall time of the render that planes were selected from, for selected planes.
     pub selection: Duration,

@@ -1,14 +1,14 @@
 //! Which photos, and which depths of photos, stay in memory from one target to the next.
 //!
-//! What the target and the one after it need stays. Of the rest, as much as fits into a fixed number
-//! of bytes: first depths, which take longest to find and least to keep, then photos; of each, those
-//! needed sooner before those needed later, and depths that no known target needs after these, last
-//! used first. What is dropped is found again when it is needed, the same bit for bit.
+//! What the target and the one after it need stays. Of the rest, as much as fits into a fixed
+//! number of bytes: first depths, which take longest to find and least to keep, then photos; of
+//! each, those needed sooner before those needed later, and depths that no known target needs after
+//! these, last used first. What is dropped is found again when it is needed, the same bit for bit.
 
 #[cfg(feature = "surface")]
 use super::depth_store::DepthStore;
 use super::photo_store::PhotoStore;
-use super::target::Shot;
+use super::shot::Shot;
 
 /// Bytes of photos and depths that are kept beyond what the target and the next one need.
 pub(super) const KEPT_BYTES: usize = 128 << 20;
@@ -26,8 +26,8 @@ impl Retention {
         Self { recent: Vec::new(), bytes: KEPT_BYTES }
     }
 
-    /// Drops what neither the shot nor, as far as there is room, the `later` ones need, for a scene
-    /// of so many views.
+    /// Drops what the shot does not need, and of what `later` shots need that which exceeds the
+    /// limit; for a scene of so many views.
     pub(super) fn drop_unneeded(
         &mut self,
         views: usize,
@@ -43,7 +43,7 @@ impl Retention {
         let soon = order.views.len();
         later.iter().skip(1).flat_map(Shot::photos).for_each(|view| order.push(view));
         let ever = order.views.len();
-        // Then those that no known target needs: later targets may be unknown yet.
+        // Then those that no known target needs: later targets may not be known yet.
         self.recent.iter().for_each(|&view| order.push(view));
         let order = order.views;
 
@@ -93,7 +93,7 @@ mod tests {
     use crate::network::ViewAgreement;
     use crate::render::Renderer;
     use crate::scene::{Scene, SceneOptions};
-    use crate::synthesizer::{SceneViews, Synthesizer, Target, Targets};
+    use crate::{SceneViews, Synthesizer, Target, Targets};
 
     fn synthesizer(kept_bytes: usize) -> Synthesizer {
         let options = SceneOptions { width: Some(96), ..SceneOptions::default() };
@@ -112,8 +112,8 @@ mod tests {
         [photos.photos.loaded().count(), views.filter(|&view| photos.depths.bytes(view) > 0).count()]
     }
 
-    /// Cameras along the scene's own and back; the pictures, and the most that was held when one was
-    /// done.
+    /// Renders from each of the scene's cameras and back again; the pictures, and the largest
+    /// numbers of photos and depths in memory after a picture.
     fn along(kept_bytes: usize) -> (Vec<ImageRgb>, [usize; 2]) {
         let mut synthesizer = synthesizer(kept_bytes);
         let views = &synthesizer.scene().views;
@@ -131,18 +131,18 @@ mod tests {
     }
 
     #[test]
-    fn pictures_are_the_same_whatever_is_dropped() {
+    fn pictures_with_and_without_retention_are_equal() {
         let (all, most) = along(usize::MAX);
         let (none, fewest) = along(0);
         assert_eq!(all.len(), 18);
         assert!(all == none);
-        // One view and two helpers, of this target and of the next.
+        // One view and two helpers each of this target and of the next.
         assert_eq!(most, [9, 9], "all of the scene");
         assert!(fewest.iter().all(|&held| (3..=6).contains(&held)), "{fewest:?}");
     }
 
     #[test]
-    fn depth_that_no_known_target_needs_stays_as_long_as_there_is_room() {
+    fn unneeded_depth_within_the_limit_stays_in_memory() {
         for (kept_bytes, expected) in [(usize::MAX, [3, 9]), (0, [3, 3])] {
             let mut synthesizer = synthesizer(kept_bytes);
             let views = synthesizer.scene().views.clone();
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_needed_sooner_stays() {
+    fn photos_needed_sooner_stay_in_memory() {
         let mut synthesizer = synthesizer(0);
         let one = synthesizer.scene().views.iter().map(|view| view.camera.clone()).collect();
         let shots = synthesizer.shots(Targets::cameras(one)).unwrap();

@@ -15,7 +15,7 @@ use crate::warp::SourceView;
 pub enum DepthSource {
     /// Searched among the photo's neighbours.
     Searched,
-    /// Read from the folder of [`super::ScenePhotos::keep_depths_in`].
+    /// Read from the folder of [`crate::ScenePhotos::keep_depths_in`].
     Kept,
     /// There is no other photo to search it with: nothing is confirmed.
     Alone,
@@ -80,7 +80,8 @@ impl SceneDepth {
         if self.found(view).is_some() { Vec::new() } else { self.with_neighbours(view) }
     }
 
-    /// What identifies the depth of the first view's photo, searched among the others; their digests.
+    /// What identifies the depth of the first view's photo, searched among the others; their
+    /// digests.
     pub(super) fn key(&self, views: &[usize], digests: &[PhotoDigest]) -> DepthKey {
         let cameras = views.iter().map(|&view| &self.maps.cameras()[self.map_index(view)]);
         let photos: Vec<_> = cameras.zip(digests.iter().copied()).collect();

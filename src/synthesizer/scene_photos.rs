@@ -1,4 +1,4 @@
-//! The photos of a scene, in memory as far as they are needed, and their depth.
+//! The photos of a scene that are needed in memory, and their depth.
 
 use std::fmt;
 #[cfg(feature = "surface")]
@@ -7,13 +7,12 @@ use std::path::Path;
 #[cfg(feature = "surface")]
 use super::depth_store::DepthStore;
 use super::error::SynthesisError;
-use super::loaded_shot::{LoadedPhoto, LoadedShot};
 use super::photo_store::PhotoStore;
 use super::retention::{KEPT_BYTES, Retention};
 #[cfg(feature = "surface")]
 use super::scene_depth::ViewDepth;
 use super::scene_views::SceneViews;
-use super::target::Shot;
+use super::shot::{LoadedPhoto, LoadedShot, Shot};
 #[cfg(feature = "surface")]
 use crate::kinds::PhotosWithDepth;
 
@@ -65,9 +64,9 @@ impl ScenePhotos {
         &self.views
     }
 
-    /// Loads the photos of a shot of this scene. `later` are the shots that follow, in order: of the
-    /// photos and depths in memory, those that the first of them needs stay, others within 128 MiB,
-    /// those needed sooner first; photos that no later shot needs are dropped.
+    /// Loads the photos of a shot of this scene. `later` are the shots that follow, in order: of
+    /// the photos and depths in memory, those that the first of them needs stay, others within 128
+    /// MiB, those needed sooner first; photos that no later shot needs are dropped.
     ///
     /// # Errors
     ///
@@ -93,8 +92,8 @@ impl ScenePhotos {
 
 #[cfg(feature = "surface")]
 impl ScenePhotos {
-    /// Keeps the depth of photos in a folder, one file each, and reads from there what an earlier run
-    /// has kept; pictures stay the same, bit for bit. The folder is created if there is none.
+    /// Keeps the depth of photos in a folder, one file each, and reads from there what an earlier
+    /// run has kept; pictures stay the same, bit for bit. The folder is created if there is none.
     ///
     /// A file `<digest>.npz` holds the arrays `disparity` (float32 `[h, w]`, 1/scene unit), `pixel`
     /// (float32, the disparity that is worth a pixel of parallax) and `key` (uint8 `[32]`): the
@@ -127,8 +126,8 @@ impl ScenePhotos {
     }
 
     /// The depth of a view's photo, and what its neighbours confirm of it. A depth that is known is
-    /// not searched again as long as the same views are held out; photos and depths that none of the
-    /// `later` views needs are dropped.
+    /// not searched again as long as the same views are held out; photos and depths that none of
+    /// the `later` views needs are dropped.
     ///
     /// # Errors
     ///

@@ -2,7 +2,8 @@
 //! range of depths.
 
 use super::error::SynthesisError;
-use super::target::{Shot, TargetCamera, Targets};
+use super::shot::Shot;
+use super::target::{TargetCamera, Targets};
 use crate::geometry::{Camera, choose_views};
 use crate::layers::uniform_disparities;
 use crate::scene::Scene;
@@ -85,8 +86,8 @@ impl SceneViews {
     ///
     /// # Errors
     ///
-    /// [`SynthesisError::UnknownDepth`] if one of them is unknown; [`SynthesisError::Layers`] unless
-    /// 0 < near < far.
+    /// [`SynthesisError::UnknownDepth`] if one of them is unknown; [`SynthesisError::Layers`]
+    /// unless 0 < near < far.
     ///
     /// # Panics
     ///

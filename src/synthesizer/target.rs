@@ -15,7 +15,7 @@ pub enum Target {
 }
 
 impl Target {
-    /// The view of that name (see [`Scene::view_index`]), rendered from the others.
+    /// The view of that name ([`Scene::view_index`]), rendered from the others.
     pub fn held_out(name: impl Into<String>) -> Self {
         Self::HeldOut(name.into())
     }
@@ -69,7 +69,7 @@ impl Targets {
         Self { list: views.iter().map(target).collect(), held_out: views, moving: false }
     }
 
-    /// One camera, called `pose`, or several as the frames of a path, called `frame_0000` and so on.
+    /// One camera, named `pose`, or several as the frames of a path, named `frame_0000` and so on.
     pub fn cameras(cameras: Vec<Camera>) -> Self {
         let moving = cameras.len() > 1;
         if moving { Self::frames(cameras) } else { Self::named(cameras, |_| "pose".to_owned(), moving) }
@@ -79,7 +79,7 @@ impl Targets {
     ///
     /// # Errors
     ///
-    /// [`SynthesisError::Path`] if the views' directions cancel out.
+    /// [`SynthesisError::Path`] if the views' directions cancel each other out.
     ///
     /// # Panics
     ///
@@ -96,33 +96,5 @@ impl Targets {
     fn named(cameras: Vec<Camera>, name: impl Fn(usize) -> String, moving: bool) -> Self {
         let target = |(index, camera)| TargetCamera { name: name(index), camera, truth: None };
         Self { list: cameras.into_iter().enumerate().map(target).collect(), held_out: Vec::new(), moving }
-    }
-}
-
-/// A target with its views and its depth range: all that its layers are found from.
-#[derive(Debug, Clone)]
-pub struct Shot {
-    /// Its name.
-    pub name: String,
-    /// Its camera.
-    pub target: Camera,
-    /// Index of the view that is its ground truth.
-    pub truth: Option<usize>,
-    /// Indices of the views to render from, nearest first.
-    pub views: Vec<usize>,
-    /// Indices of further views that its surface is found with, nearest first; none where its layers are no surface.
-    pub helpers: Vec<usize>,
-    /// Indices of the views that must not be used, for depth neither.
-    pub held_out: Vec<usize>,
-    /// Nearest depth, scene units.
-    pub near: f64,
-    /// Farthest depth, scene units; may be infinite.
-    pub far: f64,
-}
-
-impl Shot {
-    /// Indices of the views whose photos it needs: those to render from, then the helpers.
-    pub(super) fn photos(&self) -> impl Iterator<Item = usize> {
-        self.views.iter().chain(&self.helpers).copied()
     }
 }

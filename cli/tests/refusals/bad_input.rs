@@ -85,7 +85,7 @@ fn near_and_far() {
     assert_render_refused(&folders, &["--near", "-1"], &["near is -1"]);
     assert_render_refused(&folders, &["--far", "nan"], &["far is NaN"]);
     folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
-    let unknown = "the scene does not tell how near and far things are; expected";
+    let unknown = "the scene has no depth range; expected";
     assert_render_refused(&folders, &[], &[&format!("{unknown} near and far, in scene units. Give --near and --far ")]);
     assert_render_refused(&folders, &["--near", "2"], &[&format!("{unknown} far, in scene units. Give --far ")]);
 }

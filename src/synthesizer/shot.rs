@@ -1,12 +1,40 @@
-//! A shot with its photos in memory.
+//! What a target is rendered from: its views and depth range, and their photos in memory.
 
 use std::sync::Arc;
 
-use super::target::Shot;
 use crate::geometry::Camera;
 use crate::layers::guided::{GuidedSearch, SearchStages};
 use crate::layers::{LayersError, padded};
 use crate::warp::{SourceView, Texture, warp_sources};
+
+/// A target with its views and its depth range.
+#[derive(Debug, Clone)]
+pub struct Shot {
+    /// Its name.
+    pub name: String,
+    /// Its camera.
+    pub target: Camera,
+    /// Index of the view that is its ground truth.
+    pub truth: Option<usize>,
+    /// Indices of the views to render from, nearest first.
+    pub views: Vec<usize>,
+    /// Indices of further views whose depth its surface is fused from, nearest first; none for
+    /// other kinds of layers.
+    pub helpers: Vec<usize>,
+    /// Indices of the views that must not be used, not even for depth.
+    pub held_out: Vec<usize>,
+    /// Nearest depth, scene units.
+    pub near: f64,
+    /// Farthest depth, scene units; may be infinite.
+    pub far: f64,
+}
+
+impl Shot {
+    /// Indices of the views whose photos it needs: those to render from, then the helpers.
+    pub(super) fn photos(&self) -> impl Iterator<Item = usize> {
+        self.views.iter().chain(&self.helpers).copied()
+    }
+}
 
 /// A shot with its photos in memory: what a plan is found from, and rendered from.
 #[derive(Debug, Clone)]

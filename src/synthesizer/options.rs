@@ -1,4 +1,4 @@
-//! The model, and ONNX Runtime that runs it.
+//! What a synthesizer is opened with: options, and the model with ONNX Runtime.
 
 use std::num::NonZero;
 use std::path::PathBuf;
@@ -10,18 +10,47 @@ use crate::network::{
     model_folders,
 };
 use crate::render::Renderer;
+use crate::scene::SceneOptions;
+#[cfg(feature = "surface")]
+use crate::surface::PhotoCorrection;
 
-/// V, the number of views, where neither the options nor a model file say.
+/// V, the number of views, where neither the options nor a model file set it.
 pub const DEFAULT_VIEWS: usize = 4;
+
+/// Options of [`crate::Synthesizer::open`].
+#[derive(Debug, Clone, Default)]
+#[non_exhaustive]
+pub struct Options {
+    /// How the scene is read.
+    pub scene: SceneOptions,
+    /// Nearest depth, scene units; `None`: the smallest of the chosen views' depth ranges.
+    pub near: Option<f64>,
+    /// Farthest depth, scene units, may be infinite; `None`: the largest of the chosen views' depth
+    /// ranges.
+    pub far: Option<f64>,
+    /// Which model, and how ONNX Runtime runs it.
+    pub model: ModelOptions,
+    /// Which layers; `None`: those that the model recommends.
+    pub layers: Option<LayerSpec>,
+    /// Which differences between photos surface layers correct.
+    #[cfg(feature = "surface")]
+    pub photo_correction: PhotoCorrection,
+    #[cfg(feature = "surface")]
+    /// Folder where surface layers keep the depth of photos for later runs
+    /// ([`crate::ScenePhotos::keep_depths_in`]).
+    pub cache: Option<PathBuf>,
+}
 
 /// Options of the model and of ONNX Runtime.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct ModelOptions {
-    /// V, the number of views that each picture is made from; `None`: the file's own, else [`DEFAULT_VIEWS`].
+    /// V, the number of views that each picture is rendered from; `None`: the model file's, else
+    /// [`DEFAULT_VIEWS`].
     pub views: Option<usize>,
-    /// The model file; `None`: `liveview_v{V}.onnx`, or the quantised `liveview_v{V}_int8.onnx`, in one of the `folders`; for layers that
-    /// are planes `liveview_v{V}_planes.onnx` or `liveview_v{V}_planes_int8.onnx`, if there is one; with an independent `alpha`
+    /// The model file; `None`: `liveview_v{V}.onnx`, or the quantised `liveview_v{V}_int8.onnx`, in
+    /// one of the `folders`; for layers that are planes `liveview_v{V}_planes.onnx` or
+    /// `liveview_v{V}_planes_int8.onnx`, if there is one; with an independent `alpha`
     /// `liveview_v{V}_planes_paper.onnx` or its int8.
     pub file: Option<PathBuf>,
     /// Folders of models; by default [`model_folders`].
@@ -38,7 +67,7 @@ pub struct ModelOptions {
     pub library: Option<PathBuf>,
     /// Threads of the network; `None`: one per core. Everything else runs in rayon's pool.
     pub threads: Option<usize>,
-    /// Layers that go through the network at once: memory grows with it, the result does not change.
+    /// Layers that go through the network at once: memory grows with it, the result stays the same.
     pub batch: usize,
 }
 
@@ -60,12 +89,12 @@ impl Default for ModelOptions {
 }
 
 impl ModelOptions {
-    /// V, as far as it is known before the model is opened.
+    /// V, before the model is opened.
     pub fn views_or_default(&self) -> usize {
         self.views.unwrap_or(DEFAULT_VIEWS)
     }
 
-    /// Threads of the network, as given, else one per core, [`MAX_THREADS`] at most.
+    /// Threads of the network: as set, else one per core, at most [`MAX_THREADS`].
     pub fn threads_or_default(&self) -> usize {
         self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, NonZero::get).min(MAX_THREADS))
     }
@@ -74,7 +103,7 @@ impl ModelOptions {
     ///
     /// # Errors
     ///
-    /// [`SynthesisError::Model`] if it is in none of the folders.
+    /// [`SynthesisError::Model`] if none of the folders has it.
     pub fn find(&self, views: usize, layers: Option<&LayerSpec>) -> Result<PathBuf, SynthesisError> {
         let planes = layers.filter(|layers| layers.is_planes()).map(|_| self.alpha.unwrap_or(AlphaKind::Competing));
         Ok(find_model(self.folders.clone(), views, self.quantized, planes)?)
@@ -113,7 +142,7 @@ impl Model {
         let in_bf16 = options.precision == Precision::Bf16 && cpu_has_bf16();
         let precision = if in_bf16 { "bf16".to_owned() } else { network.card().precision.clone() };
         let alpha = network.card().alpha(options.alpha);
-        // A model that is named may serve any layers, as long as it can.
+        // A model named by the user is refused only for layers that it cannot render.
         if let (true, Some(layers)) = (options.file.is_none() || matches!(alpha, Alpha::PerPixel { .. }), layers) {
             network.check_layers(layers)?;
         }
