@@ -6,7 +6,7 @@ mod alpha;
 mod error;
 mod execution_provider;
 #[cfg(feature = "load-dynamic")]
-mod library_file;
+mod library_length;
 mod model_card;
 mod model_file;
 mod ort;

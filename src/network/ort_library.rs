@@ -8,7 +8,7 @@ use ort::environment::Environment;
 
 use super::execution_provider::ExecutionProvider;
 #[cfg(feature = "load-dynamic")]
-use super::library_file;
+use super::library_length;
 
 /// Why ONNX Runtime could not be used.
 #[derive(Debug, thiserror::Error)]
@@ -129,7 +129,7 @@ impl OrtLibrary {
         if !library.is_file() {
             return Err(unusable("there is no such file".into()));
         }
-        library_file::check(&library).map_err(unusable)?;
+        library_length::check(&library).map_err(unusable)?;
         let builder = ort::init_from(&library).map_err(|e| unusable(e.to_string()))?;
         let environment =
             builder.with_name("liveview").with_telemetry(false).build().map_err(|e| unusable(e.to_string()))?;

@@ -198,7 +198,7 @@ fn runtime_library() {
     let cut_short = folders.scene().join("libonnxruntime.so");
     fs::write(&cut_short, &fs::read(whole).unwrap()[..1 << 20]).unwrap();
     let cut_short = cut_short.to_str().unwrap();
-    assert_render_refused(&folders, &["--ort-lib", cut_short], &[cut_short, "the file is cut short: 1048576 bytes of"]);
+    assert_render_refused(&folders, &["--ort-lib", cut_short], &[cut_short, "the file is truncated: 1048576 bytes, expected "]);
 }
 
 #[test]
