@@ -1,7 +1,9 @@
-//! What the native stages cost per layer, in bytes and samples per second, beside a plain copy of as many bytes: `cargo bench`.
+//! Throughput of the native stages per layer, in bytes and samples per second, compared with a
+//! plain copy of as many bytes: `cargo bench`.
 //!
-//! One layer at 504×352, V = 5, on the threads that rayon has; a sample is one pixel of one view. The bytes are those that
-//! a stage must move: the warp writes colour and coverage, the blend reads them and the logits.
+//! One layer at 504×352, V = 5, on rayon's threads; a sample is one pixel of one view. The bytes
+//! are those that a stage must move: the warp writes colour and coverage, the blend reads them and
+//! the logits.
 
 use divan::Bencher;
 use divan::counter::{BytesCount, ItemsCount};
@@ -27,7 +29,7 @@ fn camera(shift: f64, turn: f64) -> Camera {
     Camera::new(intrinsics, SIZE.width, SIZE.height, rotation, DVec3::new(shift, 0.3 * shift, 0.0)).unwrap()
 }
 
-/// Photos of waves, and what sees them: turned cameras, or a rectified rig.
+/// Photos of waves, of rotated cameras or of a rectified rig (`turn` 0).
 fn sources(textures: &[Texture], turn: f64) -> Vec<WarpSource<'_>> {
     let at = |view: usize| camera(0.1 * (view as f64 - 2.0), turn * (view as f64 - 2.0));
     let source = |(view, texture)| WarpSource::new(texture, PlaneSweep::new(&at(view), &camera(0.01, 0.0)));
@@ -52,7 +54,7 @@ fn copy(bencher: Bencher, planes: usize) {
     });
 }
 
-/// Turned cameras on a plane and on a smooth map, and a rectified rig.
+/// Rotated cameras on a plane and on a smooth map, and a rectified rig.
 #[divan::bench(args = ["planes", "maps", "rectified"])]
 fn warp(bencher: Bencher, case: &str) {
     let textures = textures();

@@ -1,6 +1,6 @@
-//! Which vector instructions loops are compiled for; all of them give the same bits.
+//! The vector instructions that loops are compiled for; all of them give the same bits.
 
-/// Of 256 bits at most: with AVX-512 semi-global aggregation took 40 % longer, splats a fifth.
+/// At most 256 bits: with AVX-512, semi-global aggregation took 40 % longer and splats a fifth.
 pub(crate) fn arch() -> pulp::Arch {
     match pulp::Arch::new() {
         #[cfg(target_arch = "x86_64")]
@@ -9,7 +9,7 @@ pub(crate) fn arch() -> pulp::Arch {
     }
 }
 
-/// The widest there are: AVX-512 took a tenth off blend and composite, a twentieth off the warp.
+/// The widest available: AVX-512 made blend and composite a tenth faster, the warp a twentieth.
 pub(crate) fn wide_arch() -> pulp::Arch {
     pulp::Arch::new()
 }

@@ -1,5 +1,5 @@
-//! What must hold whatever the photos, the cameras and the network: symmetries of the world, and the algebra of blending and
-//! compositing.
+//! Properties that hold for all photos, cameras and networks: symmetries of the world, and the
+//! algebra of blending and compositing.
 
 mod double;
 
@@ -16,14 +16,16 @@ use liveview::warp::{SourceView, Texture, warp_sources};
 use ndarray::{ArrayView4, ArrayViewMut4};
 use proptest::prelude::*;
 
-/// Columns and rows of the target and of the photos, which see every pixel of it on every layer.
+/// Columns and rows of the target.
 const SIZE: (usize, usize) = (20, 16);
+/// Columns and rows of the photos, which cover every pixel of the target on every layer.
 const PHOTO: (usize, usize) = (80, 64);
 
-/// Logits that change by no more than the colours do: the sum of each logit's weights is 1.
-struct Gentle;
+/// A network whose logits change by no more than the colours do: the sum of each logit's weights is
+/// 1.
+struct WeightedSum;
 
-impl PlaneNetwork for Gentle {
+impl PlaneNetwork for WeightedSum {
     fn views(&self) -> usize {
         2
     }
@@ -51,7 +53,7 @@ impl Rig {
         Self { views, photos: [photo(PHOTO, seed), photo(PHOTO, !seed)], target }
     }
 
-    /// The same rig with each camera in another place.
+    /// The same rig with other poses.
     fn moved(&self, place: impl Fn(&Camera) -> (DMat3, DVec3)) -> Self {
         let placed = |camera: &Camera| {
             let (rotation, translation) = place(camera);
@@ -71,7 +73,7 @@ impl Rig {
             .unwrap()
     }
 
-    /// On guided layers between these depths.
+    /// Renders on guided layers between these depths.
     fn render_guided(&self, network: impl PlaneNetwork + 'static, near: f64, far: f64) -> Frame {
         let size = padded(Size::new(SIZE.0, SIZE.1));
         let sources = warp_sources(&self.sources(), &self.target);
@@ -84,7 +86,7 @@ fn scrambler() -> Scrambler {
     Scrambler::new(0.0)
 }
 
-fn apart(a: &[f32], b: &[f32]) -> f32 {
+fn max_difference(a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len());
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
@@ -96,11 +98,13 @@ fn vector(range: std::ops::Range<f64>) -> impl Strategy<Value = DVec3> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Poses differ by roundings of f64, which may move a sample from one way of finding its place to the other: they are
-    /// within 8e-6 of a pixel of each other (warp/sample_positions.rs), in each direction, and a photo of noise changes by up to 1 per pixel.
-    /// α changes by at most a quarter of that per layer, and the picture by no more than all α together: 6 layers.
+    /// Poses differ by roundings of f64, so that a position may be computed in f64 for one of them
+    /// and by offsets for the other: these differ by up to 8e-6 of a pixel
+    /// (warp/sample_positions.rs) in each direction, and a photo of noise changes by up to 1 per
+    /// pixel. α changes by at most a quarter of that per layer, and the picture by at most the sum
+    /// over the 6 layers.
     #[test]
-    fn a_rigid_motion_of_the_world_changes_nothing(
+    fn render_rigid_motion_of_the_world_gives_the_same_picture(
         seed in any::<u32>(), axis in vector(-1.0..1.0), angle in -3.0..3.0, shift in vector(-50.0..50.0),
     ) {
         prop_assume!(axis.length() > 0.1);
@@ -111,17 +115,17 @@ proptest! {
             (rotation, camera.translation() - rotation * shift)
         });
         let layers = Layers::uniform(1.0, 8.0, 6).unwrap();
-        let [before, after] = [&rig, &moved].map(|rig| rig.render(Gentle, &layers, 2));
+        let [before, after] = [&rig, &moved].map(|rig| rig.render(WeightedSum, &layers, 2));
         let colour = 2.0 * 8e-6;
         let bound = colour + 6.0 * 0.25 * colour + 1e-6;
-        let picture = apart(before.picture.data(), after.picture.data());
-        prop_assert!(picture <= bound, "pictures {picture:e} apart, bound {bound:e}");
-        let disparity = apart(before.disparity.as_slice().unwrap(), after.disparity.as_slice().unwrap());
-        prop_assert!(disparity <= bound, "disparities {disparity:e} apart, bound {bound:e}");
+        let picture = max_difference(before.picture.data(), after.picture.data());
+        prop_assert!(picture <= bound, "pictures {picture:e} different, bound {bound:e}");
+        let disparity = max_difference(before.disparity.as_slice().unwrap(), after.disparity.as_slice().unwrap());
+        prop_assert!(disparity <= bound, "disparities {disparity:e} different, bound {bound:e}");
     }
 
     #[test]
-    fn another_unit_of_length_a_power_of_two_changes_no_bit(seed in any::<u32>(), power in -60..60_i32) {
+    fn render_scaled_by_a_power_of_two_gives_the_same_bits(seed in any::<u32>(), power in -60..60_i32) {
         let unit = 2.0_f64.powi(power);
         let rig = Rig::new(seed);
         let scaled = rig.moved(|camera| (camera.rotation(), camera.translation() * unit));
@@ -138,7 +142,7 @@ proptest! {
     }
 
     #[test]
-    fn a_picture_stays_among_the_colours_of_the_photos(
+    fn render_stays_within_the_range_of_the_photos_colours(
         low in 0.0_f32..0.5, span in 0.0_f32..0.5, seed in any::<u32>(), opacity in -20.0_f32..20.0,
     ) {
         let mut rig = Rig::new(seed);
@@ -150,12 +154,12 @@ proptest! {
         rig.photos = [within(seed), within(!seed)];
         let frame = rig.render(Scrambler::new(opacity), &Layers::uniform(1.0, 8.0, 5).unwrap(), 2);
         let outside = frame.picture.data().iter().map(|&value| (low - value).max(value - low - span)).fold(0.0, f32::max);
-        // A sample is two roundings of f32 on each of two axes, blending three more.
+        // A sample has two roundings of f32 on each of two axes, blending three more.
         prop_assert!(outside <= 8.0 * f32::EPSILON, "{outside:e} outside");
     }
 }
 
-/// Of one pixel seen by several views: distance, logit, colour and coverage of each.
+/// Distance, logit, colour and coverage of each of several views of a pixel.
 fn seen_by(views: std::ops::Range<usize>) -> impl Strategy<Value = Vec<(f64, f32, f32, f32)>> {
     let distance = (-60.0..60.0_f64).prop_map(|power| power.exp2());
     let logit = prop_oneof![-10.0_f32..10.0, -1e4_f32..1e4];
@@ -163,7 +167,8 @@ fn seen_by(views: std::ops::Range<usize>) -> impl Strategy<Value = Vec<(f64, f32
     prop::collection::vec((distance, logit, 0.0_f32..1.0, coverage), views)
 }
 
-/// α and the grey of a pixel, and whether it is covered. The volume holds colour times coverage.
+/// α and grey of a blended pixel, and whether it is covered. The volume contains colour times
+/// coverage.
 fn blend(views: &[(f64, f32, f32, f32)]) -> (f32, f32, bool) {
     let distances: Vec<f64> = views.iter().map(|view| view.0).collect();
     let logits: Vec<f32> = views.iter().map(|view| view.1).collect();
@@ -182,13 +187,13 @@ fn composite<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> Accumulated {
     let mut row = Accumulated::new(1);
     for &(alpha, grey, disparity) in planes {
         let layer = Blended { alpha: vec![alpha], rgb: std::array::from_fn(|_| vec![grey]), covered: vec![true] };
-        // One index for all: which layer is best is not what is asked here.
+        // One index for all: the best layer is not tested here.
         row.add(0, &layer, &[disparity], false);
     }
     row
 }
 
-/// The same planes, their α as logits 100 times as large, competing.
+/// Composites planes that compete, with 100 times their α as logits.
 fn competing<'a>(planes: impl IntoIterator<Item = (usize, &'a Plane)>) -> Accumulated {
     let mut row = Competing::new(1, 1.5);
     for (index, &(logit, grey, disparity)) in planes {
@@ -199,7 +204,7 @@ fn competing<'a>(planes: impl IntoIterator<Item = (usize, &'a Plane)>) -> Accumu
 }
 
 fn planes(count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Plane>> {
-    // From clear to opaque, and the floats next to them.
+    // Transparent, opaque, and the floats next to them.
     let special =
         prop::sample::select(vec![0.0, f32::from_bits(1), f32::MIN_POSITIVE, 1e-7, 1.0 - f32::EPSILON / 2.0, 1.0]);
     let alpha = prop_oneof![0.0_f32..1.0, special];
@@ -209,10 +214,10 @@ fn planes(count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Plane>> {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// The network's first logit is α and stands for the nearest view, whose weight has logit 0: the others may change
-    /// places, each with its own logit. Only sums of f64 change their order.
+    /// The network's first logit is α, and the weight of the nearest view has logit 0: the other
+    /// views may be permuted with their logits. Only sums of f64 change their order.
     #[test]
-    fn views_but_the_nearest_may_change_places(views in seen_by(2..7), by in 0..6_usize) {
+    fn blend_permuted_views_but_the_nearest_gives_the_same_colour(views in seen_by(2..7), by in 0..6_usize) {
         let mut moved = views.clone();
         moved[1..].rotate_left(by % (views.len() - 1));
         let (before, after) = (blend(&views), blend(&moved));
@@ -221,14 +226,14 @@ proptest! {
     }
 
     #[test]
-    fn a_colour_lies_between_those_of_the_views_that_see_it(views in seen_by(1..7)) {
+    fn blend_lies_between_the_colours_of_the_covering_views(views in seen_by(1..7)) {
         let (alpha, grey, covered) = blend(&views);
         let seen = || views.iter().filter(|view| view.3 > 0.0).map(|view| view.2);
         prop_assert_eq!(covered, seen().next().is_some());
         prop_assert!((0.0..=1.0).contains(&alpha));
         if covered {
             let (low, high) = (seen().fold(1.0, f32::min), seen().fold(0.0, f32::max));
-            // Colour times coverage is rounded, and either product with the weight.
+            // Colour times coverage is rounded, and so are both products with the weight.
             let margin = 4.0 * f32::EPSILON;
             prop_assert!((low - margin..=high + margin).contains(&grey), "{grey} is not in {low} to {high}");
         } else {
@@ -237,34 +242,36 @@ proptest! {
     }
 
     #[test]
-    fn a_clear_plane_changes_no_bit(planes in planes(1..40), at in any::<prop::sample::Index>(), grey in 0.0_f32..1.0) {
+    fn composite_transparent_plane_changes_no_bit(planes in planes(1..40), at in any::<prop::sample::Index>(), grey in 0.0_f32..1.0) {
         let mut more = planes.clone();
         more.insert(at.index(planes.len() + 1), (0.0, grey, 0.5));
         let (mut row, mut expected) = (composite(&more), composite(&planes));
-        // Never the best layer either.
+        // It is never the best layer; the indices of the others are not compared.
         (row.best_layer, expected.best_layer) = (Vec::new(), Vec::new());
         prop_assert_eq!(row, expected);
     }
 
-    /// C = C_front + T_front C_rest, and T = T_front T_rest; each of n additions and products rounds once.
+    /// C = C_front + T_front C_rest, and T = T_front T_rest; each of n additions and products is
+    /// rounded once.
     #[test]
-    fn what_is_in_front_and_the_rest_make_the_whole(planes in planes(1..200), at in any::<prop::sample::Index>()) {
+    fn composite_of_front_and_rest_is_the_composite_of_all(planes in planes(1..200), at in any::<prop::sample::Index>()) {
         let (front, rest) = planes.split_at(at.index(planes.len() + 1));
-        let (whole, front, rest) = (composite(&planes), composite(front), composite(rest));
+        let (all, front, rest) = (composite(&planes), composite(front), composite(rest));
         let bound = 2.0 * planes.len() as f64 * f64::EPSILON;
         let left = front.transmittance[0];
-        for (whole, front, rest) in [
-            (whole.rgb[1][0], front.rgb[1][0], rest.rgb[1][0]),
-            (whole.disparity[0], front.disparity[0], rest.disparity[0]),
-            (whole.transmittance[0], 0.0, rest.transmittance[0]),
+        for (all, front, rest) in [
+            (all.rgb[1][0], front.rgb[1][0], rest.rgb[1][0]),
+            (all.disparity[0], front.disparity[0], rest.disparity[0]),
+            (all.transmittance[0], 0.0, rest.transmittance[0]),
         ] {
-            prop_assert!((whole - (front + left * rest)).abs() <= bound, "{whole} and {front} + {left} {rest}");
+            prop_assert!((all - (front + left * rest)).abs() <= bound, "{all} and {front} + {left} {rest}");
         }
     }
 
-    /// Any order of layers; each of n additions and products rounds once, and the exponential is exact to 4e-10 of its value.
+    /// Each of n additions and products is rounded once, and the exponential is exact to 4e-10 of
+    /// its value.
     #[test]
-    fn layers_that_compete_may_come_in_any_order(planes in planes(1..200), by in any::<prop::sample::Index>()) {
+    fn competing_layers_in_any_order_give_the_same_picture(planes in planes(1..200), by in any::<prop::sample::Index>()) {
         let numbered: Vec<_> = planes.iter().enumerate().collect();
         let mut moved = numbered.clone();
         moved.rotate_left(by.index(planes.len()));
@@ -276,9 +283,10 @@ proptest! {
         }
     }
 
-    /// α of each plane as its weight over what the nearer ones leave, composited front to back, give the picture of planes that compete.
+    /// Competing planes equal an MPI whose α are each plane's weight divided by the sum of its own
+    /// and all farther weights, composited front to back.
     #[test]
-    fn planes_that_compete_are_an_mpi(planes in planes(1..60)) {
+    fn competing_planes_equal_an_mpi(planes in planes(1..60)) {
         let found = competing(planes.iter().enumerate());
         let terms: Vec<f64> = planes.iter().map(|plane| (1.5 * f64::from(100.0 * plane.0)).exp()).collect();
         let behind = |k: usize| terms[k..].iter().sum::<f64>();
@@ -291,7 +299,7 @@ proptest! {
     }
 
     #[test]
-    fn weights_and_what_is_left_sum_to_one(mut planes in planes(1..400)) {
+    fn composite_weights_and_transmittance_sum_to_one(mut planes in planes(1..400)) {
         planes.iter_mut().for_each(|plane| plane.1 = 1.0);
         let row = composite(&planes);
         let off = (row.rgb[0][0] + row.transmittance[0] - 1.0).abs();

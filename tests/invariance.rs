@@ -1,4 +1,4 @@
-//! The frame does not depend on how it was computed: threads, batch size, run.
+//! The frame does not depend on threads, batch size and run.
 
 mod wheel;
 
@@ -39,7 +39,7 @@ impl Rig {
         Self { target, views: nearest.map(view).collect() }
     }
 
-    /// On a pool of `threads`.
+    /// Renders on a pool of `threads`.
     fn render(&self, renderer: &mut Renderer, threads: usize, layers: LayersOf) -> Frame {
         let views: Vec<_> = self.views.iter().map(|(camera, texture)| SourceView { camera, texture }).collect();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -61,7 +61,7 @@ fn render(threads: usize, batch: usize) -> Frame {
 }
 
 #[test]
-fn threads_and_batch_size_do_not_show() {
+fn render_any_threads_and_batch_size_gives_the_same_frame_within_the_tolerance() {
     let first = render(1, 1);
     for (threads, batch) in [(1, 3), (2, 1), (2, 2), (3, 5)] {
         let other = render(threads, batch);
@@ -74,17 +74,17 @@ fn threads_and_batch_size_do_not_show() {
 }
 
 #[test]
-fn two_runs_are_the_same_to_the_bit() {
+fn render_twice_gives_the_same_bits() {
     let (first, second) = (render(2, 2), render(2, 2));
     assert_eq!(first.picture.data(), second.picture.data());
     assert_eq!(first.disparity, second.disparity);
     assert_eq!(first.best_layer, second.best_layer);
 }
 
-/// A network that is a sum of two inputs: the same bits however it is run.
-struct Sum;
+/// A network whose logits are differences of two inputs: the same bits for any batch size.
+struct Difference;
 
-impl PlaneNetwork for Sum {
+impl PlaneNetwork for Difference {
     fn views(&self) -> usize {
         4
     }
@@ -98,9 +98,9 @@ impl PlaneNetwork for Sum {
 }
 
 #[test]
-fn native_stages_are_the_same_to_the_bit_over_runs_threads_and_batches() {
-    // Rows of several runs of pixels; renderers that are used again, for another size and other layers, of which the nearest are
-    // seen by no view and make room.
+fn native_stages_any_threads_and_batch_size_give_the_same_bits() {
+    // Rows of several runs of pixels; renderers that are reused for another size and other layers,
+    // of which no view covers the nearest.
     let jobs: [(Rig, LayersOf); 2] = [
         (Rig::open(200), |range| range.layers(5).unwrap()),
         (Rig::open(136), |_| Layers::uniform(0.05, 8.0, 12).unwrap()),
@@ -110,9 +110,9 @@ fn native_stages_are_the_same_to_the_bit_over_runs_threads_and_batches() {
         let frame = rig.render(renderer, threads, *layers);
         (frame.picture, frame.disparity, frame.transmittance, frame.best_layer, frame.uncovered_layers)
     };
-    let first = [0, 1].map(|job| frame(&mut Renderer::new(Box::new(Sum), 1), 1, job));
+    let first = [0, 1].map(|job| frame(&mut Renderer::new(Box::new(Difference), 1), 1, job));
     assert!((1..12).contains(&first[1].4), "{} layers uncovered", first[1].4);
-    let mut renderers: Vec<_> = (0..10).map(|i| (1 + i % 2, Renderer::new(Box::new(Sum), 1 + i / 2))).collect();
+    let mut renderers: Vec<_> = (0..10).map(|i| (1 + i % 2, Renderer::new(Box::new(Difference), 1 + i / 2))).collect();
     for run in 0..100 {
         let (job, (threads, renderer)) = (run / 10 % 2, &mut renderers[run % 10]);
         assert!(frame(renderer, *threads, job) == first[job], "run {run}");
@@ -120,10 +120,10 @@ fn native_stages_are_the_same_to_the_bit_over_runs_threads_and_batches() {
 }
 
 #[test]
-fn competing_layers_are_the_same_to_the_bit_over_threads_and_batches() {
+fn competing_layers_any_threads_and_batch_size_give_the_same_bits() {
     let rig = Rig::open(136);
     let frame = |threads: usize, batch: usize| {
-        let mut renderer = Renderer::new(Box::new(Sum), batch);
+        let mut renderer = Renderer::new(Box::new(Difference), batch);
         renderer.set_alpha(Alpha::Competing { scale: 2.0 });
         let frame = rig.render(&mut renderer, threads, |_| Layers::uniform(0.05, 8.0, 12).unwrap());
         (frame.picture, frame.disparity, frame.transmittance, frame.best_layer, frame.uncovered_layers)
@@ -135,10 +135,10 @@ fn competing_layers_are_the_same_to_the_bit_over_threads_and_batches() {
     }
 }
 
-/// Every plane is as opaque as every other.
-struct Even;
+/// A network that gives all planes the same opacity.
+struct ConstantOpacity;
 
-impl PlaneNetwork for Even {
+impl PlaneNetwork for ConstantOpacity {
     fn views(&self) -> usize {
         4
     }
@@ -150,20 +150,20 @@ impl PlaneNetwork for Even {
 }
 
 #[test]
-fn opacity_per_pixel_of_parallax_does_not_depend_on_how_densely_planes_lie() {
+fn opacity_per_pixel_of_parallax_does_not_depend_on_the_plane_spacing() {
     let rig = Rig::open(136);
     let mean = |alpha: Alpha, layers: LayersOf| {
-        let mut renderer = Renderer::new(Box::new(Even), 4);
+        let mut renderer = Renderer::new(Box::new(ConstantOpacity), 4);
         renderer.set_alpha(alpha);
         rig.render(&mut renderer, 2, layers).disparity.mean().unwrap()
     };
     let planes: [LayersOf; 2] =
         [|_| Layers::uniform(1.0, 8.0, 40).unwrap(), |_| Layers::uniform(1.0, 8.0, 320).unwrap()];
-    let apart = |alpha: Alpha| {
+    let difference = |alpha: Alpha| {
         let [sparse, dense] = planes.map(|layers| mean(alpha, layers));
         (dense / sparse - 1.0).abs()
     };
-    assert!(apart(Alpha::Independent) > 0.1, "{}", apart(Alpha::Independent));
-    let per_pixel = apart(Alpha::PerPixel { most: 3.0 });
+    assert!(difference(Alpha::Independent) > 0.1, "{}", difference(Alpha::Independent));
+    let per_pixel = difference(Alpha::PerPixel { most: 3.0 });
     assert!(per_pixel < 0.01, "{per_pixel}");
 }

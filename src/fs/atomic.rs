@@ -1,4 +1,5 @@
-//! Files written whole or not at all: under a temporary name first, then renamed. A device or a pipe is written to as it is.
+//! Files written completely or not at all: under a temporary name, then renamed. Devices and pipes
+//! are written to directly.
 
 use std::ffi::OsString;
 use std::fs::{File, OpenOptions};
@@ -7,24 +8,26 @@ use std::path::{Path, PathBuf};
 
 use tempfile::TempPath;
 
-/// How every temporary name begins. What a killed process leaves under one is of no use and may be deleted.
+/// Prefix of all temporary names. Files of a killed process with this prefix may be deleted.
 pub const TEMPORARY: &str = ".liveview-tmp-";
 
-/// A file being written under a temporary name of its own, in the folder of the final file. Dropped without
-/// [`AtomicFile::finish`] it is deleted. Of a [special file](is_special) nothing is replaced: what is written goes there at once.
+/// A file being written under its own temporary name, in the folder of the final file. It is
+/// deleted if it is dropped without [`AtomicFile::finish`]. A [special file](is_special) is written
+/// to directly.
 #[derive(Debug)]
 pub struct AtomicFile {
     file: BufWriter<File>,
     /// `None` for a special file.
     temporary: Option<TempPath>,
     path: PathBuf,
-    /// Where the next byte goes.
+    /// Position of the next byte.
     position: u64,
     failed: bool,
 }
 
 impl AtomicFile {
-    /// Starts the file that will be `path`. The temporary name has the same ending. A pipe is waited for until it is read.
+    /// Creates the temporary file for `path`, with the same extension. Blocks on a pipe until it
+    /// has a reader.
     ///
     /// # Errors
     ///
@@ -40,7 +43,7 @@ impl AtomicFile {
             ending.push(extension);
         }
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        // Opened here and not by tempfile, whose files only their owner may read.
+        // Opened here because only their owner may read the files that tempfile opens.
         let open = |name: &Path| OpenOptions::new().write(true).create_new(true).open(name);
         let made = tempfile::Builder::new().prefix(TEMPORARY).suffix(&ending).make_in(folder, open)?;
         let (file, temporary) = made.into_parts();
@@ -48,7 +51,7 @@ impl AtomicFile {
         Ok(Self { file, temporary: Some(temporary), path: path.to_owned(), position: 0, failed: false })
     }
 
-    /// The temporary name, for a program that writes the file itself.
+    /// The temporary name, for a program that writes the file by itself.
     pub fn temporary(&self) -> &Path {
         self.temporary.as_deref().unwrap_or(&self.path)
     }
@@ -57,13 +60,14 @@ impl AtomicFile {
     ///
     /// # Errors
     ///
-    /// Those of writing what was buffered, of storing it (some file systems report only then that they are full) and of renaming.
-    /// The temporary file is deleted then, and a file that already had the name is unchanged.
+    /// Those of writing what was buffered, of storing it (some file systems report only then that
+    /// they are full) and of renaming. On an error the temporary file is deleted, and an existing
+    /// file at `path` is unchanged.
     pub fn finish(self) -> io::Result<()> {
         self.finish_open().map(drop)
     }
 
-    /// As [`AtomicFile::finish`]; the file stays open, to be written on.
+    /// As [`AtomicFile::finish`]; the file stays open for further writing.
     ///
     /// # Errors
     ///
@@ -81,7 +85,8 @@ impl AtomicFile {
     }
 }
 
-/// Whether a path names a device, a pipe or a file that this process has open (`/dev/stderr`): what must not be replaced.
+/// Whether a path names a device, a pipe or a file that this process has open (`/dev/stderr`),
+/// which must not be replaced.
 pub fn is_special(path: &Path) -> bool {
     let of_process = |path: &Path| path.starts_with("/proc");
     let open = || {
@@ -91,8 +96,8 @@ pub fn is_special(path: &Path) -> bool {
     path.metadata().is_ok_and(|about| !about.is_dir() && (!about.is_file() || open()))
 }
 
-/// After the first error, which is returned, nothing more is written and every call succeeds: a dropped archive writer tries to
-/// close the archive once more, and would print an error on stderr.
+/// After the first error, which is returned, nothing more is written and every call succeeds: a
+/// dropped archive writer tries to close the archive again, and would print an error on stderr.
 impl Write for AtomicFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let written = if self.failed { Ok(bytes.len()) } else { self.file.write(bytes) };
@@ -121,7 +126,7 @@ impl Seek for AtomicFile {
     }
 }
 
-/// Writes a whole file, or nothing.
+/// Writes a complete file, or none.
 ///
 /// # Errors
 ///
@@ -142,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_appears_when_it_is_finished_and_not_before() {
+    fn file_appears_only_when_finished() {
         let root = tempfile::tempdir().unwrap();
         let path = root.path().join("a.txt");
         write(&path, b"first").unwrap();
@@ -163,7 +168,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn special_files_are_not_replaced() {
+    fn special_file_is_written_to_and_not_replaced() {
         let root = tempfile::tempdir().unwrap();
         let [null, own] = ["null", "own"].map(|name| root.path().join(name));
         std::os::unix::fs::symlink("/dev/null", &null).unwrap();
@@ -181,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_is_taken_by_a_folder_is_refused_and_leaves_nothing() {
+    fn write_to_the_name_of_a_folder_is_an_error_and_leaves_no_file() {
         let root = tempfile::tempdir().unwrap();
         let path = root.path().join("a");
         std::fs::create_dir(&path).unwrap();

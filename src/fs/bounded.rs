@@ -1,13 +1,13 @@
-//! Files read whole, up to a limit: a larger file is refused before memory is allocated for it.
+//! Files read up to a size limit: a larger file is refused before memory is allocated for it.
 
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Photos, COLMAP models and arrays larger than this are refused, in bytes.
+/// Largest size of photos, COLMAP models and arrays, bytes.
 pub const MAX_BYTES: u64 = 1 << 30;
 
-/// JSON larger than this is refused, in bytes: parsed, it takes up to 16 times the memory.
+/// Largest size of JSON, bytes: parsed, it takes up to 16 times the memory.
 pub const MAX_JSON_BYTES: u64 = 64 << 20;
 
 /// All bytes of a file.
@@ -29,5 +29,8 @@ pub(crate) fn open(path: &Path, limit: u64) -> io::Result<File> {
 }
 
 fn too_large(limit: u64) -> io::Error {
-    io::Error::new(io::ErrorKind::FileTooLarge, format!("the file has more than {limit} bytes, the most that are read"))
+    io::Error::new(
+        io::ErrorKind::FileTooLarge,
+        format!("the file has more than {limit} bytes, the largest size that is read"),
+    )
 }

@@ -1,25 +1,27 @@
-//! Memory asked for before it is taken: a failed allocation would end the process, here it is refused by name.
+//! Checks of available memory before it is allocated: a failed allocation would abort the process,
+//! a failed check is an error.
 
 use std::hint::black_box;
 
-/// Memory that cannot be had.
+/// More memory is needed than is available.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("takes about {} MB of memory; {}", needed / 1_000_000, had(*available))]
+#[error("takes about {} MB of memory; {}", needed / 1_000_000, limit(*available))]
 pub struct MemoryError {
-    /// Bytes asked for.
+    /// Bytes needed.
     pub needed: u64,
-    /// Bytes that can be had, where the system tells; `None` for a limit of the process's address space.
+    /// Bytes available by the system's report; `None` for a limit of the process's address space.
     pub available: Option<u64>,
 }
 
-fn had(available: Option<u64>) -> String {
+fn limit(available: Option<u64>) -> String {
     available.map_or_else(
-        || "this process may not have as much (ulimit -v)".to_owned(),
-        |bytes| format!("{} MB can be had", bytes / 1_000_000),
+        || "the address space of this process is limited to less (ulimit -v)".to_owned(),
+        |bytes| format!("{} MB are available", bytes / 1_000_000),
     )
 }
 
-/// Refuses more bytes than can be had, by the machine's memory, the container's and the limit of the process.
+/// Refuses more bytes than are available, by the memory of the machine and the container and the
+/// limit of the process.
 ///
 /// # Errors
 ///
@@ -29,14 +31,15 @@ pub fn check(needed: u64) -> Result<(), MemoryError> {
     if let Some(available) = available().filter(|&available| available < needed) {
         return refused(Some(available));
     }
-    // Address space alone: no page of it is touched.
-    let mut room = Vec::<u8>::new();
-    let reserved = usize::try_from(needed).is_ok_and(|bytes| room.try_reserve_exact(bytes).is_ok());
-    black_box(&room);
+    // Reserves address space only: no page of it is touched.
+    let mut reserved_bytes = Vec::<u8>::new();
+    let reserved = usize::try_from(needed).is_ok_and(|bytes| reserved_bytes.try_reserve_exact(bytes).is_ok());
+    black_box(&reserved_bytes);
     if reserved { Ok(()) } else { refused(None) }
 }
 
-/// What Linux says that a process can have without another one losing it, of that what the container may have at all.
+/// Bytes that Linux reports as available without swapping out other processes, at most the limit of
+/// the container.
 fn available() -> Option<u64> {
     let read = |path| std::fs::read_to_string(path).ok();
     let machine = read("/proc/meminfo").and_then(|text| {
@@ -55,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_no_machine_has_is_refused() {
+    fn check_more_than_any_machine_has_is_an_error() {
         assert_eq!(check(1 << 20), Ok(()));
         for needed in [1 << 60, u64::MAX] {
             let message = check(needed).unwrap_err().to_string();

@@ -1,4 +1,5 @@
-//! Files: read whole up to a limit, and written whole or not at all. Memory: refused before it is taken.
+//! Files: read up to a size limit, written completely or not at all. Memory: checked before
+//! allocation.
 
 pub mod atomic;
 pub mod bounded;

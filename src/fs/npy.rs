@@ -1,16 +1,16 @@
-//! Arrays in numpy's `.npy` format, from files that nothing is known of.
+//! Arrays in numpy's `.npy` format, from untrusted files.
 
 use ndarray::{ArrayView, Dimension};
 use ndarray_npy::{ViewElement, ViewNpyError, ViewNpyExt};
 
-/// Longest header that is parsed, in bytes; that of such an array has 128.
+/// Longest header that is parsed, bytes; numpy writes 128 for such arrays.
 const MAX_HEADER: usize = 512;
 
-/// Brackets that it may open: of its dictionary and of the shape. The parser's time doubles with each.
+/// Brackets in the header: of its dictionary and of the shape. The parser's time doubles with each.
 const MAX_BRACKETS: usize = 2;
 
-/// The array that the bytes of a file hold. A view, so that a shape beyond the file's length is refused before anything is allocated
-/// for it; the error says in one line what was found instead.
+/// The array in the bytes of a file. It is a view, so that a shape beyond the file's length is
+/// refused before memory is allocated for it; the error is one line.
 pub(crate) fn view<T: ViewElement, D: Dimension>(bytes: &[u8]) -> Result<ArrayView<'_, T, D>, String> {
     let (start, header) = match *bytes {
         [_, _, _, _, _, _, 1, _, a, b, ..] => (10, usize::from(u16::from_le_bytes([a, b]))),

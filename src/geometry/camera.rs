@@ -1,7 +1,8 @@
 //! Pinhole cameras, in f64.
 //!
-//! Camera axes are OpenCV's: x right, y down, z forward. A pose is `cam_from_world`: `X_cam = R X_world + t`, in scene units.
-//! Intrinsics are in pixels, and the centre of the pixel in column i, row j is (i + 0.5, j + 0.5).
+//! Camera axes are OpenCV's: x right, y down, z forward. A pose is `cam_from_world`: `X_cam = R
+//! X_world + t`, in scene units. Intrinsics are in pixels, and the centre of the pixel in column i,
+//! row j is (i + 0.5, j + 0.5).
 
 use glam::{DMat3, DVec3};
 
@@ -15,15 +16,16 @@ pub struct Intrinsics {
     pub fx: f64,
     /// Vertical focal length.
     pub fy: f64,
-    /// Column of the principal point; the image spans 0 to its width.
+    /// Column of the principal point; columns range from 0 to the image width.
     pub cx: f64,
-    /// Row of the principal point; the image spans 0 to its height.
+    /// Row of the principal point; rows range from 0 to the image height.
     pub cy: f64,
     /// Skew: K's entry in row 0, column 1. Nearly always 0.
     pub skew: f64,
 }
 
-/// A pinhole camera: intrinsics, image size and pose. Always valid: [`Camera::new`] checks, and the fields are private.
+/// A pinhole camera: intrinsics, image size and pose. Always valid: [`Camera::new`] checks its
+/// fields, which are private.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
     intrinsics: Intrinsics,
@@ -36,12 +38,13 @@ pub struct Camera {
 impl Camera {
     /// A camera from its intrinsics (pixels), image size (pixels) and pose (scene units).
     ///
-    /// The rotation is used as given, never re-orthonormalised, so that the Rust and the Python implementation compute from the
-    /// same numbers.
+    /// The rotation is used as given, never re-orthonormalised, so that the Rust and the Python
+    /// implementation compute from the same values.
     ///
     /// # Errors
     ///
-    /// [`CameraError`] for a non-finite field, a K without an inverse, a matrix that is not a rotation, or a bad size.
+    /// [`CameraError`] for a non-finite field, a K without an inverse, a matrix that is not a
+    /// rotation, or a bad size.
     pub fn new(
         intrinsics: Intrinsics,
         width: usize,
@@ -88,13 +91,13 @@ impl Camera {
             }
             finite(|| format!("translation[{row}]"), self.translation[row])?;
         }
-        // Were this infinite, the squared distance of two cameras on opposite sides of the origin would overflow.
+        // Bounds the squared distance of two cameras on opposite sides of the origin.
         let square = 4.0 * self.centre().length_squared();
         finite(|| "the squared distance of the centre from its opposite".to_owned(), square)?;
         let residual = self.rotation * self.rotation.transpose() - DMat3::IDENTITY;
         let residual = residual.to_cols_array().map(f64::abs);
         let determinant = self.rotation.determinant();
-        // Written so that an overflow to NaN is refused too.
+        // Written so that NaN, after an overflow, is refused too.
         if !residual.iter().all(|&x| x <= ROTATION_TOLERANCE) || determinant < 0.0 {
             let deviation = residual.into_iter().fold(0.0, f64::max);
             return Err(CameraError::NotARotation { deviation, determinant });
@@ -158,7 +161,8 @@ impl Camera {
         self.rotation.row(2)
     }
 
-    /// The same camera for its image resampled to `width` × `height`: K is scaled by the actual ratio of each axis.
+    /// The same camera for its image resampled to `width` × `height`: K is scaled by the actual
+    /// ratio of each axis.
     ///
     /// # Errors
     ///
@@ -171,8 +175,8 @@ impl Camera {
         Self::new(scaled, width, height, self.rotation, self.translation)
     }
 
-    /// The same camera looking at a window of its image plane: a crop, or (negative `left` and `top`, larger size) padding
-    /// by looking further out. `left` and `top` are in pixels of this camera.
+    /// The same camera for a window of its image plane: a crop, or (negative `left` and `top`,
+    /// larger size) a padded image. `left` and `top` are in pixels of this camera.
     ///
     /// # Errors
     ///
@@ -183,7 +187,7 @@ impl Camera {
         Self::new(shifted, width, height, self.rotation, self.translation)
     }
 
-    /// The same intrinsics and size in another place: `cam_from_world` rotation and translation.
+    /// The same intrinsics and size with another pose: `cam_from_world` rotation and translation.
     ///
     /// # Errors
     ///
@@ -222,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn k_inverse_undoes_k() {
+    fn k_inverse_times_k_is_the_identity() {
         let product = camera().k() * camera().k_inverse();
         assert!(product.abs_diff_eq(DMat3::IDENTITY, 1e-12), "{product}");
         assert_eq!(camera().k_inverse().row(2), DVec3::Z);
@@ -238,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn source_from_target_takes_target_points_to_the_source() {
+    fn source_from_target_maps_target_points_to_the_source() {
         let (source, target) = (camera(), camera().with_pose(DMat3::from_rotation_y(0.2), DVec3::X).unwrap());
         let world = DVec3::new(0.4, 0.7, 5.0);
         let pose = source_from_target(&source, &target);
@@ -248,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn scaling_and_windows_move_the_pixel_of_a_ray_with_the_image() {
+    fn scaled_and_windowed_cameras_move_pixels_with_the_image() {
         let camera = camera();
         let ray = DVec3::new(0.1, -0.2, 1.0);
         let pixel = camera.k() * ray;
@@ -261,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn refusals_name_the_field() {
+    fn new_invalid_field_is_named_in_the_error() {
         let (r, t) = (DMat3::IDENTITY, DVec3::ZERO);
         let message = refused(Intrinsics { cx: f64::NAN, ..K }, 640, r, t);
         assert_eq!(message, "cx is NaN: expected a finite number");
@@ -282,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn only_rotations_are_rotations() {
+    fn new_matrix_that_is_no_rotation_is_an_error() {
         let message = refused(K, 640, DMat3::IDENTITY * 1.1, DVec3::ZERO);
         assert!(message.contains("max |R Rᵀ − I| is 2.100e-1 (at most 1e-3 is accepted)"), "{message}");
         let mirror = DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0));

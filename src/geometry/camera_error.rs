@@ -2,7 +2,8 @@
 
 use super::size::MAX_SIDE;
 
-/// Largest entry of `|R Rᵀ − I|` accepted for a rotation: pose files carry as few as three decimals.
+/// Largest entry of `|R Rᵀ − I|` accepted for a rotation: pose files carry as few as three
+/// decimals.
 pub(super) const ROTATION_TOLERANCE: f64 = 1e-3;
 
 /// Why a camera was refused.
@@ -14,7 +15,7 @@ pub enum CameraError {
     NotFinite {
         /// The field, such as `fx` or `rotation[0][2]`.
         field: String,
-        /// What it holds.
+        /// Its value.
         value: f64,
     },
     /// K has no usable inverse.
@@ -22,7 +23,7 @@ pub enum CameraError {
     SingularK {
         /// `fx` or `fy`.
         field: &'static str,
-        /// What it holds.
+        /// Its value.
         value: f64,
     },
     /// The rotation's rows are not orthonormal, or it mirrors.

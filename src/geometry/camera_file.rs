@@ -1,8 +1,9 @@
 //! Cameras from a JSON file.
 //!
-//! A camera is an object `{"transform_matrix": 4x4 world from camera, OpenGL axes}` or `{"cam_from_world": 3x4 or 4x4, OpenCV
-//! axes}`, with `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h` (pixels) where they differ from those of the nearest view, w and h together. The
-//! file holds one such object, or a list of them; or a camera path of nerfstudio's viewer.
+//! A camera is an object `{"transform_matrix": 4x4 world from camera, OpenGL axes}` or
+//! `{"cam_from_world": 3x4 or 4x4, OpenCV axes}`, with `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`
+//! (pixels) where they differ from those of the nearest view, w and h together. The file contains
+//! one such object or a list of them, or a camera path of nerfstudio's viewer.
 
 use std::path::{Path, PathBuf};
 
@@ -32,15 +33,15 @@ pub struct CameraFileError {
 /// The cameras of a file.
 #[derive(Debug)]
 pub struct CameraFile {
-    /// In order.
+    /// In the order of the file.
     pub cameras: Vec<Camera>,
-    /// Of a path of nerfstudio's viewer: in which axes its poses were taken to be.
+    /// For a path of nerfstudio's viewer: which axes its poses are assumed to have.
     pub note: Option<String>,
 }
 
-/// Reads all cameras of the file. What an entry leaves out is taken from the nearest of the `views`. Those of nerfstudio's viewer are
-/// brought from the axes that it trained in to those of the scene, where its `dataparser_transforms.json` lies beside the file or in the
-/// folder of the scene.
+/// Reads all cameras of the file. Missing fields are those of the nearest of the `views`. Poses of
+/// nerfstudio's viewer are converted from the axes of its training to those of the scene if its
+/// `dataparser_transforms.json` is beside the file or in the scene's folder.
 ///
 /// # Errors
 ///
@@ -73,19 +74,19 @@ pub fn read_cameras(path: &Path, views: &[&Camera], scene: &Path) -> Result<Came
         entries.iter().enumerate().map(|(at, entry)| read(entry).map_err(|reason| refused(index(at), reason)));
     let cameras = cameras.collect::<Result<_, _>>()?;
     let note = axes.map(|axes| match axes {
-        Some(axes) => format!("from nerfstudio's axes to the scene's by {}", axes.file.display()),
-        None => "taken to be in the scene's own axes; where nerfstudio turned, moved or scaled the scene, its dataparser_transforms.json \
-                 (beside the model's config.yml) is expected beside this file or in the scene's folder"
+        Some(axes) => format!("converted from nerfstudio's axes to the scene's by {}", axes.file.display()),
+        None => "assumed to be in the scene's own axes; if nerfstudio rotated, shifted or scaled the scene, put its \
+                 dataparser_transforms.json (beside the model's config.yml) beside this file or in the scene's folder"
             .to_owned(),
     });
     let note = note.map(|note| format!("{}: {note}", path.display()));
     Ok(CameraFile { cameras, note })
 }
 
-/// The keys of a camera.
+/// Keys of a camera.
 const KEYS: [&str; 8] = ["transform_matrix", "cam_from_world", "fl_x", "fl_y", "cx", "cy", "w", "h"];
 
-/// One camera as such a file holds it. What it leaves out is taken from the nearest of the `views`.
+/// One camera in the format of such a file. Missing fields are those of the nearest of the `views`.
 ///
 /// # Errors
 ///
@@ -97,7 +98,7 @@ const KEYS: [&str; 8] = ["transform_matrix", "cam_from_world", "fl_x", "fl_y", "
 pub fn camera_from_json(entry: &Value, views: &[&Camera]) -> Result<Camera, String> {
     let mut keys = entry.as_object().into_iter().flat_map(|entry| entry.keys());
     if let Some(unknown) = keys.find(|key| !KEYS.contains(&key.as_str())) {
-        return Err(format!("\"{unknown}\" is unknown; expected none but {}", KEYS.join(", ")));
+        return Err(format!("unknown key \"{unknown}\"; expected {}", KEYS.join(", ")));
     }
     if entry.get("w").is_some() != entry.get("h").is_some() {
         return Err("one of w and h is given; expected both or neither".to_owned());
@@ -121,7 +122,7 @@ pub fn camera_from_json(entry: &Value, views: &[&Camera]) -> Result<Camera, Stri
         Some(value) => value.as_f64().ok_or_else(|| format!("{key} is {value}; expected a number, in pixels")),
     };
     let fx = number("fl_x", fx)?;
-    // As in transforms.json, fl_x alone stands for both.
+    // As in transforms.json, fl_x alone is used for both.
     let fy = number("fl_y", if entry.get("fl_x").is_some() { fx } else { fy })?;
     let intrinsics = Intrinsics { fx, fy, cx: number("cx", cx)?, cy: number("cy", cy)?, skew };
     Camera::new(intrinsics, sized.width(), sized.height(), rotation, translation).map_err(text)

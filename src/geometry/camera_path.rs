@@ -1,5 +1,5 @@
-//! Camera paths around the views: a line, a circle or a spiral about their mean pose, turning towards the point that the views'
-//! optical axes converge on.
+//! Camera paths around the views: a line, a circle or a spiral about their mean pose, facing the
+//! point that the views' optical axes converge on.
 
 use std::f64::consts::TAU;
 use std::fmt;
@@ -11,14 +11,14 @@ use super::camera::Camera;
 use super::camera_error::CameraError;
 use super::view_selection::nearest_camera;
 
-/// Most frames of a path.
+/// Largest number of frames of a path.
 const MAX_FRAMES: usize = 4096;
 
-/// Turns of a spiral.
-const TURNS: f64 = 2.0;
+/// Number of turns of a spiral.
+const SPIRAL_TURNS: f64 = 2.0;
 
-/// A shape and its number of frames, written `line:N`, `circle:N` or `spiral:N`: N cameras between the two outermost views, or
-/// around the middle of all of them, turning as the views do.
+/// A shape and its number of frames, written `line:N`, `circle:N` or `spiral:N`: N cameras between
+/// the two outermost views, or around the mean of all of them, rotating as the views do.
 #[derive(Debug, Clone, Copy)]
 pub struct CameraPath {
     shape: Shape,
@@ -29,9 +29,9 @@ pub struct CameraPath {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CameraPathError {
-    /// The mean of the views' directions is no direction.
-    #[error("the views look in opposite directions, so that a path around them has no middle")]
-    NoMiddle,
+    /// The views' directions cancel out.
+    #[error("the views face in opposite directions: expected views with a mean direction to make a path around")]
+    NoMeanDirection,
     /// A frame's camera is not usable.
     #[error(transparent)]
     Camera(#[from] CameraError),
@@ -73,23 +73,24 @@ impl fmt::Display for CameraPath {
 }
 
 impl CameraPath {
-    /// Whether the last frame leads to the first.
+    /// Whether the path continues from the last frame to the first.
     pub fn is_closed(self) -> bool {
         !matches!(self.shape, Shape::Line)
     }
 
-    /// The camera of each frame, with the intrinsics and the size of the view nearest to the mean pose.
+    /// The camera of each frame, with the intrinsics and the size of the view nearest to the mean
+    /// pose.
     ///
     /// # Errors
     ///
-    /// [`CameraPathError::NoMiddle`] where the views' directions cancel out; [`CameraPathError::Camera`] if a frame's camera is
-    /// not usable.
+    /// [`CameraPathError::NoMeanDirection`] where the views' directions cancel out;
+    /// [`CameraPathError::Camera`] if a frame's camera is not usable.
     ///
     /// # Panics
     ///
     /// If there are no views.
     pub fn cameras(self, views: &[&Camera]) -> Result<Vec<Camera>, CameraPathError> {
-        let mean = MeanPose::new(views).ok_or(CameraPathError::NoMiddle)?;
+        let mean = MeanPose::new(views).ok_or(CameraPathError::NoMeanDirection)?;
         let convergence = mean.convergence(views);
         let ends = mean.ends(views);
         let like = views[nearest_camera(views, mean.centre)];
@@ -104,8 +105,8 @@ impl CameraPath {
                 Shape::Line if self.frames == 1 => ends.0.midpoint(ends.1),
                 Shape::Line => ends.0.lerp(ends.1, frame as f64 / (self.frames - 1) as f64),
                 Shape::Circle => offset(1.0, 1.0),
-                // Out and in again, so that the last frame leads to the first.
-                Shape::Spiral => offset((0.5 * TAU * part).sin(), TURNS),
+                // Outwards and back, so that the path continues from the last frame to the first.
+                Shape::Spiral => offset((0.5 * TAU * part).sin(), SPIRAL_TURNS),
             };
             let rotation = mean.looking_from(centre, convergence);
             Ok(like.with_pose(rotation, -(rotation * centre))?)
@@ -124,15 +125,16 @@ pub struct MeanPose {
 }
 
 impl MeanPose {
-    /// The mean pose of these views; `None` where their forward or their down directions cancel out.
+    /// The mean pose of these views; `None` where their forward or their down directions cancel
+    /// out.
     pub fn new(views: &[&Camera]) -> Option<Self> {
         let mean = |of: fn(&Camera) -> DVec3| views.iter().map(|view| of(view)).sum::<DVec3>() / views.len() as f64;
         let rotation = facing(mean(|view| view.forward()), mean(|view| view.rotation().row(1)))?;
         Some(Self { centre: mean(Camera::centre), rotation })
     }
 
-    /// 1 / distance (1/scene unit) of the point that the axes converge on, by least squares: 0 for parallel axes, negative where
-    /// they diverge.
+    /// 1 / distance (1/scene unit) of the point that the axes converge on, by least squares: 0 for
+    /// parallel axes, negative where they diverge.
     fn convergence(&self, views: &[&Camera]) -> f64 {
         let across = |v: DVec3| (self.rotation * v).with_z(0.0);
         let pairs = views.iter().map(|view| (across(view.centre() - self.centre), across(view.forward())));
@@ -141,14 +143,14 @@ impl MeanPose {
         if squares > 0.0 { products / squares } else { 0.0 }
     }
 
-    /// The rotation of a frame at `centre`: turned with its offset from the mean as the views are, so that the frame looks at what
-    /// they look at.
+    /// The rotation of a frame at `centre`: it faces the views' point of convergence.
     fn looking_from(&self, centre: DVec3, convergence: f64) -> DMat3 {
         let forward = self.rotation.row(2) - convergence * (centre - self.centre);
         facing(forward, self.rotation.row(1)).unwrap_or(self.rotation)
     }
 
-    /// Semi-axes (scene units) of an ellipse that stays among the views: root mean square distance from the mean, across and down.
+    /// Semi-axes (scene units) of an ellipse among the views: their root mean square distance from
+    /// the mean, across and down.
     fn radius(&self, views: &[&Camera]) -> DVec3 {
         let square = |view: &&Camera| (self.rotation * (view.centre() - self.centre)).powf(2.0);
         (views.iter().map(square).sum::<DVec3>() / views.len() as f64).powf(0.5)
@@ -163,7 +165,7 @@ impl MeanPose {
     }
 }
 
-/// The rotation that looks along `forward`, its down axis as near to `down` as that allows.
+/// The rotation with that forward axis, and the down axis nearest to `down`.
 fn facing(forward: DVec3, down: DVec3) -> Option<DMat3> {
     let forward = forward.try_normalize()?;
     let right = down.cross(forward).try_normalize()?;
@@ -181,7 +183,8 @@ mod tests {
         Camera::new(k, 64, 48, rotation, -(rotation * centre)).unwrap()
     }
 
-    /// A row of views along x, 2 wide, that look at a point straight ahead of its middle at that depth.
+    /// A row of views along x, 2 wide, that face a point straight ahead of its middle at that
+    /// depth.
     fn rig(depth: f64) -> (MeanPose, f64) {
         let at = |x: f64| DVec3::new(x, 3.0, 0.0);
         let cameras = [-1.0, -0.5, 0.5, 1.0].map(|x| camera(at(x), at(0.0) + DVec3::Z * depth - at(x)));
@@ -193,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_turns_as_the_views_do() {
+    fn looking_from_faces_the_point_of_convergence() {
         let (middle, convergence) = rig(20.0);
         assert!((convergence * 20.0 - 1.0).abs() < 0.01, "{convergence}");
         let forward = middle.looking_from(DVec3::new(1.0, 3.0, 0.0), convergence).row(2);
@@ -204,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn views_all_round_have_no_middle() {
+    fn mean_pose_of_opposite_views_is_none() {
         let views = [DVec3::X, -DVec3::X].map(|forward| camera(-forward, forward));
         assert!(MeanPose::new(&[&views[0], &views[1]]).is_none());
     }

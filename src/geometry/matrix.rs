@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use serde_json::Value;
 
-/// The 3×3 part and the last column of a 4×4 matrix, or of one with only `rows` rows.
+/// The 3×3 part and the last column of a 4×4 matrix; the last row may be missing where `rows` is 3.
 pub(super) fn split(matrix: &Value, key: &str, rows: usize) -> Result<(DMat3, DVec3), String> {
     let wrong = || {
         format!(

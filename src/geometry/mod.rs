@@ -1,4 +1,4 @@
-//! Cameras, and where a pixel of one lies in another.
+//! Cameras, and the positions of the pixels of one in another.
 
 mod camera;
 mod camera_error;
@@ -22,5 +22,5 @@ pub(crate) use pose::cam_from_opengl_world;
 pub use pose::{RelativePose, source_from_target};
 pub use size::{MAX_SIDE, Size};
 #[cfg(feature = "surface")]
-pub(crate) use view_selection::looking_alike;
+pub(crate) use view_selection::facing_alike;
 pub use view_selection::{TooFewViews, choose_views, distance, middle_camera};

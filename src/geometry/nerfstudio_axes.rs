@@ -1,9 +1,10 @@
-//! The axes that nerfstudio trains in: those of the scene, turned, moved and scaled.
+//! The axes of nerfstudio's training: those of the scene, rotated, shifted and scaled.
 //!
-//! `dataparser_transforms.json`, which nerfstudio writes beside a model's `config.yml`, says how: `x_trained = scale · (transform · x)`,
-//! `transform` 3×4. Into these two nerfstudio has multiplied `applied_transform` (3×4) and `applied_scale` of `transforms.json`, each where
-//! it is there (its `nerfstudio_dataparser.py`): for a place of the scene, x_trained = scale / applied_scale · (transform ·
-//! applied_transform⁻¹ · x_scene).
+//! `dataparser_transforms.json`, which nerfstudio writes beside a model's `config.yml`, gives the
+//! transform: `x_trained = scale · (transform · x)`, `transform` 3×4. Nerfstudio includes in these
+//! two the `applied_transform` (3×4) and `applied_scale` of `transforms.json`, where present (its
+//! `nerfstudio_dataparser.py`). For a point of the scene, x_trained = scale / applied_scale ·
+//! (transform · applied_transform⁻¹ · x_scene).
 
 use std::path::{Path, PathBuf};
 
@@ -23,14 +24,16 @@ pub(super) struct TrainedFromScene {
     rotation: DMat3,
     translation: DVec3,
     scale: f64,
-    /// The file that says so.
+    /// The file that it was read from.
     pub(super) file: PathBuf,
 }
 
 impl TrainedFromScene {
-    /// As the file beside a camera path says, or the one in the scene's folder; `None` without either.
+    /// Reads the file beside a camera path, or the one in the scene's folder; `None` without
+    /// either.
     ///
     /// # Errors
+    ///
     /// The file, the field and what was expected.
     pub(super) fn find(path: &Path, scene: &Path) -> Result<Option<Self>, (PathBuf, String)> {
         let mut files = [path.with_file_name(FILE), scene.join(FILE)].into_iter();
@@ -48,7 +51,7 @@ impl TrainedFromScene {
         Ok(Some(Self { rotation, translation, scale, file }))
     }
 
-    /// A camera of the trained axes, in the scene.
+    /// Converts a camera from the axes of the training to those of the scene.
     pub(super) fn camera(&self, trained: &Camera) -> Result<Camera, CameraError> {
         let centre = self.rotation.transpose() * (trained.centre() / self.scale - self.translation);
         let rotation = trained.rotation() * self.rotation;
@@ -63,7 +66,7 @@ fn read(file: &Path) -> Result<Value, (PathBuf, String)> {
     serde_json::from_slice(&bytes).map_err(|error| failed(format!("not JSON: {error}")))
 }
 
-/// Rotation, translation and scale; those of the identity where a key is left out.
+/// Rotation, translation and scale; those of the identity where a key is missing.
 fn similarity(of: &Value, matrix: &str, scale: &str) -> Result<(DMat3, DVec3, f64), String> {
     let given = of.get(matrix).map(|given| split(given, matrix, 3)).transpose()?;
     let (rotation, translation) = given.unwrap_or((DMat3::IDENTITY, DVec3::ZERO));
@@ -87,12 +90,13 @@ mod tests {
     use crate::geometry::Intrinsics;
 
     #[test]
-    fn a_place_comes_back_from_where_nerfstudio_put_it() {
+    fn camera_converts_from_trained_axes_to_scene_axes() {
         let root = tempdir().unwrap();
         let (path, scene) = (root.path().join("path.json"), root.path().join("scene"));
         fs::create_dir(&scene).unwrap();
         assert!(TrainedFromScene::find(&path, &scene).unwrap().is_none());
-        // A quarter turn about z and a shift, then scaled; before that ns-process-data had swapped axes.
+        // A quarter turn about z and a shift, then a scale; before that ns-process-data swapped
+        // axes.
         let transform = json!([[0, -1, 0, 0.5], [1, 0, 0, -2], [0, 0, 1, 3]]);
         fs::write(scene.join(FILE), json!({ "transform": transform, "scale": 0.25 }).to_string()).unwrap();
         let k = Intrinsics { fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0, skew: 0.0 };
@@ -115,7 +119,7 @@ mod tests {
             let forward = if of_scene.get("applied_transform").is_none() { DVec3::Z } else { DVec3::Y };
             assert!(back.forward().abs_diff_eq(forward, 1e-12), "{}", back.forward());
         }
-        // The one beside the path comes first.
+        // The file beside the path takes precedence.
         fs::write(root.path().join(FILE), json!({ "transform": transform }).to_string()).unwrap();
         assert_eq!(TrainedFromScene::find(&path, &scene).unwrap().unwrap().file, root.path().join(FILE));
         for (wrong, word) in [

@@ -1,8 +1,10 @@
-//! Nerfstudio's camera paths: `{"camera_type": "perspective", "render_width", "render_height", "camera_path": [{"camera_to_world": 16
-//! numbers, row by row, OpenGL axes, "fov": degrees from top to bottom}, …]}`.
+//! Nerfstudio's camera paths: `{"camera_type": "perspective", "render_width", "render_height",
+//! "camera_path": [{"camera_to_world": 16 numbers, row by row, OpenGL axes, "fov": vertical field
+//! of view in degrees}, …]}`.
 //!
-//! The poses are in the axes that nerfstudio trained in ([`super::nerfstudio_axes`]). They are a scene's own where nothing was turned, moved
-//! or scaled (`--orientation-method none --center-method none --auto-scale-poses False`).
+//! The poses are in the axes of nerfstudio's training ([`super::nerfstudio_axes`]). These are the
+//! scene's own if nothing was rotated, shifted or scaled (`--orientation-method none
+//! --center-method none --auto-scale-poses False`).
 
 use glam::{DMat3, DVec3};
 use serde_json::Value;
@@ -52,8 +54,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_camera_is_where_nerfstudio_has_it() {
-        // At (1, 2, 3), turned by 90 degrees about y: it looks along -x.
+    fn camera_has_the_pose_and_intrinsics_of_the_frame() {
+        // At (1, 2, 3), rotated by 90 degrees about y: it faces -x.
         let frame = json!({
             "camera_to_world": [0, 0, 1, 1, 0, 1, 0, 2, -1, 0, 0, 3, 0, 0, 0, 1], "fov": 90, "aspect": 2
         });
@@ -63,7 +65,7 @@ mod tests {
         assert!(camera.centre().abs_diff_eq(DVec3::new(1.0, 2.0, 3.0), 1e-12));
         assert!(camera.forward().abs_diff_eq(-DVec3::X, 1e-12), "{}", camera.forward());
         let Intrinsics { fx, fy, cx, cy, .. } = camera.intrinsics();
-        // 90 degrees from top to bottom.
+        // A vertical field of view of 90 degrees.
         assert!((fx - 16.0).abs() < 1e-9 && fy == fx && (cx, cy) == (32.0, 16.0));
         for (key, value, word) in [
             ("fov", json!(180), "below 180"),

@@ -1,4 +1,5 @@
-//! Where target pixels lie in the views: parallax and coverage, on a grid of sample positions.
+//! Parallax and coverage: positions of target pixels in the views, at sample positions of the
+//! target.
 
 use glam::{DVec2, DVec3};
 
@@ -18,7 +19,8 @@ pub fn grid(target: &Camera) -> Vec<DVec2> {
     (0..GRID.1).flat_map(|y| (0..GRID.0).map(move |x| at(x, y))).collect()
 }
 
-/// Position in the view (pixels) of a target pixel at a disparity (1/scene unit), if it lies in front of the view.
+/// Position in the view (pixels) of a target pixel at a disparity (1/scene unit), if it lies in
+/// front of the view.
 fn project(sweep: &PlaneSweep, pixel: DVec2, disparity: f64) -> Option<DVec2> {
     let DVec3 { x, y, z } = sweep.source_from_target(disparity) * pixel.extend(1.0);
     (z > 0.0).then(|| DVec2::new(x / z, y / z))
@@ -29,8 +31,8 @@ fn covers(view: &Camera, at: DVec2) -> bool {
     (0.0..=view.width() as f64).contains(&at.x) && (0.0..=view.height() as f64).contains(&at.y)
 }
 
-/// Distance (pixels) between the positions of a target pixel in the view at two disparities (1/scene unit); `None` unless both
-/// lie in front of the view and one of them in its photo.
+/// Distance (pixels) between the positions of a target pixel in the view at two disparities
+/// (1/scene unit); `None` unless both lie in front of the view and at least one in its photo.
 pub fn parallax(view: &Camera, sweep: &PlaneSweep, pixel: DVec2, disparities: (f64, f64)) -> Option<f64> {
     let ends = project(sweep, pixel, disparities.0).zip(project(sweep, pixel, disparities.1));
     ends.filter(|&(a, b)| covers(view, a) || covers(view, b)).map(|(a, b)| a.distance(b))
@@ -44,12 +46,14 @@ pub fn coverage(views: &[(&Camera, PlaneSweep)], grid: &[DVec2], disparity: f64)
     grid.iter().filter(|&&pixel| covered(pixel)).count() as f64 / grid.len() as f64
 }
 
-/// Parallax between near and far (pixels) in the view where it is largest: the median over the target's corners and centre.
+/// Parallax (pixels) between near and far (scene units) in the view where it is largest: per view
+/// the median over the target's corners and centre.
 pub(crate) fn widest_parallax(sweeps: &[PlaneSweep], size: Size, near: f64, far: f64) -> f64 {
     widest_parallax_between(sweeps, size, (1.0 / near, 1.0 / far))
 }
 
-/// As [`widest_parallax`], between two disparities (1/scene unit), where both lie in front of the view.
+/// As [`widest_parallax`], between two disparities (1/scene unit); points behind the view are left
+/// out.
 pub(crate) fn widest_parallax_between(sweeps: &[PlaneSweep], size: Size, disparities: (f64, f64)) -> f64 {
     let points = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5)];
     let in_view = |sweep: &PlaneSweep| {

@@ -1,8 +1,8 @@
-//! The plane sweep: where a target pixel at a given disparity lies in a source image.
+//! The plane sweep: the position in a source image of a target pixel at a given disparity.
 //!
-//! For target pixel p and disparity δ: (u, v, w) = H∞ p + δ e, with H∞ = K_s R K_t⁻¹ and e = K_s t; the source pixel is
-//! (u/w, v/w), in front of the source camera iff w > 0. Exact at δ = 0; never in need of 1/δ, an inverse of a
-//! homography or a division by h33 (paper, section "HWV").
+//! For target pixel p and disparity δ: (u, v, w) = H∞ p + δ e, with H∞ = K_s R K_t⁻¹ and e = K_s t;
+//! the source pixel is (u/w, v/w), in front of the source camera iff w > 0. Exact at δ = 0, without
+//! 1/δ, the inverse of a homography or a division by h33 (paper, section "HWV").
 
 use glam::{DMat3, DVec3};
 
@@ -14,12 +14,12 @@ use super::pose::source_from_target;
 pub struct PlaneSweep {
     /// H∞: source pixel from target pixel at disparity 0, homogeneous.
     pub homography_at_infinity: DMat3,
-    /// e: what one unit of disparity adds to (u, v, w).
+    /// e: change of (u, v, w) per unit of disparity.
     pub epipole: DVec3,
 }
 
 impl PlaneSweep {
-    /// The sweep of `source` as seen from `target`.
+    /// The sweep of `source` for the pixels of `target`.
     pub fn new(source: &Camera, target: &Camera) -> Self {
         let pose = source_from_target(source, target);
         Self {
@@ -28,15 +28,16 @@ impl PlaneSweep {
         }
     }
 
-    /// The homography of the plane at `disparity` (1/scene unit): source pixel from target pixel, homogeneous. w > 0 is in front
-    /// of the source camera: never normalise the matrix by its last element, which may change that sign.
+    /// The homography of the plane at `disparity` (1/scene unit): source pixel from target pixel,
+    /// homogeneous. w > 0 is in front of the source camera; do not normalise the matrix by its last
+    /// element, which may change that sign.
     pub fn source_from_target(&self, disparity: f64) -> DMat3 {
         let mut homography = self.homography_at_infinity;
         homography.z_axis += disparity * self.epipole;
         homography
     }
 
-    /// The same sweep between images shrunk by `scale`, where corners stay corners.
+    /// The same sweep between images shrunk by a factor of `scale`, with their corners aligned.
     pub(crate) fn shrunk(&self, scale: f64) -> Self {
         let down = DVec3::new(1.0 / scale, 1.0 / scale, 1.0);
         let up = DMat3::from_diagonal(DVec3::new(scale, scale, 1.0));

@@ -1,4 +1,4 @@
-//! The relative pose of two cameras, and poses from OpenGL's axes.
+//! Relative pose of two cameras, and poses with OpenGL's axes.
 
 use glam::{DMat3, DVec3};
 
@@ -19,10 +19,10 @@ pub fn source_from_target(source: &Camera, target: &Camera) -> RelativePose {
     RelativePose { rotation, translation: source.translation() - rotation * target.translation() }
 }
 
-/// `cam_from_world` (rotation, translation) with OpenCV axes, of a camera given by its axes (the columns of `axes`, OpenGL: x right,
-/// y up, z backwards) and its centre in the world.
+/// `cam_from_world` (rotation, translation) with OpenCV axes, of a camera given by its axes (the
+/// columns of `axes`, OpenGL: x right, y up, z backwards) and its centre in the world.
 pub(crate) fn cam_from_opengl_world(axes: DMat3, centre: DVec3) -> (DMat3, DVec3) {
-    // The rows of `cam_from_world` are the columns of world from camera; y and z point the other way.
+    // The rows of `cam_from_world` are the columns of world from camera; y and z are opposite.
     let rotation = DMat3::from_rows(axes.x_axis, -axes.y_axis, -axes.z_axis);
     (rotation, -(rotation * centre))
 }

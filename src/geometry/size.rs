@@ -5,7 +5,7 @@ use std::fmt;
 /// Largest side of an image or a camera, in pixels.
 pub const MAX_SIDE: usize = 16_384;
 
-/// Width and height in pixels (or in cells, where it says so).
+/// Width and height in pixels (in cells where documented).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Size {
     /// Columns.
@@ -15,7 +15,7 @@ pub struct Size {
 }
 
 impl Size {
-    /// Width first.
+    /// Of that width and height.
     pub const fn new(width: usize, height: usize) -> Self {
         Self { width, height }
     }

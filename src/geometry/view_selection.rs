@@ -1,47 +1,48 @@
-//! Which views a target is rendered from.
+//! The choice of the views that a target is rendered from.
 
 use glam::DVec3;
 
 use super::camera::Camera;
 
-/// Cosine of the largest angle (60 degrees) between the optical axes of a target and of a view that it is rendered from.
+/// Cosine of the largest angle (60 degrees) between the optical axes of a target and its views.
 const MIN_COSINE: f64 = 0.5;
 
-/// Too few views look the target's way: with optical axes within 60 degrees of the target's.
+/// Too few views face the target's direction: with optical axes within 60 degrees of the target's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{wanted} views are needed, but only {found} of the {of} at hand look the target's way (axes within 60 degrees)"
+    "{wanted} views are needed, but only {found} of {of} face the target's direction (optical axes within 60 degrees)"
 )]
 pub struct TooFewViews {
-    /// How many are needed: V of the model.
+    /// Number of views needed: V of the model.
     pub wanted: usize,
-    /// How many qualify.
+    /// Number of views that qualify.
     pub found: usize,
-    /// How many there are.
+    /// Number of views.
     pub of: usize,
 }
 
-/// Indices of the `count` cameras nearest to the target, nearest first (ties: the earlier), among those with optical axes within
-/// 60 degrees of the target's.
+/// Indices of the `count` cameras nearest to the target, nearest first (ties: the earlier), among
+/// those with optical axes within 60 degrees of the target's.
 ///
 /// # Errors
 ///
 /// [`TooFewViews`] if there are fewer than `count` of them.
 pub fn choose_views(cameras: &[&Camera], target: &Camera, count: usize) -> Result<Vec<usize>, TooFewViews> {
-    let mut looking = looking_alike(cameras, target);
-    if looking.len() < count {
-        return Err(TooFewViews { wanted: count, found: looking.len(), of: cameras.len() });
+    let mut facing = facing_alike(cameras, target);
+    if facing.len() < count {
+        return Err(TooFewViews { wanted: count, found: facing.len(), of: cameras.len() });
     }
-    looking.truncate(count);
-    Ok(looking)
+    facing.truncate(count);
+    Ok(facing)
 }
 
-/// Indices of all cameras with optical axes within 60 degrees of the target's, nearest first (ties: the earlier).
-pub(crate) fn looking_alike(cameras: &[&Camera], target: &Camera) -> Vec<usize> {
-    let mut looking: Vec<usize> =
+/// Indices of all cameras with optical axes within 60 degrees of the target's, nearest first (ties:
+/// the earlier).
+pub(crate) fn facing_alike(cameras: &[&Camera], target: &Camera) -> Vec<usize> {
+    let mut facing: Vec<usize> =
         (0..cameras.len()).filter(|&i| cameras[i].forward().dot(target.forward()) > MIN_COSINE).collect();
-    looking.sort_by(|&a, &b| distance(cameras[a], target).total_cmp(&distance(cameras[b], target)));
-    looking
+    facing.sort_by(|&a, &b| distance(cameras[a], target).total_cmp(&distance(cameras[b], target)));
+    facing
 }
 
 /// Index of the camera whose centre is nearest to a point (scene units); 0 if there are no cameras.

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use crate::geometry::{Camera, looking_alike};
+use crate::geometry::{Camera, facing_alike};
 use crate::image::ImageRgb;
 use crate::warp::{SourceView, Texture};
 
@@ -27,7 +27,7 @@ impl<'a> Step<'a> {
     pub(super) fn nearest(&self, camera: &Camera) -> Vec<usize> {
         let delivered: Vec<usize> = (0..self.photos.len()).filter(|&view| self.photos[view].is_some()).collect();
         let cameras: Vec<&Camera> = delivered.iter().map(|&view| &self.cameras[view]).collect();
-        looking_alike(&cameras, camera).into_iter().map(|index| delivered[index]).collect()
+        facing_alike(&cameras, camera).into_iter().map(|index| delivered[index]).collect()
     }
 
     /// A camera that has delivered a photo, and its texture.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::correction::PairStatistics;
 use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed};
 use super::search::{PhotoDepth, photo_depth};
-use crate::geometry::{Camera, looking_alike};
+use crate::geometry::{Camera, facing_alike};
 use crate::warp::SourceView;
 
 /// Number of neighbours that a photo is matched with.
@@ -30,8 +30,8 @@ pub struct DepthMaps {
 }
 
 impl DepthMaps {
-    /// For photos of these cameras, to be searched from `near` to `far` (0 < near < far, scene units; far
-    /// may be infinite).
+    /// For photos of these cameras, to be searched from `near` to `far` (0 < near < far, scene
+    /// units; far may be infinite).
     pub fn new(cameras: Vec<Camera>, near: f64, far: f64) -> Self {
         let maps = vec![None; cameras.len()];
         Self { cameras, near, far, maps, votes: HashMap::new(), confirmed: None, statistics: PairStatistics::default() }
@@ -55,7 +55,7 @@ impl DepthMaps {
 
     fn nearest(&self, camera: &Camera, count: usize, except: Option<usize>) -> Vec<usize> {
         let cameras: Vec<&Camera> = self.cameras.iter().collect();
-        let mut photos = looking_alike(&cameras, camera);
+        let mut photos = facing_alike(&cameras, camera);
         photos.retain(|&photo| Some(photo) != except);
         photos.truncate(count);
         photos
@@ -66,8 +66,8 @@ impl DepthMaps {
         set.iter().copied().filter(|&index| self.maps[index].is_none()).collect()
     }
 
-    /// The depth of photo `index`, searched now if it is missing; `view` returns it and its neighbours. A
-    /// photo without neighbours has none.
+    /// The depth of photo `index`, searched now if it is missing; `view` returns it and its
+    /// neighbours. A photo without neighbours has none.
     pub fn depth<'a>(&mut self, index: usize, view: impl Fn(usize) -> SourceView<'a>) -> Option<Arc<PhotoDepth>> {
         if self.maps[index].is_none() {
             let neighbours: Vec<_> = self.neighbours(index).into_iter().map(&view).collect();
@@ -106,16 +106,16 @@ impl DepthMaps {
         self.maps[index].as_deref()
     }
 
-    /// The depth of photo `index`, and where its neighbours' depths confirm it; `None` if it is missing.
-    /// Neighbours without depth are left out.
+    /// The depth of photo `index`, and where its neighbours' depths confirm it; `None` if it is
+    /// missing. Neighbours without depth are left out.
     pub fn confirmed_by_neighbours(&mut self, index: usize) -> Option<(Arc<PhotoDepth>, ConfirmedDepth)> {
         let depth = self.maps[index].clone()?;
         let confirmed = self.confirmed_by(index, &self.neighbours(index));
         Some((depth, confirmed))
     }
 
-    /// The depths of these photos, in their order, where they confirm each other; photos without depth are
-    /// left out.
+    /// The depths of these photos, in their order, where they confirm each other; photos without
+    /// depth are left out.
     pub fn mutually_confirmed(&mut self, set: &[usize]) -> Vec<Arc<ConfirmedDepth>> {
         let set: Vec<usize> = set.iter().copied().filter(|&index| self.maps[index].is_some()).collect();
         let of_this_set = |confirmed: &HashMap<usize, _>| {

@@ -11,9 +11,9 @@
 //! - `correction`: exposure and sharpness of the photos.
 //! - `cache`: the depth of photos as files.
 //!
-//! Soft3D (Penner and Zhang, 2017) and multi-view stereo systems (COLMAP; Free View Synthesis, 2020)
-//! search depth at a reference image. Each file states its formulas, constants and ties; the result
-//! has the same bits on any number of threads.
+//! Soft3D (Penner and Zhang, 2017) and multi-view stereo systems (COLMAP; Free View Synthesis,
+//! 2020) search depth at a reference image. Each file states its formulas, constants and ties; the
+//! result has the same bits on any number of threads.
 
 pub(crate) mod cache;
 mod correction;

@@ -49,7 +49,8 @@ fn median(values: [f32; 9]) -> f32 {
     };
     let [a, b, c, d, e, f, g, h, i] = values;
     let ([a, b, c], [d, e, f], [g, h, i]) = (sort([a, b, c]), sort([d, e, f]), sort([g, h, i]));
-    // The maximum of the minima, the median of the medians, the minimum of the maxima; their median.
+    // The maximum of the minima, the median of the medians, the minimum of the maxima; their
+    // median.
     let [_, middle, _] = sort([high(high(a, d), g), sort([b, e, h])[1], low(low(c, f), i)]);
     middle
 }
@@ -100,8 +101,8 @@ fn extremes_row_with<'a, S: pulp::Simd>(
     }
 }
 
-/// Fills holes (values below 0) with the smallest of their 8 neighbours that are no holes: one ring of
-/// holes after another. A map without values becomes 0.
+/// Fills holes (values below 0) with the smallest of their 8 neighbours that are no holes: one ring
+/// of holes after another. A map without values becomes 0.
 pub(super) fn fill_holes(map: &[f32], width: usize) -> Vec<f32> {
     let height = map.len() / width;
     let mut map = map.to_vec();

@@ -1,8 +1,8 @@
-//! The stages of [`photo_depth`](super::photo_depth()) and [`surface`](super::surface()) one by one, on
-//! plain arrays: for the parity tests, which compare them with the reference.
+//! The stages of [`photo_depth`](super::photo_depth()) and [`surface`](super::surface()) one by
+//! one, on plain arrays: for the parity tests, which compare them with the reference.
 //!
-//! Maps are `[h, w]`, disparities 1/scene unit, indices those of a grid of disparities from 1/near (0) to
-//! 1/far.
+//! Maps are `[h, w]`, disparities 1/scene unit, indices those of a grid of disparities from 1/near
+//! (0) to 1/far.
 
 use ndarray::{Array2, Array3};
 
@@ -22,7 +22,8 @@ use crate::warp::{
     self, RunCoverage, SourceView, Texture, WarpSource, WarpedLayers, run_coverage_len, warp_layers_into,
 };
 
-/// An even grid of disparities on cells of pixels, and the part of it that each cell is searched at.
+/// An even grid of disparities on cells of pixels, and the part of it that each cell is searched
+/// at.
 #[derive(Debug, Clone, Copy)]
 pub struct Search<'a> {
     /// Nearest and farthest depth, scene units.
@@ -33,9 +34,9 @@ pub struct Search<'a> {
     pub parts: usize,
     /// Pixels per side of a cell: the photos are shrunk by this factor.
     pub cell: usize,
-    /// First index of the two segments of 8 at each 2×2 cells, `[h/2, w/2, 2]`, u16::MAX where there is
-    /// no second; `None`: all indices are searched at every cell, their number rounded up to a multiple
-    /// of 16.
+    /// First index of the two segments of 8 at each 2×2 cells, `[h/2, w/2, 2]`, u16::MAX where
+    /// there is no second; `None`: all indices are searched at every cell, their number rounded up
+    /// to a multiple of 16.
     pub starts: Option<&'a Array3<u16>>,
 }
 
@@ -83,8 +84,8 @@ pub fn median3(values: &Array2<f32>) -> Array2<f32> {
     map(neighbourhood::median3(flat(values), values.ncols()), values.ncols())
 }
 
-/// First indices `[h, w, 2]` of the two segments of each cell around the coarse `index` found there, in a
-/// grid of `count` indices, `fine_per_coarse` for each coarse one.
+/// First indices `[h, w, 2]` of the two segments of each cell around the coarse `index` found
+/// there, in a grid of `count` indices, `fine_per_coarse` for each coarse one.
 pub fn segment_starts(index: &Array2<f32>, fine_per_coarse: usize, count: usize) -> Array3<u16> {
     let starts = photo_depth::segment_starts(flat(index), index.ncols(), fine_per_coarse, count);
     Array3::from_shape_vec((index.nrows(), index.ncols(), 2), starts.into_flattened()).expect("two per cell")
@@ -105,8 +106,8 @@ pub fn fill_holes(values: &Array2<f32>) -> Array2<f32> {
     map(neighbourhood::fill_holes(flat(values), values.ncols()), values.ncols())
 }
 
-/// 1 where the view sees the point of each pixel of the target at `disparity`, else 0; `margin` in 1/scene
-/// unit.
+/// 1 where the view sees the point of each pixel of the target at `disparity`, else 0; `margin` in
+/// 1/scene unit.
 pub fn visible(view: (&Camera, &ConfirmedDepth), target: &Camera, disparity: &Array2<f32>, margin: f32) -> Array2<f32> {
     map(visible::visible(view, target, flat(disparity), disparity.ncols(), margin), disparity.ncols())
 }
@@ -118,8 +119,8 @@ pub fn sharpened(photo: &Texture, amount: f32) -> Array3<f32> {
     Array3::from_shape_fn((photo.height(), photo.width(), 3), |(y, x, c)| found.pixel(x, y)[c])
 }
 
-/// A layer warped by `views`, with their photo correction and without the samples that they do not see:
-/// colour `[3V, h, w]`, coverage `[V, h, w]`, and which pixels any view sees `[h, w]`.
+/// A layer warped by `views`, with their photo correction and without the samples that they do not
+/// see: colour `[3V, h, w]`, coverage `[V, h, w]`, and which pixels any view sees `[h, w]`.
 pub fn occluded(
     visibility: &Visibility<'_>,
     views: &[SourceView<'_>],

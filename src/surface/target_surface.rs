@@ -40,8 +40,8 @@ pub struct TargetSurface {
 }
 
 impl TargetSurface {
-    /// Finds the surface from photos whose depth is in `maps`, given by their indices among the maps
-    /// with camera and texture, nearest first; the target is rendered from the first `count`.
+    /// Finds the surface from photos whose depth is in `maps`, given by their indices among the
+    /// maps with camera and texture, nearest first; the target is rendered from the first `count`.
     pub(crate) fn find(
         maps: &mut DepthMaps,
         photos: &[(usize, SourceView<'_>)],

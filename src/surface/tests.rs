@@ -1,4 +1,5 @@
-//! Every stage on a scene of known depth: a square before a wall, photographed by cameras side by side.
+//! Every stage on a scene of known depth: a square before a wall, photographed by cameras side by
+//! side.
 
 use std::sync::Arc;
 
@@ -29,7 +30,8 @@ fn camera(x: f64) -> Camera {
     Camera::new(intrinsics, WIDTH, HEIGHT, DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0)).unwrap()
 }
 
-/// Disparity of a pixel of the camera at `x`, and the point of the surface, in pixels of the camera at 0.
+/// Disparity of a pixel of the camera at `x`, and the point of the surface, in pixels of the camera
+/// at 0.
 fn ground_truth(x: f64, column: usize, row: usize) -> (f64, f64, f64) {
     let (u, v) = (column as f64 + 0.5, row as f64 + 0.5);
     let on_square = u + FOCAL * x * SQUARE;

@@ -1,8 +1,9 @@
-//! Bilinear interpolation at the [`SamplePositions`] of a run of pixels, one output array per channel.
+//! Bilinear interpolation at the [`SamplePositions`] of a run of pixels, one output array per
+//! channel.
 //!
-//! A texel and its right neighbour lie side by side in memory: the vertical step interpolates both, eight
-//! numbers at once. For the horizontal step they are transposed to one register per channel, with
-//! instructions that plain loops do not compile to (those transpose through memory). Measured
+//! A texel and its right neighbour lie side by side in memory: the vertical step interpolates both,
+//! eight numbers at once. For the horizontal step they are transposed to one register per channel,
+//! with instructions that plain loops do not compile to (those transpose through memory). Measured
 //! alternatives: docs/experiments.md.
 
 use pulp::Simd;
@@ -14,8 +15,8 @@ use super::texture::Texture;
 /// Red, green, blue and coverage.
 pub(crate) type Channels<'a> = [&'a mut [f32; RUN]; 4];
 
-/// Interpolates each sample between the texel of its position, its right neighbour and the two below,
-/// and multiplies its colours by `gains`.
+/// Interpolates each sample between the texel of its position, its right neighbour and the two
+/// below, and multiplies its colours by `gains`.
 #[inline(always)]
 #[cfg_attr(not(target_arch = "x86_64"), expect(unused_variables))]
 pub(crate) fn sample<S: Simd>(
@@ -75,7 +76,8 @@ mod transposed {
         let [red, green, blue, coverage] = out.map(|values| values.as_chunks_mut::<8>().0);
         for i in 0..RUN / 8 {
             let pair = |k: usize| pair(simd, rows, positions.texel[8 * i + k], positions.down[8 * i + k]);
-            // One register holds the left texels of the samples k and k + 4, another their right ones.
+            // One register holds the left texels of the samples k and k + 4, another their right
+            // ones.
             let [p0, p1, p2, p3, p4, p5, p6, p7] =
                 [pair(0), pair(1), pair(2), pair(3), pair(4), pair(5), pair(6), pair(7)];
             let left = |a, b| simd.avx._mm256_permute2f128_ps::<0x20>(a, b);

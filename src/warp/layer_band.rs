@@ -33,8 +33,8 @@ impl LayerBand<'_> {
         true
     }
 
-    /// Sets what is known about a run's coverage, and writes the coverage where it is 0 or 1 throughout;
-    /// returns whether colours remain to be written.
+    /// Sets what is known about a run's coverage, and writes the coverage where it is 0 or 1
+    /// throughout; returns whether colours remain to be written.
     #[inline(always)]
     pub(super) fn set_coverage(&mut self, run: &Run, coverage: RunCoverage) -> bool {
         let before = std::mem::replace(&mut self.run_coverage[run.index], coverage);
@@ -48,8 +48,8 @@ impl LayerBand<'_> {
         coverage != RunCoverage::None
     }
 
-    /// Samples a run. Complete runs are written to their planes directly; the end of a row, and coverage
-    /// that is written already, go to `scratch`.
+    /// Samples a run. Complete runs are written to their planes directly; the end of a row, and
+    /// coverage that is written already, go to `scratch`.
     #[inline(always)]
     pub(super) fn sample<S: pulp::Simd>(
         &mut self,

@@ -1,10 +1,10 @@
-//! Warp: bilinear sampling of the views along a layer, directly into the batch that the network reads
-//! (paper, section "HWV").
+//! Warp: bilinear sampling of the views along a layer, directly into the batch that the network
+//! reads (paper, section "HWV").
 //!
-//! A sample is valid iff w > 0 ([`crate::geometry::PlaneSweep`]) and its bilinear footprint touches the
-//! image; zeros outside (torch's `grid_sample(mode="bilinear", padding_mode="zeros",
-//! align_corners=False)`). Coordinates that are not finite are outside. Beside the colour each sample has
-//! a **coverage** in [0, 1]: the same sample of an all-ones image.
+//! A sample is valid iff w > 0 ([`crate::geometry::PlaneSweep`]) and its bilinear footprint touches
+//! the image; zeros outside (torch's `grid_sample(mode="bilinear", padding_mode="zeros",
+//! align_corners=False)`). Coordinates that are not finite are outside. Beside the colour each
+//! sample has a **coverage** in [0, 1]: the same sample of an all-ones image.
 
 mod bilinear;
 mod layer_band;

@@ -1,7 +1,8 @@
-//! Per-view occlusion of samples: a view sees a point unless the view's own depth, at the pixel that
-//! the point projects to, is nearer by a margin.
+//! Per-view occlusion of samples: a view sees a point unless the view's own depth, at the pixel
+//! that the point projects to, is nearer by a margin.
 //!
-//! Computed together with the samples, from the same positions (docs/experiments.md, "Along a path").
+//! Computed together with the samples, from the same positions (docs/experiments.md, "Along a
+//! path").
 
 use super::run::{ALL_SEEN, RUN};
 use super::sample_positions::SamplePositions;

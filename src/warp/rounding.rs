@@ -1,7 +1,7 @@
 //! Rounding and clamping in fewer instructions than the standard library's.
 
-/// Nearest integer (halves to even) of a number whose absolute value is below 2^22: `as` would check
-/// for overflow.
+/// Nearest integer (halves to even) of a number whose absolute value is below 2^22: `as` would
+/// check for overflow.
 #[inline(always)]
 pub(crate) fn round_to_i32(x: f32) -> i32 {
     const OFFSET: f32 = 12_582_912.0; // 1.5 * 2^23: the bits of whole numbers around it are consecutive

@@ -1,5 +1,5 @@
-//! Position in the source of the middle pixel of a run, in f64, and the offsets of the others from it,
-//! in f32.
+//! Position in the source of the middle pixel of a run, in f64, and the offsets of the others from
+//! it, in f32.
 
 use std::ops::Range;
 
@@ -31,7 +31,8 @@ pub(super) struct RunMiddle {
 }
 
 impl RunMiddle {
-    /// Of the pixels `run` of a row; `None` where it lies behind the source's camera, or too far outside.
+    /// Of the pixels `run` of a row; `None` where it lies behind the source's camera, or too far
+    /// outside.
     #[inline(always)]
     pub(super) fn new(source: &WarpSource<'_>, row: usize, run: &Range<usize>, disparity: &[f32; RUN]) -> Option<Self> {
         let half = run.len() / 2;

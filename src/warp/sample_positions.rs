@@ -2,9 +2,9 @@
 //! weights of its right and lower neighbours.
 //!
 //! With H∞ and e of the [`PlaneSweep`], (u, v, w) = H∞ p + δ e and the position is (u, v)/w. A run
-//! computes the position of its middle pixel in f64 and the offsets of the others in f32: offsets are
-//! small, and f32 represents them three times more precisely than whole coordinates. Runs where they are
-//! not small are computed in f64. Measured alternatives: docs/experiments.md.
+//! computes the position of its middle pixel in f64 and the offsets of the others in f32: offsets
+//! are small, and f32 represents them three times more precisely than whole coordinates. Runs where
+//! they are not small are computed in f64. Measured alternatives: docs/experiments.md.
 
 use std::ops::Range;
 
@@ -17,8 +17,8 @@ use super::source::WarpSource;
 use super::texture::Texture;
 use crate::geometry::PlaneSweep;
 
-/// Index of the texel above left of each sample, in the source with its border, and the weights of its right and lower
-/// neighbours. Samples outside the photo are clamped to the border, which is 0.
+/// Index of the texel above left of each sample, in the source with its border, and the weights of
+/// its right and lower neighbours. Samples outside the photo are clamped to the border, which is 0.
 pub(crate) struct SamplePositions {
     pub(crate) texel: [u32; RUN],
     pub(crate) across: [f32; RUN],
@@ -88,7 +88,8 @@ impl SamplePositions {
         let (right, bottom) = ((source.texture.width() + 1) as f64, (source.texture.height() + 1) as f64);
         for (i, &disparity) in disparity.iter().enumerate() {
             let uvw = begin + homography.x_axis * (start + i) as f64 + epipole * f64::from(disparity);
-            // +0.5: pixel centres lie at halves, and the border adds one. NaN and w <= 0 give 0: outside.
+            // +0.5: pixel centres lie at halves, and the border adds one. NaN and w <= 0 give 0:
+            // outside.
             let per_w = if uvw.z > 0.0 { 1.0 / uvw.z } else { f64::NAN };
             let (at_x, at_y) =
                 (clamp_from_zero(uvw.x * per_w + 0.5, right), clamp_from_zero(uvw.y * per_w + 0.5, bottom));
@@ -104,8 +105,8 @@ impl SamplePositions {
         }
     }
 
-    /// The middle of the run in f64, the offsets of the others in f32; returns their coverage, or `None`
-    /// where the offsets are not small.
+    /// The middle of the run in f64, the offsets of the others in f32; returns their coverage, or
+    /// `None` where the offsets are not small.
     #[inline(always)]
     fn locate_by_offsets<const PIXELS: bool>(
         &mut self,
@@ -120,7 +121,8 @@ impl SamplePositions {
         let stride = source.texture.stride() as i32;
         let (width, height) = (source.texture.width() as u32, source.texture.height() as u32);
         let offset = |i: usize| middle.offset(i, disparity);
-        // On a plane of a rectified rig all pixels have the same fractional part: a quarter less time.
+        // On a plane of a rectified rig all pixels have the same fractional part: a quarter less
+        // time.
         let is_rectified = per_column[0] == 1.0 && per_column[1].abs().max(per_column[2].abs()) < RECTIFIED;
         if is_rectified && is_constant(disparity) {
             let first = texel_x - (run.len() / 2) as i32;
@@ -137,8 +139,8 @@ impl SamplePositions {
                 return Some(RunCoverage::All);
             }
         }
-        // Minima and maxima of the bits, which have the order of the numbers from 0 on (NaN is above all,
-        // negative numbers are below): unlike folds of floats, these vectorise.
+        // Minima and maxima of the bits, which have the order of the numbers from 0 on (NaN is
+        // above all, negative numbers are below): unlike folds of floats, these vectorise.
         let (mut smallest_w, mut largest_offset, mut last_x, mut last_y) = (i32::MAX, 0, 0, 0);
         for (i, &disparity) in disparity.iter().enumerate() {
             let (w, dx, dy, per_w) = offset(i);
@@ -175,8 +177,8 @@ impl SamplePositions {
 /// Runs with a larger offset from their middle, pixels, are computed in f64.
 const MAX_OFFSET: f32 = 128.0;
 
-/// Bound of the rounding errors of terms that are 0 on a rectified rig: they move a sample by less than
-/// some ten-millionths of a pixel.
+/// Bound of the rounding errors of terms that are 0 on a rectified rig: they move a sample by less
+/// than some ten-millionths of a pixel.
 const RECTIFIED: f32 = 1e-10;
 
 /// Index of the photo's pixel nearest to a position between pixel (x, y) and its right and lower
@@ -202,8 +204,8 @@ mod tests {
     use super::*;
     use crate::image::ImageRgb;
 
-    /// Positions in the source of the pixels from 100 on of row 50: by offsets and in f64 (x and y of
-    /// each), and the coverage of the former.
+    /// Positions in the source of the pixels from 100 on of row 50: by offsets and in f64 (x and y
+    /// of each), and the coverage of the former.
     fn locate_both_ways(
         homography: DMat3,
         epipole: DVec3,

@@ -18,12 +18,12 @@ pub struct Texture {
     id: u64,
 }
 
-/// Zeros before the first and after the last pixel of a row or column: a coordinate clamped to one pixel
-/// outside the image still has both its neighbours.
+/// Zeros before the first and after the last pixel of a row or column: a coordinate clamped to one
+/// pixel outside the image still has both its neighbours.
 const BORDER: (usize, usize) = (1, 2);
 
-/// 2⁻⁶⁴: smaller values become 0. With denormal values (below 2⁻¹²⁶) the network takes ten times as long
-/// on some CPUs; the margin is for their products with weights.
+/// 2⁻⁶⁴: smaller values become 0. With denormal values (below 2⁻¹²⁶) the network takes ten times as
+/// long on some CPUs; the margin is for their products with weights.
 const SMALLEST_VALUE: f32 = 1.0 / (1_u128 << 64) as f32;
 
 impl Texture {
@@ -74,8 +74,8 @@ impl Texture {
         [r, g, b]
     }
 
-    /// The photo shrunk by a factor of `cell`: averages of `cell`×`cell` pixels, of fewer at the right and
-    /// lower edge.
+    /// The photo shrunk by a factor of `cell`: averages of `cell`×`cell` pixels, of fewer at the
+    /// right and lower edge.
     pub(crate) fn shrunk(&self, cell: usize) -> Self {
         let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
         let (stride, shrunk_stride) = (self.width + BORDER.0 + BORDER.1, width + BORDER.0 + BORDER.1);
@@ -97,8 +97,8 @@ impl Texture {
         Self { texels, width, height, id: new_id() }
     }
 
-    /// Writes the photo to `out` with `amount` of its detail added: 4 times each pixel less its four
-    /// neighbours. Neighbours outside are the pixel itself; the result is clamped to [0, 1].
+    /// Writes the photo to `out` with `amount` of its detail added: 4 times each pixel less its
+    /// four neighbours. Neighbours outside are the pixel itself; the result is clamped to [0, 1].
     pub(crate) fn sharpen(&self, amount: f32, out: &mut Self) {
         let (width, height, stride) = (self.width, self.height, self.stride() as usize);
         (out.width, out.height, out.id) = (width, height, new_id());
@@ -131,8 +131,8 @@ impl Texture {
         (self.width + BORDER.0 + BORDER.1) as u32
     }
 
-    /// All texels but the last row, and all but the first: a texel and the one below it have the same index,
-    /// and one bounds check is enough for both.
+    /// All texels but the last row, and all but the first: a texel and the one below it have the
+    /// same index, and one bounds check is enough for both.
     #[inline(always)]
     pub(crate) fn upper_and_lower(&self) -> (&[[f32; 4]], &[[f32; 4]]) {
         let stride = self.stride() as usize;
@@ -147,8 +147,8 @@ fn new_id() -> u64 {
     LAST.fetch_add(1, Ordering::Relaxed) + 1
 }
 
-/// Writes a row with `amount` of its detail added, given the rows above and below it; the four channels
-/// are interleaved.
+/// Writes a row with `amount` of its detail added, given the rows above and below it; the four
+/// channels are interleaved.
 #[pulp::with_simd(sharpen_row = crate::simd::arch())]
 #[inline(always)]
 fn sharpen_row_with<'a, S: pulp::Simd>(

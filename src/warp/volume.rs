@@ -11,9 +11,9 @@ use crate::geometry::Size;
 
 /// Warps all views along n layers onto a target of that size (paper, section "HWV").
 ///
-/// `disparity` is `[n, height, width]`, in 1/scene unit ([`crate::layers::Layer::fill`]). `colour` becomes
-/// `[n, 3V, height, width]`: the homography warped volume, RGB in [0, 1]; `coverage` becomes
-/// `[n, V, height, width]`.
+/// `disparity` is `[n, height, width]`, in 1/scene unit ([`crate::layers::Layer::fill`]). `colour`
+/// becomes `[n, 3V, height, width]`: the homography warped volume, RGB in [0, 1]; `coverage`
+/// becomes `[n, V, height, width]`.
 ///
 /// # Panics
 ///
@@ -51,10 +51,10 @@ pub(crate) struct WarpedLayers<'a> {
     pub(crate) seen: &'a mut [u64],
 }
 
-/// As [`warp_layers`], into buffers that hold an earlier warp. `run_coverage` is what is known about the
-/// coverage in them (where that is 0 the colour is too), before the call and after it. Values that would
-/// not change are not written: memory, not arithmetic, limits the warp (docs/experiments.md). `own` is the
-/// own depth of each view; without any, `seen` stays unchanged.
+/// As [`warp_layers`], into buffers that hold an earlier warp. `run_coverage` is what is known
+/// about the coverage in them (where that is 0 the colour is too), before the call and after it.
+/// Values that would not change are not written: memory, not arithmetic, limits the warp
+/// (docs/experiments.md). `own` is the own depth of each view; without any, `seen` stays unchanged.
 pub(crate) fn warp_layers_into(
     sources: &[WarpSource<'_>],
     own: &[OwnDepth<'_>],
@@ -66,8 +66,8 @@ pub(crate) fn warp_layers_into(
     assert_eq!(colour.len(), 3 * disparity.len() * sources.len(), "colour is [n, 3V, height, width]");
     assert_eq!(3 * coverage.len(), colour.len(), "coverage is [n, V, height, width]");
     let (band, runs) = (BAND_ROWS * width, width.div_ceil(RUN));
-    // Band by band of one view, then of the next: its photo stays in the cache. All layers of a band
-    // together, as a run may be the same on the next layer.
+    // Band by band of one view, then of the next: its photo stays in the cache. All layers of a
+    // band together, as a run may be the same on the next layer.
     let bands = size.height.div_ceil(BAND_ROWS);
     let mut tasks: Vec<Vec<LayerBand<'_>>> = (0..sources.len() * bands).map(|_| Vec::new()).collect();
     let planes = colour.chunks_mut(3 * plane).zip(coverage.chunks_mut(plane));
@@ -147,8 +147,8 @@ mod tests {
     use crate::image::ImageRgb;
     use crate::warp::Texture;
 
-    /// A far layer, covered except at the left edge; a near one, covered in a corner; one outside the photo;
-    /// and back.
+    /// A far layer, covered except at the left edge; a near one, covered in a corner; one outside
+    /// the photo; and back.
     #[test]
     fn warp_layers_into_used_buffers_equals_new_ones() {
         const SIZE: Size = Size::new(200, 40);
@@ -185,8 +185,8 @@ mod tests {
         assert!(met.iter().all(|&runs| runs > 20), "{met:?}");
     }
 
-    /// A slope, before it the same slope with a nearer step in its middle, and a photo whose own depth hides
-    /// some of both.
+    /// A slope, before it the same slope with a nearer step in its middle, and a photo whose own
+    /// depth hides some of both.
     #[test]
     fn warp_layers_into_equal_runs_of_layers_equal_each_layer_alone() {
         const SIZE: Size = Size::new(200, 40);

@@ -198,7 +198,11 @@ fn runtime_library() {
     let cut_short = folders.scene().join("libonnxruntime.so");
     fs::write(&cut_short, &fs::read(whole).unwrap()[..1 << 20]).unwrap();
     let cut_short = cut_short.to_str().unwrap();
-    assert_render_refused(&folders, &["--ort-lib", cut_short], &[cut_short, "the file is truncated: 1048576 bytes, expected "]);
+    assert_render_refused(
+        &folders,
+        &["--ort-lib", cut_short],
+        &[cut_short, "the file is truncated: 1048576 bytes, expected "],
+    );
 }
 
 #[test]
@@ -293,8 +297,8 @@ fn targets() {
         (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "w": -3, "h": 48}"#, "w is -3"),
         (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "w": 99999, "h": 48}"#, "image size"),
         (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "w": 64}"#, "one of w and h is given"),
-        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "fov": 60}"#, "\"fov\" is unknown"),
-        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "fx": 60}"#, "\"fx\" is unknown"),
+        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "fov": 60}"#, "unknown key \"fov\""),
+        (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "fx": 60}"#, "unknown key \"fx\""),
         (r#"{"cam_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "fl_x": 0}"#, "K is singular"),
     ] {
         let file = folders.scene().join("pose.json");

@@ -173,7 +173,7 @@ const POSE: &[&str] = &["rotation", "translation", "centre", "transform_matrix",
 const RANGE: &[&str] = &["near", "far", ELSEWHERE[1]];
 const POINTS: &[&str] = &["near", ELSEWHERE[1]];
 /// What is stderr of a legal number of a pose, a point or a depth, without the file: where the views look or how near things are.
-const ELSEWHERE: [&str; 2] = ["look the target's way", "expected near"];
+const ELSEWHERE: [&str; 2] = ["face the target's direction", "expected near"];
 
 #[test]
 fn transforms_json() {

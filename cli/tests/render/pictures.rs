@@ -113,7 +113,7 @@ fn a_pose_on_top_of_a_view_shows_its_photo() {
     assert!(score > 45.0, "nerfstudio's: {score}");
     // Turned by half a turn about z, moved and scaled by nerfstudio, which says so beside the path.
     let report = folders.render(&["--pose", path.to_str().unwrap(), "-o", &picture]).output().unwrap();
-    assert!(String::from_utf8_lossy(&report.stderr).contains("path.json: taken to be in the scene's own axes"));
+    assert!(String::from_utf8_lossy(&report.stderr).contains("path.json: assumed to be in the scene's own axes"));
     let trained = "[-1, 0, 0, 0.4, 0, -1, 0, 0.5, 0, 0, 1, 1.5, 0, 0, 0, 1]";
     fs::write(
         &path,

@@ -70,7 +70,7 @@ fn newest_request_of_each_client_is_served() {
     let mut behind = moved(&info, 2, 0.0);
     behind["cam_from_world"] = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]);
     two.request(8, &behind, false);
-    assert!(two.text()["error"].as_str().unwrap().contains("look the target's way"));
+    assert!(two.text()["error"].as_str().unwrap().contains("face the target's direction"));
     two.request(9, &moved(&info, 2, 0.0), false);
     assert_eq!(two.frame().0["id"], 9);
     // The end of the program is sent to each client.

@@ -205,7 +205,7 @@ def main() -> None:
             continue
         try:
             make(number, config, scenes, textures, args.program).save(path)
-        except (RuntimeError, ValueError) as error:  # the program refuses the scene, or no view looks the target's way
+        except (RuntimeError, ValueError) as error:  # the program refuses the scene, or no view faces the target's direction
             print(f"skipped {number}: {error}", file=sys.stderr, flush=True)
         print(path.name, flush=True)
 

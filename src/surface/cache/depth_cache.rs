@@ -16,7 +16,8 @@ pub(crate) struct DepthCache {
 }
 
 impl DepthCache {
-    /// Opens the folder, which is created if it is missing, and checks that files can be written there.
+    /// Opens the folder, which is created if it is missing, and checks that files can be written
+    /// there.
     pub(crate) fn open(folder: &Path) -> io::Result<Self> {
         std::fs::create_dir_all(folder)?;
         AtomicFile::create(&folder.join("depth.npz"))?;
@@ -27,7 +28,8 @@ impl DepthCache {
         self.folder.join(format!("{key}.npz"))
     }
 
-    /// The depth of this key, if there is a file of it. The error is one line, which names the file.
+    /// The depth of this key, if there is a file of it. The error is one line, which names the
+    /// file.
     pub(crate) fn load(&self, key: &DepthKey) -> Result<Option<PhotoDepth>, String> {
         let path = self.path(key);
         let bytes = match bounded::read(&path, file::max_bytes(key)) {

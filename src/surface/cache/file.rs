@@ -18,11 +18,12 @@ use super::key::DepthKey;
 use crate::fs::npy;
 use crate::surface::search::PhotoDepth;
 
-/// How far beyond near and far a disparity may lie, as a share of the range between them: the search
-/// refines by up to half the distance of two planes, of which there are at least 32.
+/// How far beyond near and far a disparity may lie, as a share of the range between them: the
+/// search refines by up to half the distance of two planes, of which there are at least 32.
 const RANGE_MARGIN: f64 = 1.0 / 32.0;
 
-/// Upper bound of the bytes of a file beside its disparities: headers of the arrays and the archive.
+/// Upper bound of the bytes of a file beside its disparities: headers of the arrays and the
+/// archive.
 const OVERHEAD: u64 = 4096;
 
 /// What is wrong with a file.
@@ -50,7 +51,8 @@ pub(super) fn write<W: Write + Seek>(file: W, key: &DepthKey, depth: &PhotoDepth
     arrays.finish()
 }
 
-/// The depth of this key, from the bytes of a file. Nothing is unpacked beyond the size given by the key.
+/// The depth of this key, from the bytes of a file. Nothing is unpacked beyond the size given by
+/// the key.
 pub(super) fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDepth, Damage> {
     let broken = |error| damage(format!("no archive: {error}"), "a complete .npz file");
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;

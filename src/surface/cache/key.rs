@@ -1,10 +1,11 @@
 //! Everything that a photo's depth depends on, as a digest.
 //!
-//! SHA-256 of, in this order and all numbers little-endian: the text [`FORMAT`], the program's version,
-//! the CPU's architecture and vector instructions, which round differently (each text after its length
-//! in bytes, u64); the constants of the search ([`SEARCH_CONSTANTS`], f64); near and far (f64); the number
-//! of photos (u64); and for the photo itself and each of its neighbours, nearest first, its size (two
-//! u64), fx, fy, cx, cy, skew, rotation (rows), translation (f64) and the [`PhotoDigest`].
+//! SHA-256 of, in this order and all numbers little-endian: the text [`FORMAT`], the program's
+//! version, the CPU's architecture and vector instructions, which round differently (each text
+//! after its length in bytes, u64); the constants of the search ([`SEARCH_CONSTANTS`], f64); near
+//! and far (f64); the number of photos (u64); and for the photo itself and each of its neighbours,
+//! nearest first, its size (two u64), fx, fy, cx, cy, skew, rotation (rows), translation (f64) and
+//! the [`PhotoDigest`].
 
 use std::fmt;
 
@@ -15,8 +16,8 @@ use crate::surface::search::penalties::{EDGE_CONTRAST, JUMP_PENALTY, STEP_PENALT
 use crate::surface::search::photo_depth::{FINE_PER_COARSE, PLANE_SPACING};
 use crate::warp::Texture;
 
-/// Kind and version of the files. To be raised with every change of a file's content or of the search's
-/// result.
+/// Kind and version of the files. To be raised with every change of a file's content or of the
+/// search's result.
 const FORMAT: &str = "liveview photo depth 2";
 
 /// Constants that the search was tuned by.

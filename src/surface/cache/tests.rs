@@ -111,8 +111,8 @@ fn value_out_of_range_is_an_error() {
     }
 }
 
-/// Pickled objects, a shape of terabytes, a header that takes years to parse, and a megabyte of zeros in
-/// a thousand bytes.
+/// Pickled objects, a shape of terabytes, a header that takes years to parse, and a megabyte of
+/// zeros in a thousand bytes.
 #[test]
 fn hostile_array_is_an_error() {
     let header = |text: &str| {
@@ -136,7 +136,8 @@ fn hostile_array_is_an_error() {
     assert_refused(&bomb, &["disparity: more than 4236 bytes"]);
 }
 
-/// A truncated file is refused; one with a changed byte is refused or read unchanged. Never a panic.
+/// A truncated file is refused; one with a changed byte is refused or read unchanged. Never a
+/// panic.
 #[test]
 fn damaged_file_never_changes_a_depth() {
     let (complete, depth) = (complete(), depth());

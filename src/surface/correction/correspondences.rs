@@ -19,8 +19,8 @@ pub(super) struct Correspondence {
 }
 
 /// Of every eighth pixel of every eighth row, those whose confirmed depth, projected into the other
-/// photo, agrees within 2 px (the photo's pixel of parallax) with the confirmed depth of the pixel it
-/// falls on.
+/// photo, agrees within 2 px (the photo's pixel of parallax) with the confirmed depth of the pixel
+/// it falls on.
 pub(super) fn correspondences(view: &SurfaceView<'_>, other: &SurfaceView<'_>) -> Vec<Correspondence> {
     let sweep = PlaneSweep::new(other.view.camera, view.view.camera);
     let (rows, columns) = other.confirmed.disparity.dim();

@@ -1,14 +1,14 @@
-//! Gains that bring photos of different exposure or white balance to a common exposure between theirs:
-//! a factor per colour channel.
+//! Gains that bring photos of different exposure or white balance to a common exposure between
+//! theirs: a factor per colour channel.
 //!
-//! Over the photo's correspondences with the first photo ([`super::correspondences`]) whose channel lies
-//! in \[0.05, 0.95\] in both, the gain is the (upper) median of the first photo's value over the
-//! photo's. With fewer than 100 correspondences in any channel all gains of that photo are 1.
+//! Over the photo's correspondences with the first photo ([`super::correspondences`]) whose channel
+//! lies in \[0.05, 0.95\] in both, the gain is the (upper) median of the first photo's value over
+//! the photo's. With fewer than 100 correspondences in any channel all gains of that photo are 1.
 //!
 //! These gains give all photos the exposure of the first. The exposure of a camera at the target is
-//! unknown; the weighted geometric mean of the photos' exposures is the estimate that scores best and
-//! that changes smoothly along a path: gain i becomes gᵢ / Π gⱼ^wⱼ with wⱼ the share of photo j in
-//! Σ 1/dⱼ, dⱼ its distance from the target (1 for a photo at the target).
+//! unknown; the weighted geometric mean of the photos' exposures is the estimate that scores best
+//! and that changes smoothly along a path: gain i becomes gᵢ / Π gⱼ^wⱼ with wⱼ the share of photo j
+//! in Σ 1/dⱼ, dⱼ its distance from the target (1 for a photo at the target).
 
 use super::correspondences::{Correspondence, correspondences};
 use super::pair_statistics::{PairStatistics, get_or_compute};

@@ -1,18 +1,18 @@
-//! How much to sharpen each photo before it is warped: bilinear sampling removes detail, and focus and
-//! motion blur differ between photos. Other photos of the same points show how much is missing.
+//! How much to sharpen each photo before it is warped: bilinear sampling removes detail, and focus
+//! and motion blur differ between photos. Other photos of the same points show how much is missing.
 //!
 //! Where a photo corresponds to a pixel of another one ([`super::correspondences`]), let p be that
-//! pixel's colour at the photo's exposure, s the photo's own bilinear sample and d that of its detail
-//! 4t − (its four neighbours). The amount is the least squares solution of p ≈ s + a d,
-//! Σ d (p − s) / Σ d², over all channels and all other photos where |p − s| < 0.1; at least 0 (no photo
-//! is blurred), at most 0.15, and 0 with fewer than 100 correspondences. Correspondences whose samples
-//! reach beyond the photo are left out.
+//! pixel's colour at the photo's exposure, s the photo's own bilinear sample and d that of its
+//! detail 4t − (its four neighbours). The amount is the least squares solution of p ≈ s + a d,
+//! Σ d (p − s) / Σ d², over all channels and all other photos where |p − s| < 0.1; at least 0 (no
+//! photo is blurred), at most 0.15, and 0 with fewer than 100 correspondences. Correspondences whose
+//! samples reach beyond the photo are left out.
 //!
-//! The photo becomes t + a (4t − its four neighbours), clamped to \[0, 1\]; neighbours outside it are
-//! the pixel itself.
+//! The photo becomes t + a (4t − its four neighbours), clamped to \[0, 1\]; neighbours outside it
+//! are the pixel itself.
 //!
-//! Worth 0.14 dB and 0.002 of SSIM in the mean of the seven scenes of `make evaluate`; alternatives:
-//! docs/experiments.md.
+//! Worth 0.14 dB and 0.002 of SSIM in the mean of the seven scenes of `make evaluate`;
+//! alternatives: docs/experiments.md.
 
 use super::correspondences::correspondences;
 use super::pair_statistics::{DetailSums, PairStatistics, get_or_compute};
@@ -110,8 +110,8 @@ mod tests {
 
     #[test]
     fn sample_and_detail_match_a_paraboloid() {
-        // The detail of x² + y² is −4 everywhere; a bilinear sample is too large by f (1 − f) in each
-        // direction.
+        // The detail of x² + y² is −4 everywhere; a bilinear sample is too large by f (1 − f) in
+        // each direction.
         let value = |x: usize, y: usize| ((x * x + y * y) as f32) / 128.0;
         let data = (0..64).flat_map(|i| [value(i % 8, i / 8); 3]).collect();
         let texture = Texture::new(&ImageRgb::new(8, 8, data).unwrap());

@@ -24,8 +24,8 @@ const CONTRADICTION_PX: f32 = 4.0;
 const AGREES: u16 = 1;
 const CONTRADICTS: u16 = 256;
 
-/// Votes of another photo's map on each pixel of a photo's map, `[h, w]`; independent of which other
-/// maps take part.
+/// Votes of another photo's map on each pixel of a photo's map, `[h, w]`; independent of which
+/// other maps take part.
 #[derive(Debug, Clone)]
 pub struct ConsistencyVotes(Array2<u16>);
 
@@ -68,7 +68,8 @@ fn vote_row_with<'a, S: pulp::Simd>(
     }
 }
 
-/// Pixels `[h, w]` of a photo's map that the votes of other photos' maps confirm; none without votes.
+/// Pixels `[h, w]` of a photo's map that the votes of other photos' maps confirm; none without
+/// votes.
 pub fn confirmed(votes: &[&ConsistencyVotes], shape: (usize, usize)) -> Array2<bool> {
     let mut totals = Array2::<u16>::zeros(shape);
     votes.iter().for_each(|ConsistencyVotes(votes)| totals += votes);

@@ -1,10 +1,10 @@
-//! Photo-consistency of a surface: the variance of the colours of the photos that see a pixel, over a
-//! window.
+//! Photo-consistency of a surface: the variance of the colours of the photos that see a pixel, over
+//! a window.
 //!
-//! Of the n views with a coverage above 0.5 and a visibility of 1 (at least two): Σ (c − mean)² over
-//! views and channels, divided by 3·(n − 1), computed as (Σ c² − (Σ c)²/n); c is the sample divided by
-//! its coverage, times the view's gain, less 0.5. At most 0.02, which is also the value with fewer
-//! views. Then the mean over a window of 7×7 pixels, clipped to the map.
+//! Of the n views with a coverage above 0.5 and a visibility of 1 (at least two): Σ (c − mean)²
+//! over views and channels, divided by 3·(n − 1), computed as (Σ c² − (Σ c)²/n); c is the sample
+//! divided by its coverage, times the view's gain, less 0.5. At most 0.02, which is also the value
+//! with fewer views. Then the mean over a window of 7×7 pixels, clipped to the map.
 
 use rayon::prelude::*;
 

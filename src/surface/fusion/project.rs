@@ -1,8 +1,9 @@
-//! Projection of the pixels of one camera's depth map into another camera, with their disparity there.
+//! Projection of the pixels of one camera's depth map into another camera, with their disparity
+//! there.
 //!
-//! For pixel p at disparity δ: (u, v, w) = H∞ p + δ e ([`PlaneSweep`]); its position is (u/w, v/w), its
-//! disparity in the other camera δ/w, and it lies in front of that camera iff w > 0. In f64, rounded
-//! once.
+//! For pixel p at disparity δ: (u, v, w) = H∞ p + δ e ([`PlaneSweep`]); its position is (u/w, v/w),
+//! its disparity in the other camera δ/w, and it lies in front of that camera iff w > 0. In f64,
+//! rounded once.
 
 use glam::{DMat3, DVec3};
 

@@ -1,10 +1,10 @@
-//! Depths of photos projected to the target and fused: each pixel is splatted as a square with a side
-//! of 0.4 pixels.
+//! Depths of photos projected to the target and fused: each pixel is splatted as a square with a
+//! side of 0.4 pixels.
 //!
-//! A point covers the pixels that contain its four corners (±0.2 pixel); of each photo's points each
-//! pixel keeps the largest disparity. Over the photos: the largest that another photo has within
-//! `same` of it, or the largest of all if there is no such pair (docs/experiments.md); then the mean,
-//! in f32 and in their order, of those at most `averaged` behind that.
+//! A point covers the pixels that contain its four corners (±0.2 pixel); of each photo's points
+//! each pixel keeps the largest disparity. Over the photos: the largest that another photo has
+//! within `same` of it, or the largest of all if there is no such pair (docs/experiments.md); then
+//! the mean, in f32 and in their order, of those at most `averaged` behind that.
 
 use rayon::prelude::*;
 
@@ -75,8 +75,8 @@ fn fuse_row_with<'a, S: pulp::Simd>(
     }
 }
 
-/// The points of one photo on the target, which has a border of one pixel for points that overlap its
-/// edge.
+/// The points of one photo on the target, which has a border of one pixel for points that overlap
+/// its edge.
 fn splat_one((camera, map): &(&Camera, &ConfirmedDepth), target: &Camera, size: Size) -> Vec<f32> {
     let mut buffer = vec![-1.0_f32; (size.width + 2) * (size.height + 2)];
     let (sweep, mut projected) = (PlaneSweep::new(target, camera), Projected::default());
@@ -102,7 +102,8 @@ fn splat_row_with<'a, S: pulp::Simd>(
     let stride = size.width + 2;
     let (right, bottom) = (size.width as f32 + HALF_SIDE, size.height as f32 + HALF_SIDE);
     let points = points.x.chunks(RUN).zip(points.y.chunks(RUN)).zip(points.disparity.chunks(RUN)).zip(own.chunks(RUN));
-    // Index of the upper left corner, and the offsets from it to the right and down: 0 or 1, 0 or a row.
+    // Index of the upper left corner, and the offsets from it to the right and down: 0 or 1, 0 or a
+    // row.
     let (mut first, mut across, mut down) = ([0; RUN], [0; RUN], [0; RUN]);
     for (((x, y), disparity), own) in points {
         for i in 0..x.len() {

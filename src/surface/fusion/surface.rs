@@ -1,15 +1,15 @@
 //! The target's surface: the confirmed depths of the photos, fused at the target, holes filled.
 //!
 //! 1. Splat of the confirmed depths ([`super::splat`]).
-//! 2. Holes: from their farthest neighbours inwards ([`fill_holes`]). Where holes are more than 5 % of
-//!    the target, the guided search at the target among the first four views
-//!    ([`crate::layers::guided`], its surface enlarged bilinearly) gives a second candidate. It replaces
-//!    the first wherever the variance of the photos that see it ([`super::photo_variance`]) is lower:
-//!    below 0.9 of the first one's − 1e-7.
+//! 2. Holes: from their farthest neighbours inwards ([`fill_holes`]). Where holes are more than 5 %
+//!    of the target, the guided search at the target among the first four views
+//!    ([`crate::layers::guided`], its surface enlarged bilinearly) gives a second candidate. It
+//!    replaces the first wherever the variance of the photos that see it
+//!    ([`super::photo_variance`]) is lower: below 0.9 of the first one's − 1e-7.
 //! 3. 3×3 median.
 //!
-//! px is the target's disparity per pixel: (1/near − 1/far) over the parallax between near and far in
-//! the view where it is largest (at least 1).
+//! px is the target's disparity per pixel: (1/near − 1/far) over the parallax between near and far
+//! in the view where it is largest (at least 1).
 
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -47,7 +47,8 @@ const VARIANCE_ROUNDING: f32 = 1e-7;
 pub struct Surface {
     /// 1/scene unit, `[h, w]`, multiples of 8.
     pub disparity: Array2<f32>,
-    /// Disparity that moves a point by one pixel in the view with the largest parallax, 1/scene unit.
+    /// Disparity that moves a point by one pixel in the view with the largest parallax, 1/scene
+    /// unit.
     pub disparity_per_pixel: f32,
     /// Share (0 to 1) of the target without a confirmed depth.
     pub holes: f64,
@@ -88,8 +89,8 @@ impl Surface {
     }
 }
 
-/// Finds the surface of `target` from these photos, nearest first (at least one), between `near` and
-/// `far` (scene units).
+/// Finds the surface of `target` from these photos, nearest first (at least one), between `near`
+/// and `far` (scene units).
 pub fn surface(views: &[SurfaceView<'_>], target: &Camera, near: f64, far: f64) -> Surface {
     let size = padded(target.size());
     let sources = warp_sources(views, target);

@@ -8,8 +8,8 @@ use crate::geometry::{Camera, PlaneSweep};
 use crate::warp::round_to_i32;
 
 /// 1 where the view sees the point of each pixel of the target at `disparity` (row by row, `width`
-/// wide), else 0: unless the view's own confirmed depth, at the pixel that the point projects to, is
-/// nearer by `margin` (1/scene unit).
+/// wide), else 0: unless the view's own confirmed depth, at the pixel that the point projects to,
+/// is nearer by `margin` (1/scene unit).
 pub(crate) fn visible(
     (camera, depth): (&Camera, &ConfirmedDepth),
     target: &Camera,

@@ -2,11 +2,11 @@
 //! lower penalty for jumps at the photo's edges.
 //!
 //! Along a path (right, left, down, up) the cost of index d at a cell is L(d) = C(d) + min(L'(d),
-//! L'(d − 1) + P1, L'(d + 1) + P1, m + P2) − m with L' of the previous cell and m its minimum; L = C
-//! at the first cell. P1 = 0.01, P2 = max(0.12 / (1 + |ΔRGB| / 0.05), 1.01·P1), |ΔRGB| the mean over
-//! the channels of the difference of colour from the previous cell, both in units of the volume
-//! (1/32768), rounded to nearest (halves away from 0). L' is infinite (40,000) for an index that the
-//! previous cell is not searched at.
+//! L'(d − 1) + P1, L'(d + 1) + P1, m + P2) − m with L' of the previous cell and m its minimum; L =
+//! C at the first cell. P1 = 0.01, P2 = max(0.12 / (1 + |ΔRGB| / 0.05), 1.01·P1), |ΔRGB| the mean
+//! over the channels of the difference of colour from the previous cell, both in units of the
+//! volume (1/32768), rounded to nearest (halves away from 0). L' is infinite (40,000) for an index
+//! that the previous cell is not searched at.
 //!
 //! The cell's index is the one with the smallest sum over the four paths (ties: the nearer; planes
 //! that only fill the last segment beyond the grid's end take part in the paths and are never

@@ -1,15 +1,15 @@
 //! The depth of one photo: a plane sweep with the photo as reference at half resolution, then a
 //! narrow band around its result at full resolution.
 //!
-//! 1. Cells of 2×2 pixels (area averages), n = ⌈parallax / 1 px⌉ + 1 planes, 32 to 256, from near to
-//!    far; the parallax is that between near and far in the neighbour where it is largest. Costs
+//! 1. Cells of 2×2 pixels (area averages), n = ⌈parallax / 1 px⌉ + 1 planes, 32 to 256, from near
+//!    to far; the parallax is that between near and far in the neighbour where it is largest. Costs
 //!    ([`super::photo_sweep`]), aggregated ([`super::aggregate`]), 3×3 median of the (fractional)
 //!    indices.
 //! 2. Pixels, planes half as far apart. Each cell has one or two segments of 8 of them, around the
 //!    nearest and the farthest index n and f of its 3×3 neighbourhood, in steps of the finer grid,
-//!    m = round((n + f)/2): where f − n < 3 one, from m − 3 on; where f − n < 10 two that join, from
-//!    m − 7 on; else one from round(n) − 3 and one from round(f) − 4 on, not before the end of the
-//!    first. All are shifted to lie on the grid. The same costs, aggregation and median.
+//!    m = round((n + f)/2): where f − n < 3 one, from m − 3 on; where f − n < 10 two that join,
+//!    from m − 7 on; else one from round(n) − 3 and one from round(f) − 4 on, not before the end of
+//!    the first. All are shifted to lie on the grid. The same costs, aggregation and median.
 
 use ndarray::Array2;
 use rayon::prelude::*;

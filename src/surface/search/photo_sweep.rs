@@ -1,14 +1,14 @@
 //! Matching cost with a photo as reference: the difference between the photo and its neighbours
 //! warped onto a plane, or onto a band of planes.
 //!
-//! Per neighbour and cell, with e = (r, g, b) the neighbour's colour less the photo's (RGB in
-//! \[0, 1\]; the neighbour's sample divided by its coverage) and s = (r + g) + b:
-//! 0.5·min((|r| + |g| + |b|)/3, 0.15) + 1.5·min((|s right − s| + |s below − s|)/6, 0.05). A gradient
-//! towards a cell that the neighbour does not see, or beyond the photo's right or lower edge, counts
-//! as 0. A cell is seen where the coverage is above 0.5; one that is not costs 0.15, the maximum.
-//! Over the neighbours: the mean of the two lowest costs. In units of 1/32768, rounded to nearest
-//! (halves to even), as u16. No windows: they blur edges that the aggregation ([`super::aggregate`])
-//! preserves (docs/experiments.md).
+//! Per neighbour and cell, with e = (r, g, b) the neighbour's colour less the photo's (RGB in \[0,
+//! 1\]; the neighbour's sample divided by its coverage) and s = (r + g) + b: 0.5·min((|r| + |g| +
+//! |b|)/3, 0.15) + 1.5·min((|s right − s| + |s below − s|)/6, 0.05). A gradient towards a cell that
+//! the neighbour does not see, or beyond the photo's right or lower edge, counts as 0. A cell is
+//! seen where the coverage is above 0.5; one that is not costs 0.15, the maximum. Over the
+//! neighbours: the mean of the two lowest costs. In units of 1/32768, rounded to nearest (halves to
+//! even), as u16. No windows: they blur edges that the aggregation ([`super::aggregate`]) preserves
+//! (docs/experiments.md).
 //!
 //! All in f32; divisions by 3 and 6 are products with the rounded reciprocal; costs are summed in
 //! ascending order.
@@ -199,8 +199,8 @@ impl Search<'_> {
     }
 }
 
-/// Merges the cost of each cell in one neighbour (`first`: of the first neighbour) into the lists of
-/// the `averaged` lowest. `INSIDE`: the neighbour sees all cells, none on the photo's edge.
+/// Merges the cost of each cell in one neighbour (`first`: of the first neighbour) into the lists
+/// of the `averaged` lowest. `INSIDE`: the neighbour sees all cells, none on the photo's edge.
 #[inline(always)]
 fn keep_lowest<const INSIDE: bool>(averaged: usize, first: bool, tile: &mut Tile) {
     for row in 0..tile.rows {
