@@ -16,10 +16,8 @@ mod semi_global;
 mod winner_takes_all;
 
 pub use matching_cost::layer_costs;
-#[cfg(feature = "surface")]
 pub(crate) use range_map::neighbourhood;
 pub use range_map::{RangeMap, range_of};
-#[cfg(feature = "surface")]
 pub(crate) use search::Levels;
 pub use search::{COARSE, GuidedSearch, SearchStages, WINDOWS, fine_layers};
 pub use semi_global::semi_global;
