@@ -48,6 +48,7 @@ pub struct LoadedShot {
 #[derive(Debug, Clone)]
 pub(super) struct LoadedPhoto {
     /// Index of the view in the scene.
+    #[cfg_attr(not(feature = "surface"), expect(dead_code))]
     pub(super) view: usize,
     pub(super) camera: Camera,
     pub(super) texture: Arc<Texture>,
