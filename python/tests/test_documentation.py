@@ -78,9 +78,11 @@ def test_every_command_of_a_page_runs(page, installed):
 def answers_over_http(command: str, clone: Path) -> None:
     """`liveview view` runs until it is interrupted: its link leads to a page. Any free port, where another is taken."""
     words = [*shlex.split(command), "--port", "0"]
-    with subprocess.Popen(words, cwd=clone, env=environment(clone), stdout=subprocess.PIPE, text=True) as server:
+    output = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen(words, cwd=clone, env=environment(clone), **output) as server:
         try:
-            link = next(match[0] for line in server.stdout if (match := re.search(r"http://\S+", line)))
+            link = next((match[0] for line in server.stdout if (match := re.search(r"http://\S+", line))), None)
+            assert link, f"{command}: it ended without a link"
             with urllib.request.urlopen(link, timeout=30) as answer:
                 assert answer.status == 200 and b"<html" in answer.read().lower()
         finally:
