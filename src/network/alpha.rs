@@ -14,7 +14,7 @@ pub enum Alpha {
     Independent,
     /// As [`Self::Independent`], of planes alone, but the network gives the odds α/(1 − α) of a plane that is followed by a pixel of
     /// parallax: a plane's odds are these times the pixels to the next one, so that it does not matter how densely planes lie. Not in
-    /// the paper; what it is worth is told in docs/experiments.md.
+    /// the paper; docs/design-log/planes.md has figures.
     PerPixel {
         /// The most pixels that count: planes that lie farther apart are as opaque as at that distance. Positive, finite.
         most: f64,
@@ -28,7 +28,8 @@ pub enum Alpha {
 }
 
 impl Alpha {
-    /// The scale of competing layers for a network that was not trained for it; measured in docs/experiments.md.
+    /// The scale of competing layers for a network that was not trained for it (measured:
+    /// docs/design-log/planes.md).
     pub const UNTRAINED_SCALE: f64 = 2.0;
 
     /// Whether each layer has an opacity of its own, so that it may hide others.

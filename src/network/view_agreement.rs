@@ -23,7 +23,8 @@ const STRENGTH: f32 = 2.0;
 /// Logit 0 is twice the mean agreement of the views; logit v is twice the agreement of view v less
 /// that of the first view. A view is black where it does not see the layer, and is left out there.
 ///
-/// Along a surface it is the baseline that a network has to beat (docs/experiments.md).
+/// Along a surface it is the baseline that a network has to beat
+/// (docs/design-log/surface-layers-limits.md).
 #[derive(Debug, Clone, Copy)]
 pub struct ViewAgreement {
     /// V.

@@ -11,8 +11,9 @@ use std::ops::Range;
 use super::exp::{exp, exp_f64};
 use crate::warp::{RUN, RunCoverage};
 
-/// Power of (d_min/d_i) where views count only where they see the layer: what is left to differ between them is how far off their
-/// depth puts them, which grows with the distance. Worth 0.12 dB by distance alone, nothing with a network (docs/experiments.md).
+/// Power of (d_min/d_i) with per-view occlusion. Views then differ by the error of the depth that
+/// places them, which grows with their distance. Worth 0.12 dB by distance alone, nothing with a
+/// network (docs/design-log/surface-layers.md).
 pub(super) const OCCLUSION_DISTANCE_POWER: f64 = 1.5;
 
 /// Factors of the view weights, from the distances of the views to the target.

@@ -23,7 +23,7 @@ use crate::warp::{WarpSource, warp_sources};
 
 /// Layers that are warped together and then composited together, however few the network takes at
 /// once: photos and sums are then read from memory once for all of them. Measured alternatives:
-/// docs/experiments.md.
+/// docs/design-log/speed.md.
 const LAYERS_TOGETHER: usize = 4;
 
 /// A frame is refused if more than one logit in this many is NaN or infinite.

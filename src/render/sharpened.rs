@@ -1,4 +1,5 @@
-//! Sharpened photos, kept from one target to the next: along a path most stay the same (docs/experiments.md, "Along a path").
+//! Sharpened photos, kept from one target to the next: along a path most stay the same
+//! (docs/design-log/speed.md).
 
 use crate::warp::Texture;
 

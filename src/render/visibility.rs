@@ -4,7 +4,8 @@
 //! Where the view's own depth is unknown, or the point projects outside the photo, nothing hides
 //! the point. An occluded sample gets neither colour nor coverage. Where the coverage that remains,
 //! summed over the views, is 0.05 or less, the occlusion of all views is ignored and the pixel
-//! counts as occluded. (Using further photos there instead: no gain, docs/experiments.md.)
+//! counts as occluded. (Using further photos there instead: no gain,
+//! docs/design-log/surface-layers.md.)
 
 use std::ops::Range;
 

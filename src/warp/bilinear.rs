@@ -4,7 +4,7 @@
 //! A texel and its right neighbour lie side by side in memory: the vertical step interpolates both,
 //! eight numbers at once. For the horizontal step they are transposed to one register per channel,
 //! with instructions that plain loops do not compile to (those transpose through memory). Measured
-//! alternatives: docs/experiments.md.
+//! alternatives: docs/design-log/speed.md.
 
 use pulp::Simd;
 

@@ -1,7 +1,7 @@
 //! Per-view occlusion of samples: a view sees a point unless the view's own depth, at the pixel
 //! that the point projects to, is nearer by a margin.
 //!
-//! Computed together with the samples, from the same positions (docs/experiments.md, "Along a
+//! Computed together with the samples, from the same positions (docs/design-log/speed.md, "Along a
 //! path").
 
 use super::run::{ALL_SEEN, RUN};

@@ -4,7 +4,7 @@
 //! With H∞ and e of the [`PlaneSweep`], (u, v, w) = H∞ p + δ e and the position is (u, v)/w. A run
 //! computes the position of its middle pixel in f64 and the offsets of the others in f32: offsets
 //! are small, and f32 represents them three times more precisely than whole coordinates. Runs where
-//! they are not small are computed in f64. Measured alternatives: docs/experiments.md.
+//! they are not small are computed in f64. Measured alternatives: docs/design-log/speed.md.
 
 use std::ops::Range;
 

@@ -54,7 +54,8 @@ pub(crate) struct WarpedLayers<'a> {
 /// As [`warp_layers`], into buffers that hold an earlier warp. `run_coverage` is what is known
 /// about the coverage in them (where that is 0 the colour is too), before the call and after it.
 /// Values that would not change are not written: memory, not arithmetic, limits the warp
-/// (docs/experiments.md). `own` is the own depth of each view; without any, `seen` stays unchanged.
+/// (docs/design-log/speed.md). `own` is the own depth of each view; without any, `seen` stays
+/// unchanged.
 pub(crate) fn warp_layers_into(
     sources: &[WarpSource<'_>],
     own: &[OwnDepth<'_>],

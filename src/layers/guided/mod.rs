@@ -7,7 +7,7 @@
 //! extremes of the disparities that this finds are the range. Known in multi-view stereo as adaptive thin volumes (UCS-Net, Cheng et
 //! al., 2020).
 //!
-//! Measured alternatives: docs/experiments.md.
+//! Measured alternatives: docs/design-log/guided-layers.md.
 
 mod matching_cost;
 mod range_map;

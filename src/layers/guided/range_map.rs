@@ -40,7 +40,7 @@ impl RangeMap {
     }
 
     /// `count` maps that divide each cell's range evenly, near → far; one alone follows the surface. Measured alternatives:
-    /// docs/experiments.md.
+    /// docs/design-log/guided-layers.md.
     pub(super) fn divided(&self, count: usize) -> impl Iterator<Item = Array2<f32>> {
         (0..count).map(move |k| {
             if count == 1 {

@@ -1,6 +1,6 @@
 //! Statistics of pairs of photos: relative exposure and missing sharpness. They do not depend on
-//! the target, so along a path they are computed once for a set of photos (docs/experiments.md,
-//! "Along a path").
+//! the target, so along a path they are computed once for a set of photos
+//! (docs/design-log/speed.md).
 
 use std::collections::{BTreeSet, HashMap};
 use std::hash::Hash;

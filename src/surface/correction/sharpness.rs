@@ -12,7 +12,7 @@
 //! are the pixel itself.
 //!
 //! Worth 0.14 dB and 0.002 of SSIM in the mean of the seven scenes of `make evaluate`;
-//! alternatives: docs/experiments.md.
+//! alternatives: docs/design-log/surface-layers.md.
 
 use super::correspondences::correspondences;
 use super::pair_statistics::{DetailSums, PairStatistics, get_or_compute};

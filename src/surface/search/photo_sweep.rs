@@ -8,7 +8,7 @@
 //! seen where the coverage is above 0.5; one that is not costs 0.15, the maximum. Over the
 //! neighbours: the mean of the two lowest costs. In units of 1/32768, rounded to nearest (halves to
 //! even), as u16. No windows: they blur edges that the aggregation ([`super::aggregate`]) preserves
-//! (docs/experiments.md).
+//! (docs/design-log/surface-layers.md).
 //!
 //! All in f32; divisions by 3 and 6 are products with the rounded reciprocal; costs are summed in
 //! ascending order.
