@@ -1,6 +1,7 @@
-//! A live session: the clip of a rig of cameras, seen from a viewpoint that sways among them.
+//! A live session: the clip of a camera rig, seen from a viewpoint that sways between the cameras.
 //!
-//! `cargo run --release --example live [-- FOLDER [WIDTH]]`, with ONNX Runtime's library in `ORT_DYLIB_PATH`.
+//! `cargo run --release --example live [-- FOLDER [WIDTH]]`, with ONNX Runtime's library in
+//! `ORT_DYLIB_PATH`.
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -19,10 +20,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut options = SceneOptions::default();
     options.width = args.next().map(|width| width.parse()).transpose()?;
 
-    // The first frame of each camera carries its pose; all but the held-out one are rendered from.
+    // The first frame of each camera has its pose. The held-out camera is not used.
     let mut scene = Scene::open(Path::new("tests/scenes/rig"), &options)?;
     scene.views.retain(|view| !view.name.starts_with("target"));
-    let (near, far) = scene.views[0].depth_range.ok_or("the rig does not tell its depths")?;
+    let (near, far) = scene.views[0].depth_range.ok_or("the rig has no depth range")?;
     let cameras: Vec<_> = scene.views.iter().map(|view| view.camera.clone()).collect();
     let middle = cameras[0].clone();
 
@@ -32,7 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         LiveSession::new(cameras, vec![Renderer::new(Box::new(network), 1)], LiveSettings::new(near, far))?;
 
     for step in 0.. {
-        // A camera that has nothing to show is left out of this step.
+        // A camera without a photo is left out of this step.
         let photo = |view: usize| -> Option<ImageRgb> {
             let folder = scene.views[view].image_path().parent()?;
             scene.fit(view, load(&folder.join(format!("{step:04}.jpg"))).ok()?).ok()

@@ -1,4 +1,5 @@
-//! A network of one's own in place of the model: anything that gives logits of a layer's colours. No ONNX Runtime is needed.
+//! Your own network in place of the model: anything that computes logits from the colours of a
+//! layer. It needs no ONNX Runtime.
 //!
 //! `cargo run --release --example own_network [-- FOLDER [WIDTH]]`
 
@@ -10,7 +11,7 @@ use liveview::network::{NetworkError, PlaneNetwork};
 use liveview::render::Renderer;
 use liveview::{LayerSpec, Scene, SceneOptions, SceneViews, Synthesizer, Target};
 
-/// Opaque where the views agree on the colour: the oldest idea of stereo.
+/// Layers are opaque where the views agree on the colour.
 struct Agreement;
 
 impl PlaneNetwork for Agreement {
@@ -18,7 +19,8 @@ impl PlaneNetwork for Agreement {
         4
     }
 
-    /// The first logit is that of the layer's opacity; where the others are 0, the nearer views weigh more, and no more.
+    /// Logit 0 is the opacity; the other logits are 0, so that views are weighted by their distance
+    /// alone.
     fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
         logits.fill(0.0);
         let (layers, channels, height, width) = hwv.dim();
@@ -39,7 +41,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut options = SceneOptions::default();
     options.width = args.next().map(|width| width.parse()).transpose()?;
 
-    // The depth range is the scene's own, and one layer goes through the network at once.
+    // The depth range is that of the scene; one layer at a time goes through the network.
     let photos = SceneViews::new(Scene::open(Path::new("tests/scenes/workshop"), &options)?, None, None);
     let mut synthesizer = Synthesizer::new(photos, Renderer::new(Box::new(Agreement), 1), LayerSpec::guided(4));
     let frame = synthesizer.render(&Target::held_out("target_0"))?;

@@ -1,6 +1,8 @@
-//! A path around the example scene becomes a video: each frame a PNG, and all of them in a y4m file, which players take.
+//! A video along a path around the example scene: each frame as a PNG, and all of them in a y4m
+//! file, which video players read.
 //!
-//! `cargo run --release --example path [-- FOLDER [WIDTH]]`, with ONNX Runtime's library in `ORT_DYLIB_PATH`.
+//! `cargo run --release --example path [-- FOLDER [WIDTH]]`, with ONNX Runtime's library in
+//! `ORT_DYLIB_PATH`.
 
 use std::error::Error;
 use std::fs::File;
@@ -23,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut video = BufWriter::new(File::create(folder.join("path.y4m"))?);
     writeln!(video, "YUV4MPEG2 W{} H{} F12:1 Ip A1:1 C444", shots[0].target.width(), shots[0].target.height())?;
     for (index, shot) in shots.iter().enumerate() {
-        // Photos that later frames need stay in memory.
+        // Photos that later frames need are kept in memory.
         let loaded = synthesizer.load(shot, &shots[index + 1..])?;
         let plan = synthesizer.plan(&loaded)?;
         let frame = synthesizer.render_plan(&loaded, &plan, None)?;
@@ -34,7 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(video.flush()?)
 }
 
-/// Y, Cb and Cr of BT.601, in the limited range that players assume.
+/// Y, Cb and Cr of BT.601, in the limited range that players expect.
 fn write_frame(video: &mut impl Write, picture: &ImageRgb) -> std::io::Result<()> {
     const FROM_RGB: [[f32; 4]; 3] =
         [[16.0, 65.481, 128.553, 24.966], [128.0, -37.797, -74.203, 112.0], [128.0, 112.0, -93.786, -18.214]];

@@ -1,6 +1,7 @@
-//! A still picture: a held-out view of the example scene, from its other photos.
+//! A still picture: a held-out view of the example scene, rendered from its other photos.
 //!
-//! `cargo run --release --example still [-- FOLDER [WIDTH]]`, with ONNX Runtime's library in `ORT_DYLIB_PATH`.
+//! `cargo run --release --example still [-- FOLDER [WIDTH]]`, with ONNX Runtime's library in
+//! `ORT_DYLIB_PATH`.
 
 use std::error::Error;
 use std::path::PathBuf;

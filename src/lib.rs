@@ -1,7 +1,11 @@
-//! New views of a scene from a handful of posed photos: dynamic target-centred multiplane images
-//! ([LiveView, CVPR 2021](https://openaccess.thecvf.com/content/CVPR2021/html/Ghosh_LiveView_Dynamic_Target-Centered_MPI_for_View_Synthesis_CVPR_2021_paper.html)).
-//! The nearest photos are warped onto layers of the target camera, a small network gives each layer its opacity and the weights of the
-//! photos, and the layers are blended and composited. ONNX Runtime runs the network; everything else is native.
+//! New views of a scene from a few posed photos: dynamic target-centred multiplane images
+//! ([LiveView, CVPR 2021]).
+//!
+//! The nearest photos are warped onto layers in front of the target camera, a small network predicts
+//! the opacity of each layer and the weights of the photos, and the layers are blended and composited.
+//! ONNX Runtime runs the network; all other stages are Rust.
+//!
+//! [LiveView, CVPR 2021]: https://openaccess.thecvf.com/content/CVPR2021/html/Ghosh_LiveView_Dynamic_Target-Centered_MPI_for_View_Synthesis_CVPR_2021_paper.html
 //!
 //! # Example
 //!
@@ -16,34 +20,43 @@
 //!
 //! # Main types
 //!
-//! - [`Synthesizer`]: scene, model and layers in one; renders a [`Target`] to a [`Frame`].
+//! - [`Synthesizer`]: a scene, a model and a choice of layers; renders a [`Target`] to a [`Frame`].
 //! - [`Scene`]: posed photos, from a folder in one of five formats.
-//! - [`LayerSpec`]: which layers to render on, as text such as `guided:2` or `planes:64`; [`Layers`] are the layers themselves.
-//! - [`network::PlaneNetwork`]: the trait that a network of another kind implements; [`network::OrtNetwork`] runs the LiveView models.
-//! - [`render::Renderer`]: views, target and layers to a frame, for programs that choose these themselves.
-//! - [`live::LiveSession`]: the same for the time steps of a camera rig, reusing layers from frame to frame.
+//! - [`LayerSpec`]: which layers to render on, as text such as `surface:1` or `planes:64`;
+//!   [`Layers`]: the layers themselves.
+//! - [`network::PlaneNetwork`]: the trait of a network; [`network::OrtNetwork`] runs the LiveView
+//!   models.
+//! - [`render::Renderer`]: views, target and layers → frame, for programs that choose these
+//!   themselves.
+//! - [`live::LiveSession`]: the time steps of a camera rig → frames; layers are reused from frame
+//!   to frame.
 //!
 //! # Conventions
 //!
-//! - Camera axes are OpenCV's: x right, y down, z forward. Poses are `cam_from_world`: X_cam = R X_world + t, in scene units.
+//! - Camera axes are OpenCV's: x right, y down, z forward. Poses are `cam_from_world`: X_cam = R
+//!   X_world + t, in scene units.
 //! - Intrinsics are in pixels. The centre of the pixel in column i, row j is (i + 0.5, j + 0.5).
 //! - Disparity is 1/z in 1/scene unit, 0 at infinity; layers are ordered near → far.
 //! - Matrices are named result_from_input: `source_from_target`, `cam_from_world`.
-//! - Colours are sRGB values in [0, 1], as stored in the photos. Array shapes are `[…, height, width]`.
+//! - Colours are sRGB values in [0, 1], as stored in the photos. Array shapes are `[…, height,
+//!   width]`.
 //! - Cameras and depths are f64; values per pixel are f32.
 //!
 //! # Out of scope
 //!
-//! Training, pose estimation, an interactive viewer (the program has one, `liveview view`), fetching models or libraries at run time, and
-//! extrapolation far beyond the photos. Gloss and reflections are only as good as the nearest photos; pixels that no photo covers are black in a [`Frame`]
-//! ([`image::inpaint_uncovered`] fills them).
+//! Training, pose estimation, an interactive viewer (`liveview view`, a command of the program, is
+//! one), downloading models or libraries at run time, and extrapolation far beyond the photos.
+//! Gloss and reflections are those of the nearest photos. Pixels that no photo covers are black in
+//! a [`Frame`]; [`image::inpaint_uncovered`] fills them.
 //!
 //! # Features
 //!
-//! - `load-dynamic` (default): ONNX Runtime is loaded at run time ([`network::OrtLibrary`]); the library may hold OpenVINO.
-//! - `cuda`, `tensorrt`: these execution providers, for libraries that hold them.
-//! - `surface` (default): `surface:L` layers ([`surface`]) and what needs them, such as [`live`].
-//! - `download-binaries`: ONNX Runtime is fetched and linked at build time instead (without default features).
+//! - `load-dynamic` (default): ONNX Runtime is loaded at run time ([`network::OrtLibrary`]); the
+//!   library may have OpenVINO.
+//! - `cuda`, `tensorrt`: these execution providers, for libraries that have them.
+//! - `surface` (default): `surface:L` layers ([`surface`]), and [`live`], which needs them.
+//! - `download-binaries`: ONNX Runtime is downloaded and linked at build time instead; needs
+//!   `--no-default-features`.
 
 pub mod fs;
 #[cfg(fuzzing)]
@@ -68,18 +81,18 @@ pub mod warp;
 pub use geometry::{Camera, CameraPath, Intrinsics};
 // Photos in, pictures out.
 pub use image::ImageRgb;
-// Options name layers by their text; stages take the layers.
+// Options name layers as text; stages take the layers.
 pub use layers::{LayerSpec, Layers};
 // What rendering returns.
 pub use render::Frame;
 // What a synthesizer opens.
 pub use scene::{Scene, SceneOptions};
-// The high-level interface has no other path.
+// The high-level interface; its module is private.
 pub use synthesizer::{
     DEFAULT_VIEWS, LoadedShot, Model, ModelOptions, Options, Plan, ScenePhotos, SceneViews, Shot, SynthesisError,
     Synthesizer, Target, TargetCamera, Targets,
 };
 #[cfg(feature = "surface")]
 pub use synthesizer::{DepthSource, PhotoCorrection, TargetSurface, ViewDepth};
-// Their types are part of the interface.
+// The interface uses types of these crates.
 pub use {glam, ndarray};

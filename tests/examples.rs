@@ -1,4 +1,4 @@
-//! The examples, each run as its reader runs it, at a small width: the pictures are there and show what they should.
+//! Each example is run at a small width, and its pictures are compared with photos.
 
 mod wheel;
 
@@ -14,9 +14,9 @@ const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 const WIDTH: usize = 168;
 const HEIGHT: usize = 117;
 
-/// Runs an example into a folder of its own, with that library of ONNX Runtime.
+/// Runs an example with that library of ONNX Runtime; its pictures are in the folder returned.
 fn run_with(example: &str, library: &Path) -> TempDir {
-    // `cargo test` puts this test into `deps`, and the examples beside that.
+    // `cargo test` puts this test into `deps`, and the examples into a folder beside it.
     let test = std::env::current_exe().unwrap();
     let built = test.ancestors().nth(2).unwrap().join("examples");
     let program = built.join(format!("{example}{}", std::env::consts::EXE_SUFFIX));
@@ -52,31 +52,33 @@ fn pictures(folder: &TempDir) -> Vec<ImageRgb> {
     pictures
 }
 
-/// Whether these are frames of a steady flight: each is near the one before, and not the same.
+/// Asserts that these are frames of a moving camera: each is similar to the one before, but not
+/// equal.
 fn assert_moves(frames: &[ImageRgb]) {
     for (index, pair) in frames.windows(2).enumerate() {
-        let near = psnr(&pair[0], &pair[1], 0);
-        assert!((12.0..60.0).contains(&near), "frames {index} and {}: {near:.1} dB", index + 1);
+        let similarity = psnr(&pair[0], &pair[1], 0);
+        assert!((12.0..60.0).contains(&similarity), "frames {index} and {}: {similarity:.1} dB", index + 1);
     }
 }
 
-/// Whether this is the workshop's first held-out view: far nearer to its photo than any other photo of the scene is.
-fn assert_shows_the_workshop(out: &TempDir) {
+/// Asserts that this is the first held-out view of the workshop: far closer to its photo than any
+/// other photo is.
+fn assert_is_held_out_view(out: &TempDir) {
     let [picture] = &pictures(out)[..] else { panic!("one picture") };
     let truth = photo("workshop", "target_0");
     let others = (0..7).map(|view| psnr(&photo("workshop", &format!("source_{view}")), &truth, 8));
-    let (near, nearest) = (psnr(picture, &truth, 8), others.fold(0.0, f64::max));
-    println!("{near:.1} dB, the nearest photo {nearest:.1} dB");
-    assert!(near > nearest + 8.0, "{near:.1} dB, the nearest photo {nearest:.1} dB");
+    let (found, nearest) = (psnr(picture, &truth, 8), others.fold(0.0, f64::max));
+    println!("{found:.1} dB, the nearest photo {nearest:.1} dB");
+    assert!(found > nearest + 8.0, "{found:.1} dB, the nearest photo {nearest:.1} dB");
 }
 
 #[test]
-fn still() {
-    assert_shows_the_workshop(&run("still"));
+fn still_shows_the_held_out_view() {
+    assert_is_held_out_view(&run("still"));
 }
 
 #[test]
-fn path() {
+fn path_writes_frames_and_video() {
     let out = run("path");
     let frames = pictures(&out);
     assert_eq!(frames.len(), 12);
@@ -96,19 +98,19 @@ fn path() {
 }
 
 #[test]
-fn live() {
+fn live_renders_every_time_step() {
     let out = run("live");
     let frames = pictures(&out);
-    assert_eq!(frames.len(), 18, "one for each time step of the clip");
-    // Before the hard cut to another place, and after it.
+    assert_eq!(frames.len(), 18, "one per time step of the clip");
+    // Before and after the cut to another place.
     assert_moves(&frames[..11]);
     assert_moves(&frames[11..]);
-    // The sway begins where a camera stands.
-    let near = psnr(&frames[0], &photo("rig", "cam00/0000.jpg"), 8);
-    assert!(near > 35.0, "{near:.2} dB");
+    // The viewpoint begins at the position of a camera.
+    let found = psnr(&frames[0], &photo("rig", "cam00/0000.jpg"), 8);
+    assert!(found > 35.0, "{found:.2} dB");
 }
 
 #[test]
-fn own_network() {
-    assert_shows_the_workshop(&run_with("own_network", Path::new("/nonexistent")));
+fn own_network_needs_no_onnx_runtime() {
+    assert_is_held_out_view(&run_with("own_network", Path::new("/nonexistent")));
 }

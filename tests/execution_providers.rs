@@ -1,7 +1,7 @@
 //! Execution providers other than ONNX Runtime's own, where they are installed: their logits
-//! against float64, on the goldens of `parity/generate.py` (`make test-rust` generates them), within
-//! the bounds of `parity/tolerances.json`. A process can load one library only, hence a file of its
-//! own. Ignored by default; `make test` runs it where OpenVINO is installed.
+//! against float64, on the goldens of `parity/generate.py` (`make test-rust` generates them),
+//! within the bounds of `parity/tolerances.json`. A process can load one library only, hence a file
+//! of its own. Ignored by default; `make test` runs it where OpenVINO is installed.
 
 mod wheel;
 
@@ -36,7 +36,7 @@ fn bound(entry: &str) -> (f64, f64) {
 fn openvino_logits() {
     let library = wheel::load(ExecutionProvider::OpenVino).expect("make runtime-openvino");
     let (most, mean_most) = bound("logits openvino");
-    // Of different sizes: one session serves them all.
+    // One session runs inputs of different sizes.
     for views in [4, 5, 2] {
         let path = folder().join(format!("network_v{views}.onnx"));
         let mut network = OrtNetwork::open(&library, &path, 2).unwrap();

@@ -122,7 +122,7 @@ fn what_cannot_be_measured_is_refused() {
     refused(&["--layers", "guessed:4"], &["guessed:4", "guided:L"]);
     refused(&["--layers", "planes:0"], &["planes:0", "from 1 to 4096"]);
     // Commas separate configurations: a list of disparities falls apart.
-    refused(&["--layers", "list:0.5,0.25"], &["--layers", "\"0.25\" names no layers"]);
+    refused(&["--layers", "list:0.5,0.25"], &["--layers", "\"0.25\" is not a choice of layers"]);
     refused(&["--layers", "guided:2", "--reference", "true"], &["--reference", "planes among --layers"]);
     refused(&["--layers", "planes:2", "--reference", "false"], &["reference", "ended before its time"]);
     refused(&["--layers", "planes:2", "--reference", "no-such-program"], &["no-such-program", "cannot be started"]);

@@ -1,11 +1,12 @@
-//! The padded target, and maps on cells of it.
+//! The padded target, and maps on its cells.
 
 use ndarray::ArrayView2;
 use rayon::prelude::*;
 
 use crate::geometry::Size;
 
-/// The network halves its input three times: heights and widths of its input are multiples of this.
+/// Pixels that the height and the width of the network's input are multiples of: it halves them
+/// three times.
 pub const STRIDE: usize = 8;
 
 /// Target pixels per side of a cell of a map.
@@ -16,9 +17,9 @@ pub fn padded(size: Size) -> Size {
     Size::new(size.width.next_multiple_of(STRIDE), size.height.next_multiple_of(STRIDE))
 }
 
-/// Bilinear enlargement of a map by `factor` into `out`, `width` pixels wide: half-pixel centres, clamped at the edges, as torch's
-/// `interpolate(mode="bilinear", align_corners=False)`. In f64, where the weights (multiples of 1/(2 factor)) are exact: the result
-/// is rounded once.
+/// Enlarges a map bilinearly by `factor` into `out`, `width` pixels wide: half-pixel centres,
+/// clamped at the edges, as torch's `interpolate(mode="bilinear", align_corners=False)`. In f64,
+/// where the weights (multiples of 1/(2 factor)) are exact: the result is rounded once, to f32.
 pub(crate) fn enlarge(map: ArrayView2<'_, f32>, factor: usize, width: usize, out: &mut [f32]) {
     let columns: Vec<_> = (0..width).map(|x| neighbours(x, factor, map.ncols())).collect();
     out.par_chunks_mut(width).enumerate().for_each(|(row, out)| {
@@ -31,9 +32,9 @@ pub(crate) fn enlarge(map: ArrayView2<'_, f32>, factor: usize, width: usize, out
     });
 }
 
-/// The two cells around pixel `at` and the weight of the second.
-fn neighbours(at: usize, factor: usize, cells: usize) -> (usize, usize, f64) {
-    let position = ((at as f64 + 0.5) / factor as f64 - 0.5).max(0.0);
+/// The two cells around a pixel, and the weight of the second.
+fn neighbours(pixel: usize, factor: usize, cells: usize) -> (usize, usize, f64) {
+    let position = ((pixel as f64 + 0.5) / factor as f64 - 0.5).max(0.0);
     let first = (position as usize).min(cells - 1);
     (first, (first + 1).min(cells - 1), position - first as f64)
 }
@@ -45,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_ramp_is_enlarged_to_a_ramp_with_held_edges() {
+    fn enlarged_ramp_is_a_ramp_clamped_at_the_edges() {
         let map = Array2::from_shape_fn((2, 3), |(_, x)| x as f32);
         let mut enlarged = [0.0; 12 * 8];
         enlarge(map.view(), 4, 12, &mut enlarged);

@@ -1,23 +1,28 @@
-//! Selection among planes that compete: those that lie nearest to every pixel's best plane. Not in the paper.
+//! Selection among competing planes: those nearest to the best planes of all pixels. Not in the
+//! paper.
 
 use super::histogram::select_planes;
 
-/// Indices, near → far, of the `count` planes for which the sum over all pixels of the distance, counted in planes, from the pixel's
-/// best plane to the nearest one kept is least: weighted k-medians of the histogram, exact by dynamic programming over the filled bins
-/// (of equals, the nearer). The fullest bins crowd where there is much of one depth and leave whole depths without a plane. Where no
-/// more than `count` bins are filled, as [`select_planes`].
+/// The `count` planes that minimise the sum, over all pixels, of the distance from the best plane
+/// of the pixel to the nearest selected plane; distances are counted in planes. Returns indices,
+/// near → far.
+///
+/// Weighted k-medians of the histogram, exact by dynamic programming over the filled bins (ties:
+/// the nearer). Selecting the fullest bins instead crowds planes at the most frequent depth and
+/// leaves other depths without one. If no more than `count` bins are filled, as [`select_planes`].
 pub fn cover_planes(histogram: &[u64], count: usize) -> Vec<usize> {
     let bins: Vec<usize> = (0..histogram.len()).filter(|&k| histogram[k] > 0).collect();
     if bins.len() <= count || count == 0 {
         return select_planes(histogram, count);
     }
     let place = |b: usize| bins[b] as u64;
-    let (mut total, mut moment) = (vec![0], vec![0]); // Σ votes and Σ votes · place of the bins before
+    let (mut total, mut moment) = (vec![0], vec![0]); // Σ pixels and Σ pixels · place of the bins before
     for b in 0..bins.len() {
         total.push(total[b] + histogram[bins[b]]);
         moment.push(moment[b] + histogram[bins[b]] * place(b));
     }
-    // Sums of distances of the bins from `start` up to the kept one, of those after it, and of those between two kept ones.
+    // Sums of distances: of the bins from `start` up to a selected one, of those after it, and of
+    // those between two selected ones.
     let before =
         |start: usize, kept: usize| place(kept) * (total[kept] - total[start]) - (moment[kept] - moment[start]);
     let after = |kept: usize, end: usize| moment[end] - moment[kept] - place(kept) * (total[end] - total[kept]);
@@ -25,12 +30,12 @@ pub fn cover_planes(histogram: &[u64], count: usize) -> Vec<usize> {
         let middle = bins.partition_point(|&bin| bin <= usize::midpoint(bins[a], bins[b]));
         after(a, middle) + before(middle, b)
     };
-    // least[b]: the least sum over the bins up to b where b is kept, with as many kept as there are rows in `last`, plus one; a row
-    // says for each b which bin was kept before it.
+    // least[b]: the least sum over the bins up to b if b is selected, with one more bin selected
+    // than there are rows in `last`; a row holds for each b the bin that was selected before it.
     let mut least: Vec<u64> = (0..bins.len()).map(|b| before(0, b)).collect();
     let mut last: Vec<Vec<usize>> = Vec::new();
-    for kept in 1..count {
-        let best = |b: usize| (kept - 1..b).map(|a| (least[a] + between(a, b), a)).min().unwrap_or((0, 0)); // never looked at
+    for selected in 1..count {
+        let best = |b: usize| (selected - 1..b).map(|a| (least[a] + between(a, b), a)).min().unwrap_or((0, 0)); // never used
         let row: Vec<(u64, usize)> = (0..bins.len()).map(best).collect();
         last.push(row.iter().map(|&(_, a)| a).collect());
         least = row.into_iter().map(|(cost, _)| cost).collect();
@@ -47,13 +52,13 @@ pub fn cover_planes(histogram: &[u64], count: usize) -> Vec<usize> {
 mod tests {
     use super::*;
 
-    fn lost(histogram: &[u64], kept: &[usize]) -> u64 {
-        let nearest = |k: usize| kept.iter().map(|&plane| plane.abs_diff(k)).min().unwrap() as u64;
+    fn loss(histogram: &[u64], selected: &[usize]) -> u64 {
+        let nearest = |k: usize| selected.iter().map(|&plane| plane.abs_diff(k)).min().unwrap() as u64;
         (0..histogram.len()).map(|k| histogram[k] * nearest(k)).sum()
     }
 
     #[test]
-    fn planes_cover_depths_that_the_fullest_bins_leave_out() {
+    fn selected_planes_cover_depths_that_the_fullest_bins_miss() {
         let histogram = [40, 50, 45, 0, 0, 0, 0, 9, 8, 0];
         assert_eq!(select_planes(&histogram, 2), [1, 2]);
         assert_eq!(cover_planes(&histogram, 2), [1, 7]);
@@ -64,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn no_other_choice_loses_less() {
+    fn selected_planes_are_an_optimum_of_all_choices() {
         let mut state = 1u64;
         for case in 0..60 {
             let planes = 3 + case % 8;
@@ -79,8 +84,8 @@ mod tests {
                 assert!(found.len() == count && found.is_sorted_by(|a, b| a < b), "{found:?}");
                 let choices = (0u32..1 << planes).filter(|bits| bits.count_ones() as usize == count);
                 let kept = |bits: u32| (0..planes).filter(|k| bits >> k & 1 == 1).collect::<Vec<_>>();
-                let least = choices.map(|bits| lost(&histogram, &kept(bits))).min().unwrap();
-                assert_eq!(lost(&histogram, &found), least, "{histogram:?}, {count}: {found:?}");
+                let least = choices.map(|bits| loss(&histogram, &kept(bits))).min().unwrap();
+                assert_eq!(loss(&histogram, &found), least, "{histogram:?}, {count}: {found:?}");
             }
         }
     }

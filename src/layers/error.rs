@@ -4,15 +4,15 @@
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LayersError {
-    /// No layer at all.
+    /// The list has no layer.
     #[error("the list of disparities is empty: expected at least one")]
     Empty,
     /// A disparity that is negative or not finite.
-    #[error("disparity {index} is {value}: expected a number of ordinary size, 0 (infinity) or more")]
+    #[error("disparity {index} is {value}: expected 0 (infinity) or a larger number that f32 holds")]
     NotADisparity {
-        /// Its place in the list.
+        /// Its index in the list.
         index: usize,
-        /// What it is.
+        /// Its value.
         value: f64,
     },
     /// Not sorted near → far.
@@ -20,27 +20,27 @@ pub enum LayersError {
         "disparity {index} ({value}) is nearer than the one before it ({before}): expected descending disparities, near to far"
     )]
     Unsorted {
-        /// Its place in the list.
+        /// Its index in the list.
         index: usize,
-        /// What it is.
+        /// Its value.
         value: f64,
         /// The one before it.
         before: f64,
     },
-    /// Near and far do not span a range of depths.
+    /// Near and far are not a range of depths.
     #[error(
         "near is {near:?} and far is {far:?}: expected 0 < near < far, in scene units, and a 1 / near that f32 holds"
     )]
     Range {
-        /// Nearest depth asked for.
+        /// The nearest depth given, scene units.
         near: f64,
-        /// Farthest depth asked for.
+        /// The farthest depth given, scene units.
         far: f64,
     },
     /// Maps of different shapes.
     #[error("the map of layer {index} has {found:?} cells: expected {expected:?}, like the first")]
     Shape {
-        /// Which layer.
+        /// Index of the layer.
         index: usize,
         /// Its shape.
         found: (usize, usize),

@@ -1,7 +1,8 @@
-//! The paper's plane selection: the K fullest bins of the histogram of per-pixel best planes (section "Plane selection").
+//! The paper's plane selection: the K fullest bins of the histogram of per-pixel best planes
+//! (section "Plane selection").
 
-/// How many pixels have each plane as their best one. `best` is the index of the plane with the largest α per pixel; `None`, where all
-/// α are 0, is not counted.
+/// For each plane, the number of pixels of which it is the best. `best` holds for each pixel the
+/// index of the plane with the largest α; `None`, where all α are 0, is not counted.
 ///
 /// # Panics
 ///
@@ -14,7 +15,8 @@ pub fn plane_histogram(best: impl IntoIterator<Item = Option<usize>>, planes: us
     bins
 }
 
-/// Indices of the `count` fullest bins (ties: the nearer), near → far; all planes if there are no more than that.
+/// Indices of the `count` fullest bins (ties: the nearer), near → far; all planes if there are no
+/// more than that.
 pub fn select_planes(histogram: &[u64], count: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..histogram.len()).collect();
     order.sort_by_key(|&k| (std::cmp::Reverse(histogram[k]), k));
@@ -28,7 +30,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_fullest_bins_win_and_ties_go_to_the_nearer() {
+    fn fullest_bins_are_selected_and_ties_go_to_the_nearer() {
         let bins = plane_histogram([Some(3), Some(1), Some(2), Some(3), None], 5);
         assert_eq!(bins, [0, 1, 1, 2, 0]);
         assert_eq!(select_planes(&bins, 2), [1, 3]);

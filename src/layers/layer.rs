@@ -13,7 +13,8 @@ use super::uniform::uniform_disparities;
 pub enum Layer {
     /// A plane: the same disparity everywhere.
     Plane(f64),
-    /// Disparity per cell of [`CELL`]×[`CELL`] pixels of the padded target, `[h, w]`, interpolated bilinearly.
+    /// Disparity per cell of [`CELL`]×[`CELL`] pixels of the padded target, `[h, w]`, interpolated
+    /// bilinearly.
     Map(Array2<f32>),
     /// Disparity per pixel of the padded target, `[h, w]`, in standard layout: sharp at edges.
     Pixels(Array2<f32>),
@@ -24,11 +25,12 @@ pub enum Layer {
 pub struct Layers(Vec<Layer>);
 
 impl Layers {
-    /// Planes at the given disparities (1/scene unit), descending, in any spacing; 0 is the plane at infinity.
+    /// Planes at these disparities (1/scene unit), in descending order; 0 is the plane at infinity.
     ///
     /// # Errors
     ///
-    /// [`LayersError::Empty`] for none; [`LayersError::NotADisparity`] and [`LayersError::Unsorted`], with the place in the list.
+    /// [`LayersError::Empty`] for none; [`LayersError::NotADisparity`] and
+    /// [`LayersError::Unsorted`], with the index in the list.
     pub fn planes(disparities: &[f64]) -> Result<Self, LayersError> {
         if disparities.is_empty() {
             return Err(LayersError::Empty);
@@ -45,7 +47,8 @@ impl Layers {
         Ok(Self(disparities.iter().map(|&d| Layer::Plane(d)).collect()))
     }
 
-    /// `count` planes evenly spaced in disparity from 1/near to 1/far (the paper's choice); see [`uniform_disparities`].
+    /// `count` planes evenly spaced in disparity from 1/near to 1/far (the paper's choice); see
+    /// [`uniform_disparities`].
     ///
     /// # Errors
     ///
@@ -54,19 +57,20 @@ impl Layers {
         Self::planes(&uniform_disparities(near, far, count)?)
     }
 
-    /// Layers given as maps of disparity (1/scene unit) on the cells of the padded target, `[h, w]` each, of one shape; descending at
-    /// every cell.
+    /// Layers from maps of disparity (1/scene unit) on the cells of the padded target, `[h, w]`
+    /// each, all of one shape, in descending order at every cell.
     ///
     /// # Errors
     ///
-    /// [`LayersError::Empty`] for none; [`LayersError::Shape`], [`LayersError::NotADisparity`] and [`LayersError::Unsorted`].
+    /// [`LayersError::Empty`] for none; [`LayersError::Shape`], [`LayersError::NotADisparity`] and
+    /// [`LayersError::Unsorted`].
     pub fn maps(maps: Vec<Array2<f32>>) -> Result<Self, LayersError> {
         check(&maps)?;
         Ok(Self(maps.into_iter().map(Layer::Map).collect()))
     }
 
-    /// Layers given as maps of disparity (1/scene unit) on the pixels of the padded target, `[h, w]` each, of one shape; descending at
-    /// every pixel. They are never interpolated.
+    /// Layers from maps of disparity (1/scene unit) on the pixels of the padded target, `[h, w]`
+    /// each, all of one shape, in descending order at every pixel. They are never interpolated.
     ///
     /// # Errors
     ///
@@ -84,21 +88,22 @@ impl Layers {
         &self.0
     }
 
-    /// How many there are; at least one.
+    /// The number of layers, at least one.
     #[allow(clippy::len_without_is_empty)]
     pub fn len(&self) -> usize {
         self.0.len()
     }
 }
 
-/// Whether maps are alike in shape, hold disparities, and descend everywhere.
+/// Refuses maps that differ in shape, hold anything but disparities, or are not in descending
+/// order.
 fn check(maps: &[Array2<f32>]) -> Result<(), LayersError> {
     let expected = maps.first().ok_or(LayersError::Empty)?.dim();
     for (index, map) in maps.iter().enumerate() {
         if map.dim() != expected {
             return Err(LayersError::Shape { index, found: map.dim(), expected });
         }
-        // Folds, unlike searches, vectorise: what is wrong is searched for only where something is.
+        // Folds vectorise, searches do not: a wrong value is searched for only if there is one.
         let bad = |value: &&f32| !(**value >= 0.0 && **value < f32::INFINITY);
         if map.iter().fold(false, |any, value| any | bad(&value)) {
             let value = *map.iter().find(bad).expect("one of them");
@@ -114,12 +119,13 @@ fn check(maps: &[Array2<f32>]) -> Result<(), LayersError> {
 }
 
 impl Layer {
-    /// Writes the disparity (1/scene unit) of each pixel of a padded target, `width` pixels wide, to `out` `[height, width]`; in
-    /// parallel.
+    /// Writes the disparity (1/scene unit) of each pixel of a padded target, `width` pixels wide,
+    /// to `out` `[height, width]`; in parallel.
     ///
     /// # Panics
     ///
-    /// If the layer is a map without cells, or one of pixels of another size than `out`, or `width` is 0.
+    /// If the layer is a map without cells, or its pixels are not as many as those of `out`, or
+    /// `width` is 0.
     pub fn fill(&self, width: usize, out: &mut [f32]) {
         match self {
             Self::Plane(disparity) => out.fill(*disparity as f32),
@@ -137,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bad_lists_are_refused_by_name() {
+    fn wrong_layers_are_refused_with_their_index() {
         assert_eq!(Layers::planes(&[]).unwrap_err(), LayersError::Empty);
         assert!(matches!(Layers::planes(&[0.1, 0.2]), Err(LayersError::Unsorted { index: 1, .. })));
         assert!(matches!(Layers::planes(&[f64::NAN]), Err(LayersError::NotADisparity { index: 0, .. })));

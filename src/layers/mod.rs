@@ -1,8 +1,9 @@
 //! Layers: disparity per target pixel, near → far.
 //!
-//! A layer is a plane (constant disparity δ = 1/z, in 1/scene unit: the paper's case) or a smooth map given on a grid of
-//! [`CELL`]×[`CELL`] target pixels and interpolated bilinearly. Layers are ordered near → far *at every pixel*, so that
-//! compositing along a target ray stays exact.
+//! A layer is a plane (constant disparity δ = 1/z, in 1/scene unit: the paper's case), or a map of
+//! disparity: on cells of [`CELL`]×[`CELL`] target pixels, interpolated bilinearly, or on single
+//! pixels. Layers are ordered near → far *at every pixel*, so that compositing along a target ray
+//! is exact.
 
 mod cells;
 mod cover;

@@ -1,11 +1,12 @@
-//! Which layers to render on, as text: the same on the command line, in a model's card, in tables and in JSON.
+//! Which layers to render on, as text: the same on the command line, in model cards, tables and
+//! JSON.
 //!
 //! | text | layers |
 //! |---|---|
 //! | `planes:64` | planes evenly spaced in disparity from near to far (the paper's) |
-//! | `guided:2` | layers that follow the scene, with a range of disparities for each pixel; `guided:2/32`: 32 planes in the first search |
-//! | `surface:2` | layers along the surface that the photos' own depth gives, each view counting only where it sees it |
-//! | `select:16/64` | of 64 planes 16: the paper's selection, those that are most pixels' best, or of competing planes those nearest to every pixel's best; `select:16` is of 64 |
+//! | `guided:2` | layers that divide a range of disparities of each pixel, found by a search at the target; `guided:2/32`: 32 planes in the first search |
+//! | `surface:2` | layers along the surface that the depth of the photos gives, with per-view occlusion |
+//! | `select:16/64` | 16 of 64 planes: the paper's selection, those that are the best of most pixels; of competing planes, those nearest to the best planes of all pixels; `select:16` is `select:16/64` |
 //! | `list:0.5,0.25,0` | planes at these disparities (1/scene unit), near to far: descending |
 
 use std::fmt;
@@ -17,7 +18,7 @@ use super::layer::Layers;
 /// Most layers of one render.
 pub const MAX_LAYERS: usize = 4096;
 
-/// How many planes `select:K` selects from.
+/// Planes that `select:K` selects from.
 const SELECT_FROM: usize = 64;
 
 /// Which layers to render on.
@@ -26,11 +27,12 @@ const SELECT_FROM: usize = 64;
 pub enum LayerSpec {
     /// Planes evenly spaced in disparity.
     Planes(usize),
-    /// Layers that follow the scene.
+    /// Layers that divide a range of disparities of each pixel ([`super::guided`]).
     Guided {
-        /// How many.
+        /// The number of layers.
         layers: usize,
-        /// Planes of the first search; `None`: by the parallax ([`super::guided::GuidedSearch`]).
+        /// Planes of the first search; `None`: chosen by the parallax
+        /// ([`super::guided::GuidedSearch`]).
         coarse_planes: Option<usize>,
     },
     /// Layers along the surface that the depth of the photos gives ([`crate::surface`]).
@@ -43,13 +45,13 @@ pub enum LayerSpec {
         /// Planes that they are selected from.
         from: usize,
     },
-    /// Planes at these disparities, 1/scene unit, near → far; valid ([`Layers::planes`]).
+    /// Planes at these disparities, 1/scene unit, near → far; checked by [`Layers::planes`].
     List(Vec<f64>),
 }
 
-/// Why a text names no layers.
+/// Why a text is not a [`LayerSpec`].
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{text:?} names no layers: {reason}")]
+#[error("{text:?} is not a choice of layers: {reason}")]
 pub struct LayerSpecError {
     /// The text.
     pub text: String,
@@ -58,10 +60,10 @@ pub struct LayerSpecError {
 }
 
 impl LayerSpec {
-    /// The paper's: 16 planes selected from 64.
+    /// The paper's layers: 16 planes selected from 64.
     pub const PAPER: Self = Self::Select { keep: 16, from: SELECT_FROM };
 
-    /// Its kind, as the text begins: `planes`, `guided`, `surface`, `select` or `list`.
+    /// Its kind, the text before the colon: `planes`, `guided`, `surface`, `select` or `list`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Planes(_) => "planes",
@@ -78,7 +80,8 @@ impl LayerSpec {
         !matches!(self.kind(), "guided" | "surface")
     }
 
-    /// Most layers that are rendered at a time: for [`LayerSpec::Select`] those that it selects from.
+    /// The most layers that one render needs: for [`LayerSpec::Select`] the planes that it selects
+    /// from.
     pub fn count(&self) -> usize {
         match self {
             Self::Planes(count) => *count,
@@ -90,7 +93,7 @@ impl LayerSpec {
         }
     }
 
-    /// That many guided layers.
+    /// That many guided layers, with the planes of the first search chosen by the parallax.
     pub fn guided(layers: usize) -> Self {
         Self::Guided { layers, coarse_planes: None }
     }
@@ -116,7 +119,7 @@ fn parse(text: &str) -> Result<LayerSpec, String> {
         #[cfg(feature = "surface")]
         "surface" => LayerSpec::Surface(whole(rest, 1..=MAX_LAYERS)?),
         #[cfg(not(feature = "surface"))]
-        "surface" => return Err("this build is without the cargo feature `surface`".to_owned()),
+        "surface" => return Err("this build lacks the cargo feature `surface`".to_owned()),
         "select" => {
             let (keep, from) = (layers()?, of.map_or(Ok(SELECT_FROM), |of| whole(of, 1..=MAX_LAYERS))?);
             if keep > from {
@@ -138,7 +141,7 @@ fn parse(text: &str) -> Result<LayerSpec, String> {
 fn whole(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {
     let number = text.trim().parse().ok().filter(|number| range.contains(number));
     number.ok_or_else(|| {
-        format!("\"{text}\" is not a number of them; expected a whole number from {} to {}", range.start(), range.end())
+        format!("\"{text}\" is not a count: expected a whole number from {} to {}", range.start(), range.end())
     })
 }
 
@@ -165,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_is_read_again() {
+    fn displayed_spec_parses_to_itself() {
         let texts = ["planes:64", "guided:2", "guided:2/32", "surface:2", "select:16/64", "list:0.5,0.25,0"];
         for text in texts {
             assert_eq!(text.parse::<LayerSpec>().unwrap().to_string(), text);
@@ -175,12 +178,12 @@ mod tests {
     }
 
     #[test]
-    fn errors_say_what_is_wrong() {
+    fn errors_name_the_text_and_what_was_expected() {
         let cases = [
             ("guided", "expected planes:D"),
             ("tiles:3", "expected planes:D"),
             ("planes:0", "whole number from 1 to 4096"),
-            ("planes:8/2", "\"8/2\" is not a number"),
+            ("planes:8/2", "\"8/2\" is not a count"),
             ("guided:2/1", "whole number from 2 to 4096"),
             ("select:9/8", "9 planes cannot be selected from 8"),
             ("list:", "expected at least one"),

@@ -2,8 +2,8 @@
 
 use super::error::LayersError;
 
-/// `count` disparities (1/scene unit) evenly spaced from 1/near to 1/far, near → far; a single one lies in the middle. Depths in scene
-/// units; `far` may be infinite.
+/// `count` disparities (1/scene unit) evenly spaced from 1/near to 1/far, near → far; a single one
+/// lies in the middle. Depths in scene units; `far` may be infinite.
 ///
 /// # Errors
 ///

@@ -1,26 +1,30 @@
-//! What the network's first logit says of a layer.
+//! How the network's first logit becomes the opacity of a layer.
 
 use std::fmt;
 use std::str::FromStr;
 
 use crate::layers::{cover_planes, select_planes};
 
-/// How the layers of a pixel share it, by their logits 0.
+/// How the layers of a pixel share it, given their logits 0.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[non_exhaustive]
 pub enum Alpha {
-    /// The paper's: each layer's α is sigmoid(logit 0), whatever the others', and they are composited front to back.
+    /// The paper's: the α of a layer is sigmoid(logit 0), independent of the other layers, and
+    /// layers are composited front to back.
     #[default]
     Independent,
-    /// As [`Self::Independent`], of planes alone, but the network gives the odds α/(1 − α) of a plane that is followed by a pixel of
-    /// parallax: a plane's odds are these times the pixels to the next one, so that it does not matter how densely planes lie. Not in
-    /// the paper; docs/design-log/planes.md has figures.
+    /// As [`Self::Independent`], for planes only, but sigmoid(logit 0) is the α of a plane that is
+    /// one pixel of parallax in front of the next. The odds α/(1 − α) of a plane are multiplied by
+    /// the pixels of parallax to the next one, so that the opacity of a surface does not depend on
+    /// how densely planes lie. Not in the paper; measured in docs/design-log/planes.md.
     PerPixel {
-        /// The most pixels that count: planes that lie farther apart are as opaque as at that distance. Positive, finite.
+        /// Upper limit of the factor, pixels: planes farther apart than this are as opaque as at
+        /// this distance. Positive, finite.
         most: f64,
     },
-    /// A pixel's weights are the softmax of scale · logit 0 over the layers that cover it, so that faint false layers cannot add up to
-    /// fog. Not in the paper; still an MPI, whose α are each weight over what the nearer ones leave.
+    /// The weights of a pixel are the softmax of scale · logit 0 over the layers that cover it, so
+    /// that faint false surfaces cannot accumulate into haze. Not in the paper. Still an MPI: the α
+    /// of a layer is its weight divided by what the nearer layers leave.
     Competing {
         /// What the logits are multiplied by: positive, finite.
         scale: f64,
@@ -28,17 +32,18 @@ pub enum Alpha {
 }
 
 impl Alpha {
-    /// The scale of competing layers for a network that was not trained for it (measured:
-    /// docs/design-log/planes.md).
+    /// The scale of competing layers for a network that was not trained for them; measured in
+    /// docs/design-log/planes.md.
     pub const UNTRAINED_SCALE: f64 = 2.0;
 
-    /// Whether each layer has an opacity of its own, so that it may hide others.
+    /// Whether each layer has its own opacity, independent of the other layers.
     pub fn is_independent(self) -> bool {
         !matches!(self, Self::Competing { .. })
     }
 
-    /// The `count` planes of a histogram of best planes ([`crate::layers::plane_histogram`]) that serve in place of all, near → far: the
-    /// paper's ([`select_planes`]), or where planes compete [`cover_planes`].
+    /// Indices, near → far, of the `count` planes to keep, given the histogram of best planes
+    /// ([`crate::layers::plane_histogram`]): the paper's choice ([`select_planes`]), or where
+    /// planes compete [`cover_planes`].
     pub fn select_planes(self, histogram: &[u64], count: usize) -> Vec<usize> {
         match self {
             Self::Independent | Self::PerPixel { .. } => select_planes(histogram, count),
@@ -57,7 +62,7 @@ impl fmt::Display for Alpha {
     }
 }
 
-/// An [`Alpha`] as options and model cards name it: without its numbers.
+/// The name of an [`Alpha`] in options and model cards: without its numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AlphaKind {
     /// [`Alpha::Independent`], or [`Alpha::PerPixel`] for a model that was trained for it.

@@ -8,7 +8,7 @@ use super::threads::ThreadsError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NetworkError {
-    /// The file is not a LiveView model, or not one for the input given.
+    /// The file is not a LiveView model, or not one for this input.
     #[error("{path}: {field} is {found}, expected {expected}", path = path.display())]
     Unfit {
         /// The model file.
@@ -28,7 +28,7 @@ pub enum NetworkError {
         /// ONNX Runtime's message.
         reason: String,
     },
-    /// The threads to run it on cannot be made.
+    /// The threads to run it on cannot be started.
     #[error("{path}: cannot be run: {source}", path = path.display())]
     Threads {
         /// The model file.
@@ -36,16 +36,16 @@ pub enum NetworkError {
         /// Why.
         source: ThreadsError,
     },
-    /// More of the output than a stray few is NaN or infinite.
+    /// More than one logit in 10,000 is NaN or infinite.
     #[error(
         "{network}: {count} of {of} logits are NaN or infinite; expected finite numbers (a damaged model, or one for other input)"
     )]
     NotFinite {
-        /// Its name.
+        /// The network's name.
         network: String,
-        /// Logits that are not finite.
+        /// How many logits are not finite.
         count: usize,
-        /// Logits in all.
+        /// How many logits there are in all.
         of: usize,
     },
 }

@@ -10,7 +10,7 @@ use ort::ep::{self, ExecutionProvider as _};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum ExecutionProvider {
-    /// ONNX Runtime's CPU provider, in every build of it.
+    /// ONNX Runtime's CPU provider, which every build of it has.
     #[default]
     Cpu,
     /// Intel's OpenVINO on the CPU (any x86-64), from the wheel `onnxruntime-openvino`.
@@ -47,7 +47,7 @@ impl ExecutionProvider {
     }
 
     /// Whether it can compute float32 weights in bfloat16.
-    pub fn knows_bf16(self) -> bool {
+    pub fn supports_bf16(self) -> bool {
         self == Self::OpenVino
     }
 
@@ -71,14 +71,15 @@ impl ExecutionProvider {
             Self::Cuda => ep::CUDA::is_available(),
             #[cfg(feature = "tensorrt")]
             Self::TensorRt => ep::TensorRT::is_available(),
-            #[allow(unreachable_patterns, reason = "which are left depends on the features")]
+            #[allow(unreachable_patterns, reason = "which providers are left depends on the cargo features")]
             _ => Ok(false),
         }
     }
 
-    /// The provider as a session is configured with it; `None` for ONNX Runtime's CPU provider, which needs no configuration.
+    /// How a session is configured to use it; `None` for ONNX Runtime's CPU provider, which needs
+    /// no configuration.
     pub(super) fn dispatch(self, threads: usize, precision: Precision) -> Option<ExecutionProviderDispatch> {
-        // Used only where a feature adds a provider that takes them.
+        // Used only if a cargo feature adds a provider that takes them.
         let _ = (threads, precision);
         match self {
             Self::Cpu => None,
@@ -88,7 +89,7 @@ impl ExecutionProvider {
             Self::Cuda => Some(ep::CUDA::default().build().error_on_failure()),
             #[cfg(feature = "tensorrt")]
             Self::TensorRt => Some(ep::TensorRT::default().build().error_on_failure()),
-            #[allow(unreachable_patterns, reason = "which are left depends on the features")]
+            #[allow(unreachable_patterns, reason = "which providers are left depends on the cargo features")]
             _ => None,
         }
     }
@@ -100,7 +101,8 @@ impl fmt::Display for ExecutionProvider {
     }
 }
 
-/// OpenVINO's own options go through the provider's `load_config`; its older `num_of_threads` and `precision` cover fewer cases.
+/// OpenVINO's own options go through the provider's `load_config`; its older `num_of_threads` and
+/// `precision` cover fewer cases.
 #[cfg(feature = "load-dynamic")]
 fn openvino(threads: usize, precision: Precision) -> ExecutionProviderDispatch {
     use ep::ArbitrarilyConfigurableExecutionProvider;
@@ -114,7 +116,8 @@ fn openvino(threads: usize, precision: Precision) -> ExecutionProviderDispatch {
     provider.build().error_on_failure()
 }
 
-/// Whether this CPU has the instructions that OpenVINO needs for bfloat16; without them it computes in float32.
+/// Whether this CPU has the instructions that OpenVINO needs for bfloat16; without them it computes
+/// in float32.
 pub fn cpu_has_bf16() -> bool {
     #[cfg(target_arch = "x86_64")]
     {

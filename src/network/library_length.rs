@@ -1,12 +1,12 @@
-//! Refuses truncated library files: the loader maps them all the same, and the process is killed (SIGBUS)
-//! at the first missing page.
+//! Refuses truncated library files: the loader maps them all the same, and the process is killed
+//! (SIGBUS) at the first missing page.
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// Refuses a 64-bit little-endian ELF file that ends before its section headers do: linkers write these
-/// last. Other files, and files that cannot be read, are left to the loader.
+/// Refuses a 64-bit little-endian ELF file that ends before its section headers do: linkers write
+/// these last. Other files, and files that cannot be read, are left to the loader.
 pub(super) fn check(path: &Path) -> Result<(), String> {
     let mut header = [0; 64];
     let read = File::open(path).and_then(|mut file| {

@@ -1,6 +1,7 @@
 //! The network: a homography warped volume in, logits out (paper, section "Neural Network").
 //!
-//! [`PlaneNetwork`] is all that the pipeline asks of a network; [`OrtNetwork`] runs a LiveView model with ONNX Runtime.
+//! [`PlaneNetwork`] is the interface; [`OrtNetwork`] runs a LiveView model with ONNX Runtime, and
+//! [`ViewAgreement`] needs no model.
 
 mod alpha;
 mod error;

@@ -1,4 +1,4 @@
-//! The model card: what a model's metadata says about it.
+//! The model card: a model's metadata.
 
 use std::path::Path;
 
@@ -12,17 +12,20 @@ use crate::layers::{LayerSpec, STRIDE};
 pub struct ModelCard {
     /// V, the number of views in its input.
     pub views: usize,
-    /// The layers that it was made for, as a [`crate::layers::LayerSpec`].
+    /// The layers that it was trained for, as the text of a [`LayerSpec`].
     pub recommended_layers: String,
-    /// The kinds of layers that it is for, such as `planes` and `select` ([`LayerSpec::kind`]); empty: all.
+    /// The kinds of layers that it can be used for, such as `planes` and `select`
+    /// ([`LayerSpec::kind`]); empty: all.
     pub layer_kinds: Vec<String>,
     /// How layers were composited when it was trained.
     pub alpha: AlphaKind,
-    /// The scale of competing layers; `None`: it was not trained for these.
+    /// The scale of competing layers; `None`: it was not trained for them.
     pub alpha_scale: Option<f64>,
-    /// The most pixels of parallax that count between independent planes; `None`: it was not trained for [`Alpha::PerPixel`].
+    /// The upper limit of [`Alpha::PerPixel`], pixels of parallax; `None`: it was not trained for
+    /// it.
     pub alpha_spacing: Option<f64>,
-    /// Precision of the weights and of the arithmetic on them: `f32`, or `int8` for a quantised model.
+    /// Precision of the weights and of the arithmetic on them: `f32`, or `int8` for a quantised
+    /// model.
     pub precision: String,
     /// How it was trained, in a line.
     pub training: String,
@@ -31,15 +34,15 @@ pub struct ModelCard {
 }
 
 impl ModelCard {
-    /// How to composite its layers: as it was trained unless `asked` otherwise.
-    pub fn alpha(&self, asked: Option<AlphaKind>) -> Alpha {
-        match asked.unwrap_or(self.alpha) {
+    /// How to composite its layers: as `requested`, by default as it was trained.
+    pub fn alpha(&self, requested: Option<AlphaKind>) -> Alpha {
+        match requested.unwrap_or(self.alpha) {
             AlphaKind::Independent => self.alpha_spacing.map_or(Alpha::Independent, |most| Alpha::PerPixel { most }),
             AlphaKind::Competing => Alpha::Competing { scale: self.alpha_scale.unwrap_or(Alpha::UNTRAINED_SCALE) },
         }
     }
 
-    /// Whether it is for such layers.
+    /// Whether it can be used for these layers.
     pub fn is_for(&self, layers: &LayerSpec) -> bool {
         self.layer_kinds.is_empty() || self.layer_kinds.iter().any(|kind| kind == layers.kind())
     }
@@ -93,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn the_card_says_how_layers_are_composited_unless_asked_otherwise() {
+    fn alpha_of_a_card_is_as_trained_unless_requested_otherwise() {
         let competing = |scale| Alpha::Competing { scale };
         for (entries, expected) in [
             (&[][..], [Alpha::Independent, competing(2.0)]),
@@ -122,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn the_card_names_kinds_of_layers() {
+    fn layer_kinds_of_a_card_limit_its_layers() {
         let card = read(&[("layer_kinds", "planes, select")]).unwrap();
         let is_for = |layers: &str| card.is_for(&layers.parse().unwrap());
         assert!(is_for("planes:3") && is_for("select:3") && !is_for("guided:2") && !is_for("list:1"));

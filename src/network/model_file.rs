@@ -1,6 +1,8 @@
-//! Finding model files: `liveview_v{V}.onnx` and the quantised `liveview_v{V}_int8.onnx`, one of each per number of views V, and beside
-//! them, if there are any, the models for planes: `liveview_v{V}_planes.onnx` for those that compete, `liveview_v{V}_planes_paper.onnx` for
-//! those that do not, and their `_int8.onnx`.
+//! Finding model files: `liveview_v{V}.onnx` and the quantised `liveview_v{V}_int8.onnx`, one of
+//! each per number of views V.
+//!
+//! There may also be models for planes: `liveview_v{V}_planes.onnx` for competing planes,
+//! `liveview_v{V}_planes_paper.onnx` for independent ones, and their `_int8.onnx`.
 
 use std::path::{Path, PathBuf};
 
@@ -10,18 +12,18 @@ use super::alpha::AlphaKind;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("no model for {views} views: liveview_v{views}{ending} is not in {looked_in}; there, {found}", looked_in = folder_list(looked_in), found = found_text(found))]
 pub struct ModelNotFound {
-    /// V asked for.
+    /// The number of views V that was requested.
     pub views: usize,
-    /// The ending of such a model's file name.
+    /// The ending of the file name that was searched for.
     pub ending: &'static str,
     /// The folders, in the order of the search.
     pub looked_in: Vec<PathBuf>,
-    /// V of the models of that ending in them.
+    /// V of the models in these folders whose names have this ending.
     pub found: Vec<usize>,
 }
 
-/// The default folders of models: that of the environment variable `LIVEVIEW_MODELS` if it is set, else a `models` folder beside the
-/// running program or up to three folders above it.
+/// The default folders of models: the one named by the environment variable `LIVEVIEW_MODELS` if it
+/// is set, else a `models` folder beside the running program or up to three folders above it.
 pub fn model_folders() -> Vec<PathBuf> {
     if let Some(named) = std::env::var_os("LIVEVIEW_MODELS").filter(|v| !v.is_empty()) {
         return vec![named.into()];
@@ -30,12 +32,13 @@ pub fn model_folders() -> Vec<PathBuf> {
     program.ancestors().skip(1).take(4).map(|folder| folder.join("models")).collect()
 }
 
-/// The model file for `views` views in the first of the folders that has it, the `quantized` one (int8) if asked for; for planes, given
-/// how these share a pixel, the one made for that, if any folder has one.
+/// The model file for `views` views in the first folder that has it; `quantized`: the int8 model.
+/// For planes, `planes` is how they share a pixel: the model trained for that, if any folder has
+/// one, else the general model.
 ///
 /// # Errors
 ///
-/// [`ModelNotFound`], with the folders and the V that exist.
+/// [`ModelNotFound`], with the folders and the V of the models in them.
 pub fn find_model(
     folders: Vec<PathBuf>,
     views: usize,
@@ -82,7 +85,7 @@ fn folder_list(folders: &[PathBuf]) -> String {
 
 fn found_text(found: &[usize]) -> String {
     if found.is_empty() {
-        return "no model at all".to_owned();
+        return "no model".to_owned();
     }
     let found = found.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
     format!("models for V = {found}")
@@ -93,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_folder_with_the_model_counts_and_an_error_lists_what_there_is() {
+    fn first_folder_with_the_model_is_used_and_an_error_lists_the_models_found() {
         let root = tempfile::tempdir().unwrap();
         let folders = ["a", "b", "absent"].map(|name| root.path().join(name));
         for (folder, file) in [

@@ -18,8 +18,8 @@ use super::threads::check_threads;
 use crate::fs::bounded;
 use crate::layers::LayerSpec;
 
-/// Largest model file that is opened, in bytes: a hundred times the paper's network. A model with weights in separate files (ONNX
-/// external data) is refused.
+/// Largest model file that is opened, bytes: a hundred times the paper's network. A model with
+/// weights in separate files (ONNX external data) is refused.
 const MAX_MODEL_BYTES: u64 = 256 << 20;
 
 /// A LiveView model run by ONNX Runtime.
@@ -37,24 +37,27 @@ impl fmt::Debug for OrtNetwork {
 }
 
 impl OrtNetwork {
-    /// Opens the ONNX model at `path` on `threads` threads, in its own precision. Its input is `hwv` `[n, 3V, h, w]`, its output
-    /// `logits` `[n, V, h, w]`, f32, n, h and w free.
+    /// Opens the ONNX model at `path` on `threads` threads, in its own precision. Its input is
+    /// `hwv` `[n, 3V, h, w]`, its output `logits` `[n, V, h, w]`, f32, n, h and w free.
     ///
     /// # Errors
     ///
-    /// [`NetworkError::Unfit`] if the size, the metadata, the inputs or the outputs are not a LiveView model's, naming what differs;
-    /// [`NetworkError::OnnxRuntime`] if there is no such file, or ONNX Runtime refuses it; [`NetworkError::Threads`] if the threads cannot
-    /// be made.
+    /// [`NetworkError::Unfit`] if the size, the metadata, the inputs or the outputs are not those
+    /// of a LiveView model, naming what differs; [`NetworkError::OnnxRuntime`] if there is no such
+    /// file, or ONNX Runtime refuses it; [`NetworkError::Threads`] if the threads cannot be
+    /// started.
     pub fn open(library: &OrtLibrary, path: &Path, threads: usize) -> Result<Self, NetworkError> {
         Self::open_in(Precision::F32, library, path, threads)
     }
 
-    /// As [`OrtNetwork::open`], with float32 arithmetic replaced by `precision`. [`Precision::Bf16`] needs
-    /// [`ExecutionProvider::OpenVino`]; a CPU without the instructions ([`crate::network::cpu_has_bf16`]) computes in float32.
+    /// As [`OrtNetwork::open`], with float32 arithmetic replaced by `precision`.
+    /// [`Precision::Bf16`] needs [`ExecutionProvider::OpenVino`]; a CPU without the instructions
+    /// ([`crate::network::cpu_has_bf16`]) computes in float32.
     ///
     /// # Errors
     ///
-    /// As [`OrtNetwork::open`]; [`NetworkError::OnnxRuntime`] for a precision that the execution provider does not have.
+    /// As [`OrtNetwork::open`]; [`NetworkError::OnnxRuntime`] for a precision that the execution
+    /// provider does not support.
     pub fn open_in(
         precision: Precision,
         library: &OrtLibrary,
@@ -69,9 +72,9 @@ impl OrtNetwork {
         if bytes > MAX_MODEL_BYTES {
             return Err(unfit(path, "the size", format!("{bytes} bytes"), format!("at most {MAX_MODEL_BYTES}")));
         }
-        if precision == Precision::Bf16 && !library.provider().knows_bf16() {
+        if precision == Precision::Bf16 && !library.provider().supports_bf16() {
             return Err(failed(format!(
-                "bf16 is for the failed {}, and this is the failed {}",
+                "bf16 needs the execution provider {}; this is {}",
                 ExecutionProvider::OpenVino,
                 library.provider()
             )));
@@ -87,7 +90,7 @@ impl OrtNetwork {
         Ok(Self { session, path: path.to_path_buf(), card, run_options })
     }
 
-    /// Refuses layers that the model is not for.
+    /// Refuses layers that the model cannot be used for.
     pub(crate) fn check_layers(&self, layers: &LayerSpec) -> Result<(), NetworkError> {
         if self.card.is_for(layers) {
             return Ok(());
@@ -120,7 +123,8 @@ impl PlaneNetwork for OrtNetwork {
         let path = &self.path;
         let failed = |e: ort::Error| NetworkError::OnnxRuntime { path: path.clone(), reason: e.to_string() };
         let input = TensorRef::from_array_view(hwv).map_err(failed)?;
-        // Not IoBinding: ort 2.0.0-rc.15 copies a bound input through another session, and deadlocks in it.
+        // Not IoBinding: ort 2.0.0-rc.15 copies a bound input through another session, and
+        // deadlocks in it.
         let outputs =
             self.session.run_with_options(ort::inputs!["hwv" => input], &*self.run_options).map_err(failed)?;
         let found = outputs["logits"].try_extract_array::<f32>().map_err(failed)?;
@@ -154,17 +158,19 @@ fn build(library: &OrtLibrary, path: &Path, threads: usize, precision: Precision
     let builder = Session::builder(&library.environment).map_err(text)?;
     let builder = builder.with_intra_threads(threads).map_err(|e| e.to_string())?;
     let builder = builder.with_inter_threads(1).map_err(|e| e.to_string())?;
-    // The warp and the blend run on the same cores: idle threads of ONNX Runtime must not spin on them.
+    // The warp and the blend run on the same cores: idle threads of ONNX Runtime must not spin on
+    // them.
     let mut builder = builder.with_intra_op_spinning(false).map_err(|e| e.to_string())?;
     if let Some(provider) = library.provider().dispatch(threads, precision) {
         builder = builder.with_execution_providers([provider]).map_err(|e| e.to_string())?;
         if library.provider() == ExecutionProvider::OpenVino {
-            // OpenVINO can run the whole graph; a part that fell back to ONNX Runtime's CPU provider would go unnoticed.
+            // OpenVINO can run the whole graph; a part that fell back to ONNX Runtime's CPU
+            // provider would go unnoticed.
             builder = builder.with_disable_cpu_fallback().map_err(|e| e.to_string())?;
         }
     }
-    // Weights in separate files, which the size limit does not count, are searched for in a folder that cannot exist: below the model
-    // file.
+    // The size limit does not count weights in separate files: ONNX Runtime is made to look for
+    // these in a folder that cannot exist, below the model file.
     let nowhere = path.to_string_lossy();
     let mut builder = builder
         .with_config_entry("session.model_external_initializers_file_folder_path", nowhere)
@@ -177,23 +183,23 @@ fn named(outlets: &[Outlet]) -> Vec<(&str, &ValueType)> {
     outlets.iter().map(|outlet| (outlet.name(), outlet.dtype())).collect()
 }
 
-/// Refuses inputs or outputs other than the one `wanted`, f32 `[n, channels, h, w]`.
+/// Refuses inputs or outputs unless they are one named `expected`, f32 `[n, channels, h, w]`.
 pub(crate) fn check_outlets(
     path: &Path,
     outlets: &[(&str, &ValueType)],
-    wanted: &str,
+    expected: &str,
     channels: usize,
 ) -> Result<(), NetworkError> {
     if let [(name, dtype)] = outlets
-        && *name == wanted
+        && *name == expected
         && has_shape(dtype, channels)
     {
         return Ok(());
     }
     let found =
         outlets.iter().map(|(name, dtype)| format!("{name} {}", describe(dtype))).collect::<Vec<_>>().join(", ");
-    let field = if wanted == "hwv" { "the input" } else { "the output" };
-    Err(unfit(path, field, found, format!("{wanted} f32 [n, {channels}, h, w] with n, h and w free")))
+    let field = if expected == "hwv" { "the input" } else { "the output" };
+    Err(unfit(path, field, found, format!("{expected} f32 [n, {channels}, h, w] with n, h and w free")))
 }
 
 fn has_shape(dtype: &ValueType, channels: usize) -> bool {

@@ -17,46 +17,47 @@ pub enum OrtLibraryError {
     /// No library file was found.
     #[error("no ONNX Runtime library with the execution provider {provider} was found (looked in {looked_in})")]
     NotFound {
-        /// The provider asked for.
+        /// The requested provider.
         provider: ExecutionProvider,
-        /// The places that were searched, in words.
+        /// The places that were searched, as text.
         looked_in: String,
     },
-    /// A library was named, or found, and could not be loaded.
-    #[error("{path}: not a usable ONNX Runtime library (version 1.24 or later is expected): {reason}", path = path.display())]
+    /// A library was given, or found, and could not be loaded.
+    #[error("{path}: not a usable ONNX Runtime library (expected version 1.24 or later): {reason}", path = path.display())]
     NotUsable {
         /// The file.
         path: PathBuf,
         /// The loader's message.
         reason: String,
     },
-    /// The library does not have the provider asked for.
+    /// The library does not have the requested provider.
     #[error("{path}: this ONNX Runtime library has no execution provider {provider}", path = path.display())]
     NoProvider {
         /// The file.
         path: PathBuf,
-        /// The provider asked for.
+        /// The requested provider.
         provider: ExecutionProvider,
     },
-    /// This build does not have the provider asked for.
+    /// This build does not have the requested provider.
     #[error("the execution provider {provider} is not compiled in: build with the cargo feature `{feature}`")]
     NotCompiled {
-        /// The provider asked for.
+        /// The requested provider.
         provider: ExecutionProvider,
         /// The feature it needs.
         feature: &'static str,
     },
-    /// This process already runs another library.
+    /// This process has already loaded another library.
     #[error("{asked}: this process already loaded {loaded}, and can load only one", asked = asked.display(), loaded = loaded.display())]
     AlreadyLoaded {
-        /// The file asked for.
+        /// The requested file.
         asked: PathBuf,
         /// The file in use.
         loaded: PathBuf,
     },
 }
 
-/// A loaded ONNX Runtime library, and which of its execution providers to use. Clones share the library.
+/// A loaded ONNX Runtime library, and which of its execution providers to use. Clones share the
+/// library.
 #[derive(Clone)]
 pub struct OrtLibrary {
     pub(super) environment: Environment,
@@ -74,14 +75,15 @@ impl fmt::Debug for OrtLibrary {
 static LOADED: Mutex<Option<OrtLibrary>> = Mutex::new(None);
 
 impl OrtLibrary {
-    /// Loads the library at `path` if given, else at the environment variable `ORT_DYLIB_PATH`, else from the system's library folders,
-    /// to compute on `provider`. A process can load only one library. With the cargo feature `download-binaries` in place of
-    /// `load-dynamic` the library is linked at build time, and `path` must be `None`.
+    /// Loads the library at `path` if given, else at the environment variable `ORT_DYLIB_PATH`,
+    /// else from the system's library folders, to compute on `provider`. A process can load only
+    /// one library. With the cargo feature `download-binaries` in place of `load-dynamic` the
+    /// library is linked at build time, and `path` must be `None`.
     ///
     /// # Errors
     ///
-    /// [`OrtLibraryError`] if there is no library, it cannot be loaded, it or this build lacks the provider, or another one is loaded
-    /// already.
+    /// [`OrtLibraryError`] if there is no library, it cannot be loaded, it or this build lacks the
+    /// provider, or another one is loaded already.
     pub fn load(provider: ExecutionProvider, path: Option<&Path>) -> Result<Self, OrtLibraryError> {
         if let Some(feature) = provider.missing_feature() {
             return Err(OrtLibraryError::NotCompiled { provider, feature });

@@ -1,4 +1,5 @@
-//! Whether threads can be made, tried before ONNX Runtime makes its own: where it gets only some of them, it waits for ever.
+//! Whether threads can be started, tried before ONNX Runtime starts its own: if it gets only some
+//! of them, it waits for ever.
 
 use std::io;
 use std::sync::{Mutex, PoisonError};
@@ -7,23 +8,23 @@ use std::thread::{self, Builder};
 /// Most threads that a network is run on.
 pub const MAX_THREADS: usize = 256;
 
-/// Of one thread: what most systems give it, so that a limit of address space is met here and not later.
+/// Stack of one thread, bytes: the usual default, so that a limit of address space is met here.
 const STACK_BYTES: usize = 8 << 20;
 
-/// Threads that cannot be made.
+/// Why threads cannot be started.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ThreadsError {
     /// More than [`MAX_THREADS`].
     #[error("{0} threads; expected 1 to {MAX_THREADS}")]
     TooMany(usize),
-    /// The system refused to make them.
+    /// The system refused to start them.
     #[error(
         "of {asked} threads only {started} can be started: {source}; expected fewer threads, or a higher limit of processes \
          (ulimit -u, a container's pids.max) or of address space (ulimit -v)"
     )]
     Refused {
-        /// Threads asked for.
+        /// Threads requested.
         asked: usize,
         /// How many of them were started.
         started: usize,
@@ -32,7 +33,7 @@ pub enum ThreadsError {
     },
 }
 
-/// Starts `count` threads at once, and ends them.
+/// Starts `count` threads at the same time, and ends them.
 ///
 /// # Errors
 ///
@@ -59,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_number_of_threads_beyond_reason_is_refused() {
+    fn zero_threads_or_too_many_are_refused() {
         assert!(check_threads(2).is_ok());
         for count in [0, MAX_THREADS + 1, usize::MAX] {
             assert_eq!(check_threads(count).unwrap_err().to_string(), format!("{count} threads; expected 1 to 256"));

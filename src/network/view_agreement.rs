@@ -6,9 +6,11 @@ use rayon::prelude::*;
 use super::error::NetworkError;
 use super::plane_network::PlaneNetwork;
 #[cfg(feature = "surface")]
+#[cfg(feature = "surface")]
 use crate::layers::LayerSpec;
 
-/// Sum over the channels of the squared difference of colours that agree by half: 0.08 in each.
+/// Sum over the channels of the squared difference of two colours whose agreement is 1/2: 0.08 in
+/// each channel.
 const HALF_AGREEMENT: f32 = (3.0 * 0.08 * 0.08_f64) as f32;
 
 /// Logit of full agreement.
@@ -122,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn views_that_agree_count_alike_and_one_that_does_not_counts_less() {
+    fn logits_of_agreeing_views_are_equal_and_of_a_differing_view_lower() {
         assert_eq!(logits(&[0.5; 4]), [STRENGTH, 0.0, 0.0, 0.0]);
         let found = logits(&[0.5, 0.5, 0.58, 0.5]);
         assert!((found[2] - STRENGTH * (2.5 - 3.5) / 4.0).abs() < 1e-5, "{found:?}");
@@ -131,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn views_without_a_colour_have_no_say() {
+    fn black_views_are_left_out() {
         assert_eq!(logits(&[0.5, 0.0, 0.5])[..], [STRENGTH, -STRENGTH, 0.0]);
         assert_eq!(logits(&[0.0; 3]), [0.0; 3]);
         assert_eq!(logits(&[0.7]), [STRENGTH]);

@@ -1,19 +1,23 @@
 //! Network output → α and colour of a layer (paper: "Rendering the MPI").
 //!
-//! α = sigmoid(logit 0), logit 0 shifted where opacity is per pixel of parallax (`spacing.rs`). The view weights are softmax(0, logit 1 …
-//! logit V−1), the implicit zero being the nearest view's, times d_min/d_i (the paper's normalisation by distance, made free of units; to
-//! a power of 1.5 where views count only where they see); the colour is normalised by coverage, so that a view that does not see a pixel
-//! does not darken it. All in the log domain over the views that cover the pixel: neither extreme logits nor extreme distances ever give
-//! 0/0.
+//! α = sigmoid(logit 0 + shift), where the shift makes opacity relative to the parallax between
+//! planes (`spacing.rs`). The view weights are softmax(0, logit 1 … logit V−1) · (d_min/d_i)^p: the
+//! implicit zero is the logit of the nearest view, and d is the distance of a view to the target.
+//! This is the paper's normalisation by distance, made independent of the unit of length; p is 1,
+//! or 1.5 with per-view occlusion. The colour is normalised by coverage, so that a view that does
+//! not cover a pixel does not darken it.
+//!
+//! All of it is computed in the log domain over the views that cover the pixel: neither extreme
+//! logits nor extreme distances give 0/0.
 
 use std::ops::Range;
 
 use super::exp::{exp, exp_f64};
 use crate::warp::{RUN, RunCoverage};
 
-/// Power of (d_min/d_i) with per-view occlusion. Views then differ by the error of the depth that
-/// places them, which grows with their distance. Worth 0.12 dB by distance alone, nothing with a
-/// network (docs/design-log/surface-layers.md).
+/// Power of (d_min/d_i) with per-view occlusion: the views that remain differ mainly by the error
+/// that their depth makes in pixels, which grows with the distance. Gains 0.12 dB when views are
+/// weighted by distance alone, nothing with a network (docs/design-log/surface-layers.md).
 pub(super) const OCCLUSION_DISTANCE_POWER: f64 = 1.5;
 
 /// Factors of the view weights, from the distances of the views to the target.
@@ -21,13 +25,14 @@ pub(super) const OCCLUSION_DISTANCE_POWER: f64 = 1.5;
 pub struct DistanceWeights {
     /// log of the factor.
     bias: Vec<f32>,
-    /// 1 where d_i = 0, else 0: such a view takes all the weight where it sees anything.
+    /// 1 where d_i = 0, else 0: such a view has all the weight where it covers a pixel.
     coincident: Vec<f32>,
 }
 
 impl DistanceWeights {
-    /// From the distance of each view's centre to the target's, scene units. Where one is 0, d_min is the least of the others,
-    /// which serve the pixels that the coincident view does not cover.
+    /// From the distance of each view's centre to the target's, scene units. A view at distance 0
+    /// has all the weight where it covers a pixel; d_min is the least distance of the others, which
+    /// are used elsewhere.
     pub fn new(distances: &[f64]) -> Self {
         Self::with_power(distances, 1.0)
     }
@@ -35,7 +40,7 @@ impl DistanceWeights {
     /// As [`Self::new`], but the factors are (d_min/d_i)^power.
     pub fn with_power(distances: &[f64], power: f64) -> Self {
         let nearest = distances.iter().copied().filter(|&d| d > 0.0).fold(f64::INFINITY, f64::min);
-        // The logarithm of the quotient: a scene scaled by a power of two has the same bits.
+        // The logarithm of the quotient: scaling a scene by a power of two does not change a bit.
         let bias = |&d: &f64| if d > 0.0 { (power * (nearest / d).max(f64::MIN_POSITIVE).ln()) as f32 } else { 0.0 };
         let coincident = |&d: &f64| f32::from(u8::from(d == 0.0));
         Self { bias: distances.iter().map(bias).collect(), coincident: distances.iter().map(coincident).collect() }
@@ -51,42 +56,45 @@ pub struct LayerSamples<'a> {
     pub colour: &'a [f32],
     /// Coverage of each sample, `[V, pixels]`, in [0, 1].
     pub coverage: &'a [f32],
-    /// Added to logit 0: the logarithm of the layer's spacing where [`crate::network::Alpha::PerPixel`] asks for it, else 0.
+    /// Added to logit 0: with [`crate::network::Alpha::PerPixel`] the logarithm of the parallax to
+    /// the next plane, pixels, else 0.
     pub logit_shift: f64,
 }
 
-/// A run of a layer's pixels: α and colour.
+/// α and colour of consecutive pixels of a layer.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Blended {
     /// Opacity in [0, 1]; 0 where no view covers the pixel.
     pub alpha: Vec<f32>,
-    /// Colour in [0, 1] per channel, straight (not multiplied by α).
+    /// Colour per channel, in [0, 1], not multiplied by α.
     pub rgb: [Vec<f32>; 3],
     /// Whether any view covers the pixel.
     pub covered: Vec<bool>,
 }
 
 impl Blended {
-    /// Room for `pixels`.
+    /// Buffers for that many pixels.
     pub fn new(pixels: usize) -> Self {
         Self { alpha: vec![0.0; pixels], rgb: std::array::from_fn(|_| vec![0.0; pixels]), covered: vec![false; pixels] }
     }
 }
 
-/// Pixels computed side by side: enough that the compiler keeps loops over them as loops, and vectorises them.
+/// Pixels computed together: enough that the compiler keeps loops over them as loops, and
+/// vectorises them.
 const LANES: usize = 128;
 
 impl DistanceWeights {
-    /// Blends the pixels of a layer from pixel `from` on, as many as `out` holds.
+    /// Blends as many pixels of a layer as `out` holds, beginning with pixel `from`.
     ///
     /// # Panics
     ///
-    /// If the samples hold fewer pixels. They are of as many views as there are distances.
+    /// If the samples hold fewer pixels, or are not of as many views as there are distances.
     pub fn blend(&self, samples: &LayerSamples<'_>, from: usize, out: &mut Blended) {
         blend_run(self, samples, from, &[], out);
     }
 
-    /// As [`Self::blend`] for a row. `run_coverage` is what is known about its coverage: for each view, one [`RunCoverage`] per run.
+    /// As [`Self::blend`] for a row. `run_coverage` summarises its coverage: for each view, one
+    /// [`RunCoverage`] per run.
     pub(crate) fn blend_row(
         &self,
         samples: &LayerSamples<'_>,
@@ -97,7 +105,8 @@ impl DistanceWeights {
         blend_run(self, samples, from, run_coverage, out);
     }
 
-    /// Weights and products in f32. Sums and α in f64: in f32 their mean error is that of torch's float32, or a little above.
+    /// Weights and products are f32. Sums and α are f64: in f32 their mean error would be that of
+    /// torch's float32, or slightly above.
     #[inline(always)]
     fn blend_lanes(
         &self,
@@ -108,7 +117,7 @@ impl DistanceWeights {
         run: Range<usize>,
     ) {
         let at = from + run.start;
-        let known = |view: usize| {
+        let summary = |view: usize| {
             let row = run_coverage.get(view).map(|row| &row[run.start / RUN..run.end.div_ceil(RUN)]);
             row.filter(|row| row.iter().all(|run| *run == row[0])).map_or(RunCoverage::Partial, |row| row[0])
         };
@@ -117,16 +126,16 @@ impl DistanceWeights {
         let mut spare = [[0.0; LANES]; 2];
         let [spare, other_spare] = &mut spare;
         let span = |plane: usize| plane * pixels + at..plane * pixels + at + run.len();
-        let mut by_coincident = [0.0; LANES]; // 1 where a coincident view covers the pixel: only such views count there
+        let mut by_coincident = [0.0; LANES]; // 1 where a coincident view covers the pixel: only such views are used there
         for view in (0..views).filter(|&view| self.coincident[view] == 1.0) {
-            let Some(coverage) = covered(known(view), &samples.coverage[span(view)], spare) else { continue };
+            let Some(coverage) = covered(summary(view), &samples.coverage[span(view)], spare) else { continue };
             for i in 0..LANES {
                 by_coincident[i] = if coverage[i] > 0.0 { 1.0 } else { by_coincident[i] };
             }
         }
         let mut best = [f32::NEG_INFINITY; LANES];
         for view in 0..views {
-            let Some(coverage) = covered(known(view), &samples.coverage[span(view)], spare) else { continue };
+            let Some(coverage) = covered(summary(view), &samples.coverage[span(view)], spare) else { continue };
             let logits = if view == 0 { &ZEROS } else { lanes(&samples.logits[span(view)], other_spare) };
             let (bias, coincident) = (self.bias[view], self.coincident[view]);
             for i in 0..LANES {
@@ -138,7 +147,7 @@ impl DistanceWeights {
         let (mut rgb, mut total) = ([[0.0; LANES]; 3], [0.0; LANES]);
         let mut weights = [0.0; LANES];
         for view in 0..views {
-            let Some(coverage) = covered(known(view), &samples.coverage[span(view)], spare) else { continue };
+            let Some(coverage) = covered(summary(view), &samples.coverage[span(view)], spare) else { continue };
             let logits = if view == 0 { &ZEROS } else { lanes(&samples.logits[span(view)], other_spare) };
             let (bias, coincident) = (self.bias[view], self.coincident[view]);
             for i in 0..LANES {
@@ -178,23 +187,24 @@ fn add_products(sums: &mut [f64; LANES], weights: &[f32; LANES], values: &[f32; 
     }
 }
 
-/// The nearest view's logits.
+/// The logits of the nearest view.
 const ZEROS: [f32; LANES] = [0.0; LANES];
 
 /// Full coverage.
 const ONES: [f32; LANES] = [1.0; LANES];
 
-/// Coverage of a run, read only where it is not known; `None` where it is 0 throughout.
+/// Coverage of a run, read from memory only if its summary does not determine it; `None` if it is 0
+/// throughout.
 #[inline(always)]
-fn covered<'a>(known: RunCoverage, coverage: &'a [f32], spare: &'a mut [f32; LANES]) -> Option<&'a [f32; LANES]> {
-    match known {
+fn covered<'a>(summary: RunCoverage, coverage: &'a [f32], spare: &'a mut [f32; LANES]) -> Option<&'a [f32; LANES]> {
+    match summary {
         RunCoverage::None => None,
         RunCoverage::All => Some(&ONES),
         RunCoverage::Partial => Some(lanes(coverage, spare)),
     }
 }
 
-/// The values; where they are fewer than [`LANES`] (the last ones), copied to `spare` and followed by zeros.
+/// The values; if there are fewer than [`LANES`] of them, a copy in `spare` followed by zeros.
 #[inline(always)]
 fn lanes<'a>(values: &'a [f32], spare: &'a mut [f32; LANES]) -> &'a [f32; LANES] {
     if let Ok(values) = values.try_into() {
@@ -205,7 +215,7 @@ fn lanes<'a>(values: &'a [f32], spare: &'a mut [f32; LANES]) -> &'a [f32; LANES]
     spare
 }
 
-/// Plain loops over lanes, compiled for the vector instructions of this processor.
+/// Simple loops over lanes, compiled for the vector instructions of this processor.
 #[pulp::with_simd(blend_run = crate::simd::wide_arch())]
 #[inline(always)]
 fn blend_run_with<'a, S: pulp::Simd>(
@@ -222,8 +232,8 @@ fn blend_run_with<'a, S: pulp::Simd>(
     }
 }
 
-/// a + b in f32, and the rounding error of that (Knuth's two-sum): small differences of large logits, or of those of far views,
-/// are kept.
+/// a + b in f32, and its rounding error (Knuth's two-sum): keeps small differences of large logits,
+/// or of the logits of distant views.
 #[inline(always)]
 fn two_sum(a: f32, b: f32) -> (f32, f32) {
     let sum = a + b;
@@ -231,7 +241,8 @@ fn two_sum(a: f32, b: f32) -> (f32, f32) {
     (sum, (a - (sum - from_b)) + (b - from_b))
 }
 
-/// An infinite logit becomes the largest finite one of its sign, so that the difference of two is not NaN.
+/// Replaces an infinite logit by the largest finite one of its sign, so that the difference of two
+/// is not NaN.
 #[inline(always)]
 fn finite(logit: f32) -> f32 {
     let logit = if logit < f32::MAX { logit } else { f32::MAX };
@@ -239,47 +250,4 @@ fn finite(logit: f32) -> f32 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// One pixel: α, colour and whether it is covered.
-    fn blend(distances: &[f64], logits: &[f32], coverage: &[f32]) -> (f32, [f32; 3], bool) {
-        let grey: Vec<f32> = coverage.iter().enumerate().flat_map(|(v, c)| [c * (v + 1) as f32 / 10.0; 3]).collect();
-        let mut out = Blended::new(1);
-        let samples = LayerSamples { logits, colour: &grey, coverage, logit_shift: 0.0 };
-        DistanceWeights::new(distances).blend(&samples, 0, &mut out);
-        (out.alpha[0], std::array::from_fn(|c| out.rgb[c][0]), out.covered[0])
-    }
-
-    #[test]
-    fn equal_logits_weigh_by_inverse_distance() {
-        let (alpha, rgb, _) = blend(&[1.0, 3.0], &[0.0, 0.0], &[1.0, 1.0]);
-        assert_eq!(alpha, 0.5);
-        assert!((rgb[0] - (0.75 * 0.1 + 0.25 * 0.2)).abs() < 1e-7, "{rgb:?}");
-    }
-
-    #[test]
-    fn a_view_that_sees_little_does_not_darken() {
-        let (_, rgb, _) = blend(&[1.0, 1.0], &[0.0, 0.0], &[1e-6, 0.0]);
-        assert!((rgb[0] - 0.1).abs() < 1e-7, "{rgb:?}");
-    }
-
-    #[test]
-    fn a_coincident_view_takes_all_and_the_others_serve_what_it_does_not_see() {
-        assert_eq!(blend(&[0.0, 1.0], &[0.0, 50.0], &[1.0, 1.0]).1, [0.1; 3]);
-        assert_eq!(blend(&[0.0, 1.0], &[0.0, 50.0], &[0.0, 1.0]).1, [0.2; 3]);
-    }
-
-    #[test]
-    fn extreme_logits_and_distances_stay_finite() {
-        assert_eq!(blend(&[1e-30, 1e30], &[-1e4, 1e4], &[1.0, 1.0]), (0.0, [0.2; 3], true));
-        assert_eq!(blend(&[1e-30, 1.0], &[1e4, -1e4], &[0.0, 1.0]), (1.0, [0.2; 3], true));
-        let infinity = f32::INFINITY;
-        assert_eq!(blend(&[1.0; 3], &[-infinity, infinity, infinity], &[1.0; 3]).1, [0.25; 3]);
-    }
-
-    #[test]
-    fn a_pixel_that_no_view_covers_is_transparent() {
-        assert_eq!(blend(&[1.0, 2.0], &[9.0, 0.0], &[0.0, 0.0]), (0.0, [0.0; 3], false));
-    }
-}
+mod tests;

@@ -1,4 +1,4 @@
-//! Buffers of the layers that go through the pipeline together, from warp to composite.
+//! Buffers of the layers that are processed together, from warp to composite.
 
 use ndarray::{ArrayView3, ArrayView4, ArrayViewMut4, Axis};
 use rayon::prelude::*;
@@ -39,17 +39,18 @@ pub(crate) struct LogitCount {
     pub(crate) not_finite: usize,
 }
 
-/// Buffers for a number of layers, kept from frame to frame. Each slot holds one layer.
+/// Buffers for a number of layers, kept from frame to frame; a slot holds one layer.
 #[derive(Default)]
 pub(crate) struct Buffers {
     views: usize,
-    /// Of the padded target.
+    /// Size of the padded target.
     size: Size,
     disparity: Vec<f32>,
     hwv: Vec<f32>,
     coverage: Vec<f32>,
     run_coverage: Vec<RunCoverage>,
-    /// Which pixels of a run a view sees, by bit; only from warp to [`Self::hide`].
+    /// For each run a bit per pixel, set where the view is not occluded; valid from the warp to
+    /// [`Self::hide_occluded`].
     seen: Vec<u64>,
     logits: Vec<f32>,
 }
@@ -57,19 +58,19 @@ pub(crate) struct Buffers {
 impl Buffers {
     /// Bytes for `layers` layers of `views` views on a padded target of that size.
     pub(crate) fn bytes(layers: usize, views: usize, size: Size) -> usize {
-        // Disparity; of each view colour, coverage and a logit.
+        // Disparity, and of each view colour, coverage and a logit.
         let run = size_of::<RunCoverage>() + size_of::<u64>();
         layers * (size.pixels() * size_of::<f32>() * (1 + 5 * views) + views * run_coverage_len(size) * run)
     }
 
-    /// Bytes that it has.
+    /// Bytes that are allocated.
     fn held(&self) -> usize {
         let values = [&self.disparity, &self.hwv, &self.coverage, &self.logits].map(Vec::capacity);
         let runs = self.run_coverage.capacity() * size_of::<RunCoverage>() + self.seen.capacity() * size_of::<u64>();
         values.iter().sum::<usize>() * size_of::<f32>() + runs
     }
 
-    /// Room for `layers` layers of `views` views on a padded target of that size.
+    /// Makes room for `layers` layers of `views` views on a padded target of that size.
     pub(crate) fn make_room(&mut self, layers: usize, views: usize, size: Size) -> Result<(), MemoryError> {
         let more = Self::bytes(layers, views, size).saturating_sub(self.held());
         if more > 0 {
@@ -77,7 +78,7 @@ impl Buffers {
         }
         let (pixels, runs) = (layers * size.pixels(), layers * views * run_coverage_len(size));
         if (self.views, self.size, self.run_coverage.len()) == (views, size, runs) {
-            return Ok(()); // what is known of the coverage goes on to be so
+            return Ok(()); // the run coverage stays valid
         }
         (self.views, self.size) = (views, size);
         self.disparity.resize(pixels, 0.0);
@@ -90,27 +91,28 @@ impl Buffers {
         Ok(())
     }
 
-    /// Length of one layer's disparity, coverage and run coverage.
+    /// Lengths of the disparity, the coverage and the run coverage of one layer.
     fn lengths(&self) -> [usize; 3] {
         let pixels = self.size.pixels();
         [pixels, self.views * pixels, self.views * run_coverage_len(self.size)]
     }
 
-    /// Warps the next layers of `waiting`, one per slot, with the views' own depth or without any, and writes their indices to `indices`, slot by slot.
+    /// Warps the next layers of `remaining`, one per slot, and writes their indices to `indices`.
+    /// `own_depth` is that of the views, or empty.
     pub(crate) fn warp<'a>(
         &mut self,
-        waiting: impl Iterator<Item = (usize, &'a Layer)>,
+        remaining: impl Iterator<Item = (usize, &'a Layer)>,
         sources: &[WarpSource<'_>],
-        own: &[OwnDepth<'_>],
+        own_depth: &[OwnDepth<'_>],
         indices: &mut Vec<usize>,
     ) {
         let [pixels, ..] = self.lengths();
         indices.clear();
-        for (disparity, (index, layer)) in self.disparity.chunks_exact_mut(pixels).zip(waiting) {
+        for (disparity, (index, layer)) in self.disparity.chunks_exact_mut(pixels).zip(remaining) {
             layer.fill(self.size.width, disparity);
             indices.push(index);
         }
-        warp_layers_into(sources, own, self.size, &mut self.layers(indices.len()));
+        warp_layers_into(sources, own_depth, self.size, &mut self.layers(indices.len()));
     }
 
     /// The first `n` layers.
@@ -187,7 +189,7 @@ impl Buffers {
         let (views, Size { width, height }) = (self.views, self.size);
         let hwv = ArrayView4::from_shape((n, 3 * views, height, width), &self.hwv[..n * 3 * samples]);
         let logits = ArrayViewMut4::from_shape((n, views, height, width), &mut self.logits[..n * samples]);
-        let (hwv, mut logits) = (hwv.expect("sized alike"), logits.expect("sized alike"));
+        let (hwv, mut logits) = (hwv.expect("of one size"), logits.expect("of one size"));
         let batches = hwv.axis_chunks_iter(Axis(0), batch).zip(logits.axis_chunks_iter_mut(Axis(0), batch));
         batches.into_iter().try_for_each(|(hwv, logits)| network.infer(hwv, logits))?;
         let logits = &self.logits[..n * samples];
@@ -195,7 +197,8 @@ impl Buffers {
         Ok(LogitCount { logits: logits.len(), not_finite: not_finite.sum() })
     }
 
-    /// The first layers, as many as there are shifts, and their run coverage `[n, V, run_coverage_len]`.
+    /// The first n layers, where n is the number of shifts, and their run coverage `[n, V,
+    /// run_coverage_len]`.
     pub(crate) fn batch<'a>(
         &'a self,
         logit_shifts: &'a [f64],
@@ -206,11 +209,11 @@ impl Buffers {
         let (views, Size { width, height }) = (self.views, self.size);
         let planes = |channels: usize, values: &'a [f32]| {
             let shape = (n, channels, height, width);
-            ArrayView4::from_shape(shape, &values[..n * channels * pixels]).expect("sized alike")
+            ArrayView4::from_shape(shape, &values[..n * channels * pixels]).expect("of one size")
         };
         let disparity = ArrayView3::from_shape((n, height, width), &self.disparity[..n * pixels]);
         let batch = Batch {
-            disparity: disparity.expect("sized alike"),
+            disparity: disparity.expect("of one size"),
             hwv: planes(3 * views, &self.hwv),
             coverage: planes(views, &self.coverage),
             logits: planes(views, &self.logits),
@@ -222,87 +225,4 @@ impl Buffers {
 }
 
 #[cfg(test)]
-mod tests {
-    use glam::{DMat3, DVec2, DVec3};
-
-    use super::*;
-    use crate::geometry::PlaneSweep;
-    use crate::image::ImageRgb;
-    use crate::layers::Layers;
-    use crate::render::blend::{Blended, LayerSamples};
-    use crate::warp::Texture;
-
-    const SIZE: Size = Size::new(400, 40);
-    const PIXELS: usize = SIZE.pixels();
-
-    /// Three planes, of which three views cover all but an edge, a half and nothing: the first view on the left, the second on the
-    /// right, the third everywhere.
-    fn warped() -> Buffers {
-        let values = (0..3 * PIXELS).map(|i| (i % 251) as f32 / 250.0).collect();
-        let texture = Texture::new(&ImageRgb::new(SIZE.width, SIZE.height, values).unwrap());
-        let source = |x, y| {
-            let sweep = PlaneSweep {
-                homography_at_infinity: DMat3::from_translation(DVec2::new(-3.3, 0.2)),
-                epipole: DVec3::new(x, y, 0.0),
-            };
-            WarpSource::new(&texture, sweep)
-        };
-        let mut buffers = Buffers::default();
-        buffers.make_room(3, 3, SIZE).unwrap();
-        let planes = Layers::planes(&[2.0, 1.0, 1e-3]).unwrap();
-        let sources = [source(-210.0, 5.0), source(210.0, -5.0), source(1.0, 0.5)];
-        buffers.warp(planes.as_slice().iter().enumerate(), &sources, &[], &mut Vec::new());
-        buffers
-    }
-
-    #[test]
-    fn what_the_warp_knows_of_the_coverage_leaves_the_blend_the_same_to_the_bit() {
-        let mut buffers = warped();
-        let logit = |i: usize| if i.is_multiple_of(97) { f32::INFINITY } else { (i * 31 % 113) as f32 / 9.0 - 6.0 };
-        buffers.logits.iter_mut().enumerate().for_each(|(i, value)| *value = logit(i));
-        let per_row = run_coverage_len(Size::new(SIZE.width, 1));
-        let mut met = [0; 3];
-        for distances in [[1.0, 2.0, 3.0], [0.0, 1.0, 0.0]] {
-            let weights = DistanceWeights::new(&distances);
-            for layer in 0..3 {
-                let samples = LayerSamples {
-                    logits: &buffers.logits[3 * layer * PIXELS..][..3 * PIXELS],
-                    colour: &buffers.hwv[9 * layer * PIXELS..][..9 * PIXELS],
-                    coverage: buffers.coverage(layer),
-                    logit_shift: 0.0,
-                };
-                for row in 0..SIZE.height {
-                    let of_view = |view: usize| {
-                        &buffers.run_coverage[((3 * layer + view) * SIZE.height + row) * per_row..][..per_row]
-                    };
-                    let run_coverage = [0, 1, 2].map(of_view);
-                    let [mut known, mut unknown] = [(); 2].map(|()| Blended::new(SIZE.width));
-                    weights.blend_row(&samples, row * SIZE.width, &run_coverage, &mut known);
-                    weights.blend(&samples, row * SIZE.width, &mut unknown);
-                    assert_eq!(known, unknown, "{distances:?}, layer {layer}, row {row}");
-                    // The blend takes two runs at once: it reads their coverage unless the same is known of both.
-                    let pairs =
-                        run_coverage.iter().flat_map(|row| row.chunks_exact(2)).filter(|pair| pair[0] == pair[1]);
-                    pairs.for_each(|pair| met[pair[0] as usize] += 1);
-                }
-            }
-        }
-        assert!(met.iter().all(|&pairs| pairs > 20), "{met:?}");
-    }
-
-    #[test]
-    fn a_layer_that_moves_takes_along_what_is_known_of_it() {
-        let mut buffers = warped();
-        let weights = DistanceWeights::new(&[1.0; 3]);
-        let layer = |buffers: &Buffers, slot: usize| {
-            let (batch, run_coverage) = buffers.batch(&[0.0; 3], &weights);
-            let runs = run_coverage.len() / 3;
-            let planes = [batch.hwv, batch.coverage].map(|planes| planes.index_axis_move(Axis(0), slot).to_owned());
-            (planes, batch.disparity.index_axis(Axis(0), slot).to_owned(), run_coverage[slot * runs..][..runs].to_vec())
-        };
-        let (near, far) = (layer(&buffers, 0), layer(&buffers, 2));
-        assert!(near.2 != far.2);
-        buffers.move_layer(2, 0);
-        assert!(layer(&buffers, 0) == far);
-    }
-}
+mod tests;

@@ -1,6 +1,8 @@
-//! Front-to-back compositing, near → far: C = Σ T α c, T ← T (1 − α), with no epsilon inside the product.
+//! Front-to-back compositing, near → far: C = Σ T α c, T ← T (1 − α), with no epsilon inside the
+//! product.
 //!
-//! Sums and T are f64: in f32 their mean error equals that of torch's float32, and exceeds it in some cases.
+//! Sums and T are f64: in f32 their mean error equals that of torch's float32, and exceeds it in
+//! some cases.
 
 use super::blend::Blended;
 
@@ -11,16 +13,17 @@ pub struct Accumulated {
     pub rgb: [Vec<f64>; 3],
     /// Σ T α δ, 1/scene unit.
     pub disparity: Vec<f64>,
-    /// T: Π (1 − α), the share of the light from behind that comes through.
+    /// T = Π (1 − α): the share of the light from behind that the layers transmit.
     pub transmittance: Vec<f64>,
-    /// Largest α so far, which the paper's plane selection counts; of competing layers the largest weight.
+    /// Largest α so far; of competing layers, the largest weight.
     pub best_alpha: Vec<f32>,
-    /// The layer that has it (ties: the nearer); `u32::MAX` while all are 0.
+    /// Index of the layer that has it (ties: the nearer), which the paper's plane selection counts;
+    /// `u32::MAX` if all are 0.
     pub best_layer: Vec<u32>,
 }
 
 impl Accumulated {
-    /// No layer yet, for a row of that many pixels.
+    /// An empty composite for a row of that many pixels.
     pub fn new(pixels: usize) -> Self {
         Self {
             rgb: std::array::from_fn(|_| vec![0.0; pixels]),
@@ -31,14 +34,15 @@ impl Accumulated {
         }
     }
 
-    /// Adds layer `index` at `disparity` (1/scene unit, one per pixel, or more) behind all that were added before. The farthest layer
-    /// is the `background`: its α is 1 wherever any view covers it, so that any subset of planes yields a full image.
+    /// Adds layer `index` behind those added before; `disparity` is 1/scene unit, at least one
+    /// value per pixel. The farthest layer is the `background`: its α is 1 where any view covers
+    /// it, so that any subset of planes yields a complete image.
     pub fn add(&mut self, index: u32, layer: &Blended, disparity: &[f32], background: bool) {
         add_row(self, index, layer, disparity, background);
     }
 }
 
-/// Plain loops over the pixels, compiled for the vector instructions of this processor.
+/// Simple loops over the pixels, compiled for the vector instructions of this processor.
 #[pulp::with_simd(add_row = crate::simd::wide_arch())]
 #[inline(always)]
 fn add_row_with<'a, S: pulp::Simd>(
@@ -78,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn transmittance_worked_by_hand() {
+    fn composite_of_four_layers_equals_the_hand_calculation() {
         let mut row = Accumulated::new(1);
         for (index, alpha) in [0.0, 0.3, 0.8, 0.5].into_iter().enumerate() {
             row.add(index as u32, &layer(alpha, 1.0, true), &[4.0 - index as f32], false);
@@ -91,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn the_background_fills_what_is_left_only_where_it_is_covered() {
+    fn background_is_opaque_only_where_it_is_covered() {
         let mut row = Accumulated::new(1);
         row.add(0, &layer(0.1, 0.5, true), &[1.0], true);
         assert_eq!((row.rgb[0][0], row.transmittance[0]), (0.5, 0.0));

@@ -1,8 +1,11 @@
-//! Competing layers: a pixel's weights are the softmax over the layers that cover it of scale · logit 0 ([`Alpha::Competing`]).
+//! Competing layers: the weights of a pixel are the softmax of scale · logit 0 over the layers that
+//! cover it ([`Alpha::Competing`]).
 //!
-//! One pass in any order of layers and in constant memory, as in online softmax (Milakov and Gimelshein, 2018): the largest logit so
-//! far, and sums of terms e^(scale · (logit − largest)) that shrink where a larger one comes. Sums are f64: their mean error is 1.1e-8,
-//! the rounding to f32, for 16 to 4,096 layers; that of f32 sums grows from 4e-8 to 4e-7, that of compensated ones is 2.2e-8.
+//! One pass over the layers in any order and in constant memory, as in online softmax (Milakov and
+//! Gimelshein, 2018): it keeps the largest logit so far, and sums of terms e^(scale · (logit −
+//! largest)) that are rescaled when a larger one follows. Sums are f64: their mean error is 1.1e-8,
+//! the rounding to f32, for 16 to 4,096 layers; that of f32 sums grows from 4e-8 to 4e-7, that of
+//! compensated sums is 2.2e-8.
 //!
 //! [`Alpha::Competing`]: crate::network::Alpha::Competing
 
@@ -18,26 +21,28 @@ pub struct Competing {
     top: Vec<f32>,
     /// Σ e^(scale · (logit − top)).
     total: Vec<f64>,
-    /// The same sums times colour and disparity. T is 1: no layer hides another.
+    /// Σ e^(scale · (logit − top)) times colour, and times disparity.
     sums: Accumulated,
 }
 
 impl Competing {
-    /// No layer yet, for a row of that many pixels; logits are multiplied by `scale`, positive and finite.
+    /// An empty composite for a row of that many pixels; logits are multiplied by `scale`, positive
+    /// and finite.
     pub fn new(pixels: usize, scale: f64) -> Self {
         let (top, total) = (vec![f32::NEG_INFINITY; pixels], vec![0.0; pixels]);
         Self { scale, top, total, sums: Accumulated::new(pixels) }
     }
 
-    /// Adds layer `index` at `disparity` (1/scene unit): `logits` are the network's logits 0, one per pixel, as many as the row holds or
-    /// more. An infinite one is as the largest finite one of its sign, and one that is not a number as the least: its layer shows only
-    /// where there is no other, as by its own α of 0.
+    /// Adds layer `index` at `disparity` (1/scene unit). `logits` are the network's logits 0, at
+    /// least one per pixel. An infinite logit is replaced by the largest finite one of its sign,
+    /// and NaN by the least finite one: such a layer is visible only where there is no other, as if
+    /// its α were 0.
     pub fn add(&mut self, index: u32, logits: &[f32], layer: &Blended, disparity: &[f32]) {
         add_row(self, index, logits, layer, disparity);
     }
 
-    /// The weighted means: colour, disparity, the layer of the largest weight (ties: the nearer) with that weight, and as T 0 where
-    /// any layer covers the pixel, else 1.
+    /// The weighted means of colour and disparity, and the layer of the largest weight (ties: the
+    /// nearer) with its weight; T is 0 where any layer covers the pixel, else 1.
     pub fn finish(self) -> Accumulated {
         let Self { top, total, sums: mut row, .. } = self;
         for ((((&total, top), best), left), disparity) in
@@ -56,7 +61,7 @@ impl Competing {
     }
 }
 
-/// Plain loops over the pixels, compiled for the vector instructions of this processor.
+/// Simple loops over the pixels, compiled for the vector instructions of this processor.
 #[pulp::with_simd(add_row = crate::simd::arch())]
 #[inline(always)]
 fn add_row_with<'a, S: pulp::Simd>(
@@ -76,7 +81,7 @@ fn add_row_with<'a, S: pulp::Simd>(
     {
         let logit = finite_or_least(logit);
         let above = f64::from(logit) - f64::from(*top);
-        // One exponential serves both: the larger of the two terms is 1.
+        // One exponential is enough: the larger of the two terms is 1.
         let less = exp_f64(-above.abs() * row.scale);
         let leads = above > 0.0;
         (*kept, *term) = if leads { (less, 1.0) } else { (1.0, less) };
@@ -105,7 +110,8 @@ fn finite_or_least(logit: f32) -> f32 {
 mod tests {
     use super::*;
 
-    /// One pixel: layers of (logit, grey, covered), the nearest at disparity 1, the others each half as far from 0.
+    /// One pixel: layers of (logit, grey, covered), the nearest at disparity 1, the others each
+    /// half as far from 0.
     fn composite(scale: f64, layers: &[(f32, f32, bool)]) -> Accumulated {
         let mut row = Competing::new(1, scale);
         for (index, &(logit, grey, covered)) in layers.iter().enumerate() {
@@ -116,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn a_softmax_worked_by_hand() {
+    fn softmax_equals_the_hand_calculation() {
         let row = composite(2.0, &[(0.0, 0.25, true), (9.0, 1.0, false), (0.5 * 3_f32.ln(), 0.75, true)]);
         // Weights 1/4 and 3/4; the layer between covers nothing.
         assert!((row.rgb[1][0] - 0.625).abs() < 1e-7, "{row:?}");
@@ -126,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_layer_covers_stays_empty_and_a_single_layer_takes_all() {
+    fn uncovered_pixel_stays_empty_and_a_single_layer_has_all_weight() {
         let empty = composite(1.0, &[(5.0, 0.0, false), (f32::NAN, 0.0, false)]);
         assert_eq!(empty, Accumulated::new(1));
         for logit in [-1e38, 0.0, f32::INFINITY, f32::NAN] {
@@ -140,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn extremes_ties_and_what_is_no_number() {
+    fn extreme_equal_and_nan_logits_are_composited() {
         let first = |layers: &[(f32, f32, bool)]| composite(4.0, layers).rgb[0][0] as f32;
         let of = |logits: [f32; 3]| first(&[(logits[0], 1.0, true), (logits[1], 0.0, true), (logits[2], 0.0, true)]);
         let infinity = f32::INFINITY;

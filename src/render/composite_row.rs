@@ -15,20 +15,20 @@ const ROWS_TOGETHER: usize = 8;
 
 /// One row of a layer.
 pub(super) struct LayerRow<'a> {
-    /// Its place among all layers, near → far.
+    /// Its index among all layers, near → far.
     pub(super) index: usize,
-    /// Whether it is the farthest.
+    /// Whether it is the farthest layer.
     pub(super) last: bool,
-    /// Logits 0, as many as the row holds or more.
+    /// Logits 0, at least one per pixel.
     pub(super) logits: &'a [f32],
     pub(super) blended: &'a Blended,
-    /// 1/scene unit, as many as the row holds or more.
+    /// Disparity, 1/scene unit, at least one per pixel.
     pub(super) disparity: &'a [f32],
 }
 
 /// Sums over layers for one row of the target.
 pub(super) trait CompositeRow: Send + Sync {
-    /// Adds a layer behind those that were added before.
+    /// Adds a layer behind those added before.
     fn add_layer(&mut self, layer: &LayerRow<'_>);
 
     /// The composite.

@@ -7,22 +7,22 @@ use crate::network::NetworkError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {
-    /// Not as many views as the network takes.
+    /// The views are more or fewer than the network takes.
     #[error("the network takes {expected} views, but {found} were given")]
     Views {
         /// V of the network.
         expected: usize,
-        /// How many were given.
+        /// The number of views given.
         found: usize,
     },
-    /// Opacity is per pixel of parallax to the next plane, and some layer is not a plane.
+    /// Opacity is per pixel of parallax to the next plane, but some layer is not a plane.
     #[error("{network}: opacity is per pixel of parallax (metadata `alpha_spacing`), expected layers that are planes")]
     NotPlanes {
         /// The network's name.
         network: String,
     },
-    /// The layers take more memory than can be had.
-    #[error("what is rendered together {0}; expected a smaller target or fewer layers at once")]
+    /// The layers need more memory than is available.
+    #[error("rendering {0}; expected a smaller target or fewer layers at once")]
     Memory(#[from] MemoryError),
     /// The network failed.
     #[error(transparent)]

@@ -1,10 +1,11 @@
-//! Exponentials in plain arithmetic, so that the compiler vectorises loops over them.
+//! Exponentials from elementary arithmetic, so that the compiler vectorises loops over them.
 
-/// eˣ to 1e-7 of its value, saturating at x = ±87: 2ᵏ times a polynomial on [-ln 2 / 2, ln 2 / 2], without branches or calls.
+/// eˣ with a relative error of 1e-7, saturating at x = ±87: 2ᵏ times a polynomial on [-ln 2 / 2, ln
+/// 2 / 2], without branches or calls.
 #[inline(always)]
 pub(crate) fn exp(x: f32) -> f32 {
     const ROUND: f32 = 12_582_912.0; // 1.5 * 2^23: adding it leaves the nearest whole number in the low bits
-    const LN_2: [f32; 2] = [0.693_359_4, -2.121_944_4e-4]; // so few bits in the first that its products are exact
+    const LN_2: [f32; 2] = [0.693_359_4, -2.121_944_4e-4]; // the first has so few bits that its products are exact
     let x = if x < 87.0 { x } else { 87.0 };
     let x = if x > -87.0 { x } else { -87.0 };
     let shifted = x * std::f32::consts::LOG2_E + ROUND;
@@ -14,7 +15,8 @@ pub(crate) fn exp(x: f32) -> f32 {
     series * f32::from_bits((shifted.to_bits() << 23).wrapping_add(127 << 23))
 }
 
-/// eˣ to 3e-10 of its value, saturating: 2ᵏ times a polynomial on [-ln 2 / 2, ln 2 / 2], without branches or calls.
+/// eˣ with a relative error of 3e-10, saturating: 2ᵏ times a polynomial on [-ln 2 / 2, ln 2 / 2],
+/// without branches or calls.
 #[inline(always)]
 pub(crate) fn exp_f64(x: f64) -> f64 {
     const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52: adding it leaves the nearest whole number in the low bits
@@ -32,7 +34,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_exponentials_are_the_librarys() {
+    fn exponentials_agree_with_the_standard_library() {
         for x in (-7000..=7000).map(|i| f64::from(i) / 10.0) {
             assert!((exp_f64(x) / x.exp() - 1.0).abs() < 4e-10, "exp({x}) is {}, not {}", exp_f64(x), x.exp());
         }

@@ -13,14 +13,15 @@ use crate::layers::plane_histogram;
 /// A rendered target.
 #[derive(Debug, Clone)]
 pub struct Frame {
-    /// RGB in [0, 1], sRGB; black where no view covers any layer.
+    /// sRGB in [0, 1]; black where no view covers any layer.
     pub picture: ImageRgb,
-    /// Σ T α δ per pixel, of competing layers Σ w δ, 1/scene unit, `[height, width]`.
+    /// Disparity, 1/scene unit, `[height, width]`: Σ T α δ, of competing layers Σ w δ.
     pub disparity: Array2<f32>,
-    /// T behind the last layer, `[height, width]`: 0 where any view covers the farthest layer; of competing layers, any layer.
+    /// T behind the last layer, `[height, width]`: 0 where any view covers the farthest layer; with
+    /// competing layers, 0 where any view covers any layer.
     pub transmittance: Array2<f32>,
-    /// Index of the layer with the largest α in the network's output, `None` where all are 0; of competing layers, with the largest
-    /// weight, `None` where no view covers any; `[height, width]`.
+    /// Index of the layer with the largest α, `None` where all are 0; of competing layers, of the
+    /// one with the largest weight, `None` where no view covers any; `[height, width]`.
     pub best_layer: Array2<Option<u32>>,
     /// Layers that were skipped because no view covers them.
     pub uncovered_layers: usize,
@@ -84,8 +85,8 @@ impl Frame {
         sum / self.transmittance.len().max(1) as f64
     }
 
-    /// How many pixels have each of `planes` planes, on which the frame was rendered, as their best layer (paper, section "Plane
-    /// selection").
+    /// For each of the `planes` planes that the frame was rendered on, the number of pixels of
+    /// which it is the best layer (paper, section "Plane selection").
     pub(crate) fn plane_histogram(&self, planes: usize) -> Vec<u64> {
         plane_histogram(self.best_layer.iter().map(|best| best.map(|plane| plane as usize)), planes)
     }

@@ -1,8 +1,9 @@
 //! Rendering: views, target and layers → target image (paper, section "Rendering the MPI").
 //!
-//! Near → far, a batch of layers at a time: the warp samples the views ([`crate::warp`]), the network gives opacity and view weights,
-//! the blend makes one colour of the views', and the composite adds the layer behind those before it, or lets the layers of a pixel
-//! compete.
+//! Layers are rendered near → far, a few at a time: the warp samples the views ([`crate::warp`]),
+//! occluded samples are removed, the network gives opacity and view weights, the blend makes one
+//! colour of those of the views, and the composite adds the layer behind those before it, or lets
+//! the layers of a pixel compete.
 
 mod blend;
 mod buffers;

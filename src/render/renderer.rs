@@ -80,9 +80,9 @@ impl Renderer {
         self.alpha = alpha;
     }
 
-    /// Sets whether layers that no view covers at any pixel of the target are skipped, as they are
-    /// by default. The frame is the same to the bit, since their α is 0; an observer is not shown
-    /// the layers that are skipped.
+    /// Sets whether layers that no view covers at any pixel of the target are skipped (the
+    /// default). The frame is the same to the bit, since their α is 0; an observer is not shown the
+    /// layers that are skipped.
     pub fn set_skip_uncovered(&mut self, skip_uncovered: bool) {
         self.skip_uncovered = skip_uncovered;
     }

@@ -1,9 +1,9 @@
-//! Sharpened photos, kept from one target to the next: along a path most stay the same
+//! Sharpened photos, kept from one target to the next: along a path most of them stay the same
 //! (docs/design-log/speed.md).
 
 use crate::warp::Texture;
 
-/// A photo's id and the bits of the amount that it is sharpened by.
+/// The id of a photo, and the bits of the amount that it is sharpened by.
 type Key = (u64, u32);
 
 /// The photos sharpened for the last target.
@@ -11,16 +11,16 @@ type Key = (u64, u32);
 pub(crate) struct SharpenedPhotos(Vec<(Key, Texture)>);
 
 impl SharpenedPhotos {
-    /// Sharpens these photos by these amounts, as far as they are not kept. Those kept before make room for them: there are never more
-    /// than were asked for at once.
+    /// Sharpens these photos by these amounts, unless they are kept. Photos that are no longer
+    /// needed are replaced: never more are kept than one call needed.
     pub(super) fn sharpen<'a>(&mut self, photos: impl Iterator<Item = (&'a Texture, f32)> + Clone) {
-        let wanted: Vec<Key> = photos.clone().map(|(photo, amount)| key(photo, amount)).collect();
+        let needed: Vec<Key> = photos.clone().map(|(photo, amount)| key(photo, amount)).collect();
         for (photo, amount) in photos {
             let key = key(photo, amount);
             if self.0.iter().any(|(kept, _)| *kept == key) {
                 continue;
             }
-            let free = self.0.iter().position(|(kept, _)| !wanted.contains(kept)).unwrap_or_else(|| {
+            let free = self.0.iter().position(|(kept, _)| !needed.contains(kept)).unwrap_or_else(|| {
                 self.0.push(Default::default());
                 self.0.len() - 1
             });
@@ -29,7 +29,7 @@ impl SharpenedPhotos {
         }
     }
 
-    /// A photo sharpened by [`Self::sharpen`].
+    /// A photo that [`Self::sharpen`] sharpened.
     pub(super) fn get(&self, photo: &Texture, amount: f32) -> &Texture {
         let key = key(photo, amount);
         &self.0.iter().find(|(kept, _)| *kept == key).expect("sharpened before").1
@@ -46,22 +46,22 @@ mod tests {
     use crate::image::ImageRgb;
 
     #[test]
-    fn photos_are_sharpened_when_they_or_their_amounts_change_and_only_then() {
+    fn photos_are_sharpened_only_when_they_or_their_amounts_change() {
         let photo = |seed: usize| {
             let data = (0..3 * 12 * 9).map(|i| (i * seed % 31) as f32 / 30.0).collect();
             Texture::new(&ImageRgb::new(12, 9, data).unwrap())
         };
         let photos = [photo(7), photo(11), photo(7)];
         let mut sharpened = SharpenedPhotos::default();
-        let mut ids = |asked: &[(usize, f32)]| {
-            sharpened.sharpen(asked.iter().map(|&(index, amount)| (&photos[index], amount)));
+        let mut ids = |requests: &[(usize, f32)]| {
+            sharpened.sharpen(requests.iter().map(|&(index, amount)| (&photos[index], amount)));
             assert!(sharpened.0.len() <= 2);
-            asked
+            requests
                 .iter()
                 .map(|&(index, amount)| {
                     let (found, mut expected) = (sharpened.get(&photos[index], amount), Texture::default());
                     photos[index].sharpen(amount, &mut expected);
-                    assert!((0..9).all(|y| (0..12).all(|x| found.pixel(x, y) == expected.pixel(x, y))), "{asked:?}");
+                    assert!((0..9).all(|y| (0..12).all(|x| found.pixel(x, y) == expected.pixel(x, y))), "{requests:?}");
                     found.id()
                 })
                 .collect::<Vec<_>>()

@@ -39,8 +39,8 @@ pub struct VisibleView<'a> {
     pub sharpening: f32,
 }
 
-/// A row of a layer in a view: colour by channel, coverage, run coverage, and for each run a bit per
-/// pixel, set where the view is not occluded.
+/// A row of a layer in a view: colour by channel, coverage, run coverage, and for each run a bit
+/// per pixel, set where the view is not occluded.
 struct Row<'a> {
     colour: [&'a mut [f32]; 3],
     coverage: &'a mut [f32],

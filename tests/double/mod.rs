@@ -1,4 +1,4 @@
-//! A network without weights, and what it looks at.
+//! A network without weights, and cameras and photos for it.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use liveview::network::{NetworkError, PlaneNetwork};
 use liveview::warp::Texture;
 use ndarray::{ArrayView4, ArrayViewMut4};
 
-/// Logits that look random but depend on the layer's own pixels alone, around `opacity`.
+/// Logits that look random but depend only on the pixels of the layer, around `opacity`.
 pub(crate) struct Scrambler {
     opacity: f32,
     /// Layers that it was run on.

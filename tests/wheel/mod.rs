@@ -1,4 +1,5 @@
-//! ONNX Runtime for the tests: `ORT_DYLIB_PATH`, else the wheel that `make runtime` or `make runtime-openvino` fetched.
+//! ONNX Runtime for the tests: `ORT_DYLIB_PATH`, else the wheel that `make runtime` or `make
+//! runtime-openvino` installed.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use std::path::{Path, PathBuf};

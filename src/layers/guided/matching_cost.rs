@@ -1,5 +1,6 @@
-//! Matching cost of layers on a grid of cells: the variance of the views' warped colours, averaged over a window. The guided search
-//! ([`super::GuidedSearch`]) minimises it; no network is needed.
+//! Matching cost of layers on a grid of cells: the variance of the warped colours of the views,
+//! averaged over a window. The guided search ([`super::GuidedSearch`]) minimises it; it needs no
+//! network.
 
 use ndarray::{Array3, ArrayView3, Axis};
 use rayon::prelude::*;
@@ -7,25 +8,26 @@ use rayon::prelude::*;
 use crate::geometry::{PlaneSweep, Size};
 use crate::warp::{Texture, WarpSource, warp_layers};
 
-/// Cost where fewer than two views cover any cell of the window: above any variance of colours in [0, 1].
+/// Cost where no cell of the window is covered by two views: above any variance of colours.
 const UNCOVERED: f32 = 1.0;
 
-/// Variance of the views' colours in [0, 1] on layers `maps` `[D, h, w]` (disparity per cell, 1/scene unit), averaged over
-/// `window`×`window` cells: `[D, h, w]`. Cells are `cell` target pixels wide; the views are shrunk by the same factor.
+/// Variance of the colours of the views, in [0, 1], on layers `maps` `[D, h, w]` (disparity per
+/// cell, 1/scene unit), averaged over `window`×`window` cells: `[D, h, w]`. Cells are `cell` target
+/// pixels wide; the views are shrunk by the same factor.
 pub fn layer_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, cell: usize, window: usize) -> Array3<f32> {
     let photos: Vec<_> = sources.iter().map(|s| (s.texture, s.gains)).collect();
     let sweeps: Vec<PlaneSweep> = sources.iter().map(|s| s.sweep).collect();
     Shrunk::new(&photos, cell).costs(&sweeps, maps, window)
 }
 
-/// Views shrunk to cells; costs of any part of a target are computed from them.
+/// Views shrunk to cells, to compute the costs of a target or of a part of one.
 pub(crate) struct Shrunk {
     photos: Vec<(Texture, [f32; 3])>,
     cell: usize,
 }
 
 impl Shrunk {
-    /// Of photos with their gains per channel.
+    /// Shrinks photos, given with their gains per channel.
     pub(crate) fn new(photos: &[(&Texture, [f32; 3])], cell: usize) -> Self {
         Self { photos: photos.par_iter().map(|(texture, gains)| (texture.shrunk(cell), *gains)).collect(), cell }
     }
@@ -46,7 +48,7 @@ impl Shrunk {
     }
 }
 
-/// As [`layer_costs`], of views that are shrunk already.
+/// As [`layer_costs`], of views that are already shrunk.
 fn window_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, window: usize) -> Array3<f32> {
     let (_, height, width) = maps.dim();
     let plane = height * width;
@@ -63,8 +65,9 @@ fn window_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, window: u
     costs
 }
 
-/// Variance of the colours of the views that cover more than half of a cell (0 where fewer than two do), and whether two do (1 or 0).
-/// `colour` is divided by the coverage. Plain loops over planes, which the compiler vectorises.
+/// Variance of the colours of the views that cover more than half of a cell (0 where fewer than two
+/// do), and whether two do (1 or 0). `colour` is divided by the coverage. Simple loops over planes,
+/// which the compiler vectorises.
 fn variance(colour: &mut [f32], coverage: &[f32], plane: usize) -> (Vec<f32>, Vec<f32>) {
     let covered = |coverage: f32| if coverage > 0.5 { 1.0 } else { 0.0 };
     let mut count = vec![0.0; plane];
@@ -100,7 +103,7 @@ fn variance(colour: &mut [f32], coverage: &[f32], plane: usize) -> (Vec<f32>, Ve
     (total, count)
 }
 
-/// Mean of `value` over the cells of a window for which `covered` is 1.
+/// Mean of `value` over the cells of the window where `covered` is 1.
 fn window_mean(value: &[f32], covered: &[f32], width: usize, window: usize, out: &mut [f32]) {
     let (half, height) = (window / 2, out.len() / width);
     let (mut sums, mut counts) = (vec![0.0; width + 2 * half], vec![0.0; width + 2 * half]); // zeros beyond the edges

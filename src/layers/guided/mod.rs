@@ -1,11 +1,15 @@
-//! Guided layers: a coarse-to-fine search gives each pixel its own range of disparities, which few layers divide.
+//! Guided layers: a coarse-to-fine search finds a range of disparities for each pixel, which a few
+//! layers divide.
 //!
-//! The first search, at 1/4 resolution, sweeps the views through planes a cell of parallax apart, takes the variance of their colours
-//! over a window ([`layer_costs`]), aggregates it along rows and columns ([`semi_global()`]) and keeps the disparity of least cost
-//! ([`winner_takes_all()`]). The least and the largest disparity of each neighbourhood, half a plane step wider ([`range_of`]), are
-//! searched again at 1/2 resolution: a few layers that divide that range cell by cell ([`fine_layers`]), without aggregation. The
-//! extremes of the disparities that this finds are the range. Known in multi-view stereo as adaptive thin volumes (UCS-Net, Cheng et
-//! al., 2020).
+//! The first search, at 1/4 resolution, sweeps the views through planes that are one cell of
+//! parallax apart. The matching cost is the variance of the colours of the views over a window
+//! ([`layer_costs`]); it is aggregated along rows and columns ([`semi_global()`]), and the
+//! disparity of least cost is taken ([`winner_takes_all()`]). The range of a neighbourhood is its
+//! least to its largest disparity, half a plane step wider at both ends ([`range_of`]). The second
+//! search, at 1/2 resolution, evaluates a few layers that divide this range cell by cell
+//! ([`fine_layers`]), without aggregation. The extremes of the disparities that it finds are the
+//! final range. Multi-view stereo knows this as adaptive thin volumes (UCS-Net, Cheng et al.,
+//! 2020).
 //!
 //! Measured alternatives: docs/design-log/guided-layers.md.
 

@@ -6,7 +6,8 @@ use rayon::prelude::*;
 use super::super::error::LayersError;
 use super::super::layer::Layers;
 
-/// Nearest and farthest disparity (1/scene unit) per cell of the target, and the surface between them, `[h, w]` each.
+/// Nearest and farthest disparity (1/scene unit) per cell of the target, and the surface between
+/// them, `[h, w]` each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RangeMap {
     pub(super) nearest: Array2<f32>,
@@ -15,7 +16,8 @@ pub struct RangeMap {
 }
 
 impl RangeMap {
-    /// `count` layers that divide the range of each cell evenly, near → far; one layer alone follows the surface found.
+    /// `count` layers that divide the range of each cell evenly, near → far; a single layer is the
+    /// surface found.
     ///
     /// # Errors
     ///
@@ -39,8 +41,8 @@ impl RangeMap {
         &self.farthest
     }
 
-    /// `count` maps that divide each cell's range evenly, near → far; one alone follows the surface. Measured alternatives:
-    /// docs/design-log/guided-layers.md.
+    /// `count` maps that divide the range of each cell evenly, near → far; a single map is the
+    /// surface. Measured alternatives: docs/design-log/guided-layers.md.
     pub(super) fn divided(&self, count: usize) -> impl Iterator<Item = Array2<f32>> {
         (0..count).map(move |k| {
             if count == 1 {
@@ -53,8 +55,9 @@ impl RangeMap {
     }
 }
 
-/// The range around the disparities found (1/scene unit, `[h, w]`): a 3×3 median filter, then the minimum and the maximum over 3×3
-/// cells, `margin` wider on both sides, each smoothed by a 3×3 mean.
+/// The range around a map of disparities (1/scene unit, `[h, w]`): a 3×3 median filter, then the
+/// minimum and the maximum over 3×3 cells, `margin` wider on both sides, each smoothed by a 3×3
+/// mean.
 ///
 /// # Panics
 ///

@@ -1,4 +1,5 @@
-//! The guided search: two searches for the disparity of least matching cost, the second at twice the resolution.
+//! The guided search: two searches for the disparity of least matching cost, the second at twice
+//! the resolution.
 
 use std::cell::OnceCell;
 
@@ -17,11 +18,12 @@ use crate::warp::{Texture, WarpSource};
 
 /// Target pixels per cell of the first search.
 pub const COARSE: usize = 4;
-/// Planes of the first search, where the parallax decides: at least, at most.
-const PLANES: std::ops::RangeInclusive<usize> = 8..=128;
+/// Limits of the number of planes of the first search, if the parallax determines it.
+const COARSE_PLANES: std::ops::RangeInclusive<usize> = 8..=128;
 /// Layers of the second search.
-const FINE: usize = 6;
-/// Cells over which the variance is averaged in the first search and in the second.
+const FINE_LAYERS: usize = 6;
+/// Side of the window over which the variance is averaged, cells: in the first search, in the
+/// second.
 pub const WINDOWS: [usize; 2] = [3, 7];
 
 /// Settings of the guided search.
@@ -32,11 +34,11 @@ pub struct GuidedSearch {
     pub near: f64,
     /// Farthest depth, scene units; may be infinite.
     pub far: f64,
-    /// Planes of the first search; `None`: a cell of parallax apart, 8 to 128.
+    /// Planes of the first search; `None`: 8 to 128, one cell of parallax apart.
     pub planes: Option<usize>,
 }
 
-/// Results of the guided search, step by step.
+/// The stages of the guided search.
 #[derive(Debug, Clone)]
 pub struct SearchStages {
     /// Disparities of the planes of the first search (1/scene unit), near → far, `[D]`.
@@ -58,7 +60,8 @@ pub struct SearchStages {
 }
 
 impl GuidedSearch {
-    /// From `near` to `far`, scene units, with as many planes in the first search as the parallax asks for.
+    /// A search from `near` to `far`, scene units; the parallax determines the planes of the first
+    /// search.
     pub fn new(near: f64, far: f64) -> Self {
         Self { near, far, planes: None }
     }
@@ -74,15 +77,15 @@ impl GuidedSearch {
         self.search_levels(&levels, &sweeps, size)
     }
 
-    /// As [`Self::search`], on views that are shrunk already: of a target or of a part of one.
+    /// As [`Self::search`], on views that are already shrunk, of a target or of a part of one.
     pub(crate) fn search_levels(
         &self,
         levels: &Levels<'_>,
         sweeps: &[PlaneSweep],
         size: Size,
     ) -> Result<SearchStages, LayersError> {
-        let by_parallax = || (widest_parallax(sweeps, size, self.near, self.far) / COARSE as f64).ceil() as usize;
-        let count = self.planes.unwrap_or_else(|| by_parallax().clamp(*PLANES.start(), *PLANES.end()));
+        let from_parallax = || (widest_parallax(sweeps, size, self.near, self.far) / COARSE as f64).ceil() as usize;
+        let count = self.planes.unwrap_or_else(|| from_parallax().clamp(*COARSE_PLANES.start(), *COARSE_PLANES.end()));
         let disparities = uniform_disparities(self.near, self.far, count)?;
         let shape = (count, size.height / COARSE, size.width / COARSE);
         let maps = Array3::from_shape_fn(shape, |(plane, _, _)| disparities[plane] as f32);
@@ -130,13 +133,13 @@ impl<'a> Levels<'a> {
     }
 }
 
-/// The layers of the second search (1/scene unit, `[D, h, w]` in cells of [`CELL`] pixels), which divide the ranges that the first
-/// found.
+/// The layers of the second search (1/scene unit, `[D, h, w]` in cells of [`CELL`] pixels), which
+/// divide the ranges found by the first.
 pub fn fine_layers(range: &RangeMap) -> Array3<f32> {
     let factor = COARSE / CELL;
     let (height, width) = range.nearest.dim();
-    let mut layers = Array3::zeros((FINE, factor * height, factor * width));
-    for (map, mut layer) in range.divided(FINE).zip(layers.outer_iter_mut()) {
+    let mut layers = Array3::zeros((FINE_LAYERS, factor * height, factor * width));
+    for (map, mut layer) in range.divided(FINE_LAYERS).zip(layers.outer_iter_mut()) {
         enlarge(map.view(), factor, factor * width, layer.as_slice_mut().expect("standard order"));
     }
     layers

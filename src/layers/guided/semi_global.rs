@@ -1,15 +1,18 @@
-//! Semi-global matching (Hirschmüller, 2008): matching costs aggregated along image rows and columns, four paths.
+//! Semi-global matching (Hirschmüller, 2008): matching costs aggregated along image rows and
+//! columns, four paths.
 
 use ndarray::{Array3, ArrayView3};
 
-/// Penalty of a move to the next plane, in units of the cost: a variance of colours in [0, 1].
-const STEP: f32 = 0.004;
-/// Penalty of a move to any other plane.
-const JUMP: f32 = 0.1;
+/// Penalty of a step to the next plane, in units of the cost: a variance of colours in [0, 1].
+const STEP_PENALTY: f32 = 0.004;
+/// Penalty of a jump to any other plane.
+const JUMP_PENALTY: f32 = 0.1;
 
-/// Sum over the four paths (down, up, right, left) of the cost of each cell's cheapest path, `[D, h, w]` to `[D, h, w]`.
+/// Sum over the four directions (down, up, right, left) of the cost of the cheapest path to each
+/// cell, `[D, h, w]` → `[D, h, w]`.
 pub fn semi_global(costs: ArrayView3<'_, f32>) -> Array3<f32> {
-    // The dimension that a path runs along comes first, that of parallel paths last: each step is one pass over rows in memory.
+    // The dimension that a path runs along comes first, that of parallel paths last, so that each
+    // step is one pass over rows in memory.
     let down = costs.permuted_axes([1, 0, 2]).as_standard_layout().into_owned();
     let across = costs.permuted_axes([2, 0, 1]).as_standard_layout().into_owned();
     let both = |costs: &Array3<f32>| {
@@ -21,8 +24,9 @@ pub fn semi_global(costs: ArrayView3<'_, f32>) -> Array3<f32> {
     vertical.permuted_axes([1, 0, 2]).as_standard_layout().into_owned() + horizontal.permuted_axes([1, 2, 0])
 }
 
-/// One path through `costs` `[steps, D, lanes]`: the cost here, plus the least of staying on the plane, going to the next and going to
-/// any other, less the least cost of the step before (which keeps the sums small and changes no comparison).
+/// The paths of one direction through `costs` `[steps, D, lanes]`: the cost of the cell, plus the
+/// least of staying on the plane, stepping to the next one and jumping to any other, less the least
+/// cost of the step before (which keeps the sums small and changes no comparison).
 fn path(costs: &Array3<f32>, backwards: bool) -> Array3<f32> {
     let (steps, planes, lanes) = costs.dim();
     let mut total = costs.clone();
@@ -46,10 +50,11 @@ fn path(costs: &Array3<f32>, backwards: bool) -> Array3<f32> {
             let (nearer, same, farther) = (row(plane.saturating_sub(1)), row(plane), row((plane + 1).min(planes - 1)));
             let beside = here.iter_mut().zip(nearer).zip(farther).zip(same).zip(&best);
             for ((((here, &nearer), &farther), &same), &best) in beside {
-                // At the first and the last plane one of the two is the plane itself, whose cost plus STEP is never the least.
-                let step = if nearer < farther { nearer } else { farther } + STEP;
+                // At the first and the last plane one of the two is the plane itself, whose cost
+                // plus the penalty is never the least.
+                let step = if nearer < farther { nearer } else { farther } + STEP_PENALTY;
                 let stay = if same < step { same } else { step };
-                let jump = best + JUMP;
+                let jump = best + JUMP_PENALTY;
                 *here += (if stay < jump { stay } else { jump }) - best;
             }
         }
@@ -62,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cell_that_nothing_tells_apart_takes_its_neighbours_plane() {
+    fn ambiguous_cell_takes_the_plane_of_its_neighbours() {
         let mut costs = Array3::from_elem((3, 1, 5), 0.05);
         (0..5).filter(|&x| x != 2).for_each(|x| costs[(1, 0, x)] = 0.0);
         let aggregated = semi_global(costs.view());
@@ -71,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn one_plane_keeps_its_order() {
+    fn single_plane_adds_up_its_costs() {
         let costs = Array3::from_shape_fn((1, 2, 2), |(_, y, x)| (y + x) as f32);
         assert_eq!(semi_global(costs.view()), 4.0 * costs);
     }

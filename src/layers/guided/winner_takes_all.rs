@@ -2,8 +2,10 @@
 
 use ndarray::{Array2, ArrayView3, Axis};
 
-/// Disparity `[h, w]` of the layer of least cost at each cell (ties: the nearer), refined to the vertex of a parabola through its cost
-/// and its neighbours', but for the first and the last. `costs` and the layers' disparities `maps` (1/scene unit) are `[D, h, w]`.
+/// Disparity `[h, w]` of the layer of least cost at each cell (ties: the nearer). Except at the
+/// first and the last layer it is refined to the vertex of the parabola through the cost of the
+/// layer and the costs of its two neighbours. `costs` and the layers' disparities `maps` (1/scene
+/// unit) are `[D, h, w]`.
 ///
 /// # Panics
 ///

@@ -135,7 +135,7 @@ impl ModelArgs {
 
     fn options(&self) -> Result<ModelOptions> {
         let bf16 = self.precision == Some(PrecisionName::Bf16);
-        if bf16 && !ExecutionProvider::from(self.engine).knows_bf16() {
+        if bf16 && !ExecutionProvider::from(self.engine).supports_bf16() {
             bail!("--precision bf16: expected --engine {}, the only one that has it", ExecutionProvider::OpenVino);
         }
         let mut options = self.views_and_threads();
