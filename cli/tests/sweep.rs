@@ -1,4 +1,4 @@
-//! `liveview sweep`: what it measures, and what it refuses.
+//! `liveview sweep`.
 
 mod common;
 
@@ -23,7 +23,7 @@ fn json(command: &mut Command) -> Value {
 }
 
 #[test]
-fn every_configuration_has_its_error_and_its_time() {
+fn each_configuration_has_an_error_and_a_time() {
     let folders = Folders::new();
     let report = json(&mut sweep(&folders, &["--layers", "guided:1,guided:2,select:2,planes:4,planes:64"]));
     assert_eq!(folders.written(), ["report/sweep.json", "report/sweep.md", "report/sweep.svg"]);
@@ -42,8 +42,8 @@ fn every_configuration_has_its_error_and_its_time() {
         "against itself"
     );
     assert!(rows[3]["error_max"].as_f64().unwrap() > 0.0);
-    assert!(rows[2]["seconds"]["once"].as_f64().unwrap() > 0.0, "the selection is report apart");
-    assert!(rows[2]["seconds"]["stages"].get("select").is_none(), "and is not part of what each frame takes");
+    assert!(rows[2]["seconds"]["once"].as_f64().unwrap() > 0.0, "the selection is reported separately");
+    assert!(rows[2]["seconds"]["stages"].get("select").is_none(), "and is not part of each frame's time");
     assert!(rows[4]["seconds"]["stages"]["network"].as_f64().unwrap() > 0.0);
     // The same picture as `render` makes.
     let rendered = json(&mut folders.render(&["--target", "2", "--layers", "planes:4", "-o", &folders.out("a.png")]));
@@ -51,7 +51,7 @@ fn every_configuration_has_its_error_and_its_time() {
 }
 
 #[test]
-fn guided_layers_are_measured_on_other_engines_too() {
+fn engines_adds_rows_for_guided_layers() {
     let folders = Folders::new();
     let report = json(&mut sweep(&folders, &["--layers", "guided:1,planes:2", "--engines", "cpu f32"]));
     let rows: Vec<_> = report["rows"].as_array().unwrap().iter().map(|row| (&row["layers"], &row["engine"])).collect();
@@ -64,7 +64,7 @@ fn guided_layers_are_measured_on_other_engines_too() {
 }
 
 #[test]
-fn surface_layers_stand_beside_one_and_three_without_a_network() {
+fn surface_layers_are_also_measured_without_a_network() {
     let folders = Folders::new();
     let report = json(&mut sweep(&folders, &["--layers", "surface:1,planes:2", "--engines", "cpu f32"]));
     let rows = report["rows"].as_array().unwrap();
@@ -94,9 +94,9 @@ fn widths_scale_the_photos() {
 }
 
 #[test]
-fn a_reference_joins_in_its_own_process() {
+fn reference_runs_in_its_own_process() {
     let folders = Folders::new();
-    // Speaks the protocol, and paints black.
+    // A worker whose pictures are black.
     let script = folders.scene().join("reference.py");
     fs::write(
         &script,
@@ -116,15 +116,15 @@ fn a_reference_joins_in_its_own_process() {
 }
 
 #[test]
-fn what_cannot_be_measured_is_refused() {
+fn invalid_configurations_are_refused() {
     let folders = Folders::new();
     let refused = |arguments: &[&str], words: &[&str]| folders.assert_refused(&mut sweep(&folders, arguments), words);
     refused(&["--layers", "guessed:4"], &["guessed:4", "guided:L"]);
     refused(&["--layers", "planes:0"], &["planes:0", "from 1 to 4096"]);
-    // Commas separate configurations: a list of disparities falls apart.
+    // Commas separate configurations: a list of disparities is several of them.
     refused(&["--layers", "list:0.5,0.25"], &["--layers", "\"0.25\" is not a choice of layers"]);
     refused(&["--layers", "guided:2", "--reference", "true"], &["--reference", "planes among --layers"]);
-    refused(&["--layers", "planes:2", "--reference", "false"], &["reference", "ended before its time"]);
+    refused(&["--layers", "planes:2", "--reference", "false"], &["reference", "ended unexpectedly"]);
     refused(&["--layers", "planes:2", "--reference", "no-such-program"], &["no-such-program", "cannot be started"]);
     refused(&["--near", "9", "--far", "3"], &["0 < near < far"]);
     let mut unknown = folders.liveview("sweep", &["--target", "nobody", "-o", &folders.out("report")]);

@@ -51,7 +51,7 @@ struct Stages {
 }
 
 impl Stages {
-    fn gather(&mut self, batch: &Batch<'_>) {
+    fn add(&mut self, batch: &Batch<'_>) {
         let (n, views, height, width) = batch.logits.dim();
         let mut alpha = Array3::zeros((n, height, width));
         let mut rgb = Array4::zeros((n, 3, height, width));
@@ -132,7 +132,7 @@ fn write(job: &mut Job, shot: &LoadedShot, arrays: &mut Arrays) -> Result<()> {
     write_layers(&plan.layers, shot, arrays)?;
     let mut stages = Stages::default();
     job.synthesizer.renderer_mut().set_skip_uncovered(false);
-    let frame = job.synthesizer.render_plan(shot, &plan, Some(&mut |batch| stages.gather(batch)))?;
+    let frame = job.synthesizer.render_plan(shot, &plan, Some(&mut |batch| stages.add(batch)))?;
     stages.write(arrays)?;
     match job.alpha() {
         Alpha::Competing { scale } => arrays.add("alpha_scale", Array1::from_vec(vec![scale]))?,
@@ -158,7 +158,7 @@ fn write_search(found: SearchStages, arrays: &mut Arrays) -> Result<()> {
     arrays.add("range", ndarray::stack(Axis(0), &maps)?)
 }
 
-/// The layers: planes and their homographies, or maps on cells.
+/// Writes the layers: planes with their homographies, or maps on cells.
 fn write_layers(layers: &Layers, shot: &LoadedShot, arrays: &mut Arrays) -> Result<()> {
     let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
     let map = |layer: &Layer| if let Layer::Map(map) = layer { Some(map.clone()) } else { None };
@@ -168,7 +168,7 @@ fn write_layers(layers: &Layers, shot: &LoadedShot, arrays: &mut Arrays) -> Resu
     }
     let disparities: Vec<f64> = layers.as_slice().iter().filter_map(plane).collect();
     if disparities.is_empty() {
-        // Layers given by pixel are the array `maps` as they are.
+        // Layers given by pixel are written as the array `maps`.
         return Ok(());
     }
     let sweeps: Vec<_> = warp_sources(&shot.sources(), &shot.shot().target).iter().map(|s| s.sweep).collect();

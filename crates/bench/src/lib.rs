@@ -4,7 +4,7 @@
 
 pub mod dump;
 mod npz;
+mod plot;
 pub mod stability;
-mod svg;
 pub mod sweep;
 mod worker_process;

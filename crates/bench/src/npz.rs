@@ -1,4 +1,4 @@
-//! Arrays for the Python side: .npz files, written whole or not at all.
+//! Arrays for the Python reference: .npz files, written completely or not at all.
 
 use std::path::{Path, PathBuf};
 
@@ -31,7 +31,7 @@ impl Arrays {
         self.add(&format!("{name}.translation"), Array1::from_vec(camera.translation().to_array().to_vec()))
     }
 
-    /// The photos that a shot is rendered from, their cameras, and the target's.
+    /// Adds the photos that a shot is rendered from, their cameras, and the target camera.
     pub(crate) fn add_rig(&mut self, views: &SceneViews, shot: &Shot) -> Result<()> {
         for (index, &view) in shot.views.iter().enumerate() {
             self.add_camera(&format!("view{index}"), &views.scene().views[view].camera)?;
@@ -52,7 +52,7 @@ impl Arrays {
     }
 }
 
-/// The error of a file that cannot be written, with the root cause alone.
+/// The error of a file that cannot be written, with only the root cause.
 pub(crate) fn unwritten(path: &Path, error: impl Into<Error>) -> Error {
     anyhow!("{}: cannot be written: {}", path.display(), error.into().root_cause())
 }

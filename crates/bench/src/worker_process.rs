@@ -1,4 +1,4 @@
-//! Worker processes that answer requests in JSON lines: those of `liveview sweep`, and the Python references.
+//! Worker processes that answer requests in lines of JSON: those of `liveview sweep`, and the Python references.
 
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};
@@ -13,12 +13,12 @@ pub(crate) fn words(command: &str) -> Vec<OsString> {
     command.split_whitespace().map(OsString::from).collect()
 }
 
-/// A path as a worker is told it: JSON holds no other letters than UTF-8.
+/// A path as text for a worker; JSON holds only UTF-8.
 pub(crate) fn text_of(path: &Path) -> Result<&str> {
-    path.to_str().with_context(|| format!("{}: cannot be told to a worker; expected a path in UTF-8", path.display()))
+    path.to_str().with_context(|| format!("{}: cannot be sent to a worker; expected a path in UTF-8", path.display()))
 }
 
-/// A process that answers requests; dropped, it is waited for.
+/// A process that answers requests. Dropping it waits for its end.
 pub(crate) struct WorkerProcess {
     process: Child,
     to: Option<ChildStdin>,
@@ -27,8 +27,8 @@ pub(crate) struct WorkerProcess {
 }
 
 impl WorkerProcess {
-    /// Starts a command, sends it its job if there is one, and waits until it is ready; returns its first line, which describes it.
-    /// `name` is for errors.
+    /// Starts a command, sends it its job if there is one, and waits until it is ready. Returns also its first line, which describes
+    /// it. `name` is for errors.
     pub(crate) fn start(name: &str, command: &[OsString], job: Option<&Value>) -> Result<(Self, Value)> {
         let (program, args) = command.split_first().context("expected a command")?;
         let mut command = Command::new(program);
@@ -52,13 +52,13 @@ impl WorkerProcess {
     fn send(&mut self, line: &Value) -> Result<()> {
         let Some(to) = &mut self.to else { unreachable!("closed only when dropped") };
         let sent = writeln!(to, "{line}").and_then(|()| to.flush());
-        sent.with_context(|| format!("{}: ended before its time", self.name))
+        sent.with_context(|| format!("{}: ended unexpectedly", self.name))
     }
 
     fn receive(&mut self) -> Result<Value> {
         let mut line = String::new();
         if self.from.read_line(&mut line)? == 0 {
-            bail!("{}: ended before its time", self.name);
+            bail!("{}: ended unexpectedly", self.name);
         }
         let answer: Value = serde_json::from_str(&line)
             .with_context(|| format!("{}: answered {:?}; expected a line of JSON", self.name, line.trim()))?;
@@ -70,7 +70,7 @@ impl WorkerProcess {
 }
 
 impl Drop for WorkerProcess {
-    /// Closes the process's input, at which it ends, and waits for that; if waiting fails, kills it.
+    /// Closes the process's input, which ends it, and waits; if waiting fails, kills it.
     fn drop(&mut self) {
         self.to = None;
         if self.process.wait().is_err() {

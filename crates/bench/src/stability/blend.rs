@@ -1,19 +1,19 @@
-//! Extreme cases of the blend, logits, distances and coverages over all of float32's decades, and the same blend in float64.
+//! Extreme cases of the blend: logits, distances and coverages over all decades of float32; expected outputs in float64.
 
 use anyhow::Result;
 use liveview::render::{Blended, DistanceWeights, LayerSamples};
 use ndarray::{Array1, Array2};
 
-use super::case::{Case, Outputs, Question, Seeded, Truth, decades};
+use super::case::{Case, Expected, Outputs, Seeded, StageTest, decades};
 use crate::npz::Arrays;
 
-/// Pixels per case: not a multiple of the pixels that the blend computes side by side.
+/// Pixels of each case: not a multiple of those that the blend computes together.
 const PIXELS: usize = 301;
 
 /// Error bound of values in [0, 1], from rounded weights, products and quotients.
 const BOUND: f64 = 1e-6;
 
-/// The step between denormal numbers: coverages and colours near it have no digits left.
+/// The step between denormal numbers: coverages and colours near it have no significant digits.
 const DENORMAL_STEP: f64 = 1.4e-45;
 
 /// One layer: logits and coverage `[V, pixels]`, colour `[3V, pixels]`.
@@ -54,7 +54,7 @@ impl BlendCase {
         let counted = if coincident.is_empty() { &covering } else { &coincident };
         // Infinite logits count as the largest finite one of their sign.
         let logit = |view: usize| f64::from(self.logits[at(view)].clamp(f32::MIN, f32::MAX));
-        // Logits and logarithms of distances are kept apart: added to a large logit, the latter would be rounded away in float64 too.
+        // Logits and logarithms of distances are kept separate: added to a large logit, the latter would be lost even in float64.
         let parts = |view: usize| {
             let distance = if coincident.is_empty() { self.distances[view].ln() } else { 0.0 };
             (if view == 0 { 0.0 } else { logit(view) }, distance)
@@ -72,12 +72,12 @@ impl BlendCase {
     }
 }
 
-impl Question for BlendCase {
+impl StageTest for BlendCase {
     fn stage(&self) -> &'static str {
         "blend"
     }
 
-    fn answer(&self) -> Result<Outputs<f32>, String> {
+    fn computed(&self) -> Result<Outputs<f32>, String> {
         let mut out = Blended::new(PIXELS);
         let (logits, colour, coverage) = (&self.logits, &self.colour, &self.coverage);
         let samples = LayerSamples { logits, colour, coverage, logit_shift: 0.0 };
@@ -85,11 +85,11 @@ impl Question for BlendCase {
         Ok(vec![("alpha", out.alpha), ("rgb", out.rgb.concat())])
     }
 
-    fn truth(&self) -> Option<Truth> {
+    fn expected(&self) -> Option<Expected> {
         let pixels: Vec<_> = (0..PIXELS).map(|pixel| self.pixel(pixel)).collect();
         let rgb = (0..3).flat_map(|channel| pixels.iter().map(move |(_, rgb)| rgb[channel])).collect();
         let outputs = vec![("alpha", pixels.iter().map(|(alpha, _)| *alpha).collect()), ("rgb", rgb)];
-        Some(Truth { outputs, doubtful: vec![false; PIXELS], relative: false })
+        Some(Expected { outputs, doubtful: vec![false; PIXELS], relative: false })
     }
 
     fn write(&self, arrays: &mut Arrays) -> Result<()> {
@@ -101,20 +101,20 @@ impl Question for BlendCase {
     }
 }
 
-fn case<'a>(family: &'static str, extreme: f64, name: String, question: BlendCase) -> Case<'a> {
-    Case::new(family, extreme, name, question, BOUND)
+fn case<'a>(family: &'static str, extreme: f64, name: String, test: BlendCase) -> Case<'a> {
+    Case::new(family, extreme, name, test, BOUND)
 }
 
 /// All families, from the distances of an ordinary rig.
 pub(super) fn families<'a>(distances: &[f64]) -> Vec<Vec<Case<'a>>> {
-    // No distance is 0: that is a case of its own.
+    // No distance is 0: that is a separate case.
     let farthest = distances.iter().fold(f64::MIN_POSITIVE, |far, &d| far.max(d));
     let distances: Vec<f64> = distances.iter().map(|d| d.max(1e-3 * farthest)).collect();
     let ordinary = || BlendCase::ordinary(&distances);
     let views = distances.len();
     let logits = |times: f64| {
         let mut blend = ordinary();
-        // Half of the logits lie near the same large number: what counts is the differences between large logits.
+        // Half of the logits are near the same large number, to test differences of large logits.
         let large = (4.0 * times).min(f64::from(f32::MAX)) as f32;
         for (i, logit) in blend.logits.iter_mut().enumerate() {
             let offset = if i % 2 == 0 { large } else { 0.0 };
@@ -122,13 +122,13 @@ pub(super) fn families<'a>(distances: &[f64]) -> Vec<Vec<Case<'a>>> {
         }
         blend
     };
-    // Far views whose logits make up for their distance.
+    // Far views whose logits compensate for their distance.
     let far = |ratio: f64| {
         let mut blend = ordinary();
         blend.distances = (0..views).map(|view| distances[0] * ratio.powf(view as f64 / (views - 1) as f64)).collect();
         for view in 1..views {
-            let makes_up = (blend.distances[view] / blend.distances[0]).ln() as f32;
-            blend.logits[view * PIXELS..(view + 1) * PIXELS].iter_mut().for_each(|logit| *logit += makes_up);
+            let compensation = (blend.distances[view] / blend.distances[0]).ln() as f32;
+            blend.logits[view * PIXELS..(view + 1) * PIXELS].iter_mut().for_each(|logit| *logit += compensation);
         }
         blend
     };
@@ -159,8 +159,8 @@ pub(super) fn families<'a>(distances: &[f64]) -> Vec<Vec<Case<'a>>> {
         ("infinite logits, coincident view", infinite(near(0.0))),
         ("target on a view", near(0.0)),
         ("two views coincide with the target", two_coincide.cover(0, |pixel| f32::from(u8::from(pixel % 2 == 0)))),
-        ("no view sees anything", all_covered(|_| 0.0)),
-        ("one pixel is seen", all_covered(|pixel| f32::from(u8::from(pixel == 150)))),
+        ("no view covers any pixel", all_covered(|_| 0.0)),
+        ("one pixel is covered", all_covered(|pixel| f32::from(u8::from(pixel == 150)))),
     ];
     // Logarithms of ratios are stored as float32: the larger, the coarser.
     let of_ratio = |ratio: f64, case: Case<'a>| {

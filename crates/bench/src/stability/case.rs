@@ -1,8 +1,8 @@
-//! Stiff and extreme cases: each stage of the library, and of the reference if there is one, compared with a float64 oracle. Families
-//! of cases sweep one quantity over decades, which shows where an implementation fails.
+//! Stiff and extreme cases: each stage of the library, and of the reference if there is one, compared with float64. Families of cases
+//! vary one quantity over decades, which shows where an implementation fails.
 //!
-//! A *doubtful* pixel is one whose value depends on bits that float32 inputs do not have ([`super::warp`] defines it). Outside doubtful
-//! pixels the bound of the case holds; of the doubtful ones, a limited share may exceed it.
+//! A *doubtful* pixel is one whose value depends on bits that float32 inputs do not have (see [`super::warp`]). Outside doubtful pixels
+//! the bound of the case holds; of the doubtful ones, a limited share may exceed it.
 
 use anyhow::Result;
 use liveview_common::statistics::share;
@@ -13,16 +13,16 @@ use crate::npz::Arrays;
 /// A stage's outputs by name, each `[channels, pixels]`.
 pub(crate) type Outputs<T> = Vec<(&'static str, Vec<T>)>;
 
-/// The outputs as they should be.
-pub(crate) struct Truth {
+/// The expected outputs, in float64.
+pub(crate) struct Expected {
     pub(crate) outputs: Outputs<f64>,
-    /// Per pixel.
+    /// By pixel.
     pub(crate) doubtful: Vec<bool>,
     /// Whether errors are relative to the largest element of each output, instead of absolute errors of values in [0, 1].
     pub(crate) relative: bool,
 }
 
-impl Truth {
+impl Expected {
     /// The divisor of an output's errors.
     pub(crate) fn scale(&self, output: usize) -> f64 {
         let (name, values) = &self.outputs[output];
@@ -32,12 +32,12 @@ impl Truth {
     }
 
     /// Share of the pixels that the source covers, if the outputs include coverage.
-    pub(crate) fn seen(&self) -> Option<f64> {
+    pub(crate) fn covered(&self) -> Option<f64> {
         let (_, coverage) = self.outputs.iter().find(|(name, _)| *name == "coverage")?;
         Some(share(coverage, |&coverage| coverage > 0.0))
     }
 
-    /// Writes the truth for the reference.
+    /// Writes the expected outputs for the reference.
     pub(crate) fn write(&self, arrays: &mut Arrays) -> Result<()> {
         for (index, (name, values)) in self.outputs.iter().enumerate() {
             arrays.add(&format!("truth.{name}"), Array1::from_vec(values.clone()))?;
@@ -47,29 +47,29 @@ impl Truth {
     }
 }
 
-/// The inputs of a stage, and its outputs as the library computes them and in float64.
-pub(crate) trait Question {
-    /// The stage, by its name in the reference.
+/// A test of a stage: its inputs, and its outputs as the library computes them and in float64.
+pub(crate) trait StageTest {
+    /// The name of the stage in the reference.
     fn stage(&self) -> &'static str;
 
     /// The library's outputs, or the error with which it refuses the inputs.
-    fn answer(&self) -> Result<Outputs<f32>, String>;
+    fn computed(&self) -> Result<Outputs<f32>, String>;
 
-    /// Outputs of an equivalent case, which must equal [`Question::answer`] to the last bit.
-    fn equal(&self) -> Option<Result<Outputs<f32>, String>> {
+    /// Outputs of an equivalent case, which must equal [`StageTest::computed`] to the last bit.
+    fn equivalent(&self) -> Option<Result<Outputs<f32>, String>> {
         None
     }
 
-    /// The outputs in float64, by a simple implementation; `None` where only the reference has one (the network).
-    fn truth(&self) -> Option<Truth>;
+    /// The outputs in float64, by a simple implementation; `None` if only the reference has one (the network).
+    fn expected(&self) -> Option<Expected>;
 
     /// Whether the source must cover some pixel: otherwise the case tests nothing.
-    fn must_be_seen(&self) -> bool {
+    fn must_cover(&self) -> bool {
         false
     }
 
-    /// Run time as a multiple of that on ordinary inputs, where that matters.
-    fn slower(&self) -> Option<f64> {
+    /// Run time relative to that on ordinary inputs, for the network.
+    fn relative_time(&self) -> Option<f64> {
         None
     }
 
@@ -77,40 +77,32 @@ pub(crate) trait Question {
     fn write(&self, arrays: &mut Arrays) -> Result<()>;
 }
 
-/// One line of the table.
+/// A case: one line of the table.
 pub(crate) struct Case<'a> {
-    /// The quantity that is swept; a family is one panel of the plot.
+    /// The quantity that its family varies; each family has a panel in the plot.
     pub(crate) family: &'static str,
-    /// The value of that quantity; not negative, may be infinite.
+    /// The value of that quantity, at least 0; it may be infinite.
     pub(crate) extreme: f64,
     /// The value as text, or a description.
     pub(crate) name: String,
-    pub(crate) question: Box<dyn Question + 'a>,
-    /// Largest error allowed outside doubtful pixels: of values in [0, 1], or relative to the largest ([`Truth`]).
+    pub(crate) test: Box<dyn StageTest + 'a>,
+    /// Largest error allowed outside doubtful pixels: of values in [0, 1], or relative to the largest ([`Expected`]).
     pub(crate) bound: f64,
 }
 
 impl<'a> Case<'a> {
-    pub(super) fn new(
-        family: &'static str,
-        extreme: f64,
-        name: String,
-        question: impl Question + 'a,
-        bound: f64,
-    ) -> Self {
-        Self { family, extreme, name, question: Box::new(question), bound }
+    pub(super) fn new(family: &'static str, extreme: f64, name: String, test: impl StageTest + 'a, bound: f64) -> Self {
+        Self { family, extreme, name, test: Box::new(test), bound }
     }
 
     /// A family without a quantity: its cases are numbered from 1.
-    pub(super) fn listed<Q: Question + 'a>(
+    pub(super) fn listed<Q: StageTest + 'a>(
         family: &'static str,
         bound: f64,
         named: impl IntoIterator<Item = (impl Into<String>, Q)>,
     ) -> Vec<Self> {
         let named = named.into_iter().enumerate();
-        named
-            .map(|(index, (name, question))| Self::new(family, (index + 1) as f64, name.into(), question, bound))
-            .collect()
+        named.map(|(index, (name, test))| Self::new(family, (index + 1) as f64, name.into(), test, bound)).collect()
     }
 }
 

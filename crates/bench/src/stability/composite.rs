@@ -1,13 +1,13 @@
-//! Extreme cases of the composite, stiff opacities and thousands of planes, and the same composite in float64.
+//! Extreme cases of the composite: stiff opacities and thousands of planes; expected outputs in float64.
 
 use anyhow::Result;
 use liveview::render::{Accumulated, Blended};
 use ndarray::{Array1, Array2, Array3};
 
-use super::case::{Case, Outputs, Question, Seeded, Truth, decades};
+use super::case::{Case, Expected, Outputs, Seeded, StageTest, decades};
 use crate::npz::Arrays;
 
-/// Pixels per case.
+/// Pixels of each case.
 pub(super) const PIXELS: usize = 67;
 
 /// Error bound: sums in float64, rounded to float32 once.
@@ -60,12 +60,12 @@ impl CompositeCase {
     }
 }
 
-impl Question for CompositeCase {
+impl StageTest for CompositeCase {
     fn stage(&self) -> &'static str {
         "composite"
     }
 
-    fn answer(&self) -> Result<Outputs<f32>, String> {
+    fn computed(&self) -> Result<Outputs<f32>, String> {
         let (mut front, mut behind) = (Accumulated::new(PIXELS), Accumulated::new(PIXELS));
         let split = self.split.unwrap_or(0);
         (0..split).for_each(|layer| self.add(&mut front, layer));
@@ -81,7 +81,7 @@ impl Question for CompositeCase {
         Ok(vec![("frame", rgb), ("disparity", disparity), ("transmittance", transmittance)])
     }
 
-    fn truth(&self) -> Option<Truth> {
+    fn expected(&self) -> Option<Expected> {
         let mut frame = vec![0.0; 3 * PIXELS];
         let (mut disparity, mut transmittance) = (vec![0.0; PIXELS], vec![1.0; PIXELS]);
         for layer in 0..self.layers() {
@@ -96,7 +96,7 @@ impl Question for CompositeCase {
             }
         }
         let outputs = vec![("frame", frame), ("disparity", disparity), ("transmittance", transmittance)];
-        Some(Truth { outputs, doubtful: vec![false; PIXELS], relative: self.relative })
+        Some(Expected { outputs, doubtful: vec![false; PIXELS], relative: self.relative })
     }
 
     fn write(&self, arrays: &mut Arrays) -> Result<()> {
@@ -108,13 +108,13 @@ impl Question for CompositeCase {
     }
 }
 
-fn case<'a>(family: &'static str, extreme: f64, name: String, question: CompositeCase) -> Case<'a> {
-    Case::new(family, extreme, name, question, BOUND)
+fn case<'a>(family: &'static str, extreme: f64, name: String, test: CompositeCase) -> Case<'a> {
+    Case::new(family, extreme, name, test, BOUND)
 }
 
 pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
     let almost = 1.0 - f32::EPSILON / 2.0;
-    // The picture is only what comes through the first layer, which is black; there is no background, and errors are relative.
+    // The first layer is black, there is no background, and errors are relative: the picture is what shows through the first layer.
     let stiff = |layers: usize, alpha: &dyn Fn(usize) -> f32| {
         let case = CompositeCase::new(layers, 4.0, |layer, _| alpha(layer));
         let mut case = CompositeCase { background: false, relative: true, ..case };
@@ -141,7 +141,7 @@ pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
         ("all transparent", CompositeCase { background: false, ..CompositeCase::new(64, 4.0, |_, _| 0.0) }),
         ("all opaque", CompositeCase::new(64, 4.0, |_, _| 1.0)),
         ("one plane", CompositeCase::new(1, 1.0, |_, _| 0.25)),
-        ("prefix and rest apart", CompositeCase { split: Some(20), ..ratio(4.0) }),
+        ("composited in two parts", CompositeCase { split: Some(20), ..ratio(4.0) }),
         ("all at one disparity", CompositeCase::new(64, 1.0, |layer, _| 1.0 / (2 + layer) as f32)),
     ];
     // All white: the frame is the sum of the weights, which is 1 minus the remaining transmittance.

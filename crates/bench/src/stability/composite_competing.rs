@@ -1,11 +1,11 @@
-//! Extreme cases of competing layers: huge logits, ties, thousands of planes, pixels that none or one covers; and the same softmax in
-//! float64.
+//! Extreme cases of competing layers: huge logits, ties, thousands of planes, pixels that no layer or a single one covers; expected
+//! outputs in float64.
 
 use anyhow::Result;
 use liveview::render::{Blended, Competing};
 use ndarray::{Array1, Array2, Array3};
 
-use super::case::{Case, Outputs, Question, Seeded, Truth, decades};
+use super::case::{Case, Expected, Outputs, Seeded, StageTest, decades};
 use super::composite::{BOUND, PIXELS};
 use crate::npz::Arrays;
 
@@ -19,7 +19,7 @@ struct CompetingCase {
 }
 
 impl CompetingCase {
-    /// Layers with these logits, and covered or not (by layer and pixel).
+    /// Layers with these logits and coverage, by layer and pixel.
     fn new(
         layers: usize,
         scale: f64,
@@ -37,7 +37,7 @@ impl CompetingCase {
         }
     }
 
-    /// Logits in ±`by`, at random, and a fifth of the layers not covered.
+    /// Random logits in ±`by`, and a fifth of the layers not covered.
     fn random(layers: usize, scale: f64, by: f64) -> Self {
         let [units, seen] = [3, 4].map(|seed| Seeded(seed).units(layers * PIXELS));
         let logit = |layer, pixel| (by * (2.0 * f64::from(units[layer * PIXELS + pixel]) - 1.0)) as f32;
@@ -69,27 +69,27 @@ impl CompetingCase {
     }
 }
 
-/// As the library brings logits to finite ones.
+/// The finite logit that the library uses in place of a logit.
 fn finite(logit: f32) -> f64 {
     f64::from(if logit.is_nan() { f32::MIN } else { logit.clamp(f32::MIN, f32::MAX) })
 }
 
-impl Question for CompetingCase {
+impl StageTest for CompetingCase {
     fn stage(&self) -> &'static str {
         "composite_competing"
     }
 
-    fn answer(&self) -> Result<Outputs<f32>, String> {
+    fn computed(&self) -> Result<Outputs<f32>, String> {
         Ok(self.composite(1.0))
     }
 
-    /// Logits twice as large at half the scale, where that does not overflow.
-    fn equal(&self) -> Option<Result<Outputs<f32>, String>> {
+    /// Logits twice as large at half the scale, if that does not overflow.
+    fn equivalent(&self) -> Option<Result<Outputs<f32>, String>> {
         let small = self.logits.iter().all(|logit| logit.abs() < f32::MAX / 2.0);
         small.then(|| Ok(self.composite(2.0)))
     }
 
-    fn truth(&self) -> Option<Truth> {
+    fn expected(&self) -> Option<Expected> {
         let (mut frame, mut disparity) = (vec![0.0; 3 * PIXELS], vec![0.0; PIXELS]);
         let mut transmittance = vec![1.0; PIXELS];
         for pixel in 0..PIXELS {
@@ -106,7 +106,7 @@ impl Question for CompetingCase {
             }
         }
         let outputs = vec![("frame", frame), ("disparity", disparity), ("transmittance", transmittance)];
-        Some(Truth { outputs, doubtful: vec![false; PIXELS], relative: false })
+        Some(Expected { outputs, doubtful: vec![false; PIXELS], relative: false })
     }
 
     fn write(&self, arrays: &mut Arrays) -> Result<()> {
@@ -121,9 +121,9 @@ impl Question for CompetingCase {
 }
 
 pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
-    let case = |family: &'static str, extreme: f64, question| {
+    let case = |family: &'static str, extreme: f64, test| {
         let name = if (1.0..1e5).contains(&extreme) { extreme.to_string() } else { format!("{extreme:.0e}") };
-        Case::new(family, extreme, name, question, BOUND)
+        Case::new(family, extreme, name, test, BOUND)
     };
     let all = |_: usize, _: usize| true;
     let line = |layers: usize, step: f32| CompetingCase::new(layers, 1.0, move |layer, _| step * layer as f32, all);

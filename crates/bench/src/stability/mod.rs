@@ -18,7 +18,7 @@ use std::cell::RefCell;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
-use case::{Case, Truth};
+use case::{Case, Expected};
 use cases::cases;
 use clap::Args;
 use liveview::Targets;
@@ -45,7 +45,7 @@ Examples:
   Beside PyTorch, kornia and onnxruntime, with a table and a plot:
     liveview stability scene --target IMG_7.jpg --reference \".venv/bin/python -m liveview_ref.parity.stability\" -o report/";
 
-/// Width of the photos where `--width` is not given: failures do not depend on the size.
+/// Width of the photos without `--width`, pixels: failures do not depend on the size.
 const WIDTH: usize = 126;
 
 /// Options of `liveview stability`.
@@ -57,11 +57,11 @@ pub struct StabilityArgs {
     /// The view whose camera is the target, by name
     #[arg(long, value_name = "NAME")]
     target: String,
-    /// Three cases of each family: the ends and the middle
+    /// Only three cases of each family: the ends and the middle
     #[arg(long)]
     short: bool,
-    /// A command with the protocol of `python -m liveview_ref.parity.stability`, to compare torch, kornia and onnxruntime with the same
-    /// oracle
+    /// A command that runs torch, kornia and onnxruntime on the same cases, such as
+    /// ".venv/bin/python -m liveview_ref.parity.stability"
     #[arg(long, value_name = "COMMAND")]
     reference: Option<String>,
     #[command(flatten)]
@@ -91,7 +91,7 @@ pub fn run(args: &StabilityArgs) -> Result<Output> {
     let rig = TestRig {
         photo: photos.scene().load_image(farthest)?,
         source: photos.scene().views[farthest].camera.clone(),
-        // The depth of a disparity that is a float32 number, as the pixels' disparities are.
+        // The depth of a disparity rounded to float32, as the pixels' disparities are.
         depth: 1.0 / f64::from((0.5 / shot.near + 0.5 / shot.far) as f32),
         distances: photos.cameras(&shot.views).map(|camera| camera.centre().distance(shot.target.centre())).collect(),
         target: shot.target,
@@ -130,12 +130,12 @@ pub fn run(args: &StabilityArgs) -> Result<Output> {
             .filter(|line| line.contains("**failed**") || line.contains("**refused**"))
             .collect::<Vec<_>>()
             .join("; ");
-        bail!("{} of {} cases do not hold: {failures}", table.failed(), table.outcomes.len());
+        bail!("{} of {} cases fail: {failures}", table.failed(), table.outcomes.len());
     }
     Ok(Output { text, json })
 }
 
-/// The other implementations, in a process.
+/// The reference implementations, in their own process.
 struct Reference {
     worker: WorkerProcess,
     folder: tempfile::TempDir,
@@ -149,18 +149,18 @@ impl Reference {
     }
 }
 
-/// Runs a case, also on the reference if there is one.
+/// Runs a case, and the reference on it if there is one.
 fn outcome(case: &Case<'_>, reference: Option<&mut Reference>) -> Result<Outcome> {
-    let question = &case.question;
-    let answer = question.answer();
-    let truth = question.truth();
-    let rust = match (&answer, &truth) {
-        (Ok(found), Some(truth)) => Ok(Some(Errors::between(found, truth, case.bound))),
+    let test = &case.test;
+    let answer = test.computed();
+    let expected = test.expected();
+    let rust = match (&answer, &expected) {
+        (Ok(found), Some(expected)) => Ok(Some(Errors::between(found, expected, case.bound))),
         (Err(refusal), _) => Err(refusal.clone()),
         (Ok(found), None) if found.iter().all(|(_, values)| values.iter().all(|value| value.is_finite())) => Ok(None),
         (Ok(_), None) => Ok(Some(Errors { largest: f64::INFINITY, doubtful: 0.0 })),
     };
-    let equal = question.equal().map(|other| match (&answer, other) {
+    let equal = test.equivalent().map(|other| match (&answer, other) {
         (Ok(answer), Ok(other)) => bits(answer) == bits(&other),
         (answer, other) => answer.is_err() && other.is_err(),
     });
@@ -168,42 +168,42 @@ fn outcome(case: &Case<'_>, reference: Option<&mut Reference>) -> Result<Outcome
         family: case.family,
         extreme: case.extreme,
         name: case.name.clone(),
-        stage: question.stage(),
+        stage: test.stage(),
         bound: case.bound,
-        doubtful: truth.as_ref().map_or(0.0, |truth| share(&truth.doubtful, |&doubtful| doubtful)),
-        seen: truth.as_ref().and_then(Truth::seen),
-        must_be_seen: question.must_be_seen(),
+        doubtful: expected.as_ref().map_or(0.0, |expected| share(&expected.doubtful, |&doubtful| doubtful)),
+        covered: expected.as_ref().and_then(Expected::covered),
+        must_cover: test.must_cover(),
         rust,
         equal,
         torch: None,
         kornia: None,
         onnxruntime: None,
         oracle: None,
-        slower: question.slower(),
+        relative_time: test.relative_time(),
     };
     if let (Some(reference), Ok(answer)) = (reference, answer) {
         let file = reference.folder.path().join("case.npz");
         let mut arrays = Arrays::create(&file)?;
-        question.write(&mut arrays)?;
-        match &truth {
-            Some(truth) => truth.write(&mut arrays)?,
+        test.write(&mut arrays)?;
+        match &expected {
+            Some(expected) => expected.write(&mut arrays)?,
             None => answer
                 .into_iter()
                 .try_for_each(|(name, values)| arrays.add(&format!("rust.{name}"), Array1::from_vec(values)))?,
         }
         arrays.finish()?;
-        let asked =
+        let request =
             json!({ "case": shown(&file), "stage": outcome.stage, "model": reference.model, "bound": case.bound });
-        let found = reference.worker.ask(&asked)?;
-        if truth.is_none() {
+        let found = reference.worker.ask(&request)?;
+        if expected.is_none() {
             outcome.rust = Ok(Errors::from_json(&found["rust"]));
         }
         outcome.torch = Errors::from_json(&found["torch"]);
         outcome.kornia = Errors::from_json(&found["kornia"]);
         outcome.onnxruntime = Errors::from_json(&found["onnxruntime"]);
         outcome.oracle = found["oracle"].as_f64();
-        // The network's outputs equal onnxruntime's: both run the same library.
-        if truth.is_none() {
+        // The network must equal onnxruntime, which runs the same library.
+        if expected.is_none() {
             outcome.equal = found["equal"].as_bool();
         }
     }

@@ -1,6 +1,6 @@
 //! Extreme inputs of the network: constant, saturated, denormal, tiny and very long pictures.
 //!
-//! Denormal inputs take no longer than others, since no photo holds any: on some CPUs arithmetic with them is ten times as slow.
+//! Textures hold no denormal values, since arithmetic with these is ten times as slow on some CPUs.
 
 use std::cell::RefCell;
 use std::time::Instant;
@@ -13,17 +13,18 @@ use liveview::warp::Texture;
 use liveview_common::statistics::percentile;
 use ndarray::{Array4, Axis};
 
-use super::case::{Case, Outputs, Question, Seeded, Truth};
+use super::case::{Case, Expected, Outputs, Seeded, StageTest};
 use crate::npz::Arrays;
 
-/// Error bound relative to the largest logit: up to 1,728 products are summed, in an order of the implementation's choice.
+/// Error bound relative to the largest logit: up to 1,728 products are summed, in any order.
 const BOUND: f64 = 2e-6;
 
-/// Height and width of most of the cases.
+/// Height and width of most cases, pixels.
 const SIZE: (usize, usize) = (64, 96);
 
-/// Timed runs, after some to warm up.
+/// Timed runs.
 const REPETITIONS: usize = 9;
+/// Runs before these, to warm up.
 const WARM_UP: usize = 3;
 
 struct NetworkCase<'a> {
@@ -48,21 +49,21 @@ impl NetworkCase<'_> {
     }
 }
 
-impl Question for NetworkCase<'_> {
+impl StageTest for NetworkCase<'_> {
     fn stage(&self) -> &'static str {
         "network"
     }
 
-    fn answer(&self) -> Result<Outputs<f32>, String> {
+    fn computed(&self) -> Result<Outputs<f32>, String> {
         Ok(vec![("logits", self.infer(&self.hwv)?.into_raw_vec_and_offset().0)])
     }
 
-    fn truth(&self) -> Option<Truth> {
+    fn expected(&self) -> Option<Expected> {
         None
     }
 
     /// The ratio of median times, interleaved with runs on noise of the same size.
-    fn slower(&self) -> Option<f64> {
+    fn relative_time(&self) -> Option<f64> {
         let ordinary = noise(self.hwv.dim());
         let times = (0..WARM_UP + REPETITIONS).map(|_| Ok([self.seconds(&self.hwv)?, self.seconds(&ordinary)?]));
         let times: Vec<[f64; 2]> = times.collect::<Result<_, String>>().ok()?;

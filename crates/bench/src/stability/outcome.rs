@@ -2,29 +2,29 @@
 
 use serde_json::{Value, json};
 
-use super::case::{Outputs, Truth};
+use super::case::{Expected, Outputs};
 
-/// Largest share of the doubtful pixels that may be off by more than the bound.
-const DOUBTFUL_CAP: f64 = 0.01;
+/// Largest share of the doubtful pixels whose error may exceed the bound.
+const MAX_DOUBTFUL_OFF: f64 = 0.01;
 
-/// One unit in the last place of 1, in float32: the error of a value that was rounded twice, allowed where torch happens to be exact.
-const FLOOR: f64 = 1.2e-7;
+/// One unit in the last place of 1 in float32, the error of a value rounded twice: allowed even if torch happens to be exact.
+const ALWAYS_ALLOWED: f64 = 1.2e-7;
 
-/// How many times as long as on noise the network may take on any other input; with denormal arithmetic it takes some CPUs ten times.
-const SLOWEST: f64 = 5.0;
+/// Longest time of the network on any input, relative to noise; denormal arithmetic takes ten times as long on some CPUs.
+const MAX_RELATIVE_TIME: f64 = 5.0;
 
 /// The errors of one implementation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Errors {
-    /// The largest outside doubtful pixels; infinite where anything is not finite.
+    /// The largest outside doubtful pixels; infinite if any value is not finite.
     pub(crate) largest: f64,
-    /// Of the doubtful pixels, the share that is off by more than the bound; 0 where one alone is, for there the truth may be off.
+    /// The share of doubtful pixels whose error exceeds the bound; 0 if it is a single one, whose expected value may be wrong.
     pub(crate) doubtful: f64,
 }
 
 impl Errors {
-    /// The errors of outputs against the truth; both have the same outputs.
-    pub(crate) fn between(found: &Outputs<f32>, truth: &Truth, bound: f64) -> Self {
+    /// The errors of outputs against the expected ones, which have the same names and sizes.
+    pub(crate) fn between(found: &Outputs<f32>, truth: &Expected, bound: f64) -> Self {
         let pixels = truth.doubtful.len();
         let (mut largest, mut off) = (0.0_f64, vec![false; pixels]);
         assert_eq!(found.len(), truth.outputs.len(), "outputs");
@@ -46,7 +46,7 @@ impl Errors {
         Self { largest, doubtful }
     }
 
-    /// From the reference's answer; `null` for an implementation that does not have this stage.
+    /// The errors in the reference's answer; `None` for an implementation without this stage.
     pub(crate) fn from_json(json: &Value) -> Option<Self> {
         let doubtful = json["doubtful"].as_f64()?;
         Some(Self { largest: json["largest"].as_f64().unwrap_or(f64::INFINITY), doubtful })
@@ -66,23 +66,23 @@ pub(crate) struct Outcome {
     pub(crate) bound: f64,
     /// Share of the pixels that are doubtful.
     pub(crate) doubtful: f64,
-    /// Share of the pixels that the source covers, where that matters.
-    pub(crate) seen: Option<f64>,
-    /// Whether `seen` must not be 0.
-    pub(crate) must_be_seen: bool,
-    /// The library's errors, or the message with which it refuses the inputs; `None` where only a reference has the truth, and there
-    /// is no reference: then the outputs are only known to be finite.
+    /// Share of the pixels that the source covers, for a warp.
+    pub(crate) covered: Option<f64>,
+    /// Whether `covered` must not be 0.
+    pub(crate) must_cover: bool,
+    /// The library's errors, or the message with which it refuses the inputs; `None` if only a reference could
+    /// compute the expected outputs and there is none: the outputs are then only known to be finite.
     pub(crate) rust: Result<Option<Errors>, String>,
     /// Whether the outputs of an equivalent case are equal to the last bit.
     pub(crate) equal: Option<bool>,
-    /// The reference's: float32 torch, unmodified kornia, onnxruntime.
+    /// Errors of float32 torch, unmodified kornia and onnxruntime.
     pub(crate) torch: Option<Errors>,
     pub(crate) kornia: Option<Errors>,
     pub(crate) onnxruntime: Option<Errors>,
-    /// The oracle's own error against arithmetic with 50 digits, at a sample of the pixels.
+    /// The error of the expected outputs against arithmetic with 50 digits, at some of the pixels.
     pub(crate) oracle: Option<f64>,
-    /// Run time as a multiple of that on ordinary inputs.
-    pub(crate) slower: Option<f64>,
+    /// Run time relative to that on ordinary inputs.
+    pub(crate) relative_time: Option<f64>,
 }
 
 /// Whether a case passes.
@@ -105,29 +105,29 @@ impl Outcome {
     pub(crate) fn verdict(&self) -> Verdict {
         let failed = |why: String| Verdict::Failed(why);
         if self.equal == Some(false) {
-            return failed("two answers that must be the same to the bit differ".into());
+            return failed("two results that must be equal to the last bit differ".into());
         }
         if let Some(off) = self.oracle.filter(|&off| off.is_nan() || off > self.bound / 4.0) {
-            return failed(format!("the oracle itself is off by {off:.1e}"));
+            return failed(format!("the expected outputs are themselves off by {off:.1e}"));
         }
         let rust = match &self.rust {
             Err(refusal) => return Verdict::Refused(refusal.clone()),
             Ok(None) => return Verdict::NotCompared,
             Ok(Some(rust)) => rust,
         };
-        if self.must_be_seen && self.seen == Some(0.0) {
-            return failed("no pixel sees the source: nothing is tested".into());
+        if self.must_cover && self.covered == Some(0.0) {
+            return failed("the source covers no pixel: nothing is tested".into());
         }
-        if let Some(slower) = self.slower.filter(|&slower| slower > SLOWEST) {
-            return failed(format!("takes {slower:.1} times the time of noise"));
+        if let Some(slower) = self.relative_time.filter(|&slower| slower > MAX_RELATIVE_TIME) {
+            return failed(format!("takes {slower:.1} times as long as noise"));
         }
         if rust.largest > self.bound {
             return failed(format!("off by {:.1e}, bound {:.0e}", rust.largest, self.bound));
         }
-        if rust.doubtful > DOUBTFUL_CAP {
+        if rust.doubtful > MAX_DOUBTFUL_OFF {
             return failed(format!("{:.0} % of the doubtful pixels are off", 100.0 * rust.doubtful));
         }
-        match self.torch.map(|torch| 2.0 * torch.largest.max(FLOOR / 2.0)) {
+        match self.torch.map(|torch| 2.0 * torch.largest.max(ALWAYS_ALLOWED / 2.0)) {
             Some(most) if rust.largest > most => {
                 failed(format!("off by {:.1e}, twice torch's is {most:.1e}", rust.largest))
             }
@@ -145,10 +145,10 @@ impl Outcome {
         let errors = |errors: Option<Errors>| errors.map(Errors::json);
         json!({
             "family": self.family, "extreme": self.extreme.is_finite().then_some(self.extreme), "name": self.name,
-            "stage": self.stage, "bound": self.bound, "doubtful": self.doubtful, "seen": self.seen,
+            "stage": self.stage, "bound": self.bound, "doubtful": self.doubtful, "covered": self.covered,
             "rust": errors(self.rust.clone().ok().flatten()), "torch": errors(self.torch),
             "kornia": errors(self.kornia), "onnxruntime": errors(self.onnxruntime), "oracle": self.oracle,
-            "slower": self.slower, "verdict": verdict, "why": why,
+            "relative_time": self.relative_time, "verdict": verdict, "why": why,
         })
     }
 }
@@ -166,35 +166,35 @@ mod tests {
             stage: "warp",
             bound: 1e-5,
             doubtful: 0.0,
-            seen: None,
-            must_be_seen: true,
+            covered: None,
+            must_cover: true,
             rust: Ok(errors(rust)),
             equal: None,
             torch: errors(torch),
             kornia: None,
             onnxruntime: None,
             oracle: None,
-            slower: None,
+            relative_time: None,
         }
     }
 
     #[test]
-    fn beyond_the_bound_or_twice_torchs_error_is_a_failure() {
+    fn error_beyond_the_bound_or_twice_that_of_torch_fails() {
         assert_eq!(outcome(9e-6, 5e-6).verdict(), Verdict::Ok);
         assert_eq!(outcome(1e-7, 0.0).verdict(), Verdict::Ok);
         for bad in [outcome(2e-5, 1.0), outcome(9e-6, 4e-6), outcome(f64::INFINITY, f64::INFINITY)] {
             assert!(matches!(bad.verdict(), Verdict::Failed(_)));
         }
         assert!(matches!(Outcome { oracle: Some(1e-4), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
-        assert!(matches!(Outcome { seen: Some(0.0), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
-        assert!(matches!(Outcome { slower: Some(30.0), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
+        assert!(matches!(Outcome { covered: Some(0.0), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
+        assert!(matches!(Outcome { relative_time: Some(30.0), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
         assert!(!Outcome { rust: Err("fx is 0".into()), ..outcome(0.0, 0.0) }.holds());
         assert!(matches!(Outcome { equal: Some(false), ..outcome(0.0, 0.0) }.verdict(), Verdict::Failed(_)));
     }
 
     #[test]
-    fn doubtful_pixels_are_counted_apart_and_nan_is_infinitely_wrong() {
-        let truth = Truth {
+    fn doubtful_pixels_are_counted_separately_and_nan_is_infinite() {
+        let truth = Expected {
             outputs: vec![("coverage", vec![0.5; 6])],
             doubtful: vec![false, true, true, true, true, false],
             relative: false,

@@ -1,4 +1,4 @@
-//! Extreme cameras and planes: a target and one view, one quantity swept at a time.
+//! Extreme cameras and planes: a target and one view, with one quantity varied at a time.
 
 use std::borrow::Cow;
 
@@ -54,38 +54,39 @@ impl Parts {
 }
 
 /// The cameras and the depth of a case.
-struct Swept {
+struct VariedCase {
     source: Parts,
     target: Parts,
     depth: f64,
 }
 
 impl TestRig {
-    fn case<'a>(&'a self, change: impl FnOnce(&mut Swept)) -> WarpCase<'a> {
-        let mut swept = Swept { source: Parts::of(&self.source), target: Parts::of(&self.target), depth: self.depth };
-        change(&mut swept);
+    fn case<'a>(&'a self, change: impl FnOnce(&mut VariedCase)) -> WarpCase<'a> {
+        let mut varied =
+            VariedCase { source: Parts::of(&self.source), target: Parts::of(&self.target), depth: self.depth };
+        change(&mut varied);
         let camera = |parts: Parts| {
             let Parts { intrinsics, size, rotation, centre } = parts;
             Camera::new(intrinsics, size.0, size.1, rotation, -(rotation * centre))
         };
         WarpCase {
             photo: Cow::Borrowed(&self.photo),
-            source: camera(swept.source),
-            target: camera(swept.target),
-            disparity: 1.0 / swept.depth,
-            nothing_seen: false,
-            same_as: None,
-            meant: None,
+            source: camera(varied.source),
+            target: camera(varied.target),
+            disparity: 1.0 / varied.depth,
+            covers_nothing: false,
+            equivalent_rig: None,
+            well_conditioned: None,
         }
     }
 
     /// Gives the source the target's rotation, and moves it from the target by `offset`, in the target's axes and in units of the
     /// depth. Both principal points are on the centre of a pixel.
-    fn aligned(&self, swept: &mut Swept, offset: DVec3) {
-        swept.target.centred();
-        swept.source.centred();
-        swept.source.rotation = self.target.rotation();
-        swept.source.centre = swept.target.centre + self.target.rotation().transpose() * offset * self.depth;
+    fn aligned(&self, varied: &mut VariedCase, offset: DVec3) {
+        varied.target.centred();
+        varied.source.centred();
+        varied.source.rotation = self.target.rotation();
+        varied.source.centre = varied.target.centre + self.target.rotation().transpose() * offset * self.depth;
     }
 }
 
@@ -103,76 +104,76 @@ pub(super) fn families(rig: &TestRig) -> Vec<Vec<Case<'_>>> {
     // Behind the target: the source covers the plane at any depth and any baseline.
     let behind = DVec3::new(0.02, -0.01, -0.3);
     let depth = |times: f64| {
-        rig.case(|swept| {
-            rig.aligned(swept, behind);
-            swept.depth *= times;
+        rig.case(|varied| {
+            rig.aligned(varied, behind);
+            varied.depth *= times;
         })
     };
-    let baseline = |times: f64| rig.case(|swept| rig.aligned(swept, behind * times));
+    let baseline = |times: f64| rig.case(|varied| rig.aligned(varied, behind * times));
     // The longer the focal length, the smaller the offset and the rotation, so that the source covers as much.
     let focal = |factor: f64| {
-        rig.case(|swept| {
-            rig.aligned(swept, DVec3::new(0.05, -0.02, 0.0) / factor);
-            [&mut swept.source, &mut swept.target].into_iter().for_each(|camera| camera.focal(factor));
-            swept.source.turn(0.05 / f64::max(factor, 1.0));
+        rig.case(|varied| {
+            rig.aligned(varied, DVec3::new(0.05, -0.02, 0.0) / factor);
+            [&mut varied.source, &mut varied.target].into_iter().for_each(|camera| camera.focal(factor));
+            varied.source.turn(0.05 / f64::max(factor, 1.0));
         })
     };
     // Offset along the common optical axis, which any focal length covers.
     let source_focal = |factor: f64| {
-        rig.case(|swept| {
-            rig.aligned(swept, DVec3::new(0.0, 0.0, -0.3));
-            swept.source.focal(factor);
+        rig.case(|varied| {
+            rig.aligned(varied, DVec3::new(0.0, 0.0, -0.3));
+            varied.source.focal(factor);
         })
     };
     // The point in the middle of the picture is at (gap / 10, 0, gap) in the source: covered however near it is.
     let through_centre = |gap: f64| {
-        let case = rig.case(|swept| rig.aligned(swept, DVec3::new(-0.1 * gap, 0.0, 1.0 - gap)));
-        WarpCase { nothing_seen: gap == 0.0, ..case }
+        let case = rig.case(|varied| rig.aligned(varied, DVec3::new(-0.1 * gap, 0.0, 1.0 - gap)));
+        WarpCase { covers_nothing: gap == 0.0, ..case }
     };
     let turned = |angle: f64, wider: f64| {
-        rig.case(|swept| {
-            rig.aligned(swept, DVec3::new(0.05, -0.02, 0.03));
-            swept.source.focal(wider);
-            swept.source.turn(angle);
+        rig.case(|varied| {
+            rig.aligned(varied, DVec3::new(0.05, -0.02, 0.03));
+            varied.source.focal(wider);
+            varied.source.turn(angle);
         })
     };
-    let away = |from: f64| WarpCase { nothing_seen: true, ..turned(std::f64::consts::PI - from, 1.0) };
+    let away = |from: f64| WarpCase { covers_nothing: true, ..turned(std::f64::consts::PI - from, 1.0) };
     // The source looks along the plane, from this distance beside the point in the middle of the picture: w changes its sign there.
     let edge_on = |gap: f64| {
-        rig.case(|swept| {
-            rig.aligned(swept, DVec3::new(-gap, 0.0, 1.0));
-            swept.source.turn(std::f64::consts::FRAC_PI_2);
+        rig.case(|varied| {
+            rig.aligned(varied, DVec3::new(-gap, 0.0, 1.0));
+            varied.source.turn(std::f64::consts::FRAC_PI_2);
         })
     };
     // Skew does not move the row in the middle of the picture, at the height of both cameras.
     let skew = |times: f64| {
-        rig.case(|swept| {
-            rig.aligned(swept, DVec3::new(0.05, 0.0, 0.0));
-            swept.source.intrinsics.skew = times * swept.source.intrinsics.fx;
+        rig.case(|varied| {
+            rig.aligned(varied, DVec3::new(0.05, 0.0, 0.0));
+            varied.source.intrinsics.skew = times * varied.source.intrinsics.fx;
         })
     };
     // A picture far off its camera's optical axis; the camera is turned so that it covers what the target shows.
     let principal_point = |pixels: f64| {
-        rig.case(|swept| {
-            rig.aligned(swept, DVec3::new(0.0, 0.0, -0.3));
-            swept.source.turn((pixels / swept.source.intrinsics.fx).atan());
-            swept.source.intrinsics.cx += pixels;
+        rig.case(|varied| {
+            rig.aligned(varied, DVec3::new(0.0, 0.0, -0.3));
+            varied.source.turn((pixels / varied.source.intrinsics.fx).atan());
+            varied.source.intrinsics.cx += pixels;
         })
     };
     let unit = |factor: f64| {
-        let scaled = rig.case(|swept| {
-            [&mut swept.source, &mut swept.target].into_iter().for_each(|camera| camera.centre *= factor);
-            swept.depth *= factor;
+        let scaled = rig.case(|varied| {
+            [&mut varied.source, &mut varied.target].into_iter().for_each(|camera| camera.centre *= factor);
+            varied.depth *= factor;
         });
-        WarpCase { same_as: Some(Box::new(rig.case(|_| ()))), ..scaled }
+        WarpCase { equivalent_rig: Some(Box::new(rig.case(|_| ()))), ..scaled }
     };
     let powers = (-6..=6).map(|step| 2f64.powi(20 * step));
     let origin = |away: f64| {
-        let moved = rig.case(|swept| {
+        let moved = rig.case(|varied| {
             let by = DVec3::new(0.6, -0.48, 0.64) * away * rig.depth;
-            [&mut swept.source, &mut swept.target].into_iter().for_each(|camera| camera.centre += by);
+            [&mut varied.source, &mut varied.target].into_iter().for_each(|camera| camera.centre += by);
         });
-        WarpCase { meant: Some(Box::new(rig.case(|_| ()))), ..moved }
+        WarpCase { well_conditioned: Some(Box::new(rig.case(|_| ()))), ..moved }
     };
     // The rounding error of float64 positions this far from the origin, in pixels by the focal length.
     let pose_pixels =
@@ -199,7 +200,7 @@ pub(super) fn families(rig: &TestRig) -> Vec<Vec<Case<'_>>> {
             .into_iter()
             .map(|case| Case { name: format!("2^{}", case.extreme.log2()), ..case })
             .collect(),
-        // Ten times further, positions in float64 are worth more than a step of an 8-bit photo (1/256): the bound would say nothing.
+        // Ten times further, a last bit of the positions in float64 is more than a step of an 8-bit photo (1/256): no useful bound.
         family("far from the origin", decades(0..=10), origin)
             .into_iter()
             .map(|case| Case { bound: BOUND.max(pose_pixels(case.extreme)), ..case })

@@ -1,5 +1,5 @@
-//! Extreme sampling: tiny photos, exact hits of edges, samples far outside, magnification and minification. The source sees
-//! the target's pixel x at `scale` x + `shift`.
+//! Extreme sampling: tiny photos, samples exactly on edges and far outside, magnification and minification. The target's pixel x is at
+//! `scale` x + `shift` in the source.
 
 use std::borrow::Cow;
 
@@ -10,11 +10,11 @@ use liveview::image::ImageRgb;
 use super::case::{Case, Seeded, decades};
 use super::warp::{BOUND, WarpCase};
 
-/// Size of the photo that is sampled, but for the family of sizes: odd, and not a multiple of any block size.
-const SIDES: (usize, usize) = (37, 23);
+/// Size of the sampled photo, except in the family of sizes: odd, and not a multiple of any block size.
+const PHOTO_SIZE: (usize, usize) = (37, 23);
 
-/// Error bound where coordinates are whole or half pixels: samples are pixels or means of two, rounded once or twice.
-const EXACT: f64 = 1.2e-7;
+/// Error bound at whole and half pixels: samples are pixels or means of two, rounded once or twice.
+const EXACT_BOUND: f64 = 1.2e-7;
 
 fn photo((width, height): (usize, usize)) -> ImageRgb {
     let noise = Seeded((width * 1000 + height) as u64).units(3 * width * height);
@@ -35,9 +35,9 @@ fn sampled<'a>(photo: ImageRgb, size: (usize, usize), scale: f64, shift: (f64, f
         target: camera(size, 1.0, (0.0, 0.0)),
         photo: Cow::Owned(photo),
         disparity: 0.0,
-        nothing_seen: beside,
-        same_as: None,
-        meant: None,
+        covers_nothing: beside,
+        equivalent_rig: None,
+        well_conditioned: None,
     }
 }
 
@@ -47,19 +47,19 @@ pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
         let target = (size.0 + 2, size.1 + 3);
         (format!("{}x{}", size.0, size.1), sampled(photo(size), target, 1.0, (-0.75, -1.25)))
     });
-    let (width, height) = (SIDES.0 as f64, SIDES.1 as f64);
+    let (width, height) = (PHOTO_SIZE.0 as f64, PHOTO_SIZE.1 as f64);
     let shifts =
         [0.0, 0.5, 1.0].map(|by| [(by, 0.0), (-by, by), (width - by, 0.0), (by - width, 0.0), (0.0, by - height)]);
     let edges = shifts
         .into_iter()
         .flatten()
-        .map(|shift| (format!("shift {}, {}", shift.0, shift.1), sampled(photo(SIDES), SIDES, 1.0, shift)));
+        .map(|shift| (format!("shift {}, {}", shift.0, shift.1), sampled(photo(PHOTO_SIZE), PHOTO_SIZE, 1.0, shift)));
     let outside = decades((0..=9).chain([15, 30, 150, 300])).map(|shift| {
         Case::new(
             "far outside",
             shift,
             format!("shift {shift:.0e}"),
-            sampled(photo(SIDES), SIDES, 1.0, (shift, -shift)),
+            sampled(photo(PHOTO_SIZE), PHOTO_SIZE, 1.0, (shift, -shift)),
             BOUND,
         )
     });
@@ -69,13 +69,13 @@ pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
             family,
             scale.max(1.0 / scale),
             format!("scale {scale:.0e}"),
-            sampled(photo(SIDES), SIDES, scale, middle),
+            sampled(photo(PHOTO_SIZE), PHOTO_SIZE, scale, middle),
             BOUND,
         )
     };
     vec![
         Case::listed("photo size", BOUND, sizes),
-        Case::listed("exact hits of edges", EXACT, edges),
+        Case::listed("exact hits of edges", EXACT_BOUND, edges),
         outside.collect(),
         decades(0..=6).map(|by| scaled("magnification", 1.0 / by)).collect(),
         decades(0..=6).map(|by| scaled("minification", by)).collect(),

@@ -1,17 +1,17 @@
-//! Extreme cases of the plane selection, with nothing or too much to choose from, and the same selection by counting.
+//! Extreme cases of the plane selection, with nothing or too much to choose from; expected outputs by counting.
 
 use anyhow::Result;
 use liveview::layers::{plane_histogram, select_planes};
 use liveview::render::{Accumulated, Blended};
 use ndarray::{Array1, Array2};
 
-use super::case::{Case, Outputs, Question, Seeded, Truth};
+use super::case::{Case, Expected, Outputs, Seeded, StageTest};
 use crate::npz::Arrays;
 
 /// Pixels per case.
 const PIXELS: usize = 67;
 
-/// α of D planes `[D, pixels]`; K of them are to be chosen.
+/// α of D planes `[D, pixels]`, of which `count` are to be selected.
 struct SelectCase {
     alpha: Vec<f32>,
     count: usize,
@@ -23,18 +23,18 @@ impl SelectCase {
     }
 }
 
-/// Histogram, and which planes were chosen (1) and not (0); one "pixel" per plane.
+/// The histogram, and whether each plane was selected (1) or not (0); one "pixel" for each plane.
 fn outputs<T: From<f32>>(histogram: impl Iterator<Item = T>, selected: &[usize], planes: usize) -> Outputs<T> {
     let chosen = (0..planes).map(|plane| T::from(f32::from(u8::from(selected.contains(&plane)))));
     vec![("histogram", histogram.collect()), ("selected", chosen.collect())]
 }
 
-impl Question for SelectCase {
+impl StageTest for SelectCase {
     fn stage(&self) -> &'static str {
         "select"
     }
 
-    fn answer(&self) -> Result<Outputs<f32>, String> {
+    fn computed(&self) -> Result<Outputs<f32>, String> {
         let mut row = Accumulated::new(PIXELS);
         for (plane, alpha) in self.alpha.chunks(PIXELS).enumerate() {
             let layer = Blended { alpha: alpha.to_vec(), ..Blended::new(PIXELS) };
@@ -46,7 +46,7 @@ impl Question for SelectCase {
         Ok(outputs(histogram.iter().map(|&votes| votes as f32), &selected, self.planes()))
     }
 
-    fn truth(&self) -> Option<Truth> {
+    fn expected(&self) -> Option<Expected> {
         let planes = self.planes();
         let mut votes = vec![0_u32; planes];
         for pixel in 0..PIXELS {
@@ -54,12 +54,12 @@ impl Question for SelectCase {
             let best = (0..planes).fold(0, |best, plane| if alpha(plane) > alpha(best) { plane } else { best });
             votes[best] += u32::from(alpha(best) > 0.0);
         }
-        // A plane is chosen if fewer than K planes have a fuller bin, or an equally full one and are nearer.
+        // A plane is selected if fewer than `count` planes have a fuller bin, or an equally full one and are nearer.
         let before = |a: usize, b: usize| votes[a] > votes[b] || votes[a] == votes[b] && a < b;
         let chosen = |plane: &usize| (0..planes).filter(|&other| before(other, *plane)).count() < self.count;
         let selected: Vec<usize> = (0..planes).filter(chosen).collect();
         let outputs = outputs(votes.iter().map(|&votes| f64::from(votes)), &selected, planes);
-        Some(Truth { outputs, doubtful: vec![false; planes], relative: false })
+        Some(Expected { outputs, doubtful: vec![false; planes], relative: false })
     }
 
     fn write(&self, arrays: &mut Arrays) -> Result<()> {
@@ -78,7 +78,7 @@ pub(super) fn families<'a>() -> Vec<Vec<Case<'a>>> {
         ("all α 0", vec![0.0; 8 * PIXELS], 3),
         ("denormal α", vec![f32::from_bits(1); 8 * PIXELS], 3),
         ("one plane", random(1), 1),
-        ("more asked for than there are", random(8), 20),
+        ("more requested than there are", random(8), 20),
         ("all but one bin empty", one_bin, 3),
         ("4,096 planes", random(4096), 16),
     ];

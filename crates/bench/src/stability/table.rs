@@ -1,4 +1,4 @@
-//! The outcomes as Markdown, a line per family and a line per case, and as JSON.
+//! The outcomes as Markdown, with a line for each family and each case, and as JSON.
 
 use std::fmt::Write;
 
@@ -8,7 +8,7 @@ use super::outcome::{Errors, Outcome, Verdict};
 
 /// The results of all cases.
 pub(crate) struct Table {
-    /// The rig and the model, in one line.
+    /// The rig and the model, one line.
     pub(crate) about: String,
     pub(crate) outcomes: Vec<Outcome>,
 }
@@ -24,7 +24,7 @@ impl Table {
     }
 }
 
-/// The errors of the four implementations; `None` for one that was not run, or does not have the stage.
+/// The errors of the four implementations; `None` for one that was not run or lacks the stage.
 pub(super) fn errors(outcome: &Outcome) -> [(&'static str, Option<Errors>); 4] {
     [
         ("Rust", outcome.rust.clone().ok().flatten()),
@@ -36,15 +36,16 @@ pub(super) fn errors(outcome: &Outcome) -> [(&'static str, Option<Errors>); 4] {
 
 const HOW_TO_READ: &str = "\
 Errors are the largest of a case against float64, of values in [0, 1], or relative to the largest (disparity, logits, stiff composites);
-\"seen\" is the share of the pixels that see the source. **Bold** is beyond the bound, *NaN* is not finite. Doubtful pixels, whose answer hangs on bits that float32 inputs do not have, are left out of these and
-counted apart: of those, at most 1 % may be beyond the bound. Torch, kornia (as it comes: it does not mask what lies behind the camera) and
-onnxruntime compute in float32. Rust's error must be within the bound and at most twice torch's, or 1.2e-7.";
+\"covered\" is the share of the pixels that the source covers. **Bold** is beyond the bound, *NaN* is not finite. Doubtful pixels, whose
+value depends on bits that float32 inputs do not have, are counted separately: of those at most 1 % may be beyond the bound. Torch, kornia
+(unmodified: it does not mask points behind the camera) and onnxruntime compute in float32. Rust's error must be within the bound and at
+most twice torch's, or 1.2e-7.";
 
 pub(crate) fn markdown(table: &Table) -> String {
     let mut text = format!("# Stiff and extreme cases\n\n{}\n\n{HOW_TO_READ}\n\n", table.about);
     let count = table.outcomes.len();
-    let _ = writeln!(text, "{} of {count} cases hold.\n", count - table.failed());
-    text += "| stage | swept | from | to | cases | Rust | torch | kornia | onnxruntime | |\n|---|---|---|---|---|---|---|---|---|---|\n";
+    let _ = writeln!(text, "{} of {count} cases pass.\n", count - table.failed());
+    text += "| stage | varied | from | to | cases | Rust | torch | kornia | onnxruntime | |\n|---|---|---|---|---|---|---|---|---|---|\n";
     for family in table.families() {
         let (first, last) = (&family[0], &family[family.len() - 1]);
         let _ =
@@ -56,7 +57,7 @@ pub(crate) fn markdown(table: &Table) -> String {
         let failed = family.iter().filter(|outcome| !outcome.holds()).count();
         let _ = writeln!(text, " {} |", if failed == 0 { "ok".to_owned() } else { format!("{failed} failed") });
     }
-    text += "\n| case | | Rust | torch | kornia | onnxruntime | bound | seen | doubtful | |\n|---|---|---|---|---|---|---|---|---|---|\n";
+    text += "\n| case | | Rust | torch | kornia | onnxruntime | bound | covered | doubtful | |\n|---|---|---|---|---|---|---|---|---|---|\n";
     for outcome in &table.outcomes {
         let figures: Vec<String> = (0..4).map(|implementation| figure(outcome, implementation)).collect();
         let _ = writeln!(
@@ -66,9 +67,9 @@ pub(crate) fn markdown(table: &Table) -> String {
             outcome.name,
             figures.join(" | "),
             outcome.bound,
-            outcome.seen.map_or_else(String::new, percent),
+            outcome.covered.map_or_else(String::new, percent),
             doubtful(outcome),
-            judged(outcome)
+            verdict(outcome)
         );
     }
     text
@@ -88,7 +89,7 @@ fn figure(outcome: &Outcome, implementation: usize) -> String {
     }
 }
 
-/// Share of doubtful pixels, and of these the share that is off.
+/// The share of doubtful pixels, and of these the share whose error exceeds the bound.
 fn doubtful(outcome: &Outcome) -> String {
     let off = outcome.rust.as_ref().ok().and_then(|rust| rust.as_ref()).map_or(0.0, |rust| rust.doubtful);
     match outcome.doubtful {
@@ -102,8 +103,8 @@ fn percent(share: f64) -> String {
     if share > 0.0 && share < 1e-3 { format!("{:.3} %", 100.0 * share) } else { format!("{:.1} %", 100.0 * share) }
 }
 
-fn judged(outcome: &Outcome) -> String {
-    let slower = outcome.slower.map_or_else(String::new, |times| format!(", {times:.2} times the time of noise"));
+fn verdict(outcome: &Outcome) -> String {
+    let slower = outcome.relative_time.map_or_else(String::new, |times| format!(", {times:.2} times as long as noise"));
     match outcome.verdict() {
         Verdict::Ok => format!("ok{slower}"),
         Verdict::NotCompared => format!("finite, not compared{slower}"),

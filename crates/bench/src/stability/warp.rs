@@ -10,15 +10,15 @@ use liveview::layers::Layers;
 use liveview::warp::{Texture, WarpSource, warp_layers};
 use ndarray::Array1;
 
-use super::case::{Outputs, Question, Truth};
+use super::case::{Expected, Outputs, StageTest};
 use crate::npz::Arrays;
 
 /// A pixel is doubtful if its source coordinates move by more than this, in pixels, when the terms of (u, v, w) change in the last bit
 /// of float32: every float32 implementation rounds these.
 const DOUBTFUL_PIXELS: f64 = 0.01;
 
-/// Error bound of float32 samples of a photo in [0, 1]: about the last bit of their distance in pixels from the middle of a run, which
-/// the warp computes in float64.
+/// Error bound of float32 samples of a photo in [0, 1]: about the last bit of their distance in pixels from the middle of a run of
+/// pixels, which the warp computes in float64.
 pub(super) const BOUND: f64 = 2e-5;
 
 /// One view, warped by one plane of the target.
@@ -28,12 +28,12 @@ pub(super) struct WarpCase<'a> {
     pub(super) target: Result<Camera, CameraError>,
     /// Disparity, 1/scene unit.
     pub(super) disparity: f64,
-    /// Whether the source should cover no pixel.
-    pub(super) nothing_seen: bool,
-    /// An equivalent rig, whose outputs must be the same to the last bit.
-    pub(super) same_as: Option<Box<WarpCase<'a>>>,
-    /// An equivalent rig that float64 represents well, for the oracle.
-    pub(super) meant: Option<Box<WarpCase<'a>>>,
+    /// Whether the source must cover no pixel.
+    pub(super) covers_nothing: bool,
+    /// An equivalent rig, whose outputs must be equal to the last bit.
+    pub(super) equivalent_rig: Option<Box<WarpCase<'a>>>,
+    /// An equivalent rig that float64 represents well, for the expected outputs.
+    pub(super) well_conditioned: Option<Box<WarpCase<'a>>>,
 }
 
 impl WarpCase<'_> {
@@ -51,7 +51,7 @@ impl WarpCase<'_> {
         if uvw.z < -last_bit.z {
             return false;
         }
-        // Not doubtful if it is outside the photo for certain: inside, -1 < u/w < side + 1 for the largest w.
+        // Not doubtful if certainly outside the photo: inside, -1 < u/w < side + 1 for the largest w.
         let w = uvw.z.max(0.0) + last_bit.z;
         let reaches = |at: f64, bit: f64, side: usize| at + bit > -w && at - bit < (side as f64 + 1.0) * w;
         let (width, height) = (self.photo.width(), self.photo.height());
@@ -59,17 +59,17 @@ impl WarpCase<'_> {
             return false;
         }
         let moved = (last_bit + (uvw / uvw.z).abs() * last_bit.z) / uvw.z.abs();
-        // Written so that a division by 0 counts as doubtful.
+        // In this form a division by 0 counts as doubtful.
         !(uvw.z > last_bit.z && moved.x.max(moved.y) <= DOUBTFUL_PIXELS)
     }
 }
 
-impl Question for WarpCase<'_> {
+impl StageTest for WarpCase<'_> {
     fn stage(&self) -> &'static str {
         "warp"
     }
 
-    fn answer(&self) -> Result<Outputs<f32>, String> {
+    fn computed(&self) -> Result<Outputs<f32>, String> {
         let (source, target) = self.cameras()?;
         let size = target.size();
         let layers = Layers::planes(&[self.disparity]).map_err(|error| error.to_string())?;
@@ -82,17 +82,17 @@ impl Question for WarpCase<'_> {
         Ok(vec![("colour", colour), ("coverage", coverage)])
     }
 
-    fn must_be_seen(&self) -> bool {
-        !self.nothing_seen
+    fn must_cover(&self) -> bool {
+        !self.covers_nothing
     }
 
-    fn equal(&self) -> Option<Result<Outputs<f32>, String>> {
-        Some(self.same_as.as_ref()?.answer())
+    fn equivalent(&self) -> Option<Result<Outputs<f32>, String>> {
+        Some(self.equivalent_rig.as_ref()?.computed())
     }
 
-    fn truth(&self) -> Option<Truth> {
-        if let Some(meant) = &self.meant {
-            return meant.truth();
+    fn expected(&self) -> Option<Expected> {
+        if let Some(well_conditioned) = &self.well_conditioned {
+            return well_conditioned.expected();
         }
         let (source, target) = self.cameras().ok()?;
         let (height, width) = (target.height(), target.width());
@@ -112,7 +112,7 @@ impl Question for WarpCase<'_> {
                 outputs[1].1[i] = sample[3];
             }
         }
-        Some(Truth { outputs, doubtful, relative: false })
+        Some(Expected { outputs, doubtful, relative: false })
     }
 
     fn write(&self, arrays: &mut Arrays) -> Result<()> {
@@ -122,13 +122,13 @@ impl Question for WarpCase<'_> {
         arrays.add_camera("target", target)?;
         arrays.add("target.size", Array1::from_vec(vec![target.width() as i64, target.height() as i64]))?;
         arrays.add("disparities", Array1::from_vec(vec![f64::from(self.disparity as f32)]))?;
-        // Says that the oracle has other cameras.
-        if self.meant.is_some() { arrays.add("meant", Array1::from_vec(vec![1_u8])) } else { Ok(()) }
+        // Marks that the expected outputs are those of other cameras.
+        if self.well_conditioned.is_some() { arrays.add("meant", Array1::from_vec(vec![1_u8])) } else { Ok(()) }
     }
 }
 
-/// The terms whose sum is (u, v, w), the homogeneous source pixel of a target pixel: those of x, y, 1 and the disparity. By way of rays and
-/// of poses, and without [`PlaneSweep`], whose faults it must not share.
+/// The terms of x, y, 1 and the disparity, whose sum is the homogeneous source pixel (u, v, w) of a target pixel. Computed from rays and
+/// poses, without [`PlaneSweep`], so that they share no fault.
 fn uvw_terms(source: &Camera, target: &Camera, (x, y): (f64, f64), disparity: f64) -> [DVec3; 4] {
     // K⁻¹ p, by substitution from below.
     let ray = |p: DVec3| {
@@ -136,7 +136,7 @@ fn uvw_terms(source: &Camera, target: &Camera, (x, y): (f64, f64), disparity: f6
         let down = (p.y - k.cy * p.z) / k.fy;
         DVec3::new((p.x - k.skew * down - k.cx * p.z) / k.fx, down, p.z)
     };
-    // From the target's axes to the world's, and to the source's.
+    // From the target's axes to those of the world and of the source.
     let turned = |v: DVec3| source.rotation() * (target.rotation().transpose() * v);
     let projected = |v: DVec3| {
         let k = source.intrinsics();

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-/// Its name, where the system reports it (Linux), and the widest vectors that it has: they decide how fast networks run.
+/// The name, where the system reports it (Linux), and the widest vector instructions, which decide how fast networks run.
 pub(super) fn cpu() -> String {
     let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));

@@ -4,16 +4,16 @@ use std::fmt::Write;
 
 use super::rows::{Row, SweepReport};
 
-/// A heading that says how it was measured, and a row per configuration.
+/// A heading that says how the rows were measured, and a row for each configuration.
 pub(crate) fn markdown(sweep: &SweepReport) -> String {
     let sizes: Vec<_> = sweep.rows.iter().map(|row| row.size).collect();
-    let many = sizes.iter().any(|&size| size != sizes[0]);
+    let several_sizes = sizes.iter().any(|&size| size != sizes[0]);
     let mut text = format!(
-        "{}, {}{} from {} views, {} threads, batch {}, {}; models: {}; {} repetitions, interleaved, each configuration in a process of its own; \
+        "{}, {}{} from {} views, {} threads, batch {}, {}; models: {}; {} interleaved repetitions, each configuration in its own process; \
          scores against the held-out photos, errors against the most planes.\n\n",
         sweep.scene,
         sweep.targets.join(" and "),
-        if many { String::new() } else { format!(" at {}", sizes[0]) },
+        if several_sizes { String::new() } else { format!(" at {}", sizes[0]) },
         sweep.views,
         sweep.threads,
         sweep.batch,
@@ -22,18 +22,18 @@ pub(crate) fn markdown(sweep: &SweepReport) -> String {
         sweep.rows.iter().map(|row| row.runs.len()).max().unwrap_or(0),
     );
     if sweep.noisy() {
-        text += "**The machine was noisy: the times are not to be trusted.**\n\n";
+        text += "**The machine was busy: the times are unreliable.**\n\n";
     }
-    let size = if many { " size |" } else { "" };
+    let size = if several_sizes { " size |" } else { "" };
     let _ = writeln!(
         text,
         "| |{size} layers | engine | PSNR dB | SSIM | error mean | error max | seconds (range) | times faster | MB | time goes to |\n\
          |---|{}---|---|---|---|---|---|---|---|---|---|",
-        if many { "---|" } else { "" }
+        if several_sizes { "---|" } else { "" }
     );
     for row in &sweep.rows {
         let front = if sweep.on_front(row) { "●" } else { "" };
-        let size = if many { format!(" {} |", row.size) } else { String::new() };
+        let size = if several_sizes { format!(" {} |", row.size) } else { String::new() };
         let [psnr, ssim] = [(row.score.map(|s| s.psnr), 2), (row.score.map(|s| s.ssim), 4)].map(cell);
         let [mean, max] = [(row.error.map(|e| e.mean), 4), (row.error.map(|e| e.max), 2)].map(cell);
         let totals = row.totals();
@@ -53,9 +53,9 @@ pub(crate) fn markdown(sweep: &SweepReport) -> String {
         );
     }
     if sweep.rows.iter().any(|row| row.reference) {
-        text += "\nPyTorch's and ONNX Runtime's rows composite as the paper does, with the model for any layers; scored on the first target.\n";
+        text += "\nThe rows of PyTorch and ONNX Runtime composite as in the paper, with the model for any layers; they are scored on the first target.\n";
     }
-    text += "\n● on the Pareto front of time and PSNR. `once`: planes selected in a first pass, or the depth of the photos, which all further frames share.\n";
+    text += "\n●: on the Pareto front of time and PSNR. `once`: the time to select planes or to search the photos' depth, which further frames share.\n";
     text
 }
 
@@ -75,7 +75,7 @@ fn shares(row: &Row) -> String {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn every_row_has_every_column() {
+    fn all_rows_have_all_columns() {
         let sweep = super::super::rows::tests::sweep();
         let text = super::markdown(&sweep);
         let lines: Vec<&str> = text.lines().filter(|line| line.starts_with('|')).collect();

@@ -1,4 +1,4 @@
-//! Measuring one configuration of `liveview sweep`.
+//! Measures one configuration of `liveview sweep`.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ use crate::worker_process::{WorkerProcess, text_of};
 pub(super) struct Measured {
     worker: WorkerProcess,
     pub(super) row: Row,
-    /// The pictures of all targets that it renders, until they are scored.
+    /// The pictures of all targets, until they are scored.
     pictures: Vec<ImageRgb>,
 }
 
@@ -25,7 +25,7 @@ impl Measured {
         Self { worker, row, pictures: Vec::new() }
     }
 
-    /// Renders every target once and keeps the pictures; a reference renders only the first.
+    /// Renders every target once and keeps the pictures; a reference implementation renders only the first.
     pub(super) fn warm_up(&mut self, targets: usize, folder: &Path) -> Result<()> {
         let targets = if self.row.reference { 1 } else { targets };
         for target in 0..targets {
@@ -35,8 +35,8 @@ impl Measured {
             let (height, width, _) = pixels.dim();
             self.pictures.push(ImageRgb::new(width, height, pixels.iter().copied().collect())?);
             if target == 0 {
-                let spent = if self.row.along_surface() { "depth" } else { "select" };
-                self.row.once = answer["seconds"][spent].as_f64().unwrap_or(0.0);
+                let stage = if self.row.along_surface() { "depth" } else { "select" };
+                self.row.once = answer["seconds"][stage].as_f64().unwrap_or(0.0);
             }
             if let Some(count) = answer["layers"].as_u64() {
                 self.row.count = count as usize;
@@ -45,7 +45,7 @@ impl Measured {
         Ok(())
     }
 
-    /// Renders the first target once more, and records the times.
+    /// Renders the first target again and records the times.
     pub(super) fn time(&mut self) -> Result<()> {
         let answer = self.worker.ask(&json!({ "run": true, "target": 0 }))?;
         let Some(seconds) = answer["seconds"].as_object() else {
@@ -60,7 +60,7 @@ impl Measured {
     /// The row, with all its measurements.
     pub(super) fn finish(mut self) -> Row {
         if self.row.along_surface() {
-            // Each picture finds its surface; what the first spent beyond that is the depth of the photos.
+            // Each picture searches its surface; what the first takes longer is the depth of the photos.
             let surface = self.row.stages().into_iter().find_map(|(stage, time)| (stage == "depth").then_some(time));
             self.row.once = (self.row.once - surface.unwrap_or(0.0)).max(0.0);
         }
@@ -81,7 +81,7 @@ impl Measured {
     }
 }
 
-/// Scores all pictures against the photos and against those on the most planes, and drops them.
+/// Scores all pictures against the photos and against those on the most planes, then drops them.
 pub(super) fn score_all(measured: &mut [Measured], truths: &[ImageRgb]) {
     let dense = densest(measured.iter(), |one| &one.row).map(|one| one.pictures.clone());
     for one in measured {

@@ -1,4 +1,4 @@
-//! `liveview sweep`: error against run time, each configuration in a worker process, their repetitions interleaved.
+//! `liveview sweep`: error against run time. Each configuration runs in a worker process; their repetitions are interleaved.
 
 mod cpu;
 mod markdown;
@@ -42,11 +42,11 @@ Examples:
   Time against size:
     liveview sweep scene --target IMG_7.jpg --layers guided:4,planes:16 --widths 500,1000,2000 -o scaling/";
 
-/// Every kind of layers, fewest first; the others are compared with the last.
+/// Kinds and numbers of layers; the others are compared with the last.
 const LAYERS: &str = "surface:1,surface:2,guided:1,guided:2,guided:3,guided:4,guided:6,guided:8,guided:12,select:8,select:16,\
                       select:32,planes:8,planes:16,planes:32,planes:64";
 
-/// What is measured without a network: what a network's one layer is to be compared with, and the default there.
+/// Layers measured without a network: the same single layer as with one, and the default.
 const WITHOUT_NETWORK: [LayerSpec; 2] = [LayerSpec::Surface(1), ViewAgreement::LAYERS];
 
 /// Engines of `python -m liveview_ref.competitors.worker`.
@@ -61,26 +61,25 @@ const FILES: [&str; 3] = ["sweep.json", "sweep.md", "sweep.svg"];
 pub struct SweepArgs {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Views to render, by name; all are held out. Scores are means over them, times are the first one's
+    /// Views to render, by name; all are held out. Scores are means over them, times are those of the first
     #[arg(long, value_name = "NAME,…", required = true)]
     target: Vec<String>,
     /// What to measure, separated by commas: surface:L, guided:L, planes:D or select:K/D. With any surface layers, surface:1
     /// and surface:3 without a network are measured too
     #[arg(long, value_name = "LIST", default_value = LAYERS, value_delimiter = ',')]
     layers: Vec<LayerSpec>,
-    /// Widths of the picture, separated by commas: time against size; scored where it has the photo's [default: the photo's]
+    /// Widths of the picture, separated by commas, to measure time against size; scored at the photo's own [default: the photo's]
     #[arg(long, value_name = "PIXELS", value_delimiter = ',', value_parser = numbers::count)]
     widths: Vec<usize>,
-    /// Engines to measure the surface and guided layers on as well, each with its precision, separated by commas, such as "cpu int8,openvino
-    /// int8"
+    /// Engines to measure surface and guided layers on too, each with its precision, separated by commas, such as
+    /// "cpu int8,openvino int8"
     #[arg(long, value_name = "LIST", value_delimiter = ',', conflicts_with = "network")]
     engines: Vec<ProviderChoice>,
-    /// Times that each is rendered, after one to warm up
+    /// Timed renders of each configuration, after one to warm up
     #[arg(long, value_name = "N", default_value = "5", value_parser = numbers::count)]
     repetitions: usize,
-    /// A command with the protocol of `liveview worker`, to measure the reference implementations on the most planes, with the model for
-    /// any layers and composited as in the paper (a --model without `alpha_spacing` and --alpha independent make all rows like that), such as
-    /// ".venv/bin/python -m liveview_ref.competitors.worker"
+    /// A command that runs the reference implementations on the most planes, such as
+    /// ".venv/bin/python -m liveview_ref.competitors.worker"; they composite as in the paper, with the model for any layers
     #[arg(long, value_name = "COMMAND", conflicts_with = "network")]
     reference: Option<String>,
     #[command(flatten)]
@@ -114,7 +113,7 @@ pub fn run(args: &SweepArgs) -> Result<Output> {
                 RowEngine::Other(engine) => args.model.to_args(Some(engine)),
                 RowEngine::NoNetwork => args.model.to_args_without_network(views(&own)),
             });
-            // A folder may be called like an option.
+            // The folder's name may look like an option.
             command.extend(["--".into(), args.scene.folder().into()]);
             let (worker, ready) = WorkerProcess::start(&name, &command, None)?;
             let model = model(&ready);
@@ -159,7 +158,7 @@ pub fn run(args: &SweepArgs) -> Result<Output> {
     if sweep.noisy() {
         print_message(
             "warning",
-            "the repetitions lie far apart: the machine is too noisy for these times to be trusted",
+            "the times of the repetitions differ widely: the machine is too busy for reliable times",
         );
     }
     let (text, json) = (markdown::markdown(&sweep), sweep.json());
@@ -169,13 +168,13 @@ pub fn run(args: &SweepArgs) -> Result<Output> {
     Ok(Output { text, json })
 }
 
-/// Size of the first target, from a worker's first line.
+/// The size of the first target, from a worker's first line.
 fn size(ready: &Value) -> Size {
     let side = |index: usize| ready["size"][index].as_u64().unwrap_or(0) as usize;
     Size::new(side(0), side(1))
 }
 
-/// V of the model, from a worker's first line.
+/// The number of views of the model, from a worker's first line.
 fn views(ready: &Value) -> usize {
     ready["views"][0].as_array().map_or(0, Vec::len)
 }
@@ -186,30 +185,31 @@ fn model(ready: &Value) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// What computes the network of a row.
+/// The engine of a row.
 #[derive(Clone, Copy)]
 enum RowEngine {
+    /// That of the options.
     Own,
     Other(ProviderChoice),
     NoNetwork,
 }
 
-/// The layers of each row, the program's own engine first.
+/// The layers and the engine of each row; those on the engine of the options first.
 fn configurations(args: &SweepArgs) -> Vec<(LayerSpec, RowEngine)> {
     let along_surface = |layers: &&LayerSpec| matches!(layers, LayerSpec::Surface(_));
-    let few = args.layers.iter().filter(|layers| along_surface(layers) || matches!(layers, LayerSpec::Guided { .. }));
+    let light = args.layers.iter().filter(|layers| along_surface(layers) || matches!(layers, LayerSpec::Guided { .. }));
     let others = args
         .engines
         .iter()
-        .flat_map(|&engine| few.clone().map(move |layers| (layers.clone(), RowEngine::Other(engine))));
+        .flat_map(|&engine| light.clone().map(move |layers| (layers.clone(), RowEngine::Other(engine))));
     let own = args.layers.iter().map(|layers| (layers.clone(), RowEngine::Own));
     let with_surface = args.layers.iter().any(|layers| along_surface(&layers));
-    let free = (with_surface && !args.model.without_network()).then_some(WITHOUT_NETWORK);
-    let free = free.into_iter().flatten().map(|layers| (layers, RowEngine::NoNetwork));
-    own.chain(free).chain(others).collect()
+    let without_network = (with_surface && !args.model.without_network()).then_some(WITHOUT_NETWORK);
+    let without_network = without_network.into_iter().flatten().map(|layers| (layers, RowEngine::NoNetwork));
+    own.chain(without_network).chain(others).collect()
 }
 
-/// The command line of a worker, without the options of its model and the scene's folder.
+/// The command line of a worker, without the options of the model and the scene's folder.
 fn worker_command(args: &SweepArgs, width: Option<usize>, layers: &LayerSpec) -> Result<Vec<OsString>> {
     let mut options = args.scene.to_args();
     options.extend(args.target.iter().map(|target| format!("--target={target}")));
@@ -252,7 +252,7 @@ fn references(
     REFERENCES.into_iter().map(start).collect()
 }
 
-/// Writes the job of a reference: one target on uniform planes, its views chosen.
+/// Writes the job of a reference: the target, its views and uniform planes.
 fn write_job(path: &Path, scene_views: &SceneViews, shot: &Shot, planes: usize) -> Result<()> {
     let mut arrays = Arrays::create(path)?;
     arrays.add_rig(scene_views, shot)?;

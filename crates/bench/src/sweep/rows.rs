@@ -5,15 +5,15 @@ use liveview::image::Score;
 use liveview_common::statistics::{PixelError, quantile};
 use serde_json::{Value, json};
 
-/// Spread of the repetitions (interquartile range / median, median over the rows) above which the times are not to be trusted.
-const NOISY: f64 = 0.15;
+/// Spread of the repetitions (interquartile range / median, median over the rows) above which times are unreliable.
+const MAX_SPREAD: f64 = 0.15;
 
-/// One configuration: its run time and its error.
+/// One configuration, with its run time and its error.
 pub(crate) struct Row {
     /// Such as `guided:4`.
     pub(crate) layers: String,
     pub(crate) engine: String,
-    /// Whether it is a reference implementation, not this program.
+    /// Whether it is a reference implementation rather than this program.
     pub(crate) reference: bool,
     /// Size of the target, pixels.
     pub(crate) size: Size,
@@ -21,16 +21,16 @@ pub(crate) struct Row {
     pub(crate) count: usize,
     /// Seconds of each repetition, by stage.
     pub(crate) runs: Vec<Vec<(String, f64)>>,
-    /// Seconds spent once, on selecting the planes of all repetitions, or on the depth of the first target's photos.
+    /// Seconds spent once: to select the planes of all repetitions, or to search the depth of the photos.
     pub(crate) once: f64,
     pub(crate) score: Option<Score>,
-    /// Against the result on the most planes at the same size, if that was rendered.
+    /// Difference from the picture on the most planes at the same size, if that is measured.
     pub(crate) error: Option<PixelError>,
     pub(crate) peak_memory_bytes: Option<u64>,
 }
 
 impl Row {
-    /// The row of a worker that is ready, without measurements.
+    /// The row of a worker, without measurements; `ready`: the worker's first line.
     pub(crate) fn new(layers: &str, ready: &Value, reference: bool, size: Size) -> Self {
         Self {
             layers: layers.to_owned(),
@@ -54,7 +54,7 @@ impl Row {
         self.layers.starts_with("surface:")
     }
 
-    /// Seconds of all stages, a number per repetition, sorted.
+    /// Seconds of each repetition, all stages together, sorted.
     pub(crate) fn totals(&self) -> Vec<f64> {
         let mut totals: Vec<f64> = self.runs.iter().map(|run| run.iter().map(|(_, time)| time).sum()).collect();
         totals.sort_by(f64::total_cmp);
@@ -84,7 +84,7 @@ impl Row {
     }
 
     /// Root mean square error against the photos, of values in [0, 255].
-    pub(super) fn levels(&self) -> Option<f64> {
+    pub(super) fn rms_error(&self) -> Option<f64> {
         self.score.map(|score| 255.0 * 10f64.powf(-score.psnr / 20.0))
     }
 
@@ -93,7 +93,7 @@ impl Row {
     }
 }
 
-/// All that was measured in one run.
+/// All measurements of a sweep.
 pub(crate) struct SweepReport {
     pub(crate) scene: String,
     pub(crate) targets: Vec<String>,
@@ -106,25 +106,24 @@ pub(crate) struct SweepReport {
 }
 
 impl SweepReport {
-    /// Whether the repetitions lie too far apart.
+    /// Whether the times of the repetitions differ too much.
     pub(crate) fn noisy(&self) -> bool {
         let mut spreads: Vec<f64> = self.rows.iter().map(Row::spread).collect();
         spreads.sort_by(f64::total_cmp);
-        quantile(&spreads, 0.5) > NOISY
+        quantile(&spreads, 0.5) > MAX_SPREAD
     }
 
-    /// Whether the row is on the Pareto front: no other row of its size is at least as fast and as near to the photos, and better in
-    /// one of these.
+    /// Whether a row is on the Pareto front: no other row of its size is at least as fast and as accurate, and better in one of these.
     pub(super) fn on_front(&self, row: &Row) -> bool {
-        let Some(error) = row.levels() else { return false };
-        let beats = |other: &Row| {
-            let (time, other_error) = (other.median(), other.levels().unwrap_or(f64::INFINITY));
+        let Some(error) = row.rms_error() else { return false };
+        let dominates = |other: &Row| {
+            let (time, other_error) = (other.median(), other.rms_error().unwrap_or(f64::INFINITY));
             time <= row.median() && other_error <= error && (time < row.median() || other_error < error)
         };
-        !self.rows.iter().any(|other| other.size == row.size && beats(other))
+        !self.rows.iter().any(|other| other.size == row.size && dominates(other))
     }
 
-    /// The row that others of this size are compared with.
+    /// The row with which others of this size are compared.
     pub(super) fn dense(&self, size: Size) -> Option<&Row> {
         densest(self.rows.iter().filter(|row| row.size == size), |row| row)
     }
@@ -153,7 +152,7 @@ impl SweepReport {
     }
 }
 
-/// The row that others of one size are compared with: this program's on the most uniform planes, the first of several.
+/// The row with which others of one size are compared: this program's first one on the most uniform planes.
 pub(crate) fn densest<T>(all: impl Iterator<Item = T>, row: impl Fn(&T) -> &Row) -> Option<T> {
     let planes = all.filter(|one| !row(one).reference && row(one).layers.starts_with("planes:"));
     planes.reduce(|most, one| if row(&one).count > row(&most).count { one } else { most })
@@ -198,20 +197,20 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn medians_front_and_dense() {
+    fn rows_have_medians_a_front_and_a_densest() {
         let sweep = sweep();
         let [dense, four, eight, two] = &sweep.rows[..] else { unreachable!() };
         assert_eq!((dense.median(), dense.stages()[0].1), (11.0, 2.75));
         assert_eq!([dense, four, eight, two].map(|row| sweep.on_front(row)), [false, true, false, true]);
         assert_eq!(sweep.dense(Size::new(40, 30)).unwrap().layers, "planes:64");
         assert!(sweep.dense(Size::new(1, 1)).is_none());
-        assert!((four.levels().unwrap() - 255.0 * 0.0794).abs() < 0.01);
+        assert!((four.rms_error().unwrap() - 255.0 * 0.0794).abs() < 0.01);
         assert!(!sweep.noisy());
         assert_eq!(sweep.json()["rows"][1]["on_front"], true);
     }
 
     #[test]
-    fn a_shaky_machine_is_called_noisy() {
+    fn widely_spread_times_are_noisy() {
         let mut sweep = sweep();
         sweep.rows = vec![row("guided:4", 4, &[1.0, 1.5, 2.0], 20.0)];
         assert!(sweep.noisy());

@@ -1,4 +1,4 @@
-//! `liveview worker`: one configuration of `liveview sweep` in a process of its own, so that its peak memory is its own and
+//! `liveview worker`: one configuration of `liveview sweep` in its own process, so that its peak memory is measured separately and
 //! engines that need different libraries can be timed in turn.
 //!
 //! The protocol is lines of JSON: the worker writes `{"ready": true, "size": [width, height], …}` once; each request `{"run": true,
@@ -46,12 +46,12 @@ pub struct WorkerArgs {
     model: ModelArgs,
 }
 
-/// A worker's configuration, and what it keeps between requests.
+/// A worker's configuration, and its state between requests.
 struct Renders {
     job: Job,
     shots: Vec<Shot>,
-    /// The paper's video: planes selected once are kept for the frames that follow.
-    kept: Vec<Option<Layers>>,
+    /// Planes selected at a target's first render are used for later ones, as in the paper's video.
+    selected: Vec<Option<Layers>>,
 }
 
 /// Runs the hidden command `liveview worker`, which `liveview sweep` starts.
@@ -61,7 +61,7 @@ pub fn run(args: &WorkerArgs) -> Result<Output> {
     let views = named(job.scene(), &args.target)?;
     let targets = scaled(Targets::held_out(job.scene(), views), args.target_width)?;
     let shots = job.synthesizer.shots(targets)?;
-    // What cannot be read is told before anything is timed.
+    // Unreadable photos are reported before anything is timed.
     for shot in &shots {
         job.synthesizer.load(shot, &shots)?;
     }
@@ -71,19 +71,19 @@ pub fn run(args: &WorkerArgs) -> Result<Output> {
         "engine": job.model.engine(), "layers": job.layers().to_string(), "model": job.model.path().map(shown),
         "views": shots.iter().map(sources).collect::<Vec<_>>(),
     }))?;
-    let mut worker = Renders { kept: shots.iter().map(|_| None).collect(), job, shots };
+    let mut worker = Renders { selected: shots.iter().map(|_| None).collect(), job, shots };
     for line in std::io::stdin().lock().lines() {
-        let asked: Value = serde_json::from_str(&line?)?;
-        if asked["run"] != true {
+        let request: Value = serde_json::from_str(&line?)?;
+        if request["run"] != true {
             break;
         }
-        let answer = worker.render(asked["target"].as_u64().unwrap_or(0) as usize, asked["frame"].as_str())?;
+        let answer = worker.render(request["target"].as_u64().unwrap_or(0) as usize, request["frame"].as_str())?;
         send_line(&answer)?;
     }
     Ok(Output { text: String::new(), json: Value::Null })
 }
 
-/// The same targets, `width` pixels wide.
+/// The targets scaled to a width in pixels.
 pub(super) fn scaled(mut targets: Targets, width: Option<usize>) -> Result<Targets> {
     let Some(width) = width else { return Ok(targets) };
     for target in &mut targets.list {
@@ -94,11 +94,11 @@ pub(super) fn scaled(mut targets: Targets, width: Option<usize>) -> Result<Targe
 }
 
 impl Renders {
-    /// Renders a target, and saves the picture to `frame` if given; the answer.
+    /// Renders a target, and saves the picture to `frame` if given; returns the answer.
     fn render(&mut self, target: usize, frame: Option<&str>) -> Result<Value> {
         let shot = self.shots.get(target).ok_or_else(|| anyhow!("target {target}: there are {}", self.shots.len()))?;
         let shot = &self.job.synthesizer.load(shot, &self.shots)?;
-        let planned = match self.kept[target].take() {
+        let planned = match self.selected[target].take() {
             Some(layers) => Plan::known(layers),
             None => self.job.plan(shot)?,
         };
@@ -116,7 +116,7 @@ impl Renders {
         };
         let seconds = times.stages().map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
         let layers = planned.layers.len();
-        self.kept[target] = Some(planned.layers).filter(|_| matches!(self.job.layers(), LayerSpec::Select { .. }));
+        self.selected[target] = Some(planned.layers).filter(|_| matches!(self.job.layers(), LayerSpec::Select { .. }));
         Ok(json!({
             "seconds": seconds.into_iter().filter(|(stage, _)| stage != "photos").collect::<serde_json::Map<_, _>>(),
             "layers": layers, "peak_memory_bytes": peak_memory(),
