@@ -164,6 +164,6 @@ fn opacity_per_pixel_of_parallax_does_not_depend_on_the_plane_spacing() {
         (dense / sparse - 1.0).abs()
     };
     assert!(difference(Alpha::Independent) > 0.1, "{}", difference(Alpha::Independent));
-    let per_pixel = difference(Alpha::PerPixel { most: 3.0 });
+    let per_pixel = difference(Alpha::PerPixel { max_spacing: 3.0 });
     assert!(per_pixel < 0.01, "{per_pixel}");
 }

@@ -20,7 +20,7 @@ pub enum Alpha {
     PerPixel {
         /// Upper limit of the factor, pixels: planes farther apart than this are as opaque as at
         /// this distance. Positive, finite.
-        most: f64,
+        max_spacing: f64,
     },
     /// The weights of a pixel are the softmax of scale · logit 0 over the layers that cover it, so
     /// that faint false surfaces cannot accumulate into haze. Not in the paper. Still an MPI: the α
@@ -56,7 +56,7 @@ impl fmt::Display for Alpha {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Independent => write!(f, "independent"),
-            Self::PerPixel { most } => write!(f, "independent, per pixel of parallax up to {most}"),
+            Self::PerPixel { max_spacing } => write!(f, "independent, per pixel of parallax up to {max_spacing}"),
             Self::Competing { scale } => write!(f, "competing, scale {scale}"),
         }
     }

@@ -37,7 +37,9 @@ impl ModelCard {
     /// How to composite its layers: as `requested`, by default as it was trained.
     pub fn alpha(&self, requested: Option<AlphaKind>) -> Alpha {
         match requested.unwrap_or(self.alpha) {
-            AlphaKind::Independent => self.alpha_spacing.map_or(Alpha::Independent, |most| Alpha::PerPixel { most }),
+            AlphaKind::Independent => {
+                self.alpha_spacing.map_or(Alpha::Independent, |max_spacing| Alpha::PerPixel { max_spacing })
+            }
             AlphaKind::Competing => Alpha::Competing { scale: self.alpha_scale.unwrap_or(Alpha::UNTRAINED_SCALE) },
         }
     }
@@ -111,7 +113,7 @@ mod tests {
         let spaced = read(&[("alpha_spacing", "3.0")]).unwrap();
         assert_eq!(
             [spaced.alpha(None), spaced.alpha(Some(AlphaKind::Competing))],
-            [Alpha::PerPixel { most: 3.0 }, competing(2.0)]
+            [Alpha::PerPixel { max_spacing: 3.0 }, competing(2.0)]
         );
         for (entry, expected) in [
             (("alpha", "Competing"), "metadata `alpha` is Competing, expected \"independent\" or \"competing\""),

@@ -16,10 +16,10 @@ use super::request::RenderRequest;
 use super::sharpened::SharpenedPhotos;
 use super::spacing::spacing;
 use super::visibility::Visibility;
-use crate::geometry::{Size, distance};
+use crate::geometry::{Camera, Size, distance};
 use crate::layers::{Layers, padded};
 use crate::network::{Alpha, NetworkError, PlaneNetwork};
-use crate::warp::{WarpSource, warp_sources};
+use crate::warp::{SourceView, WarpSource, warp_sources};
 
 /// Layers that are warped together and then composited together, however few the network takes at
 /// once: photos and sums are then read from memory once for all of them. Measured alternatives:
@@ -113,9 +113,9 @@ impl Renderer {
 
     /// What is added to logit 0 of each layer.
     fn logit_shifts(&self, sources: &[WarpSource<'_>], size: Size, layers: &Layers) -> Result<Vec<f64>, RenderError> {
-        let Alpha::PerPixel { most } = self.alpha else { return Ok(vec![0.0; layers.len()]) };
+        let Alpha::PerPixel { max_spacing } = self.alpha else { return Ok(vec![0.0; layers.len()]) };
         let sweeps: Vec<_> = sources.iter().map(|source| source.sweep).collect();
-        let found = spacing(&sweeps, size, layers, most);
+        let found = spacing(&sweeps, size, layers, max_spacing);
         let found = found.ok_or_else(|| RenderError::NotPlanes { network: self.network.name() })?;
         Ok(found.into_iter().map(f64::ln).collect())
     }
@@ -140,9 +140,7 @@ impl Renderer {
             visibility.correct_photos(&mut sources, &mut self.sharpened);
         }
         let own_depth = visibility.map(Visibility::own_depth).unwrap_or_default();
-        let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
-        let power = if visibility.is_some() { OCCLUSION_DISTANCE_POWER } else { 1.0 };
-        let weights = DistanceWeights::with_power(&distances, power);
+        let weights = distance_weights(views, target, visibility.is_some());
 
         let mut visible = vec![visibility.is_none(); size.pixels()];
         let mut rows: Vec<R> = (0..target.height()).into_par_iter().map(|_| new_row(target.width())).collect();
@@ -176,16 +174,31 @@ impl Renderer {
                 observer(&batch);
             }
         }
-        if logits_not_finite.saturating_mul(LOGITS_PER_NOT_FINITE) > logits {
-            let network = self.network.name();
-            return Err(NetworkError::NotFinite { network, count: logits_not_finite, of: logits }.into());
-        }
+        self.check_finite(logits, logits_not_finite)?;
         let started = Instant::now();
-        let in_target = visible.chunks_exact(size.width).take(target.height()).map(|row| &row[..target.width()]);
-        let occluded_pixels = in_target.map(|row| row.iter().filter(|visible| !**visible).count()).sum();
+        let occluded_pixels = count_occluded(&visible, size, target.size());
         let rows: Vec<_> = rows.into_iter().map(R::finish).collect();
         let frame = Frame::new(&rows, target);
         times.composite += started.elapsed();
         Ok(Frame { occluded_pixels, uncovered_layers, logits_not_finite, times, ..frame })
     }
+
+    /// Refuses a frame with too many logits that are NaN or infinite.
+    fn check_finite(&self, logits: usize, not_finite: usize) -> Result<(), NetworkError> {
+        if not_finite.saturating_mul(LOGITS_PER_NOT_FINITE) > logits {
+            return Err(NetworkError::NotFinite { network: self.network.name(), count: not_finite, of: logits });
+        }
+        Ok(())
+    }
+}
+
+fn distance_weights(views: &[SourceView<'_>], target: &Camera, with_occlusion: bool) -> DistanceWeights {
+    let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
+    DistanceWeights::with_power(&distances, if with_occlusion { OCCLUSION_DISTANCE_POWER } else { 1.0 })
+}
+
+/// Pixels of the target, the upper left part of the padded one, that are not visible.
+fn count_occluded(visible: &[bool], padded: Size, target: Size) -> usize {
+    let rows = visible.chunks_exact(padded.width).take(target.height).map(|row| &row[..target.width]);
+    rows.map(|row| row.iter().filter(|visible| !**visible).count()).sum()
 }

@@ -17,17 +17,18 @@ use crate::layers::{Layer, Layers};
 /// Lower limit of the parallax to the next plane, pixels.
 const MIN_PARALLAX: f64 = 1e-3;
 
-/// Pixels of parallax from each plane to the next behind it, at most `most`, on a padded target of
-/// that size. It is measured in the view where the two planes are farthest apart, as the median
-/// over the target's corners and centre, where both planes are in front of the view. The last plane
-/// has the parallax of the one before it, a single plane has `most`. `None` if some layer is not a
-/// plane.
-pub(super) fn spacing(sweeps: &[PlaneSweep], size: Size, layers: &Layers, most: f64) -> Option<Vec<f64>> {
+/// Pixels of parallax from each plane to the next behind it, at most `max_spacing`, on a padded
+/// target of that size. It is measured in the view where the two planes are farthest apart, as the
+/// median over the target's corners and centre, where both planes are in front of the view. The
+/// last plane has the parallax of the one before it, a single plane has `max_spacing`. `None` if
+/// some layer is not a plane.
+pub(super) fn spacing(sweeps: &[PlaneSweep], size: Size, layers: &Layers, max_spacing: f64) -> Option<Vec<f64>> {
     let disparity = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
     let disparities: Vec<f64> = layers.as_slice().iter().map(disparity).collect::<Option<_>>()?;
-    let to_next = |pair: &[f64]| widest_parallax_between(sweeps, size, (pair[0], pair[1])).max(MIN_PARALLAX).min(most);
+    let to_next =
+        |pair: &[f64]| widest_parallax_between(sweeps, size, (pair[0], pair[1])).max(MIN_PARALLAX).min(max_spacing);
     let mut found: Vec<f64> = disparities.windows(2).map(to_next).collect();
-    found.push(found.last().copied().unwrap_or(most));
+    found.push(found.last().copied().unwrap_or(max_spacing));
     Some(found)
 }
 

@@ -60,7 +60,7 @@ impl StageCase {
 
     pub(crate) fn alpha(&self) -> Alpha {
         let number = |name: &str| self.find::<f64>(name).map(|values| values[[0]]);
-        let spaced = || number("alpha_spacing").map(|most| Alpha::PerPixel { most });
+        let spaced = || number("alpha_spacing").map(|max_spacing| Alpha::PerPixel { max_spacing });
         number("alpha_scale").map(|scale| Alpha::Competing { scale }).or_else(spaced).unwrap_or_default()
     }
 

@@ -136,8 +136,8 @@ fn write(job: &mut Job, shot: &LoadedShot, arrays: &mut Arrays) -> Result<()> {
     stages.write(arrays)?;
     match job.alpha() {
         Alpha::Competing { scale } => arrays.add("alpha_scale", Array1::from_vec(vec![scale]))?,
-        Alpha::PerPixel { most } => {
-            arrays.add("alpha_spacing", Array1::from_vec(vec![most]))?;
+        Alpha::PerPixel { max_spacing } => {
+            arrays.add("alpha_spacing", Array1::from_vec(vec![max_spacing]))?;
             arrays.add("logit_shift", Array1::from_vec(stages.logit_shift))?;
         }
         _ => (),
