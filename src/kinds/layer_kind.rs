@@ -2,7 +2,7 @@
 
 use super::frame_input::FrameInput;
 use super::layer_source::LayerSource;
-use super::selected::Selection;
+use super::selection::Selection;
 use crate::layers::guided::RangeMap;
 use crate::layers::{Layers, LayersError};
 #[cfg(feature = "surface")]
@@ -25,7 +25,7 @@ pub(crate) struct FoundLayers {
     pub(crate) layers: Layers,
     /// Where they came from.
     pub(crate) source: LayerSource,
-    /// The planes are to be selected from these once a frame is rendered on them.
+    /// How planes are selected from these once a frame is rendered on them.
     pub(crate) selection: Option<Selection>,
     /// The range of disparities of each cell, for guided layers.
     pub(crate) range: Option<RangeMap>,

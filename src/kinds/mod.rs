@@ -21,6 +21,7 @@ mod guided;
 mod layer_kind;
 mod layer_source;
 mod selected;
+mod selection;
 #[cfg(feature = "surface")]
 mod surface;
 mod target_views;
@@ -43,10 +44,9 @@ use surface::AlongSurface;
 
 use crate::layers::{LayerSpec, Layers, LayersError};
 
-/// What next frames reuse, by kind of layers.
+/// What next frames reuse, by kind of layers; fixed planes leave nothing.
 #[derive(Default)]
 pub(crate) struct Carried {
-    fixed: Option<()>,
     selected: Option<Layers>,
     guided: Option<CarriedSurface>,
     #[cfg(feature = "surface")]
@@ -73,8 +73,8 @@ pub(crate) fn find_layers<E: From<LayersError>>(
 ) -> Result<FoundLayers, E> {
     let (near, far) = (frame.near, frame.far);
     match *spec {
-        LayerSpec::Planes(count) => Fixed(Layers::uniform(near, far, count)?).find(&mut carried.fixed, frame, reuse),
-        LayerSpec::List(ref list) => Fixed(Layers::planes(list)?).find(&mut carried.fixed, frame, reuse),
+        LayerSpec::Planes(count) => Fixed(Layers::uniform(near, far, count)?).find(&mut None, frame, reuse),
+        LayerSpec::List(ref list) => Fixed(Layers::planes(list)?).find(&mut None, frame, reuse),
         LayerSpec::Select { keep, from } => Selected { keep, from }.find(&mut carried.selected, frame, reuse),
         LayerSpec::Guided { layers, coarse_planes } => {
             Guided { layers, coarse_planes }.find(&mut carried.guided, frame, reuse)

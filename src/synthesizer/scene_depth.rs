@@ -28,7 +28,7 @@ pub struct ViewDepth {
     /// What the search found.
     pub found: Arc<PhotoDepth>,
     /// Of that, what the depths of the photo's neighbours confirm.
-    pub known: ConfirmedDepth,
+    pub confirmed: ConfirmedDepth,
     /// Nearest and farthest depth searched, scene units.
     pub range: (f64, f64),
     /// How it was found.
@@ -116,9 +116,9 @@ impl SceneDepth {
     /// The depth of a view's photo, and what is confirmed of it; `None` if it is unknown yet.
     pub(super) fn view_depth(&mut self, view: usize) -> Option<ViewDepth> {
         let index = self.map_index(view);
-        let (found, known) = self.maps.confirmed_by_neighbours(index)?;
+        let (found, confirmed) = self.maps.confirmed_by_neighbours(index)?;
         let (source, time) = self.sources[index];
-        Some(ViewDepth { found, known, range: self.maps.range(), source, time })
+        Some(ViewDepth { found, confirmed, range: self.maps.range(), source, time })
     }
 
     /// Drops the depth of all views but these, and what confirms it unless it is needed `soon`.

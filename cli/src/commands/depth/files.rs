@@ -47,7 +47,7 @@ pub(super) fn planned(
 }
 
 pub(super) fn write(files: &[PathBuf; 4], depth: &ViewDepth) -> Result<()> {
-    let known = &depth.known.disparity;
+    let known = &depth.confirmed.disparity;
     let (height, width) = known.dim();
     let (low, high) = ((1.0 / depth.range.1) as f32, (1.0 / depth.range.0) as f32);
     // The search may go half a plane beyond near.

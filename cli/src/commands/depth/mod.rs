@@ -142,13 +142,13 @@ fn views(args: &DepthArgs, scene: &Scene) -> Result<(Vec<usize>, Vec<usize>)> {
 }
 
 fn summary(depth: &ViewDepth) -> ViewDepthSummary {
-    let known = || depth.known.disparity.iter().copied().filter(|&disparity| disparity >= 0.0);
+    let known = || depth.confirmed.disparity.iter().copied().filter(|&disparity| disparity >= 0.0);
     let (low, high) = known().fold((f32::INFINITY, 0.0_f32), |(low, high), value| (low.min(value), high.max(value)));
     let count = known().count();
     ViewDepthSummary {
         source: depth.source,
         seconds: depth.time.as_secs_f64(),
-        confirmed: count as f64 / depth.known.disparity.len() as f64,
+        confirmed: count as f64 / depth.confirmed.disparity.len() as f64,
         span: (count > 0).then(|| (1.0 / f64::from(high), 1.0 / f64::from(low))),
         pixel: depth.found.disparity_per_pixel,
     }

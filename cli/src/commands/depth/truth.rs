@@ -66,7 +66,7 @@ impl Truth {
 
 fn score(depth: &ViewDepth, truth: &Array2<f32>) -> Score {
     let (mut known, mut confirmed) = ([0_usize; 4], [0_usize; 4]);
-    for ((found, sure), &truth) in depth.found.disparity.iter().zip(&depth.known.disparity).zip(truth) {
+    for ((found, sure), &truth) in depth.found.disparity.iter().zip(&depth.confirmed.disparity).zip(truth) {
         if truth > 0.0 {
             let apart = (found - truth).abs() / depth.found.disparity_per_pixel;
             let count = |counts: &mut [usize; 4]| {
