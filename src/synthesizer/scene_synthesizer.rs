@@ -20,7 +20,7 @@ use crate::scene::Scene;
 #[cfg(feature = "surface")]
 use crate::surface::{EXTRA_PHOTOS, PhotoCorrection, TargetSurface};
 
-/// Renders new views of a scene ([`super`]).
+/// Renders new views of a scene.
 pub struct Synthesizer {
     photos: ScenePhotos,
     renderer: Renderer,
