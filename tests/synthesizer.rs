@@ -211,7 +211,7 @@ fn errors_name_view_scene_and_expectation() {
         !["source_3", "source_4", "source_5", "source_6", "target_1"].iter().any(|name| view.name.starts_with(name))
     });
     let error = render(few, None, None).unwrap_err().to_string();
-    assert!(error.contains("target_0") && error.contains("4 views are needed, but only 3 of the 3"), "{error}");
+    assert!(error.contains("target_0") && error.contains("4 views are needed, but only 3 of 3"), "{error}");
 
     let mut flat = workshop();
     flat.views.iter_mut().for_each(|view| view.depth_range = None);

@@ -13,7 +13,7 @@ use super::shot::Shot;
 /// Bytes of photos and depths that are kept beyond what the target and the next one need.
 pub(super) const KEPT_BYTES: usize = 128 << 20;
 
-/// What has been used lately, and how much of it stays.
+/// What has been used lately, and how many bytes of it stay.
 pub(super) struct Retention {
     /// Views that targets so far were rendered with, last used first.
     recent: Vec<usize>,

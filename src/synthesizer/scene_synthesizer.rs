@@ -20,7 +20,8 @@ use crate::scene::Scene;
 #[cfg(feature = "surface")]
 use crate::surface::{EXTRA_PHOTOS, PhotoCorrection, TargetSurface};
 
-/// Renders new views of a scene.
+/// Renders new views of a scene: [`Self::render`], or step by step [`Self::shots`], [`Self::load`],
+/// [`Self::plan`] and [`Self::render_plan`].
 pub struct Synthesizer {
     photos: ScenePhotos,
     renderer: Renderer,
