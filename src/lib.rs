@@ -96,3 +96,8 @@ pub use synthesizer::{
 pub use synthesizer::{DepthSource, PhotoCorrection, TargetSurface, ViewDepth};
 // The interface uses types of these crates.
 pub use {glam, ndarray};
+
+/// The example of README.md compiles.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExample;
