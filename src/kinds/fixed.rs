@@ -1,7 +1,7 @@
 //! Planes given beforehand: the same for every frame.
 
 use super::frame_input::FrameInput;
-use super::layer_kind::{FoundLayers, LayerKind};
+use super::layer_kind::{Found, FoundLayers, LayerKind};
 use super::layer_source::LayerSource;
 use crate::layers::{Layers, LayersError};
 
@@ -11,16 +11,11 @@ pub(super) struct Fixed(pub(super) Layers);
 impl LayerKind for Fixed {
     type Carried = ();
 
-    fn first<E: From<LayersError>>(self, _: &mut FrameInput<'_, E>) -> Result<(FoundLayers, Option<()>), E> {
+    fn first<E: From<LayersError>>(self, _: &mut FrameInput<'_, E>) -> Found<(), E> {
         Ok((FoundLayers::new(self.0, LayerSource::Fixed), None))
     }
 
-    fn next<E: From<LayersError>>(
-        self,
-        (): (),
-        frame: &mut FrameInput<'_, E>,
-        _: bool,
-    ) -> Result<(FoundLayers, Option<()>), E> {
+    fn next<E: From<LayersError>>(self, (): (), frame: &mut FrameInput<'_, E>, _: bool) -> Found<(), E> {
         self.first(frame)
     }
 }

@@ -3,7 +3,7 @@
 
 use super::carried_surface::CarriedSurface;
 use super::frame_input::FrameInput;
-use super::layer_kind::{FoundLayers, LayerKind};
+use super::layer_kind::{Found, FoundLayers, LayerKind};
 use super::layer_source::LayerSource;
 use super::target_views::TargetViews;
 use crate::layers::guided::{GuidedSearch, RangeMap};
@@ -31,10 +31,7 @@ impl Guided {
 impl LayerKind for Guided {
     type Carried = CarriedSurface;
 
-    fn first<E: From<LayersError>>(
-        self,
-        frame: &mut FrameInput<'_, E>,
-    ) -> Result<(FoundLayers, Option<CarriedSurface>), E> {
+    fn first<E: From<LayersError>>(self, frame: &mut FrameInput<'_, E>) -> Found<CarriedSurface, E> {
         let views = TargetViews::new(frame.photos.sources(), frame.target);
         let sweeps = views.sweeps(frame.target);
         let stages = self.search(frame).search_levels(&views.levels, &sweeps, padded(frame.target.size()))?;
@@ -47,7 +44,7 @@ impl LayerKind for Guided {
         carried: CarriedSurface,
         frame: &mut FrameInput<'_, E>,
         refresh: bool,
-    ) -> Result<(FoundLayers, Option<CarriedSurface>), E> {
+    ) -> Found<CarriedSurface, E> {
         if !carried.has_size_of(frame.target) {
             return self.first(frame);
         }

@@ -48,16 +48,16 @@ impl FoundLayers {
     }
 }
 
+/// The layers of a frame, and what the next one reuses of it.
+pub(super) type Found<C, E> = Result<(FoundLayers, Option<C>), E>;
+
 /// A kind of layers.
 pub(super) trait LayerKind: Sized {
     /// What a next frame reuses.
     type Carried;
 
     /// The layers of a frame that reuses nothing, and what the next one reuses of it.
-    fn first<E: From<LayersError>>(
-        self,
-        frame: &mut FrameInput<'_, E>,
-    ) -> Result<(FoundLayers, Option<Self::Carried>), E>;
+    fn first<E: From<LayersError>>(self, frame: &mut FrameInput<'_, E>) -> Found<Self::Carried, E>;
 
     /// The layers of the frame after one that left `carried`; with `refresh`, what the photos
     /// contradict of it is searched again.
@@ -66,7 +66,7 @@ pub(super) trait LayerKind: Sized {
         carried: Self::Carried,
         frame: &mut FrameInput<'_, E>,
         refresh: bool,
-    ) -> Result<(FoundLayers, Option<Self::Carried>), E>;
+    ) -> Found<Self::Carried, E>;
 
     /// The layers of a frame: of a next one where there is something to reuse, else of a first one.
     fn find<E: From<LayersError>>(

@@ -2,7 +2,7 @@
 //! selects.
 
 use super::frame_input::FrameInput;
-use super::layer_kind::{FoundLayers, LayerKind};
+use super::layer_kind::{Found, FoundLayers, LayerKind};
 use super::layer_source::LayerSource;
 use super::selection::Selection;
 use crate::layers::{Layers, LayersError, uniform_disparities};
@@ -18,19 +18,14 @@ pub(super) struct Selected {
 impl LayerKind for Selected {
     type Carried = Layers;
 
-    fn first<E: From<LayersError>>(self, frame: &mut FrameInput<'_, E>) -> Result<(FoundLayers, Option<Layers>), E> {
+    fn first<E: From<LayersError>>(self, frame: &mut FrameInput<'_, E>) -> Found<Layers, E> {
         let disparities = uniform_disparities(frame.near, frame.far, self.from)?;
         let layers = Layers::planes(&disparities)?;
         let selection = Some(Selection { keep: self.keep, disparities });
         Ok((FoundLayers { selection, ..FoundLayers::new(layers, LayerSource::Dense) }, None))
     }
 
-    fn next<E: From<LayersError>>(
-        self,
-        carried: Layers,
-        _: &mut FrameInput<'_, E>,
-        _: bool,
-    ) -> Result<(FoundLayers, Option<Layers>), E> {
+    fn next<E: From<LayersError>>(self, carried: Layers, _: &mut FrameInput<'_, E>, _: bool) -> Found<Layers, E> {
         Ok((FoundLayers::new(carried.clone(), LayerSource::Selected), Some(carried)))
     }
 }

@@ -2,7 +2,7 @@
 //! depth, which belongs to the photos: it is searched again where a photo has changed.
 
 use super::frame_input::{DepthUpdate, FrameInput, PhotosWithDepth};
-use super::layer_kind::{FoundLayers, LayerKind};
+use super::layer_kind::{Found, FoundLayers, LayerKind};
 use super::layer_source::LayerSource;
 use crate::layers::LayersError;
 use crate::surface::TargetSurface;
@@ -14,11 +14,7 @@ pub(super) struct AlongSurface {
 }
 
 impl AlongSurface {
-    fn along<E: From<LayersError>>(
-        self,
-        frame: &mut FrameInput<'_, E>,
-        update: DepthUpdate,
-    ) -> Result<(FoundLayers, Option<()>), E> {
+    fn along<E: From<LayersError>>(self, frame: &mut FrameInput<'_, E>, update: DepthUpdate) -> Found<(), E> {
         let PhotosWithDepth { maps, photos, rendered_from, searched } = frame.photos.with_depth(update)?;
         let surface = TargetSurface::find(maps, &photos, rendered_from, frame.target, frame.photo_correction);
         let layers = surface.layers(self.count)?;
@@ -30,16 +26,11 @@ impl AlongSurface {
 impl LayerKind for AlongSurface {
     type Carried = ();
 
-    fn first<E: From<LayersError>>(self, frame: &mut FrameInput<'_, E>) -> Result<(FoundLayers, Option<()>), E> {
+    fn first<E: From<LayersError>>(self, frame: &mut FrameInput<'_, E>) -> Found<(), E> {
         self.along(frame, DepthUpdate::All)
     }
 
-    fn next<E: From<LayersError>>(
-        self,
-        (): (),
-        frame: &mut FrameInput<'_, E>,
-        refresh: bool,
-    ) -> Result<(FoundLayers, Option<()>), E> {
+    fn next<E: From<LayersError>>(self, (): (), frame: &mut FrameInput<'_, E>, refresh: bool) -> Found<(), E> {
         self.along(frame, if refresh { DepthUpdate::Changed } else { DepthUpdate::Nothing })
     }
 }
