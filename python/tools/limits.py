@@ -1,8 +1,8 @@
-"""Write the table "What limits" of models/README.md: `make limits`.
+"""Write the table of models/README.md of what limits quality: `make report STEP=limits`.
 
-On the example scene's two targets, whose depth and whose views' depth are known: what the program reaches, and one
-layer along the true depth; with the network's view weights and with those of the views' agreement, side by side; with
-all views, with those alone that truly see each pixel, and these with what none of them sees taken from the truth.
+On the example scene's two targets, where the depth of target and views is known: the program's pictures, and one layer
+along the true depth; with view weights by the network and by agreement, side by side; with all views, with true
+per-view occlusion, and with the pixels that are occluded in all views taken from the truth.
 """
 
 import json
@@ -30,9 +30,7 @@ from .marked_text import fill
 ROOT = Path(__file__).resolve().parents[2]
 MODELS, PROGRAM = ROOT / "models", ROOT / "target/release/liveview"
 VIEWS = 4
-EDGE = (
-    0.1  # weight of a view where its four pixels around the point do not all show the surface, or all something nearer
-)
+EDGE = 0.1  # weight of a view whose four pixels around the point show different surfaces
 NETWORKS = "network", "no network"
 
 
@@ -42,13 +40,13 @@ def rendered(layers: str, network: str, names: list[str]) -> list[float]:
     with tempfile.TemporaryDirectory() as folder:
         options = ["--target", ",".join(names), "--views", VIEWS, "--layers", layers, "-o", folder, "--json", *chosen]
         command = [str(part) for part in (PROGRAM, "render", SCENE, *options)]
-        told = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-    return [target["psnr"] for target in told["targets"]]
+        report = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    return [target["psnr"] for target in report["targets"]]
 
 
 @torch.inference_mode()
 def along_the_truth(net, target: int) -> dict[tuple[str, str], float]:
-    """PSNR of one layer along the true depth, by (what is known, whose weights)."""
+    """PSNR of one layer along the true depth, by (what is known, weights)."""
     scene = open_scene(SCENE)
     camera, pool = scene.cameras[target], [i for i in range(len(scene.names)) if i not in TARGETS]
     ids = [pool[i] for i in choose_views([scene.cameras[i] for i in pool], camera, VIEWS)]
@@ -59,27 +57,27 @@ def along_the_truth(net, target: int) -> dict[tuple[str, str], float]:
     colour, coverage = warp_views(photos, cameras, camera, layer[None])
     distances = view_distances(cameras, camera)
     known = visibility(disparity, camera, [true_disparity(scene, i) for i in ids], cameras)
-    sees, clean = torch.ones_like(coverage), torch.ones_like(coverage)
+    sees, unmixed = torch.ones_like(coverage), torch.ones_like(coverage)
     sees[0, :, :height, :width] = (known != HIDDEN).float()
-    clean[0, :, :height, :width] = torch.where(known == UNKNOWN, EDGE, 1.0)
-    unseen = (coverage * sees).sum(1, keepdim=True) <= 0
-    sees = torch.where(unseen, 1.0, sees)  # as the renderer: where no view sees, all serve
+    unmixed[0, :, :height, :width] = torch.where(known == UNKNOWN, EDGE, 1.0)
+    occluded = (coverage * sees).sum(1, keepdim=True) <= 0
+    sees = torch.where(occluded, 1.0, sees)  # as the renderer: occlusion of all views is ignored
     found = {}
 
-    def score(what: str, mask: Tensor, power: float, fill_unseen: bool) -> None:
+    def score(what: str, mask: Tensor, power: float, fill_occluded: bool) -> None:
         shown, counts = colour * mask[:, :, None], coverage * mask
         undimmed = colour * (mask > 0)[:, :, None]  # a view that counts a tenth agrees by its own colour
         for name in NETWORKS:
             logits = net(shown.flatten(1, 2)) if name == "network" else agreement_logits(undimmed)
             image = blend(logits, shown, counts, distances, power)[1][0, :, :height, :width]
-            if fill_unseen:
-                image = torch.where(unseen[0, :, :height, :width], truth, image)
+            if fill_occluded:
+                image = torch.where(occluded[0, :, :height, :width], truth, image)
             found[what, name] = psnr(image[INNER], truth[INNER])
 
     score("all views", torch.ones_like(sees), 1.0, False)
-    score("views that see", sees, VISIBLE_POWER, False)
-    score("clean", sees * clean, VISIBLE_POWER, False)
-    score("filled", sees * clean, VISIBLE_POWER, True)
+    score("occlusion", sees, VISIBLE_POWER, False)
+    score("edges", sees * unmixed, VISIBLE_POWER, False)
+    score("filled", sees * unmixed, VISIBLE_POWER, True)
     return found
 
 
@@ -98,10 +96,10 @@ def table() -> str:
     net = load_network(MODELS / f"liveview_v{VIEWS}.pt")
     found = [along_the_truth(net, target) for target in TARGETS]
     for key, what in {
-        "all views": "one layer along the true depth of every pixel, all views count",
-        "views that see": "and there only views that truly see the pixel count",
-        "clean": "and count a tenth where their four pixels around it do not all show the same surface",
-        "filled": "and what no view sees is taken from the truth",
+        "all views": "one layer along the true depth, all views count",
+        "occlusion": "the same with true per-view occlusion",
+        "edges": "and a tenth of the weight for views whose four pixels show different surfaces",
+        "filled": "and pixels occluded in all views taken from the truth",
     }.items():
         row(what, [tuple(each[key, network] for network in NETWORKS) for each in found])
     return "\n".join(lines)
