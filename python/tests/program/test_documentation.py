@@ -1,4 +1,4 @@
-"""What README.md and docs/ say holds: their commands run as they are printed, their links lead somewhere."""
+"""README.md and docs/: their commands run as printed, their links exist, README.md is within its limits."""
 
 import os
 import re
@@ -59,7 +59,7 @@ def installed(clone) -> Path:
 
 @pytest.mark.skipif(not (ROOT / "target/release/liveview").is_file(), reason="the program is not built (make build)")
 @pytest.mark.parametrize("page", COMMAND_PAGES)
-def test_every_command_of_a_page_runs(page, installed):
+def test_commands_of_a_page_run(page, installed):
     found = [command for command in commands(page) if command.startswith("liveview ")]
     assert found and all(line.startswith(("liveview ", "make ", "cargo ")) for line in commands(page))
     for command in found:
@@ -91,19 +91,21 @@ def answers_over_http(command: str, clone: Path) -> None:
             server.wait(30)
 
 
-def test_the_readme_fits_on_a_page():
+def test_readme_is_within_its_limits():
     text = (ROOT / "README.md").read_text()
     assert len(text.splitlines()) <= MOST_LINES and len(text.split()) <= MOST_WORDS
-    wide = [line for line in text.splitlines() if len(line) > WIDEST and not line.startswith("[")]  # links have no end
+    wide = [
+        line for line in text.splitlines() if len(line) > WIDEST and not line.startswith("[")
+    ]  # a link cannot be wrapped
     assert not wide, wide
 
 
-def test_the_three_files_to_read_first_have_as_many_lines_as_the_readme_says():
+def test_files_to_read_first_have_the_lines_of_the_readme():
     text = " ".join((ROOT / "README.md").read_text().split())
-    said = re.search(r"three files of the Python reference first, (\d+) lines in all: (.*?)\. ", text)
-    files = re.findall(r"\]\((python/\S+?\.py)\)", said[2])
+    lines, links = re.search(r"three files of the Python reference first, some (\d+) lines: (.*?)\. ", text).groups()
+    files = re.findall(r"\]\((python/\S+?\.py)\)", links)
     assert len(files) == 3
-    assert sum(len((ROOT / file).read_text().splitlines()) for file in files) == int(said[1])
+    assert abs(sum(len((ROOT / file).read_text().splitlines()) for file in files) - int(lines)) <= 10
 
 
 @cache
@@ -114,7 +116,7 @@ def anchors(page: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_every_link_of_a_page_leads_somewhere(page):
+def test_links_of_a_page_exist(page):
     text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
     for link in re.findall(r"\]\(([^)\s]+)\)", text):
         if link.startswith(("http://", "https://")):
