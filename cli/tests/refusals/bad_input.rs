@@ -73,7 +73,7 @@ fn a_rotation_that_is_not_orthonormal() {
 fn fewer_views_than_the_model_takes() {
     let folders = Folders::new();
     folders.write_scene(3, "", "");
-    assert_render_refused(&folders, &[], &["2.png", "4 views are needed", "only 2 of the 2"]);
+    assert_render_refused(&folders, &[], &["2.png", "4 views are needed", "only 2 of 2"]);
 }
 
 #[test]

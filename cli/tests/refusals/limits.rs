@@ -105,14 +105,14 @@ fn cameras_that_claim_60000_pixels() {
     folders.write_scene(5, r#""w": 64, "h": 48"#, r#""w": 60000, "h": 45000"#);
     assert_inspect_refused(&folders, &["transforms.json", "image size is 60000x45000", "1 to 16384"]);
     folders.write_scene(5, r#""w": 64, "h": 48"#, r#""w": 60000, "h": 60000"#);
-    assert_inspect_refused(&folders, &["images/0.png", "it is 64x48", "transforms.json says 60000x60000"]);
+    assert_inspect_refused(&folders, &["images/0.png", "the image is 64x48", "transforms.json declares 60000x60000"]);
 
     let folders = photos_alone();
     let model = folders.scene().join("sparse/0");
     Colmap { camera: Colmap::PINHOLE, names: &NAMES }.write_binary(&model);
     let cameras = Bytes::default().u64(1).u32(1).u32(1).u64(60_000).u64(45_000);
     write(&model.join("cameras.bin"), cameras.f64(50.0).f64(60.0).f64(30.0).f64(25.0).0);
-    assert_inspect_refused(&folders, &["images/0.png", "it is 64x48", "images.bin says 60000x45000"]);
+    assert_inspect_refused(&folders, &["images/0.png", "the image is 64x48", "images.bin declares 60000x45000"]);
 
     let folders = photos_alone();
     let mut row = LLFF_ROW;

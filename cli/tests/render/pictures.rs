@@ -57,7 +57,7 @@ fn every_second_view_from_the_others() {
     folders.write_scene(5, "images/4.png", "images/9.png");
     fs::rename(folders.photo(4), folders.photo(9)).unwrap();
     // Of five, two remain: too few for V = 4.
-    folders.assert_refused(&mut folders.render(&["--heldout", "2"]), &["0.png", "only 2 of the 2"]);
+    folders.assert_refused(&mut folders.render(&["--heldout", "2"]), &["0.png", "only 2 of 2"]);
     let text = run(&mut folders.render(&["--heldout", "5"]));
     assert!(text.contains("PSNR") && text.contains("0.png"), "{text}");
     assert!(folders.written().is_empty(), "pictures only where asked for");

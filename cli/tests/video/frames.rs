@@ -178,7 +178,7 @@ fn invalid_options_and_rigs_are_refused() {
     let mut no_ffmpeg = rig.video(&["--camera", "cam2", "-o", &folders.out("a.mp4")]);
     folders.assert_refused(no_ffmpeg.env("PATH", "/nowhere"), &["a.mp4", "ffmpeg"]);
     rig.write_poses(3);
-    refused(&["--camera", "cam2", "-o", &out], &["4 views are needed", "only 2 of the 2"]);
+    refused(&["--camera", "cam2", "-o", &out], &["4 views are needed", "only 2 of 2"]);
     fs::remove_file(rig.path().join("transforms.json")).unwrap();
     refused(&["--camera", "cam2", "-o", &out], &["no poses found", "poses_bounds.npy"]);
     (0..6).for_each(|camera| fs::remove_dir_all(rig.path().join(format!("cam{camera}"))).unwrap());
