@@ -15,9 +15,9 @@ RECORDED = "views", "step", "seconds", "earlier", "config", "history"
 
 
 def load_state(path: Path, device: torch.device | str = "cpu") -> dict:
-    """The state of a training: `views`, the averaged weights `average`, `step`, `seconds`, `earlier`,
-    `config`, `history`; during training also `net` and `optimiser`. An exported model has identity
-    BatchNorms, and only the fields of its record."""
+    """The state of a training: `views`, the averaged weights `average`, `step`, `seconds`,
+    `earlier`, `config`, `history`; during training also `net` and `optimiser`. An exported model
+    has identity BatchNorms, and only the fields of its record."""
     if path.suffix == ".onnx":
         net = exported_network(path)
         return {"average": unfold_batchnorm(net).state_dict(), "views": net.views} | records(path.parent).get(

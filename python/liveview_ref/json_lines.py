@@ -1,4 +1,4 @@
-"""Programs that another one drives line by line: a JSON object per line on stdin, one per line on stdout."""
+"""Programs driven by another one: a JSON object per line on stdin, one per line on stdout."""
 
 import json
 import os
@@ -8,15 +8,16 @@ from typing import TextIO
 
 
 def private_stdout() -> TextIO:
-    """The stream for replies; whatever else writes to stdout, in Python or below it, lands on stderr from now on."""
+    """The stream for replies. Everything else written to stdout, also by libraries, goes to stderr
+    from now on."""
     replies = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     return replies
 
 
 def run(serve: Callable[[TextIO, TextIO], None]) -> int:
-    """Let `serve(requests, replies)` answer what comes on stdin. Whatever fails is replied as {"error": ...}; the exit
-    code is then 2, else 0."""
+    """Let `serve(requests, replies)` answer the requests on stdin. A failure is answered by
+    {"error": ...} and gives the exit code 2, else 0."""
     replies = private_stdout()
     try:
         serve(sys.stdin, replies)

@@ -1,4 +1,5 @@
-"""Exported models run by onnxruntime in Python. No torch here: in a competitor's process it would count as memory."""
+"""Exported models, run by onnxruntime in Python. Without torch, whose memory would count in a
+competitor's process."""
 
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import onnxruntime
 
 
 def session(model: Path | bytes, threads: int = 0) -> onnxruntime.InferenceSession:
-    """On the CPU, on these many threads (0: a thread per core), which sleep whenever they have nothing to do."""
+    """A session on the CPU with this number of threads (0: one per core), which sleep when idle."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")

@@ -1,9 +1,10 @@
-"""Quantise an exported model to int8: python -m liveview_ref.quantize MODEL.onnx OUT.onnx CONFIG --data DATA
+"""Quantise an exported model to int8: python -m liveview_ref.quantize MODEL.onnx OUT.onnx CONFIG
+--data DATA
 
-Static, through onnxruntime: activations uint8, weights int8 per channel. Calibrated on examples made as for the
-training of CONFIG (crops of its real scenes and procedural scenes, on guided layers and planes). Inputs, outputs and
-metadata stay, with `precision` and `quantised` added. Writes OUT.onnx and its card, OUT.md, which says what quantising
-costs: each layer alone, and all.
+Static, by onnxruntime: activations uint8, weights int8 per channel. Calibrated on examples of
+CONFIG's training (crops of its real scenes and procedural scenes, on guided layers and planes).
+Inputs, outputs and metadata stay, with `precision` and `quantised` added. Writes OUT.onnx and its
+card, OUT.md, with the loss by quantising each layer alone, and all of them.
 """
 
 import argparse
@@ -21,14 +22,15 @@ from .data.procedural.textures import Textures
 from .evaluation.quantize_loss import Photo, loss, photos
 from .training.train import read_config
 
-# Stays float32: quantising it costs more than quantising all other layers together (the card has the figures).
-KEPT = ("conv1",)
+# Stays float32: quantising it loses more than quantising all other layers together (figures in the
+# card).
+FLOAT_LAYERS = ("conv1",)
 EXAMPLES = 48
 CROP = (96, 96)
 
 
 class Calibration(CalibrationDataReader):
-    """Hands out HWVs [L, 3V, h, w]."""
+    """Gives HWVs [L, 3V, h, w], one after the other."""
 
     def __init__(self, hwvs: list[np.ndarray]):
         self.left = iter(hwvs)
@@ -39,7 +41,7 @@ class Calibration(CalibrationDataReader):
 
 
 def calibration_hwvs(config: dict, data: Path | None, count: int) -> list[np.ndarray]:
-    """HWVs made as for training, from another seed; procedural scenes alone where there is no data."""
+    """HWVs as in training, from another seed; procedural scenes alone without data."""
     rng = np.random.default_rng([config["seed"], 8])
     real = [RealScene(data, spec, config["views"]) for spec in config["real"]] if data else []
     real = [scene for scene in real if scene.weight]
@@ -55,17 +57,18 @@ def calibration_hwvs(config: dict, data: Path | None, count: int) -> list[np.nda
 
 
 def convolutions(model: onnx.ModelProto) -> dict[str, str]:
-    """conv1, conv2 and so on, as the paper calls them -> the node's name."""
+    """The paper's name (conv1, conv2, ...) -> the name of the node."""
     nodes = [node.name for node in model.graph.node if node.op_type == "Conv"]
     return {f"conv{index}": name for index, name in enumerate(nodes, 1)}
 
 
 def quantise(path: Path, out: Path, hwvs: list[np.ndarray], layers: set[str], reduce_range: bool = True) -> None:
-    """Quantise these layers. `reduce_range`: weights of 7 bits, for CPUs without VNNI: their sums of two products
-    saturate at 16 bits. Where every layer but those of KEPT is quantised, so is what lies between them."""
+    """Quantise these layers. `reduce_range`: weights of 7 bits, for CPUs without VNNI, whose sums
+    of two products saturate at 16 bits. If every layer but FLOAT_LAYERS is quantised, so are the
+    operations between them."""
     model = onnx.load(path)
     names = convolutions(model)
-    whole = layers == set(names) - set(KEPT)
+    whole = layers == set(names) - set(FLOAT_LAYERS)
     quantize_static(
         model,
         out,
@@ -87,7 +90,8 @@ def quantise(path: Path, out: Path, hwvs: list[np.ndarray], layers: set[str], re
 
 
 def free_logits(graph: onnx.GraphProto) -> None:
-    """Leave the logits float32: 256 steps are few for the tails of a sigmoid, and no convolution follows."""
+    """Leave the logits in float32: 256 steps are too few for the tails of a sigmoid, and no
+    convolution follows."""
     made_by = {name: node for node in graph.node for name in node.output}
     dequantise = made_by["logits"]
     if dequantise.op_type != "DequantizeLinear":
@@ -102,11 +106,11 @@ def free_logits(graph: onnx.GraphProto) -> None:
 
 
 def card(path: Path, out: Path, hwvs: list[np.ndarray], held_out: list[Photo], config_name: str) -> str:
-    """The Markdown beside the model."""
+    """The Markdown card of the model."""
     names = convolutions(onnx.load(path))
-    chosen = set(names) - set(KEPT)
+    chosen = set(names) - set(FLOAT_LAYERS)
     trials = {f"{layer} alone": ({layer}, True) for layer in names}
-    trials |= {"all": (set(names), True), f"all but {', '.join(KEPT)}: this model": (chosen, True)}
+    trials |= {"all": (set(names), True), f"all but {', '.join(FLOAT_LAYERS)}: this model": (chosen, True)}
     trials["the same, weights of 8 bits"] = (chosen, False)
     exact = loss(path, held_out)
     rows = []
@@ -125,13 +129,13 @@ def card(path: Path, out: Path, hwvs: list[np.ndarray], held_out: list[Photo], c
     kinds = " | ".join(f"{kind}, dB" for kind in exact.psnr)
     summary = (
         f"[`{path.name}`]({path.name}) with {len(chosen)} of its {len(names)} layers in int8: activations uint8, "
-        "weights int8 per channel,\nof 7 bits (CPUs without VNNI add pairs of products in 16 bits, which 8 can "
-        "saturate). Input and output are float32.\n"
-        f"Calibrated on {len(hwvs)} examples made as for `{config_name}`, half of them procedural. Made by `make int8`."
-        " Training and licence: the original's."
+        "weights int8 per channel,\nof 7 bits (CPUs without VNNI add pairs of products in 16 bits, which 8-bit "
+        "weights can saturate). Input and output are float32.\n"
+        f"Calibrated on {len(hwvs)} examples as in `{config_name}`, half of them procedural, by "
+        "`make models STEP=int8`. Training and licence as of the original."
     )
     measured = (
-        "What quantising costs: root mean square error of the logits beside that of the logits themselves, and change "
+        "Loss by quantising: root mean square error of the logits relative to their own root mean square, and change "
         f"of PSNR,\nover {len(held_out)} held-out renders of `dev/`, by onnxruntime {onnxruntime.__version__} on a CPU "
         f"{'with' if vnni else 'without'} VNNI."
     )
@@ -149,7 +153,7 @@ def main() -> None:
     config = read_config(args.config)
     model = onnx.load(args.model)
     hwvs = calibration_hwvs(config, args.data, EXAMPLES)
-    quantise(args.model, args.out, hwvs, set(convolutions(model)) - set(KEPT))
+    quantise(args.model, args.out, hwvs, set(convolutions(model)) - set(FLOAT_LAYERS))
     held_out = photos(config["validation"], args.data, config["views"], model_card(model))
     args.out.with_suffix(".md").write_text(card(args.model, args.out, hwvs, held_out, args.config.name))
 

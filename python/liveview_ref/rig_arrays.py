@@ -1,7 +1,8 @@
-"""A rig's photos and cameras as plain arrays, as `liveview dump`, `liveview sweep` and parity/generate.py write them.
+"""A rig's photos and cameras as plain arrays, the format of `liveview dump`, `liveview sweep` and
+parity/generate.py.
 
-`view{i}.image` [h, w, 3] float32, the nearest view first; `k`, `rotation` [3, 3] and `translation` [3] float64
-(cam_from_world) of `view{i}` and `target`; `target.size` (width, height).
+`view{i}.image` [h, w, 3] float32, the nearest view first; `k`, `rotation` [3, 3] and `translation`
+[3] float64 (cam_from_world) of `view{i}` and `target`; `target.size` (width, height).
 """
 
 import numpy as np

@@ -1,1 +1,2 @@
-"""What makes the example scenes, the tables of the model cards, the numbers of README.md and the report on video."""
+"""What makes the example scenes, the tables of the model cards, the numbers of README.md and the
+report on video."""

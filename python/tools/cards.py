@@ -1,5 +1,5 @@
-"""Write the tables of models/README.md and the training curves, from the records and scores in models/:
-`make models STEP=cards`."""
+"""Write the tables of models/README.md and the training curves, from the records and scores in
+models/: `make models STEP=cards`."""
 
 import json
 from pathlib import Path

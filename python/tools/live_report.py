@@ -1,8 +1,10 @@
-"""Measure the layer policies of `liveview video` on a rig's clip: tables and figures for models/report/live.
+"""Measure the layer policies of `liveview video` on a rig's clip: tables and figures for
+models/report/live.
 
-Each policy renders the held-out camera of the clip, in a process of its own, several times in turns (planes:64, which
-take the longest and the same for every frame, once); scores are those of the first time, times the median over all. The
-paper's policy is started anew at the cut once more. Memory is measured over one long, small video: the clip repeated.
+Each policy renders the held-out camera of the clip, in a process of its own, several times in turns
+(planes:64, which take the longest and the same for every frame, once); scores are those of the
+first time, times the median over all. The paper's policy is started anew at the cut once more.
+Memory is measured over one long, small video: the clip repeated.
 
 Usage, in python/:
     python -m tools.live_report [--rig DIR] [--camera NAME] [--cut FRAME] [--layers SPEC ...]
@@ -48,7 +50,8 @@ def milliseconds(line: dict) -> float:
 
 
 def rows(runs: dict[str, list[list[dict]]], reports: dict[str, dict], cut: int | None) -> list[str]:
-    """A row per policy. The times leave out the first frame, for which all but DENSE take longer."""
+    """A row per policy. The times leave out the first frame, for which all but DENSE take
+    longer."""
     head = ["layers, policy", "PSNR dB", "SSIM", f"worst frame's SSIM against {DENSE}", "flicker, of 255"]
     head += ["ms per frame", "of these for layers", f"time, {DENSE} = 1", "frames by how their layers came"]
     if cut is not None:

@@ -1,4 +1,5 @@
-"""Makes tests/scenes/workshop, the example scene: the still life of its scene.py, path-traced with Mitsuba 3.
+"""Makes tests/scenes/workshop, the example scene: the still life of its scene.py, path-traced with
+Mitsuba 3.
 
 Usage, in python/:
     python -m tools.make_example_scene [--spp N]           render everything (needs mitsuba, numpy, pillow)
@@ -29,7 +30,8 @@ def turn(axis, angle):
 
 
 def rig():
-    """name -> cam_from_world (R, t): a hand-held hexagon with a centre, and two targets inside it."""
+    """name -> cam_from_world (R, t): a hand-held hexagon with a centre, and two targets inside
+    it."""
     rng = np.random.default_rng(3)
     around = np.radians(np.arange(6) * 60 + 12)
     centres = np.vstack([[0, 0], 0.1 * np.stack([np.cos(around), np.sin(around)], 1), [0.047, 0.022], [-0.04, 0.041]])
@@ -64,7 +66,8 @@ def photo(mi, scene, pose, spp, seed):
 
 
 def rays(pose):
-    """Camera centre and a world-space ray through every pixel centre [H, W, 3], of length 1 along the camera's z."""
+    """Camera centre and a world-space ray through every pixel centre [H, W, 3], of length 1 along
+    the camera's z."""
     r, t = pose
     y, x = np.mgrid[0:H, 0:W] + 0.5
     return -r.T @ t, np.stack([(x - W / 2) / FOCAL, (y - H / 2) / FOCAL, np.ones_like(x)], -1) @ r
@@ -94,7 +97,8 @@ def visible(delta, uv, z):
 
 
 def tracks(views, deltas, photos):
-    """About 300 points on texture: position, colour, and {view: pixel} wherever the depth test says it is seen."""
+    """About 300 points on texture: position, colour, and {view: pixel} wherever the depth test says
+    it is seen."""
     found = []
     for name, image in ((k, v / 255.0) for k, v in photos.items() if "source" in k):
         delta, (origin, ray) = deltas[name], rays(views[name])
@@ -140,7 +144,8 @@ def write_colmap(folder, views, files, points):
 
 
 def check():
-    """Carries target_0's depth, from the files alone, into each source and compares the colours there."""
+    """Carries target_0's depth, from the files alone, into each source and compares the colours
+    there."""
     views, photos, deltas = {}, {}, {}
     scale = json.loads((OUT / "depth/scale.json").read_text())["delta_max"] / 65535
     for line in (OUT / "sparse/0/images.txt").read_text().splitlines()[1::2]:

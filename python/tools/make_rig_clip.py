@@ -1,4 +1,5 @@
-"""Makes tests/scenes/rig, the example clip: the sets of its scene.py as five cameras and a held-out one see them move.
+"""Makes tests/scenes/rig, the example clip: the sets of its scene.py as five cameras and a held-out
+one see them move.
 
 Usage, in python/ (needs numpy, pillow):
     python -m tools.make_rig_clip [--frames N] [--size WxH] [--out DIR]   draw the clip
@@ -27,7 +28,8 @@ SPOTS = [(-0.033, -0.03), (0.033, -0.03), (-0.066, 0.03), (0, 0.03), (0.066, 0.0
 
 
 def rig(width, height):
-    """name -> (focal in pixels, world from camera [3, 4], OpenCV axes): two above three, by hand; a target inside."""
+    """name -> (focal in pixels, world from camera [3, 4], OpenCV axes): two above three, by hand; a
+    target inside."""
     rng = np.random.default_rng(5)
     spots = {f"cam{k:02}": spot for k, spot in enumerate(SPOTS)} | {"target": (0.018, 0.004)}
     cameras = {}
@@ -74,9 +76,11 @@ def write_cameras(out, width, height):
 
 
 def check(out):
-    """How far the photos on disk agree when their poses on disk and the scene's depth carry each source to the target.
+    """How far the photos on disk agree when their poses on disk and the scene's depth carry each
+    source to the target.
 
-    Median absolute difference of 8-bit colours, over what both see, for three frames. Fails above 6.
+    Median absolute difference of 8-bit colours, over what both see, for three frames. Fails above
+    6.
     """
     file = json.loads((out / "transforms.json").read_text())
     frames, size = len(list((out / "target").glob("*.jpg"))), (file["w"], file["h"])

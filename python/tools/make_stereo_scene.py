@@ -2,7 +2,8 @@
 
 Usage, in python/: python -m tools.make_stereo_scene FOLDER
 
-Two views 193 mm apart: the case of V = 2, stereo rigs and passthrough. Scene unit: metre; camera 0 is the world.
+Two views 193 mm apart: the case of V = 2, stereo rigs and passthrough. Scene unit: metre; camera 0
+is the world.
 """
 
 import json

@@ -1,9 +1,12 @@
-"""Measure how a path over a still scene flickers: 90 frames on a circle before the rig clip's yard, against the truth.
+"""Measure how a path over a still scene flickers: 90 frames on a circle before the rig clip's yard,
+against the truth.
 
-Flicker is that of `liveview video`: mean |change of the picture - change of the truth| from frame to frame, of 255,
-without a border of 16 pixels. The scene is the first frame of each camera, the held-out one left out.
+Flicker is that of `liveview video`: mean |change of the picture - change of the truth| from frame
+to frame, of 255, without a border of 16 pixels. The scene is the first frame of each camera, the
+held-out one left out.
 
-Usage, in python/:  python -m tools.path_flicker [--layers SPEC ...] [--frames N] [-- OPTIONS OF liveview render]
+Usage, in python/:  python -m tools.path_flicker [--layers SPEC ...] [--frames N] [-- OPTIONS OF
+liveview render]
 """
 
 import argparse
@@ -32,7 +35,8 @@ BORDER = 16
 
 
 def circle(frames: int) -> list[np.ndarray]:
-    """World from camera [3, 4] of each frame, OpenCV axes: on a circle amid the cameras, looking as they do."""
+    """World from camera [3, 4] of each frame, OpenCV axes: on a circle amid the cameras, looking as
+    they do."""
     angles = 2 * np.pi * np.arange(frames) / frames
     return [SCENE["place"](RADIUS * np.cos(a), RADIUS * np.sin(a), 0, 0, 0, -7)[:3] for a in angles]
 

@@ -1,5 +1,5 @@
-"""A small ray caster of textured boxes, balls and rods: 3×3 rays a pixel, textures filtered to their footprint, a soft
-shadow. make_rig_clip.py draws with it.
+"""A small ray caster of textured boxes, balls and rods: 3×3 rays a pixel, textures filtered to
+their footprint, a soft shadow. make_rig_clip.py draws with it.
 
 World axes are OpenCV's (x right, y down, z forward).
 """
@@ -37,7 +37,8 @@ class Texture:
         return rows[0] + (rows[1] - rows[0]) * fy
 
     def __call__(self, u, v, footprint):
-        """Colours [n, 3] at (u, v), in turns of the texture, over a footprint in texels of the finest level."""
+        """Colours [n, 3] at (u, v), in turns of the texture, over a footprint in texels of the
+        finest level."""
         if len(self.levels) == 1:
             return np.broadcast_to(self.levels[0][0], (len(u), 3))
         level = np.clip(np.log2(np.maximum(footprint, 1)), 0, len(self.levels) - 1.001)
@@ -50,7 +51,8 @@ class Texture:
 
 
 def hit(shape, o, d):
-    """Distance along local rays o + t·d, each three arrays, to a shape; infinite for a miss or behind 0.001."""
+    """Distance along local rays o + t·d, each three arrays, to a shape; infinite for a miss or
+    behind 0.001."""
     if shape.kind == "box":
         low, high = -np.inf, np.inf
         for a, b, half in zip(o, d, shape.half, strict=True):
@@ -69,7 +71,8 @@ def hit(shape, o, d):
 
 
 def surface(shape, p):
-    """Normal, u, v and turns of the texture per unit along them, at the local surface points p, three arrays."""
+    """Normal, u, v and turns of the texture per unit along them, at the local surface points p,
+    three arrays."""
     x, y, z = p
     rx, ry, rz = shape.half
     if shape.kind == "box":
@@ -90,7 +93,8 @@ def surface(shape, p):
 
 
 def rays(camera, width, height, per_pixel):
-    """World ray directions through a picture, of length 1 along the camera's z, as x [1, w] and y [h, 1] at z = 1."""
+    """World ray directions through a picture, of length 1 along the camera's z, as x [1, w] and y
+    [h, 1] at z = 1."""
     x, y = ((np.arange(n * per_pixel, dtype=np.float32) + 0.5) / per_pixel - n / 2 for n in (width, height))
     focal = float(camera[0])  # a NumPy scalar would make double precision of all that follows
     return x[None] / focal, y[:, None] / focal
@@ -108,7 +112,8 @@ def window(shape, camera, x, y):
 
 
 def local(shape, points):
-    """World points [..., 3] in a shape's own axes, as [3, ...], and its rotation, world from local."""
+    """World points [..., 3] in a shape's own axes, as [3, ...], and its rotation, world from
+    local."""
     r, c = shape.at[:3, :3].astype(np.float32), shape.at[:3, 3].astype(np.float32)
     return np.moveaxis((points - c) @ r, -1, 0), r
 
@@ -128,7 +133,8 @@ def cast(shapes, camera, x, y):
 
 
 def lit(shapes, p, n, pick):
-    """Light on world points p [m, 3] of normal n, from the lamp's point of each `pick` (0 to 8), shadow included."""
+    """Light on world points p [m, 3] of normal n, from the lamp's point of each `pick` (0 to 8),
+    shadow included."""
     i, j = (np.arange(S * S) // S - 1) / S, (np.arange(S * S) % S - 1) / S
     points = LIGHT + 2 * SPREAD * np.stack([i + j / S, 0 * i, j - i / S], 1)  # turned: nine shadow edges, not three
     to = points.astype(np.float32)[pick] - p
@@ -150,9 +156,11 @@ def lit(shapes, p, n, pick):
 
 
 def picture(shapes, textures, camera, width, height):
-    """8-bit sRGB [height, width, 3] of shapes (as scene.py describes them), of which the first two cast no shadow.
+    """8-bit sRGB [height, width, 3] of shapes (as scene.py describes them), of which the first two
+    cast no shadow.
 
-    camera: focal length in pixels, world from camera [3, 4], OpenCV axes; textures: name -> Texture.
+    camera: focal length in pixels, world from camera [3, 4], OpenCV axes; textures: name ->
+    Texture.
     """
     x, y = rays(camera, width, height, S)
     bands = np.split(y, range(S * BAND, len(y), S * BAND))

@@ -1,7 +1,8 @@
 """Write the figures and pictures of README.md and docs/: `make report STEP=readme`.
 
-Figures are those that `liveview sweep` measured (models/report) and the models' scores; the parity table is computed
-again by `python -m liveview_ref.parity`, the pictures by `liveview render` and `liveview video`.
+Figures are those that `liveview sweep` measured (models/report) and the models' scores; the parity
+table is computed again by `python -m liveview_ref.parity`, the pictures by `liveview render` and
+`liveview video`.
 """
 
 import subprocess
@@ -46,7 +47,8 @@ def picture() -> None:
 
 
 def clip() -> None:
-    """models/rig_v4.webp: truth and result of the rig's held-out camera, half size, ten frames per second."""
+    """models/rig_v4.webp: truth and result of the rig's held-out camera, half size, ten frames per
+    second."""
     with tempfile.TemporaryDirectory() as out:
         command = [BINARY, "video", RIG, "--camera", "target", "--layers", "surface:1", "-o", out]
         subprocess.run(command, cwd=ROOT, check=True, capture_output=True)

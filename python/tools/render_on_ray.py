@@ -1,8 +1,9 @@
-"""Render a path, held-out photos or a list of targets on the machines of a Ray cluster, a shard each.
+"""Render a path, held-out photos or a list of targets on the machines of a Ray cluster, a shard
+each.
 
-Every shard is a `liveview render --shard I/N --resume` of its own, so one whose machine died goes on elsewhere with
-what it had rendered; the folder must be one that all machines see under the same name. A command that is wrong is not
-tried again. Exit code 2 if a shard failed.
+Every shard is a `liveview render --shard I/N --resume` of its own, so one whose machine died goes
+on elsewhere with what it had rendered; the folder must be one that all machines see under the same
+name. A command that is wrong is not tried again. Exit code 2 if a shard failed.
 
 Usage, in python/, in the environment of `make setup-ray`:
     python -m tools.render_on_ray SCENE -o FOLDER --shards N [--address auto] [--cpus 1] [--retries 3] [--join FILE]
@@ -35,7 +36,8 @@ def render_shard(command: list[str]) -> str:
 
 
 def start(address: str, tell) -> None:
-    """Connects to a cluster, or starts one here: a busy machine may need longer than the 30 s that Ray gives it."""
+    """Connects to a cluster, or starts one here: a busy machine may need longer than the 30 s that
+    Ray gives it."""
     for tries in range(STARTS):
         try:
             ray.init(address=address, log_to_driver=False, include_dashboard=False, logging_level="warning")

@@ -1,4 +1,5 @@
-"""The graph of one_graph.py, run by onnxruntime: warp, network, blend and composite in one, without torch."""
+"""The graph of one_graph.py, run by onnxruntime: warp, network, blend and composite in one, without
+torch."""
 
 import subprocess
 import sys
@@ -19,7 +20,7 @@ class GraphPipeline:
         planes = len(job.arrays()["disparities"])
         self.parts = batches(planes, job.batch)
         with tempfile.TemporaryDirectory() as folder:
-            # a process of its own: the export needs torch, whose memory is not that of the graph
+            # a separate process: the export needs torch, whose memory is not part of the graph's
             module = "liveview_ref.competitors.one_graph"
             build = [sys.executable, "-m", module, job.path, job.network, str(job.batch)]
             done = subprocess.run([*build, folder], stdout=sys.stderr, stderr=subprocess.PIPE, text=True)

@@ -1,9 +1,10 @@
-"""What the competitors have in common: the job that they render, and how they are timed.
+"""The job that the competitors render, and their timing.
 
-No torch and no onnxruntime here: in a process that does not need them they would count as its memory.
+Without torch and onnxruntime, whose memory would count in processes that do not need them.
 
-All warp, run the network, blend and composite `batch` planes at a time, so that memory does not grow with their number.
-What does not depend on the target (photos as tensors, network) is made before the clock starts.
+All warp, run the network, blend and composite `batch` planes at a time, so that memory does not
+grow with their number. Preparations that do not depend on the target (photos as tensors, network)
+are not timed.
 """
 
 import time
@@ -20,7 +21,7 @@ NAMES = ("reference", "torch", "torch channels_last", "onnxruntime + kornia", "o
 
 @dataclass(frozen=True)
 class Job:
-    """What to render, by which competitor (one of NAMES) and with what. `path`: arrays as rig_arrays.py names them, and
+    """What to render, by which competitor (one of NAMES). `path`: arrays as in rig_arrays.py, and
     `disparities` of planes. `weights` None: those of the model."""
 
     path: Path
@@ -32,12 +33,12 @@ class Job:
 
     @property
     def network(self) -> Path:
-        """The file to take the network from."""
+        """The file of the network."""
         return self.weights or self.model
 
     @classmethod
     def of(cls, message: dict) -> "Job":
-        """The job that worker.py is asked for."""
+        """The job in a request to worker.py."""
         weights = message.get("weights")
         job = cls(
             Path(message["job"]),
@@ -48,16 +49,16 @@ class Job:
             int(message.get("batch", 1)),
         )
         if job.competitor not in NAMES:
-            raise ValueError(f"no competitor {job.competitor!r}: there are {', '.join(NAMES)}")
+            raise ValueError(f"no competitor {job.competitor!r}; expected one of {', '.join(NAMES)}")
         if job.threads < 1 or job.batch < 1:
-            raise ValueError(f"threads ({job.threads}) and batch ({job.batch}) must be at least 1")
+            raise ValueError(f"threads {job.threads}, batch {job.batch}: expected at least 1")
         return job
 
     def arrays(self) -> dict[str, np.ndarray]:
         with np.load(self.path) as arrays:
             data = dict(arrays)
         if "disparities" not in data or not len(data["disparities"]):
-            raise ValueError(f"{self.path}: no planes (disparities)")
+            raise ValueError(f"{self.path}: disparities: expected at least one plane")
         return data
 
 
@@ -84,5 +85,5 @@ class Stopwatch:
 
 
 def batches(planes: int, batch: int) -> list[slice]:
-    """Planes near -> far in parts of `batch`, the last one perhaps smaller."""
+    """Planes near -> far in parts of `batch`; the last one may be smaller."""
     return [slice(first, min(first + batch, planes)) for first in range(0, planes, batch)]

@@ -2,10 +2,11 @@
 
     python -m liveview_ref.competitors.one_graph JOB.npz WEIGHTS.pt|MODEL.onnx BATCH FOLDER
 
-Made for one job, at fixed shapes. A run takes a batch of planes and the sums of the planes before it, and returns the
-sums with these planes: front to back, so that memory does not grow with the number of planes. Written to FOLDER:
-`planes_N.onnx` for each size of batch that the job needs, and `inputs.npz`, so that running them (graph_pipeline.py)
-takes onnxruntime and numpy alone, without the memory that torch and the export take.
+Built for one job, with fixed shapes. A run takes a batch of planes and the sums over the previous
+planes, and returns the sums including these planes, front to back, so that memory does not grow
+with the number of planes. Writes to FOLDER `planes_N.onnx` for each size of batch that the job
+needs, and `inputs.npz`, so that running them (graph_pipeline.py) needs only onnxruntime and numpy,
+not the memory of torch and the export.
 """
 
 import sys
@@ -33,9 +34,10 @@ OUTPUTS = ("rgb_out", "disparity_out", "transmittance_out")
 
 
 class Planes(nn.Module):
-    """images [V, 4, h, w] (photo and ones; zeros where a photo is smaller than the largest), homographies [n, V, 3, 3]
-    (normalised source coordinates from target pixels), distances [V], disparities [n], background [n] bool, and the
-    sums so far: rgb [3, H8, W8], disparity and transmittance [H8, W8] -> the sums with these planes."""
+    """images [V, 4, h, w] (photo and ones; zeros where a photo is smaller than the largest),
+    homographies [n, V, 3, 3] (normalised source coordinates from target pixels), distances [V],
+    disparities [n], background [n] bool, and the sums so far: rgb [3, H8, W8], disparity and
+    transmittance [H8, W8] -> the sums with these planes."""
 
     def __init__(self, network: UNet, size: tuple[int, int]):
         super().__init__()
@@ -50,7 +52,7 @@ class Planes(nn.Module):
         points = (homographies.transpose(0, 1) @ self.pixels).unflatten(3, self.size)  # [V, n, 3, H8, W8]
         w = points[:, :, 2]
         grid = outside_masked(torch.stack([points[:, :, 0] / w, points[:, :, 1] / w], -1), w)
-        grid = grid.reshape(views, planes * height, width, 2)  # a view's planes below one another
+        grid = grid.reshape(views, planes * height, width, 2)  # a view's planes below each other
         warped = F.grid_sample(images, grid, padding_mode="zeros", align_corners=False)
         warped = warped.reshape(views, 4, planes, height, width).permute(2, 0, 1, 3, 4)
         colour, coverage = warped[:, :, :3], warped[:, :, 3]
@@ -60,7 +62,7 @@ class Planes(nn.Module):
 
 
 def inputs_of(data: Arrays) -> dict[str, Tensor]:
-    """INPUTS for all planes of a job, before the first."""
+    """INPUTS for all planes of a job, with the sums before the first plane."""
     cameras, target = cameras_of(data)
     photos = [with_coverage(image) for image in images_of(data, torch.float32)]
     height, width = (max(side) for side in zip(*(photo.shape[1:] for photo in photos), strict=True))
@@ -84,7 +86,7 @@ def inputs_of(data: Arrays) -> dict[str, Tensor]:
 
 
 def first_planes(inputs: dict[str, Tensor], count: int) -> dict[str, Tensor]:
-    """INPUTS of the first batch, of `count` planes."""
+    """INPUTS of the first batch of `count` planes."""
     of_planes = ("homographies", "disparities", "background")
     return {name: value[:count] if name in of_planes else value for name, value in inputs.items()}
 

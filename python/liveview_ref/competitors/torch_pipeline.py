@@ -1,9 +1,10 @@
-"""The pipeline in PyTorch, written for speed, and the reference itself.
+"""The pipeline in PyTorch, optimised for speed, and the reference itself.
 
-TorchPipeline departs from the reference (renderer.py) to be faster, with the same result: BatchNorm is folded; nothing
-but the sums of the composite is kept; a plane needs no disparity map, so its coordinates are three multiply-adds and a
-division on the rays of the target; and the mask for what lies behind a camera, or is huge, is left out where the
-corners of the target show that there is none (w is affine over the target, so its extremes lie there).
+TorchPipeline is faster than the reference (renderer.py) with the same result: BatchNorm is folded;
+only the sums of the composite are kept; a plane needs no disparity map, so its coordinates are
+three multiply-adds and a division on the rays of the target; and points behind a camera or with
+huge coordinates are masked only if the corners of the target show that there may be any (w is
+affine over the target, so its extremes are at the corners).
 """
 
 from collections.abc import Callable
@@ -27,17 +28,19 @@ from ..rig_arrays import cameras_of, images_of
 from .job import Job, Stopwatch, batches
 
 PlaneWarp = Callable[[Tensor], Tensor]  # disparities [n] -> colour and coverage of a view [n, 4, H8, W8]
-FRONT = 1e-3  # of the largest w: where the target has a smaller one, points behind the camera are masked
+LEAST_W = 1e-3  # of the largest w of a target; if its least w is smaller, points behind the camera are masked
 
 
 def in_front(w: Tensor) -> Tensor:
-    """Whether a plane lies well in front of the source, from w at the target's corners [n, h, w] -> [n] bool."""
+    """Whether a plane lies well in front of the source, by w [n, h, w] at the target's corners ->
+    [n] bool."""
     corners = w[:, [0, 0, -1, -1], [0, -1, 0, -1]]
-    return corners.amin(1) > FRONT * corners.amax(1)
+    return corners.amin(1) > LEAST_W * corners.amax(1)
 
 
 def grid_warp(rgbc: Tensor, source: Camera, target: Camera, size: tuple[int, int]) -> PlaneWarp:
-    """Planes by grid_sample. rgbc [4, Hs, Ws]: photo and ones; size: of the padded target (height, width)."""
+    """Planes by grid_sample. rgbc [4, Hs, Ws]: photo and ones; size: of the padded target (height,
+    width)."""
     height, width = size
     into_grid = grid_from_pixels(source.width, source.height)
     homography, epipole = ((into_grid @ term).float() for term in PlaneSweep.of(source, target))
@@ -49,7 +52,7 @@ def grid_warp(rgbc: Tensor, source: Camera, target: Camera, size: tuple[int, int
         grid = torch.stack([u / w, v / w], -1)
         if not bool(in_front(w).all()):
             grid = outside_masked(grid, w)
-        stacked = grid.reshape(1, -1, width, 2)  # one image, all planes: no copy of the image per plane
+        stacked = grid.reshape(1, -1, width, 2)  # one image for all planes, without a copy per plane
         warped = F.grid_sample(rgbc[None], stacked, padding_mode="zeros", align_corners=False)
         return warped.reshape(4, -1, height, width).transpose(0, 1)
 
@@ -59,7 +62,7 @@ def grid_warp(rgbc: Tensor, source: Camera, target: Camera, size: tuple[int, int
 def kornia_warp(rgbc: Tensor, source: Camera, target: Camera, size: tuple[int, int]) -> PlaneWarp:
     """Planes by kornia's homography_warp; arguments as for grid_warp.
 
-    kornia shows what lies behind the camera mirrored, so its result is masked.
+    kornia samples points behind the camera as well, mirrored; they are masked.
     """
     from kornia.geometry.transform import homography_warp
 
@@ -121,7 +124,7 @@ class TorchPipeline:
 
 
 class ReferencePipeline:
-    """renderer.py as it stands, in float32 and with its own batches: every stage is kept."""
+    """renderer.py unchanged, in float32 and with its own batches; it keeps every stage."""
 
     title = f"PyTorch {torch.__version__} reference"
 

@@ -1,17 +1,18 @@
-"""One competitor in a process of its own, driven line by line: python -m liveview_ref.competitors.worker
+"""One competitor in its own process, driven line by line: python -m liveview_ref.competitors.worker
 
-`liveview sweep --reference` starts a worker for each competitor, so that each has a peak memory of its own, and asks
-them in turn, so that other load on the machine falls on all alike. One JSON object per line, in and out; stdout carries
-nothing else, notes go to stderr. Relative paths are relative to the worker's working directory.
+`liveview sweep --reference` starts a worker for each competitor, so that the peak memory of each
+can be measured, and runs them in turns, so that other load on the machine affects all alike. One
+JSON object per line, in and out, on stdin and stdout; notes go to stderr. Relative paths are
+relative to the worker's working directory.
 
     in   {"job": FILE.npz, "model": FILE.onnx, "weights": FILE.pt or null, "engine": NAME, "threads": 2, "batch": 1}
     out  {"ready": true, "engine": "the competitor with its version"}
-    in   {"run": true, "frame": FILE.npy}       `frame`, float32 [h, w, 3], may be left out; writing it is not timed
+    in   {"run": true, "frame": FILE.npy}       `frame`, float32 [h, w, 3], is optional; writing it is not timed
     out  {"seconds": {"warp": s, "network": s, "composite": s} or {"total": s}, "peak_memory_bytes": since the start}
     in   {"quit": true}, or the end of input
-    out  {"error": "..."} after whatever fails, and exit code 2
+    out  {"error": "..."} after a failure, and exit code 2
 
-The job's arrays are named as rig_arrays.py says, and `disparities` of planes. NAME is one of job.NAMES.
+The job's arrays are those of rig_arrays.py, and `disparities` of planes. NAME is one of job.NAMES.
 """
 
 import json
@@ -33,8 +34,8 @@ def peak_memory() -> int:
 
 
 def start(job: Job) -> Competitor:
-    """The competitor of this job. The variables that make idle threads sleep are set before any library that has
-    threads is loaded: other workers are timed in the meantime."""
+    """The competitor of this job. Idle threads must sleep while other workers are timed; the
+    environment variables for this are set before any library with threads is loaded."""
     os.environ |= {"OMP_NUM_THREADS": str(job.threads), "OMP_WAIT_POLICY": "passive"}
     if job.competitor == "one graph":
         from .graph_pipeline import GraphPipeline
@@ -46,7 +47,7 @@ def start(job: Job) -> Competitor:
 
 
 def serve(requests: TextIO, replies: TextIO) -> None:
-    """Answer requests until one says quit, or there are no more."""
+    """Answer requests until {"quit": true} or the end of input."""
 
     def reply(**message) -> None:
         print(json.dumps(message), file=replies, flush=True)
@@ -61,7 +62,7 @@ def serve(requests: TextIO, replies: TextIO) -> None:
         if request.get("quit"):
             return
         if not request.get("run"):
-            raise ValueError(f"neither run nor quit: {line.strip()}")
+            raise ValueError(f"{line.strip()}: expected run or quit")
         frame, seconds = competitor.render()
         peak = peak_memory()
         if "frame" in request:

@@ -1,4 +1,4 @@
-"""Training examples: a target crop, its views warped onto layers, and what the loss needs."""
+"""Training examples: a target crop, its views warped onto layers, and the inputs of the loss."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +23,9 @@ from .scene import Scene, open_scene
 
 @dataclass
 class Example:
-    """hwv [L, 3V, H, W] float16, coverage [L, V, H, W] float16, maps [L, H, W], distances [V], target [3, H, W],
-    disparity [H, W] (NaN where unknown); parallax: pixels that the farthest view moves per unit of disparity."""
+    """hwv [L, 3V, H, W] float16, coverage [L, V, H, W] float16, maps [L, H, W], distances [V],
+    target [3, H, W], disparity [H, W] (NaN where unknown); parallax: pixels of motion per unit of
+    disparity in the farthest view."""
 
     hwv: Tensor
     coverage: Tensor
@@ -36,15 +37,15 @@ class Example:
 
 
 class RealScene:
-    """A folder of posed photos to train on, its images resampled once to the given widths. The spec's
-    "reach": the V views of a target are drawn from its nearest V, or from up to V + reach - 1."""
+    """A folder of posed photos for training, with images resampled once to the given widths. The V
+    views of a target are drawn from its nearest V to V + reach - 1 views ("reach" of the spec)."""
 
     def __init__(self, root: Path, spec: dict, views: int):
         scene: Scene = open_scene(root / spec["path"], spec.get("cameras", "cameras.txt"))
         self.near, self.far, self.reach = spec.get("near"), spec.get("far"), spec["reach"]
         self.bounds, self.sizes = scene.bounds, []
         self.targets = [t for t, c in enumerate(scene.cameras) if len(looking_the_same_way(scene.cameras, c)) > views]
-        self.weight = float(spec["weight"]) if self.targets else 0.0  # no target has enough views around it
+        self.weight = float(spec["weight"]) if self.targets else 0.0  # 0 if no target has enough views around it
         for width in spec["widths"]:
             images, cameras = [], []
             for i, camera in enumerate(scene.cameras):
@@ -56,14 +57,14 @@ class RealScene:
             self.sizes.append((images, cameras))
 
     def draw(self, rng: np.random.Generator, views: int, size: tuple[int, int]):
-        """(views, their cameras, target, its camera, near, far, disparity of the target or None) of a random crop of
-        `size` (height, width)."""
+        """(views, their cameras, target, its camera, near, far, disparity of the target or None) of
+        a random crop of `size` (height, width)."""
         images, cameras = self.sizes[rng.integers(len(self.sizes))]
         t = int(rng.choice(self.targets))
         others = cameras[:t] + cameras[t + 1 :]
         count = min(len(looking_the_same_way(others, cameras[t])), views + int(rng.integers(0, self.reach)))
         near_by = choose_views(others, cameras[t], count)
-        pick = sorted(rng.permutation(count)[:views])  # still nearest first
+        pick = sorted(rng.permutation(count)[:views])  # nearest first
         ids = [near_by[p] + (near_by[p] >= t) for p in pick]
         height, width = size
         left = int(rng.integers(0, cameras[t].width - width + 1))
@@ -85,7 +86,7 @@ class RealScene:
 
 
 def procedural(rng: np.random.Generator, views: int, size: tuple[int, int], textures: Textures):
-    """A procedural scene, as RealScene.draw gives one."""
+    """A procedural scene, in the form of RealScene.draw."""
     s = random_scene(rng, views, size, textures)
     cameras = [
         Camera(k, r, t, v.shape[2], v.shape[1])
@@ -119,8 +120,8 @@ def make_example(rng: np.random.Generator, source, config: dict) -> Example:
 
 
 def maker(queue, config: dict, data: Path, worker: int, start: int) -> None:
-    """Put batches (lists of Examples) into the queue for ever, in a process of its own; batch n depends on the seed
-    and on n alone."""
+    """Put batches (lists of Examples) into the queue forever, in a separate process; batch n
+    depends only on the seed and on n."""
     torch.set_num_threads(1)
     real = [RealScene(data, spec, config["views"]) for spec in config["real"]]
     weights = np.array([scene.weight for scene in real])

@@ -1,5 +1,6 @@
-"""Held-out photos and the views to render them from, as training's configs ("validation") and configs/evaluation.json
-list them: {"path", "width" (null: the photo's own), "targets", "heldout", "pool", "near", "far"}."""
+"""Held-out photos and the views to render them from, listed in training configs ("validation") and
+configs/evaluation.json: {"path", "width" (null: the photo's own), "targets", "heldout", "pool",
+"near", "far"}."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +12,7 @@ from ..reference.geometry.camera import Camera
 from ..reference.geometry.view_selection import choose_views
 from .scene import Scene, open_scene
 
-BORDER = 16  # pixels on each side that no score looks at
+BORDER = 16  # pixels on each side, outside all scores
 INNER = (..., slice(BORDER, -BORDER), slice(BORDER, -BORDER))
 
 
@@ -23,7 +24,8 @@ def resized(image: Tensor, width: int) -> Tensor:
 
 
 class Case(NamedTuple):
-    """A held-out photo: the views to render it from, [3, Hs, Ws] in [0, 1], nearest first; its camera and the truth."""
+    """A held-out photo: the views to render it from, [3, Hs, Ws] in [0, 1], nearest first; its
+    camera and the truth."""
 
     sources: list[Tensor]
     cameras: list[Camera]
@@ -35,18 +37,19 @@ class Case(NamedTuple):
 
 
 def targets_of(scene: Scene, spec: dict) -> list[int]:
-    """Photos to render: the spec's targets, else every `heldout`-th."""
+    """Photos to render: the spec's targets, or every `heldout`-th."""
     return spec.get("targets") or list(range(0, len(scene.names), spec["heldout"]))
 
 
 def pool_of(scene: Scene, spec: dict) -> list[int]:
-    """Photos that targets may be rendered from. Held out are every `heldout`-th photo, or all targets."""
+    """Photos from which targets may be rendered: all but every `heldout`-th photo, or but all
+    targets."""
     every = range(0, len(scene.names), spec["heldout"]) if spec.get("heldout") else spec["targets"]
     return [i for i in spec.get("pool", range(len(scene.names))) if i not in every]
 
 
 def case_of(scene: Scene, spec: dict, t: int, views: int) -> Case:
-    """The case of target t: of its pool, the nearest views."""
+    """The case of target t, with the nearest views of its pool."""
     pool = pool_of(scene, spec)
     width = spec["width"] or scene.cameras[t].width
     truth = resized(scene.image_u8(t), width)

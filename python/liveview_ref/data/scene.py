@@ -1,6 +1,8 @@
-"""Posed photos for training and evaluation: transforms.json, LLFF, RealEstate10K and COLMAP folders -> cameras.
+"""Posed photos for training and evaluation: transforms.json, LLFF, RealEstate10K and COLMAP folders
+-> cameras.
 
-The Rust crate's loader reads more formats and checks them; this one reads what training and evaluation use.
+The Rust crate's loader reads more formats, with checks; this one reads those of training and
+evaluation.
 """
 
 import json
@@ -29,7 +31,8 @@ class Scene:
     distortion: tuple[float, ...] = ()
 
     def add(self, name: str, k, world_from_cam=None, cam_from_world=None, size=None, bounds=None) -> None:
-        """Poses are 4x4 (or 3x4) OpenCV; K belongs to `size` (width, height) and is scaled to the actual image."""
+        """Add a photo. Poses are 4x4 or 3x4, OpenCV axes; K is for `size` (width, height) and is
+        scaled to the image."""
         if cam_from_world is None:
             rotation = world_from_cam[:3, :3].T
             translation = -rotation @ world_from_cam[:3, 3]
@@ -44,7 +47,7 @@ class Scene:
         self.bounds.append(bounds)
 
     def image_u8(self, index: int) -> Tensor:
-        """[3, H, W] uint8, lens distortion undone."""
+        """The photo, [3, H, W] uint8, lens distortion undone."""
         with Image.open(self.root / self.names[index]) as image:
             x = torch.from_numpy(np.array(image.convert("RGB"))).permute(2, 0, 1)
         if any(self.distortion):
@@ -53,7 +56,8 @@ class Scene:
 
 
 def undistort(image: Tensor, k: Tensor, distortion: tuple[float, ...]) -> Tensor:
-    """OpenCV's k1, k2, p1, p2 undone: sample the photo where each pinhole pixel lands; edges repeated."""
+    """Undo OpenCV's k1, k2, p1, p2: sample the photo at the distorted position of each pinhole
+    pixel; edges repeated."""
     k1, k2, p1, p2 = distortion
     height, width = image.shape[1:]
     y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
@@ -127,14 +131,14 @@ def load_colmap(root: Path) -> Scene:
 
 def pinhole(model: int | str, *parameters: float) -> np.ndarray:
     if model not in (0, 1, "SIMPLE_PINHOLE", "PINHOLE"):
-        raise ValueError(f"camera model {model}: only SIMPLE_PINHOLE and PINHOLE are read here")
+        raise ValueError(f"camera model {model}; expected SIMPLE_PINHOLE or PINHOLE")
     *focal, cx, cy = parameters
     return intrinsics(focal[0], focal[-1], cx, cy)
 
 
 def colmap_text(sparse: Path):
-    """cameras {id: (K, (width, height))}, points {id: (x, y, z)}, images [(name, (qw, qx, qy, qz, tx, ty, tz), camera,
-    ids of the points in it)]."""
+    """cameras {id: (K, (width, height))}, points {id: (x, y, z)}, images [(name, (qw, qx, qy, qz,
+    tx, ty, tz), camera, ids of the points in it)]."""
 
     def lines(name: str) -> list[list[str]]:
         return [line.split() for line in (sparse / name).read_text().splitlines() if not line.startswith("#")]
@@ -144,14 +148,14 @@ def colmap_text(sparse: Path):
         cameras[int(camera)] = (pinhole(model, *map(float, parameters)), (int(width), int(height)))
     points = {int(point): (float(x), float(y), float(z)) for point, x, y, z, *_ in filter(None, lines("points3D.txt"))}
     images, rows = [], iter(lines("images.txt"))
-    for _, *row in rows:  # two lines an image, the second of them empty where it has no points
+    for _, *row in rows:  # two lines per image; the second is empty if it has no points
         name, track = " ".join(row[8:]), [int(point) for point in next(rows, [])[2::3]]
         images.append((name, tuple(map(float, row[:7])), int(row[7]), track))
     return cameras, points, images
 
 
 def colmap_binary(sparse: Path):
-    """The same of the binary files."""
+    """As `colmap_text`, from the binary files."""
     cameras = {}
     for _, ((camera, model, width, height), reader) in _records(sparse / "cameras.bin", "<iiQQ"):
         cameras[camera] = (pinhole(model, *reader("<dddd" if model else "<ddd")), (width, height))
@@ -193,7 +197,7 @@ def _records(path: Path, head: str):
 
 
 def open_scene(root: Path, file: str = "cameras.txt") -> Scene:
-    """The scene of a folder, by what lies in it."""
+    """The scene of a folder; its files determine the format."""
     if (root / "transforms.json").exists():
         return load_transforms(root)
     if (root / "poses_bounds.npy").exists():

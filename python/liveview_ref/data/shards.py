@@ -1,7 +1,8 @@
-"""Training examples made once and kept on disk: shards of photos (8 bit), cameras and what is known of the surface.
+"""Training examples kept on disk: shards of photos (8 bit), cameras, and the surface if it is
+known.
 
-Warping is left to the training, so that one example serves with any planes; a shard holds what its number, the seed and
-the recipe say, whoever makes it.
+Photos are warped during training, so that an example can be used with any planes. A shard is
+determined by its number, the seed and the recipe.
 """
 
 import hashlib
@@ -25,9 +26,9 @@ from .visibility import partly_hidden, visibility
 
 @dataclass
 class Photos:
-    """What a target crop is made from. views: V of [3, Hs, Ws] uint8, nearest first; target [3, H, W] uint8;
-    disparity [H, W] of the target's surface (1/scene unit) and seen [V, H, W] uint8 (visibility.py), None on real
-    scenes; near and far in scene units."""
+    """A target crop and its photos. views: V of [3, Hs, Ws] uint8, nearest first; target [3, H,
+    W] uint8; disparity [H, W] of the target's surface (1/scene unit) and seen [V, H, W] uint8
+    (visibility.py), None on real scenes; near and far in scene units."""
 
     views: list[Tensor]
     cameras: list[Camera]
@@ -67,7 +68,7 @@ def recipe_of(config: dict) -> Recipe:
 
 
 def made(rng: np.random.Generator, config: dict, textures: Textures) -> Photos:
-    """A procedural scene; those in which no view is hidden anywhere near enough are drawn again, mostly."""
+    """A procedural scene; scenes with little occlusion are mostly drawn again."""
     size, recipe = tuple(config["crop"]), recipe_of(config)
     while True:
         s = random_scene(rng, config["views"], size, textures, recipe)
@@ -82,7 +83,7 @@ def made(rng: np.random.Generator, config: dict, textures: Textures) -> Photos:
 
 
 def cropped(rng: np.random.Generator, config: dict, scene: RealScene) -> Photos:
-    """A crop of a real photo, its views cut to what the target can see of them."""
+    """A crop of a real photo, with its views cropped to what the target can see."""
     for _ in range(20):  # views so far apart that they share hardly any points teach nothing
         sources, cameras, truth, target, near, far, _ = scene.draw(rng, config["views"], tuple(config["crop"]))
         size = padded_size(target.height, target.width)
@@ -94,7 +95,7 @@ def cropped(rng: np.random.Generator, config: dict, scene: RealScene) -> Photos:
     for view, camera in zip(sources, cameras, strict=True):
         at, w = source_coordinates(PlaneSweep.of(camera, target), bounds.expand(-1, target.height, target.width))
         low, high = at.reshape(-1, 2).amin(0).floor() - 3, at.reshape(-1, 2).amax(0).ceil() + 3
-        if float(w.min()) <= 0 or not bool(torch.isfinite(at).all()):  # partly behind the view: all of it
+        if float(w.min()) <= 0 or not bool(torch.isfinite(at).all()):  # partly behind the view: keep all of it
             low, high = torch.zeros(2), torch.tensor([camera.width, camera.height])
         left, top = (int(low[i].clamp(0, size - 8)) for i, size in enumerate((camera.width, camera.height)))
         right, bottom = (
@@ -106,13 +107,13 @@ def cropped(rng: np.random.Generator, config: dict, scene: RealScene) -> Photos:
     return Photos(views, cut, eight_bit(truth), target, float(near), float(far), None, None)
 
 
-# What of a config decides what a shard holds.
+# Fields of a config that determine the contents of a shard.
 PHOTOS = ["views", "seed", "crop", "shard", "procedural", "textures", "real", "most_parallax"]
 SCENES = ["parallax", "exposure", "things", "thin", "hidden", "keep"]
 
 
 class Shards:
-    """Shards in a folder, made when first asked for. config: data's part of a training config."""
+    """Shards in a folder, made when first needed, from a training config."""
 
     def __init__(self, folder: Path, config: dict, data: Path):
         self.config, self.data = {key: config[key] for key in PHOTOS + SCENES}, data

@@ -1,13 +1,14 @@
-"""Training examples for surface layers: what the program itself feeds its network there, with errors as they are.
+"""Training examples for surface layers: the inputs that the program gives its network, with the
+errors of its depth.
 
-Each example is a small scene of its own, written to disk and rendered by the program (`liveview dump --layers
-surface:L`): a held-out photo and some of the photos around it, or a procedural scene whose every view's depth is known.
-Kept as bytes, whole pictures; crops are drawn when training.
+Each example is a small scene, written to disk and rendered by the program (`liveview dump --layers
+surface:L`): a held-out photo and some of the photos around it, or a procedural scene with the depth
+of every view. Whole pictures are kept, as bytes; crops are drawn during training.
 
     python -m liveview_ref.data.surface_frames configs/v4_surface.json --data DATA --out FOLDER --program LIVEVIEW
 
-and, to validate on, those of the photos that a list of scenes holds out, in FOLDER/validation: with --held-out
-configs/evaluation.json.
+With --held-out configs/evaluation.json, examples for validation from the held-out photos of a list
+of scenes, in FOLDER/validation.
 """
 
 import argparse
@@ -23,6 +24,7 @@ import torch
 from torch import Tensor
 
 from ..config import read_config
+from ..paths import ROOT
 from ..reference.geometry.camera import Camera
 from ..reference.geometry.view_selection import choose_views, looking_the_same_way, view_distances
 from ..reference.render.renderer import warp_views
@@ -35,15 +37,14 @@ from .shards import eight_bit, made, recipe_of
 from .visibility import visibility
 from .written_scene import write_photo, write_transforms
 
-ROOT = Path(__file__).resolve().parents[3]
-
 
 @dataclass
 class SurfaceFrame:
-    """colour [L, V, 3, H, W] and coverage [L, V, H, W] of the views on each layer, nothing hidden; shown [L, V, H, W]:
-    1 where the program lets the view count; target [3, H, W]; all uint8. distances [V] float64. seen [V, H, W] uint8:
-    which views see the true surface (visibility.py), None on real scenes; where it is known, the last layer is one
-    more, along that surface; it may be the only one."""
+    """colour [L, V, 3, H, W] and coverage [L, V, H, W] of the views on each layer, without
+    occlusion; shown [L, V, H, W]: 1 where the program does not mask the view; target [3, H, W]; all uint8.
+    distances [V] float64. seen [V, H, W] uint8: which views see the true surface (visibility.py),
+    None on real scenes; if it is known, an additional last layer follows that surface; it may be
+    the only one."""
 
     colour: Tensor
     coverage: Tensor
@@ -58,14 +59,14 @@ class SurfaceFrame:
 
     @classmethod
     def load(cls, path: Path) -> "SurfaceFrame":
-        """Mapped: only what is looked at is read."""
+        """Memory-mapped: only the parts that are used are read."""
         return cls(**torch.load(path, weights_only=True, mmap=True))
 
 
 @dataclass
 class Rig:
-    """Photos [3, H, W] in [0, 1] of a small scene, the target first; near and far in scene units. truth: disparities of
-    all of them, on procedural scenes."""
+    """Photos [3, H, W] in [0, 1] of a small scene, the target first; near and far in scene units.
+    truth: disparities of all of them, on procedural scenes."""
 
     photos: list[Tensor]
     cameras: list[Camera]
@@ -75,7 +76,7 @@ class Rig:
 
 
 def real_rig(rng: np.random.Generator, config: dict, scenes: list[RealScene]) -> Rig:
-    """A photo of a real scene and some of those around it, so that the nearest may be far away."""
+    """A photo of a real scene and some of those around it; the nearest may be left out."""
     weights = np.array([scene.weight for scene in scenes])
     scene = scenes[rng.choice(len(scenes), p=weights / weights.sum())]
     images, cameras = scene.sizes[rng.integers(len(scene.sizes))]
@@ -102,7 +103,7 @@ def procedural_rig(rng: np.random.Generator, config: dict, textures: Textures) -
 
 
 def hiding_frame(rng: np.random.Generator, config: dict, textures: Textures) -> SurfaceFrame:
-    """The true surface alone, of a procedural scene where much is hidden from some view."""
+    """Only the true surface, of a procedural scene with much occlusion."""
     p = made(rng, config | {"crop": config["hiding_frame"]}, textures)
     colour, coverage = warp_views([v.float() / 255 for v in p.views], p.cameras, p.camera, p.disparity[None])
     shown = torch.ones(coverage.shape, dtype=torch.uint8)
@@ -111,7 +112,7 @@ def hiding_frame(rng: np.random.Generator, config: dict, textures: Textures) -> 
 
 
 def held_out_rig(scene: Scene, spec: dict, t: int, views: int) -> Rig:
-    """A held-out photo and all that it may be rendered from, each at its own size."""
+    """A held-out photo and all photos it may be rendered from, each at its own size."""
     near, far = case_of(scene, spec, t, views)[4:6]
     ids = [t, *pool_of(scene, spec)]
     return Rig([scene.image_u8(i).float() / 255 for i in ids], [scene.cameras[i] for i in ids], near, far, None)
@@ -134,7 +135,7 @@ def dumped(rig: Rig, program: Path, views: int, layers: int, folder: Path) -> di
 
 
 def frame_of(rig: Rig, found: dict[str, Tensor]) -> SurfaceFrame:
-    """What the program shows its network, and what it hides of it."""
+    """The input that the program gives its network, and its masks."""
     views = sum(name.endswith(".image") for name in found)
     target, height, width = rig.cameras[0], *rig.photos[0].shape[1:]
     images = [found[f"view{v}.image"].permute(2, 0, 1) for v in range(views)]
@@ -146,7 +147,7 @@ def frame_of(rig: Rig, found: dict[str, Tensor]) -> SurfaceFrame:
     own = found["colour"].reshape(colour.shape)
     colour = torch.where(shown[:, :, None], own, colour)
     coverage = torch.where(shown, found["coverage"], coverage)
-    shown = shown | (coverage == 0)  # nothing there to hide
+    shown = shown | (coverage == 0)  # nothing to mask
     inner = (..., slice(height), slice(width))
     colour, coverage, shown, seen = colour[inner], coverage[inner], shown[inner], None
     if rig.truth is not None:
@@ -166,7 +167,7 @@ def through(program: Path, rig: Rig, config: dict) -> SurfaceFrame:
 
 
 def make(number: int, config: dict, scenes: list[RealScene], textures: Textures, program: Path) -> SurfaceFrame:
-    """The frame of this number: the seed and the number say what it is."""
+    """The frame of this number, determined by the seed and the number."""
     rng = np.random.default_rng([config["seed"], number])
     if rng.random() < config["hiding"]:
         return hiding_frame(rng, config, textures)
@@ -188,9 +189,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("config", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="folder with train/, dev/ and textures/")
-    parser.add_argument("--out", type=Path, required=True, help="frames that are there are kept")
-    parser.add_argument("--program", type=Path, required=True, help="liveview, built")
-    parser.add_argument("--held-out", type=Path, metavar="SPEC", help="make those to validate on instead")
+    parser.add_argument("--out", type=Path, required=True, help="existing frames are kept")
+    parser.add_argument("--program", type=Path, required=True, help="the program, liveview")
+    parser.add_argument("--held-out", type=Path, metavar="SPEC", help="make examples for validation instead")
     args = parser.parse_args()
     torch.set_num_threads(1)
     config = read_config(args.config)
@@ -205,7 +206,7 @@ def main() -> None:
             continue
         try:
             make(number, config, scenes, textures, args.program).save(path)
-        except (RuntimeError, ValueError) as error:  # the program refuses the scene, or no view faces the target's direction
+        except (RuntimeError, ValueError) as error:  # refused by the program, or no view looks that way
             print(f"skipped {number}: {error}", file=sys.stderr, flush=True)
         print(path.name, flush=True)
 

@@ -1,4 +1,5 @@
-"""Which views truly see the surface that the target sees: from the disparity maps of target and views."""
+"""True visibility of the target's surface in the views, from the disparity maps of target and
+views."""
 
 import torch
 import torch.nn.functional as F
@@ -9,14 +10,16 @@ from ..reference.geometry.plane_sweep import PlaneSweep, source_coordinates
 from ..reference.warp import normalised_grid
 
 HIDDEN, SEEN, UNKNOWN = 0, 1, 2
-SAME, OTHER = 1.0, 2.0  # pixels of parallax within which it is the same surface, and beyond which it is another
+SAME, OTHER = 1.0, 2.0  # pixels of parallax within which it is the same surface, and beyond which a different one
 
 
 def visibility(disparity: Tensor, target: Camera, maps: list[Tensor], cameras: list[Camera]) -> Tensor:
-    """disparity [H, W] of the target and `maps` [Hs, Ws] of the views, each 1/z in its own camera -> [V, H, W] uint8.
+    """disparity [H, W] of the target and `maps` [Hs, Ws] of the views, each 1/z in its own camera
+    -> [V, H, W] uint8.
 
-    HIDDEN: all of the view's four pixels around the point lie nearer than it by more than OTHER pixels of parallax
-    between this view and the target; SEEN: all within SAME; else, and outside of the view, UNKNOWN."""
+    HIDDEN: all four pixels of the view around the point are nearer by more than OTHER pixels of
+    parallax between this view and the target; SEEN: all are within SAME; otherwise, and outside the
+    view, UNKNOWN."""
     result = torch.full((len(maps), *disparity.shape), UNKNOWN, dtype=torch.uint8)
     for v, (own, camera) in enumerate(zip(maps, cameras, strict=True)):
         sweep = PlaneSweep.of(camera, target)
@@ -26,13 +29,14 @@ def visibility(disparity: Tensor, target: Camera, maps: list[Tensor], cameras: l
         grid = normalised_grid(at, w, width, height).float()
         inside = (grid.abs() < 1 - 1.0 / min(height, width)).all(-1)[0]
         extremes = []
-        for sign in (1.0, -1.0):  # of the 2 x 2 pixels around the point: pooled, then the pool that holds all four
+        # Extremes of the 2 x 2 pixels around the point: pooled, then the pool that contains all four.
+        for sign in (1.0, -1.0):
             pooled = F.max_pool2d(sign * own[None, None], 2, 1)
             x, y = ((grid[0, ..., 0] + 1) / 2 * width - 0.5).floor(), ((grid[0, ..., 1] + 1) / 2 * height - 0.5).floor()
             x, y = x.clamp(0, width - 2).long(), y.clamp(0, height - 2).long()
             extremes.append(sign * pooled[0, 0][y, x])
         nearest, farthest = extremes
-        per_pixel = 1.0 / sweep.epipole[:2].norm().float().clamp(min=1e-9)  # disparity of a pixel of parallax, at w = 1
+        per_pixel = 1.0 / sweep.epipole[:2].norm().float().clamp(min=1e-9)  # disparity of a pixel, at w = 1
         same = (nearest - expected < SAME * per_pixel) & (expected - farthest < SAME * per_pixel)
         result[v][inside & same] = SEEN
         result[v][inside & (farthest - expected > OTHER * per_pixel)] = HIDDEN
@@ -40,5 +44,6 @@ def visibility(disparity: Tensor, target: Camera, maps: list[Tensor], cameras: l
 
 
 def partly_hidden(seen: Tensor) -> Tensor:
-    """Of `visibility` [V, H, W]: where some view is hidden and another sees the surface, [H, W] bool."""
+    """Pixels of `visibility` [V, H, W] where some view is occluded and another sees the surface,
+    [H, W] bool."""
     return (seen == HIDDEN).any(0) & (seen == SEEN).any(0)

@@ -1,1 +1,1 @@
-"""Scores of a network on held-out photos, beside renderers without one."""
+"""Scores of a network on held-out photos, and of baselines without one."""

@@ -14,7 +14,8 @@ Points = list[tuple[float, float]]
 
 
 class Panel(NamedTuple):
-    """What is drawn up and across, and the curves; `octaves` spaces the axis across by doublings and labels each x."""
+    """Titles of the vertical and horizontal axes, and the curves; `octaves` makes the horizontal
+    axis logarithmic and labels each x."""
 
     up: str
     across: str
@@ -23,7 +24,7 @@ class Panel(NamedTuple):
 
 
 def ticks(low: float, high: float) -> list[float]:
-    """Round numbers, about five, that lie between."""
+    """About five round numbers between two values."""
     raw = (high - low) / 5
     power = 10.0 ** math.floor(math.log10(raw))
     step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= raw)
@@ -61,7 +62,7 @@ def draw(panel: Panel, left: int, colours: dict[str, str]) -> list[str]:
 
 
 def chart(panels: list[Panel], legend: int = 180) -> str:
-    """SVG of the panels that have any points; `legend`: pixels of the legend that each title takes."""
+    """SVG of the panels that have any points; `legend`: width of a title in the legend, pixels."""
     panels = [panel for panel in panels if any(panel.curves.values())]
     titles = list(dict.fromkeys(title for panel in panels for title in panel.curves))
     colours = {title: COLOURS[index % len(COLOURS)] for index, title in enumerate(titles)}

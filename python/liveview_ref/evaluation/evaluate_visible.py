@@ -1,13 +1,15 @@
-"""The weight that a model gives to the views that truly see the surface, at pixels where another view is occluded:
+"""The weight that a model gives to the views that truly see the surface, at pixels where another
+view is occluded:
 
     python -m liveview_ref.evaluation.evaluate_visible MODEL.pt|MODEL.onnx ...
 
-On the example scene at its true depth, with one layer along the truth. Compared with the network: weights by the views'
-agreement (which the program uses without a network) and by distance alone. Reported are the weight and the PSNR of the
-layer's colour, on all pixels and on these. "weight" is the share of views known to see the surface among all that cover
-the pixel; "of known" leaves out views whose visibility is unknown (mostly at edges). First without masks: what the
-network can infer by itself. Then "masked": without the views that are occluded by the depth that the program
-(`make build`) computes for their photos.
+On the example scene at its true depth, with one layer along the truth. Compared with the network:
+weights by the views' agreement (which the program uses without a network) and by distance alone.
+Reported are the weight and the PSNR of the layer's colour, on all pixels and on these. "weight" is
+the share of views known to see the surface among all that cover the pixel; "of known" leaves out
+views whose visibility is unknown (mostly at edges). First without masks: what the network can infer
+by itself. Then "masked": without the views that are occluded by the depth that the program (`make
+build`) computes for their photos.
 """
 
 import argparse
@@ -24,6 +26,7 @@ from torch import Tensor
 from ..data.held_out import INNER
 from ..data.scene import Scene, open_scene
 from ..data.visibility import SEEN, UNKNOWN, partly_hidden, visibility
+from ..paths import BINARY, ROOT
 from ..reference.geometry.parallax import widest_parallax
 from ..reference.geometry.view_selection import choose_views, view_distances
 from ..reference.image.metrics import psnr
@@ -35,7 +38,7 @@ from ..reference.render.visibility import hide
 from ..reference.surface.fusion.surface import OCCLUSION_MARGIN
 from ..reference.surface.fusion.visible import visible
 from ..reference.surface.search.photo_depth import pixel_of
-from .evaluate import ROOT, load_model
+from .evaluate import load_model
 from .view_weights import view_weights, weight_on_seen
 
 SCENE = ROOT / "tests/scenes/workshop"
@@ -43,7 +46,7 @@ TARGETS = 7, 8
 
 
 def true_disparity(scene: Scene, index: int) -> Tensor:
-    """[H, W] float32, 1/scene unit."""
+    """The true disparity of a photo, [H, W] float32, 1/scene unit."""
     largest = json.loads((scene.root / "depth/scale.json").read_text())["delta_max"]
     with Image.open(scene.root / "depth" / f"{Path(scene.names[index]).stem}.png") as image:
         return torch.from_numpy(np.array(image).astype(np.float32)) * (largest / 65535)
@@ -54,7 +57,8 @@ def edge_padded(x: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def found_depths(program: Path) -> dict[str, Tensor]:
-    """Of each photo, by name: the disparities [H, W] that the program finds and other photos confirm, else -1."""
+    """The disparities [H, W] of each photo, by name, that the program finds and other photos
+    confirm, else -1."""
     names = open_scene(SCENE).names
     held_out = ",".join(Path(names[target]).name for target in TARGETS)
     with tempfile.TemporaryDirectory() as folder:
@@ -106,7 +110,7 @@ def measure(network: Network, views: int, target: int, depths: dict[str, Tensor]
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("models", type=Path, nargs="+")
-    parser.add_argument("--binary", type=Path, default=ROOT / "target" / "release" / "liveview")
+    parser.add_argument("--binary", type=Path, default=BINARY)
     args = parser.parse_args()
     depths = found_depths(args.binary.absolute())
     for model in args.models:

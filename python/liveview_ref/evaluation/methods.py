@@ -1,5 +1,6 @@
-"""What the evaluation renders with a network: guided layers, uniform planes, the paper's selection among them, and
-competing planes. Each yields (layers, image [3, H, W]), the layers as layer_spec.py writes them."""
+"""Renderings of the evaluation with a network: guided layers, uniform planes, the paper's selection
+among them, and competing planes. Each yields (layers, image [3, H, W]), the layers in the text form
+of layers/spec.py."""
 
 import torch
 from torch import Tensor
@@ -21,13 +22,14 @@ from ..reference.render.renderer import Network, warp_views
 from ..reference.render.spacing import logit_shift
 
 GUIDED = 2, 4, 8
-PLANES = 8, 16, 32, 64  # selected are some of the last
+PLANES = 8, 16, 32, 64  # selection is from the last
 BATCH = 4
 
 
 def infer(network: Network, case: Case, maps: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Logit 0 [L, H, W], rgb [L, 3, H, W] and whether any view covers the pixel [L, H, W] of layers [L, H8, W8],
-    cropped to the target: what can be composited in any subset. A batch of layers at a time; no other stage is kept."""
+    """Logit 0 [L, H, W], rgb [L, 3, H, W] and whether any view covers the pixel [L, H, W] of layers
+    [L, H8, W8], cropped to the target, ready for compositing in any subset. Runs one batch of
+    layers at a time and keeps no other stage."""
     distances = view_distances(case.cameras, case.target)
     crop = (..., slice(case.target.height), slice(case.target.width))
     parts = []
@@ -42,8 +44,8 @@ def infer(network: Network, case: Case, maps: Tensor) -> tuple[Tensor, Tensor, T
 def composited(
     case: Case, layers: tuple[Tensor, Tensor, Tensor], maps: Tensor, spacing: float | None = None
 ) -> tuple[Tensor, Tensor]:
-    """Alpha [L, H, W] and image [3, H, W] of layers that `infer` gave; with `spacing`, of planes whose opacity is per
-    pixel of parallax, up to so many."""
+    """Alpha [L, H, W] and image [3, H, W] of layers from `infer`; with `spacing`, of planes whose
+    opacity is per pixel of parallax, at most `spacing` pixels."""
     logit, rgb, covered = layers
     if spacing is not None:
         logit = logit + logit_shift(case.cameras, case.target, maps[:, 0, 0], spacing).to(logit)[:, None, None]
@@ -58,7 +60,7 @@ def guided_maps_of(case: Case) -> dict[str, Tensor]:
 
 
 def maps_of(case: Case, layers: LayerSpec) -> Tensor:
-    """Layers [L, H8, W8] of the kinds that need no network to be chosen."""
+    """Layers [L, H8, W8] of the kinds that are chosen without a network."""
     match layers:
         case Planes(count):
             planes = uniform_disparities(case.near, case.far, count)
@@ -78,8 +80,8 @@ def guided(network: Network, case: Case):
 
 
 def planes(network: Network, case: Case, spacing: float | None = None, counts: tuple[int, ...] = PLANES):
-    """Each number of uniform planes, and the fullest of the largest number. What the network says of a plane does not
-    depend on the others, so the selected planes need no second pass of it."""
+    """Each number of uniform planes, and the fullest of the largest number. The network's output
+    for a plane does not depend on the others, so the selected planes need no second pass."""
     for count in counts:
         maps = maps_of(case, Planes(count))
         layers = infer(network, case, maps)
@@ -93,8 +95,8 @@ def planes(network: Network, case: Case, spacing: float | None = None, counts: t
 
 
 def competing(network: Network, case: Case, scale: float = 1.0, counts: tuple[int, ...] = PLANES):
-    """Each number of uniform planes that compete, and of the largest number a few, which compete again among
-    themselves: those that lie nearest to every pixel's best plane."""
+    """Each number of competing uniform planes, and a few selected from the largest number, which
+    compete again among themselves: those nearest to every pixel's best plane."""
     crop = (..., slice(case.target.height), slice(case.target.width))
     for count in counts:
         maps = maps_of(case, Planes(count))

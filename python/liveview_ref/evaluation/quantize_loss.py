@@ -1,4 +1,4 @@
-"""What quantising a model costs: errors of its logits, and PSNR on held-out photos."""
+"""The loss by quantising a model: errors of its logits, and PSNR on held-out photos."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,23 +21,23 @@ from ..reference.render.spacing import logit_shift, shifted
 from .methods import maps_of
 
 LAYERS = Guided(4), Planes(16)
-PLANES = Planes(16), Planes(32)  # of the models that are for planes
+PLANES = Planes(16), Planes(32)  # for the models for planes
 
 
 @dataclass
 class Photo:
-    """A held-out photo and its views, warped once for all models, as warp_views gives them; maps [L, H, W]."""
+    """A held-out photo and its views, warped once for all models by warp_views; maps [L, H, W]."""
 
     layers: LayerSpec
     case: Case
     colour: Tensor
     coverage: Tensor
     maps: Tensor
-    scale: float | None  # of layers that compete
+    scale: float | None  # of competing layers
     spacing: float | None  # of planes whose opacity is per pixel of parallax
 
     def score(self, logits: Tensor) -> float:
-        """PSNR of the picture that these logits make."""
+        """PSNR of the picture from these logits."""
         cameras, target = self.case.cameras, self.case.target
         if self.spacing is not None:
             logits = shifted(logits, logit_shift(cameras, target, self.maps[:, 0, 0], self.spacing))
@@ -52,8 +52,8 @@ class Photo:
 
 
 class Loss(NamedTuple):
-    """Logits of each photo; their root mean square error as a share of the original's; PSNR or its change, by
-    layers."""
+    """Logits of each photo; their root mean square error relative to the original's root mean
+    square; PSNR or its change, by layers."""
 
     found: list[Tensor]
     logits: float
@@ -61,7 +61,7 @@ class Loss(NamedTuple):
 
 
 def photos(specs: list[dict], data: Path, views: int, card: dict[str, str]) -> list[Photo]:
-    """Held-out photos, their layers and composite as the model's card has them."""
+    """Held-out photos, with the layers and the composite of the model's card."""
     scale = float(card.get("alpha_scale", 1)) if card.get("alpha") == "competing" else None
     spacing = float(card["alpha_spacing"]) if "alpha_spacing" in card else None
     found = []
@@ -74,7 +74,7 @@ def photos(specs: list[dict], data: Path, views: int, card: dict[str, str]) -> l
 
 
 def loss(model: Path, held_out: list[Photo], exact: Loss | None = None) -> Loss:
-    """Of the model beside `exact`; without it, PSNR itself."""
+    """The loss of a model against `exact`; without it, PSNR itself."""
     network = session(model)
     found = [torch.from_numpy(logits(network, photo.colour.flatten(1, 2).numpy(), 1)) for photo in held_out]
     scores = [(photo.layers, photo.score(logits)) for photo, logits in zip(held_out, found, strict=True)]

@@ -1,4 +1,5 @@
-"""The evaluation's contact sheet: truth, ours, the best baseline, and the error of ours, a row for each scene."""
+"""The evaluation's contact sheet: truth, ours, the best baseline, and the error of ours, a row for
+each scene."""
 
 import re
 
@@ -10,16 +11,16 @@ from ..data.image import picture
 OURS = re.compile(r"(surface|guided|planes|select):[\d/]+")  # the names of methods with a network
 PREFERRED = "surface:2", "guided:4"
 WIDTH = 320  # of a picture on the sheet
-LINE = 14  # height of the text above it
-ERROR = 4  # times
+LINE = 14  # height of the text above a picture, pixels
+ERROR_GAIN = 4
 
 
 Row = dict[str, Tensor]  # title -> picture [3, H, W]
 
 
 def row_of(title: str, truth: Tensor, images: dict[str, Tensor], scores: dict) -> Row:
-    """Of ours the first PREFERRED one, else the first; of the others the one of the highest PSNR; each if it was
-    rendered."""
+    """Of ours the first PREFERRED one, else the first; of the others the one with the highest PSNR;
+    each if it was rendered."""
 
     def titled(name: str) -> str:
         return f"{name}: {scores[name]['psnr']:.2f} dB, {scores[name]['ssim']:.3f}, {scores[name]['lpips']:.3f}"
@@ -34,7 +35,7 @@ def row_of(title: str, truth: Tensor, images: dict[str, Tensor], scores: dict) -
         best = max(others, key=lambda name: scores[name]["psnr"])
         pictures[titled(best)] = images[best]
     if ours:
-        pictures[f"error of {own}, times {ERROR}"] = ERROR * (images[own] - truth).abs()
+        pictures[f"error of {own}, times {ERROR_GAIN}"] = ERROR_GAIN * (images[own] - truth).abs()
     return pictures
 
 

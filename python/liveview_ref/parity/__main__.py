@@ -3,10 +3,10 @@ dump]
 
 Lets the Rust binary dump every stage of one render, computes each stage again from the same inputs,
 in float64 (the oracle) and float32 torch, and prints a table: elements, largest and mean error of
-Rust and of torch. Exit code 1 if Rust is off by more than parity/tolerances.json allows.
+Rust and of torch. Exit code 1 if Rust exceeds the bounds of parity/tolerances.json.
 
-Of surface layers the stages from the blend on are held here, tests/parity/surface.rs holds those
-before. With --network none the logits are those of the views' agreement.
+For surface layers only the stages from the blend on are compared here; tests/parity/surface.rs
+compares the earlier ones. With --network none the logits are those of the views' agreement.
 """
 
 import argparse
@@ -22,14 +22,14 @@ import torch
 
 from .. import onnx_session
 from ..checkpoint import load_network
+from ..paths import BINARY, ROOT
 from ..reference.unet import UNet
 from . import stages
 
-ROOT = Path(__file__).resolve().parents[3]
-
 
 def source_model(about: dict) -> Path:
-    """The float32 model of the one that Rust ran: an int8 model lies beside its original."""
+    """The float32 model of the model that Rust ran: an int8 model is in the same folder as its
+    original."""
     path = Path(about["model"])
     return path.with_name(path.name.replace("_int8", "")) if about["precision"] == "int8" else path
 
@@ -55,7 +55,7 @@ def compare(data: stages.Arrays, net: UNet | None):
 
 
 def logits_of(data: stages.Arrays, net: UNet | None) -> list[np.ndarray]:
-    """By the oracle and by torch: the network's, or those of the views' agreement."""
+    """Logits by the oracle and by torch: the network's, or those of the views' agreement."""
     both = torch.float64, torch.float32
     if net is None:
         return [stages.agreement(data, dtype)["agreement"] for dtype in both]
@@ -67,13 +67,13 @@ def bound(tolerance: dict, theirs: tuple[float, float]) -> tuple[float, float]:
     largest = max(tolerance["floor"], tolerance["max_factor"] * theirs[0])
     largest = min(largest, tolerance.get("ceiling", largest))
     mean = max(tolerance["mean_floor"], tolerance["mean_factor"] * theirs[1])
-    return largest, mean * (1 + 1e-9)  # the means are sums in another order: equal errors must count as equal
+    return largest, mean * (1 + 1e-9)  # means are summed in another order: equal errors must count as equal
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", type=Path)
-    parser.add_argument("--binary", type=Path, default=ROOT / "target" / "release" / "liveview")
+    parser.add_argument("--binary", type=Path, default=BINARY)
     args, rest = parser.parse_known_args()
     tolerances = json.loads((ROOT / "parity" / "tolerances.json").read_text())
     with tempfile.TemporaryDirectory() as folder:
@@ -102,13 +102,13 @@ def main() -> int:
         figures = f"{ours[0]:.1e} | {theirs[0]:.1e} | {ours[1]:.1e} | {theirs[1]:.1e}"
         print(f"| {name} | {elements} | {figures} | [{where}] | {'ok' if good else 'OFF'} |")
     if about["layers"].startswith("surface"):
-        print("\nnot held here, but by tests/parity/surface.rs: the photos' depth, the surface, its layers, their warp")
+        print("\ncompared in tests/parity/surface.rs, not here: the photos' depth, the surface, its layers, their warp")
     chosen = np.array_equal(stages.best_layer(data), data["best_layer"])
     print(f"\nthe same layer chosen at each pixel: {'yes' if chosen else 'NO'}")
     if net is None:
         return int(failed or not chosen)
     if about["engine"] != "cpu":
-        print(f"engine {about['engine']}: logits are compared with onnxruntime's bit for bit for engine cpu alone")
+        print(f"engine {about['engine']}: only the logits of engine cpu are compared bit by bit with onnxruntime's")
         return int(failed or not chosen)
     network = onnx_session.session(Path(about["model"]), about["threads"])
     python = onnx_session.logits(network, data["colour"], about["batch"])

@@ -1,7 +1,7 @@
-"""Pixels of warp, blend and composites in 50 decimal digits: what the float64 truth of stability.py
-is checked against.
+"""Pixels of warp, blend and composites in 50 decimal digits, to check the float64 truth of
+stability.py.
 
-Written plainly from the formulas of the paper, one pixel at a time; arrays are numpy, as
+Written directly from the formulas of the paper, one pixel at a time; arrays are numpy, as
 stability.py reads them.
 """
 
@@ -13,7 +13,7 @@ ZERO = mpf(0)
 
 
 def exact(array: np.ndarray) -> matrix:
-    """A numpy vector or matrix, digit for digit."""
+    """A numpy vector or matrix, without rounding."""
     return matrix(array.tolist())
 
 
@@ -49,7 +49,7 @@ def bilinear(image: np.ndarray, x: mpf, y: mpf) -> list[mpf]:
 
 
 def blend(data: dict[str, np.ndarray], pixel: int) -> list[mpf]:
-    """Alpha and RGB of a pixel. Infinite logits are as the largest of their sign."""
+    """Alpha and RGB of a pixel. Infinite logits count as the largest finite ones of their sign."""
     largest = float(np.finfo(np.float32).max)
     logits = [mpf(float(x)) for x in np.clip(data["logits"][:, pixel], -largest, largest)]
     coverage = [mpf(float(x)) for x in data["coverage"][:, pixel]]
@@ -80,8 +80,8 @@ def composite(data: dict[str, np.ndarray], pixel: int) -> list[mpf]:
 
 
 def composite_competing(data: dict[str, np.ndarray], pixel: int) -> list[mpf]:
-    """RGB, disparity and transmittance of a pixel whose layers compete. Infinite logits are as the
-    largest of their sign, and one that is not a number as the least."""
+    """RGB, disparity and transmittance of a pixel of competing layers. Infinite logits count as the
+    largest finite ones of their sign, NaN as the least."""
     largest = float(np.finfo(np.float32).max)
     covered = np.flatnonzero(data["covered"][:, pixel])
     if not len(covered):

@@ -1,5 +1,5 @@
-"""The warp by kornia's homography_warp, one plane at a time: what the reference and the Rust crate
-are held against."""
+"""The warp by kornia's homography_warp, one plane at a time, to compare the reference and the Rust
+crate with."""
 
 import torch
 from kornia.geometry.transform import homography_warp
@@ -11,7 +11,7 @@ from ..reference.warp import OUTSIDE, grid_from_pixels, normalised_grid, with_co
 
 
 def kornia_samples(image: Tensor, source: Camera, target: Camera, disparity: float, size: tuple[int, int]) -> Tensor:
-    """Warp one view by one plane with kornia's homography_warp, as it comes -> colour and coverage
+    """Warp one view by one plane with kornia's homography_warp, unchanged -> colour and coverage
     [4, H, W].
 
     Convention: kornia takes destination -> source in normalised coordinates; here that is

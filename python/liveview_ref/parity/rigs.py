@@ -1,5 +1,4 @@
-"""Seeded rigs of photos and cameras, as arrays (rig_arrays.py): what the goldens and the tests
-render."""
+"""Seeded rigs of photos and cameras, as arrays (rig_arrays.py), for the goldens and the tests."""
 
 import numpy as np
 import torch
@@ -11,7 +10,7 @@ SOURCE = (61, 45)
 
 
 def photo(rng: np.random.Generator) -> np.ndarray:
-    """Smooth waves and noise [h, w, 3] float32 in [0, 1]."""
+    """A photo of smooth waves and noise, [h, w, 3] float32 in [0, 1]."""
     width, height = SOURCE
     y, x = np.mgrid[:height, :width]
     waves = [np.sin(rng.uniform(0, 0.5) * x + rng.uniform(0, 0.5) * y + rng.uniform(0, 6)) for _ in range(9)]
@@ -20,13 +19,13 @@ def photo(rng: np.random.Generator) -> np.ndarray:
 
 
 def turned(angles: np.ndarray) -> np.ndarray:
-    """Rotation by an axis times an angle, radians."""
+    """The rotation matrix of an axis times an angle in radians."""
     x, y, z = angles
     return torch.linalg.matrix_exp(torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=torch.float64)).numpy()
 
 
 def rig(rng: np.random.Generator, views: int, kind: str) -> Arrays:
-    """Photos and cameras, nearest view first, of a case."""
+    """Photos and cameras of a case, nearest view first."""
     data, placed = {}, []
     for _ in range(views):
         rotation, centre = turned(rng.normal(0, 0.06, 3)), rng.normal(0, 0.25, 3)
@@ -44,7 +43,7 @@ def rig(rng: np.random.Generator, views: int, kind: str) -> Arrays:
         target = (np.eye(3), np.zeros(3), target[2])
     if kind == "coincident":
         target = (target[0], placed[0][1], target[2])
-    if kind == "unseen":  # one view looks away, one stands far aside, and planes cross the cameras (w changes sign)
+    if kind == "unseen":  # one view looks away, one is far to the side, and planes cross the cameras (w changes sign)
         placed[0] = (turned(np.array([0, np.pi, 0])), *placed[0][1:])
         placed[1] = (placed[1][0], np.array([40.0, 0, 0]), placed[1][2])
         placed[2] = (turned(np.array([0, 1.3, 0])), np.array([0, 0, 1.5]), placed[2][2])

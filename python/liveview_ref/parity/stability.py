@@ -7,11 +7,11 @@ One JSON object per line, in and out:
     in   {"case": FILE.npz, "stage": NAME, "model": FILE.onnx, "bound": 1e-6}
     out  {"torch": {"largest": x, "doubtful": y}, "kornia": ..., "onnxruntime": ..., "oracle": z}
 
-`largest` is the largest error against the case's float64 truth outside doubtful pixels, null where
-anything is not finite; `doubtful` the share of the doubtful pixels that is off by more than the
-bound. An implementation that has no such stage is left out. `oracle`: how far the truth itself is
-from 50 digits, at some pixels. The truth of the network is computed here, so its reply has `rust`
-as well, and whether Rust's logits are `equal` to onnxruntime's bit for bit.
+`largest` is the largest error against the case's float64 truth outside doubtful pixels, null if any
+value is not finite; `doubtful` the share of the doubtful pixels whose error exceeds the bound. An
+implementation without this stage is left out. `oracle`: the error of the truth itself against 50
+digits, at some pixels. The truth of the network is computed here, so its reply has `rust` as well,
+and whether Rust's logits are bit by bit `equal` to onnxruntime's.
 """
 
 import functools
@@ -35,7 +35,7 @@ from ..rig_arrays import Arrays, cameras_of, images_of
 from . import fifty_digits, stability_graphs
 from .kornia_warp import kornia_samples
 
-CHECKED = 12  # pixels of each case, computed in 50 digits
+CHECKED_PIXELS = 12  # of each case, computed in 50 digits
 
 Outputs = dict[str, np.ndarray]
 
@@ -103,7 +103,7 @@ def selected(data: Arrays, model: str) -> dict[str, Outputs]:
 
 @functools.cache
 def network(model: str):
-    """In torch, and in onnxruntime."""
+    """The network in torch and in onnxruntime."""
     return exported_network(Path(model)), session(Path(model), 1)
 
 
@@ -122,10 +122,10 @@ def inferred(data: Arrays, model: str) -> dict[str, Outputs]:
     return {name: {"logits": logits} for name, logits in found.items()}
 
 
-def off_by(data: Arrays, pixel_of, names: tuple[str, ...]) -> float | None:
-    """How far the truth is from 50 digits, at its largest, over some pixels that are not doubtful:
-    half of them anywhere, half where anything is seen. None where there are none, or the truth is
-    that of other cameras."""
+def oracle_error(data: Arrays, pixel_of, names: tuple[str, ...]) -> float | None:
+    """Largest error of the truth against 50 digits over some pixels that are not doubtful: half of
+    them random, half random among those with a value other than 0. None if there are no such
+    pixels, or the truth is that of other cameras."""
     doubtful = data["doubtful"]
     sure = np.flatnonzero(~doubtful)
     if not len(sure) or "meant" in data:
@@ -135,7 +135,7 @@ def off_by(data: Arrays, pixel_of, names: tuple[str, ...]) -> float | None:
     truth = np.concatenate(parts)
     lit = sure[truth[:, sure].any(0)]
     rng = np.random.default_rng(0)
-    picked = [rng.choice(some, min(CHECKED // 2, len(some)), replace=False) for some in (sure, lit)]
+    picked = [rng.choice(some, min(CHECKED_PIXELS // 2, len(some)), replace=False) for some in (sure, lit)]
     worst = 0.0
     for pixel in np.concatenate(picked):
         digits = pixel_of(data, int(pixel))
@@ -158,15 +158,15 @@ STAGES = {
 }
 
 
-def answer(asked: dict) -> dict:
-    with np.load(asked["case"]) as arrays:
+def answer(request: dict) -> dict:
+    with np.load(request["case"]) as arrays:
         data = dict(arrays)
-    implementations, pixel_of, names = STAGES[asked["stage"]]
-    found = implementations(data, asked["model"])
-    reply = {who: errors(outputs, data, asked["bound"]) for who, outputs in found.items()}
+    implementations, pixel_of, names = STAGES[request["stage"]]
+    found = implementations(data, request["model"])
+    reply = {who: errors(outputs, data, request["bound"]) for who, outputs in found.items()}
     if "rust" in found:
         reply["equal"] = np.array_equal(found["rust"]["logits"], found["onnxruntime"]["logits"])
-    return reply | ({"oracle": off_by(data, pixel_of, names)} if pixel_of else {})
+    return reply | ({"oracle": oracle_error(data, pixel_of, names)} if pixel_of else {})
 
 
 def serve(requests: TextIO, replies: TextIO) -> None:

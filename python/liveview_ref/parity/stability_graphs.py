@@ -34,15 +34,15 @@ class Blend(nn.Module):
 
 
 class Composite(nn.Module):
-    """One plane behind those before it."""
+    """Composite one more plane behind the previous ones."""
 
     def forward(self, rgb, disparity, transmittance, *plane):
         return accumulate((rgb, disparity, transmittance), *plane)
 
 
 def graph_of(module: nn.Module, inputs: tuple[Tensor, ...], dynamic: dict) -> onnxruntime.InferenceSession:
-    """Traced with these inputs, named input0, input1, ...; `dynamic` axes as torch.onnx.export
-    takes them."""
+    """A session of the module, traced with these inputs, named input0, input1, ...; `dynamic` axes
+    as in torch.onnx.export."""
     file = io.BytesIO()
     export_traced(module, inputs, file, input_names=[f"input{i}" for i in range(len(inputs))], dynamic_axes=dynamic)
     return session(file.getvalue(), 1)
@@ -71,7 +71,7 @@ def warp(image: Tensor, source: Camera, target: Camera, disparity: float) -> tup
 
 
 def blend_inputs(data: dict[str, np.ndarray]) -> tuple[Tensor, ...]:
-    """As blend.blend takes them: pixels in a row."""
+    """The arguments of blend.blend, with the pixels in one row."""
     logits, colour, coverage = (torch.from_numpy(data[x])[None, :, None] for x in ("logits", "colour", "coverage"))
     return logits, colour.unflatten(1, (-1, 3)), coverage, torch.from_numpy(data["distances"])
 
@@ -98,7 +98,7 @@ def composite_graph(pixels: int) -> onnxruntime.InferenceSession:
 
 
 def composite(alpha: Tensor, rgb: Tensor, covered: Tensor, maps: Tensor) -> tuple[Tensor, ...]:
-    """RGB, disparity and transmittance, plane by plane. A plane has one disparity here."""
+    """RGB, disparity and transmittance, plane by plane. Every plane has a constant disparity."""
     state, last = empty(alpha.shape[1:]), len(alpha) - 1
     for k in range(last + 1):
         background = torch.tensor([k == last])

@@ -1,7 +1,8 @@
-"""Training on from given weights, one example at a time: the loop that train_planes.py and train_surface.py share.
+"""Fine-tuning from given weights, one example at a time: the loop shared by train_planes.py and
+train_surface.py.
 
-One process, one thread. BatchNorm is folded into the convolutions first: over one scene at a time its statistics would
-be wrong, and it takes a third of the time.
+One process, one thread. BatchNorm is folded into the convolutions first: its statistics over one
+scene at a time would be wrong, and it would take a third of the time.
 """
 
 import copy
@@ -20,19 +21,19 @@ from ..reference.unet import UNet, fold_batchnorm, unfold_batchnorm
 
 
 class Task(Protocol):
-    """What is trained for."""
+    """The examples, the loss and the validation of a training."""
 
     def examples(self, step: int) -> list:
-        """To draw from at this step."""
+        """The examples to draw from at this step."""
 
     def loss(self, net: UNet, example, rng: np.random.Generator) -> tuple[Tensor, dict[str, float]]:
-        """With its gradient graph, and what the log tells of it."""
+        """The loss with its gradient graph, and figures for the log."""
 
-    def summary(self, told: list[dict[str, float]]) -> str:
-        """The log's line."""
+    def summary(self, figures: list[dict[str, float]]) -> str:
+        """A line of the log."""
 
     def validate(self, net: UNet, file: Path) -> dict[str, float]:
-        """Scores on held-out photos; `file` is a picture to look at."""
+        """Scores on held-out photos; `file`: a picture to inspect."""
 
 
 def rate(step: int, config: dict) -> float:
@@ -42,9 +43,10 @@ def rate(step: int, config: dict) -> float:
 
 
 def start_of(state: dict, scale: float, shift: float) -> UNet:
-    """The network of a state, BatchNorm folded, its logit 0 times `scale` plus `shift`, ready to be trained."""
+    """The network of a state, BatchNorm folded, its logit 0 times `scale` plus `shift`, ready to be
+    trained."""
     net = fold_batchnorm(trained_network(state))
-    with torch.no_grad():  # competing planes want logits further apart than independent ones
+    with torch.no_grad():  # competing planes need larger differences of logits than independent ones
         net.conv9.weight[0] *= scale
         net.conv9.bias[0] = net.conv9.bias[0] * scale + shift
     for p in net.parameters():
@@ -58,7 +60,7 @@ def save(path: Path, **state) -> None:
 
 
 def fine_tune(config: dict, task: Task, out: Path, start: dict) -> None:
-    """Train from the weights of the state `start`, or go on from the checkpoint in `out`."""
+    """Train from the weights of the state `start`, or continue from the checkpoint in `out`."""
     torch.set_num_threads(1)
     checkpoint = out / "checkpoint.pt"
     net = start_of(start, config["start_scale"], config.get("start_shift", 0.0))
@@ -72,29 +74,29 @@ def fine_tune(config: dict, task: Task, out: Path, start: dict) -> None:
         average.load_state_dict(state["folded_average"])
         optimiser.load_state_dict(state["optimiser"])
         step, seconds, history = state["step"], state["seconds"], state["history"]
-        print(f"goes on from step {step}", flush=True)
-    told, spent = [], {"examples": 0.0, "network": 0.0}
+        print(f"continues from step {step}", flush=True)
+    figures, spent = [], {"examples": 0.0, "network": 0.0}
     began = saved = time.perf_counter()
     stopped = []
-    signal.signal(signal.SIGTERM, lambda *_: stopped.append(True))  # save first, then end
+    signal.signal(signal.SIGTERM, lambda *_: stopped.append(True))  # save before ending
     while step < config["steps"] and not stopped:
         rng = np.random.default_rng([config["seed"], 1, step])
-        asked = time.perf_counter()
+        started = time.perf_counter()
         examples = task.examples(step)
         began_step = time.perf_counter()
-        spent["examples"] += began_step - asked
+        spent["examples"] += began_step - started
         for group in optimiser.param_groups:
             group["lr"] = config["learning_rate"] * rate(step, config)
         optimiser.zero_grad()
         for i in rng.choice(len(examples), config["batch"], replace=False):
             loss, found = task.loss(net, examples[i], rng)
             (loss / config["batch"]).backward()
-            told.append(found)
+            figures.append(found)
         norm = torch.nn.utils.clip_grad_norm_(net.parameters(), config["clip"])
         if bool(torch.isfinite(norm)):
             optimiser.step()
         else:
-            print(f"step {step}: a gradient is not finite; left out", flush=True)
+            print(f"step {step}: a gradient is not finite; step skipped", flush=True)
         step += 1
         decay = min(config["average"], (1 + step) / (10 + step))
         with torch.no_grad():
@@ -105,9 +107,9 @@ def fine_tune(config: dict, task: Task, out: Path, start: dict) -> None:
             now = time.perf_counter()
             seconds, passed, began = seconds + now - began, now - began, now
             each = ", ".join(f"{key} {value / 50 * 1e3:.0f}" for key, value in spent.items())
-            speed = f"{len(told) / passed:.2f} samples/s (ms/step: {each})"
-            print(f"step {step} {task.summary(told)}; gradient {float(norm):.2f}; {speed}", flush=True)
-            told, spent = [], dict.fromkeys(spent, 0.0)
+            speed = f"{len(figures) / passed:.2f} samples/s (ms/step: {each})"
+            print(f"step {step} {task.summary(figures)}; gradient {float(norm):.2f}; {speed}", flush=True)
+            figures, spent = [], dict.fromkeys(spent, 0.0)
         over = step == config["steps"]
         if step % config["validate_every"] == 0 or over:
             paused = time.perf_counter()

@@ -1,10 +1,12 @@
-"""Fit two numbers of a network's view weights to surface layers: how much of what it always prefers is kept, and how
-much of what it says of the place. Folded into the last layer, so that the network stays one of the paper's.
+"""Fit two factors of a network's view weights to surface layers: of its constant preference among
+the views, and of the part that varies with the image. They are folded into the last layer, so that
+the architecture stays the paper's.
 
     python -m liveview_ref.training.fit_view_weights START.pt OUT.pt --frames FOLDER
 
-A network trained on guided layers alone prefers the nearer views by a constant on top of their distances, which count
-more on surface layers. The frames are those of data/surface_frames.py, made from train/.
+A network trained only on guided layers prefers the nearer views by a constant in addition to their
+distances, which matter more on surface layers. The frames are those of data/surface_frames.py, made
+from train/.
 """
 
 import argparse
@@ -30,7 +32,8 @@ VARYING = 1.0, 0.7, 0.4
 
 @torch.inference_mode()
 def first_layer(net: UNet, frame: SurfaceFrame) -> tuple[Tensor, Tensor, Tensor]:
-    """Logits [1, V, H, W], colour [1, V, 3, H, W] and coverage [1, V, H, W] of a frame's first layer, as shown."""
+    """Logits [1, V, H, W], colour [1, V, 3, H, W] and coverage [1, V, H, W] of a frame's first
+    layer, masked."""
     shown = frame.shown[:1].float()
     colour, coverage = frame.colour[:1] / 255 * shown[:, :, None], frame.coverage[:1] / 255 * shown
     height, width = shown.shape[2:]
@@ -40,7 +43,8 @@ def first_layer(net: UNet, frame: SurfaceFrame) -> tuple[Tensor, Tensor, Tensor]
 
 @torch.inference_mode()
 def fit(net: UNet, frames: list[Path]) -> tuple[float, float, Tensor]:
-    """(constant, varying) of the best mean PSNR over the frames, and the mean logits [V - 1] of the views."""
+    """(constant, varying) of the best mean PSNR over the frames, and the mean logits [V - 1] of the
+    views."""
     means = torch.stack([first_layer(net, SurfaceFrame.load(path))[0][0, 1:].mean((1, 2)) for path in frames])
     mean = means.mean(0)
     scores = {shares: [] for shares in product(CONSTANT, VARYING)}
@@ -57,7 +61,7 @@ def fit(net: UNet, frames: list[Path]) -> tuple[float, float, Tensor]:
 
 
 def fold(state: dict, constant: float, varying: float, mean: Tensor) -> None:
-    """Into the last layer of the state's weights, and into what its config tells."""
+    """Fold the factors into the last layer of the state's weights, and record them in its config."""
     weight, bias = state["average"]["conv9.weight"], state["average"]["conv9.bias"]
     weight[1:] *= varying
     bias[1:] = varying * bias[1:] + (constant - varying) * mean
@@ -68,12 +72,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("start", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--frames", type=Path, required=True, nargs="+", help="folders of frames, of as many views")
+    parser.add_argument(
+        "--frames", type=Path, required=True, nargs="+", help="folders of frames with the same number of views"
+    )
     args = parser.parse_args()
     torch.set_num_threads(1)
     frames = sorted(path for folder in args.frames for path in folder.glob("*.pt"))
     if not frames:
-        parser.error(f"--frames {args.frames[0]}: no frames; liveview_ref.data.surface_frames makes them")
+        parser.error(f"--frames {args.frames[0]}: no frames; expected those of liveview_ref.data.surface_frames")
     state = load_state(args.start)
     constant, varying, mean = fit(trained_network(state), frames)
     print(f"mean logits {[round(float(x), 2) for x in mean]}; constant {constant}, varying {varying}")

@@ -1,9 +1,10 @@
-"""The loss of an example on uniform planes, competing or independent, with gradients through some of the planes.
+"""The loss of an example on uniform planes, competing or independent, with gradients through some
+of the planes.
 
-All planes of an example go through the network without gradients; the weights and the picture of all of them give the
-loss and its gradient for each plane's logit 0 and colour. Those go back through the network for some planes alone,
-drawn by how large they are and weighted by one over the chance to be drawn, so that in the mean they are the gradients
-of all.
+All planes of an example pass through the network without gradients; their weights and picture give
+the loss and its gradient for each plane's logit 0 and colour. These gradients are propagated
+through the network for some planes only, drawn by the size of their gradients and weighted by the
+inverse of the probability to be drawn, so that the expectation is the gradient of all planes.
 """
 
 import numpy as np
@@ -26,12 +27,12 @@ from ..reference.unet import UNet
 from .draw_layers import draw_layers
 
 LEAST_SQUARE = 1e-4  # 40 dB
-CHUNK = 16  # planes at a time without gradients: what fits the cache
+CHUNK = 16  # planes at a time without gradients, as many as fit the cache
 
 
 def warp_layers(photos: Photos, maps: Tensor) -> tuple[Tensor, Tensor]:
-    """maps [L, H, W] (or [L, 1, 1]: planes) -> colour [L, V, 3, H, W], coverage [L, V, H, W]; as warp_views,
-    from 8 bit."""
+    """maps [L, H, W] (or [L, 1, 1]: planes) -> colour [L, V, 3, H, W], coverage [L, V, H, W]; like
+    warp_views, from 8-bit photos."""
     height, width = photos.camera.height, photos.camera.width
     layers = len(maps)
     x, y = (torch.arange(n, dtype=torch.float64) + 0.5 for n in (width, height))
@@ -58,9 +59,9 @@ def logits_of(net: UNet, colour: Tensor) -> Tensor:
 
 
 def image_loss(image: Tensor, truth: Tensor, counted: Tensor, config: dict) -> Tensor:
-    """L1 plus half of the L1 of the image gradients, "square_weight" times the squared error, which is what PSNR looks
-    at, and "log_weight" times its logarithm, by which an example that is nearly right counts as much as one that is far
-    off, as in a mean of PSNR; [3, H, W], over the pixels that count [H, W]."""
+    """L1 plus half of the L1 of the image gradients, "square_weight" times the squared error, which
+    PSNR measures, and "log_weight" times its logarithm, by which good and bad examples count alike,
+    as in a mean of PSNR; images [3, H, W], over the pixels of a mask [H, W]."""
     difference = (image - truth) * counted
     dx = difference[..., 1:] - difference[..., :-1]
     dy = difference[..., 1:, :] - difference[..., :-1, :]
@@ -75,12 +76,12 @@ def planes_for(rng: np.random.Generator, photos: Photos, config: dict) -> Tensor
 
 
 def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: dict) -> tuple[Tensor, dict[str, float]]:
-    """Loss with its gradient graph (where planes were drawn, a number with the gradient of the loss, not its value),
-    and what the log tells of it."""
+    """Loss with its gradient graph, and figures for the log. If planes were drawn, the result has
+    the gradient of the loss, not its value."""
     distances = view_distances(photos.cameras, photos.camera).float()
     planes = planes_for(rng, photos, config)
     colour, coverage = warp_layers(photos, planes)
-    # All planes with gradients cost less than some of them after a pass without, if there are few.
+    # If there are few planes, all with gradients take less time than some after a pass without.
     drawn, selected = len(planes) > config["all_of"], False
     ids = torch.arange(len(planes))
     if drawn:
@@ -90,7 +91,7 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
             parts = zip(*(x.split(CHUNK) for x in (logits, colour, coverage)), strict=True)
             rgb = torch.cat([blend(*part, distances)[1] for part in parts])
             covered = (coverage > 0).any(1)
-            if selected:  # as the renderer selects
+            if selected:  # selected as by the renderer
                 few = int(rng.choice(config["selected_planes"]))
                 if config["alpha"] == "competing":
                     weights = composite_competing(logits[:, 0], rgb, covered, planes.expand_as(covered)).weights
@@ -102,13 +103,14 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
                     x[kept] for x in (planes, colour, coverage, logits, rgb, covered)
                 )
         logit0, rgb = logits[:, 0].clone().requires_grad_(), rgb.requires_grad_()
-        loss, image, told = outcome(logit0, rgb, covered, planes, photos, config, not selected)
+        loss, image, figures = outcome(logit0, rgb, covered, planes, photos, config, not selected)
         gradients = torch.autograd.grad(loss, (logit0, rgb))
-        # What a plane's logits do to the loss: by its alpha, and by its colour, where views differ by some 0.2.
+        # The effect of a plane's logits on the loss, by its alpha and by its colour, where views
+        # differ by some 0.2.
         mass = sum(w * g.flatten(1).norm(dim=1) for w, g in zip((1.0, 0.2), gradients, strict=True))
         ids, chance = draw_layers(mass, config["gradient_planes"], rng)
     own, extra = colour[ids], None
-    if photos.disparity is not None:  # one more layer, along the true surface
+    if photos.disparity is not None:  # an additional layer along the true surface
         extra = warp_layers(photos, photos.disparity[None])
         own = torch.cat([own, extra[0]])
     found = logits_of(net, own)
@@ -118,27 +120,28 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
         for x, gradient in zip((logit0, rgb), gradients, strict=True):
             loss = loss + (x * gradient[ids] / chance.reshape(-1, *[1] * (x.dim() - 1))).sum()
     else:
-        loss, image, told = outcome(logit0, rgb, (coverage > 0).any(1), planes, photos, config, True)
+        loss, image, figures = outcome(logit0, rgb, (coverage > 0).any(1), planes, photos, config, True)
     if extra is not None:
         more, known = view_loss(found[-1:], *extra, photos, image, distances)
-        loss, told = loss + config["visible_weight"] * more, told | known
-    return loss, told
+        loss, figures = loss + config["visible_weight"] * more, figures | known
+    return loss, figures
 
 
 def outcome(logit0, rgb, covered, planes, photos: Photos, config: dict, whole: bool):
-    """(loss, image [3, H, W] without gradients, what the log tells) of planes [L, 1, 1]; `whole`: none was left out."""
+    """(loss, image [3, H, W] without gradients, figures for the log) of planes [L, 1, 1]; `whole`:
+    all planes are given."""
     maps = planes.expand_as(covered)
     shown = composited(logit0, rgb, covered, planes, photos, config)
     loss = image_loss(shown.rgb, photos.target.float() / 255, covered.any(0), config)
-    told = {"loss": float(loss.detach())}
+    figures = {"loss": float(loss.detach())}
     if whole and photos.disparity is not None:
         more, share = depth_loss(shown.weights, maps, photos)
-        loss, told = loss + config["depth_weight"] * more, told | {"on surface": share, "surfaces": 1.0}
-    return loss, shown.rgb.detach(), told
+        loss, figures = loss + config["depth_weight"] * more, figures | {"on surface": share, "surfaces": 1.0}
+    return loss, shown.rgb.detach(), figures
 
 
 def shift_of(planes: Tensor, photos: Photos, config: dict) -> Tensor | float:
-    """What is added to logit 0 of the planes [L, 1, 1], in the same shape."""
+    """The value added to logit 0 of the planes [L, 1, 1], in the same shape."""
     if config["alpha_spacing"] is None:
         return 0.0
     shift = logit_shift(photos.cameras, photos.camera, planes.flatten(), config["alpha_spacing"])
@@ -148,7 +151,7 @@ def shift_of(planes: Tensor, photos: Photos, config: dict) -> Tensor | float:
 def composited(
     logit0: Tensor, rgb: Tensor, covered: Tensor, planes: Tensor, photos: Photos, config: dict
 ) -> Composited:
-    """As the config's "alpha" says: planes that compete, or the paper's composite."""
+    """The composite of the config's "alpha": competing planes, or the paper's composite."""
     maps = planes.expand_as(covered)
     if config["alpha"] == "competing":
         return composite_competing(logit0, rgb, covered, maps)
@@ -157,8 +160,9 @@ def composited(
 
 
 def depth_loss(weights: Tensor, maps: Tensor, photos: Photos) -> tuple[Tensor, float]:
-    """Minus log of the weight of the planes next to the true surface, or within a pixel of parallax of it, where two
-    views at least see it: the picture alone hardly moves a plane that has no weight. And that weight in the mean."""
+    """Minus log of the weight of the planes next to the true surface, or within a pixel of parallax
+    of it, where at least two views see it, because the picture alone gives hardly any gradient to a
+    plane without weight; and the mean of that weight."""
     parallax = max(float(PlaneSweep.of(camera, photos.camera).epipole[:2].norm()) for camera in photos.cameras)
     reach = max(1.0 / parallax, 1.01 * float(maps[0, 0, 0] - maps[1, 0, 0]))
     near_by = (maps - photos.disparity).abs() <= reach
@@ -169,20 +173,20 @@ def depth_loss(weights: Tensor, maps: Tensor, photos: Photos) -> tuple[Tensor, f
 
 
 def view_loss(logits, colour, coverage, photos: Photos, image, distances) -> tuple[Tensor, dict[str, float]]:
-    """On the true surface: minus log of the weight on the views that see it, where some covering view does not; and
-    there, what the log tells."""
+    """On the true surface: minus log of the weight on the views that see it, at pixels where
+    another covering view is occluded; and figures for the log there."""
     seen = photos.seen.masked_fill(coverage[0] < 0.5, UNKNOWN)
     where = partly_hidden(seen)
     count = where.sum().clamp(min=64)
     share = weight_on_seen(view_weights(logits, coverage, distances)[0], seen)
     by_distance = weight_on_seen(view_weights(torch.zeros_like(logits), coverage, distances)[0], seen)
-    told = {}
+    figures = {}
     if bool(where.any()):
         error = ((image - photos.target.float() / 255) ** 2).mean(0)[where]
-        told = {
+        figures = {
             "hidden pixels": float(where.sum()),
             "seen weight": float(share.detach()[where].sum()),
             "seen weight by distance": float(by_distance[where].sum()),
             "hidden error": float(error.sum()),
         }
-    return -(torch.log(share.clamp(min=1e-6)) * where).sum() / count, told
+    return -(torch.log(share.clamp(min=1e-6)) * where).sum() / count, figures

@@ -1,4 +1,5 @@
-"""The loss of a crop on surface layers: how much better than weights by distance, and who truly sees the surface."""
+"""The loss of a crop on surface layers: the error relative to weights by distance, and the weight
+on the views that truly see the surface."""
 
 import math
 from dataclasses import replace
@@ -16,13 +17,13 @@ from ..reference.render.blend import VISIBLE_POWER, blend
 from ..reference.unet import UNet
 
 CELL = 16  # pixels
-FLOOR = 1e-4, 0.005  # squared and absolute error that count as none: 40 dB
-SHARES = 0.65, 0.35  # of the loss, theirs
+FLOOR = 1e-4, 0.005  # least squared and absolute error, 40 dB
+SHARES = 0.65, 0.35  # of squared and absolute error in the loss
 
 
 def interest(frame: SurfaceFrame, crop: list[int]) -> np.ndarray:
-    """What crops teach, by their place in cells of CELL pixels, as chances: the share of their pixels where a view is
-    hidden or differs from the truth, on an even ground."""
+    """Probabilities of crops by their position in cells of CELL pixels: proportional to the share
+    of pixels where a view is occluded or differs from the truth, plus a constant."""
     colour, shown = frame.colour[0].float(), frame.shown[0]
     error = (colour - frame.target.float()).abs().amax(1)  # of the channels, [V, H, W]
     teaches = ((shown == 0) | (error > 25)).any(0).float()
@@ -32,7 +33,7 @@ def interest(frame: SurfaceFrame, crop: list[int]) -> np.ndarray:
 
 
 def crop_of(frame: SurfaceFrame, chances: np.ndarray, rng: np.random.Generator, config: dict) -> SurfaceFrame:
-    """A crop, turned over in some way."""
+    """A crop, randomly flipped or transposed."""
     top, left = (CELL * int(i) for i in divmod(int(rng.choice(chances.size, p=chances.ravel())), chances.shape[1]))
     top += int(rng.integers(min(CELL, frame.target.shape[1] - top - config["crop"][0] + 1)))
     left += int(rng.integers(min(CELL, frame.target.shape[2] - left - config["crop"][1] + 1)))
@@ -51,11 +52,11 @@ def crop_of(frame: SurfaceFrame, chances: np.ndarray, rng: np.random.Generator, 
 
 
 def recoloured(crop: SurfaceFrame, rng: np.random.Generator) -> SurfaceFrame:
-    """The same in other colours, alike in all views and the truth: there are few real scenes, and none is to be known
-    by its colours."""
+    """The crop with other colours, the same in all views and the truth, because the few real scenes
+    must not be recognised by their colours."""
     order = torch.from_numpy(rng.permutation(3))
     gain, lift = np.exp(rng.normal(0, 0.2, 3)), rng.normal(0, 0.06)
-    table = torch.arange(256)[None] / 255 * torch.from_numpy(gain)[:, None] + lift  # by channel
+    table = torch.arange(256)[None] / 255 * torch.from_numpy(gain)[:, None] + lift  # per channel
     table = (table.clamp(0, 1) * 255).round().to(torch.uint8)
 
     def other(x: Tensor) -> Tensor:
@@ -67,8 +68,8 @@ def recoloured(crop: SurfaceFrame, rng: np.random.Generator) -> SurfaceFrame:
 
 
 def masks(frame: SurfaceFrame, rng: np.random.Generator, config: dict) -> Tensor:
-    """Where the views count, as the program found it; or without one view's half; or everywhere; or wrong in places.
-    [L, V, H, W]"""
+    """The masks of the views [L, V, H, W]: those of the program, or without half of a view, or
+    none, or wrong in places."""
     shown, chance = frame.shown.float(), rng.random()
     if rng.random() < config["cut"]:  # a view whose photo ends there
         v, axis = int(rng.integers(shown.shape[1])), int(rng.integers(2))
@@ -97,14 +98,15 @@ def rendered(logits: Tensor, colour: Tensor, coverage: Tensor, distances: Tensor
 
 
 def errors(image: Tensor, truth: Tensor, counted: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean squared error, and L1 plus half the L1 of the gradients, over the pixels that count [H, W]."""
+    """Mean squared error, and L1 plus half the L1 of the gradients, over the pixels of a mask [H,
+    W]."""
     difference = (image - truth) * counted
     gradients = (difference.diff(dim=axis).abs().mean() for axis in (-1, -2))
     return (difference**2).mean(), difference.abs().mean() + 0.5 * sum(gradients)
 
 
 def plain_errors(frame: SurfaceFrame) -> tuple[float, float]:
-    """Errors of the first layer by distance alone."""
+    """Errors of the first layer with weights by distance alone."""
     shown = frame.shown[:1].float()
     colour, coverage = frame.colour[:1] / 255 * shown[:, :, None], frame.coverage[:1] / 255 * shown
     image = rendered(torch.zeros_like(coverage), colour, coverage, frame.distances)
@@ -115,9 +117,9 @@ def plain_errors(frame: SurfaceFrame) -> tuple[float, float]:
 def example_loss(
     net: UNet, crop: SurfaceFrame, plain: tuple[float, float], rng: np.random.Generator, config: dict
 ) -> tuple[Tensor, dict[str, float]]:
-    """1 plus what the errors are above those of weights by distance on the same layers, relative to these and to the
-    whole frame's (`plain`): PSNR is told per picture, and no picture is to count for more. And minus log of the weight
-    on the views that see, on the true surface."""
+    """1 plus the errors beyond those of weights by distance on the same layers, relative to these
+    and to the whole frame's (`plain`), so that every picture counts alike, as in a mean of PSNR;
+    and on the true surface minus log of the weight on the views that see it."""
     layers = len(crop.colour) - (crop.seen is not None)
     true_surface = crop.seen is not None and (layers == 0 or rng.random() < config["true_surface"])
     if true_surface:
@@ -135,8 +137,8 @@ def example_loss(
         base = errors(rendered(torch.zeros_like(logits), colour, coverage, crop.distances), truth, counted)
     each = zip(found, base, plain, FLOOR, SHARES, strict=True)
     loss = 1 + sum(share * (a - b) / ((b * whole) ** 0.5 + floor) for a, b, whole, floor, share in each)
-    told = {"gain": 10 * math.log10((float(base[0]) + 1e-5) / (float(found[0].detach()) + 1e-5))}
-    told["loss"] = float(loss.detach())
+    figures = {"gain": 10 * math.log10((float(base[0]) + 1e-5) / (float(found[0].detach()) + 1e-5))}
+    figures["loss"] = float(loss.detach())
     if true_surface:
         seen = crop.seen.masked_fill(coverage[0] < 0.5, UNKNOWN)
         where = partly_hidden(seen)
@@ -147,8 +149,8 @@ def example_loss(
         count = where.sum().clamp(min=64)
         loss = loss + config["visible_weight"] * -(torch.log(share.clamp(min=1e-6)) * where).sum() / count
         if bool(where.any()):
-            told |= {"seen": float(share.detach()[where].mean()), "by distance": float(plain[where].mean())}
-    else:  # what teaches nothing is to leave the weights by distance as they are
+            figures |= {"seen": float(share.detach()[where].mean()), "by distance": float(plain[where].mean())}
+    else:  # without such pixels the weights by distance must stay unchanged
         varying = logits[:, 1:] - logits[:, 1:].mean((2, 3), keepdim=True)
         loss = loss + config["calm"] * (varying**2).mean()
-    return loss, told
+    return loss, figures

@@ -1,8 +1,11 @@
-"""Train a model: python -m liveview_ref.training.train configs/v4.json --data ../../shared/data --out runs/v4
+"""Train a model:
 
-Seeded and resumable (run the same command again). Scenes are mixed within a batch, since BatchNorm statistics of one
-scene do not fit another; they are estimated anew over many batches whenever the averaged weights are used. Where a
-config has "shards" or "frames", fine_tune.py trains instead.
+    python -m liveview_ref.training.train configs/v4.json --data DATA --out runs/v4
+
+Seeded and resumable (run the same command again). Scenes are mixed within a batch, because
+BatchNorm statistics of one scene do not fit another; they are estimated again over many batches
+before the averaged weights are used. If a config has "shards" or "frames", fine_tune.py trains
+instead.
 """
 
 import argparse
@@ -30,12 +33,13 @@ from .validate import validate
 
 
 def fast_bfloat16(device: torch.device) -> bool:
-    """Whether the hardware computes in bfloat16: elsewhere it is slower than float32."""
+    """Whether the hardware computes in bfloat16; otherwise it is slower than float32."""
     return device.type == "cuda" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
 
 
 def forward(net: UNet, batch: list[Example], device: torch.device) -> list[tuple[Tensor, Tensor]]:
-    """(rendered [3, H, W], alpha [L, H, W]) of each example; all layers of all scenes in one pass of the network."""
+    """(rendered [3, H, W], alpha [L, H, W]) of each example; all layers of all scenes in one pass
+    of the network."""
     hwv = torch.cat([e.hwv for e in batch]).to(device).float().contiguous(memory_format=torch.channels_last)
     with torch.autocast(device.type, dtype=torch.bfloat16, enabled=fast_bfloat16(device)):
         logits = net(hwv)
@@ -52,7 +56,7 @@ def forward(net: UNet, batch: list[Example], device: torch.device) -> list[tuple
 
 
 def image_loss(image: Tensor, truth: Tensor, seen: Tensor) -> Tensor:
-    """L1 plus half of the L1 of the image gradients, over the pixels that any view sees at all."""
+    """L1 plus half of the L1 of the image gradients, over the pixels that any view covers."""
     difference = (image - truth) * seen
     dx = difference[..., 1:] - difference[..., :-1]
     dy = difference[..., 1:, :] - difference[..., :-1, :]
@@ -60,10 +64,10 @@ def image_loss(image: Tensor, truth: Tensor, seen: Tensor) -> Tensor:
 
 
 def alpha_loss(alpha: Tensor, offset: Tensor) -> Tensor:
-    """Cross entropy of alpha [L, H, W], given how far each layer lies in front of the true surface in pixels of
-    parallax: 1 on it, 0 in front of it. Layers in between are not judged, nor are those behind, which are hidden. The
-    mean is over all that is judged, so that where nothing tells layers apart alpha stays as low as their number
-    asks."""
+    """Cross entropy of alpha [L, H, W], given the distance of each layer in front of the true
+    surface in pixels of parallax: 1 on the surface, 0 in front of it. Layers between these and
+    layers behind, which are occluded, are left out. The mean is over all others, so that where
+    layers cannot be distinguished alpha is one over their number."""
     on, front = offset.abs() < 0.5, offset > 2
     judged = on | front
     loss = F.binary_cross_entropy(alpha.clamp(1e-5, 1 - 1e-5), on.float(), reduction="none")
@@ -81,7 +85,7 @@ def batch_loss(net: UNet, batch: list[Example], alpha_weight: float, device: tor
 
 
 def estimate_statistics(net: UNet, batches: list[list[Example]], device: torch.device) -> None:
-    """BatchNorm statistics of `net` anew: the plain mean over many mixed batches."""
+    """Estimate BatchNorm statistics of `net` again: the mean over many mixed batches."""
     norms = [m for m in net.modules() if isinstance(m, torch.nn.BatchNorm2d)]
     for norm in norms:
         norm.reset_running_stats()
@@ -106,8 +110,8 @@ def main() -> None:
     parser.add_argument("config", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="folder with train/, dev/ and textures/")
     parser.add_argument("--out", type=Path, required=True, help="checkpoints, log and validation images")
-    parser.add_argument("--start", type=Path, help="weights to start from, of any V; to fine-tune, of the same")
-    parser.add_argument("--shards", type=Path, help="folder where examples are kept, to fine-tune")
+    parser.add_argument("--start", type=Path, help="initial weights, of any V; for fine-tuning of the same V")
+    parser.add_argument("--shards", type=Path, help="folder of examples, for fine-tuning")
     parser.add_argument("--steps", type=int, help="overrides the config")
     args = parser.parse_args()
     config = read_config(args.config)
@@ -116,13 +120,15 @@ def main() -> None:
     if alpha not in ("independent", "competing"):
         parser.error(f'{args.config}: alpha is "{alpha}"; expected "independent" or "competing"')
     if alpha == "competing" and "shards" not in config:
-        parser.error(f'{args.config}: alpha is "competing", which needs "shards" and the rest of v4_planes.json')
+        parser.error(f'{args.config}: alpha is "competing"; expected "shards" and the other fields of v4_planes.json')
     if "shards" in config or "frames" in config:
         if not (args.start and args.shards):
-            parser.error(f"{args.config} needs --start, weights to start from, and --shards, a folder for examples")
+            parser.error(f"{args.config}: expected --start, the initial weights, and --shards, a folder for examples")
         start = load_state(args.start)
         if start["views"] != config["views"]:
-            parser.error(f"{args.start}: a network of {start['views']} views; {args.config} asks for {config['views']}")
+            parser.error(
+                f"{args.start}: a network of {start['views']} views; expected {config['views']} as in {args.config}"
+            )
         args.out.mkdir(parents=True, exist_ok=True)
         if "frames" in config:
             return fine_tune(config, Surface(config, args.shards), args.out, start)
@@ -134,7 +140,7 @@ def main() -> None:
 
     net = UNet(config["views"])
     start_from_agreement(net)
-    earlier = []  # (views, steps, seconds) of the trainings that these weights went through before
+    earlier = []  # (views, steps, seconds) of the earlier trainings of these weights
     if args.start:
         start = load_state(args.start)
         adapt_views(start["average"], net)
@@ -184,9 +190,9 @@ def main() -> None:
             print(f"step {step} loss {running / 100:.4f} {since * 10:.0f} ms/step, waited {waited:.0f} s", flush=True)
             began, since, running, waited = now, 0.0, 0.0, 0.0
         if step % config["validate_every"] == 0 or step == config["steps"]:
-            passed = time.perf_counter() - began  # validation does not count
+            passed = time.perf_counter() - began  # the time of validation is not counted
             seconds, since = seconds + passed, since + passed
-            if step == config["steps"]:  # the weights that are kept deserve statistics of more than 48 batches
+            if step == config["steps"]:  # more than 48 batches for the statistics of the final weights
                 recent = [*recent, *(queues[(step + i) % config["makers"]].get() for i in range(80))]
             estimate_statistics(average, list(recent), device)
             scores = validate(average, config["validation"], args.data, args.out / "validation.png", device)

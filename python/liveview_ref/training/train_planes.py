@@ -1,6 +1,6 @@
-"""Training for uniform planes, competing or independent: what train.py runs where a config has "shards".
+"""Training on uniform planes, competing or independent, for configs with "shards".
 
-A shard of examples is made when it is first needed.
+A shard of examples is made when first needed.
 """
 
 from pathlib import Path
@@ -15,7 +15,8 @@ from .validate import validate_planes
 
 
 class Planes:
-    """A fine_tune.Task. Examples are drawn from a window of shards that moves on by one every "shard_every" steps."""
+    """A fine_tune.Task. Examples are drawn from a window of shards that advances by one every
+    "shard_every" steps."""
 
     def __init__(self, config: dict, data: Path, shards: Path):
         self.config, self.data = config, data
@@ -30,14 +31,14 @@ class Planes:
     def loss(self, net: UNet, example: Photos, rng: np.random.Generator) -> tuple[Tensor, dict[str, float]]:
         return example_loss(net, example, rng, self.config)
 
-    def summary(self, told: list[dict[str, float]]) -> str:
+    def summary(self, figures: list[dict[str, float]]) -> str:
         def total(key: str) -> float:
-            return sum(t.get(key, 0.0) for t in told)
+            return sum(t.get(key, 0.0) for t in figures)
 
         hidden = max(total("hidden pixels"), 1.0)
         psnr = -10 * np.log10(max(total("hidden error") / hidden, 1e-9))
         seen, by_distance = total("seen weight") / hidden, total("seen weight by distance") / hidden
-        text = f"loss {total('loss') / len(told):.4f}; weight near the surface "
+        text = f"loss {total('loss') / len(figures):.4f}; weight near the surface "
         text += f"{total('on surface') / max(total('surfaces'), 1):.3f}; where views are hidden: "
         return text + f"seen weight {seen:.3f} (by distance {by_distance:.3f}), {psnr:.2f} dB"
 

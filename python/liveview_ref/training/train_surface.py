@@ -1,4 +1,4 @@
-"""Training for surface layers: what train.py runs where a config says how many "frames" (data/surface_frames.py)."""
+"""Training on surface layers, for configs with a number of "frames" (data/surface_frames.py)."""
 
 from pathlib import Path
 
@@ -14,23 +14,23 @@ from ..reference.unet import UNet
 from .surface_loss import crop_of, example_loss, interest, plain_errors, recoloured, rendered
 from .validate import sheet_of
 
-LOOK_AGAIN = 50  # steps after which frames that were made meanwhile are taken in
+REFRESH_EVERY = 50  # steps after which new frames in the folder are used as well
 
 
 class Surface:
-    """A fine_tune.Task. Frames lie in a folder, those to validate on in its subfolder `validation`."""
+    """A fine_tune.Task. Frames are in a folder, those for validation in its subfolder `validation`."""
 
     def __init__(self, config: dict, frames: Path):
         self.config, self.folder, self.frames = config, frames, {}
 
     def examples(self, step: int) -> list[tuple]:
-        if not self.frames or step % LOOK_AGAIN == 0:
+        if not self.frames or step % REFRESH_EVERY == 0:
             for path in sorted(self.folder.glob("*.pt")):
                 if path.name not in self.frames:
                     frame = SurfaceFrame.load(path)
                     self.frames[path.name] = frame, interest(frame, self.config["crop"]), plain_errors(frame)
             if not self.frames:
-                raise FileNotFoundError(f"{self.folder}: no frames; liveview_ref.data.surface_frames makes them")
+                raise FileNotFoundError(f"{self.folder}: no frames; expected those of liveview_ref.data.surface_frames")
         return list(self.frames.values())
 
     def loss(self, net: UNet, example: tuple, rng: np.random.Generator) -> tuple[Tensor, dict[str, float]]:
@@ -40,9 +40,9 @@ class Surface:
             crop = recoloured(crop, rng)
         return example_loss(net, crop, plain, rng, self.config)
 
-    def summary(self, told: list[dict[str, float]]) -> str:
+    def summary(self, figures: list[dict[str, float]]) -> str:
         def mean(key: str) -> float:
-            found = [t[key] for t in told if key in t]
+            found = [t[key] for t in figures if key in t]
             return sum(found) / max(len(found), 1)
 
         text = f"{len(self.frames)} frames; loss {mean('loss'):.4f}; {mean('gain'):+.3f} dB against weights by distance"

@@ -1,4 +1,5 @@
-"""Validation during training: PSNR on held-out photos on guided layers and uniform planes, and a picture to look at."""
+"""Validation during training: PSNR on held-out photos on guided layers and uniform planes, and a
+picture to inspect."""
 
 from functools import partial
 from pathlib import Path
@@ -15,11 +16,12 @@ from ..reference.layers.spec import Guided, Planes
 from ..reference.render.renderer import render
 
 LAYERS = Guided(4), Guided(8), Planes(32)
-SHOWN = Guided(4)  # beside the truth, on the picture
+SHOWN = Guided(4)  # next to the truth in the picture
 
 
 def validate(net, specs: list[dict], data: Path, file: Path, device: torch.device) -> dict[str, float]:
-    """Mean PSNR over the held-out photos for each of LAYERS; the file shows truth and SHOWN side by side."""
+    """Mean PSNR over the held-out photos for each of LAYERS; the file shows truth and SHOWN side by
+    side."""
     scores = {str(layers): [] for layers in LAYERS}
     rows = []
 
@@ -45,8 +47,8 @@ def sheet_of(rows: list[Tensor], file: Path) -> None:
 
 
 def validate_planes(net, specs: list[dict], data: Path, file: Path, config: dict) -> dict[str, float]:
-    """Mean PSNR on 16 and 64 uniform planes, composited as the config's "alpha" says, and of 64 on each scene; the file
-    shows truth and 64."""
+    """Mean PSNR on 16 and 64 uniform planes, composited by the config's "alpha", and of 64 on each
+    scene; the file shows truth and 64."""
     images = {"competing": competing, "independent": partial(planes, spacing=config["alpha_spacing"])}[config["alpha"]]
     scores, scenes, rows = {}, {}, []
 

@@ -1,4 +1,5 @@
-"""The evaluation: its renderer is the reference's, its baselines do what they say, its files can be read."""
+"""The evaluation: its renderer is the reference's, its baselines do what they say, its files can be
+read."""
 
 import json
 import struct

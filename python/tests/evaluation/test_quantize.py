@@ -1,4 +1,4 @@
-"""Quantised models: they keep what the Rust binary asks for, and stay near the float32 ones."""
+"""Quantised models keep the interface of the float32 ones, and their logits are close to theirs."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ import pytest
 
 from liveview_ref.checkpoint import model_card
 from liveview_ref.onnx_session import logits, session
-from liveview_ref.quantize import KEPT, calibration_hwvs, convolutions, quantise
+from liveview_ref.quantize import FLOAT_LAYERS, calibration_hwvs, convolutions, quantise
 from liveview_ref.training.train import read_config
 
 ROOT = Path(__file__).parents[3]
@@ -16,7 +16,7 @@ MODELS = ROOT / "models"
 
 
 def off(path: Path, original: Path, hwvs: list[np.ndarray]) -> float:
-    """Root mean square error of the logits, as a share of theirs."""
+    """Root mean square error of the logits relative to their root mean square."""
     networks = session(path), session(original)
     pairs = [[logits(network, hwv) for network in networks] for hwv in hwvs]
     return float(np.sqrt(sum(((a - b) ** 2).sum() for a, b in pairs) / sum((b**2).sum() for _, b in pairs)))
@@ -27,10 +27,10 @@ def hwvs():
     return calibration_hwvs(read_config(ROOT / "python/configs/v4.json"), None, 4)
 
 
-def test_quantised_model_keeps_its_interface_and_stays_near(tmp_path, hwvs):
+def test_quantised_model_keeps_its_interface_and_its_logits(tmp_path, hwvs):
     original, made = MODELS / "liveview_v4.onnx", tmp_path / "int8.onnx"
     model = onnx.load(original)
-    quantise(original, made, hwvs, set(convolutions(model)) - set(KEPT))
+    quantise(original, made, hwvs, set(convolutions(model)) - set(FLOAT_LAYERS))
     found = onnx.load(made)
     for a, b in [(found.graph.input[0], model.graph.input[0]), (found.graph.output[0], model.graph.output[0])]:
         assert (a.name, a.type) == (b.name, b.type)
@@ -38,11 +38,11 @@ def test_quantised_model_keeps_its_interface_and_stays_near(tmp_path, hwvs):
     assert card.pop("precision") == "int8" and card.pop("quantised").startswith("8 of 9 layers")
     assert card == model_card(model)
     assert sum(node.op_type == "QuantizeLinear" for node in found.graph.node) > 8
-    assert off(made, original, hwvs) < 0.03  # on what it was calibrated on; four examples are too few for others
+    assert off(made, original, hwvs) < 0.03  # on its calibration examples; four are too few for others
 
 
 @pytest.mark.parametrize("path", sorted(MODELS.glob("*_int8.onnx")), ids=lambda path: path.stem)
-def test_shipped_int8_model_is_of_the_shipped_float32_model(path):
+def test_shipped_int8_model_matches_its_float32_model(path):
     original = path.with_name(path.name.replace("_int8", ""))
     config = read_config(ROOT / f"python/configs/{original.stem.removeprefix('liveview_')}.json")
     assert off(path, original, calibration_hwvs(config, None, 4)) < 0.05

@@ -1,4 +1,5 @@
-"""The methods of the paper's comparison: shapes, gradients, weights, and scenes whose views are known."""
+"""The methods of the paper's comparison: shapes, gradients, weights, and scenes whose views are
+known."""
 
 import pytest
 import torch
@@ -123,7 +124,8 @@ def test_local_light_field_takes_any_number_of_planes(planes: int) -> None:
 
 
 def test_local_light_field_weights_sum_to_one() -> None:
-    """Photos of one colour give that colour, whatever the weights, and where only some photos see the point."""
+    """Photos of one colour give that colour, whatever the weights, and where only some photos see
+    the point."""
     coverage = torch.ones(PLANES, 5, 16, 16)
     coverage[:, 1:, :8] = 0
     volume = torch.tensor([0.2, 0.5, 0.9])[:, None, None] * coverage[:, :, None]
@@ -134,7 +136,8 @@ def test_local_light_field_weights_sum_to_one() -> None:
 
 
 def test_stereo_magnification_blends_reference_and_background() -> None:
-    """With the weights at 1 the colours are the reference's where it sees, and the background's where it does not."""
+    """With the weights at 1 the colours are the reference's where it sees, and the background's
+    where it does not."""
     torch.manual_seed(0)
     net = stereo_magnification.StereoMagnification(5, PLANES, width=4)
     with torch.no_grad():
@@ -167,7 +170,8 @@ def test_fusion_of_known_planes() -> None:
 
 
 def test_fusion_weights() -> None:
-    """The nearer reference weighs more, by exp(f (l_2 - l_1) / (D z_near)); equal distances weigh the same."""
+    """The nearer reference weighs more, by exp(f (l_2 - l_1) / (D z_near)); equal distances weigh
+    the same."""
     references = [rig.camera(-1, 0), rig.camera(1, 0)]
     disparities = rig.planes(64)
     middle = light_field_fusion.fusion_weights(references, rig.camera(0, 0.3), disparities)
@@ -199,7 +203,8 @@ def test_plane_homography_of_the_rig() -> None:
 
 
 def test_deepview_components_of_known_planes() -> None:
-    """An opaque plane, seen by a photo beside: the rendered image is the plane's, nothing behind it is seen."""
+    """An opaque plane, seen by a photo beside: the rendered image is the plane's, nothing behind it
+    is seen."""
     disparities = rig.planes(PLANES)
     photos, seen_from = plane_photos(4, float(disparities[3]))
     camera = deepview.middle(photos.cameras).with_window(200, 150, 64, 64)
@@ -245,7 +250,8 @@ def test_soft3d_of_a_plane() -> None:
 
 
 def test_soft3d_votes_and_visibility() -> None:
-    """Consensus is the share of those that can see a point; what lies behind a surface is not visible."""
+    """Consensus is the share of those that can see a point; what lies behind a surface is not
+    visible."""
     cameras = [rig.camera(x, 0).with_window(*CROP) for x in (-0.25, 0.25)]
     disparities = rig.planes(PLANES).float()
     surface = torch.zeros(PLANES, CROP[3], CROP[2])
@@ -261,7 +267,8 @@ def test_soft3d_votes_and_visibility() -> None:
 
 
 def test_soft3d_looks_up_between_planes() -> None:
-    """A camera that steps back along its axis sees a plane of its own at another depth of the source's volume."""
+    """A camera that steps back along its axis sees a plane of its own at another depth of the
+    source's volume."""
     source = rig.camera(0, 0).with_window(*CROP)
     disparities = rig.planes(16).float()
     volume = torch.arange(16.0)[None, :, None, None].expand(1, 16, CROP[3], CROP[2]).contiguous()

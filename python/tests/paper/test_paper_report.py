@@ -19,7 +19,8 @@ PUBLISHED = MODELS / "paper" / "published.json"
 
 
 def scored(name: str, views: int, psnr: float, counts=(8, 16, 32, 64), competing=False) -> dict:
-    """A report of the scores of two scenes, 0.5 dB apart; each larger number of planes is better by 1 dB."""
+    """A report of the scores of two scenes, 0.5 dB apart; each larger number of planes is better by
+    1 dB."""
     layers = {}
     for suffix, more in (("", 0.0), (", competing", 3.0))[: 1 + competing]:
         for i, n in enumerate(counts):

@@ -73,8 +73,8 @@ def test_scores_of_methods_share_a_file(tmp_path):
 
 @dataclass
 class Splits(Toys):
-    """The middle of the target, on which the scale is fitted, is rendered by `net` at one scale for validation and at
-    another for test; records the splits that are used."""
+    """The middle of the target, on which the scale is fitted, is rendered by `net` at one scale for
+    validation and at another for test; records the splits that are used."""
 
     net: Method | None = None
     asked: list[str] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""The 50-digit formulas against the float64 reference, and how errors are reported."""
+"""The 50-digit formulas against the float64 reference, and the report of errors."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(5)
 
 
-def test_warp_in_digits_is_the_reference(rng):
+def test_warp_in_50_digits_equals_the_reference(rng):
     data = {f"{name}.rotation": np.eye(3) for name in ("view0", "target")}
     data |= {"view0.translation": np.array([0.1, -0.2, 0.3]), "target.translation": np.zeros(3)}
     data |= {f"{name}.k": np.array([[9.0, 0.5, 4], [0, 8, 3], [0, 0, 1]]) for name in ("view0", "target")}
@@ -31,10 +31,10 @@ def test_warp_in_digits_is_the_reference(rng):
     found = torch.cat([colour[0], coverage])
     digits = np.array([fifty_digits.warp(data, pixel) for pixel in range(35)], dtype=np.float64)
     assert np.abs(found.flatten(1).T.numpy() - digits).max() < 1e-12
-    assert 0 < digits[:, 3].sum() < 35  # some pixels see the source, some do not
+    assert 0 < digits[:, 3].sum() < 35  # some pixels are covered by the source, some are not
 
 
-def test_competing_layers_in_digits_are_the_reference(rng):
+def test_competing_layers_in_50_digits_equal_the_reference(rng):
     data = {"logits": rng.normal(0, 3, (5, PIXELS)), "rgb": rng.random((5, 3, PIXELS)), "maps": rng.random((5, PIXELS))}
     data = {name: values.astype(np.float32) for name, values in data.items()}
     data |= {"covered": (rng.random((5, PIXELS)) > 0.3).astype(np.uint8), "alpha_scale": np.array([2.0])}
@@ -48,7 +48,7 @@ def test_competing_layers_in_digits_are_the_reference(rng):
     assert (digits[0] == [0, 0, 0, 0, 1]).all()
 
 
-def test_blend_in_digits_is_the_reference(rng):
+def test_blend_in_50_digits_equals_the_reference(rng):
     data = {"logits": rng.normal(0, 3, (3, PIXELS)), "colour": rng.random((9, PIXELS))}
     data |= {"coverage": (rng.random((3, PIXELS)) > 0.4) * rng.random((3, PIXELS)), "distances": np.array([0, 1, 5.0])}
     data = {name: value if name == "distances" else value.astype(np.float32) for name, value in data.items()}
@@ -63,7 +63,7 @@ def test_blend_in_digits_is_the_reference(rng):
     assert np.abs(found - digits).max() < 1e-12
 
 
-def test_composite_in_digits_is_the_reference(rng):
+def test_composite_in_50_digits_equals_the_reference(rng):
     data = {"alpha": rng.random((4, PIXELS)), "maps": rng.random((4, PIXELS)), "rgb": rng.random((4, 3, PIXELS))}
     for background in (True, False):
         data["background"] = np.array([background])
@@ -74,7 +74,7 @@ def test_composite_in_digits_is_the_reference(rng):
         assert np.abs(found - digits).max() < 1e-14
 
 
-def test_errors_leave_out_doubtful_pixels_and_report_what_is_not_finite():
+def test_errors_leave_out_doubtful_pixels_and_report_non_finite_values():
     data = {"doubtful": np.array([False, True, True]), "truth.rgb": np.zeros(6), "scale.rgb": np.ones(1)}
     found = np.array([[0.1, 9, 0], [0.2, 0, 0]])
     assert stability.errors({"rgb": found}, data, 1e-3) == {"largest": 0.2, "doubtful": 0.5}

@@ -1,4 +1,4 @@
-"""Every competitor, through the real protocol of its worker, against the float64 reference."""
+"""Every competitor, through the protocol of its worker, against the float64 reference."""
 
 import io
 import json
@@ -21,9 +21,9 @@ from liveview_ref.reference.render.renderer import render
 from liveview_ref.reference.unet import UNet, start_from_agreement
 from liveview_ref.rig_arrays import Arrays, cameras_of, images_of
 
-LARGEST = 1e-4  # coordinates are off by 1e-5 pixels, and these noisy photos change by up to 0.5 per pixel
-MEAN = 1e-6
-EDGE = 1e-3  # pixels from the edge of what a photo covers: nearer, rounding decides whether it is seen at all
+MOST_ERROR = 1e-4  # coordinates err by 1e-5 pixels, and these noisy photos change by up to 0.5 per pixel
+MOST_MEAN_ERROR = 1e-6
+EDGE = 1e-3  # pixels from a photo's edge within which rounding decides on coverage
 BATCH = 2  # of 3 planes: the sums continue over batches, and the last batch is a smaller one
 
 CASES = {  # name: (V, rig, disparities)
@@ -37,13 +37,13 @@ CASES = {  # name: (V, rig, disparities)
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
-    """Untrained networks of 2 and 4 views: weights as training keeps them, and exported."""
+    """Untrained networks of 2 and 4 views, as checkpoints and exported."""
     folder = tmp_path_factory.mktemp("models")
     for views in (2, 4):
         torch.manual_seed(views)
         net = UNet(views)
         start_from_agreement(net)
-        net(torch.rand(4, 3 * views, 32, 32))  # moves the statistics that BatchNorm folds away
+        net(torch.rand(4, 3 * views, 32, 32))  # changes the statistics of BatchNorm
         net.eval()
         torch.save({"average": net.state_dict(), "views": views}, folder / f"v{views}.pt")
         export(net, folder / f"v{views}.onnx", {"licence": "none"})
@@ -68,7 +68,7 @@ def reference(data: Arrays, weights: Path) -> np.ndarray:
 
 
 def clear_of_edges(data: Arrays) -> np.ndarray:
-    """Pixels [h, w] that no plane puts within EDGE of where a photo begins or ends to be seen."""
+    """Pixels [h, w] that no plane maps to within EDGE of a photo's edge."""
     cameras, target = cameras_of(data)
     maps = torch.from_numpy(data["disparities"])[:, None, None].expand(-1, target.height, target.width)
     clear = torch.ones(target.height, target.width, dtype=torch.bool)
@@ -90,12 +90,12 @@ def drive(requests: list[dict | str]) -> tuple[int, list[dict], str]:
     return done.returncode, [json.loads(line) for line in done.stdout.splitlines()], done.stderr
 
 
-def departs(found: np.ndarray, data: Arrays, weights: Path) -> bool:
-    """Whether a frame is off by more than the bounds."""
+def differs(found: np.ndarray, data: Arrays, weights: Path) -> bool:
+    """Whether the errors of a frame exceed the bounds."""
     clear = clear_of_edges(data)
     assert clear.mean() > 0.95
     difference = np.abs(found - reference(data, weights))[clear]
-    return not (difference.max() < LARGEST and difference.mean() < MEAN)
+    return not (difference.max() < MOST_ERROR and difference.mean() < MOST_MEAN_ERROR)
 
 
 def job_of(data: Arrays, models: Path, views: int, name: str, folder: Path) -> dict:
@@ -106,11 +106,11 @@ def job_of(data: Arrays, models: Path, views: int, name: str, folder: Path) -> d
 
 
 @pytest.mark.parametrize("name", job.NAMES)
-def test_every_competitor_speaks_the_protocol(name, models, tmp_path):
+def test_competitor_follows_the_protocol(name, models, tmp_path):
     data = arrays_of("random")
-    asked = job_of(data, models, 4, name, tmp_path)
+    request = job_of(data, models, 4, name, tmp_path)
     runs = [{"run": True}, {"run": True, "frame": str(tmp_path / "frame.npy")}, {"quit": True}]
-    code, (ready, *timed), notes = drive([asked, *runs])
+    code, (ready, *timed), notes = drive([request, *runs])
     assert code == 0 and ready["ready"] and len(timed) == 2, notes
     assert ("ONNX Runtime" if name in ("onnxruntime + kornia", "one graph") else "PyTorch") in ready["engine"]
     for reply in timed:
@@ -119,22 +119,21 @@ def test_every_competitor_speaks_the_protocol(name, models, tmp_path):
         assert 2**24 < reply["peak_memory_bytes"] < 2**34
     frame = np.load(tmp_path / "frame.npy")
     assert frame.shape == (38, 53, 3) and frame.dtype == np.float32
-    assert not departs(frame, data, models / "v4.pt")
+    assert not differs(frame, data, models / "v4.pt")
 
 
 @pytest.mark.parametrize("name", job.NAMES)
 @pytest.mark.parametrize("case", [case for case in CASES if case != "random"])
-def test_every_competitor_renders_what_the_reference_renders(case, name, models, tmp_path, monkeypatch):
+def test_competitor_renders_like_the_reference(case, name, models, tmp_path, monkeypatch):
     monkeypatch.setattr(os, "environ", os.environ.copy())
     data, views = arrays_of(case), CASES[case][0]
     competitor = worker.start(job.Job.of(job_of(data, models, views, name, tmp_path)))
-    for _ in range(2):  # the second render starts anew
-        assert not departs(competitor.render()[0], data, models / f"v{views}.pt")
+    for _ in range(2):  # the second render does not depend on the first
+        assert not differs(competitor.render()[0], data, models / f"v{views}.pt")
 
 
 @pytest.mark.parametrize("change", ["half a pixel", "planes reversed", "a view's distance", "no background"])
-def test_the_bounds_tell_a_wrong_render(change, models):
-    """What is nearly right departs by more than the bounds."""
+def test_small_mistakes_exceed_the_bounds(change, models):
     data, weights = arrays_of("random"), models / "v4.pt"
     wrong = dict(data)
     if change == "half a pixel":
@@ -145,23 +144,23 @@ def test_the_bounds_tell_a_wrong_render(change, models):
         wrong["view3.translation"] = data["view3.translation"] * 1.01
     else:
         wrong["disparities"] = data["disparities"][:-1]
-    assert departs(reference(wrong, weights), data, weights)
-    assert not departs(reference(data, weights).astype(np.float32), data, weights)
+    assert differs(reference(wrong, weights), data, weights)
+    assert not differs(reference(data, weights).astype(np.float32), data, weights)
 
 
-def test_without_weights_the_models_are_taken(models, tmp_path):
+def test_worker_without_weights_takes_the_model(models, tmp_path):
     data = arrays_of("pair")
     for name in ("torch", "one graph"):
         frame = tmp_path / f"{name}.npy"
-        asked = job_of(data, models, 2, name, tmp_path) | {"weights": None, "batch": 1, "threads": 1}
-        code, _, notes = drive([asked, {"run": True, "frame": str(frame)}])  # end of input: quits
+        request = job_of(data, models, 2, name, tmp_path) | {"weights": None, "batch": 1, "threads": 1}
+        code, _, notes = drive([request, {"run": True, "frame": str(frame)}])  # end of input: quits
         assert code == 0, notes
-        assert not departs(np.load(frame), data, models / "v2.pt")
+        assert not differs(np.load(frame), data, models / "v2.pt")
 
 
-def test_what_fails_is_reported(models, tmp_path, monkeypatch):
+def test_failures_are_reported(models, tmp_path, monkeypatch):
     monkeypatch.setattr(os, "environ", os.environ.copy())
-    asked = job_of(arrays_of("pair"), models, 2, "torch", tmp_path)
+    request = job_of(arrays_of("pair"), models, 2, "torch", tmp_path)
     for changes, message in [
         ({"engine": "jax"}, "no competitor 'jax'"),
         ({"job": str(tmp_path / "none.npz")}, "none.npz"),
@@ -169,9 +168,9 @@ def test_what_fails_is_reported(models, tmp_path, monkeypatch):
         ({"batch": 0}, "at least 1"),
     ]:
         with pytest.raises((ValueError, OSError), match=message):
-            worker.serve(io.StringIO(json.dumps(asked | changes) + "\n"), io.StringIO())
-    code, (ready, error), _ = drive([asked, {"walk": True}])
-    assert code == 2 and ready["ready"] and "neither run nor quit" in error["error"]
+            worker.serve(io.StringIO(json.dumps(request | changes) + "\n"), io.StringIO())
+    code, (ready, error), _ = drive([request, {"walk": True}])
+    assert code == 2 and ready["ready"] and "expected run or quit" in error["error"]
     code, (error,), _ = drive(["not json"])
     assert code == 2 and "JSONDecodeError" in error["error"]
     assert drive([]) == (0, [], "")

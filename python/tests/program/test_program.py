@@ -1,4 +1,5 @@
-"""What the evaluation gives the program to render: the same photos and cameras as the case's, and none held out."""
+"""What the evaluation gives the program to render: the same photos and cameras as the case's, and
+none held out."""
 
 import json
 import sys

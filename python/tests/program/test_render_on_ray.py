@@ -1,4 +1,5 @@
-"""Shards on a local Ray of two workers, one of which is killed: the pictures are those of one run."""
+"""Shards on a local Ray of two workers, one of which is killed: the pictures are those of one
+run."""
 
 import os
 import signal

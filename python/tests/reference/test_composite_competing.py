@@ -42,7 +42,8 @@ def test_weights_are_the_plain_softmax_over_the_covered_layers(scale):
 def test_the_alphas_give_the_same_picture_front_to_back():
     logit, rgb, covered, maps = layers()
     found = composite_competing(logit, rgb, covered, maps)
-    # the background is opaque where covered, as in the composite: the alpha of the last covered layer is 1 by itself
+    # the background is opaque where covered, as in the composite: the alpha of the last covered
+    # layer is 1 by itself
     mpi = composite(alphas_of(found.weights), rgb, torch.zeros_like(covered[0]), maps)
     torch.testing.assert_close(mpi.rgb, found.rgb, rtol=1e-12, atol=1e-13)
     torch.testing.assert_close(mpi.disparity, found.disparity, rtol=1e-12, atol=1e-13)

@@ -1,4 +1,5 @@
-"""The reference against kornia, against figures worked by hand, and against the paper's own counts."""
+"""The reference against kornia, against figures worked by hand, and against the paper's own
+counts."""
 
 import math
 from itertools import combinations, pairwise
@@ -39,7 +40,8 @@ def test_the_spacing_of_planes_is_the_parallax_from_each_to_the_next(kind):
     corners = [(0, 0), (width, 0), (0, height), (width, height), (width / 2, height / 2)]
 
     def shown(camera: Camera, corner: tuple, disparity: torch.Tensor) -> torch.Tensor | None:
-        """Where the camera sees the point of a pixel of the target, by way of the world; None behind the camera."""
+        """Where the camera sees the point of a pixel of the target, by way of the world; None
+        behind the camera."""
         ray = torch.linalg.inv(target.k) @ torch.tensor([*corner, 1.0], dtype=torch.float64)
         from_target = camera.rotation @ target.rotation.T
         point = camera.k @ (from_target @ (ray - disparity * target.translation) + disparity * camera.translation)
@@ -61,7 +63,8 @@ def test_the_spacing_of_planes_is_the_parallax_from_each_to_the_next(kind):
 @pytest.mark.parametrize("kind", ["random", "rectified", "coincident", "unseen"])
 @pytest.mark.parametrize("disparity", [0.0, 0.3, 1.0, 1.6])
 def test_planes_are_kornias_homographies(kind, disparity):
-    """In float64 the map warp and kornia's homography_warp are the same function, behind the camera too."""
+    """In float64 the map warp and kornia's homography_warp are the same function, behind the camera
+    too."""
     for image, camera, target in zip(*rig_of(kind)[:2], [rig_of(kind)[2]] * 4, strict=True):
         size = (target.height, target.width)
         maps = torch.full((1, *size), disparity, dtype=torch.float64)
@@ -188,7 +191,8 @@ def test_uniform_planes_reach_infinity():
 
 
 def test_guided_layers_enclose_the_surface():
-    """A textured plane at depth 2: every cell's range holds its disparity to half a pixel, and is far less than all."""
+    """A textured plane at depth 2: every cell's range holds its disparity to half a pixel, and is
+    far less than all."""
     images, cameras, target = rig_of("rectified")
     texture = torch.rand(3, 256, 256, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     texture = torch.nn.functional.avg_pool2d(texture[None], 5, 1, 2)[0]

@@ -1,4 +1,5 @@
-"""Procedural scenes obey the conventions: a view warped by the target's true disparity shows what the target shows."""
+"""Procedural scenes obey the conventions: a view warped by the target's true disparity shows what
+the target shows."""
 
 import numpy as np
 import pytest
@@ -26,7 +27,8 @@ def camera(k, r, t, image):
 
 
 def interior(disparity):
-    """[H, W]: no step of disparity within a pixel: not at an edge, where a pixel mixes two surfaces."""
+    """[H, W]: no step of disparity within a pixel: not at an edge, where a pixel mixes two
+    surfaces."""
     high = F.max_pool2d(disparity[None], 3, 1, 1)[0]
     low = -F.max_pool2d(-disparity[None], 3, 1, 1)[0]
     return high - low < 0.06 * high

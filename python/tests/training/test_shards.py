@@ -1,4 +1,5 @@
-"""Examples on disk: views cut to what the target sees lose nothing, and a shard is what its seed and number say."""
+"""Examples on disk: views cut to what the target sees lose nothing, and a shard is what its seed
+and number say."""
 
 import copy
 from pathlib import Path

@@ -1,5 +1,5 @@
-"""Training on surface layers: what the program feeds its network there is kept as it was, and a crop of it is learnt
-from."""
+"""Training on surface layers: what the program feeds its network there is kept as it was, and a
+crop of it is learnt from."""
 
 import sys
 from pathlib import Path
@@ -139,7 +139,8 @@ def test_a_frame_renders_as_the_program_does(tmp_path):
     with torch.no_grad():
         logits = load_network(ROOT / "models/liveview_v4.pt")(colour.flatten(1, 2))
     difference = (rendered(logits, colour, coverage, frame.distances) - found["frame"]).abs()
-    # A byte is a step of 0.004, which a small coverage divides; what no view sees the program fills from around it.
+    # A byte is a step of 0.004, which a small coverage divides; what no view sees the program fills
+    # from around it.
     height, width = difference.shape[-2:]
     seen = coverage.amin(0).amax(0)[:height, :width] > 0.5
     assert seen.float().mean() > 0.9
@@ -161,7 +162,8 @@ def test_a_mixture_lies_between_its_networks(tmp_path, monkeypatch):
 
 
 def test_view_weights_that_only_cost_are_fitted_away(tmp_path, monkeypatch):
-    """The network prefers the nearest view by a constant, where the truth is the views' mean by distance."""
+    """The network prefers the nearest view by a constant, where the truth is the views' mean by
+    distance."""
     torch.manual_seed(0)
     net = fold_batchnorm(UNet(4).eval())
     with torch.no_grad():

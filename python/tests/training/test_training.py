@@ -1,4 +1,5 @@
-"""Training: the shipped weights show the same picture with the statistics of a mixed batch as with those they ship."""
+"""Training: the shipped weights show the same picture with the statistics of a mixed batch as with
+those they ship."""
 
 import copy
 import json

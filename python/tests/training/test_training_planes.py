@@ -1,4 +1,5 @@
-"""Training on competing planes: warps, views that see the surface, and gradients through some of the layers only."""
+"""Training on competing planes: warps, views that see the surface, and gradients through some of
+the layers only."""
 
 import json
 import signal

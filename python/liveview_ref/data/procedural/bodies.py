@@ -88,7 +88,8 @@ def round_body(rng, world: World, textures: Textures, x, y, disparity, radius_pi
 
 
 def approach(rays: Tensor, start: Tensor, long: bool) -> tuple[Tensor, Tensor, Tensor]:
-    """Of rays [3, K] from `start`: a = |ray|^2, ray . start, and how far they pass by the centre (or the y axis)."""
+    """For rays [3, K] from `start`: a = |ray|^2, ray . start, and their distance from the centre
+    (or the y axis)."""
     if long:
         a = rays[0] ** 2 + rays[2] ** 2
         miss = (start[0] * rays[2] - start[2] * rays[0]).abs() / a.sqrt()
@@ -98,11 +99,12 @@ def approach(rays: Tensor, start: Tensor, long: bool) -> tuple[Tensor, Tensor, T
 
 
 def wavy(rng, world: World, textures: Textures, p: Pane, whole: bool) -> list[Fragments]:
-    """A pane with smooth waves added to its disparity in the target: found by fixed-point iteration. Painted by
-    projection from the target. Waves are low enough that it never hides itself and that the iteration converges."""
+    """A pane with smooth waves added to its disparity in the target, intersected by fixed-point
+    iteration and painted by projection from the target. The waves are low enough that it never
+    occludes itself and the iteration converges."""
     number, pixel = 2, 1 / (p.disparity * world.focal[0])
     wave = np.exp(rng.uniform(np.log(50), np.log(220), number))
-    # |gradient| * reach * focal < 0.35 in all
+    # in total |gradient| * reach * focal < 0.35
     height = 0.35 / number * wave / (2 * np.pi * max(world.reach, 1e-3) * world.focal[0])
     height = np.minimum(height, max(0.25 * min(1.2 - p.disparity, p.disparity - 0.7 * world.farthest), 0.0))
     angle, phase = rng.uniform(0, 2 * np.pi, (2, number))

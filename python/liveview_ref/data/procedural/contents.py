@@ -1,4 +1,4 @@
-"""What a procedural scene holds: a complete background, and things in front of it."""
+"""The contents of a procedural scene: a complete background, and things in front of it."""
 
 import numpy as np
 import torch
@@ -8,7 +8,7 @@ from .surfaces import Pane, cross, draw_panes, everything, grating_cut, look, pa
 from .textures import Textures
 from .world import Fragments, World
 
-KINDS = {  # of things, and how often each is drawn
+KINDS = {  # kinds of things, and their frequencies
     "shape": 0.32,
     "ball": 0.11,
     "cylinder": 0.08,
@@ -18,11 +18,12 @@ KINDS = {  # of things, and how often each is drawn
     "wavy": 0.1,
     "occluder": 0.07,
 }
-THIN = "wire", "grating", "leaves"  # of the kinds
+THIN = "wire", "grating", "leaves"  # kinds
 
 
 def draw_background(rng: np.random.Generator, world: World, textures: Textures) -> list[Fragments]:
-    """Complete: a plane (flat, tilted or wavy), in half of the scenes with a floor and walls that come nearer."""
+    """A background that covers all pixels: a plane (flat, tilted or wavy), in half of the scenes
+    with a floor and walls that come nearer."""
     h, w = world.size
     span = 1 - world.farthest
     room = rng.random() < 0.4
@@ -68,8 +69,8 @@ def draw_objects(
     number: tuple[int, int] = (2, 9),
     thin: float = 1.0,
 ) -> list[Fragments]:
-    """2 to 8 things (`number`: from, below), at disparities spread between the farthest and 1; the first near 1. Thin
-    kinds `thin` times as often."""
+    """Things (`number`: least, and one more than most), at disparities between the farthest and 1;
+    the first near 1. Thin kinds are `thin` times as frequent."""
     h, w = world.size
     chances = np.array([share * (thin if kind in THIN else 1) for kind, share in KINDS.items()])
     chances = chances / chances.sum()
@@ -113,7 +114,8 @@ def draw_objects(
 
 
 def leaves(rng: np.random.Generator, world: World, textures: Textures, x, y, disparity) -> list[Fragments]:
-    """Foliage about (x, y) over a range of depths: many small leaves of one texture, or a few sheets full of holes."""
+    """Foliage about (x, y) over a range of depths: many small leaves of one texture, or a few
+    sheets with many holes."""
     crop = max(world.size)
     depth_range = rng.uniform(0.05, 0.5) * (disparity - world.farthest)
     sheets = rng.random() < 0.3

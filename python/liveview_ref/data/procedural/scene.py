@@ -1,9 +1,11 @@
-"""Procedural training scenes: a handful of textured surfaces at all depths, seen by a target camera and V views.
+"""Procedural training scenes: a handful of textured surfaces at all depths, seen by a target camera
+and V views.
 
-Everything lives in the target camera's frame until the end, where nearest depth is 1; then a random rigid motion and a
-random unit of length are applied. Every surface is intersected analytically with the rays of all cameras at once, which
-gives fragments (pixels, colour, alpha, disparity); these are composited far to near, with a depth test. Camera 0 is the
-target. Pixels of all cameras lie in one flat list.
+Everything is computed in the target camera's frame, in which the nearest depth is 1; at the end a
+random rigid motion and a random unit of length are applied. Every surface is intersected
+analytically with the rays of all cameras at once, which gives fragments (pixels, colour, alpha,
+disparity); these are composited far to near, with a depth test. Camera 0 is the target. The pixels
+of all cameras form one flat list.
 """
 
 from dataclasses import dataclass
@@ -17,15 +19,15 @@ from .contents import draw_background, draw_objects
 from .textures import Textures
 from .world import Fragments, World
 
-LARGEST = 224  # pixels, of a view
+LARGEST_VIEW = 224  # pixels
 
 
 @dataclass
 class ProceduralScene:
-    """One multi-view example: views V of [3, Hs, Ws] and target [3, H, W], float32 RGB in [0, 1]; k [3, 3], r [3, 3]
-    (cam_from_world) and t [3] float64, of the views stacked along V; disparity [H, W] = 1/z at pixel centres of the
-    surface with the largest compositing weight, view_disparities that of each view in its own camera; [near, far]
-    contains all depths seen in the target."""
+    """One multi-view example: views V of [3, Hs, Ws] and target [3, H, W], float32 RGB in [0, 1]; k
+    [3, 3], r [3, 3] (cam_from_world) and t [3] float64, of the views stacked along V; disparity [H,
+    W] = 1/z at pixel centres of the surface with the largest compositing weight, view_disparities
+    the same for each view in its own camera; [near, far] contains all depths visible in the target."""
 
     views: list[Tensor]
     view_k: Tensor
@@ -43,9 +45,10 @@ class ProceduralScene:
 
 @dataclass(frozen=True)
 class Recipe:
-    """What is drawn how often: the parallax of the farthest view between the nearest and the farthest depth, log-
-    uniform between two numbers of pixels (None: mostly 10 to 50); chances of no, slight and strong differences of
-    exposure; things in front of the background, from and below; thin structures, times as often."""
+    """Distributions: the parallax of the farthest view between the nearest and the farthest depth,
+    log-uniform between two numbers of pixels (None: mostly 10 to 50); probabilities of no, slight
+    and strong differences of exposure; number of things in front of the background (least, and one
+    more than most); factor of the frequency of thin structures."""
 
     parallax: tuple[float, float] | None = None
     exposure: tuple[float, float, float] = (0.2, 0.75, 0.05)
@@ -62,7 +65,7 @@ def random_scene(
     views = imperfections(rng, images[1:], recipe)
     disparity = disparities[0]
     low, high = float(disparity.min()), float(disparity.max())
-    if rng.random() < 0.5:  # the bounds of a whole photo reach further than those of a crop
+    if rng.random() < 0.5:  # the bounds of a whole photo are wider than those of a crop
         low, high = min(low, world.farthest), max(high, 1.0)
     unit = float(np.exp(rng.uniform(-2, 2)))
     turn, shift = rotation(rng.normal(0, 1, 3)), rng.normal(0, 3, 3)  # target_from_world
@@ -78,7 +81,8 @@ def random_scene(
 def render(
     rng: np.random.Generator, world: World, textures: Textures, recipe: Recipe = Recipe()
 ) -> tuple[list[Tensor], list[Tensor]]:
-    """Fill the world and look at it: images [3, H, W] and disparities [H, W] of all cameras, the target first."""
+    """Fill the world and render it: images [3, H, W] and disparities [H, W] of all cameras, the
+    target first."""
     fragments = draw_background(rng, world, textures)
     fragments += draw_objects(rng, world, textures, recipe.things, recipe.thin)
     colour, disparity = composite(world, fragments)
@@ -91,7 +95,8 @@ def render(
 
 
 def make_world(rng: np.random.Generator, n_views: int, size: tuple[int, int], recipe: Recipe = Recipe()) -> World:
-    """Cameras: the target a crop of a photo's frustum, the views around it, large enough for what the target sees."""
+    """Cameras: the target is a crop of a photo's frustum; the views around it are large enough to
+    cover what the target sees."""
     height, width = size
     photo = rng.uniform(350, 600)
     focal = photo / 2 / np.tan(np.radians(rng.uniform(50, 75)) / 2)
@@ -111,7 +116,7 @@ def make_world(rng: np.random.Generator, n_views: int, size: tuple[int, int], re
 
     most = np.radians(rng.choice([0, 1, rng.uniform(1, 8)], p=[0.25, 0.15, 0.6]))
     zoom = rng.normal(0, 0.04, n_views) if rng.random() < 0.3 else np.zeros(n_views)
-    cut = rng.random() < 0.15  # borders of views show inside the target
+    cut = rng.random() < 0.15  # borders of views are visible inside the target
     sizes, rs, ts, ks = [size], [np.eye(3)], [np.zeros(3)], [k[0]]
     corners = np.array([[x, y, 1] for x in (0, width) for y in (0, height)]).T
     for v in range(n_views):
@@ -125,11 +130,11 @@ def make_world(rng: np.random.Generator, n_views: int, size: tuple[int, int], re
             seen.append(points[:2])
         low = np.concatenate(seen, 1).min(1) - 3
         high = np.concatenate(seen, 1).max(1) + 3
-        middle, extent = (low + high) / 2, np.minimum(high - low, LARGEST)
+        middle, extent = (low + high) / 2, np.minimum(high - low, LARGEST_VIEW)
         if cut and rng.random() < 0.7:
             middle = middle + rng.uniform(-0.3, 0.3, 2) * extent
             extent = extent * rng.uniform(0.55, 1, 2)
-        w, h = (int(e) for e in np.clip(np.ceil(extent), 48, LARGEST))
+        w, h = (int(e) for e in np.clip(np.ceil(extent), 48, LARGEST_VIEW))
         k_view[:2, 2] = np.array([w, h]) / 2 - middle
         sizes.append((h, w))
         ks.append(k_view), rs.append(r), ts.append(-r @ centres[v])
@@ -151,7 +156,7 @@ def rig(rng: np.random.Generator, count: int) -> np.ndarray:
         side = int(np.ceil(count**0.5))
         points[:, :2] = np.stack([i % side, i // side], 1) * [1, rng.uniform(0.5, 1.2)]
         points[:, :2] += rng.normal(0, rng.choice([0, 0.12]), (count, 2))
-    elif kind == 3:  # stereo: two stations, each with its cameras close by
+    elif kind == 3:  # stereo: two groups of close cameras
         points[:, 0] = i % 2
         points += rng.normal(0, 0.1, (count, 3)) * (i >= 2)[:, None]
     elif kind == 4:  # spiral
@@ -188,7 +193,8 @@ def rotation(vector: np.ndarray) -> np.ndarray:
 
 
 def composite(world: World, fragments: list[Fragments]) -> tuple[Tensor, Tensor]:
-    """Far to near: colour [3, N] and the disparity [N] (1/z) of the surface with the largest weight."""
+    """Composite far to near: colour [3, N] and the disparity [N] (1/z) of the surface with the
+    largest weight."""
     n = world.base[-1]
     colour, disparity, weight = torch.zeros(3, n), torch.zeros(n), torch.zeros(n)
     for f in sorted(fragments, key=lambda f: f.order):
@@ -208,7 +214,8 @@ def composite(world: World, fragments: list[Fragments]) -> tuple[Tensor, Tensor]
 
 
 def imperfections(rng: np.random.Generator, views: list[Tensor], recipe: Recipe = Recipe()) -> list[Tensor]:
-    """What real cameras add: exposure and white balance, blur, noise, compression. Views [3, H, W]."""
+    """Add the effects of real cameras: exposure and white balance, blur, noise, compression. Views
+    [3, H, W]."""
     exposure = rng.choice([0, 0.02, 0.15], p=recipe.exposure)
     noisy = rng.uniform(0.003, 0.015) if rng.random() < 0.3 else 0
     blurred, blocky = rng.random() < 0.1, rng.random() < 0.1
@@ -229,7 +236,7 @@ def imperfections(rng: np.random.Generator, views: list[Tensor], recipe: Recipe 
 
 
 def jpeg_like(view: Tensor, step: float) -> Tensor:
-    """8x8 cosine blocks with coefficients rounded, high frequencies more coarsely. [3, H, W]"""
+    """Round the coefficients of 8x8 cosine blocks, high frequencies more coarsely. [3, H, W]"""
     height, width = view.shape[1:]
     padded = F.pad(view[None], (0, -width % 8, 0, -height % 8), mode="replicate")[0]
     i = torch.arange(8)

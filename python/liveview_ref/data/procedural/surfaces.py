@@ -1,4 +1,5 @@
-"""Flat surfaces of procedural scenes, intersected with the rays of all cameras at once; how surfaces are painted."""
+"""Flat surfaces of procedural scenes, intersected with the rays of all cameras at once; painting of
+surfaces."""
 
 from dataclasses import dataclass
 
@@ -12,7 +13,8 @@ from .world import Fragments, World
 
 @dataclass
 class Pane:
-    """A bounded or unbounded piece of plane normal . X = 1 with axes a, b from its centre; cell: shape (-1: none)."""
+    """A bounded or unbounded piece of plane normal . X = 1 with axes a, b from its centre; cell:
+    shape (-1: none)."""
 
     centre: np.ndarray
     normal: np.ndarray
@@ -24,7 +26,8 @@ class Pane:
 
 
 def pane(rng: np.random.Generator, world: World, x, y, disparity, tilt, half_pixels, bounded=True) -> Pane:
-    """A plane through target pixel (x, y) at a disparity, tilted (less, where it would leave the world's depths)."""
+    """A plane through target pixel (x, y) at a disparity, tilted (less if it would leave the
+    world's depths)."""
     centre = world.point(x, y, disparity)
     facing = centre / np.linalg.norm(centre)
     focal, largest = world.focal[0], max(half_pixels)
@@ -44,11 +47,11 @@ def pane(rng: np.random.Generator, world: World, x, y, disparity, tilt, half_pix
 
 @dataclass
 class Look:
-    """How a surface is painted: texture atlas, its texels per target pixel, where it begins, tints, gloss."""
+    """The look of a surface: texture atlas, texels per target pixel, origin, tints, gloss."""
 
     atlas: Tensor
     density: float
-    shift: np.ndarray  # [M, 2] texels: where the centre lies
+    shift: np.ndarray  # [M, 2] texels: position of the centre
     tint: np.ndarray  # [M, 3]
     gloss: tuple[float, float, np.ndarray] | None = None  # strength, exponent, direction of the mirrored light
 
@@ -69,7 +72,8 @@ def look(rng, world: World, textures: Textures, extent: float, count: int = 1, c
 
 
 def paint(world: World, style: Look, u: Tensor, v: Tensor, footprint: Tensor, texel: float, tint: Tensor) -> Tensor:
-    """Colour [3, K] at texture coordinates u, v (texels), from the footprint (scene units); tint [3, K] or [3, 1]."""
+    """Colour [3, K] at texture coordinates u, v (texels), from the footprint (scene units); tint
+    [3, K] or [3, 1]."""
     return lookup(style.atlas, u, v, torch.log2(footprint * (1 / texel))) * tint
 
 
@@ -85,8 +89,9 @@ def shine(style: Look, colour: Tensor, rays: Tensor, normal: Tensor, along: Tens
 
 
 def draw_panes(world: World, panes: list[Pane], style: Look, cut, whole=False) -> list[Fragments]:
-    """Intersect, cut out and paint panes that share a texture. cut(x, y, pixel, rows) -> alpha [K] from coordinates in
-    scene units along a and b and the size of a pixel there; rows: the pane of each. `whole`: drawn in every pixel."""
+    """Intersect, cut out and paint panes that share a texture. cut(x, y, pixel, rows) -> alpha [K]
+    from coordinates in scene units along a and b and the size of a pixel there; rows: the pane of
+    each. `whole`: it covers every pixel."""
     cameras, count = len(world.sizes), len(panes)
     centre, normal, a, b = (np.stack([getattr(p, name) for p in panes]) for name in ("centre", "normal", "a", "b"))
     boxes = None
@@ -97,7 +102,8 @@ def draw_panes(world: World, panes: list[Pane], style: Look, cut, whole=False) -
     pixels, rows, counts = world.pixels(boxes)
     if len(rows) == 0:
         return []
-    # Per pane and camera: normal . ray, a . ray, b . ray are affine in the pixel; the rest is constant.
+    # Per pane and camera: normal . ray, a . ray, b . ray are affine in the pixel; the rest is
+    # constant.
     affine = np.einsum("mvi,cij->mcvj", np.stack([normal, a, b], 1), world.rays_of).reshape(count * cameras, 9)
     offset = world.origins[None] - centre[:, None]
     constants = [np.einsum("mci,mi->mc", offset, axis) for axis in (a, b)]
@@ -117,7 +123,7 @@ def draw_panes(world: World, panes: list[Pane], style: Look, cut, whole=False) -
     slant = (table[12] * table[13] / n_ray.clamp(min=1e-6)).clamp(1, 6)  # about 1 / cos of the incidence
     pane_of = torch.div(rows, cameras, rounding_mode="floor") if count > 1 else None
     alpha = cut(u, v, pixel * slant**0.5, pane_of) * hit
-    if not whole:  # much of a box is empty
+    if not whole:  # most of the box is empty
         kept = (alpha > 0).nonzero()[:, 0]
         if len(kept) == 0:
             return []
@@ -159,7 +165,8 @@ def draw_panes(world: World, panes: list[Pane], style: Look, cut, whole=False) -
 
 
 def shape_cut(textures: Textures, panes: list[Pane], cells: np.ndarray):
-    """Alpha from the shapes of `cells` [M], one per pane, stretched over it; edges as soft as a pixel is large."""
+    """Alpha from the shapes of `cells` [M], one per pane, stretched over it; edges are one pixel
+    soft."""
     half = torch.tensor([p.half for p in panes], dtype=torch.float32).T
     cells = torch.from_numpy(cells.astype(np.float32))
 
@@ -172,12 +179,13 @@ def shape_cut(textures: Textures, panes: list[Pane], cells: np.ndarray):
 
 
 def slab(x: Tensor, half, pixel: Tensor) -> Tensor:
-    """Share of a pixel about x that |x| < half covers: exact for a box filter, also when thinner than a pixel."""
+    """Share of a pixel about x covered by |x| < half: exact for a box filter, also if thinner than
+    a pixel."""
     return ((half - x) / pixel + 0.5).clamp(0, 1) - ((-half - x) / pixel + 0.5).clamp(0, 1)
 
 
 def bars(x: Tensor, period: float, width: float, pixel: Tensor) -> Tensor:
-    """Share of a pixel about x covered by endless bars: exact for a box filter at any scale."""
+    """Share of a pixel about x covered by infinite bars: exact for a box filter at any scale."""
 
     def integral(at):
         turns = (at / period).floor()
@@ -218,5 +226,5 @@ def cross(a, b) -> np.ndarray:
 
 
 def everything(u, v, pixel, rows):
-    """A cut that leaves the whole pane."""
+    """A cut that keeps the whole pane."""
     return torch.ones_like(u)

@@ -1,4 +1,5 @@
-"""What procedural scenes are painted with: texture patches (photos or generated), cut-out shapes as distance fields."""
+"""Textures of procedural scenes: patches of photos or generated ones, and cut-out shapes as
+distance fields."""
 
 from pathlib import Path
 
@@ -14,7 +15,8 @@ LEVELS = 4
 
 
 class Textures:
-    """Photos under `folder` (mip-mapped) mixed with generated textures, and the library of shapes. Immutable."""
+    """Photos under `folder` (mip-mapped) mixed with generated textures, and the library of shapes.
+    Immutable."""
 
     def __init__(self, folder: Path | None = None):
         self.photos: list[list[Tensor]] = []  # per photo: levels 1, 1/2, 1/4 as uint8 [3, H, W]
@@ -27,7 +29,8 @@ class Textures:
         self.shapes, self.leaves, self.thickets = shape_atlas()
 
     def patch(self, rng: np.random.Generator, size: int) -> Tensor:
-        """A texture [3, size, size] in [0, 1] with about one texel per pixel of detail; sometimes smoother."""
+        """A texture [3, size, size] in [0, 1] with about one texel per pixel of detail; sometimes
+        smoother."""
         smooth = int(rng.choice([1, 2, 4], p=[0.84, 0.11, 0.05]))
         texels = max(8, size // smooth)
         patch = self._photo(rng, texels) if self.photos and rng.random() < 0.65 else _generated(rng, texels)
@@ -52,7 +55,7 @@ class Textures:
             patch = patch.flip(2)
         if rng.random() < 0.3:
             patch = patch.transpose(1, 2)
-        if rng.random() < 0.15:  # another colouring of the same detail
+        if rng.random() < 0.15:  # the same detail in other colours
             patch = patch[torch.from_numpy(rng.permutation(3))]
         patch = torch.lerp(patch.mean(0, keepdim=True), patch, float(rng.uniform(0.2, 1.1)))
         gain = torch.from_numpy(np.exp(rng.normal(0, 0.15, (3, 1, 1))).astype(np.float32))
@@ -75,7 +78,8 @@ def mip_atlas(patch: Tensor) -> Tensor:
 
 
 def lookup(atlas: Tensor, u: Tensor, v: Tensor, level: Tensor | None) -> Tensor:
-    """Trilinear lookup at texel coordinates u, v [K] (mirrored at the borders) and mip level [K] -> [3, K]."""
+    """Trilinear lookup at texel coordinates u, v [K] (mirrored at the borders) and mip level [K] ->
+    [3, K]."""
     size = atlas.shape[2]
     u = size - (torch.remainder(u, 2 * size) - size).abs()
     v = size - (torch.remainder(v, 2 * size) - size).abs()
@@ -99,7 +103,8 @@ def _at_level(atlas: Tensor, x: Tensor, y: Tensor) -> Tensor:
 
 
 def shape_distance(shapes: Tensor, x: Tensor, y: Tensor, cell: Tensor) -> Tensor:
-    """Signed distance (inside > 0, in units of the shape's coordinates) at x, y [K] in [-1, 1] of shapes `cell` [K]."""
+    """Signed distance (inside > 0, in units of the shape's coordinates) at x, y [K] in [-1, 1] of
+    shapes `cell` [K]."""
     half, edge = CELL / 2, 1 - 1 / CELL
     rows, columns = shapes.shape[2:]
     row = torch.div(cell, COLUMNS, rounding_mode="floor")
@@ -111,7 +116,8 @@ def shape_distance(shapes: Tensor, x: Tensor, y: Tensor, cell: Tensor) -> Tensor
 
 
 def noise(rng: np.random.Generator, size: int, cells: int, stretch: int = 1) -> Tensor:
-    """Octaves of smooth noise, from `cells` across to one value per two texels: [size, size], about unit spread."""
+    """Octaves of smooth noise, from `cells` across to one value per two texels: [size, size], about
+    unit spread."""
     field, amplitude, power = torch.zeros(1, 1, 1, 1), 1.0, 0.0
     fade = float(rng.uniform(0.45, 0.85))
     while cells <= max(size // 2, 4):  # each octave is smoothed by all later enlargements
@@ -126,9 +132,10 @@ def noise(rng: np.random.Generator, size: int, cells: int, stretch: int = 1) -> 
 
 
 def _generated(rng: np.random.Generator, size: int) -> Tensor:
-    """One of: noise, stripes, checkers, text-like marks, a gradient, nearly flat colour. [3, size, size]"""
+    """One of: noise, stripes, checkers, text-like marks, a gradient, nearly flat colour. [3, size,
+    size]"""
     colours = torch.from_numpy(rng.beta(0.9, 0.9, (3, 3)).astype(np.float32))[:, :, None, None]
-    colours = torch.lerp(colours.mean(1, keepdim=True), colours, float(rng.uniform(0, 0.8) ** 1.3))  # seldom gaudy
+    colours = torch.lerp(colours.mean(1, keepdim=True), colours, float(rng.uniform(0, 0.8) ** 1.3))  # rarely saturated
     grain = float(rng.choice([0, 0.02, 0.06])) * torch.from_numpy(
         rng.standard_normal((1, size, size), dtype=np.float32)
     )
@@ -157,7 +164,7 @@ def _generated(rng: np.random.Generator, size: int) -> Tensor:
 
 
 def _marks(rng: np.random.Generator, size: int) -> Tensor:
-    """Lines of writing: [size, size], 0 paper, 1 ink."""
+    """Lines of text-like marks: [size, size], 0 paper, 1 ink."""
     stroke = int(rng.integers(1, 4))
     n = size // stroke + 1
     ink = rng.random((n, n)) < rng.uniform(0.4, 0.7)
@@ -171,8 +178,8 @@ def _marks(rng: np.random.Generator, size: int) -> Tensor:
 
 
 def shape_atlas() -> tuple[Tensor, range, range]:
-    """Distance fields of 96 fixed shapes, [1, 1, 8 CELL, 12 CELL], which are leaves, and
-    which full of holes. Cell 0 is a rectangle."""
+    """Distance fields of 96 fixed shapes, [1, 1, 8 CELL, 12 CELL], the indices of leaves, and those
+    of shapes with holes. Cell 0 is a rectangle."""
     rng, n = np.random.default_rng(20210), 2 * CELL
     y, x = np.meshgrid(*[(np.arange(n) + 0.5) / CELL - 1] * 2, indexing="ij")
     radius, angle = np.hypot(x, y), np.arctan2(y, x)
@@ -182,7 +189,7 @@ def shape_atlas() -> tuple[Tensor, range, range]:
         radius < 0.9,
         abs(x) + abs(y) < 0.9,
     ]
-    for _ in range(12):  # leaves: two arcs, the widest place off the middle, a slight bend, a saw edge
+    for _ in range(12):  # leaves: two arcs, widest off the centre, slightly bent, with a serrated edge
         skew, wide, bend, saw = (
             rng.uniform(0.35, 0.65),
             rng.uniform(0.35, 0.75),
@@ -226,7 +233,8 @@ def shape_atlas() -> tuple[Tensor, range, range]:
 
 
 def _distance(mask: Tensor) -> Tensor:
-    """Distance in texels to the nearest true texel of each [N, n, n] mask, columns first, then rows."""
+    """Distance in texels to the nearest true texel of each [N, n, n] mask, columns first, then
+    rows."""
     n = mask.shape[-1]
     gap = (torch.arange(n)[:, None] - torch.arange(n)).float() ** 2
     squared = torch.where(mask, 0.0, 4.0 * n * n)

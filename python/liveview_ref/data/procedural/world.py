@@ -1,4 +1,5 @@
-"""The cameras of a procedural scene with the rays of all their pixels, and the fragments that surfaces leave there."""
+"""The cameras of a procedural scene with the rays of all their pixels, and the fragments of
+surfaces in them."""
 
 from dataclasses import dataclass, field
 
@@ -9,8 +10,9 @@ from torch import Tensor
 
 @dataclass
 class World:
-    """Cameras 0 (target) to V in the target's frame: k, r [C, 3, 3], t [C, 3]; sizes (H, W). Disparities of surfaces as
-    seen from the target run from `farthest` to 1; `reach` is the distance of the farthest camera."""
+    """Cameras 0 (target) to V in the target's frame: k, r [C, 3, 3], t [C, 3]; sizes (H, W).
+    Disparities of surfaces in the target are between `farthest` and 1; `reach` is the
+    distance of the farthest camera."""
 
     k: np.ndarray
     r: np.ndarray
@@ -36,7 +38,7 @@ class World:
 
     @property
     def rays(self) -> Tensor:
-        """[3, N] in the target's frame, of depth 1 in the camera's own."""
+        """Rays [3, N] in the target's frame, with depth 1 in their own camera."""
         if self._rays is None:
             parts, m = [], torch.from_numpy(self.rays_of).float()
             for c in range(len(self.sizes)):
@@ -50,7 +52,8 @@ class World:
         return self.rays_of[0] @ [x, y, 1] / disparity
 
     def boxes(self, points: np.ndarray) -> np.ndarray:
-        """Pixel boxes [M, C, 4] (x0, y0, x1, y1) that hold the hulls of points [M, P, 3] in every camera."""
+        """Pixel boxes [M, C, 4] (x0, y0, x1, y1) around the hulls of points [M, P, 3] in every
+        camera."""
         seen = np.einsum("cij,mpj->mcpi", self.r, points) + self.t[:, None]
         seen = np.einsum("cij,mcpj->mcpi", self.k, seen / np.maximum(seen[..., 2:], 0.05))[..., :2]
         limit = np.array([[w, h] for h, w in self.sizes])
@@ -59,7 +62,8 @@ class World:
         return np.concatenate([low, np.maximum(high, low)], -1).astype(np.int64)
 
     def pixels(self, boxes: np.ndarray | None) -> tuple[Tensor | None, Tensor, np.ndarray]:
-        """Flat pixel numbers [K] of boxes [M, C, 4] in turn, the row m C + c [K] of each, and how many each m has."""
+        """Flat pixel numbers [K] of boxes [M, C, 4] one after the other, the row m C + c [K] of
+        each, and the number of pixels of each m."""
         if boxes is None:
             return None, self.camera, np.array([self.base[-1]])
         x0, y0, x1, y1 = boxes.reshape(-1, 4).T
@@ -76,8 +80,9 @@ class World:
 
 @dataclass
 class Fragments:
-    """Part of a surface in all cameras: pixels [K] (None: all), colour [3, K], alpha and disparity [K] (1/z in the
-    camera's own frame), its place in the order, and the change of disparity over which it cuts another."""
+    """Part of a surface in all cameras: pixels [K] (None: all), colour [3, K], alpha and disparity
+    [K] (1/z in the camera's own frame), its position in the order, and the range of disparity over
+    which it intersects another softly."""
 
     order: float
     pixels: Tensor | None
