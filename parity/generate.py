@@ -1,4 +1,6 @@
-"""Goldens for tests/parity: python parity/generate.py FOLDER
+"""Goldens for tests/parity.
+
+    python parity/generate.py FOLDER
 
 Seeded cases, one npz each: inputs, the float64 oracle of every stage (`oracle.NAME`), and the
 largest and mean error of float32 torch (`torch.NAME`). A stage's inputs are the float32 roundings
@@ -58,8 +60,8 @@ ALPHA_SPACINGS = {"spaced_v4": 2.0, "spaced_uneven": 3.0, "spaced_one": 3.0, "sp
 
 
 def fill(data: Arrays, layers, net: UNet, model: Path) -> None:
-    """Add the oracle of each stage, from float32 roundings of the previous one, then torch's
-    errors."""
+    """Add the oracle of each stage, from float32 roundings of the previous one,
+    then torch's errors."""
     guided = isinstance(layers, int)
     if guided:
         data["coarse_disparities"] = search_planes(*cameras_of(data), NEAR, FAR).numpy()

@@ -1,5 +1,5 @@
-"""LiveView in PyTorch: the reference of the Rust crate, and the training and evaluation of its
-networks.
+"""LiveView in PyTorch: the reference of the Rust crate, and the training and evaluation
+of its networks.
 
 - `reference`: one module per stage, named as in the Rust crate, in float32 and float64
 - `data`: posed photos, procedural scenes, training examples
@@ -9,8 +9,8 @@ networks.
 - `competitors`: other implementations of the pipeline, timed by `liveview sweep --reference`
 - `paper`: the comparison with the paper's methods
 
-Conventions, everywhere: OpenCV camera axes (x right, y down, z forward); `cam_from_world`: X_c = R
-X_w + t; K in pixels; the centre of the pixel in column i, row j is (i + 0.5, j + 0.5); disparity is
-1/z, in 1 / scene unit; layers run from near to far; images are [3, H, W] RGB in [0, 1] (sRGB
-values).
+Conventions, everywhere: OpenCV camera axes (x right, y down, z forward); `cam_from_world`: X_c =
+R X_w + t; K in pixels; the centre of the pixel in column i, row j is (i + 0.5, j + 0.5);
+disparity is 1/z, in 1 / scene unit; layers run from near to far; images are [3, H, W] RGB in
+[0, 1] (sRGB values).
 """

@@ -1,11 +1,13 @@
-"""Export a checkpoint to ONNX: python -m liveview_ref.export CHECKPOINT MODEL.onnx --licence TEXT
+"""Export a checkpoint to ONNX.
 
-One file, opset 20, dynamic n, h and w, BatchNorm folded, with metadata for the Rust crate: views,
-stride, recommended_layers, training, trained_layers, licence; layer_kinds if it is for some kinds
-of layers only; alpha and alpha_scale if it was trained on competing layers; alpha_spacing if its
-opacity is per pixel of parallax. The result is checked: torch = onnxruntime at batch sizes and
-image sizes other than those of the export. The record of the training goes to training.json beside
-it.
+    python -m liveview_ref.export CHECKPOINT MODEL.onnx --licence TEXT
+
+One file, opset 20, dynamic n, h and w, BatchNorm folded, with metadata for the Rust crate:
+views, stride, recommended_layers, training, trained_layers, licence; layer_kinds if it is for
+some kinds of layers only; alpha and alpha_scale if it was trained on competing layers;
+alpha_spacing if its opacity is per pixel of parallax. The result is checked: torch = onnxruntime
+at batch sizes and image sizes other than those of the export. The record of the training goes to
+training.json beside it.
 """
 
 import argparse
@@ -66,8 +68,8 @@ def export_traced(module: nn.Module, inputs: tuple[Tensor, ...], to: Path | Bina
 
 
 def check(net: UNet, path: Path) -> float:
-    """Largest difference of onnxruntime from torch over CHECKED_SHAPES, relative to the largest
-    logit."""
+    """Largest difference of onnxruntime from torch over CHECKED_SHAPES, relative to
+    the largest logit."""
     network = session(path)
     worst = 0.0
     generator = torch.Generator().manual_seed(0)

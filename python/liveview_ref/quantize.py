@@ -1,5 +1,6 @@
-"""Quantise an exported model to int8: python -m liveview_ref.quantize MODEL.onnx OUT.onnx CONFIG
---data DATA
+"""Quantise an exported model to int8.
+
+    python -m liveview_ref.quantize MODEL.onnx OUT.onnx CONFIG --data DATA
 
 Static, by onnxruntime: activations uint8, weights int8 per channel. Calibrated on examples of
 CONFIG's training (crops of its real scenes and procedural scenes, on guided layers and planes).

@@ -1,4 +1,4 @@
-"""What tests share."""
+"""Shared fixtures."""
 
 import os
 
@@ -8,8 +8,8 @@ import torch
 from liveview_ref.paper.methods.liveview import liveview
 from liveview_ref.paper.methods.method import Method
 
-# Some virtual machines announce AMX and end a program that uses it, as bfloat16 convolutions do:
-# AVX-512 at most. Read when the first of them is made, here and in the programs that tests start.
+# Some virtual machines announce AMX but kill a program that uses it (as bfloat16 convolutions do).
+# Limits oneDNN to AVX-512, in this process and in programs that tests start.
 os.environ.setdefault("ONEDNN_MAX_CPU_ISA", "AVX10_1_512")
 
 

@@ -1,2 +1,2 @@
-"""What makes the example scenes, the tables of the model cards, the numbers of README.md and the
-report on video."""
+"""Tools that make the example scenes, the tables of the model cards, the figures of README.md and
+docs/, and the report on video."""

@@ -1,10 +1,10 @@
-"""Measure the layer policies of `liveview video` on a rig's clip: tables and figures for
-models/report/live.
+"""Measure the layer policies of `liveview video` on a rig's clip: tables and
+figures for models/report/live.
 
-Each policy renders the held-out camera of the clip, in a process of its own, several times in turns
-(planes:64, which take the longest and the same for every frame, once); scores are those of the
-first time, times the median over all. The paper's policy is started anew at the cut once more.
-Memory is measured over one long, small video: the clip repeated.
+Each policy renders the held-out camera of the clip, in a separate process, several times in
+interleaved runs (planes:64, the slowest and equally slow for every frame, once). Scores are those
+of the first run, times the median over all. The paper's policy is also run from the cut on. Memory
+is measured over one long, small video: the clip repeated.
 
 Usage, in python/:
     python -m tools.live_report [--rig DIR] [--camera NAME] [--cut FRAME] [--layers SPEC ...]
@@ -24,19 +24,19 @@ from liveview_ref.evaluation.chart import Panel, chart
 from liveview_ref.reference.layers import spec as layer_spec
 
 ROOT = Path(__file__).resolve().parents[2]
-DENSE = "planes:64"  # what the others are compared with
-PAPER = "select:16/64"  # its default policy is the paper's: once
+DENSE = "planes:64"  # the baseline of the comparison
+PAPER = "select:16/64"  # its default policy is the paper's
 
 
 def policies(specs: list[str]) -> dict[str, list[str]]:
-    """What is compared, DENSE first: name -> options of `liveview video`."""
+    """The policies to compare, DENSE first: name -> options of `liveview video`."""
     pairs = itertools.product(specs, ("each", "every:4", "propagate"))
     searched = {f"{layers} {policy}": ["--layers", layers, "--policy", policy] for layers, policy in pairs}
     return {DENSE: ["--layers", DENSE], PAPER: ["--layers", PAPER], **searched}
 
 
 def video(args, rig: Path, folder: Path, *options: str) -> tuple[dict, list[dict]]:
-    """One run: its report, and a line per frame."""
+    """One run: its report, and the log with a line per frame."""
     log = folder / "log.jsonl"
     command = [args.liveview, "video", str(rig), "--camera", args.camera, "--json"]
     command += ["-o", str(folder / "frames"), "--log", str(log), *args.options, *options]
@@ -45,15 +45,15 @@ def video(args, rig: Path, folder: Path, *options: str) -> tuple[dict, list[dict
 
 
 def milliseconds(line: dict) -> float:
-    """Of a frame, all stages together."""
+    """Milliseconds of a frame, all stages together."""
     return 1e3 * sum(line["seconds"].values())
 
 
 def rows(runs: dict[str, list[list[dict]]], reports: dict[str, dict], cut: int | None) -> list[str]:
-    """A row per policy. The times leave out the first frame, for which all but DENSE take
+    """A row per policy. Times leave out the first frame, which takes all policies but DENSE
     longer."""
     head = ["layers, policy", "PSNR dB", "SSIM", f"worst frame's SSIM against {DENSE}", "flicker, of 255"]
-    head += ["ms per frame", "of these for layers", f"time, {DENSE} = 1", "frames by how their layers came"]
+    head += ["ms per frame", "of these for layers", f"time, {DENSE} = 1", "source of layers, frames"]
     if cut is not None:
         head[5:5] = ["PSNR at the cut", "PSNR from the cut on"]
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
@@ -94,11 +94,11 @@ def main() -> None:
     parser.add_argument("--cut", type=int, help="the first frame after the hard cut")
     parser.add_argument("--layers", type=layer_spec.argument, nargs="+", default=["guided:2", "surface:1"])
     parser.add_argument("--repetitions", type=int, default=3)
-    parser.add_argument("--memory-frames", type=int, default=1000, help="frames of the long video; 0: none")
-    parser.add_argument("--memory-width", type=int, default=252, help="of its frames")
+    parser.add_argument("--memory-frames", type=int, default=1000, help="frames of the long video; 0: no video")
+    parser.add_argument("--memory-width", type=int, default=252, help="width of its frames")
     parser.add_argument("--out", type=Path, default=ROOT / "models/report/live")
     parser.add_argument("--liveview", default=str(ROOT / "target/release/liveview"))
-    parser.add_argument("options", nargs="*", help="for liveview video, after --")
+    parser.add_argument("options", nargs="*", help="options of liveview video, after --")
     args = parser.parse_args()
     args.rig, args.out = args.rig.resolve(), args.out.resolve()
     args.out.mkdir(parents=True, exist_ok=True)
@@ -123,11 +123,11 @@ def main() -> None:
     text += rows(runs, reports, args.cut)
     if args.cut is not None:
         with tempfile.TemporaryDirectory() as folder:
-            _, anew = video(args, args.rig, Path(folder), *options_of[PAPER], "--frames", f"{args.cut}..")
+            _, restarted = video(args, args.rig, Path(folder), *options_of[PAPER], "--frames", f"{args.cut}..")
         kept = runs[PAPER][0][args.cut + 1 :]
         text += [
             "",
-            f"{PAPER} started anew at the cut: {mean(line['psnr'] for line in anew[1:]):.2f} dB from its second frame "
+            f"{PAPER} started at the cut: {mean(line['psnr'] for line in restarted[1:]):.2f} dB from its second frame "
             f"on; the planes of the first frame give {mean(line['psnr'] for line in kept):.2f} there.",
         ]
     if args.memory_frames:

@@ -1,10 +1,10 @@
-"""Makes tests/scenes/workshop, the example scene: the still life of its scene.py, path-traced with
-Mitsuba 3.
+"""Make tests/scenes/workshop, the example scene: the still life of its scene.py, path-traced
+with Mitsuba 3.
 
 Usage, in python/:
-    python -m tools.make_example_scene [--spp N]           render everything (needs mitsuba, numpy, pillow)
+    python -m tools.make_example_scene [--spp N]           render everything (needs mitsuba)
     python -m tools.make_example_scene --preview out.png   render target_0 alone
-    python -m tools.make_example_scene --check             reproject the depth on disk (needs numpy, pillow)
+    python -m tools.make_example_scene --check             reproject the depth on disk
 """
 
 import argparse
@@ -19,7 +19,7 @@ from liveview_ref.data.image import to_u8
 
 W, H = 504, 352
 FOCAL = W / 2 / np.tan(np.radians(55 / 2))
-DELTA_MAX = 1.0  # the disparity that the depth PNG's 65535 stands for
+DELTA_MAX = 1.0  # disparity of the value 65535 in the depth PNGs
 OUT = Path(__file__).resolve().parents[2] / "tests" / "scenes" / "workshop"
 
 
@@ -30,8 +30,8 @@ def turn(axis, angle):
 
 
 def rig():
-    """name -> cam_from_world (R, t): a hand-held hexagon with a centre, and two targets inside
-    it."""
+    """name -> cam_from_world (R, t): an irregular hexagon with a centre, as if hand-held, and two
+    targets inside it."""
     rng = np.random.default_rng(3)
     around = np.radians(np.arange(6) * 60 + 12)
     centres = np.vstack([[0, 0], 0.1 * np.stack([np.cos(around), np.sin(around)], 1), [0.047, 0.022], [-0.04, 0.041]])
@@ -90,15 +90,15 @@ def project(pose, p):
 
 
 def visible(delta, uv, z):
-    """Whether the depth test passes, and the pixels looked at."""
+    """Whether the depth test passes, and the pixels tested."""
     inside = (uv >= 0.5).all(-1) & (uv <= (W - 0.5, H - 0.5)).all(-1) & (z > 0)
     j, i = np.where(inside[..., None], uv, 0.5).astype(int).T
     return inside & (np.abs(z * delta[i.T, j.T] - 1) < 0.005), (i.T, j.T)
 
 
 def tracks(views, deltas, photos):
-    """About 300 points on texture: position, colour, and {view: pixel} wherever the depth test says
-    it is seen."""
+    """About 300 points on texture: position, colour, and {view: pixel} of the views that see it by
+    the depth test."""
     found = []
     for name, image in ((k, v / 255.0) for k, v in photos.items() if "source" in k):
         delta, (origin, ray) = deltas[name], rays(views[name])
@@ -144,8 +144,8 @@ def write_colmap(folder, views, files, points):
 
 
 def check():
-    """Carries target_0's depth, from the files alone, into each source and compares the colours
-    there."""
+    """Reproject target_0 by its depth into each source, using only the files, and compare the
+    colours there."""
     views, photos, deltas = {}, {}, {}
     scale = json.loads((OUT / "depth/scale.json").read_text())["delta_max"] / 65535
     for line in (OUT / "sparse/0/images.txt").read_text().splitlines()[1::2]:
@@ -161,7 +161,7 @@ def check():
     for name in (k for k in views if "source" in k):
         (uv, z), found = project(views[name], p), []
         seen = visible(deltas[name], uv, z)[0]
-        for shift in (0.0, 0.5):  # the second figure shows what a mistake of half a pixel costs
+        for shift in (0.0, 0.5):  # the second figure shows the effect of a shift by half a pixel
             f = np.clip(uv[seen] - 0.5 + shift, 0, (W - 1.001, H - 1.001))
             (j, i), (a, b) = f.astype(int).T, (f % 1).T[..., None]
             s = photos[name]
@@ -177,7 +177,7 @@ def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("--spp", type=int, default=256, help="samples per pixel")
     ap.add_argument("--preview", type=Path, help="render target_0 into this file only")
-    ap.add_argument("--check", action="store_true", help="only check what is on disk")
+    ap.add_argument("--check", action="store_true", help="only check the files on disk")
     args = ap.parse_args()
     if args.check:
         return check()

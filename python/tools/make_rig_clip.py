@@ -1,9 +1,9 @@
-"""Makes tests/scenes/rig, the example clip: the sets of its scene.py as five cameras and a held-out
-one see them move.
+"""Make tests/scenes/rig, the example clip: the moving sets of its scene.py from five cameras and
+a held-out one.
 
 Usage, in python/ (needs numpy, pillow):
-    python -m tools.make_rig_clip [--frames N] [--size WxH] [--out DIR]   draw the clip
-    python -m tools.make_rig_clip --check [--out DIR]                     reproject the photos on disk, by its poses
+    python -m tools.make_rig_clip [--frames N] [--size WxH] [--out DIR]  draw the clip
+    python -m tools.make_rig_clip --check [--out DIR]                    reproject the photos
 """
 
 import argparse
@@ -28,8 +28,8 @@ SPOTS = [(-0.033, -0.03), (0.033, -0.03), (-0.066, 0.03), (0, 0.03), (0.066, 0.0
 
 
 def rig(width, height):
-    """name -> (focal in pixels, world from camera [3, 4], OpenCV axes): two above three, by hand; a
-    target inside."""
+    """name -> (focal in pixels, world from camera [3, 4], OpenCV axes): two above three, as if
+    mounted by hand; a target inside."""
     rng = np.random.default_rng(5)
     spots = {f"cam{k:02}": spot for k, spot in enumerate(SPOTS)} | {"target": (0.018, 0.004)}
     cameras = {}
@@ -42,20 +42,22 @@ def rig(width, height):
 
 
 def shapes_at(frame, frames):
-    """What stands in a frame: the cut lies at 60 % of the clip, the cart comes in at 30 %."""
+    """The shapes of a frame: the cut is at 60 % of the clip, the cart appears at 30 %."""
     return SCENE["SETS"][frame >= round(0.6 * frames)](frame / RATE, (frame - round(0.3 * frames)) / RATE)
 
 
 def draw(job):
-    """One photo, to its file."""
+    """Draw one photo to its file."""
     frame, name, args = job
-    if not hasattr(draw, "textures"):  # once for each process
+    if not hasattr(draw, "textures"):  # once per process
         draw.textures = {name: Texture(image) for name, image in SCENE["textures"]().items()}
     shapes, camera = shapes_at(frame, args.frames), rig(*args.size)[name]
     with np.errstate(divide="ignore", invalid="ignore"):
         depth, _ = cast(shapes, camera, *rays(camera, *args.size, 1))
         if not SCENE["NEAR"] < depth.min() <= depth.max() < SCENE["FAR"]:
-            raise ValueError(f"frame {frame}, {name}: depths {depth.min()} to {depth.max()} leave the scene's range")
+            raise ValueError(
+                f"frame {frame}, {name}: depths {depth.min()} to {depth.max()}; expected the scene's range"
+            )
         image = picture(shapes, draw.textures, camera, *args.size)
     path = args.out / name / f"{frame:04}.jpg"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -76,11 +78,11 @@ def write_cameras(out, width, height):
 
 
 def check(out):
-    """How far the photos on disk agree when their poses on disk and the scene's depth carry each
-    source to the target.
+    """Compare the photos on disk with the target, reprojected by their poses on disk and the
+    scene's depth.
 
-    Median absolute difference of 8-bit colours, over what both see, for three frames. Fails above
-    6.
+    Median absolute difference of 8-bit colours over the pixels that both see, for three frames; at
+    most 6.
     """
     file = json.loads((out / "transforms.json").read_text())
     frames, size = len(list((out / "target").glob("*.jpg"))), (file["w"], file["h"])
@@ -105,7 +107,7 @@ def check(out):
             error = np.median(np.abs(photos[name][row[on], column[on]] - photos["target"][on]))
             print(f"frame {frame}, {name}: {error:.1f} of 255 over {on.mean():.0%} of the target")
             if error > 6:
-                raise SystemExit(f"{out / name}: photo, pose and scene do not belong together")
+                raise SystemExit(f"{out / name}: photo, pose and scene do not match")
 
 
 def main():
@@ -114,7 +116,7 @@ def main():
     parser.add_argument("--size", type=size, default=(504, 352), metavar="WxH")
     parser.add_argument("--quality", type=int, default=68, help="of the JPEG files; the truth's is 85 or more")
     parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--check", action="store_true", help="reproject the photos there, and draw nothing")
+    parser.add_argument("--check", action="store_true", help="only reproject the photos on disk")
     args = parser.parse_args()
     if args.check:
         return check(args.out)

@@ -2,8 +2,8 @@
 
 Usage, in python/: python -m tools.make_stereo_scene FOLDER
 
-Two views 193 mm apart: the case of V = 2, stereo rigs and passthrough. Scene unit: metre; camera 0
-is the world.
+Two views 193 mm apart: an example of V = 2, for stereo rigs and passthrough. Scene unit: metre;
+camera 0 is the world.
 """
 
 import json
@@ -30,7 +30,7 @@ def main() -> None:
         Image.fromarray(image).save(folder / f"{name}.png")
         pose = np.eye(4)  # world from camera
         pose[0, 3] = x
-        # Half a pixel: the calibration puts pixel centres at whole numbers.
+        # Half a pixel, because pixel centres of the calibration are integers.
         frame = {
             "file_path": f"{name}.png",
             "transform_matrix": flip_axes(pose).tolist(),

@@ -1,4 +1,4 @@
-"""Generated parts of a text file: each stands between <!-- NAME --> and <!-- /NAME -->."""
+"""Generated parts of a text file, each between <!-- NAME --> and <!-- /NAME -->."""
 
 from pathlib import Path
 
@@ -19,5 +19,5 @@ def fill(path: Path, parts: dict[str, str]) -> None:
 
 
 def block(part: str) -> str:
-    """A part that is a paragraph or table of its own, with blank lines around it."""
+    """A part that is a separate paragraph or table, with blank lines around it."""
     return f"\n\n{part}\n\n"

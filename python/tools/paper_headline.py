@@ -22,8 +22,8 @@ def psnr(results: Results, method: str, views: int, composite: str = "") -> str 
 
 
 def headline(results: Results) -> str:
-    """The paper's network against the strongest method trained beside it, then this program against
-    Soft3D."""
+    """The paper's network against the strongest method trained beside it, then this
+    program against Soft3D."""
     own, other = (psnr(results, method, 5) for method in ("liveview", "local_light_field"))
     competing = psnr(results, "liveview", 5, COMPETING)
     program, soft3d = (psnr(results, method, 4) for method in ("liveview_no_network", "soft3d"))

@@ -1,12 +1,12 @@
-"""Measure how a path over a still scene flickers: 90 frames on a circle before the rig clip's yard,
-against the truth.
+"""Measure the flicker of a path over a still scene: 90 frames on a circle in front of the rig
+clip's yard, against the truth.
 
 Flicker is that of `liveview video`: mean |change of the picture - change of the truth| from frame
 to frame, of 255, without a border of 16 pixels. The scene is the first frame of each camera, the
 held-out one left out.
 
-Usage, in python/:  python -m tools.path_flicker [--layers SPEC ...] [--frames N] [-- OPTIONS OF
-liveview render]
+Usage, in python/:  python -m tools.path_flicker [--layers SPEC ...] [--frames N]
+[-- OPTIONS OF liveview render]
 """
 
 import argparse
@@ -30,13 +30,13 @@ from .raycaster import Texture, picture
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = 504, 352
 FOCAL = 480.0  # pixels
-RADIUS = 0.035  # scene units: as far as the cameras stand around
+RADIUS = 0.035  # scene units, about the radius of the rig
 BORDER = 16
 
 
 def circle(frames: int) -> list[np.ndarray]:
-    """World from camera [3, 4] of each frame, OpenCV axes: on a circle amid the cameras, looking as
-    they do."""
+    """World from camera [3, 4] of each frame, OpenCV axes: on a circle among the cameras,
+    in their direction."""
     angles = 2 * np.pi * np.arange(frames) / frames
     return [SCENE["place"](RADIUS * np.cos(a), RADIUS * np.sin(a), 0, 0, 0, -7)[:3] for a in angles]
 
@@ -53,7 +53,7 @@ def truth(pose: np.ndarray) -> np.ndarray:
 
 
 def render(args, folder: Path, poses: list[np.ndarray], layers: str) -> list[np.ndarray]:
-    """The frames on these layers."""
+    """The frames rendered on these layers."""
     camera = {"fl_x": FOCAL, "fl_y": FOCAL, "cx": SIZE[0] / 2, "cy": SIZE[1] / 2, "w": SIZE[0], "h": SIZE[1]}
     cameras = [camera | {"transform_matrix": flip_axes(np.vstack([pose, [0, 0, 0, 1]])).tolist()} for pose in poses]
     (folder / "path.json").write_text(json.dumps(cameras))
@@ -72,7 +72,7 @@ def main() -> None:
     parser.add_argument("--layers", nargs="+", default=["guided:2", "surface:1", "surface:2"])
     parser.add_argument("--frames", type=int, default=90)
     parser.add_argument("--liveview", default=str(ROOT / "target/release/liveview"))
-    parser.add_argument("options", nargs="*", help="for liveview render, after --")
+    parser.add_argument("options", nargs="*", help="options of liveview render, after --")
     args = parser.parse_args()
     poses = circle(args.frames)
     with ProcessPoolExecutor(os.cpu_count()) as pool:

@@ -1,5 +1,5 @@
-"""A small ray caster of textured boxes, balls and rods: 3×3 rays a pixel, textures filtered to
-their footprint, a soft shadow. make_rig_clip.py draws with it.
+"""A small ray caster of textured boxes, balls and rods, for make_rig_clip.py: 3×3 rays per pixel,
+textures filtered to their footprint, a soft shadow.
 
 World axes are OpenCV's (x right, y down, z forward).
 """
@@ -9,9 +9,9 @@ import numpy as np
 from liveview_ref.data.image import to_u8
 
 S = 3  # rays across a pixel
-BAND = 32  # rows of pixels drawn at once: what they need stays in the cache
-LIGHT, SPREAD = np.array([-1.7, -3.6, 0.2]), 0.16  # the lamp that casts shadows, and half its width
-FILL = np.array([0.5, -0.45, -0.74])  # the direction of a weak one that casts none
+ROWS = 32  # rows of pixels drawn at once, few enough for the cache
+LIGHT, SPREAD = np.array([-1.7, -3.6, 0.2]), 0.16  # position of the lamp that casts shadows, and half its width
+FILL = np.array([0.5, -0.45, -0.74])  # direction of a weak light without shadows
 
 
 class Texture:
@@ -78,7 +78,8 @@ def surface(shape, p):
     if shape.kind == "box":
         face = np.argmax([np.abs(x) / rx, np.abs(y) / ry, np.abs(z) / rz], axis=0)
         n = [np.where(face == k, np.sign(p[k]), 0) for k in range(3)]
-        along = np.where(face == 0, z * np.sign(x), np.where(face == 2, -x * np.sign(z), x))  # no side is mirrored
+        # Signed, so that no side is mirrored.
+        along = np.where(face == 0, z * np.sign(x), np.where(face == 2, -x * np.sign(z), x))
         u, ru = along, np.where(face == 0, rz, rx)
         v, rv = np.where(face == 1, z, y), np.where(face == 1, rz, ry)
         tile = shape.tile or (2 * ru, 2 * rv)
@@ -96,12 +97,12 @@ def rays(camera, width, height, per_pixel):
     """World ray directions through a picture, of length 1 along the camera's z, as x [1, w] and y
     [h, 1] at z = 1."""
     x, y = ((np.arange(n * per_pixel, dtype=np.float32) + 0.5) / per_pixel - n / 2 for n in (width, height))
-    focal = float(camera[0])  # a NumPy scalar would make double precision of all that follows
+    focal = float(camera[0])  # a NumPy scalar would turn everything into double precision
     return x[None] / focal, y[:, None] / focal
 
 
 def window(shape, camera, x, y):
-    """Slices of the rays that can meet a shape."""
+    """Slices of the rays that may hit a shape."""
     corners = np.stack(np.meshgrid(*([-h, h] for h in shape.half), [1], indexing="ij"), -1).reshape(-1, 4)
     pose = camera[1]
     p = ((corners @ shape.at.T)[:, :3] - pose[:, 3]) @ pose[:, :3]
@@ -136,7 +137,8 @@ def lit(shapes, p, n, pick):
     """Light on world points p [m, 3] of normal n, from the lamp's point of each `pick` (0 to 8),
     shadow included."""
     i, j = (np.arange(S * S) // S - 1) / S, (np.arange(S * S) % S - 1) / S
-    points = LIGHT + 2 * SPREAD * np.stack([i + j / S, 0 * i, j - i / S], 1)  # turned: nine shadow edges, not three
+    # Rotated: nine shadow edges instead of three.
+    points = LIGHT + 2 * SPREAD * np.stack([i + j / S, 0 * i, j - i / S], 1)
     to = points.astype(np.float32)[pick] - p
     length = np.linalg.norm(to, axis=1)
     facing = np.maximum((to * n).sum(1) / length, 0)
@@ -159,11 +161,11 @@ def picture(shapes, textures, camera, width, height):
     """8-bit sRGB [height, width, 3] of shapes (as scene.py describes them), of which the first two
     cast no shadow.
 
-    camera: focal length in pixels, world from camera [3, 4], OpenCV axes; textures: name ->
-    Texture.
+    camera: focal length in pixels, world from camera [3, 4], OpenCV axes; textures:
+    name -> Texture.
     """
     x, y = rays(camera, width, height, S)
-    bands = np.split(y, range(S * BAND, len(y), S * BAND))
+    bands = np.split(y, range(S * ROWS, len(y), S * ROWS))
     colour = np.vstack([linear(shapes, textures, camera, x, band) for band in bands])
     colour = np.where(colour < 0.7, colour, 0.7 + 0.3 * np.tanh((colour - 0.7) / 0.3))
     colour = np.where(colour < 0.0031308, 12.92 * colour, 1.055 * np.maximum(colour, 1e-9) ** (1 / 2.4) - 0.055)
@@ -171,7 +173,7 @@ def picture(shapes, textures, camera, width, height):
 
 
 def linear(shapes, textures, camera, x, y):
-    """Linear colours of the pixels that S×S rays each go through."""
+    """Linear colours of pixels, from S×S rays each."""
     depth, first = cast(shapes, camera, x, y)
     pose = camera[1].astype(np.float32)
     d = pose[:, 0] * x[..., None] + pose[:, 1] * y[..., None] + pose[:, 2]

@@ -23,7 +23,7 @@ RIG = "tests/scenes/rig"
 
 
 def figures() -> None:
-    """What the reports in models/ say."""
+    """The generated parts of the pages, from the reports in models/."""
     report = measured()
     fill(ROOT / "README.md", {"ways": f"\n{ways(report)}\n\n{machine(report)}", "gain": gain_on_planes()})
     fill(DOCS / "benchmarks.md", {"numbers": block(excerpt(report)), "network": block(network_gain())})
@@ -47,8 +47,8 @@ def picture() -> None:
 
 
 def clip() -> None:
-    """models/rig_v4.webp: truth and result of the rig's held-out camera, half size, ten frames per
-    second."""
+    """models/rig_v4.webp: truth and result of the rig's held-out camera, half size, ten
+    frames per second."""
     with tempfile.TemporaryDirectory() as out:
         command = [BINARY, "video", RIG, "--camera", "target", "--layers", "surface:1", "-o", out]
         subprocess.run(command, cwd=ROOT, check=True, capture_output=True)

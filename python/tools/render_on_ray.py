@@ -1,13 +1,12 @@
-"""Render a path, held-out photos or a list of targets on the machines of a Ray cluster, a shard
-each.
+"""Render a path, held-out photos or a list of targets on the machines of a Ray cluster, in shards.
 
-Every shard is a `liveview render --shard I/N --resume` of its own, so one whose machine died goes
-on elsewhere with what it had rendered; the folder must be one that all machines see under the same
-name. A command that is wrong is not tried again. Exit code 2 if a shard failed.
+Every shard is a separate `liveview render --shard I/N --resume`: if its machine fails, it continues
+on another one, with the pictures rendered so far. All machines must share the output folder under
+the same name. A failing command is not repeated. Exit code 2 if a shard failed.
 
-Usage, in python/, in the environment of `make setup-ray`:
-    python -m tools.render_on_ray SCENE -o FOLDER --shards N [--address auto] [--cpus 1] [--retries 3] [--join FILE]
-        [--liveview PROGRAM] -- OPTIONS OF liveview render
+Usage, in python/, in the environment of `make setup WITH=ray`:
+    python -m tools.render_on_ray SCENE -o FOLDER --shards N [--address auto] [--cpus 1]
+        [--retries 3] [--join FILE] [--liveview PROGRAM] -- OPTIONS OF liveview render
 """
 
 import argparse
@@ -24,35 +23,35 @@ STARTS = 5
 
 
 class ShardFailed(Exception):
-    """The program refused or could not render a shard."""
+    """The program failed to render a shard."""
 
 
 def render_shard(command: list[str]) -> str:
-    """Runs one shard where Ray has put it; returns the program's summary of it, a line."""
+    """Run one shard on the machine that Ray chose; returns the program's one-line summary."""
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         raise ShardFailed(done.stderr.strip() or f"exit code {done.returncode}")
     return next(line for line in done.stdout.splitlines() if line.startswith("shard")).removeprefix("shard").strip()
 
 
-def start(address: str, tell) -> None:
-    """Connects to a cluster, or starts one here: a busy machine may need longer than the 30 s that
-    Ray gives it."""
+def start(address: str, log) -> None:
+    """Connect to a cluster, or start one on this machine; a busy machine may need longer than Ray's
+    30 s."""
     for tries in range(STARTS):
         try:
             ray.init(address=address, log_to_driver=False, include_dashboard=False, logging_level="warning")
             return
-        except Exception as error:  # Ray has no class of its own for it
+        except Exception as error:  # Ray has no separate class for it
             if "timed out during startup" not in str(error) or tries + 1 == STARTS:
                 raise
-            tell("Ray did not start in time; once more")
+            log("Ray did not start in time; trying again")
             ray.shutdown()
 
 
-def render(args, tell) -> list[str]:
-    """All shards; returns what failed, a line each."""
-    start(args.address, tell)
-    # What dies is submitted again here, where it can be told.
+def render(args, log) -> list[str]:
+    """Render all shards; returns a line for each failure."""
+    start(args.address, log)
+    # Resubmitted here rather than by Ray, so that it can be reported.
     remote = ray.remote(num_cpus=args.cpus, max_retries=0)(render_shard)
     base = [args.liveview, "render", str(args.scene), "-o", str(args.output), "--resume", f"--threads={args.cpus}"]
 
@@ -66,47 +65,49 @@ def render(args, tell) -> list[str]:
         [ready], _ = ray.wait(list(running), num_returns=1)
         shard = running.pop(ready)
         try:
-            told = ray.get(ready)
+            result = ray.get(ready)
         except RayTaskError as error:
-            told = f"{shard}/{args.shards}: failed: {error.cause}"
-            failed.append(told)
+            result = f"{shard}/{args.shards}: failed: {error.cause}"
+            failed.append(result)
         except RayError as error:
             tries[shard] += 1
             if tries[shard] <= args.retries:
-                tell(f"shard {shard}/{args.shards}: its machine or process died; try {tries[shard]} of {args.retries}")
+                log(f"shard {shard}/{args.shards}: its machine or process died; try {tries[shard]} of {args.retries}")
                 running[submit(shard)] = shard
                 continue
-            told = f"{shard}/{args.shards}: died {tries[shard]} times: {str(error).splitlines()[0]}"
-            failed.append(told)
+            result = f"{shard}/{args.shards}: died {tries[shard]} times: {str(error).splitlines()[0]}"
+            failed.append(result)
         ended += 1
-        tell(f"shard {told} ({ended} of {args.shards} shards, {time.monotonic() - started:.0f} s)")
+        log(f"shard {result} ({ended} of {args.shards} shards, {time.monotonic() - started:.0f} s)")
     return failed
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", type=Path)
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the pictures, seen by all machines")
-    parser.add_argument("--shards", type=int, required=True, help="into how many parts to share the job out")
-    parser.add_argument("--address", default="local", help="the cluster; auto: the one that runs, local: this machine")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, help="folder of the pictures, shared by all machines"
+    )
+    parser.add_argument("--shards", type=int, required=True, help="number of shards")
+    parser.add_argument("--address", default="local", help="the cluster; auto: the running one, local: this machine")
     parser.add_argument("--cpus", type=int, default=1, help="cores of each shard")
-    parser.add_argument("--retries", type=int, default=3, help="how often a shard is tried again if its machine died")
+    parser.add_argument("--retries", type=int, default=3, help="repetitions of a shard whose machine died")
     parser.add_argument("--join", metavar="FILE", help="then join the shards: .mp4, .gif or .json")
     parser.add_argument("--liveview", default=str(ROOT / "target" / "release" / "liveview"), help="the program")
     words = sys.argv[1:]
     own = words.index("--") if "--" in words else len(words)
     args = parser.parse_args(words[:own])
-    args.options = words[own + 1 :]  # of `liveview render`
+    args.options = words[own + 1 :]  # options of `liveview render`
     if min(args.shards, args.cpus) < 1 or args.retries < 0:
         parser.error("--shards and --cpus: expected 1 or more; --retries: 0 or more")
     args.scene, args.output = args.scene.resolve(), args.output.resolve()
 
-    def tell(line: str) -> None:
+    def log(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
-    failed = render(args, tell)
+    failed = render(args, log)
     if failed:
-        tell(f"error: {len(failed)} of {args.shards} shards failed: {failed[0]}")
+        log(f"error: {len(failed)} of {args.shards} shards failed: {failed[0]}")
         return 2
     target = ["-o", args.join] if args.join else []
     return subprocess.run([args.liveview, "join", str(args.output), *target]).returncode

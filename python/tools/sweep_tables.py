@@ -52,8 +52,8 @@ def ways(report: dict) -> str:
 
 
 def excerpt(report: dict) -> str:
-    """The sweep's main rows: every kind of layers on the CPU, the fastest ones on the other engines
-    too."""
+    """The sweep's main rows: every kind of layers on the CPU, the fastest ones on the
+    other engines too."""
     dense = find(report, "planes:64", CPU)
     lines = [
         machine(report)
@@ -91,8 +91,8 @@ def int8_gain(report: dict) -> str:
 
 
 def mean_scores(model: str) -> dict[str, tuple[float, float, float]]:
-    """Method -> PSNR dB, SSIM, LPIPS: the means over the scenes of `make models`, from a model's
-    scores.md."""
+    """Method -> PSNR dB, SSIM, LPIPS: the means over the scenes of `make models`, from
+    a model's scores.md."""
     mean = (MODELS / f"{model}_scores" / "scores.md").read_text().split("## Mean over")[1].split("\n## ")[0]
     rows = (line.strip("| ").split(" | ") for line in mean.splitlines() if line.startswith("| "))
     return {name: (float(psnr), float(ssim), float(lpips)) for name, psnr, ssim, lpips in list(rows)[1:]}

@@ -1,2 +1,2 @@
-"""Other implementations of the pipeline, which `liveview sweep --reference` compares with the Rust
-crate."""
+"""Other implementations of the pipeline, which `liveview sweep --reference` compares with
+the Rust crate."""

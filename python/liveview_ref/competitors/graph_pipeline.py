@@ -1,5 +1,5 @@
-"""The graph of one_graph.py, run by onnxruntime: warp, network, blend and composite in one, without
-torch."""
+"""The graph of one_graph.py, run by onnxruntime: warp, network, blend and composite in
+one, without torch."""
 
 import subprocess
 import sys

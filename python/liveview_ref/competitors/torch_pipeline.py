@@ -39,8 +39,8 @@ def in_front(w: Tensor) -> Tensor:
 
 
 def grid_warp(rgbc: Tensor, source: Camera, target: Camera, size: tuple[int, int]) -> PlaneWarp:
-    """Planes by grid_sample. rgbc [4, Hs, Ws]: photo and ones; size: of the padded target (height,
-    width)."""
+    """Planes by grid_sample. rgbc [4, Hs, Ws]: photo and ones; size: of the padded
+    target (height, width)."""
     height, width = size
     into_grid = grid_from_pixels(source.width, source.height)
     homography, epipole = ((into_grid @ term).float() for term in PlaneSweep.of(source, target))

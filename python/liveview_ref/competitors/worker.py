@@ -1,18 +1,23 @@
-"""One competitor in its own process, driven line by line: python -m liveview_ref.competitors.worker
+"""One competitor in its own process, driven line by line.
+
+    python -m liveview_ref.competitors.worker
 
 `liveview sweep --reference` starts a worker for each competitor, so that the peak memory of each
 can be measured, and runs them in turns, so that other load on the machine affects all alike. One
 JSON object per line, in and out, on stdin and stdout; notes go to stderr. Relative paths are
 relative to the worker's working directory.
 
-    in   {"job": FILE.npz, "model": FILE.onnx, "weights": FILE.pt or null, "engine": NAME, "threads": 2, "batch": 1}
+    in   {"job": FILE.npz, "model": FILE.onnx, "weights": FILE.pt or null, "engine": NAME,
+          "threads": 2, "batch": 1}
     out  {"ready": true, "engine": "the competitor with its version"}
-    in   {"run": true, "frame": FILE.npy}       `frame`, float32 [h, w, 3], is optional; writing it is not timed
-    out  {"seconds": {"warp": s, "network": s, "composite": s} or {"total": s}, "peak_memory_bytes": since the start}
+    in   {"run": true, "frame": FILE.npy}
+    out  {"seconds": {"warp": s, "network": s, "composite": s} or {"total": s},
+          "peak_memory_bytes": since the start}
     in   {"quit": true}, or the end of input
     out  {"error": "..."} after a failure, and exit code 2
 
-The job's arrays are those of rig_arrays.py, and `disparities` of planes. NAME is one of job.NAMES.
+`frame`, float32 [h, w, 3], is optional; writing it is not timed. The job's arrays are those of
+rig_arrays.py, and `disparities` of planes. NAME is one of job.NAMES.
 """
 
 import json

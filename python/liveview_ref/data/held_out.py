@@ -42,8 +42,8 @@ def targets_of(scene: Scene, spec: dict) -> list[int]:
 
 
 def pool_of(scene: Scene, spec: dict) -> list[int]:
-    """Photos from which targets may be rendered: all but every `heldout`-th photo, or but all
-    targets."""
+    """Photos from which targets may be rendered: all but every `heldout`-th photo, or
+    but all targets."""
     every = range(0, len(scene.names), spec["heldout"]) if spec.get("heldout") else spec["targets"]
     return [i for i in spec.get("pool", range(len(scene.names))) if i not in every]
 

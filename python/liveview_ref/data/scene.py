@@ -1,8 +1,8 @@
-"""Posed photos for training and evaluation: transforms.json, LLFF, RealEstate10K and COLMAP folders
--> cameras.
+"""Posed photos for training and evaluation: transforms.json, LLFF, RealEstate10K and COLMAP
+folders -> cameras.
 
-The Rust crate's loader reads more formats, with checks; this one reads those of training and
-evaluation.
+The Rust crate's loader reads more formats, with checks; this one reads those of
+training and evaluation.
 """
 
 import json

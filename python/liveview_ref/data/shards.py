@@ -1,5 +1,5 @@
-"""Training examples kept on disk: shards of photos (8 bit), cameras, and the surface if it is
-known.
+"""Training examples kept on disk: shards of photos (8 bit), cameras, and the surface if
+it is known.
 
 Photos are warped during training, so that an example can be used with any planes. A shard is
 determined by its number, the seed and the recipe.
@@ -26,8 +26,8 @@ from .visibility import partly_hidden, visibility
 
 @dataclass
 class Photos:
-    """A target crop and its photos. views: V of [3, Hs, Ws] uint8, nearest first; target [3, H,
-    W] uint8; disparity [H, W] of the target's surface (1/scene unit) and seen [V, H, W] uint8
+    """A target crop and its photos. views: V of [3, Hs, Ws] uint8, nearest first; target [3, H, W]
+    uint8; disparity [H, W] of the target's surface (1/scene unit) and seen [V, H, W] uint8
     (visibility.py), None on real scenes; near and far in scene units."""
 
     views: list[Tensor]

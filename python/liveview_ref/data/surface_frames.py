@@ -1,11 +1,12 @@
 """Training examples for surface layers: the inputs that the program gives its network, with the
 errors of its depth.
 
-Each example is a small scene, written to disk and rendered by the program (`liveview dump --layers
-surface:L`): a held-out photo and some of the photos around it, or a procedural scene with the depth
-of every view. Whole pictures are kept, as bytes; crops are drawn during training.
+Each example is a small scene, written to disk and rendered by the program
+(`liveview dump --layers surface:L`): a held-out photo and some of the photos around it, or a
+procedural scene with the depth of every view. Whole pictures are kept, as bytes; crops are
+drawn during training.
 
-    python -m liveview_ref.data.surface_frames configs/v4_surface.json --data DATA --out FOLDER --program LIVEVIEW
+    python -m liveview_ref.data.surface_frames CONFIG --data DATA --out FOLDER --program LIVEVIEW
 
 With --held-out configs/evaluation.json, examples for validation from the held-out photos of a list
 of scenes, in FOLDER/validation.
@@ -41,10 +42,10 @@ from .written_scene import write_photo, write_transforms
 @dataclass
 class SurfaceFrame:
     """colour [L, V, 3, H, W] and coverage [L, V, H, W] of the views on each layer, without
-    occlusion; shown [L, V, H, W]: 1 where the program does not mask the view; target [3, H, W]; all uint8.
-    distances [V] float64. seen [V, H, W] uint8: which views see the true surface (visibility.py),
-    None on real scenes; if it is known, an additional last layer follows that surface; it may be
-    the only one."""
+    occlusion; shown [L, V, H, W]: 1 where the program does not mask the view; target [3, H, W]; all
+    uint8. distances [V] float64. seen [V, H, W] uint8: which views see the true surface
+    (visibility.py), None on real scenes; if it is known, an additional last layer follows that
+    surface; it may be the only one."""
 
     colour: Tensor
     coverage: Tensor

@@ -1,5 +1,5 @@
-"""True visibility of the target's surface in the views, from the disparity maps of target and
-views."""
+"""True visibility of the target's surface in the views, from the disparity maps of
+target and views."""
 
 import torch
 import torch.nn.functional as F
@@ -29,7 +29,8 @@ def visibility(disparity: Tensor, target: Camera, maps: list[Tensor], cameras: l
         grid = normalised_grid(at, w, width, height).float()
         inside = (grid.abs() < 1 - 1.0 / min(height, width)).all(-1)[0]
         extremes = []
-        # Extremes of the 2 x 2 pixels around the point: pooled, then the pool that contains all four.
+        # Extremes of the 2 x 2 pixels around the point: pooled, then the pool that contains all
+        # four.
         for sign in (1.0, -1.0):
             pooled = F.max_pool2d(sign * own[None, None], 2, 1)
             x, y = ((grid[0, ..., 0] + 1) / 2 * width - 0.5).floor(), ((grid[0, ..., 1] + 1) / 2 * height - 0.5).floor()

@@ -14,8 +14,8 @@ from .opengl import flip_axes
 def write_photo(
     folder: Path, name: str, photo: Tensor, camera: Camera, bounds: tuple[float, float] | None = None
 ) -> dict:
-    """Write a photo [3, H, W]; returns its entry in transforms.json. bounds: near and far in scene
-    units."""
+    """Write a photo [3, H, W]; returns its entry in transforms.json. bounds: near and far
+    in scene units."""
     picture(photo).save(folder / name, compress_level=1)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = camera.rotation.T.numpy(), camera.centre.numpy()

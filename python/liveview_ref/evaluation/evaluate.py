@@ -1,10 +1,10 @@
 """Score a model against baselines on held-out photos.
 
-    python -m liveview_ref.evaluation.evaluate MODEL.pt|MODEL.onnx configs/evaluation.json --data DATA --out FOLDER
+    python -m liveview_ref.evaluation.evaluate MODEL.pt|MODEL.onnx SPEC.json --data DATA --out DIR
 
-The spec lists scenes (data/held_out.py), in the data folder or in this repository. Writes after
-each scene: scores.json, scores.md, sheet.jpg (pictures side by side), and figure.svg (score against
-number of layers).
+The spec, such as configs/evaluation.json, lists scenes (data/held_out.py), in the data folder or in
+this repository. Writes after each scene: scores.json, scores.md, sheet.jpg (pictures side by side),
+and figure.svg (score against number of layers).
 """
 
 import argparse

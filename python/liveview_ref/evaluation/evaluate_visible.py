@@ -1,5 +1,5 @@
 """The weight that a model gives to the views that truly see the surface, at pixels where another
-view is occluded:
+view is occluded.
 
     python -m liveview_ref.evaluation.evaluate_visible MODEL.pt|MODEL.onnx ...
 
@@ -8,8 +8,8 @@ weights by the views' agreement (which the program uses without a network) and b
 Reported are the weight and the PSNR of the layer's colour, on all pixels and on these. "weight" is
 the share of views known to see the surface among all that cover the pixel; "of known" leaves out
 views whose visibility is unknown (mostly at edges). First without masks: what the network can infer
-by itself. Then "masked": without the views that are occluded by the depth that the program (`make
-build`) computes for their photos.
+by itself. Then "masked": without the views that are occluded by the depth that the program
+(`make build`) computes for their photos.
 """
 
 import argparse

@@ -37,8 +37,8 @@ class Program(NamedTuple):
         return [f"{path.name} is missing" for path in (self.binary, self.model) if not path.is_file()]
 
     def surface(self, scene: Scene, spec: dict, target: int, case: Case):
-        """Each number of surface layers, with the network and without. Yields (name, image [3, H,
-        W])."""
+        """Each number of surface layers, with the network and without. Yields (name, image
+        [3, H, W])."""
         with tempfile.TemporaryDirectory() as folder:
             write_scene(Path(folder), scene, spec, target, case)
             for count in SURFACE:

@@ -1,5 +1,5 @@
-"""The weights of the views in a layer's colour, and the share of the views that truly see the
-surface."""
+"""The weights of the views in a layer's colour, and the share of the views that truly
+see the surface."""
 
 import torch
 from torch import Tensor
@@ -18,8 +18,8 @@ def view_weights(logits: Tensor, coverage: Tensor, distances: Tensor, power: flo
 
 
 def weight_on_seen(weights: Tensor, seen: Tensor) -> Tensor:
-    """View weights [V, H, W] -> the share [H, W] of seen views in the weight of seen and hidden
-    views."""
+    """View weights [V, H, W] -> the share [H, W] of seen views in the weight of seen
+    and hidden views."""
     right = (weights * (seen == SEEN)).sum(0)
     wrong = (weights * (seen == HIDDEN)).sum(0)
     return right / (right + wrong).clamp(min=1e-12)

@@ -46,8 +46,8 @@ Samples = Callable[[int, int], Sample]  # by the number of views and the sample'
 
 
 def loss_of(method: Method, samples: list[Sample], count: int) -> Tensor:
-    """The mean loss over samples on `count` planes: of the image, and of alpha if the method has
-    one."""
+    """The mean loss over samples on `count` planes: of the image, and of alpha if the
+    method has one."""
     planes = [uniform_disparities(s.near, s.far, count) for s in samples]
     renderings = method.batch([(s.photos, s.target, d) for s, d in zip(samples, planes, strict=True)])
     total = torch.zeros(())
@@ -151,8 +151,8 @@ class Trainee:
 
 
 def estimate_statistics(method: Method, batches: list[list[Sample]], count: int) -> None:
-    """Estimate BatchNorm's statistics again, if the method has any: the mean over batches of mixed
-    scenes."""
+    """Estimate BatchNorm's statistics again, if the method has any: the mean over batches
+    of mixed scenes."""
     norms = [m for m in method.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)]
     for norm in norms:
         norm.reset_running_stats()

@@ -1,5 +1,6 @@
-"""Parity on your own scene: python -m liveview_ref.parity SCENE --target NAME [options of liveview
-dump]
+"""Parity on your own scene.
+
+    python -m liveview_ref.parity SCENE --target NAME [options of liveview dump]
 
 Lets the Rust binary dump every stage of one render, computes each stage again from the same inputs,
 in float64 (the oracle) and float32 torch, and prints a table: elements, largest and mean error of
@@ -28,8 +29,8 @@ from . import stages
 
 
 def source_model(about: dict) -> Path:
-    """The float32 model of the model that Rust ran: an int8 model is in the same folder as its
-    original."""
+    """The float32 model of the model that Rust ran: an int8 model is in the same folder
+    as its original."""
     path = Path(about["model"])
     return path.with_name(path.name.replace("_int8", "")) if about["precision"] == "int8" else path
 
@@ -43,8 +44,8 @@ def bounded_as(name: str, about: dict) -> str:
 
 
 def compare(data: stages.Arrays, net: UNet | None):
-    """For each output of each stage in `data`: (name, elements, Rust's errors, torch's errors), as
-    stages.errors."""
+    """For each output of each stage in `data`: (name, elements, Rust's errors, torch's
+    errors), as stages.errors."""
     for stage in stages.STAGES:
         oracle, single = stage(data, torch.float64), stage(data, torch.float32)
         for name, exact in oracle.items():

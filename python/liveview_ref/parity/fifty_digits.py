@@ -1,5 +1,5 @@
-"""Pixels of warp, blend and composites in 50 decimal digits, to check the float64 truth of
-stability.py.
+"""Pixels of warp, blend and composites in 50 decimal digits, to check the float64
+truth of stability.py.
 
 Written directly from the formulas of the paper, one pixel at a time; arrays are numpy, as
 stability.py reads them.

@@ -14,8 +14,8 @@ def kornia_samples(image: Tensor, source: Camera, target: Camera, disparity: flo
     """Warp one view by one plane with kornia's homography_warp, unchanged -> colour and coverage
     [4, H, W].
 
-    Convention: kornia takes destination -> source in normalised coordinates; here that is
-    source_from_target.
+    Convention: kornia takes destination -> source in normalised coordinates; here
+    that is source_from_target.
     """
     height, width = size
     normal_source = grid_from_pixels(image.shape[2], image.shape[1])

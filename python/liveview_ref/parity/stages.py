@@ -6,13 +6,13 @@ write them) and returns its outputs by name.
 
 Photos and cameras are named as in rig_arrays.py. `disparities` [D] float64 of planes, or
 `cell_maps` [L, h, w] float32 of guided layers, with the stages of the guided search:
-`coarse_disparities` [D] float64, the planes searched; `costs`, `aggregated_costs` [D, h/2, w/2],
-`coarse_disparity` [h/2, w/2]; `fine_layers`, `fine_costs` [D, h, w], `fine_disparity` [h, w];
-`range` [3, h, w]. `maps` [L, H8, W8]; `colour` (the HWV) [L, 3V, H8, W8]; `coverage`, `logits` [L,
-V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8]; `frame` [3, H, W]; `disparity`,
-`transmittance` [H, W]. `alpha_scale` [1] float64 if layers compete; `alpha_spacing` [1] and
-`logit_shift` [L] float64 if opacity is per pixel of parallax. `agreement`: the logits without a
-network.
+`coarse_disparities` [D] float64, the planes searched; `costs`, `aggregated_costs`
+[D, h/2, w/2], `coarse_disparity` [h/2, w/2]; `fine_layers`, `fine_costs` [D, h, w],
+`fine_disparity` [h, w]; `range` [3, h, w]. `maps` [L, H8, W8]; `colour` (the HWV)
+[L, 3V, H8, W8]; `coverage`, `logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8];
+`frame` [3, H, W]; `disparity`, `transmittance` [H, W]. `alpha_scale` [1] float64 if layers
+compete; `alpha_spacing` [1] and `logit_shift` [L] float64 if opacity is per pixel of parallax.
+`agreement`: the logits without a network.
 """
 
 import numpy as np
@@ -138,8 +138,8 @@ def composited(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 def planes_of_search(data: Arrays, shape: tuple[int, ...], dtype: torch.dtype) -> Tensor:
-    """The planes of the first search as maps of this shape, rounded to float32 as Rust searches
-    them."""
+    """The planes of the first search as maps of this shape, rounded to float32 as
+    Rust searches them."""
     disparities = tensor(data, "coarse_disparities", torch.float32).to(dtype)
     return disparities[:, None, None].expand(shape)
 
@@ -207,9 +207,9 @@ def ranges(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 def best_layer(data: Arrays) -> np.ndarray:
-    """Index of the layer of largest alpha (ties: the nearer) per pixel of the target [H, W]; -1
-    where all are 0. If layers compete, the layer of largest weight; -1 where no view covers any
-    layer."""
+    """Index of the layer of largest alpha (ties: the nearer) per pixel of the target [H, W];
+    -1 where all are 0. If layers compete, the layer of largest weight; -1 where no view
+    covers any layer."""
     width, height = data["target.size"]
     if "alpha_scale" in data:
         logit, covered = torch.from_numpy(data["logits"][:, 0]), torch.from_numpy(data["coverage"] > 0).any(1)

@@ -64,8 +64,8 @@ def kind_of(name: str) -> str:
 
 
 def decision_of(name: str, data: Arrays) -> float | None:
-    """The change of an element, in its own unit, that means another decision; None if it decides
-    nothing."""
+    """The change of an element, in its own unit, that means another decision; None if
+    it decides nothing."""
     change = DECISIONS.get(kind_of(name))
     if kind_of(name) not in IN_PIXELS:
         return change
@@ -116,8 +116,8 @@ def errors(found: np.ndarray, oracle: np.ndarray, mask: np.ndarray | None) -> np
 
 
 def case(seed: int, views: int, kind: str = "scene", range=(2.0, 9.0), count=None, still=False):  # noqa: A002
-    """All arrays of a case. `still`: the cameras are not moved, because the case tests their exact
-    poses."""
+    """All arrays of a case. `still`: the cameras are not moved, because the case tests
+    their exact poses."""
     data = surface_rig(np.random.default_rng([2021, 14, seed]), views, kind)
     if count:
         data |= {name: value[:24, :40] for name, value in data.items() if name.endswith(".image")}

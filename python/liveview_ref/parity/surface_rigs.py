@@ -39,8 +39,8 @@ def photo(k: np.ndarray, rotation: np.ndarray, centre: np.ndarray, size: tuple[i
 
 
 def surface_rig(rng: np.random.Generator, views: int, kind: str) -> Arrays:
-    """Photos and cameras, nearest view first; kinds: scene, sizes, rectified, identical, flat,
-    exposure."""
+    """Photos and cameras, nearest view first; kinds: scene, sizes, rectified,
+    identical, flat, exposure."""
     data, placed = {}, []
     for index in range(views):
         size = SIZES[index % len(SIZES)] if kind == "sizes" else LARGE if kind == "exposure" else SIZE

@@ -1,5 +1,5 @@
-"""The stages of surface layers as functions of plain arrays, in either precision: the reference of
-tests/parity/surface.rs.
+"""The stages of surface layers as functions of plain arrays, in either precision: the
+reference of tests/parity/surface.rs.
 
 Beside photos and cameras (rig_arrays.py): `range` [2] float64, near and far; `count`, planes of the
 first search. Of photo 0, matched with the others: `half_costs` [h/2, w/2, n], `half_found`,

@@ -1,5 +1,5 @@
-"""The paper's U-Net (its table "Network architecture") for any V: HWV [N, 3V, H, W] -> logits [N,
-V, H, W].
+"""The paper's U-Net (its table "Network architecture") for any V: HWV [N, 3V, H, W] -> logits
+[N, V, H, W].
 
 conv1 .. conv5 go down to 1/8, conv6 .. conv8 up again with skips; 3x3, BatchNorm + ReLU except
 conv9. 391,680 convolution weights at V = 4; 28,800 multiply-adds per pixel and layer. H and W are
@@ -52,9 +52,9 @@ def upsample(x: Tensor) -> Tensor:
 
 
 def start_from_agreement(net: UNet) -> None:
-    """Initialise the weights as a plane sweep: conv1 takes signed differences of pairs of views,
-    conv8 and conv9 average them over a window, so that a layer is more opaque the better its views
-    agree."""
+    """Initialise the weights as a plane sweep: conv1 takes signed differences of pairs of
+    views, conv8 and conv9 average them over a window, so that a layer is more opaque the better
+    its views agree."""
     pairs = [(i, j) for i in range(net.views) for j in range(i + 1, net.views)]  # the nearest view's first
     differences = 14  # of 16 channels: seven pairs (or colours of them), both signs
     with torch.no_grad():

@@ -1,9 +1,9 @@
 """Warp source views to the target at a layer's disparities: colour and coverage.
 
-Bilinear, zeros outside the image; a sample is valid if w > 0 (in front of the source camera).
-Coordinates that are not finite, are huge or have w <= 0 are moved outside the image before
-sampling, since grid_sample would sample them. Coverage is the same bilinear sample of an all-ones
-image.
+Bilinear, zeros outside the image; a sample is valid if w > 0 (in front of the source
+camera). Coordinates that are not finite, are huge or have w <= 0 are moved outside the image
+before sampling, since grid_sample would sample them. Coverage is the same bilinear sample of
+an all-ones image.
 """
 
 import torch

@@ -1,5 +1,5 @@
-"""Fine-tuning from given weights, one example at a time: the loop shared by train_planes.py and
-train_surface.py.
+"""Fine-tuning from given weights, one example at a time: the loop shared by
+train_planes.py and train_surface.py.
 
 One process, one thread. BatchNorm is folded into the convolutions first: its statistics over one
 scene at a time would be wrong, and it would take a third of the time.
@@ -43,8 +43,8 @@ def rate(step: int, config: dict) -> float:
 
 
 def start_of(state: dict, scale: float, shift: float) -> UNet:
-    """The network of a state, BatchNorm folded, its logit 0 times `scale` plus `shift`, ready to be
-    trained."""
+    """The network of a state, BatchNorm folded, its logit 0 times `scale` plus `shift`, ready
+    to be trained."""
     net = fold_batchnorm(trained_network(state))
     with torch.no_grad():  # competing planes need larger differences of logits than independent ones
         net.conv9.weight[0] *= scale

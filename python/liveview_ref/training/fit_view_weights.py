@@ -43,8 +43,8 @@ def first_layer(net: UNet, frame: SurfaceFrame) -> tuple[Tensor, Tensor, Tensor]
 
 @torch.inference_mode()
 def fit(net: UNet, frames: list[Path]) -> tuple[float, float, Tensor]:
-    """(constant, varying) of the best mean PSNR over the frames, and the mean logits [V - 1] of the
-    views."""
+    """(constant, varying) of the best mean PSNR over the frames, and the mean logits [V - 1]
+    of the views."""
     means = torch.stack([first_layer(net, SurfaceFrame.load(path))[0][0, 1:].mean((1, 2)) for path in frames])
     mean = means.mean(0)
     scores = {shares: [] for shares in product(CONSTANT, VARYING)}
@@ -61,7 +61,8 @@ def fit(net: UNet, frames: list[Path]) -> tuple[float, float, Tensor]:
 
 
 def fold(state: dict, constant: float, varying: float, mean: Tensor) -> None:
-    """Fold the factors into the last layer of the state's weights, and record them in its config."""
+    """Fold the factors into the last layer of the state's weights, and record them in its
+    config."""
     weight, bias = state["average"]["conv9.weight"], state["average"]["conv9.bias"]
     weight[1:] *= varying
     bias[1:] = varying * bias[1:] + (constant - varying) * mean

@@ -1,6 +1,5 @@
 """The mean of the weights of a network and of its fine-tuned version: less gain by the fine-tuning,
-and less loss elsewhere (Wortsman et al., "Robust fine-tuning of zero-shot models",
-2022).
+and less loss elsewhere (Wortsman et al., "Robust fine-tuning of zero-shot models", 2022).
 
     python -m liveview_ref.training.mix START.pt TRAINED.pt OUT.pt --share 0.6
 """

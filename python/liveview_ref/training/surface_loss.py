@@ -98,8 +98,8 @@ def rendered(logits: Tensor, colour: Tensor, coverage: Tensor, distances: Tensor
 
 
 def errors(image: Tensor, truth: Tensor, counted: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean squared error, and L1 plus half the L1 of the gradients, over the pixels of a mask [H,
-    W]."""
+    """Mean squared error, and L1 plus half the L1 of the gradients, over the pixels of a
+    mask [H, W]."""
     difference = (image - truth) * counted
     gradients = (difference.diff(dim=axis).abs().mean() for axis in (-1, -2))
     return (difference**2).mean(), difference.abs().mean() + 0.5 * sum(gradients)

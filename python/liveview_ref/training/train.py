@@ -1,11 +1,11 @@
-"""Train a model:
+"""Train a model.
 
     python -m liveview_ref.training.train configs/v4.json --data DATA --out runs/v4
 
 Seeded and resumable (run the same command again). Scenes are mixed within a batch, because
-BatchNorm statistics of one scene do not fit another; they are estimated again over many batches
-before the averaged weights are used. If a config has "shards" or "frames", fine_tune.py trains
-instead.
+BatchNorm statistics of one scene do not fit another; they are estimated again over many
+batches before the averaged weights are used. If a config has "shards" or "frames",
+fine_tune.py trains instead.
 """
 
 import argparse

@@ -18,7 +18,8 @@ REFRESH_EVERY = 50  # steps after which new frames in the folder are used as wel
 
 
 class Surface:
-    """A fine_tune.Task. Frames are in a folder, those for validation in its subfolder `validation`."""
+    """A fine_tune.Task. Frames are in a folder, those for validation in its subfolder
+    `validation`."""
 
     def __init__(self, config: dict, frames: Path):
         self.config, self.folder, self.frames = config, frames, {}

@@ -20,8 +20,8 @@ SHOWN = Guided(4)  # next to the truth in the picture
 
 
 def validate(net, specs: list[dict], data: Path, file: Path, device: torch.device) -> dict[str, float]:
-    """Mean PSNR over the held-out photos for each of LAYERS; the file shows truth and SHOWN side by
-    side."""
+    """Mean PSNR over the held-out photos for each of LAYERS; the file shows truth and SHOWN
+    side by side."""
     scores = {str(layers): [] for layers in LAYERS}
     rows = []
 

@@ -1,5 +1,4 @@
-"""The evaluation: its renderer is the reference's, its baselines do what they say, its files can be
-read."""
+"""The evaluation: its renderer equals the reference, its baselines, its files."""
 
 import json
 import struct
@@ -33,7 +32,7 @@ def case_of_rig(kind: str) -> Case:
 
 
 def wall(disparity: float = 0.5) -> Case:
-    """Views and target of a textured plane that faces them."""
+    """Views and target of a textured plane facing them."""
     case = case_of_rig("rectified")
     texture = torch.rand(1, 3, 256, 256, generator=torch.Generator().manual_seed(1))
     texture = torch.nn.functional.avg_pool2d(texture, 5, 1, 2)[0]
@@ -45,7 +44,7 @@ def wall(disparity: float = 0.5) -> Case:
     return case._replace(sources=[seen(c) for c in case.cameras], truth=seen(case.target), near=1.5)
 
 
-def test_streamed_layers_are_the_reference_render():
+def test_streamed_layers_equal_the_reference_render():
     case = case_of_rig("random")
     maps = methods.maps_of(case, Planes(10))
 
@@ -63,7 +62,7 @@ def test_streamed_layers_are_the_reference_render():
     torch.testing.assert_close(image, render(network, *case[:3], maps[some])[0].rgb)
 
 
-def test_layers_that_need_no_network_are_made_of_their_spec():
+def test_layers_without_network_are_made_from_their_spec():
     case = case_of_rig("random")
     listed = methods.maps_of(case, DisparityList((0.5, 0.25)))
     assert listed.shape == (2, 40, 56) and listed[:, 7, 9].tolist() == [0.5, 0.25]
@@ -72,7 +71,7 @@ def test_layers_that_need_no_network_are_made_of_their_spec():
         methods.maps_of(case, Select(2, 4))
 
 
-def test_nearest_view_is_the_photo():
+def test_nearest_view_is_its_photo():
     case = case_of_rig("coincident")
     case = case._replace(target=case.cameras[0])
     ((_, image),) = baselines.nearest(case)
@@ -88,7 +87,7 @@ def test_sweep_and_single_plane_find_a_textured_plane():
     assert psnr(image[inner], case.truth[inner]) > 30
 
 
-def test_flow_goes_between_two_views():
+def test_flow_interpolates_between_two_views():
     pytest.importorskip("cv2")
     case = wall()
     i, j, t = baselines.flanking(case.cameras, case.target)
@@ -99,7 +98,7 @@ def test_flow_goes_between_two_views():
     assert psnr(image[inner], case.truth[inner]) > 25
 
 
-def test_lpips_is_nought_for_equals_and_grows_with_noise():
+def test_lpips_is_0_for_equal_images_and_grows_with_noise():
     try:
         weights_file()
     except ModuleNotFoundError as error:
@@ -110,7 +109,7 @@ def test_lpips_is_nought_for_equals_and_grows_with_noise():
     assert found[0] == 0 and found == sorted(set(found))
 
 
-def test_text_and_binary_colmap_agree(tmp_path):
+def test_text_and_binary_colmap_are_read_alike(tmp_path):
     (tmp_path / "cameras.txt").write_text("# c\n1 PINHOLE 64 48 50 51 32 24\n2 SIMPLE_PINHOLE 64 48 60 32 24\n")
     (tmp_path / "points3D.txt").write_text("7 1 2 3 0 0 0 0.5 1 0\n9 -1 0 4 0 0 0 0.5\n")
     (tmp_path / "images.txt").write_text(
@@ -128,7 +127,7 @@ def test_text_and_binary_colmap_agree(tmp_path):
     assert all((cameras[i][0] == same[i][0]).all() and cameras[i][1] == same[i][1] for i in cameras)
 
 
-def test_figure_is_a_drawing_of_three_curves():
+def test_figure_has_three_curves():
     names = ["guided:2", "guided:4", "planes:8", "planes:64", "select:8/64", "sweep, planes:64"]
     mean = {name: {"psnr": 20.0 + i, "ssim": 0.5 + i / 100} for i, name in enumerate(names)}
     assert figure.curves(mean, "psnr")["selected of 64 planes"] == [(8, 24.0), (64, 23.0)]
@@ -137,7 +136,7 @@ def test_figure_is_a_drawing_of_three_curves():
     ElementTree.fromstring(figure.figure({}))
 
 
-def test_evaluation_writes_its_files_and_names_what_it_skips(tmp_path, monkeypatch):
+def test_evaluation_writes_its_files_and_reports_skipped_scenes(tmp_path, monkeypatch):
     workshop = {"path": "tests/scenes/workshop", "width": 96, "targets": [7, 8]}
     spec = [
         {"name": "few", "pool": [0, 1], **workshop},
@@ -176,7 +175,7 @@ def test_evaluation_writes_its_files_and_names_what_it_skips(tmp_path, monkeypat
     assert all(again[method] == scores for method, scores in report["mean"].items())
 
 
-def test_competing_planes_are_the_composite_of_all_at_once():
+def test_competing_planes_equal_the_composite_of_all_at_once():
     case = case_of_rig("random")
 
     def network(hwv):
@@ -195,13 +194,13 @@ def test_competing_planes_are_the_composite_of_all_at_once():
     torch.testing.assert_close(found["competing, select:4/10"], few.rgb[crop])
 
 
-def test_what_a_model_was_trained_for_is_told():
+def test_loaded_model_reports_its_training():
     about = evaluate.load_model(ROOT / "models" / "liveview_v4.pt")[2]
     assert about["alpha"] == "independent" and about["steps"] > 0
 
 
 @torch.inference_mode()
-def test_the_network_gives_views_that_see_more_weight_than_distance_does():
+def test_network_weights_seeing_views_more_than_distance_does():
     network, views, _ = evaluate.load_model(ROOT / "models" / "liveview_v4.pt")
     found = evaluate_visible.measure(network, views, 7)
     assert 0.05 < found["partly hidden"] < 0.3

@@ -1,5 +1,5 @@
-"""The methods of the paper's comparison: shapes, gradients, weights, and scenes whose views are
-known."""
+"""The methods of the paper's comparison: shapes, gradients, weights, and scenes with known
+views."""
 
 import pytest
 import torch
@@ -22,14 +22,14 @@ NAMES = {
 
 
 def texture(height: int, width: int) -> torch.Tensor:
-    """[3, H, W], smooth, without repetition, different in each colour."""
+    """A texture [3, H, W], smooth, without repetition, different in each colour."""
     generator = torch.Generator().manual_seed(0)
     noise = torch.rand(1, 3, height // 6 + 1, width // 6 + 1, generator=generator)
     return torch.nn.functional.interpolate(noise, (height, width), mode="bicubic", align_corners=True)[0].clamp(0, 1)
 
 
 def plane_photos(views: int, disparity: float, crop: tuple[int, int, int, int] | None = None) -> tuple[Photos, object]:
-    """Photos of a textured plane at that disparity, and what a camera of the rig sees of it."""
+    """Photos of a textured plane at that disparity, and its view in a camera of the rig."""
     middle = rig.camera(0, 0)
     wide = middle.with_window(-100, -100, middle.width + 200, middle.height + 200)
     painted = texture(wide.height, wide.width)
@@ -48,7 +48,7 @@ def small_target(x: float = 0.2, y: float = -0.3):
 
 
 class KnownPlane(Predictor):
-    """Truth: one opaque plane, in the mean of what the photos show there."""
+    """A predictor that knows the truth: one opaque plane, with the mean colour of the photos."""
 
     def __init__(self, plane: int):
         super().__init__()
@@ -61,7 +61,7 @@ class KnownPlane(Predictor):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_trains_on_a_crop(name: str) -> None:
+def test_method_trains_on_a_crop(name: str) -> None:
     torch.manual_seed(0)
     method: Method = NAMES[name]().train()
     photos, _ = plane_photos(5, 0.5)
@@ -76,7 +76,7 @@ def test_trains_on_a_crop(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_starts_nearly_transparent(name: str) -> None:
+def test_untrained_method_is_nearly_transparent(name: str) -> None:
     torch.manual_seed(0)
     photos, _ = plane_photos(5, 0.5)
     with torch.no_grad():
@@ -85,7 +85,7 @@ def test_starts_nearly_transparent(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_covers_the_target_without_training(name: str) -> None:
+def test_untrained_method_covers_the_target(name: str) -> None:
     photos, _ = plane_photos(5, 0.5)
     with torch.no_grad():
         rendering = NAMES[name]().eval()(photos, small_target(-0.5, 0.5), rig.planes(PLANES))
@@ -93,7 +93,7 @@ def test_covers_the_target_without_training(name: str) -> None:
 
 
 @pytest.mark.parametrize("target_centred", [True, False])
-def test_known_plane(target_centred: bool) -> None:
+def test_known_plane_is_rendered(target_centred: bool) -> None:
     disparities = rig.planes(PLANES)
     photos, seen_from = plane_photos(5, float(disparities[3]))
     target = small_target()
@@ -102,7 +102,7 @@ def test_known_plane(target_centred: bool) -> None:
 
 
 @pytest.mark.parametrize("predictor", [lambda: local_light_field.LocalLightField(5), lambda: KnownPlane(2)])
-def test_target_at_the_reference(predictor) -> None:
+def test_target_at_the_reference_equals_its_image(predictor) -> None:
     torch.manual_seed(0)
     predictor = predictor().eval()
     photos, _ = plane_photos(5, 0.5)
@@ -124,8 +124,8 @@ def test_local_light_field_takes_any_number_of_planes(planes: int) -> None:
 
 
 def test_local_light_field_weights_sum_to_one() -> None:
-    """Photos of one colour give that colour, whatever the weights, and where only some photos see
-    the point."""
+    """Photos of one colour give that colour for any weights, also where only some photos
+    cover the point."""
     coverage = torch.ones(PLANES, 5, 16, 16)
     coverage[:, 1:, :8] = 0
     volume = torch.tensor([0.2, 0.5, 0.9])[:, None, None] * coverage[:, :, None]
@@ -136,8 +136,8 @@ def test_local_light_field_weights_sum_to_one() -> None:
 
 
 def test_stereo_magnification_blends_reference_and_background() -> None:
-    """With the weights at 1 the colours are the reference's where it sees, and the background's
-    where it does not."""
+    """With weights of 1 the colours are the reference's where it covers the pixel,
+    else the background's."""
     torch.manual_seed(0)
     net = stereo_magnification.StereoMagnification(5, PLANES, width=4)
     with torch.no_grad():
@@ -154,13 +154,13 @@ def test_stereo_magnification_blends_reference_and_background() -> None:
     assert torch.allclose(rgb[..., :4], background.expand_as(rgb[..., :4]), atol=1e-5)
 
 
-def test_stereo_magnification_says_what_it_expects() -> None:
+def test_stereo_magnification_refuses_other_numbers_of_planes() -> None:
     photos, _ = plane_photos(5, 0.5)
     with pytest.raises(ValueError, match="made for 8 planes and 5 photos, not 16 planes and 5 photos"):
         NAMES["stereo_magnification"]()(photos, small_target(), rig.planes(16))
 
 
-def test_fusion_of_known_planes() -> None:
+def test_fusion_of_known_planes_is_the_plane() -> None:
     disparities = rig.planes(PLANES)
     photos, seen_from = plane_photos(10, float(disparities[3]))
     target = small_target()
@@ -169,7 +169,7 @@ def test_fusion_of_known_planes() -> None:
     assert (rendering.rgb - seen_from(target)).abs().mean() < 0.01
 
 
-def test_fusion_weights() -> None:
+def test_fusion_weights_decrease_with_distance() -> None:
     """The nearer reference weighs more, by exp(f (l_2 - l_1) / (D z_near)); equal distances weigh
     the same."""
     references = [rig.camera(-1, 0), rig.camera(1, 0)]
@@ -180,14 +180,14 @@ def test_fusion_weights() -> None:
     assert near / far == pytest.approx(torch.tensor(rig.PARALLAX / rig.NEAR / 64).exp().item(), rel=1e-4)
 
 
-def test_fusion_prefers_the_opaque() -> None:
+def test_fusion_prefers_opaque_images() -> None:
     images = torch.stack([torch.zeros(3, 1, 2), torch.ones(3, 1, 2)])
     opacities = torch.tensor([[[0.0, 0.0]], [[1.0, 0.0]]])
     fused = light_field_fusion.fused(images, opacities, torch.tensor([0.75, 0.25]))
     assert torch.allclose(fused[0], torch.tensor([[1.0, 0.25]]), atol=1e-4)
 
 
-def test_fusion_groups() -> None:
+def test_fusion_groups_start_with_their_reference() -> None:
     photos, _ = plane_photos(10, 0.5, crop=(0, 0, 16, 16))
     first, second = light_field_fusion.groups(photos)
     assert [len(first.images), len(second.images)] == [5, 5]
@@ -196,15 +196,15 @@ def test_fusion_groups() -> None:
         light_field_fusion.groups(Photos(photos.images, photos.cameras, (5, 0)))
 
 
-def test_plane_homography_of_the_rig() -> None:
-    """A plane of disparity d moves by PARALLAX d pixels for each side that the camera moves."""
+def test_plane_homography_shifts_by_the_parallax() -> None:
+    """A plane of disparity d moves by PARALLAX d pixels if the camera moves by one side."""
     moved = target_from_reference(rig.camera(0, 0), rig.camera(1, 0), 0.5) @ torch.tensor([10.0, 20.0, 1.0]).double()
     assert torch.allclose(moved / moved[2], torch.tensor([10.0 - rig.PARALLAX / 2, 20.0, 1.0]).double())
 
 
-def test_deepview_components_of_known_planes() -> None:
-    """An opaque plane, seen by a photo beside: the rendered image is the plane's, nothing behind it
-    is seen."""
+def test_deepview_components_of_an_opaque_plane() -> None:
+    """An opaque plane in a photo to the side: the rendered image is the plane's, nothing behind it
+    is visible."""
     disparities = rig.planes(PLANES)
     photos, seen_from = plane_photos(4, float(disparities[3]))
     camera = deepview.middle(photos.cameras).with_window(200, 150, 64, 64)
@@ -219,7 +219,7 @@ def test_deepview_components_of_known_planes() -> None:
     assert (behind[2] - rendered[2]).abs().max() < 1e-4
 
 
-def test_deepview_takes_any_numbers_in_any_order() -> None:
+def test_deepview_takes_any_number_of_photos_in_any_order() -> None:
     torch.manual_seed(0)
     method = deepview.DeepView().eval()
     photos, _ = plane_photos(4, 0.5)
@@ -227,11 +227,11 @@ def test_deepview_takes_any_numbers_in_any_order() -> None:
     disparities = rig.planes(9)
     with torch.no_grad():
         one, other = (method(p, small_target(), disparities, cover=False).rgb for p in (photos, swapped))
-    together = method(photos, small_target(), disparities, cover=False).rgb  # the planes all at once, not in parts
+    together = method(photos, small_target(), disparities, cover=False).rgb  # all planes at once
     assert torch.allclose(one, other, atol=1e-5) and torch.allclose(one, together, atol=1e-5)
 
 
-def test_deepview_stands_in_the_middle() -> None:
+def test_deepview_is_centred_between_the_photos() -> None:
     photos, _ = plane_photos(4, 0.5, crop=(0, 0, 16, 16))
     middle = deepview.middle(photos.cameras)
     assert torch.allclose(middle.centre, rig.camera(0, 0).centre) and middle.k.equal(photos.cameras[0].k)
@@ -240,7 +240,7 @@ def test_deepview_stands_in_the_middle() -> None:
 CROP = (200, 130, 96, 80)  # of the photos, for Soft3D
 
 
-def test_soft3d_of_a_plane() -> None:
+def test_soft3d_renders_a_plane() -> None:
     disparities = rig.planes(16)
     photos, seen_from = plane_photos(4, float(disparities[6]), crop=CROP)
     target = rig.camera(0.2, -0.3).with_window(CROP[0] + 24, CROP[1] + 24, 48, 32)
@@ -249,9 +249,9 @@ def test_soft3d_of_a_plane() -> None:
     assert (rendering.rgb - seen_from(target)).square().mean() < 1e-4  # 40 dB
 
 
-def test_soft3d_votes_and_visibility() -> None:
-    """Consensus is the share of those that can see a point; what lies behind a surface is not
-    visible."""
+def test_soft3d_consensus_and_visibility() -> None:
+    """Consensus is the share of votes among the photos that see a point; points behind a surface
+    are not visible."""
     cameras = [rig.camera(x, 0).with_window(*CROP) for x in (-0.25, 0.25)]
     disparities = rig.planes(PLANES).float()
     surface = torch.zeros(PLANES, CROP[3], CROP[2])
@@ -266,9 +266,9 @@ def test_soft3d_votes_and_visibility() -> None:
     assert torch.allclose(soft3d.before(surface)[:, 0, 0], torch.tensor([1.0] * 6 + [0.0] * 2))
 
 
-def test_soft3d_looks_up_between_planes() -> None:
-    """A camera that steps back along its axis sees a plane of its own at another depth of the
-    source's volume."""
+def test_soft3d_interpolates_between_planes() -> None:
+    """For a camera moved back along its axis, a plane lies at another depth of the source's
+    volume."""
     source = rig.camera(0, 0).with_window(*CROP)
     disparities = rig.planes(16).float()
     volume = torch.arange(16.0)[None, :, None, None].expand(1, 16, CROP[3], CROP[2]).contiguous()

@@ -1,4 +1,5 @@
-"""What `liveview inspect --json` prints is what docs/inspect.schema.json says, and nothing else."""
+"""The output of `liveview inspect --json` conforms to docs/inspect.schema.json,
+without other fields."""
 
 import json
 import shutil
@@ -24,7 +25,7 @@ def inspect(scene: Path, *options: str) -> dict:
 
 @pytest.fixture
 def without_depth(tmp_path) -> Path:
-    """Two photos of the example scene, without anything that tells their depth."""
+    """Two photos of the example scene, without any information on depth."""
     shutil.copytree(WORKSHOP / "images", tmp_path / "images")
     photos = sorted(path.name for path in (tmp_path / "images").iterdir())[:3]
     pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
@@ -47,22 +48,22 @@ def without_depth(tmp_path) -> Path:
         ["--views", "64"],
     ],
 )
-def test_the_example_scene(options):
-    told = inspect(WORKSHOP, *options)
+def test_output_for_the_example_scene_is_valid(options):
+    report = inspect(WORKSHOP, *options)
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
-    jsonschema.validate(told, SCHEMA)
-    assert ("warning" in told["target"]) == ("64" in options)
-    assert ("--exposure" in options) == ("exposure_gains" in told["target"].get("views", [{}])[0])
+    jsonschema.validate(report, SCHEMA)
+    assert ("warning" in report["target"]) == ("64" in options)
+    assert ("--exposure" in options) == ("exposure_gains" in report["target"].get("views", [{}])[0])
 
 
-def test_a_scene_of_unknown_depth(without_depth):
-    told = inspect(without_depth, "--views", "2")
-    jsonschema.validate(told, SCHEMA)
-    assert "warning" in told["target"] and isinstance(told["target"]["views"][0], str)
+def test_output_for_a_scene_of_unknown_depth_is_valid(without_depth):
+    report = inspect(without_depth, "--views", "2")
+    jsonschema.validate(report, SCHEMA)
+    assert "warning" in report["target"] and isinstance(report["target"]["views"][0], str)
 
 
-def test_what_the_schema_does_not_know_is_refused():
-    told = inspect(WORKSHOP)
-    told["target"]["planes"]["another"] = 1
+def test_schema_refuses_unknown_fields():
+    report = inspect(WORKSHOP)
+    report["target"]["planes"]["another"] = 1
     with pytest.raises(jsonschema.ValidationError, match="another"):
-        jsonschema.validate(told, SCHEMA)
+        jsonschema.validate(report, SCHEMA)

@@ -1,5 +1,5 @@
-"""What the evaluation gives the program to render: the same photos and cameras as the case's, and
-none held out."""
+"""The scenes that the evaluation gives the program: the photos and cameras of the case, without
+held-out ones."""
 
 import json
 import sys
@@ -20,7 +20,8 @@ ROOT = Path(__file__).parents[3]
 WORKSHOP = ROOT / "tests" / "scenes" / "workshop"
 SPEC = {"width": None, "targets": [7, 8], "pool": [0, 1, 2, 3, 5], "near": 1, "far": 9}
 
-# Writes what it was asked as the picture: photos, layers, and whether without a network.
+# In place of the program: writes its request as the picture: photos, layers, whether without a
+# network.
 FAKE = f"""#!{sys.executable}
 import json, pathlib, sys
 import numpy as np
@@ -35,7 +36,7 @@ np.savez(args[args.index("-o") + 1], frame=frame)
 """
 
 
-def test_the_scene_that_is_written_is_the_case(tmp_path):
+def test_written_scene_equals_the_case(tmp_path):
     scene = open_scene(WORKSHOP)
     case = case_of(scene, SPEC, 7, 4)
     write_scene(tmp_path, scene, SPEC, 7, case)
@@ -52,7 +53,7 @@ def test_the_scene_that_is_written_is_the_case(tmp_path):
             torch.testing.assert_close(getattr(found, part), getattr(camera, part), rtol=0, atol=1e-9)
 
 
-def test_each_row_is_asked_for(tmp_path):
+def test_every_row_is_rendered(tmp_path):
     binary = tmp_path / "liveview"
     binary.write_text(FAKE)
     binary.chmod(0o755)
@@ -71,7 +72,7 @@ def test_each_row_is_asked_for(tmp_path):
         next(program.surface(scene, SPEC, 7, case_of(scene, SPEC, 7, 4)))
 
 
-def test_the_papers_comparison_asks_for_as_many_layers_as_there_are_planes(tmp_path, monkeypatch):
+def test_paper_comparison_renders_as_many_layers_as_planes(tmp_path, monkeypatch):
     monkeypatch.setattr(program, "BINARY", tmp_path / "liveview")
     with pytest.raises(FileNotFoundError) as caught:
         program.surface(4)
@@ -86,7 +87,7 @@ def test_the_papers_comparison_asks_for_as_many_layers_as_there_are_planes(tmp_p
         assert rendering.rgb[0, 0].tolist() == [5, 3, without]
 
 
-def test_without_the_program_surface_layers_are_skipped_unless_asked_for(tmp_path, monkeypatch, capsys):
+def test_without_the_program_surface_layers_are_skipped_unless_requested(tmp_path, monkeypatch, capsys):
     (tmp_path / "spec.json").write_text(json.dumps([{"path": "no", "targets": [0]}]))
     monkeypatch.setattr(evaluate, "load_lpips", lambda: None)
     monkeypatch.setattr(evaluate.baselines, "opencv", lambda: None)
@@ -104,7 +105,7 @@ def test_without_the_program_surface_layers_are_skipped_unless_asked_for(tmp_pat
 
 
 @pytest.mark.parametrize("power", [1.0, 1.5])
-def test_zero_logits_weigh_by_distance_alone(power):
+def test_zero_logits_give_weights_by_distance_alone(power):
     from liveview_ref.reference.render.blend import blend
 
     colour = torch.rand(1, 3, 3, 4, 5, generator=torch.Generator().manual_seed(1), dtype=torch.float64)

@@ -1,5 +1,5 @@
-"""Shards on a local Ray of two workers, one of which is killed: the pictures are those of one
-run."""
+"""Shards on a local Ray with two workers, one of which is killed: the pictures equal those of a
+single run."""
 
 import os
 import signal
@@ -18,9 +18,9 @@ JOB = ["--path", "circle:24", "--network", "none", "--width", "252"]
 CPUS = max(1, (os.cpu_count() or 1) // 2)  # of a shard, so that two run at a time
 
 pytestmark = [
-    pytest.mark.skipif(not PYTHON.exists(), reason="needs `make setup-ray`"),
+    pytest.mark.skipif(not PYTHON.exists(), reason="needs `make setup WITH=ray`"),
     pytest.mark.skipif(not LIVEVIEW.exists(), reason="needs `make build`"),
-    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc"),
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc"),
 ]
 
 
@@ -29,12 +29,12 @@ def pictures(folder: Path) -> dict[str, bytes]:
 
 
 def parent_of(child: int) -> int:
-    """The process that started this one."""
+    """The id of the process that started this one."""
     return int(Path(f"/proc/{child}/stat").read_text().rsplit(")", 1)[1].split()[1])
 
 
 def shards_that_run(output: Path) -> list[int]:
-    """Renders into this folder, by process id."""
+    """Process ids of the renders into this folder."""
     found = []
     for process in Path("/proc").iterdir():
         if not process.name.isdigit():
@@ -55,7 +55,7 @@ def on_ray(output: Path, *options: str) -> subprocess.Popen:
     return subprocess.Popen(command, cwd=ROOT / "python", env=environment, **pipes)
 
 
-def test_a_worker_that_is_killed_is_replaced(tmp_path):
+def test_killed_worker_is_replaced(tmp_path):
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     one = [str(LIVEVIEW), "render", str(SCENE), "-o", str(whole), "--threads=1", *JOB]
     subprocess.run(one, check=True, capture_output=True)
@@ -67,15 +67,15 @@ def test_a_worker_that_is_killed_is_replaced(tmp_path):
         time.sleep(0.005)
     worker = parent_of(shards[0])
     os.kill(worker, signal.SIGKILL)
-    os.kill(shards[0], signal.SIGKILL)  # on a machine that died nothing goes on
-    told, errors = driver.communicate(timeout=600)
+    os.kill(shards[0], signal.SIGKILL)  # as if the whole machine failed
+    output, errors = driver.communicate(timeout=600)
     assert driver.returncode == 0, errors
     assert "died; try 1 of 3" in errors, errors
-    assert "(4 of 4 shards" in errors and "24 pictures of 4 shards, all there" in told, (told, errors)
+    assert "(4 of 4 shards" in errors and "24 pictures of 4 shards, all there" in output, (output, errors)
     assert len(pictures(whole)) == 24 and pictures(whole) == pictures(parts)
 
 
-def test_a_command_that_is_wrong_is_not_tried_again(tmp_path):
+def test_failing_command_is_not_repeated(tmp_path):
     driver = on_ray(tmp_path / "parts", "--shards=2", "--", "--path", "no such path")
     _, errors = driver.communicate(timeout=600)
     assert driver.returncode == 2, errors

@@ -1,4 +1,4 @@
-"""Competing planes: the plain formula, the same picture as an MPI, and gradients."""
+"""Competing planes: the formula, the same picture as an MPI, and gradients."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def layers(count=7, size=(5, 6), seed=0, dtype=torch.float64):
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.5])
-def test_weights_are_the_plain_softmax_over_the_covered_layers(scale):
+def test_weights_are_the_softmax_over_the_covered_layers(scale):
     logit, rgb, covered, maps = layers()
     found = composite_competing(logit, rgb, covered, maps, scale)
     for y in range(5):
@@ -39,7 +39,7 @@ def test_weights_are_the_plain_softmax_over_the_covered_layers(scale):
             assert float(found.transmittance[y, x]) == (0.0 if sum(terms) else 1.0)
 
 
-def test_the_alphas_give_the_same_picture_front_to_back():
+def test_alphas_give_the_same_picture_front_to_back():
     logit, rgb, covered, maps = layers()
     found = composite_competing(logit, rgb, covered, maps)
     # the background is opaque where covered, as in the composite: the alpha of the last covered
@@ -50,7 +50,7 @@ def test_the_alphas_give_the_same_picture_front_to_back():
     torch.testing.assert_close(mpi.transmittance, found.transmittance, rtol=1e-12, atol=1e-12)
 
 
-def test_extreme_logits_and_ties():
+def test_extreme_logits_and_ties_give_finite_weights():
     covered = torch.ones(3, 1, 1, dtype=torch.bool)
     for values, expected in (
         ([3e38, -3e38, 0], [1, 0, 0]),
@@ -61,7 +61,7 @@ def test_extreme_logits_and_ties():
         torch.testing.assert_close(weights.flatten(), torch.tensor(expected, dtype=torch.float32))
 
 
-def test_the_best_layer_is_that_of_the_largest_weight():
+def test_best_layer_has_the_largest_weight():
     logit, rgb, covered, maps = layers()
     found, weights = best_layer(logit, covered), competing_weights(logit, covered)
     assert torch.equal(found[covered.any(0)], weights.argmax(0)[covered.any(0)])

@@ -1,5 +1,5 @@
-"""The text form of layers: every kind is parsed and formatted, other strings are refused with a
-reason."""
+"""The text form of layers: every kind is parsed and formatted, other strings are refused
+with a reason."""
 
 import pytest
 

@@ -1,5 +1,4 @@
-"""The reference against kornia, against figures worked by hand, and against the paper's own
-counts."""
+"""The reference against kornia, figures computed by hand, and the paper's counts."""
 
 import math
 from itertools import combinations, pairwise
@@ -32,7 +31,7 @@ from liveview_ref.reference.warp import warp_maps
 
 
 @pytest.mark.parametrize("kind", ["random", "rectified", "coincident", "unseen"])
-def test_the_spacing_of_planes_is_the_parallax_from_each_to_the_next(kind):
+def test_spacing_is_the_parallax_from_each_plane_to_the_next(kind):
     _, cameras, target = rig_of(kind)
     planes = torch.tensor([2.5, 1.1, 1.0, 0.99, 0.99, 0.3, 0.0], dtype=torch.float64)
     found = spacing(cameras, target, planes, 5.0)
@@ -40,7 +39,7 @@ def test_the_spacing_of_planes_is_the_parallax_from_each_to_the_next(kind):
     corners = [(0, 0), (width, 0), (0, height), (width, height), (width / 2, height / 2)]
 
     def shown(camera: Camera, corner: tuple, disparity: torch.Tensor) -> torch.Tensor | None:
-        """Where the camera sees the point of a pixel of the target, by way of the world; None
+        """Position in the camera of a target pixel's point, computed in world coordinates; None
         behind the camera."""
         ray = torch.linalg.inv(target.k) @ torch.tensor([*corner, 1.0], dtype=torch.float64)
         from_target = camera.rotation @ target.rotation.T
@@ -62,9 +61,8 @@ def test_the_spacing_of_planes_is_the_parallax_from_each_to_the_next(kind):
 
 @pytest.mark.parametrize("kind", ["random", "rectified", "coincident", "unseen"])
 @pytest.mark.parametrize("disparity", [0.0, 0.3, 1.0, 1.6])
-def test_planes_are_kornias_homographies(kind, disparity):
-    """In float64 the map warp and kornia's homography_warp are the same function, behind the camera
-    too."""
+def test_warp_equals_kornias_homography_warp(kind, disparity):
+    """In float64, also for points behind the camera."""
     for image, camera, target in zip(*rig_of(kind)[:2], [rig_of(kind)[2]] * 4, strict=True):
         size = (target.height, target.width)
         maps = torch.full((1, *size), disparity, dtype=torch.float64)
@@ -74,45 +72,45 @@ def test_planes_are_kornias_homographies(kind, disparity):
         torch.testing.assert_close(coverage[0], expected[1], rtol=0, atol=1e-11)
 
 
-def test_what_lies_behind_a_camera_is_not_seen():
-    """kornia alone would show it mirrored: the mask is needed, and it is there."""
+def test_points_behind_a_camera_are_not_covered():
+    """kornia alone would sample them mirrored."""
     images, cameras, target = rig_of("unseen")
     away = next(i for i, c in enumerate(cameras) if float(c.forward @ target.forward) < -0.9)
     maps = torch.full((1, target.height, target.width), 0.05, dtype=torch.float64)
     assert warp_maps(images[away], cameras[away], target, maps)[1].max() == 0
 
 
-def test_huge_and_undefined_coordinates_are_outside():
+def test_huge_and_non_finite_coordinates_are_outside():
     images, cameras, target = rig_of("random")
     maps = torch.tensor([1e300, math.nan, math.inf], dtype=torch.float64)[:, None, None].expand(3, 8, 8)
     colour, coverage = warp_maps(images[0], cameras[0], target, maps)
     assert torch.isfinite(colour).all() and coverage[1:].abs().max() == 0
 
 
-def test_the_network_is_the_papers():
+def test_network_has_the_parameters_of_the_paper():
     net = UNet(4)
     count = sum(p.numel() for name, p in net.named_parameters() if p.dim() == 4)
     assert count == 391_680
     assert net(torch.zeros(2, 12, 16, 24)).shape == (2, 4, 16, 24)
 
 
-def test_batchnorm_folds_away():
+def test_folding_batchnorm_keeps_the_logits():
     torch.manual_seed(0)
     net = UNet(2)
-    net(torch.rand(4, 6, 32, 32))  # moves the running statistics
+    net(torch.rand(4, 6, 32, 32))  # changes the running statistics
     hwv = torch.rand(3, 6, 24, 40)
     net.eval()
     torch.testing.assert_close(fold_batchnorm(net)(hwv), net(hwv), rtol=1e-4, atol=1e-5)
 
 
-def test_weights_move_between_numbers_of_views():
+def test_weights_are_adapted_to_another_number_of_views():
     source, wider = UNet(4), UNet(10)
     adapt_views(source.state_dict(), wider)
     torch.testing.assert_close(wider.conv5[0].weight, source.conv5[0].weight)
     torch.testing.assert_close(wider.conv1[0].weight[:, :12], source.conv1[0].weight * 0.4)
 
 
-def test_export_is_one_plain_checked_graph(tmp_path):
+def test_exported_model_is_a_single_checked_graph(tmp_path):
     torch.manual_seed(3)
     net = UNet(3)
     start_from_agreement(net)
@@ -129,24 +127,24 @@ def test_export_is_one_plain_checked_graph(tmp_path):
     torch.testing.assert_close(load_network(path)(hwv), net(hwv), rtol=1e-4, atol=1e-5)
 
 
-def test_blend_by_hand():
+def test_blend_equals_values_computed_by_hand():
     colour = torch.tensor([0.2, 0.6]).reshape(1, 2, 1, 1, 1).expand(1, 2, 3, 1, 1)
     ones = torch.ones(1, 2, 1, 1)
     alpha, rgb = blend(torch.zeros(1, 2, 1, 1), colour, ones, torch.tensor([1.0, 3.0]))
     assert alpha.item() == 0.5
     torch.testing.assert_close(rgb[0, 0, 0, 0], torch.tensor(0.75 * 0.2 + 0.25 * 0.6))
     _, rgb = blend(torch.full((1, 2, 1, 1), 9.0), colour, ones, torch.tensor([0.0, 3.0]))
-    torch.testing.assert_close(rgb[0, 0, 0, 0], torch.tensor(0.2))  # on top of the first view
+    torch.testing.assert_close(rgb[0, 0, 0, 0], torch.tensor(0.2))  # at the first view's place
 
 
-def test_a_view_that_does_not_see_a_pixel_does_not_darken_it():
+def test_view_that_does_not_cover_a_pixel_does_not_darken_it():
     coverage = torch.tensor([1e-6, 0.0]).reshape(1, 2, 1, 1)
     colour = coverage[:, :, None] * 0.5 * torch.ones(1, 2, 3, 1, 1)
     _, rgb = blend(torch.zeros(1, 2, 1, 1), colour, coverage, torch.ones(2))
     torch.testing.assert_close(rgb, torch.full_like(rgb, 0.5))
 
 
-def test_composite_by_hand():
+def test_composite_equals_values_computed_by_hand():
     alpha = torch.tensor([0.0, 0.3, 0.8, 0.5])[:, None, None]
     out = composite(alpha, torch.ones(4, 3, 1, 1), torch.zeros(1, 1, dtype=torch.bool), torch.ones(4, 1, 1))
     torch.testing.assert_close(out.weights.flatten(), torch.tensor([0.0, 0.3, 0.56, 0.07]))
@@ -155,7 +153,7 @@ def test_composite_by_hand():
     assert out.transmittance.item() == 0 and out.rgb.max().item() == pytest.approx(1)
 
 
-def test_selection_takes_the_fullest_bins_and_the_nearer_of_equals():
+def test_selection_takes_the_fullest_bins_and_the_nearer_of_ties():
     alpha = torch.tensor([[0.1, 0.9, 0.2, 0.0], [0.5, 0.9, 0.1, 0.0], [0.2, 0.1, 0.3, 0.0]])[:, None]
     histogram = plane_histogram(alpha)
     assert histogram.tolist() == [1, 1, 1]
@@ -166,8 +164,8 @@ def distance(votes, kept):
     return sum(v * min(abs(k - p) for p in kept) for k, v in enumerate(votes))
 
 
-def test_no_other_planes_cover_the_winners_better():
-    """And the fullest bins may crowd."""
+def test_cover_planes_has_the_least_total_distance():
+    """The fullest bins may have a larger one."""
     histogram = torch.tensor([40, 50, 45, 0, 0, 0, 0, 9, 8, 0])
     assert select_planes(histogram, 2) == [1, 2] and cover_planes(histogram, 2) == [1, 7]
     assert cover_planes(histogram, 6) == select_planes(histogram, 6)
@@ -180,19 +178,19 @@ def test_no_other_planes_cover_the_winners_better():
             assert distance(votes, kept) == min(distance(votes, some) for some in combinations(range(planes), count))
 
 
-def test_the_coarse_pass_has_as_many_planes_as_asked_for():
+def test_first_search_has_the_given_number_of_planes():
     _, cameras, target = rig_of("random")
     assert len(search_planes(cameras, target, 1.0, 8.0, 32)) == 32
     assert 8 <= len(search_planes(cameras, target, 1.0, 8.0)) <= 128
 
 
-def test_uniform_planes_reach_infinity():
+def test_uniform_planes_end_at_disparity_0_for_infinite_far():
     assert uniform_disparities(0.5, math.inf, 3).tolist() == [2.0, 1.0, 0.0]
 
 
 def test_guided_layers_enclose_the_surface():
-    """A textured plane at depth 2: every cell's range holds its disparity to half a pixel, and is
-    far less than all."""
+    """A textured plane at depth 2: every cell's range contains its disparity within half a pixel,
+    and is much smaller than the whole range."""
     images, cameras, target = rig_of("rectified")
     texture = torch.rand(3, 256, 256, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     texture = torch.nn.functional.avg_pool2d(texture[None], 5, 1, 2)[0]
@@ -210,8 +208,8 @@ def test_guided_layers_enclose_the_surface():
     assert scale * (surface - 0.5).abs().median() < 0.1
 
 
-def test_a_scene_of_one_plane_comes_out_whatever_the_network_says():
-    """Any alpha gives the same picture when all layers show it: here one plane, the background."""
+def test_scene_of_one_plane_does_not_depend_on_the_network():
+    """With a single plane, the background, any alpha gives the same picture."""
     images, cameras, target = rig_of("coincident")
     maps = plane_maps(target, torch.tensor([0.4]), torch.float64)
     out, parts = render(lambda hwv: torch.randn(len(hwv), 4, *hwv.shape[2:]).double(), images, cameras, target, maps)
@@ -220,9 +218,9 @@ def test_a_scene_of_one_plane_comes_out_whatever_the_network_says():
     torch.testing.assert_close(out.rgb[:, seen], expected[:, seen])
 
 
-def test_views_are_the_nearest_that_look_the_same_way():
+def test_chosen_views_are_the_nearest_within_60_degrees():
     _, cameras, target = rig_of("unseen")
-    chosen = choose_views(cameras, target, 2)  # the other two look away
+    chosen = choose_views(cameras, target, 2)  # the other two look in other directions
     assert [float((cameras[i].centre - target.centre).norm()) for i in chosen] == sorted(
         float((c.centre - target.centre).norm()) for c in cameras if float(c.forward @ target.forward) > 0.5
     )
@@ -230,7 +228,7 @@ def test_views_are_the_nearest_that_look_the_same_way():
         choose_views(cameras, target, 3)
 
 
-def test_ssim_is_skimages():
+def test_ssim_equals_skimages():
     generator = torch.Generator().manual_seed(0)
     a, b = torch.rand(2, 3, 40, 50, generator=generator, dtype=torch.float64)
     b = 0.7 * a + 0.3 * b

@@ -1,5 +1,5 @@
-"""Procedural scenes obey the conventions: a view warped by the target's true disparity shows what
-the target shows."""
+"""Procedural scenes follow the conventions: a view warped by the target's true disparity
+equals the target."""
 
 import numpy as np
 import pytest
@@ -27,14 +27,14 @@ def camera(k, r, t, image):
 
 
 def interior(disparity):
-    """[H, W]: no step of disparity within a pixel: not at an edge, where a pixel mixes two
+    """Pixels [H, W] without a step of disparity: not at an edge, where a pixel mixes two
     surfaces."""
     high = F.max_pool2d(disparity[None], 3, 1, 1)[0]
     low = -F.max_pool2d(-disparity[None], 3, 1, 1)[0]
     return high - low < 0.06 * high
 
 
-def test_views_reproject_onto_the_target_where_nothing_hides_them(textures):
+def test_unoccluded_views_reproject_onto_the_target(textures):
     errors, wrong = [], []
     for seed in range(12):
         rng = np.random.default_rng(seed)
@@ -60,12 +60,12 @@ def test_views_reproject_onto_the_target_where_nothing_hides_them(textures):
             error = (colour[0] - images[0]).abs().mean(0)[visible]
             errors.append(float(error.mean()))
             wrong.append(float((colour[0].roll(2, 2) - images[0]).abs().mean(0)[visible].mean()))
-    assert len(errors) > 24, "hardly any view shows what the target shows"
+    assert len(errors) > 24, "hardly any view sees the target's surfaces"
     assert np.mean(errors) < 0.02 and np.median(errors) < 0.015, errors
-    assert np.mean(wrong) > 2 * np.mean(errors), "a shift by two pixels passes as well: the check shows nothing"
+    assert np.mean(wrong) > 2 * np.mean(errors), "a shift by two pixels passes as well: the check is too weak"
 
 
-def test_a_scene_keeps_the_conventions_after_its_rigid_motion_and_unit(textures):
+def test_scene_follows_the_conventions_after_its_rigid_motion_and_scaling(textures):
     medians = []
     for seed in range(8):
         s = random_scene(np.random.default_rng(seed), 3, (64, 80), textures)
@@ -82,13 +82,13 @@ def test_a_scene_keeps_the_conventions_after_its_rigid_motion_and_unit(textures)
     assert np.median(medians) < 0.03, medians
 
 
-def test_a_seed_makes_one_scene(textures):
+def test_seed_determines_the_scene(textures):
     first, second = (random_scene(np.random.default_rng(3), 4, (64, 64), textures) for _ in range(2))
     assert all(torch.equal(a, b) for a, b in zip(first.views, second.views, strict=True))
     assert torch.equal(first.target, second.target) and torch.equal(first.view_t, second.view_t)
 
 
-def test_thin_bars_keep_their_share_of_a_pixel(textures):
+def test_thin_bars_cover_their_share_of_a_pixel(textures):
     x = torch.linspace(-3, 3, 601)
     assert bars(x, 1.0, 0.25, torch.full_like(x, 7.0)).sub(0.25).abs().max() < 0.04
     assert abs(float(slab(x, 0.05, torch.full_like(x, 1.0)).sum()) * 0.01 - 0.1) < 2e-3

@@ -1,5 +1,5 @@
-"""Examples on disk: views cut to what the target sees lose nothing, and a shard is what its seed
-and number say."""
+"""Examples on disk: views cropped to what the target sees lose nothing, and a shard is determined
+by its seed and number."""
 
 import copy
 from pathlib import Path
@@ -23,7 +23,7 @@ def config():
     return read_config(ROOT / "python/configs/v4_planes.json") | {"crop": [48, 64]}
 
 
-def test_cut_views_show_what_whole_ones_do(config):
+def test_cropped_views_warp_like_whole_ones(config):
     scene, cut = RealScene(ROOT / "tests/scenes", PHOTOS, 4), 0
     for seed in range(4):
         p = cropped(np.random.default_rng(seed), config, scene)
@@ -36,16 +36,16 @@ def test_cut_views_show_what_whole_ones_do(config):
         for mine, theirs in zip(warp_layers(p, planes), warp_layers(whole, planes), strict=True):
             torch.testing.assert_close(mine, theirs, atol=2e-3, rtol=0)
         cut += sum(a.numel() < b.numel() for a, b in zip(p.views, whole.views, strict=True))
-    assert cut > 0, "no view was cut: the test shows nothing"
+    assert cut > 0, "no view was cropped: the test is too weak"
 
 
-def test_a_shard_is_made_once_and_is_the_same_again(config, tmp_path, monkeypatch):
+def test_shard_is_made_once_and_reproducible(config, tmp_path, monkeypatch):
     config = config | {"shard": 4, "real": [PHOTOS], "textures": "no textures"}
     shards = Shards(tmp_path / "a", config, ROOT / "tests/scenes")
     first = shards[3]
     monkeypatch.setattr(shards, "make", lambda number: pytest.fail("made again"))
     again = [Shards(tmp_path / "b", config, ROOT / "tests/scenes")[3], shards[3], [unpack(pack(p)) for p in first]]
-    assert {p.seen is None for p in first} == {True, False}, "of one kind only: another seed"
+    assert {p.seen is None for p in first} == {True, False}, "only one kind of scene: choose another seed"
     for other in again:
         for a, b in zip(first, other, strict=True):
             assert all(torch.equal(x, y) for x, y in zip(a.views, b.views, strict=True))

@@ -1,5 +1,5 @@
-"""Training on surface layers: what the program feeds its network there is kept as it was, and a
-crop of it is learnt from."""
+"""Training on surface layers: the program's inputs to its network are kept unchanged, and crops of
+them are learnt from."""
 
 import sys
 from pathlib import Path
@@ -37,7 +37,7 @@ def made_up(seen: bool) -> SurfaceFrame:
                         torch.tensor([1.0, 2.0, 2.5, 4.0]), known)  # fmt: skip
 
 
-def test_a_scene_is_written_as_it_is_read(tmp_path):
+def test_written_scene_is_read_back(tmp_path):
     rng = np.random.default_rng(2)
     rig = procedural_rig(rng, CONFIG | {"frame": [48, 64], "photos": [5, 6]}, Textures(None))
     write_scene(rig, tmp_path)
@@ -49,7 +49,7 @@ def test_a_scene_is_written_as_it_is_read(tmp_path):
             torch.testing.assert_close(getattr(scene.cameras[i], part), getattr(camera, part), atol=1e-9, rtol=1e-9)
 
 
-def test_interest_lies_where_views_are_hidden():
+def test_crops_are_drawn_where_views_are_occluded():
     frame = made_up(seen=False)
     frame.shown[:], frame.colour[:] = 1, frame.target
     frame.shown[0, 1, 100:150, 90:140] = 0
@@ -59,9 +59,9 @@ def test_interest_lies_where_views_are_hidden():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_crop_is_turned_over_as_one(seed):
+def test_flipped_crop_keeps_its_parts_aligned(seed):
     frame = made_up(seen=True)
-    frame.coverage[:] = frame.colour[:, :, 0]  # all of them the same pictures
+    frame.coverage[:] = frame.colour[:, :, 0]  # the same picture in all of them
     frame.shown[:] = frame.coverage
     frame.colour[:] = frame.coverage[:, :, None]
     frame.seen[:] = frame.coverage[0]
@@ -71,7 +71,7 @@ def test_a_crop_is_turned_over_as_one(seed):
     assert torch.equal(crop.seen, crop.coverage[0])
 
 
-def test_masks_are_the_programs_or_wrong_on_purpose():
+def test_masks_are_the_programs_or_deliberately_wrong():
     frame, kept, bare, wrong = made_up(seen=False), 0, 0, 0
     for seed in range(60):
         found = masks(frame, np.random.default_rng(seed), CONFIG | {"cut": 0.0})
@@ -82,7 +82,7 @@ def test_masks_are_the_programs_or_wrong_on_purpose():
     assert kept > 30 and bare > 0 and wrong > 0 and kept + bare + wrong == 60
 
 
-def test_other_colours_are_other_in_all_views_alike():
+def test_colour_changes_are_the_same_in_all_views():
     frame = made_up(seen=False)
     frame.colour[:] = frame.target
     found = recoloured(frame, np.random.default_rng(0))
@@ -90,14 +90,14 @@ def test_other_colours_are_other_in_all_views_alike():
     assert torch.equal(found.colour, found.target.expand_as(found.colour))
 
 
-def test_a_cut_hides_one_view_alone():
+def test_cut_masks_a_single_view():
     frame = made_up(seen=False)
     for seed in range(8):
         found = masks(frame, np.random.default_rng(seed), CONFIG | {"cut": 1.0})
         assert sum(not torch.equal(a, b.float()) for a, b in zip(found[0], frame.shown[0], strict=True)) == 1
 
 
-def test_the_loss_teaches_the_views_that_see():
+def test_loss_favours_the_views_that_see():
     torch.manual_seed(0)
     frame, config = made_up(seen=True), CONFIG | {"true_surface": 1.0}
     frame.seen[0], frame.seen[1:] = HIDDEN, SEEN
@@ -106,26 +106,26 @@ def test_the_loss_teaches_the_views_that_see():
     optimiser = torch.optim.Adam(net.parameters(), 3e-3)
     first = None
     for _ in range(12):
-        loss, told = example_loss(net, crop, (0.1, 0.3), np.random.default_rng(3), config)
-        first = first or told
+        loss, figures = example_loss(net, crop, (0.1, 0.3), np.random.default_rng(3), config)
+        first = first or figures
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
     weights = [d**-VISIBLE_POWER for d in (1, 2, 2.5, 4)]
     assert abs(first["by distance"] - sum(weights[1:]) / sum(weights)) < 0.02
-    assert told["seen"] > first["seen"] + 0.05
+    assert figures["seen"] > first["seen"] + 0.05
 
 
-def test_weights_by_distance_have_no_gain():
+def test_weights_by_distance_have_gain_0():
     net = UNet(4).eval()
     torch.nn.init.zeros_(net.conv9.weight), torch.nn.init.zeros_(net.conv9.bias)
     for seed in range(4):
-        loss, told = example_loss(net, made_up(seen=False), (0.1, 0.3), np.random.default_rng(seed), CONFIG)
-        assert float(loss.detach()) == pytest.approx(1, abs=1e-6) and told["gain"] == pytest.approx(0, abs=1e-6)
+        loss, figures = example_loss(net, made_up(seen=False), (0.1, 0.3), np.random.default_rng(seed), CONFIG)
+        assert float(loss.detach()) == pytest.approx(1, abs=1e-6) and figures["gain"] == pytest.approx(0, abs=1e-6)
 
 
 @pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built: make build")
-def test_a_frame_renders_as_the_program_does(tmp_path):
+def test_frame_renders_like_the_program(tmp_path):
     spec = {"path": "workshop", "width": None, "targets": [7, 8]}
     rig = held_out_rig(open_scene(ROOT / "tests/scenes/workshop"), spec, 7, 4)
     found = dumped(rig, PROGRAM, 4, 2, tmp_path)
@@ -139,8 +139,8 @@ def test_a_frame_renders_as_the_program_does(tmp_path):
     with torch.no_grad():
         logits = load_network(ROOT / "models/liveview_v4.pt")(colour.flatten(1, 2))
     difference = (rendered(logits, colour, coverage, frame.distances) - found["frame"]).abs()
-    # A byte is a step of 0.004, which a small coverage divides; what no view sees the program fills
-    # from around it.
+    # A byte is a step of 0.004, which a small coverage divides; uncovered pixels are inpainted by
+    # the program.
     height, width = difference.shape[-2:]
     seen = coverage.amin(0).amax(0)[:height, :width] > 0.5
     assert seen.float().mean() > 0.9
@@ -148,7 +148,7 @@ def test_a_frame_renders_as_the_program_does(tmp_path):
     assert 0.01 < float((frame.shown == 0).float().mean()) < 0.2
 
 
-def test_a_mixture_lies_between_its_networks(tmp_path, monkeypatch):
+def test_mixture_is_between_its_networks(tmp_path, monkeypatch):
     first, second = ROOT / "models/liveview_v4.pt", ROOT / "models/liveview_v4_planes.onnx"
     nets = {}
     for share in (0.0, 0.25, 1.0):
@@ -161,9 +161,9 @@ def test_a_mixture_lies_between_its_networks(tmp_path, monkeypatch):
     torch.testing.assert_close(nets[0.25], 0.75 * nets[0.0] + 0.25 * nets[1.0])
 
 
-def test_view_weights_that_only_cost_are_fitted_away(tmp_path, monkeypatch):
-    """The network prefers the nearest view by a constant, where the truth is the views' mean by
-    distance."""
+def test_harmful_view_weights_are_fitted_to_0(tmp_path, monkeypatch):
+    """The network prefers the nearest view by a constant, but the truth is the views'
+    mean by distance."""
     torch.manual_seed(0)
     net = fold_batchnorm(UNet(4).eval())
     with torch.no_grad():

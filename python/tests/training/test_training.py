@@ -1,5 +1,5 @@
-"""Training: the shipped weights show the same picture with the statistics of a mixed batch as with
-those they ship."""
+"""Training: the shipped weights render alike with the statistics of a mixed batch and
+with their own."""
 
 import copy
 import json
@@ -21,7 +21,8 @@ CONFIGS = sorted((ROOT / "python/configs").glob("v*.json"))
 
 
 def mixed_batch(config, scenes: int):
-    """Half procedural, half crops of the example scene, as many layers as training uses."""
+    """Examples: half procedural, half crops of the example scene, on as many layers as in
+    training."""
     rng, textures = np.random.default_rng(1), Textures(None)
     photos = RealScene(ROOT / "tests/scenes", {"path": "workshop", "reach": 2, "widths": [300], "weight": 1}, 4)
     sources = [
@@ -37,7 +38,7 @@ def trained():
     return net, config, mixed_batch(config, 12)
 
 
-def test_training_and_inference_mode_show_the_same_image(trained):
+def test_training_and_inference_mode_render_alike(trained):
     net, _, batch = trained
     with torch.no_grad():
         inference = forward(net, batch, torch.device("cpu"))
@@ -46,7 +47,7 @@ def test_training_and_inference_mode_show_the_same_image(trained):
     assert np.median(apart) > 39 and min(apart) > 34, apart  # 41.9 and 37.1 measured
 
 
-def test_a_step_lowers_the_loss_of_its_batch(trained):
+def test_step_lowers_the_loss_of_its_batch(trained):
     net, config, batch = trained
     net = copy.deepcopy(net).train()
     optimiser = torch.optim.AdamW(net.parameters(), lr=1e-4)
@@ -61,7 +62,7 @@ def test_a_step_lowers_the_loss_of_its_batch(trained):
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
-def test_no_scene_is_both_trained_on_and_reported(path):
+def test_no_scene_is_both_trained_on_and_scored(path):
     config = read_config(path)
     trained_on = {spec["path"] for spec in config["real"]} | {config["textures"]}
     assert all(path.startswith("train/") or path == "textures" for path in trained_on)
@@ -72,11 +73,11 @@ def test_no_scene_is_both_trained_on_and_reported(path):
     ("config", "arguments", "reason"),
     [
         ({"alpha": "competes"}, [], 'alpha is "competes"; expected "independent" or "competing"'),
-        ({"alpha": "competing"}, [], "needs --start"),
+        ({"alpha": "competing"}, [], "expected --start"),
         ({"alpha": "competing"}, ["--start", str(ROOT / "models/liveview_v5.onnx"), "--shards", "s"], "5 views"),
     ],
 )
-def test_a_config_that_cannot_be_trained_is_refused(config, arguments, reason, tmp_path, monkeypatch, capsys):
+def test_invalid_config_is_refused(config, arguments, reason, tmp_path, monkeypatch, capsys):
     base = str(ROOT / "python/configs/v4_planes.json")
     (tmp_path / "config.json").write_text(json.dumps({"base": base} | config))
     out = tmp_path / "out"

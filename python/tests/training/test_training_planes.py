@@ -1,5 +1,5 @@
-"""Training on competing planes: warps, views that see the surface, and gradients through some of
-the layers only."""
+"""Training on competing planes: warps, visibility, and gradients through some of the layers
+only."""
 
 import json
 import signal
@@ -30,7 +30,7 @@ from liveview_ref.training.planes_loss import example_loss, warp_layers
 ROOT = Path(__file__).parents[3]
 
 
-def test_drawn_layers_are_drawn_with_their_chances():
+def test_layers_are_drawn_with_their_probabilities():
     mass, rng = torch.tensor([0.0, 0.1, 5.0, 0.3, 0.0, 1.0, 0.02, 0.5]), np.random.default_rng(0)
     drawn, chances = torch.zeros(8), torch.zeros(8)
     for _ in range(4000):
@@ -58,7 +58,7 @@ def photos():
     torch.set_num_threads(threads)
 
 
-def test_training_warps_as_the_renderer_does(photos):
+def test_training_warps_like_the_renderer(photos):
     planes = uniform_disparities(photos.near, photos.far, 5).float()[:, None, None].expand(-1, 64, 64)
     colour, coverage = warp_layers(photos, planes)
     expected, covered = warp_views([v.float() / 255 for v in photos.views], photos.cameras, photos.camera, planes)
@@ -66,7 +66,7 @@ def test_training_warps_as_the_renderer_does(photos):
     torch.testing.assert_close(colour, expected, atol=2e-3, rtol=0)
 
 
-def test_views_that_see_the_surface_show_its_colour_and_hidden_ones_do_not(photos):
+def test_seeing_views_have_the_surface_colour_and_occluded_ones_do_not(photos):
     colour, coverage = warp_layers(photos, photos.disparity[None])
     error = (colour[0] - photos.target.float() / 255).abs().mean(1)
     inside = coverage[0] > 0.999
@@ -75,7 +75,7 @@ def test_views_that_see_the_surface_show_its_colour_and_hidden_ones_do_not(photo
     assert error[seen].median() < 0.03 < error[hidden].median()
 
 
-def test_view_weights_are_those_of_the_blend():
+def test_view_weights_equal_those_of_the_blend():
     g = torch.Generator().manual_seed(1)
     logits, colour = torch.randn(3, 4, 5, 6, generator=g), torch.rand(3, 4, 3, 5, 6, generator=g)
     coverage = (torch.rand(3, 4, 5, 6, generator=g) < 0.7).float()
@@ -86,7 +86,7 @@ def test_view_weights_are_those_of_the_blend():
     torch.testing.assert_close((weights[:, :, None] * colour).sum(1) * shown, expected * shown)
 
 
-def test_a_folded_network_and_its_unfolded_copy_agree():
+def test_folded_network_equals_its_unfolded_copy():
     net = UNet(4).eval()
     for norm in (m for m in net.modules() if isinstance(m, torch.nn.BatchNorm2d)):
         norm.running_mean.uniform_(-0.2, 0.2), norm.running_var.uniform_(0.5, 2), norm.bias.data.uniform_(-0.2, 0.2)
@@ -121,7 +121,7 @@ def test_steps_lower_the_loss_of_an_example(photos, alpha, spacing):
 
 
 @pytest.mark.parametrize("alpha", ["competing", "independent"])
-def test_drawn_planes_give_the_gradient_of_all_in_the_mean(photos, alpha):
+def test_mean_gradient_of_drawn_planes_is_that_of_all(photos, alpha):
     torch.manual_seed(0)
     net = fold_batchnorm(UNet(4).eval())
     for p in net.parameters():
@@ -136,7 +136,7 @@ def test_drawn_planes_give_the_gradient_of_all_in_the_mean(photos, alpha):
 
     whole = gradient(0, all_of=10)
     drawn_all = gradient(0, all_of=1)
-    assert (drawn_all - whole).norm() < 0.02 * whole.norm()  # bfloat16 twice over
+    assert (drawn_all - whole).norm() < 0.02 * whole.norm()  # bfloat16 in both passes
     few = [gradient(seed, all_of=1, gradient_planes=4) for seed in range(60)]
     mean = sum(few) / len(few)
     spread = sum((g - mean).norm() ** 2 for g in few).sqrt() / len(few)  # of the mean
@@ -145,7 +145,7 @@ def test_drawn_planes_give_the_gradient_of_all_in_the_mean(photos, alpha):
 
 
 @pytest.mark.parametrize("name", ["v4_planes", "v4_planes_paper", "v4_planes_paper_spacing"])
-def test_a_training_begins_goes_on_and_is_exported(tmp_path, monkeypatch, name):
+def test_training_starts_continues_and_is_exported(tmp_path, monkeypatch, name):
     workshop = {"path": "workshop", "reach": 2, "widths": [300], "weight": 1}
     config = {
         "base": str(ROOT / f"python/configs/{name}.json"), "steps": 2, "crop": [48, 48], "batch": 2, "shard": 4,
@@ -180,7 +180,7 @@ def test_a_training_begins_goes_on_and_is_exported(tmp_path, monkeypatch, name):
 
 
 class Fixed:
-    """A random generator that leaves near and far as they are."""
+    """A random generator that leaves near and far unchanged."""
 
     def __init__(self, seed: int):
         self.rng = np.random.default_rng(seed)

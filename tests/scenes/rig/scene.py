@@ -1,6 +1,8 @@
-"""What stands and moves before the rig: `yard`, and `hall` after the cut. python/tools/make_rig_clip.py draws it.
+"""The moving sets in front of the rig: `yard`, and `hall` after the cut, for
+python/tools/make_rig_clip.py.
 
-World axes are OpenCV's (x right, y down, z forward); a length of 1 is about a metre. The textures are the workshop's.
+World axes are OpenCV's (x right, y down, z forward); a length of 1 is about a metre. The textures
+are the workshop's.
 """
 
 import runpy
@@ -13,19 +15,22 @@ from PIL import Image
 from liveview_ref.data.image import to_u8
 
 WORKSHOP = runpy.run_path(str(Path(__file__).parents[1] / "workshop" / "scene.py"))
-NEAR, FAR = 1.2, 7.2  # no depth of either set, from any camera, lies outside
+NEAR, FAR = 1.2, 7.2  # all depths of both sets, from any camera
 FLOOR = 1.3
 COLOURS = {"white": "e9e4d6", "iron": "33363c", "red": "c8352a", "amber": "eda02c", "blue": "2a5f9e", "leaf": "5d9445"}
 COLOURS |= {"rust": "b0512f", "night": "2b3a55", "rope": "c4a878", "cream": "e6d2a4"}
 
-COARSE = {"wall": 128, "walnut": 128, "teal": 128, "oak": 256, "glaze": 256, "tile": 512}  # fine grain would cost bytes
+# Texture sizes; finer grain would enlarge the files.
+COARSE = {"wall": 128, "walnut": 128, "teal": 128, "oak": 256, "glaze": 256, "tile": 512}
 
 
 class Shape(NamedTuple):
-    """A box, a ball or a rod (a cylinder along its own y) about the origin of `at`, its world from local [4, 4].
+    """A box, a ball or a rod (a cylinder along its own y) about the origin of `at`, its world from
+    local [4, 4].
 
-    half: half its size along its own axes, so a radius for what is round. tile: size of one copy of the texture in
-    world units (round: in turns and heights), or None for one copy on each side. gloss: strength of the highlight.
+    half: half its size along its axes, the radius of round shapes. tile: size of one copy of the
+    texture in world units (round shapes: in turns and heights), or None for one copy on each side.
+    gloss: strength of the highlight.
     """
 
     kind: str
@@ -47,7 +52,8 @@ def textures():
 
 
 def place(x=0.0, y=0.0, z=0.0, yaw=0.0, roll=0.0, pitch=0.0):
-    """World from local: moved to (x, y, z), turned about its y, z and x axis by degrees, x first."""
+    """World from local: moved to (x, y, z), rotated about its y, z and x axis by degrees,
+    x first."""
     out = np.eye(4)
     for axis, angle in ((1, yaw), (2, roll), (0, pitch)):
         k = np.cross(np.eye(3), np.eye(3)[axis])
@@ -79,7 +85,8 @@ def bounce(period, height, t):
 
 
 def yard(t, since):
-    """Set one at t seconds; since: seconds since the cart came in from the right, negative before."""
+    """The first set at t seconds; since: seconds since the cart entered from the
+    right, negative before."""
     out = [
         box("tile", place(0, FLOOR + 0.1, 4), (16, 0.2, 12), (7, 7)),
         box("wall", place(0, -1.2, 7.1), (16, 5, 0.4), (12, 5)),
@@ -112,7 +119,7 @@ def yard(t, since):
         ball("glaze", place(-0.42 + 0.2 * np.sin(1.9 * t), FLOOR - 0.2 - height, 2.35, yaw=80 * t, roll=120 * t), 0.2)
     )
     out.append(box("leaf", place(-0.47, FLOOR - 0.2, 1.75, yaw=swing(1.4, 25, t)), (0.3, 0.4, 0.22)))
-    # The cart: in for half of its 4.5 seconds.
+    # The cart: visible for half of its 4.5 seconds.
     if since >= 0:
         cart = place(1.8 - 1.6 * np.sin(1.4 * since), FLOOR, 2.9)
         out.append(box("teal", cart @ place(0, -0.36, 0), (0.8, 0.34, 0.4)))
@@ -126,7 +133,7 @@ def yard(t, since):
 
 
 def hall(t, since):
-    """Set two, shallower: what lies at 2 to 7 in the yard lies at 1.5 to 4.4 here."""
+    """The second set, shallower: depths of 1.5 to 4.4 instead of the yard's 2 to 7."""
     del since
     out = [
         box("oak", place(0, FLOOR + 0.1, 4), (16, 0.2, 12), (6, 4)),

@@ -1,4 +1,4 @@
-"""What stands in the workshop: textures, shapes, light. python/tools/make_example_scene.py renders what `build` makes.
+"""The workshop: textures, shapes and light of its `build`, for python/tools/make_example_scene.py.
 
 World axes are OpenCV's (x right, y down, z forward); a length of 1 is about a metre.
 """
@@ -14,7 +14,8 @@ FLOOR, WALL, SIDE = 1.45, 6.9, 2.4  # y of the floor, z of the back wall, |x| of
 
 
 def noise(rng, h, w, fy, fx, power=1.2):
-    """Tileable 1/f noise of unit variance, flat below fy and fx cycles; fy > fx stretches it along x."""
+    """Tileable 1/f noise of unit variance, flat below fy and fx cycles; fy > fx stretches
+    it along x."""
     ky, kx = np.fft.fftfreq(h)[:, None] * h / fy, np.fft.rfftfreq(w)[None] * w / fx
     gain = (1 + ky**2 + kx**2) ** (-power / 2) * (ky**2 + kx**2 > 0)
     out = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((h, w))) * gain, (h, w))
@@ -29,9 +30,9 @@ def ramp(t, *colours):
 
 
 def cells(h, w, p, q):
-    """Row and column of the p×q cell each texel is in, and its distance from the cell's edge."""
+    """Row and column of each texel's p×q cell, and its distance from the cell's edge."""
     y, x = np.mgrid[0:h, 0:w].astype(float)
-    x = x + (p != q) * (y // p % 2) * q / 2  # oblong cells are laid like bricks
+    x = x + (p != q) * (y // p % 2) * q / 2  # oblong cells are offset like bricks
     edge = np.minimum(np.minimum(y % p, p - y % p), np.minimum(x % q, q - x % q))
     return (y // p).astype(int), (x // q).astype(int) % (w // q), edge
 
@@ -99,7 +100,7 @@ def poster(rng, w, h):
 
 
 def frame(x=0.0, y=0.0, z=0.0, yaw=0.0):
-    """A local frame at (x, y, z), turned about the vertical by yaw degrees."""
+    """A local frame at (x, y, z), rotated about the vertical by yaw degrees."""
     c, s = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
     return np.array([[c, 0, s, x], [0, 1, 0, y], [-s, 0, c, z], [0, 0, 0, 1]])
 
@@ -111,7 +112,8 @@ class Builder:
         self.mi, self.shapes, self.materials = mi, {"type": "scene"}, {}
 
     def material(self, name, colour, repeat=(1, 1), gloss=None):
-        """From an sRGB hex colour or an image; gloss is the roughness of a plastic coat."""
+        """A material from an sRGB hex colour or an image; gloss is the roughness of a plastic
+        coat."""
         if isinstance(colour, str):
             tex = {"type": "rgb", "value": (ramp(np.zeros(()), colour, colour) ** 2.2).tolist()}
         else:
@@ -130,7 +132,8 @@ class Builder:
         self.add("cube", name, to_world=self.mi.ScalarTransform4f(m))
 
     def quad(self, name, centre, u, v, **more):
-        """The rectangle centre ± u ± v; texture rows run along v, columns along u; light leaves along u × v."""
+        """The rectangle centre ± u ± v; texture rows run along v, columns along u; its front faces
+        u × v."""
         n = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
         m = np.vstack([np.column_stack([u, v, n, centre]), [0, 0, 0, 1]])
         self.add("rectangle", name, to_world=self.mi.ScalarTransform4f(m), **more)
@@ -162,7 +165,8 @@ class Builder:
         self.shapes[f"shape_{len(self.shapes)}"] = mesh
 
     def lathe(self, name, at, radii, heights, smooth=True):
-        """Turns a profile about the vertical through the point at; without smooth its corners stay sharp."""
+        """Rotate a profile about the vertical through the point `at`; without `smooth` its
+        corners stay sharp."""
         t = np.linspace(0, 2 * np.pi, 65) + np.pi / 2
         r, y = np.asarray(radii, float)[:, None], -np.asarray(heights, float)[:, None]
         p = np.stack([r * np.cos(t), y + 0 * t, r * np.sin(t)], -1) + at
@@ -171,7 +175,8 @@ class Builder:
 
 
 def build(mi):
-    """The scene: a bench with a plant, a lantern and a ball; chair, lamp, ladder; bookcase, poster, brick wall."""
+    """The scene: a bench with a plant, a lantern and a ball; chair, lamp, ladder; bookcase,
+    poster, brick wall."""
     rng = np.random.default_rng(7)
     s, tex = Builder(mi), textures(rng)
     for name in ("oak", "walnut", "teal", "tile", "poster", "wall", "rug", "cloth"):
@@ -265,4 +270,4 @@ def build(mi):
                 name = ("blue", "rust", "amber", "white", "moss", "leaf", "cloth", "teal")[rng.integers(8)]
                 s.box(name, (x + w / 2, -h - 0.015 - tall / 2, -0.02), (w - 0.006, tall, 0.2), case)
                 x += w
-    return mi.load_dict(s.shapes, parallel=False, optimize=False)  # fixed order: the same noise every time
+    return mi.load_dict(s.shapes, parallel=False, optimize=False)  # fixed order: reproducible noise

@@ -25,9 +25,10 @@ LARGEST_VIEW = 224  # pixels
 @dataclass
 class ProceduralScene:
     """One multi-view example: views V of [3, Hs, Ws] and target [3, H, W], float32 RGB in [0, 1]; k
-    [3, 3], r [3, 3] (cam_from_world) and t [3] float64, of the views stacked along V; disparity [H,
-    W] = 1/z at pixel centres of the surface with the largest compositing weight, view_disparities
-    the same for each view in its own camera; [near, far] contains all depths visible in the target."""
+    [3, 3], r [3, 3] (cam_from_world) and t [3] float64, of the views stacked along V; disparity
+    [H, W] = 1/z at pixel centres of the surface with the largest compositing weight,
+    view_disparities the same for each view in its own camera; [near, far] contains all depths
+    visible in the target."""
 
     views: list[Tensor]
     view_k: Tensor

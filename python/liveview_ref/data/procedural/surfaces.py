@@ -1,5 +1,5 @@
-"""Flat surfaces of procedural scenes, intersected with the rays of all cameras at once; painting of
-surfaces."""
+"""Flat surfaces of procedural scenes, intersected with the rays of all cameras at once;
+painting of surfaces."""
 
 from dataclasses import dataclass
 
@@ -165,8 +165,8 @@ def draw_panes(world: World, panes: list[Pane], style: Look, cut, whole=False) -
 
 
 def shape_cut(textures: Textures, panes: list[Pane], cells: np.ndarray):
-    """Alpha from the shapes of `cells` [M], one per pane, stretched over it; edges are one pixel
-    soft."""
+    """Alpha from the shapes of `cells` [M], one per pane, stretched over it; edges are
+    one pixel soft."""
     half = torch.tensor([p.half for p in panes], dtype=torch.float32).T
     cells = torch.from_numpy(cells.astype(np.float32))
 

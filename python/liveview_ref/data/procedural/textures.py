@@ -15,8 +15,8 @@ LEVELS = 4
 
 
 class Textures:
-    """Photos under `folder` (mip-mapped) mixed with generated textures, and the library of shapes.
-    Immutable."""
+    """Photos under `folder` (mip-mapped) mixed with generated textures, and the library
+    of shapes. Immutable."""
 
     def __init__(self, folder: Path | None = None):
         self.photos: list[list[Tensor]] = []  # per photo: levels 1, 1/2, 1/4 as uint8 [3, H, W]
@@ -29,8 +29,8 @@ class Textures:
         self.shapes, self.leaves, self.thickets = shape_atlas()
 
     def patch(self, rng: np.random.Generator, size: int) -> Tensor:
-        """A texture [3, size, size] in [0, 1] with about one texel per pixel of detail; sometimes
-        smoother."""
+        """A texture [3, size, size] in [0, 1] with about one texel per pixel of
+        detail; sometimes smoother."""
         smooth = int(rng.choice([1, 2, 4], p=[0.84, 0.11, 0.05]))
         texels = max(8, size // smooth)
         patch = self._photo(rng, texels) if self.photos and rng.random() < 0.65 else _generated(rng, texels)
@@ -132,8 +132,8 @@ def noise(rng: np.random.Generator, size: int, cells: int, stretch: int = 1) -> 
 
 
 def _generated(rng: np.random.Generator, size: int) -> Tensor:
-    """One of: noise, stripes, checkers, text-like marks, a gradient, nearly flat colour. [3, size,
-    size]"""
+    """One of: noise, stripes, checkers, text-like marks, a gradient, nearly flat colour.
+    [3, size, size]"""
     colours = torch.from_numpy(rng.beta(0.9, 0.9, (3, 3)).astype(np.float32))[:, :, None, None]
     colours = torch.lerp(colours.mean(1, keepdim=True), colours, float(rng.uniform(0, 0.8) ** 1.3))  # rarely saturated
     grain = float(rng.choice([0, 0.02, 0.06])) * torch.from_numpy(
@@ -233,8 +233,8 @@ def shape_atlas() -> tuple[Tensor, range, range]:
 
 
 def _distance(mask: Tensor) -> Tensor:
-    """Distance in texels to the nearest true texel of each [N, n, n] mask, columns first, then
-    rows."""
+    """Distance in texels to the nearest true texel of each [N, n, n] mask, columns
+    first, then rows."""
     n = mask.shape[-1]
     gap = (torch.arange(n)[:, None] - torch.arange(n)).float() ** 2
     squared = torch.where(mask, 0.0, 4.0 * n * n)

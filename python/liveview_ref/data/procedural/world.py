@@ -52,8 +52,8 @@ class World:
         return self.rays_of[0] @ [x, y, 1] / disparity
 
     def boxes(self, points: np.ndarray) -> np.ndarray:
-        """Pixel boxes [M, C, 4] (x0, y0, x1, y1) around the hulls of points [M, P, 3] in every
-        camera."""
+        """Pixel boxes [M, C, 4] (x0, y0, x1, y1) around the hulls of points [M, P, 3]
+        in every camera."""
         seen = np.einsum("cij,mpj->mcpi", self.r, points) + self.t[:, None]
         seen = np.einsum("cij,mcpj->mcpi", self.k, seen / np.maximum(seen[..., 2:], 0.05))[..., :2]
         limit = np.array([[w, h] for h, w in self.sizes])

@@ -30,8 +30,8 @@ RECIPE = Recipe(things=(12, 26), thin=0.3)
 
 @dataclass
 class RigScene:
-    """images [11 + TARGETS, 3, H, W] uint8 of the rig's cameras, then the targets; disparities [11
-    + TARGETS, H, W] float16 of their nearest surfaces (1/scene unit); places of the targets in
+    """images [11 + TARGETS, 3, H, W] uint8 of the rig's cameras, then the targets; disparities
+    [11 + TARGETS, H, W] float16 of their nearest surfaces (1/scene unit); places of the targets in
     sides of the rig's square."""
 
     images: Tensor

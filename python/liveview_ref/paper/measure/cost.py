@@ -120,8 +120,8 @@ class Row:
 
 
 def rows_of(entries: list[Entry]) -> list[Row]:
-    """Each method for VIEWS photos, or the number it has, on its most planes; LiveView also on
-    fewer."""
+    """Each method for VIEWS photos, or the number it has, on its most planes; LiveView
+    also on fewer."""
     chosen: dict[str, Entry] = {}
     for entry in sorted(entries, key=lambda e: e.views != VIEWS):
         chosen.setdefault(entry.name, entry)

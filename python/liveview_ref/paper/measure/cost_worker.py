@@ -1,12 +1,14 @@
-"""One method in its own process, timed on request: python -m liveview_ref.paper.measure.cost_worker
-KEY PLANES THREADS
+"""One method in its own process, timed on request.
+
+    python -m liveview_ref.paper.measure.cost_worker KEY PLANES THREADS
 
 One JSON object per line, in and out. The weights are random, because no time depends on them.
 
     out  {"ready": true, "parameters": N, "memory_before": bytes}
     in   {"run": true}
-    out  {"seconds": {"warp": s, "network": s, "render": s}, "cpu_seconds": s, "peak_memory": bytes so far,
-          "multiply_adds": of the convolutions and matrix products, counted in the first run only}
+    out  {"seconds": {"warp": s, "network": s, "render": s}, "cpu_seconds": s,
+          "peak_memory": bytes so far,
+          "multiply_adds": of convolutions and matrix products, counted in the first run only}
 
 warp: photos onto planes. network: modules with weights. render: blending, compositing, warping to
 the target, and everything else."""

@@ -1,7 +1,7 @@
 """The effect of single departures from the paper, where it shows without another training: the same
 network on the same targets, with one departure undone, or introduced if it was trained without.
 
-    python -m liveview_ref.paper.measure.departures --scenes FOLDER --textures FOLDER --out FILE.json
+    python -m liveview_ref.paper.measure.departures --scenes DIR --textures DIR --out FILE.json
 
 Networks: the shipped `liveview_v4` (independent planes, as in the paper), `liveview_v4_planes`
 (competing planes), and with --runs the one trained on the rig. Each renders the upper left quarter

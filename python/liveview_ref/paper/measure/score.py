@@ -1,6 +1,6 @@
 """Score every method on held-out targets: PSNR, SSIM and LPIPS, without a border of 16 pixels.
 
-    python -m liveview_ref.paper.measure.score --runs RUNS --scenes FOLDER --textures FOLDER --out ../models/paper
+    python -m liveview_ref.paper.measure.score --runs RUNS --scenes DIR --textures DIR --out OUT
 
 Writes OUT/scores_DATA.json after each target. A second run continues, and skips a method whose
 checkpoint's step and whose code have not changed. With `--data real` SCENES is the folder of the

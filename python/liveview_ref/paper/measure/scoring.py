@@ -1,5 +1,5 @@
-"""The scores of a method on held-out targets, kept in a JSON file that is written after each
-target."""
+"""The scores of a method on held-out targets, kept in a JSON file that is written
+after each target."""
 
 import ast
 import hashlib
@@ -128,8 +128,8 @@ def fitted_scale(method: Method, entry: Entry, source: Source) -> dict[float, fl
 
 
 def score(entry: Entry, method: Method, about: dict, source: Source, validation: Source, out: Path, weights) -> dict:
-    """Score an entry, continuing an earlier run; the scale of competing planes is fitted on
-    `validation`."""
+    """Score an entry, continuing an earlier run; the scale of competing planes is
+    fitted on `validation`."""
     out.mkdir(parents=True, exist_ok=True)
     path = out / f"scores_{source.data}.json"
     reports = read(path) if path.exists() else {}

@@ -23,8 +23,8 @@ ALL = slice(None)
 
 
 class Planes(NamedTuple):
-    """alpha [D, H, W], rgb [D, 3, H, W], logit of alpha and whether any photo covers the pixel [D,
-    H, W]; near to far, at the size of the target."""
+    """alpha [D, H, W], rgb [D, 3, H, W], logit of alpha and whether any photo covers the pixel
+    [D, H, W]; near to far, at the size of the target."""
 
     alpha: Tensor
     rgb: Tensor
@@ -33,8 +33,8 @@ class Planes(NamedTuple):
 
 
 def is_liveview(method: Method) -> bool:
-    """Whether its planes are made independently, at the target: only then can planes be left out
-    afterwards."""
+    """Whether its planes are made independently, at the target: only then can planes be
+    left out afterwards."""
     return isinstance(method, Mpi) and method.target_centred and isinstance(method.predictor, PlaneByPlane)
 
 

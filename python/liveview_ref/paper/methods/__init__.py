@@ -1,2 +1,2 @@
-"""The methods that the paper compares, one file for each, with the publication and the table it
-follows."""
+"""The methods that the paper compares, one file for each, with the publication and the
+table it follows."""

@@ -52,8 +52,8 @@ class Step(nn.Module):
         self.to(memory_format=torch.channels_last)
 
     def shared(self, planes: Tensor) -> Tensor:
-        """The part of the first convolution that all views share: of the multiplane image [D, 4, H,
-        W]."""
+        """The part of the first convolution that all views share: of the multiplane image
+        [D, 4, H, W]."""
         return F.conv2d(channels_last(planes), self.per_view[0].weight[:, self.inputs :], padding=1)
 
     def features(self, view: Tensor, shared: Tensor) -> tuple[Tensor, Tensor]:
@@ -136,8 +136,8 @@ def start(seen: Tensor) -> Tensor:
 
 @torch.no_grad()
 def components(planes: Tensor, camera: Camera, photo: Camera, disparities: Tensor) -> Tensor:
-    """Components of a photo's gradient on the planes [D, 4, h, w] of `camera`: [D, COMPONENTS, h,
-    w], aligned with them."""
+    """Components of a photo's gradient on the planes [D, 4, h, w] of `camera`:
+    [D, COMPONENTS, h, w], aligned with them."""
     there = torch.stack([target_from_reference(camera, photo, d) for d in disparities.tolist()])
     at_photo = sampled(planes, torch.linalg.inv(there), photo)
     rgb, alpha = at_photo[:, :3], opaque_background(at_photo[:, 3])
@@ -154,8 +154,8 @@ def components(planes: Tensor, camera: Camera, photo: Camera, disparities: Tenso
 
 
 def sampled(planes: Tensor, source_from_camera: Tensor, camera: Camera) -> Tensor:
-    """Each of the planes [D, C, h, w] at the pixels of a camera, by its homography [D, 3, 3]; 0
-    outside."""
+    """Each of the planes [D, C, h, w] at the pixels of a camera, by its homography
+    [D, 3, 3]; 0 outside."""
     y, x = torch.meshgrid(torch.arange(camera.height) + 0.5, torch.arange(camera.width) + 0.5, indexing="ij")
     unit = (grid_from_pixels(planes.shape[3], planes.shape[2]) @ source_from_camera).float()[:, None, None]
     parts = []

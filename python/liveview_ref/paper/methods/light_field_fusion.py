@@ -47,8 +47,8 @@ def groups(photos: Photos) -> list[Photos]:
 
 
 def fusion_weights(references: list[Camera], target: Camera, disparities: Tensor) -> Tensor:
-    """exp(-f l / (D z_near)) for references at distance l from the target: [K] float32, summing to
-    1."""
+    """exp(-f l / (D z_near)) for references at distance l from the target: [K] float32,
+    summing to 1."""
     falloff = float(target.k[0, 0] * disparities[0]) / len(disparities)
     distances = torch.stack([(camera.centre - target.centre).norm() for camera in references])
     return torch.softmax(-falloff * distances, 0).float()

@@ -1,5 +1,5 @@
-"""LiveView (Ghosh et al., CVPR 2021): the U-Net of its table "Network architecture", one plane at a
-time.
+"""LiveView (Ghosh et al., CVPR 2021): the U-Net of its table "Network architecture", one plane
+at a time.
 
 Photos are in the rig's order, as in the paper; `liveview render` takes them nearest first."""
 
@@ -23,8 +23,8 @@ BATCH = 8  # planes per pass of the network outside training, so that memory doe
 
 
 class PlaneByPlane(Predictor):
-    """The dynamic multiplane image: alpha and the photos' weights of a plane depend on that plane
-    alone."""
+    """The dynamic multiplane image: alpha and the photos' weights of a plane depend on
+    that plane alone."""
 
     def __init__(self, views: int, by_distance: bool = True):
         super().__init__()

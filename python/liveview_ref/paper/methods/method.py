@@ -32,12 +32,12 @@ class Rendering:
 
 
 class Method(nn.Module):
-    """A way to render a target view from posed photos. A method without weights is a Method without
-    parameters.
+    """A way to render a target view from posed photos. A method without weights is a
+    Method without parameters.
 
-    cover: whether a multiplane image that is not built at the target is enlarged until all of its
-    planes cover all pixels of the target; training on crops does without, and leaves out the other
-    pixels."""
+    cover: whether a multiplane image that is not built at the target is enlarged until all of
+    its planes cover all pixels of the target; training on crops does without, and leaves out
+    the other pixels."""
 
     def forward(self, photos: Photos, target: Camera, disparities: Tensor, cover: bool = True) -> Rendering:
         """The target's view on planes at these disparities [D] (1/scene unit), near to far."""

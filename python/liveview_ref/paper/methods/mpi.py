@@ -75,9 +75,9 @@ def target_from_reference(reference: Camera, target: Camera, disparity: float) -
 
 
 def window(reference: Camera, target: Camera, disparities: Tensor, cover: bool) -> Camera:
-    """The window of the reference, beyond its photo where needed, that contains the target's view
-    of the nearest and the farthest plane; without `cover`, a window of the target's size at its
-    centre."""
+    """The window of the reference, beyond its photo where needed, that contains the target's
+    view of the nearest and the farthest plane; without `cover`, a window of the target's size
+    at its centre."""
     corners = torch.tensor([[x, y, 1.0] for x in (0, target.width) for y in (0, target.height)], dtype=torch.float64)
     seen = []
     for disparity in (float(disparities[0]), float(disparities[-1])):

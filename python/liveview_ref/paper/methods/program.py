@@ -17,8 +17,8 @@ from .method import Method, Photos, Rendering
 
 
 def write_scene(folder: Path, photos: Photos, target: Camera, bounds: tuple[float, float]) -> None:
-    """Write a scene from which the program can render the target; bounds: near and far in scene
-    units."""
+    """Write a scene from which the program can render the target; bounds: near and far
+    in scene units."""
     blank = torch.zeros(3, target.height, target.width)  # in place of the target's photo
     frames = [write_photo(folder, TARGET, blank, target, bounds)]
     for i, (image, camera) in enumerate(zip(photos.images, photos.cameras, strict=True)):

@@ -1,6 +1,6 @@
-"""Stereo Magnification (Zhou et al., SIGGRAPH 2018), for any number of photos: the encoder-decoder
-of its table "Network architecture", which makes all planes at once, centred at one photo, the
-reference.
+"""Stereo Magnification (Zhou et al., SIGGRAPH 2018), for any number of photos: the
+encoder-decoder of its table "Network architecture", which makes all planes at once, centred at
+one photo, the reference.
 
 The paper states of its version only that it takes five photos. Interpretation: the plane sweep
 volumes of all other photos are the input, in place of that of the original's second photo, and the

@@ -1,5 +1,6 @@
-"""Record the trainings, and write their card: python -m liveview_ref.paper.report.cards [--runs
-RUNS]
+"""Record the trainings, and write their card.
+
+    python -m liveview_ref.paper.report.cards [--runs RUNS]
 
 With `--runs`, models/paper/training.json takes the figures of every checkpoint there: steps,
 processor time, parameters and validation. The weights themselves stay in RUNS.

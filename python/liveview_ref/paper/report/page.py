@@ -1,9 +1,10 @@
-"""Write docs/paper-comparison.md and its pictures from the results in models/paper: python -m
-liveview_ref.paper.report.page
+"""Write docs/paper-comparison.md and its pictures from the results in models/paper.
+
+    python -m liveview_ref.paper.report.page
 
 No figure in it is typed by hand: ours come from the JSON files of scores, cost and departures, the
 paper's from published.json. Missing figures are listed. --crops is the folder of crops that scoring
-wrote; without it their figure remains as it is."""
+wrote; without it the existing figure remains."""
 
 import argparse
 import re

@@ -102,7 +102,7 @@ def restrict(reports: dict[str, dict]) -> dict[str, list[str]]:
     """Reduce the reports of one data set, by entry, to the targets that all of them have, with
     means over these alone, because means over different targets cannot be compared. Returns the
     targets that each entry lost, as scene/target. An entry that shares no target with the larger
-    ones loses all of its own, and the others lose none because of it."""
+    ones loses all its targets, without affecting the others."""
 
     def names(report: dict) -> list[str]:
         return [f"{target['scene']}/{target['target']}" for target in report["targets"]]

@@ -1,5 +1,5 @@
-"""The tables of the report, with the paper's figures in italics, and a sentence for each missing
-figure."""
+"""The tables of the report, with the paper's figures in italics, and a sentence for
+each missing figure."""
 
 from ..measure.variants import COMPETING
 from .results import ABLATION, ABLATION_VIEWS, METRICS, ON_FEWER, ON_FEWER_VIEWS, Results, ablation_alone, title

@@ -11,9 +11,9 @@ def psnr(image: Tensor, truth: Tensor) -> float:
 
 
 def ssim(image: Tensor, truth: Tensor) -> float:
-    """Mean SSIM per channel (Wang 2004): Gaussian window of sigma 1.5 and 11x11 pixels, only where
-    the window fits; equal to skimage's structural_similarity(gaussian_weights=True, sigma=1.5,
-    use_sample_covariance=False)."""
+    """Mean SSIM per channel (Wang 2004): Gaussian window of sigma 1.5 and 11x11 pixels,
+    only where the window fits; equal to skimage's
+    structural_similarity(gaussian_weights=True, sigma=1.5, use_sample_covariance=False)."""
     x = torch.arange(-5, 6, dtype=torch.float64)
     g = torch.exp(-(x**2) / (2 * 1.5**2))
     g = (g / g.sum()).to(image.dtype)

@@ -1,5 +1,5 @@
-"""Selection among competing planes: the subset nearest to the best plane of every pixel. Not in the
-paper."""
+"""Selection among competing planes: the subset nearest to the best plane of every pixel. Not
+in the paper."""
 
 from bisect import bisect_right
 from itertools import accumulate

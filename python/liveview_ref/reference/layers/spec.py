@@ -3,7 +3,8 @@
 - `planes:64`: 64 planes, evenly spaced in disparity
 - `guided:2`: 2 layers that follow the scene; `guided:2/32`: found by a first search of 32 planes
 - `surface:2`: 2 layers along the surface, from the depth of the photos
-- `select:16/64`: the 16 of 64 planes that are best for most pixels (the paper's selection); `select:16` is of 64
+- `select:16/64`: the 16 of 64 planes that are best for most pixels (the paper's selection);
+  `select:16` is of 64
 - `list:0.5,0.25,0`: planes at these disparities, near -> far
 """
 
@@ -30,8 +31,8 @@ class Planes:
 
 @dataclass(frozen=True)
 class Guided:
-    """`count` layers that follow the scene; `coarse_planes` in the first search, None: by the
-    parallax."""
+    """`count` layers that follow the scene; `coarse_planes` in the first search, None:
+    by the parallax."""
 
     count: int
     coarse_planes: int | None = None

@@ -5,8 +5,8 @@ from torch import Tensor
 
 
 def detail(image: Tensor) -> Tensor:
-    """4 times each pixel minus its four neighbours, [3, h, w]; neighbours outside are the pixel
-    itself."""
+    """4 times each pixel minus its four neighbours, [3, h, w]; neighbours outside are
+    the pixel itself."""
     padded = F.pad(image[None], [1, 1, 1, 1], "replicate")[0]
     above, below = padded[:, :-2, 1:-1], padded[:, 2:, 1:-1]
     left, right = padded[:, 1:-1, :-2], padded[:, 1:-1, 2:]

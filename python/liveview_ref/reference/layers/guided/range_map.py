@@ -8,8 +8,8 @@ from torch import Tensor
 
 
 class RangeMap(NamedTuple):
-    """Per cell, the disparities [h, w] between which the scene lies, and the disparity of its
-    surface."""
+    """Per cell, the disparities [h, w] between which the scene lies, and the disparity
+    of its surface."""
 
     nearest: Tensor
     surface: Tensor

@@ -1,5 +1,5 @@
-"""The guided search: two searches for the disparity of least matching cost, the second at twice the
-resolution.
+"""The guided search: two searches for the disparity of least matching cost, the second at
+twice the resolution.
 
 At 1/4 resolution: sweep the views through planes a cell of parallax apart, take the variance of
 their colours over a window, aggregate it along rows and columns (semi_global.py) and keep the
@@ -38,8 +38,8 @@ def search_planes(cameras: list[Camera], target: Camera, near: float, far: float
 
 
 def fine_layers(found: RangeMap) -> Tensor:
-    """The layers of the second search, which divide the range that the first found: [FINE_LAYERS,
-    h, w], cells of CELL pixels."""
+    """The layers of the second search, which divide the range that the first found:
+    [FINE_LAYERS, h, w], cells of CELL pixels."""
     return upsample_maps(guided_maps(*found, FINE_LAYERS), COARSE_CELL // CELL)
 
 

@@ -12,8 +12,8 @@ AGREEMENT = 2.0  # px within which the two depths agree
 
 
 def correspondences(view: SurfaceView, other: SurfaceView) -> tuple[Tensor, Tensor, Tensor]:
-    """Pixels of `view` that have a correspondence [h, w], and their columns and rows in `other`,
-    pixels."""
+    """Pixels of `view` that have a correspondence [h, w], and their columns and rows
+    in `other`, pixels."""
     x, y, there = projected(other.camera, view.camera, view.known.disparity)
     own, inside = at_pixels(other.known.disparity, x, y)
     use = inside & (view.known.disparity >= 0) & (own >= 0) & ((own - there).abs() < AGREEMENT * view.known.pixel)

@@ -1,5 +1,5 @@
-"""Gains that bring photos of different exposure or white balance to a common one: a factor per
-channel."""
+"""Gains that bring photos of different exposure or white balance to a common one: a
+factor per channel."""
 
 import torch
 from torch import Tensor
@@ -18,8 +18,8 @@ def exposure_gains(views: list[SurfaceView], distances: Tensor) -> Tensor:
 
 
 def balanced(gains: Tensor, distances: Tensor) -> Tensor:
-    """Gains whose geometric mean is 1, weighted by nearness; a photo at the target keeps its own
-    colours."""
+    """Gains whose geometric mean is 1, weighted by nearness; a photo at the target keeps
+    its own colours."""
     at_target = distances == 0
     weight = (at_target.double() if bool(at_target.any()) else 1 / distances).to(gains)
     mean = ((weight[:, None] * gains.log()).sum(0) / weight.sum()).exp()

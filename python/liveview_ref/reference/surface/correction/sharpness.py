@@ -42,8 +42,8 @@ def amount(photo: SurfaceView, others: list[SurfaceView]) -> Tensor:
 
 
 def bilinear(maps: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Samples [C, n] of maps [C, h, w] at columns and rows, px, the centre of the first at 0; all
-    inside."""
+    """Samples [C, n] of maps [C, h, w] at columns and rows, px, the centre of the first at
+    0; all inside."""
     column, row = x.long(), y.long()
     across, down = x - column, y - row
     upper, lower = (torch.lerp(maps[:, j, column], maps[:, j, column + 1], across) for j in (row, row + 1))

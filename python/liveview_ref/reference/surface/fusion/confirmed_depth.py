@@ -9,8 +9,8 @@ from ..search.photo_depth import PhotoDepth
 
 
 class ConfirmedDepth(NamedTuple):
-    """Disparities [h, w] of a photo that other photos confirm, -1 elsewhere; `pixel` as
-    PhotoDepth's."""
+    """Disparities [h, w] of a photo that other photos confirm, -1 elsewhere;
+    `pixel` as PhotoDepth's."""
 
     disparity: Tensor
     pixel: float

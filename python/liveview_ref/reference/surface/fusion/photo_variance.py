@@ -1,5 +1,5 @@
-"""Photo variance: the variance of the colours of the views that see a pixel, averaged over a
-window."""
+"""Photo variance: the variance of the colours of the views that see a pixel, averaged
+over a window."""
 
 import torch
 from torch import Tensor
@@ -16,8 +16,8 @@ WINDOW = 7  # pixels
 def photo_variance(
     views: list[tuple[Tensor, Camera, Tensor]], visible: Tensor, target: Camera, surface: Tensor
 ) -> Tensor:
-    """Photo variance [h, w] on `surface` [h, w] of photos, cameras and gains [3]; `visible` [V, h,
-    w] is 1 or 0.
+    """Photo variance [h, w] on `surface` [h, w] of photos, cameras and gains [3]; `visible`
+    [V, h, w] is 1 or 0.
 
     Of the n views with a coverage above 0.5 that see the pixel: (sum c^2 - (sum c)^2 / n) / (3 (n -
     1)), clamped to [0, 0.02]; c is the colour times its gain, minus 0.5.

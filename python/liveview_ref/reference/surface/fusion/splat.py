@@ -24,8 +24,8 @@ FUSED = 3.0  # px behind the nearest within which depths are averaged
 def splat(
     maps: list[tuple[Camera, Tensor]], target: Camera, height: int, width: int, agree: float, fuse: float
 ) -> Tensor:
-    """Disparity [height, width] of the padded target from confirmed depths; -1 where no point
-    falls."""
+    """Disparity [height, width] of the padded target from confirmed depths; -1 where
+    no point falls."""
     each = [splat_one(camera, known, target, height, width) for camera, known in maps]
     nearest = first_surface(each, agree)
     total, number = torch.zeros_like(nearest), torch.zeros_like(nearest)

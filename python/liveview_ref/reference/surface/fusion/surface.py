@@ -1,8 +1,9 @@
 """The target's surface: the confirmed depths of the photos, fused at the target, holes filled.
 
 1. Splat of the confirmed depths (splat.py).
-2. Holes are filled from their farthest neighbours. Where they are more than a share of the target, a guided search at
-   the target among the first views replaces this wherever the views that see it agree clearly better.
+2. Holes are filled from their farthest neighbours. If they are more than a share of the target, a
+   guided search at the target among the first views replaces this wherever the views agree clearly
+   better.
 3. 3x3 median.
 """
 

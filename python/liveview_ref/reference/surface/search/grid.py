@@ -56,8 +56,8 @@ class Candidates(NamedTuple):
 
     @classmethod
     def two(cls, starts: Tensor, height: int, width: int) -> "Candidates":
-        """One or two segments that begin at starts [h/2, w/2, 2]; a pair of starts serves 2 x 2
-        cells."""
+        """One or two segments that begin at starts [h/2, w/2, 2]; a pair of starts serves 2
+        x 2 cells."""
         starts = starts.long().repeat_interleave(2, 0).repeat_interleave(2, 1)[:height, :width].permute(2, 0, 1)
         there = starts != NONE
         index = torch.where(there, starts, 0)[:, None] + torch.arange(SEGMENT)[:, None, None]

@@ -1,5 +1,5 @@
-"""Penalties of the aggregation for a change of index along a path: P1 and P2 of semi-global
-matching."""
+"""Penalties of the aggregation for a change of index along a path: P1 and P2
+of semi-global matching."""
 
 from torch import Tensor
 
