@@ -224,7 +224,7 @@ def test_chosen_views_are_the_nearest_within_60_degrees():
     assert [float((cameras[i].centre - target.centre).norm()) for i in chosen] == sorted(
         float((c.centre - target.centre).norm()) for c in cameras if float(c.forward @ target.forward) > 0.5
     )
-    with pytest.raises(ValueError, match="only 2 of 4 look in the target's direction"):
+    with pytest.raises(ValueError, match="only 2 of 4 face the target's direction"):
         choose_views(cameras, target, 3)
 
 

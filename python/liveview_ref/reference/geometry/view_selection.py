@@ -20,7 +20,7 @@ def choose_views(cameras: list[Camera], target: Camera, count: int) -> list[int]
     looking = looking_the_same_way(cameras, target)
     if len(looking) < count:
         raise ValueError(
-            f"{count} views requested, but only {len(looking)} of {len(cameras)} look in the target's direction"
+            f"{count} views are needed, but only {len(looking)} of {len(cameras)} face the target's direction"
         )
     return sorted(looking, key=lambda i: float((cameras[i].centre - target.centre).norm()))[:count]
 
