@@ -1,8 +1,9 @@
 """Write the table of models/README.md of what limits quality: `make report STEP=limits`.
 
-On the example scene's two targets, where the depth of target and views is known: the program's pictures, and one layer
-along the true depth; with view weights by the network and by agreement, side by side; with all views, with true
-per-view occlusion, and with the pixels that are occluded in all views taken from the truth.
+On the example scene's two targets, where the depth of target and views is known: the program's
+pictures, and one layer along the true depth; with view weights by the network and by agreement,
+side by side; with all views, with true per-view occlusion, and with the pixels that are occluded in
+all views taken from the truth.
 """
 
 import json
@@ -66,7 +67,7 @@ def along_the_truth(net, target: int) -> dict[tuple[str, str], float]:
 
     def score(what: str, mask: Tensor, power: float, fill_occluded: bool) -> None:
         shown, counts = colour * mask[:, :, None], coverage * mask
-        undimmed = colour * (mask > 0)[:, :, None]  # a view that counts a tenth agrees by its own colour
+        undimmed = colour * (mask > 0)[:, :, None]  # the agreement compares colours before they are weighted
         for name in NETWORKS:
             logits = net(shown.flatten(1, 2)) if name == "network" else agreement_logits(undimmed)
             image = blend(logits, shown, counts, distances, power)[1][0, :, :height, :width]

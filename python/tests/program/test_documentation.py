@@ -1,4 +1,5 @@
-"""README.md and docs/: their commands run as printed, their links exist, README.md is within its limits."""
+"""README.md and docs/: their commands run as printed, their links exist, README.md is
+within its limits."""
 
 import os
 import re
@@ -27,14 +28,15 @@ NEEDS_FFMPEG = ".mp4", "ffplay"
 
 
 def commands(page: str) -> list[str]:
-    """The lines of the page's ```sh blocks, a continued line in one."""
+    """The commands in the page's ```sh blocks, with continued lines joined."""
     blocks = re.findall(r"^```sh\n(.*?)^```", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE)
     return [line for block in blocks for line in block.replace("\\\n", " ").splitlines() if line]
 
 
 @pytest.fixture(scope="module")
 def clone(tmp_path_factory) -> Path:
-    """What a reader's working directory is: the repository, with an `out` of its own and the program installed."""
+    """A reader's working directory: the repository, with a separate `out` and
+    the program installed."""
     folder = tmp_path_factory.mktemp("clone")
     for name in ("tests", "models", ".venv"):
         (folder / name).symlink_to(ROOT / name)
@@ -42,7 +44,8 @@ def clone(tmp_path_factory) -> Path:
 
 
 def environment(clone: Path) -> dict[str, str]:
-    """Nothing set but what the README says: `cargo install` writes into the clone instead of the home folder."""
+    """The environment without variables of this project; `cargo install` writes into the clone, not
+    the home folder."""
     kept = {name: value for name, value in os.environ.items() if name not in ("LIVEVIEW_MODELS", "ORT_DYLIB_PATH")}
     installed = clone / "installed"
     return kept | {"CARGO_INSTALL_ROOT": str(installed), "PATH": f"{installed / 'bin'}:{kept['PATH']}"}
@@ -50,7 +53,7 @@ def environment(clone: Path) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def installed(clone) -> Path:
-    """Installed as the README says."""
+    """The program, installed by the README's commands."""
     for command in commands("README.md"):
         if command.startswith(("make ", "cargo ")):
             subprocess.run(shlex.split(command), cwd=ROOT, env=environment(clone), check=True, capture_output=True)
@@ -77,7 +80,8 @@ def test_commands_of_a_page_run(page, installed):
 
 
 def answers_over_http(command: str, clone: Path) -> None:
-    """`liveview view` runs until it is interrupted: its link leads to a page. Any free port, where another is taken."""
+    """`liveview view` runs until it is interrupted; the link it prints leads to a page. On
+    any free port."""
     words = [*shlex.split(command), "--port", "0"]
     output = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen(words, cwd=clone, env=environment(clone), **output) as server:
@@ -110,7 +114,7 @@ def test_files_to_read_first_have_the_lines_of_the_readme():
 
 @cache
 def anchors(page: Path) -> set[str]:
-    """Of its headings, as GitHub writes them."""
+    """Anchors of the page's headings, in GitHub's form."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
