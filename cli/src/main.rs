@@ -1,4 +1,4 @@
-//! The `liveview` command; `liveview --help` says what it does.
+//! The `liveview` program; `liveview --help` lists its commands.
 
 mod commands;
 mod shard;
@@ -18,68 +18,68 @@ use liveview_viewer as view;
 
 const EXAMPLES: &str = "\
 Examples:
-  What is in the folder, and what will be left out:
+  What a scene folder holds, and how it is read:
     liveview inspect scene
   A held-out photo, rendered from the others and scored:
     liveview render scene --target IMG_7.jpg -o new.png
-  Every 8th photo from the rest, with a table of scores:
+  Every 8th photo, rendered from the others, with a table of scores:
     liveview render scene --heldout 8
   A flight around the rig:
     liveview render scene --path spiral:90 -o flight.mp4
-  A rig's video from a viewpoint of its own:
+  A video of a camera rig, from a moving viewpoint:
     liveview video rig --path circle:120 -o view.mp4
   Look around in a browser:
     liveview view scene
-  How deep each photo is, and how much of that others confirm:
+  The depth of each photo, and the share of it that other photos confirm:
     liveview depth scene -o depth
   Which planes a view needs:
     liveview select scene --target IMG_7.jpg -o planes.png";
 
-/// A folder of posed photos becomes a new view.
+/// Renders new views of a scene from photos with known camera poses.
 #[derive(Debug, Parser)]
 #[command(name = "liveview", version, after_help = EXAMPLES)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// Print one JSON object on stdout, and nothing else there
+    /// Print one JSON object on stdout instead of text
     #[arg(long, global = true)]
     json: bool,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Render new views, and score them where the photo exists
+    /// Render new views, and score them if the photo exists
     Render(render::RenderArgs),
-    /// Put together what `render --shard` has rendered, on however many machines: a video, or a table of scores
+    /// Combine the pictures of `render --shard` into a video or a table of scores
     Join(join::JoinArgs),
     /// Run many render commands in one process
     Batch(batch::BatchArgs),
     #[cfg(feature = "video")]
-    /// Turn the frames of a camera rig into the video of a moving viewpoint, live if asked
+    /// Render the video of a moving viewpoint from the frames of a camera rig
     Video(video::VideoArgs),
     #[cfg(feature = "viewer")]
-    /// Look around a scene in a browser: prints a link
+    /// Look around a scene in a browser
     View(view::ViewArgs),
-    /// Show how a scene is read, and what will be left out
+    /// Show how a scene is read
     Inspect(inspect::InspectArgs),
-    /// Show which planes, or which range per pixel, a view needs
+    /// Show which planes, or which depth range per pixel, a view needs
     Select(select::SelectArgs),
-    /// Write the depth of the photos themselves, and score it where the scene knows the truth
+    /// Write the depth of the photos, and score it if the scene has true depth
     Depth(depth::DepthArgs),
     #[cfg(feature = "bench")]
     /// Write every stage of one render as arrays (.npz), to compare with the Python reference
     Dump(dump::DumpArgs),
     #[cfg(feature = "bench")]
-    /// Measure error against run time: kinds and numbers of layers, and the Python reference beside them
+    /// Measure error against run time for kinds and numbers of layers, and for the Python reference
     Sweep(sweep::SweepArgs),
     #[cfg(feature = "bench")]
-    /// Compare stiff and extreme cases of a scene's rig with float64, and the Python reference beside them
+    /// Compare extreme cases of a scene's rig with float64, for Rust and for the Python reference
     Stability(stability::StabilityArgs),
-    /// List the models that are installed, with their cards
+    /// List the installed models and their cards
     Models(models::ModelsArgs),
-    /// Write the manual pages, or what a shell completes commands by
+    /// Write manual pages or shell completions
     Manual(manual::ManualArgs),
-    /// One configuration of a sweep, driven over JSON lines
+    /// Run one configuration of a sweep, controlled by JSON lines
     #[cfg(feature = "bench")]
     #[command(hide = true)]
     Worker(sweep::WorkerArgs),
@@ -113,13 +113,13 @@ fn main() -> ExitCode {
         Ok(console::Output { text, json }) => {
             let printed = match &cli.command {
                 _ if cli.json => format!("{json:#}"),
-                // For a shell: nothing in it comes from a file.
+                // A shell script, which holds no text from files.
                 Command::Manual(_) => text,
                 _ => console::escaped_lines(&text),
             };
             let printed = printed.trim_end();
             let written = match &cli.command {
-                // What there is to tell was printed as each command ended.
+                // It printed the result of each command.
                 Command::Batch(_) => Ok(()),
                 #[cfg(feature = "video")]
                 // The video itself goes to standard output.
@@ -130,7 +130,7 @@ fn main() -> ExitCode {
                 }
             };
             match written {
-                // A reader that stops reading (`| head`) is not an error.
+                // A closed pipe (`| head`) is not an error.
                 Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
                     console::print_message("error", format_args!("standard output: cannot be written: {error}"));
                     ExitCode::from(2)
@@ -142,7 +142,7 @@ fn main() -> ExitCode {
             let message = console::full_text(&error);
             match &cli.command {
                 #[cfg(feature = "bench")]
-                // To the sweep that started the worker, which prints it.
+                // The sweep that started the worker prints it.
                 Command::Worker(_) => drop(console::send_line(&serde_json::json!({ "error": message }))),
                 _ => console::print_message("error", message),
             }

@@ -3,18 +3,21 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// Share `index` (0 to `count` - 1) of `count`, written `I/N` with I from 1 to N: every Nth target, from the Ith on.
+/// Share `index` (0 to `count` - 1) of `count`, written `I/N` with I from 1 to N: every Nth target,
+/// starting with the Ith.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Shard {
     pub(crate) index: usize,
     pub(crate) count: usize,
 }
 
-/// Most shares of a job.
+/// Largest number of shares.
 const MAX_COUNT: usize = 4096;
-/// The environment variable that holds the number of shares.
+/// Environment variable with the number of shares.
 const COUNT: &str = "LIVEVIEW_SHARDS";
+/// Environment variables of Slurm's job arrays: index of the task, first index, number of tasks.
 const SLURM: [&str; 3] = ["SLURM_ARRAY_TASK_ID", "SLURM_ARRAY_TASK_MIN", "SLURM_ARRAY_TASK_COUNT"];
+/// Environment variable of Kubernetes' indexed jobs: index of the pod.
 const KUBERNETES: &str = "JOB_COMPLETION_INDEX";
 
 impl fmt::Display for Shard {
@@ -29,18 +32,18 @@ impl FromStr for Shard {
     fn from_str(text: &str) -> Result<Self, String> {
         let parts = text.split_once('/').and_then(|(index, count)| Some((index.parse().ok()?, count.parse().ok()?)));
         let parts = parts.filter(|&(index, count)| (1..=count).contains(&index) && count <= MAX_COUNT);
-        let wrong = || format!("expected I/N, two whole numbers, I from 1 to N, N up to {MAX_COUNT}; or auto");
+        let wrong = || format!("expected I/N with whole numbers, I from 1 to N, N up to {MAX_COUNT}; or auto");
         parts.map(|(index, count): (usize, usize)| Self { index: index - 1, count }).ok_or_else(wrong)
     }
 }
 
 impl Shard {
-    /// As on the command line: `I/N`, or `auto`, which takes it from the environment.
+    /// Parses the value of the option: `I/N`, or `auto` for [`Self::from_environment`].
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         if text == "auto" { Self::from_environment(|name| std::env::var(name).ok()) } else { text.parse() }
     }
 
-    /// The share that Slurm's job array or Kubernetes' indexed job gives this process.
+    /// The share of this process in Slurm's job array or Kubernetes' indexed job.
     fn from_environment(variable: impl Fn(&str) -> Option<String>) -> Result<Self, String> {
         let number = |name: &str| -> Result<Option<usize>, String> {
             let Some(text) = variable(name).filter(|text| !text.is_empty()) else { return Ok(None) };
@@ -53,7 +56,7 @@ impl Shard {
             (Some(_), Some(_)) => {
                 return Err(format!("auto: {} and {KUBERNETES} are both set; expected one, or I/N", SLURM[0]));
             }
-            // With the number given, a task that is submitted again alone still knows which one it is.
+            // With the number of shares given, a task that is resubmitted alone keeps its share.
             (Some(task), None) if given.is_some() => (SLURM[0], Some(task), given),
             (Some(task), None) => (SLURM[0], task.checked_sub(first.unwrap_or(0)), tasks),
             (None, Some(index)) => (KUBERNETES, Some(index), given),
@@ -64,18 +67,18 @@ impl Shard {
         let Some(count) = count else {
             return Err(format!("auto: {name} is set, but not {COUNT}; expected the number of shards there"));
         };
-        let inside = index.filter(|&index| index < count && count <= MAX_COUNT);
+        let valid = index.filter(|&index| index < count && count <= MAX_COUNT);
         let wrong = || {
             let index = index.map_or_else(|| format!("before {}", SLURM[1]), |index| index.to_string());
             format!(
-                "auto: {name} makes this shard {index} of {count}, counted from 0; expected one below {count}, without gaps, and no \
-                 more than {MAX_COUNT} shards"
+                "auto: {name} gives shard {index} of {count}, counted from 0; expected one below {count}, without \
+                 gaps, and at most {MAX_COUNT} shards"
             )
         };
-        inside.map(|index| Self { index, count }).ok_or_else(wrong)
+        valid.map(|index| Self { index, count }).ok_or_else(wrong)
     }
 
-    /// Its share of a list, in order.
+    /// The elements of this share, in order.
     pub(crate) fn of<T>(self, all: Vec<T>) -> Vec<T> {
         all.into_iter().skip(self.index).step_by(self.count).collect()
     }
@@ -90,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_interleaved_and_make_the_whole() {
+    fn shares_are_interleaved_and_complete() {
         assert_eq!("2/3".parse::<Shard>().unwrap().of((0..8).collect()), [1, 4, 7]);
         assert_eq!("3/3".parse::<Shard>().unwrap().of(vec![0]), [0; 0]);
         for (targets, count) in [(64, 16), (7, 3), (2, 5)] {
@@ -105,12 +108,12 @@ mod tests {
     }
 
     #[test]
-    fn schedulers_say_which() {
+    fn auto_takes_the_share_from_slurm_or_kubernetes() {
         let [id, min, count] = SLURM;
         let shard = |index, count| Ok(Shard { index, count });
         assert_eq!(auto(&[(id, "5"), (min, "1"), (count, "16")]), shard(4, 16));
         assert_eq!(auto(&[(id, "5"), (min, "0"), (count, "16")]), shard(5, 16));
-        assert_eq!(auto(&[(id, "7"), (min, "7"), (count, "1"), (COUNT, "16")]), shard(7, 16), "one submitted again");
+        assert_eq!(auto(&[(id, "7"), (min, "7"), (count, "1"), (COUNT, "16")]), shard(7, 16), "a resubmitted task");
         assert_eq!(auto(&[(KUBERNETES, "0"), (COUNT, "4")]), shard(0, 4));
         for (set, word) in [
             (&[][..], "neither"),

@@ -1,4 +1,4 @@
-//! `liveview manual`: manual pages, and completions for shells.
+//! `liveview manual`: manual pages and shell completions.
 
 use std::path::PathBuf;
 
@@ -13,20 +13,20 @@ Examples:
   liveview manual --shell bash > ~/.local/share/bash-completion/completions/liveview
   liveview manual -o ~/.local/share/man/man1";
 
-/// Options of `liveview manual`; exactly one.
+/// Options of `liveview manual`; exactly one is given.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 #[group(required = true, multiple = false)]
 pub(crate) struct ManualArgs {
-    /// Write a manual page of each command into this folder
+    /// Write a manual page for each command to this folder
     #[arg(short, long, value_name = "FOLDER")]
     output: Option<PathBuf>,
-    /// Print what this shell completes commands by
+    /// Print the completion script for this shell
     #[arg(long, value_enum)]
     shell: Option<Shell>,
 }
 
-/// Of this command and those below it.
+/// Writes the manual pages, or returns the completions, of `command` and its subcommands.
 pub(crate) fn run(args: &ManualArgs, mut command: Command) -> Result<Output> {
     if let Some(folder) = &args.output {
         let failed = |error| anyhow!("-o {}: cannot be written: {error}", folder.display());

@@ -1,4 +1,4 @@
-//! `liveview models`: which models are installed, and what their cards say.
+//! `liveview models`: the installed models and their cards.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -7,14 +7,14 @@ use anyhow::Result;
 use clap::Args;
 use liveview::SynthesisError;
 use liveview::network::{ExecutionProvider, ModelCard, OrtLibrary, OrtNetwork, model_folders};
-use liveview_common::console::{Output, shown};
+use liveview_common::console::{Output, path_text};
 use liveview_common::ort_wheel::wheel;
 use serde_json::{Value, json};
 
 /// Options of `liveview models`.
 #[derive(Debug, Args)]
 pub(crate) struct ModelsArgs {
-    /// ONNX Runtime library [default: ORT_DYLIB_PATH, then the wheel in a .venv, then the system's]
+    /// ONNX Runtime library [default: ORT_DYLIB_PATH, else the wheel in a .venv, else the system's]
     #[arg(long, value_name = "FILE")]
     ort_lib: Option<PathBuf>,
 }
@@ -29,7 +29,7 @@ pub(crate) fn run(args: &ModelsArgs) -> Result<Output> {
     }
     let (mut text, mut models) = (String::new(), Vec::new());
     for file in files(&folders) {
-        // One that cannot be opened is told, and is no reason not to tell of the others.
+        // A model that cannot be opened is listed with the error.
         let card = OrtNetwork::open(&library, &file, 1).map(|network| network.card().clone());
         match card {
             Ok(card) => {
@@ -38,24 +38,25 @@ pub(crate) fn run(args: &ModelsArgs) -> Result<Output> {
             }
             Err(error) => {
                 let _ = writeln!(text, "{}\n  cannot be used: {error}", file.display());
-                models.push(json!({ "file": shown(&file), "error": error.to_string() }));
+                models.push(json!({ "file": path_text(&file), "error": error.to_string() }));
             }
         }
     }
-    let folders: Vec<String> = folders.iter().map(|folder| shown(folder)).collect();
+    let folders: Vec<String> = folders.iter().map(|folder| path_text(folder)).collect();
     if models.is_empty() {
         let _ = writeln!(text, "no model (.onnx) in {}", folders.join(", "));
     }
     Ok(Output { text, json: json!({ "folders": folders, "models": models }) })
 }
 
-/// The models of these folders. Of two of one name the first folder's is found, so only that is listed.
+/// The models in these folders. If several folders hold a file of the same name, the first one is
+/// used, so only that is listed.
 fn files(folders: &[PathBuf]) -> Vec<PathBuf> {
     let mut found: Vec<PathBuf> = Vec::new();
     for folder in folders {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
         let mut models: Vec<PathBuf> =
-            entries.filter(|file| file.extension().is_some_and(|ending| ending == "onnx")).collect();
+            entries.filter(|file| file.extension().is_some_and(|extension| extension == "onnx")).collect();
         models.sort();
         models.retain(|file| !found.iter().any(|other| other.file_name() == file.file_name()));
         found.extend(models);
@@ -79,7 +80,7 @@ fn card_text(file: &str, card: &ModelCard) -> String {
 
 fn card_json(file: &std::path::Path, card: &ModelCard) -> Value {
     json!({
-        "file": shown(file), "views": card.views, "precision": card.precision, "layer_kinds": card.layer_kinds,
+        "file": path_text(file), "views": card.views, "precision": card.precision, "layer_kinds": card.layer_kinds,
         "recommended_layers": card.recommended_layers, "alpha": card.alpha(None).to_string(),
         "training": card.training, "licence": card.licence,
     })

@@ -1,4 +1,4 @@
-//! `liveview select`: the planes that a view needs, or its range of depths per pixel.
+//! `liveview select`: the planes that a view needs, or the depth range of each pixel.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -16,24 +16,24 @@ use liveview::{Camera, ImageRgb, LayerSpec, ScenePhotos, SceneViews, Shot, Targe
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::output::expect_png;
 use liveview_common::args::scene::SceneArgs;
-use liveview_common::console::{Output, print_notes, progress, shown};
+use liveview_common::console::{Output, path_text, print_notes, progress};
 use liveview_common::job::Job;
 use liveview_common::outputs::OutputPlan;
-use liveview_common::statistics::percentile;
+use liveview_common::statistics::quantile;
 use ndarray::Array2;
 use serde_json::{Value, json};
 
 const EXAMPLES: &str = "\
 Examples:
-  The histogram over 64 planes, and the 16 that are kept:
+  The histogram over 64 planes, and the 16 that are selected:
     liveview select scene --target IMG_7.jpg -o planes.png
-  Another choice:
+  Another number of planes:
     liveview select scene --target IMG_7.jpg --layers select:8/128
-  The range of depths that guided layers divide, per pixel:
+  The depth range of each pixel, for guided layers:
     liveview select scene --target IMG_7.jpg --layers guided:4 -o range.png";
 
-/// Percentiles of the pixels that describe the range map.
-const PERCENTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
+/// Quantiles of the pixels that describe the range map.
+const QUANTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
 
 /// Options of `liveview select`.
 #[derive(Debug, Args)]
@@ -41,15 +41,17 @@ const PERCENTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
 pub(crate) struct SelectArgs {
     #[command(flatten)]
     scene: SceneArgs,
-    /// The view, by name; held out
+    /// Target view, by name, held out
     #[arg(long, value_name = "NAME")]
     target: String,
-    /// What to show: select:K/D, the histogram over D planes and the K that are kept; or guided:L, the range of depths that L
-    /// guided layers divide (needs no model)
+    /// select:K/D: the histogram over D planes and the K selected; guided:L: the depth range of
+    /// each pixel
     #[arg(long, value_name = "SPEC", default_value = "select:16/64")]
     layers: LayerSpec,
-    /// A picture of it: one bar per plane, near to far, those kept in colour; or nearest disparity, farthest disparity and
-    /// width of the range in pixels of parallax, side by side
+    /// Picture of the histogram or of the depth ranges
+    ///
+    /// The histogram has one bar per plane, near to far, selected planes in colour. The ranges are
+    /// nearest disparity, farthest disparity and width in pixels of parallax, side by side.
     #[arg(short, long, value_name = "PNG")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -74,7 +76,7 @@ pub(crate) fn run(args: &SelectArgs) -> Result<Output> {
     if let Some(file) = &args.output {
         picture.save(file)?;
         let _ = writeln!(output.text, "wrote    {}", file.display());
-        output.json["file"] = json!(shown(file));
+        output.json["file"] = json!(path_text(file));
     }
     Ok(output)
 }
@@ -99,14 +101,10 @@ fn planes(
     let pixels = (shot.target.width() * shot.target.height()) as f64;
     let share = |k: usize| 100.0 * histogram[k] as f64 / pixels;
     let kept: f64 = chosen.iter().map(|&k| share(k)).sum();
-    let unseen = 100.0 * (pixels - histogram.iter().sum::<u64>() as f64) / pixels;
+    let uncovered = 100.0 * (pixels - histogram.iter().sum::<u64>() as f64) / pixels;
     let mut text = heading(job.views(), &shot);
-    let _ = writeln!(text, "kept     {} of {} planes, which {kept:.1} % of the pixels choose", chosen.len(), from);
-    let _ = writeln!(
-        text,
-        "left out {} planes; {unseen:.1} % of the pixels are seen by no view",
-        histogram.len() - chosen.len()
-    );
+    let _ = writeln!(text, "selected {} of {} planes, which {kept:.1} % of the pixels choose", chosen.len(), from);
+    let _ = writeln!(text, "skipped  {} planes; no view covers {uncovered:.1} % of the pixels", from - chosen.len());
     let _ = writeln!(text, "\nplane  disparity      depth  pixels");
     for &k in &chosen {
         let _ = writeln!(text, "{k:5}  {:9.5}  {:9.4}  {:4.1} %", disparities[k], 1.0 / disparities[k], share(k));
@@ -118,7 +116,7 @@ fn planes(
     Ok((Output { text, json }, bar_chart(&histogram, &chosen)))
 }
 
-/// The range per pixel that guided layers divide.
+/// The depth range of each pixel, for guided layers.
 fn guided(
     args: &SelectArgs,
     views: SceneViews,
@@ -132,20 +130,20 @@ fn guided(
     let loaded = photos.load(&shot, &[])?;
     let started = Instant::now();
     let found = loaded.search(coarse_planes)?;
-    let coarse = started.elapsed();
+    let time = started.elapsed();
     let range = &found.range;
     let width = width_in_pixels(photos.views(), &shot, range);
 
     let mut text = heading(photos.views(), &shot);
     let _ = writeln!(
         text,
-        "coarse   {} planes on cells of {COARSE}x{COARSE} pixels, {} layers on {CELL}x{CELL}, {:.0} ms",
+        "search   {} planes on cells of {COARSE}x{COARSE} pixels, {} layers on {CELL}x{CELL}, {:.0} ms",
         found.disparities.len(),
         found.fine_layers.dim().0,
-        1e3 * coarse.as_secs_f64()
+        1e3 * time.as_secs_f64()
     );
-    let shares = PERCENTILES.map(|part| format!("{:>9}", format!("{:.0} %", 100.0 * part))).concat();
-    let _ = writeln!(text, "\nof the pixels                   {shares}");
+    let percent = QUANTILES.map(|fraction| format!("{:>9}", format!("{:.0} %", 100.0 * fraction))).concat();
+    let _ = writeln!(text, "\npercentile of the pixels        {percent}");
     let mut json = heading_json(photos.views(), &shot);
     let rows: [(&str, &str, Array2<f32>); 4] = [
         ("farthest depth, scene units", "farthest_depth", range.farthest().mapv(|disparity| 1.0 / disparity)),
@@ -155,15 +153,15 @@ fn guided(
     ];
     for (name, key, map) in rows {
         let mut values: Vec<f64> = map.iter().map(|&value| value.into()).collect();
-        let values = PERCENTILES.map(|part| percentile(&mut values, part));
+        let values = QUANTILES.map(|fraction| quantile(&mut values, fraction));
         let _ = writeln!(text, "{name:32}{}", values.map(|value| format!("{value:9.3}")).concat());
         json[key] = json!(values);
     }
-    json["percentiles"] = json!(PERCENTILES.map(|part| 100.0 * part));
+    json["percentiles"] = json!(QUANTILES.map(|fraction| 100.0 * fraction));
     let widest = width.iter().copied().fold(0.0, f32::max);
     let _ = writeln!(
         text,
-        "\nthe picture: nearest | farthest disparity (dark at far, light at near) | width (light at {widest:.1} pixels)"
+        "\npicture: nearest | farthest disparity (dark at far, light at near) | width (light at {widest:.1} pixels)"
     );
     Ok((Output { text, json }, range_picture(&shot, range, &width)))
 }
@@ -179,7 +177,7 @@ pub(super) fn range_picture(shot: &Shot, range: &RangeMap, width: &Array2<f32>) 
     side_by_side(&maps.each_ref())
 }
 
-/// The range of each cell in pixels of parallax, in the view where it is widest.
+/// The depth range of each cell in pixels of parallax, in the view where it is largest.
 pub(super) fn width_in_pixels(views: &SceneViews, shot: &Shot, range: &RangeMap) -> Array2<f32> {
     let views: Vec<(&Camera, PlaneSweep)> =
         views.cameras(&shot.views).map(|view| (view, PlaneSweep::new(view, &shot.target))).collect();
@@ -200,5 +198,8 @@ fn heading(views: &SceneViews, shot: &Shot) -> String {
 }
 
 fn heading_json(views: &SceneViews, shot: &Shot) -> Value {
-    json!({ "scene": shown(&views.scene().root), "target": shot.name, "views": views.names(&shot.views), "near": shot.near, "far": shot.far, "notes": views.scene().notes })
+    json!({
+        "scene": path_text(&views.scene().root), "target": shot.name, "views": views.names(&shot.views),
+        "near": shot.near, "far": shot.far, "notes": views.scene().notes,
+    })
 }

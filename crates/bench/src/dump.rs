@@ -13,7 +13,7 @@ use liveview::{LayerSpec, LoadedShot, Plan, Targets};
 use liveview_common::args::layers::LayerArgs;
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::scene::SceneArgs;
-use liveview_common::console::{Output, print_notes, shown};
+use liveview_common::console::{Output, path_text, print_notes};
 use liveview_common::job::Job;
 use liveview_common::outputs::OutputPlan;
 use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate, s};
@@ -110,9 +110,9 @@ pub fn run(args: &DumpArgs) -> Result<Output> {
     arrays.finish()?;
     let model = job.model.model.as_ref();
     let json = json!({
-        "file": shown(&args.output), "target": shot.name, "views": job.views().names(&shot.views), "near": shot.near,
-        "far": shot.far, "layers": job.layers().to_string(), "model": model.map(|model| shown(&model.path)),
-        "library": model.map(|model| shown(&model.library)), "engine": model.map_or("none", |model| model.provider.name()),
+        "file": path_text(&args.output), "target": shot.name, "views": job.views().names(&shot.views), "near": shot.near,
+        "far": shot.far, "layers": job.layers().to_string(), "model": model.map(|model| path_text(&model.path)),
+        "library": model.map(|model| path_text(&model.library)), "engine": model.map_or("none", |model| model.provider.name()),
         "precision": model.map(|model| &model.precision), "alpha": job.alpha().to_string(),
         "threads": job.model.threads, "batch": job.model.batch,
     });

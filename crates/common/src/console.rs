@@ -1,4 +1,5 @@
-//! Output of the program: results on stdout, notes and errors on stderr, a progress bar on a terminal.
+//! Output of the program: results on stdout, notes and errors on stderr, a progress bar on a
+//! terminal.
 
 use std::fmt::Display;
 use std::io::Write;
@@ -19,7 +20,7 @@ pub struct Output {
     pub json: serde_json::Value,
 }
 
-/// The text of an error, with those of its causes that it does not contain itself, and with advice on what to type.
+/// The text of an error and of its causes, without repetitions, and advice on which option helps.
 pub fn full_text(error: &anyhow::Error) -> String {
     let causes = error.chain().map(ToString::to_string);
     let text = causes.reduce(|text, cause| if text.contains(&cause) { text } else { format!("{text}: {cause}") });
@@ -30,7 +31,7 @@ pub fn full_text(error: &anyhow::Error) -> String {
     }
 }
 
-/// Which option or command helps with an error.
+/// The option or command that helps with an error.
 pub fn advice(error: &SynthesisError) -> Option<String> {
     match error {
         SynthesisError::UnknownDepth { near, far, .. } => {
@@ -47,27 +48,28 @@ pub fn advice(error: &SynthesisError) -> Option<String> {
     }
 }
 
-/// A path as text for JSON: serialising a path that is not UTF-8 would panic.
-pub fn shown(path: &Path) -> String {
+/// A path as text for JSON; serialising a path that is not UTF-8 would panic.
+pub fn path_text(path: &Path) -> String {
     path.display().to_string()
 }
 
-/// The text with its control characters escaped: names come from files, and a terminal would obey what is in them.
+/// The text with its control characters escaped: it may contain names from files, and a terminal
+/// would interpret them.
 pub fn escaped(text: &str) -> String {
-    escaped_but(text, None)
+    escaped_except(text, None)
 }
 
-/// As [`escaped`], in lines.
+/// As [`escaped`], except for line breaks.
 pub fn escaped_lines(text: &str) -> String {
-    escaped_but(text, Some('\n'))
+    escaped_except(text, Some('\n'))
 }
 
-fn escaped_but(text: &str, kept: Option<char>) -> String {
-    let mut shown = String::with_capacity(text.len());
+fn escaped_except(text: &str, exception: Option<char>) -> String {
+    let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
-        if c.is_control() && Some(c) != kept { shown.extend(c.escape_default()) } else { shown.push(c) }
+        if c.is_control() && Some(c) != exception { escaped.extend(c.escape_default()) } else { escaped.push(c) }
     }
-    shown
+    escaped
 }
 
 /// Prints a line on stderr; `eprintln` would panic if stderr is closed.
@@ -75,19 +77,20 @@ pub fn print_message(kind: &str, what: impl Display) {
     let _ = writeln!(std::io::stderr(), "{kind}: {}", escaped(&what.to_string()));
 }
 
-/// Prints the notes of a scene on stderr: what was skipped or assumed when it was read.
+/// Prints the notes of a scene on stderr.
 pub fn print_notes(notes: &[String]) {
     notes.iter().for_each(|note| print_message("note", note));
 }
 
-/// Sends a line of JSON to the process that started this one.
+/// Prints a line of JSON on stdout, for the process that started this one.
 pub fn send_line(line: &serde_json::Value) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(out, "{line}")?;
     Ok(out.flush()?)
 }
 
-/// A progress bar that counts `what` (such as layers), on stderr; hidden unless that is a terminal.
+/// A progress bar on stderr that counts `what` (such as layers); hidden unless stderr is a
+/// terminal.
 pub fn progress(what: &str) -> anyhow::Result<ProgressBar> {
     let template = format!("{{bar:40}} {{pos}}/{{len}} {what} {{elapsed}} {{msg}}");
     Ok(ProgressBar::new(0).with_style(ProgressStyle::with_template(&template)?))

@@ -1,4 +1,5 @@
-//! Ctrl-C, SIGTERM and SIGHUP: at the first the program finishes what it is writing and ends, at a Ctrl-C after it at once.
+//! Ctrl-C, SIGTERM and SIGHUP: at the first, the program finishes the file that it is writing and
+//! exits; at a second Ctrl-C it exits at once.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -10,29 +11,29 @@ use liveview::network::RunEnd;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
-/// The work was interrupted before it was done: exit code [`EXIT_CODE`].
+/// The work was interrupted before it was complete: exit code [`EXIT_CODE`].
 #[derive(Debug, thiserror::Error)]
 #[error("interrupted")]
 pub struct Interrupted;
 
-/// Exit code of a program that Ctrl-C ended, as shells report it.
+/// Exit code after Ctrl-C, by the convention of shells.
 pub const EXIT_CODE: u8 = 130;
-/// How long a run of the network may go on after an interrupt.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// How long a run of the network may continue after an interrupt.
+const MAX_RUN_AFTER_INTERRUPT: Duration = Duration::from_secs(10);
 
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
-/// The runs of networks that are ended; `None` before the first [`watch`].
+/// The network runs to end after an interrupt; `None` before the first [`watch`].
 static RUNS: Mutex<Option<Vec<RunEnd>>> = Mutex::new(None);
 
-/// A flag that becomes true at the first signal. Runs of networks that go on for long after it are ended: they may be endless. Called
-/// again, it only takes these runs for those before.
+/// Returns a flag that becomes true at the first signal. Network runs that continue for too long
+/// after it are ended, since they may be endless. A later call only replaces the runs.
 pub fn watch(runs: Vec<RunEnd>) -> Result<Arc<AtomicBool>> {
     let stop = STOP.get_or_init(Arc::default);
     if RUNS.lock().unwrap_or_else(PoisonError::into_inner).replace(runs).is_some() {
         return Ok(Arc::clone(stop));
     }
-    // Only a person who presses Ctrl-C once more is in a hurry: a terminal that is closed may send SIGHUP twice.
+    // Only SIGINT exits at once: a terminal that is closed may send SIGHUP twice.
     flag::register_conditional_shutdown(SIGINT, EXIT_CODE.into(), Arc::clone(stop))?;
     for signal in [SIGINT, SIGTERM] {
         flag::register(signal, Arc::clone(stop))?;
@@ -45,24 +46,25 @@ pub fn watch(runs: Vec<RunEnd>) -> Result<Arc<AtomicBool>> {
         while !stop.load(Ordering::Relaxed) {
             sleep(Duration::from_millis(100));
         }
-        sleep(PATIENCE);
+        sleep(MAX_RUN_AFTER_INTERRUPT);
         RUNS.lock().unwrap_or_else(PoisonError::into_inner).iter().flatten().for_each(RunEnd::end);
     });
     Ok(Arc::clone(stop))
 }
 
-/// Whether signals are watched for; without, they end the program at once.
+/// Whether [`watch`] was called; before that, signals end the program at once.
 #[cfg(unix)]
 pub fn is_watched() -> bool {
     STOP.get().is_some()
 }
 
-/// Whether a signal has come since [`watch`].
+/// Whether a signal has arrived since [`watch`].
 pub fn requested() -> bool {
     STOP.get().is_some_and(|stop| stop.load(Ordering::Relaxed))
 }
 
-/// Whether the program was started with a signal ignored, as `nohup` does with SIGHUP; known on Linux.
+/// Whether the program was started with a signal ignored, as `nohup` does with SIGHUP; always false
+/// if not on Linux.
 #[cfg(unix)]
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

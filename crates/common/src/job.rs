@@ -1,4 +1,4 @@
-//! A scene, a model and layers: what the commands that render have in common.
+//! A scene, a model and layers, opened by the options of a command that renders.
 
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
@@ -11,12 +11,12 @@ use crate::args::layers::{LayerArgs, given_or_recommended};
 use crate::args::model::ModelArgs;
 use crate::args::model_info::ModelInfo;
 use crate::console::{print_message, print_notes};
-use crate::kept_models::KeptModels;
+use crate::model_pool::ModelPool;
 
 /// A synthesizer, with the model's description and a progress bar.
 #[derive(Debug)]
 pub struct Job {
-    /// What renders.
+    /// The scene, the model and the layers.
     pub synthesizer: Synthesizer,
     /// The model, for the summary.
     pub model: ModelInfo,
@@ -25,31 +25,26 @@ pub struct Job {
 }
 
 impl Job {
-    /// A job by the options of a command.
+    /// Opens a job by the options of a command.
     pub fn open(views: SceneViews, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
-        Self::open_with(views, layers, model, &mut KeptModels::default())
+        Self::open_with(views, layers, model, &mut ModelPool::default())
     }
 
-    /// As [`Self::open`], with a model that is kept, if it is.
-    pub fn open_with(
-        views: SceneViews,
-        layers: &LayerArgs,
-        model: &ModelArgs,
-        models: &mut KeptModels,
-    ) -> Result<Self> {
+    /// As [`Self::open`], with a model from the pool, if it is open there.
+    pub fn open_with(views: SceneViews, layers: &LayerArgs, model: &ModelArgs, models: &mut ModelPool) -> Result<Self> {
         let mut photos = ScenePhotos::new(views);
         layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
         let given = layers.given();
         let mut job = Self::of(photos, models.open(model, given.as_ref())?, given.as_ref())?;
         if let (Some(folder), false) = (&layers.cache, matches!(job.layers(), LayerSpec::Surface(_))) {
             let (folder, layers) = (folder.display(), job.layers());
-            print_message("note", format!("--cache {folder}: not used, {layers} needs no depth of the photos"));
+            print_message("note", format!("--cache {folder}: has no effect, {layers} does not use the photos' depth"));
         }
         job.synthesizer.set_photo_correction(layers.photo_correction());
         Ok(job)
     }
 
-    /// A job with these layers, or those that the model recommends.
+    /// Opens a job with these layers, or those that the model recommends.
     pub fn with_layers(views: SceneViews, model: &ModelArgs, layers: Option<&LayerSpec>) -> Result<Self> {
         Self::of(views.into(), model.open_for(layers)?, layers)
     }
@@ -61,7 +56,7 @@ impl Job {
         Ok(Self { synthesizer, model, progress: ProgressBar::hidden() })
     }
 
-    /// The model, for another job.
+    /// The model, to be returned to the pool.
     pub fn into_model(self) -> (Renderer, ModelInfo) {
         (self.synthesizer.into_renderer(), self.model)
     }
@@ -86,7 +81,7 @@ impl Job {
         self.synthesizer.layers()
     }
 
-    /// The layers of a shot.
+    /// Computes the layers of a shot.
     pub fn plan(&mut self, shot: &LoadedShot) -> Result<Plan> {
         if let LayerSpec::Select { from, .. } = self.layers() {
             self.progress.inc_length(*from as u64);

@@ -1,4 +1,4 @@
-//! What the commands of the `liveview` program share.
+//! Code that the commands of the `liveview` program share.
 
 #![allow(clippy::missing_errors_doc, reason = "errors name the option or the file, and what was expected of it")]
 
@@ -7,8 +7,8 @@ pub mod console;
 pub mod ffmpeg;
 pub mod interrupt;
 pub mod job;
-pub mod kept_models;
 pub mod measure;
+pub mod model_pool;
 pub mod ort_wheel;
 pub mod outputs;
 pub mod statistics;

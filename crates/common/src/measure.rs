@@ -1,19 +1,20 @@
-//! Time by stage, and memory in use.
+//! Time of each stage, and memory in use.
 
 use std::time::Duration;
 
 use liveview::render::StageTimes;
 
-/// Wall time of one picture, by stage.
+/// Wall time of each stage of one picture.
 #[derive(Debug)]
 pub struct Times {
-    /// Reading and decoding the photos that were not in memory yet.
+    /// Reading and decoding the photos that were not in memory.
     pub photos: Duration,
     /// Searching depth: the guided search, or the depth of the photos.
     pub depth: Duration,
     /// The render that planes were selected from.
     pub select: Duration,
-    /// The name of the stage that computes opacities and view weights: `network`, or `blend` without one.
+    /// The name of the stage that computes opacities and view weights: `network`, or `blend`
+    /// without one.
     pub weighting: &'static str,
     /// Warp, weighting and composite.
     pub stages: StageTimes,
@@ -22,7 +23,7 @@ pub struct Times {
 const STAGES: usize = 6;
 
 impl Times {
-    /// Each stage by name.
+    /// The name and time of each stage.
     pub fn stages(&self) -> [(&'static str, Duration); STAGES] {
         let Self { photos, depth, select, weighting, stages } = *self;
         [
@@ -50,17 +51,17 @@ pub fn time_text(time: Duration) -> String {
     }
 }
 
-/// The most memory that the process has used so far, in bytes; on Linux only.
+/// Peak memory of the process in bytes; `None` if not on Linux.
 pub fn peak_memory() -> Option<u64> {
     status("VmHWM:")
 }
 
-/// Memory that the process uses now, in bytes; on Linux only.
+/// Current memory of the process in bytes; `None` if not on Linux.
 pub fn resident_memory() -> Option<u64> {
     status("VmRSS:")
 }
 
-/// An amount of memory from the process's status, in bytes.
+/// A field of the process status, in bytes.
 fn status(field: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let kilobytes = status.lines().find_map(|line| line.strip_prefix(field)?.trim().strip_suffix(" kB"))?;

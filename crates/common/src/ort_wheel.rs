@@ -1,11 +1,12 @@
-//! The ONNX Runtime library in a wheel of a Python virtual environment, and advice on how to get it.
+//! Finds the ONNX Runtime library of a wheel in a Python virtual environment, and advises how to
+//! install it.
 
 use std::path::{Path, PathBuf};
 
 use liveview::network::{ExecutionProvider, OrtLibrary, OrtLibraryError};
 
-/// The library in a wheel, in a virtual environment of the working directory or above the program; `None` if `ORT_DYLIB_PATH` names a
-/// library, which goes first.
+/// The library of a wheel, in a virtual environment of the working directory or above the program;
+/// `None` if `ORT_DYLIB_PATH` is set, which takes precedence.
 pub fn wheel(provider: ExecutionProvider) -> Option<PathBuf> {
     if std::env::var_os("ORT_DYLIB_PATH").is_some_and(|path| !path.is_empty()) {
         return None;
@@ -24,7 +25,8 @@ pub fn wheel(provider: ExecutionProvider) -> Option<PathBuf> {
     folders.find_map(|folder| OrtLibrary::find_in(&folder, provider))
 }
 
-/// Names of the virtual environments that may hold the wheel with a provider.
+/// Names of the virtual environments that may hold the wheel with a provider, in order of
+/// precedence.
 fn environments(provider: ExecutionProvider) -> &'static [&'static str] {
     match provider {
         ExecutionProvider::Cpu => &[".venv"],
@@ -33,7 +35,7 @@ fn environments(provider: ExecutionProvider) -> &'static [&'static str] {
     }
 }
 
-/// How a user gets a library that was not found, or one that has the provider.
+/// How to install a library that was not found, or one that has the provider.
 pub fn advice(error: &OrtLibraryError) -> Option<String> {
     let (provider, searched) = match error {
         OrtLibraryError::NotFound { provider, .. } => (*provider, true),
@@ -46,15 +48,15 @@ pub fn advice(error: &OrtLibraryError) -> Option<String> {
              onnxruntime/capi/libonnxruntime.so.* by --ort-lib or ORT_DYLIB_PATH"
         }
         ExecutionProvider::OpenVino => {
-            "Get it with `make runtime-openvino`, or `pip install onnxruntime-openvino` into an environment of its own \
+            "Get it with `make runtime-openvino`, or `pip install onnxruntime-openvino` into a separate environment \
              and pass its onnxruntime/capi/libonnxruntime.so.* by --ort-lib or ORT_DYLIB_PATH"
         }
         _ => {
-            "Get it with `pip install onnxruntime-gpu` into an environment of its own, .venv-cuda, or pass its \
+            "Get it with `pip install onnxruntime-gpu` into a separate environment, .venv-cuda, or pass its \
              onnxruntime/capi/libonnxruntime.so.* by --ort-lib or ORT_DYLIB_PATH"
         }
     };
     let environments = environments(provider).join(" and ");
-    let looked = format!("Nor is it in {environments} of the working directory and above the program. ");
-    Some(if searched { looked + get } else { get.to_owned() })
+    let also_searched = format!("Nor is it in {environments} of the working directory and above the program. ");
+    Some(if searched { also_searched + get } else { get.to_owned() })
 }

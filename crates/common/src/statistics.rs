@@ -1,46 +1,47 @@
-//! Statistics of lists of numbers and of pictures.
+//! Statistics of numbers and of pictures.
 
 use liveview::ImageRgb;
 
-/// The value below which a share `part` (0 to 1) of the values lies; NaN if there are none. Sorts them.
-pub fn percentile(values: &mut [f64], part: f64) -> f64 {
+/// A quantile (`fraction` from 0 to 1) of the values, which it sorts; NaN if there are none.
+pub fn quantile(values: &mut [f64], fraction: f64) -> f64 {
     values.sort_by(f64::total_cmp);
-    quantile(values, part)
+    quantile_of_sorted(values, fraction)
 }
 
-/// The same of a sorted list, linearly between ranks, as NumPy does.
-pub fn quantile(sorted: &[f64], part: f64) -> f64 {
-    let at = part * sorted.len().saturating_sub(1) as f64;
+/// A quantile (`fraction` from 0 to 1) of sorted values, interpolated linearly between ranks as in
+/// NumPy; NaN if there are none.
+pub fn quantile_of_sorted(sorted: &[f64], fraction: f64) -> f64 {
+    let at = fraction * sorted.len().saturating_sub(1) as f64;
     match (sorted.get(at.floor() as usize), sorted.get(at.ceil() as usize)) {
-        // Depths may be infinite, and infinity less infinity is no number.
+        // Depths may be infinite, and infinity minus infinity is NaN.
         (Some(low), Some(high)) if low == high => *low,
         (Some(low), Some(high)) => low + at.fract() * (high - low),
         _ => f64::NAN,
     }
 }
 
-/// Absolute difference of pictures, of values in [0, 1].
+/// Absolute difference of pictures with values in [0, 1].
 #[derive(Debug, Clone, Copy)]
 pub struct PixelError {
-    /// Of any value.
+    /// Largest difference of a value.
     pub max: f64,
-    /// Over all values.
+    /// Mean difference of all values.
     pub mean: f64,
 }
 
 impl PixelError {
-    /// Over all values of all pairs of pictures.
+    /// The difference over all pairs of pictures.
     pub fn between<'a>(pairs: impl Iterator<Item = (&'a ImageRgb, &'a ImageRgb)>) -> Self {
         let values = pairs.flat_map(|(a, b)| a.data().iter().zip(b.data()));
         let (max, sum, count) = values.fold((0.0, 0.0, 0), |(max, sum, count): (f64, f64, usize), (a, b)| {
-            let apart = f64::from((a - b).abs());
-            (max.max(apart), sum + apart, count + 1)
+            let difference = f64::from((a - b).abs());
+            (max.max(difference), sum + difference, count + 1)
         });
         Self { max, mean: sum / count as f64 }
     }
 }
 
-/// Share (0 to 1) of the elements that a condition holds for.
-pub fn share<T>(all: &[T], is: impl Fn(&T) -> bool) -> f64 {
-    all.iter().filter(|&one| is(one)).count() as f64 / all.len().max(1) as f64
+/// Share (0 to 1) of the elements that meet a condition.
+pub fn share<T>(all: &[T], condition: impl Fn(&T) -> bool) -> f64 {
+    all.iter().filter(|&element| condition(element)).count() as f64 / all.len().max(1) as f64
 }

@@ -1,4 +1,4 @@
-//! The list of commands.
+//! Reads the list of commands.
 
 use std::path::Path;
 
@@ -9,14 +9,14 @@ use liveview::fs::bounded;
 use crate::commands::render::RenderArgs;
 
 /// A command of the list.
-pub(super) struct Listed {
-    /// Its line, counted from 1.
+pub(super) struct ListedCommand {
+    /// Line number, counted from 1.
     pub(super) line: usize,
     pub(super) words: Vec<String>,
     pub(super) render: RenderArgs,
 }
 
-/// What stands on a line.
+/// The parser of a line.
 #[derive(Debug, Parser)]
 #[command(name = "render", no_binary_name = true, disable_help_flag = true)]
 struct Line {
@@ -25,7 +25,7 @@ struct Line {
 }
 
 /// Reads all commands of a list.
-pub(super) fn read(path: &Path) -> Result<Vec<Listed>> {
+pub(super) fn read(path: &Path) -> Result<Vec<ListedCommand>> {
     let at = path.display();
     let text = bounded::read(path, bounded::MAX_JSON_BYTES).with_context(|| format!("{at}: cannot be read"))?;
     let text = String::from_utf8(text).map_err(|error| anyhow!("{at}: {error}; expected UTF-8"))?;
@@ -38,15 +38,15 @@ pub(super) fn read(path: &Path) -> Result<Vec<Listed>> {
             )
         })?;
         let parsed = Line::try_parse_from(&words).map_err(|error| {
-            let told = error.to_string();
-            let told = told.trim_end().strip_prefix("error: ").unwrap_or(told.trim_end());
-            // What is wrong, without the usage of another command.
-            anyhow!("{at}: line {line_number}: {}", told.split("\n\n").next().unwrap_or(told))
+            let message = error.to_string();
+            let message = message.trim_end().strip_prefix("error: ").unwrap_or(message.trim_end());
+            // Without the usage, which follows after an empty line.
+            anyhow!("{at}: line {line_number}: {}", message.split("\n\n").next().unwrap_or(message))
         })?;
-        Ok(Listed { line: line_number, words, render: parsed.render })
+        Ok(ListedCommand { line: line_number, words, render: parsed.render })
     });
     let commands = commands.collect::<Result<Vec<_>>>()?;
-    let Some(first) = commands.first() else { bail!("{at}: no command; expected one a line") };
+    let Some(first) = commands.first() else { bail!("{at}: no command; expected one per line") };
     let threads = first.render.threads();
     match commands.iter().find(|command| command.render.threads() != threads) {
         Some(other) => bail!(

@@ -1,4 +1,4 @@
-//! `liveview batch`: many renders in one process, which loads models and ONNX Runtime once.
+//! `liveview batch`: many renders in one process, which loads ONNX Runtime and each model once.
 
 mod done;
 mod list;
@@ -11,7 +11,7 @@ use clap::Args;
 use done::DoneFile;
 use liveview_common::console::{Output, full_text, print_message, send_line};
 use liveview_common::interrupt::{self, Interrupted};
-use liveview_common::kept_models::KeptModels;
+use liveview_common::model_pool::ModelPool;
 use serde_json::{Value, json};
 
 use super::render;
@@ -21,7 +21,7 @@ Examples:
   liveview batch list.jsonl > results.jsonl
   liveview batch list.jsonl --done done.jsonl
 
-A list, with what would follow `liveview render` on each line:
+A list, with the arguments of `liveview render` on each line:
   [\"scene_1\", \"--heldout\", \"8\", \"-o\", \"out/1\"]
   [\"scene_2\", \"--path\", \"spiral:900\", \"-o\", \"out/2\", \"--resume\"]";
 
@@ -29,20 +29,22 @@ A list, with what would follow `liveview render` on each line:
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct BatchArgs {
-    /// A file of render commands: on each line a JSON list of the words after `liveview render`. All of them are checked before the first
+    /// File of render commands: on each line a JSON list of the arguments of `liveview render`
     list: PathBuf,
-    /// Also append what is printed to this file, and leave out commands that it lists as rendered, if their files still exist. A command
-    /// that was interrupted goes on if it has --resume itself
+    /// Append the results to this file, and skip the commands that it lists as rendered
+    ///
+    /// A command is rendered again if one of its files no longer exists. To continue an interrupted
+    /// command, give it --resume in the list.
     #[arg(long, value_name = "FILE")]
     done: Option<PathBuf>,
 }
 
-/// Runs the commands; prints a line of JSON as each ends.
+/// Runs the commands, after checking all of them; prints a line of JSON when each ends.
 pub(crate) fn run(args: &BatchArgs) -> Result<Output> {
     let commands = list::read(&args.list)?;
     let mut done = args.done.as_deref().map(|path| DoneFile::open(path, &args.list)).transpose()?;
-    let mut models = KeptModels::default();
-    let (mut failed, all) = (Vec::new(), commands.len());
+    let mut models = ModelPool::default();
+    let (mut failed, total) = (Vec::new(), commands.len());
     for command in commands {
         if interrupt::requested() {
             return Err(Interrupted.into());
@@ -70,7 +72,7 @@ pub(crate) fn run(args: &BatchArgs) -> Result<Output> {
         done.as_mut().map_or(Ok(()), |done| done.add(&line))?;
     }
     match failed.first() {
-        Some(first) => bail!("{} of {all} commands failed, that of line {first} first", failed.len()),
+        Some(first) => bail!("{} of {total} commands failed, the first in line {first}", failed.len()),
         None => Ok(Output { text: String::new(), json: Value::Null }),
     }
 }

@@ -1,21 +1,22 @@
-//! The files of a photo's depth.
+//! The output files of a photo's depth.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use liveview::image::{coloured, encode, encode_gray16_png};
 use liveview::{Scene, ViewDepth};
-use liveview_common::args::output::{has_ending, refuse_stdout, stem, write_whole};
+use liveview_common::args::output::{has_extension, refuse_stdout, stem, write_atomically};
 use liveview_common::outputs::OutputPlan;
 use ndarray_npy::WriteNpyExt;
 use serde_json::json;
 
 use super::truth::Truth;
 
-/// What follows the view's name: 16-bit PNG, its scale, the numbers, in colour.
-const ENDINGS: [&str; 4] = [".png", "_scale.json", ".npy", "_colour.png"];
+/// Suffixes to the view's name: 16-bit PNG, its scale, float32 array, colour picture.
+const SUFFIXES: [&str; 4] = [".png", "_scale.json", ".npy", "_colour.png"];
 
-/// The files of each of these views, in a folder that is made; refuses, before any work, what cannot be written.
+/// The files of each view, in a folder that is created; an error, before any work, if one cannot be
+/// written.
 pub(super) fn planned(
     folder: &Path,
     scene: &Scene,
@@ -24,18 +25,18 @@ pub(super) fn planned(
 ) -> Result<Vec<[PathBuf; 4]>> {
     refuse_stdout("-o", folder)?;
     let shown = folder.display();
-    if has_ending(folder, &["png", "npy", "npz", "json"]) && !folder.is_dir() {
+    if has_extension(folder, &["png", "npy", "npz", "json"]) && !folder.is_dir() {
         bail!("-o {shown}: expected a folder");
     }
     let same = |other: &Path| folder.canonicalize().is_ok_and(|folder| other.canonicalize().is_ok_and(|o| o == folder));
     if truth.is_some_and(|truth| same(truth.folder())) {
-        bail!("-o {shown}: would overwrite the true depth of the scene; expected another place");
+        bail!("-o {shown}: would overwrite the true depth of the scene; expected another folder");
     }
     let mut output_plan = OutputPlan::new(scene);
     let mut all = Vec::with_capacity(views.len());
     for &view in views {
         let name = &scene.views[view].name;
-        let files = ENDINGS.map(|ending| folder.join(stem(name) + ending));
+        let files = SUFFIXES.map(|suffix| folder.join(stem(name) + suffix));
         files
             .iter()
             .try_for_each(|file| output_plan.file("-o", file))
@@ -50,9 +51,9 @@ pub(super) fn write(files: &[PathBuf; 4], depth: &ViewDepth) -> Result<()> {
     let known = &depth.confirmed.disparity;
     let (height, width) = known.dim();
     let (low, high) = ((1.0 / depth.range.1) as f32, (1.0 / depth.range.0) as f32);
-    // The search may go half a plane beyond near.
+    // The search extends half a plane beyond near.
     let largest = known.iter().copied().fold(high, f32::max);
-    // At least 1, so that what is confirmed to be infinitely far is not taken for what nothing confirms.
+    // At least 1 if confirmed, also at infinity: 0 means unconfirmed.
     let value = |&disparity: &f32| {
         if disparity < 0.0 { 0 } else { ((f64::from(disparity) / f64::from(largest) * 65535.0).round() as u16).max(1) }
     };
@@ -70,5 +71,5 @@ pub(super) fn write(files: &[PathBuf; 4], depth: &ViewDepth) -> Result<()> {
         array,
         encode("colour.png".as_ref(), &coloured(colour.view(), low, high))?,
     ];
-    files.iter().zip(contents).try_for_each(|(file, contents)| write_whole(file, &contents))
+    files.iter().zip(contents).try_for_each(|(file, contents)| write_atomically(file, &contents))
 }

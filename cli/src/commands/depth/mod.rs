@@ -1,4 +1,5 @@
-//! `liveview depth`: the depth of the photos themselves, as pictures and as numbers, scored where the scene knows the truth.
+//! `liveview depth`: the depth of the photos, as pictures and as numbers, scored if the scene has
+//! true depth.
 
 mod files;
 mod table;
@@ -12,18 +13,18 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use liveview::{ModelOptions, Scene, ScenePhotos, ViewDepth};
 use liveview_common::args::model::start_threads;
-use liveview_common::args::numbers;
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::named;
+use liveview_common::args::{ADVANCED, numbers};
 use liveview_common::console::{Output, print_message, print_notes, progress};
 use liveview_common::interrupt;
 use truth::{Score, Truth};
 
 const EXAMPLES: &str = "\
 Examples:
-  The depth of every photo, and how much of it others confirm:
+  The depth of every photo, and the share of it that other photos confirm:
     liveview depth scene -o depth
-  Of two photos, without what a held-out one shows; kept for the render that follows:
+  The depth of two photos, with a third held out, kept for a render:
     liveview depth scene --photo IMG_6.jpg,IMG_8.jpg --target IMG_7.jpg --cache kept -o depth
     liveview render scene --target IMG_7.jpg --layers surface:2 --cache kept -o new.png";
 
@@ -33,25 +34,29 @@ Examples:
 pub(crate) struct DepthArgs {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Photos whose depth to write, by name [default: all that are not held out]
+    /// Photos to write the depth of, by name [default: all that are not held out]
     #[arg(long, value_name = "NAME,…")]
     photo: Vec<String>,
-    /// Views to hold out, by name: they take no part in the depth of others, as in `render`
+    /// Views to hold out, by name, as in `render`: not used for the depth of other photos
     #[arg(long, value_name = "NAME,…", conflicts_with = "heldout")]
     target: Vec<String>,
-    /// Hold out every Nth view in name order, from the first on, as in `render`
+    /// Hold out every Nth view, as in `render`
     #[arg(long, value_name = "N", value_parser = numbers::count)]
     heldout: Option<usize>,
-    /// Keep the depth of photos in this folder, a .npz each (the library's `ScenePhotos::keep_depths_in` says what it holds), and take from
-    /// there what an earlier run has kept; the result is the same. Any file there may be deleted
+    /// Keep the depth of photos in this folder, and reuse it in later runs
+    ///
+    /// The result is the same with and without it. You may delete any of its files (.npz, one per
+    /// photo).
     #[arg(long, value_name = "FOLDER")]
     cache: Option<PathBuf>,
-    /// Threads [default: one per core]
-    #[arg(long, value_name = "N", value_parser = numbers::few)]
+    /// Number of threads [default: one per core]
+    #[arg(long, value_name = "N", value_parser = numbers::up_to_256, help_heading = ADVANCED, hide_short_help = true)]
     threads: Option<usize>,
-    /// Folder for, of each photo: NAME.png, 16-bit disparity (0 to 65535 is 0 to the disparity_max in NAME_scale.json, in 1/scene unit; 0
-    /// where no other photo confirms it); NAME.npy, the same as float32, -1 where unconfirmed; NAME_colour.png (dark at far, light at near,
-    /// black where unconfirmed)
+    /// Folder for the depth maps: disparity as 16-bit PNG, float32 array and colour picture
+    ///
+    /// NAME.png: 16-bit disparity; 0 to 65535 is 0 to the disparity_max in NAME_scale.json, in
+    /// 1/scene unit; 0 is unconfirmed. NAME.npy: the same as float32; -1 is unconfirmed.
+    /// NAME_colour.png: dark at far, light at near, black where unconfirmed.
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
 }
@@ -70,10 +75,10 @@ struct ViewDepthSummary {
     seconds: f64,
     /// Share of the pixels that other photos confirm, 0 to 1.
     confirmed: f64,
-    /// Nearest and farthest confirmed depth, scene units.
+    /// Nearest and farthest confirmed depth, in scene units.
     span: Option<(f64, f64)>,
-    /// Disparity worth a pixel of parallax, 1/scene unit.
-    pixel: f32,
+    /// Disparity of one pixel of parallax, in 1/scene unit.
+    disparity_per_pixel: f32,
 }
 
 pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
@@ -82,7 +87,7 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
     print_notes(&scene.notes);
     let (views, held_out) = views(args, scene)?;
     let truth = Truth::open(scene).unwrap_or_else(|error| {
-        print_message("note", format!("{error:#}: not scored"));
+        print_message("note", format!("the depth is not scored: {error:#}"));
         None
     });
     let all_files = files::planned(&args.output, scene, &views, truth.as_ref())?;
@@ -103,7 +108,7 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
         let shown = &photos.views().scene().views[view];
         let score = truth.as_ref().map_or(Ok(None), |truth| truth.score(shown, &depth));
         let score = score.unwrap_or_else(|error| {
-            bar.suspend(|| print_message("note", format!("{error:#}: not scored")));
+            bar.suspend(|| print_message("note", format!("the depth is not scored: {error:#}")));
             None
         });
         let name = shown.name.clone();
@@ -128,15 +133,15 @@ fn views(args: &DepthArgs, scene: &Scene) -> Result<(Vec<usize>, Vec<usize>)> {
         names => named(scene, names)?,
     };
     for (option, views) in [("--photo", &views), ("--target", &held_out)] {
-        if let Some(twice) = (1..views.len()).find(|&i| views[..i].contains(&views[i])) {
-            bail!("{option} names \"{}\" twice; expected each view once", scene.views[views[twice]].name);
+        if let Some(duplicate) = (1..views.len()).find(|&i| views[..i].contains(&views[i])) {
+            bail!("{option} names \"{}\" twice; expected each view once", scene.views[views[duplicate]].name);
         }
     }
     if let Some(&view) = views.iter().find(|view| held_out.contains(view)) {
-        bail!("--photo \"{}\" is held out; expected a view that takes part", scene.views[view].name);
+        bail!("--photo \"{}\" is held out; expected a view that is not", scene.views[view].name);
     }
     if views.is_empty() {
-        bail!("--target holds out every view; expected some that are not");
+        bail!("--target holds out every view; expected at least one that is not held out");
     }
     Ok((views, held_out))
 }
@@ -150,6 +155,6 @@ fn summary(depth: &ViewDepth) -> ViewDepthSummary {
         seconds: depth.time.as_secs_f64(),
         confirmed: count as f64 / depth.confirmed.disparity.len() as f64,
         span: (count > 0).then(|| (1.0 / f64::from(high), 1.0 / f64::from(low))),
-        pixel: depth.found.disparity_per_pixel,
+        disparity_per_pixel: depth.found.disparity_per_pixel,
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use liveview::{DepthSource, Scene};
-use liveview_common::console::{Output, shown};
+use liveview_common::console::{Output, path_text};
 use liveview_common::measure::{peak_memory, time_text};
 use serde_json::{Value, json};
 
@@ -17,9 +17,11 @@ pub(super) fn output(scene: &Scene, reports: &[Report], (near, far): (f64, f64),
     let width = reports.iter().map(|one| one.name.chars().count()).max().unwrap_or(0).max(5);
     let mut text = format!("{} photos, searched from {near:.4} to {far:.4} scene units\n", reports.len());
     if scored {
-        let of = WITHIN.map(|most| format!("{most}")).join(", ");
-        let _ =
-            writeln!(text, "shares within {of} pixels of parallax of the truth: of what is confirmed | of all pixels");
+        let bounds = WITHIN.map(|bound| format!("{bound}")).join(", ");
+        let _ = writeln!(
+            text,
+            "shares of pixels within {bounds} pixels of parallax of the truth: of the confirmed | of all pixels"
+        );
     }
     let truth = if scored { format!("  {:^20} | {:^20}", "confirmed", "all") } else { String::new() };
     let _ = writeln!(text, "\n{:width$}  confirmed     nearest    farthest          time{truth}", "photo");
@@ -46,7 +48,7 @@ pub(super) fn output(scene: &Scene, reports: &[Report], (near, far): (f64, f64),
         let _ = writeln!(text, "\nwrote {} files in {}", 4 * reports.len(), folder.display());
     }
     let json = json!({
-        "scene": shown(&scene.root), "near": near, "far": far,
+        "scene": path_text(&scene.root), "near": near, "far": far,
         "held_out": held_out.iter().map(|&view| &scene.views[view].name).collect::<Vec<_>>(),
         "photos": reports.iter().map(photo).collect::<Vec<_>>(), "within_pixels": WITHIN, "mean": mean.as_ref().map(shares),
         "peak_memory_bytes": peak_memory(), "notes": scene.notes,
@@ -63,8 +65,8 @@ fn photo(report: &Report) -> Value {
     };
     json!({
         "name": name, "confirmed": depth.confirmed, "nearest": depth.span.map(|span| span.0), "farthest": depth.span.map(|span| span.1),
-        "disparity_per_pixel_of_parallax": depth.pixel, "source": source, "seconds": depth.seconds,
-        "within": score.as_ref().map(shares), "files": files.iter().map(|file| shown(file)).collect::<Vec<_>>(),
+        "disparity_per_pixel_of_parallax": depth.disparity_per_pixel, "source": source, "seconds": depth.seconds,
+        "within": score.as_ref().map(shares), "files": files.iter().map(|file| path_text(file)).collect::<Vec<_>>(),
     })
 }
 

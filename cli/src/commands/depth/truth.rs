@@ -1,5 +1,6 @@
-//! True depth, where a scene has it: a folder `depth` beside the photos' with a 16-bit PNG per view and `scale.json`, as
-//! `tests/scenes/workshop` has it: disparity 1/z = value · delta_max / 65535, 0 where it is not known.
+//! The true depth of a scene: a folder `depth` in the scene folder with a 16-bit PNG per view and
+//! `scale.json`, as in `tests/scenes/workshop`. Disparity 1/z = value · delta_max / 65535; 0 means
+//! unknown.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +12,7 @@ use liveview_common::args::output::stem;
 use ndarray::Array2;
 use serde_json::Value;
 
-/// Pixels of parallax from the truth that are told.
+/// Error bounds of the reported shares, in pixels of parallax.
 pub(super) const WITHIN: [f32; 3] = [0.5, 1.0, 2.0];
 
 /// The true depth of a scene.
@@ -20,7 +21,8 @@ pub(super) struct Truth {
     delta_max: f64,
 }
 
-/// Shares (0 to 1) of the pixels within [`WITHIN`] pixels of parallax of the truth, of those whose truth is known.
+/// Shares (0 to 1) of the pixels within [`WITHIN`] pixels of parallax of the truth, among those
+/// with known truth.
 #[derive(Clone, Copy)]
 pub(super) struct Score {
     pub(super) confirmed: [f64; 3],
@@ -28,7 +30,7 @@ pub(super) struct Score {
 }
 
 impl Truth {
-    /// The scene's, if it has any.
+    /// Opens the true depth of a scene, if it has any.
     pub(super) fn open(scene: &Scene) -> Result<Option<Self>> {
         let folder = scene.root.join("depth");
         let path = folder.join("scale.json");
@@ -43,12 +45,12 @@ impl Truth {
         }
     }
 
-    /// Where it lies.
+    /// The folder that holds it.
     pub(super) fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// How near a photo's depth is to the truth, if that is there.
+    /// Compares a photo's depth with the truth, if the photo has one.
     pub(super) fn score(&self, view: &View, depth: &ViewDepth) -> Result<Option<Score>> {
         let path = self.folder.join(stem(&view.name) + ".png");
         if !path.is_file() {
@@ -65,16 +67,19 @@ impl Truth {
 }
 
 fn score(depth: &ViewDepth, truth: &Array2<f32>) -> Score {
+    // The pixels within each bound, then all pixels.
     let (mut known, mut confirmed) = ([0_usize; 4], [0_usize; 4]);
-    for ((found, sure), &truth) in depth.found.disparity.iter().zip(&depth.confirmed.disparity).zip(truth) {
+    for ((found, confirmed_disparity), &truth) in
+        depth.found.disparity.iter().zip(&depth.confirmed.disparity).zip(truth)
+    {
         if truth > 0.0 {
-            let apart = (found - truth).abs() / depth.found.disparity_per_pixel;
+            let error = (found - truth).abs() / depth.found.disparity_per_pixel;
             let count = |counts: &mut [usize; 4]| {
                 counts[3] += 1;
-                WITHIN.iter().zip(counts).for_each(|(&most, count)| *count += usize::from(apart <= most));
+                WITHIN.iter().zip(counts).for_each(|(&bound, count)| *count += usize::from(error <= bound));
             };
             count(&mut known);
-            if *sure >= 0.0 {
+            if *confirmed_disparity >= 0.0 {
                 count(&mut confirmed);
             }
         }

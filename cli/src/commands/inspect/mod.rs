@@ -1,4 +1,4 @@
-//! `liveview inspect`: how a scene is read, and what will be left out.
+//! `liveview inspect`: how a scene is read, and which views and planes are skipped.
 
 mod exposure;
 mod spread;
@@ -15,8 +15,8 @@ use liveview::scene::View;
 use liveview::{Camera, LayerSpec, SceneViews, SynthesisError};
 use liveview_common::args::numbers;
 use liveview_common::args::scene::SceneArgs;
-use liveview_common::console::{Output, advice, escaped, shown};
-use liveview_common::statistics::percentile;
+use liveview_common::console::{Output, advice, escaped, path_text};
+use liveview_common::statistics::quantile;
 use serde_json::{Value, json};
 use spread::{largest_angle, nearest_distances};
 
@@ -27,7 +27,7 @@ Examples:
   liveview inspect scene --near 1.5 --far 40 --json
   liveview inspect scene --target IMG_7.jpg --exposure";
 
-/// Neighbouring planes further apart than this, in pixels of parallax, are visible as steps.
+/// Parallax between neighbouring planes above which they are visible as steps, in pixels.
 const MAX_STEP: f64 = 1.0;
 
 /// Options of `liveview inspect`.
@@ -36,17 +36,19 @@ const MAX_STEP: f64 = 1.0;
 pub(crate) struct InspectArgs {
     #[command(flatten)]
     scene: SceneArgs,
-    /// View to look at as a target, held out [default: the one in the middle]
+    /// View to use as the target, held out [default: the middle one]
     #[arg(long, value_name = "NAME")]
     target: Option<String>,
-    /// Views to render it from
+    /// Number of views to render it from
     #[arg(long, value_name = "V", default_value = "4", value_parser = numbers::count)]
     views: usize,
-    /// Planes to judge the spacing of: planes:D or list:…
+    /// Planes whose spacing to check: planes:D or list:…
     #[arg(long, value_name = "SPEC", default_value = "planes:64")]
     layers: LayerSpec,
-    /// Tell what the photos of these views are multiplied by, per colour channel, where surface layers balance exposure (1, too, where
-    /// too few points are known in both photos). Takes longer, as the photos' depth is searched
+    /// Print the exposure gains of these views; slow, since it searches the depth of the photos
+    ///
+    /// The factors by which surface layers multiply each colour channel of each photo; 1 also if
+    /// two photos have too few points in common.
     #[arg(long)]
     exposure: bool,
 }
@@ -67,20 +69,20 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
     text += &section;
     let (section, rig) = rig(&scene.views);
     text += &section;
-    let (section, mut told) = target_section(&photos, target, args)?;
+    let (section, mut target_json) = target_section(&photos, target, args)?;
     text += &section;
-    if args.exposure && told["warning"].is_null() {
+    if args.exposure && target_json["warning"].is_null() {
         let (section, gains) = exposure::gains(&photos, target, args.views)?;
         text += &section;
-        gains.iter().enumerate().for_each(|(view, gains)| told["views"][view]["exposure_gains"] = json!(gains));
+        gains.iter().enumerate().for_each(|(view, gains)| target_json["views"][view]["exposure_gains"] = json!(gains));
     }
     let scene = photos.scene();
     for note in &scene.notes {
         let _ = writeln!(text, "note       {}", escaped(note));
     }
     let json = json!({
-        "scene": shown(&scene.root), "format": scene.format.to_string(), "conventions": scene.format.conventions(),
-        "views": views, "rig": rig, "target": told, "notes": scene.notes,
+        "scene": path_text(&scene.root), "format": scene.format.to_string(), "conventions": scene.format.conventions(),
+        "views": views, "rig": rig, "target": target_json, "notes": scene.notes,
     });
     Ok(Output { text, json })
 }
@@ -94,7 +96,7 @@ fn intrinsics(views: &[View]) -> Section {
     let span = |(low, high): (f64, f64)| {
         if high - low < 0.05 { format!("{low:.1}") } else { format!("{low:.1} to {high:.1}") }
     };
-    let whole = |(low, high): (f64, f64)| if low == high { format!("{low}") } else { format!("{low} to {high}") };
+    let integers = |(low, high): (f64, f64)| if low == high { format!("{low}") } else { format!("{low} to {high}") };
     let (width, height) = (range(&|c| c.width() as f64), range(&|c| c.height() as f64));
     let k: [(&str, (f64, f64)); 4] = [
         ("fx", range(&|c| c.intrinsics().fx)),
@@ -105,10 +107,10 @@ fn intrinsics(views: &[View]) -> Section {
     let field = range(&|c| 2.0 * (0.5 * c.width() as f64 / c.intrinsics().fx).atan().to_degrees());
     let all = k.iter().map(|&(name, values)| format!("{name} {}", span(values))).collect::<Vec<_>>().join(", ");
     let text = format!(
-        "views      {}, {} x {} pixels\nintrinsics {all} pixels; {} degrees across\n",
+        "views      {}, {} x {} pixels\nintrinsics {all} pixels; horizontal field of view {} degrees\n",
         views.len(),
-        whole(width),
-        whole(height),
+        integers(width),
+        integers(height),
         span(field)
     );
     let intrinsics: serde_json::Map<_, _> =
@@ -117,7 +119,7 @@ fn intrinsics(views: &[View]) -> Section {
     (text, json!({ "count": views.len(), "names": names, "width": width, "height": height, "intrinsics": intrinsics }))
 }
 
-/// Extent, baselines and angles.
+/// Extent, baselines and angles of the rig.
 fn rig(views: &[View]) -> Section {
     let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
     let axes = MeanPose::new(&cameras).map_or(DMat3::IDENTITY, |rig| rig.rotation);
@@ -125,28 +127,29 @@ fn rig(views: &[View]) -> Section {
     let low = centres.iter().copied().fold(DVec3::INFINITY, DVec3::min);
     let high = centres.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
     let mut nearest = nearest_distances(&cameras.iter().map(|camera| camera.centre()).collect::<Vec<_>>());
-    let [least, median, most] = [0.0, 0.5, 1.0].map(|part| percentile(&mut nearest, part));
+    let [min, median, max] = [0.0, 0.5, 1.0].map(|fraction| quantile(&mut nearest, fraction));
     let forward: Vec<DVec3> = cameras.iter().map(|camera| camera.forward()).collect();
     let angle = largest_angle(&forward).to_degrees();
     let DVec3 { x, y, z } = high - low;
     let text = format!(
-        "rig        {x:.4} across, {y:.4} down, {z:.4} forward, in scene units; axes up to {angle:.1} degrees apart\n\
-         baseline   {median:.4} to the nearest view (median; {least:.4} to {most:.4})\n"
+        "rig        {x:.4} across, {y:.4} down, {z:.4} forward, in scene units; angles of up to {angle:.1} degrees\n\
+         baseline   {median:.4} to the nearest view (median; {min:.4} to {max:.4})\n"
     );
-    let baseline = json!({ "min": least, "median": median, "max": most });
+    let baseline = json!({ "min": min, "median": median, "max": max });
     (text, json!({ "extent": [x, y, z], "baseline": baseline, "largest_angle_degrees": angle }))
 }
 
-/// The target, the views it would be rendered from, and what its planes would leave out.
+/// The target, the views it would be rendered from, and the planes that no view covers.
 fn target_section(photos: &SceneViews, target: usize, args: &InspectArgs) -> Result<Section> {
     let View { name, camera, .. } = &photos.scene().views[target];
-    let elsewhere = |view: &&View| choose_views(&[&view.camera], camera, 1).is_err();
-    let elsewhere: Vec<&str> = photos.scene().views.iter().filter(elsewhere).map(|view| view.name.as_str()).collect();
+    let faces_away = |view: &&View| choose_views(&[&view.camera], camera, 1).is_err();
+    let facing_away: Vec<&str> =
+        photos.scene().views.iter().filter(faces_away).map(|view| view.name.as_str()).collect();
     let mut text = format!("\ntarget     {}, held out, from {} views\n", escaped(name), args.views);
-    let mut json = json!({ "name": name, "look_elsewhere": elsewhere });
-    if !elsewhere.is_empty() {
-        let _ =
-            writeln!(text, "left out   look elsewhere (more than 60 degrees away): {}", escaped(&elsewhere.join(", ")));
+    let mut json = json!({ "name": name, "facing_away": facing_away });
+    if !facing_away.is_empty() {
+        let names = escaped(&facing_away.join(", "));
+        let _ = writeln!(text, "skipped    views that face more than 60 degrees away: {names}");
     }
     let views = match photos.choose(name, camera, &[target], args.views) {
         Ok(views) => views,
@@ -158,7 +161,7 @@ fn target_section(photos: &SceneViews, target: usize, args: &InspectArgs) -> Res
     };
     let (near, far) = match photos.depth_range(&views) {
         Ok(range) => range,
-        // An unknown range is reported; a wrong one is an error.
+        // An unknown range is reported; an invalid one is an error.
         Err(error @ SynthesisError::Layers(_)) => return Err(error.into()),
         Err(error) => {
             let error = advice(&error).map_or_else(|| error.to_string(), |advice| format!("{error}. {advice}"));
@@ -169,9 +172,10 @@ fn target_section(photos: &SceneViews, target: usize, args: &InspectArgs) -> Res
         }
     };
     let source = match photos.given_depth() {
-        (Some(_), Some(_)) => "as given",
+        (Some(_), Some(_)) => "from --near and --far",
         (None, None) => "from the scene: the extremes of these views",
-        _ => "one given, one from the scene",
+        (Some(_), None) => "from --near and the scene",
+        (None, Some(_)) => "from the scene and --far",
     };
     let _ = writeln!(text, "depth      {near:.4} to {far:.4} scene units, {source}");
     json["near"] = json!(near);
@@ -188,25 +192,26 @@ fn target_section(photos: &SceneViews, target: usize, args: &InspectArgs) -> Res
     let (table, rows, step) = spacing(photos, &views, &sources, &grid, &disparities, camera);
     text += &table;
     json["views"] = rows;
-    let _ = writeln!(text, "planes     {count} from near to far: neighbours at most {step:.2} pixels apart");
+    let _ = writeln!(text, "planes     {count} from near to far: parallax between neighbours at most {step:.2} pixels");
     json["planes"] = json!({ "count": count, "largest_step_pixels": step });
     if step > MAX_STEP {
-        let enough = (step / MAX_STEP * (count.max(2) - 1) as f64).ceil() + 1.0;
+        let needed = (step / MAX_STEP * (count.max(2) - 1) as f64).ceil() + 1.0;
         let _ = writeln!(
             text,
-            "warning    above {MAX_STEP} pixel, planes show as steps: about planes:{enough} are enough, or guided layers"
+            "warning    above {MAX_STEP} pixel, planes are visible as steps: use about planes:{needed}, or guided layers"
         );
     }
     let uncovered: Vec<usize> =
         (0..disparities.len()).filter(|&k| coverage(&sources, &grid, disparities[k]) == 0.0).collect();
     if !uncovered.is_empty() {
-        let _ = writeln!(text, "left out   planes that no view covers (0 is the nearest): {uncovered:?}");
+        let _ = writeln!(text, "skipped    planes that no view covers (0 is the nearest): {uncovered:?}");
     }
-    json["planes"]["covered_by_no_view"] = json!(uncovered);
+    json["planes"]["uncovered"] = json!(uncovered);
     Ok((text, json))
 }
 
-/// A table of a row per view and one for all, as text and JSON, and the largest step between neighbouring planes (pixels).
+/// A table with a row for each view and one for all, as text and JSON, and the largest parallax
+/// between neighbouring planes in pixels.
 fn spacing(
     photos: &SceneViews,
     views: &[usize],
@@ -220,24 +225,29 @@ fn spacing(
     let shares = |of: &[(&Camera, PlaneSweep)]| depths.map(|disparity| 100.0 * coverage(of, grid, disparity));
     let cells = |shares: [f64; 3]| shares.map(|share| format!("{share:4.0} %")).join(" ");
     let width = views.iter().map(|&view| photos.scene().views[view].name.chars().count()).max().unwrap_or(0).max(8);
-    let mut text = format!("\n           {:width$}  distance  parallax      step  seen: near, middle, far\n", "view");
+    let mut text =
+        format!("\n           {:width$}  distance  parallax      step  covered: near, middle, far\n", "view");
     let mut rows = Vec::new();
-    let mut largest: f64 = 0.0;
+    let mut largest_step: f64 = 0.0;
     for (&view, (camera, sweep)) in views.iter().zip(sources) {
-        let moved = |pair: (f64, f64)| {
+        let largest_parallax = |pair: (f64, f64)| {
             grid.iter().filter_map(move |&pixel| parallax(camera, sweep, pixel, pair)).fold(0.0, f64::max)
         };
-        let whole = moved((nearest, farthest));
-        let step = disparities.windows(2).map(|pair| moved((pair[0], pair[1]))).fold(0.0, f64::max);
-        largest = largest.max(step);
-        let (name, apart) = (escaped(&photos.scene().views[view].name), distance(camera, target));
+        let total = largest_parallax((nearest, farthest));
+        let step = disparities.windows(2).map(|pair| largest_parallax((pair[0], pair[1]))).fold(0.0, f64::max);
+        largest_step = largest_step.max(step);
+        let (name, distance) = (&photos.scene().views[view].name, distance(camera, target));
         let shares = shares(&[(camera, *sweep)]);
-        let _ =
-            writeln!(text, "           {name:width$}  {apart:8.4}  {whole:5.1} px  {step:5.2} px  {}", cells(shares));
+        let _ = writeln!(
+            text,
+            "           {:width$}  {distance:8.4}  {total:5.1} px  {step:5.2} px  {}",
+            escaped(name),
+            cells(shares)
+        );
         rows.push(json!({
-            "name": photos.scene().views[view].name, "distance": apart, "parallax_pixels": whole, "step_pixels": step, "seen_percent": shares,
+            "name": name, "distance": distance, "parallax_pixels": total, "step_pixels": step, "covered_percent": shares,
         }));
     }
     let _ = writeln!(text, "           {:width$}  {:28}  {}\n", "any view", "", cells(shares(sources)));
-    (text, Value::Array(rows), largest)
+    (text, Value::Array(rows), largest_step)
 }

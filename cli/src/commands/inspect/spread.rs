@@ -1,45 +1,47 @@
-//! How far cameras lie apart, without looking at every pair of them.
+//! Distances and angles between cameras, without comparing every pair.
 
 use glam::DVec3;
 
-/// Along this no grid of cameras has many in one place.
-const ASKEW: DVec3 = DVec3::new(0.781, 0.532, 0.327);
-/// Angles closer than this are one, radians.
-const SAME: f64 = 1e-6;
+/// A direction on which few cameras of a regular grid have the same projection.
+const OBLIQUE: DVec3 = DVec3::new(0.781, 0.532, 0.327);
+/// Tolerance of angles, in radians.
+const ANGLE_TOLERANCE: f64 = 1e-6;
 
-/// Distance of each point to the nearest other one, in no order; nothing for a single point.
+/// Distance from each point to its nearest neighbour, in no particular order; empty for a single
+/// point.
 pub(super) fn nearest_distances(points: &[DVec3]) -> Vec<f64> {
-    let along = ASKEW.normalize();
+    let along = OBLIQUE.normalize();
     let mut sorted: Vec<(f64, DVec3)> = points.iter().map(|point| (point.dot(along), *point)).collect();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
     let nearest = |index: usize| {
         let (at, point) = sorted[index];
         let mut best = f64::INFINITY;
-        // Points are no nearer than they are along any one direction.
-        let mut look = |other: &(f64, DVec3)| {
-            let near = (other.0 - at).abs() < best;
+        // The distance of two points is at least that of their projections.
+        let mut compare = |other: &(f64, DVec3)| {
+            let may_be_nearer = (other.0 - at).abs() < best;
             best = best.min(other.1.distance(point));
-            near
+            may_be_nearer
         };
-        let _ = sorted[index + 1..].iter().all(&mut look);
-        let _ = sorted[..index].iter().rev().all(&mut look);
+        let _ = sorted[index + 1..].iter().all(&mut compare);
+        let _ = sorted[..index].iter().rev().all(&mut compare);
         best
     };
     (0..sorted.len()).map(nearest).filter(|distance| distance.is_finite()).collect()
 }
 
-/// Largest angle between two of these unit vectors, to [`SAME`], in radians; 0 for a single one.
+/// Largest angle between two of these unit vectors, in radians, accurate to [`ANGLE_TOLERANCE`]; 0
+/// for a single one.
 pub(super) fn largest_angle(directions: &[DVec3]) -> f64 {
     let mean = directions.iter().sum::<DVec3>().normalize_or(DVec3::Z);
     let mut from_mean: Vec<(f64, DVec3)> = directions.iter().map(|d| (mean.angle_between(*d), *d)).collect();
     from_mean.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut largest = 0.0_f64;
     for (index, (angle, direction)) in from_mean.iter().enumerate() {
-        // Two directions are no further apart than both from the mean.
-        let may_be_more = from_mean[..index].iter().take_while(|other| other.0 + angle > largest + SAME);
-        let least = may_be_more.map(|(_, other)| other.dot(*direction)).fold(f64::INFINITY, f64::min);
-        if least < largest.cos() {
-            largest = least.clamp(-1.0, 1.0).acos();
+        // The angle of two directions is at most the sum of their angles to the mean.
+        let candidates = from_mean[..index].iter().take_while(|other| other.0 + angle > largest + ANGLE_TOLERANCE);
+        let min_cosine = candidates.map(|(_, other)| other.dot(*direction)).fold(f64::INFINITY, f64::min);
+        if min_cosine < largest.cos() {
+            largest = min_cosine.clamp(-1.0, 1.0).acos();
         }
     }
     largest
@@ -49,7 +51,7 @@ pub(super) fn largest_angle(directions: &[DVec3]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Points of a cube, by a generator of 2^31 − 1 numbers.
+    /// Random points in a cube, from a linear congruential generator.
     fn cube(count: usize) -> Vec<DVec3> {
         let mut state = 7_u64;
         let mut next = || {
@@ -60,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn as_among_all_pairs() {
+    fn distances_and_angles_equal_those_of_all_pairs() {
         let points = cube(300);
         let others = |i: usize| (0..points.len()).filter(move |&j| j != i);
         let mut expected: Vec<f64> =
@@ -79,9 +81,9 @@ mod tests {
         assert!(largest_angle(&[DVec3::X, DVec3::X, -DVec3::X]) > 3.1);
     }
 
-    /// Pair by pair these would be ten thousand million distances.
+    /// All pairs would be ten thousand million distances.
     #[test]
-    fn a_hundred_thousand_cameras() {
+    fn a_hundred_thousand_cameras_take_little_time() {
         let points = cube(100_000);
         assert_eq!(nearest_distances(&points).len(), points.len());
         let column = |k: usize| DVec3::new(if k.is_multiple_of(2) { 0.0 } else { 1e3 }, (k / 2) as f64, 0.0);

@@ -1,4 +1,4 @@
-//! `liveview join`: what the shards of a job have rendered becomes one video or one table.
+//! `liveview join`: combines the pictures of all shards of a job into one video or one table.
 
 mod shards;
 
@@ -9,11 +9,13 @@ use anyhow::{Result, bail};
 use clap::Args;
 use liveview::image::{self, Score};
 use liveview_common::args::frame_rate::{FrameRate, frame_rate};
-use liveview_common::args::output::{has_ending, refuse_stdout, write_whole};
-use liveview_common::console::{Output, print_message, shown};
+use liveview_common::args::output::{has_extension, refuse_stdout, write_atomically};
+use liveview_common::console::{Output, path_text};
 use liveview_common::ffmpeg::{Encoder, is_video};
 use serde_json::{Value, json};
 use shards::{Picture, ShardRecord};
+
+use crate::commands::render::{EXPECTED_COVERAGE, is_blank, warn_of_blank};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -25,11 +27,11 @@ Examples:
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct JoinArgs {
-    /// Folders into which all shards of one job were rendered
+    /// Folders with the pictures of all shards of one job
     #[arg(required = true, value_name = "FOLDER")]
     folders: Vec<PathBuf>,
-    /// The video of the pictures in order, .mp4 or .gif through ffmpeg; or the table of scores, .json. Without it, what is there is
-    /// checked and told
+    /// Video (.mp4, .gif; needs ffmpeg) or table of scores (.json) to write [default: only check
+    /// the pictures]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Frames per second of a video
@@ -43,7 +45,7 @@ pub(crate) fn run(args: &JoinArgs) -> Result<Output> {
         refuse_stdout("-o", path)?;
         if is_video(path) {
             encoder = Some(Encoder::new(path, args.fps)?);
-        } else if path.is_dir() || !has_ending(path, &["json"]) {
+        } else if path.is_dir() || !has_extension(path, &["json"]) {
             bail!("-o {}: expected a name that ends in .mp4, .gif or .json", path.display());
         }
     }
@@ -51,14 +53,14 @@ pub(crate) fn run(args: &JoinArgs) -> Result<Output> {
     check_output(args.output.as_deref(), &records)?;
     shards::check_one_job(&records)?;
     let pictures = shards::pictures(&records)?;
-    check_seen(&pictures)?;
-    let told = table(args, &records, &pictures);
+    check_coverage(&pictures)?;
+    let output = table(args, &records, &pictures);
     match (encoder, &args.output) {
         (Some(encoder), _) => video(encoder, &pictures)?,
-        (None, Some(path)) => write_whole(path, format!("{:#}\n", told.json).as_bytes())?,
+        (None, Some(path)) => write_atomically(path, format!("{:#}\n", output.json).as_bytes())?,
         (None, None) => {}
     }
-    Ok(told)
+    Ok(output)
 }
 
 /// Refuses to overwrite a record.
@@ -73,25 +75,14 @@ fn check_output(output: Option<&Path>, records: &[ShardRecord]) -> Result<()> {
     }
 }
 
-/// As one run would: an error if all pictures are blank, a warning if some are.
-fn check_seen(pictures: &[Picture]) -> Result<()> {
-    let is_blank =
-        |picture: &&Picture| picture.entry["seen_by_no_view"].as_f64().is_some_and(|unseen| unseen > 1.0 - 1e-6);
-    let blank: Vec<&Picture> = pictures.iter().filter(is_blank).collect();
+/// As in a single run: an error if all pictures are blank, a warning if some are.
+fn check_coverage(pictures: &[Picture]) -> Result<()> {
+    let blank = |picture: &&Picture| picture.entry["uncovered_share"].as_f64().is_some_and(is_blank);
+    let blank: Vec<&Picture> = pictures.iter().filter(blank).collect();
     match blank.first() {
         None => {}
-        Some(_) if blank.len() == pictures.len() => {
-            bail!(
-                "no view sees any of the pictures; expected viewpoints that look where the views do, or another --near and --far"
-            );
-        }
-        Some(first) => {
-            let (count, all, first) = (blank.len(), pictures.len(), &first.name);
-            print_message(
-                "warning",
-                format!("{count} of {all} pictures are blank, no view sees any of them: {first} first"),
-            );
-        }
+        Some(_) if blank.len() == pictures.len() => bail!("no view covers any of the pictures; {EXPECTED_COVERAGE}"),
+        Some(first) => warn_of_blank(blank.len(), pictures.len(), &first.name),
     }
     Ok(())
 }
@@ -126,7 +117,7 @@ fn table(args: &JoinArgs, records: &[ShardRecord], pictures: &[Picture]) -> Outp
     let count = scored().count();
     let (psnr, ssim) = scored().fold((0.0, 0.0), |sum, score| (sum.0 + score.0, sum.1 + score.1));
     let mean = (count > 0).then(|| (psnr / count as f64, ssim / count as f64));
-    let mut text = format!("{} pictures of {} shards, all there\n", pictures.len(), records.len());
+    let mut text = format!("{} pictures of {} shards, complete\n", pictures.len(), records.len());
     if let Some((psnr, ssim)) = mean {
         let width = pictures.iter().map(|picture| picture.name.chars().count()).max().unwrap_or(0).max(4);
         let _ = writeln!(text, "\n{:width$}  PSNR dB    SSIM", "view");
@@ -135,23 +126,23 @@ fn table(args: &JoinArgs, records: &[ShardRecord], pictures: &[Picture]) -> Outp
             let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}", picture.name);
         }
         let border = Score::BORDER;
-        let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  ({border}-pixel border left out)", "mean");
+        let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  ({border}-pixel border excluded)", "mean");
     }
     if let Some(path) = &args.output {
         let _ = writeln!(text, "wrote   {}", path.display());
     }
     let target = |picture: &Picture| {
-        let mut told = json!({ "name": picture.name, "file": shown(&picture.file) });
-        for key in ["layers", "psnr", "ssim", "seen_by_no_view", "hidden_from_all_views", "disparity_max"] {
-            told[key] = picture.entry[key].clone();
+        let mut json = json!({ "name": picture.name, "file": path_text(&picture.file) });
+        for key in ["layers", "psnr", "ssim", "uncovered_share", "occluded_share", "disparity_max"] {
+            json[key] = picture.entry[key].clone();
         }
-        told
+        json
     };
     let json = json!({
         "liveview": env!("CARGO_PKG_VERSION"), "job": records[0].job, "shards": records.len(),
         "targets": pictures.iter().map(target).collect::<Vec<Value>>(),
-        "mean": mean.map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })), "border_left_out": Score::BORDER,
-        "output": args.output.as_deref().map(shown),
+        "mean": mean.map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })), "excluded_border": Score::BORDER,
+        "output": args.output.as_deref().map(path_text),
     });
     Output { text, json }
 }

@@ -1,4 +1,4 @@
-//! What the shards of a job have recorded, and whether it is all of it.
+//! Reads the records of shards, and checks that they are of one job and complete.
 
 use std::path::{Path, PathBuf};
 
@@ -10,9 +10,10 @@ use serde_json::{Map, Value};
 use crate::commands::render::{record, record_text};
 use crate::shard::Shard;
 
-/// The part of a job that may differ between machines: photos and cameras are told by their contents.
+/// The field of a job that may differ between machines; photos and cameras are compared by their
+/// contents.
 const MAY_DIFFER: &str = "scene";
-/// What follows from other differences, and so is told after these.
+/// Fields that differ as a consequence of others, and so are compared last.
 const DIGESTS: [&str; 2] = ["cameras", "photos"];
 
 /// The record of a shard.
@@ -25,14 +26,14 @@ pub(super) struct ShardRecord {
     done: Map<String, Value>,
 }
 
-/// A picture that is there, and what is recorded of it.
+/// An existing picture, and its entry in the record.
 pub(super) struct Picture {
     pub(super) name: String,
     pub(super) file: PathBuf,
     pub(super) entry: Value,
 }
 
-/// The records in these folders.
+/// Reads the records in these folders.
 pub(super) fn read(folders: &[PathBuf]) -> Result<Vec<ShardRecord>> {
     let mut records = Vec::new();
     for folder in folders {
@@ -45,7 +46,7 @@ pub(super) fn read(folders: &[PathBuf]) -> Result<Vec<ShardRecord>> {
         files.sort();
         if files.is_empty() {
             bail!(
-                "{}: no record of a shard is there; expected liveview_I_of_N.json, which `liveview render --shard I/N -o {0}` writes",
+                "{}: no record of a shard; expected liveview_I_of_N.json, which `liveview render --shard I/N -o {0}` writes",
                 folder.display()
             );
         }
@@ -56,7 +57,7 @@ pub(super) fn read(folders: &[PathBuf]) -> Result<Vec<ShardRecord>> {
     Ok(records)
 }
 
-/// Whether a file is named as the record of a shard.
+/// Whether a file has the name of a shard's record.
 fn is_record(file: &Path) -> bool {
     let shard = || {
         let name = file.file_name()?.to_str()?.strip_prefix("liveview_")?.strip_suffix(".json")?;
@@ -80,16 +81,16 @@ fn read_one(path: &Path) -> Result<ShardRecord> {
     }
 }
 
-/// Refuses records that are not of one job and one number of shards.
+/// Checks that the records are of one job with one number of shards.
 pub(super) fn check_one_job(records: &[ShardRecord]) -> Result<()> {
     let Some((first, others)) = records.split_first() else { return Ok(()) };
-    let (here, place) =
+    let (text, first_path) =
         (|value: Option<&Value>| value.map_or("missing".to_owned(), Value::to_string), first.path.display());
     for other in others {
         let at = other.path.display();
         if other.shard.count != first.shard.count {
             bail!(
-                "{at} is one of {} shards, {place} one of {}; expected those of one job, and no records of others beside them",
+                "{at} is one of {} shards, {first_path} one of {}; expected the records of one job only",
                 other.shard.count,
                 first.shard.count
             );
@@ -100,56 +101,53 @@ pub(super) fn check_one_job(records: &[ShardRecord]) -> Result<()> {
         for field in fields {
             let (a, b) = (first.job.get(field), other.job.get(field));
             if a != b {
-                bail!(
-                    "{at} is of another job than {place}: \"{field}\" is {} there and {} here; expected the same",
-                    here(b),
-                    here(a)
-                );
+                bail!("{at} is of another job than {first_path}: \"{field}\" is {}, expected {}", text(b), text(a));
             }
         }
         if other.targets != first.targets {
-            bail!("{at} is of another job than {place}: \"targets\" differ; expected the same");
+            bail!("{at} is of another job than {first_path}: \"targets\" differ; expected the same");
         }
     }
     Ok(())
 }
 
-/// Every picture of the job, in order; an error that says which shard to run again if one is missing or has changed.
+/// Every picture of the job, in order; if one is missing or changed, an error that says which
+/// shards to run again.
 pub(super) fn pictures(records: &[ShardRecord]) -> Result<Vec<Picture>> {
     let (targets, count) = (&records[0].targets, records[0].shard.count);
-    let mut lacking: Vec<Vec<&str>> = vec![Vec::new(); count];
+    let mut missing: Vec<Vec<&str>> = vec![Vec::new(); count];
     let mut found = Vec::with_capacity(targets.len());
     for (at, name) in targets.iter().enumerate() {
-        // A shard that ran twice may have written into two folders.
+        // A shard that ran twice may have written to two folders.
         let mut candidates = records.iter().filter_map(|record| picture(record, name));
         match candidates.next() {
             Some(picture) => found.push(picture),
-            None => lacking[at % count].push(name),
+            None => missing[at % count].push(name),
         }
     }
-    let lacks = |(index, names): (usize, &Vec<&str>)| {
+    let describe = |(index, names): (usize, &Vec<&str>)| {
         let shard = Shard { index, count };
-        let begun = records.iter().any(|record| record.shard == shard);
-        let what = if begun { "lacks" } else { "has no record, and so lacks" };
+        let has_record = records.iter().any(|record| record.shard == shard);
+        let what = if has_record { "lacks" } else { "has no record and lacks" };
         let pictures = if names.len() == 1 { "picture" } else { "pictures" };
         (!names.is_empty()).then(|| format!("shard {shard} {what} {} {pictures} ({} first)", names.len(), names[0]))
     };
-    let lacks: Vec<String> = lacking.iter().enumerate().filter_map(lacks).collect();
-    if !lacks.is_empty() {
-        const SHOWN: usize = 4;
-        let more =
-            if lacks.len() > SHOWN { format!(" and {} more shards", lacks.len() - SHOWN) } else { String::new() };
+    let incomplete: Vec<String> = missing.iter().enumerate().filter_map(describe).collect();
+    if !incomplete.is_empty() {
+        const LISTED_SHARDS: usize = 4;
+        let more = incomplete.len().saturating_sub(LISTED_SHARDS);
+        let more = if more > 0 { format!(" and {more} more shards") } else { String::new() };
         bail!(
             "{} of {} pictures are missing or changed: {}{more}; expected all: run these shards again with --resume",
             targets.len() - found.len(),
             targets.len(),
-            lacks[..lacks.len().min(SHOWN)].join(", ")
+            incomplete[..incomplete.len().min(LISTED_SHARDS)].join(", ")
         );
     }
     Ok(found)
 }
 
-/// A picture that a record lists, if it is there unchanged.
+/// A picture that a record lists, if it exists unchanged.
 fn picture(record: &ShardRecord, name: &str) -> Option<Picture> {
     let entry = record.done.get(name)?;
     let file = record.path.with_file_name(format!("{}.png", stem(name)));

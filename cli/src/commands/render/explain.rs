@@ -1,4 +1,5 @@
-//! `render --explain`: what was left out and why, where the time went, and what it cost in quality.
+//! `render --explain`: the layers that were used and skipped, the time of each stage, and the
+//! difference from many planes.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -10,32 +11,36 @@ use liveview::layers::guided::RangeMap;
 use liveview::layers::{Layer, Layers};
 use liveview::network::Alpha;
 use liveview::{Frame, ImageRgb, LoadedShot, Plan, Shot, TargetSurface};
-use liveview_common::args::numbers;
 use liveview_common::args::output::expect_png;
-use liveview_common::console::shown;
+use liveview_common::args::{ADVANCED, numbers};
+use liveview_common::console::path_text;
 use liveview_common::job::Job;
 use liveview_common::measure::Times;
 use liveview_common::outputs::OutputPlan;
-use liveview_common::statistics::{PixelError, percentile};
+use liveview_common::statistics::{PixelError, quantile};
 use ndarray::{Array2, s};
 use serde_json::{Value, json};
 
 use crate::commands::select::{range_picture, width_in_pixels};
 
-/// Options that ask for reasons.
+/// Options for explaining a render.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Reasons")]
+#[command(next_help_heading = ADVANCED)]
 pub(super) struct ExplainArgs {
-    /// Say what was left out and why, and where the time went; and draw guided layers' nearest and farthest disparity and the width
-    /// between them, or each pixel's plane. For one target
-    #[arg(long, value_name = "PNG")]
+    /// Print which layers were used and skipped and where the time went, and draw the layers; for
+    /// one target
+    ///
+    /// The picture shows the disparity of surface layers, the plane of each pixel, or the nearest
+    /// disparity, farthest disparity and parallax of guided layers.
+    #[arg(long, value_name = "PNG", hide_short_help = true)]
     explain: Option<PathBuf>,
-    /// Render D uniform planes too, and say how far the result is from them
+    /// Also render D uniform planes, and print how much the picture differs from them
     #[arg(long, value_name = "D", value_parser = numbers::count, requires = "explain", conflicts_with = "network")]
+    #[arg(hide_short_help = true)]
     dense: Option<usize>,
 }
 
-/// A render that is to be explained.
+/// The render to explain.
 pub(super) struct Explained<'a> {
     pub(super) shot: &'a Shot,
     pub(super) loaded: &'a LoadedShot,
@@ -62,14 +67,14 @@ impl ExplainArgs {
         output_plan.file("--explain", file)
     }
 
-    /// Explains a render, if asked to.
+    /// Explains a render, if `--explain` is given.
     pub(super) fn explain(&self, job: &mut Job, about: &Explained<'_>) -> Result<Option<Explanation>> {
         let Some(file) = &self.explain else { return Ok(None) };
         let mut text = String::new();
-        let mut json = json!({ "file": shown(file) });
+        let mut json = json!({ "file": path_text(file) });
         let picture = match (&about.plan.range, &about.plan.surface) {
             (Some(range), _) => guided(job, about, range, &mut text, &mut json),
-            (None, Some(seen)) => surface(about, seen, &mut text, &mut json),
+            (None, Some(target_surface)) => surface(about, target_surface, &mut text, &mut json),
             (None, None) => planes(about, job.alpha(), &mut text, &mut json),
         };
         uncovered(about.frame, &mut text, &mut json);
@@ -82,78 +87,72 @@ impl ExplainArgs {
     }
 }
 
-/// Each pixel's range, and how many uniform planes would be spaced as closely.
+/// The depth ranges of the pixels, and how many uniform planes would be spaced as closely.
 fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String, json: &mut Value) -> ImageRgb {
-    let whole = 1.0 / about.shot.near - 1.0 / about.shot.far;
+    let full_range = 1.0 / about.shot.near - 1.0 / about.shot.far;
     let spans = range.nearest() - range.farthest();
-    let mut shares: Vec<f64> = spans.iter().map(|&span| f64::from(span) / whole).collect();
-    let [median, wide] = [0.5, 0.95].map(|part| percentile(&mut shares, part));
+    let mut shares: Vec<f64> = spans.iter().map(|&span| f64::from(span) / full_range).collect();
+    let [median, percentile_95] = [0.5, 0.95].map(|fraction| quantile(&mut shares, fraction));
     let width = width_in_pixels(job.views(), about.shot, range);
-    let mut steps: Vec<f64> = width.iter().map(|&w| f64::from(w)).collect();
-    let pixels = percentile(&mut steps, 0.5);
+    let mut widths: Vec<f64> = width.iter().map(|&w| f64::from(w)).collect();
+    let pixels = quantile(&mut widths, 0.5);
     let layers = about.plan.layers.len();
-    let as_close = ((layers.saturating_sub(1)) as f64 / median).ceil().max(1.0) + 1.0;
+    let equivalent = ((layers.saturating_sub(1)) as f64 / median).ceil().max(1.0) + 1.0;
     let _ = writeln!(
         text,
-        "layers  {layers}, each pixel's own: half of the pixels need only {:.1} % of the depth range ({pixels:.1} pixels of \
-         parallax), 95 in 100 of them {:.1} %",
+        "layers  {layers} within each pixel's own depth range: at most {:.1} % of the full range for half of the \
+         pixels ({pixels:.1} pixels of parallax), {:.1} % for 95 % of them",
         100.0 * median,
-        100.0 * wide
+        100.0 * percentile_95
     );
     if layers > 1 {
-        let _ = writeln!(text, "planes  {as_close:.0} uniform planes would be as close together");
+        let _ = writeln!(text, "planes  {equivalent:.0} uniform planes would be spaced as closely");
     }
-    json["range_share"] = json!({ "median": median, "95 %": wide });
+    json["range_share"] = json!({ "median": median, "percentile_95": percentile_95 });
     json["range_pixels_median"] = json!(pixels);
-    json["uniform_planes_as_close"] = json!((layers > 1).then_some(as_close));
+    json["equivalent_uniform_planes"] = json!((layers > 1).then_some(equivalent));
     range_picture(about.shot, range, &width)
 }
 
-/// The surface, how much of it no photo's depth gives, and what exposure was balanced by.
-fn surface(about: &Explained<'_>, seen: &TargetSurface, text: &mut String, json: &mut Value) -> ImageRgb {
-    let holes = seen.surface().holes;
-    let hidden = about.frame.occluded_pixels as f64 / about.frame.transmittance.len() as f64;
+/// The surface, the share of it that no photo's depth gives, exposure gains and sharpening.
+fn surface(about: &Explained<'_>, target_surface: &TargetSurface, text: &mut String, json: &mut Value) -> ImageRgb {
+    let holes = target_surface.surface().holes;
+    let occluded = about.frame.occluded_pixels as f64 / about.frame.transmittance.len() as f64;
     let _ = writeln!(
         text,
-        "surface {} layers along it; {:.1} % of it beside what the photos' depth gives, {:.1} % hidden from all views",
+        "surface {} layers along it; {:.1} % of it in holes of the photos' depth, {:.1} % occluded in every view",
         about.plan.layers.len(),
         100.0 * holes,
-        100.0 * hidden
+        100.0 * occluded
     );
-    let apart = seen.gains().iter().flatten().fold(0.0, |most: f32, gain| most.max((gain - 1.0).abs()));
-    let _ =
-        writeln!(text, "gains   photos are made up to {:.1} % brighter or darker to agree in exposure", 100.0 * apart);
-    let most = seen.sharpening().iter().copied().fold(0.0, f32::max);
-    if most >= 0.005 {
-        let _ = writeln!(
-            text,
-            "        and sharpened by up to {:.1} % of their detail, as they show each other",
-            100.0 * most
-        );
+    let (gains, sharpening) = (target_surface.gains(), target_surface.sharpening());
+    let max_change = gains.iter().flatten().fold(0.0, |max: f32, gain| max.max((gain - 1.0).abs()));
+    let _ = writeln!(text, "gains   the exposure of the photos is changed by up to {:.1} %", 100.0 * max_change);
+    let max_sharpening = sharpening.iter().copied().fold(0.0, f32::max);
+    if max_sharpening >= 0.005 {
+        let _ = writeln!(text, "        and softer photos are sharpened by up to {:.1} %", 100.0 * max_sharpening);
     }
-    let (gains, sharpening) = (seen.gains(), seen.sharpening());
-    json["surface"] =
-        json!({ "holes": holes, "hidden_from_all_views": hidden, "gains": gains, "sharpening": sharpening });
+    json["surface"] = json!({ "holes": holes, "occluded_share": occluded, "gains": gains, "sharpening": sharpening });
     let Shot { near, far, target, .. } = about.shot;
     let part = s![..target.height(), ..target.width()];
-    coloured(seen.surface().disparity.slice(part), (1.0 / far) as f32, (1.0 / near) as f32)
+    coloured(target_surface.surface().disparity.slice(part), (1.0 / far) as f32, (1.0 / near) as f32)
 }
 
-/// Which planes are the pixels' best ones.
+/// The number of planes that most pixels need.
 fn planes(about: &Explained<'_>, alpha: Alpha, text: &mut String, json: &mut Value) -> ImageRgb {
     let mut votes = vec![0usize; about.plan.layers.len()];
     about.frame.best_layer.iter().flatten().for_each(|&layer| votes[layer as usize] += 1);
     votes.sort_unstable_by(|a, b| b.cmp(a));
-    let chosen: usize = votes.iter().sum();
+    let pixels: usize = votes.iter().sum();
     let sums = votes.iter().scan(0, |sum, &count| {
         *sum += count;
         Some(*sum)
     });
     let best = if alpha.is_independent() { "are the most opaque one" } else { "have the largest weight" };
-    let needed = 1 + sums.take_while(|sum| 10 * sum < 9 * chosen).count();
+    let needed = 1 + sums.take_while(|sum| 10 * sum < 9 * pixels).count();
     let _ = writeln!(
         text,
-        "layers  {} planes, of which {needed} {best} for 90 % of the pixels: the others could be left out (--layers select:K)",
+        "layers  {} planes, of which {needed} {best} for 90 % of the pixels: consider --layers select:{needed}",
         about.plan.layers.len()
     );
     json["planes_for_90_percent"] = json!(needed);
@@ -175,31 +174,31 @@ fn uncovered(frame: &Frame, text: &mut String, json: &mut Value) {
 
 /// Each stage's share of the time.
 fn time_shares(times: &Times, text: &mut String, json: &mut Value) {
-    let all = times.total().as_secs_f64();
-    let shares = times.stages().map(|(stage, time)| (stage, time.as_secs_f64() / all)).into_iter();
+    let total = times.total().as_secs_f64();
+    let shares = times.stages().map(|(stage, time)| (stage, time.as_secs_f64() / total)).into_iter();
     let shares: Vec<_> = shares.filter(|&(_, share)| share > 0.0).collect();
     let list: Vec<String> = shares.iter().map(|(stage, share)| format!("{stage} {:.0} %", 100.0 * share)).collect();
-    let _ = writeln!(text, "shares  {} of {:.0} ms", list.join(", "), 1e3 * all);
+    let _ = writeln!(text, "shares  {} of {:.0} ms", list.join(", "), 1e3 * total);
     json["time_shares"] = shares.into_iter().map(|(stage, share)| (stage.to_owned(), json!(share))).collect();
 }
 
-/// How far the result is from that on `planes` uniform planes.
+/// The difference from a picture rendered on `planes` uniform planes.
 fn dense(job: &mut Job, about: &Explained<'_>, planes: usize, text: &mut String, json: &mut Value) -> Result<()> {
     let layers = Layers::uniform(about.shot.near, about.shot.far, planes)?;
     let dense = job.render(about.loaded, &Plan::known(layers))?;
     let PixelError { max, mean } = PixelError::between(std::iter::once((&about.frame.picture, &dense.picture)));
     let seconds = (dense.times.warp + dense.times.network + dense.times.composite).as_secs_f64();
-    let faster = seconds / about.times.total().as_secs_f64();
+    let ratio = seconds / about.times.total().as_secs_f64();
     let _ = writeln!(
         text,
-        "dense   {planes} planes: {mean:.4} away in the mean, {max:.2} at most (of 1); they take {faster:.1} times as long"
+        "dense   {planes} planes: mean difference {mean:.4}, largest {max:.2} (of 1); they take {ratio:.1} times as long"
     );
     json["dense"] = json!({ "planes": planes, "error_max": max, "error_mean": mean, "seconds": seconds });
     if let Some(truth) = about.truth {
-        let [own, of_planes] =
+        let [picture_psnr, dense_psnr] =
             [&about.frame.picture, &dense.picture].map(|picture| psnr(picture, truth, Score::BORDER));
-        let _ = writeln!(text, "        against the photo: {own:.2} dB, the {planes} planes {of_planes:.2} dB");
-        json["dense"]["psnr"] = json!(of_planes);
+        let _ = writeln!(text, "        PSNR {picture_psnr:.2} dB, the {planes} planes {dense_psnr:.2} dB");
+        json["dense"]["psnr"] = json!(dense_psnr);
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! `liveview render`: new views of a scene, scored where the photo exists.
+//! `liveview render`: new views of a scene, scored if the photo exists.
 
 mod explain;
 mod outputs;
@@ -17,6 +17,7 @@ use clap::Args;
 use explain::{ExplainArgs, Explained, Explanation};
 use liveview::image::{Score, inpaint_uncovered};
 use liveview::{LayerSpec, Plan, Shot};
+use liveview_common::args::ADVANCED;
 use liveview_common::args::layers::LayerArgs;
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::scene::SceneArgs;
@@ -24,13 +25,20 @@ use liveview_common::args::targets::TargetArgs;
 use liveview_common::console::{Output, escaped, print_message, print_notes, progress};
 use liveview_common::interrupt::{self, Interrupted};
 use liveview_common::job::Job;
-use liveview_common::kept_models::KeptModels;
 use liveview_common::measure::Times;
+use liveview_common::model_pool::ModelPool;
 use liveview_common::outputs::OutputPlan;
 use outputs::{OutputArgs, Outputs, disparity_max};
 use rendered::Rendered;
 
 use crate::shard::Shard;
+
+const SHORT_EXAMPLES: &str = "\
+Examples:
+  liveview render scene --target IMG_7.jpg -o new.png
+  liveview render scene --path circle:120 -o flight.mp4
+
+--help also lists the advanced options.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -44,43 +52,45 @@ Examples:
   liveview render scene --path spiral:900 -o frames/ --resume
   liveview render scene --path spiral:900 -o frames/ --shard 3/16";
 
-/// Options of `liveview render`.
+/// Options of `liveview render`, in the order of the help.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = SHORT_EXAMPLES, after_long_help = EXAMPLES)]
 pub(crate) struct RenderArgs {
-    #[command(flatten)]
-    scene: SceneArgs,
     #[command(flatten)]
     targets: TargetArgs,
     #[command(flatten)]
+    output: OutputArgs,
+    #[command(flatten)]
     layers: LayerArgs,
     #[command(flatten)]
-    model: ModelArgs,
+    scene: SceneArgs,
     #[command(flatten)]
-    output: OutputArgs,
-    /// Render every Nth picture alone, from the Ith on, and record them in liveview_I_of_N.json: N such runs, on as many machines, write
-    /// what one run would, into one folder or several, and `liveview join` puts it together. auto: I and N from Slurm's job array, or
-    /// from JOB_COMPLETION_INDEX (Kubernetes, from 0) and LIVEVIEW_SHARDS
+    model: ModelArgs,
+    /// Render every Nth picture, starting with the Ith: the share of one of N machines
+    ///
+    /// The pictures are recorded in liveview_I_of_N.json. Together the N runs write the pictures of
+    /// one run, into one folder or several; `liveview join` combines them. auto: I and N from
+    /// Slurm's job array, or from JOB_COMPLETION_INDEX (Kubernetes, from 0) and LIVEVIEW_SHARDS.
     #[arg(long, value_name = "I/N", value_parser = Shard::parse, requires = "output", conflicts_with = "explain")]
-    #[arg(help_heading = "A share of the work")]
+    #[arg(help_heading = ADVANCED, hide_short_help = true)]
     shard: Option<Shard>,
     #[command(flatten)]
     explain: ExplainArgs,
 }
 
 impl RenderArgs {
-    /// Threads as given, else one per core.
+    /// Number of threads as given, else one per core.
     pub(crate) fn threads(&self) -> usize {
         self.model.threads()
     }
 }
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
-    run_with(args, &mut KeptModels::default())
+    run_with(args, &mut ModelPool::default())
 }
 
-/// As [`run`], with a model that is kept, if it is; it is kept afterwards.
-pub(crate) fn run_with(args: &RenderArgs, models: &mut KeptModels) -> Result<Output> {
+/// As [`run`], with a model from the pool, to which it is returned.
+pub(crate) fn run_with(args: &RenderArgs, models: &mut ModelPool) -> Result<Output> {
     let outputs = Outputs::new(&args.output, args.targets.have_truth(), args.shard)?;
     let photos = args.scene.open()?;
     print_notes(&photos.scene().notes);
@@ -106,49 +116,53 @@ fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<
     job.progress = progress("layers")?;
     let wanted = shots.len();
     let runs = job.synthesizer.renderer().network().run_end().into_iter().collect();
-    // A single picture is not worth finishing: there Ctrl-C ends the program at once.
+    // If there is only one picture, Ctrl-C ends the program at once.
     let stop = if wanted > 1 { interrupt::watch(runs)? } else { Arc::default() };
     let rendered = render(job, shots, &all, moving, &mut outputs, args, &stop);
     job.progress.finish_and_clear();
-    // What failed after an interrupt, such as a run of the network that was ended for it, failed for it.
+    // An error after an interrupt, such as a network run that was ended, is reported as the
+    // interrupt.
     let rendered = rendered.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error });
     let (done, explanation) = rendered.inspect_err(|_| outputs.print_how_to_resume(wanted))?;
-    check_seen(&done, args)?;
+    check_coverage(&done, args)?;
     let video = outputs.finish(&all)?;
     let share = args.shard.map(|shard| (shard, all.len()));
     Ok(summary::rendered(job, &done, moving, share, video, explanation))
 }
 
-/// Whether views cover so little of a picture (`unseen`: the share that none does) that there is nothing to be seen.
-fn is_blank(unseen: f64) -> bool {
-    unseen > 1.0 - 1e-6
+/// The expectation in errors about blank pictures.
+pub(crate) const EXPECTED_COVERAGE: &str =
+    "expected a viewpoint that faces the same way as the views, or another --near and --far";
+
+/// Whether no view covers a picture, given the share of it that no view covers.
+pub(crate) fn is_blank(uncovered_share: f64) -> bool {
+    uncovered_share > 1.0 - 1e-6
 }
 
-/// An error if all pictures of the job are blank; those that are among others are told.
-fn check_seen(done: &[Rendered], args: &RenderArgs) -> Result<()> {
-    let blank: Vec<&str> = done.iter().filter(|one| is_blank(one.unseen)).map(|one| one.shot.name.as_str()).collect();
+/// Warns that some of the pictures are blank.
+pub(crate) fn warn_of_blank(count: usize, total: usize, first: &str) {
+    print_message("warning", format!("no view covers {count} of {total} pictures, which are blank: {first} first"));
+}
+
+/// An error if all pictures of the job are blank, a warning if some are.
+fn check_coverage(done: &[Rendered], args: &RenderArgs) -> Result<()> {
+    let blank = done.iter().filter(|one| is_blank(one.uncovered_share));
+    let blank: Vec<&str> = blank.map(|one| one.shot.name.as_str()).collect();
     match blank.as_slice() {
         [] => {}
-        all if all.len() == done.len() && args.shard.is_none() => return Err(nothing_seen(args)),
-        [first, ..] => {
-            let (count, all) = (blank.len(), done.len());
-            print_message(
-                "warning",
-                format!("{count} of {all} pictures are blank, no view sees any of them: {first} first"),
-            );
-        }
+        all if all.len() == done.len() && args.shard.is_none() => return Err(no_coverage(args)),
+        [first, ..] => warn_of_blank(blank.len(), done.len(), first),
     }
     Ok(())
 }
 
-fn nothing_seen(args: &RenderArgs) -> Error {
+fn no_coverage(args: &RenderArgs) -> Error {
     let (scene, targets) = (args.scene.folder().display(), &args.targets);
-    anyhow!(
-        "{scene}, {targets}: no view sees any of it; expected a viewpoint that looks where the views do, or another --near and --far"
-    )
+    anyhow!("{scene}, {targets}: no view covers any of it; {EXPECTED_COVERAGE}")
 }
 
-/// Renders and writes the shots, of `all` shots of the job, but those that an earlier run has written.
+/// Renders and writes `shots`, out of `all` shots of the job, except those that an earlier run has
+/// written.
 fn render(
     job: &mut Job,
     shots: Vec<Shot>,
@@ -158,7 +172,7 @@ fn render(
     args: &RenderArgs,
     stop: &AtomicBool,
 ) -> Result<(Vec<Rendered>, Option<Explanation>)> {
-    // The paper's video: the planes that the first frame selects are those of all frames.
+    // As in the paper's video, all frames use the planes that the first one selects.
     let shared = moving && matches!(job.layers(), LayerSpec::Select { .. });
     let mut done: Vec<Rendered> = Vec::with_capacity(shots.len());
     let (mut kept, mut explanation): (Option<Plan>, _) = (None, None);
@@ -187,10 +201,10 @@ fn render(
             None => job.plan(&loaded)?,
         };
         let mut frame = job.render(&loaded, &plan)?;
-        // Scored as rendered, before pixels that no view covers are filled.
+        // Scored before uncovered pixels are inpainted.
         let score = truth.as_ref().and_then(|truth| Score::of(&frame.picture, truth));
         if truth.is_some() && score.is_none() {
-            print_message("note", format!("{}: too small to be scored", shot.name));
+            print_message("note", format!("{}: not scored, the picture is too small", shot.name));
         }
         let weighting = job.model.weighting_stage();
         let times = Times { photos, depth: plan.search, select: plan.selection, weighting, stages: frame.times };
@@ -203,24 +217,24 @@ fn render(
             truth: truth.as_ref(),
         };
         let pixels = frame.transmittance.len() as f64;
-        let unseen = frame.uncovered_share();
-        if single && is_blank(unseen) {
-            return Err(nothing_seen(args));
+        let uncovered_share = frame.uncovered_share();
+        if single && is_blank(uncovered_share) {
+            return Err(no_coverage(args));
         }
         explanation = args.explain.explain(job, &about)?;
         frame.picture = inpaint_uncovered(&frame.picture, &frame.transmittance);
         let digests = outputs.write(&shot, &frame, truth.as_ref())?;
         if frame.logits_not_finite > 0 {
-            let strays = frame.logits_not_finite;
-            let note = format!("{}: {strays} of the network's logits are NaN or infinite", shot.name);
+            let count = frame.logits_not_finite;
+            let note = format!("{}: {count} logits of the network are NaN or infinite", shot.name);
             job.progress.suspend(|| print_message("note", note));
         }
         let one = Rendered {
             layers: plan.layers.len(),
             times: Some(times),
             score,
-            unseen,
-            hidden: frame.occluded_pixels as f64 / pixels,
+            uncovered_share,
+            occluded_share: frame.occluded_pixels as f64 / pixels,
             disparity_max: disparity_max(&frame),
             files: outputs.files(&shot),
             shot,

@@ -1,4 +1,4 @@
-//! Output files of `render`: pictures, disparity maps, comparisons, a video.
+//! The output files of `render`: pictures, disparity maps, comparisons, a video.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use liveview::fs::atomic::is_special;
 use liveview::image::{coloured, difference, encode, encode_gray16_png, side_by_side};
 use liveview::{Frame, ImageRgb, Shot};
 use liveview_common::args::frame_rate::{FrameRate, frame_rate};
-use liveview_common::args::output::{Place, Variant, write_whole};
+use liveview_common::args::output::{OutputPath, Variant, write_atomically};
 use liveview_common::ffmpeg::{Encoder, is_video};
 use liveview_common::outputs::{OutputPlan, note_other_pictures};
 use serde_json::json;
@@ -18,78 +18,81 @@ use super::record::{self, Fields, Record};
 use super::rendered::Rendered;
 use crate::shard::Shard;
 
-/// Factor by which a comparison shows the difference.
+/// Amplification of the difference in a comparison.
 const DIFFERENCE_FACTOR: f32 = 4.0;
 
 /// Options that say what to write.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Output (several pictures go into a folder, each under its view's name)")]
 pub(super) struct OutputArgs {
-    /// The picture: .png or .jpg; or a folder; or .mp4 or .gif through ffmpeg
+    /// Picture (.png, .jpg), folder of pictures, or video (.mp4, .gif; needs ffmpeg)
     #[arg(short, long, value_name = "PATH", required_unless_present = "heldout")]
     output: Option<PathBuf>,
-    /// Disparity as 16-bit PNG (0 to 65535 is 0 to the disparity_max in *_scale.json beside it, in 1/scene unit), and in
-    /// colour as *_colour.png (dark at far, light at near)
+    /// Also write disparity, as 16-bit PNG and in colour (a file, or a folder for several pictures)
+    ///
+    /// 0 to 65535 is 0 to the disparity_max in *_scale.json, in 1/scene unit. *_colour.png is dark
+    /// at far, light at near.
     #[arg(long, value_name = "PNG")]
     depth: Option<PathBuf>,
-    /// Truth, result and 4 × their absolute difference, side by side
+    /// Also write the photo, the picture and 4 times their difference, side by side
     #[arg(long, value_name = "PNG")]
     compare: Option<PathBuf>,
     /// Frames per second of a video: 30, 29.97 or 30000/1001
     #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]
     fps: FrameRate,
-    /// Continue an interrupted run into the same folder: pictures that its liveview.json lists, and that are unchanged, are kept, and
-    /// the rest is rendered. Refused where that file is of another job
+    /// Continue an interrupted run into the same folder
+    ///
+    /// Pictures that its liveview.json lists and that are unchanged are kept. An error if that file
+    /// is of another job.
     #[arg(long, requires = "output", conflicts_with = "explain")]
     resume: bool,
 }
 
-/// The picture, under the name given.
-const PLAIN: [Variant; 1] = [("", None)];
-/// Disparity, the same in colour, and its scale.
+/// The files of a picture.
+const PICTURE: [Variant; 1] = [("", None)];
+/// The files of a disparity map: 16 bits, in colour, scale.
 const DEPTH: [Variant; 3] = [("", None), ("_colour", None), ("_scale", Some("json"))];
 
 /// All output files.
 pub(super) struct Outputs {
-    pictures: Option<Place>,
+    pictures: Option<OutputPath>,
     shard: Option<Shard>,
     video: Option<Encoder>,
-    depth: Option<Place>,
-    compare: Option<Place>,
+    depth: Option<OutputPath>,
+    compare: Option<OutputPath>,
     resume: bool,
     /// The record of a folder of pictures.
     record: Option<Record>,
 }
 
 impl Outputs {
-    /// Checks the options by themselves, before anything is opened.
+    /// Checks the options, before anything is opened.
     pub(super) fn new(args: &OutputArgs, have_truth: bool, shard: Option<Shard>) -> Result<Self> {
         let video = args.output.as_deref().filter(|path| is_video(path));
         if let (Some(path), false) = (&args.compare, have_truth) {
             bail!("--compare {}: there is no photo to compare with; expected --target or --heldout", path.display());
         }
-        let place = |option, path: &Option<PathBuf>, endings: &[&str]| {
-            path.as_ref().map(|path| Place::new(option, path, endings)).transpose()
+        let parse = |option, path: &Option<PathBuf>, extensions: &[&str]| {
+            path.as_ref().map(|path| OutputPath::new(option, path, extensions)).transpose()
         };
         let pictures =
-            if video.is_some() { None } else { place("-o", &args.output, &["png", "jpg", "jpeg", "mp4", "gif"])? };
-        if let (true, Some(path), None | Some(Place::File(_))) = (args.resume, &args.output, &pictures) {
-            bail!("--resume, -o {}: only a folder of pictures can be continued; expected one", path.display());
+            if video.is_some() { None } else { parse("-o", &args.output, &["png", "jpg", "jpeg", "mp4", "gif"])? };
+        if let (true, Some(path), None | Some(OutputPath::File(_))) = (args.resume, &args.output, &pictures) {
+            bail!("--resume, -o {}: expected a folder of pictures", path.display());
         }
-        let (depth, compare) = (place("--depth", &args.depth, &["png"])?, place("--compare", &args.compare, &["png"])?);
+        let (depth, compare) = (parse("--depth", &args.depth, &["png"])?, parse("--compare", &args.compare, &["png"])?);
         if let Some(shard) = shard {
-            let places = [
+            let outputs = [
                 ("-o", &args.output, &pictures),
                 ("--depth", &args.depth, &depth),
                 ("--compare", &args.compare, &compare),
             ];
-            let file =
-                places.iter().find(|(_, path, place)| path.is_some() && !matches!(place, Some(Place::Folder(_))));
+            let is_file = |path: &Option<PathBuf>, output: &Option<OutputPath>| {
+                path.is_some() && !matches!(output, Some(OutputPath::Folder(_)))
+            };
+            let file = outputs.iter().find(|(_, path, output)| is_file(path, output));
             if let Some((option, Some(path), _)) = file {
                 let path = path.display();
-                bail!(
-                    "--shard {shard}, {option} {path}: a shard writes into a folder; expected one (`liveview join` makes the video)"
-                );
+                bail!("--shard {shard}, {option} {path}: expected a folder (`liveview join` writes the video)");
             }
         }
         Ok(Self {
@@ -105,24 +108,27 @@ impl Outputs {
 
     /// Checks the options against what will be rendered, before the work.
     pub(super) fn plan_outputs(&mut self, shots: &[Shot], output_plan: &mut OutputPlan) -> Result<()> {
-        let places: [(&str, &Option<Place>, &[Variant]); 3] =
-            [("-o", &self.pictures, &PLAIN), ("--depth", &self.depth, &DEPTH), ("--compare", &self.compare, &PLAIN)];
-        for (option, place, variants) in places {
-            let Some(place) = place else { continue };
-            if let (Place::File(path), true) = (place, shots.len() > 1) {
+        let outputs: [(&str, &Option<OutputPath>, &[Variant]); 3] = [
+            ("-o", &self.pictures, &PICTURE),
+            ("--depth", &self.depth, &DEPTH),
+            ("--compare", &self.compare, &PICTURE),
+        ];
+        for (option, output, variants) in outputs {
+            let Some(output) = output else { continue };
+            if let (OutputPath::File(path), true) = (output, shots.len() > 1) {
                 let (path, count) = (path.display(), shots.len());
-                bail!("{option} {path}: one file, but {count} pictures are rendered; expected a folder");
+                bail!("{option} {path}: one file for {count} pictures; expected a folder");
             }
-            let wanted = shots.iter().flat_map(|shot| variants.iter().map(|v| place.file(shot, v.0, v.1)));
-            for file in wanted {
+            let files = shots.iter().flat_map(|shot| variants.iter().map(|v| output.file(shot, v.0, v.1)));
+            for file in files {
                 output_plan.file(option, &file)?;
             }
         }
-        if let Some(Place::Folder(folder)) = &self.pictures {
+        if let Some(OutputPath::Folder(folder)) = &self.pictures {
             let record = folder.join(record::name(self.shard));
             if is_special(&record) {
                 let record = record.display();
-                bail!("-o {record}: no file that can be read again; expected the record of an earlier run, or nothing");
+                bail!("-o {record}: not a regular file; expected the record of an earlier run, or no file");
             }
             output_plan.file("-o", &record)?;
         }
@@ -137,15 +143,15 @@ impl Outputs {
         Ok(())
     }
 
-    /// Opens the record of a folder of pictures; with `--resume` it prints how many are kept. `shots` are those to be rendered, of
-    /// `all` shots of the job.
+    /// Opens the record of a folder of pictures; with `--resume`, prints how many are kept. `shots`
+    /// are those to render, out of `all` shots of the job.
     pub(super) fn begin(
         &mut self,
         shots: &[Shot],
         all: &[Shot],
         fields: impl FnOnce() -> Result<Fields>,
     ) -> Result<()> {
-        let Some(Place::Folder(folder)) = &self.pictures else { return Ok(()) };
+        let Some(OutputPath::Folder(folder)) = &self.pictures else { return Ok(()) };
         let names = || all.iter().map(|shot| shot.name.clone()).collect();
         let mut record = Record::new(folder, fields()?, self.shard.map(|shard| (shard, names())));
         if self.resume {
@@ -156,7 +162,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// The picture of a shot that an earlier run has written, if it is kept.
+    /// The picture of a shot, if it is kept from an earlier run.
     pub(super) fn kept(&self, shot: &Shot) -> Option<Rendered> {
         self.record.as_ref()?.kept(shot, self.files(shot))
     }
@@ -164,26 +170,26 @@ impl Outputs {
     /// All files of a shot.
     pub(super) fn files(&self, shot: &Shot) -> Vec<PathBuf> {
         let mut files = Vec::new();
-        files.extend(self.pictures.iter().flat_map(|place| place.files(shot, PLAIN)));
+        files.extend(self.pictures.iter().flat_map(|place| place.files(shot, PICTURE)));
         files.extend(self.depth.iter().flat_map(|place| place.files(shot, DEPTH)));
         let compare = self.compare.iter().filter(|_| shot.truth.is_some());
-        files.extend(compare.flat_map(|place| place.files(shot, PLAIN)));
+        files.extend(compare.flat_map(|place| place.files(shot, PICTURE)));
         files
     }
 
-    /// Writes one rendered shot; returns the digests of its files.
+    /// Writes a rendered shot; returns the digests of its files.
     pub(super) fn write(&mut self, shot: &Shot, frame: &Frame, truth: Option<&ImageRgb>) -> Result<Vec<String>> {
         if let Some(video) = &mut self.video {
             video.add(&frame.picture)?;
         }
         let mut digests = Vec::new();
         let mut write = |file: &Path, contents: &[u8]| {
-            // Of the contents, not of the file: another process may have written to that since.
+            // Not of the file: another process may have written it since.
             digests.push(record::digest(contents));
-            write_whole(file, contents)
+            write_atomically(file, contents)
         };
         if let Some(place) = &self.pictures {
-            let [file] = place.files(shot, PLAIN);
+            let [file] = place.files(shot, PICTURE);
             write(&file, &encode(&file, &frame.picture)?)?;
         }
         if let Some(place) = &self.depth {
@@ -192,31 +198,32 @@ impl Outputs {
             }
         }
         if let (Some(place), Some(truth)) = (&self.compare, truth) {
-            let [file] = place.files(shot, PLAIN);
+            let [file] = place.files(shot, PICTURE);
             let difference = difference(truth, &frame.picture, DIFFERENCE_FACTOR);
             write(&file, &encode(&file, &side_by_side(&[truth, &frame.picture, &difference]))?)?;
         }
         Ok(digests)
     }
 
-    /// Records a shot that is written.
+    /// Adds a written shot to the record.
     pub(super) fn written(&mut self, one: &Rendered, digests: Vec<String>) -> Result<()> {
         self.record.as_mut().map_or(Ok(()), |record| record.add(one, digests))
     }
 
-    /// After a failure, prints how to continue, if that is possible.
+    /// Prints how to continue after an error, if possible.
     pub(super) fn print_how_to_resume(&self, wanted: usize) {
         self.record.iter().for_each(|record| record.print_how_to_resume(wanted));
     }
 
-    /// Closes the video, if there is one, and returns its file; tells pictures in the folders that are not of these shots.
+    /// Finishes the video, if there is one, and returns its file; prints a note on other pictures
+    /// in the folders.
     pub(super) fn finish(self, all: &[Shot]) -> Result<Option<PathBuf>> {
         let files: Vec<PathBuf> = all.iter().flat_map(|shot| self.files(shot)).collect();
         let files: HashSet<&Path> = files.iter().map(|file| file.as_path()).collect();
         let mut folders: Vec<&Path> = files.iter().filter_map(|file| file.parent()).collect();
         folders.sort_unstable();
         folders.dedup();
-        // A single picture is nobody's sequel.
+        // A single picture does not belong to a sequence that others could be mixed up with.
         if all.len() > 1 {
             folders.into_iter().for_each(|folder| note_other_pictures(folder, |path| files.contains(path)));
         }

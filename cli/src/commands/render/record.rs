@@ -1,5 +1,6 @@
-//! `liveview.json` in a folder of pictures: which job they belong to and which of them are done, for `render --resume`. A shard's is
-//! `liveview_I_of_N.json`, and names all pictures of the job, for `join`.
+//! The record of a job, `liveview.json` in a folder of pictures: the job's options and the finished
+//! pictures, for `render --resume`. A shard's record is `liveview_I_of_N.json`, and lists all
+//! pictures of the job, for `join`.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -14,21 +15,23 @@ use liveview::image::Score;
 use liveview::{LayerSpec, Shot};
 use liveview_common::args::layers::LayerArgs;
 use liveview_common::args::targets::TargetArgs;
-use liveview_common::console::{print_message, shown};
+use liveview_common::console::{path_text, print_message};
 use liveview_common::job::Job;
 use serde_json::{Map, Value, json};
 
-use super::record_text::{END, line, parse, whole};
+use super::record_text::{END, document, line, parse};
 use super::rendered::Rendered;
 use crate::shard::Shard;
 
-/// Stored on the disk no more often than this: what a power cut takes is rendered again.
-const STORED: Duration = Duration::from_secs(1);
+/// Minimum interval between flushes to disk: pictures whose entries a power cut loses are rendered
+/// again.
+const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
 
-/// What the pictures depend on, by name; the first that differs is reported, so the most telling ones come first.
+/// Names and values of everything that the pictures depend on. The first difference is reported, so
+/// the most informative ones come first.
 pub(super) type Fields = Vec<(&'static str, String)>;
 
-/// The fields of a job. Threads and batch are not among them: pictures do not depend on these.
+/// The fields of a job. Pictures do not depend on the number of threads and the batch size.
 pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &LayerArgs) -> Result<Fields> {
     let scene = job.scene();
     let root = scene.root.canonicalize().unwrap_or_else(|_| scene.root.clone());
@@ -40,7 +43,7 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
     let mut cameras = String::new();
     let mut views = BTreeSet::new();
     if matches!(job.layers(), LayerSpec::Surface(_)) {
-        // A photo's depth depends on photos around it, its range on all.
+        // The depth of a photo depends on its neighbours, and the depth range on all photos.
         let held_out = &first.held_out;
         views.extend((0..scene.views.len()).filter(|view| !held_out.contains(view)));
         let ranges: Vec<_> = views.iter().map(|&view: &usize| scene.views[view].depth_range).collect();
@@ -57,7 +60,7 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
     }
     Ok(vec![
         ("liveview", env!("CARGO_PKG_VERSION").to_owned()),
-        ("scene", shown(&root)),
+        ("scene", path_text(&root)),
         ("targets", targets.to_string()),
         ("layers", job.layers().to_string()),
         ("exposure", (if layers.keep_exposure { "kept" } else { "balanced" }).to_owned()),
@@ -72,7 +75,7 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
     ])
 }
 
-/// A digest of a file's contents.
+/// The digest of a file's contents.
 pub(crate) fn digest(bytes: &[u8]) -> String {
     format!("crc32 {:08x}", crc32fast::hash(bytes))
 }
@@ -81,7 +84,7 @@ fn digest_of(path: &Path) -> Result<String> {
     Ok(digest(&bounded::read(path, bounded::MAX_BYTES).with_context(|| format!("{}: cannot be read", path.display()))?))
 }
 
-/// The name of a record.
+/// The file name of a record.
 pub(crate) fn name(shard: Option<Shard>) -> String {
     shard.map_or_else(
         || "liveview.json".to_owned(),
@@ -89,27 +92,29 @@ pub(crate) fn name(shard: Option<Shard>) -> String {
     )
 }
 
-/// The record of the job that writes into a folder: JSON that is written anew with the first picture, and gets a line more with each
-/// further one. Of several jobs at once the last to begin counts.
+/// The record of the job that writes to a folder: JSON that is created with the first picture and
+/// extended by a line with each further one. If several jobs write to a folder at once, the record
+/// is that of the last to start.
 pub(super) struct Record {
     path: PathBuf,
     fields: Fields,
     /// The shard, and the names of all pictures of the job.
     shard: Option<(Shard, Vec<String>)>,
     done: Map<String, Value>,
-    /// Open from the first picture on; when it was last stored.
+    /// The file, open from the first picture on, and the time of the last flush.
     file: Option<(File, Instant)>,
 }
 
 impl Record {
-    /// The record of a new job; it replaces an earlier one's with the first picture.
+    /// The record of a new job, which replaces the file of an earlier one with its first picture.
     pub(super) fn new(folder: &Path, fields: Fields, shard: Option<(Shard, Vec<String>)>) -> Self {
         let path = folder.join(name(shard.as_ref().map(|(shard, _)| *shard)));
         Self { path, fields, shard, done: Map::new(), file: None }
     }
 
-    /// Keeps the pictures that an earlier run of the same job has written, if their files are unchanged; `wanted` are the names and
-    /// the files of all pictures. Files under temporary names are left alone: another process may be writing them.
+    /// Keeps the pictures of an earlier run of the same job, if their files are unchanged; `wanted`
+    /// are the names and files of all pictures. Temporary files are not deleted, since another
+    /// process may be writing them.
     pub(super) fn resume(&mut self, wanted: &[(&str, Vec<PathBuf>)]) -> Result<()> {
         let at = self.path.display();
         let text = match bounded::read(&self.path, bounded::MAX_JSON_BYTES) {
@@ -119,25 +124,25 @@ impl Record {
                     return Ok(());
                 };
                 bail!(
-                    "--resume: {at} is missing, which says which job {} belongs to; expected it, or another folder, or no \
-                     --resume, which overwrites",
+                    "--resume: {at}, the record of the job of {}, is missing; expected it, another folder, or no \
+                     --resume to overwrite",
                     file.display()
                 );
             }
             Err(error) => bail!("--resume: {at}: cannot be read: {error}"),
         };
         let mut found = parse(&text).map_err(|error| anyhow!("--resume: {at}: not JSON: {error}"))?;
-        for (field, here) in &self.fields {
-            let there = found["job"][field].as_str().unwrap_or("missing");
-            if there != here {
+        for (field, expected) in &self.fields {
+            let recorded = found["job"][field].as_str().unwrap_or("missing");
+            if recorded != expected {
                 bail!(
-                    "--resume: {at} is of another job: \"{field}\" is {there} there and {here} here; expected the same, or \
-                     another folder, or no --resume, which overwrites"
+                    "--resume: {at} is of another job: \"{field}\" is {recorded}, expected {expected}, another folder, \
+                     or no --resume to overwrite"
                 );
             }
         }
         let Some(done) = found["done"].as_object_mut() else {
-            bail!("--resume: {at}: \"done\": expected an object, a picture each");
+            bail!("--resume: {at}: \"done\": expected an object with an entry for each picture");
         };
         for (name, files) in wanted {
             let entry = done.get_mut(*name).map(Value::take).unwrap_or_default();
@@ -146,7 +151,7 @@ impl Record {
                 self.done.insert((*name).to_owned(), entry);
             }
         }
-        print_message("note", format!("{} of {} pictures were there", self.done.len(), wanted.len()));
+        print_message("note", format!("{} of {} pictures are kept", self.done.len(), wanted.len()));
         Ok(())
     }
 
@@ -160,45 +165,47 @@ impl Record {
             layers: entry["layers"].as_u64()? as usize,
             times: None,
             score,
-            unseen: number("seen_by_no_view")?,
-            hidden: number("hidden_from_all_views")?,
+            uncovered_share: number("uncovered_share")?,
+            occluded_share: number("occluded_share")?,
             disparity_max: number("disparity_max")? as f32,
             files,
         })
     }
 
-    /// Records a picture whose files are written, with their digests.
+    /// Adds a picture whose files are written, with their digests.
     pub(super) fn add(&mut self, one: &Rendered, digests: Vec<String>) -> Result<()> {
         let entry = json!({
             "files": digests, "layers": one.layers, "psnr": one.score.as_ref().map(|score| score.psnr),
-            "ssim": one.score.as_ref().map(|score| score.ssim), "seen_by_no_view": one.unseen, "hidden_from_all_views": one.hidden, "disparity_max": one.disparity_max,
+            "ssim": one.score.as_ref().map(|score| score.ssim), "uncovered_share": one.uncovered_share,
+            "occluded_share": one.occluded_share, "disparity_max": one.disparity_max,
         });
-        self.append(&one.shot.name, entry).map_err(|error| self.unwritten(&error))
+        self.append(&one.shot.name, entry).map_err(|error| self.write_error(&error))
     }
 
     fn append(&mut self, name: &str, entry: Value) -> io::Result<()> {
-        let Some((file, stored)) = &mut self.file else {
+        let Some((file, flushed)) = &mut self.file else {
             self.done.insert(name.to_owned(), entry);
             return self.write().inspect_err(|_| drop(self.done.remove(name)));
         };
-        let next = if self.done.is_empty() { "" } else { ",\n" };
+        let separator = if self.done.is_empty() { "" } else { ",\n" };
         let line = line(name, &entry);
         file.seek(SeekFrom::End(-(END.len() as i64)))?;
-        file.write_all(format!("{next}{line}{END}").as_bytes())?;
-        if stored.elapsed() > STORED {
+        file.write_all(format!("{separator}{line}{END}").as_bytes())?;
+        if flushed.elapsed() > FLUSH_INTERVAL {
             file.sync_data()?;
-            *stored = Instant::now();
+            *flushed = Instant::now();
         }
         self.done.insert(name.to_owned(), entry);
         Ok(())
     }
 
-    /// Writes the record of a shard before its first picture: that it has begun, and what the others are.
+    /// Creates the record of a shard before its first picture, so that `join` knows of it and of
+    /// the job's pictures.
     pub(super) fn begin(&mut self) -> Result<()> {
-        if self.shard.is_some() { self.write().map_err(|error| self.unwritten(&error)) } else { Ok(()) }
+        if self.shard.is_some() { self.write().map_err(|error| self.write_error(&error)) } else { Ok(()) }
     }
 
-    /// Writes the file anew.
+    /// Writes the whole file.
     fn write(&mut self) -> io::Result<()> {
         let job: Map<_, _> = self.fields.iter().map(|(field, value)| ((*field).to_owned(), json!(value))).collect();
         let mut members = vec![("job", Value::Object(job))];
@@ -207,26 +214,26 @@ impl Record {
             members.push(("targets", json!(targets)));
         }
         let mut file = AtomicFile::create(&self.path)?;
-        file.write_all(whole(&members, &self.done).as_bytes())?;
+        file.write_all(document(&members, &self.done).as_bytes())?;
         self.file = Some((file.finish_open()?, Instant::now()));
         Ok(())
     }
 
-    fn unwritten(&self, error: &io::Error) -> Error {
+    fn write_error(&self, error: &io::Error) -> Error {
         anyhow!("{}: cannot be written: {error}", self.path.display())
     }
 
-    /// After a failure, prints how to continue.
+    /// Prints how to continue after an error.
     pub(super) fn print_how_to_resume(&self, wanted: usize) {
         let (done, folder) = (self.done.len(), self.path.parent().unwrap_or(Path::new("")).display());
         if done > 0 {
-            let note = format!("{done} of {wanted} pictures are in {folder}; the same with --resume renders the rest");
+            let note = format!("{done} of {wanted} pictures are in {folder}; add --resume to render the rest");
             print_message("note", note);
         }
     }
 }
 
-/// Whether an entry lists a file of these contents.
+/// Whether an entry lists a file with this digest.
 fn lists(entry: &Value, digest: &str) -> bool {
     entry["files"].as_array().is_some_and(|files| files.iter().any(|file| file == digest))
 }

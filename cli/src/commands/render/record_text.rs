@@ -1,12 +1,12 @@
-//! The text of a record: JSON that grows by a line.
+//! The text of a record: JSON that can be extended by a line.
 
 use serde_json::{Map, Value, json};
 
-/// How the file ends after the last picture.
+/// The text after the last picture's entry.
 pub(super) const END: &str = "\n}}\n";
 
-/// A record of these members, and of the pictures that are done.
-pub(super) fn whole(members: &[(&str, Value)], done: &Map<String, Value>) -> String {
+/// A record with these members and the entries of the finished pictures.
+pub(super) fn document(members: &[(&str, Value)], done: &Map<String, Value>) -> String {
     let members: String = members.iter().map(|(name, value)| format!("{}: {value:#},\n", json!(name))).collect();
     let lines: Vec<String> = done.iter().map(|(name, entry)| line(name, entry)).collect();
     format!("{{{members}\"done\": {{\n{}{END}", lines.join(",\n"))
@@ -17,19 +17,19 @@ pub(super) fn line(name: &str, entry: &Value) -> String {
     format!("{}: {entry}", json!(name))
 }
 
-/// A record; of one whose last line was cut short, without it.
+/// Parses a record; an incomplete last line is ignored.
 pub(crate) fn parse(text: &[u8]) -> serde_json::Result<Value> {
-    /// Lines that the end may take from one that is cut short.
-    const LOST: usize = 3;
-    let mut found = serde_json::from_slice(text);
+    /// Line breaks that may follow the last complete line: its own, and those of [`END`].
+    const MAX_LINE_BREAKS: usize = 3;
+    let mut record = serde_json::from_slice(text);
     let ends = text.iter().enumerate().rev().filter(|(_, byte)| **byte == b'\n');
-    for (end, _) in ends.take(LOST) {
-        found = found.or_else(|error| {
-            let whole = text[..end].strip_suffix(b",").unwrap_or(&text[..end]);
-            serde_json::from_slice(&[whole, END.as_bytes()].concat()).map_err(|_| error)
+    for (end, _) in ends.take(MAX_LINE_BREAKS) {
+        record = record.or_else(|error| {
+            let complete = text[..end].strip_suffix(b",").unwrap_or(&text[..end]);
+            serde_json::from_slice(&[complete, END.as_bytes()].concat()).map_err(|_| error)
         });
     }
-    found
+    record
 }
 
 #[cfg(test)]
@@ -37,12 +37,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_record_that_was_cut_short_is_read_as_far_as_it_goes() {
+    fn parse_reads_all_complete_lines_of_a_truncated_record() {
         let entries = ["a", "b", "c"].map(|name| line(name, &json!({ "files": [name] })));
         let start = format!("{{\"job\": {{}},\n\"done\": {{\n{},\n{}", entries[0], entries[1]);
         let (old, new) = (format!("{start}{END}"), format!("{start},\n{}{END}", entries[2]));
         for written in start.len()..=new.len() {
-            // What was there is written over.
+            // The new text overwrites the old one.
             let text = [&new[..written], old.get(written..).unwrap_or_default()].concat();
             let found = parse(text.as_bytes()).unwrap_or_else(|error| panic!("{text}: {error}"));
             let done: Vec<_> = found["done"].as_object().unwrap().keys().collect();

@@ -1,4 +1,4 @@
-//! One rendered picture, as the summary and the record describe it.
+//! A rendered picture, for the summary and the record.
 
 use std::path::PathBuf;
 
@@ -13,11 +13,11 @@ pub(super) struct Rendered {
     /// `None` for a picture of an earlier run.
     pub(super) times: Option<Times>,
     pub(super) score: Option<Score>,
-    /// Share of the pixels that no view covers, 0 to 1.
-    pub(super) unseen: f64,
-    /// Share of the pixels that the photos' own depth hides from all views: the least hidden serve there.
-    pub(super) hidden: f64,
-    /// Largest disparity, 1/scene unit.
+    /// Share of the picture that no view covers, 0 to 1.
+    pub(super) uncovered_share: f64,
+    /// Share of the pixels that are occluded in every view by the photos' own depth, 0 to 1.
+    pub(super) occluded_share: f64,
+    /// Largest disparity, in 1/scene unit.
     pub(super) disparity_max: f32,
     pub(super) files: Vec<PathBuf>,
 }

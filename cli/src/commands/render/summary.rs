@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use liveview::image::Score;
-use liveview_common::console::{Output, escaped, shown};
+use liveview_common::console::{Output, escaped, path_text};
 use liveview_common::job::Job;
 use liveview_common::measure::{Times, peak_memory, time_text};
 use serde_json::{Value, json};
@@ -14,8 +14,8 @@ use super::explain::Explanation;
 use super::rendered::Rendered;
 use crate::shard::Shard;
 
-/// Names listed in one line of a table.
-const SHOWN: usize = 6;
+/// Names listed in one line.
+const LISTED_NAMES: usize = 6;
 
 const BORDER: usize = Score::BORDER;
 
@@ -30,7 +30,7 @@ pub(super) fn rendered(
     let mut text = match done {
         [one] => single(job, one),
         [] => String::new(),
-        many if moving => flight(job, many),
+        many if moving => path(job, many),
         many => table(job, many),
     };
     if let Some((shard, all)) = share {
@@ -44,14 +44,14 @@ pub(super) fn rendered(
     }
     let memory = peak_memory();
     if let Some(bytes) = memory {
-        line(&mut text, "memory", &format!("{:.0} MB at most", bytes as f64 / 1e6));
+        line(&mut text, "memory", &format!("{:.0} MB at peak", bytes as f64 / 1e6));
     }
     text += &job.model.text();
     let mut json = json!({
-        "scene": shown(&job.scene().root), "format": job.scene().format.to_string(), "layers": job.layers().to_string(),
+        "scene": path_text(&job.scene().root), "format": job.scene().format.to_string(), "layers": job.layers().to_string(),
         "targets": done.iter().map(|one| target(job, one)).collect::<Vec<_>>(),
         "kept": done.iter().filter(|one| one.times.is_none()).count(), "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
-        "border_left_out": BORDER, "peak_memory_bytes": memory, "video": video.as_deref().map(shown), "notes": job.scene().notes,
+        "excluded_border": BORDER, "peak_memory_bytes": memory, "video": video.as_deref().map(path_text), "notes": job.scene().notes,
         "shard": share.map(|(shard, all)| json!({ "index": shard.index + 1, "count": shard.count, "of_targets": all })),
         "explanation": explanation.map(|explanation| explanation.json),
     });
@@ -68,7 +68,8 @@ fn target(job: &Job, one: &Rendered) -> Value {
         "views": job.views().names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
         "seconds": one.times.as_ref().map(|times| seconds(times).into_iter().collect::<serde_json::Map<_, _>>()),
         "psnr": one.score.as_ref().map(|score| score.psnr), "ssim": one.score.as_ref().map(|score| score.ssim),
-        "seen_by_no_view": one.unseen, "hidden_from_all_views": one.hidden, "disparity_max": one.disparity_max, "files": one.files.iter().map(|file| shown(file)).collect::<Vec<_>>(),
+        "uncovered_share": one.uncovered_share, "occluded_share": one.occluded_share, "disparity_max": one.disparity_max,
+        "files": one.files.iter().map(|file| path_text(file)).collect::<Vec<_>>(),
     })
 }
 
@@ -77,20 +78,19 @@ fn single(job: &Job, one: &Rendered) -> String {
     line(&mut text, "views", &job.views().names(&one.shot.views).join(", "));
     line_of_times(&mut text, std::slice::from_ref(one), "");
     if let Some(score) = &one.score {
-        let text_of_score =
-            format!("PSNR {:.2} dB, SSIM {:.4} ({BORDER}-pixel border left out)", score.psnr, score.ssim);
-        line(&mut text, "score", &text_of_score);
+        let score = format!("PSNR {:.2} dB, SSIM {:.4} ({BORDER}-pixel border excluded)", score.psnr, score.ssim);
+        line(&mut text, "score", &score);
     }
     finish(&mut text, std::slice::from_ref(one));
     text
 }
 
-fn flight(job: &Job, done: &[Rendered]) -> String {
+fn path(job: &Job, done: &[Rendered]) -> String {
     let mut text = heading(job, done, &format!("{} frames", done.len()));
     let mut views = done.iter().flat_map(|one| one.shot.views.iter().copied()).collect::<Vec<_>>();
     views.sort_unstable();
     views.dedup();
-    line(&mut text, "views", &some_of(&job.views().names(&views)));
+    line(&mut text, "views", &abbreviated(&job.views().names(&views)));
     line_of_times(&mut text, done, " (medians per frame)");
     finish(&mut text, done);
     text
@@ -102,17 +102,17 @@ fn table(job: &Job, done: &[Rendered]) -> String {
     let _ = writeln!(text, "\n{:width$}  PSNR dB    SSIM       time  views", "view");
     for Rendered { shot, score, times, .. } in done {
         let (psnr, ssim) = score.as_ref().map_or((f64::NAN, f64::NAN), |score| (score.psnr, score.ssim));
-        let time = times.as_ref().map_or_else(|| "was there".to_owned(), |times| time_text(times.total()));
+        let time = times.as_ref().map_or_else(|| "kept".to_owned(), |times| time_text(times.total()));
         let views = job.views().names(&shot.views);
         let _ = writeln!(
             text,
             "{:width$}  {psnr:7.2}  {ssim:6.4}  {time:>9}  {}",
             escaped(&shot.name),
-            escaped(&some_of(&views))
+            escaped(&abbreviated(&views))
         );
     }
     if let Some((psnr, ssim)) = mean(done) {
-        let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  ({BORDER}-pixel border left out)", "mean");
+        let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  ({BORDER}-pixel border excluded)", "mean");
     }
     text.push('\n');
     line_of_times(&mut text, done, " (medians per picture)");
@@ -129,26 +129,22 @@ fn heading(job: &Job, done: &[Rendered], what: &str) -> String {
     format!("{what}, {size}, from {} views, {layers}, depth {near:.4} to {far:.4} scene units\n", first.views.len())
 }
 
-/// The share of filled pixels, and the files.
+/// The shares of uncovered and occluded pixels, and the files.
 fn finish(text: &mut String, done: &[Rendered]) {
-    let worst = done.iter().map(|one| one.unseen).fold(0.0, f64::max);
-    if worst > 0.0 {
-        let of = if done.len() > 1 { "a picture, at worst," } else { "the picture" };
-        line(text, "unseen", &format!("{:.2} % of {of} is seen by no view: filled from around it", 100.0 * worst));
+    let of = if done.len() > 1 { "a picture, at most" } else { "the picture" };
+    let uncovered = done.iter().map(|one| one.uncovered_share).fold(0.0, f64::max);
+    if uncovered > 0.0 {
+        line(text, "uncovered", &format!("{:.2} % of {of}: inpainted", 100.0 * uncovered));
     }
-    let hidden = done.iter().map(|one| one.hidden).fold(0.0, f64::max);
-    if hidden > 0.0 {
-        let of = if done.len() > 1 { "a picture, at worst," } else { "the picture" };
-        line(
-            text,
-            "hidden",
-            &format!("{:.2} % of {of} is hidden from all views: the least hidden serve", 100.0 * hidden),
-        );
+    let occluded = done.iter().map(|one| one.occluded_share).fold(0.0, f64::max);
+    if occluded > 0.0 {
+        let note = "occluded in every view, rendered from the least occluded";
+        line(text, "occluded", &format!("{:.2} % of {of}: {note}", 100.0 * occluded));
     }
     let new = done.iter().filter(|one| one.times.is_some());
     let files: Vec<String> = new.flat_map(|one| &one.files).map(|file| file.display().to_string()).collect();
     if !files.is_empty() {
-        line(text, "wrote", &some_of(&files.iter().map(String::as_str).collect::<Vec<_>>()));
+        line(text, "wrote", &abbreviated(&files.iter().map(String::as_str).collect::<Vec<_>>()));
     }
     if let ([one], true) = (done, files.iter().any(|file| file.ends_with(".json"))) {
         line(text, "scale", &format!("disparity = value / 65535 · {} (1/scene unit)", one.disparity_max));
@@ -159,10 +155,10 @@ fn line(text: &mut String, label: &str, content: &str) {
     let _ = writeln!(text, "{label:7} {}", escaped(content));
 }
 
-/// The first few, and how many more.
-fn some_of(names: &[&str]) -> String {
-    let shown = names.iter().take(SHOWN).copied().collect::<Vec<_>>().join(", ");
-    if names.len() > SHOWN { format!("{shown} and {} more", names.len() - SHOWN) } else { shown }
+/// The first few names, and the number of others.
+fn abbreviated(names: &[&str]) -> String {
+    let listed = names.iter().take(LISTED_NAMES).copied().collect::<Vec<_>>().join(", ");
+    if names.len() > LISTED_NAMES { format!("{listed} and {} more", names.len() - LISTED_NAMES) } else { listed }
 }
 
 /// Mean PSNR and SSIM of the pictures that have a score.
@@ -173,7 +169,7 @@ fn mean(done: &[Rendered]) -> Option<(f64, f64)> {
     (!scores.is_empty()).then(|| (mean(|score| score.psnr), mean(|score| score.ssim)))
 }
 
-/// Median time of each stage; the sum, where the median is 0. Nothing if no picture was rendered.
+/// Median time of each stage, or the sum if the median is 0. Nothing if no picture was rendered.
 fn line_of_times(text: &mut String, done: &[Rendered], of: &str) {
     let all: Vec<_> = done.iter().filter_map(|one| one.times.as_ref()).map(Times::stages).collect();
     let Some(first) = all.first() else { return };
@@ -183,7 +179,7 @@ fn line_of_times(text: &mut String, done: &[Rendered], of: &str) {
         let (name, median, sum) = (first[stage].0, times[times.len() / 2], times.iter().sum::<Duration>());
         match (median.is_zero(), sum.is_zero()) {
             (false, _) => Some(format!("{name} {}", time_text(median))),
-            (true, false) => Some(format!("{name} {} in all", time_text(sum))),
+            (true, false) => Some(format!("{name} {} in total", time_text(sum))),
             (true, true) => None,
         }
     };

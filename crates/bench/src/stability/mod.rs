@@ -23,10 +23,10 @@ use cases::cases;
 use clap::Args;
 use liveview::Targets;
 use liveview_common::args::model::ModelArgs;
-use liveview_common::args::output::{refuse_stdout, write_whole};
+use liveview_common::args::output::{refuse_stdout, write_atomically};
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::named;
-use liveview_common::console::{Output, print_notes, progress, shown};
+use liveview_common::console::{Output, path_text, print_notes, progress};
 use liveview_common::outputs::OutputPlan;
 use liveview_common::statistics::share;
 use ndarray::Array1;
@@ -106,7 +106,7 @@ pub fn run(args: &StabilityArgs) -> Result<Output> {
         model.path.file_name().unwrap_or_default().display(),
         model.provider_and_precision()
     );
-    let path = shown(&model.path);
+    let path = path_text(&model.path);
     let network = RefCell::new(network);
     let mut reference = args.reference.as_ref().map(|command| Reference::start(command, path)).transpose()?;
     let cases = cases(&rig, &network, args.short);
@@ -122,7 +122,7 @@ pub fn run(args: &StabilityArgs) -> Result<Output> {
     bar.finish_and_clear();
     let (text, json) = (markdown(&table), table::json(&table));
     for (name, contents) in [("stability.md", &text), ("stability.svg", &plot(&table))] {
-        output(name).map_or(Ok(()), |file| write_whole(&file, contents.as_bytes()))?;
+        output(name).map_or(Ok(()), |file| write_atomically(&file, contents.as_bytes()))?;
     }
     if table.failed() > 0 {
         let failures = text
@@ -193,7 +193,7 @@ fn outcome(case: &Case<'_>, reference: Option<&mut Reference>) -> Result<Outcome
         }
         arrays.finish()?;
         let request =
-            json!({ "case": shown(&file), "stage": outcome.stage, "model": reference.model, "bound": case.bound });
+            json!({ "case": path_text(&file), "stage": outcome.stage, "model": reference.model, "bound": case.bound });
         let found = reference.worker.ask(&request)?;
         if expected.is_none() {
             outcome.rust = Ok(Errors::from_json(&found["rust"]));

@@ -10,7 +10,7 @@ use liveview::geometry::MAX_SIDE;
 use liveview::image::ImageRgb;
 use liveview::network::{OrtNetwork, PlaneNetwork};
 use liveview::warp::Texture;
-use liveview_common::statistics::percentile;
+use liveview_common::statistics::quantile;
 use ndarray::{Array4, Axis};
 
 use super::case::{Case, Expected, Outputs, Seeded, StageTest};
@@ -69,7 +69,7 @@ impl StageTest for NetworkCase<'_> {
         let times: Vec<[f64; 2]> = times.collect::<Result<_, String>>().ok()?;
         let median = |which: usize| {
             let mut times: Vec<f64> = times[WARM_UP..].iter().map(|pair| pair[which]).collect();
-            percentile(&mut times, 0.5)
+            quantile(&mut times, 0.5)
         };
         Some(median(0) / median(1))
     }

@@ -20,10 +20,10 @@ use liveview::{LayerSpec, SceneViews, Shot, Targets};
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::model_names::ProviderChoice;
 use liveview_common::args::numbers;
-use liveview_common::args::output::{refuse_stdout, write_whole};
+use liveview_common::args::output::{refuse_stdout, write_atomically};
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::named;
-use liveview_common::console::{Output, print_message, print_notes, progress, shown};
+use liveview_common::console::{Output, path_text, print_message, print_notes, progress};
 use liveview_common::outputs::OutputPlan;
 use measured::{Measured, score_all};
 use ndarray::Array1;
@@ -163,7 +163,7 @@ pub fn run(args: &SweepArgs) -> Result<Output> {
     }
     let (text, json) = (markdown::markdown(&sweep), sweep.json());
     for (name, contents) in FILES.into_iter().zip([format!("{json:#}\n"), text.clone(), plot::plot(&sweep)]) {
-        write_whole(&args.output.join(name), contents.as_bytes())?;
+        write_atomically(&args.output.join(name), contents.as_bytes())?;
     }
     Ok(Output { text, json })
 }
@@ -243,7 +243,7 @@ fn references(
     let words = words(command);
     let start = |engine: &str| {
         let job = json!({
-            "job": text_of(&file)?, "model": text_of(&model)?, "weights": weights.is_file().then(|| shown(&weights)),
+            "job": text_of(&file)?, "model": text_of(&model)?, "weights": weights.is_file().then(|| path_text(&weights)),
             "engine": engine, "threads": args.model.threads(), "batch": args.model.batch,
         });
         let (worker, ready) = WorkerProcess::start(engine, &words, Some(&job))?;

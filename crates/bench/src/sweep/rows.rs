@@ -2,7 +2,7 @@
 
 use liveview::geometry::Size;
 use liveview::image::Score;
-use liveview_common::statistics::{PixelError, quantile};
+use liveview_common::statistics::{PixelError, quantile_of_sorted};
 use serde_json::{Value, json};
 
 /// Spread of the repetitions (interquartile range / median, median over the rows) above which times are unreliable.
@@ -62,7 +62,7 @@ impl Row {
     }
 
     pub(crate) fn median(&self) -> f64 {
-        quantile(&self.totals(), 0.5)
+        quantile_of_sorted(&self.totals(), 0.5)
     }
 
     /// Median seconds of each stage.
@@ -72,7 +72,7 @@ impl Row {
             let mut times: Vec<f64> =
                 self.runs.iter().flatten().filter(|(stage, _)| stage == name).map(|&(_, time)| time).collect();
             times.sort_by(f64::total_cmp);
-            (name.clone(), quantile(&times, 0.5))
+            (name.clone(), quantile_of_sorted(&times, 0.5))
         };
         names.map(of).filter(|&(_, time)| time > 0.0).collect()
     }
@@ -80,7 +80,7 @@ impl Row {
     /// Interquartile range over median.
     pub(super) fn spread(&self) -> f64 {
         let totals = self.totals();
-        (quantile(&totals, 0.75) - quantile(&totals, 0.25)) / quantile(&totals, 0.5)
+        (quantile_of_sorted(&totals, 0.75) - quantile_of_sorted(&totals, 0.25)) / quantile_of_sorted(&totals, 0.5)
     }
 
     /// Root mean square error against the photos, of values in [0, 255].
@@ -110,7 +110,7 @@ impl SweepReport {
     pub(crate) fn noisy(&self) -> bool {
         let mut spreads: Vec<f64> = self.rows.iter().map(Row::spread).collect();
         spreads.sort_by(f64::total_cmp);
-        quantile(&spreads, 0.5) > MAX_SPREAD
+        quantile_of_sorted(&spreads, 0.5) > MAX_SPREAD
     }
 
     /// Whether a row is on the Pareto front: no other row of its size is at least as fast and as accurate, and better in one of these.
@@ -136,7 +136,7 @@ impl SweepReport {
                 "layers": row.layers, "engine": row.engine, "reference": row.reference, "width": row.size.width, "height": row.size.height,
                 "count": row.count, "seconds": {
                     "median": row.median(), "min": totals.first(), "max": totals.last(),
-                    "quartiles": [quantile(&totals, 0.25), quantile(&totals, 0.75)], "all": totals,
+                    "quartiles": [quantile_of_sorted(&totals, 0.25), quantile_of_sorted(&totals, 0.75)], "all": totals,
                     "stages": stages.collect::<serde_json::Map<_, _>>(), "once": row.once,
                 },
                 "psnr": row.score.map(|score| score.psnr), "ssim": row.score.map(|score| score.ssim),

@@ -20,7 +20,7 @@ use liveview_common::args::model::ModelArgs;
 use liveview_common::args::numbers;
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::named;
-use liveview_common::console::{Output, send_line, shown};
+use liveview_common::console::{Output, path_text, send_line};
 use liveview_common::job::Job;
 use liveview_common::measure::{Times, peak_memory};
 use ndarray::ArrayView3;
@@ -68,7 +68,7 @@ pub fn run(args: &WorkerArgs) -> Result<Output> {
     let sources = |shot: &Shot| job.views().names(&shot.views).into_iter().map(str::to_owned).collect::<Vec<_>>();
     send_line(&json!({
         "ready": true, "size": shots.first().map(|shot| [shot.target.width(), shot.target.height()]),
-        "engine": job.model.engine(), "layers": job.layers().to_string(), "model": job.model.path().map(shown),
+        "engine": job.model.engine(), "layers": job.layers().to_string(), "model": job.model.path().map(path_text),
         "views": shots.iter().map(sources).collect::<Vec<_>>(),
     }))?;
     let mut worker = Renders { selected: shots.iter().map(|_| None).collect(), job, shots };

@@ -1,4 +1,4 @@
-//! Frames per second.
+//! Frame rates on the command line.
 
 use std::cmp::Ordering;
 use std::fmt;
@@ -7,9 +7,9 @@ use std::str::FromStr;
 /// Frames per second, as a fraction: 30, 29.97 or 30000/1001.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameRate {
-    /// Numerator: frames in as many seconds.
+    /// Numerator, in lowest terms.
     pub frames: u32,
-    /// Denominator: seconds.
+    /// Denominator, in lowest terms.
     pub seconds: u32,
 }
 
@@ -20,7 +20,7 @@ impl FrameRate {
     }
 }
 
-/// Parses a rate from 1 to 1000.
+/// Parses a rate from 1 to 1000 frames per second.
 pub fn frame_rate(text: &str) -> Result<FrameRate, String> {
     let rate = text.parse().ok().filter(|rate: &FrameRate| (1.0..=1000.0).contains(&rate.per_second()));
     rate.ok_or_else(|| "expected frames per second from 1 to 1000, such as 30, 29.97 or 30000/1001".to_owned())
@@ -61,7 +61,7 @@ impl PartialOrd for FrameRate {
     }
 }
 
-/// As ffmpeg reads it.
+/// In ffmpeg's notation.
 impl fmt::Display for FrameRate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.seconds {
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whole_numbers_decimals_and_fractions() {
+    fn frame_rate_parses_integers_decimals_and_fractions() {
         let text = |text: &str| frame_rate(text).map(|rate| rate.to_string());
         for (given, expected) in [
             ("30", "30"),

@@ -1,4 +1,4 @@
-//! Which layers to render on.
+//! Options that choose the layers.
 
 use std::path::PathBuf;
 
@@ -7,77 +7,85 @@ use clap::Args;
 use liveview::network::PlaneNetwork;
 use liveview::{LayerSpec, PhotoCorrection};
 
+use super::ADVANCED;
+
 /// Options that choose the layers of a render.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Layers (default: what the model recommends)")]
 pub struct LayerArgs {
-    /// Which layers: guided:L (L layers that follow the scene, each pixel's own range of depths; guided:L/D with D planes in
-    /// the first search), surface:L (L layers along the surface that the photos' own depth gives; each photo counts only where it sees
-    /// it), planes:D (evenly spaced in disparity from near to far), select:K/D (of D planes K: the paper's
-    /// selection, those that most pixels choose, or where planes compete those nearest to every pixel's choice; a path keeps those
-    /// of its first frame), list:… (disparities in 1/scene unit, separated by commas, near to far: descending)
+    /// Layers: surface:L, guided:L, planes:D, select:K/D or list:… [default: the model's
+    /// recommendation]
+    ///
+    /// surface:L: L layers along the surface that the depth of the photos gives; each photo counts
+    /// only where its own depth says that it sees the surface. guided:L or guided:L/D: L layers
+    /// within each pixel's own depth range, found by a search over D planes. planes:D: D planes
+    /// evenly spaced in disparity from near to far. select:K/D: the K of D planes that most pixels
+    /// choose (the paper's selection; of competing planes, those nearest to every pixel's choice);
+    /// a path keeps the planes of its first frame. list:A,B,…: planes at these disparities, in
+    /// 1/scene unit, in descending order.
     #[arg(long, value_name = "SPEC", group = "which_layers")]
     layers: Option<LayerSpec>,
-    /// A choice of layers that was measured (README, "Error against run time")
+    /// Layers by name
     #[arg(long, value_enum, group = "which_layers")]
     quality: Option<Quality>,
-    /// Surface layers: leave photos of different exposure or white balance as they are; by default they are balanced, by what their
-    /// confirmed depths show to be the same point
-    #[arg(long)]
+    /// Surface layers: do not balance the exposure and white balance of the photos
+    ///
+    /// By default they are balanced, so that points that several photos confirm have the same
+    /// colour in all of them.
+    #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
     pub keep_exposure: bool,
-    /// Surface layers: leave photos as sharp as they are; by default the softer ones are sharpened, as far as their confirmed depths
-    /// show the same points sharper in other photos
-    #[arg(long)]
+    /// Surface layers: do not sharpen the softer photos
+    ///
+    /// By default they are sharpened, as far as other photos show the same points sharper.
+    #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
     pub keep_sharpness: bool,
-    /// Surface layers: keep the depth of photos in this folder, a .npz each (the library's `ScenePhotos::keep_depths_in` says what it
-    /// holds), and take from there what an earlier run has kept; the picture is the same. Any file there may be deleted
-    #[arg(long, value_name = "FOLDER")]
+    /// Surface layers: keep the depth of photos in this folder, and reuse it in later runs
+    ///
+    /// The pictures are the same with and without it. You may delete any of its files (.npz, one
+    /// per photo).
+    #[arg(long, value_name = "FOLDER", help_heading = ADVANCED, hide_short_help = true)]
     pub cache: Option<PathBuf>,
 }
 
-/// Quality against run time.
+/// Layers by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Quality {
-    /// 1 guided layer: the fastest for a single picture
-    Draft,
-    /// 2 guided layers: a single picture in about a fifth of the time of `full`
-    Balanced,
-    /// 1 layer along the surface that the photos' own depth gives: the best of these; once that depth is known about as fast as `draft`
-    Full,
-    /// 16 planes selected from 64; with --alpha independent composited as in the paper
+    /// 1 layer along the surface that the depth of the photos gives: the best of these (surface:1)
+    Surface,
+    /// 16 planes selected from 64, as in the paper (select:16/64)
     Paper,
+    /// 1 guided layer: the fastest for a single picture (guided:1)
+    Fast,
 }
 
 impl From<Quality> for LayerSpec {
     fn from(quality: Quality) -> Self {
         match quality {
-            Quality::Draft => Self::guided(1),
-            Quality::Balanced => Self::guided(2),
-            Quality::Full => Self::Surface(1),
+            Quality::Surface => Self::Surface(1),
             Quality::Paper => Self::PAPER,
+            Quality::Fast => Self::guided(1),
         }
     }
 }
 
 impl LayerArgs {
-    /// In what the photos are made alike.
+    /// Which properties of the photos are corrected to match each other.
     pub fn photo_correction(&self) -> PhotoCorrection {
         PhotoCorrection { exposure: !self.keep_exposure, sharpness: !self.keep_sharpness }
     }
 
-    /// Those of the options given that a rig's video has no use for.
+    /// The given options that have no effect on the video of a rig.
     pub fn unused_for_video(&self) -> Vec<&'static str> {
         let given = [("--keep-sharpness", self.keep_sharpness), ("--cache", self.cache.is_some())];
         given.into_iter().filter_map(|(option, given)| given.then_some(option)).collect()
     }
 
-    /// The layers of these options, if any are given.
+    /// The layers of `--layers` or `--quality`, if given.
     pub fn given(&self) -> Option<LayerSpec> {
         self.layers.clone().or_else(|| self.quality.map(Into::into))
     }
 }
 
-/// The layers given, or those of the quality, or else those that the model's card recommends.
+/// The given layers, or those of the quality, or those that the model's card recommends.
 pub fn given_or_recommended(
     layers: Option<&LayerSpec>,
     quality: Option<Quality>,
@@ -86,10 +94,10 @@ pub fn given_or_recommended(
     let layers = match (layers, quality) {
         (Some(layers), _) => layers.clone(),
         (None, Some(quality)) => quality.into(),
-        (None, None) => network.recommended_layers().map_err(|error| anyhow!("{error}; --layers decides instead"))?,
+        (None, None) => network.recommended_layers().map_err(|error| anyhow!("{error}, or --layers"))?,
     };
     if matches!(layers, LayerSpec::Select { .. }) && !network.predicts_opacity() {
-        bail!("--network none: {layers} needs the opacities of a network to select planes by; expected other layers");
+        bail!("--network none: {layers} selects planes by the opacities of a network; expected other --layers");
     }
     Ok(layers)
 }

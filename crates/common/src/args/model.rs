@@ -1,4 +1,4 @@
-//! Options of the model, ONNX Runtime and threads.
+//! Options for the model, ONNX Runtime and threads.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -12,6 +12,7 @@ use liveview::network::{
 use liveview::render::Renderer;
 use liveview::{LayerSpec, Model, ModelOptions};
 
+use super::ADVANCED;
 use super::model_info::{ModelInfo, OpenedModel};
 use super::model_names::{AlphaName, NetworkName, PrecisionName, ProviderChoice, ProviderName, flag};
 use super::numbers;
@@ -20,42 +21,46 @@ use crate::ort_wheel::wheel;
 use crate::outputs::OutputPlan;
 
 /// Options that choose the model and how it is run.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Model and engine")]
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Args)]
 pub struct ModelArgs {
-    /// Views that each picture is made from; picks the model [default: 4, or the --model's own]
+    /// Photos that each picture is rendered from; selects the model [default: 4, or as --model]
     #[arg(long, value_name = "V", value_parser = numbers::count)]
     pub views: Option<usize>,
-    /// none: no network, and neither a model nor ONNX Runtime is needed. Views are weighed by their distance and by how well they agree,
-    /// which also decides how layers share a pixel: only layers along the surface make a good picture [default layers: surface:3]
+    /// Render without a network: needs neither a model nor ONNX Runtime
+    ///
+    /// Photos are weighted by their distance to the target and by how well they agree. Only surface
+    /// layers make a good picture this way [default layers: surface:3].
     #[arg(long, value_enum, conflicts_with_all = ["model", "alpha", "engine", "precision", "ort_lib"])]
     network: Option<NetworkName>,
-    /// Model file [default: liveview_v<V>.onnx in LIVEVIEW_MODELS, or in a `models` folder beside or above the binary, or
-    /// in the working directory's; for layers that are planes liveview_v<V>_planes.onnx, with --alpha independent
-    /// liveview_v<V>_planes_paper.onnx, if there is one]
-    #[arg(long, value_name = "FILE")]
+    /// Model file [default: the installed model for --views and --layers]
+    ///
+    /// The folders searched are LIVEVIEW_MODELS if it is set, else `models` beside the program, up
+    /// to three folders above it, and in the working directory. The file is liveview_v<V>.onnx; for
+    /// planes liveview_v<V>_planes.onnx or, with --alpha independent,
+    /// liveview_v<V>_planes_paper.onnx, if it exists.
+    #[arg(long, value_name = "FILE", help_heading = ADVANCED, hide_short_help = true)]
     model: Option<PathBuf>,
-    /// How the layers of a pixel share it. independent: each has its own opacity (the paper's; that of liveview_v<V>_planes_paper.onnx also
-    /// depends on how near the next plane lies); competing: a softmax over all of them, so that faint false ones do not add up to fog
-    /// [default: as the model was trained]
-    #[arg(long, value_enum)]
+    /// How the layers of a pixel share it [default: as the model was trained]
+    #[arg(long, value_enum, help_heading = ADVANCED, hide_short_help = true)]
     alpha: Option<AlphaName>,
-    /// What computes the network: an execution provider of ONNX Runtime. cuda and tensorrt: see `ONNX Runtime` in the README
-    #[arg(long, value_enum, default_value_t = ProviderName::Cpu)]
+    /// Execution provider of ONNX Runtime that runs the network
+    #[arg(long, value_enum, default_value_t = ProviderName::Cpu, help_heading = ADVANCED, hide_short_help = true)]
     engine: ProviderName,
-    /// Precision of the network. int8: a quantised model (liveview_v<V>_int8.onnx, for planes liveview_v<V>_planes_int8.onnx, unless --model
-    /// names it); bf16: --engine openvino, on CPUs that have it [default: the model's own]
-    #[arg(long, value_enum)]
+    /// Precision of the network [default: the model's]
+    #[arg(long, value_enum, help_heading = ADVANCED, hide_short_help = true)]
     precision: Option<PrecisionName>,
-    /// ONNX Runtime library [default: ORT_DYLIB_PATH, then the wheel in a .venv, for other engines than cpu one in
-    /// .venv-openvino or .venv-cuda first, then the system's]
-    #[arg(long, value_name = "FILE")]
+    /// ONNX Runtime library [default: ORT_DYLIB_PATH, else a Python wheel, else the system's]
+    ///
+    /// Wheels are looked for in .venv (for other engines than cpu in .venv-openvino or .venv-cuda
+    /// first), in the working directory and above the program.
+    #[arg(long, value_name = "FILE", help_heading = ADVANCED, hide_short_help = true)]
     ort_lib: Option<PathBuf>,
-    /// Threads, for the network and for everything else [default: one per core]
-    #[arg(long, value_name = "N", value_parser = numbers::few)]
+    /// Number of threads, for the network and for everything else [default: one per core]
+    #[arg(long, value_name = "N", value_parser = numbers::up_to_256, help_heading = ADVANCED, hide_short_help = true)]
     threads: Option<usize>,
-    /// Layers that go through the network at once: memory grows with it, the result does not change
-    #[arg(long, value_name = "N", default_value = "1", value_parser = numbers::few)]
+    /// Layers per run of the network: more need more memory, the result is the same
+    #[arg(long, value_name = "N", default_value = "1", value_parser = numbers::up_to_256)]
+    #[arg(help_heading = ADVANCED, hide_short_help = true)]
     pub batch: usize,
 }
 
@@ -66,12 +71,12 @@ impl ModelArgs {
         output_plan.protect("--ort-lib", self.ort_lib.as_deref());
     }
 
-    /// Whether there is no network.
+    /// Whether `--network none` is given.
     pub fn without_network(&self) -> bool {
         self.network.is_some()
     }
 
-    /// The same options on a command line, without a network.
+    /// Command-line arguments for the same threads and batch size, without a network.
     pub fn to_args_without_network(&self, views: usize) -> Vec<OsString> {
         let [threads, batch] = [self.threads(), self.batch];
         vec![
@@ -82,7 +87,7 @@ impl ModelArgs {
         ]
     }
 
-    /// The same options on a command line, on another engine if one is named.
+    /// These options as command-line arguments, with another engine and precision if given.
     pub fn to_args(&self, other: Option<ProviderChoice>) -> Vec<OsString> {
         if self.without_network() {
             return self.to_args_without_network(self.views_or_default());
@@ -103,7 +108,7 @@ impl ModelArgs {
         args
     }
 
-    /// The library's options, with the views and the threads given.
+    /// The library's options, with the given numbers of views and threads.
     fn views_and_threads(&self) -> ModelOptions {
         let mut options = ModelOptions::default();
         options.views = self.views;
@@ -111,12 +116,13 @@ impl ModelArgs {
         options
     }
 
-    /// Threads as given, else one per core.
+    /// Number of threads as given, else one per core.
     pub fn threads(&self) -> usize {
         self.views_and_threads().threads_or_default()
     }
 
-    /// Sets the threads of everything but the network, before any other work; of several calls in a process the first counts.
+    /// Starts the threads for everything but the network, before any other work; only the first
+    /// call in a process has an effect. Returns their number.
     pub fn set_threads(&self) -> Result<usize> {
         static SET: Mutex<bool> = Mutex::new(false);
         let threads = self.threads();
@@ -128,7 +134,7 @@ impl ModelArgs {
         Ok(threads)
     }
 
-    /// V where no model says otherwise.
+    /// Number of views as given, else the default.
     pub fn views_or_default(&self) -> usize {
         self.views_and_threads().views_or_default()
     }
@@ -136,7 +142,7 @@ impl ModelArgs {
     fn options(&self) -> Result<ModelOptions> {
         let bf16 = self.precision == Some(PrecisionName::Bf16);
         if bf16 && !ExecutionProvider::from(self.engine).supports_bf16() {
-            bail!("--precision bf16: expected --engine {}, the only one that has it", ExecutionProvider::OpenVino);
+            bail!("--precision bf16: expected --engine {}, the only one that supports it", ExecutionProvider::OpenVino);
         }
         let mut options = self.views_and_threads();
         options.file.clone_from(&self.model);
@@ -152,7 +158,7 @@ impl ModelArgs {
         Ok(options)
     }
 
-    /// Finds and opens the model for these layers, if there is to be one.
+    /// Opens the model for these layers; without a network, no model.
     pub fn open_for(&self, layers: Option<&LayerSpec>) -> Result<(Renderer, ModelInfo)> {
         let (renderer, model) = if self.without_network() {
             (self.renderer_without_network(self.views_or_default()), None)
@@ -163,7 +169,7 @@ impl ModelArgs {
         Ok((renderer, ModelInfo { model, threads: self.set_threads()?, batch: self.batch }))
     }
 
-    /// A renderer with the model's alpha, or the one asked for.
+    /// A renderer with the alpha of `--alpha`, or the model's.
     fn renderer(&self, network: OrtNetwork) -> Renderer {
         let alpha = network.card().alpha(self.alpha.map(Into::into));
         let mut renderer = Renderer::new(Box::new(network), self.batch);
@@ -171,14 +177,14 @@ impl ModelArgs {
         renderer
     }
 
-    /// A renderer whose views and layers count as far as the views agree.
+    /// A renderer that weights views and layers by the agreement of the views.
     fn renderer_without_network(&self, views: usize) -> Renderer {
         let mut renderer = Renderer::new(Box::new(ViewAgreement { views }), self.batch);
         renderer.set_alpha(Alpha::Competing { scale: 1.0 });
         renderer
     }
 
-    /// The model file for any layers.
+    /// The model file for layers of any kind.
     pub fn general_file(&self) -> Result<PathBuf> {
         let options = self.options()?;
         Ok(options.file.clone().map_or_else(|| options.find(self.views_or_default(), None), Ok)?)
@@ -197,16 +203,16 @@ impl ModelArgs {
             bail!("{}: metadata `precision` is {}, expected {expected} (--precision)", path.display(), card.precision);
         }
         if options.precision == Precision::Bf16 && !cpu_has_bf16() {
-            print_message("note", "--precision bf16: this CPU has no instructions for it; OpenVINO computes in f32");
+            print_message("note", "--precision bf16: this CPU does not support it; OpenVINO computes in f32");
         }
-        if let Some(asked) = self.views.filter(|&asked| asked != card.views) {
-            bail!("{}: metadata `views` is {}, expected {asked} (--views {asked})", path.display(), card.views);
+        if let Some(expected) = self.views.filter(|&expected| expected != card.views) {
+            bail!("{}: metadata `views` is {}, expected {expected} (--views {expected})", path.display(), card.views);
         }
         let (provider, library) = (library.provider(), library.path().to_owned());
         Ok((network, OpenedModel { path, card, alpha, library, provider, precision }))
     }
 
-    /// The models for fewer views than `views`, to fall back on; none if --model names one.
+    /// Opens the models for fewer views than `views`, as fallbacks; none if `--model` is given.
     pub fn open_smaller(&self, views: usize, layers: Option<&LayerSpec>) -> Result<Vec<Renderer>> {
         if self.without_network() {
             return Ok((2..views).map(|views| self.renderer_without_network(views)).collect());
@@ -225,12 +231,14 @@ impl ModelArgs {
     }
 }
 
-/// Starts the threads of everything but the network; once per process, before any other work.
+/// Starts the threads for everything but the network; once per process, before any other work.
 pub fn start_threads(threads: usize) -> Result<()> {
     check_threads(threads).with_context(|| format!("--threads {threads}"))?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-    // The thread that renders is one of them: not to sleep and be woken at each stage takes 1 of 17 native ms off a frame. It must not
-    // be the only one: whoever else uses the pool, to undistort a photo, would wait for it, and it perhaps for that photo.
+    // The rendering thread joins the pool: it then need not sleep and wake at each stage, which
+    // saves 1 of 17 ms of a frame (network excluded). It must not be the only thread of the pool:
+    // another thread that uses the pool, to undistort a photo, would wait for it while it waits for
+    // that photo.
     let pool = if threads > 1 { pool.use_current_thread() } else { pool };
     Ok(pool.build_global()?)
 }

@@ -1,24 +1,24 @@
-//! What is told of the model and of ONNX Runtime, or of their absence.
+//! The summary of the model and of ONNX Runtime, as text and as JSON.
 
 use std::path::{Path, PathBuf};
 
 use liveview::network::{Alpha, ExecutionProvider, ModelCard};
 use serde_json::{Value, json};
 
-use crate::console::shown;
+use crate::console::path_text;
 
-/// What makes the pictures.
+/// The model, if any, and how it is run.
 #[derive(Debug)]
 pub struct ModelInfo {
-    /// `None`: no network.
+    /// `None` without a network.
     pub model: Option<OpenedModel>,
-    /// Threads of the network and of everything else.
+    /// Number of threads of the network and of everything else.
     pub threads: usize,
-    /// Layers that go through the network at once.
+    /// Layers per run of the network.
     pub batch: usize,
 }
 
-/// A model, and ONNX Runtime that runs it.
+/// A model, and the ONNX Runtime library that runs it.
 #[derive(Debug)]
 pub struct OpenedModel {
     /// The model file.
@@ -27,9 +27,9 @@ pub struct OpenedModel {
     pub card: ModelCard,
     /// How the layers of a pixel share it.
     pub alpha: Alpha,
-    /// The file of ONNX Runtime.
+    /// The file of the ONNX Runtime library.
     pub library: PathBuf,
-    /// What of ONNX Runtime computes.
+    /// The execution provider.
     pub provider: ExecutionProvider,
     /// Precision of the arithmetic: f32, bf16 or int8.
     pub precision: String,
@@ -48,7 +48,8 @@ impl ModelInfo {
         self.model.as_ref().map(|model| &*model.path)
     }
 
-    /// The name of the stage that computes opacities and view weights: `network`, or `blend` without one.
+    /// The name of the stage that computes opacities and view weights: `network`, or `blend`
+    /// without one.
     pub fn weighting_stage(&self) -> &'static str {
         if self.model.is_some() { "network" } else { "blend" }
     }
@@ -58,13 +59,13 @@ impl ModelInfo {
         self.model.as_ref().map_or_else(|| "no network".into(), OpenedModel::provider_and_precision)
     }
 
-    /// The lines of a summary.
+    /// As lines of text.
     pub fn text(&self) -> String {
         let Some(model) = &self.model else {
-            return format!("network none: views weighed by distance and agreement, {} threads\n", self.threads);
+            return format!("network none: views weighted by distance and agreement, {} threads\n", self.threads);
         };
         format!(
-            "engine  ONNX Runtime ({}), {} {}, {} threads, {} layers at once\nmodel   {}: {}\nalpha   {}\n",
+            "engine  ONNX Runtime ({}), {} {}, {} threads, {} layers per run\nmodel   {}: {}\nalpha   {}\n",
             model.library.file_name().unwrap_or_default().display(),
             model.provider,
             model.precision,
@@ -76,7 +77,7 @@ impl ModelInfo {
         )
     }
 
-    /// The same for `--json`.
+    /// As JSON.
     pub fn json(&self) -> Value {
         let Some(model) = &self.model else {
             return json!({ "model": null, "engine": { "name": "none", "threads": self.threads, "batch": self.batch } });
@@ -84,12 +85,12 @@ impl ModelInfo {
         let card = &model.card;
         json!({
             "model": {
-                "file": shown(&model.path), "views": card.views, "recommended_layers": card.recommended_layers,
+                "file": path_text(&model.path), "views": card.views, "recommended_layers": card.recommended_layers,
                 "training": card.training, "licence": card.licence,
             },
             "alpha": model.alpha.to_string(),
             "engine": {
-                "name": "ONNX Runtime", "library": shown(&model.library), "provider": model.provider.name(),
+                "name": "ONNX Runtime", "library": path_text(&model.library), "provider": model.provider.name(),
                 "precision": model.precision, "threads": self.threads, "batch": self.batch,
             },
         })

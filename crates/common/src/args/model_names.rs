@@ -1,20 +1,22 @@
-//! Words of the options of the model and the engine.
+//! Values of the options for the model and the engine.
 
 use std::str::FromStr;
 
 use clap::ValueEnum;
 use liveview::network::{AlphaKind, ExecutionProvider};
 
-/// `--network`: where it is not given, a model.
-#[derive(Debug, Clone, Copy, ValueEnum)]
+/// Values of `--network`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, ValueEnum)]
 pub(super) enum NetworkName {
     None,
 }
 
-/// `--alpha`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+/// Values of `--alpha`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, ValueEnum)]
 pub(super) enum AlphaName {
+    /// Each layer has its own opacity, as in the paper
     Independent,
+    /// A softmax over all layers, so that faint false surfaces do not accumulate into haze
     Competing,
 }
 
@@ -27,8 +29,8 @@ impl From<AlphaName> for AlphaKind {
     }
 }
 
-/// `--engine`.
-#[derive(Debug, Clone, Copy, ValueEnum)]
+/// Values of `--engine`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, ValueEnum)]
 pub(super) enum ProviderName {
     Cpu,
     Openvino,
@@ -47,15 +49,18 @@ impl From<ProviderName> for ExecutionProvider {
     }
 }
 
-/// `--precision`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+/// Values of `--precision`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, ValueEnum)]
 pub(super) enum PrecisionName {
+    /// 32-bit floats
     F32,
+    /// 16-bit floats, with --engine openvino on CPUs that support them
     Bf16,
+    /// A quantised model: liveview_v<V>_int8.onnx, for planes liveview_v<V>_planes_int8.onnx
     Int8,
 }
 
-/// `--name=value`
+/// An option as a command-line argument, `--name=value`.
 pub(super) fn flag(name: &str, value: &impl ValueEnum) -> Option<String> {
     Some(format!("--{name}={}", value.to_possible_value()?.get_name()))
 }

@@ -2,17 +2,17 @@
 
 use std::ops::RangeInclusive;
 
-/// Parses a number from 1 to 4096; a larger one would be a mistake.
+/// Parses a whole number from 1 to 4096.
 pub fn count(text: &str) -> Result<usize, String> {
-    whole(text, 1..=4096)
+    in_range(text, 1..=4096)
 }
 
-/// Parses a number from 1 to 256, of what takes memory or cores.
-pub fn few(text: &str) -> Result<usize, String> {
-    whole(text, 1..=256)
+/// Parses a whole number from 1 to 256, for numbers of threads and batch sizes.
+pub fn up_to_256(text: &str) -> Result<usize, String> {
+    in_range(text, 1..=256)
 }
 
-fn whole(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {
+fn in_range(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {
     let number = text.parse().ok().filter(|number| range.contains(number));
     number.ok_or_else(|| format!("expected a whole number from {} to {}", range.start(), range.end()))
 }

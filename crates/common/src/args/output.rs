@@ -1,4 +1,4 @@
-//! Output files: one file, or a folder of them.
+//! Paths of output files.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -7,63 +7,65 @@ use anyhow::{Result, anyhow, bail};
 use liveview::Shot;
 use liveview::fs::atomic;
 
-/// One file, or a folder of them.
+/// An output path: one file, or a folder of files.
 #[derive(Debug)]
-pub enum Place {
+pub enum OutputPath {
     /// One file.
     File(PathBuf),
-    /// A folder, in which each shot has its own file.
+    /// A folder with a file for each shot.
     Folder(PathBuf),
 }
 
-/// A suffix that is added to a name, and the ending if it differs from the name's own.
+/// A suffix to the file name, and the extension if it differs from the path's own.
 pub type Variant = (&'static str, Option<&'static str>);
 
-impl Place {
-    /// A folder if there is one of that name, or the name has no extension; else a file, with one of these endings.
-    pub fn new(option: &str, path: &Path, endings: &[&str]) -> Result<Self> {
+impl OutputPath {
+    /// A folder, if one exists there or the path has no extension; else a file, which must have one
+    /// of these extensions.
+    pub fn new(option: &str, path: &Path, extensions: &[&str]) -> Result<Self> {
         refuse_stdout(option, path)?;
         if path.is_dir() || path.as_os_str().to_string_lossy().ends_with('/') || path.extension().is_none() {
             return Ok(Self::Folder(path.to_owned()));
         }
-        if !has_ending(path, endings) {
-            bail!("{option} {}: expected a name that ends in .{}, or a folder", path.display(), endings.join(", ."));
+        if !has_extension(path, extensions) {
+            let extensions = extensions.join(", .");
+            bail!("{option} {}: expected a name that ends in .{extensions}, or a folder", path.display());
         }
         Ok(Self::File(path.to_owned()))
     }
 
     /// The file of a shot.
-    pub fn file(&self, shot: &Shot, suffix: &str, ending: Option<&str>) -> PathBuf {
+    pub fn file(&self, shot: &Shot, suffix: &str, extension: Option<&str>) -> PathBuf {
         let (folder, mut name, own) = match self {
             Self::File(path) => (path.parent(), path.file_stem().unwrap_or_default().to_owned(), path.extension()),
             Self::Folder(path) => (Some(path.as_path()), stem(&shot.name).into(), None),
         };
-        // Not formatted as text: a name need not be UTF-8.
+        // Not `format!`: a name need not be UTF-8.
         name.push(suffix);
         name.push(".");
-        name.push(ending.map(OsStr::new).or(own).unwrap_or(OsStr::new("png")));
+        name.push(extension.map(OsStr::new).or(own).unwrap_or(OsStr::new("png")));
         folder.unwrap_or(Path::new("")).join(name)
     }
 
     /// The files of a shot, one per variant.
     pub fn files<const N: usize>(&self, shot: &Shot, variants: [Variant; N]) -> [PathBuf; N] {
-        variants.map(|(suffix, ending)| self.file(shot, suffix, ending))
+        variants.map(|(suffix, extension)| self.file(shot, suffix, extension))
     }
 }
 
-/// Refuses `-`, which would be taken for standard output.
+/// Refuses `-`, which often means standard output.
 pub fn refuse_stdout(option: &str, path: &Path) -> Result<()> {
     if path == Path::new("-") {
-        bail!("{option} -: nothing goes to standard output; expected a file or a folder (./- is one of that name)");
+        bail!("{option} -: standard output is not supported; expected a file or a folder (./- for one of that name)");
     }
     Ok(())
 }
 
-/// Refuses a name that is not of a PNG.
+/// Checks that a path is a file with the extension .png.
 pub fn expect_png(option: &str, file: &Path) -> Result<()> {
-    match Place::new(option, file, &["png"])? {
-        Place::File(_) => Ok(()),
-        Place::Folder(path) => bail!("{option} {}: expected a name that ends in .png", path.display()),
+    match OutputPath::new(option, file, &["png"])? {
+        OutputPath::File(_) => Ok(()),
+        OutputPath::Folder(path) => bail!("{option} {}: expected a name that ends in .png", path.display()),
     }
 }
 
@@ -73,11 +75,11 @@ pub fn stem(name: &str) -> String {
 }
 
 /// Whether a path has one of these extensions, in upper or lower case.
-pub fn has_ending(path: &Path, endings: &[&str]) -> bool {
-    path.extension().is_some_and(|found| endings.iter().any(|ending| found.eq_ignore_ascii_case(ending)))
+pub fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    path.extension().is_some_and(|found| extensions.iter().any(|extension| found.eq_ignore_ascii_case(extension)))
 }
 
-/// Writes a file whole or not at all.
-pub fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
+/// Writes a file atomically.
+pub fn write_atomically(path: &Path, contents: &[u8]) -> Result<()> {
     atomic::write(path, contents).map_err(|error| anyhow!("{}: cannot be written: {error}", path.display()))
 }

@@ -1,4 +1,4 @@
-//! Options of the scene.
+//! Options for the scene.
 
 use std::path::{Path, PathBuf};
 
@@ -6,37 +6,37 @@ use anyhow::Result;
 use clap::Args;
 use liveview::{Scene, SceneOptions, SceneViews};
 
-use super::numbers;
+use super::{ADVANCED, numbers};
 
-/// Options that say what the scene is.
+/// Options for the scene and its depth range.
 #[derive(Debug, Args)]
 pub struct SceneArgs {
-    /// Folder of posed photos: transforms.json, COLMAP, LLFF, RealEstate10K or Spaces
+    /// Folder of photos with poses: transforms.json, COLMAP, LLFF, RealEstate10K or Spaces
     scene: PathBuf,
-    /// Scale photos wider than this down on load, their intrinsics with them
+    /// Scale wider photos down to this width
     #[arg(long, value_name = "PIXELS", value_parser = numbers::count)]
     width: Option<usize>,
-    /// Folder of the photos in an LLFF, RealEstate10K or COLMAP scene [default: the usual ones]
-    #[arg(long, value_name = "NAME")]
-    images: Option<String>,
-    /// Rig position of a Spaces scene
-    #[arg(long, value_name = "INDEX", default_value_t = 0)]
-    rig_position: usize,
-    /// Nearest depth, in scene units [default: the smallest of the views chosen]
+    /// Nearest depth, in scene units [default: the smallest of the chosen views]
     #[arg(long, value_name = "DEPTH", allow_negative_numbers = true)]
     near: Option<f64>,
-    /// Farthest depth, in scene units; inf for infinity [default: the largest of the views chosen]
+    /// Farthest depth, in scene units, or inf [default: the largest of the chosen views]
     #[arg(long, value_name = "DEPTH", allow_negative_numbers = true)]
     far: Option<f64>,
+    /// Photo folder of an LLFF, RealEstate10K or COLMAP scene [default: the format's usual ones]
+    #[arg(long, value_name = "NAME", help_heading = ADVANCED, hide_short_help = true)]
+    images: Option<String>,
+    /// Rig position of a Spaces scene
+    #[arg(long, value_name = "INDEX", default_value_t = 0, help_heading = ADVANCED, hide_short_help = true)]
+    rig_position: usize,
 }
 
 impl SceneArgs {
-    /// The folder of the scene.
+    /// The scene folder.
     pub fn folder(&self) -> &Path {
         &self.scene
     }
 
-    /// These options as arguments of a command line, without the folder.
+    /// These options as command-line arguments, without the folder.
     pub fn to_args(&self) -> Vec<String> {
         let mut args = vec![format!("--rig-position={}", self.rig_position)];
         args.extend(self.width.map(|width| format!("--width={width}")));
@@ -46,7 +46,7 @@ impl SceneArgs {
         args
     }
 
-    /// How the scene is read.
+    /// Options for opening the scene.
     pub fn options(&self) -> SceneOptions {
         let mut options = SceneOptions::default();
         options.width = self.width;
@@ -60,14 +60,14 @@ impl SceneArgs {
         Ok(self.with_depth(Scene::open(&self.scene, &self.options())?))
     }
 
-    /// Opens the scene at this width, unless the options name another.
+    /// Opens the scene at this width, unless `--width` is given.
     pub fn open_at(&self, width: usize) -> Result<SceneViews> {
         let mut options = self.options();
         options.width = options.width.or(Some(width));
         Ok(self.with_depth(Scene::open(&self.scene, &options)?))
     }
 
-    /// A scene with the depth range of the options.
+    /// The views of a scene, with the depth range of the options.
     pub fn with_depth(&self, scene: Scene) -> SceneViews {
         SceneViews::new(scene, self.near, self.far)
     }

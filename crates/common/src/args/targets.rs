@@ -1,4 +1,4 @@
-//! What to render: held-out views, poses from a file, or a path.
+//! Options that say what to render: held-out views, poses from a file, or a path.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -9,32 +9,37 @@ use liveview::geometry::{CameraFile, CameraPath, read_cameras};
 use liveview::{Camera, Scene, SceneViews, SynthesisError, Targets};
 
 use super::numbers;
-use super::output::has_ending;
+use super::output::has_extension;
 use crate::console::print_notes;
 
-/// Options that say what to render; exactly one.
+/// Options that say what to render; exactly one is given.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "What to render (one of these)")]
 #[group(required = true, multiple = false)]
 pub struct TargetArgs {
-    /// A view of the scene, by name; it is held out: never rendered from. Several are held out together
+    /// Views of the scene, by name; none of them is used as a source
     #[arg(long, value_name = "NAME,…")]
     target: Vec<String>,
-    /// Every Nth view in name order, from the first on, each rendered from those not held out (the LLFF protocol)
+    /// Every Nth view, rendered from the views that are not held out (the LLFF protocol)
     #[arg(long, value_name = "N", value_parser = numbers::count)]
     heldout: Option<usize>,
-    /// Camera in a JSON file: {"transform_matrix": 4x4 world from camera, OpenGL axes} or {"cam_from_world": 3x4 or 4x4,
-    /// OpenCV axes}, with fl_x, fl_y, cx, cy, w, h if they differ from those of the nearest view; or a list of such, one
-    /// per frame; or a camera path of nerfstudio's viewer, in the scene's axes, or with its model's dataparser_transforms.json beside it
+    /// Camera, list of cameras or nerfstudio camera path, in a JSON file
+    ///
+    /// A camera is {"transform_matrix": 4x4 world from camera, OpenGL axes} or {"cam_from_world":
+    /// 3x4 or 4x4, OpenCV axes}, with fl_x, fl_y, cx, cy, w, h if they differ from those of the
+    /// nearest view. A camera path of nerfstudio's viewer is expected in the scene's axes, or with
+    /// its model's dataparser_transforms.json beside it.
     #[arg(long, value_name = "FILE")]
     pose: Option<PathBuf>,
-    /// A path of N frames: line:N between the two outermost views, circle:N or spiral:N around the middle of the rig, turning as
-    /// the views do; or a file (.json) of cameras, as --pose takes it
+    /// A path of N frames around the rig (line:N, circle:N, spiral:N), or a file as for --pose
+    ///
+    /// line:N runs between the two outermost views; circle:N and spiral:N run around the centre of
+    /// the rig. The camera rotates like the views around it.
     #[arg(long, value_name = "SHAPE:N|FILE", value_parser = path)]
     path: Option<CameraPathOrFile>,
 }
 
-/// What `--path` says.
+/// The value of `--path`.
 #[derive(Debug, Clone)]
 enum CameraPathOrFile {
     Shape(CameraPath),
@@ -42,13 +47,13 @@ enum CameraPathOrFile {
 }
 
 fn path(text: &str) -> Result<CameraPathOrFile, String> {
-    if has_ending(Path::new(text), &["json"]) {
+    if has_extension(Path::new(text), &["json"]) {
         return Ok(CameraPathOrFile::File(text.into()));
     }
     text.parse().map(CameraPathOrFile::Shape)
 }
 
-/// As the option on the command line.
+/// The option as on the command line.
 impl fmt::Display for TargetArgs {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -62,7 +67,7 @@ impl fmt::Display for TargetArgs {
 }
 
 impl TargetArgs {
-    /// Whether the targets have ground truth to compare with.
+    /// Whether the targets have photos to compare with.
     pub fn have_truth(&self) -> bool {
         self.pose.is_none() && self.path.is_none()
     }
@@ -75,7 +80,7 @@ impl TargetArgs {
         }
     }
 
-    /// The targets.
+    /// The targets in a scene.
     pub fn resolve(&self, views: &SceneViews) -> Result<Targets> {
         let scene = views.scene();
         if let (_, Some(file)) = self.camera_file() {
@@ -92,21 +97,21 @@ impl TargetArgs {
             Some(step) => (0..scene.views.len()).step_by(step).collect(),
             None => named(scene, &self.target)?,
         };
-        if let Some(twice) = (1..views.len()).find(|&i| views[..i].contains(&views[i])) {
-            bail!("--target names \"{}\" twice; expected each view once", scene.views[views[twice]].name);
+        if let Some(duplicate) = (1..views.len()).find(|&i| views[..i].contains(&views[i])) {
+            bail!("--target names \"{}\" twice; expected each view once", scene.views[views[duplicate]].name);
         }
         Ok(Targets::held_out(scene, views))
     }
 }
 
-/// The cameras of a file; in which axes they were taken to be is told.
+/// Reads the cameras of a file; prints a note if their axes had to be assumed.
 pub fn cameras_of(file: &Path, views: &SceneViews) -> Result<Vec<Camera>> {
     let CameraFile { cameras, note } = read_cameras(file, &views.all_cameras(), &views.scene().root)?;
     print_notes(note.as_slice());
     Ok(cameras)
 }
 
-/// The views of these lists of names, separated by commas; a name may itself hold commas.
+/// The views of these comma-separated lists of names; a name may contain commas.
 pub fn named(scene: &Scene, lists: &[String]) -> Result<Vec<usize>> {
     let mut views = Vec::new();
     for list in lists {
@@ -120,7 +125,7 @@ pub fn named(scene: &Scene, lists: &[String]) -> Result<Vec<usize>> {
             let first = ends().find_map(|end| Some((scene.view_index(&names[..end]).ok()?, end)));
             let (view, end) = match first {
                 Some(found) => found,
-                // Fails, and says which names there are.
+                // The error lists the closest names.
                 None => (scene.view_index(&names[..ends().next().unwrap_or(0)])?, names.len()),
             };
             views.push(view);

@@ -1,4 +1,4 @@
-//! Writing videos through the ffmpeg program.
+//! Writes videos through ffmpeg.
 
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -12,10 +12,10 @@ use liveview::geometry::Size;
 use super::process::{Process, command};
 use super::program::detach;
 use crate::args::frame_rate::FrameRate;
-use crate::args::output::has_ending;
+use crate::args::output::has_extension;
 use crate::console::print_message;
 
-/// An .mp4 or .gif being written. Dropped without [`Encoder::finish`] it is deleted.
+/// Writes an .mp4 or .gif; the file is deleted if it is dropped without [`Encoder::finish`].
 #[derive(Debug)]
 pub struct Encoder {
     path: PathBuf,
@@ -24,7 +24,8 @@ pub struct Encoder {
     running: Option<RunningEncoder>,
 }
 
-/// ffmpeg, its input, and the file that it writes under its temporary name, which is deleted after ffmpeg has ended.
+/// ffmpeg, its input, and the temporary file that it writes. The fields are dropped in this order:
+/// the file is deleted after ffmpeg has ended.
 #[derive(Debug)]
 struct RunningEncoder {
     process: Process,
@@ -34,27 +35,28 @@ struct RunningEncoder {
 
 /// Whether a path names a video.
 pub fn is_video(path: &Path) -> bool {
-    !path.is_dir() && has_ending(path, &["mp4", "gif"])
+    !path.is_dir() && has_extension(path, &["mp4", "gif"])
 }
 
 impl Encoder {
-    /// A video; an error if there is no ffmpeg.
+    /// An encoder for a file; an error if ffmpeg is not installed. The file is created by the first
+    /// frame.
     pub fn new(path: &Path, rate: FrameRate) -> Result<Self> {
         command_for(path)?;
         Ok(Self { path: path.to_owned(), rate, size: Size::default(), running: None })
     }
 
-    /// The file that is written.
+    /// The file to write.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Sets the size of all frames, in pixels; before the first one.
+    /// Sets the size of all frames, in pixels, before the first one.
     pub fn set_size(&mut self, size: Size) {
         self.size = size;
     }
 
-    /// Writes a frame, of the size set.
+    /// Writes a frame of the size given to [`Self::set_size`].
     pub fn add(&mut self, picture: &ImageRgb) -> Result<()> {
         let running = match self.running.take() {
             Some(running) => running,
@@ -70,10 +72,10 @@ impl Encoder {
         }
     }
 
-    /// Waits for ffmpeg to finish, and gives the file its name.
+    /// Waits for ffmpeg to finish, and renames the temporary file.
     pub fn finish(mut self) -> Result<PathBuf> {
         if let Some(running) = &mut self.running {
-            // ffmpeg ends when its input does.
+            // ffmpeg exits at the end of its input.
             drop(running.input.take());
             if !running.process.wait()?.success() {
                 return Err(self.failure());
@@ -81,32 +83,33 @@ impl Encoder {
         }
         if let Some(RunningEncoder { process, file, .. }) = self.running.take() {
             drop(process);
-            file.finish().map_err(|error| self.unwritten(&error))?;
+            file.finish().map_err(|error| self.write_error(&error))?;
         }
         Ok(self.path.clone())
     }
 
-    fn unwritten(&self, error: &std::io::Error) -> anyhow::Error {
+    fn write_error(&self, error: &std::io::Error) -> anyhow::Error {
         anyhow!("-o {}: cannot be written: {error}", self.path.display())
     }
 
     fn start(&self) -> Result<RunningEncoder> {
-        let file = AtomicFile::create(&self.path).map_err(|error| self.unwritten(&error))?;
-        // Absolute: of a path that begins with a name and a colon ffmpeg would take the name for a protocol's.
+        let file = AtomicFile::create(&self.path).map_err(|error| self.write_error(&error))?;
+        // Absolute, because ffmpeg takes a relative path such as `a:b` for a protocol and an
+        // address.
         let temporary = std::path::absolute(file.temporary())?;
         let Size { width, height } = self.size;
-        let gif = has_ending(&self.path, &["gif"]);
+        let gif = has_extension(&self.path, &["gif"]);
         let mut command = command_for(&self.path)?;
         command.args(["-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
         command.args(["-s", &format!("{width}x{height}"), "-r", &self.rate.to_string(), "-i", "pipe:0"]);
         if gif {
             command.args(["-vf", "split[a][b];[a]palettegen[p];[b][p]paletteuse", "-loop", "0"]);
         } else {
-            // Players expect yuv420p, which needs even sides.
+            // Players expect yuv420p, which needs even dimensions.
             if width % 2 + height % 2 > 0 {
                 print_message(
                     "note",
-                    format!("{width}x{height} is odd: the last row or column is left out of the video"),
+                    format!("{width}x{height} has an odd side: the last row or column is cropped from the video"),
                 );
             }
             command.args([
@@ -137,8 +140,5 @@ impl Encoder {
 }
 
 fn command_for(path: &Path) -> Result<Command> {
-    command(&format!(
-        "-o {}: videos are made by ffmpeg, which is not on the PATH; expected ffmpeg, or a folder for the frames",
-        path.display()
-    ))
+    command(&format!("-o {}: ffmpeg is not on the PATH; expected ffmpeg, or a folder for the frames", path.display()))
 }

@@ -1,9 +1,9 @@
-//! Running the ffmpeg program, and writing videos through it.
+//! Runs ffmpeg, and writes videos through it.
 
 mod encoder;
 mod process;
 mod program;
 
 pub use encoder::{Encoder, is_video};
-pub use process::{Process, Running, command};
+pub use process::{Process, ProcessHandle, command};
 pub use program::detach;

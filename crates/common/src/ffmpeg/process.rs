@@ -1,4 +1,4 @@
-//! A running ffmpeg: what it says, how it ends, and its end where it hangs.
+//! A running ffmpeg process: reads its messages, and kills it if it hangs.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -13,41 +13,44 @@ use anyhow::{Result, anyhow};
 use super::program::program;
 use crate::interrupt;
 
-/// How long ffmpeg may do nothing while it is waited for …
-const LIMIT: Duration = Duration::from_secs(60);
-/// … and after an interrupt.
-const LIMIT_INTERRUPTED: Duration = Duration::from_secs(10);
-/// Interval at which that is looked at. Intervals are counted, not the time: that goes on where the program itself is suspended.
-const TICK: Duration = Duration::from_millis(50);
-/// Bytes kept of what ffmpeg says.
-const SAID: u64 = 2000;
+/// How long ffmpeg may be idle while the program waits for it.
+const MAX_IDLE: Duration = Duration::from_secs(60);
+/// The same after an interrupt.
+const MAX_IDLE_INTERRUPTED: Duration = Duration::from_secs(10);
+/// Interval of the checks. Idle time is a number of intervals, not clock time, which passes while
+/// the program is suspended.
+const CHECK_INTERVAL: Duration = Duration::from_millis(50);
+/// Bytes of ffmpeg's messages that are kept.
+const MAX_MESSAGE_BYTES: u64 = 2000;
 
-/// ffmpeg with standard error read, and killed where it hangs.
+/// An ffmpeg process whose standard error is read, and which is killed if it hangs.
 #[derive(Debug)]
 pub struct Process {
-    running: Running,
+    handle: ProcessHandle,
     messages: Option<JoinHandle<String>>,
-    watch: Arc<Watch>,
+    watchdog: Arc<Watchdog>,
 }
 
-/// What the thread sees that looks whether ffmpeg hangs.
+/// State shared with the thread that kills ffmpeg if it hangs.
 #[derive(Debug, Default)]
-struct Watch {
-    /// Whether it is waited for.
+struct Watchdog {
+    /// Whether the program is waiting for ffmpeg.
     waiting: AtomicBool,
-    /// Times that it was.
+    /// How often the program has waited.
     waits: AtomicU64,
+    /// Whether ffmpeg was killed because it hung.
     hung: AtomicBool,
+    /// Whether the thread should end.
     over: AtomicBool,
 }
 
 impl Process {
-    /// Starts it. Writing to `file` counts as doing something.
+    /// Starts the process. It is not idle while `file` grows.
     pub fn start(command: &mut Command, file: Option<&Path>) -> Result<Self> {
-        Self::start_with(command, file, LIMIT)
+        Self::start_with(command, file, MAX_IDLE)
     }
 
-    fn start_with(command: &mut Command, file: Option<&Path>, limit: Duration) -> Result<Self> {
+    fn start_with(command: &mut Command, file: Option<&Path>, max_idle: Duration) -> Result<Self> {
         let program = command.get_program().to_owned();
         let mut child = command
             .stderr(Stdio::piped())
@@ -55,36 +58,36 @@ impl Process {
             .map_err(|error| anyhow!("{}: cannot be started: {error}", program.display()))?;
         let pipe = child.stderr.take().expect("piped");
         let messages = Some(std::thread::spawn(move || messages(pipe)));
-        let (running, watch) = (Running(Arc::new(Mutex::new(child))), Arc::<Watch>::default());
-        let (watched, seen, file) = (running.clone(), Arc::clone(&watch), file.map(Path::to_owned));
-        std::thread::spawn(move || seen.end_if_it_hangs(&watched, file, limit));
-        Ok(Self { running, messages, watch })
+        let (handle, watchdog) = (ProcessHandle(Arc::new(Mutex::new(child))), Arc::<Watchdog>::default());
+        let (watched, shared, file) = (handle.clone(), Arc::clone(&watchdog), file.map(Path::to_owned));
+        std::thread::spawn(move || shared.kill_if_it_hangs(&watched, file, max_idle));
+        Ok(Self { handle, messages, watchdog })
     }
 
-    /// A handle with which another thread can end it.
-    pub fn running(&self) -> Running {
-        self.running.clone()
+    /// A handle by which another thread can kill the process.
+    pub fn handle(&self) -> ProcessHandle {
+        self.handle.clone()
     }
 
     /// Gives access to the process.
     pub fn with_child<T>(&self, work: impl FnOnce(&mut Child) -> T) -> T {
-        self.running.with(work)
+        self.handle.with(work)
     }
 
-    /// Does what waits for ffmpeg, and ends that where it hangs.
+    /// Runs `work`, which waits for ffmpeg; ffmpeg is killed if it hangs meanwhile.
     pub fn waiting<T>(&self, work: impl FnOnce() -> T) -> T {
-        self.watch.waits.fetch_add(1, Ordering::Relaxed);
-        self.watch.waiting.store(true, Ordering::Relaxed);
-        let done = work();
-        self.watch.waiting.store(false, Ordering::Relaxed);
-        done
+        self.watchdog.waits.fetch_add(1, Ordering::Relaxed);
+        self.watchdog.waiting.store(true, Ordering::Relaxed);
+        let result = work();
+        self.watchdog.waiting.store(false, Ordering::Relaxed);
+        result
     }
 
-    /// Waits for its end.
+    /// Waits for the process to exit.
     pub fn wait(&self) -> std::io::Result<ExitStatus> {
         self.waiting(|| {
             loop {
-                // Not held while waiting: it may have to be killed.
+                // The lock is released between the checks, so that the process can be killed.
                 if let Some(status) = self.with_child(Child::try_wait)? {
                     return Ok(status);
                 }
@@ -93,38 +96,38 @@ impl Process {
         })
     }
 
-    /// Waits for its end; how it ended and what it said.
+    /// Waits for the process to exit; returns its exit status and messages as an error message.
     pub fn failure(&mut self) -> String {
         let status = self.wait();
-        let said = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        let messages = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
         let status = status.map_or_else(|error| error.to_string(), |status| status.to_string());
-        if self.watch.hung.load(Ordering::Relaxed) {
-            return format!("ffmpeg did nothing for too long, and was ended {said}").trim_end().to_owned();
+        if self.watchdog.hung.load(Ordering::Relaxed) {
+            return format!("ffmpeg was idle for too long and was killed {messages}").trim_end().to_owned();
         }
-        format!("ffmpeg failed ({status}): {said}")
+        format!("ffmpeg failed ({status}): {messages}")
     }
 }
 
 impl Drop for Process {
     fn drop(&mut self) {
-        self.watch.over.store(true, Ordering::Relaxed);
-        self.running.end();
+        self.watchdog.over.store(true, Ordering::Relaxed);
+        self.handle.kill();
     }
 }
 
-impl Watch {
-    fn end_if_it_hangs(&self, running: &Running, file: Option<PathBuf>, limit: Duration) {
+impl Watchdog {
+    fn kill_if_it_hangs(&self, handle: &ProcessHandle, file: Option<PathBuf>, max_idle: Duration) {
         let written = || file.as_ref().and_then(|file| Some(file.metadata().ok()?.len()));
         let (mut before, mut idle) = (None, Duration::ZERO);
         while !self.over.load(Ordering::Relaxed) {
-            sleep(TICK);
+            sleep(CHECK_INTERVAL);
             let now = Some((self.waits.load(Ordering::Relaxed), written()));
-            let hangs = self.waiting.load(Ordering::Relaxed) && now == before;
-            idle = if hangs { idle + TICK } else { Duration::ZERO };
+            let is_idle = self.waiting.load(Ordering::Relaxed) && now == before;
+            idle = if is_idle { idle + CHECK_INTERVAL } else { Duration::ZERO };
             before = now;
-            if idle > if interrupt::requested() { limit.min(LIMIT_INTERRUPTED) } else { limit } {
+            if idle > if interrupt::requested() { max_idle.min(MAX_IDLE_INTERRUPTED) } else { max_idle } {
                 self.hung.store(true, Ordering::Relaxed);
-                return running.end();
+                return handle.kill();
             }
         }
     }
@@ -132,11 +135,11 @@ impl Watch {
 
 /// A handle to the running ffmpeg process.
 #[derive(Debug, Clone)]
-pub struct Running(Arc<Mutex<Child>>);
+pub struct ProcessHandle(Arc<Mutex<Child>>);
 
-impl Running {
-    /// Kills it.
-    pub fn end(&self) {
+impl ProcessHandle {
+    /// Kills the process.
+    pub fn kill(&self) {
         self.with(|child| {
             let _ = child.kill();
             let _ = child.wait();
@@ -148,19 +151,20 @@ impl Running {
     }
 }
 
-/// The first of what it says, in one line; the rest is read, that it does not wait for a reader.
+/// The start of the messages, in one line. The rest is read and discarded, so that the process does
+/// not block on a full pipe.
 fn messages(mut pipe: ChildStderr) -> String {
-    let mut said = Vec::new();
-    // Where its message cannot be read, the error goes without it.
-    let _ = pipe.by_ref().take(SAID).read_to_end(&mut said);
+    let mut start = Vec::new();
+    // If the messages cannot be read, the error is reported without them.
+    let _ = pipe.by_ref().take(MAX_MESSAGE_BYTES).read_to_end(&mut start);
     let _ = std::io::copy(&mut pipe, &mut std::io::sink());
-    let said = String::from_utf8_lossy(&said);
-    said.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join("; ")
+    let start = String::from_utf8_lossy(&start);
+    start.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join("; ")
 }
 
-/// ffmpeg, or an error that says what it is needed for.
-pub fn command(what: &str) -> Result<Command> {
-    let program = program().ok_or_else(|| anyhow!("{what}"))?;
+/// A command for ffmpeg; the error `missing` if it is not installed.
+pub fn command(missing: &str) -> Result<Command> {
+    let program = program().ok_or_else(|| anyhow!("{missing}"))?;
     let mut command = Command::new(program);
     command.args(["-v", "error", "-nostdin"]);
     Ok(command)
@@ -177,26 +181,26 @@ mod tests {
     }
 
     #[test]
-    fn what_it_says_and_how_it_ended_are_told() {
+    fn failure_reports_exit_status_and_messages() {
         let script = "echo first >&2; echo; echo ' second ' >&2; exit 3";
-        let said = Process::start(&mut shell(script), None).unwrap().failure();
-        assert_eq!(said, "ffmpeg failed (exit status: 3): first; second");
-        let much = Process::start(&mut shell("/usr/bin/yes >&2 | /usr/bin/head -c 9"), None).unwrap();
-        much.running().end();
+        let message = Process::start(&mut shell(script), None).unwrap().failure();
+        assert_eq!(message, "ffmpeg failed (exit status: 3): first; second");
+        let endless = Process::start(&mut shell("/usr/bin/yes >&2 | /usr/bin/head -c 9"), None).unwrap();
+        endless.handle().kill();
     }
 
     #[test]
-    fn one_that_hangs_is_ended_and_one_that_writes_is_not() {
-        let limit = Duration::from_millis(300);
-        let mut hangs = Process::start_with(&mut shell("exec /bin/sleep 60"), None, limit).unwrap();
-        assert_eq!(hangs.failure(), "ffmpeg did nothing for too long, and was ended");
+    fn idle_process_is_killed_unless_it_writes_or_is_not_waited_for() {
+        let max_idle = Duration::from_millis(300);
+        let mut hangs = Process::start_with(&mut shell("exec /bin/sleep 60"), None, max_idle).unwrap();
+        assert_eq!(hangs.failure(), "ffmpeg was idle for too long and was killed");
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a");
         let script = format!("for i in 1 2 3 4 5 6 7 8; do /bin/sleep 0.1; echo >> {}; done", file.display());
-        assert!(Process::start_with(&mut shell(&script), Some(&file), limit).unwrap().wait().unwrap().success());
-        // Not waited for: it is the program that takes its time.
-        let idle = Process::start_with(&mut shell("exec /bin/sleep 1"), None, limit).unwrap();
-        sleep(3 * limit);
+        assert!(Process::start_with(&mut shell(&script), Some(&file), max_idle).unwrap().wait().unwrap().success());
+        // It is idle, but the program is busy and does not wait for it.
+        let idle = Process::start_with(&mut shell("exec /bin/sleep 1"), None, max_idle).unwrap();
+        sleep(3 * max_idle);
         assert!(idle.wait().unwrap().success());
     }
 }

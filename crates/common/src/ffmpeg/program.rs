@@ -1,4 +1,4 @@
-//! The ffmpeg program.
+//! Finds the ffmpeg program.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -13,8 +13,8 @@ pub(super) fn program() -> Option<PathBuf> {
     std::env::split_paths(&folders).map(|folder| folder.join(&name)).find(|file| file.is_file())
 }
 
-/// Where the program ends in its own time at a Ctrl-C, puts one to be started into a process group of its own, so that a Ctrl-C at the
-/// terminal does not end it: it ends with its input, or when it is killed.
+/// Puts a process into its own process group if this program handles Ctrl-C, so that a Ctrl-C in
+/// the terminal does not end the process as well: it exits at the end of its input, or is killed.
 pub fn detach(command: &mut Command) {
     #[cfg(unix)]
     if interrupt::is_watched() {

@@ -1,10 +1,10 @@
-//! What a path is, whatever its spelling.
+//! Compares paths by the file they refer to, not by their spelling.
 
 use std::ffi::OsString;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
-/// A file or folder that exists: the same for all of its names.
+/// Identity of an existing file or folder: equal for all paths to it.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) struct Identity(#[cfg(unix)] (u64, u64), #[cfg(not(unix))] PathBuf);
 
@@ -22,12 +22,12 @@ impl Identity {
     }
 }
 
-/// A place for a file: a folder that exists, and the names below it.
+/// Identity of a file that may not exist yet: an existing folder, and the names below it.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) struct Spot(Option<Identity>, Vec<OsString>);
+pub(super) struct Location(Option<Identity>, Vec<OsString>);
 
-impl Spot {
-    /// Of a path that is [`resolved`].
+impl Location {
+    /// The location of a [`resolved`] path.
     pub(super) fn of(real: &Path) -> Self {
         let (mut folder, mut names) = (real, Vec::new());
         while let (Some(name), Some(parent)) = (folder.file_name(), folder.parent()) {
@@ -41,7 +41,8 @@ impl Spot {
     }
 }
 
-/// The path without links and `..`; of what does not exist, `..` goes by name.
+/// The path without links and `..`; below a folder that does not exist, `..` removes the preceding
+/// name.
 pub(super) fn resolved(path: &Path) -> io::Result<PathBuf> {
     if let Ok(real) = path.canonicalize() {
         return Ok(real);
@@ -65,18 +66,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_place_is_the_same_by_all_names() {
+    fn location_is_equal_for_all_paths_to_a_file() {
         let root = tempfile::tempdir().unwrap();
         let at = |name: &str| root.path().join(name);
         std::fs::create_dir_all(at("a/b")).unwrap();
         symlink(at("a/b"), at("link")).unwrap();
-        let spot = |name: &str| Spot::of(&resolved(&at(name)).unwrap());
+        let location = |name: &str| Location::of(&resolved(&at(name)).unwrap());
         for same in
             ["a/./b/new/c.png", "link/new/c.png", "link/../b/new/c.png", "link/x/../new/c.png", "none/../a/b/new/c.png"]
         {
-            assert_eq!(spot(same), spot("a/b/new/c.png"), "{same}");
+            assert_eq!(location(same), location("a/b/new/c.png"), "{same}");
         }
-        assert_ne!(spot("a/new/c.png"), spot("a/b/new/c.png"));
-        assert_ne!(spot("a/b/c.png"), spot("a/b/new/c.png"));
+        assert_ne!(location("a/new/c.png"), location("a/b/new/c.png"));
+        assert_ne!(location("a/b/c.png"), location("a/b/new/c.png"));
     }
 }

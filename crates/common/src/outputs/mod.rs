@@ -1,5 +1,5 @@
-//! Output paths held against all that they could destroy, before any work: the command's inputs, each other, and the files of the
-//! scene's folder. Paths are compared by what they are, through links and `..`, not by how they are spelt.
+//! Checks, before any work, that no output overwrites an input of the command, another output, or a
+//! file of the scene folder. Paths are compared after resolving links and `..`.
 
 mod identity;
 mod others;
@@ -10,7 +10,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow, bail};
-use identity::{Identity, Spot};
+use identity::{Identity, Location};
 use liveview::Scene;
 use liveview::fs::atomic::{AtomicFile, is_special};
 pub use others::note_other_pictures;
@@ -22,25 +22,27 @@ use crate::args::output::refuse_stdout;
 #[derive(Debug)]
 pub struct OutputPlan {
     scene: SceneFolder,
-    /// What would be lost with a file that exists, in words.
+    /// Descriptions of the inputs, for messages.
     inputs: HashMap<Identity, String>,
-    /// The option and the path, as given, of what will be written.
-    taken: HashMap<Spot, String>,
-    /// Folders whose frames are not known beforehand: all of these names are taken.
+    /// The planned files: option and path as given, for messages.
+    planned: HashMap<Location, String>,
+    /// Folders with an unknown number of frames: all `.png` with this prefix are planned. Option
+    /// and path as given.
     frames: Vec<(PathBuf, &'static str, String)>,
+    /// The planned files: option and path as given, and the path.
     files: Vec<(String, PathBuf)>,
 }
 
 impl OutputPlan {
-    /// No outputs yet, of a command that reads this scene.
+    /// An empty plan of a command that reads this scene.
     pub fn new(scene: &Scene) -> Self {
         let photo = |path: &Path| format!("a photo of the scene, {}", path.display());
         let photos = scene.views.iter().map(|view| view.image_path());
         let inputs = photos.filter_map(|path| Some((Identity::of(path).ok()?, photo(path)))).collect();
-        Self { scene: SceneFolder::new(scene), inputs, taken: HashMap::new(), frames: Vec::new(), files: Vec::new() }
+        Self { scene: SceneFolder::new(scene), inputs, planned: HashMap::new(), frames: Vec::new(), files: Vec::new() }
     }
 
-    /// Protects another file that the command reads, if one is given.
+    /// Protects another input file, if one is given.
     pub fn protect(&mut self, option: &str, file: Option<&Path>) {
         let Some(file) = file else { return };
         if let Ok(identity) = Identity::of(file) {
@@ -52,8 +54,8 @@ impl OutputPlan {
     ///
     /// # Errors
     ///
-    /// It would overwrite an input, another output or a file of the scene that the program did not write, it would be taken for a part
-    /// of the scene, or it cannot be a file.
+    /// If it would overwrite an input, another output, or a file of the scene that the program did
+    /// not write; if it would be read as part of the scene; or if it cannot be a file.
     pub fn file(&mut self, option: &str, file: &Path) -> Result<()> {
         let shown = format!("{option} {}", file.display());
         refuse_stdout(option, file)?;
@@ -63,7 +65,7 @@ impl OutputPlan {
             return Err(refused(format!("{} is a file; expected a folder", folder.display())));
         }
         if file.is_dir() {
-            return Err(refused("it is a folder; expected a file, or nothing yet".to_owned()));
+            return Err(refused("it is a folder; expected a file or a new name".to_owned()));
         }
         let real = identity::resolved(file).map_err(|error| refused(error.to_string()))?;
         let name = real.file_name().unwrap_or_default().to_string_lossy();
@@ -71,22 +73,22 @@ impl OutputPlan {
             real.parent() == Some(folder) && name.starts_with(prefix) && name.ends_with(".png")
         };
         let other = self.frames.iter().find(within).map(|(.., shown)| shown);
-        if let Some(other) = other.or(self.taken.get(&Spot::of(&real))) {
-            bail!("{shown}: {other} is written to the same place; expected different places");
+        if let Some(other) = other.or(self.planned.get(&Location::of(&real))) {
+            bail!("{shown}: {other} is the same file; expected different files");
         }
         if !is_special(file) {
             self.check(&shown, file, &real)?;
         }
-        self.taken.insert(Spot::of(&real), shown.clone());
+        self.planned.insert(Location::of(&real), shown.clone());
         self.files.push((shown, file.to_owned()));
         Ok(())
     }
 
-    /// Adds files `PREFIX….png` of which there may be any number.
+    /// Adds any number of files `PREFIX….png`.
     ///
     /// # Errors
     ///
-    /// Those of [`Self::file`], of the first.
+    /// As [`Self::file`], for the first one.
     pub fn frames(&mut self, option: &str, folder: &Path, prefix: &'static str, first: &Path) -> Result<()> {
         self.file(option, first)?;
         if let Ok(real) = identity::resolved(folder) {
@@ -95,42 +97,43 @@ impl OutputPlan {
         Ok(())
     }
 
-    /// Whether a path lies in the scene's folder.
+    /// Whether a path is inside the scene folder.
     pub fn in_scene(&self, path: &Path) -> bool {
         identity::resolved(path).is_ok_and(|real| real.starts_with(self.scene.root()))
     }
 
-    /// Holds a file against what it would destroy.
+    /// Checks that a file overwrites no input and no file of the scene, and is not read as part of
+    /// the scene.
     fn check(&self, shown: &str, file: &Path, real: &Path) -> Result<()> {
         let root = self.scene.root().display();
         if let Ok(identity) = Identity::of(file) {
             if let Some(input) = self.inputs.get(&identity) {
-                bail!("{shown}: would overwrite {input}; expected another place");
+                bail!("{shown}: would overwrite {input}; expected another file");
             }
             if self.scene.holds(real) && !own::is_own(file) {
                 bail!(
-                    "{shown}: would overwrite a file of the scene's folder {root}, and it cannot be told that liveview wrote it; \
-                     expected another place, or that file moved away"
+                    "{shown}: would overwrite a file of the scene folder {root} that liveview did not write; \
+                     expected another file, or that one moved away"
                 );
             }
         }
         match self.scene.reads(real) {
-            Some(what) => bail!("{shown}: would be taken for {what} of the scene {root}; expected another place"),
+            Some(part) => bail!("{shown}: would be read as {part} of the scene {root}; expected another file"),
             None => Ok(()),
         }
     }
 
-    /// Makes the folders that are missing.
+    /// Creates the missing folders, and checks that files can be written there.
     ///
     /// # Errors
     ///
-    /// A file cannot be written.
+    /// If a file cannot be written.
     pub fn prepare(&self) -> Result<()> {
-        let mut tried = None;
+        let mut checked = None;
         for (shown, file) in self.files.iter().filter(|(_, file)| !is_special(file)) {
             let folder = file.parent().unwrap_or(Path::new(""));
-            // One of the files of a folder tells of all.
-            if tried.replace(folder) == Some(folder) {
+            // One file per folder is enough.
+            if checked.replace(folder) == Some(folder) {
                 continue;
             }
             std::fs::create_dir_all(folder)

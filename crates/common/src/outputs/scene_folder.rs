@@ -1,4 +1,5 @@
-//! The folder of a scene: what lies in it, and what would be read from it.
+//! The scene folder: which files it holds, and which files in it would be read as part of the
+//! scene.
 
 use std::cell::OnceCell;
 use std::collections::BTreeSet;
@@ -7,11 +8,11 @@ use std::path::{Path, PathBuf};
 
 use liveview::Scene;
 
-use crate::args::output::has_ending;
+use crate::args::output::has_extension;
 
-/// Folders that some format, or a rig, is read from.
+/// Folders from which photos or the cameras of a rig are read.
 const FOLDERS: [&str; 6] = ["images", "images_2", "images_4", "images_8", "frames", "videos"];
-/// Files that make a folder a scene.
+/// Names of pose files.
 const POSES: [&str; 9] = [
     "transforms.json",
     "poses_bounds.npy",
@@ -23,22 +24,22 @@ const POSES: [&str; 9] = [
     "points3D.txt",
     "points3D.bin",
 ];
-/// What is read as a photo, or as a camera of a rig.
+/// Extensions of files that are read as a photo, or as a camera of a rig.
 const PICTURES: [&str; 10] = ["png", "jpg", "jpeg", "mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
-/// Links nested deeper than this are not looked for.
+/// Levels of nested folders that are searched for links.
 const MAX_DEPTH: usize = 4;
 
-/// A scene's folder.
+/// A scene folder.
 #[derive(Debug)]
 pub(super) struct SceneFolder {
     root: PathBuf,
-    /// Folders of which all is read.
+    /// Folders of photos; every file in them would be read.
     photos: BTreeSet<PathBuf>,
-    /// Folders of a rig's cameras: pictures below would be another one.
+    /// Folders that hold a rig's cameras; a new folder of pictures would be another camera.
     cameras: BTreeSet<PathBuf>,
-    /// Whether photos lie beside the poses.
+    /// Whether photos and poses are in the same folder.
     flat: bool,
-    /// Where links in the folder lead.
+    /// Targets of the links in the folder.
     linked: OnceCell<Vec<PathBuf>>,
 }
 
@@ -46,11 +47,12 @@ impl SceneFolder {
     pub(super) fn new(scene: &Scene) -> Self {
         let real = |path: PathBuf| path.canonicalize().unwrap_or(path);
         let named: BTreeSet<&Path> = scene.views.iter().filter_map(|view| view.image_path().parent()).collect();
-        // A rig has a folder for each camera; a scene may have one of photos to learn from and one to test on.
+        // A rig has a folder for each camera; other scenes may have a few, such as training and
+        // test photos.
         let rig = named.len() > 1 && named.len() == scene.views.len();
         let cameras = named.iter().filter(|_| rig).filter_map(|folder| folder.parent());
         let cameras = cameras.filter(|folder| folder.starts_with(&scene.root));
-        // Below the folder's real path: those that do not exist cannot be resolved.
+        // Joined to the resolved root, since folders that do not exist cannot be resolved.
         let root = real(scene.root.clone());
         let usual = FOLDERS.map(|folder| root.join(folder));
         let photos = named.iter().filter(|&&folder| folder != scene.root).map(|folder| folder.to_path_buf());
@@ -67,7 +69,7 @@ impl SceneFolder {
         &self.root
     }
 
-    /// Whether a file that exists lies in the folder, or where a link in it leads.
+    /// Whether an existing file is in the folder, or in the target of a link in it.
     pub(super) fn holds(&self, real: &Path) -> bool {
         let find = || {
             let mut found = Vec::new();
@@ -77,19 +79,19 @@ impl SceneFolder {
         real.starts_with(&self.root) || self.linked.get_or_init(find).iter().any(|target| real.starts_with(target))
     }
 
-    /// What of the scene a file of this name would be taken for, if it would.
+    /// The part of the scene that a file of this name would be read as, if any.
     pub(super) fn reads(&self, real: &Path) -> Option<&'static str> {
         let below = |folder: &PathBuf| real.starts_with(folder);
         if below(&self.root) && POSES.iter().any(|poses| real.file_name() == Some(poses.as_ref())) {
             return Some("the poses");
         }
         let beside = self.flat && real.parent() == Some(&self.root) || self.cameras.iter().any(below);
-        let read = self.photos.iter().any(below) || beside && has_ending(real, &PICTURES);
+        let read = self.photos.iter().any(below) || beside && has_extension(real, &PICTURES);
         read.then_some("a photo or a camera")
     }
 }
 
-/// Adds the targets of the links below a folder.
+/// Adds the targets of the links in a folder and its subfolders.
 fn links(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         match entry.file_type() {

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use liveview::ImageRgb;
 use liveview::geometry::{MAX_SIDE, Size};
 use liveview_common::args::frame_rate::FrameRate;
-use liveview_common::ffmpeg::{Process, Running, command, detach};
+use liveview_common::ffmpeg::{Process, ProcessHandle, command, detach};
 
 /// A video that is being read. ffmpeg writes each frame as a portable pixmap (PPM), whose header holds the size.
 #[derive(Debug)]
@@ -66,8 +66,8 @@ impl Decoder {
     }
 
     /// A handle with which another thread can end ffmpeg while this one waits for a frame.
-    pub(super) fn running(&self) -> Running {
-        self.process.running()
+    pub(super) fn handle(&self) -> ProcessHandle {
+        self.process.handle()
     }
 
     fn reading<T>(&mut self, read: impl FnOnce(&mut BufReader<ChildStdout>) -> io::Result<T>) -> io::Result<T> {

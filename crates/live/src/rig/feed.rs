@@ -6,8 +6,8 @@ use anyhow::{Context, Result, anyhow, bail};
 use liveview::geometry::Size;
 use liveview::image::{self, ImageRgb};
 use liveview_common::args::frame_rate::FrameRate;
-use liveview_common::args::output::has_ending;
-use liveview_common::ffmpeg::Running;
+use liveview_common::args::output::has_extension;
+use liveview_common::ffmpeg::ProcessHandle;
 
 use super::decoder::Decoder;
 use super::frame_names::{Photos, photos_in};
@@ -39,7 +39,7 @@ impl Feed {
             if name.starts_with('.') {
                 continue;
             }
-            if path.is_file() && has_ending(&path, &VIDEOS) {
+            if path.is_file() && has_extension(&path, &VIDEOS) {
                 feeds.push(Self { name, frames: Frames::Video(path, None) });
             } else if path.is_dir() {
                 let photos = photos_in(&path)?;
@@ -187,10 +187,10 @@ pub enum Delivered {
 
 impl Reader {
     /// The ffmpeg process that reads a video.
-    pub fn decoder(&self) -> Option<Running> {
+    pub fn decoder(&self) -> Option<ProcessHandle> {
         match &self.0 {
             OpenFrames::Photos(_) => None,
-            OpenFrames::Video(decoder) => Some(decoder.running()),
+            OpenFrames::Video(decoder) => Some(decoder.handle()),
         }
     }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use liveview_common::args::output::has_ending;
+use liveview_common::args::output::has_extension;
 
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 /// Largest number of a frame: nanoseconds of 290 years.
@@ -24,7 +24,7 @@ pub(super) fn photos_in(folder: &Path) -> Result<Photos> {
     let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<std::io::Result<Vec<_>>>()?;
     paths.retain(|path| {
         let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
-        !hidden && has_ending(path, &EXTENSIONS) && !path.is_dir()
+        !hidden && has_extension(path, &EXTENSIONS) && !path.is_dir()
     });
     paths.sort();
     let mut numbered = BTreeMap::new();

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use liveview::ImageRgb;
 use liveview::Scene;
-use liveview_common::ffmpeg::Running;
+use liveview_common::ffmpeg::ProcessHandle;
 
 use super::arrivals::{Camera, Frame, await_photos};
 use crate::rig::{Delivered, Feed, Reader};
@@ -85,7 +85,7 @@ pub(super) struct Gathering {
     /// The first wanted step: readers skip earlier ones.
     pub(super) wanted: AtomicUsize,
     /// ffmpeg processes of the cameras that are video files.
-    pub(super) decoders: Mutex<Vec<Running>>,
+    pub(super) decoders: Mutex<Vec<ProcessHandle>>,
 }
 
 impl Gathering {
@@ -105,7 +105,7 @@ impl Gathering {
             }
             this.gather(&mut cameras, &sender);
             this.wanted.store(NO_STEP, Ordering::Relaxed);
-            this.lock_decoders().iter().for_each(Running::end);
+            this.lock_decoders().iter().for_each(ProcessHandle::kill);
         });
         steps
     }
@@ -205,7 +205,7 @@ impl Gathering {
         self.stop.load(Ordering::Relaxed) || self.wanted.load(Ordering::Relaxed) == NO_STEP
     }
 
-    fn lock_decoders(&self) -> MutexGuard<'_, Vec<Running>> {
+    fn lock_decoders(&self) -> MutexGuard<'_, Vec<ProcessHandle>> {
         self.decoders.lock().expect("no thread panics while it holds the lock")
     }
 

@@ -7,7 +7,7 @@ use liveview::LayerSpec;
 use liveview::image::Score;
 use liveview::live::Policy;
 use liveview_common::args::model_info::ModelInfo;
-use liveview_common::console::{Output, shown};
+use liveview_common::console::{Output, path_text};
 use serde_json::{Value, json};
 
 use super::results::{VideoResults, changes_json};
@@ -94,11 +94,11 @@ pub(super) fn summary(
     text += &model.text();
     let mut json = tally.json();
     let more = json!({
-        "rig": shown(&scene.root), "format": scene.format.to_string(), "cameras": rig.views.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
+        "rig": path_text(&scene.root), "format": scene.format.to_string(), "cameras": rig.views.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
         "held_out": viewpoint.truth.map(|view| &scene.views[view].name), "layers": layers.to_string(), "policy": policy.to_string(), "frames": written.frames,
         "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "border_left_out": BORDER,
         "latency_ms": { "median": percentiles.0, "percentile_99": percentiles.1 }, "changes": changes_json(changes),
-        "logits_not_finite": tally.logits_not_finite, "faults": cameras, "stopped": stopped, "file": file.map(shown), "notes": scene.notes,
+        "logits_not_finite": tally.logits_not_finite, "faults": cameras, "stopped": stopped, "file": file.map(path_text), "notes": scene.notes,
     });
     if let Value::Object(json) = &mut json {
         [more, model.json()].into_iter().for_each(|part| {
