@@ -59,7 +59,7 @@ fn a_list_makes_what_its_commands_make_and_goes_on_after_errors() {
     let done = folders.scene().join("done.jsonl");
     let output = batch(&[&list, "--done", done.to_str().unwrap()]);
     assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
-    assert!(stderr(&output).contains("error: 1 of 5 commands failed, that of line 3 first"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("error: 1 of 5 commands failed, the first in line 3"), "{}", stderr(&output));
     let report = lines(&output);
     assert_eq!(report.iter().map(|line| line["line"].as_u64().unwrap()).collect::<Vec<_>>(), [1, 3, 5, 7, 9]);
     assert!(report[1]["error"].as_str().unwrap().contains("no such view"), "{}", report[1]);
@@ -126,7 +126,7 @@ fn a_list_is_checked_before_the_first_command() {
     refused(&format!("{good}\n{two}"), &["line 2: 2 threads, but line 1 has 1"]);
     fs::write(list, good.to_string()).unwrap();
     let output = batch(&[list, "--done", list]);
-    assert!(stderr(&output).contains("is the list itself"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("is the list of commands"), "{}", stderr(&output));
     let photo = folders.photo(0);
     let output = batch(&[list, "--done", photo.to_str().unwrap()]);
     assert!(output.status.code() == Some(2) && folders.written().is_empty(), "{}", stderr(&output));

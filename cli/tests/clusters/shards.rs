@@ -72,7 +72,7 @@ fn sixteen_shards_make_what_one_run_makes() {
     assert!(one == shared, "byte for byte");
     assert!(one.values().collect::<std::collections::BTreeSet<_>>().len() > 32, "and frames differ from one another");
     assert!(!Path::new(&folders.out("parts/liveview.json")).exists());
-    assert!(succeeds(join(&[&parts])).contains("64 pictures of 16 shards, all there"));
+    assert!(succeeds(join(&[&parts])).contains("64 pictures of 16 shards, complete"));
 }
 
 #[test]
@@ -98,7 +98,7 @@ fn a_shard_that_was_killed_is_run_again() {
     succeeds(shard("3/3", &["--resume"]).output().unwrap());
     assert_refused(&join(&[&parts]), &["shard 2/3 lacks", "with --resume"]);
     let again = shard("2/3", &["--resume"]).output().unwrap();
-    assert!(stderr(&again).contains("of 80 pictures were there"), "{}", stderr(&again));
+    assert!(stderr(&again).contains("of 80 pictures are kept"), "{}", stderr(&again));
     succeeds(again);
     let (one, shared) = (pictures(&whole), pictures(&parts));
     let other: Vec<_> = shared.keys().filter(|name| one.get(*name) != shared.get(*name)).collect();
@@ -144,7 +144,7 @@ fn scores_of_held_out_photos_from_several_folders() {
     let joined: Value = serde_json::from_slice(&fs::read(&table).unwrap()).unwrap();
     assert_eq!(joined["mean"], one["mean"]);
     for (a, b) in joined["targets"].as_array().unwrap().iter().zip(one["targets"].as_array().unwrap()) {
-        for key in ["name", "psnr", "ssim", "layers", "seen_by_no_view", "disparity_max"] {
+        for key in ["name", "psnr", "ssim", "layers", "uncovered_share", "disparity_max"] {
             assert_eq!(a[key], b[key], "{key}");
         }
     }
@@ -224,7 +224,10 @@ fn what_is_not_one_job_is_refused() {
         refused(&[&line[..], &["--shard", wrong]].concat(), &["--shard", "expected I/N"]);
     }
     let file = folders.out("a.png");
-    refused(&["--path", "line:4", "--shard", "1/2", "-o", &folders.out("a.mp4")], &["--shard 1/2, -o", "expected one"]);
+    refused(
+        &["--path", "line:4", "--shard", "1/2", "-o", &folders.out("a.mp4")],
+        &["--shard 1/2, -o", "expected a folder"],
+    );
     refused(&["--target", "2", "--shard", "1/2", "-o", &file], &["--shard 1/2, -o", "a.png"]);
     refused(&["--target", "1,2", "--shard", "1/2", "-o", &parts, "--depth", &file], &["--shard 1/2, --depth", "a.png"]);
     refused(&["--heldout", "2", "--shard", "1/2"], &["--output"]);
@@ -238,7 +241,7 @@ fn what_is_not_one_job_is_refused() {
     succeeds(shard(&["--path", "line:4", "--layers", "planes:2", "-o", &other, "--shard", "2/2"]));
     assert_refused(
         &join(&[&parts, &other]),
-        &["liveview_2_of_2.json", "another job", "\"layers\" is \"planes:2\" there"],
+        &["liveview_2_of_2.json", "another job", "\"layers\" is \"planes:2\", expected"],
     );
     succeeds(shard(&["--path", "line:4", "-o", &third, "--shard", "2/3"]));
     assert_refused(&join(&[&parts, &third]), &["one of 3 shards", "one of 2"]);

@@ -123,7 +123,7 @@ fn layers_that_are_none() {
     for layers in ["", "64", "planes", "planes 64", "tiles:64"] {
         refused(layers, &["expected planes:D, guided:L, surface:L, select:K/D or list:DISPARITIES"]);
     }
-    assert_render_refused(&folders, &["--layers", "planes:4", "--quality", "draft"], &["cannot be used with"]);
+    assert_render_refused(&folders, &["--layers", "planes:4", "--quality", "fast"], &["cannot be used with"]);
 }
 
 #[test]
@@ -266,7 +266,7 @@ fn outputs_that_collide() {
     let folders = Folders::new();
     let refused = |arguments: [&str; 4]| {
         let arguments = [&["--target", "2"], &arguments[..]].concat();
-        folders.assert_refused(&mut folders.render(&arguments), &["written to the same place", "different places"]);
+        folders.assert_refused(&mut folders.render(&arguments), &["is the same file", "expected different files"]);
     };
     let [out, a, colour] = ["", "a.png", "a_colour.png"].map(|name| folders.out(name));
     refused(["-o", &out, "--compare", &out]);

@@ -151,7 +151,7 @@ fn a_run_that_fails_half_way_goes_on_where_it_was() {
     let there = frames.len() - 2;
     assert_eq!(output.status.code(), Some(2), "{report}");
     for words in [
-        format!("note: {there} of {FRAMES} pictures were there"),
+        format!("note: {there} of {FRAMES} pictures are kept"),
         format!("note: {there} of {FRAMES} pictures are in {}; the same with --resume", folders.out("parts")),
         "parts/liveview.json: cannot be written: File too large".to_owned(),
     ] {
@@ -169,7 +169,7 @@ fn a_run_that_fails_half_way_goes_on_where_it_was() {
     }
     assert_eq!(after.keys().filter(|name| is_temporary(name)).count(), 1, "which --resume leaves alone");
     let again = folders.render(&more).output().unwrap();
-    assert!(again.status.success() && stderr(&again).contains(&format!("{FRAMES} of {FRAMES} pictures were there")));
+    assert!(again.status.success() && stderr(&again).contains(&format!("{FRAMES} of {FRAMES} pictures are kept")));
     folders.render(&parts).assert().success();
     assert_ne!(first(), before, "without --resume, written again");
 }
@@ -235,7 +235,7 @@ fn all_files_of_a_picture_and_its_score_are_kept_or_made_again() {
     }
     let output = folders.render(&arguments).arg("--resume").output().unwrap();
     let report = String::from_utf8_lossy(&output.stdout);
-    assert!(report.contains("was there") && report.contains("mean") && !report.contains("wrote"), "{report}");
+    assert!(report.contains("kept") && report.contains("mean") && !report.contains("wrote"), "{report}");
 }
 
 #[test]
@@ -253,11 +253,11 @@ fn frames_of_another_job_are_never_taken() {
     pad(&folders.photo(3));
     assert_eq!(json(render(&line).arg("--resume"))["kept"], 0, "an empty folder");
     let other = "another job";
-    refused(&["--path", "line:4"], &[other, "\"targets\" is --path line:3 there and --path line:4 here"]);
-    refused(&["--path", "line:3", "--layers", "guided:3"], &[other, "\"layers\" is guided:2 there and guided:3 here"]);
+    refused(&["--path", "line:4"], &[other, "\"targets\" is --path line:3, expected --path line:4"]);
+    refused(&["--path", "line:3", "--layers", "guided:3"], &[other, "\"layers\" is guided:2, expected guided:3"]);
     refused(&["--path", "line:3", "--layers", "list:0.3"], &[other, "\"layers\"", "list:0.3 here"]);
-    refused(&["--path", "line:3", "--width", "32"], &[other, "\"size\" is 64x48 there and 32x24 here"]);
-    refused(&["--path", "line:3", "--near", "1"], &[other, "\"depth\" is 2 to 8 there and 1 to 8 here"]);
+    refused(&["--path", "line:3", "--width", "32"], &[other, "\"size\" is 64x48, expected 32x24"]);
+    refused(&["--path", "line:3", "--near", "1"], &[other, "\"depth\" is 2 to 8, expected 1 to 8"]);
     let model = folders.scene().join("other.onnx");
     fs::copy(fixture("tiny_v4"), &model).unwrap();
     let mut moved = folders.liveview("render", &["--path", "line:3", "-o", &frames, "--resume"]);
@@ -305,10 +305,10 @@ fn only_a_folder_can_be_gone_on_with() {
     let refused = |arguments: &[&str], words: &[&str]| {
         folders.assert_refused(folders.render(arguments).env("PATH", folders.ffmpeg("")).arg("--resume"), words);
     };
-    refused(&["--target", "2", "-o", &picture], &["--resume, -o", "a.png", "only a folder of pictures"]);
+    refused(&["--target", "2", "-o", &picture], &["--resume, -o", "a.png", "expected a folder of pictures"]);
     refused(
         &["--path", "line:3", "-o", &folders.out("a.mp4")],
-        &["--resume, -o", "a.mp4", "only a folder of pictures"],
+        &["--resume, -o", "a.mp4", "expected a folder of pictures"],
     );
     refused(&["--heldout", "5"], &["--output"]);
     refused(&["--target", "2", "-o", &folders.out("f"), "--explain", &picture], &["--explain", "cannot be used with"]);
@@ -346,7 +346,7 @@ fn a_photo_that_vanishes_during_the_run() {
     let output = running.wait_with_output().unwrap();
     let report = stderr(&output);
     assert_eq!(output.status.code(), Some(2), "{report}");
-    for words in ["images/4.png: cannot be read", "of 400 pictures are in", "the same with --resume renders the rest"] {
+    for words in ["images/4.png: cannot be read", "of 400 pictures are in", "add --resume to render the rest"] {
         assert!(report.contains(words), "\"{words}\" is missing in: {report}");
     }
     let written = folders.written();

@@ -44,7 +44,7 @@ impl Tally {
                 let target = &report["targets"][0];
                 // What is not finite would be null here; a picture one pixel wide is not scored.
                 let scored = (arguments.contains(&"--target") && !arguments.contains(&"--width=1")).then_some("psnr");
-                for number in ["disparity_max", "seen_by_no_view"].into_iter().chain(scored) {
+                for number in ["disparity_max", "uncovered_share"].into_iter().chain(scored) {
                     assert!(target[number].is_number(), "{what}: {number} of {report:#}\n{stderr}");
                 }
                 for file in [&picture, &depth] {
@@ -82,7 +82,7 @@ impl Tally {
                 let says = |words: &[&str]| words.iter().any(|word| error.contains(word));
                 let elsewhere = ELSEWHERE.iter().any(|words| fields.contains(words) && error.contains(words));
                 // An extreme number may leave nothing to be seen, whatever it is of.
-                let blank = says(&["/scene, "]) && says(&["no view sees any of it"]);
+                let blank = says(&["/scene, "]) && says(&["no view covers any of it"]);
                 assert!(elsewhere || blank || says(&[file]) && says(fields), "{what}: {fields:?} in: {error}");
                 assert_eq!(folders.written(), Vec::<String>::new(), "{what}");
             }

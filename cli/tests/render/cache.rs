@@ -139,7 +139,10 @@ fn layers_that_need_no_depth_say_so() {
     let mut render = folders.render(&["--target", "2", "--layers", "guided:1", "-o", &picture, "--cache", &cache]);
     let output = render.output().unwrap();
     let stderr = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success() && stderr.contains("not used, guided:1 needs no depth of the photos"), "{stderr}");
+    assert!(
+        output.status.success() && stderr.contains("has no effect, guided:1 does not use the photos' depth"),
+        "{stderr}"
+    );
     assert_eq!(folders.written(), ["a.png"]);
 }
 

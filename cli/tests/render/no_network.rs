@@ -60,7 +60,7 @@ fn the_record_tells_it_from_a_network() {
     let output = folders.render(&path).arg("--resume").output().unwrap();
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(2), "{stderr}");
-    assert!(stderr.contains("\"model\" is none there and tiny_v4.onnx"), "{stderr}");
+    assert!(stderr.contains("\"model\" is none, expected tiny_v4.onnx"), "{stderr}");
 }
 
 #[test]

@@ -241,12 +241,12 @@ fn frames_of_an_earlier_run_are_told() {
     let render = |count: &str| succeeds(&mut folders.render(&["--path", count, "-o", &frames, "--layers", "guided:1"]));
     assert!(!render("line:5").contains("frames"));
     let report = render("line:3");
-    assert!(report.contains("2 other pictures are in ") && report.contains("frame_0003.png"), "{report}");
+    assert!(report.contains(" holds 2 other pictures, ") && report.contains("frame_0003.png"), "{report}");
     let frames = folders.out("film");
     let film = |range: &str| succeeds(&mut video(&folders, &["--frames", range, "-o", &frames]));
     assert!(!film("..4").contains("other pictures"));
     let report = film("..1");
-    assert!(report.contains("3 other pictures are in ") && report.contains("frame_000001.png"), "{report}");
+    assert!(report.contains(" holds 3 other pictures, ") && report.contains("frame_000001.png"), "{report}");
 }
 
 #[test]
@@ -297,7 +297,7 @@ fn no_picture_or_none_of_it_seen_is_an_error() {
     let away = r#"{"cam_from_world": [[1, 0, 0, -50], [0, -1, 0, 0], [0, 0, -1, 0]]}"#;
     fs::write(&pose, away).unwrap();
     let arguments = ["--pose", pose.to_str().unwrap(), "--layers", "planes:2", "-o", &picture];
-    folders.assert_refused(&mut folders.render(&arguments), &["pose.json", "no view sees"]);
+    folders.assert_refused(&mut folders.render(&arguments), &["pose.json", "no view covers"]);
     fs::write(&pose, format!("[{away}]")).unwrap();
     let poses = ["--poses", pose.to_str().unwrap(), "--layers", "planes:2", "--frames", "..2"];
     let mut video = folders.liveview("video", &[&poses[..], &["--model", &fixture("tiny_v4")]].concat());

@@ -276,9 +276,8 @@ fn qualities_are_choices_of_layers() {
         let report = json(folders.render(&["--target", "2", "-o", &folders.out("a.png")]).args(arguments));
         report["layers"].as_str().unwrap().to_owned()
     };
-    assert_eq!(layers(&["--quality", "draft"]), "guided:1");
-    assert_eq!(layers(&["--quality", "balanced"]), "guided:2");
-    assert_eq!(layers(&["--quality", "full"]), "surface:1");
+    assert_eq!(layers(&["--quality", "fast"]), "guided:1");
+    assert_eq!(layers(&["--quality", "surface"]), "surface:1");
     assert_eq!(layers(&["--quality", "paper"]), "select:16/64");
     assert_eq!(layers(&["--layers", "guided:3"]), "guided:3");
 }

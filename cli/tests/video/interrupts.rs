@@ -104,7 +104,7 @@ fn hanging_encoder_and_network_end_after_one_interrupt() {
         "{}",
         stderr(&encoder) + &stderr(&model)
     );
-    assert!(stderr(&encoder).contains("a.mp4: ffmpeg did nothing for too long, and was ended"), "{}", stderr(&encoder));
+    assert!(stderr(&encoder).contains("a.mp4: ffmpeg was idle for too long and was killed"), "{}", stderr(&encoder));
     assert!(
         stderr(&model).contains("note: frame 0 was given up") && stderr(&model).ends_with("error: interrupted\n"),
         "{}",

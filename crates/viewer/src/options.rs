@@ -20,8 +20,9 @@ Examples:
   liveview view scene --bind 192.168.1.2 --port 9000
   liveview view rig --fps 25
 
-On the page: drag moves the viewpoint, the wheel or a pinch goes forward and back, shift-drag turns; so do the arrow keys, with shift
-for turning. The video of a rig (see `liveview video --help`) starts and stops with the space bar.";
+On the page: drag to move the viewpoint, scroll or pinch to go forward and back, shift-drag to turn;
+or use the arrow keys, with shift to turn. The space bar starts and stops the video of a rig (see
+`liveview video --help`).";
 
 /// Options of `liveview view`.
 #[derive(Debug, Args)]
@@ -29,23 +30,24 @@ for turning. The video of a rig (see `liveview video --help`) starts and stops w
 pub struct ViewArgs {
     #[command(flatten)]
     pub(crate) scene: SceneArgs,
-    /// Port of the link; 0: any free port
+    /// Port of the link; 0 for any free port
     #[arg(long, value_name = "N", default_value_t = 8090)]
     pub(crate) port: u16,
-    /// Address of this machine at which others reach it, such as 192.168.1.2; the link then holds a token that grants access
-    /// [default: this machine alone]
+    /// Network address of this machine, to give others access by a token in the link
+    ///
+    /// Such as 192.168.1.2. By default only this machine has access.
     #[arg(long, value_name = "ADDRESS")]
     pub(crate) bind: Option<IpAddr>,
     /// Open the link in the browser
     #[arg(long)]
     pub(crate) open: bool,
-    /// Time steps per second of a rig [default: that of its videos, else 30]
+    /// Time steps per second of a rig [default: its videos' frame rate, else 30]
     #[arg(long, value_name = "N", value_parser = frame_rate)]
     pub(crate) fps: Option<FrameRate>,
-    /// Photos to hold out, by name: never rendered from; a picture at the pose of one is scored against it
+    /// Photos to hold out, by name; a picture at the pose of one is scored against it
     #[arg(long, value_name = "NAME", value_delimiter = ',', conflicts_with = "heldout")]
     target: Vec<String>,
-    /// Hold out every Nth photo in name order, from the first on
+    /// Hold out every Nth photo
     #[arg(long, value_name = "N", value_parser = numbers::count)]
     heldout: Option<usize>,
     #[command(flatten)]

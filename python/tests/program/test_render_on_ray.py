@@ -71,7 +71,7 @@ def test_killed_worker_is_replaced(tmp_path):
     output, errors = driver.communicate(timeout=600)
     assert driver.returncode == 0, errors
     assert "died; try 1 of 3" in errors, errors
-    assert "(4 of 4 shards" in errors and "24 pictures of 4 shards, all there" in output, (output, errors)
+    assert "(4 of 4 shards" in errors and "24 pictures of 4 shards, complete" in output, (output, errors)
     assert len(pictures(whole)) == 24 and pictures(whole) == pictures(parts)
 
 

@@ -25,18 +25,17 @@ use crate::commands::select::{range_picture, width_in_pixels};
 
 /// Options for explaining a render.
 #[derive(Debug, Args)]
-#[command(next_help_heading = ADVANCED)]
 pub(super) struct ExplainArgs {
     /// Print which layers were used and skipped and where the time went, and draw the layers; for
     /// one target
     ///
     /// The picture shows the disparity of surface layers, the plane of each pixel, or the nearest
     /// disparity, farthest disparity and parallax of guided layers.
-    #[arg(long, value_name = "PNG", hide_short_help = true)]
+    #[arg(long, value_name = "PNG", help_heading = ADVANCED, hide_short_help = true)]
     explain: Option<PathBuf>,
     /// Also render D uniform planes, and print how much the picture differs from them
     #[arg(long, value_name = "D", value_parser = numbers::count, requires = "explain", conflicts_with = "network")]
-    #[arg(hide_short_help = true)]
+    #[arg(help_heading = ADVANCED, hide_short_help = true)]
     dense: Option<usize>,
 }
 

@@ -24,16 +24,18 @@ const DIFFERENCE_FACTOR: f32 = 4.0;
 /// Options that say what to write.
 #[derive(Debug, Args)]
 pub(super) struct OutputArgs {
-    /// Picture (.png, .jpg), folder of pictures, or video (.mp4, .gif; needs ffmpeg)
+    /// Picture (.png, .jpg), folder, or video (.mp4, .gif; needs ffmpeg)
     #[arg(short, long, value_name = "PATH", required_unless_present = "heldout")]
     output: Option<PathBuf>,
-    /// Also write disparity, as 16-bit PNG and in colour (a file, or a folder for several pictures)
+    /// Also write disparity, as 16-bit PNG and in colour
     ///
-    /// 0 to 65535 is 0 to the disparity_max in *_scale.json, in 1/scene unit. *_colour.png is dark
+    /// A file, or a folder for several pictures. 0 to 65535 is 0 to the disparity_max in *_scale.json, in 1/scene unit. *_colour.png is dark
     /// at far, light at near.
     #[arg(long, value_name = "PNG")]
     depth: Option<PathBuf>,
-    /// Also write the photo, the picture and 4 times their difference, side by side
+    /// Also write photo, picture and 4 times their difference
+    ///
+    /// A file, or a folder for several pictures.
     #[arg(long, value_name = "PNG")]
     compare: Option<PathBuf>,
     /// Frames per second of a video: 30, 29.97 or 30000/1001

@@ -146,7 +146,7 @@ impl SweepReport {
         };
         json!({
             "scene": self.scene, "targets": self.targets, "views": self.views, "model": self.model, "threads": self.threads,
-            "batch": self.batch, "cpu": self.cpu, "noisy": self.noisy(), "border_left_out": Score::BORDER,
+            "batch": self.batch, "cpu": self.cpu, "noisy": self.noisy(), "excluded_border": Score::BORDER,
             "rows": self.rows.iter().map(row).collect::<Vec<_>>(),
         })
     }

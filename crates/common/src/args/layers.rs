@@ -12,8 +12,7 @@ use super::ADVANCED;
 /// Options that choose the layers of a render.
 #[derive(Debug, Args)]
 pub struct LayerArgs {
-    /// Layers: surface:L, guided:L, planes:D, select:K/D or list:… [default: the model's
-    /// recommendation]
+    /// surface:L, guided:L, planes:D, select:K/D or list:… [default: the model's]
     ///
     /// surface:L: L layers along the surface that the depth of the photos gives; each photo counts
     /// only where its own depth says that it sees the surface. guided:L or guided:L/D: L layers

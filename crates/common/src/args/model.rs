@@ -23,10 +23,10 @@ use crate::outputs::OutputPlan;
 /// Options that choose the model and how it is run.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Args)]
 pub struct ModelArgs {
-    /// Photos that each picture is rendered from; selects the model [default: 4, or as --model]
+    /// Number of photos per picture; selects the model [default: 4, or as --model]
     #[arg(long, value_name = "V", value_parser = numbers::count)]
     pub views: Option<usize>,
-    /// Render without a network: needs neither a model nor ONNX Runtime
+    /// Render without a network, a model or ONNX Runtime
     ///
     /// Photos are weighted by their distance to the target and by how well they agree. Only surface
     /// layers make a good picture this way [default layers: surface:3].

@@ -11,15 +11,15 @@ use super::{ADVANCED, numbers};
 /// Options for the scene and its depth range.
 #[derive(Debug, Args)]
 pub struct SceneArgs {
-    /// Folder of photos with poses: transforms.json, COLMAP, LLFF, RealEstate10K or Spaces
+    /// Scene folder: transforms.json, COLMAP, LLFF, RealEstate10K or Spaces
     scene: PathBuf,
     /// Scale wider photos down to this width
     #[arg(long, value_name = "PIXELS", value_parser = numbers::count)]
     width: Option<usize>,
-    /// Nearest depth, in scene units [default: the smallest of the chosen views]
+    /// Nearest depth, in scene units [default: from the chosen views]
     #[arg(long, value_name = "DEPTH", allow_negative_numbers = true)]
     near: Option<f64>,
-    /// Farthest depth, in scene units, or inf [default: the largest of the chosen views]
+    /// Farthest depth, in scene units, or inf [default: from the chosen views]
     #[arg(long, value_name = "DEPTH", allow_negative_numbers = true)]
     far: Option<f64>,
     /// Photo folder of an LLFF, RealEstate10K or COLMAP scene [default: the format's usual ones]

@@ -12,16 +12,17 @@ use super::numbers;
 use super::output::has_extension;
 use crate::console::print_notes;
 
+const HEADING: &str = "What to render (one of these)";
+
 /// Options that say what to render; exactly one is given.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "What to render (one of these)")]
 #[group(required = true, multiple = false)]
 pub struct TargetArgs {
     /// Views of the scene, by name; none of them is used as a source
-    #[arg(long, value_name = "NAME,…")]
+    #[arg(long, value_name = "NAME,…", help_heading = HEADING)]
     target: Vec<String>,
-    /// Every Nth view, rendered from the views that are not held out (the LLFF protocol)
-    #[arg(long, value_name = "N", value_parser = numbers::count)]
+    /// Every Nth view, rendered from the others (the LLFF protocol)
+    #[arg(long, value_name = "N", value_parser = numbers::count, help_heading = HEADING)]
     heldout: Option<usize>,
     /// Camera, list of cameras or nerfstudio camera path, in a JSON file
     ///
@@ -29,13 +30,13 @@ pub struct TargetArgs {
     /// 3x4 or 4x4, OpenCV axes}, with fl_x, fl_y, cx, cy, w, h if they differ from those of the
     /// nearest view. A camera path of nerfstudio's viewer is expected in the scene's axes, or with
     /// its model's dataparser_transforms.json beside it.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = HEADING)]
     pose: Option<PathBuf>,
-    /// A path of N frames around the rig (line:N, circle:N, spiral:N), or a file as for --pose
+    /// Path of N frames (line:N, circle:N, spiral:N), or a file as for --pose
     ///
     /// line:N runs between the two outermost views; circle:N and spiral:N run around the centre of
     /// the rig. The camera rotates like the views around it.
-    #[arg(long, value_name = "SHAPE:N|FILE", value_parser = path)]
+    #[arg(long, value_name = "SHAPE:N|FILE", value_parser = path, help_heading = HEADING)]
     path: Option<CameraPathOrFile>,
 }
 

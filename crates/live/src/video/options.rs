@@ -7,6 +7,7 @@ use std::time::Duration;
 use clap::Args;
 use liveview::LayerSpec;
 use liveview::live::Policy;
+use liveview_common::args::ADVANCED;
 use liveview_common::args::frame_rate::{FrameRate, frame_rate};
 use liveview_common::args::layers::Quality;
 use liveview_common::args::model::ModelArgs;
@@ -14,62 +15,78 @@ use liveview_common::args::scene::SceneArgs;
 
 use super::viewpoint::ViewpointArgs;
 
-const EXAMPLES: &str = "\
-A rig is a folder with a folder of frames or a video file for each camera (cam00/0000.jpg … or cam00.mp4 …), and poses:
-transforms.json, poses_bounds.npy (cameras in order of their names), models.json or a COLMAP model. Frames are matched by the
-last number in their names, or if these differ, as time stamps do, by time; videos of different frame rates by time.
-
+const SHORT_EXAMPLES: &str = "\
 Examples:
-  A held-out camera, from the others, each frame scored:
+  A held-out camera, rendered from the others, each frame scored:
     liveview video rig --camera cam05 -o view.mp4
   A camera path around the rig, played while it is rendered:
     liveview video rig --path circle:120 -o - | ffplay -
-  Live: 30 frames per second, none older than a tenth of a second, with less work per frame if the machine is too slow:
-    liveview video rig --camera cam05 --fps 30 --latency 100ms --engine openvino --precision int8 -o view.mp4";
+
+--help also lists the advanced options.";
+
+const EXAMPLES: &str = "\
+A rig is a folder with a folder of frames or a video file for each camera (cam00/0000.jpg … or
+cam00.mp4 …), and poses: transforms.json, poses_bounds.npy (cameras in order of their names),
+models.json or a COLMAP model. Frames are matched by the last number in their names; if these
+numbers differ between cameras, as time stamps do, and in videos of different frame rates, by time.
+
+Examples:
+  A held-out camera, rendered from the others, each frame scored:
+    liveview video rig --camera cam05 -o view.mp4
+  A camera path around the rig, played while it is rendered:
+    liveview video rig --path circle:120 -o - | ffplay -
+  Live: 30 frames per second with a latency of at most 0.1 seconds, in less quality if necessary:
+    liveview video rig --camera cam05 --fps 30 --latency 100ms --engine openvino \\
+        --precision int8 -o view.mp4";
 
 /// Options of `liveview video`.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = SHORT_EXAMPLES, after_long_help = EXAMPLES)]
 pub struct VideoArgs {
     #[command(flatten)]
     pub(super) scene: SceneArgs,
     #[command(flatten)]
     pub(super) viewpoint: ViewpointArgs,
-    /// Which layers each frame is rendered on: surface:L, guided:L, planes:D, select:K/D (D planes on the first frame, K of them
-    /// from then on, as the paper's video) or list:… [default: what the model recommends]
+    /// Video (.mp4, .gif; needs ffmpeg), folder of frames, or - for raw y4m on standard output
+    #[arg(short, long, value_name = "PATH")]
+    pub(super) output: PathBuf,
+    /// surface:L, guided:L, planes:D, select:K/D or list:… [default: the model's]
+    ///
+    /// select:K/D: D planes in the first frame, of which K are used in all others, as in the
+    /// paper's video. The others are explained by `liveview render --help`.
     #[arg(long, value_name = "SPEC", group = "which_layers")]
     pub(super) layers: Option<LayerSpec>,
-    /// A choice of layers that was measured (README, "Error against run time")
+    /// Layers by name
     #[arg(long, value_enum, group = "which_layers")]
     pub(super) quality: Option<Quality>,
-    /// Surface layers: leave photos of different exposure or white balance as they are; by default they are balanced, by what their
-    /// confirmed depths show to be the same point
-    #[arg(long)]
-    pub(super) keep_exposure: bool,
-    /// When the layers are found anew: propagate (surface layers: the photos' own depth, searched anew where a photo has changed; guided
-    /// layers: the last frame's surface, searched anew where the photos no longer agree with it), each (every frame), every:N (one
-    /// every N frames), once (the first frame alone) [default: propagate for surface and guided layers, once for
-    /// selected planes]
-    #[arg(long)]
-    pub(super) policy: Option<Policy>,
-    /// Time steps A to B, without B: A.., ..B or A..B, counted from 0
+    /// Time steps to render: A.., ..B or A..B, counted from 0, without B
     #[arg(long, value_name = "A..B", value_parser = range)]
     pub(super) frames: Option<Range<usize>>,
     /// Frames per second: 30, 29.97 or 30000/1001
     #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]
     pub(super) fps: FrameRate,
-    /// Live: frames are due at the cameras' times, and none older than this is used. Where the machine is too slow (three frames over
-    /// the budget, or one of more than twice that), surface layers become guided ones, then these fewer, then the size
-    /// smaller, as far as it takes to fit, and raised
-    /// again step by step. A camera that is late by half of this is left out, unless all are read that slowly. Such as 100ms
+    /// Live: largest age of a frame, such as 100ms; quality is reduced to meet it
+    ///
+    /// Frames are due at the cameras' times. If three frames in a row exceed the budget, or one
+    /// takes more than twice as long, surface layers are replaced by guided ones, then there are
+    /// fewer of these, then the size is reduced, until it fits; quality is raised again step by
+    /// step. A camera that is late by half of the latency is skipped, unless all are that slow.
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub(super) latency: Option<Duration>,
-    /// Where the video goes: .mp4 or .gif through ffmpeg, a folder for its frames, or - for raw y4m on standard output
-    #[arg(short, long, value_name = "PATH")]
-    pub(super) output: PathBuf,
-    /// A line of JSON for each frame: where its layers came from, its times, its scores, the memory in use
-    #[arg(long, value_name = "FILE")]
+    /// When layers are searched again: propagate, each, every:N or once
+    ///
+    /// propagate: where the photos have changed (surface layers), or where they no longer agree
+    /// with the last frame's surface (guided layers). each: every frame. every:N: every Nth frame.
+    /// once: the first frame only. [default: propagate for surface and guided layers, once for
+    /// selected planes]
+    #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
+    pub(super) policy: Option<Policy>,
+    /// Write a line of JSON for each frame: source of its layers, times, scores, memory
+    #[arg(long, value_name = "FILE", help_heading = ADVANCED, hide_short_help = true)]
     pub(super) log: Option<PathBuf>,
+    /// Surface layers: do not balance the exposure and white balance of the photos
+    #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
+    pub(super) keep_exposure: bool,
     #[command(flatten)]
     pub(super) model: ModelArgs,
 }
@@ -88,7 +105,7 @@ fn range(text: &str) -> Result<Range<usize>, String> {
         let range = side(start, 0)?..side(end, usize::MAX)?;
         (!range.is_empty()).then_some(range)
     };
-    parse().ok_or_else(|| "expected A..B with A below B, or one of the two left out".to_owned())
+    parse().ok_or_else(|| "expected A.., ..B or A..B with A below B".to_owned())
 }
 
 fn duration(text: &str) -> Result<Duration, String> {

@@ -47,7 +47,7 @@ pub(super) fn summary(
     line("search", tally.layer_sources());
     if let Some((psnr, ssim, flicker)) = tally.scores() {
         let flicker = flicker.map(|flicker| format!(", flicker {:.3} of 255", 255.0 * flicker)).unwrap_or_default();
-        line("score", format!("PSNR {psnr:.2} dB, SSIM {ssim:.4}{flicker} ({BORDER}-pixel border left out)"));
+        line("score", format!("PSNR {psnr:.2} dB, SSIM {ssim:.4}{flicker} ({BORDER}-pixel border excluded)"));
     }
     let seconds = tally.seconds();
     let total: f64 = seconds.iter().sum();
@@ -96,7 +96,7 @@ pub(super) fn summary(
     let more = json!({
         "rig": path_text(&scene.root), "format": scene.format.to_string(), "cameras": rig.views.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
         "held_out": viewpoint.truth.map(|view| &scene.views[view].name), "layers": layers.to_string(), "policy": policy.to_string(), "frames": written.frames,
-        "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "border_left_out": BORDER,
+        "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "excluded_border": BORDER,
         "latency_ms": { "median": percentiles.0, "percentile_99": percentiles.1 }, "changes": changes_json(changes),
         "logits_not_finite": tally.logits_not_finite, "faults": cameras, "stopped": stopped, "file": file.map(path_text), "notes": scene.notes,
     });

@@ -8,19 +8,20 @@ use liveview::geometry::CameraPath;
 use liveview::{Camera, SceneViews};
 use liveview_common::args::targets::cameras_of;
 
-/// Options that name the viewpoint; exactly one.
+const HEADING: &str = "Viewpoint (one of these)";
+
+/// Options that set the viewpoint; exactly one is given.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Viewpoint (one of these)")]
 #[group(required = true, multiple = false)]
 pub(super) struct ViewpointArgs {
-    /// A camera of the rig, by name: it is held out, never rendered from, and scores the frames
-    #[arg(long, value_name = "NAME")]
+    /// Camera of the rig, by name: held out, and used to score the frames
+    #[arg(long, value_name = "NAME", help_heading = HEADING)]
     camera: Option<String>,
-    /// A path of N frames: line:N forth and back, circle:N or spiral:N repeated
-    #[arg(long, value_name = "SHAPE:N")]
+    /// Path of N frames: line:N back and forth, circle:N or spiral:N repeated
+    #[arg(long, value_name = "SHAPE:N", help_heading = HEADING)]
     path: Option<CameraPath>,
-    /// A JSON file with a camera for each frame, as `render --pose` takes it; the last one is kept
-    #[arg(long, value_name = "FILE")]
+    /// JSON file with a camera for each frame, as for `render --pose`; the last one is repeated
+    #[arg(long, value_name = "FILE", help_heading = HEADING)]
     poses: Option<PathBuf>,
 }
 
