@@ -1,13 +1,14 @@
-//! ONNX Runtime is not where the program looks.
+//! ONNX Runtime is missing.
 
 mod common;
 
 use common::{Folders, fixture};
 
-/// A binary elsewhere finds no wheel of this checkout. Here, where no other test forks: a fork that inherits the copy while it
-/// is open for writing makes it "text file busy".
+/// A binary elsewhere does not find the wheel of this checkout. The test has a binary to itself: if
+/// another test forked while the copy is open for writing, running the copy would fail with "text
+/// file busy".
 #[test]
-fn no_library_with_the_engine() {
+fn missing_library_with_the_engine_is_an_error() {
     let folders = Folders::new();
     let binary = tempfile::tempdir().unwrap();
     let copy = binary.path().join("liveview");

@@ -1,4 +1,4 @@
-//! `liveview batch`: many renders in one process, as each alone would have made them.
+//! `liveview batch`: many renders in one process, with the same pictures as separate runs.
 #![cfg(unix)]
 
 use std::fs;
@@ -23,7 +23,7 @@ fn lines(output: &Output) -> Vec<Value> {
     text.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"))).collect()
 }
 
-/// A command of the tiny scene.
+/// A command for the tiny scene.
 fn command(folders: &Folders, arguments: &[&str]) -> Vec<String> {
     let scene = folders.scene();
     let words = [&[scene.to_str().unwrap(), "--threads", "1"], arguments].concat();
@@ -38,22 +38,22 @@ fn write_list(folders: &Folders, commands: &[Vec<String>]) -> String {
 }
 
 #[test]
-fn a_list_makes_what_its_commands_make_and_goes_on_after_errors() {
+fn batch_writes_the_pictures_of_its_commands_and_continues_after_errors() {
     let folders = Folders::new();
     let model = fixture("tiny_v4");
     let out = |name: &str| folders.out(name);
     let (a, b, c, d) = (out("a.png"), out("b"), out("c.png"), out("d.png"));
     let tiny = ["--model", model.as_str()];
-    let of = |name: &str, layers: &str, file: &str| {
+    let render = |name: &str, layers: &str, file: &str| {
         command(&folders, &[&["--target", name, "--layers", layers, "-o", file][..], &tiny].concat())
     };
     let commands = [
-        of("2", "guided:2", &a),
-        of("no such view", "guided:2", &c),
+        render("2", "guided:2", &a),
+        render("no such view", "guided:2", &c),
         command(&folders, &["--path", "line:3", "--network", "none", "-o", &b]),
-        // The same model again, with other layers of its kind, and with other ones.
-        of("1", "guided:1", &c),
-        of("2", "planes:3", &d),
+        // The same model, with other layers of the same kind and of another kind.
+        render("1", "guided:1", &c),
+        render("2", "planes:3", &d),
     ];
     let list = write_list(&folders, &commands);
     let done = folders.scene().join("done.jsonl");
@@ -66,24 +66,24 @@ fn a_list_makes_what_its_commands_make_and_goes_on_after_errors() {
     assert_eq!(report[2]["result"]["targets"].as_array().unwrap().len(), 3);
 
     let bytes = |file: &str| fs::read(file).unwrap();
-    let ours = [&a, &c, &d, &format!("{b}/frame_0001.png")].map(|file| bytes(file));
+    let batch_pictures = [&a, &c, &d, &format!("{b}/frame_0001.png")].map(|file| bytes(file));
     let inode = |file: &str| fs::metadata(file).unwrap().ino();
     let first = inode(&a);
     fs::remove_file(&c).unwrap();
     let again = batch(&[&list, "--done", done.to_str().unwrap()]);
     let kept: Vec<bool> = lines(&again).iter().map(|line| line["kept"] == true).collect();
-    assert_eq!(kept, [true, false, true, false, true], "what failed, and what has gone, is made again");
+    assert_eq!(kept, [true, false, true, false, true], "failed commands and missing files are rendered again");
     assert!(inode(&a) == first && Path::new(&c).exists());
 
     for (at, file) in [(0, &a), (3, &c), (4, &d), (2, &format!("{b}/frame_0001.png"))] {
         let alone = Command::new(env!("CARGO_BIN_EXE_liveview")).arg("render").args(&commands[at]).output().unwrap();
         assert!(alone.status.success(), "{}", stderr(&alone));
-        assert!(ours.contains(&bytes(file)), "{file}");
+        assert!(batch_pictures.contains(&bytes(file)), "{file}");
     }
 }
 
 #[test]
-fn a_file_that_was_cut_short_is_gone_on_with() {
+fn truncated_done_file_is_continued_and_an_invalid_one_is_an_error() {
     let folders = Folders::new();
     let render = |name: &str| command(&folders, &["--target", "2", "--network", "none", "-o", &folders.out(name)]);
     let list = write_list(&folders, &[render("a.png"), render("b.png")]);
@@ -91,19 +91,18 @@ fn a_file_that_was_cut_short_is_gone_on_with() {
     let arguments = [list.as_str(), "--done", done.to_str().unwrap()];
     assert!(batch(&arguments).status.success());
     let text = fs::read_to_string(&done).unwrap();
-    let cut = text.len() - 40;
-    fs::write(&done, &text[..cut]).unwrap();
+    fs::write(&done, &text[..text.len() - 40]).unwrap();
     let kept = |output: &Output| lines(output).iter().map(|line| line["kept"] == true).collect::<Vec<_>>();
     assert_eq!(kept(&batch(&arguments)), [true, false]);
     assert_eq!(kept(&batch(&arguments)), [true, true]);
     fs::write(&done, format!("{}\nanother\n", text.lines().next().unwrap())).unwrap();
     let output = batch(&arguments);
     assert_eq!(output.status.code(), Some(2));
-    assert!(stderr(&output).contains("done.jsonl: line 2: expected what an earlier run"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("done.jsonl: line 2: expected a file of an earlier run"), "{}", stderr(&output));
 }
 
 #[test]
-fn a_list_is_checked_before_the_first_command() {
+fn invalid_list_is_an_error_before_the_first_command() {
     let folders = Folders::new();
     let list = folders.scene().join("list.jsonl");
     let list = list.to_str().unwrap();
@@ -122,8 +121,8 @@ fn a_list_is_checked_before_the_first_command() {
     refused(&format!("{good}\n[\"scene\", 8]"), &["line 2", "expected a list of words"]);
     refused(&format!("{good}\n[\"scene\", \"--no-such\"]"), &["line 2", "unexpected argument '--no-such'"]);
     refused(&format!("{good}\n[\"scene\", \"-o\", \"a.png\"]"), &["line 2", "--target"]);
-    let two = good.to_string().replace("\"1\"", "\"2\"");
-    refused(&format!("{good}\n{two}"), &["line 2: 2 threads, but line 1 has 1"]);
+    let two_threads = good.to_string().replace("\"1\"", "\"2\"");
+    refused(&format!("{good}\n{two_threads}"), &["line 2: 2 threads, but line 1 has 1"]);
     fs::write(list, good.to_string()).unwrap();
     let output = batch(&[list, "--done", list]);
     assert!(stderr(&output).contains("is the list of commands"), "{}", stderr(&output));

@@ -1,4 +1,5 @@
-//! `render --shard` and `join`: however a job is shared out, and whatever is killed on the way, the pictures are those of one run.
+//! `render --shard` and `join`: the pictures are those of a single run, for any number of shards
+//! and after killed processes.
 #![cfg(unix)]
 
 use std::collections::BTreeMap;
@@ -10,14 +11,14 @@ use serde_json::Value;
 
 use crate::common::{Folders, wait_until};
 
-const NONE: [&str; 2] = ["--network", "none"];
+const NO_NETWORK: [&str; 2] = ["--network", "none"];
 
 fn render(folders: &Folders, arguments: &[&str]) -> Command {
     let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
     for variable in ["SLURM_ARRAY_TASK_ID", "JOB_COMPLETION_INDEX", "LIVEVIEW_SHARDS"] {
         render.env_remove(variable);
     }
-    render.arg("render").arg(folders.scene()).args(NONE).args(["--threads", "1"]).args(arguments);
+    render.arg("render").arg(folders.scene()).args(NO_NETWORK).args(["--threads", "1"]).args(arguments);
     render.stdout(Stdio::piped()).stderr(Stdio::piped());
     render
 }
@@ -43,40 +44,41 @@ fn assert_refused(output: &Output, words: &[&str]) {
     }
 }
 
-/// The pictures of a folder, by name, without what a killed process leaves under a temporary one.
+/// The pictures of a folder by name, without the temporary files of killed processes.
 fn pictures(folder: &str) -> BTreeMap<String, Vec<u8>> {
     let files = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let named = files.filter(|file| !file.file_name().unwrap().to_str().unwrap().starts_with(".liveview-tmp-"));
-    let pictures = named.filter(|file| file.extension().is_some_and(|ending| ending == "png"));
+    let pictures = named.filter(|file| file.extension().is_some_and(|extension| extension == "png"));
     pictures.map(|file| (file.file_name().unwrap().to_str().unwrap().to_owned(), fs::read(file).unwrap())).collect()
 }
 
 #[test]
-fn sixteen_shards_make_what_one_run_makes() {
+fn sixteen_shards_write_the_pictures_of_one_run() {
     let folders = Folders::new();
     let path = ["--path", "circle:64", "--layers", "surface:1"];
     let (whole, parts) = (folders.out("whole"), folders.out("parts"));
     succeeds(render(&folders, &[&path[..], &["-o", &whole]].concat()).output().unwrap());
     let shard =
         |shard: String| render(&folders, &[&path[..], &["-o", &parts, "--shard", &shard]].concat()).spawn().unwrap();
-    // All at once, into one folder.
+    // All at the same time, into one folder.
     let running: Vec<Child> = (1..=16).map(|index| shard(format!("{index}/16"))).collect();
     for child in running {
         let output = child.wait_with_output().unwrap();
         let report = stderr(&output);
-        assert!(!report.contains("other pictures"), "those of other shards are no strangers: {report}");
+        assert!(!report.contains("other pictures"), "pictures of other shards belong to the job: {report}");
         assert!(succeeds(output).contains("/16: 4 of 64 pictures"));
     }
-    let (one, shared) = (pictures(&whole), pictures(&parts));
-    assert_eq!(one.len(), 64);
-    assert!(one == shared, "byte for byte");
-    assert!(one.values().collect::<std::collections::BTreeSet<_>>().len() > 32, "and frames differ from one another");
+    let (expected, found) = (pictures(&whole), pictures(&parts));
+    assert_eq!(expected.len(), 64);
+    assert!(expected == found, "byte for byte");
+    let different = expected.values().collect::<std::collections::BTreeSet<_>>();
+    assert!(different.len() > 32, "frames differ from one another");
     assert!(!Path::new(&folders.out("parts/liveview.json")).exists());
     assert!(succeeds(join(&[&parts])).contains("64 pictures of 16 shards, complete"));
 }
 
 #[test]
-fn a_shard_that_was_killed_is_run_again() {
+fn killed_shard_is_completed_by_resume() {
     let folders = Folders::new();
     let path = ["--path", "spiral:240", "--width", "32"];
     let (whole, parts) = (folders.out("whole"), folders.out("parts"));
@@ -100,9 +102,9 @@ fn a_shard_that_was_killed_is_run_again() {
     let again = shard("2/3", &["--resume"]).output().unwrap();
     assert!(stderr(&again).contains("of 80 pictures are kept"), "{}", stderr(&again));
     succeeds(again);
-    let (one, shared) = (pictures(&whole), pictures(&parts));
-    let other: Vec<_> = shared.keys().filter(|name| one.get(*name) != shared.get(*name)).collect();
-    assert!(one == shared, "{} and {} pictures, others {other:?}", one.len(), shared.len());
+    let (expected, found) = (pictures(&whole), pictures(&parts));
+    let different: Vec<_> = found.keys().filter(|name| expected.get(*name) != found.get(*name)).collect();
+    assert!(expected == found, "{} and {} pictures, different: {different:?}", expected.len(), found.len());
     succeeds(join(&[&parts]));
 
     fs::write(folders.out("parts/frame_0002.png"), "another").unwrap();
@@ -112,7 +114,7 @@ fn a_shard_that_was_killed_is_run_again() {
 }
 
 #[test]
-fn planes_of_the_first_frame_serve_every_shard() {
+fn every_shard_uses_the_planes_of_the_first_frame() {
     let folders = Folders::new();
     let render = |arguments: &[&str]| {
         let path = ["--path", "line:5", "--layers", "select:2/8"];
@@ -125,13 +127,13 @@ fn planes_of_the_first_frame_serve_every_shard() {
 }
 
 #[test]
-fn scores_of_held_out_photos_from_several_folders() {
+fn join_computes_mean_scores_from_several_folders() {
     let folders = Folders::new();
     let heldout = ["--heldout", "2", "--views", "2"];
     let (whole, table) = (folders.out("whole"), folders.out("scores.json"));
     let one = render(&folders, &[&heldout[..], &["-o", &whole, "--json"]].concat()).output().unwrap();
     let one: Value = serde_json::from_str(&succeeds(one)).unwrap();
-    // More shards than photos: the last ones have nothing to do, and say so.
+    // With more shards than photos, the last shards report 0 pictures.
     let parts: Vec<String> = (1..=5).map(|index| folders.out(&format!("machine_{index}"))).collect();
     for (at, folder) in parts.iter().enumerate() {
         let shard = format!("{}/5", at + 1);
@@ -152,7 +154,7 @@ fn scores_of_held_out_photos_from_several_folders() {
 }
 
 #[test]
-fn the_video_is_that_of_one_run() {
+fn joined_video_equals_that_of_one_run() {
     let folders = Folders::new();
     let path = folders.ffmpeg("for last; do :; done; exec /bin/cat > \"$last\"");
     let (whole, parts, joined) = (folders.out("whole.mp4"), folders.out("parts"), folders.out("joined.mp4"));
@@ -169,7 +171,7 @@ fn the_video_is_that_of_one_run() {
 }
 
 #[test]
-fn schedulers_are_asked() {
+fn shard_auto_reads_the_schedulers_variables() {
     let folders = Folders::new();
     let parts = folders.out("parts");
     let auto = || render(&folders, &["--path", "line:4", "-o", &parts, "--shard", "auto"]);
@@ -182,15 +184,19 @@ fn schedulers_are_asked() {
 }
 
 #[test]
-fn the_job_files_run() {
+fn job_files_of_slurm_and_kubernetes_run() {
     let folders = Folders::new();
     let deploy = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy");
     let parts = folders.out("parts");
     for task in ["0", "1"] {
         let mut script = Command::new("sh");
-        script.arg(deploy.join("slurm_array.sh")).arg(folders.scene()).args([&parts, "--path", "line:4"]).args(NONE);
+        script
+            .arg(deploy.join("slurm_array.sh"))
+            .arg(folders.scene())
+            .args([&parts, "--path", "line:4"])
+            .args(NO_NETWORK);
         script.env("LIVEVIEW", env!("CARGO_BIN_EXE_liveview")).env("LIVEVIEW_SHARDS", "2");
-        // As of a task that is submitted again alone.
+        // The variables of a task that is resubmitted alone.
         script.env("SLURM_ARRAY_TASK_ID", task).env("SLURM_ARRAY_TASK_MIN", task).env("SLURM_ARRAY_TASK_COUNT", "1");
         succeeds(script.env_remove("JOB_COMPLETION_INDEX").output().unwrap());
     }
@@ -200,7 +206,7 @@ fn the_job_files_run() {
     let after =
         |key: &str| job.split(key).nth(1).unwrap().split_whitespace().next().unwrap().trim_matches('"').to_owned();
     assert_eq!(after("completions:"), after("name: LIVEVIEW_SHARDS\n              value:"));
-    // Its arguments, with the folders of this machine.
+    // The arguments of the job, with local folders.
     let list = job.split("args:").nth(1).unwrap().lines().map(str::trim);
     let words = list.skip(1).map_while(|line| line.strip_prefix("- "));
     let words = words.map(|word| match word {
@@ -208,13 +214,13 @@ fn the_job_files_run() {
         word => word.replace("/data", &folders.out("")).replace("spiral:900", "spiral:32"),
     });
     let mut pod = Command::new(env!("CARGO_BIN_EXE_liveview"));
-    pod.args(words).args(NONE).env_remove("SLURM_ARRAY_TASK_ID");
+    pod.args(words).args(NO_NETWORK).env_remove("SLURM_ARRAY_TASK_ID");
     pod.env("JOB_COMPLETION_INDEX", "15").env("LIVEVIEW_SHARDS", after("completions:"));
     assert!(succeeds(pod.output().unwrap()).contains("shard   16/16: 2 of 32 pictures"));
 }
 
 #[test]
-fn what_is_not_one_job_is_refused() {
+fn invalid_shards_and_records_of_different_jobs_are_errors() {
     let folders = Folders::new();
     let parts = folders.out("parts");
     let shard = |arguments: &[&str]| render(&folders, arguments).output().unwrap();

@@ -43,7 +43,8 @@ impl Folders {
         folders
     }
 
-    /// `transforms.json` of the first `views` photos; `from` and `to` replace a piece of its text, wherever it stands.
+    /// `transforms.json` of the first `views` photos; `from` and `to` replace a piece of its text,
+    /// wherever it stands.
     pub(crate) fn write_scene(&self, views: usize, from: &str, to: &str) {
         let frame = |view: usize| {
             let x = 0.1 * view as f64;
@@ -104,7 +105,8 @@ impl Folders {
         path.to_str().unwrap().to_owned()
     }
 
-    /// A folder to be the PATH, with an `ffmpeg` that is this shell script. Its last argument is the file to write.
+    /// A folder to be the PATH, with an `ffmpeg` that is this shell script. Its last argument is
+    /// the file to write.
     pub(crate) fn ffmpeg(&self, script: &str) -> String {
         let folder = self.scene().join("bin");
         fs::create_dir_all(&folder).unwrap();
@@ -113,7 +115,8 @@ impl Folders {
         folder.to_str().unwrap().to_owned()
     }
 
-    /// Asserts that a command is refused with exit code 2, says all these words in one `error:`, and leaves nothing behind.
+    /// Asserts that a command is refused with exit code 2, says all these words in one `error:`,
+    /// and leaves nothing behind.
     pub(crate) fn assert_refused(&self, command: &mut Command, words: &[&str]) {
         let output = command.output().unwrap();
         let stderr = String::from_utf8(output.stderr).unwrap();

@@ -41,7 +41,8 @@ impl Rig {
         photo(&self.frame(camera, frame), 0.1 * camera as f64 + moved, WIDTH, HEIGHT);
     }
 
-    /// Replaces each camera's folder by a video file: pixmaps, which the substitute for ffmpeg copies.
+    /// Replaces each camera's folder by a video file: pixmaps, which the substitute for ffmpeg
+    /// copies.
     pub(crate) fn as_videos(&self, frames: &[usize; 6]) {
         for (camera, &frames) in frames.iter().enumerate() {
             let mut video = Vec::new();
@@ -81,8 +82,9 @@ impl Rig {
     }
 }
 
-/// A substitute for ffmpeg. It decodes a file of pixmaps as a video of 30 frames per second, and encodes by copying its input.
-/// `script` runs first; when decoding, `$2` is the input file and `$all` the arguments.
+/// A substitute for ffmpeg. It decodes a file of pixmaps as a video of 30 frames per second, and
+/// encodes by copying its input. `script` runs first; when decoding, `$2` is the input file and
+/// `$all` the arguments.
 pub(crate) fn ffmpeg(folders: &Folders, script: &str) -> String {
     folders.ffmpeg(&format!(
         r#"all="$*"

@@ -50,7 +50,8 @@ impl Viewer {
         stream
     }
 
-    /// Status and body of a request with these headers; `Host` is the viewer's unless they name one.
+    /// Status and body of a request with these headers; `Host` is the viewer's unless they name
+    /// one.
     pub(crate) fn ask(&self, first: &str, headers: &[(&str, &str)], body: &str) -> (u16, Vec<u8>) {
         let host = ("Host", self.host.as_str());
         let named = headers.iter().any(|(name, _)| *name == "Host");

@@ -1,4 +1,4 @@
-//! The list of commands in commands.txt, each run by a shell in a folder of its own.
+//! The list of commands in commands.txt, each run by a shell in a separate folder.
 
 use std::fs;
 use std::path::Path;
@@ -12,31 +12,31 @@ use crate::scene_common::{LLFF_ROW, picture, poses_bounds, write};
 use crate::snapshot::snapshot;
 use crate::{LIMIT, program, wheel};
 
-/// One command and its end.
+/// One command and its expected result.
 struct Attack {
     name: &'static str,
-    /// Shell: what is there beforehand.
-    before: Vec<&'static str>,
+    /// Shell commands that prepare the folder.
+    setup: Vec<&'static str>,
     arguments: &'static str,
     exit_code: i32,
-    /// Words of the message.
-    says: Vec<&'static str>,
+    /// Expected parts of the message.
+    messages: Vec<&'static str>,
 }
 
 impl Attack {
     fn parse(block: &'static str) -> Option<Self> {
         let mut lines = block.lines().filter(|line| !line.starts_with('#'));
         let name = lines.next()?;
-        let (before, rest): (Vec<_>, Vec<_>) = lines.partition(|line| line.starts_with("  "));
-        let [arguments, end] = rest[..] else { panic!("{name}: expected the arguments and the end") };
-        let (code, says) = end.split_once(' ').unwrap_or((end, ""));
-        let says = says.split(" | ").filter(|words| !words.is_empty()).collect();
+        let (setup, rest): (Vec<_>, Vec<_>) = lines.partition(|line| line.starts_with("  "));
+        let [arguments, result] = rest[..] else { panic!("{name}: expected the arguments and the result") };
+        let (code, messages) = result.split_once(' ').unwrap_or((result, ""));
+        let messages = messages.split(" | ").filter(|words| !words.is_empty()).collect();
         let arguments = arguments.strip_prefix("$ ").unwrap_or_else(|| panic!("{name}: expected `$ `"));
-        Some(Self { name, before, arguments, exit_code: code.parse().unwrap(), says })
+        Some(Self { name, setup, arguments, exit_code: code.parse().unwrap(), messages })
     }
 
-    /// What is wrong with how it ended.
-    fn fault(&self) -> Option<String> {
+    /// Runs the command; returns the difference from the expected result.
+    fn failure(&self) -> Option<String> {
         let folders = folders();
         let root = folders.scene().parent().unwrap().to_owned();
         let shell = |script: &str| {
@@ -45,43 +45,41 @@ impl Attack {
             shell.env("MODEL", common::fixture("tiny_v4")).env("ORT", wheel::file(ExecutionProvider::Cpu).unwrap());
             shell.timeout(LIMIT).output().unwrap()
         };
-        // Limits hold for the shell that sets them.
-        let (limits, before): (Vec<&str>, Vec<&str>) =
-            self.before.iter().partition(|line| line.starts_with("  ulimit"));
-        assert!(shell(&format!("set -e\n{}", before.join("\n"))).status.success(), "{}: {before:?}", self.name);
-        let all = snapshot(&root);
-        let open = [("--network none", "--model"), ("--threads 1", "--threads"), ("--layers planes:2", "--layers")];
-        let open = open.iter().filter(|(_, given)| !self.arguments.contains(given)).map(|(add, _)| *add);
-        let added = open.collect::<Vec<_>>().join(" ");
-        let output = shell(&format!("{}\nexec \"$LIVEVIEW\" {} {added}", limits.join("\n"), self.arguments));
+        // Limits apply only to the shell that sets them.
+        let (limits, setup): (Vec<&str>, Vec<&str>) = self.setup.iter().partition(|line| line.starts_with("  ulimit"));
+        assert!(shell(&format!("set -e\n{}", setup.join("\n"))).status.success(), "{}: {setup:?}", self.name);
+        let before = snapshot(&root);
+        let defaults = [("--network none", "--model"), ("--threads 1", "--threads"), ("--layers planes:2", "--layers")];
+        let defaults = defaults.iter().filter(|(_, given)| !self.arguments.contains(given)).map(|(add, _)| *add);
+        let defaults = defaults.collect::<Vec<_>>().join(" ");
+        let output = shell(&format!("{}\nexec \"$LIVEVIEW\" {} {defaults}", limits.join("\n"), self.arguments));
         let stderr = String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout);
         let after = snapshot(&root);
         let failed = |what: String| Some(format!("{}: {what}; {stderr}", self.name));
-        if let Some((changed, _)) = all.iter().find(|(path, entry)| after.get(*path) != Some(entry)) {
+        if let Some((changed, _)) = before.iter().find(|(path, entry)| after.get(*path) != Some(entry)) {
             return failed(format!("{} is changed", changed.display()));
         }
         if output.status.code() != Some(self.exit_code) {
-            return failed(format!("ended with {:?}, not {}", output.status.code(), self.exit_code));
+            return failed(format!("exit code {:?}, expected {}", output.status.code(), self.exit_code));
         }
-        if let (2, Some(new)) = (self.exit_code, after.keys().find(|path| !all.contains_key(*path))) {
-            return failed(format!("left {} behind", new.display()));
+        if let (2, Some(new)) = (self.exit_code, after.keys().find(|path| !before.contains_key(*path))) {
+            return failed(format!("{} is left", new.display()));
         }
-        let missing = self.says.iter().find(|words| !stderr.contains(**words));
+        let missing = self.messages.iter().find(|words| !stderr.contains(**words));
         missing.and_then(|words| failed(format!("\"{words}\" is missing")))
     }
 }
 
 #[test]
-fn the_commands_of_an_attack() {
+fn hostile_commands_end_as_expected_and_change_no_existing_file() {
     let attacks: Vec<_> = include_str!("commands.txt").split("\n\n").filter_map(Attack::parse).collect();
     assert!(attacks.len() > 40, "{} commands", attacks.len());
-    let (later, now): (Vec<_>, Vec<_>) = attacks.iter().partition(|attack| attack.name.starts_with("later: "));
-    let faults: Vec<_> = now.par_iter().filter_map(|attack| attack.fault()).collect();
-    println!("{} commands, and {} later", now.len(), later.len());
-    assert!(faults.is_empty(), "{} of {} commands:\n{}", faults.len(), now.len(), faults.join("\n"));
+    let failures: Vec<_> = attacks.par_iter().filter_map(|attack| attack.failure()).collect();
+    println!("{} commands", attacks.len());
+    assert!(failures.is_empty(), "{} of {} commands:\n{}", failures.len(), attacks.len(), failures.join("\n"));
 }
 
-/// What commands.txt says that there is.
+/// The files that commands.txt describes.
 fn folders() -> Folders {
     let folders = Folders::new();
     let root = folders.scene().parent().unwrap().to_owned();
@@ -101,7 +99,7 @@ fn folders() -> Folders {
     folders
 }
 
-/// The scene's photos, each as six frames of a camera.
+/// Writes a rig: each photo of the scene becomes a camera with six equal frames.
 fn rig(folders: &Folders, rig: &Path) {
     let mut poses = fs::read_to_string(folders.scene().join("transforms.json")).unwrap();
     for camera in 0..5 {
@@ -115,6 +113,7 @@ fn rig(folders: &Folders, rig: &Path) {
     write(&rig.join("transforms.json"), poses);
 }
 
+/// Writes an LLFF scene with full-size and reduced photos.
 fn llff(llff: &Path) {
     let rows: [[f64; 17]; 5] = std::array::from_fn(|view| {
         let mut row = LLFF_ROW;

@@ -1,23 +1,23 @@
-//! What can be wrong with the photos of a folder.
+//! Faults of the photos in a scene folder.
 
 use std::fs::{self, File};
 use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::process::Command;
 
-use crate::scene::{Chance, Format, a_photo};
+use crate::scene::{Format, Random, random_photo};
 use crate::scene_common::{crc32, picture};
 
-/// Names that no message and no list may stumble over.
+/// Unusual names, which messages and lists must handle.
 pub(crate) const NAMES: [&str; 7] =
     ["a,b.png", "a\nb.png", "\u{1b}[31mred.png", "-o.png", "2.PNG", " .png", "e\u{301}\u{202e}.png"];
 
-/// Puts something else in a path's place; what it is.
-pub(crate) fn replace(path: &Path, chance: &mut Chance) -> String {
+/// Replaces a file or folder by something else; returns a description.
+pub(crate) fn replace(path: &Path, random: &mut Random) -> String {
     if fs::remove_file(path).is_err() {
         let _ = fs::remove_dir_all(path);
     }
-    let kind = *chance.of(&["nothing", "folder", "pipe", "itself", "dangling", "/dev/zero", "empty", "sparse", "text"]);
+    let kind = *random.of(&["nothing", "folder", "pipe", "itself", "dangling", "/dev/zero", "empty", "sparse", "text"]);
     match kind {
         "nothing" => {}
         "folder" => fs::create_dir_all(path).unwrap(),
@@ -27,44 +27,44 @@ pub(crate) fn replace(path: &Path, chance: &mut Chance) -> String {
         "/dev/zero" => symlink(kind, path).unwrap(),
         "empty" => fs::write(path, "").unwrap(),
         "sparse" => File::create(path).unwrap().set_len(1 << 33).unwrap(),
-        _ => fs::write(path, "\u{feff}this is no such file\n".repeat(50)).unwrap(),
+        _ => fs::write(path, "\u{feff}this is not such a file\n".repeat(50)).unwrap(),
     }
     format!("{} is {kind}", path.file_name().unwrap().display())
 }
 
-/// Applies one fault; what it is.
-pub(crate) fn apply(scene: &Path, _: Format, chance: &mut Chance) -> String {
-    let path = a_photo(scene, chance);
+/// Applies a random fault; returns a description.
+pub(crate) fn apply(scene: &Path, _: Format, random: &mut Random) -> String {
+    let path = random_photo(scene, random);
     let name = path.file_name().unwrap().display().to_string();
-    // An earlier fault may have taken what this one needs.
-    let bytes = fs::symlink_metadata(&path).ok().filter(|about| about.is_file() && about.len() < 1 << 20);
-    let Some(mut bytes) = bytes.map(|_| fs::read(&path).unwrap()) else { return "nothing more".to_owned() };
-    // What an earlier fault left of a photo may hold no header.
-    match if bytes.len() < 33 { 0 } else { chance.below(9) } {
-        0 | 1 => replace(&path, chance),
+    // An earlier fault may have removed the file.
+    let bytes = fs::symlink_metadata(&path).ok().filter(|metadata| metadata.is_file() && metadata.len() < 1 << 20);
+    let Some(mut bytes) = bytes.map(|_| fs::read(&path).unwrap()) else { return "no further fault".to_owned() };
+    // An earlier fault may have truncated the header.
+    match if bytes.len() < 33 { 0 } else { random.below(9) } {
+        0 | 1 => replace(&path, random),
         2 => {
-            let new = *chance.of(&NAMES);
+            let new = *random.of(&NAMES);
             fs::rename(&path, path.with_file_name(new)).unwrap();
             format!("{name} is called {new:?}")
         }
         3 => {
-            let kept = chance.below(bytes.len());
+            let kept = random.below(bytes.len());
             fs::write(&path, &bytes[..kept]).unwrap();
             format!("{name} has {kept} bytes")
         }
         4 => {
-            let (width, height) = *chance.of(&[(1, 1), (63, 48), (48, 64), (640, 480), (1, 4000)]);
+            let (width, height) = *random.of(&[(1, 1), (63, 48), (48, 64), (640, 480), (1, 4000)]);
             picture(&path, width, height);
             format!("{name} is {width}x{height}")
         }
         5 => {
-            // A header that claims more, or nothing, with a checksum that is right.
-            let side = *chance.of(&[0, 65535, 1 << 20, u32::MAX]);
+            // A header that declares another width, with a valid checksum.
+            let side = *random.of(&[0, 65535, 1 << 20, u32::MAX]);
             bytes[16..20].copy_from_slice(&side.to_be_bytes());
             let checksum = crc32(&bytes[12..29]);
             bytes[29..33].copy_from_slice(&checksum.to_be_bytes());
             fs::write(&path, bytes).unwrap();
-            format!("{name} claims to be {side} wide")
+            format!("{name} declares a width of {side}")
         }
         6 => {
             let other = path.with_extension("jpg");
@@ -78,17 +78,17 @@ pub(crate) fn apply(scene: &Path, _: Format, chance: &mut Chance) -> String {
             symlink(&moved, &path).unwrap();
             format!("{name} is a link to a photo")
         }
-        _ => match chance.below(3) {
+        _ => match random.below(3) {
             0 => {
                 fs::remove_dir_all(scene.join("images")).unwrap();
                 picture(&path, 64, 48);
-                format!("only {name}")
+                format!("{name} is the only photo")
             }
-            1 => replace(&scene.join("images"), chance),
+            1 => replace(&scene.join("images"), random),
             _ => {
-                fs::write(scene.join("images/more.png"), "no photo").unwrap();
+                fs::write(scene.join("images/more.png"), "not a photo").unwrap();
                 fs::create_dir_all(scene.join("images_8")).unwrap();
-                "more.png and an empty images_8 beside".to_owned()
+                "an invalid more.png and an empty images_8".to_owned()
             }
         },
     }

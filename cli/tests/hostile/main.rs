@@ -1,5 +1,6 @@
-//! What somebody who means harm would give the program: 200 seeded scene folders, and a list of commands. Each run ends within a time
-//! limit in a picture or in an error that names a file, and changes nothing that was there before.
+//! Hostile input: 200 scene folders with random faults, and a list of commands. Each run must end
+//! within a time limit with a picture or with an error that names a file, and must not change
+//! existing files.
 #![cfg(unix)]
 
 #[path = "../common/mod.rs"]
@@ -25,30 +26,30 @@ use rayon::prelude::*;
 use scene::Hostile;
 use snapshot::snapshot;
 
-/// Scene folders.
+/// Number of scene folders.
 const FOLDERS: u64 = 200;
 
-/// Most of these runs take some 10 ms.
+/// Time limit of a run; most take about 10 ms.
 const LIMIT: Duration = Duration::from_secs(30);
 
-/// The program, or another build of it to attack.
+/// The program; the environment variable `LIVEVIEW` may name another build.
 fn program() -> std::ffi::OsString {
     std::env::var_os("LIVEVIEW").unwrap_or_else(|| env!("CARGO_BIN_EXE_liveview").into())
 }
 
 #[test]
-fn hostile_scene_folders() {
-    let ended: Vec<Result<bool, String>> = (0..FOLDERS).into_par_iter().map(ends_well).collect();
-    let faults: Vec<_> = ended.iter().filter_map(|ended| ended.as_ref().err()).map(String::as_str).collect();
-    assert!(faults.is_empty(), "{} of {FOLDERS} folders:\n{}", faults.len(), faults.join("\n"));
-    let pictures = ended.iter().filter(|ended| **ended == Ok(true)).count() as u64;
+fn hostile_scenes_give_a_picture_or_an_error_that_names_a_file() {
+    let results: Vec<Result<bool, String>> = (0..FOLDERS).into_par_iter().map(render).collect();
+    let failures: Vec<_> = results.iter().filter_map(|result| result.as_ref().err()).map(String::as_str).collect();
+    assert!(failures.is_empty(), "{} of {FOLDERS} folders:\n{}", failures.len(), failures.join("\n"));
+    let pictures = results.iter().filter(|result| **result == Ok(true)).count() as u64;
     println!("{pictures} pictures, {} errors", FOLDERS - pictures);
-    // Otherwise the generator tests one end only.
+    // The generator must cover both results.
     assert!((FOLDERS / 10..=FOLDERS * 9 / 10).contains(&pictures), "{pictures} pictures");
 }
 
-/// Renders one folder: whether it became a picture, or what is wrong with how it ended.
-fn ends_well(seed: u64) -> Result<bool, String> {
+/// Renders one folder; returns whether it gave a picture, or how it failed.
+fn render(seed: u64) -> Result<bool, String> {
     let Hostile { root, target, faults } = Hostile::new(seed);
     let (scene, out) = (root.path().join("scene"), root.path().join("out"));
     let before = snapshot(&scene);
@@ -65,16 +66,16 @@ fn ends_well(seed: u64) -> Result<bool, String> {
     match output.status.code() {
         Some(0) if written == ["a.png"] => match image::open(out.join("a.png")) {
             Ok(_) => Ok(true),
-            Err(error) => failed(&format!("a picture that is none: {error}")),
+            Err(error) => failed(&format!("an invalid picture: {error}")),
         },
         Some(0) => failed(&format!("no picture: {written:?}")),
-        Some(2) if !written.is_empty() => failed(&format!("left behind {written:?}")),
+        Some(2) if !written.is_empty() => failed(&format!("{written:?} are left")),
         Some(2) if stderr.contains("panicked") => failed("panicked"),
         Some(2) if stderr.lines().filter(|line| line.starts_with("error: ")).count() != 1 => failed("not one error"),
-        Some(2) if !names_a_file(&stderr, &scene) => failed("no file is named"),
+        Some(2) if !names_a_file(&stderr, &scene) => failed("the error names no file"),
         Some(2) => Ok(false),
         Some(code) => failed(&format!("exit code {code}")),
-        None => failed("a signal, or the time limit"),
+        None => failed("a signal or the time limit"),
     }
 }
 

@@ -1,4 +1,4 @@
-//! A scene folder in one of five formats, with one to three faults, all by a seed.
+//! Random scene folders: one of four formats, with one to three faults.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,42 +9,42 @@ use tempfile::TempDir;
 use crate::scene_common::{Colmap, LLFF_ROW, picture, poses_bounds, write};
 use crate::{faults_of_photos, faults_of_poses};
 
-/// Photos of a scene.
+/// Number of photos of a scene.
 const VIEWS: usize = 5;
 
 const NAMES: [&str; VIEWS] = ["0.png", "1.png", "2.png", "3.png", "4.png"];
 
 /// A scene to be rendered.
 pub(crate) struct Hostile {
-    /// The folders `scene`, and `out` for what is written.
+    /// Holds the folders `scene`, and `out` for the output.
     pub(crate) root: TempDir,
-    /// What to render.
+    /// The option that says what to render.
     pub(crate) target: [&'static str; 2],
-    /// What is wrong with it, description when the test fails.
+    /// Descriptions of the faults, for failure messages.
     pub(crate) faults: Vec<String>,
 }
 
 impl Hostile {
     pub(crate) fn new(seed: u64) -> Self {
-        let mut chance = Chance(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let mut random = Random(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
         let root = tempfile::tempdir().unwrap();
         let scene = root.path().join("scene");
         fs::create_dir(root.path().join("out")).unwrap();
         NAMES.iter().for_each(|name| picture(&scene.join("images").join(name), 64, 48));
-        let format = *chance.of(&[Format::Transforms, Format::Transforms, Format::Text, Format::Binary, Format::Llff]);
+        let format = *random.of(&[Format::Transforms, Format::Transforms, Format::Text, Format::Binary, Format::Llff]);
         format.write(&scene);
-        let target = *chance.of(&[["--target", "2.png"], ["--target", "2"], ["--path", "line:1"], ["--heldout", "9"]]);
+        let target = *random.of(&[["--target", "2.png"], ["--target", "2"], ["--path", "line:1"], ["--heldout", "9"]]);
         let mut faults = vec![format!("{format:?}")];
-        for _ in 0..1 + chance.below(3) {
-            let photos = chance.below(2) == 0;
+        for _ in 0..1 + random.below(3) {
+            let photos = random.below(2) == 0;
             let apply = if photos { faults_of_photos::apply } else { faults_of_poses::apply };
-            faults.push(apply(&scene, format, &mut chance));
+            faults.push(apply(&scene, format, &mut random));
         }
         Self { root, target, faults }
     }
 }
 
-/// What the poses are written in.
+/// The format of the poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Format {
     Transforms,
@@ -78,7 +78,7 @@ impl Format {
     }
 }
 
-/// Five cameras in a row.
+/// A `transforms.json` of five cameras in a row.
 pub(crate) fn transforms() -> Value {
     let frame = |(view, name): (usize, &&str)| {
         let x = 0.1 * view as f64;
@@ -89,7 +89,7 @@ pub(crate) fn transforms() -> Value {
     json!({ "fl_x": 50, "fl_y": 60, "cx": 32, "cy": 24, "w": 64, "h": 48, "near": 2, "far": 9, "frames": frames })
 }
 
-/// Five cameras in a row.
+/// Rows of a `poses_bounds.npy` of five cameras in a row.
 pub(crate) fn llff() -> [[f64; 17]; VIEWS] {
     std::array::from_fn(|view| {
         let mut row = LLFF_ROW;
@@ -98,15 +98,15 @@ pub(crate) fn llff() -> [[f64; 17]; VIEWS] {
     })
 }
 
-/// One of the scene's photos, as its path was written.
-pub(crate) fn a_photo(scene: &Path, chance: &mut Chance) -> PathBuf {
-    scene.join("images").join(chance.of(&NAMES))
+/// The path of a random photo of the scene.
+pub(crate) fn random_photo(scene: &Path, random: &mut Random) -> PathBuf {
+    scene.join("images").join(random.of(&NAMES))
 }
 
-/// Choices by a seed (splitmix64).
-pub(crate) struct Chance(u64);
+/// Random choices from a seed (splitmix64).
+pub(crate) struct Random(u64);
 
-impl Chance {
+impl Random {
     pub(crate) fn below(&mut self, count: usize) -> usize {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

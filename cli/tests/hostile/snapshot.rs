@@ -1,4 +1,4 @@
-//! What lies in a folder, to be compared later.
+//! Snapshots of a folder, to detect changes.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -6,7 +6,8 @@ use std::io::Read;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Of a file its type, mode, length, time of change and checksum (of the first megabyte: some files are sparse and huge).
+/// A file's type and mode, length, modification time, checksum of the first megabyte (some files
+/// are huge and sparse) and link target.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Entry {
     mode: u32,
@@ -16,24 +17,24 @@ pub(crate) struct Entry {
     link: Option<PathBuf>,
 }
 
-/// All below a folder, links as links, and pipes unopened.
+/// Everything in a folder and its subfolders; links are not followed and pipes are not opened.
 pub(crate) fn snapshot(folder: &Path) -> BTreeMap<PathBuf, Entry> {
     let mut found = BTreeMap::new();
     for path in fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path()) {
-        let about = fs::symlink_metadata(&path).unwrap();
-        if about.is_dir() {
+        let metadata = fs::symlink_metadata(&path).unwrap();
+        if metadata.is_dir() {
             found.extend(snapshot(&path));
         }
         let mut start = Vec::new();
-        if about.is_file() {
+        if metadata.is_file() {
             File::open(&path).unwrap().take(1 << 20).read_to_end(&mut start).unwrap();
         }
-        // A folder changes with its entries, which are compared themselves.
+        // A folder's metadata changes with its entries, which are compared separately.
         let (bytes, changed) =
-            if about.is_dir() { (0, (0, 0)) } else { (about.len(), (about.mtime(), about.mtime_nsec())) };
+            if metadata.is_dir() { (0, (0, 0)) } else { (metadata.len(), (metadata.mtime(), metadata.mtime_nsec())) };
         let checksum = crc32fast::hash(&start);
         let link = fs::read_link(&path).ok();
-        found.insert(path, Entry { mode: about.mode(), bytes, changed, checksum, link });
+        found.insert(path, Entry { mode: metadata.mode(), bytes, changed, checksum, link });
     }
     found
 }

@@ -1,4 +1,4 @@
-//! `liveview depth`: what it writes, what it scores, what it refuses.
+//! `liveview depth`: its files, its scores, its errors.
 
 use std::fs;
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::common::{Folders, HEIGHT, WIDTH};
 /// Disparity of the wall.
 const WALL: f32 = 0.25;
 
-/// `liveview depth scene -o out/depth ARGUMENTS --json`, and what it says on stderr.
+/// Runs `liveview depth scene -o out/depth ARGUMENTS --json`; returns its report and stderr.
 fn depth(folders: &Folders, arguments: &[&str]) -> (Value, String) {
     let output = folders.liveview("depth", arguments).args(["-o", &folders.out("depth"), "--json"]).output().unwrap();
     let stderr = String::from_utf8(output.stderr).unwrap();
@@ -24,14 +24,15 @@ fn map(folders: &Folders, view: usize) -> Array2<f32> {
     ndarray_npy::read_npy(folders.out(&format!("depth/{view}.npy"))).unwrap()
 }
 
-/// True depth of the wall as 16-bit PNGs of this size, in units of 1/65535 of `delta_max`.
+/// Writes the true depth of the wall as 16-bit PNGs of this size, in units of 1/65535 of
+/// `delta_max`.
 fn write_truth(folders: &Folders, width: u32, height: u32, delta_max: f32) {
     let folder = folders.scene().join("depth");
     fs::create_dir_all(&folder).unwrap();
     fs::write(folder.join("scale.json"), format!("{{\"delta_max\": {delta_max}}}")).unwrap();
     let value = (WALL / delta_max * 65535.0).round() as u16;
     for view in 0..5 {
-        // The first row is not known.
+        // The first row is unknown.
         let pixel = |_, row| Luma([if row == 0 { 0 } else { value }]);
         let picture: ImageBuffer<Luma<u16>, Vec<u16>> = ImageBuffer::from_fn(width, height, pixel);
         picture.save(folder.join(format!("{view}.png"))).unwrap();
@@ -39,10 +40,11 @@ fn write_truth(folders: &Folders, width: u32, height: u32, delta_max: f32) {
 }
 
 #[test]
-fn every_photo_has_its_depth_as_numbers_and_as_pictures() {
+fn depth_of_every_photo_is_written_as_array_and_pictures() {
     let folders = Folders::new();
     let (report, _) = depth(&folders, &[]);
-    let names = |view: usize| [".npy", ".png", "_colour.png", "_scale.json"].map(|end| format!("depth/{view}{end}"));
+    let names =
+        |view: usize| [".npy", ".png", "_colour.png", "_scale.json"].map(|suffix| format!("depth/{view}{suffix}"));
     assert_eq!(folders.written(), (0..5).flat_map(names).collect::<Vec<_>>());
     assert_eq!(
         (&report["near"], &report["far"], report["photos"].as_array().unwrap().len()),
@@ -51,15 +53,15 @@ fn every_photo_has_its_depth_as_numbers_and_as_pictures() {
     for view in 0..5 {
         let (report, map) = (&report["photos"][view], map(&folders, view));
         assert_eq!(map.dim(), (HEIGHT as usize, WIDTH as usize));
-        let sure: Vec<f32> = map.iter().copied().filter(|&disparity| disparity != -1.0).collect();
-        assert!(sure.iter().all(|disparity| (0.11..0.52).contains(disparity)), "{sure:?}");
-        let share = sure.len() as f64 / map.len() as f64;
+        let confirmed: Vec<f32> = map.iter().copied().filter(|&disparity| disparity != -1.0).collect();
+        assert!(confirmed.iter().all(|disparity| (0.11..0.52).contains(disparity)), "{confirmed:?}");
+        let share = confirmed.len() as f64 / map.len() as f64;
         assert!(share > 0.5 && report["confirmed"] == share && report["source"] == "searched", "{share} in {report}");
         let pixel = report["disparity_per_pixel_of_parallax"].as_f64().unwrap() as f32;
-        let near = sure.iter().filter(|&disparity| (disparity - WALL).abs() < pixel).count();
-        assert!(10 * near > 8 * sure.len(), "photo {view}: {near} of {}", sure.len());
+        let accurate = confirmed.iter().filter(|&disparity| (disparity - WALL).abs() < pixel).count();
+        assert!(10 * accurate > 8 * confirmed.len(), "photo {view}: {accurate} of {}", confirmed.len());
 
-        let path = |end: &str| folders.out(&format!("depth/{view}{end}"));
+        let path = |suffix: &str| folders.out(&format!("depth/{view}{suffix}"));
         let scale: Value = serde_json::from_str(&fs::read_to_string(path("_scale.json")).unwrap()).unwrap();
         let largest = scale["disparity_max"].as_f64().unwrap() as f32;
         let grey = image::open(path(".png")).unwrap().into_luma16();
@@ -78,7 +80,7 @@ fn every_photo_has_its_depth_as_numbers_and_as_pictures() {
 }
 
 #[test]
-fn some_photos_and_held_out_ones() {
+fn held_out_photos_do_not_affect_the_depth_of_others() {
     let folders = Folders::new();
     let names = |report: &Value| {
         let photos = report["photos"].as_array().unwrap().iter();
@@ -86,15 +88,15 @@ fn some_photos_and_held_out_ones() {
     };
     let (report, _) = depth(&folders, &["--photo", "3,0"]);
     assert_eq!(names(&report), ["3.png", "0.png"]);
-    let whole = map(&folders, 3);
+    let with_neighbours = map(&folders, 3);
     let (report, _) = depth(&folders, &["--heldout", "2"]);
     assert_eq!(
         (names(&report), &report["held_out"]),
         (vec!["1.png".into(), "3.png".into()], &serde_json::json!(["0.png", "2.png", "4.png"]))
     );
     let without = map(&folders, 3);
-    assert_ne!(whole, without, "two of its neighbours take no part");
-    // What a held-out photo shows does not matter.
+    assert_ne!(with_neighbours, without, "two of its neighbours are held out");
+    // The content of a held-out photo has no effect.
     crate::common::photo(&folders.photo(2), 7.0, WIDTH, HEIGHT);
     depth(&folders, &["--target", "0,2,4"]);
     assert_eq!(map(&folders, 3), without);
@@ -104,7 +106,7 @@ fn some_photos_and_held_out_ones() {
 }
 
 #[test]
-fn it_is_scored_where_the_scene_knows_the_truth() {
+fn depth_is_scored_if_the_scene_has_true_depth() {
     let folders = Folders::new();
     assert_eq!(depth(&folders, &[]).0["photos"][0]["within"], Value::Null);
     write_truth(&folders, WIDTH, HEIGHT, 0.5);
@@ -115,11 +117,15 @@ fn it_is_scored_where_the_scene_knows_the_truth() {
         let map = map(&folders, view);
         let pixel = report["disparity_per_pixel_of_parallax"].as_f64().unwrap() as f32;
         let value = (WALL / 0.5 * 65535.0).round() / 65535.0 * 0.5;
-        let sure: Vec<f32> = map.rows().into_iter().skip(1).flatten().copied().filter(|&d| d != -1.0).collect();
-        for (k, most) in [0.5, 1.0, 2.0].into_iter().enumerate() {
-            let share = sure.iter().filter(|&d| (d - value).abs() / pixel <= most).count() as f64 / sure.len() as f64;
+        let disparities: Vec<f32> = map.rows().into_iter().skip(1).flatten().copied().filter(|&d| d != -1.0).collect();
+        for (k, bound) in [0.5, 1.0, 2.0].into_iter().enumerate() {
+            let accurate = disparities.iter().filter(|&d| (d - value).abs() / pixel <= bound).count();
+            let share = accurate as f64 / disparities.len() as f64;
             let (confirmed, all) = (&report["within"]["confirmed"][k], report["within"]["all"][k].as_f64().unwrap());
-            assert!((confirmed.as_f64().unwrap() - share).abs() < 2e-3, "photo {view}, {most} px: {share} in {report}");
+            assert!(
+                (confirmed.as_f64().unwrap() - share).abs() < 2e-3,
+                "photo {view}, {bound} px: {share} in {report}"
+            );
             assert!((0.3..=1.0).contains(&all), "{report}");
         }
     }
@@ -142,9 +148,8 @@ fn it_is_scored_where_the_scene_knows_the_truth() {
     }
 }
 
-/// The example scene, whose truth is known to a 65535th.
 #[test]
-fn the_example_scene_is_near_its_truth() {
+fn depth_of_the_example_scene_is_accurate() {
     let folders = Folders::new();
     let workshop = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes/workshop");
     let mut liveview = assert_cmd::Command::new(env!("CARGO_BIN_EXE_liveview"));
@@ -157,7 +162,7 @@ fn the_example_scene_is_near_its_truth() {
 }
 
 #[test]
-fn what_cannot_be_done_is_refused() {
+fn invalid_options_of_depth_are_errors() {
     let folders = Folders::new();
     write_truth(&folders, WIDTH, HEIGHT, 0.5);
     let out = folders.out("depth");

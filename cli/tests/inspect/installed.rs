@@ -1,4 +1,4 @@
-//! What is installed: `liveview models`, `liveview manual`.
+//! `liveview models` and `liveview manual`.
 
 use std::fs;
 use std::process::{Command, Output};
@@ -18,7 +18,7 @@ fn succeeds(output: Output) -> String {
 }
 
 #[test]
-fn models_are_listed_with_their_cards() {
+fn models_lists_cards_and_errors() {
     let folders = Folders::new();
     fs::copy(fixture("tiny_v4"), folders.out("liveview_v4.onnx")).unwrap();
     fs::copy(fixture("no_card"), folders.out("other.onnx")).unwrap();
@@ -34,7 +34,7 @@ fn models_are_listed_with_their_cards() {
 }
 
 #[test]
-fn manual_pages_and_completions() {
+fn manual_writes_pages_and_completions() {
     let folders = Folders::new();
     let bash = succeeds(liveview(&["manual", "--shell", "bash"], ""));
     assert!(bash.contains("complete -F _liveview") && bash.contains("--shard"), "{bash}");

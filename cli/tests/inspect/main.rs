@@ -1,4 +1,4 @@
-//! Commands that look without rendering: `inspect`, `select`, `depth`, `models` and `manual`.
+//! Commands that render no picture: `inspect`, `select`, `depth`, `models` and `manual`.
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -12,32 +12,32 @@ fn json(command: &mut assert_cmd::Command) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-fn close(value: &Value, expected: f64) {
+fn assert_close(value: &Value, expected: f64) {
     assert!((value.as_f64().unwrap() - expected).abs() < 1e-6, "{value}, expected {expected}");
 }
 
 #[test]
-fn inspect_tells_what_was_understood() {
+fn inspect_reports_the_rig_and_parallax() {
     let folders = Folders::new();
     let report = json(&mut folders.liveview("inspect", &[]));
     assert_eq!((&report["views"]["count"], &report["target"]["name"]), (&5.into(), &"2.png".into()));
-    close(&report["rig"]["extent"][0], 0.4);
-    close(&report["rig"]["baseline"]["median"], 0.1);
-    close(&report["target"]["near"], 2.0);
+    assert_close(&report["rig"]["extent"][0], 0.4);
+    assert_close(&report["rig"]["baseline"]["median"], 0.1);
+    assert_close(&report["target"]["near"], 2.0);
     let view = &report["target"]["views"][0];
-    close(&view["distance"], 0.1);
-    // 60 pixels · 0.1 · (1/2 − 1/8), and that over 63 steps; the farthest of the four is twice as far.
-    close(&view["parallax_pixels"], 2.25);
-    close(&report["target"]["planes"]["largest_step_pixels"], 4.5 / 63.0);
+    assert_close(&view["distance"], 0.1);
+    // 60 pixels · 0.1 · (1/2 − 1/8); the farthest of the four views has twice that, over 63 steps.
+    assert_close(&view["parallax_pixels"], 2.25);
+    assert_close(&report["target"]["planes"]["largest_step_pixels"], 4.5 / 63.0);
     let text = folders.liveview("inspect", &["--layers", "planes:3"]).output().unwrap();
     let text = String::from_utf8(text.stdout).unwrap();
     assert!(text.contains("2.25 pixels") && text.contains("planes:6"), "{text}");
 }
 
 #[test]
-fn inspect_tells_what_will_be_left_out() {
+fn inspect_reports_skipped_views_and_planes() {
     let folders = Folders::new();
-    // View 4 turns round; nothing is known of depth.
+    // View 4 faces backwards.
     folders.write_scene(
         5,
         "[[1, 0, 0, 0.4], [0, 1, 0, 0], [0, 0, 1, 0]",
@@ -50,15 +50,15 @@ fn inspect_tells_what_will_be_left_out() {
     let report = json(&mut folders.liveview("inspect", &[]));
     assert!(report["target"]["warning"].as_str().unwrap().contains("--near and --far"), "{report}");
     folders.assert_refused(&mut folders.liveview("inspect", &["--near", "5", "--far", "2"]), &["0 < near < far"]);
-    // Planes nearer than the views can see together: 60 · 0.1 / 0.01 is far beyond the photo.
+    // At depth 0.01 the parallax is 60 · 0.1 / 0.01 = 600 pixels, more than the width of the photo.
     let report = json(&mut folders.liveview("inspect", &["--near", "0.01", "--far", "8", "--layers", "planes:4"]));
     assert_eq!(report["target"]["planes"]["uncovered"], serde_json::json!([0, 1, 2]));
 }
 
 #[test]
-fn inspect_tells_exposure_on_request() {
+fn inspect_reports_the_exposure_gains_of_render_on_request() {
     let folders = Folders::new();
-    // Large enough that gains are report, and one of them a third darker in red.
+    // Photos large enough for gains to be estimated, one of them a third darker in red.
     folders.write_scene(5, r#""cx": 32, "cy": 24, "w": 64, "h": 48"#, r#""cx": 96, "cy": 72, "w": 192, "h": 144"#);
     (0..5).for_each(|view| crate::common::photo(&folders.photo(view), 0.1 * view as f64, 192, 144));
     let darker = folders.photo(1);
@@ -81,7 +81,7 @@ fn inspect_tells_exposure_on_request() {
     let row = format!("1.png     {:9.3} {:7.3} {:7.3}", gain("1.png", 0), gain("1.png", 1), gain("1.png", 2));
     assert!(text.contains(&row), "\"{row}\" is missing in: {text}");
 
-    // They are those that a render of this target uses.
+    // A render of this target uses the same gains.
     let explained = folders.out("why.png");
     let picture = folders.out("new.png");
     let arguments = ["--target", "2", "--layers", "surface:1", "-o", &picture, "--explain", &explained];
@@ -92,14 +92,14 @@ fn inspect_tells_exposure_on_request() {
     for (view, name) in names.iter().enumerate() {
         (0..3).for_each(|c| assert_eq!(used[view][c].as_f64().unwrap(), gain(name, c), "{name}: {rendered}"));
     }
-    // Nothing is known of depth: the warning says so, and there is nothing to tell.
+    // Without a depth range there is a warning instead of gains.
     folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
     let report = json(&mut folders.liveview("inspect", &["--exposure"]));
     assert!(report["target"]["warning"].as_str().unwrap().contains("--near and --far"), "{report}");
 }
 
 #[test]
-fn other_kinds_of_layers_are_refused() {
+fn unsupported_layers_are_errors() {
     let folders = Folders::new();
     let refused = |command: &str, arguments: &[&str], words: &[&str]| {
         folders.assert_refused(&mut folders.liveview(command, arguments), words);
@@ -112,7 +112,7 @@ fn other_kinds_of_layers_are_refused() {
 }
 
 #[test]
-fn select_shows_the_histogram() {
+fn select_reports_the_histogram_over_planes() {
     let folders = Folders::new();
     let (picture, model) = (folders.out("planes.png"), fixture("tiny_v4"));
     let arguments = ["--target", "2", "--layers", "select:3/8", "--model", &model, "-o", &picture];
@@ -120,7 +120,7 @@ fn select_shows_the_histogram() {
     let histogram: Vec<u64> =
         report["histogram"].as_array().unwrap().iter().map(|votes| votes.as_u64().unwrap()).collect();
     assert_eq!((histogram.len(), histogram.iter().sum::<u64>()), (8, 64 * 48));
-    // The fixture finds all planes alike, so the nearer one wins.
+    // The fixture gives all planes the same opacity, so the nearest one wins.
     assert_eq!(report["chosen"][0], 0);
     assert_eq!(image::read_size(picture.as_ref()).unwrap(), Size::new(8 * 12 + 24, 264));
     let refused = ["--target", "2", "--layers", "select:9/8", "--model", &model];
@@ -129,7 +129,7 @@ fn select_shows_the_histogram() {
 }
 
 #[test]
-fn select_shows_the_range_of_guided_layers_without_a_model() {
+fn select_reports_the_range_of_guided_layers_without_a_model() {
     let folders = Folders::new();
     let picture = folders.out("range.png");
     let arguments = ["--target", "2", "--layers", "guided:4", "-o", &picture, "--ort-lib", "/nonexistent"];

@@ -1,4 +1,4 @@
-//! Bad input: each is refused with exit code 2 and one message that names the file, the field and what was expected.
+//! Invalid input: exit code 2 and one message that names the file, the field and what was expected.
 
 use std::fs;
 
@@ -6,7 +6,7 @@ use liveview::network::ExecutionProvider;
 
 use crate::common::{Folders, fixture, photo};
 
-/// Renders view 2 of the scene, which must be refused.
+/// Asserts that a render of view 2 of the scene is refused.
 fn assert_render_refused(folders: &Folders, arguments: &[&str], words: &[&str]) {
     let picture = folders.out("a.png");
     let arguments = [&["--target", "2", "-o", &picture], arguments].concat();
@@ -14,15 +14,15 @@ fn assert_render_refused(folders: &Folders, arguments: &[&str], words: &[&str]) 
 }
 
 #[test]
-fn missing_image() {
+fn missing_image_is_an_error() {
     let folders = Folders::new();
     fs::remove_file(folders.photo(3)).unwrap();
     assert_render_refused(&folders, &[], &["images/3.png", "missing image", "transforms.json"]);
 }
 
 #[test]
-fn truncated_image() {
-    // 3 is rendered from, 2 is the truth; 100 bytes still hold the header, 20 do not.
+fn truncated_image_is_an_error() {
+    // View 3 is a source, view 2 the truth; 100 bytes include the header, 20 do not.
     for (view, kept) in [(3, 100), (3, 20), (2, 100), (3, 0)] {
         let folders = Folders::new();
         let bytes = fs::read(folders.photo(view)).unwrap();
@@ -33,14 +33,14 @@ fn truncated_image() {
 }
 
 #[test]
-fn image_of_another_size() {
+fn image_of_another_size_is_an_error() {
     let folders = Folders::new();
     photo(&folders.photo(3), 0.3, 60, 48);
     assert_render_refused(&folders, &[], &["images/3.png", "the image is 60x48", "declares 64x48"]);
 }
 
 #[test]
-fn intrinsics_that_are_not_finite() {
+fn non_finite_intrinsics_are_an_error() {
     let folders = Folders::new();
     folders.write_scene(5, "\"fl_x\": 60", "\"fl_x\": NaN");
     assert_render_refused(&folders, &[], &["transforms.json"]);
@@ -56,28 +56,28 @@ fn intrinsics_that_are_not_finite() {
 }
 
 #[test]
-fn singular_intrinsics() {
+fn singular_intrinsics_are_an_error() {
     let folders = Folders::new();
     folders.write_scene(5, "\"fl_y\": 60", "\"fl_y\": 0");
     assert_render_refused(&folders, &[], &["transforms.json", "K is singular", "fy is 0"]);
 }
 
 #[test]
-fn a_rotation_that_is_not_orthonormal() {
+fn rotation_that_is_not_orthonormal_is_an_error() {
     let folders = Folders::new();
     folders.write_scene(5, "[[1, 0, 0, 0.2]", "[[1.1, 0, 0, 0.2]");
     assert_render_refused(&folders, &[], &["transforms.json", "2.png", "not orthonormal"]);
 }
 
 #[test]
-fn fewer_views_than_the_model_takes() {
+fn fewer_views_than_the_model_needs_are_an_error() {
     let folders = Folders::new();
     folders.write_scene(3, "", "");
     assert_render_refused(&folders, &[], &["2.png", "4 views are needed", "only 2 of 2"]);
 }
 
 #[test]
-fn near_and_far() {
+fn invalid_or_unknown_depth_range_is_an_error() {
     let folders = Folders::new();
     assert_render_refused(&folders, &["--near", "5", "--far", "2"], &["near is 5", "far is 2", "0 < near < far"]);
     assert_render_refused(&folders, &["--near", "3", "--far", "3"], &["0 < near < far"]);
@@ -91,7 +91,7 @@ fn near_and_far() {
 }
 
 #[test]
-fn lists_of_disparities() {
+fn invalid_list_of_disparities_is_an_error() {
     let folders = Folders::new();
     let refused = |list: &str, words: &[&str]| {
         let layers = format!("list:{list}");
@@ -106,7 +106,7 @@ fn lists_of_disparities() {
 }
 
 #[test]
-fn layers_that_are_none() {
+fn invalid_layers_are_an_error() {
     let folders = Folders::new();
     let refused = |layers: &str, words: &[&str]| {
         assert_render_refused(&folders, &["--layers", layers], &[&["--layers", layers], words].concat());
@@ -127,14 +127,14 @@ fn layers_that_are_none() {
 }
 
 #[test]
-fn competing_layers() {
+fn invalid_alpha_is_an_error() {
     let folders = Folders::new();
     assert_render_refused(&folders, &["--alpha", "both"], &["--alpha", "independent", "competing"]);
     assert_render_refused(&folders, &["--alpha", "competing", "--network", "none"], &["cannot be used with"]);
 }
 
 #[test]
-fn models_of_another_shape() {
+fn invalid_models_are_an_error() {
     let folders = Folders::new();
     let refused = |arguments: &[&str], words: &[&str]| {
         let picture = folders.out("a.png");
@@ -157,7 +157,7 @@ fn models_of_another_shape() {
 }
 
 #[test]
-fn a_network_that_answers_nan() {
+fn network_with_nan_logits_is_an_error() {
     let folders = Folders::new();
     let picture = folders.out("a.png");
     let model = fixture("not_a_number");
@@ -169,23 +169,23 @@ fn a_network_that_answers_nan() {
 }
 
 #[test]
-fn names_are_shown_escaped() {
+fn names_are_printed_escaped() {
     let folders = Folders::new();
     let name = "a\u{1b}[31m\nb.png";
     fs::rename(folders.photo(3), folders.scene().join("images").join(name)).unwrap();
     folders.write_scene(5, "images/3.png", "images/a\\u001b[31m\\nb.png");
     let output = folders.liveview("inspect", &["--target", "2"]).output().unwrap();
-    let stderr = String::from_utf8(output.stdout).unwrap();
+    let stdout = String::from_utf8(output.stdout).unwrap();
     assert!(
-        output.status.success() && stderr.contains(r"a\u{1b}[31m\nb.png") && !stderr.contains('\u{1b}'),
-        "{stderr}"
+        output.status.success() && stdout.contains(r"a\u{1b}[31m\nb.png") && !stdout.contains('\u{1b}'),
+        "{stdout}"
     );
     fs::remove_file(folders.scene().join("images").join(name)).unwrap();
     assert_render_refused(&folders, &[], &[r"images/a\u{1b}[31m\nb.png: missing image"]);
 }
 
 #[test]
-fn runtime_library() {
+fn invalid_onnx_runtime_library_is_an_error() {
     let folders = Folders::new();
     assert_render_refused(
         &folders,
@@ -194,19 +194,19 @@ fn runtime_library() {
     );
     let text = format!("{}/Cargo.toml", env!("CARGO_MANIFEST_DIR"));
     assert_render_refused(&folders, &["--ort-lib", &text], &[&text, "not a usable ONNX Runtime library"]);
-    let whole = crate::wheel::file(ExecutionProvider::Cpu).unwrap();
-    let cut_short = folders.scene().join("libonnxruntime.so");
-    fs::write(&cut_short, &fs::read(whole).unwrap()[..1 << 20]).unwrap();
-    let cut_short = cut_short.to_str().unwrap();
+    let library = crate::wheel::file(ExecutionProvider::Cpu).unwrap();
+    let truncated = folders.scene().join("libonnxruntime.so");
+    fs::write(&truncated, &fs::read(library).unwrap()[..1 << 20]).unwrap();
+    let truncated = truncated.to_str().unwrap();
     assert_render_refused(
         &folders,
-        &["--ort-lib", cut_short],
-        &[cut_short, "the file is truncated: 1048576 bytes, expected "],
+        &["--ort-lib", truncated],
+        &[truncated, "the file is truncated: 1048576 bytes, expected "],
     );
 }
 
 #[test]
-fn engines_that_are_not_there() {
+fn missing_engine_or_precision_is_an_error() {
     let folders = Folders::new();
     let refused = |arguments: &[&str], words: &[&str]| assert_render_refused(&folders, arguments, words);
     refused(&["--engine", "gpu"], &["'gpu'", "cpu, openvino, cuda, tensorrt"]);
@@ -227,25 +227,25 @@ fn engines_that_are_not_there() {
 }
 
 #[test]
-fn outputs_that_cannot_be_written() {
+fn output_that_cannot_be_written_is_an_error() {
     let folders = Folders::new();
     let below_a_file = folders.photo(0).join("a.png");
-    for place in [below_a_file.to_str().unwrap(), "/proc/a.png", "/proc/nowhere/"] {
+    for path in [below_a_file.to_str().unwrap(), "/proc/a.png", "/proc/nowhere/"] {
         folders.assert_refused(
-            &mut folders.render(&["--target", "2", "-o", place]),
-            &["-o", place.trim_end_matches('/'), "cannot be written"],
+            &mut folders.render(&["--target", "2", "-o", path]),
+            &["-o", path.trim_end_matches('/'), "cannot be written"],
         );
-        assert_render_refused(&folders, &["--depth", place], &["--depth", "cannot be written"]);
+        assert_render_refused(&folders, &["--depth", path], &["--depth", "cannot be written"]);
     }
-    let own_photo = folders.photo(2);
-    let before = fs::read(&own_photo).unwrap();
-    let arguments = ["--target", "2", "-o", own_photo.to_str().unwrap()];
+    let photo = folders.photo(2);
+    let before = fs::read(&photo).unwrap();
+    let arguments = ["--target", "2", "-o", photo.to_str().unwrap()];
     folders.assert_refused(&mut folders.render(&arguments), &["would overwrite a photo of the scene"]);
-    assert_eq!(fs::read(&own_photo).unwrap(), before);
+    assert_eq!(fs::read(&photo).unwrap(), before);
 }
 
 #[test]
-fn outputs_that_do_not_fit() {
+fn unsuitable_outputs_are_an_error() {
     let folders = Folders::new();
     let refused = |arguments: &[&str], words: &[&str]| folders.assert_refused(&mut folders.render(arguments), words);
     refused(&["--target", "2"], &["--output"]);
@@ -262,7 +262,7 @@ fn outputs_that_do_not_fit() {
 }
 
 #[test]
-fn outputs_that_collide() {
+fn outputs_in_the_same_file_are_an_error() {
     let folders = Folders::new();
     let refused = |arguments: [&str; 4]| {
         let arguments = [&["--target", "2"], &arguments[..]].concat();
@@ -275,7 +275,7 @@ fn outputs_that_collide() {
 }
 
 #[test]
-fn targets() {
+fn invalid_targets_are_an_error() {
     let folders = Folders::new();
     let picture = folders.out("a.png");
     let refused = |arguments: &[&str], words: &[&str]| {
@@ -309,7 +309,7 @@ fn targets() {
 }
 
 #[test]
-fn scenes_that_are_none() {
+fn folder_without_a_scene_is_an_error() {
     let folders = Folders::new();
     fs::remove_file(folders.scene().join("transforms.json")).unwrap();
     assert_render_refused(&folders, &[], &["no scene found", "transforms.json", "sparse/0"]);

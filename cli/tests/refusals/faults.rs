@@ -1,5 +1,5 @@
-//! What goes wrong outside: a full disk, a process that is killed, photos that vanish, two runs at once. Nothing is ever half
-//! written, and `--resume` goes on.
+//! Failures outside the program: a full disk, a killed process, photos that disappear, several runs
+//! at once. No file is ever written in part, and `--resume` continues.
 #![cfg(target_os = "linux")]
 
 use std::collections::BTreeMap;
@@ -15,18 +15,20 @@ use serde_json::Value;
 
 use crate::common::{Folders, HEIGHT, WIDTH, fixture, photo, wait_until};
 
-/// Frames of a path whose record passes the file size that [`LIMIT`] allows, and whose frames do not.
+/// Frames of a path whose record exceeds the file size [`MAX_BLOCKS`], while each frame does not.
 const FRAMES: usize = 300;
-/// For `ulimit -f`, which counts 512 or 1024 bytes.
-const LIMIT: usize = 32;
+/// Limit of the file size for `ulimit -f`, in blocks of 512 or 1024 bytes.
+const MAX_BLOCKS: usize = 32;
 
-/// A render that no file larger than `blocks` lets through: with `trap`, the write fails; without, the process is killed in it.
+/// A command that cannot write files larger than `blocks`: with `trap` the write fails, otherwise
+/// the process is killed.
 fn limited(folders: &Folders, blocks: usize, trap: bool, command: &str, arguments: &[&str]) -> assert_cmd::Command {
     let trap = if trap { "trap '' XFSZ; " } else { "" };
     let mut limited = assert_cmd::Command::new("/bin/sh");
     limited.args(["-c", &format!("ulimit -c 0; {trap}ulimit -f {blocks}; exec \"$0\" \"$@\"")]);
     limited.args([env!("CARGO_BIN_EXE_liveview"), command]).arg(folders.scene()).args(arguments);
-    // ONNX Runtime writes a database of its own, of megabytes, even where its telemetry is switched off in the program.
+    // ONNX Runtime writes a database of several megabytes, even if the program disables its
+    // telemetry.
     limited.args(["--model", &fixture("tiny_v4")]).env("ORT_DISABLE_TELEMETRY", "1");
     limited
 }
@@ -41,7 +43,7 @@ fn json(command: &mut assert_cmd::Command) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// All that was written: name and contents; of a record what it says, in whatever order.
+/// All written files by name, with their contents; records as sorted JSON.
 fn contents(folders: &Folders) -> BTreeMap<String, Vec<u8>> {
     let read = |name: String| {
         let bytes = fs::read(folders.out(&name)).unwrap();
@@ -51,12 +53,12 @@ fn contents(folders: &Folders) -> BTreeMap<String, Vec<u8>> {
     folders.written().into_iter().map(read).collect()
 }
 
-/// Those under a temporary name, of `contents`.
+/// Whether a name of [`contents`] is that of a temporary file.
 fn is_temporary(name: &str) -> bool {
     name.rsplit('/').next().unwrap().starts_with(TEMPORARY)
 }
 
-/// Asserts that a command is refused with these words, and that what was there stays as it was.
+/// Asserts that a command is refused with these words and changes no file.
 fn assert_refused(folders: &Folders, command: &mut assert_cmd::Command, words: &[&str]) {
     let before = contents(folders);
     let output = command.output().unwrap();
@@ -66,8 +68,8 @@ fn assert_refused(folders: &Folders, command: &mut assert_cmd::Command, words: &
     assert!(contents(folders) == before, "{stderr}");
 }
 
-/// A scene of seven photos.
-fn seven() -> Folders {
+/// A scene with seven photos.
+fn seven_photos() -> Folders {
     let folders = Folders::new();
     (5..7).for_each(|view| photo(&folders.photo(view), 0.1 * view as f64, WIDTH, HEIGHT));
     folders.write_scene(7, "", "");
@@ -75,7 +77,7 @@ fn seven() -> Folders {
 }
 
 #[test]
-fn a_full_disk_leaves_nothing_and_is_named() {
+fn full_disk_is_an_error_that_leaves_no_file() {
     let folders = Folders::new();
     let [picture, jpeg, npz, depth, report] =
         ["a.png", "a.jpg", "a.npz", "depth.png", "r"].map(|name| folders.out(name));
@@ -99,7 +101,7 @@ fn a_full_disk_leaves_nothing_and_is_named() {
 }
 
 #[test]
-fn what_cannot_be_told_is_an_error() {
+fn full_stdout_is_an_error_and_a_closed_pipe_is_not() {
     let folders = Folders::new();
     let report = |stdout: Stdio| {
         let mut inspect = Command::new(env!("CARGO_BIN_EXE_liveview"));
@@ -114,13 +116,13 @@ fn what_cannot_be_told_is_an_error() {
     );
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
-    assert!(report(writer.into()).status.success(), "a reader that went away is no error");
+    assert!(report(writer.into()).status.success(), "a closed pipe is not an error");
 }
 
 #[test]
-fn a_run_that_fails_half_way_goes_on_where_it_was() {
+fn failed_run_is_continued_by_resume() {
     let folders = Folders::new();
-    // What `select` finds in the first frame serves the others: it must be found again.
+    // All frames use the planes that the first frame selects: they must be selected again.
     let path = format!("line:{FRAMES}");
     let arguments = |name| {
         let frames = folders.out(name);
@@ -130,14 +132,14 @@ fn a_run_that_fails_half_way_goes_on_where_it_was() {
     let [whole, parts] = [&whole, &parts].map(|list| list.iter().map(String::as_str).collect::<Vec<_>>());
     json(&mut folders.render(&whole));
 
-    let output = limited(&folders, LIMIT, false, "render", &parts).output().unwrap();
-    assert_eq!(output.status.signal(), Some(25), "SIGXFSZ, in the middle of a write: {}", stderr(&output));
-    // What another process may be writing.
+    let output = limited(&folders, MAX_BLOCKS, false, "render", &parts).output().unwrap();
+    assert_eq!(output.status.signal(), Some(25), "SIGXFSZ during a write: {}", stderr(&output));
+    // Another process may be writing such a file.
     fs::write(folders.out(&format!("parts/{TEMPORARY}other.png")), "").unwrap();
     let killed = contents(&folders);
     let left: Vec<_> = killed.keys().filter(|name| name.starts_with("parts/")).collect();
     let (temporary, frames): (Vec<_>, Vec<_>) = left.into_iter().partition(|name| is_temporary(name));
-    assert_eq!(temporary.len(), 1, "it was writing a line of the record, and leaves nothing else");
+    assert_eq!(temporary.len(), 1, "the other process's; this one was writing a line of the record");
     assert!(frames.len() > 3 && frames.len() < FRAMES, "{frames:?}");
     for frame in frames.iter().filter(|name| name.ends_with(".png")) {
         image::load(folders.out(frame).as_ref()).unwrap();
@@ -145,14 +147,14 @@ fn a_run_that_fails_half_way_goes_on_where_it_was() {
 
     // The disk is still full.
     let more = [&parts[..], &["--resume"]].concat();
-    let output = limited(&folders, LIMIT, true, "render", &more).output().unwrap();
+    let output = limited(&folders, MAX_BLOCKS, true, "render", &more).output().unwrap();
     let report = stderr(&output);
-    // The frames, less the one whose line was being written and the record.
-    let there = frames.len() - 2;
+    // Without the record, and the frame whose line was being written.
+    let kept = frames.len() - 2;
     assert_eq!(output.status.code(), Some(2), "{report}");
     for words in [
-        format!("note: {there} of {FRAMES} pictures are kept"),
-        format!("note: {there} of {FRAMES} pictures are in {}; the same with --resume", folders.out("parts")),
+        format!("note: {kept} of {FRAMES} pictures are kept"),
+        format!("note: {kept} of {FRAMES} pictures are in {}; add --resume", folders.out("parts")),
         "parts/liveview.json: cannot be written: File too large".to_owned(),
     ] {
         assert!(report.contains(&words), "\"{words}\" is missing in: {report}");
@@ -161,13 +163,13 @@ fn a_run_that_fails_half_way_goes_on_where_it_was() {
 
     let first = || fs::metadata(folders.out("parts/frame_0000.png")).unwrap().ino();
     let before = first();
-    assert_eq!(json(&mut folders.render(&more))["kept"], there);
+    assert_eq!(json(&mut folders.render(&more))["kept"], kept);
     assert_eq!(first(), before, "kept, not written again");
     let after = contents(&folders);
     for (name, frame) in after.iter().filter(|(name, _)| name.starts_with("whole/") && name.ends_with(".png")) {
         assert!(frame == &after[&name.replace("whole", "parts")], "{name}");
     }
-    assert_eq!(after.keys().filter(|name| is_temporary(name)).count(), 1, "which --resume leaves alone");
+    assert_eq!(after.keys().filter(|name| is_temporary(name)).count(), 1, "--resume does not delete it");
     let again = folders.render(&more).output().unwrap();
     assert!(again.status.success() && stderr(&again).contains(&format!("{FRAMES} of {FRAMES} pictures are kept")));
     folders.render(&parts).assert().success();
@@ -175,18 +177,18 @@ fn a_run_that_fails_half_way_goes_on_where_it_was() {
 }
 
 #[test]
-fn a_render_that_is_interrupted_leaves_whole_files_alone() {
+fn interrupted_render_leaves_only_complete_files() {
     let folders = Folders::new();
     let (frames, film) = (folders.out("frames"), folders.out("a.mp4"));
-    let interrupted = |output: &str, begun: &dyn Fn() -> bool| {
+    let interrupted = |output: &str, is_started: &dyn Fn() -> bool| {
         let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
         render.arg("render").arg(folders.scene()).args(["--path", "line:2000", "--model", &fixture("tiny_v4")]);
         render
             .args(["-o", output])
-            .env("PATH", folders.ffmpeg("for last; do :; done; echo begun > \"$last\"; exec /bin/cat > /dev/null"));
-        // As at a terminal: the signal is for whatever the program started, too.
+            .env("PATH", folders.ffmpeg("for last; do :; done; echo started > \"$last\"; exec /bin/cat > /dev/null"));
+        // As in a terminal, the signal goes to the whole process group.
         let mut render = render.process_group(0).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-        wait_until(&mut render, begun);
+        wait_until(&mut render, is_started);
         let kill = Command::new("/bin/kill").args(["-INT", "--", &format!("-{}", render.id())]).status().unwrap();
         let output = render.wait_with_output().unwrap();
         assert!(kill.success() && output.status.code() == Some(130), "{}", stderr(&output));
@@ -205,8 +207,8 @@ fn a_render_that_is_interrupted_leaves_whole_files_alone() {
 }
 
 #[test]
-fn all_files_of_a_picture_and_its_score_are_kept_or_made_again() {
-    let folders = seven();
+fn resume_renders_pictures_with_missing_or_changed_files_again() {
+    let folders = seven_photos();
     let [pictures, depth, compare] = ["pictures", "depth", "compare"].map(|name| folders.out(name));
     let arguments = ["--heldout", "4", "-o", &pictures, "--depth", &depth, "--compare", &compare];
     let untimed = |mut report: Value| {
@@ -239,7 +241,7 @@ fn all_files_of_a_picture_and_its_score_are_kept_or_made_again() {
 }
 
 #[test]
-fn frames_of_another_job_are_never_taken() {
+fn resume_of_another_job_is_an_error() {
     let folders = Folders::new();
     let frames = folders.out("frames");
     let render = |arguments: &[&str]| folders.render(&[&["-o", &frames], arguments].concat());
@@ -248,14 +250,14 @@ fn frames_of_another_job_are_never_taken() {
         assert_refused(&folders, render(arguments).arg("--resume"), &words);
     };
     let line = ["--path", "line:3"];
-    // What follows the picture's end is not read: photos of one length.
+    // Bytes after the end of a picture are not read: this gives photos the same length.
     let pad = |file: &Path| fs::File::options().write(true).open(file).unwrap().set_len(8192).unwrap();
     pad(&folders.photo(3));
     assert_eq!(json(render(&line).arg("--resume"))["kept"], 0, "an empty folder");
     let other = "another job";
     refused(&["--path", "line:4"], &[other, "\"targets\" is --path line:3, expected --path line:4"]);
     refused(&["--path", "line:3", "--layers", "guided:3"], &[other, "\"layers\" is guided:2, expected guided:3"]);
-    refused(&["--path", "line:3", "--layers", "list:0.3"], &[other, "\"layers\"", "list:0.3 here"]);
+    refused(&["--path", "line:3", "--layers", "list:0.3"], &[other, "\"layers\"", "expected list:0.3"]);
     refused(&["--path", "line:3", "--width", "32"], &[other, "\"size\" is 64x48, expected 32x24"]);
     refused(&["--path", "line:3", "--near", "1"], &[other, "\"depth\" is 2 to 8, expected 1 to 8"]);
     let model = folders.scene().join("other.onnx");
@@ -276,30 +278,31 @@ fn frames_of_another_job_are_never_taken() {
     assert_eq!(
         json(render(&line).args(["--resume", "--threads", "1", "--batch", "2"]))["kept"],
         3,
-        "neither changes a picture"
+        "threads and batch size do not affect the pictures"
     );
 
-    // A frame of another job under the name of one of this. The inner ones lie between views, where layers make a difference.
+    // A frame of another job with the same name. Only inner frames, between the views, depend on
+    // the layers.
     let (guided, planes) = (["--path", "line:4", "--layers", "guided:2"], ["--path", "line:4", "--layers", "planes:3"]);
     json(&mut render(&guided));
-    let theirs = contents(&folders);
+    let guided_frames = contents(&folders);
     json(&mut render(&planes));
-    let ours = contents(&folders);
+    let plane_frames = contents(&folders);
     let frame = "frames/frame_0001.png";
-    fs::write(folders.out(frame), &theirs[frame]).unwrap();
+    fs::write(folders.out(frame), &guided_frames[frame]).unwrap();
     assert_eq!(json(render(&planes).arg("--resume"))["kept"], 3);
-    assert!(theirs[frame] != ours[frame] && contents(&folders) == ours);
+    assert!(guided_frames[frame] != plane_frames[frame] && contents(&folders) == plane_frames);
 
     fs::write(folders.out("frames/liveview.json"), "{").unwrap();
     refused(&line, &["liveview.json: not JSON"]);
     fs::write(folders.out("frames/liveview.json"), "[]").unwrap();
-    refused(&line, &["\"liveview\" is missing there"]);
+    refused(&line, &["\"liveview\" is missing, expected"]);
     fs::remove_file(folders.out("frames/liveview.json")).unwrap();
     refused(&line, &["liveview.json is missing", "frame_0000.png"]);
 }
 
 #[test]
-fn only_a_folder_can_be_gone_on_with() {
+fn resume_of_a_single_file_is_an_error() {
     let folders = Folders::new();
     let picture = folders.out("a.png");
     let refused = |arguments: &[&str], words: &[&str]| {
@@ -315,27 +318,28 @@ fn only_a_folder_can_be_gone_on_with() {
 }
 
 #[test]
-fn a_photo_that_vanishes_during_the_run() {
+fn photo_that_disappears_during_the_run_is_an_error() {
     let folders = Folders::new();
     let video = folders.out("a.mp4");
     let bytes = fs::read(folders.photo(4)).unwrap();
-    // The last photo is read for the second half of the path alone; the encoder is started by the first frame.
+    // The last photo is needed in the second half of the path only; the first frame starts the
+    // encoder.
     let photo = folders.photo(4).display().to_string();
-    let ends = |script: &str, words: &[&str]| {
+    let refused = |script: &str, words: &[&str]| {
         let encoder = folders.ffmpeg(&format!("{script}; for last; do :; done; /bin/cat > \"$last\""));
         let mut render = folders.render(&["--path", "line:400", "--layers", "guided:1", "-o", &video]);
         folders.assert_refused(render.env("PATH", encoder), &[&["images/4.png"], words].concat());
         fs::write(&photo, &bytes).unwrap();
     };
-    ends(&format!("/bin/rm {photo}"), &["cannot be read: No such file"]);
-    ends(&format!("echo > {photo}"), &["not a complete PNG or JPEG"]);
+    refused(&format!("/bin/rm {photo}"), &["cannot be read: No such file"]);
+    refused(&format!("echo > {photo}"), &["not a complete PNG or JPEG"]);
     crate::common::photo(&folders.scene().join("larger.png"), 0.4, 2 * WIDTH, HEIGHT);
-    ends(
+    refused(
         &format!("/bin/mv {} {photo}", folders.scene().join("larger.png").display()),
         &["expected equal sizes", "128x48"],
     );
 
-    // Frames that were finished stay.
+    // Finished frames are kept.
     let frames = folders.out("frames");
     let arguments = ["--path", "line:400", "--layers", "guided:1", "-o", &frames];
     let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
@@ -354,7 +358,7 @@ fn a_photo_that_vanishes_during_the_run() {
 }
 
 #[test]
-fn a_video_is_whole_or_not_there() {
+fn failed_encoder_leaves_no_video() {
     let folders = Folders::new();
     let arguments = ["--path", "line:3", "-o", &folders.out("a.mp4")];
     let last = "for last; do :; done";
@@ -367,7 +371,7 @@ fn a_video_is_whole_or_not_there() {
     };
     broken("/usr/bin/head -c 100 > \"$last\"; echo no more >&2; exit 3", &["exit status: 3", "no more"]);
     broken("/usr/bin/head -c 100 > \"$last\"; kill -9 $$", &["signal: 9"]);
-    // The last write fails: there is no file to give the name to.
+    // The encoder deletes its file, so the rename fails.
     let path = folders.ffmpeg(&format!("{last}; /bin/cat > /dev/null; /bin/rm \"$last\""));
     folders.assert_refused(folders.render(&arguments).env("PATH", path), &["a.mp4: cannot be written: No such file"]);
 
@@ -378,8 +382,8 @@ fn a_video_is_whole_or_not_there() {
 }
 
 #[test]
-fn two_runs_that_write_the_same_files() {
-    let folders = seven();
+fn concurrent_runs_write_complete_files_and_a_valid_record() {
+    let folders = seven_photos();
     let picture = |layers: &str, name: &str| {
         let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
         render.arg("render").arg(folders.scene()).args(["--model", &fixture("tiny_v4"), "--layers", layers]);
@@ -397,7 +401,7 @@ fn two_runs_that_write_the_same_files() {
         let [both, three, five] = ["both", "three", "five"].map(|folder| &written[&format!("{folder}/{frame}")]);
         assert!(both == three || both == five, "{frame}");
     }
-    // Whichever of them wrote it last, the record tells the truth.
+    // The record is valid for the run that wrote it last.
     let record: Value = serde_json::from_slice(&written["both/liveview.json"]).unwrap();
     let first = record["job"]["layers"] == "planes:3";
     let (layers, alone) = if first { ("planes:3", "three") } else { ("planes:5", "five") };
@@ -409,7 +413,7 @@ fn two_runs_that_write_the_same_files() {
 }
 
 #[test]
-fn places_that_are_taken() {
+fn output_over_a_folder_a_device_or_a_photo_is_an_error() {
     let folders = Folders::new();
     let refused = |arguments: &[&str], words: &[&str]| folders.assert_refused(&mut folders.render(arguments), words);
     let target = |option, path: &str, words: &[&str]| {
@@ -421,7 +425,7 @@ fn places_that_are_taken() {
     refused(&["--path", "line:3", "-o", file.to_str().unwrap()], &["notes is a file; expected a folder"]);
     fs::create_dir(folders.out("d_colour.png")).unwrap();
     target("--depth", &folders.out("d.png"), &["--depth", "d_colour.png", "it is a folder"]);
-    // A photo of the scene: by its folder, by another name of it, and as what is written beside a picture.
+    // A photo of the scene: in the output folder, and through a link.
     let images = folders.scene().join("images");
     let overwrite = "would overwrite a photo of the scene";
     refused(&["--target", "2", "-o", images.to_str().unwrap()], &["images/2.png", overwrite]);

@@ -1,5 +1,6 @@
-//! Files that claim, or are, more than the machine holds: refused by name before memory is taken. Everything runs in 1 GiB of
-//! address space, in which one allocation of what is claimed ends the process instead of being refused.
+//! Files that declare, or have, more data than fits in memory: refused by name before memory is
+//! allocated. The tests run in 1 GiB of address space, where an allocation of the declared size
+//! would end the process.
 
 #![cfg(unix)]
 
@@ -15,34 +16,34 @@ use crate::scene_common::{Bytes, Colmap, LLFF_ROW, poses_bounds, write};
 
 const NAMES: [&str; 5] = ["0.png", "1.png", "2.png", "3.png", "4.png"];
 
-/// `liveview COMMAND scene ARGUMENTS` in 1 GiB.
-fn within_a_gigabyte(folders: &Folders, command: &str, arguments: &[&str]) -> Command {
+/// `liveview COMMAND scene ARGUMENTS` in 1 GiB of address space.
+fn in_one_gibibyte(folders: &Folders, command: &str, arguments: &[&str]) -> Command {
     let mut shell = Command::new("sh");
     shell.args(["-c", "ulimit -v 1048576 && exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_liveview"), command]);
-    // Each thread would take address space of its own.
+    // Each thread would reserve address space.
     shell.arg(folders.scene()).args(arguments).env("RAYON_NUM_THREADS", "1").env("MALLOC_ARENA_MAX", "1");
     shell
 }
 
 fn assert_inspect_refused(folders: &Folders, words: &[&str]) {
-    folders.assert_refused(&mut within_a_gigabyte(folders, "inspect", &[]), words);
+    folders.assert_refused(&mut in_one_gibibyte(folders, "inspect", &[]), words);
 }
 
-/// Renders view 2 with the tiny model.
+/// Asserts that a render with the tiny model is refused.
 fn assert_render_refused(folders: &Folders, arguments: &[&str], words: &[&str]) {
     let (picture, model) = (folders.out("a.png"), fixture("tiny_v4"));
     let arguments = [&["-o", &picture, "--model", &model, "--threads", "1"], arguments].concat();
-    folders.assert_refused(&mut within_a_gigabyte(folders, "render", &arguments), words);
+    folders.assert_refused(&mut in_one_gibibyte(folders, "render", &arguments), words);
 }
 
-/// The photos of the tiny scene, without its `transforms.json`.
-fn photos_alone() -> Folders {
+/// The tiny scene without its `transforms.json`.
+fn photos_only() -> Folders {
     let folders = Folders::new();
     fs::remove_file(folders.scene().join("transforms.json")).unwrap();
     folders
 }
 
-/// 4 GiB that take no room on the disk, after these bytes.
+/// Writes a sparse file of 4 GiB that begins with these bytes.
 fn write_huge(path: &Path, start: &[u8]) {
     write(path, start);
     File::options().write(true).open(path).unwrap().set_len(4 << 30).unwrap();
@@ -56,13 +57,13 @@ fn spaces(width: usize, height: usize, path: &str) -> String {
 }
 
 #[test]
-fn the_tiny_scene_fits() {
+fn tiny_scene_fits() {
     let folders = Folders::new();
-    within_a_gigabyte(&folders, "inspect", &[]).assert().success();
+    in_one_gibibyte(&folders, "inspect", &[]).assert().success();
 }
 
 #[test]
-fn photos_that_claim_60000_pixels() {
+fn photo_that_declares_60000_pixels_is_an_error() {
     let folders = Folders::new();
     let side = 60_000_u32.to_be_bytes();
     let mut png = fs::read(folders.photo(3)).unwrap();
@@ -85,7 +86,7 @@ fn photos_that_claim_60000_pixels() {
 }
 
 #[test]
-fn a_colour_profile_that_unfolds_to_gigabytes() {
+fn colour_profile_that_expands_to_gigabytes_is_ignored() {
     let folders = Folders::new();
     let mut png = Vec::new();
     let mut encoder = image::codecs::png::PngEncoder::new(&mut png);
@@ -95,38 +96,38 @@ fn a_colour_profile_that_unfolds_to_gigabytes() {
     fs::write(folders.photo(3), png).unwrap();
     let (picture, model) = (folders.out("a.png"), fixture("tiny_v4"));
     let arguments = ["--target", "2", "-o", &picture, "--model", &model, "--threads", "1"];
-    // The decoder gives the profile up; the picture stands without it.
-    within_a_gigabyte(&folders, "render", &arguments).assert().success();
+    // The decoder drops the profile and reads the picture without it.
+    in_one_gibibyte(&folders, "render", &arguments).assert().success();
 }
 
 #[test]
-fn cameras_that_claim_60000_pixels() {
+fn camera_that_declares_60000_pixels_is_an_error() {
     let folders = Folders::new();
     folders.write_scene(5, r#""w": 64, "h": 48"#, r#""w": 60000, "h": 45000"#);
     assert_inspect_refused(&folders, &["transforms.json", "image size is 60000x45000", "1 to 16384"]);
     folders.write_scene(5, r#""w": 64, "h": 48"#, r#""w": 60000, "h": 60000"#);
     assert_inspect_refused(&folders, &["images/0.png", "the image is 64x48", "transforms.json declares 60000x60000"]);
 
-    let folders = photos_alone();
+    let folders = photos_only();
     let model = folders.scene().join("sparse/0");
     Colmap { camera: Colmap::PINHOLE, names: &NAMES }.write_binary(&model);
     let cameras = Bytes::default().u64(1).u32(1).u32(1).u64(60_000).u64(45_000);
     write(&model.join("cameras.bin"), cameras.f64(50.0).f64(60.0).f64(30.0).f64(25.0).0);
     assert_inspect_refused(&folders, &["images/0.png", "the image is 64x48", "images.bin declares 60000x45000"]);
 
-    let folders = photos_alone();
+    let folders = photos_only();
     let mut row = LLFF_ROW;
     (row[4], row[9]) = (45_000.0, 60_000.0);
     poses_bounds(&folders.scene().join("poses_bounds.npy"), &[row; 5]);
     assert_inspect_refused(&folders, &["poses_bounds.npy", "image size is 60000x45000", "1 to 16384"]);
 
-    let folders = photos_alone();
+    let folders = photos_only();
     write(&folders.scene().join("models.json"), spaces(60_000, 45_000, "images/0.png"));
     assert_inspect_refused(&folders, &["models.json", "image size is 60000x45000", "1 to 16384"]);
 }
 
 #[test]
-fn colmap_counts_of_2_to_the_63() {
+fn colmap_count_of_2_to_the_63_is_an_error() {
     let count = 1_u64 << 63;
     let pose = Bytes::default().u64(1).u32(1).f64(1.0).f64(0.0).f64(0.0).f64(0.0).f64(0.0).f64(0.0).f64(0.0);
     let keypoints = pose.u32(1).text("0.png").u64(count).0;
@@ -140,14 +141,14 @@ fn colmap_counts_of_2_to_the_63() {
         ("images.bin", "keypoints", keypoints),
         ("points3D.bin", "track", track),
     ] {
-        let folders = photos_alone();
+        let folders = photos_only();
         Colmap { camera: Colmap::PINHOLE, names: &NAMES }.write_binary(&folders.scene().join("sparse/0"));
         write(&folders.scene().join("sparse/0").join(file), bytes);
         assert_inspect_refused(&folders, &[file, &format!("{count} {what} are declared"), "at most the 0 that fit"]);
     }
 }
 
-/// An array file whose header is this text.
+/// An array file with this header.
 fn npy(header: &str) -> Vec<u8> {
     let mut bytes = b"\x93NUMPY\x02\x00".to_vec();
     bytes.extend((header.len() as u32).to_le_bytes());
@@ -156,8 +157,8 @@ fn npy(header: &str) -> Vec<u8> {
 }
 
 #[test]
-fn arrays_that_claim_too_much() {
-    let folders = photos_alone();
+fn array_with_an_excessive_header_is_an_error() {
+    let folders = photos_only();
     let path = folders.scene().join("poses_bounds.npy");
     let nested = |depth: usize| format!("{{'shape': {}{}}}\n", "(".repeat(depth), ")".repeat(depth));
     for header in [
@@ -176,12 +177,12 @@ fn arrays_that_claim_too_much() {
 }
 
 #[test]
-fn deep_json() {
+fn deeply_nested_json_is_an_error() {
     let deep = "[".repeat(1_000_000);
     let folders = Folders::new();
     fs::write(folders.scene().join("transforms.json"), format!("{{\"frames\": {deep}")).unwrap();
     assert_inspect_refused(&folders, &["transforms.json", "recursion limit exceeded", "line 1"]);
-    let folders = photos_alone();
+    let folders = photos_only();
     fs::write(folders.scene().join("models.json"), &deep).unwrap();
     assert_inspect_refused(&folders, &["models.json", "recursion limit exceeded", "line 1"]);
     let folders = Folders::new();
@@ -191,19 +192,19 @@ fn deep_json() {
 }
 
 #[test]
-fn paths_that_leave_the_scene_folder() {
+fn path_that_leaves_the_scene_folder_is_an_error() {
     for name in ["../../etc/x.png", "/etc/x.png", "images/../../x.png", "..", ""] {
-        let says = format!("the path \"{name}\" leaves the scene folder");
+        let message = format!("the path \"{name}\" leaves the scene folder");
         let folders = Folders::new();
         folders.write_scene(5, "images/3.png", name);
-        assert_inspect_refused(&folders, &["transforms.json", &says]);
+        assert_inspect_refused(&folders, &["transforms.json", &message]);
 
-        let folders = photos_alone();
+        let folders = photos_only();
         write(&folders.scene().join("models.json"), spaces(64, 48, name));
-        assert_inspect_refused(&folders, &["models.json", &says]);
+        assert_inspect_refused(&folders, &["models.json", &message]);
 
         for binary in [true, false] {
-            let folders = photos_alone();
+            let folders = photos_only();
             let colmap = Colmap { camera: Colmap::PINHOLE, names: &[name] };
             let model = folders.scene().join("sparse/0");
             if binary {
@@ -211,24 +212,24 @@ fn paths_that_leave_the_scene_folder() {
             } else {
                 colmap.write_text(&model)
             }
-            let words = [if binary { "images.bin" } else { "images.txt" }, &says];
-            // In text, a line without a name is short of a word.
+            let words = [if binary { "images.bin" } else { "images.txt" }, &message];
+            // In the text format, a line without a name lacks a word.
             assert_inspect_refused(
                 &folders,
                 if name.is_empty() && !binary { &["images.txt", "9 words"] } else { &words },
             );
         }
 
-        // The other formats name no files; the option that names the folder of theirs does.
-        let folders = photos_alone();
+        // Other formats list no file names, but the photo folder is an option.
+        let folders = photos_only();
         poses_bounds(&folders.scene().join("poses_bounds.npy"), &[LLFF_ROW; 5]);
-        let mut inspect = within_a_gigabyte(&folders, "inspect", &["--images", name]);
-        folders.assert_refused(&mut inspect, &[&says]);
+        let mut inspect = in_one_gibibyte(&folders, "inspect", &["--images", name]);
+        folders.assert_refused(&mut inspect, &[&message]);
     }
 }
 
 #[test]
-fn files_of_4_gigabytes() {
+fn file_of_4_gigabytes_is_an_error() {
     let more_than = |bytes: u64| format!("more than {bytes} bytes");
     let (general, json) = (more_than(1 << 30), more_than(64 << 20));
     for (file, start, limit) in [
@@ -240,7 +241,7 @@ fn files_of_4_gigabytes() {
         ("sparse/0/images.bin", "", &general),
         ("sparse/0/points3D.bin", "", &general),
     ] {
-        let folders = photos_alone();
+        let folders = photos_only();
         if file.ends_with(".bin") {
             Colmap { camera: Colmap::PINHOLE, names: &NAMES }.write_binary(&folders.scene().join("sparse/0"));
         }
@@ -259,61 +260,62 @@ fn files_of_4_gigabytes() {
     let pose = folders.scene().join("pose.json");
     write_huge(&pose, b"{");
     assert_render_refused(&folders, &["--pose", pose.to_str().unwrap()], &["pose.json", "cannot be read", &json]);
-    // A device has no size to ask for.
+    // A device has no size.
     assert_render_refused(&folders, &["--pose", "/dev/zero"], &["/dev/zero", "cannot be read", &json]);
 }
 
 #[test]
-fn a_model_of_4_gigabytes() {
+fn model_of_4_gigabytes_is_an_error() {
     let folders = Folders::new();
     let model = folders.scene().join("huge.onnx");
     write_huge(&model, &fs::read(fixture("tiny_v4")).unwrap());
     let picture = folders.out("a.png");
     let arguments = ["--target", "2", "-o", &picture, "--model", model.to_str().unwrap(), "--threads", "1"];
-    let mut render = within_a_gigabyte(&folders, "render", &arguments);
+    let mut render = in_one_gibibyte(&folders, "render", &arguments);
     folders.assert_refused(&mut render, &["huge.onnx", "the size is 4294967296 bytes, expected at most 268435456"]);
 }
 
 #[test]
-fn a_model_with_weights_of_4_gigabytes_beside_it() {
+fn model_with_external_weights_is_an_error() {
     let folders = Folders::new();
     let model = folders.scene().join("beside.onnx");
     fs::copy(fixture("weights_beside"), &model).unwrap();
     let picture = folders.out("a.png");
     let arguments = ["--target", "2", "-o", &picture, "--model", model.to_str().unwrap(), "--threads", "1"];
-    // Small ones, of the right size, are refused too: nothing beside the model is opened.
+    // Also if their size is right: external files are never opened.
     for bytes in [4 << 30, 4 * 4 * 12] {
         File::create(folders.scene().join("weights")).unwrap().set_len(bytes).unwrap();
-        let mut render = within_a_gigabyte(&folders, "render", &arguments);
+        let mut render = in_one_gibibyte(&folders, "render", &arguments);
         folders.assert_refused(&mut render, &["beside.onnx", "External data path", "beside.onnx/weights\""]);
     }
 }
 
-/// Each thread takes address space; ONNX Runtime would wait for ever for those that it did not get.
+/// Each thread needs address space; ONNX Runtime would wait forever for threads that could not be
+/// started.
 #[test]
-fn threads_that_cannot_be_made() {
+fn too_many_threads_for_the_address_space_are_an_error() {
     let folders = Folders::new();
     let (picture, model) = (folders.out("a.png"), fixture("tiny_v4"));
     let words = &["of 256 threads only ", " can be started", "ulimit -u", "ulimit -v", "--threads"];
     for network in [["--model", &model], ["--network", "none"]] {
         let arguments = [&["--target", "2", "-o", &picture, "--threads", "256"][..], &network].concat();
-        let mut render = within_a_gigabyte(&folders, "render", &arguments);
+        let mut render = in_one_gibibyte(&folders, "render", &arguments);
         folders.assert_refused(render.timeout(Duration::from_secs(60)), words);
     }
 }
 
 #[test]
-fn memory_that_cannot_be_had() {
+fn picture_larger_than_the_memory_is_an_error() {
     let folders = Folders::new();
     let pose = folders.scene().join("pose.json");
-    let turned = "[[1, 0, 0, -0.2], [0, -1, 0, 0], [0, 0, -1, 0]]";
-    fs::write(&pose, format!("{{\"cam_from_world\": {turned}, \"w\": 8192, \"h\": 6144}}")).unwrap();
+    let matrix = "[[1, 0, 0, -0.2], [0, -1, 0, 0], [0, 0, -1, 0]]";
+    fs::write(&pose, format!("{{\"cam_from_world\": {matrix}, \"w\": 8192, \"h\": 6144}}")).unwrap();
     let words = ["a picture of 8192x6144", " MB of memory; ", "expected a smaller target"];
     for layers in ["guided:2", "planes:64", "surface:2"] {
         assert_render_refused(&folders, &["--pose", pose.to_str().unwrap(), "--layers", layers], &words);
     }
 
-    // The truth is not rendered from: it is not counted with the photos, but decoded.
+    // The truth is not a source: it is checked when it is decoded, not with the source photos.
     folders.write_scene(5, r#""fl_x": 60, "fl_y": 60, "cx": 32, "cy": 24, "w": 64, "h": 48, "#, r#""fl_x": 60, "#);
     image::GrayImage::new(8192, 8192).save(folders.photo(2)).unwrap();
     let arguments = ["--target", "2", "--width", "64"];

@@ -1,4 +1,4 @@
-//! Input that is wrong, and what fails outside of the program.
+//! Invalid input, and failures outside the program.
 
 #[path = "../common/mod.rs"]
 mod common;

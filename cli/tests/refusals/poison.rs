@@ -1,5 +1,6 @@
-//! One number of an input at a time replaced by one that no sane file holds: a picture that is finite everywhere, or exit
-//! code 2 and a message that names the file and the field. Never a panic, a signal, a hang or a file half written.
+//! Replaces one number of an input at a time by an extreme one. The result must be a finite
+//! picture, or exit code 2 and a message that names the file and the field; never a panic, a
+//! signal, a hang or an incomplete file.
 
 use std::fs;
 use std::ops::Range;
@@ -11,17 +12,18 @@ use serde_json::Value;
 use crate::common::{Folders, fixture};
 use crate::scene_common::{Colmap, LLFF_ROW, poses_bounds, write};
 
-/// For text: infinities by name and by overflow, squares that overflow in f32 and in f64, a denormal, a zero with a sign.
+/// Values for text: NaN, infinity, squares that overflow in f32 and in f64, a denormal, a negative
+/// zero.
 const TEXTS: [&str; 7] = ["nan", "-inf", "1e38", "1e308", "-1e308", "1e-310", "-0"];
-/// JSON knows neither NaN nor infinity.
+/// Values for JSON, which has no infinity.
 const JSON: [&str; 6] = ["NaN", "1e38", "1e308", "-1e308", "1e-310", "-0.0"];
-/// For binary files.
+/// Values for binary files.
 const NUMBERS: [f64; 7] = [f64::NAN, f64::INFINITY, 1e38, 1e308, -1e308, 1e-310, -0.0];
 
-/// Far longer than any of these renders takes.
+/// Time limit, far longer than any of these renders takes.
 const LIMIT: Duration = Duration::from_secs(60);
 
-/// How often a render was refused and how often it stood.
+/// Numbers of renders that were refused, and that succeeded.
 #[derive(Default)]
 struct Tally {
     refused: usize,
@@ -29,7 +31,8 @@ struct Tally {
 }
 
 impl Tally {
-    /// Renders, and checks the answer: a refusal must name `file` and one of `fields`, or say one of [`ELSEWHERE`] that they hold.
+    /// Renders, and checks the result: an error must name `file` and one of `fields`, or contain
+    /// one of the [`CONSEQUENCES`] in `fields`.
     fn render(&mut self, folders: &Folders, arguments: &[&str], what: &str, file: &str, fields: &[&str]) {
         let [picture, depth, arrays] = ["a.png", "d.png", "a.npz"].map(|name| folders.out(name));
         let out = Path::new(&picture).parent().unwrap();
@@ -42,7 +45,7 @@ impl Tally {
                 self.rendered += 1;
                 let report: Value = serde_json::from_slice(&output.stdout).unwrap();
                 let target = &report["targets"][0];
-                // What is not finite would be null here; a picture one pixel wide is not scored.
+                // A non-finite number would be null; a picture one pixel wide is not scored.
                 let scored = (arguments.contains(&"--target") && !arguments.contains(&"--width=1")).then_some("psnr");
                 for number in ["disparity_max", "uncovered_share"].into_iter().chain(scored) {
                     assert!(target[number].is_number(), "{what}: {number} of {report:#}\n{stderr}");
@@ -61,7 +64,8 @@ impl Tally {
                     dump.args(["--model", &fixture("tiny_v4"), "-o", &arrays, "--threads", "1"]).args(*layers);
                     let output = dump.timeout(LIMIT).output().unwrap();
                     let stderr = String::from_utf8(output.stderr).unwrap();
-                    // The photos' own depth asks more photos, one of which may be the poisoned one.
+                    // The depth of the photos uses more photos, one of which may have the changed
+                    // number.
                     if layers.contains(&"surface:1") && output.status.code() == Some(2) {
                         assert!(stderr.contains("error: ") && !stderr.contains("panicked"), "{what}: {stderr}");
                         continue;
@@ -79,24 +83,28 @@ impl Tally {
                 self.refused += 1;
                 assert!(!stderr.contains("panicked"), "{what}: {stderr}");
                 let error = stderr.split("error: ").nth(1).unwrap_or_else(|| panic!("{what}: {stderr}"));
-                let says = |words: &[&str]| words.iter().any(|word| error.contains(word));
-                let elsewhere = ELSEWHERE.iter().any(|words| fields.contains(words) && error.contains(words));
-                // An extreme number may leave nothing to be seen, whatever it is of.
-                let blank = says(&["/scene, "]) && says(&["no view covers any of it"]);
-                assert!(elsewhere || blank || says(&[file]) && says(fields), "{what}: {fields:?} in: {error}");
+                let contains = |words: &[&str]| words.iter().any(|word| error.contains(word));
+                let consequence = CONSEQUENCES.iter().any(|words| fields.contains(words) && error.contains(words));
+                // Any extreme number may result in a picture that no view covers.
+                let blank = contains(&["/scene, "]) && contains(&["no view covers any of it"]);
+                assert!(
+                    consequence || blank || contains(&[file]) && contains(fields),
+                    "{what}: {fields:?} in: {error}"
+                );
                 assert_eq!(folders.written(), Vec::<String>::new(), "{what}");
             }
             other => panic!("{what}: exit code {other:?}: {stderr}"),
         }
     }
 
-    /// Both happen in every format, or the poison never arrived.
+    /// Asserts that some renders were refused and some succeeded: otherwise the changed numbers had
+    /// no effect.
     fn assert_both(&self) {
         assert!(self.refused > 0 && self.rendered > 0, "{} refused, {} rendered", self.refused, self.rendered);
     }
 }
 
-/// Where the numbers of a text stand that are not part of a name.
+/// Positions of the numbers in a text that are not inside quotes.
 fn numbers(text: &str) -> Vec<Range<usize>> {
     let quoted = |at: usize| text[..at].matches('"').count() % 2 == 1;
     let is_end = |c: char| c.is_whitespace() || "[]{}:,".contains(c);
@@ -111,8 +119,8 @@ fn numbers(text: &str) -> Vec<Range<usize>> {
     found
 }
 
-/// Poisons one after the other those numbers of a text file that `fields` names: the number's index, and words of which a
-/// refusal must say one.
+/// Replaces, one at a time, the numbers of a text file given by `fields`: indices of the numbers,
+/// and words of which an error must contain one.
 fn poison_text(
     folders: &Folders,
     file: &str,
@@ -149,7 +157,7 @@ fn photos(folder: &str) -> Folders {
 }
 
 const NAMES: [&str; 5] = ["0.png", "1.png", "2.png", "3.png", "4.png"];
-/// Options up to where their number stands; of `--layers`, each kind's.
+/// Options that take a number, up to the number.
 const NUMERIC_OPTIONS: [&str; 16] = [
     "--near=",
     "--far=",
@@ -169,16 +177,17 @@ const NUMERIC_OPTIONS: [&str; 16] = [
     "--fps=",
 ];
 const K: &[&str] = &["fl_x", "fl_y", "fx", "fy", "cx", "cy"];
-const POSE: &[&str] = &["rotation", "translation", "centre", "transform_matrix", ELSEWHERE[0], ELSEWHERE[1]];
-const RANGE: &[&str] = &["near", "far", ELSEWHERE[1]];
-const POINTS: &[&str] = &["near", ELSEWHERE[1]];
-/// What is stderr of a legal number of a pose, a point or a depth, without the file: where the views look or how near things are.
-const ELSEWHERE: [&str; 2] = ["face the target's direction", "expected near"];
+const POSE: &[&str] = &["rotation", "translation", "centre", "transform_matrix", CONSEQUENCES[0], CONSEQUENCES[1]];
+const RANGE: &[&str] = &["near", "far", CONSEQUENCES[1]];
+const POINTS: &[&str] = &["near", CONSEQUENCES[1]];
+/// Errors that follow from a valid but extreme pose, point or depth, and do not name the file.
+const CONSEQUENCES: [&str; 2] = ["face the target's direction", "expected near"];
 
 #[test]
-fn transforms_json() {
+fn extreme_numbers_in_transforms_json_give_a_picture_or_an_error() {
     let folders = Folders::new();
-    // fl_x, fl_y, cx, cy, w, h, near, far; then 16 numbers for each of five poses, of which 1 is rendered from and 2 is the target.
+    // fl_x, fl_y, cx, cy, w, h, near, far; then 16 numbers for each of five poses. Pose 1 is a
+    // source, pose 2 the target.
     let fields: &[(Range<usize>, &[&str])] =
         &[(0..4, K), (4..6, &["w is", "h is", "\"w\"", "size"]), (6..8, RANGE), (24..40, POSE)];
     poison_text(&folders, "transforms.json", &JSON, &["--target", "2"], fields).assert_both();
@@ -191,7 +200,7 @@ fn transforms_json() {
 }
 
 #[test]
-fn spaces() {
+fn extreme_numbers_in_models_json_give_a_picture_or_an_error() {
     let folders = photos("images");
     let camera = |view: usize| {
         format!(
@@ -201,20 +210,20 @@ fn spaces() {
         )
     };
     write(&folders.scene().join("models.json"), format!("[[{}]]", (0..5).map(camera).collect::<Vec<_>>().join(",\n")));
-    // Of view 1, 12 numbers, after those of view 0.
+    // The 12 numbers of view 1, after those of view 0.
     let fields: &[(Range<usize>, &[&str])] = &[
         (12..15, &["principal_point", "pixel_aspect_ratio", "cx", "cy", "fy"]),
-        (15..18, &["position", "translation", "centre", ELSEWHERE[0], ELSEWHERE[1]]),
+        (15..18, &["position", "translation", "centre", CONSEQUENCES[0], CONSEQUENCES[1]]),
         (18..19, &["focal_length", "fx", "fy"]),
         (19..21, &["width", "height", "size"]),
-        (21..24, &["orientation", "rotation", ELSEWHERE[0]]),
+        (21..24, &["orientation", "rotation", CONSEQUENCES[0]]),
     ];
     let arguments = ["--target", "2", "--near", "2", "--far", "8"];
     poison_text(&folders, "models.json", &JSON, &arguments, fields).assert_both();
 }
 
 #[test]
-fn realestate10k() {
+fn extreme_numbers_in_realestate10k_give_a_picture_or_an_error() {
     let folders = photos("frames");
     let line = |view: usize| format!("{view} 0.9375 1.25 0.5 0.5 0 0 1 0 0 {} 0 1 0 0 0 0 1 0\n", -0.1 * view as f64);
     let text = format!("https://example.org\n{}", (0..5).map(line).collect::<String>());
@@ -226,7 +235,7 @@ fn realestate10k() {
 }
 
 #[test]
-fn colmap_text() {
+fn extreme_numbers_in_colmap_text_give_a_picture_or_an_error() {
     let folders = photos("images");
     Colmap { camera: Colmap::PINHOLE, names: &NAMES }.write_text(&folders.scene().join("sparse/0"));
     let arguments = ["--target", "2"];
@@ -236,11 +245,12 @@ fn colmap_text() {
         &[(0..1, &["which is not listed", line]), (1..3, &["expected equal sizes", line])];
     poison_text(&folders, "sparse/0/cameras.txt", &TEXTS, &arguments, fields);
     poison_text(&folders, "sparse/0/cameras.txt", &TEXTS, &arguments, &[(3..7, K)]).assert_both();
-    // The second photo's IMAGE_ID, pose, CAMERA_ID and first two keypoints; before it 9 numbers and 11 keypoints of 3.
+    // The second photo's IMAGE_ID, pose, CAMERA_ID and first two keypoints; the first photo has 9
+    // numbers and 11 keypoints of 3 numbers.
     let fields: &[(Range<usize>, &[&str])] =
         &[(42..43, &[line]), (43..50, POSE), (50..51, &["camera", line]), (51..57, &[line])];
     poison_text(&folders, "sparse/0/images.txt", &TEXTS, &arguments, fields).assert_both();
-    // POINT3D_ID X Y Z, which the depth ranges come from.
+    // POINT3D_ID X Y Z, from which depth ranges are computed.
     let fields: &[(Range<usize>, &[&str])] = &[(0..1, &[line]), (1..4, POINTS)];
     poison_text(&folders, "sparse/0/points3D.txt", &TEXTS, &arguments, fields).assert_both();
     for (camera, last) in [("OPENCV 64 48 50 60 30 25 0.01 0 0 0", 11), ("SIMPLE_RADIAL 64 48 50 30 25 0.01", 7)] {
@@ -253,13 +263,14 @@ fn colmap_text() {
 }
 
 #[test]
-fn colmap_binary() {
+fn extreme_numbers_in_colmap_binary_give_a_picture_or_an_error() {
     let folders = photos("images");
     let model = folders.scene().join("sparse/0");
     Colmap { camera: Colmap::PINHOLE, names: &NAMES }.write_binary(&model);
     let mut tally = Tally::default();
-    // After the count: id, model, width and height; parameters. Of the first photo: id; quaternion and translation; camera,
-    // name, number of keypoints; two keypoints. Of the first point: id; position.
+    // Cameras: after the count, id, model, width and height; parameters. First photo: id;
+    // quaternion and translation; camera, name, number of keypoints; two keypoints. First point:
+    // id; position.
     let numbers: [(&str, usize, usize, &[&str]); 4] = [
         ("cameras.bin", 32, 4, K),
         ("images.bin", 12, 7, POSE),
@@ -267,15 +278,15 @@ fn colmap_binary() {
         ("points3D.bin", 16, 3, POINTS),
     ];
     for (file, start, count, words) in numbers {
-        let whole = fs::read(model.join(file)).unwrap();
+        let original = fs::read(model.join(file)).unwrap();
         for (index, value) in (0..count).flat_map(|index| NUMBERS.map(|value| (index, value))) {
-            let mut bytes = whole.clone();
+            let mut bytes = original.clone();
             bytes[start + 8 * index..][..8].copy_from_slice(&value.to_le_bytes());
             fs::write(model.join(file), bytes).unwrap();
             let what = format!("{file}, byte {} is {value}", start + 8 * index);
             tally.render(&folders, &["--target", "2"], &what, file, words);
         }
-        fs::write(model.join(file), whole).unwrap();
+        fs::write(model.join(file), original).unwrap();
     }
     let integers: [(&str, usize, usize, &[&str]); 6] = [
         ("cameras.bin", 8, 8, &["camera"]),
@@ -286,22 +297,22 @@ fn colmap_binary() {
         ("points3D.bin", 8, 8, &["point"]),
     ];
     for (file, start, size, words) in integers {
-        let whole = fs::read(model.join(file)).unwrap();
+        let original = fs::read(model.join(file)).unwrap();
         for value in [0, 1, u64::MAX, 1 << 63, i64::MAX as u64] {
-            let mut bytes = whole.clone();
+            let mut bytes = original.clone();
             bytes[start..start + size].copy_from_slice(&value.to_le_bytes()[..size]);
             fs::write(model.join(file), bytes).unwrap();
-            // The size stands with the photos, of which `images.bin` tells.
+            // A wrong size is found when a photo is read, which `images.bin` lists.
             let name = if words == ["expected equal sizes"] || words == ["camera"] { "s.bin" } else { file };
             tally.render(&folders, &["--target", "2"], &format!("{file}, byte {start} is {value}"), name, words);
         }
-        fs::write(model.join(file), whole).unwrap();
+        fs::write(model.join(file), original).unwrap();
     }
     tally.assert_both();
 }
 
 #[test]
-fn llff() {
+fn extreme_numbers_in_poses_bounds_give_a_picture_or_an_error() {
     let folders = photos("images");
     let mut rows = [LLFF_ROW; 5];
     for (view, row) in rows.iter_mut().enumerate() {
@@ -325,7 +336,7 @@ fn llff() {
 }
 
 #[test]
-fn pose_files() {
+fn extreme_numbers_in_pose_files_give_a_picture_or_an_error() {
     let folders = Folders::new();
     let intrinsics = "\"fl_x\": 60, \"fl_y\": 60, \"cx\": 32, \"cy\": 24, \"w\": 64, \"h\": 48";
     let pose = folders.scene().join("pose.json");
@@ -333,7 +344,7 @@ fn pose_files() {
         let rows = format!("[[1, 0, 0, {x}], [0, {y}, 0, 0], [0, 0, {y}, 0], [0, 0, 0, 1]]");
         fs::write(&pose, format!("{{\"{key}\": {rows}, {intrinsics}}}")).unwrap();
         let fields: &[(Range<usize>, &[&str])] = &[
-            (0..16, &["rotation", "translation", "centre", key, "not JSON", ELSEWHERE[0], ELSEWHERE[1]]),
+            (0..16, &["rotation", "translation", "centre", key, "not JSON", CONSEQUENCES[0], CONSEQUENCES[1]]),
             (16..20, &["fl_x", "fl_y", "fx", "fy", "cx", "cy", "not JSON"]),
             (20..22, &["w is", "h is", "size", "not JSON"]),
         ];
@@ -342,7 +353,7 @@ fn pose_files() {
 }
 
 #[test]
-fn options() {
+fn extreme_numbers_in_options_give_a_picture_or_an_error() {
     let folders = Folders::new();
     let mut tally = Tally::default();
     for option in NUMERIC_OPTIONS {

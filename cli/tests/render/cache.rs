@@ -1,4 +1,4 @@
-//! `--cache`: depth of photos kept on disk. It saves time, and changes nothing else.
+//! `--cache`: the depth of photos kept on disk saves time and changes no picture.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::common::{Folders, HEIGHT, WIDTH, fixture, photo};
 
-/// The picture of view 2 from the others, with these arguments, and what is stderr on stderr.
+/// Renders view 2 with these arguments; returns the picture and stderr.
 fn render(folders: &Folders, arguments: &[&str]) -> (Vec<u8>, String) {
     let picture = folders.scene().join("picture.png");
     let mut render = folders.render(&["--target", "2", "--layers", "surface:2", "-o", picture.to_str().unwrap()]);
@@ -18,12 +18,12 @@ fn render(folders: &Folders, arguments: &[&str]) -> (Vec<u8>, String) {
     (fs::read(picture).unwrap(), stderr)
 }
 
-/// The files of a folder below `out`, with their contents.
+/// All written files by name, with their contents.
 fn kept(folders: &Folders) -> BTreeMap<String, Vec<u8>> {
     folders.written().into_iter().map(|name| (name.clone(), fs::read(folders.out(&name)).unwrap())).collect()
 }
 
-/// How each photo's depth was found.
+/// The source of each photo's depth, as `liveview depth` reports it.
 fn sources(folders: &Folders, arguments: &[&str]) -> Vec<String> {
     let depths = folders.scene().join("depths");
     let mut depth = folders.liveview("depth", arguments);
@@ -34,7 +34,7 @@ fn sources(folders: &Folders, arguments: &[&str]) -> Vec<String> {
 }
 
 #[test]
-fn pictures_are_the_same_with_and_without_what_is_kept() {
+fn pictures_are_equal_with_and_without_cache() {
     let folders = Folders::new();
     let cache = folders.out("a/kept");
     let (without, _) = render(&folders, &[]);
@@ -46,7 +46,7 @@ fn pictures_are_the_same_with_and_without_what_is_kept() {
         let digest = digest(name).unwrap_or_else(|| panic!("{name}"));
         assert!(digest.len() == 64 && digest.bytes().all(|byte| byte.is_ascii_hexdigit()), "{name}");
     }
-    // Were they not read, they would be written anew: as other files.
+    // Files that are written again have new inodes.
     #[cfg(unix)]
     let inodes = || {
         use std::os::unix::fs::MetadataExt;
@@ -60,9 +60,8 @@ fn pictures_are_the_same_with_and_without_what_is_kept() {
     assert!(without == cold && cold == warm && stderr.is_empty() && kept(&folders) == files, "{stderr}");
 }
 
-/// Python and `depth` see the same numbers.
 #[test]
-fn what_is_kept_is_what_depth_writes() {
+fn cached_disparity_equals_that_of_depth() {
     let folders = Folders::new();
     assert_eq!(sources(&folders, &["--photo", "1"]), ["searched"]);
     let written: ndarray::Array2<f32> = ndarray_npy::read_npy(folders.scene().join("depths/1.npy")).unwrap();
@@ -80,7 +79,7 @@ fn what_is_kept_is_what_depth_writes() {
 }
 
 #[test]
-fn a_damaged_file_is_told_and_written_anew() {
+fn damaged_cache_file_is_reported_and_replaced() {
     let folders = Folders::new();
     let cache = folders.out("kept");
     let (picture, _) = render(&folders, &["--cache", &cache]);
@@ -104,7 +103,7 @@ fn a_damaged_file_is_told_and_written_anew() {
     }
     assert_eq!(stderr.lines().count(), 4, "{stderr}");
 
-    // Where neither reading nor writing works.
+    // A folder in place of the file: it can be neither read nor written.
     let name = files.keys().next().unwrap();
     fs::remove_file(folders.out(name)).unwrap();
     fs::create_dir_all(folders.out(name) + "/folder").unwrap();
@@ -114,26 +113,26 @@ fn a_damaged_file_is_told_and_written_anew() {
 }
 
 #[test]
-fn a_held_out_photo_takes_no_part_in_what_is_kept() {
+fn cached_depth_does_not_depend_on_held_out_photos() {
     let folders = Folders::new();
     assert_eq!(sources(&folders, &["--target", "2"]), ["searched"; 4]);
     assert_eq!(sources(&folders, &["--target", "2"]), ["kept"; 4]);
-    // The same files serve a render that holds out the same photo.
+    // A render that holds out the same photo uses the same files.
     let files = kept(&folders);
     render(&folders, &["--cache", &folders.out("kept")]);
     assert!(kept(&folders) == files);
     photo(&folders.photo(2), 7.0, WIDTH, HEIGHT);
-    assert_eq!(sources(&folders, &["--target", "2"]), ["kept"; 4], "it shows something else");
-    assert_eq!(sources(&folders, &[]), ["searched"; 5], "it takes part");
+    assert_eq!(sources(&folders, &["--target", "2"]), ["kept"; 4], "the held-out photo changed");
+    assert_eq!(sources(&folders, &[]), ["searched"; 5], "it is not held out");
     assert_eq!(sources(&folders, &["--target", "1"]), ["searched"; 4], "another one is held out");
     assert_eq!(sources(&folders, &["--target", "2", "--far", "9"]), ["searched"; 4], "another range");
     assert_eq!(sources(&folders, &["--target", "2", "--width", "48"]), ["searched"; 4], "another size");
     photo(&folders.photo(3), 0.31, WIDTH, HEIGHT);
-    assert_eq!(sources(&folders, &["--target", "2"]), ["searched"; 4], "a neighbour of all shows something else");
+    assert_eq!(sources(&folders, &["--target", "2"]), ["searched"; 4], "a neighbour of all photos changed");
 }
 
 #[test]
-fn layers_that_need_no_depth_say_so() {
+fn cache_without_surface_layers_prints_a_note() {
     let folders = Folders::new();
     let (picture, cache) = (folders.out("a.png"), folders.out("kept"));
     let mut render = folders.render(&["--target", "2", "--layers", "guided:1", "-o", &picture, "--cache", &cache]);
@@ -147,7 +146,7 @@ fn layers_that_need_no_depth_say_so() {
 }
 
 #[test]
-fn two_runs_share_a_folder() {
+fn concurrent_runs_share_a_cache() {
     let folders = Folders::new();
     let (picture, _) = render(&folders, &[]);
     let cache = folders.out("kept");
@@ -178,7 +177,7 @@ fn two_runs_share_a_folder() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_written_is_refused_at_once() {
+fn unwritable_cache_folder_is_an_error() {
     let folders = Folders::new();
     let taken = folders.scene().join("transforms.json").to_str().unwrap().to_owned();
     for folder in [taken.clone(), format!("{taken}/kept")] {

@@ -1,4 +1,5 @@
-//! `--network none`: pictures from the views' distances and agreement, without a model or ONNX Runtime.
+//! `--network none`: pictures from the views' distances and agreement, without a model or ONNX
+//! Runtime.
 
 use std::fs;
 
@@ -25,7 +26,7 @@ fn json(command: &mut Command) -> Value {
 }
 
 #[test]
-fn neither_a_model_nor_a_library_is_needed() {
+fn no_network_needs_neither_model_nor_library() {
     let folders = Folders::new();
     let picture = folders.out("a.png");
     let target = ["--target", "2", "-o", &picture];
@@ -44,13 +45,13 @@ fn neither_a_model_nor_a_library_is_needed() {
     let three = [&none[..], &["--views", "3", "--explain", &explanation]].concat();
     let text = run(&mut bare(&folders, "render", &three));
     assert!(
-        text.contains("from 3 views") && text.contains("network none: views weighed by distance and agreement"),
+        text.contains("from 3 views") && text.contains("network none: views weighted by distance and agreement"),
         "{text}"
     );
 }
 
 #[test]
-fn the_record_tells_it_from_a_network() {
+fn record_without_network_differs_from_one_with_network() {
     let folders = Folders::new();
     let out = folders.out("frames");
     let path = ["--path", "line:2", "-o", &out, "--layers", "planes:2"];
@@ -64,7 +65,7 @@ fn the_record_tells_it_from_a_network() {
 }
 
 #[test]
-fn what_only_a_network_has_is_refused() {
+fn options_of_the_network_are_errors_without_one() {
     let folders = Folders::new();
     let refused = |command: &str, arguments: &[&str], words: &[&str]| {
         let arguments = [&["--target", "2", "--network", "none"], arguments].concat();
@@ -83,7 +84,7 @@ fn what_only_a_network_has_is_refused() {
 }
 
 #[test]
-fn logits_are_those_of_the_views_agreement() {
+fn logits_are_the_agreement_of_the_views() {
     let folders = Folders::new();
     let arguments = ["--target", "2", "--network", "none", "-o", &folders.out("d.npz")];
     let report = json(&mut bare(&folders, "dump", &arguments));

@@ -1,5 +1,5 @@
-//! Output paths: never an input, never each other, never a file of a scene that the program did not write; and no success without a
-//! picture.
+//! Output files never overwrite an input, another output, or a file of a scene that the program did
+//! not write; without a picture, the exit code is not 0.
 #![cfg(unix)]
 
 use std::ffi::OsStr;
@@ -15,7 +15,7 @@ use serde_json::Value;
 
 use crate::common::{Folders, HEIGHT, WIDTH, fixture, photo, wait_until};
 
-/// A rig: six cameras, each a folder of frames.
+/// A rig of six cameras, each a folder of frames.
 fn rig(frames: usize) -> Folders {
     let folders = Folders::new();
     for camera in 0..6 {
@@ -38,7 +38,7 @@ fn video(folders: &Folders, arguments: &[&str]) -> assert_cmd::Command {
     video
 }
 
-/// LLFF: three photos of full size in `images`, read from `images_4`.
+/// An LLFF scene: full-size photos in `images`, read from `images_4`.
 fn llff() -> (Folders, PathBuf) {
     let folders = Folders::new();
     let root = PathBuf::from(folders.out("llff"));
@@ -59,7 +59,7 @@ fn llff() -> (Folders, PathBuf) {
     (folders, root)
 }
 
-/// Every file below a folder, with its contents.
+/// All files in a folder and its subfolders, with their contents.
 fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut found = Vec::new();
     for path in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
@@ -72,7 +72,8 @@ fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     found
 }
 
-/// Asserts exit code 2, one error with these words, and that nothing below `folder` is changed or added.
+/// Asserts exit code 2, one error with these words, and that no file in `folder` is changed or
+/// added.
 fn assert_refused(command: &mut assert_cmd::Command, folder: &Path, words: &[&str]) {
     let before = contents(folder);
     let output = command.timeout(Duration::from_secs(60)).output().unwrap();
@@ -93,13 +94,13 @@ fn succeeds(command: &mut assert_cmd::Command) -> String {
 }
 
 #[test]
-fn a_video_never_lands_on_its_rig() {
+fn video_never_overwrites_files_of_its_rig() {
     let folders = rig(2);
     let scene = folders.scene();
     let copies = folders.ffmpeg("for last; do :; done; /bin/cat > \"$last\"");
     let at = |name: &str| scene.join(name).to_str().unwrap().to_owned();
     fs::write(at("cam6.mp4"), "a camera without pose").unwrap();
-    fs::write(at("notes.txt"), "own").unwrap();
+    fs::write(at("notes.txt"), "the user's").unwrap();
     let frames = folders.out("frames");
     for arguments in [
         ["-o", &at("cam6.mp4")],
@@ -118,13 +119,13 @@ fn a_video_never_lands_on_its_rig() {
         assert_refused(command.env("PATH", &copies), &scene, &[arguments[0], arguments[1]]);
         assert_eq!(folders.written(), Vec::<String>::new(), "{arguments:?}");
     }
-    // By another name of the rig, and of the file.
+    // Through links to the rig and to the file.
     symlink(&scene, folders.out("link")).unwrap();
     symlink(at("cam6.mp4"), folders.out("a.mp4")).unwrap();
     for name in ["link/cam6.mp4", "link/cam0/../cam6.mp4", "a.mp4"] {
         assert_refused(video(&folders, &["-o", &folders.out(name)]).env("PATH", &copies), &scene, &["-o", name]);
     }
-    // Poses and models are inputs, too.
+    // Poses and models are inputs as well.
     let poses = folders.out("poses.json");
     fs::write(&poses, r#"[{"cam_from_world": [[1, 0, 0, -0.25], [0, -1, 0, 0], [0, 0, -1, 0]]}]"#).unwrap();
     let model = folders.out("model.onnx");
@@ -142,13 +143,13 @@ fn a_video_never_lands_on_its_rig() {
 }
 
 #[test]
-fn special_files_are_written_to() {
+fn log_can_be_a_pipe_or_a_device() {
     let folders = rig(2);
     let (frames, fifo, null) = (folders.out("frames"), folders.out("fifo"), folders.out("null"));
     assert!(Command::new("mkfifo").arg(&fifo).status().unwrap().success());
     symlink("/dev/null", &null).unwrap();
     succeeds(&mut video(&folders, &["-o", &frames, "--log", &null]));
-    assert!(fs::symlink_metadata(&null).unwrap().is_symlink(), "not renamed over");
+    assert!(fs::symlink_metadata(&null).unwrap().is_symlink(), "not replaced by a file");
     let (path, (sender, lines)) = (fifo.clone(), std::sync::mpsc::channel());
     std::thread::spawn(move || {
         let mut text = String::new();
@@ -161,7 +162,7 @@ fn special_files_are_written_to() {
 }
 
 #[test]
-fn photos_that_are_not_in_use_are_kept() {
+fn photos_that_the_scene_does_not_use_are_not_overwritten() {
     let (folders, root) = llff();
     let at = |name: &str| root.join(name).to_str().unwrap().to_owned();
     let render = |arguments: &[&str]| {
@@ -172,29 +173,29 @@ fn photos_that_are_not_in_use_are_kept() {
     let target = |option: &'static str, name: &str| render(&["--target", "2", option, &at(name)]);
     assert_refused(&mut target("-o", "images/1.png"), &root, &["-o", "images/1.png", "llff"]);
     assert_refused(&mut target("-o", "images_4/../images/1.png"), &root, &["-o", "images/1.png"]);
-    // New files that would be taken for photos, or keep the scene from being read.
+    // New files that would be read as photos, or make the scene invalid.
     for folder in ["images", "images_4", "images_8", "images_8/below"] {
         assert_refused(&mut render(&["--path", "line:3", "-o", &at(folder)]), &root, &["-o", folder]);
     }
-    // The same where the scene's path is relative.
+    // The same with a relative path of the scene.
     let mut relative = assert_cmd::Command::new(env!("CARGO_BIN_EXE_liveview"));
     relative.current_dir(root.parent().unwrap()).args(["render", "llff", "--path", "line:3", "-o", "llff/images_8"]);
     relative.args(["--model", &fixture("tiny_v4"), "--layers", "guided:1"]);
     assert_refused(&mut relative, &root, &["-o", "llff/images_8"]);
-    // Linked from elsewhere.
+    // Photos in a linked folder.
     let elsewhere = folders.scene().join("full");
     fs::rename(root.join("images"), &elsewhere).unwrap();
     symlink(&elsewhere, root.join("images")).unwrap();
     let linked = elsewhere.join("1.png");
     assert_refused(&mut render(&["--target", "2", "-o", linked.to_str().unwrap()]), &elsewhere, &["full/1.png"]);
-    // A free place, and again there: the program knows its own files.
+    // New files, and again: the program may overwrite its own files.
     for _ in 0..2 {
         succeeds(&mut render(&["--target", "2", "-o", &at("new.png"), "--depth", &at("made/depth.png")]));
         succeeds(&mut render(&["--path", "line:3", "-o", &at("made/flight")]));
         let mut depth = assert_cmd::Command::new(env!("CARGO_BIN_EXE_liveview"));
         succeeds(depth.arg("depth").arg(&root).args(["--photo", "1.png", "-o", &at("depth")]));
     }
-    // But no other's.
+    // But no others.
     fs::copy(elsewhere.join("0.png"), at("made/flight/frame_0001.png")).unwrap();
     assert_refused(&mut render(&["--path", "line:3", "-o", &at("made/flight")]), &root, &["frame_0001.png"]);
 
@@ -205,7 +206,7 @@ fn photos_that_are_not_in_use_are_kept() {
 }
 
 #[test]
-fn outputs_never_land_on_each_other() {
+fn outputs_never_overwrite_each_other() {
     let folders = Folders::new();
     fs::create_dir(folders.out("real")).unwrap();
     symlink(folders.out("real"), folders.out("link")).unwrap();
@@ -220,9 +221,9 @@ fn outputs_never_land_on_each_other() {
         ("real/a_colour.png", "--depth", "link/a.png"),
     ] {
         let arguments = ["--target", "2", "-o", &at(first), option, &at(second)];
-        assert_refused(&mut folders.render(&arguments), &out, &["different places", first, "-o", option]);
+        assert_refused(&mut folders.render(&arguments), &out, &["expected different files", first, "-o", option]);
     }
-    assert!(!Path::new(&at("new")).exists(), "refused before any folder is made");
+    assert!(!Path::new(&at("new")).exists(), "refused before any folder is created");
     let both = ["--explain", &at("link/b.png"), "--depth", &at("real/b.png"), "-o", &at("a.png")];
     assert_refused(&mut folders.render(&[&["--target", "2"], &both[..]].concat()), &out, &["--explain", "--depth"]);
     let folders = rig(2);
@@ -231,11 +232,11 @@ fn outputs_never_land_on_each_other() {
     let (out, at) = (PathBuf::from(folders.out("")), |name: &str| folders.out(name));
     let copies = folders.ffmpeg("for last; do :; done; /bin/cat > \"$last\"");
     let mut log = video(&folders, &["-o", &at("real/a.mp4"), "--log", &at("link/a.mp4")]);
-    assert_refused(log.env("PATH", copies), &out, &["-o", "--log", "different places"]);
+    assert_refused(log.env("PATH", copies), &out, &["-o", "--log", "expected different files"]);
 }
 
 #[test]
-fn frames_of_an_earlier_run_are_told() {
+fn frames_of_an_earlier_run_are_reported() {
     let folders = rig(4);
     let frames = folders.out("frames");
     let render = |count: &str| succeeds(&mut folders.render(&["--path", count, "-o", &frames, "--layers", "guided:1"]));
@@ -250,7 +251,7 @@ fn frames_of_an_earlier_run_are_told() {
 }
 
 #[test]
-fn the_record_is_appended_to_and_not_written_anew() {
+fn record_is_extended_in_place() {
     let folders = Folders::new();
     let (record, first) = (folders.out("frames/liveview.json"), folders.out("first"));
     let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
@@ -266,7 +267,7 @@ fn the_record_is_appended_to_and_not_written_anew() {
 }
 
 #[test]
-fn a_record_that_is_no_record() {
+fn invalid_record_is_an_error() {
     let folders = Folders::new();
     let record = folders.out("frames/liveview.json");
     let resume = || folders.render(&["--path", "line:3", "-o", &folders.out("frames"), "--resume"]);
@@ -278,21 +279,21 @@ fn a_record_that_is_no_record() {
     };
     fs::create_dir(folders.out("frames")).unwrap();
     assert!(Command::new("mkfifo").arg(&record).status().unwrap().success());
-    refused(&["liveview.json", "no file that can be read again"]);
+    refused(&["liveview.json", "not a regular file"]);
     fs::remove_file(&record).unwrap();
     symlink("/dev/zero", &record).unwrap();
-    refused(&["liveview.json", "no file that can be read again"]);
+    refused(&["liveview.json", "not a regular file"]);
     fs::remove_file(&record).unwrap();
     fs::File::create(&record).unwrap().set_len(1 << 36).unwrap();
     refused(&["--resume", "liveview.json", "cannot be read", "bytes"]);
 }
 
 #[test]
-fn no_picture_or_none_of_it_seen_is_an_error() {
+fn no_frame_and_no_coverage_are_errors() {
     let folders = rig(6);
     let (frames, picture) = (folders.out("frames"), folders.out("a.png"));
     folders.assert_refused(&mut video(&folders, &["--frames", "100..", "-o", &frames]), &["--frames 100..", "6"]);
-    // Turned away from everything that the cameras see.
+    // Far from everything that the cameras cover.
     let pose = folders.scene().join("pose.json");
     let away = r#"{"cam_from_world": [[1, 0, 0, -50], [0, -1, 0, 0], [0, 0, -1, 0]]}"#;
     fs::write(&pose, away).unwrap();
@@ -307,7 +308,7 @@ fn no_picture_or_none_of_it_seen_is_an_error() {
 }
 
 #[test]
-fn names_as_they_are() {
+fn target_names_may_contain_commas_and_folders() {
     let folders = Folders::new();
     let comma = folders.scene().join("images/a,b.png");
     fs::rename(folders.photo(2), &comma).unwrap();
@@ -335,7 +336,7 @@ fn names_as_they_are() {
 }
 
 #[test]
-fn scenes_named_like_options_or_in_other_letters() {
+fn scene_names_may_start_with_a_dash_or_be_invalid_utf8() {
     let folders = Folders::new();
     for name in [OsStr::new("-s"), OsStr::from_bytes(b"sc\xffne")] {
         let scene = folders.scene().parent().unwrap().join(name);
@@ -351,7 +352,7 @@ fn scenes_named_like_options_or_in_other_letters() {
 }
 
 #[test]
-fn a_scene_whose_photos_lie_in_two_folders_takes_pictures_in_a_third() {
+fn scene_with_photos_in_two_folders_accepts_outputs_in_a_third() {
     let folders = Folders::new();
     let scene = folders.scene();
     let mut poses = fs::read_to_string(scene.join("transforms.json")).unwrap();

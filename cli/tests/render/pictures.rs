@@ -1,4 +1,4 @@
-//! `liveview render`: what it writes and what it tells.
+//! `liveview render`: its pictures and its report.
 
 use std::fs;
 
@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::common::{Folders, HEIGHT, WIDTH};
 
-/// Runs a command that must succeed; its stdout.
+/// Runs a command that must succeed; returns its stdout.
 fn run(command: &mut assert_cmd::Command) -> String {
     let output = command.output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -20,7 +20,7 @@ fn json(command: &mut assert_cmd::Command) -> Value {
 }
 
 #[test]
-fn a_held_out_view_is_rendered_scored_and_compared() {
+fn held_out_view_is_rendered_scored_and_compared() {
     let folders = Folders::new();
     let [picture, depth, compare] = ["a.png", "d.png", "c.png"].map(|name| folders.out(name));
     let report =
@@ -30,17 +30,17 @@ fn a_held_out_view_is_rendered_scored_and_compared() {
     assert_eq!(target["name"], "2.png");
     let mut views: Vec<&str> = target["views"].as_array().unwrap().iter().map(|name| name.as_str().unwrap()).collect();
     views.sort_unstable();
-    assert_eq!(views, ["0.png", "1.png", "3.png", "4.png"], "never from itself");
+    assert_eq!(views, ["0.png", "1.png", "3.png", "4.png"], "not from the target itself");
     assert_eq!((&target["near"], &target["far"]), (&2.0.into(), &8.0.into()));
     assert_eq!(report["layers"], "guided:2", "as the model recommends");
 
     let (result, truth) = (image::load(picture.as_ref()).unwrap(), image::load(&folders.photo(2)).unwrap());
     let score = psnr(&result, &truth, 16);
     assert!(score > 40.0, "{score}");
-    // The rounding of each value to 8 bits, at most half a level, bounds the distance of the root mean squares.
+    // Rounding to 8 bits changes each value, and so the root mean square, by at most half a level.
     let rms = |psnr: f64| 10f64.powf(-psnr / 20.0);
-    let apart = (rms(target["psnr"].as_f64().unwrap()) - rms(score)).abs();
-    assert!(apart <= 0.5 / 255.0, "8-bit rounding apart, the score is the picture's: {score} dB, {report}");
+    let difference = (rms(target["psnr"].as_f64().unwrap()) - rms(score)).abs();
+    assert!(difference <= 0.5 / 255.0, "{score} dB from the file, {report}");
     let size = image::read_size(compare.as_ref()).unwrap();
     assert_eq!(size, Size::new(3 * WIDTH as usize + 8, HEIGHT as usize));
 
@@ -52,21 +52,21 @@ fn a_held_out_view_is_rendered_scored_and_compared() {
 }
 
 #[test]
-fn every_second_view_from_the_others() {
+fn heldout_renders_every_nth_view_from_the_others() {
     let folders = Folders::new();
     folders.write_scene(5, "images/4.png", "images/9.png");
     fs::rename(folders.photo(4), folders.photo(9)).unwrap();
-    // Of five, two remain: too few for V = 4.
+    // Two of five views remain, too few for V = 4.
     folders.assert_refused(&mut folders.render(&["--heldout", "2"]), &["0.png", "only 2 of 2"]);
     let text = run(&mut folders.render(&["--heldout", "5"]));
     assert!(text.contains("PSNR") && text.contains("0.png"), "{text}");
-    assert!(folders.written().is_empty(), "pictures only where asked for");
+    assert!(folders.written().is_empty(), "no pictures without -o");
     let report = json(&mut folders.render(&["--target", "0", "-o", &folders.out("a.png")]));
     assert_eq!(report["mean"]["psnr"], report["targets"][0]["psnr"]);
 }
 
 #[test]
-fn the_result_depends_on_neither_threads_nor_batch() {
+fn picture_does_not_depend_on_threads_or_batch_size() {
     let folders = Folders::new();
     let pictures = [("1", "1"), ("2", "3"), ("2", "3")].map(|(threads, batch)| {
         let picture = folders.out("a.png");
@@ -88,7 +88,7 @@ fn the_result_depends_on_neither_threads_nor_batch() {
 }
 
 #[test]
-fn a_pose_on_top_of_a_view_shows_its_photo() {
+fn pose_of_a_view_gives_its_photo() {
     let folders = Folders::new();
     for pose in [
         r#"{"transform_matrix": [[1, 0, 0, 0.2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}"#,
@@ -111,7 +111,8 @@ fn a_pose_on_top_of_a_view_shows_its_photo() {
     run(&mut folders.render(&["--pose", path.to_str().unwrap(), "-o", &picture]));
     let score = psnr(&image::load(picture.as_ref()).unwrap(), &image::load(&folders.photo(2)).unwrap(), 0);
     assert!(score > 45.0, "nerfstudio's: {score}");
-    // Turned by half a turn about z, moved and scaled by nerfstudio, which says so beside the path.
+    // nerfstudio rotated the scene by 180° about z, moved and scaled it, as the file beside the
+    // path says.
     let report = folders.render(&["--pose", path.to_str().unwrap(), "-o", &picture]).output().unwrap();
     assert!(String::from_utf8_lossy(&report.stderr).contains("path.json: assumed to be in the scene's own axes"));
     let trained = "[-1, 0, 0, 0.4, 0, -1, 0, 0.5, 0, 0, 1, 1.5, 0, 0, 0, 1]";
@@ -133,7 +134,7 @@ fn a_pose_on_top_of_a_view_shows_its_photo() {
 }
 
 #[test]
-fn a_path_becomes_a_folder_of_frames_and_keeps_the_planes_of_the_first() {
+fn path_gives_a_folder_of_frames_with_the_planes_of_the_first() {
     let folders = Folders::new();
     let report =
         json(&mut folders.render(&["--path", "line:3", "--layers", "select:2/8", "-o", &folders.out("frames")]));
@@ -154,7 +155,7 @@ fn a_path_becomes_a_folder_of_frames_and_keeps_the_planes_of_the_first() {
 }
 
 #[test]
-fn other_layers() {
+fn layers_and_width_options_are_applied() {
     let folders = Folders::new();
     let picture = folders.out("a.png");
     for (how, layers) in [
@@ -173,7 +174,7 @@ fn other_layers() {
 }
 
 #[test]
-fn layers_are_those_that_the_model_recommends() {
+fn default_layers_are_those_that_the_model_recommends() {
     let folders = Folders::new();
     for (layers, count) in [("planes:3", 3), ("guided:4", 4)] {
         let model = folders.recommending(layers);
@@ -184,7 +185,7 @@ fn layers_are_those_that_the_model_recommends() {
 }
 
 #[test]
-fn videos_go_through_ffmpeg() {
+fn videos_are_written_by_ffmpeg() {
     let folders = Folders::new();
     let copies = "for last; do :; done; /bin/cat > \"$last\"";
     for name in ["a.mp4", "a.gif"] {
@@ -217,7 +218,7 @@ fn memory_does_not_grow_with_the_number_of_layers() {
 }
 
 #[test]
-fn what_was_left_out_is_explained() {
+fn explain_reports_ranges_times_and_skipped_layers() {
     let folders = Folders::new();
     let [picture, why] = ["a.png", "why.png"].map(|name| folders.out(name));
     let report = json(&mut folders.render(&["--target", "2", "-o", &picture, "--explain", &why, "--dense", "9"]));
@@ -231,7 +232,7 @@ fn what_was_left_out_is_explained() {
     assert!(explained["dense"]["error_max"].as_f64().unwrap() >= explained["dense"]["error_mean"].as_f64().unwrap());
     assert_eq!(image::read_size(why.as_ref()).unwrap(), Size::new(3 * WIDTH as usize + 8, HEIGHT as usize));
 
-    // 60 · 0.1 / 0.01 pixels of parallax: the first three of these planes are beyond every photo.
+    // At depth 0.01 the parallax is 600 pixels: no photo covers the first three of these planes.
     let near = ["--target", "2", "-o", &picture, "--near", "0.01", "--layers", "planes:4", "--explain", &why];
     let report = json(&mut folders.render(&near));
     assert_eq!(report["explanation"]["uncovered_layers"], 3, "as `inspect` says: {report}");
@@ -250,7 +251,7 @@ fn what_was_left_out_is_explained() {
 }
 
 #[test]
-fn a_surface_is_explained_and_exposure_and_sharpness_may_be_kept() {
+fn explain_reports_gains_and_sharpening_unless_they_are_disabled() {
     let folders = Folders::new();
     let [picture, why] = ["a.png", "why.png"].map(|name| folders.out(name));
     let arguments = ["--target", "2", "-o", &picture, "--layers", "surface:2", "--explain", &why];
@@ -270,7 +271,7 @@ fn a_surface_is_explained_and_exposure_and_sharpness_may_be_kept() {
 }
 
 #[test]
-fn qualities_are_choices_of_layers() {
+fn quality_options_select_layers() {
     let folders = Folders::new();
     let layers = |arguments: &[&str]| {
         let report = json(folders.render(&["--target", "2", "-o", &folders.out("a.png")]).args(arguments));

@@ -1,4 +1,5 @@
-//! Cameras of a video that end early, differ in their frame times, or cannot be read: what is left out is reported, with the reason.
+//! Cameras of a video that end early, differ in their frame times, or cannot be read: what is left
+//! out is reported, with the reason.
 #![cfg(target_os = "linux")]
 
 use std::fs;

@@ -148,7 +148,8 @@ fn live_frames_keep_the_rate_and_late_ones_are_dropped() {
     assert!(started.elapsed() > Duration::from_millis(11 * 50), "frames are due at their times");
     assert_eq!((report["rendered"].as_u64(), report["dropped"].as_u64()), (Some(12), Some(0)), "{report}");
     assert!(report["latency_ms"]["median"].as_u64().is_some() && report["mean"]["psnr"].is_null());
-    // Too fast for any machine: the level falls and frames are dropped, and the video keeps its length.
+    // Too fast for any machine: the level falls and frames are dropped, and the video keeps its
+    // length.
     let mut video =
         rig.video(&["--camera", "cam2", "--fps", "256", "--latency", "30ms", "--layers", "planes:512", "-o", &out]);
     let output = video.arg("--json").output().unwrap();
@@ -195,7 +196,8 @@ fn video_files_with_poses_bounds_are_a_rig() {
     fs::write(&cut, &video[..video.len() - 100]).unwrap();
     let mut poses = Vec::new();
     for camera in 0..6 {
-        // Columns down, right, backwards, centre, and (height, width, focal length); then near and far.
+        // Columns down, right, backwards, centre, and (height, width, focal length); then near and
+        // far.
         let x = 0.1 * f64::from(camera as u8);
         poses.extend([0.0, 1.0, 0.0, x, 48.0, 1.0, 0.0, 0.0, 0.0, 64.0, 0.0, 0.0, -1.0, 0.0, 60.0, 2.0, 8.0]);
     }

@@ -1,4 +1,5 @@
-//! Interrupted videos, and stalls that could keep the program from ending: the file is complete, or there is none.
+//! Interrupted videos, and stalls that could keep the program from ending: the file is complete, or
+//! there is none.
 #![cfg(target_os = "linux")]
 
 use std::fs;

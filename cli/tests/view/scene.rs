@@ -191,7 +191,8 @@ fn options_that_cannot_work_are_refused_at_start() {
     refused(&["--port", "0", "--heldout", "2"], &["4 views are needed"]);
 }
 
-/// A folder for the PATH, with programs of these names that write their arguments into a file; and that file.
+/// A folder for the PATH, with programs of these names that write their arguments into a file; and
+/// that file.
 fn browsers(folders: &Folders, names: &[&str]) -> (String, PathBuf) {
     let (path, opened) = (folders.scene().join("bin"), folders.scene().join("opened"));
     fs::create_dir_all(&path).unwrap();
