@@ -18,22 +18,12 @@ use liveview_viewer as view;
 
 const EXAMPLES: &str = "\
 Examples:
-  What a scene folder holds, and how it is read:
-    liveview inspect scene
-  A held-out photo, rendered from the others and scored:
-    liveview render scene --target IMG_7.jpg -o new.png
-  Every 8th photo, rendered from the others, with a table of scores:
-    liveview render scene --heldout 8
-  A flight around the rig:
-    liveview render scene --path spiral:90 -o flight.mp4
-  A video of a camera rig, from a moving viewpoint:
-    liveview video rig --path circle:120 -o view.mp4
-  Look around in a browser:
-    liveview view scene
-  The depth of each photo, and the share of it that other photos confirm:
-    liveview depth scene -o depth
-  Which planes a view needs:
-    liveview select scene --target IMG_7.jpg -o planes.png";
+  liveview inspect scene                                how a scene is read
+  liveview render scene --target IMG_7.jpg -o new.png   a held-out photo, rendered and scored
+  liveview render scene --heldout 8                     every 8th photo, with a table of scores
+  liveview render scene --path spiral:90 -o path.mp4    a camera path around the scene
+  liveview video rig --path circle:120 -o view.mp4      the video of a rig, from a moving viewpoint
+  liveview view scene                                   look around in the browser";
 
 /// Renders new views of a scene from photos with known camera poses.
 #[derive(Debug, Parser)]
@@ -42,7 +32,7 @@ struct Cli {
     #[command(subcommand)]
     command: Command,
     /// Print one JSON object on stdout instead of text
-    #[arg(long, global = true)]
+    #[arg(long, global = true, display_order = 900)]
     json: bool,
 }
 
@@ -70,10 +60,10 @@ enum Command {
     /// Write every stage of one render as arrays (.npz), to compare with the Python reference
     Dump(dump::DumpArgs),
     #[cfg(feature = "bench")]
-    /// Measure error against run time for kinds and numbers of layers, and for the Python reference
+    /// Measure error against run time for kinds and numbers of layers
     Sweep(sweep::SweepArgs),
     #[cfg(feature = "bench")]
-    /// Compare extreme cases of a scene's rig with float64, for Rust and for the Python reference
+    /// Compare stiff and extreme cases with float64
     Stability(stability::StabilityArgs),
     /// List the installed models and their cards
     Models(models::ModelsArgs),

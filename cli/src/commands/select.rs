@@ -39,8 +39,6 @@ const QUANTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct SelectArgs {
-    #[command(flatten)]
-    scene: SceneArgs,
     /// Target view, by name, held out
     #[arg(long, value_name = "NAME")]
     target: String,
@@ -56,6 +54,8 @@ pub(crate) struct SelectArgs {
     output: Option<PathBuf>,
     #[command(flatten)]
     model: ModelArgs,
+    #[command(flatten)]
+    scene: SceneArgs,
 }
 
 pub(crate) fn run(args: &SelectArgs) -> Result<Output> {

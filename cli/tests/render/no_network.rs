@@ -77,7 +77,6 @@ fn options_of_the_network_are_errors_without_one() {
         refused("render", &[&["-o", &picture], &option[..]].concat(), &["--network", option[0], "cannot be used with"]);
     }
     refused("render", &["-o", &picture, "--layers", "select:2/4"], &["--network none", "select:2/4", "opacities"]);
-    refused("render", &["-o", &picture, "--explain", &picture, "--dense", "8"], &["--dense", "cannot be used with"]);
     refused("select", &["--layers", "select:2/4"], &["--network none", "select:2/4", "opacities"]);
     refused("stability", &[], &["--network none", "expected a model"]);
     refused("sweep", &["-o", &picture, "--engines", "cpu int8"], &["--network", "--engines", "cannot be used with"]);

@@ -23,9 +23,8 @@ use crate::npz::Arrays;
 
 /// Options of `liveview dump`.
 #[derive(Debug, Args)]
+#[command(after_help = "--help also lists the advanced options.", after_long_help = "")]
 pub struct DumpArgs {
-    #[command(flatten)]
-    scene: SceneArgs,
     /// The view to render, by name; it is held out
     #[arg(long, value_name = "NAME")]
     target: String,
@@ -36,6 +35,8 @@ pub struct DumpArgs {
     /// Where to write the arrays
     #[arg(short, long, value_name = "NPZ")]
     output: PathBuf,
+    #[command(flatten)]
+    scene: SceneArgs,
 }
 
 /// The stages of all layers of a render, near → far.

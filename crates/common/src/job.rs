@@ -51,7 +51,7 @@ impl Job {
 
     fn of(photos: ScenePhotos, opened: (Renderer, ModelInfo), layers: Option<&LayerSpec>) -> Result<Self> {
         let (renderer, model) = opened;
-        let layers = given_or_recommended(layers, None, renderer.network())?;
+        let layers = given_or_recommended(layers, renderer.network())?;
         let synthesizer = Synthesizer::new(photos, renderer, layers);
         Ok(Self { synthesizer, model, progress: ProgressBar::hidden() })
     }

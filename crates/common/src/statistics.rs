@@ -1,6 +1,4 @@
-//! Statistics of numbers and of pictures.
-
-use liveview::ImageRgb;
+//! Statistics of numbers.
 
 /// A quantile (`fraction` from 0 to 1) of the values, which it sorts; NaN if there are none.
 pub fn quantile(values: &mut [f64], fraction: f64) -> f64 {
@@ -17,27 +15,6 @@ pub fn quantile_of_sorted(sorted: &[f64], fraction: f64) -> f64 {
         (Some(low), Some(high)) if low == high => *low,
         (Some(low), Some(high)) => low + at.fract() * (high - low),
         _ => f64::NAN,
-    }
-}
-
-/// Absolute difference of pictures with values in [0, 1].
-#[derive(Debug, Clone, Copy)]
-pub struct PixelError {
-    /// Largest difference of a value.
-    pub max: f64,
-    /// Mean difference of all values.
-    pub mean: f64,
-}
-
-impl PixelError {
-    /// The difference over all pairs of pictures.
-    pub fn between<'a>(pairs: impl Iterator<Item = (&'a ImageRgb, &'a ImageRgb)>) -> Self {
-        let values = pairs.flat_map(|(a, b)| a.data().iter().zip(b.data()));
-        let (max, sum, count) = values.fold((0.0, 0.0, 0), |(max, sum, count): (f64, f64, usize), (a, b)| {
-            let difference = f64::from((a - b).abs());
-            (max.max(difference), sum + difference, count + 1)
-        });
-        Self { max, mean: sum / count as f64 }
     }
 }
 

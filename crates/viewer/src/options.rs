@@ -28,8 +28,6 @@ or use the arrow keys, with shift to turn. The space bar starts and stops the vi
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ViewArgs {
-    #[command(flatten)]
-    pub(crate) scene: SceneArgs,
     /// Port of the link; 0 for any free port
     #[arg(long, value_name = "N", default_value_t = 8090)]
     pub(crate) port: u16,
@@ -54,6 +52,8 @@ pub struct ViewArgs {
     pub(crate) layers: LayerArgs,
     #[command(flatten)]
     pub(crate) model: ModelArgs,
+    #[command(flatten)]
+    pub(crate) scene: SceneArgs,
 }
 
 impl ViewArgs {

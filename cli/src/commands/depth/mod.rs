@@ -12,10 +12,11 @@ use std::sync::atomic::Ordering;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use liveview::{ModelOptions, Scene, ScenePhotos, ViewDepth};
+use liveview_common::args::help::ADVANCED;
 use liveview_common::args::model::start_threads;
+use liveview_common::args::numbers;
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::named;
-use liveview_common::args::{ADVANCED, numbers};
 use liveview_common::console::{Output, print_message, print_notes, progress};
 use liveview_common::interrupt;
 use truth::{Score, Truth};
@@ -32,8 +33,6 @@ Examples:
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct DepthArgs {
-    #[command(flatten)]
-    scene: SceneArgs,
     /// Photos to write the depth of, by name [default: all that are not held out]
     #[arg(long, value_name = "NAME,…")]
     photo: Vec<String>,
@@ -59,6 +58,8 @@ pub(crate) struct DepthArgs {
     /// NAME_colour.png: dark at far, light at near, black where unconfirmed.
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
+    #[command(flatten)]
+    scene: SceneArgs,
 }
 
 /// The report on a photo's depth.

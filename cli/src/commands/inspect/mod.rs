@@ -34,8 +34,6 @@ const MAX_STEP: f64 = 1.0;
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct InspectArgs {
-    #[command(flatten)]
-    scene: SceneArgs,
     /// View to use as the target, held out [default: the middle one]
     #[arg(long, value_name = "NAME")]
     target: Option<String>,
@@ -51,6 +49,8 @@ pub(crate) struct InspectArgs {
     /// two photos have too few points in common.
     #[arg(long)]
     exposure: bool,
+    #[command(flatten)]
+    scene: SceneArgs,
 }
 
 /// One part of the report: as text, and as JSON.

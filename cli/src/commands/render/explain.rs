@@ -1,23 +1,22 @@
-//! `render --explain`: the layers that were used and skipped, the time of each stage, and the
-//! difference from many planes.
+//! `render --explain`: the layers that were used and skipped, and the time of each stage.
 
 use std::fmt::Write;
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::Args;
-use liveview::image::{Score, coloured, psnr};
+use liveview::image::coloured;
+use liveview::layers::Layer;
 use liveview::layers::guided::RangeMap;
-use liveview::layers::{Layer, Layers};
 use liveview::network::Alpha;
-use liveview::{Frame, ImageRgb, LoadedShot, Plan, Shot, TargetSurface};
+use liveview::{Frame, ImageRgb, Plan, Shot, TargetSurface};
+use liveview_common::args::help::ADVANCED;
 use liveview_common::args::output::expect_png;
-use liveview_common::args::{ADVANCED, numbers};
 use liveview_common::console::path_text;
 use liveview_common::job::Job;
 use liveview_common::measure::Times;
 use liveview_common::outputs::OutputPlan;
-use liveview_common::statistics::{PixelError, quantile};
+use liveview_common::statistics::quantile;
 use ndarray::{Array2, s};
 use serde_json::{Value, json};
 
@@ -33,20 +32,14 @@ pub(super) struct ExplainArgs {
     /// disparity, farthest disparity and parallax of guided layers.
     #[arg(long, value_name = "PNG", help_heading = ADVANCED, hide_short_help = true)]
     explain: Option<PathBuf>,
-    /// Also render D uniform planes, and print how much the picture differs from them
-    #[arg(long, value_name = "D", value_parser = numbers::count, requires = "explain", conflicts_with = "network")]
-    #[arg(help_heading = ADVANCED, hide_short_help = true)]
-    dense: Option<usize>,
 }
 
 /// The render to explain.
 pub(super) struct Explained<'a> {
     pub(super) shot: &'a Shot,
-    pub(super) loaded: &'a LoadedShot,
     pub(super) plan: &'a Plan,
     pub(super) frame: &'a Frame,
     pub(super) times: &'a Times,
-    pub(super) truth: Option<&'a ImageRgb>,
 }
 
 /// The explanation, as text and as JSON.
@@ -67,7 +60,7 @@ impl ExplainArgs {
     }
 
     /// Explains a render, if `--explain` is given.
-    pub(super) fn explain(&self, job: &mut Job, about: &Explained<'_>) -> Result<Option<Explanation>> {
+    pub(super) fn explain(&self, job: &Job, about: &Explained<'_>) -> Result<Option<Explanation>> {
         let Some(file) = &self.explain else { return Ok(None) };
         let mut text = String::new();
         let mut json = json!({ "file": path_text(file) });
@@ -78,9 +71,6 @@ impl ExplainArgs {
         };
         uncovered(about.frame, &mut text, &mut json);
         time_shares(about.times, &mut text, &mut json);
-        if let Some(planes) = self.dense {
-            dense(job, about, planes, &mut text, &mut json)?;
-        }
         picture.save(file)?;
         Ok(Some(Explanation { text, json }))
     }
@@ -179,25 +169,4 @@ fn time_shares(times: &Times, text: &mut String, json: &mut Value) {
     let list: Vec<String> = shares.iter().map(|(stage, share)| format!("{stage} {:.0} %", 100.0 * share)).collect();
     let _ = writeln!(text, "shares  {} of {:.0} ms", list.join(", "), 1e3 * total);
     json["time_shares"] = shares.into_iter().map(|(stage, share)| (stage.to_owned(), json!(share))).collect();
-}
-
-/// The difference from a picture rendered on `planes` uniform planes.
-fn dense(job: &mut Job, about: &Explained<'_>, planes: usize, text: &mut String, json: &mut Value) -> Result<()> {
-    let layers = Layers::uniform(about.shot.near, about.shot.far, planes)?;
-    let dense = job.render(about.loaded, &Plan::known(layers))?;
-    let PixelError { max, mean } = PixelError::between(std::iter::once((&about.frame.picture, &dense.picture)));
-    let seconds = (dense.times.warp + dense.times.network + dense.times.composite).as_secs_f64();
-    let ratio = seconds / about.times.total().as_secs_f64();
-    let _ = writeln!(
-        text,
-        "dense   {planes} planes: mean difference {mean:.4}, largest {max:.2} (of 1); they take {ratio:.1} times as long"
-    );
-    json["dense"] = json!({ "planes": planes, "error_max": max, "error_mean": mean, "seconds": seconds });
-    if let Some(truth) = about.truth {
-        let [picture_psnr, dense_psnr] =
-            [&about.frame.picture, &dense.picture].map(|picture| psnr(picture, truth, Score::BORDER));
-        let _ = writeln!(text, "        PSNR {picture_psnr:.2} dB, the {planes} planes {dense_psnr:.2} dB");
-        json["dense"]["psnr"] = json!(dense_psnr);
-    }
-    Ok(())
 }

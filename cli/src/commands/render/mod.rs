@@ -17,7 +17,7 @@ use clap::Args;
 use explain::{ExplainArgs, Explained, Explanation};
 use liveview::image::{Score, inpaint_uncovered};
 use liveview::{LayerSpec, Plan, Shot};
-use liveview_common::args::ADVANCED;
+use liveview_common::args::help::ADVANCED;
 use liveview_common::args::layers::LayerArgs;
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::scene::SceneArgs;
@@ -45,7 +45,7 @@ Examples:
   liveview render scene --target IMG_7.jpg -o new.png --compare compare.png
   liveview render scene --heldout 8 --layers guided:4 --compare compared/
   liveview render scene --target IMG_7.jpg --layers planes:64 -o new.png --depth disparity.png
-  liveview render scene --target IMG_7.jpg -o new.png --explain why.png --dense 64
+  liveview render scene --target IMG_7.jpg -o new.png --explain why.png
   liveview render scene --pose camera.json --near 1.5 --far 40 -o new.jpg
   liveview render scene --path circle:120 --layers select:16/64 --width 640 -o flight.mp4
   liveview render scene --path spiral:900 -o frames/
@@ -208,14 +208,7 @@ fn render(
         }
         let weighting = job.model.weighting_stage();
         let times = Times { photos, depth: plan.search, select: plan.selection, weighting, stages: frame.times };
-        let about = Explained {
-            shot: &shot,
-            loaded: &loaded,
-            plan: &plan,
-            frame: &frame,
-            times: &times,
-            truth: truth.as_ref(),
-        };
+        let about = Explained { shot: &shot, plan: &plan, frame: &frame, times: &times };
         let pixels = frame.transmittance.len() as f64;
         let uncovered_share = frame.uncovered_share();
         if single && is_blank(uncovered_share) {

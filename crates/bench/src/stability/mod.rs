@@ -50,18 +50,15 @@ const WIDTH: usize = 126;
 
 /// Options of `liveview stability`.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "--help also lists the advanced options.", after_long_help = EXAMPLES)]
 pub struct StabilityArgs {
-    #[command(flatten)]
-    scene: SceneArgs,
     /// The view whose camera is the target, by name
     #[arg(long, value_name = "NAME")]
     target: String,
     /// Only three cases of each family: the ends and the middle
     #[arg(long)]
     short: bool,
-    /// A command that runs torch, kornia and onnxruntime on the same cases, such as
-    /// ".venv/bin/python -m liveview_ref.parity.stability"
+    /// Command of the reference implementations: "python -m liveview_ref.parity.stability"
     #[arg(long, value_name = "COMMAND")]
     reference: Option<String>,
     #[command(flatten)]
@@ -69,6 +66,8 @@ pub struct StabilityArgs {
     /// Folder for stability.md and stability.svg
     #[arg(short, long, value_name = "FOLDER")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    scene: SceneArgs,
 }
 
 /// Runs `liveview stability`.

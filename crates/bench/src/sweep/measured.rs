@@ -5,10 +5,10 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use liveview::ImageRgb;
 use liveview::image::{Score, psnr, ssim};
-use liveview_common::statistics::PixelError;
 use ndarray::Array3;
 use serde_json::json;
 
+use super::pixel_error::PixelError;
 use super::rows::{Row, densest};
 use crate::worker_process::{WorkerProcess, text_of};
 

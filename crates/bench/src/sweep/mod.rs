@@ -3,6 +3,7 @@
 mod cpu;
 mod markdown;
 mod measured;
+mod pixel_error;
 mod plot;
 mod rows;
 mod worker;
@@ -57,29 +58,25 @@ const FILES: [&str; 3] = ["sweep.json", "sweep.md", "sweep.svg"];
 
 /// Options of `liveview sweep`.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "--help also lists the advanced options.", after_long_help = EXAMPLES)]
 pub struct SweepArgs {
-    #[command(flatten)]
-    scene: SceneArgs,
-    /// Views to render, by name; all are held out. Scores are means over them, times are those of the first
+    /// Views to render, by name, all held out: scores are their means, times those of the first
     #[arg(long, value_name = "NAME,…", required = true)]
     target: Vec<String>,
-    /// What to measure, separated by commas: surface:L, guided:L, planes:D or select:K/D. With any surface layers, surface:1
-    /// and surface:3 without a network are measured too
-    #[arg(long, value_name = "LIST", default_value = LAYERS, value_delimiter = ',')]
+    /// Layers to measure, separated by commas; surface layers also without a network [default: several
+    /// of each kind]
+    #[arg(long, value_name = "LIST", default_value = LAYERS, hide_default_value = true, value_delimiter = ',')]
     layers: Vec<LayerSpec>,
-    /// Widths of the picture, separated by commas, to measure time against size; scored at the photo's own [default: the photo's]
+    /// Widths of the picture, separated by commas, to measure time against size [default: the photo's]
     #[arg(long, value_name = "PIXELS", value_delimiter = ',', value_parser = numbers::count)]
     widths: Vec<usize>,
-    /// Engines to measure surface and guided layers on too, each with its precision, separated by commas, such as
-    /// "cpu int8,openvino int8"
+    /// Further engines for surface and guided layers, with precisions, such as "cpu int8,openvino int8"
     #[arg(long, value_name = "LIST", value_delimiter = ',', conflicts_with = "network")]
     engines: Vec<ProviderChoice>,
     /// Timed renders of each configuration, after one to warm up
     #[arg(long, value_name = "N", default_value = "5", value_parser = numbers::count)]
     repetitions: usize,
-    /// A command that runs the reference implementations on the most planes, such as
-    /// ".venv/bin/python -m liveview_ref.competitors.worker"; they composite as in the paper, with the model for any layers
+    /// Command of the reference implementations: "python -m liveview_ref.competitors.worker"
     #[arg(long, value_name = "COMMAND", conflicts_with = "network")]
     reference: Option<String>,
     #[command(flatten)]
@@ -87,6 +84,8 @@ pub struct SweepArgs {
     /// Folder for sweep.json, sweep.md and sweep.svg
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
+    #[command(flatten)]
+    scene: SceneArgs,
 }
 
 /// Runs `liveview sweep`.

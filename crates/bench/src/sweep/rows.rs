@@ -2,8 +2,10 @@
 
 use liveview::geometry::Size;
 use liveview::image::Score;
-use liveview_common::statistics::{PixelError, quantile_of_sorted};
+use liveview_common::statistics::quantile_of_sorted;
 use serde_json::{Value, json};
+
+use super::pixel_error::PixelError;
 
 /// Spread of the repetitions (interquartile range / median, median over the rows) above which times are unreliable.
 const MAX_SPREAD: f64 = 0.15;

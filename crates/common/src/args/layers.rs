@@ -7,11 +7,14 @@ use clap::Args;
 use liveview::network::PlaneNetwork;
 use liveview::{LayerSpec, PhotoCorrection};
 
-use super::ADVANCED;
+use super::help::ADVANCED;
 
-/// Options that choose the layers of a render.
+/// Options that choose the layers.
 #[derive(Debug, Args)]
-pub struct LayerArgs {
+pub struct LayerChoice {
+    /// How to render [default: the model's layers]
+    #[arg(long, value_enum, group = "which_layers")]
+    quality: Option<Quality>,
     /// surface:L, guided:L, planes:D, select:K/D or list:… [default: the model's]
     ///
     /// surface:L: L layers along the surface that the depth of the photos gives; each photo counts
@@ -19,13 +22,17 @@ pub struct LayerArgs {
     /// within each pixel's own depth range, found by a search over D planes. planes:D: D planes
     /// evenly spaced in disparity from near to far. select:K/D: the K of D planes that most pixels
     /// choose (the paper's selection; of competing planes, those nearest to every pixel's choice);
-    /// a path keeps the planes of its first frame. list:A,B,…: planes at these disparities, in
-    /// 1/scene unit, in descending order.
-    #[arg(long, value_name = "SPEC", group = "which_layers")]
+    /// a path or a video keeps the planes of its first frame. list:A,B,…: planes at these
+    /// disparities, in 1/scene unit, in descending order.
+    #[arg(long, value_name = "SPEC", group = "which_layers", help_heading = ADVANCED, hide_short_help = true)]
     layers: Option<LayerSpec>,
-    /// Layers by name
-    #[arg(long, value_enum, group = "which_layers")]
-    quality: Option<Quality>,
+}
+
+/// Options that choose the layers and correct the photos.
+#[derive(Debug, Args)]
+pub struct LayerArgs {
+    #[command(flatten)]
+    choice: LayerChoice,
     /// Surface layers: do not balance the exposure and white balance of the photos
     ///
     /// By default they are balanced, so that points that several photos confirm have the same
@@ -47,7 +54,7 @@ pub struct LayerArgs {
 
 /// Layers by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Quality {
+enum Quality {
     /// 1 layer along the surface that the depth of the photos gives: the best of these (surface:1)
     Surface,
     /// 16 planes selected from 64, as in the paper (select:16/64)
@@ -66,6 +73,13 @@ impl From<Quality> for LayerSpec {
     }
 }
 
+impl LayerChoice {
+    /// The layers of `--layers` or `--quality`, if given.
+    pub fn given(&self) -> Option<LayerSpec> {
+        self.layers.clone().or_else(|| self.quality.map(Into::into))
+    }
+}
+
 impl LayerArgs {
     /// Which properties of the photos are corrected to match each other.
     pub fn photo_correction(&self) -> PhotoCorrection {
@@ -80,20 +94,15 @@ impl LayerArgs {
 
     /// The layers of `--layers` or `--quality`, if given.
     pub fn given(&self) -> Option<LayerSpec> {
-        self.layers.clone().or_else(|| self.quality.map(Into::into))
+        self.choice.given()
     }
 }
 
-/// The given layers, or those of the quality, or those that the model's card recommends.
-pub fn given_or_recommended(
-    layers: Option<&LayerSpec>,
-    quality: Option<Quality>,
-    network: &dyn PlaneNetwork,
-) -> Result<LayerSpec> {
-    let layers = match (layers, quality) {
-        (Some(layers), _) => layers.clone(),
-        (None, Some(quality)) => quality.into(),
-        (None, None) => network.recommended_layers().map_err(|error| anyhow!("{error}, or --layers"))?,
+/// The given layers, or those that the model's card recommends.
+pub fn given_or_recommended(layers: Option<&LayerSpec>, network: &dyn PlaneNetwork) -> Result<LayerSpec> {
+    let layers = match layers {
+        Some(layers) => layers.clone(),
+        None => network.recommended_layers().map_err(|error| anyhow!("{error}, or --layers"))?,
     };
     if matches!(layers, LayerSpec::Select { .. }) && !network.predicts_opacity() {
         bail!("--network none: {layers} selects planes by the opacities of a network; expected other --layers");

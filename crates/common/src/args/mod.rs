@@ -1,9 +1,7 @@
 //! Options that several commands share.
 
-/// Help heading of the options that few people need; `-h` does not list them.
-pub const ADVANCED: &str = "Advanced";
-
 pub mod frame_rate;
+pub mod help;
 pub mod layers;
 pub mod model;
 pub mod model_info;

@@ -12,7 +12,7 @@ use liveview::network::{
 use liveview::render::Renderer;
 use liveview::{LayerSpec, Model, ModelOptions};
 
-use super::ADVANCED;
+use super::help::ADVANCED;
 use super::model_info::{ModelInfo, OpenedModel};
 use super::model_names::{AlphaName, NetworkName, PrecisionName, ProviderChoice, ProviderName, flag};
 use super::numbers;
@@ -30,7 +30,8 @@ pub struct ModelArgs {
     ///
     /// Photos are weighted by their distance to the target and by how well they agree. Only surface
     /// layers make a good picture this way [default layers: surface:3].
-    #[arg(long, value_enum, conflicts_with_all = ["model", "alpha", "engine", "precision", "ort_lib"])]
+    #[arg(long, value_enum, value_name = "none", hide_possible_values = true)]
+    #[arg(conflicts_with_all = ["model", "alpha", "engine", "precision", "ort_lib"])]
     network: Option<NetworkName>,
     /// Model file [default: the installed model for --views and --layers]
     ///

@@ -6,7 +6,8 @@ use anyhow::Result;
 use clap::Args;
 use liveview::{Scene, SceneOptions, SceneViews};
 
-use super::{ADVANCED, numbers};
+use super::help::ADVANCED;
+use super::numbers;
 
 /// Options for the scene and its depth range.
 #[derive(Debug, Args)]

@@ -5,11 +5,10 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
-use liveview::LayerSpec;
 use liveview::live::Policy;
-use liveview_common::args::ADVANCED;
 use liveview_common::args::frame_rate::{FrameRate, frame_rate};
-use liveview_common::args::layers::Quality;
+use liveview_common::args::help::ADVANCED;
+use liveview_common::args::layers::LayerChoice;
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::scene::SceneArgs;
 
@@ -44,27 +43,16 @@ Examples:
 #[command(after_help = SHORT_EXAMPLES, after_long_help = EXAMPLES)]
 pub struct VideoArgs {
     #[command(flatten)]
-    pub(super) scene: SceneArgs,
-    #[command(flatten)]
     pub(super) viewpoint: ViewpointArgs,
     /// Video (.mp4, .gif; needs ffmpeg), folder of frames, or - for raw y4m on standard output
     #[arg(short, long, value_name = "PATH")]
     pub(super) output: PathBuf,
-    /// surface:L, guided:L, planes:D, select:K/D or list:… [default: the model's]
-    ///
-    /// select:K/D: D planes in the first frame, of which K are used in all others, as in the
-    /// paper's video. The others are explained by `liveview render --help`.
-    #[arg(long, value_name = "SPEC", group = "which_layers")]
-    pub(super) layers: Option<LayerSpec>,
-    /// Layers by name
-    #[arg(long, value_enum, group = "which_layers")]
-    pub(super) quality: Option<Quality>,
-    /// Time steps to render: A.., ..B or A..B, counted from 0, without B
-    #[arg(long, value_name = "A..B", value_parser = range)]
-    pub(super) frames: Option<Range<usize>>,
     /// Frames per second: 30, 29.97 or 30000/1001
     #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]
     pub(super) fps: FrameRate,
+    /// Time steps to render: A.., ..B or A..B, counted from 0, without B
+    #[arg(long, value_name = "A..B", value_parser = range)]
+    pub(super) frames: Option<Range<usize>>,
     /// Live: largest age of a frame, such as 100ms; quality is reduced to meet it
     ///
     /// Frames are due at the cameras' times. If three frames in a row exceed the budget, or one
@@ -73,6 +61,15 @@ pub struct VideoArgs {
     /// step. A camera that is late by half of the latency is skipped, unless all are that slow.
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub(super) latency: Option<Duration>,
+    #[command(flatten)]
+    pub(super) layers: LayerChoice,
+    #[command(flatten)]
+    pub(super) model: ModelArgs,
+    #[command(flatten)]
+    pub(super) scene: SceneArgs,
+    /// Surface layers: do not balance the exposure and white balance of the photos
+    #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
+    pub(super) keep_exposure: bool,
     /// When layers are searched again: propagate, each, every:N or once
     ///
     /// propagate: where the photos have changed (surface layers), or where they no longer agree
@@ -84,11 +81,6 @@ pub struct VideoArgs {
     /// Write a line of JSON for each frame: source of its layers, times, scores, memory
     #[arg(long, value_name = "FILE", help_heading = ADVANCED, hide_short_help = true)]
     pub(super) log: Option<PathBuf>,
-    /// Surface layers: do not balance the exposure and white balance of the photos
-    #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
-    pub(super) keep_exposure: bool,
-    #[command(flatten)]
-    pub(super) model: ModelArgs,
 }
 
 impl VideoArgs {

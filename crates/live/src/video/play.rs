@@ -31,10 +31,10 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
     let rig = Rig::open(&args.scene)?;
     print_notes(&rig.views.scene().notes);
     let viewpoint = args.viewpoint.resolve(&rig.views)?;
-    let given = args.layers.clone().or_else(|| args.quality.map(Into::into));
+    let given = args.layers.given();
     let (renderer, model) = args.model.open_for(given.as_ref())?;
     let views = renderer.network().views();
-    let layers = given_or_recommended(given.as_ref(), None, renderer.network())?;
+    let layers = given_or_recommended(given.as_ref(), renderer.network())?;
     let opacities = renderer.network().predicts_opacity();
     let policy = policy(args.policy, &layers)?;
     let mut renderers = args.model.open_smaller(views, given.as_ref())?;

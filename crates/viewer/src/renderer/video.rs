@@ -55,7 +55,7 @@ impl Video {
         let given = layers.given();
         let (renderer, info) = model.open_for(given.as_ref())?;
         let views = renderer.network().views();
-        let spec = given_or_recommended(given.as_ref(), None, renderer.network())?;
+        let spec = given_or_recommended(given.as_ref(), renderer.network())?;
         let governor = Governor::new(MOTION_BUDGET, &spec, renderer.network().predicts_opacity());
         let mut renderers = model.open_smaller(views, given.as_ref())?;
         renderers.push(renderer);
