@@ -5,8 +5,8 @@
 //! pixel's colour at the photo's exposure, s the photo's own bilinear sample and d that of its
 //! detail 4t − (its four neighbours). The amount is the least squares solution of p ≈ s + a d,
 //! Σ d (p − s) / Σ d², over all channels and all other photos where |p − s| < 0.1; at least 0 (no
-//! photo is blurred), at most 0.15, and 0 with fewer than 100 correspondences. Correspondences whose
-//! samples reach beyond the photo are left out.
+//! photo is blurred), at most 0.15, and 0 with fewer than 100 correspondences. Correspondences
+//! whose samples reach beyond the photo are left out.
 //!
 //! The photo becomes t + a (4t − its four neighbours), clamped to \[0, 1\]; neighbours outside it
 //! are the pixel itself.

@@ -4,7 +4,8 @@
 //! A point covers the pixels that contain its four corners (±0.2 pixel); of each photo's points
 //! each pixel keeps the largest disparity. Over the photos: the largest that another photo has
 //! within `same` of it, or the largest of all if there is no such pair
-//! (docs/design-log/surface-layers.md); then the mean, in f32 and in their order, of those at most `averaged` behind that.
+//! (docs/design-log/surface-layers.md); then the mean, in f32 and in their order, of those at most
+//! `averaged` behind that.
 
 use rayon::prelude::*;
 
