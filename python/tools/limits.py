@@ -22,7 +22,7 @@ from liveview_ref.evaluation.evaluate_visible import SCENE, TARGETS, edge_padded
 from liveview_ref.reference.geometry.view_selection import choose_views, view_distances
 from liveview_ref.reference.image.metrics import psnr
 from liveview_ref.reference.layers.cells import padded_size
-from liveview_ref.reference.network.agreement import agreement_logits
+from liveview_ref.reference.network.view_agreement import agreement_logits
 from liveview_ref.reference.render.blend import VISIBLE_POWER, blend
 from liveview_ref.reference.render.renderer import warp_views
 

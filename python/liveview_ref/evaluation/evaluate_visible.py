@@ -31,7 +31,7 @@ from ..reference.geometry.parallax import widest_parallax
 from ..reference.geometry.view_selection import choose_views, view_distances
 from ..reference.image.metrics import psnr
 from ..reference.layers.cells import padded_size
-from ..reference.network.agreement import agreement_logits
+from ..reference.network.view_agreement import agreement_logits
 from ..reference.render.blend import VISIBLE_POWER, blend
 from ..reference.render.renderer import Network, warp_views
 from ..reference.render.visibility import hide

@@ -30,7 +30,7 @@ from ..reference.layers.guided.search import fine_layers as layers_of_range
 from ..reference.layers.guided.semi_global import semi_global
 from ..reference.layers.guided.winner_takes_all import winner_takes_all
 from ..reference.layers.layer import plane_maps
-from ..reference.network.agreement import agreement_logits
+from ..reference.network.view_agreement import agreement_logits
 from ..reference.render.blend import VISIBLE_POWER, blend
 from ..reference.render.composite_competing import best_layer as best_competing
 from ..reference.render.composite_competing import composite_competing
