@@ -167,7 +167,7 @@ def target_pixel(data: Arrays) -> float:
 
 def splatted(data: Arrays, dtype: torch.dtype) -> Arrays:
     _, target = cameras_of(data)
-    maps = [(v.camera, v.known.disparity) for v in surface_views(data, dtype)]
+    maps = [(v.camera, v.confirmed.disparity) for v in surface_views(data, dtype)]
     margins = AGREEMENT * target_pixel(data), FUSED * target_pixel(data)
     return {"splat": splat(maps, target, *padded_size(target.height, target.width), *margins).numpy()}
 

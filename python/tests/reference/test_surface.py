@@ -167,10 +167,10 @@ def test_visible_is_0_only_behind_a_confirmed_nearer_depth():
 
 def test_hide_keeps_all_views_where_none_sees():
     """The first view is occluded on the right, the other on the last row."""
-    hidden, seldom = filled(-1.0), filled(-1.0)
-    hidden[:, 6:], seldom[5] = 0.5, 0.5
+    hidden, bottom = filled(-1.0), filled(-1.0)
+    hidden[:, 6:], bottom[5] = 0.5, 0.5
     colour = torch.stack([torch.full((3, 6, 12), value, dtype=torch.float64) for value in (0.2, 0.7)])
-    masks = torch.stack([visible(camera(), own, camera(), filled(0.1), 0.03) for own in (hidden, seldom)])
+    masks = torch.stack([visible(camera(), own, camera(), filled(0.1), 0.03) for own in (hidden, bottom)])
     found, covered, seen = hide(masks, colour, filled(1.0).expand(2, 6, 12))
     assert covered[0, :5, 6:].max() == 0 and covered[1, :5].min() == 1 and covered[:, 5, 6:].min() == 1
     assert found[0, :, :5, 6:].max() == 0 and found[0, :, :, :6].unique().tolist() == [0.2]
@@ -206,7 +206,7 @@ def test_surface_of_synthetic_scene_has_its_depth(scene):
     middle = maps[0].disparity[45:60, 87:102]
     assert abs(float(middle.median()) - 1 / SQUARE) < 0.02
     assert abs(float(maps[0].disparity[:30].median()) - 1 / WALL) < 0.03
-    assert float((views[0].known.disparity >= 0).double().mean()) > 0.7
+    assert float((views[0].confirmed.disparity >= 0).double().mean()) > 0.7
     found = surface(views, target, NEAR, FAR)
     assert found.disparity.shape == (72, 120) and 0 < found.holes < 0.4
     assert abs(float(found.disparity[30:36, 55:65].median()) - 1 / SQUARE) < 0.02
@@ -216,7 +216,7 @@ def test_holes_are_searched_only_above_the_share(scene, monkeypatch):
     views, _, target = scene
     kept = torch.zeros(105, 189, dtype=torch.bool)
     kept[:, ::4] = True
-    blind = [v._replace(known=ConfirmedDepth(torch.where(kept, v.known.disparity, -1), 1.0)) for v in views]
+    blind = [v._replace(confirmed=ConfirmedDepth(torch.where(kept, v.confirmed.disparity, -1), 1.0)) for v in views]
     default = surface(blind, target, NEAR, FAR)
     assert default.holes > surface_module.SEARCHED_SHARE
     found = []

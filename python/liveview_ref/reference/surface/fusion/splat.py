@@ -26,7 +26,7 @@ def splat(
 ) -> Tensor:
     """Disparity [height, width] of the padded target from confirmed depths; -1 where
     no point falls."""
-    each = [splat_one(camera, known, target, height, width) for camera, known in maps]
+    each = [splat_one(camera, confirmed, target, height, width) for camera, confirmed in maps]
     nearest = first_surface(each, agree)
     total, number = torch.zeros_like(nearest), torch.zeros_like(nearest)
     for one in each:
@@ -44,19 +44,21 @@ def first_surface(each: list[Tensor], agree: float) -> Tensor:
     return torch.where(paired >= 0, paired, torch.stack(each).amax(0))
 
 
-def splat_one(camera: Camera, known: Tensor, target: Camera, height: int, width: int) -> Tensor:
+def splat_one(camera: Camera, confirmed: Tensor, target: Camera, height: int, width: int) -> Tensor:
     """The largest disparity of a photo's points in each pixel."""
-    nearest = torch.full((height * width,), -1, dtype=known.dtype)
-    for at, disparity in points(camera, known, target, height, width):
+    nearest = torch.full((height * width,), -1, dtype=confirmed.dtype)
+    for at, disparity in points(camera, confirmed, target, height, width):
         nearest.scatter_reduce_(0, at, disparity, "amax")
     return nearest.reshape(height, width)
 
 
-def points(camera: Camera, known: Tensor, target: Camera, height: int, width: int) -> Iterator[tuple[Tensor, Tensor]]:
+def points(
+    camera: Camera, confirmed: Tensor, target: Camera, height: int, width: int
+) -> Iterator[tuple[Tensor, Tensor]]:
     """Pixels that the points' corners fall into, and the points' disparities, one corner at a
     time."""
-    x, y, disparity = projected(target, camera, known)
-    use = (known >= 0) & (x >= -HALF_SIDE) & (y >= -HALF_SIDE) & (x < width + HALF_SIDE) & (y < height + HALF_SIDE)
+    x, y, disparity = projected(target, camera, confirmed)
+    use = (confirmed >= 0) & (x >= -HALF_SIDE) & (y >= -HALF_SIDE) & (x < width + HALF_SIDE) & (y < height + HALF_SIDE)
     x, y, disparity = x[use], y[use], disparity[use]
     for row in ((y - HALF_SIDE).floor().long(), (y + HALF_SIDE).floor().long()):
         for column in ((x - HALF_SIDE).floor().long(), (x + HALF_SIDE).floor().long()):

@@ -58,7 +58,7 @@ def surface(views: list[SurfaceView], target: Camera, near: float, far: float) -
     """The surface of `target` from these photos, nearest first (one at least)."""
     size = padded_size(target.height, target.width)
     pixel = pixel_of(widest_parallax([v.camera for v in views], target, near, far, size), near, far)
-    maps = [(v.camera, v.known.disparity) for v in views]
+    maps = [(v.camera, v.confirmed.disparity) for v in views]
     map_ = splat(maps, target, *size, AGREEMENT * pixel, FUSED * pixel)
     empty = map_ < 0
     holes = float(empty.double().mean())
@@ -88,4 +88,4 @@ def choose(
 
 def seen(views: list[SurfaceView], target: Camera, map_: Tensor, margin: float) -> Tensor:
     """Visibility [V, h, w] of a surface."""
-    return torch.stack([visible(v.camera, v.known.disparity, target, map_, margin) for v in views])
+    return torch.stack([visible(v.camera, v.confirmed.disparity, target, map_, margin) for v in views])

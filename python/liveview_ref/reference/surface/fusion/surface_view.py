@@ -14,5 +14,5 @@ class SurfaceView(NamedTuple):
 
     image: Tensor
     camera: Camera
-    known: ConfirmedDepth
+    confirmed: ConfirmedDepth
     gains: Tensor

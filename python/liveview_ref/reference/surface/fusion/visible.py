@@ -9,10 +9,10 @@ from liveview_ref.reference.geometry.camera import Camera
 from .project import at_pixels, projected
 
 
-def visible(camera: Camera, known: Tensor, target: Camera, disparity: Tensor, margin: float) -> Tensor:
+def visible(camera: Camera, confirmed: Tensor, target: Camera, disparity: Tensor, margin: float) -> Tensor:
     """1 where the view sees the points of the target's pixels at `disparity` [h, w], or they
-    project outside its photo, else 0. `known` is the view's own confirmed disparity, `margin` a
-    difference of disparity."""
+    project outside its photo, else 0. `confirmed` is the disparity that the view itself confirmed,
+    `margin` a difference of disparity."""
     x, y, there = projected(camera, target, disparity)
-    own, inside = at_pixels(known.to(disparity), x, y)
+    own, inside = at_pixels(confirmed.to(disparity), x, y)
     return torch.where(inside & ~(own - there < margin), 0, 1).to(disparity)
