@@ -2,6 +2,7 @@
 //! true depth.
 
 mod files;
+mod report;
 mod table;
 mod truth;
 
@@ -11,7 +12,7 @@ use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use liveview::{ModelOptions, Scene, ScenePhotos, ViewDepth};
+use liveview::{ModelOptions, Scene, ScenePhotos};
 use liveview_common::args::help::ADVANCED;
 use liveview_common::args::model::start_threads;
 use liveview_common::args::numbers;
@@ -19,7 +20,8 @@ use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::named;
 use liveview_common::console::{Output, print_message, print_notes, progress};
 use liveview_common::interrupt;
-use truth::{Score, Truth};
+use report::{Report, ViewDepthSummary};
+use truth::Truth;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -62,26 +64,6 @@ pub(crate) struct DepthArgs {
     scene: SceneArgs,
 }
 
-/// The report on a photo's depth.
-struct Report {
-    name: String,
-    depth: ViewDepthSummary,
-    score: Option<Score>,
-    files: [PathBuf; 4],
-}
-
-/// A [`ViewDepth`] without its maps.
-struct ViewDepthSummary {
-    source: liveview::DepthSource,
-    seconds: f64,
-    /// Share of the pixels that other photos confirm, 0 to 1.
-    confirmed: f64,
-    /// Nearest and farthest confirmed depth, in scene units.
-    span: Option<(f64, f64)>,
-    /// Disparity of one pixel of parallax, in 1/scene unit.
-    disparity_per_pixel: f32,
-}
-
 pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
     let mut photos = ScenePhotos::new(args.scene.open()?);
     let scene = photos.views().scene();
@@ -115,7 +97,7 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
         let name = shown.name.clone();
         bar.suspend(|| print_notes(&photos.take_notes()));
         range = depth.range;
-        reports.push(Report { name, depth: summary(&depth), score, files });
+        reports.push(Report { name, depth: ViewDepthSummary::of(&depth), score, files });
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -145,17 +127,4 @@ fn views(args: &DepthArgs, scene: &Scene) -> Result<(Vec<usize>, Vec<usize>)> {
         bail!("--target holds out every view; expected at least one that is not held out");
     }
     Ok((views, held_out))
-}
-
-fn summary(depth: &ViewDepth) -> ViewDepthSummary {
-    let known = || depth.confirmed.disparity.iter().copied().filter(|&disparity| disparity >= 0.0);
-    let (low, high) = known().fold((f32::INFINITY, 0.0_f32), |(low, high), value| (low.min(value), high.max(value)));
-    let count = known().count();
-    ViewDepthSummary {
-        source: depth.source,
-        seconds: depth.time.as_secs_f64(),
-        confirmed: count as f64 / depth.confirmed.disparity.len() as f64,
-        span: (count > 0).then(|| (1.0 / f64::from(high), 1.0 / f64::from(low))),
-        disparity_per_pixel: depth.found.disparity_per_pixel,
-    }
 }

@@ -9,7 +9,7 @@ use liveview_common::console::{Output, path_text};
 use liveview_common::measure::{peak_memory, time_text};
 use serde_json::{Value, json};
 
-use super::Report;
+use super::report::Report;
 use super::truth::{Score, WITHIN};
 
 pub(super) fn output(scene: &Scene, reports: &[Report], (near, far): (f64, f64), held_out: &[usize]) -> Output {
