@@ -171,7 +171,7 @@ def test_files_of_a_package_have_no_circles(package):
     try:
         tuple(TopologicalSorter(edges).static_order())
     except CycleError as error:
-        pytest.fail(f"circle: {shown(modules, error.args[1])}")
+        pytest.fail(f"circle: {shown(modules, reversed(error.args[1]))}")
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=package_name)
