@@ -1,4 +1,4 @@
-//! Entry points of the fuzz targets (`tests/fuzz`); compiled by cargo-fuzz alone.
+//! Entry points of the fuzz targets in `tests/fuzz`. Only cargo-fuzz compiles this module.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -15,23 +15,23 @@ use crate::surface::cache::read_for_fuzzing;
 ///
 /// # Errors
 ///
-/// Those of [`image::load`].
+/// The errors of [`image::load`].
 pub fn image(bytes: &[u8]) -> Result<Option<ImageRgb>, ImageError> {
     let path = Path::new("photo");
     let size = image::size_of(path, Cursor::new(bytes))?;
     if size.pixels() > 1 << 12 { Ok(None) } else { image::decode(path, bytes).map(Some) }
 }
 
-/// Reads a file of a photo's depth, 7×5 pixels between 2 and 8 scene units.
+/// Reads a cached depth file of a photo of 7×5 pixels, with depths of 2 to 8 scene units.
 ///
 /// # Errors
 ///
-/// What is wrong, and what was expected.
+/// The message says what is wrong and what was expected.
 pub fn depth(bytes: &[u8]) -> Result<PhotoDepth, String> {
     read_for_fuzzing(bytes).map_err(|damage| damage.to_string())
 }
 
-/// Checks a model's metadata, and the name and shape of its input and its output.
+/// Checks a model's metadata, and the names and shapes of its input and output.
 ///
 /// # Errors
 ///

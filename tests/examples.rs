@@ -1,4 +1,4 @@
-//! Each example is run at a small width, and its pictures are compared with photos.
+//! Runs each example at a small width and compares its pictures with photos.
 
 mod wheel;
 
@@ -14,13 +14,13 @@ const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 const WIDTH: usize = 168;
 const HEIGHT: usize = 117;
 
-/// Runs an example with that library of ONNX Runtime; its pictures are in the folder returned.
+/// Runs an example with that ONNX Runtime library and returns the folder of its pictures.
 fn run_with(example: &str, library: &Path) -> TempDir {
-    // `cargo test` puts this test into `deps`, and the examples into a folder beside it.
+    // `cargo test` puts this test into `deps` and the examples into `deps/../examples`.
     let test = std::env::current_exe().unwrap();
     let built = test.ancestors().nth(2).unwrap().join("examples");
     let program = built.join(format!("{example}{}", std::env::consts::EXE_SUFFIX));
-    assert!(program.is_file(), "{}: `cargo test` builds it, and so does `cargo build --examples`", program.display());
+    assert!(program.is_file(), "{}: run `cargo build --examples` first", program.display());
     let out = tempfile::tempdir().unwrap();
     let mut command = Command::new(program);
     command.arg(out.path()).arg(WIDTH.to_string()).current_dir(ROOT).env("ORT_DYLIB_PATH", library);
@@ -42,7 +42,7 @@ fn photo(scene: &str, name: &str) -> ImageRgb {
     scene.load_image(scene.view_index(name).unwrap()).unwrap()
 }
 
-/// All pictures of a folder, in order of their names.
+/// All pictures of a folder, sorted by name.
 fn pictures(folder: &TempDir) -> Vec<ImageRgb> {
     let entries = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
     let mut files: Vec<PathBuf> = entries.filter(|path| path.extension().is_some_and(|end| end == "png")).collect();
@@ -52,8 +52,7 @@ fn pictures(folder: &TempDir) -> Vec<ImageRgb> {
     pictures
 }
 
-/// Asserts that these are frames of a moving camera: each is similar to the one before, but not
-/// equal.
+/// Asserts that the camera moves: each frame is similar to the one before, but not equal.
 fn assert_moves(frames: &[ImageRgb]) {
     for (index, pair) in frames.windows(2).enumerate() {
         let similarity = psnr(&pair[0], &pair[1], 0);
@@ -61,15 +60,15 @@ fn assert_moves(frames: &[ImageRgb]) {
     }
 }
 
-/// Asserts that this is the first held-out view of the workshop: far closer to its photo than any
-/// other photo is.
+/// Asserts that the picture shows the first held-out view of the workshop: it is far more similar
+/// to the held-out photo than any other photo is.
 fn assert_is_held_out_view(out: &TempDir) {
     let [picture] = &pictures(out)[..] else { panic!("one picture") };
     let truth = photo("workshop", "target_0");
     let others = (0..7).map(|view| psnr(&photo("workshop", &format!("source_{view}")), &truth, 8));
     let (found, nearest) = (psnr(picture, &truth, 8), others.fold(0.0, f64::max));
-    println!("{found:.1} dB, the nearest photo {nearest:.1} dB");
-    assert!(found > nearest + 8.0, "{found:.1} dB, the nearest photo {nearest:.1} dB");
+    println!("{found:.1} dB, the most similar photo {nearest:.1} dB");
+    assert!(found > nearest + 8.0, "{found:.1} dB, the most similar photo {nearest:.1} dB");
 }
 
 #[test]
@@ -91,9 +90,9 @@ fn path_writes_frames_and_video() {
     for (frame, video) in frames.iter().zip(video[header.len()..].chunks_exact(size)) {
         let luma = |rgb: &[f32]| 16.0 + 65.481 * rgb[0] + 128.553 * rgb[1] + 24.966 * rgb[2];
         let expected = frame.data().chunks_exact(3).map(luma);
-        let apart = expected.zip(&video[6..6 + samples]).map(|(a, &b)| (a - f32::from(b)).abs()).fold(0.0, f32::max);
+        let error = expected.zip(&video[6..6 + samples]).map(|(a, &b)| (a - f32::from(b)).abs()).fold(0.0, f32::max);
         // Both are rounded to 8 bits.
-        assert!(apart <= 0.5 + 0.5 * 219.0 / 255.0 + 1e-3, "{apart} of 255");
+        assert!(error <= 0.5 + 0.5 * 219.0 / 255.0 + 1e-3, "{error} of 255");
     }
 }
 
@@ -102,7 +101,7 @@ fn live_renders_every_time_step() {
     let out = run("live");
     let frames = pictures(&out);
     assert_eq!(frames.len(), 18, "one per time step of the clip");
-    // Before and after the cut to another place.
+    // The clip has a hard cut at frame 11.
     assert_moves(&frames[..11]);
     assert_moves(&frames[11..]);
     // The viewpoint begins at the position of a camera.

@@ -1,4 +1,4 @@
-//! A live session under each policy, with a network that measures the agreement of the views.
+//! Live sessions under each policy, with a network that measures how well the views agree.
 
 use glam::{DMat3, DVec3};
 use liveview::geometry::{Camera, Intrinsics};
@@ -11,7 +11,7 @@ use ndarray::{ArrayView4, ArrayViewMut4};
 
 const SIZE: (usize, usize) = (384, 256);
 
-/// Of so many views: opaque where they agree, with the nearest view's colour.
+/// A network for that many views: opaque where they agree, with the nearest view's colour.
 struct Agreement(usize);
 
 impl PlaneNetwork for Agreement {
@@ -21,32 +21,33 @@ impl PlaneNetwork for Agreement {
 
     fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
         for ((n, v, y, x), logit) in logits.indexed_iter_mut() {
-            let apart = (3..3 * self.0).map(|c| (hwv[[n, c, y, x]] - hwv[[n, c % 3, y, x]]).abs()).sum::<f32>();
-            *logit = if v == 0 { 4.0 - 40.0 * apart } else { -4.0 };
+            let difference = (3..3 * self.0).map(|c| (hwv[[n, c, y, x]] - hwv[[n, c % 3, y, x]]).abs()).sum::<f32>();
+            *logit = if v == 0 { 4.0 - 40.0 * difference } else { -4.0 };
         }
         Ok(())
     }
 }
 
-/// The scene: a wall, and a board in front of it.
+/// A scene that consists of a wall and a board in front of it.
 #[derive(Clone, Copy)]
 struct Stage {
+    /// Depth of the wall.
     wall: f64,
-    /// Phase of the patterns.
-    paint: f64,
-    /// x of the left edge of the board, at depth 3; it is 1 wide and high.
+    /// Phase of the colour patterns on wall and board.
+    phase: f64,
+    /// x coordinate of the board's left edge. The board's depth is 3, its width and height 1.
     board: Option<f64>,
 }
 
-const EMPTY: Stage = Stage { wall: 6.0, paint: 0.0, board: None };
+const EMPTY: Stage = Stage { wall: 6.0, phase: 0.0, board: None };
 
 impl Stage {
     fn photo(&self, camera: &Camera) -> ImageRgb {
         let (eye, to_ray) = (camera.centre(), camera.k_inverse());
         let colour = |point: DVec3, scale: f64| {
             let wave = |f: f64, g: f64| {
-                let wave = (scale * f * point.x + self.paint).sin() * (scale * g * point.y + 2.0 * self.paint).cos();
-                (0.5 + 0.25 * wave + 0.2 * (scale * 9.0 * (point.x + g * point.y) + self.paint).sin()) as f32
+                let wave = (scale * f * point.x + self.phase).sin() * (scale * g * point.y + 2.0 * self.phase).cos();
+                (0.5 + 0.25 * wave + 0.2 * (scale * 9.0 * (point.x + g * point.y) + self.phase).sin()) as f32
             };
             [wave(2.0, 3.0), wave(4.0, 1.5), wave(3.0, 5.0)]
         };
@@ -93,7 +94,7 @@ fn show(session: &mut LiveSession, stage: Stage, target: &Camera) -> LiveFrame {
     session.render(&photos.iter().map(Some).collect::<Vec<_>>(), target).unwrap()
 }
 
-/// The same frame from a session that searches each.
+/// The frame that a session with a full search per frame renders.
 fn searched(stage: Stage, target: &Camera) -> LiveFrame {
     show(&mut session(Policy::Every(1)), stage, target)
 }
@@ -119,31 +120,31 @@ fn unchanged_scene_gives_the_same_bits() {
 fn moving_target_propagates_the_surface() {
     let stage = Stage { board: Some(-0.5), ..EMPTY };
     let mut propagated = session(Policy::Propagate);
-    let mut whole = 0;
+    let mut full_searches = 0;
     for step in 0..8 {
         let target = camera(-0.1 + 0.02 * f64::from(step), 0.0);
         let frame = show(&mut propagated, stage, &target);
-        whole += usize::from(frame.layer_source == LayerSource::Searched);
+        full_searches += usize::from(frame.layer_source == LayerSource::Searched);
         let (own, best) = (score(&frame, stage, &target), score(&searched(stage, &target), stage, &target));
         assert!(own > best - 0.5, "step {step}: {own:.2} dB, {best:.2} dB if searched");
     }
-    assert_eq!(whole, 1, "only the first frame");
+    assert_eq!(full_searches, 1, "only the first frame is searched");
 }
 
 #[test]
 fn scene_cut_is_searched_in_the_same_frame() {
     let (mut propagated, target) = (session(Policy::Propagate), camera(0.05, 0.0));
     show(&mut propagated, EMPTY, &target);
-    let cut = Stage { wall: 3.0, paint: 2.0, board: None };
+    let cut = Stage { wall: 3.0, phase: 2.0, board: None };
     let frame = show(&mut propagated, cut, &target);
     assert_eq!(frame.layer_source, LayerSource::Searched);
     assert_eq!(frame.frame.picture.data(), searched(cut, &target).frame.picture.data());
-    // The moved surface alone does not follow the cut.
-    let mut blind = session(Policy::Every(9));
-    show(&mut blind, EMPTY, &target);
-    let blind = show(&mut blind, cut, &target);
-    assert_eq!(blind.layer_source, LayerSource::Propagated { refreshed: 0.0 });
-    assert!(score(&frame, cut, &target) > score(&blind, cut, &target) + 3.0);
+    // Without a search, the propagated surface does not fit the new scene.
+    let mut unsearched = session(Policy::Every(9));
+    show(&mut unsearched, EMPTY, &target);
+    let unsearched = show(&mut unsearched, cut, &target);
+    assert_eq!(unsearched.layer_source, LayerSource::Propagated { refreshed: 0.0 });
+    assert!(score(&frame, cut, &target) > score(&unsearched, cut, &target) + 3.0);
 }
 
 #[test]
@@ -196,7 +197,7 @@ fn missing_camera_is_skipped_and_a_smaller_network_renders_from_fewer() {
     assert_eq!(render(&[0, 1]).unwrap().views, [3, 2]);
     let refused = render(&[0, 1, 2, 3]).unwrap_err();
     assert!(matches!(refused, LiveError::Views(_)) && refused.to_string().contains("2 views"), "{refused}");
-    assert_eq!(render(&[]).unwrap().views.len(), 4, "and goes on");
+    assert_eq!(render(&[]).unwrap().views.len(), 4, "the session continues after the error");
 }
 
 #[test]
@@ -209,7 +210,7 @@ fn photos_that_do_not_match_the_cameras_are_an_error() {
 }
 
 #[test]
-fn target_of_another_size_is_searched() {
+fn target_of_another_size_causes_a_full_search() {
     let mut session = session(Policy::Propagate);
     show(&mut session, EMPTY, &camera(0.0, 0.0));
     let half = camera(0.0, 0.0).with_size_scaled(192, 128).unwrap();
@@ -221,7 +222,7 @@ fn surface_session(policy: Policy) -> LiveSession {
     session_of(LayerSpec::Surface(1), policy, &[4])
 }
 
-/// The share of the photos used whose depth was searched for a frame.
+/// The share of a frame's source photos whose depth was searched.
 fn share(frame: &LiveFrame) -> f64 {
     match frame.layer_source {
         LayerSource::Searched => 1.0,
@@ -247,9 +248,9 @@ fn unchanged_scene_is_searched_once_for_a_moving_target() {
 #[test]
 fn depth_is_searched_only_where_photos_change() {
     let (mut propagated, target) = (surface_session(Policy::Propagate), camera(0.05, 0.0));
-    let mut blind = surface_session(Policy::Once);
+    let mut unsearched = surface_session(Policy::Once);
     show(&mut propagated, EMPTY, &target);
-    show(&mut blind, EMPTY, &target);
+    show(&mut unsearched, EMPTY, &target);
     for left in [0.2, 0.1, 0.0] {
         let stage = Stage { board: Some(left), ..EMPTY };
         let frame = show(&mut propagated, stage, &target);
@@ -257,8 +258,8 @@ fn depth_is_searched_only_where_photos_change() {
         let best = show(&mut surface_session(Policy::Every(1)), stage, &target);
         let (own, best) = (score(&frame, stage, &target), score(&best, stage, &target));
         assert!(own > best - 0.3, "board at {left}: {own:.2} dB, {best:.2} dB if searched");
-        let kept = show(&mut blind, stage, &target);
-        assert!(share(&kept) == 0.0 && score(&kept, stage, &target) < own - 1.0, "the first depth stays");
+        let outdated = show(&mut unsearched, stage, &target);
+        assert!(share(&outdated) == 0.0 && score(&outdated, stage, &target) < own - 1.0, "depth of the first frame");
     }
 }
 
@@ -293,7 +294,7 @@ fn missing_camera_is_skipped_and_a_joining_camera_is_searched() {
     let without = render(&[1]);
     assert!(share(&without) == 0.0 && !without.views.contains(&1), "{without:?}");
     assert!(score(&without, BOARD, &target) > 20.0);
-    assert_eq!(share(&render(&[])), 0.0, "back with the same photo: its depth is known");
+    assert_eq!(share(&render(&[])), 0.0, "the camera is back with the same photo, whose depth is cached");
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! A synthesizer with a network that measures the agreement of the views: each kind of layers, each
-//! kind of target, and its errors.
+//! The synthesizer with each kind of layers, each kind of target, and its errors. The network
+//! measures how well the views agree.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -25,8 +25,8 @@ impl PlaneNetwork for Agreement {
 
     fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
         for ((n, v, y, x), logit) in logits.indexed_iter_mut() {
-            let apart = (3..12).map(|c| (hwv[[n, c, y, x]] - hwv[[n, c % 3, y, x]]).abs()).sum::<f32>();
-            *logit = if v == 0 { 4.0 - 8.0 * apart } else { 0.0 };
+            let difference = (3..12).map(|c| (hwv[[n, c, y, x]] - hwv[[n, c % 3, y, x]]).abs()).sum::<f32>();
+            *logit = if v == 0 { 4.0 - 8.0 * difference } else { 0.0 };
         }
         Ok(())
     }
@@ -61,11 +61,11 @@ fn every_kind_of_layers_renders_the_held_out_view() {
     ] {
         let mut synthesizer = synthesizer(layers);
         let frame = synthesizer.render(&Target::held_out("target_0")).unwrap();
-        let near = psnr(&frame.picture, &truth, 8);
-        println!("{layers}: {near:.1} dB, the nearest photo {nearest:.1} dB");
-        assert!(near > nearest + 6.0, "{layers}: {near:.1} dB, the nearest photo {nearest:.1} dB");
+        let own = psnr(&frame.picture, &truth, 8);
+        println!("{layers}: {own:.1} dB, the most similar photo {nearest:.1} dB");
+        assert!(own > nearest + 6.0, "{layers}: {own:.1} dB, the most similar photo {nearest:.1} dB");
 
-        // Step by step: the same picture.
+        // Loading, planning and rendering one after the other gives the same picture.
         let shot = synthesizer
             .shots(Targets::held_out(&scene, vec![scene.view_index("target_0").unwrap()]))
             .unwrap()
@@ -93,8 +93,8 @@ fn held_out_view_is_not_rendered_from_but_other_views_may_be_targets() {
     assert!(psnr(&frame.picture, &scene.load_image(view).unwrap(), 8) > 40.0);
 }
 
-/// The depth of photos must not depend on held-out photos: with another file in place of a held-out
-/// photo the picture is the same.
+/// The depth of photos must not depend on held-out photos: replacing a held-out photo does not
+/// change the picture.
 #[test]
 fn depth_of_photos_does_not_depend_on_held_out_photos() {
     let folder = tempfile::tempdir().unwrap();
@@ -115,14 +115,14 @@ fn depth_of_photos_does_not_depend_on_held_out_photos() {
         synthesizer.render(&Target::held_out("target_0")).unwrap().picture
     };
     let with = picture(Scene::open(folder.path(), &options).unwrap());
-    // A black photo of the same size: the scene still lists it.
+    // The black photo has the same size, so the scene still lists it.
     let photo = folder.path().join("images/target_0.jpg");
     let size = liveview::image::read_size(&photo).unwrap();
     liveview::ImageRgb::new(size.width, size.height, vec![0.0; 3 * size.pixels()]).unwrap().save(&photo).unwrap();
     assert_eq!(with, picture(Scene::open(folder.path(), &options).unwrap()));
 }
 
-/// A path searches the depth of each photo once, and its frames equal those rendered alone.
+/// A path searches the depth of each photo once. Its frames equal frames rendered alone.
 #[test]
 fn frames_of_a_path_equal_frames_rendered_alone() {
     let mut along = synthesizer("surface:1");
@@ -139,16 +139,16 @@ fn frames_of_a_path_equal_frames_rendered_alone() {
     }
 }
 
-/// Depth that an earlier run has stored gives the same pictures, and does not depend on held-out
-/// photos.
+/// Depth cached by an earlier run gives the same pictures. Depth that held-out photos would have
+/// influenced is not reused.
 #[test]
-fn stored_depth_gives_the_same_pictures() {
+fn cached_depth_gives_the_same_pictures() {
     let folder = tempfile::tempdir().unwrap();
-    let kept = folder.path().join("kept");
-    let files = || std::fs::read_dir(&kept).unwrap().map(|entry| entry.unwrap().file_name()).collect::<HashSet<_>>();
+    let cache = folder.path().join("cache");
+    let files = || std::fs::read_dir(&cache).unwrap().map(|entry| entry.unwrap().file_name()).collect::<HashSet<_>>();
     let picture = |name: &str| {
         let mut synthesizer = synthesizer("surface:2");
-        synthesizer.photos_mut().keep_depths_in(&kept).unwrap();
+        synthesizer.photos_mut().keep_depths_in(&cache).unwrap();
         let picture = synthesizer.render(&Target::held_out(name)).unwrap().picture;
         assert_eq!(synthesizer.photos_mut().take_notes(), Vec::<String>::new());
         picture
@@ -156,22 +156,22 @@ fn stored_depth_gives_the_same_pictures() {
     let plain = synthesizer("surface:2").render(&Target::held_out("target_0")).unwrap().picture;
     assert!(picture("target_0") == plain);
     let first = files();
-    assert_eq!(first.len(), 6, "four views and two more");
+    assert_eq!(first.len(), 6, "the four source views and two helpers");
     assert!(picture("target_0") == plain);
     assert_eq!(files(), first, "nothing is searched again");
     let source = workshop().view_index("target_0").unwrap();
     let mut photos = ScenePhotos::new(SceneViews::new(workshop(), None, None));
-    photos.keep_depths_in(&kept).unwrap();
+    photos.keep_depths_in(&cache).unwrap();
     let views: Vec<usize> = (0..workshop().views.len()).filter(|&view| view != source).collect();
     let mut sources = Vec::new();
     for (index, &view) in views.iter().enumerate() {
         sources.push(photos.view_depth(view, &[source], &views[index + 1..]).unwrap().source);
     }
     assert_eq!(sources.iter().filter(|&&source| source == DepthSource::Kept).count(), 6);
-    // With another view held out, the neighbours of every photo or the depth range differ.
+    // With another view held out, each photo has other neighbours or another depth range.
     let held_out_target_0 = files();
     picture("target_1");
-    assert_eq!(files().len(), held_out_target_0.len() + 6, "no file of the other is reused");
+    assert_eq!(files().len(), held_out_target_0.len() + 6, "no file of the first run is reused");
 
     let taken = folder.path().join("file");
     std::fs::write(&taken, "").unwrap();
@@ -229,30 +229,30 @@ fn errors_name_view_scene_and_expectation() {
     assert!(error.contains("liveview_v63.onnx") && error.contains("elsewhere"), "{error}");
 }
 
-/// `Agreement`, with some logits that are not finite.
-struct Straying(usize);
+/// `Agreement`, with that many logits that are not finite.
+struct PartlyNonFinite(usize);
 
-impl PlaneNetwork for Straying {
+impl PlaneNetwork for PartlyNonFinite {
     fn views(&self) -> usize {
         4
     }
 
     fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
         Agreement.infer(hwv, logits.view_mut())?;
-        let strays = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY].into_iter().cycle().take(self.0);
-        logits.iter_mut().skip(1000).zip(strays).for_each(|(logit, stray)| *logit = stray);
+        let values = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY].into_iter().cycle().take(self.0);
+        logits.iter_mut().skip(1000).zip(values).for_each(|(logit, value)| *logit = value);
         Ok(())
     }
 }
 
 #[test]
 fn few_logits_that_are_not_finite_are_counted_and_more_are_an_error() {
-    let render = |strays: usize| {
+    let render = |non_finite: usize| {
         let views = SceneViews::new(workshop(), None, None);
-        let renderer = Renderer::new(Box::new(Straying(strays)), 1);
+        let renderer = Renderer::new(Box::new(PartlyNonFinite(non_finite)), 1);
         Synthesizer::new(views, renderer, "guided:1".parse().unwrap()).render(&Target::held_out("target_0"))
     };
-    let pixels = 96 * 72; // the padded target's, of which each has four logits
+    let pixels = 96 * 72; // of the padded target; each has four logits
     let few = pixels * 4 / 10_000;
     let frame = render(few).unwrap();
     assert_eq!(frame.logits_not_finite, few);

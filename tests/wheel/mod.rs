@@ -1,12 +1,12 @@
-//! ONNX Runtime for the tests: `ORT_DYLIB_PATH`, else the wheel that `make runtime` or `make
-//! runtime-openvino` installed.
-#![allow(dead_code, reason = "each test file uses its own part")]
+//! Finds ONNX Runtime for the tests: the library named by `ORT_DYLIB_PATH`, otherwise the one in
+//! the Python wheel that `make runtime` or `make runtime-openvino` installed.
+#![allow(dead_code, reason = "no test binary uses all functions")]
 
 use std::path::{Path, PathBuf};
 
 use liveview::network::{ExecutionProvider, OrtLibrary, OrtLibraryError};
 
-/// The library file, in the virtual environment of the checkout.
+/// The library file in the virtual environment of the checkout.
 pub(crate) fn file(provider: ExecutionProvider) -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let root = if root.join(".venv").exists() { root } else { root.parent().unwrap_or(root) };

@@ -298,7 +298,7 @@ fn resume_of_another_job_is_an_error() {
     fs::write(folders.out("frames/liveview.json"), "[]").unwrap();
     refused(&line, &["\"liveview\" is missing, expected"]);
     fs::remove_file(folders.out("frames/liveview.json")).unwrap();
-    refused(&line, &["liveview.json is missing", "frame_0000.png"]);
+    refused(&line, &["liveview.json is missing, which records", "frame_0000.png exists"]);
 }
 
 #[test]

@@ -1,10 +1,10 @@
-//! COLMAP text: three files, as `three_files` divides them.
+//! COLMAP, text: cameras, images and points, as `split_into_three_files` divides the input.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
 use liveview::fuzz::scene;
-use liveview_fuzz::{opened, three_files};
+use liveview_fuzz::{check_opened, split_into_three_files};
 
 fuzz_target!(|bytes: &[u8]| {
-    opened(scene::colmap(false, three_files(bytes)));
+    check_opened(scene::colmap(false, split_into_three_files(bytes)));
 });

@@ -1,4 +1,4 @@
-//! The file of a photo's depth, 7×5 pixels.
+//! A cached depth file of a photo of 7×5 pixels.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,4 @@
-//! Photos: kind, size, completeness, decoding.
+//! Photos: detecting the format, reading the size, detecting truncation, decoding.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,5 @@
-//! A model's metadata and shapes: lines `key=value`, and `hwv=` and `logits=` with the shape as numbers between spaces.
+//! A model's metadata, and the shapes of its input and output. The fuzzer's text has a line
+//! `key=value` for each metadata entry, and `hwv=` and `logits=` with sizes separated by spaces.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

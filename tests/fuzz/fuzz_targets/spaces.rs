@@ -3,8 +3,8 @@
 
 use libfuzzer_sys::fuzz_target;
 use liveview::fuzz::scene;
-use liveview_fuzz::opened;
+use liveview_fuzz::check_opened;
 
 fuzz_target!(|bytes: &[u8]| {
-    opened(scene::spaces(bytes));
+    check_opened(scene::spaces(bytes));
 });

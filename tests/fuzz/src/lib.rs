@@ -1,12 +1,16 @@
-//! What the targets share.
+//! Helpers of the fuzz targets.
 
 use std::path::Component;
 
 use liveview::fuzz::scene::Opened;
 
-/// Whatever was opened is usable, and whatever was refused was refused by name.
-pub fn opened(opened: Opened) {
-    match opened {
+/// Asserts that the views of an opened scene are valid, and that an error names the scene.
+///
+/// # Panics
+///
+/// If an assertion fails.
+pub fn check_opened(result: Opened) {
+    match result {
         Ok((views, _)) => {
             assert!(!views.is_empty());
             for view in views {
@@ -15,16 +19,17 @@ pub fn opened(opened: Opened) {
                 assert!(numbers.as_flattened().iter().all(|number| number.is_finite()), "{camera:?}");
                 assert!(camera.centre().is_finite(), "{camera:?}");
                 assert!(view.depth_range.is_none_or(|(near, far)| 0.0 < near && near < far && far.is_finite()));
-                let leaves = view.image_path().components().any(|part| part == Component::ParentDir);
-                assert!(view.image_path().starts_with("scene") && !leaves, "{}", view.name);
+                let has_parent = view.image_path().components().any(|part| part == Component::ParentDir);
+                assert!(view.image_path().starts_with("scene") && !has_parent, "{}", view.name);
             }
         }
         Err(error) => assert!(error.to_string().starts_with("scene"), "{error}"),
     }
 }
 
-/// Three files in one: the first two with their length before them, as u16.
-pub fn three_files(bytes: &[u8]) -> [&[u8]; 3] {
+/// Splits the fuzzer's bytes into three files. The first and second file are each preceded by their
+/// length, a little-endian u16; the third is the rest.
+pub fn split_into_three_files(bytes: &[u8]) -> [&[u8]; 3] {
     let file = |bytes: &'_ [u8]| -> (usize, usize) {
         let Some(length) = bytes.first_chunk() else { return (bytes.len(), bytes.len()) };
         (2, (2 + usize::from(u16::from_le_bytes(*length))).min(bytes.len()))

@@ -1,5 +1,5 @@
-"""The moving sets in front of the rig: `yard`, and `hall` after the cut, for
-python/tools/make_rig_clip.py.
+"""The moving scene in front of the rig: `yard`, then `hall` after a hard cut.
+python/tools/make_rig_clip.py renders it.
 
 World axes are OpenCV's (x right, y down, z forward); a length of 1 is about a metre. The textures
 are the workshop's.
@@ -15,22 +15,22 @@ from PIL import Image
 from liveview_ref.data.image import to_u8
 
 WORKSHOP = runpy.run_path(str(Path(__file__).parents[1] / "workshop" / "scene.py"))
-NEAR, FAR = 1.2, 7.2  # all depths of both sets, from any camera
+NEAR, FAR = 1.2, 7.2  # depth range of both sets from all cameras
 FLOOR = 1.3
 COLOURS = {"white": "e9e4d6", "iron": "33363c", "red": "c8352a", "amber": "eda02c", "blue": "2a5f9e", "leaf": "5d9445"}
 COLOURS |= {"rust": "b0512f", "night": "2b3a55", "rope": "c4a878", "cream": "e6d2a4"}
 
-# Texture sizes; finer grain would enlarge the files.
-COARSE = {"wall": 128, "walnut": 128, "teal": 128, "oak": 256, "glaze": 256, "tile": 512}
+# Largest texture side in pixels where it is not 1024: finer detail would enlarge the JPEG files.
+MAX_SIDE = {"wall": 128, "walnut": 128, "teal": 128, "oak": 256, "glaze": 256, "tile": 512}
 
 
 class Shape(NamedTuple):
-    """A box, a ball or a rod (a cylinder along its own y) about the origin of `at`, its world from
-    local [4, 4].
+    """A box, a ball or a rod (a cylinder along its local y axis).
 
-    half: half its size along its axes, the radius of round shapes. tile: size of one copy of the
-    texture in world units (round shapes: in turns and heights), or None for one copy on each side.
-    gloss: strength of the highlight.
+    at: world-from-local transform [4, 4]; the shape is centred on the local origin. half: half of
+    its size along each local axis, for round shapes the radius. tile: size of one copy of the
+    texture in world units (for round shapes in turns and heights), or None for one copy on each
+    side. gloss: strength of the highlight.
     """
 
     kind: str
@@ -42,18 +42,18 @@ class Shape(NamedTuple):
 
 
 def textures():
-    """name -> 8-bit sRGB texture with sides that are powers of two."""
+    """Maps names to 8-bit sRGB textures whose sides are powers of two."""
     out = {name: np.uint8([[[int(c[i : i + 2], 16) for i in (0, 2, 4)]]]) for name, c in COLOURS.items()}
     for name, image in WORKSHOP["textures"](np.random.default_rng(7)).items():
-        most = COARSE.get(name, 1024)
-        side = [2 ** round(np.log2(min(n, most))) for n in image.shape[1::-1]]
+        max_side = MAX_SIDE.get(name, 1024)
+        side = [2 ** round(np.log2(min(n, max_side))) for n in image.shape[1::-1]]
         out[name] = np.asarray(Image.fromarray(to_u8(image)).resize(side))
     return out
 
 
 def place(x=0.0, y=0.0, z=0.0, yaw=0.0, roll=0.0, pitch=0.0):
-    """World from local: moved to (x, y, z), rotated about its y, z and x axis by degrees,
-    x first."""
+    """The world-from-local transform that rotates by pitch about x, then by roll about z, then by
+    yaw about y (in degrees), and then moves the origin to (x, y, z)."""
     out = np.eye(4)
     for axis, angle in ((1, yaw), (2, roll), (0, pitch)):
         k = np.cross(np.eye(3), np.eye(3)[axis])
@@ -85,15 +85,15 @@ def bounce(period, height, t):
 
 
 def yard(t, since):
-    """The first set at t seconds; since: seconds since the cart entered from the
-    right, negative before."""
+    """The shapes of the first set at t seconds. since: seconds since the cart entered from the
+    right, negative before that."""
     out = [
         box("tile", place(0, FLOOR + 0.1, 4), (16, 0.2, 12), (7, 7)),
         box("wall", place(0, -1.2, 7.1), (16, 5, 0.4), (12, 5)),
         box("poster", place(-1.0, -0.45, 6.87), (1.35, 1.8, 0.04)),
         box("white", place(0, FLOOR - 0.08, 6.87), (16, 0.16, 0.06)),
     ]
-    # The fence, the lamp pole.
+    # A fence and a lamp pole.
     fence = place(-1.62, FLOOR, 2.75, yaw=-24)
     for k, x in enumerate(np.linspace(-0.75, 0.75, 9).tolist()):
         h = 0.9 + 0.05 * (k % 2)
@@ -133,7 +133,7 @@ def yard(t, since):
 
 
 def hall(t, since):
-    """The second set, shallower: depths of 1.5 to 4.4 instead of the yard's 2 to 7."""
+    """The shapes of the second set. Its depths are 1.5 to 4.4, the yard's 2 to 7."""
     del since
     out = [
         box("oak", place(0, FLOOR + 0.1, 4), (16, 0.2, 12), (6, 4)),

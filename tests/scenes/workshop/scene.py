@@ -1,4 +1,4 @@
-"""The workshop: textures, shapes and light of its `build`, for python/tools/make_example_scene.py.
+"""The workshop scene: textures, shapes and lights; python/tools/make_example_scene.py renders it.
 
 World axes are OpenCV's (x right, y down, z forward); a length of 1 is about a metre.
 """
@@ -14,8 +14,8 @@ FLOOR, WALL, SIDE = 1.45, 6.9, 2.4  # y of the floor, z of the back wall, |x| of
 
 
 def noise(rng, h, w, fy, fx, power=1.2):
-    """Tileable 1/f noise of unit variance, flat below fy and fx cycles; fy > fx stretches
-    it along x."""
+    """Tileable 1/f noise of unit variance with a flat spectrum below fy and fx cycles; fy > fx
+    stretches it along x."""
     ky, kx = np.fft.fftfreq(h)[:, None] * h / fy, np.fft.rfftfreq(w)[None] * w / fx
     gain = (1 + ky**2 + kx**2) ** (-power / 2) * (ky**2 + kx**2 > 0)
     out = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((h, w))) * gain, (h, w))
@@ -78,7 +78,8 @@ def textures(rng):
 
 
 def poster(rng, w, h):
-    """A printed sheet: title, sun and hills, columns of small print; drawn at twice its size."""
+    """A printed sheet with a title, sun and hills, and columns of small print. It is drawn at twice
+    its size and then downsampled."""
     img = Image.new("RGB", (w, h), "#f3ead6")
     d, font = ImageDraw.Draw(img), ImageFont.load_default
     d.rectangle((60, 330, w - 60, 1270), fill="#f0b54a")
@@ -112,8 +113,8 @@ class Builder:
         self.mi, self.shapes, self.materials = mi, {"type": "scene"}, {}
 
     def material(self, name, colour, repeat=(1, 1), gloss=None):
-        """A material from an sRGB hex colour or an image; gloss is the roughness of a plastic
-        coat."""
+        """Adds a material from an sRGB hex colour or an image. gloss: roughness of its plastic
+        coating, None for a diffuse material."""
         if isinstance(colour, str):
             tex = {"type": "rgb", "value": (ramp(np.zeros(()), colour, colour) ** 2.2).tolist()}
         else:
@@ -132,8 +133,8 @@ class Builder:
         self.add("cube", name, to_world=self.mi.ScalarTransform4f(m))
 
     def quad(self, name, centre, u, v, **more):
-        """The rectangle centre ± u ± v; texture rows run along v, columns along u; its front faces
-        u × v."""
+        """Adds the rectangle centre ± u ± v. Texture rows run along v, columns along u; the front
+        faces u × v."""
         n = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
         m = np.vstack([np.column_stack([u, v, n, centre]), [0, 0, 0, 1]])
         self.add("rectangle", name, to_world=self.mi.ScalarTransform4f(m), **more)
@@ -142,14 +143,14 @@ class Builder:
         self.add("sphere", name, center=list(map(float, centre)), radius=radius)
 
     def rod(self, name, points, radius):
-        """A polyline of cylinders with round joints."""
+        """Adds a polyline of cylinders with round joints."""
         for a, b in pairwise(points):
             self.add("cylinder", name, p0=list(map(float, a)), p1=list(map(float, b)), radius=radius)
         for a in points:
             self.ball(name, a, radius)
 
     def surface(self, name, p):
-        """A smooth mesh through a grid of points [h, w, 3]."""
+        """Adds a smooth mesh through a grid of points [h, w, 3]."""
         h, w = p.shape[:2]
         k = np.arange(h * w).reshape(h, w)
         a, b, c, d = (q.ravel() for q in (k[:-1, :-1], k[:-1, 1:], k[1:, :-1], k[1:, 1:]))
@@ -165,8 +166,8 @@ class Builder:
         self.shapes[f"shape_{len(self.shapes)}"] = mesh
 
     def lathe(self, name, at, radii, heights, smooth=True):
-        """Rotate a profile about the vertical through the point `at`; without `smooth` its
-        corners stay sharp."""
+        """Adds a surface of revolution: a profile rotated about the vertical through `at`. With
+        smooth=False its corners stay sharp."""
         t = np.linspace(0, 2 * np.pi, 65) + np.pi / 2
         r, y = np.asarray(radii, float)[:, None], -np.asarray(heights, float)[:, None]
         p = np.stack([r * np.cos(t), y + 0 * t, r * np.sin(t)], -1) + at
@@ -175,8 +176,8 @@ class Builder:
 
 
 def build(mi):
-    """The scene: a bench with a plant, a lantern and a ball; chair, lamp, ladder; bookcase,
-    poster, brick wall."""
+    """The Mitsuba scene: in front a bench with a plant, a lantern and a ball; behind it a chair, a
+    lamp and a ladder; at the back a bookcase, a poster and a brick wall."""
     rng = np.random.default_rng(7)
     s, tex = Builder(mi), textures(rng)
     for name in ("oak", "walnut", "teal", "tile", "poster", "wall", "rug", "cloth"):
@@ -188,7 +189,7 @@ def build(mi):
     names = ("iron", "white", "leaf", "moss", "amber", "blue", "rust")
     for name, colour in zip(names, ("2a2c30", "f2eee4", "6fae45", "3f7d3c", "f0a326", "2a5f9e", "b4492c"), strict=True):
         s.material(name, colour)
-    # The room, and the light: a soft box overhead, a larger and weaker one behind the cameras.
+    # The room and two area lights: one overhead, a larger and weaker one behind the cameras.
     s.quad("tile", (0, FLOOR, 4), (3.6, 0, 2.1), (2.1, 0, -3.6))
     s.quad("brick", (0, -0.7, WALL), (SIDE, 0, 0), (0, 2.4, 0))
     s.quad("wall", (-SIDE, -0.2, 3), (0, 0, 4), (0, 1.65, 0))
@@ -231,7 +232,7 @@ def build(mi):
     for c in circle[:-1]:
         s.rod("iron", [cage + 0.11 * c, cage + 0.11 * c - [0, 0.27, 0], cage + 0.03 * c - [0, 0.35, 0]], 0.003)
     s.lathe("white", cage, [1e-3, 0.045, 0.045], [0.17, 0.17, 0], smooth=False)
-    # The middle distance: rug, chair with slats, lamp on a thin pole, ladder, pendants, stool.
+    # Middle distance: rug, chair with slats, lamp on a thin pole, ladder, pendant lamps, stool.
     s.quad("rug", (0.75, FLOOR - 0.006, 3.7), (1.1, 0, 0.25), (0.2, 0, -0.85))
     chair = frame(0.62, FLOOR, 3.15, 152)
     for x, z, h in ((-0.2, -0.2, 1.12), (0.2, -0.2, 1.12), (-0.2, 0.2, 0.45), (0.2, 0.2, 0.45)):
@@ -256,7 +257,7 @@ def build(mi):
         s.rod("oak", [foot + (top - foot) * t + [x * (1 - 0.2 * t), 0, 0] for x in (-0.22, 0.22)], 0.014)
     s.lathe("walnut", (1.55, FLOOR, 4.6), [0.2, 0.2, 0.24, 0.24, 1e-3], [0, 0.46, 0.46, 0.5, 0.5], smooth=False)
     s.ball("glaze", (1.55, FLOOR - 0.68, 4.6), 0.18)
-    # The far end: poster, bookcase.
+    # Back of the room: poster, bookcase.
     s.quad("poster", (-0.55, -0.1, WALL - 0.02), (0.62, 0, 0), (0, 0.83, 0))
     case = frame(0.95, FLOOR, WALL - 0.16)
     for x in (-0.72, 0, 0.72):
@@ -270,4 +271,4 @@ def build(mi):
                 name = ("blue", "rust", "amber", "white", "moss", "leaf", "cloth", "teal")[rng.integers(8)]
                 s.box(name, (x + w / 2, -h - 0.015 - tall / 2, -0.02), (w - 0.006, tall, 0.2), case)
                 x += w
-    return mi.load_dict(s.shapes, parallel=False, optimize=False)  # fixed order: reproducible noise
+    return mi.load_dict(s.shapes, parallel=False, optimize=False)  # a fixed order gives reproducible noise

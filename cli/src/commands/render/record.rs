@@ -124,8 +124,8 @@ impl Record {
                     return Ok(());
                 };
                 bail!(
-                    "--resume: {at}, the record of the job of {}, is missing; expected it, another folder, or no \
-                     --resume to overwrite",
+                    "--resume: {} exists, but {at} is missing, which records the job that wrote it; expected that \
+                     file or another output folder. Without --resume the pictures are overwritten",
                     file.display()
                 );
             }

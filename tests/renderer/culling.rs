@@ -1,12 +1,9 @@
-//! Layers are skipped only where that is exact, whatever the network gives.
-
-mod double;
+//! Skipping uncovered layers does not change the frame, whatever logits the network gives.
 
 use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use double::{Scrambler, camera, photo};
 use glam::{DMat3, DVec3};
 use liveview::geometry::Camera;
 use liveview::layers::Layers;
@@ -14,10 +11,12 @@ use liveview::render::{Accumulated, Blended, Frame, RenderRequest, Renderer};
 use liveview::warp::{SourceView, Texture};
 use proptest::prelude::*;
 
-/// Columns and rows of the target; its padded rows are longer.
+use crate::synthetic::{PseudorandomNetwork, camera, photo};
+
+/// Columns and rows of the target, before padding.
 const SIZE: (usize, usize) = (20, 16);
 
-/// Two photos, and a network that counts its layers.
+/// Two photos and their cameras.
 struct Rig {
     cameras: [Camera; 2],
     photos: [Texture; 2],
@@ -28,7 +27,7 @@ impl Rig {
     fn render(&self, layers: &Layers, opacity: f32, batch: usize, skip_uncovered: bool) -> (Frame, usize) {
         let views = self.cameras.iter().zip(&self.photos);
         let views: Vec<_> = views.map(|(camera, texture)| SourceView { camera, texture }).collect();
-        let network = Scrambler::new(opacity);
+        let network = PseudorandomNetwork::new(opacity);
         let layers_inferred = Arc::clone(&network.layers);
         let mut renderer = Renderer::new(Box::new(network), batch);
         renderer.set_skip_uncovered(skip_uncovered);
@@ -46,9 +45,9 @@ fn assert_same(a: &Frame, b: &Frame) {
 }
 
 #[test]
-fn uncovered_layers_are_skipped_to_the_bit_even_the_farthest() {
-    // From the sides, across the target's axis: both cover what lies about 2 in front of it, neither
-    // what is near or far.
+fn frame_with_uncovered_layers_skipped_has_the_same_bits() {
+    // The cameras look from the left and right across the target's axis. Both cover depths of about
+    // 2, and neither covers the nearest or the farthest layers.
     let turned = [1.0, -1.0].map(|side| (side, DMat3::from_rotation_y(side * FRAC_PI_2)));
     let cameras = turned.map(|(side, rotation)| camera(SIZE, rotation, DVec3::new(side, 0.0, 2.0)));
     let rig = Rig { cameras, photos: [photo(SIZE, 1), photo(SIZE, 2)] };
@@ -68,7 +67,7 @@ proptest! {
     fn covered_layers_are_never_skipped(
         seed in any::<u32>(), opacity in -2.0_f32..6.0, count in 1_usize..9, batch in 1_usize..4,
     ) {
-        // Photos so wide that they cover every pixel of the target on every layer.
+        // These photos are so wide that they cover every pixel of the target on every layer.
         const PHOTO: (usize, usize) = (80, 64);
         let cameras = [-0.1, 0.15].map(|x| camera(PHOTO, DMat3::IDENTITY, DVec3::new(x, 0.05, 0.0)));
         let rig = Rig { cameras, photos: [photo(PHOTO, seed), photo(PHOTO, !seed)] };
@@ -79,9 +78,10 @@ proptest! {
         prop_assert_eq!((exact.uncovered_layers, inferred), (0, count));
     }
 
-    /// Remove the planes back to front and telescope: each changes the pixel by at most its weight.
+    /// Removing a plane, farther ones before nearer ones, changes the pixel by at most the plane's
+    /// weight in the composite of all planes.
     #[test]
-    fn removed_planes_change_a_pixel_by_at_most_the_sum_of_their_weights(
+    fn pixel_without_some_planes_changes_by_at_most_the_sum_of_their_weights(
         planes in prop::collection::vec((0.0_f32..1.0, 0.0_f32..1.0, any::<bool>()), 2..12),
     ) {
         prop_assume!(planes.iter().any(|plane| plane.2));
@@ -100,6 +100,6 @@ proptest! {
         let (full, weights) = composite(&planes.iter().collect::<Vec<_>>());
         let (kept, _) = composite(&planes.iter().filter(|plane| plane.2).collect::<Vec<_>>());
         let bound: f64 = planes.iter().zip(&weights).filter(|(plane, _)| !plane.2).map(|(_, weight)| weight).sum();
-        prop_assert!((full - kept).abs() <= bound + 1e-12, "{} apart, bound {}", (full - kept).abs(), bound);
+        prop_assert!((full - kept).abs() <= bound + 1e-12, "difference {}, bound {bound}", (full - kept).abs());
     }
 }

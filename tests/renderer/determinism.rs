@@ -1,6 +1,4 @@
-//! The frame does not depend on threads, batch size and run.
-
-mod wheel;
+//! The frame does not depend on the number of threads, the batch size or the run.
 
 use std::path::Path;
 
@@ -13,10 +11,13 @@ use liveview::scene::{Scene, SceneOptions};
 use liveview::warp::{SourceView, Texture, warp_sources};
 use ndarray::{ArrayView4, ArrayViewMut4, Axis};
 
+use crate::wheel;
+
 /// Frames on [0, 1] may differ by this much between thread counts and batch sizes.
 const TOLERANCE: f32 = 1e-6;
 
-type LayersOf = fn(&RangeMap) -> Layers;
+/// The layers for a guided search's result.
+type MakeLayers = fn(&RangeMap) -> Layers;
 
 /// The example scene's first held-out view, and the four views nearest to it.
 struct Rig {
@@ -39,8 +40,8 @@ impl Rig {
         Self { target, views: nearest.map(view).collect() }
     }
 
-    /// Renders on a pool of `threads`.
-    fn render(&self, renderer: &mut Renderer, threads: usize, layers: LayersOf) -> Frame {
+    /// Renders in a thread pool of that size.
+    fn render(&self, renderer: &mut Renderer, threads: usize, layers: MakeLayers) -> Frame {
         let views: Vec<_> = self.views.iter().map(|(camera, texture)| SourceView { camera, texture }).collect();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
@@ -52,7 +53,7 @@ impl Rig {
     }
 }
 
-/// Five guided layers through ONNX Runtime, on that many threads.
+/// Renders five guided layers with ONNX Runtime, on that many threads.
 fn render(threads: usize, batch: usize) -> Frame {
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/liveview_v4.onnx");
     let network = OrtNetwork::open(&wheel::load(ExecutionProvider::Cpu).unwrap(), &model, threads).unwrap();
@@ -61,27 +62,27 @@ fn render(threads: usize, batch: usize) -> Frame {
 }
 
 #[test]
-fn render_any_threads_and_batch_size_gives_the_same_frame_within_the_tolerance() {
+fn frame_with_any_threads_and_batch_size_is_the_same_within_the_tolerance() {
     let first = render(1, 1);
     for (threads, batch) in [(1, 3), (2, 1), (2, 2), (3, 5)] {
         let other = render(threads, batch);
-        let apart = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-        let picture = apart(first.picture.data(), other.picture.data());
-        let disparity = apart(first.disparity.as_slice().unwrap(), other.disparity.as_slice().unwrap());
+        let difference = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let picture = difference(first.picture.data(), other.picture.data());
+        let disparity = difference(first.disparity.as_slice().unwrap(), other.disparity.as_slice().unwrap());
         assert!(picture <= TOLERANCE, "{threads} threads, batch {batch}: pictures differ by {picture:.1e}");
         assert!(disparity <= TOLERANCE, "{threads} threads, batch {batch}: disparities differ by {disparity:.1e}");
     }
 }
 
 #[test]
-fn render_twice_gives_the_same_bits() {
+fn frame_rendered_twice_has_the_same_bits() {
     let (first, second) = (render(2, 2), render(2, 2));
     assert_eq!(first.picture.data(), second.picture.data());
     assert_eq!(first.disparity, second.disparity);
     assert_eq!(first.best_layer, second.best_layer);
 }
 
-/// A network whose logits are differences of two inputs: the same bits for any batch size.
+/// Logits are differences of two inputs, with the same bits for any batch size.
 struct Difference;
 
 impl PlaneNetwork for Difference {
@@ -99,9 +100,9 @@ impl PlaneNetwork for Difference {
 
 #[test]
 fn native_stages_any_threads_and_batch_size_give_the_same_bits() {
-    // Rows of several runs of pixels; renderers that are reused for another size and other layers,
-    // of which no view covers the nearest.
-    let jobs: [(Rig, LayersOf); 2] = [
+    // The rows are long enough to be processed in several runs of pixels. Each renderer is reused
+    // for another size and other layers; no view covers the nearest of these.
+    let jobs: [(Rig, MakeLayers); 2] = [
         (Rig::open(200), |range| range.layers(5).unwrap()),
         (Rig::open(136), |_| Layers::uniform(0.05, 8.0, 12).unwrap()),
     ];
@@ -131,7 +132,7 @@ fn competing_layers_any_threads_and_batch_size_give_the_same_bits() {
     let first = frame(1, 1);
     assert!(first.4 > 0, "no layer uncovered");
     for (threads, batch) in [(2, 1), (1, 3), (2, 12)] {
-        assert!(frame(threads, batch) == first, "{threads} threads, {batch} at once");
+        assert!(frame(threads, batch) == first, "{threads} threads, batch {batch}");
     }
 }
 
@@ -152,12 +153,12 @@ impl PlaneNetwork for ConstantOpacity {
 #[test]
 fn opacity_per_pixel_of_parallax_does_not_depend_on_the_plane_spacing() {
     let rig = Rig::open(136);
-    let mean = |alpha: Alpha, layers: LayersOf| {
+    let mean = |alpha: Alpha, layers: MakeLayers| {
         let mut renderer = Renderer::new(Box::new(ConstantOpacity), 4);
         renderer.set_alpha(alpha);
         rig.render(&mut renderer, 2, layers).disparity.mean().unwrap()
     };
-    let planes: [LayersOf; 2] =
+    let planes: [MakeLayers; 2] =
         [|_| Layers::uniform(1.0, 8.0, 40).unwrap(), |_| Layers::uniform(1.0, 8.0, 320).unwrap()];
     let difference = |alpha: Alpha| {
         let [sparse, dense] = planes.map(|layers| mean(alpha, layers));

@@ -1,5 +1,4 @@
-//! A network without weights, and cameras and photos for it.
-#![allow(dead_code, reason = "each test file uses its own part")]
+//! A network without trained weights, and cameras and photos for it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -11,20 +10,21 @@ use liveview::network::{NetworkError, PlaneNetwork};
 use liveview::warp::Texture;
 use ndarray::{ArrayView4, ArrayViewMut4};
 
-/// Logits that look random but depend only on the pixels of the layer, around `opacity`.
-pub(crate) struct Scrambler {
+/// Gives pseudorandom logits that depend only on the pixel's colours.
+pub(crate) struct PseudorandomNetwork {
+    /// The mean of the logits of α.
     opacity: f32,
-    /// Layers that it was run on.
+    /// Number of layers inferred so far.
     pub(crate) layers: Arc<AtomicUsize>,
 }
 
-impl Scrambler {
+impl PseudorandomNetwork {
     pub(crate) fn new(opacity: f32) -> Self {
         Self { opacity, layers: Arc::default() }
     }
 }
 
-impl PlaneNetwork for Scrambler {
+impl PlaneNetwork for PseudorandomNetwork {
     fn views(&self) -> usize {
         2
     }
@@ -39,14 +39,14 @@ impl PlaneNetwork for Scrambler {
     }
 }
 
-/// A camera of focal length 20, its principal point in the middle.
+/// A camera with a focal length of 20 pixels and the principal point in the middle.
 pub(crate) fn camera(size: (usize, usize), rotation: DMat3, centre: DVec3) -> Camera {
     let (cx, cy) = (size.0 as f64 / 2.0, size.1 as f64 / 2.0);
     let intrinsics = Intrinsics { fx: 20.0, fy: 20.0, cx, cy, skew: 0.0 };
     Camera::new(intrinsics, size.0, size.1, rotation, -(rotation * centre)).unwrap()
 }
 
-/// Noise.
+/// A photo of white noise.
 pub(crate) fn photo(size: (usize, usize), seed: u32) -> Texture {
     let value = |i: u32| (i.wrapping_add(seed).wrapping_mul(2_654_435_761) >> 8) as f32 / (1 << 24) as f32;
     Texture::new(&ImageRgb::new(size.0, size.1, (0..3 * (size.0 * size.1) as u32).map(value).collect()).unwrap())
