@@ -39,7 +39,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Render new views, and score them if the photo exists
-    Render(render::RenderArgs),
+    Render(Box<render::RenderArgs>),
     /// Combine the pictures of `render --shard` into a video or a table of scores
     Join(join::JoinArgs),
     /// Run many render commands in one process
@@ -51,9 +51,9 @@ enum Command {
     /// Look around a scene in a browser
     View(view::ViewArgs),
     /// Show how a scene is read
-    Inspect(inspect::InspectArgs),
+    Inspect(Box<inspect::InspectArgs>),
     /// Show which planes, or which depth range per pixel, a view needs
-    Select(select::SelectArgs),
+    Select(Box<select::SelectArgs>),
     /// Write the depth of the photos, and score it if the scene has true depth
     Depth(depth::DepthArgs),
     #[cfg(feature = "bench")]

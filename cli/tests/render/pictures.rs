@@ -124,7 +124,7 @@ fn pose_of_a_view_gives_its_photo() {
     let transforms = r#"{"transform": [[-1, 0, 0, 1], [0, -1, 0, 1], [0, 0, 1, 3]], "scale": 0.5}"#;
     fs::write(folders.scene().join("dataparser_transforms.json"), transforms).unwrap();
     let report = folders.render(&["--path", path.to_str().unwrap(), "-o", &picture]).output().unwrap();
-    assert!(String::from_utf8_lossy(&report.stderr).contains("path.json: from nerfstudio's axes"));
+    assert!(String::from_utf8_lossy(&report.stderr).contains("path.json: converted from nerfstudio's axes"));
     let score = psnr(&image::load(picture.as_ref()).unwrap(), &image::load(&folders.photo(2)).unwrap(), 0);
     assert!(score > 45.0, "from nerfstudio's axes: {score}");
     let (file, picture) = (folders.scene().join("pose.json"), folders.out("wide.jpg"));
