@@ -56,7 +56,7 @@ pub(super) enum PrecisionName {
     F32,
     /// 16-bit floats, with --engine openvino on CPUs that support them
     Bf16,
-    /// A quantised model: liveview_v<V>_int8.onnx, for planes liveview_v<V>_planes_int8.onnx
+    /// A quantised model: such as liveview_v4_int8.onnx, for planes liveview_v4_planes_int8.onnx
     Int8,
 }
 
