@@ -1,5 +1,5 @@
 //! Your own network in place of the model: anything that computes logits from the colours of a
-//! layer. It needs no ONNX Runtime.
+//! layer. It needs no ONNX Runtime. (`liveview::network::ViewAgreement` is what `--network none` uses.)
 //!
 //! `cargo run --release --example own_network [-- FOLDER [WIDTH]]`
 
@@ -12,9 +12,9 @@ use liveview::render::Renderer;
 use liveview::{LayerSpec, Scene, SceneOptions, SceneViews, Synthesizer, Target};
 
 /// Layers are opaque where the views agree on the colour.
-struct Agreement;
+struct ColourDifference;
 
-impl PlaneNetwork for Agreement {
+impl PlaneNetwork for ColourDifference {
     fn views(&self) -> usize {
         4
     }
@@ -43,8 +43,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     // The depth range is that of the scene; one layer at a time goes through the network.
     let photos = SceneViews::new(Scene::open(Path::new("tests/scenes/workshop"), &options)?, None, None);
-    let mut synthesizer = Synthesizer::new(photos, Renderer::new(Box::new(Agreement), 1), LayerSpec::guided(4));
+    let mut synthesizer = Synthesizer::new(photos, Renderer::new(Box::new(ColourDifference), 1), LayerSpec::guided(4));
     let frame = synthesizer.render(&Target::held_out("target_0"))?;
-    frame.picture.save(folder.join("target_0.png"))?;
+    frame.inpainted().save(folder.join("target_0.png"))?;
     Ok(())
 }

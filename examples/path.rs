@@ -9,7 +9,6 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 
-use liveview::image::inpaint_uncovered;
 use liveview::{ImageRgb, Options, Synthesizer, Targets};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -29,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let loaded = synthesizer.load(shot, &shots[index + 1..])?;
         let plan = synthesizer.plan(&loaded)?;
         let frame = synthesizer.render_plan(&loaded, &plan, None)?;
-        let picture = inpaint_uncovered(&frame.picture, &frame.transmittance);
+        let picture = frame.inpainted();
         picture.save(folder.join(format!("{}.png", shot.name)))?;
         write_frame(&mut video, &picture)?;
     }

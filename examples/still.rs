@@ -17,6 +17,6 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let mut synthesizer = Synthesizer::open("tests/scenes/workshop", &options)?;
     let frame = synthesizer.render(&Target::held_out("target_0"))?;
-    frame.picture.save(folder.join("target_0.png"))?;
+    frame.inpainted().save(folder.join("target_0.png"))?;
     Ok(())
 }

@@ -14,7 +14,7 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let mut synthesizer = Synthesizer::open("scene", &Options::default())?;
 //! let frame = synthesizer.render(&Target::held_out("IMG_7.jpg"))?;
-//! frame.picture.save("new.png")?;
+//! frame.inpainted().save("new.png")?;
 //! # Ok(()) }
 //! ```
 //!
@@ -25,7 +25,7 @@
 //! - [`LayerSpec`]: which layers to render on, as text such as `surface:1` or `planes:64`;
 //!   [`Layers`]: the layers themselves.
 //! - [`network::PlaneNetwork`]: the trait of a network; [`network::OrtNetwork`] runs the LiveView
-//!   models.
+//!   models, [`network::ViewAgreement`] takes their place where there is none.
 //! - [`render::Renderer`]: views, target and layers → frame, for programs that choose these
 //!   themselves.
 //! - [`live::LiveSession`]: the time steps of a camera rig → frames; layers are reused from frame
@@ -47,7 +47,7 @@
 //! Training, pose estimation, an interactive viewer (`liveview view`, a command of the program, is
 //! one), downloading models or libraries at run time, and extrapolation far beyond the photos.
 //! Gloss and reflections are those of the nearest photos. Pixels that no photo covers are black in
-//! a [`Frame`]; [`image::inpaint_uncovered`] fills them.
+//! a [`Frame`]; [`Frame::inpainted`] fills them.
 //!
 //! # Features
 //!

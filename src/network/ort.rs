@@ -8,6 +8,7 @@ use ndarray::{ArrayView4, ArrayViewMut4};
 use ort::session::{RunOptions, Session};
 use ort::value::{Outlet, TensorRef, ValueType};
 
+use super::alpha::Alpha;
 use super::error::{NetworkError, unfit};
 use super::execution_provider::{ExecutionProvider, Precision};
 use super::model_card::{ModelCard, read_card};
@@ -146,6 +147,10 @@ impl PlaneNetwork for OrtNetwork {
                 "such as \"guided:2\" or \"planes:64\"",
             )
         })
+    }
+
+    fn alpha(&self) -> Alpha {
+        self.card.alpha(None)
     }
 
     fn run_end(&self) -> Option<RunEnd> {

@@ -2,6 +2,7 @@
 
 use ndarray::{ArrayView4, ArrayViewMut4};
 
+use super::alpha::Alpha;
 use super::error::NetworkError;
 use super::run_end::RunEnd;
 use crate::layers::LayerSpec;
@@ -32,6 +33,12 @@ pub trait PlaneNetwork: Send {
     /// [`NetworkError::Unfit`] if its model file recommends something that is not a [`LayerSpec`].
     fn recommended_layers(&self) -> Result<LayerSpec, NetworkError> {
         Ok(LayerSpec::guided(2))
+    }
+
+    /// How the layers of a pixel share it: independently, as in the paper, unless its logits are
+    /// made for something else.
+    fn alpha(&self) -> Alpha {
+        Alpha::Independent
     }
 
     /// Whether logit 0 is the opacity of a layer, so that planes can be selected by it

@@ -3,9 +3,9 @@
 use ndarray::{ArrayView2, ArrayView4, ArrayViewMut2, ArrayViewMut4, Axis};
 use rayon::prelude::*;
 
+use super::alpha::Alpha;
 use super::error::NetworkError;
 use super::plane_network::PlaneNetwork;
-#[cfg(feature = "surface")]
 #[cfg(feature = "surface")]
 use crate::layers::LayerSpec;
 
@@ -60,6 +60,10 @@ impl PlaneNetwork for ViewAgreement {
     #[cfg(feature = "surface")]
     fn recommended_layers(&self) -> Result<LayerSpec, NetworkError> {
         Ok(Self::LAYERS)
+    }
+
+    fn alpha(&self) -> Alpha {
+        Alpha::Competing { scale: 1.0 }
     }
 
     fn predicts_opacity(&self) -> bool {

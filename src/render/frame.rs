@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::composite::Accumulated;
 use crate::geometry::Camera;
-use crate::image::ImageRgb;
+use crate::image::{ImageRgb, inpaint_uncovered};
 use crate::layers::plane_histogram;
 
 /// A rendered target.
@@ -77,6 +77,12 @@ impl Frame {
             logits_not_finite: 0,
             times: StageTimes::default(),
         }
+    }
+
+    /// The picture with its uncovered pixels inpainted ([`inpaint_uncovered`]), as the program
+    /// writes it.
+    pub fn inpainted(&self) -> ImageRgb {
+        inpaint_uncovered(&self.picture, &self.transmittance)
     }
 
     /// The share of the picture that no view covers: the mean transmittance, in [0, 1].

@@ -50,9 +50,9 @@ impl Renderer {
     /// A renderer that runs the network on `batch` layers at once (at least one).
     pub fn new(network: Box<dyn PlaneNetwork>, batch: usize) -> Self {
         Self {
+            alpha: network.alpha(),
             network,
             batch: batch.max(1),
-            alpha: Alpha::default(),
             skip_uncovered: true,
             buffers: Buffers::default(),
             sharpened: SharpenedPhotos::default(),
@@ -74,8 +74,8 @@ impl Renderer {
         self.alpha
     }
 
-    /// Sets how the layers of a pixel share it: by default independently, as in the paper. A
-    /// model's card says what it was trained for ([`crate::network::ModelCard::alpha`]).
+    /// Sets how the layers of a pixel share it; by default as the network's logits are made for
+    /// ([`PlaneNetwork::alpha`]).
     pub fn set_alpha(&mut self, alpha: Alpha) {
         self.alpha = alpha;
     }

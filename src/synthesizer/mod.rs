@@ -6,7 +6,7 @@
 //!
 //! let mut synthesizer = Synthesizer::open("scene", &Options::default())?;
 //! let frame = synthesizer.render(&Target::held_out("IMG_7.jpg"))?;
-//! frame.picture.save("new.png")?;
+//! frame.inpainted().save("new.png")?;
 //! # Ok(()) }
 //! ```
 //!

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use super::error::SynthesisError;
 use crate::layers::LayerSpec;
 use crate::network::{
-    Alpha, AlphaKind, ExecutionProvider, MAX_THREADS, OrtLibrary, OrtNetwork, Precision, cpu_has_bf16, find_model,
-    model_folders,
+    Alpha, AlphaKind, ExecutionProvider, MAX_THREADS, OrtLibrary, OrtNetwork, PlaneNetwork, Precision, ViewAgreement,
+    cpu_has_bf16, find_model, model_folders,
 };
 use crate::render::Renderer;
 use crate::scene::SceneOptions;
@@ -48,6 +48,9 @@ pub struct ModelOptions {
     /// V, the number of views that each picture is rendered from; `None`: the model file's, else
     /// [`DEFAULT_VIEWS`].
     pub views: Option<usize>,
+    /// No network: photos are weighed by their agreement ([`ViewAgreement`]). Neither a model nor
+    /// ONNX Runtime is needed, and the other options but `views` and `batch` do not apply.
+    pub without_network: bool,
     /// The model file; `None`: `liveview_v{V}.onnx`, or the quantised `liveview_v{V}_int8.onnx`, in
     /// one of the `folders`; for layers that are planes `liveview_v{V}_planes.onnx` or
     /// `liveview_v{V}_planes_int8.onnx`, if there is one; with an independent `alpha`
@@ -75,6 +78,7 @@ impl Default for ModelOptions {
     fn default() -> Self {
         Self {
             views: None,
+            without_network: false,
             file: None,
             folders: model_folders(),
             quantized: false,
@@ -108,6 +112,25 @@ impl ModelOptions {
         let planes = layers.filter(|layers| layers.is_planes()).map(|_| self.alpha.unwrap_or(AlphaKind::Competing));
         Ok(find_model(self.folders.clone(), views, self.quantized, planes)?)
     }
+}
+
+/// The renderer of these options, and the layers that it recommends.
+///
+/// # Errors
+///
+/// As [`Model::open`].
+pub(super) fn open_renderer(
+    options: &ModelOptions,
+    layers: Option<&LayerSpec>,
+) -> Result<(Renderer, LayerSpec), SynthesisError> {
+    if options.without_network {
+        let network = ViewAgreement { views: options.views_or_default() };
+        let recommended = network.recommended_layers()?;
+        return Ok((Renderer::new(Box::new(network), options.batch), recommended));
+    }
+    let model = Model::open(options, layers)?;
+    let recommended = model.network.recommended_layers();
+    Ok((model.into_renderer(), layers.cloned().map_or(recommended, Ok)?))
 }
 
 /// An opened model.

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use super::error::SynthesisError;
 use super::memory;
-use super::options::{Model, Options};
+use super::options::{Options, open_renderer};
 use super::plan::{Plan, ShotPhotos};
 use super::scene_photos::ScenePhotos;
 use super::scene_views::SceneViews;
@@ -14,7 +14,6 @@ use super::shot::{LoadedShot, Shot};
 use super::target::{Target, Targets};
 use crate::kinds::{Carried, FrameInput, Reuse, find_layers};
 use crate::layers::{LayerSpec, Layers};
-use crate::network::PlaneNetwork;
 use crate::render::{Frame, Observer, RenderRequest, Renderer};
 use crate::scene::Scene;
 #[cfg(feature = "surface")]
@@ -54,15 +53,11 @@ impl Synthesizer {
         let mut photos = ScenePhotos::new(views);
         #[cfg(feature = "surface")]
         options.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder))?;
-        let model = Model::open(&options.model, options.layers.as_ref())?;
-        let layers = match &options.layers {
-            Some(layers) => layers.clone(),
-            None => model.network.recommended_layers()?,
-        };
+        let (renderer, recommended) = open_renderer(&options.model, options.layers.as_ref())?;
         Ok(Self {
             photos,
-            renderer: model.into_renderer(),
-            layers,
+            renderer,
+            layers: options.layers.clone().unwrap_or(recommended),
             #[cfg(feature = "surface")]
             photo_correction: options.photo_correction,
         })

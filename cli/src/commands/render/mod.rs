@@ -15,7 +15,7 @@ use std::time::Instant;
 use anyhow::{Error, Result, anyhow};
 use clap::Args;
 use explain::{ExplainArgs, Explained, Explanation};
-use liveview::image::{Score, inpaint_uncovered};
+use liveview::image::Score;
 use liveview::{LayerSpec, Plan, Shot};
 use liveview_common::args::help::ADVANCED;
 use liveview_common::args::layers::LayerArgs;
@@ -215,7 +215,7 @@ fn render(
             return Err(no_coverage(args));
         }
         explanation = args.explain.explain(job, &about)?;
-        frame.picture = inpaint_uncovered(&frame.picture, &frame.transmittance);
+        frame.picture = frame.inpainted();
         let digests = outputs.write(&shot, &frame, truth.as_ref())?;
         if frame.logits_not_finite > 0 {
             let count = frame.logits_not_finite;

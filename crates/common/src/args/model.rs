@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use liveview::network::{
-    Alpha, ExecutionProvider, OrtLibrary, OrtNetwork, Precision, ViewAgreement, check_threads, cpu_has_bf16,
+    ExecutionProvider, OrtLibrary, OrtNetwork, Precision, ViewAgreement, check_threads, cpu_has_bf16,
 };
 use liveview::render::Renderer;
 use liveview::{LayerSpec, Model, ModelOptions};
@@ -180,9 +180,7 @@ impl ModelArgs {
 
     /// A renderer that weights views and layers by the agreement of the views.
     fn renderer_without_network(&self, views: usize) -> Renderer {
-        let mut renderer = Renderer::new(Box::new(ViewAgreement { views }), self.batch);
-        renderer.set_alpha(Alpha::Competing { scale: 1.0 });
-        renderer
+        Renderer::new(Box::new(ViewAgreement { views }), self.batch)
     }
 
     /// The model file for layers of any kind.

@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use liveview::ImageRgb;
 use liveview::geometry::Size;
-use liveview::image::inpaint_uncovered;
 use liveview::render::Frame;
 
 use super::gather::Clock;
@@ -46,7 +45,7 @@ pub(super) fn write(
         let mut due = None;
         if let WriterInput::Frame { step, frame } = input {
             due = clock.map(|clock| clock.due(step));
-            last = inpaint_uncovered(&frame.picture, &frame.transmittance);
+            last = frame.inpainted();
             if last.size() != size {
                 last = last.resized(size.width, size.height)?;
             }

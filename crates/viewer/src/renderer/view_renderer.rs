@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use liveview::image::{Score, coloured, encode, inpaint_uncovered};
+use liveview::image::{Score, coloured, encode};
 use liveview::ndarray::Array2;
 use liveview::{Camera, Frame, ImageRgb};
 use serde_json::{Value, json};
@@ -138,7 +138,7 @@ impl ViewRenderer {
 }
 
 fn inpainted(rendered: &Rendered) -> ImageRgb {
-    inpaint_uncovered(&rendered.frame.picture, &rendered.frame.transmittance)
+    rendered.frame.inpainted()
 }
 
 /// Disparity as colours, as `liveview render --depth` writes it.
