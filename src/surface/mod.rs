@@ -9,6 +9,7 @@
 //! - `search`: the depth of one photo, by a plane sweep with the photo as reference.
 //! - `fusion`: consistency between photos, and the fusion of their depths at the target.
 //! - `correction`: exposure and sharpness of the photos.
+//! - `range`: the depth range of a scene that gives none.
 //! - `cache`: the depth of photos as files.
 //!
 //! Soft3D (Penner and Zhang, 2017) and multi-view stereo systems (COLMAP; Free View Synthesis,
@@ -18,8 +19,10 @@
 pub(crate) mod cache;
 mod correction;
 mod depth_maps;
+mod found_range;
 mod fusion;
 mod neighbourhood;
+mod range;
 mod search;
 pub mod stages;
 mod target_surface;
@@ -28,6 +31,7 @@ mod tests;
 
 pub use correction::{exposure_gains, sharpening};
 pub use depth_maps::{DepthMaps, EXTRA_PHOTOS, NEIGHBOURS};
+pub(crate) use found_range::found_range;
 pub use fusion::{ConfirmedDepth, ConsistencyVotes, Surface, SurfaceView, confirmed, surface};
 pub use search::{PhotoDepth, photo_depth};
 pub use target_surface::{PhotoCorrection, TargetSurface};

@@ -10,6 +10,7 @@ use super::fusion::photo_variance::{self, VarianceViews};
 use super::fusion::surface::{disparity_per_pixel, splat_confirmed, warp_sources};
 use super::fusion::{ConfirmedDepth, SurfaceView, visible};
 use super::neighbourhood;
+use super::range;
 use super::search::aggregate::aggregate;
 use super::search::grid::{Candidates, Grid};
 use super::search::photo_depth;
@@ -89,6 +90,12 @@ pub fn median3(values: &Array2<f32>) -> Array2<f32> {
 pub fn segment_starts(index: &Array2<f32>, fine_per_coarse: usize, count: usize) -> Array3<u16> {
     let starts = photo_depth::segment_starts(flat(index), index.ncols(), fine_per_coarse, count);
     Array3::from_shape_vec((index.nrows(), index.ncols(), 2), starts.into_flattened()).expect("two per cell")
+}
+
+/// Near and far (scene units) of confirmed disparities, within the range that was searched; `None`
+/// if there are too few.
+pub fn range_of(disparities: Vec<f32>, searched: (f64, f64)) -> Option<(f64, f64)> {
+    range::range_of(disparities, searched)
 }
 
 /// Disparity that moves a point by one pixel at the padded target, 1/scene unit.

@@ -103,7 +103,7 @@ fn with_held_out<'a>(
     *depth = match depth.take().filter(|depth| depth.serves(held_out)) {
         None => {
             let free = views.all_but(held_out);
-            let range = views.depth_range(&free)?;
+            let range = views.depth_range(&free, held_out)?;
             Some(SceneDepth::new(views.scene(), free, held_out.to_vec(), range))
         }
         known => known,

@@ -1,24 +1,31 @@
 //! The views of a scene, and the choice among them: which a target is rendered from, and over which
 //! range of depths.
 
+use std::sync::OnceLock;
+
 use super::error::SynthesisError;
+
 use super::shot::Shot;
 use super::target::{TargetCamera, Targets};
 use crate::geometry::{Camera, choose_views};
 use crate::layers::uniform_disparities;
 use crate::scene::Scene;
+#[cfg(feature = "surface")]
+use crate::surface::found_range;
 
 /// A scene and the depth range given for it: chooses the views and the depth range of each target.
 #[derive(Debug, Clone)]
 pub struct SceneViews {
     scene: Scene,
     given: (Option<f64>, Option<f64>),
+    /// The range found from the photos, once it was needed; `None` if it cannot be found.
+    found: OnceLock<Option<(f64, f64)>>,
 }
 
 impl SceneViews {
     /// The views of a scene. `near` and `far` are in scene units; `None` takes the scene's own.
     pub fn new(scene: Scene, near: Option<f64>, far: Option<f64>) -> Self {
-        Self { scene, given: (near, far) }
+        Self { scene, given: (near, far), found: OnceLock::new() }
     }
 
     /// The scene.
@@ -82,26 +89,50 @@ impl SceneViews {
     }
 
     /// Near and far in scene units: as given to [`Self::new`], else the extremes of these views'
-    /// depth ranges.
+    /// depth ranges, else as found from the scene's photos. Photos are loaded for that once, when
+    /// it is first needed, and only those of views that are not held out then.
     ///
     /// # Errors
     ///
-    /// [`SynthesisError::UnknownDepth`] if one of them is unknown; [`SynthesisError::Layers`]
-    /// unless 0 < near < far.
+    /// [`SynthesisError::UnknownDepth`] if one of them cannot be found, as without the feature
+    /// `surface`; [`SynthesisError::Scene`] for a photo that cannot be read;
+    /// [`SynthesisError::Layers`] unless 0 < near < far.
     ///
     /// # Panics
     ///
     /// If there is no such view.
-    pub fn depth_range(&self, views: &[usize]) -> Result<(f64, f64), SynthesisError> {
+    pub fn depth_range(&self, views: &[usize], held_out: &[usize]) -> Result<(f64, f64), SynthesisError> {
         let known = || views.iter().filter_map(|&view| self.scene.views[view].depth_range);
-        let near = self.given.0.or_else(|| known().map(|range| range.0).reduce(f64::min));
-        let far = self.given.1.or_else(|| known().map(|range| range.1).reduce(f64::max));
+        let mut near = self.given.0.or_else(|| known().map(|range| range.0).reduce(f64::min));
+        let mut far = self.given.1.or_else(|| known().map(|range| range.1).reduce(f64::max));
+        if near.is_none() || far.is_none() {
+            let found = self.found(held_out)?;
+            near = near.or(found.map(|range| range.0));
+            far = far.or(found.map(|range| range.1));
+        }
         let (Some(near), Some(far)) = (near, far) else {
             let (near, far) = (near.is_none(), far.is_none());
             return Err(SynthesisError::UnknownDepth { scene: self.scene.root.clone(), near, far });
         };
         uniform_disparities(near, far, 2)?;
         Ok((near, far))
+    }
+
+    /// The range found from the photos of the views that are not held out.
+    #[cfg_attr(not(feature = "surface"), expect(clippy::unnecessary_wraps, unused_variables))]
+    fn found(&self, held_out: &[usize]) -> Result<Option<(f64, f64)>, SynthesisError> {
+        #[cfg(feature = "surface")]
+        if self.found.get().is_none() {
+            let found = found_range(&self.scene, &self.all_but(held_out))?;
+            let _ = self.found.set(found);
+        }
+        Ok(self.found.get().copied().flatten())
+    }
+
+    /// Whether the range was found from the photos, since neither the options nor the scene give
+    /// it.
+    pub fn has_found_depth(&self) -> bool {
+        self.found.get().is_some_and(Option::is_some)
     }
 
     /// Chooses the `count` views and the depth range of each target: `given` (near, far; scene
@@ -127,7 +158,7 @@ impl SceneViews {
             Ok((views, more.unwrap_or_default()))
         };
         let views = targets.list.iter().map(choose).collect::<Result<Vec<_>, _>>()?;
-        let range = |views: &[usize]| given.map_or_else(|| self.depth_range(views), Ok);
+        let range = |views: &[usize]| given.map_or_else(|| self.depth_range(views, held_out), Ok);
         let all = || views.iter().flat_map(|(views, _)| views.iter().copied()).collect::<Vec<_>>();
         let shared = if targets.moving { Some(range(&all())?) } else { None };
         let shots = targets.list.iter().zip(&views).map(|(target, (views, helpers))| {

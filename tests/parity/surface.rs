@@ -124,6 +124,20 @@ fn confirmed_is_within_bounds() {
 }
 
 #[test]
+fn range_of_confirmed_disparities_is_within_bounds() {
+    for_complete(|case| {
+        let depths = case.depths();
+        let kept = depths.iter().enumerate().flat_map(|(which, depth)| {
+            let confirmed = case.map(&format!("confirmed{which}"));
+            depth.disparity.iter().zip(&confirmed).filter(|(_, yes)| **yes > 0.0).map(|(d, _)| *d).collect::<Vec<_>>()
+        });
+        let found =
+            stages::range_of(kept.collect(), case.range).map_or([-1.0, -1.0], |(near, far)| [1.0 / near, 1.0 / far]);
+        case.check("found_range", &ndarray::arr1(&found.map(|disparity| disparity as f32)));
+    });
+}
+
+#[test]
 fn splat_holes_and_visibility_are_within_bounds() {
     for_complete(|case| {
         let disparity_per_pixel = case.disparity_per_pixel();

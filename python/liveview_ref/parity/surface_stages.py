@@ -4,7 +4,8 @@ reference of tests/parity/surface.rs.
 Beside photos and cameras (rig_arrays.py): `range` [2] float64, near and far; `count`, planes of the
 first search. Of photo 0, matched with the others: `half_costs` [h/2, w/2, n], `half_found`,
 `half_index` [h/2, w/2], `starts` [h/2, w/2, 2], `fine_costs` [h, w, 16], `fine_found`, `fine_index`
-[h, w]. Of every photo i: `depth{i}` and `confirmed{i}` [h, w], `pixel` [V]. At the target: `gains`
+[h, w]. Of every photo i: `depth{i}` and `confirmed{i}` [h, w], `pixel` [V]; of
+all, `found_range` [2], 1/near and 1/far. At the target: `gains`
 [V, 3], `sharpening` [V], `sharpened{i}` [h, w, 3], `splat`, `filled`, `surface`, `seen` [H8, W8],
 `layers` [3, H8, W8], `hidden_colour` [V, 3, H8, W8], `hidden_coverage`, `visible` [V, H8, W8],
 `photo_variance` [7, H8, W8].
@@ -32,6 +33,7 @@ from ..reference.surface.fusion.splat import FUSED, splat
 from ..reference.surface.fusion.surface import OCCLUSION_MARGIN, seen, surface
 from ..reference.surface.fusion.surface_view import SurfaceView
 from ..reference.surface.neighbourhood import fill_holes
+from ..reference.surface.range import range_of
 from ..reference.surface.search.aggregate import aggregate
 from ..reference.surface.search.grid import Candidates, Grid
 from ..reference.surface.search.photo_depth import FINE_STEPS, NEIGHBOURS, PhotoDepth, bands, photo_depth, pixel_of
@@ -133,6 +135,13 @@ def confirmations(data: Arrays, dtype: torch.dtype) -> Arrays:
     return {f"confirmed{i}": confirmed(i, maps).to(dtype).numpy() for i in range(len(maps))}
 
 
+def ranges(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Nearest and farthest disparity of what is confirmed; -1 if too little is."""
+    kept = [tensor(data, f"depth{i}", dtype)[data[f"confirmed{i}"] > 0] for i in range(len(data["pixel"]))]
+    found = range_of(torch.cat(kept), tuple(float(x) for x in data["range"]))
+    return {"found_range": np.array([1 / depth for depth in found] if found else [-1.0, -1.0])}
+
+
 def surface_views(data: Arrays, dtype: torch.dtype) -> list[SurfaceView]:
     found = []
     for i, (image, camera) in enumerate(photos(data, dtype)):
@@ -215,5 +224,5 @@ def hidden(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 PHOTO = (half_costs, half_found, half_index, starts, fine_costs, fine_found, fine_index)
 TARGET = (exposures, sharpness, sharpened_photos, splatted, holes, visibility, photo_variances, surfaces, hidden)
-STAGES = (*PHOTO, depths, confirmations, *TARGET)
+STAGES = (*PHOTO, depths, confirmations, ranges, *TARGET)
 INTEGERS = {"half_costs": np.uint16, "fine_costs": np.uint16, "starts": np.uint16}  # the others are float32

@@ -159,7 +159,7 @@ fn target_section(photos: &SceneViews, target: usize, args: &InspectArgs) -> Res
             return Ok((text, json));
         }
     };
-    let (near, far) = match photos.depth_range(&views) {
+    let (near, far) = match photos.depth_range(&views, &[target]) {
         Ok(range) => range,
         // An unknown range is reported; an invalid one is an error.
         Err(error @ SynthesisError::Layers(_)) => return Err(error.into()),
@@ -172,6 +172,7 @@ fn target_section(photos: &SceneViews, target: usize, args: &InspectArgs) -> Res
         }
     };
     let source = match photos.given_depth() {
+        _ if photos.has_found_depth() => "found from the photos",
         (Some(_), Some(_)) => "from --near and --far",
         (None, None) => "from the scene: the extremes of these views",
         (Some(_), None) => "from --near and the scene",

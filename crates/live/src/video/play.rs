@@ -41,7 +41,7 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
     let fewest = renderers.iter().map(|renderer| renderer.network().views()).min().unwrap_or(views);
     let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != viewpoint.truth).collect();
     let read = rig.cameras_for(viewpoint.cameras(), &free, (fewest, views + SPARE_CAMERAS))?;
-    let (near, far) = rig.views.depth_range(&read)?;
+    let (near, far) = rig.views.depth_range(&read, &[])?;
     let mut settings = LiveSettings::new(near, far);
     (settings.layers, settings.policy, settings.keep_exposure) = (layers.clone(), policy, args.keep_exposure);
     renderers.push(renderer);

@@ -61,7 +61,7 @@ impl Video {
         renderers.push(renderer);
         let runs = renderers.iter().filter_map(|renderer| renderer.network().run_end()).collect();
         let networks = Networks::new(renderers, model.batch);
-        let range = rig.views.depth_range(&free)?;
+        let range = rig.views.depth_range(&free, &[])?;
         let motion = session(&rig, &free, &networks, &spec, layers.keep_exposure)?;
         let video = Self {
             frames: Frames::new(rig.views.scene().clone(), &rig.feeds),
@@ -129,7 +129,7 @@ fn session(
     layers: &LayerSpec,
     keep_exposure: bool,
 ) -> Result<LiveSession> {
-    let (near, far) = rig.views.depth_range(read)?;
+    let (near, far) = rig.views.depth_range(read, &[])?;
     let mut settings = LiveSettings::new(near, far);
     settings.policy = Policy::default_for(layers);
     (settings.layers, settings.keep_exposure) = (layers.clone(), keep_exposure);
@@ -182,7 +182,7 @@ impl Source for Video {
         };
         let frame =
             still.session.render(&step.photos(), &viewpoint.camera).map_err(|error| step.with_left_out(error))?;
-        let range = self.rig.views.depth_range(&still.cameras)?;
+        let range = self.rig.views.depth_range(&still.cameras, &[])?;
         self.still = Some(still);
         Ok(rendered(frame, self.layers.clone(), read, step, range))
     }
