@@ -13,8 +13,8 @@ SCENE := tests/scenes/workshop
 RIG := tests/scenes/rig
 RUFF := --config python/pyproject.toml python parity tests
 
-.PHONY: demo demo-stereo demo-video build runtime setup clean test lint test-rust test-python test-browser parity stability \
-	fuzz report models paper
+.PHONY: demo demo-video build runtime setup clean test lint test-rust test-python test-browser parity stability \
+	fuzz evaluate report models paper
 
 ### Use
 
@@ -23,12 +23,6 @@ demo: build runtime
 	mkdir -p out
 	$(LIVEVIEW) render $(SCENE) --target target_0,target_1 -o out/views --compare out/compare --depth out/depth
 	@echo "Open out/views, out/compare (truth, result, difference) and out/depth."
-
-## Two photos only, V = 2: the Middlebury motorcycle pair (from scikit-image), with three views between them.
-demo-stereo: build setup
-	$(PY) tools.make_stereo_scene ../out/motorcycle
-	$(LIVEVIEW) render out/motorcycle --views 2 --path line:5 -o out/stereo --depth out/stereo_depth
-	@echo "Open out/stereo: five steps from one photo to the other."
 
 ## The held-out camera of the example rig's clip: a video if ffmpeg is installed, else its frames.
 DEMO_VIDEO := out/$(if $(shell command -v ffmpeg),rig.mp4,rig)
@@ -116,6 +110,11 @@ fuzz:
 	done
 
 ### Measure: steps by name, python/steps.mk
+
+## PSNR, SSIM, LPIPS and tearing on 21 scenes of DATA, with a contact sheet of each: out/scenes. OPTIONS of `render`; SCENES.
+evaluate: setup-evaluation build
+	$(PY) liveview_ref.evaluation.scenes configs/scenes.json --data $(abspath $(DATA)) --out ../out/scenes \
+		$(if $(SCENES),--scenes $(SCENES)) $(if $(OPTIONS),--options="$(OPTIONS)")
 
 ## This machine's figures: STEP=sweep (error against run time, the default), live, limits or readme.
 report: report-$(or $(STEP),sweep)

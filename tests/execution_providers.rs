@@ -34,7 +34,7 @@ fn bound(entry: &str) -> (f64, f64) {
 #[test]
 #[ignore = "needs OpenVINO"]
 fn openvino_logits_are_within_the_bounds() {
-    let library = wheel::load(ExecutionProvider::OpenVino).expect("run `make runtime-openvino` first");
+    let library = wheel::load(ExecutionProvider::OpenVino).expect("run `make setup WITH=openvino` first");
     let (max_bound, mean_bound) = bound("logits openvino");
     // Each session runs inputs of different sizes.
     for views in [4, 5, 2] {

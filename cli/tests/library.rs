@@ -18,6 +18,6 @@ fn missing_library_with_the_engine_is_an_error() {
     render.args(["--target", "2", "--engine", "openvino", "--model", &fixture("tiny_v4"), "-o", &folders.out("a.png")]);
     folders.assert_refused(
         &mut render,
-        &["execution provider openvino", "looked in", ".venv-openvino", "make runtime-openvino"],
+        &["execution provider openvino", "looked in", ".venv-openvino", "make setup WITH=openvino"],
     );
 }

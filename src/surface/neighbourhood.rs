@@ -102,30 +102,37 @@ fn extremes_row_with<'a, S: pulp::Simd>(
 }
 
 /// Fills holes (values below 0) with the smallest of their 8 neighbours that are no holes: one ring
-/// of holes after another. A map without values becomes 0.
+/// of holes after another. A map without values becomes 0. Takes time in proportion to the map.
 pub(super) fn fill_holes(map: &[f32], width: usize) -> Vec<f32> {
     let height = map.len() / width;
+    let neighbours = |at: usize| {
+        let (y, x) = (at / width, at % width);
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        (y.saturating_sub(1)..(y + 2).min(height)).flat_map(move |row| columns.clone().map(move |x| row * width + x))
+    };
     let mut map = map.to_vec();
-    let mut holes: Vec<usize> = (0..map.len()).filter(|&at| map[at] < 0.0).collect();
-    let mut filled = Vec::new();
-    while !holes.is_empty() {
-        holes.retain(|&at| {
-            let (y, x) = (at / width, at % width);
-            let mut smallest = f32::INFINITY;
-            for row in y.saturating_sub(1)..(y + 2).min(height) {
-                for &value in &map[row * width + x.saturating_sub(1)..row * width + (x + 2).min(width)] {
-                    smallest = if value >= 0.0 && value < smallest { value } else { smallest };
-                }
+    if map.iter().all(|&value| value < 0.0) {
+        return vec![0.0; map.len()];
+    }
+    // The holes of the next ring, each once.
+    let mut queued = vec![false; map.len()];
+    let borders_value = |&at: &usize| map[at] < 0.0 && neighbours(at).any(|other| map[other] >= 0.0);
+    let mut ring: Vec<usize> = (0..map.len()).filter(borders_value).collect();
+    ring.iter().for_each(|&at| queued[at] = true);
+    while !ring.is_empty() {
+        let smallest = |&at: &usize| {
+            neighbours(at).map(|other| map[other]).filter(|&value| value >= 0.0).fold(f32::INFINITY, f32::min)
+        };
+        let values: Vec<f32> = ring.iter().map(smallest).collect();
+        ring.iter().zip(values).for_each(|(&at, value)| map[at] = value);
+        let mut next = Vec::new();
+        for other in ring.iter().flat_map(|&at| neighbours(at)) {
+            if map[other] < 0.0 && !queued[other] {
+                queued[other] = true;
+                next.push(other);
             }
-            if smallest < f32::INFINITY {
-                filled.push((at, smallest));
-            }
-            smallest == f32::INFINITY
-        });
-        if filled.is_empty() {
-            holes.drain(..).for_each(|at| map[at] = 0.0);
         }
-        filled.drain(..).for_each(|(at, value)| map[at] = value);
+        ring = next;
     }
     map
 }
@@ -181,6 +188,15 @@ mod tests {
         assert_eq!(fill_holes(&map, 6), [2.0, 2.0, 2.0, 1.0, 1.0, 1.0]);
         assert_eq!(fill_holes(&[2.0, -1.0, 1.0], 3), [2.0, 1.0, 1.0]);
         assert_eq!(fill_holes(&[-1.0; 4], 2), [0.0; 4]);
+    }
+
+    #[test]
+    fn fill_holes_takes_time_in_proportion_to_the_map() {
+        // A row whose only value is at its end has as many rings as pixels: a scan of all holes for
+        // each ring would take hours.
+        let mut map = vec![-1.0; 1 << 22];
+        map[0] = 1.0;
+        assert!(fill_holes(&map, 1 << 22).iter().all(|&value| value == 1.0));
     }
 
     #[test]

@@ -26,9 +26,10 @@ pub enum SynthesisError {
         /// How many views are needed, and how many face that direction.
         source: TooFewViews,
     },
-    /// Neither the scene nor the options set the depth range.
+    /// Neither the scene nor the options set the depth range, and the photos show none: all cameras
+    /// are in one place (or the feature `surface` is off).
     #[error(
-        "{}: the scene has no depth range; expected {}, in scene units",
+        "{}: the scene has no depth range, and its cameras are in one place; expected {}, in scene units",
         scene.display(),
         match (near, far) { (true, true) => "near and far", (true, false) => "near", _ => "far" }
     )]

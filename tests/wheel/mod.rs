@@ -1,5 +1,5 @@
 //! Finds ONNX Runtime for the tests: the library named by `ORT_DYLIB_PATH`, otherwise the one in
-//! the Python wheel that `make runtime` or `make runtime-openvino` installed.
+//! the Python wheel that `make runtime` or `make setup WITH=openvino` installed.
 #![allow(dead_code, reason = "no test binary uses all functions")]
 
 use std::path::{Path, PathBuf};

@@ -59,6 +59,17 @@ impl Folders {
         fs::write(self.scene().join("transforms.json"), text.replace(from, to)).unwrap();
     }
 
+    /// As `write_scene`, without a depth range, and with all cameras in one place: there is no range
+    /// to be found.
+    pub(crate) fn write_scene_in_one_place(&self, views: usize) {
+        self.write_scene(views, ", \"near\": 2, \"far\": 8", "");
+        let poses = self.scene().join("transforms.json");
+        let text = fs::read_to_string(&poses).unwrap();
+        let moved =
+            |text: String, view: usize| text.replace(&format!("[[1, 0, 0, {}]", 0.1 * view as f64), "[[1, 0, 0, 0]");
+        fs::write(&poses, (0..views).fold(text, moved)).unwrap();
+    }
+
     pub(crate) fn scene(&self) -> PathBuf {
         self.root.path().join("scene")
     }

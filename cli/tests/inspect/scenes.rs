@@ -46,13 +46,37 @@ fn inspect_reports_skipped_views_and_planes() {
     let report = json(&mut folders.liveview("inspect", &["--target", "1"]));
     assert_eq!(report["target"]["facing_away"], serde_json::json!(["4.png"]));
     assert!(report["target"]["warning"].as_str().unwrap().contains("4 views are needed"), "{report}");
-    folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
+    folders.write_scene_in_one_place(5);
     let report = json(&mut folders.liveview("inspect", &[]));
     assert!(report["target"]["warning"].as_str().unwrap().contains("--near and --far"), "{report}");
+    folders.write_scene(5, "", "");
     folders.assert_refused(&mut folders.liveview("inspect", &["--near", "5", "--far", "2"]), &["0 < near < far"]);
     // At depth 0.01 the parallax is 60 · 0.1 / 0.01 = 600 pixels, more than the width of the photo.
     let report = json(&mut folders.liveview("inspect", &["--near", "0.01", "--far", "8", "--layers", "planes:4"]));
     assert_eq!(report["target"]["planes"]["uncovered"], serde_json::json!([0, 1, 2]));
+}
+
+#[test]
+fn depth_range_is_found_from_the_photos_where_nothing_gives_it() {
+    let folders = Folders::new();
+    folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
+    // Around the wall at depth 4, where a pixel of parallax in the farthest photo is a depth of 0.5.
+    let report = json(&mut folders.liveview("inspect", &["--target", "2"]));
+    let found = ["near", "far"].map(|end| report["target"][end].as_f64().unwrap());
+    assert!((3.0..4.0).contains(&found[0]) && (4.0..7.0).contains(&found[1]), "{report}");
+    let text = folders.liveview("inspect", &["--target", "2"]).output().unwrap();
+    assert!(String::from_utf8_lossy(&text.stdout).contains("scene units, found from the photos"));
+    let report = json(&mut folders.liveview("inspect", &["--target", "2", "--near", "1"]));
+    assert_eq!((report["target"]["near"].as_f64(), report["target"]["far"].as_f64()), (Some(1.0), Some(found[1])));
+    let picture = folders.out("a.png");
+    for layers in ["surface:3", "guided:2"] {
+        let options = ["--target", "2", "--network", "none", "--layers", layers, "-o", &picture];
+        let report = json(&mut folders.liveview("render", &options));
+        assert!(report["mean"]["psnr"].as_f64().unwrap() > 30.0, "{report}");
+    }
+    // A photo that cannot be read is an error, not a worse range.
+    std::fs::write(folders.photo(0), "no photo").unwrap();
+    folders.assert_refused(&mut folders.liveview("inspect", &[]), &["0.png"]);
 }
 
 #[test]
@@ -93,7 +117,7 @@ fn inspect_reports_the_exposure_gains_of_render_on_request() {
         (0..3).for_each(|c| assert_eq!(used[view][c].as_f64().unwrap(), gain(name, c), "{name}: {rendered}"));
     }
     // Without a depth range there is a warning instead of gains.
-    folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
+    folders.write_scene_in_one_place(5);
     let report = json(&mut folders.liveview("inspect", &["--exposure"]));
     assert!(report["target"]["warning"].as_str().unwrap().contains("--near and --far"), "{report}");
 }

@@ -84,8 +84,8 @@ fn invalid_or_unknown_depth_range_is_an_error() {
     assert_render_refused(&folders, &["--near", "0"], &["near is 0"]);
     assert_render_refused(&folders, &["--near", "-1"], &["near is -1"]);
     assert_render_refused(&folders, &["--far", "nan"], &["far is NaN"]);
-    folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
-    let unknown = "the scene has no depth range; expected";
+    folders.write_scene_in_one_place(5);
+    let unknown = "the scene has no depth range, and its cameras are in one place; expected";
     assert_render_refused(&folders, &[], &[&format!("{unknown} near and far, in scene units. Give --near and --far ")]);
     assert_render_refused(&folders, &["--near", "2"], &[&format!("{unknown} far, in scene units. Give --far ")]);
 }
@@ -216,7 +216,7 @@ fn missing_engine_or_precision_is_an_error() {
     let library = crate::wheel::file(ExecutionProvider::Cpu).unwrap().to_str().unwrap().to_owned();
     refused(
         &["--engine", "openvino", "--ort-lib", &library],
-        &[&library, "has no execution provider openvino", "make runtime-openvino", "--ort-lib"],
+        &[&library, "has no execution provider openvino", "make setup WITH=openvino", "--ort-lib"],
     );
     if cfg!(not(feature = "cuda")) {
         refused(&["--engine", "cuda"], &["execution provider cuda", "cargo feature `cuda`"]);

@@ -48,7 +48,7 @@ pub fn advice(error: &OrtLibraryError) -> Option<String> {
              onnxruntime/capi/libonnxruntime.so.* by --ort-lib or ORT_DYLIB_PATH"
         }
         ExecutionProvider::OpenVino => {
-            "Get it with `make runtime-openvino`, or `pip install onnxruntime-openvino` into a separate environment \
+            "Get it with `make setup WITH=openvino`, or `pip install onnxruntime-openvino` into a separate environment \
              and pass its onnxruntime/capi/libonnxruntime.so.* by --ort-lib or ORT_DYLIB_PATH"
         }
         _ => {

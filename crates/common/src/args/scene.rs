@@ -17,10 +17,10 @@ pub struct SceneArgs {
     /// Scale wider photos down to this width
     #[arg(long, value_name = "PIXELS", value_parser = numbers::count)]
     width: Option<usize>,
-    /// Nearest depth, in scene units [default: from the chosen views]
+    /// Nearest depth, in scene units [default: from the scene, else found from the photos]
     #[arg(long, value_name = "DEPTH", allow_negative_numbers = true)]
     near: Option<f64>,
-    /// Farthest depth, in scene units, or inf [default: from the chosen views]
+    /// Farthest depth, in scene units, or inf [default: as the nearest]
     #[arg(long, value_name = "DEPTH", allow_negative_numbers = true)]
     far: Option<f64>,
     /// Photo folder of an LLFF, RealEstate10K or COLMAP scene [default: the format's usual ones]
