@@ -113,8 +113,8 @@ pub fn fill_holes(values: &Array2<f32>) -> Array2<f32> {
     map(neighbourhood::fill_holes(flat(values), values.ncols()), values.ncols())
 }
 
-/// 1 where the view sees the point of each pixel of the target at `disparity`, else 0; `margin` in
-/// 1/scene unit.
+/// 1 where the view sees the point of each pixel of the target at `disparity`, 0 where it is
+/// occluded, −1 where the view sees past it; `margin` in 1/scene unit.
 pub fn visible(view: (&Camera, &ConfirmedDepth), target: &Camera, disparity: &Array2<f32>, margin: f32) -> Array2<f32> {
     map(visible::visible(view, target, flat(disparity), disparity.ncols(), margin), disparity.ncols())
 }
@@ -159,7 +159,8 @@ pub fn occluded(
     (volume(colour), volume(coverage), Array2::from_shape_vec((height, width), seen).expect("one per pixel"))
 }
 
-/// Variance `[h, w]` of the photos' colours on a surface; `visible` is 1 or 0 per view and pixel.
+/// Variance `[h, w]` of the photos' colours on a surface; `visible` is 1, 0 or −1 per view and
+/// pixel.
 pub fn photo_variance(sources: &[WarpSource<'_>], visible: &[Vec<f32>], surface: &Array2<f32>) -> Array2<f32> {
     let all_holes = vec![-1.0; surface.len()];
     let views = VarianceViews { sources, visible };

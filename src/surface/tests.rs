@@ -212,6 +212,12 @@ fn visible_point_behind_the_views_own_depth_is_hidden() {
     for (at, &seen) in seen.iter().enumerate() {
         assert_eq!(seen == 0.0, at == 10 * WIDTH + 20, "{at}");
     }
+    // A point in front of what the view itself confirms: the view sees past it.
+    let seen = visible((&target, &map), &target, &[0.2; WIDTH * HEIGHT], WIDTH, 0.05);
+    for (at, &seen) in seen.iter().enumerate() {
+        let expected = [(10 * WIDTH + 20, 0.0), (10 * WIDTH + 21, 1.0)].iter().find(|(pixel, _)| *pixel == at);
+        assert_eq!(seen, expected.map_or(-1.0, |&(_, value)| value), "{at}");
+    }
 }
 
 #[test]
@@ -228,6 +234,9 @@ fn photo_variance_is_low_on_the_surface_only() {
     let blind = vec![vec![0.0; WIDTH * HEIGHT]; 3];
     let found = photo_variance(&VarianceViews { sources: &sources, visible: &blind }, &wall, WIDTH, &all_holes);
     assert!(found.iter().all(|&d| (d - MAX_VARIANCE).abs() < 1e-8));
+    let past = vec![vec![1.0; WIDTH * HEIGHT], vec![-1.0; WIDTH * HEIGHT], vec![1.0; WIDTH * HEIGHT]];
+    let found = photo_variance(&VarianceViews { sources: &sources, visible: &past }, &wall, WIDTH, &all_holes);
+    assert!((found[at] - MAX_VARIANCE).abs() < 1e-8);
     let mut asked = vec![0.0; WIDTH * HEIGHT];
     asked[at] = -1.0;
     let found = photo_variance(&views, &wall, WIDTH, &asked);

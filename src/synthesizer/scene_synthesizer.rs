@@ -63,7 +63,7 @@ impl Synthesizer {
         })
     }
 
-    /// A synthesizer of parts that are already open; any [`PlaneNetwork`] can be its network.
+    /// A synthesizer of parts that are already open; any [`PlaneNetwork`](crate::network::PlaneNetwork) can be its network.
     /// `photos` are the [`SceneViews`] of a scene, or [`ScenePhotos`] that settings were changed
     /// of.
     pub fn new(photos: impl Into<ScenePhotos>, renderer: Renderer, layers: LayerSpec) -> Self {

@@ -30,7 +30,7 @@ from ..reference.surface.fusion.confirmed_depth import ConfirmedDepth
 from ..reference.surface.fusion.consistency import AGREEMENT, confirmed
 from ..reference.surface.fusion.photo_variance import photo_variance
 from ..reference.surface.fusion.splat import FUSED, splat
-from ..reference.surface.fusion.surface import OCCLUSION_MARGIN, seen, surface
+from ..reference.surface.fusion.surface import OCCLUSION_MARGIN, seen, seen_or_past, surface
 from ..reference.surface.fusion.surface_view import SurfaceView
 from ..reference.surface.neighbourhood import fill_holes
 from ..reference.surface.range import range_of
@@ -186,10 +186,10 @@ def holes(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 def visibility(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """Which views see the surface, its holes filled."""
+    """Which views see the surface, its holes filled, or see past it."""
     _, target = cameras_of(data)
     margin = OCCLUSION_MARGIN * target_pixel(data)
-    return {"visible": seen(surface_views(data, dtype), target, tensor(data, "filled", dtype), margin).numpy()}
+    return {"visible": seen_or_past(surface_views(data, dtype), target, tensor(data, "filled", dtype), margin).numpy()}
 
 
 def photo_variances(data: Arrays, dtype: torch.dtype) -> Arrays:

@@ -4,13 +4,14 @@
 //! Of the n views with a coverage above 0.5 and a visibility of 1 (at least two): Σ (c − mean)²
 //! over views and channels, divided by 3·(n − 1), computed as (Σ c² − (Σ c)²/n); c is the sample
 //! divided by its coverage, times the view's gain, less 0.5. At most 0.02, which is also the value
-//! with fewer views. Then the mean over a window of 7×7 pixels, clipped to the map.
+//! with fewer views, and where a view sees past the surface. Then the mean over a window of 7×7 pixels, clipped to the map.
 
 use rayon::prelude::*;
 
 use crate::warp::{NO_GAINS, RUN, RunCoverage, SamplePositions, WarpSource, sample};
 
-/// Upper bound of the variance, and its value where fewer than two views see the pixel.
+/// Upper bound of the variance, and its value where fewer than two views see the pixel, or one sees
+/// past it.
 pub(crate) const MAX_VARIANCE: f32 = 0.02;
 /// Subtracted from the colours: it changes no variance but spares half of the digits that
 /// Σ c² − (Σ c)²/n would cancel.
@@ -20,8 +21,8 @@ const WINDOW_RADIUS: usize = 3;
 /// Rows that one task processes at a time.
 const BAND_ROWS: usize = 16;
 
-/// The views at the target: their photos, and which pixels of the surface they see (1 or 0,
-/// `[V][h·w]`).
+/// The views at the target: their photos, and which pixels of the surface they see (1 or 0) or see
+/// past (−1), `[V][h·w]`.
 pub(crate) struct VarianceViews<'a> {
     pub(crate) sources: &'a [WarpSource<'a>],
     pub(crate) visible: &'a [Vec<f32>],
@@ -102,7 +103,7 @@ fn band_variance_with<'a, S: pulp::Simd>(
             let last = disparity[length - 1];
             disparity[length..].fill(last);
             let mut sums = [[0.0_f32; RUN]; 3];
-            let (mut squares, mut number) = ([0.0_f32; RUN], [0.0_f32; RUN]);
+            let (mut squares, mut number, mut past) = ([0.0_f32; RUN], [0.0_f32; RUN], [false; RUN]);
             for (source, visible) in views.sources.iter().zip(views.visible) {
                 let run_coverage = scratch.positions.locate(source, y, &(start..start + RUN), &disparity);
                 if run_coverage == RunCoverage::None {
@@ -116,7 +117,8 @@ fn band_variance_with<'a, S: pulp::Simd>(
                 let gains = source.gains;
                 for i in 0..RUN {
                     let seen = coverage[i] > 0.5;
-                    let w = if seen { weight[i] } else { 0.0 };
+                    let w = if seen & (weight[i] > 0.0) { weight[i] } else { 0.0 };
+                    past[i] |= seen & (weight[i] < 0.0);
                     let share = w / if seen { coverage[i] } else { 1.0 };
                     let grey = GREY * w;
                     let r = red[i] * share * gains[0] - grey;
@@ -136,7 +138,7 @@ fn band_variance_with<'a, S: pulp::Simd>(
                 let mean = ((sums[0][i] * sums[0][i] + sums[1][i] * sums[1][i]) + sums[2][i] * sums[2][i]) / n;
                 let degrees = if number[i] > 2.0 { number[i] - 1.0 } else { 1.0 };
                 let variance = (squares[i] - mean) / (3.0 * degrees);
-                let variance = if number[i] > 1.5 { variance } else { MAX_VARIANCE };
+                let variance = if (number[i] > 1.5) & !past[i] { variance } else { MAX_VARIANCE };
                 let variance = if variance < MAX_VARIANCE { variance } else { MAX_VARIANCE };
                 variances[i] = if variance > 0.0 { variance } else { 0.0 };
             }

@@ -5,7 +5,9 @@
 //!    of the target, the guided search at the target among the first four views
 //!    ([`crate::layers::guided`], its surface enlarged bilinearly) gives a second candidate. It
 //!    replaces the first wherever the variance of the photos that see it
-//!    ([`super::photo_variance`]) is lower: below 0.9 of the first one's − 1e-7.
+//!    ([`super::photo_variance`]) is lower: below 0.9 of the first one's − 1e-7. Where a view sees past
+//!    a candidate, its variance is the largest: without that, patches of the foreground that happen to
+//!    match fill holes of the background (docs/design-log/ordinary-scenes.md).
 //! 3. 3×3 median.
 //!
 //! px is the target's disparity per pixel: (1/near − 1/far) over the parallax between near and far

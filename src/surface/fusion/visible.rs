@@ -1,4 +1,5 @@
-//! Which points of the target's surface a view sees, by the view's own confirmed depth.
+//! Which points of the target's surface a view sees, by the view's own confirmed depth, and which it
+//! sees past.
 
 use rayon::prelude::*;
 
@@ -8,8 +9,8 @@ use crate::geometry::{Camera, PlaneSweep};
 use crate::warp::round_to_i32;
 
 /// 1 where the view sees the point of each pixel of the target at `disparity` (row by row, `width`
-/// wide), else 0: unless the view's own confirmed depth, at the pixel that the point projects to,
-/// is nearer by `margin` (1/scene unit).
+/// wide), 0 where the view's own confirmed depth, at the pixel that the point projects to, is nearer
+/// by `margin` (1/scene unit), −1 where it is farther by `margin`: the view sees past the point.
 pub(crate) fn visible(
     (camera, depth): (&Camera, &ConfirmedDepth),
     target: &Camera,
@@ -44,6 +45,11 @@ fn visible_row_with<'a, S: pulp::Simd>(
         let inside = (x >= 0.0) & (y >= 0.0) & (x < right) & (y < bottom);
         let pixel = |at: f32| round_to_i32(at.floor()) as usize;
         let own = if inside { own_disparity[pixel(y) * columns + pixel(x)] } else { -1.0 };
-        *seen = if own - disparity < margin { 1.0 } else { 0.0 };
+        let past = (own >= 0.0) & (disparity - own >= margin);
+        *seen = match (past, own - disparity < margin) {
+            (true, _) => -1.0,
+            (false, true) => 1.0,
+            (false, false) => 0.0,
+        };
     }
 }

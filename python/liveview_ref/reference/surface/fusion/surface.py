@@ -3,7 +3,7 @@
 1. Splat of the confirmed depths (splat.py).
 2. Holes are filled from their farthest neighbours. If they are more than a share of the target, a
    guided search at the target among the first views replaces this wherever the views agree clearly
-   better.
+   better and none sees past it.
 3. 3x3 median.
 """
 
@@ -25,7 +25,7 @@ from .consistency import AGREEMENT
 from .photo_variance import photo_variance
 from .splat import FUSED, splat
 from .surface_view import SurfaceView
-from .visible import visible
+from .visible import visible, visible_or_past
 
 SEARCHED_SHARE = 0.05  # of holes in the target, above which the guided search offers a second candidate
 SEARCHED_VIEWS = 4  # views of that search
@@ -82,10 +82,15 @@ def choose(
 ) -> Tensor:
     """`first`, but in holes `other` where its photo variance is clearly lower."""
     photos = [(v.image, v.camera, v.gains) for v in views]
-    a, b = (photo_variance(photos, seen(views, target, m, margin), target, m) for m in (first, other))
+    a, b = (photo_variance(photos, seen_or_past(views, target, m, margin), target, m) for m in (first, other))
     return torch.where(empty & (b < BETTER * a - ROUNDING), other, first)
 
 
 def seen(views: list[SurfaceView], target: Camera, map_: Tensor, margin: float) -> Tensor:
     """Visibility [V, h, w] of a surface."""
     return torch.stack([visible(v.camera, v.confirmed.disparity, target, map_, margin) for v in views])
+
+
+def seen_or_past(views: list[SurfaceView], target: Camera, map_: Tensor, margin: float) -> Tensor:
+    """As seen, but -1 where a view sees past the surface."""
+    return torch.stack([visible_or_past(v.camera, v.confirmed.disparity, target, map_, margin) for v in views])
