@@ -1,5 +1,5 @@
-//! Photos from which the depth range of a scene is found ([`super::range`]): a few
-//! groups of neighbours, spread over the scene, at a small size.
+//! Photos from which the depth range of a scene is found ([`super::range`]): a few groups of
+//! neighbours, spread over the scene, at a small size.
 
 use std::collections::{BTreeSet, HashMap};
 
