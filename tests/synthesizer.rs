@@ -213,8 +213,10 @@ fn errors_name_view_scene_and_expectation() {
     let error = render(few, None, None).unwrap_err().to_string();
     assert!(error.contains("target_0") && error.contains("4 views are needed, but only 3 of 3"), "{error}");
 
+    // From cameras in one place no range is found.
     let mut flat = workshop();
-    flat.views.iter_mut().for_each(|view| view.depth_range = None);
+    let camera = flat.views[0].camera.clone();
+    flat.views.iter_mut().for_each(|view| (view.camera, view.depth_range) = (camera.clone(), None));
     let error = render(flat.clone(), None, Some(9.0)).unwrap_err().to_string();
     assert!(error.contains("workshop") && error.ends_with("expected near, in scene units"), "{error}");
     assert!(render(flat.clone(), Some(1.0), Some(9.0)).is_ok());
