@@ -16,6 +16,7 @@ mod faults_of_photos;
 mod faults_of_poses;
 mod scene;
 mod snapshot;
+mod videos;
 
 use std::fs;
 use std::path::Path;
