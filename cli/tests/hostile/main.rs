@@ -14,6 +14,7 @@ mod wheel;
 mod commands;
 mod faults_of_photos;
 mod faults_of_poses;
+mod interrupts;
 mod scene;
 mod snapshot;
 mod videos;

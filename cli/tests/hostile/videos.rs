@@ -34,7 +34,10 @@ fn incomplete_video_is_an_error_and_the_earlier_one_stays() {
                 let stderr = String::from_utf8(output.stderr).unwrap();
                 assert_eq!(output.status.code(), Some(2), "{command:?}: {stderr}");
                 assert!(stderr.contains(&format!("error: -o {film}: ")) && stderr.contains(words), "{words}: {stderr}");
-                assert_eq!((fs::read(&film).unwrap(), folders.written()), (b"an earlier video".into(), vec![name.into()]));
+                assert_eq!(
+                    (fs::read(&film).unwrap(), folders.written()),
+                    (b"an earlier video".into(), vec![name.into()])
+                );
                 fs::remove_file(&film).unwrap();
             };
             refused(&folders, folders.liveview("render", &path));

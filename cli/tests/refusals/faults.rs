@@ -373,7 +373,10 @@ fn failed_encoder_leaves_no_video() {
     broken("/usr/bin/head -c 100 > \"$last\"; kill -9 $$", &["signal: 9"]);
     // The encoder deletes its file.
     let path = folders.ffmpeg(&format!("{last}; /bin/cat > /dev/null; /bin/rm \"$last\""));
-    folders.assert_refused(folders.render(&arguments).env("PATH", path), &["a.mp4: the video that ffmpeg wrote cannot be read"]);
+    folders.assert_refused(
+        folders.render(&arguments).env("PATH", path),
+        &["a.mp4: the video that ffmpeg wrote cannot be read"],
+    );
 
     let path = folders.ffmpeg(&format!("{last}; kill -9 $PPID; /bin/cat > \"$last\""));
     let output = folders.render(&arguments).env("PATH", path).output().unwrap();

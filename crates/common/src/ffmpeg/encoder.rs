@@ -87,7 +87,8 @@ impl Encoder {
         process.finish().map_err(|failure| anyhow!("-o {at}: {failure}"))?;
         if !is_special(&self.path) {
             let found = count_frames(file.temporary());
-            let found = found.map_err(|error| anyhow!("-o {at}: the video that ffmpeg wrote cannot be read: {error}"))?;
+            let found =
+                found.map_err(|error| anyhow!("-o {at}: the video that ffmpeg wrote cannot be read: {error}"))?;
             if found != frames {
                 bail!("-o {at}: ffmpeg wrote {found} frames; expected {frames}");
             }
