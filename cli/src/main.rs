@@ -76,7 +76,15 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        // The help or the version, or what is wrong with the arguments.
+        Err(text) => {
+            let printed = text.print().and_then(|()| std::io::stdout().flush());
+            let code = ExitCode::from(u8::try_from(text.exit_code()).unwrap_or(2));
+            return unprinted(printed).unwrap_or(code);
+        }
+    };
     let output = match &cli.command {
         Command::Render(args) => render::run(args),
         Command::Join(args) => join::run(args),
@@ -99,44 +107,50 @@ fn main() -> ExitCode {
         #[cfg(feature = "bench")]
         Command::Worker(args) => sweep::run_worker(args),
     };
-    match output {
-        Ok(console::Output { text, json }) => {
-            let printed = match &cli.command {
-                _ if cli.json => format!("{json:#}"),
-                // A shell script, which holds no text from files.
-                Command::Manual(_) => text,
-                _ => console::escaped_lines(&text),
-            };
-            let printed = printed.trim_end();
-            let written = match &cli.command {
-                // It printed the result of each command.
-                Command::Batch(_) => Ok(()),
-                #[cfg(feature = "video")]
-                // The video itself goes to standard output.
-                Command::Video(args) if args.takes_stdout() => writeln!(std::io::stderr(), "{printed}"),
-                _ => {
-                    let mut out = std::io::stdout();
-                    writeln!(out, "{printed}").and_then(|()| out.flush())
-                }
-            };
-            match written {
-                // A closed pipe (`| head`) is not an error.
-                Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-                    console::print_message("error", format_args!("standard output: cannot be written: {error}"));
-                    ExitCode::from(2)
-                }
-                _ => ExitCode::SUCCESS,
-            }
-        }
-        Err(error) => {
-            let message = console::full_text(&error);
-            match &cli.command {
-                #[cfg(feature = "bench")]
-                // The sweep that started the worker prints it.
-                Command::Worker(_) => drop(console::send_line(&serde_json::json!({ "error": message }))),
-                _ => console::print_message("error", message),
-            }
-            ExitCode::from(if error.is::<interrupt::Interrupted>() { interrupt::EXIT_CODE } else { 2 })
-        }
+    let failed = match output {
+        Ok(output) => return print(&cli, output).unwrap_or(ExitCode::SUCCESS),
+        Err(error) => error,
+    };
+    let message = console::full_text(&failed);
+    let is_interrupted = failed.is::<interrupt::Interrupted>() || failed.is::<interrupt::Shortened>();
+    if let Ok(interrupt::Shortened { output, .. }) = failed.downcast() {
+        let _ = print(&cli, output);
     }
+    match &cli.command {
+        #[cfg(feature = "bench")]
+        // The sweep that started the worker prints it.
+        Command::Worker(_) => drop(console::send_line(&serde_json::json!({ "error": message }))),
+        _ => console::print_message("error", message),
+    }
+    ExitCode::from(if is_interrupted { interrupt::EXIT_CODE } else { 2 })
+}
+
+/// Prints the result of a command; the exit code if it cannot be printed.
+fn print(cli: &Cli, console::Output { text, json }: console::Output) -> Option<ExitCode> {
+    let printed = match &cli.command {
+        _ if cli.json => format!("{json:#}"),
+        // A shell script, which holds no text from files.
+        Command::Manual(_) => text,
+        _ => console::escaped_lines(&text),
+    };
+    let printed = printed.trim_end();
+    let written = match &cli.command {
+        // It printed the result of each command.
+        Command::Batch(_) => Ok(()),
+        #[cfg(feature = "video")]
+        // The video itself goes to standard output.
+        Command::Video(args) if args.takes_stdout() => writeln!(std::io::stderr(), "{printed}"),
+        _ => {
+            let mut out = std::io::stdout();
+            writeln!(out, "{printed}").and_then(|()| out.flush())
+        }
+    };
+    unprinted(written)
+}
+
+/// The exit code if standard output cannot be written. A closed pipe (`| head`) is not an error.
+fn unprinted(written: std::io::Result<()>) -> Option<ExitCode> {
+    let error = written.err().filter(|error| error.kind() != std::io::ErrorKind::BrokenPipe)?;
+    console::print_message("error", format_args!("standard output: cannot be written: {error}"));
+    Some(ExitCode::from(2))
 }

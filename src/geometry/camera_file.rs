@@ -52,10 +52,9 @@ pub struct CameraFile {
 /// If there are no views.
 pub fn read_cameras(path: &Path, views: &[&Camera], scene: &Path) -> Result<CameraFile, CameraFileError> {
     let refused = |index, reason| CameraFileError { path: path.to_owned(), index, reason };
-    let bytes = bounded::read(path, bounded::MAX_JSON_BYTES);
+    let bytes = bounded::read_text(path, bounded::MAX_JSON_BYTES);
     let bytes = bytes.map_err(|error| refused(None, format!("cannot be read: {error}")))?;
-    let text = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(&bytes);
-    let file: Value = serde_json::from_slice(text).map_err(|error| refused(None, format!("not JSON: {error}")))?;
+    let file: Value = serde_json::from_slice(&bytes).map_err(|error| refused(None, format!("not JSON: {error}")))?;
     let path_frames = nerfstudio_path::frames(&file);
     let list = path_frames.or(file.as_array());
     let entries = list.map_or_else(|| std::slice::from_ref(&file), Vec::as_slice);

@@ -61,7 +61,7 @@ impl TrainedFromScene {
 
 fn read(file: &Path) -> Result<Value, (PathBuf, String)> {
     let failed = |reason: String| (file.to_owned(), reason);
-    let bytes = bounded::read(file, bounded::MAX_JSON_BYTES);
+    let bytes = bounded::read_text(file, bounded::MAX_JSON_BYTES);
     let bytes = bytes.map_err(|error| failed(format!("cannot be read: {error}")))?;
     serde_json::from_slice(&bytes).map_err(|error| failed(format!("not JSON: {error}")))
 }

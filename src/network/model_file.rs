@@ -4,9 +4,11 @@
 //! There may also be models for planes: `liveview_v{V}_planes.onnx` for competing planes,
 //! `liveview_v{V}_planes_paper.onnx` for independent ones, and their `_int8.onnx`.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::alpha::AlphaKind;
+use crate::fs::bounded;
 
 /// No model for that number of views in any of the folders.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -69,7 +71,17 @@ fn find_in(mut folders: Vec<PathBuf>, views: usize, ending: &'static str) -> Res
 }
 
 fn first_with(folders: &[PathBuf], views: usize, ending: &str) -> Option<PathBuf> {
-    folders.iter().map(|folder| folder.join(format!("liveview_v{views}{ending}"))).find(|file| file.is_file())
+    // Also a pipe, a folder or a broken link, which is an error that names it when it is opened.
+    let is_there = |file: &PathBuf| file.symlink_metadata().is_ok();
+    folders.iter().map(|folder| folder.join(format!("liveview_v{views}{ending}"))).find(is_there)
+}
+
+/// Checks that a path names a regular file; the error says what it is.
+pub(super) fn check_file(path: &Path) -> Result<(), String> {
+    bounded::check_regular(path).map_err(|error| match path.symlink_metadata() {
+        Err(_) if error.kind() == ErrorKind::NotFound => "there is no such file".to_owned(),
+        _ => error.to_string(),
+    })
 }
 
 /// V of each model in a folder; nothing if it cannot be read.
@@ -127,6 +139,10 @@ mod tests {
         }
         assert_eq!(find_in(folders.to_vec(), 10, ".onnx").unwrap(), folders[1].join("liveview_v10.onnx"));
         assert_eq!(find_in(folders.to_vec(), 5, "_int8.onnx").unwrap(), folders[1].join("liveview_v5_int8.onnx"));
+        std::fs::create_dir(folders[0].join("liveview_v10.onnx")).unwrap();
+        let folder = find_in(folders.to_vec(), 10, ".onnx").unwrap();
+        assert_eq!(check_file(&folder).unwrap_err(), "a folder; expected a file", "{}", folder.display());
+        assert_eq!(check_file(&folders[2]).unwrap_err(), "there is no such file");
         let missing = find_in(folders.to_vec(), 5, ".onnx").unwrap_err();
         assert_eq!(missing.found, [4, 10]);
         let message = missing.to_string();

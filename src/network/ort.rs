@@ -12,6 +12,7 @@ use super::alpha::Alpha;
 use super::error::{NetworkError, unfit};
 use super::execution_provider::{ExecutionProvider, Precision};
 use super::model_card::{ModelCard, read_card};
+use super::model_file::check_file;
 use super::ort_library::OrtLibrary;
 use super::plane_network::PlaneNetwork;
 use super::run_end::RunEnd;
@@ -66,9 +67,7 @@ impl OrtNetwork {
         threads: usize,
     ) -> Result<Self, NetworkError> {
         let failed = |reason: String| NetworkError::OnnxRuntime { path: path.to_path_buf(), reason };
-        if !path.is_file() {
-            return Err(failed("there is no such file".into()));
-        }
+        check_file(path).map_err(failed)?;
         let bytes = path.metadata().map_or(0, |file| file.len());
         if bytes > MAX_MODEL_BYTES {
             return Err(unfit(path, "the size", format!("{bytes} bytes"), format!("at most {MAX_MODEL_BYTES}")));

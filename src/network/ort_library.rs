@@ -2,13 +2,13 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
-use ort::environment::Environment;
+use ort::environment::{Environment, EnvironmentBuilder};
 
 use super::execution_provider::ExecutionProvider;
 #[cfg(feature = "load-dynamic")]
-use super::library_length;
+use super::{library_length, model_file::check_file};
 
 /// Why ONNX Runtime could not be used.
 #[derive(Debug, thiserror::Error)]
@@ -128,13 +128,10 @@ impl OrtLibrary {
             return Err(OrtLibraryError::AlreadyLoaded { asked: library, loaded: loaded.path.clone() });
         }
         let unusable = |reason: String| OrtLibraryError::NotUsable { path: library.clone(), reason };
-        if !library.is_file() {
-            return Err(unusable("there is no such file".into()));
-        }
+        check_file(&library).map_err(unusable)?;
         library_length::check(&library).map_err(unusable)?;
         let builder = ort::init_from(&library).map_err(|e| unusable(e.to_string()))?;
-        let environment =
-            builder.with_name("liveview").with_telemetry(false).build().map_err(|e| unusable(e.to_string()))?;
+        let environment = build(builder).map_err(|e| unusable(e.to_string()))?;
         let library = Self { environment, path: library, provider };
         *loaded = Some(library.clone());
         Ok(library)
@@ -152,7 +149,7 @@ impl OrtLibrary {
             return Ok(library.clone());
         }
         let unusable = |e: ort::Error| OrtLibraryError::NotUsable { path: linked.clone(), reason: e.to_string() };
-        let environment = ort::init().with_name("liveview").with_telemetry(false).build().map_err(unusable)?;
+        let environment = build(ort::init()).map_err(unusable)?;
         let library = Self { environment, path: linked, provider };
         *loaded = Some(library.clone());
         Ok(library)
@@ -167,6 +164,12 @@ impl OrtLibrary {
     pub fn provider(&self) -> ExecutionProvider {
         self.provider
     }
+}
+
+/// Builds the environment. Its log is discarded: it repeats, on standard error, the errors that are
+/// returned.
+fn build(builder: EnvironmentBuilder) -> ort::Result<Environment> {
+    builder.with_name("liveview").with_telemetry(false).with_logger(Arc::new(|_, _, _, _, _| {})).build()
 }
 
 #[cfg(feature = "load-dynamic")]

@@ -21,8 +21,7 @@ fn read_up_to(limit: u64, path: &Path) -> Result<Vec<u8>, SceneError> {
 
 /// The UTF-8 text of a file, without a byte order mark.
 pub(super) fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, SceneError> {
-    let text = std::str::from_utf8(bytes);
-    text.map(|text| text.strip_prefix('\u{feff}').unwrap_or(text))
+    std::str::from_utf8(bounded::without_byte_order_mark(bytes))
         .map_err(|error| SceneError::malformed(path, format!("byte {} is not text", error.valid_up_to()), "UTF-8"))
 }
 

@@ -2,10 +2,13 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use clap::{Args, Command};
 use clap_complete::Shell;
+use clap_mangen::Man;
+use liveview_common::args::output::write_atomically;
 use liveview_common::console::Output;
+use liveview_common::outputs::OutputPlan;
 use serde_json::json;
 
 const EXAMPLES: &str = "\
@@ -29,9 +32,15 @@ pub(crate) struct ManualArgs {
 /// Writes the manual pages, or returns the completions, of `command` and its subcommands.
 pub(crate) fn run(args: &ManualArgs, mut command: Command) -> Result<Output> {
     if let Some(folder) = &args.output {
-        let failed = |error| anyhow!("-o {}: cannot be written: {error}", folder.display());
-        std::fs::create_dir_all(folder).map_err(failed)?;
-        clap_mangen::generate_to(command, folder).map_err(failed)?;
+        command = command.disable_help_subcommand(true);
+        command.build();
+        let mut pages = Vec::new();
+        add_pages(command, &mut pages)?;
+        let mut output_plan = OutputPlan::default();
+        let files: Vec<PathBuf> = pages.iter().map(|(name, _)| folder.join(name)).collect();
+        files.iter().try_for_each(|file| output_plan.file("-o", file))?;
+        output_plan.prepare()?;
+        files.iter().zip(pages).try_for_each(|(file, (_, page))| write_atomically(file, &page))?;
         let folder = folder.display();
         return Ok(Output {
             text: format!("wrote   {folder}: `man liveview`, `man liveview-render` and so on"),
@@ -44,4 +53,15 @@ pub(crate) fn run(args: &ManualArgs, mut command: Command) -> Result<Output> {
     }
     let text = String::from_utf8(script)?;
     Ok(Output { json: json!({ "completions": text }), text })
+}
+
+/// Adds the names and texts of the manual pages of a command and its subcommands.
+fn add_pages(command: Command, pages: &mut Vec<(String, Vec<u8>)>) -> Result<()> {
+    for command in command.get_subcommands().filter(|command| !command.is_hide_set()) {
+        add_pages(command.clone(), pages)?;
+    }
+    let (page, mut text) = (Man::new(command), Vec::new());
+    page.render(&mut text)?;
+    pages.push((page.get_filename(), text));
+    Ok(())
 }

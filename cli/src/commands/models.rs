@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::Args;
 use liveview::SynthesisError;
-use liveview::network::{ExecutionProvider, ModelCard, OrtLibrary, OrtNetwork, model_folders};
-use liveview_common::console::{Output, path_text};
+use liveview::network::{ExecutionProvider, ModelCard, OrtLibrary, OrtNetwork, PlaneNetwork, model_folders};
+use liveview_common::console::{Output, escaped, path_text};
 use liveview_common::ort_wheel::wheel;
 use serde_json::{Value, json};
 
@@ -29,22 +29,24 @@ pub(crate) fn run(args: &ModelsArgs) -> Result<Output> {
     }
     let (mut text, mut models) = (String::new(), Vec::new());
     for file in files(&folders) {
-        // A model that cannot be opened is listed with the error.
-        let card = OrtNetwork::open(&library, &file, 1).map(|network| network.card().clone());
+        // A model that cannot be opened or has no layers is listed with the error.
+        let network = OrtNetwork::open(&library, &file, 1);
+        let card = network.and_then(|network| network.recommended_layers().map(|_| network.card().clone()));
+        let name = escaped(&file.display().to_string());
         match card {
             Ok(card) => {
-                text += &card_text(&file.display().to_string(), &card);
+                text += &card_text(&name, &card);
                 models.push(card_json(&file, &card));
             }
             Err(error) => {
-                let _ = writeln!(text, "{}\n  cannot be used: {error}", file.display());
+                let _ = writeln!(text, "{name}\n  cannot be used: {}", escaped(&error.to_string()));
                 models.push(json!({ "file": path_text(&file), "error": error.to_string() }));
             }
         }
     }
     let folders: Vec<String> = folders.iter().map(|folder| path_text(folder)).collect();
     if models.is_empty() {
-        let _ = writeln!(text, "no model (.onnx) in {}", folders.join(", "));
+        let _ = writeln!(text, "no model (.onnx) in {}", escaped(&folders.join(", ")));
     }
     Ok(Output { text, json: json!({ "folders": folders, "models": models }) })
 }
@@ -69,12 +71,12 @@ fn card_text(file: &str, card: &ModelCard) -> String {
     format!(
         "{file}\n  views       {}\n  precision   {}\n  layers      {}, recommended {}\n  alpha       {}\n  training    {}\n  licence     {}\n",
         card.views,
-        card.precision,
-        kinds,
-        card.recommended_layers,
+        escaped(&card.precision),
+        escaped(&kinds),
+        escaped(&card.recommended_layers),
         card.alpha(None),
-        card.training,
-        card.licence
+        escaped(&card.training),
+        escaped(&card.licence)
     )
 }
 

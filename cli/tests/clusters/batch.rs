@@ -125,7 +125,7 @@ fn invalid_list_is_an_error_before_the_first_command() {
     refused(&format!("{good}\n{two_threads}"), &["line 2: 2 threads, but line 1 has 1"]);
     fs::write(list, good.to_string()).unwrap();
     let output = batch(&[list, "--done", list]);
-    assert!(stderr(&output).contains("is the list of commands"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("would overwrite the list of commands"), "{}", stderr(&output));
     let photo = folders.photo(0);
     let output = batch(&[list, "--done", photo.to_str().unwrap()]);
     assert!(output.status.code() == Some(2) && folders.written().is_empty(), "{}", stderr(&output));

@@ -117,11 +117,14 @@ impl Folders {
     }
 
     /// A folder to be the PATH, with an `ffmpeg` that is this shell script. Its last argument is
-    /// the file to write.
+    /// the file to write. The frames of a file under a temporary name are counted as raw pixels of
+    /// 64x48.
     pub(crate) fn ffmpeg(&self, script: &str) -> String {
         let folder = self.scene().join("bin");
         fs::create_dir_all(&folder).unwrap();
-        fs::write(folder.join("ffmpeg"), format!("#!/bin/sh\n{script}\n")).unwrap();
+        let count = "case \"$*\" in *.liveview-tmp-*framecrc*)\n\
+            while [ \"$1\" != -i ]; do shift; done; exec /usr/bin/od -An -v -t x1 -w9216 \"$2\";; esac";
+        fs::write(folder.join("ffmpeg"), format!("#!/bin/sh\n{count}\n{script}\n")).unwrap();
         fs::set_permissions(folder.join("ffmpeg"), fs::Permissions::from_mode(0o755)).unwrap();
         folder.to_str().unwrap().to_owned()
     }

@@ -47,10 +47,15 @@ impl Attack {
         };
         // Limits apply only to the shell that sets them.
         let (limits, setup): (Vec<&str>, Vec<&str>) = self.setup.iter().partition(|line| line.starts_with("  ulimit"));
-        assert!(shell(&format!("set -e\n{}", setup.join("\n"))).status.success(), "{}: {setup:?}", self.name);
+        let prepared = shell(&format!("set -e\n{}", setup.join("\n")));
+        if !prepared.status.success() {
+            return Some(format!("{}: {}", self.name, String::from_utf8_lossy(&prepared.stderr)));
+        }
         let before = snapshot(&root);
         let defaults = [("--network none", "--model"), ("--threads 1", "--threads"), ("--layers planes:2", "--layers")];
-        let defaults = defaults.iter().filter(|(_, given)| !self.arguments.contains(given)).map(|(add, _)| *add);
+        let renders = ["render ", "video "].iter().any(|command| self.arguments.starts_with(command));
+        let defaults = defaults.iter().filter(|(_, given)| renders && !self.arguments.contains(given));
+        let defaults = defaults.map(|(add, _)| *add);
         let defaults = defaults.collect::<Vec<_>>().join(" ");
         let output = shell(&format!("{}\nexec \"$LIVEVIEW\" {} {defaults}", limits.join("\n"), self.arguments));
         let stderr = String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout);

@@ -14,8 +14,10 @@ mod wheel;
 mod commands;
 mod faults_of_photos;
 mod faults_of_poses;
+mod interrupts;
 mod scene;
 mod snapshot;
+mod videos;
 
 use std::fs;
 use std::path::Path;

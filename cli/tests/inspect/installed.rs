@@ -34,6 +34,26 @@ fn models_lists_cards_and_errors() {
 }
 
 #[test]
+fn metadata_cannot_forge_lines_and_layers_that_cannot_be_parsed_are_an_error() {
+    let folders = Folders::new();
+    let (own, forged) = ("none: a test fixture", "x\n  licence    free\u{7}");
+    let model = fs::read(fixture("tiny_v4")).unwrap();
+    let at = model.windows(own.len()).position(|text| text == own.as_bytes()).expect("what the fixture says");
+    assert_eq!(own.len(), forged.len());
+    fs::write(folders.out("forged.onnx"), [&model[..at], forged.as_bytes(), &model[at + own.len()..]].concat())
+        .unwrap();
+    fs::copy(fixture("odd_advice"), folders.out("odd\nadvice.onnx")).unwrap();
+    let text = succeeds(liveview(&["models"], &folders.out("")));
+    assert!(text.contains("x\\n  licence    free\\u{7}\n  licence     MIT"), "{text}");
+    let unusable = "odd\\nadvice.onnx\n  cannot be used: ";
+    assert!(text.contains(unusable) && text.contains("metadata `recommended_layers` is \"many\", expected"), "{text}");
+    let picture = folders.out("a.png");
+    let mut render = folders.liveview("render", &["--target", "2", "-o", &picture, "--layers", "guided:1"]);
+    let output = render.args(["--model", &folders.out("forged.onnx")]).output().unwrap();
+    assert!(succeeds(output).contains("x\\n  licence"), "the summary of a render");
+}
+
+#[test]
 fn manual_writes_pages_and_completions() {
     let folders = Folders::new();
     let bash = succeeds(liveview(&["manual", "--shell", "bash"], ""));

@@ -371,9 +371,12 @@ fn failed_encoder_leaves_no_video() {
     };
     broken("/usr/bin/head -c 100 > \"$last\"; echo no more >&2; exit 3", &["exit status: 3", "no more"]);
     broken("/usr/bin/head -c 100 > \"$last\"; kill -9 $$", &["signal: 9"]);
-    // The encoder deletes its file, so the rename fails.
+    // The encoder deletes its file.
     let path = folders.ffmpeg(&format!("{last}; /bin/cat > /dev/null; /bin/rm \"$last\""));
-    folders.assert_refused(folders.render(&arguments).env("PATH", path), &["a.mp4: cannot be written: No such file"]);
+    folders.assert_refused(
+        folders.render(&arguments).env("PATH", path),
+        &["a.mp4: the video that ffmpeg wrote cannot be read"],
+    );
 
     let path = folders.ffmpeg(&format!("{last}; kill -9 $PPID; /bin/cat > \"$last\""));
     let output = folders.render(&arguments).env("PATH", path).output().unwrap();

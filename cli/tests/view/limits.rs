@@ -4,6 +4,8 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
+use tungstenite::Message;
+
 use crate::common::Folders;
 use crate::common::viewer::{PATIENCE, Viewer, moved};
 
@@ -65,4 +67,21 @@ fn connections_are_limited_and_open_sockets_still_served() {
     late.set_read_timeout(Some(PATIENCE)).unwrap();
     late.read_exact(&mut answer).unwrap();
     assert_eq!(&answer, b"HTTP/1.1 200");
+}
+
+#[test]
+fn viewers_that_do_not_read_lose_their_places() {
+    let folders = Folders::new();
+    let viewer = Viewer::start(&folders, &["--layers", "guided:1"]);
+    let _idle: Vec<_> = (0..16).map(|_| viewer.client()).collect();
+    let is_refused = || {
+        let mut client = viewer.open(&[("Origin", &format!("http://{}", viewer.host))]).unwrap();
+        matches!(client.next(), Message::Close(_))
+    };
+    assert!(is_refused(), "all places are taken");
+    let began = Instant::now();
+    while is_refused() {
+        assert!(began.elapsed() < Duration::from_secs(25));
+        std::thread::sleep(Duration::from_millis(200));
+    }
 }

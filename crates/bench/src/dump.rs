@@ -14,6 +14,7 @@ use liveview_common::args::layers::LayerArgs;
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::console::{Output, path_text, print_notes};
+use liveview_common::interrupt::{self, Interrupted};
 use liveview_common::job::Job;
 use liveview_common::outputs::OutputPlan;
 use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate, s};
@@ -105,9 +106,12 @@ pub fn run(args: &DumpArgs) -> Result<Output> {
     let mut output_plan = OutputPlan::new(job.scene());
     output_plan.file("-o", &args.output)?;
     output_plan.prepare()?;
+    interrupt::watch(job.synthesizer.renderer().network().run_end().into_iter().collect())?;
     let loaded = job.synthesizer.load(&shot, &[])?;
     let mut arrays = Arrays::create(&args.output)?;
-    write(&mut job, &loaded, &mut arrays)?;
+    let written = write(&mut job, &loaded, &mut arrays);
+    // A network run that is ended after an interrupt is an error of its own.
+    written.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error })?;
     arrays.finish()?;
     let model = job.model.model.as_ref();
     let json = json!({

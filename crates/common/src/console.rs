@@ -5,6 +5,7 @@ use std::fmt::Display;
 use std::io::Write;
 use std::path::Path;
 
+use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use liveview::SynthesisError;
 use liveview::network::NetworkError;
@@ -82,11 +83,10 @@ pub fn print_notes(notes: &[String]) {
     notes.iter().for_each(|note| print_message("note", note));
 }
 
-/// Prints a line of JSON on stdout, for the process that started this one.
+/// Prints a line of JSON on stdout.
 pub fn send_line(line: &serde_json::Value) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
-    writeln!(out, "{line}")?;
-    Ok(out.flush()?)
+    writeln!(out, "{line}").and_then(|()| out.flush()).context("standard output: cannot be written")
 }
 
 /// A progress bar on stderr that counts `what` (such as layers); hidden unless stderr is a

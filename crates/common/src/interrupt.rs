@@ -11,10 +11,22 @@ use liveview::network::RunEnd;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
+use crate::console::Output;
+
 /// The work was interrupted before it was complete: exit code [`EXIT_CODE`].
 #[derive(Debug, thiserror::Error)]
 #[error("interrupted")]
 pub struct Interrupted;
+
+/// The work was interrupted, and what was complete is kept: exit code [`EXIT_CODE`].
+#[derive(Debug, thiserror::Error)]
+#[error("interrupted: {what}")]
+pub struct Shortened {
+    /// What is shorter than it should be.
+    pub what: String,
+    /// The report on what is kept.
+    pub output: Output,
+}
 
 /// Exit code after Ctrl-C, by the convention of shells.
 pub const EXIT_CODE: u8 = 130;

@@ -12,6 +12,7 @@ use crate::args::model::ModelArgs;
 use crate::args::model_info::ModelInfo;
 use crate::console::{print_message, print_notes};
 use crate::model_pool::ModelPool;
+use crate::outputs::OutputPlan;
 
 /// A synthesizer, with the model's description and a progress bar.
 #[derive(Debug)]
@@ -32,6 +33,8 @@ impl Job {
 
     /// As [`Self::open`], with a model from the pool, if it is open there.
     pub fn open_with(views: SceneViews, layers: &LayerArgs, model: &ModelArgs, models: &mut ModelPool) -> Result<Self> {
+        let output_plan = OutputPlan::new(views.scene());
+        layers.cache.iter().try_for_each(|folder| output_plan.cache("--cache", folder))?;
         let mut photos = ScenePhotos::new(views);
         layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
         let given = layers.given();

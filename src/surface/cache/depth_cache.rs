@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::file;
 use super::key::DepthKey;
-use crate::fs::atomic::AtomicFile;
+use crate::fs::atomic::{AtomicFile, is_special};
 use crate::fs::bounded;
 use crate::surface::search::PhotoDepth;
 
@@ -32,7 +32,7 @@ impl DepthCache {
     /// file.
     pub(crate) fn load(&self, key: &DepthKey) -> Result<Option<PhotoDepth>, String> {
         let path = self.path(key);
-        let bytes = match bounded::read(&path, file::max_bytes(key)) {
+        let bytes = match bounded::read_regular(&path, file::max_bytes(key)) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(format!("{}: cannot be read: {error}", path.display())),
@@ -45,8 +45,11 @@ impl DepthCache {
         let path = self.path(key);
         let unwritten = |why: &dyn std::fmt::Display| format!("{}: cannot be written: {why}", path.display());
         file::check(depth, key).map_err(|damage| unwritten(&damage))?;
+        if is_special(&path) {
+            return Err(unwritten(&"a pipe or a device; expected a regular file, or none"));
+        }
         let file = AtomicFile::create(&path).map_err(|error| unwritten(&error))?;
-        let file = file::write(file, key, depth).map_err(|error| unwritten(&error))?;
+        let file = file::write(file, key, depth).map_err(|error| unwritten(&file::root_cause(&error)))?;
         file.finish().map_err(|error| unwritten(&error))
     }
 }

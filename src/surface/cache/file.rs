@@ -8,6 +8,7 @@
 //!
 //! The archive's checksums cover every byte of the arrays.
 
+use std::error::Error;
 use std::io::{Cursor, Read, Seek, Write};
 
 use ndarray::{Array2, ArrayView1, ArrayView2, Ix0, Ix1, Ix2, aview0};
@@ -16,11 +17,15 @@ use zip::ZipArchive;
 
 use super::key::DepthKey;
 use crate::fs::npy;
+use crate::geometry::MAX_SIDE;
 use crate::surface::search::PhotoDepth;
 
 /// How far beyond near and far a disparity may lie, as a share of the range between them: the
 /// search refines by up to half the distance of two planes, of which there are at least 32.
 const RANGE_MARGIN: f64 = 1.0 / 32.0;
+
+/// Largest parallax between near and far, pixels: a multiple of the largest side of a photo.
+const MAX_PARALLAX: f64 = 1024.0 * MAX_SIDE as f64;
 
 /// Upper bound of the bytes of a file beside its disparities: headers of the arrays and the
 /// archive.
@@ -36,6 +41,14 @@ pub(crate) struct Damage {
 
 fn damage(what: impl Into<String>, expected: impl Into<String>) -> Damage {
     Damage { what: what.into(), expected: expected.into() }
+}
+
+/// The text of the error's root cause: the error of an archive may only say "i/o error".
+pub(super) fn root_cause(mut error: &dyn Error) -> String {
+    while let Some(source) = error.source() {
+        error = source;
+    }
+    error.to_string()
 }
 
 /// Upper bound of the bytes of the file of a depth.
@@ -54,16 +67,16 @@ pub(super) fn write<W: Write + Seek>(file: W, key: &DepthKey, depth: &PhotoDepth
 /// The depth of this key, from the bytes of a file. Nothing is unpacked beyond the size given by
 /// the key.
 pub(super) fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDepth, Damage> {
-    let broken = |error| damage(format!("no archive: {error}"), "a complete .npz file");
+    let broken = |error| damage(format!("no archive: {}", root_cause(&error)), "a complete .npz file");
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;
     if archive.len() != 3 {
         return Err(damage(format!("{} arrays", archive.len()), "key, pixel and disparity"));
     }
     let mut unpacked = |name: &str, expected: &str, size: usize| {
         let wrong = |what: String| damage(format!("{name}: {what}"), expected);
-        let entry = archive.by_name(&format!("{name}.npy")).map_err(|error| wrong(error.to_string()))?;
+        let entry = archive.by_name(&format!("{name}.npy")).map_err(|error| wrong(root_cause(&error)))?;
         let (limit, mut bytes) = (size as u64 + OVERHEAD, Vec::new());
-        entry.take(limit + 1).read_to_end(&mut bytes).map_err(|error| wrong(error.to_string()))?;
+        entry.take(limit + 1).read_to_end(&mut bytes).map_err(|error| wrong(root_cause(&error)))?;
         if bytes.len() as u64 > limit { Err(wrong(format!("more than {limit} bytes"))) } else { Ok(bytes) }
     };
     let expected = "uint8 of shape [32]";
@@ -91,11 +104,14 @@ pub(super) fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDepth, Damage> {
 
 /// Refuses values that no search can have found.
 pub(super) fn check(depth: &PhotoDepth, key: &DepthKey) -> Result<(), Damage> {
-    let pixel = depth.disparity_per_pixel;
-    if !(pixel.is_finite() && pixel > 0.0) {
-        return Err(damage(format!("pixel: {pixel}"), "a finite number above 0"));
-    }
     let (nearest, farthest) = (1.0 / key.near, 1.0 / key.far);
+    let pixel = depth.disparity_per_pixel;
+    // The search counts at least one pixel of parallax between near and far.
+    let range = ((nearest - farthest) / MAX_PARALLAX) as f32..=(nearest - farthest) as f32;
+    if !range.contains(&pixel) {
+        let expected = format!("{:e} to {:e}", range.start(), range.end());
+        return Err(damage(format!("pixel: {pixel:e}"), expected));
+    }
     let margin = RANGE_MARGIN * (nearest - farthest);
     let range = (farthest - margin).max(0.0) as f32..=(nearest + margin) as f32;
     match depth.disparity.indexed_iter().find(|(_, value)| !(value.is_finite() && range.contains(value))) {

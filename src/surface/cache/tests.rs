@@ -106,8 +106,12 @@ fn value_out_of_range_is_an_error() {
         map[(2, 3)] = value;
         assert_refused(&with("disparity", &map), &["disparity: ", word, "row 2, column 3", "between far and near"]);
     }
-    for value in [f32::NAN, f32::INFINITY, -1.0, 0.0] {
-        assert_refused(&with("pixel", &ndarray::arr0(value)), &["pixel: ", "a finite number above 0"]);
+    for value in [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e-38, 2e-8, 0.376, 1e38] {
+        let words = ["pixel: ", &format!("{value:e}; expected "), " to 3.75e-1"];
+        assert_refused(&with("pixel", &ndarray::arr0(value)), &words);
+    }
+    for value in [3e-8_f32, 0.375] {
+        file::read(&with("pixel", &ndarray::arr0(value)), &KEY).unwrap();
     }
 }
 

@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::fs::bounded;
-use liveview_common::args::output::refuse_stdout;
 use serde_json::Value;
 
 const EXPECTED: &str = "expected a file of an earlier run of `liveview batch`, or no file";
@@ -22,17 +21,14 @@ pub(super) struct DoneFile {
 
 impl DoneFile {
     /// Opens or creates the file; an error if it is not one of an earlier run.
-    pub(super) fn open(path: &Path, list: &Path) -> Result<Self> {
+    pub(super) fn open(path: &Path) -> Result<Self> {
         let at = path.display();
-        refuse_stdout("--done", path)?;
-        let real = |path: &Path| path.canonicalize().ok();
-        if real(path).is_some_and(|path| Some(path) == real(list)) {
-            bail!("--done {at}: is the list of commands; expected another file");
-        }
-        let text = match bounded::read(path, bounded::MAX_BYTES) {
+        let text = match bounded::read_regular(path, bounded::MAX_BYTES) {
             Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
             text => text.with_context(|| format!("--done {at}: cannot be read"))?,
         };
+        let (all, text) = (text.len(), bounded::without_byte_order_mark(&text));
+        let mark = all - text.len();
         let mut rendered = HashMap::new();
         // An incomplete last line is overwritten, but only if it starts as one of this program.
         let complete = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |at| at + 1);
@@ -55,7 +51,9 @@ impl DoneFile {
             }
         }
         let file = OpenOptions::new().append(true).create(true).open(path).and_then(|file| {
-            file.set_len(complete as u64)?;
+            if complete < text.len() {
+                file.set_len((mark + complete) as u64)?;
+            }
             Ok(file)
         });
         Ok(Self { path: path.to_owned(), file: file.map_err(|error| write_error(path, &error))?, rendered })

@@ -27,7 +27,7 @@ struct Line {
 /// Reads all commands of a list.
 pub(super) fn read(path: &Path) -> Result<Vec<ListedCommand>> {
     let at = path.display();
-    let text = bounded::read(path, bounded::MAX_JSON_BYTES).with_context(|| format!("{at}: cannot be read"))?;
+    let text = bounded::read_text(path, bounded::MAX_JSON_BYTES).with_context(|| format!("{at}: cannot be read"))?;
     let text = String::from_utf8(text).map_err(|error| anyhow!("{at}: {error}; expected UTF-8"))?;
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let commands = lines.map(|(index, line)| {

@@ -19,6 +19,7 @@ const SUFFIXES: [&str; 4] = [".png", "_scale.json", ".npy", "_colour.png"];
 /// written.
 pub(super) fn planned(
     folder: &Path,
+    cache: Option<&Path>,
     scene: &Scene,
     views: &[usize],
     truth: Option<&Truth>,
@@ -33,13 +34,14 @@ pub(super) fn planned(
         bail!("-o {shown}: would overwrite the true depth of the scene; expected another folder");
     }
     let mut output_plan = OutputPlan::new(scene);
+    cache.map_or(Ok(()), |folder| output_plan.cache("--cache", folder))?;
     let mut all = Vec::with_capacity(views.len());
     for &view in views {
         let name = &scene.views[view].name;
         let files = SUFFIXES.map(|suffix| folder.join(stem(name) + suffix));
         files
             .iter()
-            .try_for_each(|file| output_plan.file("-o", file))
+            .try_for_each(|file| output_plan.named_file("-o", file))
             .with_context(|| format!("the depth of {name}"))?;
         all.push(files);
     }

@@ -73,7 +73,7 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
         print_message("note", format!("the depth is not scored: {error:#}"));
         None
     });
-    let all_files = files::planned(&args.output, scene, &views, truth.as_ref())?;
+    let all_files = files::planned(&args.output, args.cache.as_deref(), scene, &views, truth.as_ref())?;
     args.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
     start_threads(args.threads.unwrap_or_else(|| ModelOptions::default().threads_or_default()))?;
     let bar = progress("photos")?;

@@ -37,7 +37,7 @@ impl Truth {
         if !path.is_file() {
             return Ok(None);
         }
-        let text = bounded::read(&path, bounded::MAX_JSON_BYTES).with_context(|| path.display().to_string())?;
+        let text = bounded::read_text(&path, bounded::MAX_JSON_BYTES).with_context(|| path.display().to_string())?;
         let scale: Value = serde_json::from_slice(&text).map_err(|error| anyhow!("{}: {error}", path.display()))?;
         match scale["delta_max"].as_f64() {
             Some(delta_max) if delta_max > 0.0 => Ok(Some(Self { folder, delta_max })),

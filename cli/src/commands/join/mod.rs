@@ -12,6 +12,8 @@ use liveview_common::args::frame_rate::{FrameRate, frame_rate};
 use liveview_common::args::output::{has_extension, refuse_stdout, write_atomically};
 use liveview_common::console::{Output, path_text};
 use liveview_common::ffmpeg::{Encoder, is_video};
+use liveview_common::interrupt::{self, Interrupted};
+use liveview_common::outputs::OutputPlan;
 use serde_json::{Value, json};
 use shards::{Picture, ShardRecord};
 
@@ -40,6 +42,7 @@ pub(crate) struct JoinArgs {
 }
 
 pub(crate) fn run(args: &JoinArgs) -> Result<Output> {
+    interrupt::watch(Vec::new())?;
     let mut encoder = None;
     if let Some(path) = &args.output {
         refuse_stdout("-o", path)?;
@@ -50,10 +53,11 @@ pub(crate) fn run(args: &JoinArgs) -> Result<Output> {
         }
     }
     let records = shards::read(&args.folders)?;
-    check_output(args.output.as_deref(), &records)?;
+    let output_plan = plan_output(args.output.as_deref(), &records)?;
     shards::check_one_job(&records)?;
     let pictures = shards::pictures(&records)?;
     check_coverage(&pictures)?;
+    output_plan.prepare()?;
     let output = table(args, &records, &pictures);
     match (encoder, &args.output) {
         (Some(encoder), _) => video(encoder, &pictures)?,
@@ -63,16 +67,19 @@ pub(crate) fn run(args: &JoinArgs) -> Result<Output> {
     Ok(output)
 }
 
-/// Refuses to overwrite a record.
-fn check_output(output: Option<&Path>, records: &[ShardRecord]) -> Result<()> {
-    let Some(real) = output.and_then(|path| path.canonicalize().ok()) else { return Ok(()) };
-    let read = records.iter().find(|record| record.path.canonicalize().is_ok_and(|path| path == real));
-    match read {
-        Some(record) => {
-            bail!("-o {}: would overwrite the record of a shard; expected another name", record.path.display())
-        }
-        None => Ok(()),
+/// Checks that the output overwrites no record, no picture and no file of the scene.
+fn plan_output(output: Option<&Path>, records: &[ShardRecord]) -> Result<OutputPlan> {
+    let mut output_plan = OutputPlan::default();
+    let Some(output) = output else { return Ok(output_plan) };
+    for record in records {
+        output_plan.protect("the record of a shard,", Some(&record.path));
+        record.files().for_each(|file| output_plan.protect("a picture of a shard,", Some(&file)));
     }
+    // The scene may lie on another machine.
+    let scenes = records.iter().filter_map(|record| record.job.get("scene")?.as_str());
+    scenes.for_each(|scene| output_plan.add_scene_folder(scene.as_ref()));
+    output_plan.file("-o", output)?;
+    Ok(output_plan)
 }
 
 /// As in a single run: an error if all pictures are blank, a warning if some are.
@@ -90,6 +97,9 @@ fn check_coverage(pictures: &[Picture]) -> Result<()> {
 fn video(mut encoder: Encoder, pictures: &[Picture]) -> Result<()> {
     let mut size = None;
     for picture in pictures {
+        if interrupt::requested() {
+            return Err(Interrupted.into());
+        }
         let loaded = image::load(&picture.file)?;
         let first = *size.get_or_insert_with(|| {
             encoder.set_size(loaded.size());
@@ -117,7 +127,7 @@ fn table(args: &JoinArgs, records: &[ShardRecord], pictures: &[Picture]) -> Outp
     let count = scored().count();
     let (psnr, ssim) = scored().fold((0.0, 0.0), |sum, score| (sum.0 + score.0, sum.1 + score.1));
     let mean = (count > 0).then(|| (psnr / count as f64, ssim / count as f64));
-    let mut text = format!("{} pictures of {} shards, complete\n", pictures.len(), records.len());
+    let mut text = format!("{} pictures of {} shards, complete\n", pictures.len(), shards::count(records));
     if let Some((psnr, ssim)) = mean {
         let width = pictures.iter().map(|picture| picture.name.chars().count()).max().unwrap_or(0).max(4);
         let _ = writeln!(text, "\n{:width$}  PSNR dB    SSIM", "view");
@@ -139,7 +149,7 @@ fn table(args: &JoinArgs, records: &[ShardRecord], pictures: &[Picture]) -> Outp
         json
     };
     let json = json!({
-        "liveview": env!("CARGO_PKG_VERSION"), "job": records[0].job, "shards": records.len(),
+        "liveview": env!("CARGO_PKG_VERSION"), "job": records[0].job, "shards": shards::count(records),
         "targets": pictures.iter().map(target).collect::<Vec<Value>>(),
         "mean": mean.map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })), "excluded_border": Score::BORDER,
         "output": args.output.as_deref().map(path_text),

@@ -1,10 +1,12 @@
 //! Reads the records of shards, and checks that they are of one job and complete.
 
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::fs::bounded;
 use liveview_common::args::output::stem;
+use liveview_common::interrupt::{self, Interrupted};
 use serde_json::{Map, Value};
 
 use crate::commands::render::{record, record_text};
@@ -26,6 +28,17 @@ pub(super) struct ShardRecord {
     done: Map<String, Value>,
 }
 
+impl ShardRecord {
+    /// The files of the pictures that it lists as done.
+    pub(super) fn files(&self) -> impl Iterator<Item = PathBuf> {
+        self.done.keys().map(|name| self.file(name))
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.path.with_file_name(format!("{}.png", stem(name)))
+    }
+}
+
 /// An existing picture, and its entry in the record.
 pub(super) struct Picture {
     pub(super) name: String,
@@ -42,7 +55,7 @@ pub(super) fn read(folders: &[PathBuf]) -> Result<Vec<ShardRecord>> {
             .map(|entry| entry.map(|entry| entry.path()))
             .collect::<std::io::Result<_>>()
             .with_context(|| format!("{}: cannot be read", folder.display()))?;
-        files.retain(|file| is_record(file));
+        files.retain(|file| shard_of_name(file).is_some());
         files.sort();
         if files.is_empty() {
             bail!(
@@ -57,28 +70,49 @@ pub(super) fn read(folders: &[PathBuf]) -> Result<Vec<ShardRecord>> {
     Ok(records)
 }
 
-/// Whether a file has the name of a shard's record.
-fn is_record(file: &Path) -> bool {
-    let shard = || {
-        let name = file.file_name()?.to_str()?.strip_prefix("liveview_")?.strip_suffix(".json")?;
-        name.replacen("_of_", "/", 1).parse::<Shard>().ok()
-    };
-    shard().is_some()
+/// The shard that the name of a record gives; `None` for another name.
+fn shard_of_name(file: &Path) -> Option<Shard> {
+    let name = file.file_name()?.to_str()?.strip_prefix("liveview_")?.strip_suffix(".json")?;
+    name.replacen("_of_", "/", 1).parse::<Shard>().ok()
 }
 
 fn read_one(path: &Path) -> Result<ShardRecord> {
-    let text = bounded::read(path, bounded::MAX_JSON_BYTES).context("cannot be read")?;
+    let text = bounded::read_regular(path, bounded::MAX_JSON_BYTES).context("cannot be read")?;
     let mut found = record_text::parse(&text).context("not JSON")?;
     let shard = format!("{}/{}", found["shard"]["index"], found["shard"]["count"]).parse::<Shard>();
     let shard = shard.map_err(|_| anyhow!("shard is {}; expected an index and a count", found["shard"]))?;
-    let names = found["targets"].as_array().into_iter().flatten();
-    let targets: Vec<String> = names.filter_map(|name| name.as_str().map(str::to_owned)).collect();
-    match (found["job"].take(), found["done"].take()) {
-        (Value::Object(job), Value::Object(done)) if !targets.is_empty() => {
-            Ok(ShardRecord { path: path.to_owned(), shard, job, targets, done })
-        }
-        _ => bail!("expected \"job\", \"targets\" and \"done\", as `render --shard` writes them"),
+    if shard_of_name(path) != Some(shard) {
+        bail!("is the record of shard {shard}; expected the name {}", record::name(Some(shard)));
     }
+    let names = found["targets"].as_array().into_iter().flatten();
+    let targets: Option<Vec<String>> = names.map(|name| name.as_str().map(str::to_owned)).collect();
+    let (Value::Object(job), Value::Object(done), Some(targets @ [_, ..])) =
+        (found["job"].take(), found["done"].take(), targets.as_deref())
+    else {
+        bail!("expected \"job\", \"targets\" and \"done\", as `render --shard` writes them");
+    };
+    check_share(shard, targets, &done)?;
+    Ok(ShardRecord { path: path.to_owned(), shard, job, targets: targets.to_vec(), done })
+}
+
+/// Checks that each picture is listed once, and that those that are done are of the shard's share.
+fn check_share(shard: Shard, targets: &[String], done: &Map<String, Value>) -> Result<()> {
+    let mut positions = HashMap::with_capacity(targets.len());
+    for (at, name) in targets.iter().enumerate() {
+        if positions.insert(name, at).is_some() {
+            bail!("\"targets\" lists {name} twice; expected each picture once");
+        }
+    }
+    let is_shared = |name: &&String| positions.get(name).is_some_and(|at| at % shard.count == shard.index);
+    match done.keys().find(|name| !is_shared(name)) {
+        Some(name) => bail!("\"done\" lists {name}; expected only pictures of shard {shard}"),
+        None => Ok(()),
+    }
+}
+
+/// The number of different shards. A shard that ran twice may have written to two folders.
+pub(super) fn count(records: &[ShardRecord]) -> usize {
+    records.iter().map(|record| record.shard.index).collect::<HashSet<_>>().len()
 }
 
 /// Checks that the records are of one job with one number of shards.
@@ -118,6 +152,9 @@ pub(super) fn pictures(records: &[ShardRecord]) -> Result<Vec<Picture>> {
     let mut missing: Vec<Vec<&str>> = vec![Vec::new(); count];
     let mut found = Vec::with_capacity(targets.len());
     for (at, name) in targets.iter().enumerate() {
+        if interrupt::requested() {
+            return Err(Interrupted.into());
+        }
         // A shard that ran twice may have written to two folders.
         let mut candidates = records.iter().filter_map(|record| picture(record, name));
         match candidates.next() {
@@ -150,7 +187,7 @@ pub(super) fn pictures(records: &[ShardRecord]) -> Result<Vec<Picture>> {
 /// A picture that a record lists, if it exists unchanged.
 fn picture(record: &ShardRecord, name: &str) -> Option<Picture> {
     let entry = record.done.get(name)?;
-    let file = record.path.with_file_name(format!("{}.png", stem(name)));
-    let bytes = bounded::read(&file, bounded::MAX_BYTES).ok()?;
+    let file = record.file(name);
+    let bytes = bounded::read_regular(&file, bounded::MAX_BYTES).ok()?;
     (entry["files"][0] == record::digest(&bytes)).then(|| Picture { name: name.to_owned(), file, entry: entry.clone() })
 }

@@ -50,10 +50,10 @@ pub(super) struct Explanation {
 
 impl ExplainArgs {
     /// Checks the options before any work.
-    pub(super) fn plan_outputs(&self, shots: &[Shot], output_plan: &mut OutputPlan) -> Result<()> {
+    pub(super) fn plan_outputs(&self, pictures: usize, output_plan: &mut OutputPlan) -> Result<()> {
         let Some(file) = &self.explain else { return Ok(()) };
-        if shots.len() != 1 {
-            bail!("--explain {}: {} pictures are rendered; expected one target", file.display(), shots.len());
+        if pictures != 1 {
+            bail!("--explain {}: {pictures} pictures are rendered; expected one target", file.display());
         }
         expect_png("--explain", file)?;
         output_plan.file("--explain", file)

@@ -2,6 +2,7 @@
 
 mod explain;
 mod outputs;
+mod planned;
 pub(crate) mod record;
 pub(crate) mod record_text;
 mod rendered;
@@ -29,6 +30,7 @@ use liveview_common::measure::Times;
 use liveview_common::model_pool::ModelPool;
 use liveview_common::outputs::OutputPlan;
 use outputs::{OutputArgs, Outputs, disparity_max};
+pub(crate) use planned::Planned;
 use rendered::Rendered;
 
 use crate::shard::Shard;
@@ -109,8 +111,9 @@ fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<
     let (option, file) = args.targets.camera_file();
     output_plan.protect(option, file);
     args.model.protect(&mut output_plan, job.model.path());
-    outputs.plan_outputs(&shots, &mut output_plan)?;
-    args.explain.plan_outputs(&shots, &mut output_plan)?;
+    let pictures: Vec<_> = shots.iter().map(|shot| (shot.name.as_str(), shot.target.size())).collect();
+    outputs.plan_outputs(&pictures, &mut output_plan)?;
+    args.explain.plan_outputs(pictures.len(), &mut output_plan)?;
     output_plan.prepare()?;
     outputs.begin(&shots, &all, || record::fields(job, &all, &args.targets, &args.layers))?;
     job.progress = progress("layers")?;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use clap::Args;
 use liveview::fs::atomic::is_special;
+use liveview::geometry::Size;
 use liveview::image::{coloured, difference, encode, encode_gray16_png, side_by_side};
 use liveview::{Frame, ImageRgb, Shot};
 use liveview_common::args::frame_rate::{FrameRate, frame_rate};
@@ -108,8 +109,8 @@ impl Outputs {
         })
     }
 
-    /// Checks the options against what will be rendered, before the work.
-    pub(super) fn plan_outputs(&mut self, shots: &[Shot], output_plan: &mut OutputPlan) -> Result<()> {
+    /// Checks the options against the names and sizes of what will be rendered, before the work.
+    pub(super) fn plan_outputs(&mut self, pictures: &[(&str, Size)], output_plan: &mut OutputPlan) -> Result<()> {
         let outputs: [(&str, &Option<OutputPath>, &[Variant]); 3] = [
             ("-o", &self.pictures, &PICTURE),
             ("--depth", &self.depth, &DEPTH),
@@ -117,13 +118,17 @@ impl Outputs {
         ];
         for (option, output, variants) in outputs {
             let Some(output) = output else { continue };
-            if let (OutputPath::File(path), true) = (output, shots.len() > 1) {
-                let (path, count) = (path.display(), shots.len());
+            if let (OutputPath::File(path), true) = (output, pictures.len() > 1) {
+                let (path, count) = (path.display(), pictures.len());
                 bail!("{option} {path}: one file for {count} pictures; expected a folder");
             }
-            let files = shots.iter().flat_map(|shot| variants.iter().map(|v| output.file(shot, v.0, v.1)));
-            for file in files {
-                output_plan.file(option, &file)?;
+            let files = pictures.iter().flat_map(|(name, _)| variants.iter().map(move |variant| (name, variant)));
+            for (name, &(suffix, extension)) in files {
+                let file = output.file(name, suffix, extension);
+                match extension {
+                    Some(_) => output_plan.named_file(option, &file)?,
+                    None => output_plan.file(option, &file)?,
+                }
             }
         }
         if let Some(OutputPath::Folder(folder)) = &self.pictures {
@@ -132,11 +137,11 @@ impl Outputs {
                 let record = record.display();
                 bail!("-o {record}: not a regular file; expected the record of an earlier run, or no file");
             }
-            output_plan.file("-o", &record)?;
+            output_plan.named_file("-o", &record)?;
         }
         if let Some(video) = &mut self.video {
             output_plan.file("-o", video.path())?;
-            let sizes: HashSet<_> = shots.iter().map(|shot| shot.target.size()).collect();
+            let sizes: HashSet<_> = pictures.iter().map(|(_, size)| *size).collect();
             match sizes.into_iter().collect::<Vec<_>>()[..] {
                 [size] => video.set_size(size),
                 _ => bail!("-o {}: the pictures have different sizes; expected a folder", video.path().display()),

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Error, Result, anyhow, bail};
-use liveview::fs::atomic::AtomicFile;
+use liveview::fs::atomic::{AtomicFile, is_special};
 use liveview::fs::bounded;
 use liveview::image::Score;
 use liveview::{LayerSpec, Shot};
@@ -81,7 +81,10 @@ pub(crate) fn digest(bytes: &[u8]) -> String {
 }
 
 fn digest_of(path: &Path) -> Result<String> {
-    Ok(digest(&bounded::read(path, bounded::MAX_BYTES).with_context(|| format!("{}: cannot be read", path.display()))?))
+    Ok(digest(
+        &bounded::read_regular(path, bounded::MAX_BYTES)
+            .with_context(|| format!("{}: cannot be read", path.display()))?,
+    ))
 }
 
 /// The file name of a record.
@@ -117,7 +120,7 @@ impl Record {
     /// process may be writing them.
     pub(super) fn resume(&mut self, wanted: &[(&str, Vec<PathBuf>)]) -> Result<()> {
         let at = self.path.display();
-        let text = match bounded::read(&self.path, bounded::MAX_JSON_BYTES) {
+        let text = match bounded::read_regular(&self.path, bounded::MAX_JSON_BYTES) {
             Ok(text) => text,
             Err(error) if error.kind() == ErrorKind::NotFound => {
                 let Some(file) = wanted.iter().flat_map(|(_, files)| files).find(|file| file.exists()) else {
@@ -145,6 +148,10 @@ impl Record {
             bail!("--resume: {at}: \"done\": expected an object with an entry for each picture");
         };
         for (name, files) in wanted {
+            if let Some(file) = files.iter().find(|file| is_special(file)) {
+                let file = file.display();
+                bail!("--resume: {file}: not a regular file; expected a file of an earlier run, or none");
+            }
             let entry = done.get_mut(*name).map(Value::take).unwrap_or_default();
             let unchanged = |file: &PathBuf| digest_of(file).is_ok_and(|digest| lists(&entry, &digest));
             if files.iter().all(unchanged) {

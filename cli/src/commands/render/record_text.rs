@@ -1,5 +1,6 @@
 //! The text of a record: JSON that can be extended by a line.
 
+use liveview::fs::bounded;
 use serde_json::{Map, Value, json};
 
 /// The text after the last picture's entry.
@@ -21,6 +22,7 @@ pub(super) fn line(name: &str, entry: &Value) -> String {
 pub(crate) fn parse(text: &[u8]) -> serde_json::Result<Value> {
     /// Line breaks that may follow the last complete line: its own, and those of [`END`].
     const MAX_LINE_BREAKS: usize = 3;
+    let text = bounded::without_byte_order_mark(text);
     let mut record = serde_json::from_slice(text);
     let ends = text.iter().enumerate().rev().filter(|(_, byte)| **byte == b'\n');
     for (end, _) in ends.take(MAX_LINE_BREAKS) {

@@ -95,7 +95,7 @@ pub fn run(args: &SweepArgs) -> Result<Output> {
     print_notes(&photos.scene().notes);
     refuse_stdout("-o", &args.output)?;
     let mut output_plan = OutputPlan::new(photos.scene());
-    FILES.iter().try_for_each(|name| output_plan.file("-o", &args.output.join(name)))?;
+    FILES.iter().try_for_each(|name| output_plan.named_file("-o", &args.output.join(name)))?;
     output_plan.prepare()?;
     let held_out = named(photos.scene(), &args.target)?;
     let truths = held_out.iter().map(|&view| Ok(photos.scene().load_image(view)?)).collect::<Result<Vec<_>>>()?;

@@ -66,9 +66,9 @@ pub struct ModelArgs {
 }
 
 impl ModelArgs {
-    /// Protects the files of the model and of the engine.
+    /// Protects the files of the model, if it is open or given, and of the engine.
     pub fn protect(&self, output_plan: &mut OutputPlan, model: Option<&Path>) {
-        output_plan.protect("--model", model);
+        output_plan.protect("--model", model.or(self.model.as_deref()));
         output_plan.protect("--ort-lib", self.ort_lib.as_deref());
     }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use liveview::network::{Alpha, ExecutionProvider, ModelCard};
 use serde_json::{Value, json};
 
-use crate::console::path_text;
+use crate::console::{escaped, path_text};
 
 /// The model, if any, and how it is run.
 #[derive(Debug)]
@@ -66,13 +66,13 @@ impl ModelInfo {
         };
         format!(
             "engine  ONNX Runtime ({}), {} {}, {} threads, {} layers per run\nmodel   {}: {}\nalpha   {}\n",
-            model.library.file_name().unwrap_or_default().display(),
+            escaped(&path_text(model.library.file_name().unwrap_or_default().as_ref())),
             model.provider,
-            model.precision,
+            escaped(&model.precision),
             self.threads,
             self.batch,
-            model.path.display(),
-            model.card.training,
+            escaped(&path_text(&model.path)),
+            escaped(&model.card.training),
             model.alpha
         )
     }

@@ -34,11 +34,11 @@ impl OutputPath {
         Ok(Self::File(path.to_owned()))
     }
 
-    /// The file of a shot.
-    pub fn file(&self, shot: &Shot, suffix: &str, extension: Option<&str>) -> PathBuf {
+    /// The file of a picture of this name.
+    pub fn file(&self, picture: &str, suffix: &str, extension: Option<&str>) -> PathBuf {
         let (folder, mut name, own) = match self {
             Self::File(path) => (path.parent(), path.file_stem().unwrap_or_default().to_owned(), path.extension()),
-            Self::Folder(path) => (Some(path.as_path()), stem(&shot.name).into(), None),
+            Self::Folder(path) => (Some(path.as_path()), stem(picture).into(), None),
         };
         // Not `format!`: a name need not be UTF-8.
         name.push(suffix);
@@ -49,7 +49,7 @@ impl OutputPath {
 
     /// The files of a shot, one per variant.
     pub fn files<const N: usize>(&self, shot: &Shot, variants: [Variant; N]) -> [PathBuf; N] {
-        variants.map(|(suffix, extension)| self.file(shot, suffix, extension))
+        variants.map(|(suffix, extension)| self.file(&shot.name, suffix, extension))
     }
 }
 

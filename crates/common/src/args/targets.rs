@@ -81,12 +81,27 @@ impl TargetArgs {
         }
     }
 
-    /// The targets in a scene.
+    /// The targets in a scene; prints a note if the axes of a file had to be assumed.
     pub fn resolve(&self, views: &SceneViews) -> Result<Targets> {
-        let scene = views.scene();
+        let (targets, note) = self.targets_and_note(views)?;
+        print_notes(note.as_slice());
+        Ok(targets)
+    }
+
+    /// As [`Self::resolve`], without the note.
+    pub fn resolve_silently(&self, views: &SceneViews) -> Result<Targets> {
+        Ok(self.targets_and_note(views)?.0)
+    }
+
+    fn targets_and_note(&self, views: &SceneViews) -> Result<(Targets, Option<String>)> {
         if let (_, Some(file)) = self.camera_file() {
-            return Ok(Targets::cameras(cameras_of(file, views)?));
+            let CameraFile { cameras, note } = read(file, views)?;
+            return Ok((Targets::cameras(cameras), note));
         }
+        Ok((self.targets_of_scene(views.scene())?, None))
+    }
+
+    fn targets_of_scene(&self, scene: &Scene) -> Result<Targets> {
         if let Some(CameraPathOrFile::Shape(path)) = self.path {
             return match Targets::path(scene, path) {
                 Err(error @ SynthesisError::Path(_)) => bail!("{error}; expected --pose instead"),
@@ -107,9 +122,13 @@ impl TargetArgs {
 
 /// Reads the cameras of a file; prints a note if their axes had to be assumed.
 pub fn cameras_of(file: &Path, views: &SceneViews) -> Result<Vec<Camera>> {
-    let CameraFile { cameras, note } = read_cameras(file, &views.all_cameras(), &views.scene().root)?;
+    let CameraFile { cameras, note } = read(file, views)?;
     print_notes(note.as_slice());
     Ok(cameras)
+}
+
+fn read(file: &Path, views: &SceneViews) -> Result<CameraFile> {
+    Ok(read_cameras(file, &views.all_cameras(), &views.scene().root)?)
 }
 
 /// The views of these comma-separated lists of names; a name may contain commas.

@@ -4,11 +4,12 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::process::{ChildStdin, Command, Stdio};
 
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use liveview::ImageRgb;
-use liveview::fs::atomic::AtomicFile;
+use liveview::fs::atomic::{AtomicFile, is_special};
 use liveview::geometry::Size;
 
+use super::count::count_frames;
 use super::process::{Process, command};
 use super::program::detach;
 use crate::args::frame_rate::FrameRate;
@@ -31,6 +32,8 @@ struct RunningEncoder {
     process: Process,
     input: Option<ChildStdin>,
     file: AtomicFile,
+    /// Number of frames written to ffmpeg.
+    frames: usize,
 }
 
 /// Whether a path names a video.
@@ -62,7 +65,8 @@ impl Encoder {
             Some(running) => running,
             None => self.start()?,
         };
-        let RunningEncoder { process, input, .. } = self.running.insert(running);
+        let RunningEncoder { process, input, frames, .. } = self.running.insert(running);
+        *frames += 1;
         let bytes = picture.to_rgb8();
         match process
             .waiting(|| input.as_mut().map_or(Err(ErrorKind::BrokenPipe.into()), |pipe| pipe.write_all(&bytes)))
@@ -72,20 +76,25 @@ impl Encoder {
         }
     }
 
-    /// Waits for ffmpeg to finish, and renames the temporary file.
+    /// Waits for ffmpeg to finish, checks the file and renames it.
     pub fn finish(mut self) -> Result<PathBuf> {
-        if let Some(running) = &mut self.running {
-            // ffmpeg exits at the end of its input.
-            drop(running.input.take());
-            if !running.process.wait()?.success() {
-                return Err(self.failure());
+        let Some(RunningEncoder { mut process, input, file, frames }) = self.running.take() else {
+            return Ok(self.path);
+        };
+        let at = self.path.display();
+        // ffmpeg exits at the end of its input.
+        drop(input);
+        process.finish().map_err(|failure| anyhow!("-o {at}: {failure}"))?;
+        if !is_special(&self.path) {
+            let found = count_frames(file.temporary());
+            let found =
+                found.map_err(|error| anyhow!("-o {at}: the video that ffmpeg wrote cannot be read: {error}"))?;
+            if found != frames {
+                bail!("-o {at}: ffmpeg wrote {found} frames; expected {frames}");
             }
         }
-        if let Some(RunningEncoder { process, file, .. }) = self.running.take() {
-            drop(process);
-            file.finish().map_err(|error| self.write_error(&error))?;
-        }
-        Ok(self.path.clone())
+        file.finish().map_err(|error| self.write_error(&error))?;
+        Ok(self.path)
     }
 
     fn write_error(&self, error: &std::io::Error) -> anyhow::Error {
@@ -127,7 +136,7 @@ impl Encoder {
         command.arg(&temporary).stdin(Stdio::piped()).stdout(Stdio::null());
         let process = Process::start(&mut command, Some(&temporary))?;
         let input = process.with_child(|child| child.stdin.take());
-        Ok(RunningEncoder { process, input, file })
+        Ok(RunningEncoder { process, input, file, frames: 0 })
     }
 
     fn failure(&mut self) -> anyhow::Error {

@@ -96,10 +96,29 @@ impl Process {
         })
     }
 
+    /// Waits for the process to exit. An error message if it failed or has printed a message: of a full disk ffmpeg
+    /// prints an error, and may exit with 0.
+    pub fn finish(&mut self) -> Result<(), String> {
+        let status = self.wait();
+        let messages = self.messages();
+        if status.as_ref().is_ok_and(ExitStatus::success) && messages.is_empty() {
+            return Ok(());
+        }
+        Err(self.failure_of(status, &messages))
+    }
+
     /// Waits for the process to exit; returns its exit status and messages as an error message.
     pub fn failure(&mut self) -> String {
         let status = self.wait();
-        let messages = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        let messages = self.messages();
+        self.failure_of(status, &messages)
+    }
+
+    fn messages(&mut self) -> String {
+        self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default()
+    }
+
+    fn failure_of(&self, status: std::io::Result<ExitStatus>, messages: &str) -> String {
         let status = status.map_or_else(|error| error.to_string(), |status| status.to_string());
         if self.watchdog.hung.load(Ordering::Relaxed) {
             return format!("ffmpeg was idle for too long and was killed {messages}").trim_end().to_owned();
@@ -185,6 +204,9 @@ mod tests {
         let script = "echo first >&2; echo; echo ' second ' >&2; exit 3";
         let message = Process::start(&mut shell(script), None).unwrap().failure();
         assert_eq!(message, "ffmpeg failed (exit status: 3): first; second");
+        let finished = |script: &str| Process::start(&mut shell(script), None).unwrap().finish();
+        assert_eq!(finished("exit 0"), Ok(()));
+        assert_eq!(finished("echo full >&2"), Err("ffmpeg failed (exit status: 0): full".to_owned()));
         let endless = Process::start(&mut shell("/usr/bin/yes >&2 | /usr/bin/head -c 9"), None).unwrap();
         endless.handle().kill();
     }

@@ -1,5 +1,5 @@
-//! Checks, before any work, that no output overwrites an input of the command, another output, or a
-//! file of the scene folder. Paths are compared after resolving links and `..`.
+//! Checks, before any work, that no output overwrites an input of the command, another output, a
+//! file of the scene folder, or JSON that the program did not write. Paths are compared after resolving links and `..`.
 
 mod identity;
 mod others;
@@ -16,12 +16,13 @@ use liveview::fs::atomic::{AtomicFile, is_special};
 pub use others::note_other_pictures;
 use scene_folder::SceneFolder;
 
-use crate::args::output::refuse_stdout;
+use crate::args::output::{has_extension, refuse_stdout};
 
-/// The output files of a command.
-#[derive(Debug)]
+/// The output files of a command, or of several.
+#[derive(Debug, Default)]
 pub struct OutputPlan {
-    scene: SceneFolder,
+    /// The scenes that are read.
+    scenes: Vec<SceneFolder>,
     /// Descriptions of the inputs, for messages.
     inputs: HashMap<Identity, String>,
     /// The planned files: option and path as given, for messages.
@@ -31,15 +32,50 @@ pub struct OutputPlan {
     frames: Vec<(PathBuf, &'static str, String)>,
     /// The planned files: option and path as given, and the path.
     files: Vec<(String, PathBuf)>,
+    /// Precedes the option in messages.
+    prefix: String,
+}
+
+/// What becomes of an existing file.
+#[derive(Clone, Copy, PartialEq)]
+enum Existing {
+    Replaced,
+    /// Replaced under a name that the program chose: an earlier run may have left it damaged.
+    ReplacedByName,
+    /// Extended; the caller checks what it holds.
+    Extended,
 }
 
 impl OutputPlan {
     /// An empty plan of a command that reads this scene.
     pub fn new(scene: &Scene) -> Self {
-        let photo = |path: &Path| format!("a photo of the scene, {}", path.display());
-        let photos = scene.views.iter().map(|view| view.image_path());
-        let inputs = photos.filter_map(|path| Some((Identity::of(path).ok()?, photo(path)))).collect();
-        Self { scene: SceneFolder::new(scene), inputs, planned: HashMap::new(), frames: Vec::new(), files: Vec::new() }
+        let mut plan = Self::default();
+        plan.add_scene(scene);
+        plan
+    }
+
+    /// Protects a scene and its photos.
+    pub fn add_scene(&mut self, scene: &Scene) {
+        for path in scene.views.iter().map(|view| view.image_path()) {
+            if let Ok(identity) = Identity::of(path) {
+                self.inputs.entry(identity).or_insert_with(|| format!("a photo of the scene, {}", path.display()));
+            }
+        }
+        self.add_folder(SceneFolder::new(scene));
+    }
+
+    /// Protects the folder of a scene that is not opened; nothing if there is no such folder.
+    pub fn add_scene_folder(&mut self, root: &Path) {
+        if root.is_dir() {
+            self.add_folder(SceneFolder::at(root));
+        }
+    }
+
+    fn add_folder(&mut self, scene: SceneFolder) {
+        // The commands of a list often read the same scene.
+        if !self.scenes.contains(&scene) {
+            self.scenes.push(scene);
+        }
     }
 
     /// Protects another input file, if one is given.
@@ -50,14 +86,42 @@ impl OutputPlan {
         }
     }
 
+    /// Sets what precedes the options in messages, such as the line of a list.
+    pub fn set_prefix(&mut self, prefix: String) {
+        self.prefix = prefix;
+    }
+
     /// Adds a file that will be written.
     ///
     /// # Errors
     ///
-    /// If it would overwrite an input, another output, or a file of the scene that the program did
-    /// not write; if it would be read as part of the scene; or if it cannot be a file.
+    /// If it would overwrite an input, another output, or a file of the scene or JSON that the
+    /// program did not write, or the record of a run; if it would be read as part of the scene; or
+    /// if it cannot be a file.
     pub fn file(&mut self, option: &str, file: &Path) -> Result<()> {
-        let shown = format!("{option} {}", file.display());
+        self.add(option, file, Existing::Replaced)
+    }
+
+    /// Adds a file whose name the program chose, such as the record of a run.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::file`], but outside the scene any JSON of that name is replaced.
+    pub fn named_file(&mut self, option: &str, file: &Path) -> Result<()> {
+        self.add(option, file, Existing::ReplacedByName)
+    }
+
+    /// Adds a file that is extended, and whose contents the caller checks.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::file`], except for those about a file that the program did not write.
+    pub fn extended(&mut self, option: &str, file: &Path) -> Result<()> {
+        self.add(option, file, Existing::Extended)
+    }
+
+    fn add(&mut self, option: &str, file: &Path, existing: Existing) -> Result<()> {
+        let shown = format!("{}{option} {}", self.prefix, file.display());
         refuse_stdout(option, file)?;
         let refused = |why: String| anyhow!("{shown}: cannot be written: {why}");
         let folder = file.parent().unwrap_or(Path::new(""));
@@ -77,10 +141,27 @@ impl OutputPlan {
             bail!("{shown}: {other} is the same file; expected different files");
         }
         if !is_special(file) {
-            self.check(&shown, file, &real)?;
+            self.check(&shown, file, &real, existing)?;
         }
         self.planned.insert(Location::of(&real), shown.clone());
         self.files.push((shown, file.to_owned()));
+        Ok(())
+    }
+
+    /// Checks a folder of files that the program writes and reads again.
+    ///
+    /// # Errors
+    ///
+    /// If it is a folder of a scene: one whose files are read as part of the scene, or that holds
+    /// others.
+    pub fn cache(&self, option: &str, folder: &Path) -> Result<()> {
+        let shown = format!("{}{option} {}", self.prefix, folder.display());
+        let real = identity::resolved(folder).map_err(|error| anyhow!("{shown}: cannot be opened: {error}"))?;
+        for scene in self.scenes.iter().filter(|scene| scene.holds(&real)) {
+            if scene.is_its_own(&real) {
+                bail!("{shown}: is a folder of the scene {}; expected another folder", scene.root().display());
+            }
+        }
         Ok(())
     }
 
@@ -97,30 +178,49 @@ impl OutputPlan {
         Ok(())
     }
 
-    /// Whether a path is inside the scene folder.
+    /// Whether a path is inside a scene folder.
     pub fn in_scene(&self, path: &Path) -> bool {
-        identity::resolved(path).is_ok_and(|real| real.starts_with(self.scene.root()))
+        identity::resolved(path).is_ok_and(|real| self.scenes.iter().any(|scene| real.starts_with(scene.root())))
     }
 
-    /// Checks that a file overwrites no input and no file of the scene, and is not read as part of
-    /// the scene.
-    fn check(&self, shown: &str, file: &Path, real: &Path) -> Result<()> {
-        let root = self.scene.root().display();
+    /// Checks that a file overwrites no input and no file of another's, and is not read as part of
+    /// a scene.
+    fn check(&self, shown: &str, file: &Path, real: &Path, existing: Existing) -> Result<()> {
         if let Ok(identity) = Identity::of(file) {
             if let Some(input) = self.inputs.get(&identity) {
                 bail!("{shown}: would overwrite {input}; expected another file");
             }
-            if self.scene.holds(real) && !own::is_own(file) {
-                bail!(
-                    "{shown}: would overwrite a file of the scene folder {root} that liveview did not write; \
-                     expected another file, or that one moved away"
-                );
+            self.check_existing(shown, file, real, existing)?;
+        }
+        for scene in &self.scenes {
+            if let Some(part) = scene.reads(real) {
+                let root = scene.root().display();
+                bail!("{shown}: would be read as {part} of the scene {root}; expected another file");
             }
         }
-        match self.scene.reads(real) {
-            Some(part) => bail!("{shown}: would be read as {part} of the scene {root}; expected another file"),
-            None => Ok(()),
+        Ok(())
+    }
+
+    /// Checks that the program wrote an existing file that will be replaced.
+    fn check_existing(&self, shown: &str, file: &Path, real: &Path, existing: Existing) -> Result<()> {
+        if existing == Existing::Extended {
+            return Ok(());
         }
+        if existing == Existing::Replaced && own::is_record(file) {
+            bail!("{shown}: would overwrite the record of a run; expected another file");
+        }
+        let scene = self.scenes.iter().find(|scene| scene.holds(real));
+        // Any JSON, because a scene or its cameras may consist of it.
+        let is_protected = scene.is_some() || existing == Existing::Replaced && has_extension(file, &["json"]);
+        if is_protected && !own::is_own(file) {
+            let of = scene.map(|scene| format!(" of the scene folder {}", scene.root().display()));
+            let of = of.unwrap_or_default();
+            bail!(
+                "{shown}: would overwrite a file{of} that liveview did not write; expected another file, or that one \
+                 moved away"
+            );
+        }
+        Ok(())
     }
 
     /// Creates the missing folders, and checks that files can be written there.

@@ -16,9 +16,9 @@ const TAGGED_BYTES: u64 = 256;
 /// Whether the program wrote a file: a tagged picture, or JSON with the program's fields.
 pub(super) fn is_own(file: &Path) -> bool {
     if has_extension(file, &["json"]) {
-        let read = || bounded::read(file, bounded::MAX_JSON_BYTES).ok();
-        let json = read().and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok()).unwrap_or_default();
-        return json["job"]["liveview"].is_string() || json["liveview"].is_string();
+        let json = json(file);
+        // The last is of a log, which has a line for each frame.
+        return json["job"]["liveview"].is_string() || json["liveview"].is_string() || json["layers_from"].is_string();
     }
     if has_extension(file, &["npy"]) {
         // An array has no tag; `liveview depth` writes a picture and its scale next to each.
@@ -30,5 +30,22 @@ pub(super) fn is_own(file: &Path) -> bool {
         });
     }
     let mut start = Vec::new();
-    File::open(file).and_then(|file| file.take(TAGGED_BYTES).read_to_end(&mut start)).is_ok() && is_tagged(&start)
+    let mut read = || File::open(file).and_then(|file| file.take(TAGGED_BYTES).read_to_end(&mut start));
+    file.is_file() && read().is_ok() && is_tagged(&start)
+}
+
+/// Whether a file is the record of a run, which lists the pictures that are done.
+pub(super) fn is_record(file: &Path) -> bool {
+    has_extension(file, &["json"]) && {
+        let json = json(file);
+        json["job"]["liveview"].is_string() && json["done"].is_object()
+    }
+}
+
+/// The JSON of a file, or of its first line; null if it is neither.
+fn json(file: &Path) -> Value {
+    let bytes = bounded::read_regular(file, bounded::MAX_JSON_BYTES).unwrap_or_default();
+    let bytes = bounded::without_byte_order_mark(&bytes);
+    let first_line = || bytes.split(|&byte| byte == b'\n').next().unwrap_or_default();
+    serde_json::from_slice(bytes).or_else(|_| serde_json::from_slice(first_line())).unwrap_or_default()
 }

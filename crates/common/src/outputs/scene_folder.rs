@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use liveview::Scene;
 
+use super::own;
 use crate::args::output::has_extension;
 
 /// Folders from which photos or the cameras of a rig are read.
@@ -30,7 +31,7 @@ const PICTURES: [&str; 10] = ["png", "jpg", "jpeg", "mp4", "m4v", "mov", "mkv", 
 const MAX_DEPTH: usize = 4;
 
 /// A scene folder.
-#[derive(Debug)]
+#[derive(Debug, PartialEq)]
 pub(super) struct SceneFolder {
     root: PathBuf,
     /// Folders of photos; every file in them would be read.
@@ -65,6 +66,13 @@ impl SceneFolder {
         }
     }
 
+    /// The folder of a scene that is not opened: its photos are expected in the usual folders.
+    pub(super) fn at(root: &Path) -> Self {
+        let root = root.canonicalize().unwrap_or_else(|_| root.to_owned());
+        let photos = FOLDERS.iter().map(|folder| root.join(folder)).collect();
+        Self { photos, cameras: BTreeSet::new(), flat: false, root, linked: OnceCell::new() }
+    }
+
     pub(super) fn root(&self) -> &Path {
         &self.root
     }
@@ -88,6 +96,14 @@ impl SceneFolder {
         let beside = self.flat && real.parent() == Some(&self.root) || self.cameras.iter().any(below);
         let read = self.photos.iter().any(below) || beside && has_extension(real, &PICTURES);
         read.then_some("a photo or a camera")
+    }
+
+    /// Whether a folder is part of the scene: its files would be read, or it holds files other than
+    /// arrays (.npz) that the program did not write.
+    pub(super) fn is_its_own(&self, real: &Path) -> bool {
+        let other = |entry: &fs::DirEntry| !has_extension(&entry.path(), &["npz"]) && !own::is_own(&entry.path());
+        self.reads(&real.join("depth.npz")).is_some()
+            || fs::read_dir(real).into_iter().flatten().flatten().any(|entry| other(&entry))
     }
 }
 

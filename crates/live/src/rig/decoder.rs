@@ -52,19 +52,6 @@ impl Decoder {
         }
     }
 
-    /// The number of frames of a video.
-    pub(super) fn count(path: &Path) -> Result<usize> {
-        // One line for each packet, which holds a frame, and comments.
-        let mut decoder = Self::start_with(path, &["-map", "0:v:0", "-c", "copy", "-f", "framecrc"])?;
-        let (mut count, mut line) = (0, String::new());
-        // Line by line, so that the check for a hanging ffmpeg sees each of them.
-        while decoder.reading(|pipe| pipe.read_line(&mut line))? > 0 {
-            count += usize::from(!line.starts_with('#'));
-            line.clear();
-        }
-        if decoder.process.wait()?.success() { Ok(count) } else { Err(decoder.failed()) }
-    }
-
     /// A handle with which another thread can end ffmpeg while this one waits for a frame.
     pub(super) fn handle(&self) -> ProcessHandle {
         self.process.handle()

@@ -7,7 +7,7 @@ use liveview::geometry::Size;
 use liveview::image::{self, ImageRgb};
 use liveview_common::args::frame_rate::FrameRate;
 use liveview_common::args::output::has_extension;
-use liveview_common::ffmpeg::ProcessHandle;
+use liveview_common::ffmpeg::{ProcessHandle, count_frames};
 
 use super::decoder::Decoder;
 use super::frame_names::{Photos, photos_in};
@@ -71,9 +71,9 @@ impl Feed {
     pub fn count_steps(&self) -> Result<usize> {
         match &self.frames {
             Frames::Photos(_) => Ok(self.steps().unwrap_or(0)),
-            Frames::Video(path, None) => Decoder::count(path),
+            Frames::Video(path, None) => count_frames(path),
             Frames::Video(path, Some(steps)) => {
-                let seconds = Decoder::count(path)? as f64 / Decoder::rate(path)?.per_second();
+                let seconds = count_frames(path)? as f64 / Decoder::rate(path)?.per_second();
                 Ok((seconds * steps.per_second()).round().max(1.0) as usize)
             }
         }

@@ -9,7 +9,7 @@ use liveview::live::{LiveSession, LiveSettings, Policy};
 use liveview::{Camera, ImageRgb, LayerSpec};
 use liveview_common::args::layers::given_or_recommended;
 use liveview_common::console::{Output, print_notes, progress};
-use liveview_common::interrupt::{self, Interrupted};
+use liveview_common::interrupt::{self, Interrupted, Shortened};
 use liveview_common::outputs::OutputPlan;
 
 use super::gather::{Clock, Faults, Gathering};
@@ -101,7 +101,13 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
         bar,
     };
     let (played, file) = player.play(&gathering, sink)?;
-    Ok(summary(&rig, &viewpoint, &played, file.as_deref(), &model, (&layers, policy)))
+    let output = summary(&rig, &viewpoint, &played, file.as_deref(), &model, (&layers, policy));
+    if played.interrupted {
+        let video = file.map_or_else(|| "the video".to_owned(), |file| file.display().to_string());
+        let what = format!("{video} is short, it has {} frames", played.written.frames);
+        return Err(Shortened { what, output }.into());
+    }
+    Ok(output)
 }
 
 /// The policy given, checked against the layers, or the default for these.

@@ -72,7 +72,10 @@ impl Player<'_> {
         let file = sink.finish()?;
         self.tally.finish()?;
         let Self { tally, changes, .. } = self;
-        Ok((VideoResults { tally, written, faults, changes, wall: started.elapsed(), stopped }, file))
+        let all = gathering.steps.len();
+        let interrupted = stopped && interrupt::requested() && tally.rendered + tally.repeated < all;
+        let wall = started.elapsed();
+        Ok((VideoResults { tally, written, faults, changes, wall, stopped, interrupted }, file))
     }
 
     /// The reason why the video from step `first` on shows nothing.

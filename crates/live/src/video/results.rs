@@ -18,6 +18,8 @@ pub(super) struct VideoResults {
     pub(super) changes: Vec<(usize, Level)>,
     pub(super) wall: Duration,
     pub(super) stopped: bool,
+    /// Whether an interrupt ended it before the last frame.
+    pub(super) interrupted: bool,
 }
 
 /// The level changes as JSON.

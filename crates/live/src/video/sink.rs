@@ -89,7 +89,7 @@ impl Sink {
                 return match pipe.write_all(&bytes).and_then(|()| pipe.flush()) {
                     Ok(()) => Ok(true),
                     Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
-                    Err(error) => Err(error).context("-o -: cannot be written"),
+                    Err(error) => Err(error).context("-o -: standard output: cannot be written"),
                 };
             }
         }

@@ -24,7 +24,7 @@ pub(super) fn summary(
     model: &ModelInfo,
     (layers, policy): (&LayerSpec, Policy),
 ) -> Output {
-    let VideoResults { tally, written, faults, changes, wall, stopped } = results;
+    let VideoResults { tally, written, faults, changes, wall, stopped, .. } = results;
     let scene = rig.views.scene();
     let mut text = String::new();
     let mut line = |label: &str, content: String| {

@@ -1,5 +1,6 @@
 //! The HTTP server: a WebSocket for each client, and files on request.
 
+mod address_shares;
 mod app;
 mod guard;
 mod http;
@@ -9,6 +10,7 @@ mod message_rate;
 mod page;
 mod routes;
 mod socket;
+mod stall_guard;
 
 pub(crate) use app::App;
 pub(crate) use guard::Guard;

@@ -14,11 +14,11 @@ use super::message_rate::MessageRate;
 use crate::request::Message;
 
 /// Time between pings.
-const PING_INTERVAL: Duration = Duration::from_secs(30);
+const PING_INTERVAL: Duration = Duration::from_secs(3);
 /// Pings in a row without any message of the client after which it counts as gone.
 const MAX_UNANSWERED_PINGS: usize = 3;
 /// Time for a client to receive a message.
-const SEND_TIMEOUT: Duration = Duration::from_secs(60);
+const SEND_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time for a client to receive the reason for which it is disconnected.
 const CLOSE_TIMEOUT: Duration = Duration::from_millis(500);
 
