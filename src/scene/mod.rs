@@ -3,7 +3,7 @@
 //!
 //! | format | recognised by | camera axes, pose | intrinsics |
 //! |---|---|---|---|
-//! | nerfstudio, instant-ngp | `transforms.json` | OpenGL, world from camera | pixels |
+//! | nerfstudio, instant-ngp, Blender | `transforms.json`, `transforms_train.json` | OpenGL, world from camera | pixels |
 //! | LLFF | `poses_bounds.npy` | [down, right, backwards], world from camera | pixels of the full-size photos |
 //! | Spaces | `models.json` | OpenCV, angle-axis and centre | pixels of the declared size |
 //! | RealEstate10K | `cameras.txt` and `frames/` | OpenCV, camera from world | fractions of width and height |
@@ -58,18 +58,19 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Opens a folder of poses and photos. Reads only the headers of the photos, and checks that
-    /// every camera is valid and every photo has the declared size.
+    /// Opens a folder of poses and photos, or a `transforms.json`, whatever its name, with the photos
+    /// in its folder. Reads only the headers of the photos, and checks that every camera is valid
+    /// and every photo has the declared size.
     ///
     /// # Errors
     ///
     /// [`SceneError`], naming the file and the field.
     pub fn open(path: &Path, options: &SceneOptions) -> Result<Self, SceneError> {
-        Self::open_with(path, Arc::new(PhotoFolder::new(path)), options)
+        Self::open_with(path, Arc::new(PhotoFolder::new(folder_of(path))), options)
     }
 
-    /// Opens a folder of poses and takes the photos from `photos`; the folder need not hold any
-    /// photo.
+    /// Opens a folder of poses, or a `transforms.json`, and takes the photos from `photos`; the
+    /// folder need not hold any photo.
     ///
     /// # Errors
     ///
@@ -79,15 +80,28 @@ impl Scene {
         if !path.exists() {
             return Err(no_scene("does not exist"));
         }
-        if !path.is_dir() {
+        let (root, file) = (folder_of(path), path.is_file().then_some(path));
+        if file.is_some_and(|file| !file.extension().is_some_and(|found| found.eq_ignore_ascii_case("json"))) {
             return Err(no_scene("is not a folder"));
         }
-        let mut found = formats::all_in(path).filter(|&format| photos.supports(format));
-        let format = found.next().ok_or_else(|| no_scene("no scene found"))?;
-        let (views, mut notes) = view::from_declared(formats::read(format, path, &*photos, options)?, options)?;
-        notes.extend(found.map(|other| format!("the folder also holds {other}: not read, {format} takes precedence")));
-        notes.extend(masks::folder_notes(path));
-        Ok(Self { root: path.to_owned(), format, views, notes, photos })
+        let mut found: Vec<Format> = match file {
+            Some(_) => vec![Format::Transforms],
+            None => formats::all_in(root).filter(|&format| photos.supports(format)).collect(),
+        };
+        if found.is_empty() {
+            return Err(no_scene("no scene found"));
+        }
+        let format = found.remove(0);
+        let declared = formats::read(format, root, file, &*photos, options)?;
+        let (views, mut notes) = view::from_declared(declared, options)?;
+        let others = found.into_iter();
+        notes.extend(
+            others.map(|other| {
+                format!("the folder also holds {other}: its poses are not read, {format} takes precedence")
+            }),
+        );
+        notes.extend(masks::folder_notes(root));
+        Ok(Self { root: root.to_owned(), format, views, notes, photos })
     }
 
     /// Index of the view with this name, file name, file name without extension, or name in the
@@ -131,4 +145,12 @@ impl Scene {
     pub fn fit(&self, index: usize, photo: ImageRgb) -> Result<ImageRgb, SceneError> {
         self.views[index].fit(&self.root, photo)
     }
+}
+
+/// The folder of a scene: that of the file, if it is given by one.
+fn folder_of(path: &Path) -> &Path {
+    if !path.is_file() {
+        return path;
+    }
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
+use super::declared::DeclaredView;
 use super::error::SceneError;
 use super::photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 use super::pose_file::{abbreviated, safe_name};
@@ -11,9 +12,13 @@ use super::pose_file::{abbreviated, safe_name};
 pub(super) struct PhotoLookup<'a> {
     photos: &'a dyn PhotoSource,
     listed_in: &'a Path,
-    any_extension: bool,
     /// Names of the shared photos found so far.
     shared: HashSet<String>,
+    /// Listed photos that do not exist, and the error of the first.
+    missing: Vec<String>,
+    first_missing: Option<SceneError>,
+    /// Photos whose name is another than the listed one: both.
+    renamed: Vec<String>,
     /// One note per skipped entry.
     notes: Vec<String>,
     /// Names of the photos by the property of theirs that is ignored.
@@ -25,29 +30,39 @@ impl<'a> PhotoLookup<'a> {
         Self {
             photos,
             listed_in,
-            any_extension: false,
             shared: HashSet::new(),
+            missing: Vec::new(),
+            first_missing: None,
+            renamed: Vec::new(),
             notes: Vec::new(),
             ignored: BTreeMap::new(),
         }
     }
 
-    /// Whether a photo may have another image extension than the listed one.
-    pub(super) fn any_extension(self, any_extension: bool) -> Self {
-        Self { any_extension, ..self }
-    }
-
     /// The photo of an entry; `None` if the entry is skipped.
     pub(super) fn find(&mut self, name: &str) -> Result<Option<Photo>, SceneError> {
-        let listed = ListedPhoto { name, listed_in: self.listed_in, any_extension: self.any_extension };
-        let found = self.photos.find(&listed)?;
+        // Windows writes `\` between folders.
+        let name = &name.replace('\\', "/");
+        let found = match self.photos.find(&ListedPhoto { name, listed_in: self.listed_in }) {
+            Err(error @ SceneError::MissingImage { .. }) => {
+                self.missing.push(name.clone());
+                self.first_missing.get_or_insert(error);
+                return Ok(None);
+            }
+            found => found?,
+        };
         if let Found::Photo(photo) | Found::Shared(photo) = &found {
             for property in &photo.ignored {
                 self.ignored.entry(property).or_default().push(photo.name.clone());
             }
         }
         Ok(match found {
-            Found::Photo(photo) => Some(photo),
+            Found::Photo(photo) => {
+                if !is_listed_as(&photo.name, name) {
+                    self.renamed.push(format!("{} for {name}", photo.name));
+                }
+                Some(photo)
+            }
             Found::Shared(photo) => self.shared.insert(photo.name.clone()).then_some(photo),
             Found::Skipped(note) => {
                 self.notes.push(note);
@@ -57,11 +72,36 @@ impl<'a> PhotoLookup<'a> {
     }
 
     /// The scene's notes on skipped entries and on ignored properties of photos.
-    pub(super) fn into_notes(self) -> Vec<String> {
-        let Self { mut notes, ignored, .. } = self;
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::MissingImage`] if there are no views and photos are missing.
+    pub(super) fn into_notes(self, views: &[DeclaredView]) -> Result<Vec<String>, SceneError> {
+        let Self { missing, first_missing, renamed, mut notes, ignored, .. } = self;
+        match first_missing {
+            Some(error) if views.is_empty() => return Err(error),
+            Some(_) => notes.push(format!(
+                "{} of the listed photos are missing, skipped: {}",
+                missing.len(),
+                abbreviated(&missing)
+            )),
+            None => {}
+        }
+        if let Some(first) = renamed.first() {
+            notes.push(format!(
+                "{} photos are found under another name than the listed one, such as {first}",
+                renamed.len()
+            ));
+        }
         notes.extend(ignored.into_iter().map(|(property, names)| format!("{property}: {}", abbreviated(&names))));
-        notes
+        Ok(notes)
     }
+}
+
+/// Whether a photo's name is the listed one, of which an extension may be missing.
+fn is_listed_as(name: &str, listed: &str) -> bool {
+    let listed = listed.strip_prefix("./").unwrap_or(listed);
+    name.strip_prefix(listed).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }
 
 /// The photos of the `requested` folder, or of the first of the `usual` ones that the source has.

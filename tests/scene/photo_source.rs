@@ -80,6 +80,8 @@ fn entries_are_found_shared_skipped_or_errors_as_the_source_decides() {
     write_entries(root.path(), &["a.png", "a.png"]);
     assert_says(&open(root.path(), None).unwrap_err().to_string(), &["\"a.png\" is listed twice"]);
     write_entries(root.path(), &["a.png", "lost.png"]);
+    assert_eq!(open(root.path(), None).unwrap().notes, ["1 of the listed photos are missing, skipped: lost.png"]);
+    write_entries(root.path(), &["lost.png"]);
     assert_says(&open(root.path(), None).unwrap_err().to_string(), &["lost: missing image, listed in"]);
     write_entries(root.path(), &["other.png"]);
     assert_says(&open(root.path(), None).unwrap_err().to_string(), &["no views; expected at least one"]);
@@ -89,14 +91,10 @@ fn entries_are_found_shared_skipped_or_errors_as_the_source_decides() {
 fn skipped_entry_is_not_validated() {
     let root = tempdir().unwrap();
     for (name, refused) in [("other.png", false), ("b.png", true)] {
-        transforms(
-            root.path(),
-            "\"frames\": [",
-            &format!("\"frames\": [{{\"file_path\": \"{name}\", \"is_fisheye\": true}},"),
-        );
+        transforms(root.path(), "\"frames\": [", &format!("\"frames\": [{{\"file_path\": \"{name}\", \"k4\": 1}},"));
         match open(root.path(), None) {
             Ok(scene) => assert!(!refused && names(&scene) == ["a.png"], "{name}"),
-            Err(error) => assert!(refused && error.to_string().contains("is_fisheye is not supported"), "{error}"),
+            Err(error) => assert!(refused && error.to_string().contains("k4 = 1 is not supported"), "{error}"),
         }
     }
 }

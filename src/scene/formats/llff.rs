@@ -54,7 +54,7 @@ pub(in crate::scene) fn views(
             depth_range: Some((row.near, row.far)),
         });
     }
-    let mut notes = lookup.into_notes();
+    let mut notes = lookup.into_notes(&views)?;
     notes.extend(list.folder.iter().map(|folder| format!("photos are read from {folder}")));
     Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
 }

@@ -56,7 +56,7 @@ pub(in crate::scene) fn views(
         let place = format!("[{position}][{index}]");
         views.extend(view(Fields::new(path, &place, camera, None)?, &mut lookup)?);
     }
-    let mut notes = lookup.into_notes();
+    let mut notes = lookup.into_notes(&views)?;
     if rigs.len() > 1 {
         notes.push(format!("the file has {} rig positions, only number {position} is read", rigs.len()));
     }
