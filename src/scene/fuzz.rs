@@ -10,7 +10,7 @@ use super::error::SceneError;
 use super::formats::colmap::model::Model;
 use super::formats::{colmap, llff, ply, poses_bounds, realestate10k, spaces, transforms};
 use super::options::SceneOptions;
-use super::photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+use super::photos::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 use super::pose_file::safe_name;
 use super::view::{self, View};
 use crate::geometry::Size;

@@ -1,5 +1,6 @@
 //! Scenes: photos with known camera poses. The poses are read from a folder in one of five formats;
-//! the photos come from the same folder or from any other [`PhotoSource`].
+//! the photos come from the same folder or from any other [`PhotoSource`]. Or both are in memory
+//! ([`Scene::in_memory`]).
 //!
 //! | format | recognised by | camera axes, pose | intrinsics |
 //! |---|---|---|---|
@@ -23,30 +24,33 @@ mod formats;
 pub mod fuzz;
 mod masks;
 mod options;
-mod photo_folder;
-mod photo_lookup;
-mod photo_source;
+mod photos;
 mod pose_file;
 mod undistort;
 mod view;
 mod view_names;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+use declared::{DeclaredView, DeclaredViews};
+use photos::memory::MemoryPhotos;
 
 pub use error::SceneError;
 pub use format::Format;
 pub use options::SceneOptions;
-pub use photo_folder::PhotoFolder;
-pub use photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+pub use photos::folder::PhotoFolder;
+pub use photos::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 pub use view::View;
 
+use crate::geometry::Camera;
 use crate::image::ImageRgb;
 
 /// Photos with known camera poses.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// The folder that holds the poses.
+    /// The folder that holds the poses; `memory` if they are in memory.
     pub root: PathBuf,
     /// The format the poses were read from.
     pub format: Format,
@@ -102,6 +106,36 @@ impl Scene {
         );
         notes.extend(masks::folder_notes(root));
         Ok(Self { root: root.to_owned(), format, views, notes, photos })
+    }
+
+    /// A scene of photos in memory: name, photo and camera of each. Names are unique; `/` in them
+    /// divides folders, as in paths. The depth range is found from the photos, or given with the
+    /// scene ([`SceneViews::new`](crate::SceneViews::new), [`View::depth_range`]).
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError`], naming the photo: no photo, a name twice, another size than the camera's,
+    /// values outside [0, 1].
+    pub fn in_memory(
+        photos: impl IntoIterator<Item = (String, ImageRgb, Camera)>,
+        options: &SceneOptions,
+    ) -> Result<Self, SceneError> {
+        let root = PathBuf::from("memory");
+        let (mut pictures, mut declared) = (BTreeMap::new(), Vec::new());
+        for (name, picture, camera) in photos {
+            if let Some(value) = picture.data().iter().find(|value| !(0.0..=1.0).contains(*value)) {
+                return Err(SceneError::malformed(
+                    name,
+                    format!("a value of the photo is {value}"),
+                    "values in [0, 1]",
+                ));
+            }
+            declared.push(DeclaredView::of_photo(&name, picture.size(), &camera));
+            pictures.insert(name, picture);
+        }
+        let declared = DeclaredViews { cameras: root.clone(), views: declared, notes: Vec::new() };
+        let (views, notes) = view::from_declared(declared, options)?;
+        Ok(Self { root, format: Format::Memory, views, notes, photos: Arc::new(MemoryPhotos::new(pictures)) })
     }
 
     /// Index of the view with this name, file name, file name without extension, or name in the

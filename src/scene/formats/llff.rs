@@ -10,8 +10,8 @@ use super::poses_bounds::{self, PoseBounds};
 use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::error::SceneError;
 use crate::scene::options::SceneOptions;
-use crate::scene::photo_lookup::{PhotoLookup, list_photos};
-use crate::scene::photo_source::{PhotoList, PhotoSource};
+use crate::scene::photos::lookup::{PhotoLookup, list_photos};
+use crate::scene::photos::source::{PhotoList, PhotoSource};
 use crate::scene::pose_file::read;
 use crate::scene::undistort::Distortion;
 

@@ -16,7 +16,7 @@ use super::declared::DeclaredViews;
 use super::error::SceneError;
 use super::format::Format;
 use super::options::SceneOptions;
-use super::photo_source::PhotoSource;
+use super::photos::source::PhotoSource;
 
 /// The formats whose files a folder holds, in order of precedence.
 pub(super) fn all_in(root: &Path) -> impl Iterator<Item = Format> {
@@ -30,6 +30,7 @@ fn is_in(format: Format, root: &Path) -> bool {
         Format::Spaces => root.join("models.json").is_file(),
         Format::RealEstate10k => root.join("cameras.txt").is_file() && !root.join("images.txt").is_file(),
         Format::Colmap => colmap::model_folder(root).is_some(),
+        Format::Memory => false,
     }
 }
 
@@ -50,5 +51,6 @@ pub(super) fn read(
         Format::Spaces => spaces::open(root, photos, options),
         Format::RealEstate10k => realestate10k::open(root, photos, options),
         Format::Colmap => colmap::open(root, photos, options),
+        Format::Memory => Err(SceneError::malformed(root, "no files of a scene", "one of the formats")),
     }
 }

@@ -19,8 +19,8 @@ use crate::geometry::{Intrinsics, Size};
 use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::error::SceneError;
 use crate::scene::options::SceneOptions;
-use crate::scene::photo_lookup::PhotoLookup;
-use crate::scene::photo_source::PhotoSource;
+use crate::scene::photos::lookup::PhotoLookup;
+use crate::scene::photos::source::PhotoSource;
 use crate::scene::pose_file::read_json;
 use crate::scene::undistort::Distortion;
 

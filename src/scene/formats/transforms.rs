@@ -22,8 +22,8 @@ use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::error::SceneError;
 use crate::scene::masks;
 use crate::scene::options::SceneOptions;
-use crate::scene::photo_lookup::PhotoLookup;
-use crate::scene::photo_source::PhotoSource;
+use crate::scene::photos::lookup::PhotoLookup;
+use crate::scene::photos::source::PhotoSource;
 use crate::scene::pose_file::read_json;
 use crate::scene::undistort::Distortion;
 

@@ -1,16 +1,16 @@
 //! The source of a scene's photos: which photos exist, their sizes, their pixels.
 //!
-//! A scene's poses are read from files; its photos need not be. [`Scene::open`](super::Scene::open)
-//! uses [`PhotoFolder`](super::PhotoFolder). For photos from elsewhere (the frames of a camera rig,
-//! an archive, memory), pass your own source to [`Scene::open_with`](super::Scene::open_with).
+//! A scene's poses are read from files; its photos need not be. [`Scene::open`](crate::Scene::open)
+//! uses [`PhotoFolder`](crate::scene::PhotoFolder). For photos from elsewhere (the frames of a camera rig,
+//! an archive, memory), pass your own source to [`Scene::open_with`](crate::Scene::open_with).
 
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
-use super::error::SceneError;
-use super::format::Format;
 use crate::geometry::Size;
 use crate::image::ImageRgb;
+use crate::scene::error::SceneError;
+use crate::scene::format::Format;
 
 /// A photo that exists.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -59,7 +59,7 @@ pub struct PhotoList {
 
 impl PhotoList {
     /// The name, preceded by the folder.
-    pub(super) fn with_folder(&self, name: &str) -> String {
+    pub(in crate::scene) fn with_folder(&self, name: &str) -> String {
         self.folder.as_ref().map_or_else(|| name.to_owned(), |folder| format!("{folder}/{name}"))
     }
 }

@@ -3,13 +3,13 @@
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
-use super::declared::DeclaredView;
-use super::error::SceneError;
-use super::photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
-use super::pose_file::{abbreviated, safe_name};
+use super::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+use crate::scene::declared::DeclaredView;
+use crate::scene::error::SceneError;
+use crate::scene::pose_file::{abbreviated, safe_name};
 
 /// Finds the photos of one pose file's entries, one by one.
-pub(super) struct PhotoLookup<'a> {
+pub(in crate::scene) struct PhotoLookup<'a> {
     photos: &'a dyn PhotoSource,
     listed_in: &'a Path,
     /// Names of the shared photos found so far.
@@ -26,7 +26,7 @@ pub(super) struct PhotoLookup<'a> {
 }
 
 impl<'a> PhotoLookup<'a> {
-    pub(super) fn new(photos: &'a dyn PhotoSource, listed_in: &'a Path) -> Self {
+    pub(in crate::scene) fn new(photos: &'a dyn PhotoSource, listed_in: &'a Path) -> Self {
         Self {
             photos,
             listed_in,
@@ -40,7 +40,7 @@ impl<'a> PhotoLookup<'a> {
     }
 
     /// The photo of an entry; `None` if the entry is skipped.
-    pub(super) fn find(&mut self, name: &str) -> Result<Option<Photo>, SceneError> {
+    pub(in crate::scene) fn find(&mut self, name: &str) -> Result<Option<Photo>, SceneError> {
         // Windows writes `\` between folders.
         let name = &name.replace('\\', "/");
         let found = match self.photos.find(&ListedPhoto { name, listed_in: self.listed_in }) {
@@ -76,7 +76,7 @@ impl<'a> PhotoLookup<'a> {
     /// # Errors
     ///
     /// [`SceneError::MissingImage`] if there are no views and photos are missing.
-    pub(super) fn into_notes(self, views: &[DeclaredView]) -> Result<Vec<String>, SceneError> {
+    pub(in crate::scene) fn into_notes(self, views: &[DeclaredView]) -> Result<Vec<String>, SceneError> {
         let Self { missing, first_missing, renamed, mut notes, ignored, .. } = self;
         match first_missing {
             Some(error) if views.is_empty() => return Err(error),
@@ -105,7 +105,7 @@ fn is_listed_as(name: &str, listed: &str) -> bool {
 }
 
 /// The photos of the `requested` folder, or of the first of the `usual` ones that the source has.
-pub(super) fn list_photos(
+pub(in crate::scene) fn list_photos(
     root: &Path,
     photos: &dyn PhotoSource,
     requested: Option<&str>,

@@ -3,10 +3,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::error::SceneError;
-use super::photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
-use super::pose_file::{below_root, safe_name};
+use super::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 use crate::image::{self, Header, ImageRgb};
+use crate::scene::error::SceneError;
+use crate::scene::pose_file::{below_root, safe_name};
 
 /// Levels of nested folders that are searched for photos.
 const MAX_DEPTH: usize = 4;
