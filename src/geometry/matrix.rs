@@ -15,6 +15,15 @@ impl Camera {
     /// A camera from K (pixels) and `cam_from_world` with OpenCV's axes (x right, y down, z forward;
     /// scene units), both row by row, and the size of its picture in pixels.
     ///
+    /// ```
+    /// # use liveview::{Camera, geometry::Size};
+    /// let k = [[800.0, 0.0, 320.0], [0.0, 800.0, 240.0], [0.0, 0.0, 1.0]];
+    /// let cam_from_world = [[1.0, 0.0, 0.0, -0.1], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 2.0], [0.0, 0.0, 0.0, 1.0]];
+    /// let camera = Camera::from_opencv(k, cam_from_world, Size::new(640, 480))?;
+    /// assert_eq!(camera.centre().to_array(), [0.1, 0.0, -2.0]);
+    /// # Ok::<(), liveview::geometry::CameraError>(())
+    /// ```
+    ///
     /// # Errors
     ///
     /// [`CameraError::Matrix`] for a row of K or of the pose that is not as in the others; those of

@@ -8,7 +8,7 @@ use crate::image::{self, Header, ImageRgb};
 use crate::scene::error::SceneError;
 use crate::scene::pose_file::{below_root, safe_name};
 
-/// Levels of nested folders that are searched for photos.
+/// Levels of nested folders in which photos are searched.
 const MAX_DEPTH: usize = 4;
 
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
@@ -45,8 +45,10 @@ impl PhotoSource for PhotoFolder {
     fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError> {
         let name = safe_name(listed.listed_in, below_root(listed.name))?;
         // Poses may have been estimated in another folder: then the end of the path names the photo.
-        let ends = std::iter::successors(Some(&*name), |end| end.split_once('/').map(|(_, rest)| rest));
-        let Some(name) = ends.into_iter().find_map(|end| self.existing(end)) else {
+        let ends = name.rmatch_indices('/').take(MAX_DEPTH + 1).map(|(at, _)| &name[at + 1..]);
+        let ends: Vec<&str> = ends.collect();
+        let mut names = std::iter::once(&*name).chain(ends.into_iter().rev());
+        let Some(name) = names.find_map(|name| self.existing(name)) else {
             return Err(SceneError::MissingImage {
                 path: self.root.join(listed.name),
                 listed_in: listed.listed_in.to_owned(),
