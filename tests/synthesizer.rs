@@ -213,8 +213,12 @@ fn errors_name_view_scene_and_expectation() {
     let error = render(few, None, None).unwrap_err().to_string();
     assert!(error.contains("target_0") && error.contains("4 views are needed, but only 3 of 3"), "{error}");
 
+    // Without a depth range, and with all cameras in one place, from which none can be found.
     let mut flat = workshop();
-    flat.views.iter_mut().for_each(|view| view.depth_range = None);
+    for view in &mut flat.views {
+        view.depth_range = None;
+        view.camera = view.camera.with_pose(view.camera.rotation(), glam::DVec3::ZERO).unwrap();
+    }
     let error = render(flat.clone(), None, Some(9.0)).unwrap_err().to_string();
     assert!(error.contains("workshop") && error.ends_with("expected near, in scene units"), "{error}");
     assert!(render(flat.clone(), Some(1.0), Some(9.0)).is_ok());

@@ -10,7 +10,7 @@
 //! | RealEstate10K | `cameras.txt` and `frames/` | OpenCV, camera from world | fractions of width and height |
 //! | COLMAP | `sparse/0`, `sparse` or the folder itself | OpenCV, camera from world | pixels |
 //!
-//! Each is converted to a [`Camera`](crate::geometry::Camera): OpenCV axes, `cam_from_world`, K in
+//! Each is converted to a [`Camera`]: OpenCV axes, `cam_from_world`, K in
 //! pixels with pixel centres at half-integers (as in all five formats). If a folder holds several
 //! formats, the first one in the table is read. Files are not trusted: counts are checked against
 //! the file's length, paths must stay inside the folder, declared sizes must match the photos, and
