@@ -21,7 +21,7 @@
 //! # Main types
 //!
 //! - [`Synthesizer`]: a scene, a model and a choice of layers; renders a [`Target`] to a [`Frame`].
-//! - [`Scene`]: posed photos, from a folder in one of five formats.
+//! - [`Scene`]: posed photos, from a folder in one of five formats, or from memory.
 //! - [`LayerSpec`]: which layers to render on, as text such as `surface:1` or `planes:64`;
 //!   [`Layers`]: the layers themselves.
 //! - [`network::PlaneNetwork`]: the trait of a network; [`network::OrtNetwork`] runs the LiveView
@@ -93,7 +93,7 @@ pub use synthesizer::{
     Synthesizer, Target, TargetCamera, Targets,
 };
 #[cfg(feature = "surface")]
-pub use synthesizer::{DepthSource, PhotoCorrection, TargetSurface, ViewDepth};
+pub use synthesizer::{DepthProgress, DepthSource, PhotoCorrection, TargetSurface, ViewDepth};
 // The interface uses types of these crates.
 pub use {glam, ndarray};
 

@@ -16,6 +16,11 @@ const HEIGHT: usize = 117;
 
 /// Runs an example with that ONNX Runtime library and returns the folder of its pictures.
 fn run_with(example: &str, library: &Path) -> TempDir {
+    run_for(example, library, WIDTH).0
+}
+
+/// As [`run_with`], with that number as the last argument; also returns what it prints.
+fn run_for(example: &str, library: &Path, number: usize) -> (TempDir, String) {
     // `cargo test` puts this test into `deps` and the examples into `deps/../examples`.
     let test = std::env::current_exe().unwrap();
     let built = test.ancestors().nth(2).unwrap().join("examples");
@@ -23,10 +28,10 @@ fn run_with(example: &str, library: &Path) -> TempDir {
     assert!(program.is_file(), "{}: run `cargo build --examples` first", program.display());
     let out = tempfile::tempdir().unwrap();
     let mut command = Command::new(program);
-    command.arg(out.path()).arg(WIDTH.to_string()).current_dir(ROOT).env("ORT_DYLIB_PATH", library);
+    command.arg(out.path()).arg(number.to_string()).current_dir(ROOT).env("ORT_DYLIB_PATH", library);
     let output = command.env("LIVEVIEW_MODELS", Path::new(ROOT).join("models")).output().unwrap();
     assert!(output.status.success(), "{example}: {}", String::from_utf8_lossy(&output.stderr));
-    out
+    (out, String::from_utf8(output.stdout).unwrap())
 }
 
 fn run(example: &str) -> TempDir {
@@ -112,4 +117,32 @@ fn live_renders_every_time_step() {
 #[test]
 fn own_network_needs_no_onnx_runtime() {
     assert_is_held_out_view(&run_with("own_network", Path::new("/nonexistent")));
+}
+
+#[test]
+fn memory_renders_photos_in_memory() {
+    let out = run_with("memory", Path::new("/nonexistent"));
+    let [picture] = &pictures(&out)[..] else { panic!("one picture") };
+    let truth = photo("rig", "target/0000.jpg");
+    let nearest = (0..5).map(|camera| psnr(&photo("rig", &format!("cam0{camera}/0000.jpg")), &truth, 8));
+    let (found, nearest) = (psnr(picture, &truth, 8), nearest.fold(0.0, f64::max));
+    assert!(found > nearest + 8.0, "{found:.1} dB, the most similar photo {nearest:.1} dB");
+}
+
+#[test]
+fn arrays_go_in_and_come_out() {
+    assert_is_held_out_view(&run_with("arrays", Path::new("/nonexistent")));
+}
+
+#[test]
+fn progress_is_told_and_ends_the_search() {
+    let (out, printed) = run_for("progress", Path::new("/nonexistent"), 100);
+    assert_is_held_out_view(&out);
+    let photos: Vec<&str> = printed.lines().collect();
+    let (first, last) = (photos[0], photos[photos.len() - 1]);
+    assert!(first.starts_with(&format!("depth of photo 1 of {}: ", photos.len())), "{printed}");
+    assert!(last.starts_with(&format!("depth of photo {0} of {0}: ", photos.len())), "{printed}");
+    let (out, printed) = run_for("progress", Path::new("/nonexistent"), 2);
+    assert_eq!((printed.lines().count(), printed.lines().last()), (4, Some("cancelled")), "{printed}");
+    assert!(pictures(&out).is_empty());
 }

@@ -187,6 +187,19 @@ impl Camera {
         Self::new(shifted, width, height, self.rotation, self.translation)
     }
 
+    /// The same camera with another horizontal field of view, in degrees between 0 and 180: a zoom
+    /// about the principal point.
+    ///
+    /// # Errors
+    ///
+    /// [`CameraError::SingularK`] for other angles.
+    pub fn with_field_of_view(&self, degrees: f64) -> Result<Self, CameraError> {
+        let Intrinsics { fx, fy, skew, .. } = self.intrinsics;
+        let zoom = 0.5 * self.width as f64 / (0.5 * degrees).to_radians().tan() / fx;
+        let zoomed = Intrinsics { fx: fx * zoom, fy: fy * zoom, skew: skew * zoom, ..self.intrinsics };
+        Self::new(zoomed, self.width, self.height, self.rotation, self.translation)
+    }
+
     /// The same intrinsics and size with another pose: `cam_from_world` rotation and translation.
     ///
     /// # Errors
@@ -262,6 +275,17 @@ mod tests {
         let window = camera.with_window(-8.0, 3.0, 656, 470).unwrap();
         assert!((window.k() * ray).abs_diff_eq(pixel + DVec3::new(8.0, -3.0, 0.0), 1e-12));
         assert_eq!((window.width(), window.height()), (656, 470));
+    }
+
+    #[test]
+    fn field_of_view_scales_about_the_principal_point() {
+        let camera = camera();
+        let wide = camera.with_field_of_view(90.0).unwrap();
+        let Intrinsics { fx, fy, cx, cy, skew } = wide.intrinsics();
+        assert!((fx - 320.0).abs() < 1e-9 && (fy / fx - 650.0 / 700.0).abs() < 1e-12, "{fx} {fy}");
+        assert!((skew / fx - 1.5 / 700.0).abs() < 1e-12 && (cx, cy) == (K.cx, K.cy));
+        assert_eq!((wide.size(), wide.rotation()), (camera.size(), camera.rotation()));
+        assert!(camera.with_field_of_view(-10.0).unwrap_err().to_string().contains("fx is"));
     }
 
     #[test]

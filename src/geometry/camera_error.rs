@@ -37,6 +37,14 @@ pub enum CameraError {
         /// det R; negative for a mirror.
         determinant: f64,
     },
+    /// A matrix has not the form of its kind.
+    #[error("{matrix} is not as expected: {expected}")]
+    Matrix {
+        /// K or the pose.
+        matrix: &'static str,
+        /// Its form.
+        expected: &'static str,
+    },
     /// A width or height of zero, or one beyond [`MAX_SIDE`].
     #[error("the image size is {width}x{height}: each side must be 1 to {MAX_SIDE} pixels")]
     Size {

@@ -11,7 +11,8 @@ use super::error::ImageError;
 use super::rgb::{ImageRgb, check_buffer};
 use crate::fs::atomic;
 
-const JPEG_QUALITY: u8 = 95;
+/// Quality of JPEG files unless another is asked for, 1 to 100.
+pub const JPEG_QUALITY: u8 = 95;
 /// PNG's keyword for the program that wrote a picture, and its value. A JPEG holds it as a comment.
 const SOFTWARE_TAG: &[u8; 17] = b"Software\0liveview";
 /// CRC-32 of the chunk `tEXt` that holds [`SOFTWARE_TAG`].
@@ -37,10 +38,19 @@ impl ImageRgb {
 ///
 /// [`ImageError::Encode`] if the picture is too large for the format.
 pub fn encode(path: &Path, picture: &ImageRgb) -> Result<Vec<u8>, ImageError> {
+    encode_with_quality(path, picture, JPEG_QUALITY)
+}
+
+/// As [`encode`], a JPEG with this quality, 1 to 100.
+///
+/// # Errors
+///
+/// As [`encode`].
+pub fn encode_with_quality(path: &Path, picture: &ImageRgb, quality: u8) -> Result<Vec<u8>, ImageError> {
     let jpeg = path.extension().is_some_and(|found| ["jpg", "jpeg"].iter().any(|e| found.eq_ignore_ascii_case(e)));
     let (mut bytes, rgb8, color) = (Vec::new(), picture.to_rgb8(), ExtendedColorType::Rgb8);
     Ok(if jpeg {
-        let encoder = JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY);
+        let encoder = JpegEncoder::new_with_quality(&mut bytes, quality);
         write(encoder, &rgb8, picture.width(), picture.height(), color)?;
         tagged_jpeg(bytes)
     } else {

@@ -58,6 +58,12 @@ pub enum ImageError {
         /// Values per pixel.
         channels: usize,
     },
+    /// An array is not `[h, w, 3]`.
+    #[error("the array has shape {shape:?}; expected [height, width, 3]")]
+    Shape {
+        /// Its shape.
+        shape: [usize; 3],
+    },
     /// The picture is too large for the file format.
     #[error("a picture of {width}x{height} cannot be encoded: {reason}")]
     Encode {

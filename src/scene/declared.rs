@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use glam::{DMat3, DVec3};
 
-use super::photo_source::Photo;
+use super::photos::source::Photo;
 use super::undistort::Distortion;
-use crate::geometry::{Intrinsics, Size};
+use crate::geometry::{Camera, Intrinsics, Size};
 
 /// The size a format's intrinsics are for, in pixels.
 #[derive(Clone, Copy)]
@@ -30,6 +30,21 @@ pub(super) struct DeclaredView {
     pub(super) distortion: Distortion,
     /// Near and far depth in scene units; an invalid range is ignored with a note.
     pub(super) depth_range: Option<(f64, f64)>,
+}
+
+impl DeclaredView {
+    /// The view of a photo of that size in memory.
+    pub(super) fn of_photo(name: &str, size: Size, camera: &Camera) -> Self {
+        Self {
+            photo: Photo { name: name.to_owned(), path: name.into(), size, ignored: Vec::new() },
+            intrinsics: camera.intrinsics(),
+            size: DeclaredSize::Exactly(camera.size()),
+            rotation: camera.rotation(),
+            translation: camera.translation(),
+            distortion: Distortion::default(),
+            depth_range: None,
+        }
+    }
 }
 
 /// The result of a format's reader.

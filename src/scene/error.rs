@@ -10,8 +10,8 @@ use crate::image::ImageError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {
-    /// The path is not a folder, or the folder holds none of the formats.
-    #[error("{}: {reason}; expected a folder with one of: transforms.json, poses_bounds.npy, models.json (Spaces), \
+    /// The path is neither a folder nor a `transforms.json`, or the folder holds none of the formats.
+    #[error("{}: {reason}; expected a transforms.json, or a folder with one of: transforms.json, poses_bounds.npy, models.json (Spaces), \
              cameras.txt with frames/ (RealEstate10K), sparse/0 (COLMAP)", path.display())]
     NoScene {
         /// The path given.
@@ -37,7 +37,7 @@ pub enum SceneError {
         /// The expected value.
         expected: String,
     },
-    /// A feature of the format that is not implemented, such as a fisheye camera model.
+    /// A feature of the format that is not implemented, such as a panoramic camera model.
     #[error("{}: {what} is not supported; {hint}", path.display())]
     Unsupported {
         /// The file.
@@ -65,10 +65,10 @@ pub enum SceneError {
         /// The path as written there.
         image: String,
     },
-    /// A photo that a scene file lists does not exist.
-    #[error("{}: missing image, listed in {}", path.display(), listed_in.display())]
+    /// Photos that a scene file lists do not exist.
+    #[error("{}: missing image, listed in {}; expected it in the scene folder", path.display(), listed_in.display())]
     MissingImage {
-        /// The photo.
+        /// The first of them.
         path: PathBuf,
         /// The file that lists it.
         listed_in: PathBuf,

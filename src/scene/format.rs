@@ -16,10 +16,12 @@ pub enum Format {
     RealEstate10k,
     /// COLMAP sparse model, binary or text.
     Colmap,
+    /// No files: photos and cameras in memory.
+    Memory,
 }
 
 impl Format {
-    /// All formats, in order of precedence.
+    /// All formats of files, in order of precedence.
     pub(super) const ALL: [Self; 5] = [Self::Transforms, Self::Llff, Self::Spaces, Self::RealEstate10k, Self::Colmap];
 
     /// Its conventions for poses and intrinsics, as text for the user.
@@ -29,7 +31,7 @@ impl Format {
             Self::Llff => "world from camera with columns [down, right, backwards]; K in pixels of the declared size",
             Self::Spaces => "axis-angle rotation and camera centre, OpenCV axes; K in pixels of the declared size",
             Self::RealEstate10k => "camera from world, OpenCV axes; K as fractions of width and height",
-            Self::Colmap => "camera from world, OpenCV axes (x right, y down, z forward); K in pixels",
+            Self::Colmap | Self::Memory => "camera from world, OpenCV axes (x right, y down, z forward); K in pixels",
         }
     }
 }
@@ -42,6 +44,7 @@ impl fmt::Display for Format {
             Self::Spaces => "Spaces models.json",
             Self::RealEstate10k => "RealEstate10K",
             Self::Colmap => "COLMAP",
+            Self::Memory => "photos in memory",
         })
     }
 }

@@ -3,12 +3,14 @@
 
 use std::path::Path;
 
+use glam::DVec3;
+
 use super::declared::DeclaredViews;
 use super::error::SceneError;
 use super::formats::colmap::model::Model;
-use super::formats::{colmap, llff, poses_bounds, realestate10k, spaces, transforms};
+use super::formats::{colmap, llff, ply, poses_bounds, realestate10k, spaces, transforms};
 use super::options::SceneOptions;
-use super::photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+use super::photos::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 use super::pose_file::safe_name;
 use super::view::{self, View};
 use crate::geometry::Size;
@@ -45,6 +47,15 @@ fn photos(folder: &str, count: usize) -> PhotoList {
 /// Reads a `transforms.json`.
 pub fn transforms(bytes: &[u8]) -> Opened {
     finish(transforms::views(Path::new("scene/transforms.json"), bytes, &AnyPhoto)?)
+}
+
+/// Reads the points of a PLY file.
+///
+/// # Errors
+///
+/// The message says what is wrong and what was expected.
+pub fn ply(bytes: &[u8]) -> Result<Vec<DVec3>, String> {
+    ply::points(bytes)
 }
 
 /// Reads a `models.json`.

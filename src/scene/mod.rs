@@ -1,15 +1,16 @@
 //! Scenes: photos with known camera poses. The poses are read from a folder in one of five formats;
-//! the photos come from the same folder or from any other [`PhotoSource`].
+//! the photos come from the same folder or from any other [`PhotoSource`]. Or both are in memory
+//! ([`Scene::in_memory`]).
 //!
 //! | format | recognised by | camera axes, pose | intrinsics |
 //! |---|---|---|---|
-//! | nerfstudio, instant-ngp | `transforms.json` | OpenGL, world from camera | pixels |
+//! | nerfstudio, instant-ngp, Blender | `transforms.json`, `transforms_train.json` | OpenGL, world from camera | pixels |
 //! | LLFF | `poses_bounds.npy` | [down, right, backwards], world from camera | pixels of the full-size photos |
 //! | Spaces | `models.json` | OpenCV, angle-axis and centre | pixels of the declared size |
 //! | RealEstate10K | `cameras.txt` and `frames/` | OpenCV, camera from world | fractions of width and height |
 //! | COLMAP | `sparse/0`, `sparse` or the folder itself | OpenCV, camera from world | pixels |
 //!
-//! Each is converted to a [`Camera`](crate::geometry::Camera): OpenCV axes, `cam_from_world`, K in
+//! Each is converted to a [`Camera`]: OpenCV axes, `cam_from_world`, K in
 //! pixels with pixel centres at half-integers (as in all five formats). If a folder holds several
 //! formats, the first one in the table is read. Files are not trusted: counts are checked against
 //! the file's length, paths must stay inside the folder, declared sizes must match the photos, and
@@ -23,30 +24,33 @@ mod formats;
 pub mod fuzz;
 mod masks;
 mod options;
-mod photo_folder;
-mod photo_lookup;
-mod photo_source;
+mod photos;
 mod pose_file;
 mod undistort;
 mod view;
 mod view_names;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+use declared::{DeclaredView, DeclaredViews};
+use photos::memory::MemoryPhotos;
 
 pub use error::SceneError;
 pub use format::Format;
 pub use options::SceneOptions;
-pub use photo_folder::PhotoFolder;
-pub use photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+pub use photos::folder::PhotoFolder;
+pub use photos::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 pub use view::View;
 
+use crate::geometry::Camera;
 use crate::image::ImageRgb;
 
 /// Photos with known camera poses.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// The folder that holds the poses.
+    /// The folder that holds the poses; `memory` if they are in memory.
     pub root: PathBuf,
     /// The format the poses were read from.
     pub format: Format,
@@ -58,18 +62,19 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Opens a folder of poses and photos. Reads only the headers of the photos, and checks that
-    /// every camera is valid and every photo has the declared size.
+    /// Opens a folder of poses and photos, or a `transforms.json`, whatever its name, with the photos
+    /// in its folder. Reads only the headers of the photos, and checks that every camera is valid
+    /// and every photo has the declared size.
     ///
     /// # Errors
     ///
     /// [`SceneError`], naming the file and the field.
     pub fn open(path: &Path, options: &SceneOptions) -> Result<Self, SceneError> {
-        Self::open_with(path, Arc::new(PhotoFolder::new(path)), options)
+        Self::open_with(path, Arc::new(PhotoFolder::new(folder_of(path))), options)
     }
 
-    /// Opens a folder of poses and takes the photos from `photos`; the folder need not hold any
-    /// photo.
+    /// Opens a folder of poses, or a `transforms.json`, and takes the photos from `photos`; the
+    /// folder need not hold any photo.
     ///
     /// # Errors
     ///
@@ -79,15 +84,58 @@ impl Scene {
         if !path.exists() {
             return Err(no_scene("does not exist"));
         }
-        if !path.is_dir() {
+        let (root, file) = (folder_of(path), path.is_file().then_some(path));
+        if file.is_some_and(|file| !file.extension().is_some_and(|found| found.eq_ignore_ascii_case("json"))) {
             return Err(no_scene("is not a folder"));
         }
-        let mut found = formats::all_in(path).filter(|&format| photos.supports(format));
-        let format = found.next().ok_or_else(|| no_scene("no scene found"))?;
-        let (views, mut notes) = view::from_declared(formats::read(format, path, &*photos, options)?, options)?;
-        notes.extend(found.map(|other| format!("the folder also holds {other}: not read, {format} takes precedence")));
-        notes.extend(masks::folder_notes(path));
-        Ok(Self { root: path.to_owned(), format, views, notes, photos })
+        let mut found: Vec<Format> = match file {
+            Some(_) => vec![Format::Transforms],
+            None => formats::all_in(root).filter(|&format| photos.supports(format)).collect(),
+        };
+        if found.is_empty() {
+            return Err(no_scene("no scene found"));
+        }
+        let format = found.remove(0);
+        let declared = formats::read(format, root, file, &*photos, options)?;
+        let (views, mut notes) = view::from_declared(declared, options)?;
+        let others = found.into_iter();
+        notes.extend(
+            others.map(|other| {
+                format!("the folder also holds {other}: its poses are not read, {format} takes precedence")
+            }),
+        );
+        notes.extend(masks::folder_notes(root));
+        Ok(Self { root: root.to_owned(), format, views, notes, photos })
+    }
+
+    /// A scene of photos in memory: name, photo and camera of each. Names are unique; `/` in them
+    /// divides folders, as in paths. The depth range is found from the photos, or given with the
+    /// scene ([`SceneViews::new`](crate::SceneViews::new), [`View::depth_range`]).
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError`], naming the photo: no photo, a name twice, another size than the camera's,
+    /// values outside [0, 1].
+    pub fn in_memory(
+        photos: impl IntoIterator<Item = (String, ImageRgb, Camera)>,
+        options: &SceneOptions,
+    ) -> Result<Self, SceneError> {
+        let root = PathBuf::from("memory");
+        let (mut pictures, mut declared) = (BTreeMap::new(), Vec::new());
+        for (name, picture, camera) in photos {
+            if let Some(value) = picture.data().iter().find(|value| !(0.0..=1.0).contains(*value)) {
+                return Err(SceneError::malformed(
+                    name,
+                    format!("a value of the photo is {value}"),
+                    "values in [0, 1]",
+                ));
+            }
+            declared.push(DeclaredView::of_photo(&name, picture.size(), &camera));
+            pictures.insert(name, picture);
+        }
+        let declared = DeclaredViews { cameras: root.clone(), views: declared, notes: Vec::new() };
+        let (views, notes) = view::from_declared(declared, options)?;
+        Ok(Self { root, format: Format::Memory, views, notes, photos: Arc::new(MemoryPhotos::new(pictures)) })
     }
 
     /// Index of the view with this name, file name, file name without extension, or name in the
@@ -131,4 +179,12 @@ impl Scene {
     pub fn fit(&self, index: usize, photo: ImageRgb) -> Result<ImageRgb, SceneError> {
         self.views[index].fit(&self.root, photo)
     }
+}
+
+/// The folder of a scene: that of the file, if it is given by one.
+fn folder_of(path: &Path) -> &Path {
+    if !path.is_file() {
+        return path;
+    }
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

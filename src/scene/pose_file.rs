@@ -40,6 +40,13 @@ pub(super) fn safe_name(listed_in: &Path, name: &str) -> Result<String, SceneErr
     if parts.is_empty() { Err(refuse()) } else { Ok(parts.join("/")) }
 }
 
+/// A listed path; an absolute one, of Unix or of Windows (`C:/…`), from below the root of its disk.
+pub(super) fn below_root(listed: &str) -> &str {
+    let drive = listed.get(1..2) == Some(":") && listed.starts_with(|first: char| first.is_ascii_alphabetic());
+    let path = if drive { &listed[2..] } else { listed };
+    path.trim_start_matches('/')
+}
+
 /// The names as a list for a note; of a long list the first few and the number of others.
 pub(super) fn abbreviated(names: &[String]) -> String {
     const SHOWN: usize = 12;

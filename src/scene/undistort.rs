@@ -1,11 +1,17 @@
 //! Undistorts photos.
 //!
-//! The model is OpenCV's (also COLMAP's `OPENCV`, nerfstudio's and instant-ngp's): for a pinhole
-//! ray (x, y, 1) with r² = x² + y², the photo shows that ray at
+//! The models are OpenCV's (also COLMAP's `OPENCV`, `FULL_OPENCV` and `OPENCV_FISHEYE`, nerfstudio's
+//! and instant-ngp's): for a pinhole ray (x, y, 1) with r² = x² + y², the photo shows that ray at
 //!
 //! ```text
-//! x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
-//! y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
+//! x' = x s + 2 p1 x y + p2 (r² + 2 x²),    s = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)
+//! y' = y s + p1 (r² + 2 y²) + 2 p2 x y
+//! ```
+//!
+//! or, by a fisheye, with θ = atan r, at
+//!
+//! ```text
+//! (x', y') = (x, y) (θ + k1 θ³ + k2 θ⁵ + k3 θ⁷ + k4 θ⁹) / r
 //! ```
 //!
 //! The result is the pinhole image with the same K and size. Each of its pixels samples the photo
@@ -17,15 +23,16 @@ use rayon::prelude::*;
 use crate::geometry::{Camera, CameraError, Intrinsics};
 use crate::image::{ImageError, ImageRgb};
 
-/// Coefficients of OpenCV's radial and tangential model. They apply to rays, so they are
-/// independent of the image size.
+/// Coefficients of one of OpenCV's models. They apply to rays, so they are independent of the image
+/// size.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Distortion {
-    pub(super) k1: f64,
-    pub(super) k2: f64,
-    pub(super) k3: f64,
-    pub(super) p1: f64,
-    pub(super) p2: f64,
+    /// Whether the model is the fisheye's, which has k1 to k4 only.
+    pub(super) fisheye: bool,
+    /// k1 to k6.
+    pub(super) k: [f64; 6],
+    /// p1 and p2.
+    pub(super) p: [f64; 2],
 }
 
 impl Distortion {
@@ -33,8 +40,9 @@ impl Distortion {
         *self == Self::default()
     }
 
-    pub(super) fn fields(&self) -> [(&'static str, f64); 5] {
-        [("k1", self.k1), ("k2", self.k2), ("k3", self.k3), ("p1", self.p1), ("p2", self.p2)]
+    pub(super) fn fields(&self) -> [(&'static str, f64); 8] {
+        let ([k1, k2, k3, k4, k5, k6], [p1, p2]) = (self.k, self.p);
+        [("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4), ("k5", k5), ("k6", k6), ("p1", p1), ("p2", p2)]
     }
 
     pub(super) fn check(&self) -> Result<(), CameraError> {
@@ -44,9 +52,17 @@ impl Distortion {
 
     /// The point (x', y') at z = 1 where the photo shows the pinhole ray (x, y, 1).
     pub(super) fn distort(&self, x: f64, y: f64) -> (f64, f64) {
-        let Self { k1, k2, k3, p1, p2 } = *self;
+        let Self { fisheye, k: [k1, k2, k3, k4, k5, k6], p: [p1, p2] } = *self;
         let r2 = x * x + y * y;
-        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        if fisheye {
+            let (r, theta) = (r2.sqrt(), r2.sqrt().atan());
+            let theta2 = theta * theta;
+            let bent = theta * (1.0 + theta2 * (k1 + theta2 * (k2 + theta2 * (k3 + theta2 * k4))));
+            // Straight ahead, θ / r is 1.
+            let scale = if r > 0.0 { bent / r } else { 1.0 };
+            return (x * scale, y * scale);
+        }
+        let radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)));
         (
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
             y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
@@ -93,7 +109,7 @@ mod tests {
 
     use super::*;
 
-    const LENS: Distortion = Distortion { k1: 0.06, k2: -0.08, k3: 0.01, p1: -0.001, p2: 0.0002 };
+    const LENS: Distortion = Distortion { fisheye: false, k: [0.06, -0.08, 0.01, 0.0, 0.0, 0.0], p: [-0.001, 0.0002] };
 
     fn camera() -> Camera {
         let k = Intrinsics { fx: 60.0, fy: 50.0, cx: 31.0, cy: 26.0, skew: 2.0 };
@@ -130,11 +146,26 @@ mod tests {
 
     #[test]
     fn distort_matches_values_worked_out_by_hand() {
-        let lens = Distortion { k1: 0.1, k2: 0.01, k3: 0.001, p1: 0.02, p2: 0.03 };
+        let lens = Distortion { fisheye: false, k: [0.1, 0.01, 0.001, 0.0, 0.0, 0.0], p: [0.02, 0.03] };
         // r² = 5: radial = 1 + 0.5 + 0.25 + 0.125 = 1.875.
         // x' = 1.875 + 2·0.02·2 + 0.03·(5 + 2) = 2.165; y' = 3.75 + 0.02·(5 + 8) + 2·0.03·2 = 4.13.
         let (x, y) = lens.distort(1.0, 2.0);
         assert!((x - 2.165).abs() < 1e-12 && (y - 4.13).abs() < 1e-12, "{x} {y}");
+    }
+
+    #[test]
+    fn distort_matches_opencv() {
+        // Of `cv2.projectPoints` and `cv2.fisheye.distortPoints`, OpenCV 5.0.
+        let full = Distortion { fisheye: false, k: [0.1, -0.05, 0.01, 0.2, -0.04, 0.006], p: [0.02, 0.03] };
+        let fisheye = Distortion { fisheye: true, k: [0.1, -0.05, 0.02, 0.01, 0.0, 0.0], p: [0.0; 2] };
+        for (lens, expected) in [
+            (full, (0.402_539_537_034_274_9, -0.291_279_652_775_706_17)),
+            (fisheye, (0.378_116_257_789_375_96, -0.283_587_193_342_031_9)),
+        ] {
+            let (x, y) = lens.distort(0.4, -0.3);
+            assert!((x - expected.0).abs() < 1e-14 && (y - expected.1).abs() < 1e-14, "{x} {y}");
+        }
+        assert_eq!(fisheye.distort(0.0, 0.0), (0.0, 0.0));
     }
 
     #[test]
@@ -147,8 +178,10 @@ mod tests {
 
     #[test]
     fn huge_coefficients_give_finite_pixels() {
-        let huge = Distortion { k1: 1e300, k2: -1e300, k3: 1e308, p1: 1e300, p2: f64::MAX };
-        let image = undistort(&coordinates(), &camera(), &huge).unwrap();
-        assert!(image.data().iter().all(|v| v.is_finite()));
+        let k = [1e300, -1e300, 1e308, 1e300, 0.0, -1e308];
+        for huge in [false, true].map(|fisheye| Distortion { fisheye, k, p: [1e300, f64::MAX] }) {
+            let image = undistort(&coordinates(), &camera(), &huge).unwrap();
+            assert!(image.data().iter().all(|v| v.is_finite()));
+        }
     }
 }

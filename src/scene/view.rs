@@ -43,10 +43,12 @@ impl View {
         &self.native
     }
 
-    /// Names and values of the coefficients of OpenCV's lens distortion, which
-    /// [`Scene::load_image`](super::Scene::load_image) removes; all 0 for a pinhole camera.
-    pub fn distortion(&self) -> [(&'static str, f64); 5] {
-        self.distortion.unwrap_or_default().fields()
+    /// The model of the lens distortion that [`Scene::load_image`](super::Scene::load_image) removes,
+    /// `FULL_OPENCV` or `OPENCV_FISHEYE`, with names and values of its coefficients, all 0 for a
+    /// pinhole camera.
+    pub fn distortion(&self) -> (&'static str, [(&'static str, f64); 8]) {
+        let distortion = self.distortion.unwrap_or_default();
+        (if distortion.fisheye { "OPENCV_FISHEYE" } else { "FULL_OPENCV" }, distortion.fields())
     }
 
     /// The photo's name in its source.

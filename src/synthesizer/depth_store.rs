@@ -1,13 +1,14 @@
 //! The depth of a scene's photos: searched when it is first needed, or read from a folder where an
 //! earlier run has stored it.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
 use super::error::SynthesisError;
 use super::photo_store::PhotoStore;
-use super::scene_depth::{DepthSource, SceneDepth, ViewDepth};
+use super::scene_depth::{DepthProgress, DepthSource, SceneDepth, ViewDepth};
 use super::scene_views::SceneViews;
 use super::shot::{LoadedPhoto, LoadedShot};
 use crate::kinds::PhotosWithDepth;
@@ -20,7 +21,11 @@ pub(super) struct DepthStore {
     /// For the views held out by the last shot.
     depth: Option<SceneDepth>,
     files: Option<DepthFiles>,
+    progress: Option<OnSearch>,
 }
+
+/// Told before each search; ends it where it returns `Break`.
+pub(super) type OnSearch = Box<dyn FnMut(DepthProgress<'_>) -> ControlFlow<()> + Send>;
 
 /// A folder of depths, with the digests of photos and what went wrong with its files.
 struct DepthFiles {
@@ -39,6 +44,11 @@ impl DepthStore {
         Ok(())
     }
 
+    /// Sets what is told before each search.
+    pub(super) fn set_progress(&mut self, progress: OnSearch) {
+        self.progress = Some(progress);
+    }
+
     /// What went wrong with files since the last call, a line each.
     pub(super) fn take_notes(&mut self) -> Vec<String> {
         self.files.as_mut().map(|files| std::mem::take(&mut files.notes)).unwrap_or_default()
@@ -54,7 +64,8 @@ impl DepthStore {
         let shot = loaded.shot();
         let depth = with_held_out(&mut self.depth, views, &shot.held_out)?;
         let set = loaded.photos();
-        set.iter().try_for_each(|photo| find(depth, &mut self.files, views, photos, photo.view))?;
+        let needed: Vec<usize> = set.iter().map(|photo| photo.view).collect();
+        find_all(depth, &mut self.files, &mut self.progress, views, photos, &needed)?;
         let set: Vec<_> = set.iter().map(|photo| (photo.view, photo.source())).collect();
         Ok(depth.with_depth(&set, shot.views.len()))
     }
@@ -70,9 +81,8 @@ impl DepthStore {
         later: &[usize],
     ) -> Result<ViewDepth, SynthesisError> {
         let depth = with_held_out(&mut self.depth, views, held_out)?;
-        for view in depth.with_neighbours(view) {
-            find(depth, &mut self.files, views, photos, view)?;
-        }
+        let wanted = depth.with_neighbours(view);
+        find_all(depth, &mut self.files, &mut self.progress, views, photos, &wanted)?;
         let found = depth.view_depth(view).expect("found just now");
         let needed: Vec<usize> = later.iter().flat_map(|&view| depth.with_neighbours(view)).collect();
         depth.retain(&needed, &needed);
@@ -109,6 +119,26 @@ fn with_held_out<'a>(
         known => known,
     };
     Ok(depth.as_mut().expect("set just now"))
+}
+
+/// Finds the depth of these views' photos where it is unknown.
+fn find_all(
+    depth: &mut SceneDepth,
+    files: &mut Option<DepthFiles>,
+    progress: &mut Option<OnSearch>,
+    views: &SceneViews,
+    photos: &mut PhotoStore,
+    wanted: &[usize],
+) -> Result<(), SynthesisError> {
+    let unknown: Vec<usize> = wanted.iter().copied().filter(|&view| depth.found(view).is_none()).collect();
+    for (done, &view) in unknown.iter().enumerate() {
+        let next = DepthProgress { name: &views.scene().views[view].name, done, count: unknown.len() };
+        if progress.as_mut().is_some_and(|progress| progress(next).is_break()) {
+            return Err(SynthesisError::Cancelled);
+        }
+        find(depth, files, views, photos, view)?;
+    }
+    Ok(())
 }
 
 /// Finds the depth of a view's photo, unless it is known: in the folder, or by a search.

@@ -53,6 +53,11 @@ pub enum SynthesisError {
         /// Why.
         source: io::Error,
     },
+    #[cfg(feature = "surface")]
+    /// The search for the depth of photos was ended by its callback
+    /// ([`crate::ScenePhotos::on_depth_search`]).
+    #[error("the search for the depth of the photos was cancelled")]
+    Cancelled,
     /// There is no path around the views.
     #[error(transparent)]
     Path(#[from] CameraPathError),

@@ -36,7 +36,7 @@ pub use error::SynthesisError;
 pub use options::{DEFAULT_VIEWS, Model, ModelOptions, Options};
 pub use plan::Plan;
 #[cfg(feature = "surface")]
-pub use scene_depth::{DepthSource, ViewDepth};
+pub use scene_depth::{DepthProgress, DepthSource, ViewDepth};
 pub use scene_photos::ScenePhotos;
 pub use scene_synthesizer::Synthesizer;
 pub use scene_views::SceneViews;

@@ -37,6 +37,18 @@ pub struct ViewDepth {
     pub time: Duration,
 }
 
+/// The next photo whose depth is searched ([`crate::ScenePhotos::on_depth_search`]).
+#[derive(Debug, Clone, Copy)]
+#[non_exhaustive]
+pub struct DepthProgress<'a> {
+    /// The name of its view.
+    pub name: &'a str,
+    /// How many photos have been searched before it, of those that are needed now.
+    pub done: usize,
+    /// How many are needed now.
+    pub count: usize,
+}
+
 /// Depth maps of the views that are not held out.
 pub(super) struct SceneDepth {
     maps: DepthMaps,

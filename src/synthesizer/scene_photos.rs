@@ -2,6 +2,8 @@
 
 use std::fmt;
 #[cfg(feature = "surface")]
+use std::ops::ControlFlow;
+#[cfg(feature = "surface")]
 use std::path::Path;
 
 #[cfg(feature = "surface")]
@@ -10,7 +12,7 @@ use super::error::SynthesisError;
 use super::photo_store::PhotoStore;
 use super::retention::{KEPT_BYTES, Retention};
 #[cfg(feature = "surface")]
-use super::scene_depth::ViewDepth;
+use super::scene_depth::{DepthProgress, ViewDepth};
 use super::scene_views::SceneViews;
 use super::shot::{LoadedPhoto, LoadedShot, Shot};
 #[cfg(feature = "surface")]
@@ -108,6 +110,13 @@ impl ScenePhotos {
         self.depths.keep_in(folder, self.views.scene().views.len())
     }
 
+    /// Calls `progress` before each search for the depth of a photo, which takes a second or so of a
+    /// large one. Where it returns [`ControlFlow::Break`], there are no more searches, and what
+    /// needed the depth returns [`SynthesisError::Cancelled`]; depths found so far are kept.
+    pub fn on_depth_search(&mut self, progress: impl FnMut(DepthProgress<'_>) -> ControlFlow<()> + Send + 'static) {
+        self.depths.set_progress(Box::new(progress));
+    }
+
     /// What went wrong with files of the folder of depths since the last call, a line each; nothing
     /// else depends on it.
     pub fn take_notes(&mut self) -> Vec<String> {
@@ -132,7 +141,7 @@ impl ScenePhotos {
     /// # Errors
     ///
     /// [`SynthesisError::Scene`] for a photo that cannot be read; those of
-    /// [`SceneViews::depth_range`].
+    /// [`SceneViews::depth_range`]; [`SynthesisError::Cancelled`].
     ///
     /// # Panics
     ///

@@ -48,7 +48,17 @@ impl Synthesizer {
     /// [`SynthesisError`] for a folder that is not a scene, or a model or a library that is missing
     /// or does not fit.
     pub fn open(folder: impl AsRef<Path>, options: &Options) -> Result<Self, SynthesisError> {
-        let views = SceneViews::new(Scene::open(folder.as_ref(), &options.scene)?, options.near, options.far);
+        Self::with_scene(Scene::open(folder.as_ref(), &options.scene)?, options)
+    }
+
+    /// As [`Self::open`], of a scene that is open already, such as one in memory
+    /// ([`Scene::in_memory`]); [`Options::scene`] is not used.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError`] for a model or a library that is missing or does not fit.
+    pub fn with_scene(scene: Scene, options: &Options) -> Result<Self, SynthesisError> {
+        let views = SceneViews::new(scene, options.near, options.far);
         #[cfg_attr(not(feature = "surface"), expect(unused_mut))]
         let mut photos = ScenePhotos::new(views);
         #[cfg(feature = "surface")]

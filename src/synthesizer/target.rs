@@ -1,7 +1,7 @@
 //! Targets: a held-out view, a camera, or the frames of a path.
 
 use super::error::SynthesisError;
-use crate::geometry::{Camera, CameraPath};
+use crate::geometry::{Camera, CameraPath, CameraPathError, interpolated_path};
 use crate::scene::Scene;
 
 /// One target to render.
@@ -87,6 +87,20 @@ impl Targets {
     pub fn path(scene: &Scene, path: CameraPath) -> Result<Self, SynthesisError> {
         let cameras: Vec<&Camera> = scene.views.iter().map(|view| &view.camera).collect();
         Ok(Self::frames(path.cameras(&cameras)?))
+    }
+
+    /// The frames of a path through these views in order ([`interpolated_path`]).
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Path`] if a frame's camera is not usable.
+    ///
+    /// # Panics
+    ///
+    /// If there are no views, or no such view.
+    pub fn through(scene: &Scene, views: &[usize], frames: usize) -> Result<Self, SynthesisError> {
+        let cameras: Vec<&Camera> = views.iter().map(|&view| &scene.views[view].camera).collect();
+        Ok(Self::frames(interpolated_path(&cameras, frames).map_err(CameraPathError::from)?))
     }
 
     fn frames(cameras: Vec<Camera>) -> Self {

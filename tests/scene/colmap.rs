@@ -72,6 +72,10 @@ fn supported_camera_models_are_undistorted_if_distorted() {
         ("SIMPLE_RADIAL 64 48 50 30 25 0", false),
         ("RADIAL 64 48 50 30 25 0.1 -0.01", true),
         ("OPENCV 64 48 50 50 30 25 0.1 -0.01 0.001 0.002", true),
+        ("FULL_OPENCV 64 48 50 50 30 25 0 0 0 0 0 0 0 0.1", true),
+        ("OPENCV_FISHEYE 64 48 50 50 30 25 0 0 0 0", true),
+        ("SIMPLE_RADIAL_FISHEYE 64 48 50 30 25 0.1", true),
+        ("RADIAL_FISHEYE 64 48 50 30 25 0.1 -0.01", true),
     ];
     for (camera, distorted) in models {
         let root = tempdir().unwrap();
@@ -139,12 +143,8 @@ fn truncated_binary_file_is_an_error() {
 
 /// Invalid text models: the camera line, the photo's name, and parts of the expected message.
 const INVALID: &[(&str, &str, &[&str])] = &[
-    (
-        "OPENCV_FISHEYE 64 48 50 50 30 25 0 0 0 0",
-        "a.png",
-        &["cameras.txt: camera model OPENCV_FISHEYE is not supported"],
-    ),
-    ("FULL_OPENCV 64 48 50 50 30 25 0 0 0 0 0 0 0 0", "a.png", &["camera model FULL_OPENCV is not supported"]),
+    ("FOV 64 48 50 50 30 25 0.1", "a.png", &["cameras.txt: camera model FOV is not supported"]),
+    ("FULL_OPENCV 64 48 50 50 30 25 0 0 0 0", "a.png", &["a FULL_OPENCV camera with 8 parameters"]),
     ("PINHOLE 64 48 50 30 25", "a.png", &["cameras.txt", "PINHOLE camera with 3 parameters"]),
     ("PINHOLE 64 48 50 sixty 30 25", "a.png", &["cameras.txt: line 2: word 6 is \"sixty\"", "PARAMS"]),
     ("PINHOLE 64 48 nan 50 30 25", "a.png", &["cameras.txt: camera of model PINHOLE: fx is NaN"]),

@@ -18,7 +18,7 @@ fn folder_without_a_scene_is_an_error() {
     assert_says(&refusal(&root.path().join("nowhere")), &["nowhere: does not exist"]);
     let file = root.path().join("transforms.json");
     write(&file, "{}");
-    assert_says(&refusal(&file), &["is not a folder"]);
+    assert_says(&refusal(&file), &["frames is missing"]);
 }
 
 #[test]
@@ -29,7 +29,7 @@ fn several_formats_are_listed_in_a_note() {
     picture(&root.path().join("images/b.png"), 64, 48);
     let scene = open(root.path()).unwrap();
     assert_eq!(scene.format, Format::Llff);
-    assert_says(&notes(&scene), &["also holds COLMAP: not read"]);
+    assert_says(&notes(&scene), &["also holds COLMAP: its poses are not read"]);
 }
 
 #[test]

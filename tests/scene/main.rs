@@ -7,9 +7,11 @@ mod jpeg;
 mod llff;
 mod photo_source;
 mod pictures;
+mod points_range;
 mod real_scenes;
 mod realestate10k;
 #[path = "../scene_common/mod.rs"]
 mod scene_common;
 mod spaces;
 mod transforms;
+mod variants;

@@ -80,6 +80,8 @@ fn entries_are_found_shared_skipped_or_errors_as_the_source_decides() {
     write_entries(root.path(), &["a.png", "a.png"]);
     assert_says(&open(root.path(), None).unwrap_err().to_string(), &["\"a.png\" is listed twice"]);
     write_entries(root.path(), &["a.png", "lost.png"]);
+    assert_eq!(open(root.path(), None).unwrap().notes, ["1 of the listed photos are missing, skipped: lost.png"]);
+    write_entries(root.path(), &["lost.png"]);
     assert_says(&open(root.path(), None).unwrap_err().to_string(), &["lost: missing image, listed in"]);
     write_entries(root.path(), &["other.png"]);
     assert_says(&open(root.path(), None).unwrap_err().to_string(), &["no views; expected at least one"]);
@@ -89,14 +91,10 @@ fn entries_are_found_shared_skipped_or_errors_as_the_source_decides() {
 fn skipped_entry_is_not_validated() {
     let root = tempdir().unwrap();
     for (name, refused) in [("other.png", false), ("b.png", true)] {
-        transforms(
-            root.path(),
-            "\"frames\": [",
-            &format!("\"frames\": [{{\"file_path\": \"{name}\", \"is_fisheye\": true}},"),
-        );
+        transforms(root.path(), "\"frames\": [", &format!("\"frames\": [{{\"file_path\": \"{name}\", \"k4\": 1}},"));
         match open(root.path(), None) {
             Ok(scene) => assert!(!refused && names(&scene) == ["a.png"], "{name}"),
-            Err(error) => assert!(refused && error.to_string().contains("is_fisheye is not supported"), "{error}"),
+            Err(error) => assert!(refused && error.to_string().contains("k4 = 1 is not supported"), "{error}"),
         }
     }
 }
@@ -142,4 +140,36 @@ fn format_that_the_source_does_not_support_is_not_read() {
     Colmap { camera: Colmap::PINHOLE, names: &["b.png"] }.write_text(&root.path().join("sparse/0"));
     let scene = open(root.path(), None).unwrap();
     assert!(scene.format == Format::Colmap && !scene.notes.iter().any(|note| note.contains("Spaces")));
+}
+
+#[test]
+fn photos_in_memory_are_those_of_a_folder() {
+    let root = tempdir().unwrap();
+    transforms(root.path(), "", "");
+    let mut options = SceneOptions::default();
+    options.width = Some(20);
+    let folder = Scene::open(root.path(), &options).unwrap();
+    let photo = ImageRgb::from(&image::open(root.path().join("images/a.png")).unwrap().to_rgb8());
+    let camera = folder.views[0].native_camera().clone();
+    let scene = Scene::in_memory([("a.png".to_owned(), photo, camera)], &options).unwrap();
+    assert_eq!((scene.format, names(&scene)), (Format::Memory, names(&folder)));
+    assert_eq!(scene.views[0].camera, folder.views[0].camera);
+    assert_eq!(scene.load_image(0).unwrap(), folder.load_image(0).unwrap());
+}
+
+#[test]
+fn invalid_photos_in_memory_are_errors() {
+    let root = tempdir().unwrap();
+    transforms(root.path(), "", "");
+    let camera = open(root.path(), None).unwrap().views[0].camera.clone();
+    let photo = |width, value| ImageRgb::new(width, 48, vec![value; 3 * 48 * width]).unwrap();
+    let refused = |photos: &[(&str, ImageRgb)]| {
+        let photos = photos.iter().map(|(name, photo)| ((*name).to_owned(), photo.clone(), camera.clone()));
+        Scene::in_memory(photos, &SceneOptions::default()).unwrap_err().to_string()
+    };
+    assert_says(&refused(&[]), &["memory: no views; expected at least one"]);
+    assert_says(&refused(&[("a", photo(64, 0.5)), ("a", photo(64, 0.5))]), &["\"a\" is listed twice"]);
+    assert_says(&refused(&[("a", photo(60, 0.5))]), &["a: the image is 60x48", "declares 64x48"]);
+    assert_says(&refused(&[("a", photo(64, 255.0))]), &["a: a value of the photo is 255; expected values in [0, 1]"]);
+    assert_says(&refused(&[("a", photo(64, f32::NAN))]), &["a: a value of the photo is NaN"]);
 }

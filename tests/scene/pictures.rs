@@ -121,3 +121,19 @@ fn jpeg_with_finely_sampled_chroma_is_an_error() {
     let message = load(&photo).unwrap_err().to_string();
     assert_says(&message, &["photo.jpg: not a complete PNG or JPEG", "sampled more finely than the first"]);
 }
+
+#[test]
+fn arrays_have_rows_columns_and_channels() {
+    let bytes = ndarray::Array3::from_shape_fn((2, 4, 3), |(y, x, channel)| (100 * y + 10 * x + channel) as u8);
+    let picture = ImageRgb::from_array_u8(bytes.view()).unwrap();
+    assert_eq!((picture.width(), picture.height()), (4, 2));
+    assert_eq!(picture.pixel(3, 1), [130.0, 131.0, 132.0].map(|value| value / 255.0));
+    assert_eq!(picture.to_array_u8(), bytes);
+    assert_eq!(picture.as_array()[[1, 3, 2]], picture.pixel(3, 1)[2]);
+    // A view in another order, such as that of a transposed array, is read by its indices.
+    let turned = picture.as_array().permuted_axes([1, 0, 2]);
+    let turned = ImageRgb::from_array(turned).unwrap();
+    assert_eq!((turned.width(), turned.pixel(1, 3)), (2, picture.pixel(3, 1)));
+    let message = ImageRgb::from_array_u8(bytes.view().permuted_axes([2, 0, 1])).unwrap_err().to_string();
+    assert_eq!(message, "the array has shape [3, 2, 4]; expected [height, width, 3]");
+}

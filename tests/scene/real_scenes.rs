@@ -5,7 +5,8 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
-use liveview::geometry::source_from_target;
+use liveview::SceneViews;
+use liveview::geometry::{middle_camera, source_from_target};
 use liveview::image::ImageRgb;
 use liveview::scene::{Format, Scene, SceneOptions};
 
@@ -45,6 +46,32 @@ fn all_scenes_open_and_load() {
         let camera = &scene.views[0].camera;
         assert_eq!((image.width(), image.height()), (camera.width(), camera.height()), "{name}");
         assert!(image.data().iter().all(|v| (0.0..=1.0).contains(v)), "{name}");
+    }
+}
+
+/// Adds the scenes in a folder and its subfolders.
+fn scenes_in(folder: &Path, found: &mut Vec<PathBuf>) {
+    if ["transforms.json", "poses_bounds.npy", "cameras.txt", "sparse"].iter().any(|name| folder.join(name).exists()) {
+        found.push(folder.to_owned());
+        return;
+    }
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    entries.filter(|path| path.is_dir()).for_each(|path| scenes_in(&path, found));
+}
+
+#[test]
+#[ignore = "needs the real scenes"]
+fn no_scene_needs_an_option() {
+    let mut scenes = Vec::new();
+    scenes_in(&data(), &mut scenes);
+    assert!(scenes.len() >= SCENES.len(), "{scenes:?}");
+    for path in &scenes {
+        let views = SceneViews::new(Scene::open(path, &SceneOptions::default()).unwrap(), None, None);
+        let target = middle_camera(&views.all_cameras());
+        let camera = views.scene().views[target].camera.clone();
+        let chosen = views.choose("middle", &camera, &[target], 4).unwrap();
+        let (near, far) = views.depth_range(&chosen, &[target]).unwrap();
+        println!("{}: {near} to {far}", path.display());
     }
 }
 

@@ -14,10 +14,13 @@ fn assert_render_refused(folders: &Folders, arguments: &[&str], words: &[&str]) 
 }
 
 #[test]
-fn missing_image_is_an_error() {
+fn missing_images_are_an_error_if_too_few_or_none_are_left() {
     let folders = Folders::new();
     fs::remove_file(folders.photo(3)).unwrap();
-    assert_render_refused(&folders, &[], &["images/3.png", "missing image", "transforms.json"]);
+    let words = ["1 of the listed photos are missing, skipped: images/3.png", "4 views are needed", "only 3 of 3"];
+    assert_render_refused(&folders, &[], &words);
+    fs::remove_dir_all(folders.scene().join("images")).unwrap();
+    assert_render_refused(&folders, &[], &["images/0.png", "missing image", "transforms.json"]);
 }
 
 #[test]
@@ -181,7 +184,7 @@ fn names_are_printed_escaped() {
         "{stdout}"
     );
     fs::remove_file(folders.scene().join("images").join(name)).unwrap();
-    assert_render_refused(&folders, &[], &[r"images/a\u{1b}[31m\nb.png: missing image"]);
+    assert_render_refused(&folders, &[], &[r"missing, skipped: images/a\u{1b}[31m\nb.png"]);
 }
 
 #[test]

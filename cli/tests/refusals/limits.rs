@@ -195,13 +195,16 @@ fn deeply_nested_json_is_an_error() {
 fn path_that_leaves_the_scene_folder_is_an_error() {
     for name in ["../../etc/x.png", "/etc/x.png", "images/../../x.png", "..", ""] {
         let message = format!("the path \"{name}\" leaves the scene folder");
-        let folders = Folders::new();
-        folders.write_scene(5, "images/3.png", name);
-        assert_inspect_refused(&folders, &["transforms.json", &message]);
+        // Of an absolute path, these formats look for the end in the scene folder.
+        if !name.starts_with('/') {
+            let folders = Folders::new();
+            folders.write_scene(5, "images/3.png", name);
+            assert_inspect_refused(&folders, &["transforms.json", &message]);
 
-        let folders = photos_only();
-        write(&folders.scene().join("models.json"), spaces(64, 48, name));
-        assert_inspect_refused(&folders, &["models.json", &message]);
+            let folders = photos_only();
+            write(&folders.scene().join("models.json"), spaces(64, 48, name));
+            assert_inspect_refused(&folders, &["models.json", &message]);
+        }
 
         for binary in [true, false] {
             let folders = photos_only();
@@ -226,6 +229,19 @@ fn path_that_leaves_the_scene_folder_is_an_error() {
         let mut inspect = in_one_gibibyte(&folders, "inspect", &["--images", name]);
         folders.assert_refused(&mut inspect, &[&message]);
     }
+}
+
+#[test]
+fn photo_outside_the_scene_folder_is_not_read() {
+    let folders = Folders::new();
+    let outside = folders.out("outside.png");
+    fs::rename(folders.photo(3), &outside).unwrap();
+    folders.write_scene(5, "images/3.png", &outside);
+    let output = folders.liveview("inspect", &["--json"]).output().unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["views"]["names"], serde_json::json!(["0.png", "1.png", "2.png", "4.png"]));
+    let note = format!("1 of the listed photos are missing, skipped: {outside}");
+    assert!(report["notes"].as_array().unwrap().iter().any(|found| *found == note.as_str()), "{report}");
 }
 
 #[test]

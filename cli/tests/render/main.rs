@@ -7,5 +7,6 @@ mod scene_common;
 
 mod cache;
 mod no_network;
+mod options;
 mod outputs;
 mod pictures;

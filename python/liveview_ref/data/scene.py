@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from PIL import Image
 from torch import Tensor
 
 from ..reference.geometry.camera import Camera
+from ..reference.scene.undistort import Distortion, undistort
 from .opengl import flip_axes
 
 
@@ -28,7 +28,7 @@ class Scene:
     names: list[str] = field(default_factory=list)
     cameras: list[Camera] = field(default_factory=list)
     bounds: list[tuple[float, float] | None] = field(default_factory=list)
-    distortion: tuple[float, ...] = ()
+    distortion: Distortion = Distortion()
 
     def add(self, name: str, k, world_from_cam=None, cam_from_world=None, size=None, bounds=None) -> None:
         """Add a photo. Poses are 4x4 or 3x4, OpenCV axes; K is for `size` (width, height) and is
@@ -50,34 +50,25 @@ class Scene:
         """The photo, [3, H, W] uint8, lens distortion undone."""
         with Image.open(self.root / self.names[index]) as image:
             x = torch.from_numpy(np.array(image.convert("RGB"))).permute(2, 0, 1)
-        if any(self.distortion):
+        if self.distortion != Distortion():
             x = (undistort(x.float(), self.cameras[index].k, self.distortion)).round().to(torch.uint8)
         return x.contiguous()
-
-
-def undistort(image: Tensor, k: Tensor, distortion: tuple[float, ...]) -> Tensor:
-    """Undo OpenCV's k1, k2, p1, p2: sample the photo at the distorted position of each pinhole
-    pixel; edges repeated."""
-    k1, k2, p1, p2 = distortion
-    height, width = image.shape[1:]
-    y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
-    x, y = (x - k[0, 2]) / k[0, 0], (y - k[1, 2]) / k[1, 1]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * k2)
-    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    u, v = (xd * k[0, 0] + k[0, 2]) / width * 2 - 1, (yd * k[1, 1] + k[1, 2]) / height * 2 - 1
-    grid = torch.stack([u, v], -1).float()[None]
-    return F.grid_sample(image[None], grid, padding_mode="border", align_corners=False)[0]
 
 
 def intrinsics(fx, fy, cx, cy) -> np.ndarray:
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], dtype=np.float64)
 
 
+def distortion(data: dict) -> Distortion:
+    """The lens of a transforms.json."""
+    fisheye = data.get("is_fisheye", False) or data.get("camera_model", "OPENCV").endswith("FISHEYE")
+    k = tuple(data.get(f"k{i}", 0.0) for i in range(1, 7))
+    return Distortion(fisheye, k, (data.get("p1", 0.0), data.get("p2", 0.0)))
+
+
 def load_transforms(root: Path) -> Scene:
     data = json.loads((root / "transforms.json").read_text())
-    scene = Scene(root, distortion=tuple(data.get(x, 0.0) for x in ("k1", "k2", "p1", "p2")))
+    scene = Scene(root, distortion=distortion(data))
     for frame in sorted(data["frames"], key=lambda f: f["file_path"]):
         at = {**data, **frame}
         k = intrinsics(at["fl_x"], at["fl_y"], at["cx"], at["cy"])

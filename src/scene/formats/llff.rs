@@ -10,8 +10,8 @@ use super::poses_bounds::{self, PoseBounds};
 use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::error::SceneError;
 use crate::scene::options::SceneOptions;
-use crate::scene::photo_lookup::{PhotoLookup, list_photos};
-use crate::scene::photo_source::{PhotoList, PhotoSource};
+use crate::scene::photos::lookup::{PhotoLookup, list_photos};
+use crate::scene::photos::source::{PhotoList, PhotoSource};
 use crate::scene::pose_file::read;
 use crate::scene::undistort::Distortion;
 
@@ -54,7 +54,7 @@ pub(in crate::scene) fn views(
             depth_range: Some((row.near, row.far)),
         });
     }
-    let mut notes = lookup.into_notes();
+    let mut notes = lookup.into_notes(&views)?;
     notes.extend(list.folder.iter().map(|folder| format!("photos are read from {folder}")));
     Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
 }

@@ -15,8 +15,8 @@ use crate::geometry::Intrinsics;
 use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::error::SceneError;
 use crate::scene::options::SceneOptions;
-use crate::scene::photo_lookup::{PhotoLookup, list_photos};
-use crate::scene::photo_source::{PhotoList, PhotoSource};
+use crate::scene::photos::lookup::{PhotoLookup, list_photos};
+use crate::scene::photos::source::{PhotoList, PhotoSource};
 use crate::scene::pose_file::{abbreviated, read, text};
 use crate::scene::undistort::Distortion;
 
@@ -79,7 +79,7 @@ pub(in crate::scene) fn views(
         let what = format!("none of its {} timestamps has a photo{place}", missing.len());
         return Err(SceneError::malformed(path, what, "photos named by timestamp, such as 50016633.jpg"));
     }
-    let mut notes = lookup.into_notes();
+    let mut notes = lookup.into_notes(&views)?;
     if starts_with_pose {
         notes.push("the first line is read as a pose, since it is not the video's URL".to_owned());
     }

@@ -19,8 +19,8 @@ use crate::geometry::{Intrinsics, Size};
 use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::error::SceneError;
 use crate::scene::options::SceneOptions;
-use crate::scene::photo_lookup::PhotoLookup;
-use crate::scene::photo_source::PhotoSource;
+use crate::scene::photos::lookup::PhotoLookup;
+use crate::scene::photos::source::PhotoSource;
 use crate::scene::pose_file::read_json;
 use crate::scene::undistort::Distortion;
 
@@ -56,7 +56,7 @@ pub(in crate::scene) fn views(
         let place = format!("[{position}][{index}]");
         views.extend(view(Fields::new(path, &place, camera, None)?, &mut lookup)?);
     }
-    let mut notes = lookup.into_notes();
+    let mut notes = lookup.into_notes(&views)?;
     if rigs.len() > 1 {
         notes.push(format!("the file has {} rig positions, only number {position} is read", rigs.len()));
     }

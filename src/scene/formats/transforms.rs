@@ -1,57 +1,94 @@
-//! nerfstudio's and instant-ngp's `transforms.json`.
+//! nerfstudio's and instant-ngp's `transforms.json`, and `transforms_train.json` of the synthetic NeRF
+//! scenes.
 //!
 //! `transform_matrix` is world from camera with OpenGL camera axes (x right, y up, z backwards),
 //! 4×4 or 3×4 (nerfstudio's "Data conventions" page). Negating its second and third columns gives
 //! OpenCV's axes. Intrinsics are in pixels of a `w` × `h` image with pixel centres at
 //! half-integers, for the whole file or per frame; `camera_angle_x` (horizontal field of view,
-//! radians) replaces a missing `fl_x`. Distortion is OpenCV's k1, k2, k3, p1, p2. `near` and `far`
-//! (scene units) are not part of the format but are used if present.
+//! radians) replaces a missing `fl_x`. Distortion is OpenCV's: k1, k2, k3, p1, p2; of `FULL_OPENCV`
+//! also k4 to k6; of a fisheye k1 to k4. `near` and `far` (scene units) are not part of the format
+//! but are used if present; else the range is that of the scene's points ([`super::points_range`]).
 
-use std::path::Path;
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 use serde_json::Value;
 
 use super::json::{Fields, parse};
+use super::points_range;
 use crate::geometry::{Intrinsics, Size, cam_from_opengl_world};
 use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::error::SceneError;
 use crate::scene::masks;
-use crate::scene::photo_lookup::PhotoLookup;
-use crate::scene::photo_source::PhotoSource;
+use crate::scene::options::SceneOptions;
+use crate::scene::photos::lookup::PhotoLookup;
+use crate::scene::photos::source::PhotoSource;
 use crate::scene::pose_file::read_json;
 use crate::scene::undistort::Distortion;
 
-/// A camera model is refused if its name contains one of these.
-const REFUSED_MODELS: [&str; 6] = ["FISHEYE", "EQUIRECT", "SPHER", "ORTHO", "OMNI", "FOV"];
-const KNOWN_MODELS: [&str; 7] =
-    ["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "PERSPECTIVE"];
+/// Its names in a scene folder, in order of precedence, and those of the synthetic scenes' other
+/// photos.
+const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
+const OTHERS: [&str; 2] = ["transforms_test.json", "transforms_val.json"];
 
-pub(in crate::scene) fn open(root: &Path, photos: &dyn PhotoSource) -> Result<DeclaredViews, SceneError> {
-    let path = root.join("transforms.json");
-    views(&path, &read_json(&path)?, photos)
+/// Camera models that are a pinhole with OpenCV's distortion, and fisheyes. Others are refused if
+/// their name contains one of the last.
+const PINHOLES: [&str; 7] =
+    ["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "PERSPECTIVE"];
+const FISHEYES: [&str; 3] = ["OPENCV_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_RADIAL_FISHEYE"];
+const REFUSED: [&str; 7] = ["FISHEYE", "EQUIRECT", "SPHER", "ORTHO", "OMNI", "FOV", "VR180"];
+
+/// The file in a scene folder.
+pub(super) fn file_in(root: &Path) -> Option<PathBuf> {
+    NAMES.map(|name| root.join(name)).into_iter().find(|path| path.is_file())
 }
 
+pub(in crate::scene) fn open(
+    root: &Path,
+    path: &Path,
+    photos: &dyn PhotoSource,
+    options: &SceneOptions,
+) -> Result<DeclaredViews, SceneError> {
+    let file = parse(path, &read_json(path)?)?;
+    let mut found = declared(path, &file, options.images.as_deref(), photos)?;
+    points_range::fill(root, path, &file, &mut found);
+    if path.ends_with(NAMES[1]) {
+        let others = OTHERS.into_iter().filter(|name| root.join(name).is_file());
+        found.notes.extend(others.map(|name| format!("{name}: not read; to read it, give it in place of the folder")));
+    }
+    Ok(found)
+}
+
+#[cfg(fuzzing)]
 pub(in crate::scene) fn views(
     path: &Path,
     bytes: &[u8],
     photos: &dyn PhotoSource,
 ) -> Result<DeclaredViews, SceneError> {
-    let file = parse(path, bytes)?;
-    let head = Fields::new(path, "the file", &file, None)?;
+    declared(path, &parse(path, bytes)?, None, photos)
+}
+
+/// The views of the file's frames; with photos from `folder` in place of `images`.
+fn declared(
+    path: &Path,
+    file: &Value,
+    folder: Option<&str>,
+    photos: &dyn PhotoSource,
+) -> Result<DeclaredViews, SceneError> {
+    let head = Fields::new(path, "the file", file, None)?;
     let frames = head.get("frames").and_then(Value::as_array).ok_or_else(|| head.wrong("frames", "a list"))?;
-    // In the synthetic NeRF scenes, names have no extension.
-    let mut lookup = PhotoLookup::new(photos, path).any_extension(true);
+    let mut lookup = PhotoLookup::new(photos, path);
     let mut notes = Vec::new();
     let mut views = Vec::with_capacity(frames.len());
     for (index, frame) in frames.iter().enumerate() {
         let place = format!("frames[{index}]");
         let frame = Fields::new(path, &place, frame, file.as_object())?;
-        views.extend(view(path, frame, &mut lookup, &mut notes)?);
+        views.extend(view(path, frame, folder, &mut lookup, &mut notes)?);
     }
     notes.sort();
     notes.dedup();
-    notes.extend(lookup.into_notes());
+    notes.extend(lookup.into_notes(&views)?);
     Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
 }
 
@@ -59,12 +96,14 @@ pub(in crate::scene) fn views(
 fn view(
     path: &Path,
     frame: Fields<'_>,
+    folder: Option<&str>,
     lookup: &mut PhotoLookup<'_>,
     notes: &mut Vec<String>,
 ) -> Result<Option<DeclaredView>, SceneError> {
     // The photo comes first: a skipped entry is not checked any further.
-    let Some(photo) = frame.text("file_path").and_then(|name| lookup.find(name)).transpose() else { return Ok(None) };
-    check_model(path, frame, notes)?;
+    let name = file_name(frame, folder);
+    let Some(photo) = name.and_then(|name| lookup.find(&name)).transpose() else { return Ok(None) };
+    let distortion = distortion(path, frame, notes)?;
     if frame.text("mask_path").is_ok() {
         notes.push(masks::note("mask_path"));
     }
@@ -83,47 +122,60 @@ fn view(
         }
     };
     let (rotation, translation) = pose(frame)?;
-    let distortion = |key| Ok::<_, SceneError>(frame.optional(key)?.unwrap_or(0.0));
     Ok(Some(DeclaredView {
         photo,
         intrinsics: intrinsics(frame, width as f64, height as f64)?,
         size,
         rotation,
         translation,
-        distortion: Distortion {
-            k1: distortion("k1")?,
-            k2: distortion("k2")?,
-            k3: distortion("k3")?,
-            p1: distortion("p1")?,
-            p2: distortion("p2")?,
-        },
+        distortion,
         depth_range: frame.optional("near")?.zip(frame.optional("far")?),
     }))
 }
 
-fn check_model(path: &Path, frame: Fields<'_>, notes: &mut Vec<String>) -> Result<(), SceneError> {
+/// The name of a frame's photo; in `folder` in place of `images`.
+fn file_name<'a>(frame: Fields<'a>, folder: Option<&str>) -> Result<Cow<'a, str>, SceneError> {
+    let name = frame.text("file_path")?;
+    let Some(folder) = folder else { return Ok(name.into()) };
+    let rest = name.strip_prefix("./").unwrap_or(name).strip_prefix("images/");
+    let rest =
+        rest.ok_or_else(|| frame.wrong("file_path", &format!("a photo in images/, to take that in {folder}/")))?;
+    Ok(format!("{folder}/{rest}").into())
+}
+
+/// The distortion; an error for a camera model that is not read.
+fn distortion(path: &Path, frame: Fields<'_>, notes: &mut Vec<String>) -> Result<Distortion, SceneError> {
     let refuse = |what: String| {
-        let hint = "undistort the photos first (expected a pinhole, or OpenCV's k1, k2, k3, p1, p2)".to_owned();
+        let hint = "undistort the photos first (expected a pinhole, OpenCV's k1, k2, k3, p1, p2, FULL_OPENCV or \
+                    OPENCV_FISHEYE)"
+            .to_owned();
         Err(SceneError::Unsupported { path: path.to_owned(), what, hint })
     };
-    if let Some(model) = frame.get("camera_model").and_then(Value::as_str) {
-        let upper = model.to_uppercase();
-        if REFUSED_MODELS.iter().any(|refused| upper.contains(refused)) {
+    let model = frame.get("camera_model").and_then(Value::as_str).unwrap_or("OPENCV");
+    let upper = model.to_uppercase();
+    let mut fisheye = FISHEYES.contains(&upper.as_str());
+    if !fisheye && !PINHOLES.contains(&upper.as_str()) {
+        if REFUSED.iter().any(|refused| upper.contains(refused)) {
             return refuse(format!("camera_model {model}"));
         }
-        if !KNOWN_MODELS.contains(&upper.as_str()) {
-            notes.push(format!("camera_model {model} is unknown: assumed to be a pinhole with k1, k2, k3, p1, p2"));
+        notes.push(format!("camera_model {model} is unknown: assumed to be a pinhole with k1, k2, k3, p1, p2"));
+    }
+    fisheye |= frame.get("is_fisheye").is_some_and(|flag| *flag != Value::Bool(false));
+    // Of other models, nerfstudio's k4 is not OpenCV's.
+    let without: &[&str] = match upper.as_str() {
+        _ if fisheye => &["k5", "k6", "p1", "p2"],
+        "FULL_OPENCV" => &[],
+        _ => &["k4", "k5", "k6"],
+    };
+    let coefficient = |key| Ok::<f64, SceneError>(frame.optional(key)?.unwrap_or(0.0));
+    for key in without {
+        let value = coefficient(key)?;
+        if value != 0.0 {
+            return refuse(format!("distortion {key} = {value}{}", if fisheye { " of a fisheye" } else { "" }));
         }
     }
-    if frame.get("is_fisheye").is_some_and(|flag| *flag != Value::Bool(false)) {
-        return refuse("is_fisheye".to_owned());
-    }
-    for key in ["k4", "k5", "k6"] {
-        if let Some(value) = frame.optional(key)?.filter(|&value| value != 0.0) {
-            return refuse(format!("distortion {key} = {value}"));
-        }
-    }
-    Ok(())
+    let [k1, k2, k3, k4, k5, k6] = ["k1", "k2", "k3", "k4", "k5", "k6"].map(coefficient);
+    Ok(Distortion { fisheye, k: [k1?, k2?, k3?, k4?, k5?, k6?], p: [coefficient("p1")?, coefficient("p2")?] })
 }
 
 /// The intrinsics; a frame's own `fl_x` or `camera_angle_x` takes precedence over both of the

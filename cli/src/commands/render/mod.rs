@@ -1,11 +1,13 @@
 //! `liveview render`: new views of a scene, scored if the photo exists.
 
+mod disparity;
 mod explain;
 mod outputs;
 mod planned;
 pub(crate) mod record;
 pub(crate) mod record_text;
 mod rendered;
+mod scores;
 mod summary;
 
 use std::collections::VecDeque;
@@ -15,12 +17,14 @@ use std::time::Instant;
 
 use anyhow::{Error, Result, anyhow};
 use clap::Args;
+use disparity::disparity_max;
 use explain::{ExplainArgs, Explained, Explanation};
 use liveview::image::Score;
 use liveview::{LayerSpec, Plan, Shot};
 use liveview_common::args::help::ADVANCED;
 use liveview_common::args::layers::LayerArgs;
 use liveview_common::args::model::ModelArgs;
+use liveview_common::args::numbers;
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::TargetArgs;
 use liveview_common::console::{Output, escaped, print_message, print_notes, progress};
@@ -29,9 +33,10 @@ use liveview_common::job::Job;
 use liveview_common::measure::Times;
 use liveview_common::model_pool::ModelPool;
 use liveview_common::outputs::OutputPlan;
-use outputs::{OutputArgs, Outputs, disparity_max};
+use outputs::{OutputArgs, Outputs};
 pub(crate) use planned::Planned;
 use rendered::Rendered;
+use scores::ScoreArgs;
 
 use crate::shard::Shard;
 
@@ -45,11 +50,12 @@ Examples:
 const EXAMPLES: &str = "\
 Examples:
   liveview render scene --target IMG_7.jpg -o new.png --compare compare.png
-  liveview render scene --heldout 8 --layers guided:4 --compare compared/
+  liveview render scene --heldout 8 --layers guided:4 --compare compared/ --scores scores.csv
   liveview render scene --target IMG_7.jpg --layers planes:64 -o new.png --depth disparity.png
   liveview render scene --target IMG_7.jpg -o new.png --explain why.png
   liveview render scene --pose camera.json --near 1.5 --far 40 -o new.jpg
   liveview render scene --path circle:120 --layers select:16/64 --width 640 -o flight.mp4
+  liveview render scene --path interpolate:300:a.jpg,b.jpg,c.jpg --fov 50 -o flight.mp4
   liveview render scene --path spiral:900 -o frames/
   liveview render scene --path spiral:900 -o frames/ --resume
   liveview render scene --path spiral:900 -o frames/ --shard 3/16";
@@ -60,8 +66,13 @@ Examples:
 pub(crate) struct RenderArgs {
     #[command(flatten)]
     targets: TargetArgs,
+    /// Horizontal field of view of the pictures of --pose and --path [default: the photos']
+    #[arg(long, value_name = "DEGREES", value_parser = numbers::field_of_view, conflicts_with_all = ["target", "heldout"])]
+    fov: Option<f64>,
     #[command(flatten)]
     output: OutputArgs,
+    #[command(flatten)]
+    scores: ScoreArgs,
     #[command(flatten)]
     layers: LayerArgs,
     #[command(flatten)]
@@ -94,6 +105,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
 /// As [`run`], with a model from the pool, to which it is returned.
 pub(crate) fn run_with(args: &RenderArgs, models: &mut ModelPool) -> Result<Output> {
     let outputs = Outputs::new(&args.output, args.targets.have_truth(), args.shard)?;
+    args.scores.check(args.targets.have_truth())?;
     let photos = args.scene.open()?;
     print_notes(&photos.scene().notes);
     let mut job = Job::open_with(photos, &args.layers, &args.model, models)?;
@@ -103,7 +115,12 @@ pub(crate) fn run_with(args: &RenderArgs, models: &mut ModelPool) -> Result<Outp
 }
 
 fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<Output> {
-    let targets = args.targets.resolve(job.views())?;
+    let mut targets = args.targets.resolve(job.views())?;
+    if let Some(degrees) = args.fov {
+        for target in &mut targets.list {
+            target.camera = target.camera.with_field_of_view(degrees)?;
+        }
+    }
     let moving = targets.moving;
     let all = job.synthesizer.shots(targets)?;
     let shots = args.shard.map_or_else(|| all.clone(), |shard| shard.of(all.clone()));
@@ -113,6 +130,7 @@ fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<
     args.model.protect(&mut output_plan, job.model.path());
     let pictures: Vec<_> = shots.iter().map(|shot| (shot.name.as_str(), shot.target.size())).collect();
     outputs.plan_outputs(&pictures, &mut output_plan)?;
+    args.scores.plan_outputs(&mut output_plan)?;
     args.explain.plan_outputs(pictures.len(), &mut output_plan)?;
     output_plan.prepare()?;
     outputs.begin(&shots, &all, || record::fields(job, &all, &args.targets, &args.layers))?;
@@ -130,7 +148,10 @@ fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<
     check_coverage(&done, args)?;
     let video = outputs.finish(&all)?;
     let share = args.shard.map(|shard| (shard, all.len()));
-    Ok(summary::rendered(job, &done, moving, share, video, explanation))
+    let table = args.scores.write(&done)?;
+    let mut output = summary::rendered(job, &done, moving, share, video, explanation);
+    output.text += &table;
+    Ok(output)
 }
 
 /// The expectation in errors about blank pictures.

@@ -7,14 +7,15 @@ use anyhow::{Result, bail};
 use clap::Args;
 use liveview::fs::atomic::is_special;
 use liveview::geometry::Size;
-use liveview::image::{coloured, difference, encode, encode_gray16_png, side_by_side};
+use liveview::image::{JPEG_QUALITY, difference, encode, encode_with_quality, side_by_side};
 use liveview::{Frame, ImageRgb, Shot};
 use liveview_common::args::frame_rate::{FrameRate, frame_rate};
-use liveview_common::args::output::{OutputPath, Variant, write_atomically};
+use liveview_common::args::numbers;
+use liveview_common::args::output::{OutputPath, Variant, has_extension, write_atomically};
 use liveview_common::ffmpeg::{Encoder, is_video};
 use liveview_common::outputs::{OutputPlan, note_other_pictures};
-use serde_json::json;
 
+use super::disparity::{DEPTH, disparity};
 use super::record::{self, Fields, Record};
 use super::rendered::Rendered;
 use crate::shard::Shard;
@@ -39,6 +40,9 @@ pub(super) struct OutputArgs {
     /// A file, or a folder for several pictures.
     #[arg(long, value_name = "PNG")]
     compare: Option<PathBuf>,
+    /// Write JPEG of this quality, 1 to 100, into a folder too [default: PNG into a folder, else 95]
+    #[arg(long, value_name = "Q", value_parser = numbers::quality, requires = "output", conflicts_with = "shard")]
+    jpeg_quality: Option<u8>,
     /// Frames per second of a video: 30, 29.97 or 30000/1001
     #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]
     fps: FrameRate,
@@ -50,10 +54,8 @@ pub(super) struct OutputArgs {
     resume: bool,
 }
 
-/// The files of a picture.
-const PICTURE: [Variant; 1] = [("", None)];
-/// The files of a disparity map: 16 bits, in colour, scale.
-const DEPTH: [Variant; 3] = [("", None), ("_colour", None), ("_scale", Some("json"))];
+/// The files of a comparison.
+const COMPARISON: [Variant; 1] = [("", None)];
 
 /// All output files.
 pub(super) struct Outputs {
@@ -62,6 +64,7 @@ pub(super) struct Outputs {
     video: Option<Encoder>,
     depth: Option<OutputPath>,
     compare: Option<OutputPath>,
+    jpeg_quality: Option<u8>,
     resume: bool,
     /// The record of a folder of pictures.
     record: Option<Record>,
@@ -81,6 +84,12 @@ impl Outputs {
             if video.is_some() { None } else { parse("-o", &args.output, &["png", "jpg", "jpeg", "mp4", "gif"])? };
         if let (true, Some(path), None | Some(OutputPath::File(_))) = (args.resume, &args.output, &pictures) {
             bail!("--resume, -o {}: expected a folder of pictures", path.display());
+        }
+        if let (Some(quality), Some(path)) = (args.jpeg_quality, &args.output)
+            && !matches!(&pictures, Some(OutputPath::Folder(_)))
+            && !has_extension(path, &["jpg", "jpeg"])
+        {
+            bail!("--jpeg-quality {quality}, -o {}: expected a name that ends in .jpg, or a folder", path.display());
         }
         let (depth, compare) = (parse("--depth", &args.depth, &["png"])?, parse("--compare", &args.compare, &["png"])?);
         if let Some(shard) = shard {
@@ -104,6 +113,7 @@ impl Outputs {
             video: video.map(|path| Encoder::new(path, args.fps)).transpose()?,
             depth,
             compare,
+            jpeg_quality: args.jpeg_quality,
             resume: args.resume,
             record: None,
         })
@@ -112,9 +122,9 @@ impl Outputs {
     /// Checks the options against the names and sizes of what will be rendered, before the work.
     pub(super) fn plan_outputs(&mut self, pictures: &[(&str, Size)], output_plan: &mut OutputPlan) -> Result<()> {
         let outputs: [(&str, &Option<OutputPath>, &[Variant]); 3] = [
-            ("-o", &self.pictures, &PICTURE),
+            ("-o", &self.pictures, &self.picture()),
             ("--depth", &self.depth, &DEPTH),
-            ("--compare", &self.compare, &PICTURE),
+            ("--compare", &self.compare, &COMPARISON),
         ];
         for (option, output, variants) in outputs {
             let Some(output) = output else { continue };
@@ -159,6 +169,8 @@ impl Outputs {
         fields: impl FnOnce() -> Result<Fields>,
     ) -> Result<()> {
         let Some(OutputPath::Folder(folder)) = &self.pictures else { return Ok(()) };
+        let quality = self.jpeg_quality.map(|quality| ("jpeg_quality", quality.to_string()));
+        let fields = || fields().map(|fields| fields.into_iter().chain(quality).collect());
         let names = || all.iter().map(|shot| shot.name.clone()).collect();
         let mut record = Record::new(folder, fields()?, self.shard.map(|shard| (shard, names())));
         if self.resume {
@@ -174,13 +186,19 @@ impl Outputs {
         self.record.as_ref()?.kept(shot, self.files(shot))
     }
 
+    /// The files of a picture.
+    fn picture(&self) -> [Variant; 1] {
+        let in_folder = matches!(self.pictures, Some(OutputPath::Folder(_)));
+        [("", self.jpeg_quality.filter(|_| in_folder).map(|_| "jpg"))]
+    }
+
     /// All files of a shot.
     pub(super) fn files(&self, shot: &Shot) -> Vec<PathBuf> {
         let mut files = Vec::new();
-        files.extend(self.pictures.iter().flat_map(|place| place.files(shot, PICTURE)));
+        files.extend(self.pictures.iter().flat_map(|place| place.files(shot, self.picture())));
         files.extend(self.depth.iter().flat_map(|place| place.files(shot, DEPTH)));
         let compare = self.compare.iter().filter(|_| shot.truth.is_some());
-        files.extend(compare.flat_map(|place| place.files(shot, PICTURE)));
+        files.extend(compare.flat_map(|place| place.files(shot, COMPARISON)));
         files
     }
 
@@ -196,8 +214,9 @@ impl Outputs {
             write_atomically(file, contents)
         };
         if let Some(place) = &self.pictures {
-            let [file] = place.files(shot, PICTURE);
-            write(&file, &encode(&file, &frame.picture)?)?;
+            let [file] = place.files(shot, self.picture());
+            let quality = self.jpeg_quality.unwrap_or(JPEG_QUALITY);
+            write(&file, &encode_with_quality(&file, &frame.picture, quality)?)?;
         }
         if let Some(place) = &self.depth {
             for (file, contents) in place.files(shot, DEPTH).iter().zip(disparity(shot, frame)?) {
@@ -205,7 +224,7 @@ impl Outputs {
             }
         }
         if let (Some(place), Some(truth)) = (&self.compare, truth) {
-            let [file] = place.files(shot, PICTURE);
+            let [file] = place.files(shot, COMPARISON);
             let difference = difference(truth, &frame.picture, DIFFERENCE_FACTOR);
             write(&file, &encode(&file, &side_by_side(&[truth, &frame.picture, &difference]))?)?;
         }
@@ -236,22 +255,4 @@ impl Outputs {
         }
         self.video.map(Encoder::finish).transpose()
     }
-}
-
-/// Largest disparity of a frame (1/scene unit): 65535 in the 16-bit PNG.
-pub(super) fn disparity_max(frame: &Frame) -> f32 {
-    frame.disparity.iter().copied().fold(0.0, f32::max)
-}
-
-/// The files of [`DEPTH`].
-fn disparity(shot: &Shot, frame: &Frame) -> Result<[Vec<u8>; 3]> {
-    let largest = disparity_max(frame);
-    let unit = if largest > 0.0 { 65535.0 / largest } else { 0.0 };
-    let values: Vec<u16> = frame.disparity.iter().map(|disparity| (disparity * unit).round() as u16).collect();
-    let colour = coloured(frame.disparity.view(), (1.0 / shot.far) as f32, (1.0 / shot.near) as f32);
-    let scale = json!({
-        "liveview": env!("CARGO_PKG_VERSION"), "disparity": "value / 65535 * disparity_max", "disparity_max": largest, "unit": "1/scene unit",
-    });
-    let grey = encode_gray16_png(shot.target.width(), shot.target.height(), &values)?;
-    Ok([grey, encode("disparity.png".as_ref(), &colour)?, format!("{scale:#}\n").into_bytes()])
 }

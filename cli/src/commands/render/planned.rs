@@ -37,6 +37,7 @@ impl<'a> Planned<'a> {
     pub(crate) fn add_outputs(&mut self, output_plan: &mut OutputPlan) -> Result<()> {
         let pictures: Vec<_> = self.pictures.iter().map(|(name, size)| (name.as_str(), *size)).collect();
         self.outputs.plan_outputs(&pictures, output_plan)?;
+        self.args.scores.plan_outputs(output_plan)?;
         self.args.explain.plan_outputs(pictures.len(), output_plan)
     }
 }

@@ -12,7 +12,7 @@ use super::numbers;
 /// Options for the scene and its depth range.
 #[derive(Debug, Args)]
 pub struct SceneArgs {
-    /// Scene folder: transforms.json, COLMAP, LLFF, RealEstate10K or Spaces
+    /// Scene folder (transforms.json, COLMAP, LLFF, RealEstate10K or Spaces), or a transforms.json
     scene: PathBuf,
     /// Scale wider photos down to this width
     #[arg(long, value_name = "PIXELS", value_parser = numbers::count)]
@@ -23,7 +23,7 @@ pub struct SceneArgs {
     /// Farthest depth, in scene units, or inf [default: as the nearest]
     #[arg(long, value_name = "DEPTH", allow_negative_numbers = true)]
     far: Option<f64>,
-    /// Photo folder of an LLFF, RealEstate10K or COLMAP scene [default: the format's usual ones]
+    /// Photo folder of a scene, such as images_4 [default: the format's usual ones]
     #[arg(long, value_name = "NAME", help_heading = ADVANCED, hide_short_help = true)]
     images: Option<String>,
     /// Rig position of a Spaces scene

@@ -32,10 +32,11 @@ pub struct TargetArgs {
     /// its model's dataparser_transforms.json beside it.
     #[arg(long, value_name = "FILE", help_heading = HEADING)]
     pose: Option<PathBuf>,
-    /// Path of N frames (line:N, circle:N, spiral:N), or a file as for --pose
+    /// Path of N frames (line:N, circle:N, spiral:N, interpolate:N), or a file as for --pose
     ///
     /// line:N runs between the two outermost views; circle:N and spiral:N run around the centre of
-    /// the rig. The camera rotates like the views around it.
+    /// the rig. The camera rotates like the views around it. interpolate:N runs through all photos
+    /// in the order of their names, interpolate:N:NAME,… through these photos.
     #[arg(long, value_name = "SHAPE:N|FILE", value_parser = path, help_heading = HEADING)]
     path: Option<CameraPathOrFile>,
 }
@@ -44,6 +45,11 @@ pub struct TargetArgs {
 #[derive(Debug, Clone)]
 enum CameraPathOrFile {
     Shape(CameraPath),
+    /// Through all photos, or those of a list of names.
+    Through {
+        frames: usize,
+        names: Option<String>,
+    },
     File(PathBuf),
 }
 
@@ -51,7 +57,16 @@ fn path(text: &str) -> Result<CameraPathOrFile, String> {
     if has_extension(Path::new(text), &["json"]) {
         return Ok(CameraPathOrFile::File(text.into()));
     }
-    text.parse().map(CameraPathOrFile::Shape)
+    let Some(through) = text.strip_prefix("interpolate:") else {
+        let path = text.parse().map(CameraPathOrFile::Shape);
+        return path.map_err(|error| format!("{error}; or interpolate:N, interpolate:N:NAME,… or a .json file"));
+    };
+    let (frames, names) = through.split_once(':').map_or((through, None), |(frames, names)| (frames, Some(names)));
+    let frames = numbers::count(frames).map_err(|error| format!("N in {text}: {error}"))?;
+    if names == Some("") {
+        return Err(format!("{text}: expected names of photos after the last colon"));
+    }
+    Ok(CameraPathOrFile::Through { frames, names: names.map(str::to_owned) })
 }
 
 /// The option as on the command line.
@@ -61,6 +76,10 @@ impl fmt::Display for TargetArgs {
             Self { heldout: Some(step), .. } => write!(f, "--heldout {step}"),
             Self { pose: Some(file), .. } => write!(f, "--pose {}", file.display()),
             Self { path: Some(CameraPathOrFile::Shape(path)), .. } => write!(f, "--path {path}"),
+            Self { path: Some(CameraPathOrFile::Through { frames, names }), .. } => {
+                let names = names.as_ref().map(|names| format!(":{names}")).unwrap_or_default();
+                write!(f, "--path interpolate:{frames}{names}")
+            }
             Self { path: Some(CameraPathOrFile::File(file)), .. } => write!(f, "--path {}", file.display()),
             Self { target, .. } => write!(f, "--target {}", target.join(",")),
         }
@@ -102,11 +121,17 @@ impl TargetArgs {
     }
 
     fn targets_of_scene(&self, scene: &Scene) -> Result<Targets> {
-        if let Some(CameraPathOrFile::Shape(path)) = self.path {
-            return match Targets::path(scene, path) {
+        match &self.path {
+            Some(CameraPathOrFile::Shape(path)) => match Targets::path(scene, *path) {
                 Err(error @ SynthesisError::Path(_)) => bail!("{error}; expected --pose instead"),
-                targets => Ok(targets?),
-            };
+                targets => return Ok(targets?),
+            },
+            Some(CameraPathOrFile::Through { frames, names }) => {
+                let all = || Ok((0..scene.views.len()).collect());
+                let through = names.as_ref().map_or_else(all, |names| named(scene, std::slice::from_ref(names)))?;
+                return Ok(Targets::through(scene, &through, *frames)?);
+            }
+            Some(CameraPathOrFile::File(_)) | None => {}
         }
         let views = match self.heldout {
             Some(1) => bail!("--heldout 1 holds out every view and leaves none to render from; expected 2 or more"),

@@ -14,8 +14,9 @@ use crate::args::output::has_extension;
 /// Folders from which photos or the cameras of a rig are read.
 const FOLDERS: [&str; 6] = ["images", "images_2", "images_4", "images_8", "frames", "videos"];
 /// Names of pose files.
-const POSES: [&str; 9] = [
+const POSES: [&str; 10] = [
     "transforms.json",
+    "transforms_train.json",
     "poses_bounds.npy",
     "models.json",
     "cameras.txt",

@@ -19,7 +19,7 @@ fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scen
         let &(name, parameters) = usize::try_from(number)
             .ok()
             .and_then(|number| MODELS.get(number))
-            .ok_or_else(|| input.wrong(&format!("camera {id} has model number {number}"), "0 to 4"))?;
+            .ok_or_else(|| input.wrong(&format!("camera {id} has model number {number}"), "0 to 11"))?;
         let parameters = (0..parameters).map(|_| input.f64("camera parameters")).collect::<Result<Vec<_>, _>>()?;
         if model.lenses.insert(id, lens(path, name, width, height, &parameters)?).is_some() {
             return Err(input.wrong(&format!("camera {id} is listed twice"), "each camera once"));

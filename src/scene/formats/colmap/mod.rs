@@ -3,8 +3,8 @@
 //!
 //! Conventions are those of COLMAP's "Output Format" page: poses are `cam_from_world` (quaternion w
 //! x y z, then t), OpenCV axes; intrinsics are in pixels with the first pixel's centre at (0.5,
-//! 0.5). Photos of the camera models up to OPENCV are undistorted on load; other models are refused
-//! by name. The notes list the photos that COLMAP did not register.
+//! 0.5). Photos of the radial, OpenCV and fisheye camera models are undistorted on load; models that
+//! are not are refused by name. The notes list the photos that COLMAP did not register.
 //!
 //! A view's depth range comes from its tracked points: 0.9 × the 1st and 1.1 × the 99th percentile
 //! of their depths. A note reports the median reprojection error of these points, since a large one
@@ -15,18 +15,20 @@ pub(in crate::scene) mod model;
 pub(in crate::scene) mod text;
 mod tracked_points;
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
 use model::{Model, ModelFormat};
-use tracked_points::{depth_range, depths_and_errors, reprojection_note};
+pub(super) use tracked_points::depth_range;
+use tracked_points::{depths_and_errors, reprojection_note};
 
 use crate::geometry::Size;
 use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::error::SceneError;
 use crate::scene::options::SceneOptions;
-use crate::scene::photo_lookup::{PhotoLookup, list_photos};
-use crate::scene::photo_source::{PhotoList, PhotoSource};
+use crate::scene::photos::lookup::{PhotoLookup, list_photos};
+use crate::scene::photos::source::{PhotoList, PhotoSource};
 use crate::scene::pose_file::{abbreviated, safe_name};
 
 /// The folder of the sparse model, and its format.
@@ -63,7 +65,7 @@ pub(in crate::scene) fn views(
 ) -> Result<DeclaredViews, SceneError> {
     // Downscaled copies differ in size from the model's photos, and may differ in extension.
     let downscaled = list.folder.as_deref().filter(|&folder| folder != "images");
-    let mut lookup = PhotoLookup::new(photos, listed_in).any_extension(downscaled.is_some());
+    let mut lookup = PhotoLookup::new(photos, listed_in);
     let mut views = Vec::with_capacity(model.images.len());
     let mut errors = Vec::new();
     for image in &model.images {
@@ -88,13 +90,31 @@ pub(in crate::scene) fn views(
             depth_range: depth_range(depths),
         });
     }
-    let mut notes = lookup.into_notes();
+    let mut notes = lookup.into_notes(&views)?;
     notes.extend(downscaled.map(|folder| format!("photos are read from {folder}")));
     notes.extend(reprojection_note(errors));
     if model.points.is_empty() {
         notes.push("no points3D: depth ranges are unknown".to_owned());
     }
     Ok(DeclaredViews { cameras: listed_in.to_owned(), views, notes })
+}
+
+/// What a model says of one of its photos.
+pub(super) struct Seen {
+    /// Centre of its camera, in units of the model.
+    pub(super) centre: DVec3,
+    /// Range of the depths of its points.
+    pub(super) range: Option<(f64, f64)>,
+}
+
+/// What a model says of its photos, by name.
+pub(super) fn seen(model: &Model) -> HashMap<&str, Seen> {
+    let seen = model.images.iter().filter_map(|image| {
+        let (depths, _) = depths_and_errors(image, model.lenses.get(&image.camera)?, &model.points);
+        let centre = -(image.rotation.transpose() * image.translation);
+        Some((image.name.as_str(), Seen { centre, range: depth_range(depths) }))
+    });
+    seen.collect()
 }
 
 /// The note on photos that COLMAP did not register.

@@ -60,7 +60,7 @@ impl ModelFormat {
         ["cameras", "images"].iter().all(|name| self.file(folder, name).is_file())
     }
 
-    pub(super) fn read(&self, folder: &Path) -> Result<Model, SceneError> {
+    pub(in crate::scene::formats) fn read(&self, folder: &Path) -> Result<Model, SceneError> {
         let mut model = Model::default();
         for (name, parse) in [("cameras", self.cameras), ("images", self.images), ("points3D", self.points)] {
             let path = self.file(folder, name);
@@ -88,6 +88,19 @@ pub(super) const MODELS: [(&str, usize); 12] = [
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
 ];
 
+/// Those that are read.
+const READ_MODELS: [&str; 9] = [
+    "SIMPLE_PINHOLE",
+    "PINHOLE",
+    "SIMPLE_RADIAL",
+    "RADIAL",
+    "OPENCV",
+    "FULL_OPENCV",
+    "OPENCV_FISHEYE",
+    "RADIAL_FISHEYE",
+    "SIMPLE_RADIAL_FISHEYE",
+];
+
 /// A lens from a camera model's name and parameters; an error for unsupported models.
 pub(super) fn lens(
     path: &Path,
@@ -96,23 +109,32 @@ pub(super) fn lens(
     height: usize,
     parameters: &[f64],
 ) -> Result<Lens, SceneError> {
-    let zero = Distortion::default();
-    let square_pixels = |f, cx, cy| Intrinsics { fx: f, fy: f, cx, cy, skew: 0.0 };
+    let pixels = |fx, fy, cx, cy| Intrinsics { fx, fy, cx, cy, skew: 0.0 };
+    let bent = |k, p| Distortion { fisheye: model.ends_with("FISHEYE"), k, p };
     let (intrinsics, distortion) = match (model, parameters) {
-        ("SIMPLE_PINHOLE", &[f, cx, cy]) => (square_pixels(f, cx, cy), zero),
-        ("PINHOLE", &[fx, fy, cx, cy]) => (Intrinsics { fx, fy, cx, cy, skew: 0.0 }, zero),
-        ("SIMPLE_RADIAL", &[f, cx, cy, k1]) => (square_pixels(f, cx, cy), Distortion { k1, ..zero }),
-        ("RADIAL", &[f, cx, cy, k1, k2]) => (square_pixels(f, cx, cy), Distortion { k1, k2, ..zero }),
-        ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => {
-            (Intrinsics { fx, fy, cx, cy, skew: 0.0 }, Distortion { k1, k2, p1, p2, ..zero })
+        ("SIMPLE_PINHOLE", &[f, cx, cy]) => (pixels(f, f, cx, cy), Distortion::default()),
+        ("PINHOLE", &[fx, fy, cx, cy]) => (pixels(fx, fy, cx, cy), Distortion::default()),
+        ("SIMPLE_RADIAL" | "SIMPLE_RADIAL_FISHEYE", &[f, cx, cy, k1]) => {
+            (pixels(f, f, cx, cy), bent([k1, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]))
         }
-        ("SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV", _) => {
+        ("RADIAL" | "RADIAL_FISHEYE", &[f, cx, cy, k1, k2]) => {
+            (pixels(f, f, cx, cy), bent([k1, k2, 0.0, 0.0, 0.0, 0.0], [0.0; 2]))
+        }
+        ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => {
+            (pixels(fx, fy, cx, cy), bent([k1, k2, 0.0, 0.0, 0.0, 0.0], [p1, p2]))
+        }
+        ("OPENCV_FISHEYE", &[fx, fy, cx, cy, k1, k2, k3, k4]) => {
+            (pixels(fx, fy, cx, cy), bent([k1, k2, k3, k4, 0.0, 0.0], [0.0; 2]))
+        }
+        ("FULL_OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6]) => {
+            (pixels(fx, fy, cx, cy), bent([k1, k2, k3, k4, k5, k6], [p1, p2]))
+        }
+        _ if READ_MODELS.contains(&model) => {
             let what = format!("a {model} camera with {} parameters", parameters.len());
             return Err(SceneError::malformed(path, what, "the camera model's number of parameters"));
         }
         _ => {
-            let hint =
-                "run COLMAP's image_undistorter first, or use PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV".to_owned();
+            let hint = format!("run COLMAP's image_undistorter first, or use {}", READ_MODELS.join(", "));
             return Err(SceneError::Unsupported { path: path.to_owned(), what: format!("camera model {model}"), hint });
         }
     };

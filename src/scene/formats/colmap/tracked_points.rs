@@ -22,7 +22,7 @@ pub(super) fn depths_and_errors(image: &Registered, lens: &Lens, points: &HashMa
 }
 
 /// Near and far depth with a margin, in scene units; `None` for fewer than [`MIN_POINTS`].
-pub(super) fn depth_range(mut depths: Vec<f64>) -> Option<(f64, f64)> {
+pub(in crate::scene::formats) fn depth_range(mut depths: Vec<f64>) -> Option<(f64, f64)> {
     if depths.len() < MIN_POINTS {
         return None;
     }

@@ -1,16 +1,16 @@
 //! The source of a scene's photos: which photos exist, their sizes, their pixels.
 //!
-//! A scene's poses are read from files; its photos need not be. [`Scene::open`](super::Scene::open)
-//! uses [`PhotoFolder`](super::PhotoFolder). For photos from elsewhere (the frames of a camera rig,
-//! an archive, memory), pass your own source to [`Scene::open_with`](super::Scene::open_with).
+//! A scene's poses are read from files; its photos need not be. [`Scene::open`](crate::Scene::open)
+//! uses [`PhotoFolder`](crate::scene::PhotoFolder). For photos from elsewhere (the frames of a camera rig,
+//! an archive, memory), pass your own source to [`Scene::open_with`](crate::Scene::open_with).
 
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
-use super::error::SceneError;
-use super::format::Format;
 use crate::geometry::Size;
 use crate::image::ImageRgb;
+use crate::scene::error::SceneError;
+use crate::scene::format::Format;
 
 /// A photo that exists.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -29,12 +29,11 @@ pub struct Photo {
 /// A photo as a pose file lists it.
 #[derive(Debug, Clone, Copy)]
 pub struct ListedPhoto<'a> {
-    /// The name as the pose file writes it, or the folder and name from [`PhotoSource::list`].
+    /// The name as the pose file writes it, with `/` between folders, or the folder and name from
+    /// [`PhotoSource::list`].
     pub name: &'a str,
     /// The pose file, for messages.
     pub listed_in: &'a Path,
-    /// Whether a photo also matches if its image extension differs or the listed name has none.
-    pub any_extension: bool,
 }
 
 /// The result of looking up a listed photo.
@@ -60,7 +59,7 @@ pub struct PhotoList {
 
 impl PhotoList {
     /// The name, preceded by the folder.
-    pub(super) fn with_folder(&self, name: &str) -> String {
+    pub(in crate::scene) fn with_folder(&self, name: &str) -> String {
         self.folder.as_ref().map_or_else(|| name.to_owned(), |folder| format!("{folder}/{name}"))
     }
 }
@@ -77,10 +76,10 @@ pub trait PhotoSource: Debug + Send + Sync {
     ///
     /// # Errors
     ///
-    /// [`SceneError::MissingImage`] if a required photo does not exist; [`SceneError::UnsafePath`]
-    /// for a name that points outside the source; [`SceneError::Image`] if the photo's size cannot
-    /// be read. An error rejects the whole scene: return [`Found::Skipped`] for a photo that may be
-    /// absent.
+    /// [`SceneError::MissingImage`] if the photo does not exist: its entry is skipped with a note,
+    /// and the scene is refused if no other photo exists either. Any other error refuses the scene:
+    /// [`SceneError::UnsafePath`] for a name that points outside the source; [`SceneError::Image`]
+    /// if the photo's size cannot be read.
     fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError>;
 
     /// All photos of the first of these folders that exists; `None` if none exists. A source

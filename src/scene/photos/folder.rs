@@ -3,18 +3,23 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::error::SceneError;
-use super::photo_source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
-use super::pose_file::safe_name;
+use super::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 use crate::image::{self, Header, ImageRgb};
+use crate::scene::error::SceneError;
+use crate::scene::pose_file::{below_root, safe_name};
 
-/// Levels of nested folders that are searched for photos.
+/// Levels of nested folders in which photos are searched.
 const MAX_DEPTH: usize = 4;
 
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
+/// Folders of reduced copies of the photos in `images`, the largest first.
+const REDUCED: [&str; 3] = ["images_2", "images_4", "images_8"];
+
 /// PNG and JPEG files in a folder, named by their path relative to it. A photo that a pose file
-/// lists must exist, and its path must stay inside the folder.
+/// lists is looked for by its path; by shorter and shorter ends of it, since folders are moved; with
+/// another extension; and, where there is no folder `images`, in `images_2`, `images_4` or
+/// `images_8`. Always inside the folder: a path with `..` is refused.
 #[derive(Debug, Clone)]
 pub struct PhotoFolder {
     root: PathBuf,
@@ -26,24 +31,26 @@ impl PhotoFolder {
         Self { root: root.into() }
     }
 
-    fn is_file(&self, name: &str) -> bool {
-        self.root.join(name).is_file()
+    /// The photo of that name, or with another extension, or in a folder of reduced copies.
+    fn existing(&self, name: &str) -> Option<String> {
+        let rest = name.strip_prefix("images/").filter(|_| !self.root.join("images").is_dir());
+        let reduced = rest.map(|rest| REDUCED.map(|folder| format!("{folder}/{rest}")));
+        let folders = std::iter::once(name.to_owned()).chain(reduced.into_iter().flatten());
+        let mut names = folders.flat_map(|name| [vec![name.clone()], other_extensions(&name)].concat());
+        names.find(|name| self.root.join(name).is_file())
     }
 }
 
 impl PhotoSource for PhotoFolder {
     fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError> {
-        let name = safe_name(listed.listed_in, listed.name)?;
-        let found = if self.is_file(&name) {
-            Some(name.clone())
-        } else if listed.any_extension {
-            other_extensions(&name).into_iter().find(|other| self.is_file(other))
-        } else {
-            None
-        };
-        let Some(name) = found else {
+        let name = safe_name(listed.listed_in, below_root(listed.name))?;
+        // Poses may have been estimated in another folder: then the end of the path names the photo.
+        let ends = name.rmatch_indices('/').take(MAX_DEPTH + 1).map(|(at, _)| &name[at + 1..]);
+        let ends: Vec<&str> = ends.collect();
+        let mut names = std::iter::once(&*name).chain(ends.into_iter().rev());
+        let Some(name) = names.find_map(|name| self.existing(name)) else {
             return Err(SceneError::MissingImage {
-                path: self.root.join(&name),
+                path: self.root.join(listed.name),
                 listed_in: listed.listed_in.to_owned(),
             });
         };

@@ -1,0 +1,121 @@
+//! Finds the photos that a pose file names.
+
+use std::collections::{BTreeMap, HashSet};
+use std::path::Path;
+
+use super::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+use crate::scene::declared::DeclaredView;
+use crate::scene::error::SceneError;
+use crate::scene::pose_file::{abbreviated, safe_name};
+
+/// Finds the photos of one pose file's entries, one by one.
+pub(in crate::scene) struct PhotoLookup<'a> {
+    photos: &'a dyn PhotoSource,
+    listed_in: &'a Path,
+    /// Names of the shared photos found so far.
+    shared: HashSet<String>,
+    /// Listed photos that do not exist, and the error of the first.
+    missing: Vec<String>,
+    first_missing: Option<SceneError>,
+    /// Photos whose name is another than the listed one: both.
+    renamed: Vec<String>,
+    /// One note per skipped entry.
+    notes: Vec<String>,
+    /// Names of the photos by the property of theirs that is ignored.
+    ignored: BTreeMap<&'static str, Vec<String>>,
+}
+
+impl<'a> PhotoLookup<'a> {
+    pub(in crate::scene) fn new(photos: &'a dyn PhotoSource, listed_in: &'a Path) -> Self {
+        Self {
+            photos,
+            listed_in,
+            shared: HashSet::new(),
+            missing: Vec::new(),
+            first_missing: None,
+            renamed: Vec::new(),
+            notes: Vec::new(),
+            ignored: BTreeMap::new(),
+        }
+    }
+
+    /// The photo of an entry; `None` if the entry is skipped.
+    pub(in crate::scene) fn find(&mut self, name: &str) -> Result<Option<Photo>, SceneError> {
+        // Windows writes `\` between folders.
+        let name = &name.replace('\\', "/");
+        let found = match self.photos.find(&ListedPhoto { name, listed_in: self.listed_in }) {
+            Err(error @ SceneError::MissingImage { .. }) => {
+                self.missing.push(name.clone());
+                self.first_missing.get_or_insert(error);
+                return Ok(None);
+            }
+            found => found?,
+        };
+        if let Found::Photo(photo) | Found::Shared(photo) = &found {
+            for property in &photo.ignored {
+                self.ignored.entry(property).or_default().push(photo.name.clone());
+            }
+        }
+        Ok(match found {
+            Found::Photo(photo) => {
+                if !is_listed_as(&photo.name, name) {
+                    self.renamed.push(format!("{} for {name}", photo.name));
+                }
+                Some(photo)
+            }
+            Found::Shared(photo) => self.shared.insert(photo.name.clone()).then_some(photo),
+            Found::Skipped(note) => {
+                self.notes.push(note);
+                None
+            }
+        })
+    }
+
+    /// The scene's notes on skipped entries and on ignored properties of photos.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::MissingImage`] if there are no views and photos are missing.
+    pub(in crate::scene) fn into_notes(self, views: &[DeclaredView]) -> Result<Vec<String>, SceneError> {
+        let Self { missing, first_missing, renamed, mut notes, ignored, .. } = self;
+        match first_missing {
+            Some(error) if views.is_empty() => return Err(error),
+            Some(_) => notes.push(format!(
+                "{} of the listed photos are missing, skipped: {}",
+                missing.len(),
+                abbreviated(&missing)
+            )),
+            None => {}
+        }
+        if let Some(first) = renamed.first() {
+            notes.push(format!(
+                "{} photos are found under another name than the listed one, such as {first}",
+                renamed.len()
+            ));
+        }
+        notes.extend(ignored.into_iter().map(|(property, names)| format!("{property}: {}", abbreviated(&names))));
+        Ok(notes)
+    }
+}
+
+/// Whether a photo's name is the listed one, of which an extension may be missing.
+fn is_listed_as(name: &str, listed: &str) -> bool {
+    let listed = listed.strip_prefix("./").unwrap_or(listed);
+    name.strip_prefix(listed).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+}
+
+/// The photos of the `requested` folder, or of the first of the `usual` ones that the source has.
+pub(in crate::scene) fn list_photos(
+    root: &Path,
+    photos: &dyn PhotoSource,
+    requested: Option<&str>,
+    usual: &[&str],
+) -> Result<PhotoList, SceneError> {
+    let found = match requested {
+        // A source without folders cannot have the requested one.
+        Some(name) => photos.list(&[&safe_name(root, name)?])?.filter(|list| list.folder.is_some()),
+        None => photos.list(usual)?,
+    };
+    let expected = requested.map_or_else(|| usual.join(", "), str::to_owned);
+    found.ok_or_else(|| SceneError::malformed(root, "no photo folder", format!("one of: {expected}")))
+}

@@ -1,0 +1,9 @@
+//! PLY files of points.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use liveview::fuzz::scene;
+
+fuzz_target!(|bytes: &[u8]| if let Err(damage) = scene::ply(bytes) {
+    assert!(damage.contains("; expected "), "{damage}");
+});
