@@ -175,6 +175,14 @@ impl Camera {
         Self::new(scaled, width, height, self.rotation, self.translation)
     }
 
+    /// The camera of a photo whose cells of `cell`×`cell` pixels are averaged, fewer at the right and
+    /// lower edge.
+    pub(crate) fn shrunk(&self, cell: usize) -> Self {
+        let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
+        let whole = self.with_window(0.0, 0.0, width * cell, height * cell);
+        whole.and_then(|whole| whole.with_size_scaled(width, height)).expect("a smaller camera")
+    }
+
     /// The same camera for a window of its image plane: a crop, or (negative `left` and `top`,
     /// larger size) a padded image. `left` and `top` are in pixels of this camera.
     ///

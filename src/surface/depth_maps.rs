@@ -3,9 +3,10 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use super::anchored_depth::anchored_depth;
 use super::correction::PairStatistics;
 use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed};
-use super::search::{PhotoDepth, photo_depth};
+use super::search::PhotoDepth;
 use crate::geometry::{Camera, facing_alike};
 use crate::warp::SourceView;
 
@@ -74,7 +75,7 @@ impl DepthMaps {
             if neighbours.is_empty() {
                 return None;
             }
-            let depth = photo_depth(&view(index), &neighbours, self.near, self.far);
+            let depth = anchored_depth(&view(index), &neighbours, self.near, self.far);
             self.maps[index] = Some(Arc::new(depth));
         }
         self.maps[index].clone()

@@ -7,6 +7,7 @@
 //! ```
 //!
 //! - `search`: the depth of one photo, by a plane sweep with the photo as reference.
+//! - `anchored_depth`: the same, with what the neighbours find as anchors.
 //! - `fusion`: consistency between photos, and the fusion of their depths at the target.
 //! - `correction`: exposure and sharpness of the photos.
 //! - `range`: the depth range of a scene that gives none.
@@ -16,6 +17,7 @@
 //! 2020) search depth at a reference image. Each file states its formulas, constants and ties; the
 //! result has the same bits on any number of threads.
 
+mod anchored_depth;
 pub(crate) mod cache;
 mod correction;
 mod depth_maps;
@@ -29,6 +31,7 @@ mod target_surface;
 #[cfg(test)]
 mod tests;
 
+pub use anchored_depth::anchored_depth;
 pub use correction::{exposure_gains, sharpening};
 pub use depth_maps::{DepthMaps, EXTRA_PHOTOS, NEIGHBOURS};
 pub(crate) use found_range::found_range;

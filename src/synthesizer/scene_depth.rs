@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use crate::kinds::PhotosWithDepth;
 use crate::scene::Scene;
 use crate::surface::cache::{DepthKey, PhotoDigest};
-use crate::surface::{ConfirmedDepth, DepthMaps, PhotoDepth, photo_depth};
+use crate::surface::{ConfirmedDepth, DepthMaps, PhotoDepth, anchored_depth};
 use crate::warp::SourceView;
 
 /// How the depth of a photo was found.
@@ -120,7 +120,7 @@ impl SceneDepth {
         let (found, source) = if neighbours.is_empty() {
             (PhotoDepth::unknown(photo.camera.size()), DepthSource::Alone)
         } else {
-            (photo_depth(photo, neighbours, near, far), DepthSource::Searched)
+            (anchored_depth(photo, neighbours, near, far), DepthSource::Searched)
         };
         self.insert(view, found, source, started.elapsed());
     }

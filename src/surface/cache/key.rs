@@ -12,13 +12,14 @@ use std::fmt;
 use sha2::{Digest, Sha256};
 
 use crate::geometry::{Camera, Intrinsics, Size};
+use crate::surface::search::cell_search::PLANE_SPACING;
 use crate::surface::search::penalties::{EDGE_CONTRAST, JUMP_PENALTY, STEP_PENALTY};
-use crate::surface::search::photo_depth::{FINE_PER_COARSE, PLANE_SPACING};
+use crate::surface::search::photo_depth::FINE_PER_COARSE;
 use crate::warp::Texture;
 
 /// Kind and version of the files. To be raised with every change of a file's content or of the
 /// search's result.
-const FORMAT: &str = "liveview photo depth 2";
+const FORMAT: &str = "liveview photo depth 3";
 
 /// Constants that the search was tuned by.
 const SEARCH_CONSTANTS: [f64; 5] =

@@ -29,9 +29,9 @@ use crate::surface::neighbourhood::{extremes3, fill_holes, median3};
 use crate::warp::{SourceView, WarpSource};
 
 /// Two depths splatted to a pixel are one surface within this, px.
-const SAME_SURFACE_PX: f32 = 2.0;
+pub(crate) const SAME_SURFACE_PX: f32 = 2.0;
 /// Depths up to this far behind the nearest are averaged with it, px.
-const AVERAGED_PX: f32 = 3.0;
+pub(crate) const AVERAGED_PX: f32 = 3.0;
 /// How much nearer a view's own depth must be to hide a point, px.
 const OCCLUSION_MARGIN_PX: f32 = 4.0;
 /// Share of holes from which on the target is searched.

@@ -31,6 +31,11 @@ impl Grid {
         self.count
     }
 
+    /// Index of a disparity, a fraction between two of the grid.
+    pub(crate) fn index(&self, disparity: f32) -> f32 {
+        (self.nearest - disparity) / self.step
+    }
+
     /// Disparity at an index, at least 0.
     #[inline(always)]
     pub(crate) fn disparity(&self, index: f32) -> f32 {

@@ -1,6 +1,8 @@
 //! The depth of one photo: a plane sweep with the photo as reference among its neighbours.
 
 pub(super) mod aggregate;
+pub(super) mod anchors;
+pub(super) mod cell_search;
 pub(super) mod grid;
 mod path;
 pub(super) mod penalties;

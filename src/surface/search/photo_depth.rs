@@ -1,10 +1,7 @@
 //! The depth of one photo: a plane sweep with the photo as reference at half resolution, then a
 //! narrow band around its result at full resolution.
 //!
-//! 1. Cells of 2×2 pixels (area averages), n = ⌈parallax / 1 px⌉ + 1 planes, 32 to 256, from near
-//!    to far; the parallax is that between near and far in the neighbour where it is largest. Costs
-//!    ([`super::photo_sweep`]), aggregated ([`super::aggregate`]), 3×3 median of the (fractional)
-//!    indices.
+//! 1. All planes on cells of 2×2 pixels ([`super::cell_search`]).
 //! 2. Pixels, planes half as far apart. Each cell has one or two segments of 8 of them, around the
 //!    nearest and the farthest index n and f of its 3×3 neighbourhood, in steps of the finer grid,
 //!    m = round((n + f)/2): where f − n < 3 one, from m − 3 on; where f − n < 10 two that join,
@@ -15,13 +12,13 @@ use ndarray::Array2;
 use rayon::prelude::*;
 
 use super::aggregate::aggregate;
-use super::grid::{Candidates, Grid, SEGMENT};
+use super::cell_search::CellSearch;
+use super::grid::{Candidates, SEGMENT};
 use super::photo_sweep::costs;
 use super::planes::Planes;
-use crate::geometry::parallax::widest_parallax;
 use crate::geometry::{PlaneSweep, Size};
 use crate::surface::neighbourhood::median3;
-use crate::warp::{SourceView, Texture, WarpSource};
+use crate::warp::{SourceView, WarpSource};
 
 /// Result of a photo's search, before other photos confirm it.
 #[derive(Debug, Clone)]
@@ -40,44 +37,32 @@ impl PhotoDepth {
     }
 }
 
-/// Number of planes of the first search, at least and at most.
-const PLANE_COUNT: std::ops::RangeInclusive<usize> = 32..=256;
-/// Distance between the planes of the first search, pixels of parallax.
-pub(crate) const PLANE_SPACING: f64 = 1.0;
+/// Pixels per side of a cell of the first search.
+pub(crate) const CELL: usize = 2;
 /// Planes of the second search per plane of the first.
 pub(crate) const FINE_PER_COARSE: usize = 2;
 
 /// Searches the depth of `photo` among its `neighbours` (at least one), from `near` to `far` (scene
 /// units).
 pub fn photo_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: f64, far: f64) -> PhotoDepth {
-    let sweeps: Vec<PlaneSweep> = neighbours.iter().map(|n| PlaneSweep::new(n.camera, photo.camera)).collect();
-    let size = photo.camera.size();
-    let widest = widest_parallax(&sweeps, size, near, far).max(1.0);
-    let disparity_per_pixel = ((1.0 / near - 1.0 / far) / widest) as f32;
-    let count = ((widest / PLANE_SPACING).ceil() as usize + 1).clamp(*PLANE_COUNT.start(), *PLANE_COUNT.end());
-    let coarse = Grid::new(near, far, count);
+    refined(photo, neighbours, CellSearch::new(photo, neighbours, (near, far), CELL))
+}
 
-    let half_size: Vec<Texture> = neighbours.iter().map(|n| n.texture.shrunk(2)).collect();
-    let reference = Planes::new(&photo.texture.shrunk(2));
-    let half_width = reference.width;
-    let sources: Vec<_> =
-        half_size.iter().zip(&sweeps).map(|(texture, sweep)| WarpSource::new(texture, sweep.shrunk(2.0))).collect();
-    let volume = costs(&reference, &sources, &coarse, Candidates::All);
-    let found = aggregate(&volume, &reference, &coarse, Candidates::All);
-    drop(volume);
-    let index = median3(&found, half_width);
-
-    let fine = coarse.divided(FINE_PER_COARSE);
-    let starts = segment_starts(&index, half_width, FINE_PER_COARSE, fine.count());
-    let candidates = Candidates::Segments { starts: &starts, columns: half_width, cells_per_side: 2 };
+/// The second search, around the result of the first.
+pub(crate) fn refined(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], first: CellSearch) -> PhotoDepth {
+    let CellSearch { photo: cells, grid, index, disparity_per_pixel, .. } = first;
+    let fine = grid.divided(FINE_PER_COARSE);
+    let starts = segment_starts(&index, cells.width, FINE_PER_COARSE, fine.count());
+    let candidates = Candidates::Segments { starts: &starts, columns: cells.width, cells_per_side: CELL };
     let reference = Planes::new(photo.texture);
-    let sources: Vec<_> = neighbours.iter().zip(&sweeps).map(|(n, &sweep)| WarpSource::new(n.texture, sweep)).collect();
+    let source = |n: &SourceView<'_>| PlaneSweep::new(n.camera, photo.camera);
+    let sources: Vec<_> = neighbours.iter().map(|n| WarpSource::new(n.texture, source(n))).collect();
     let volume = costs(&reference, &sources, &fine, candidates);
     let found = aggregate(&volume, &reference, &fine, candidates);
     let index = median3(&found, reference.width);
     let disparity = index.iter().map(|&index| fine.disparity(index)).collect();
     PhotoDepth {
-        disparity: Array2::from_shape_vec((size.height, size.width), disparity).expect("one per pixel"),
+        disparity: Array2::from_shape_vec((reference.height, reference.width), disparity).expect("one per pixel"),
         disparity_per_pixel,
     }
 }

@@ -1,0 +1,84 @@
+//! The first search of a photo's depth: all planes, on cells of several pixels.
+//!
+//! Cells of c×c pixels (area averages), n = ⌈parallax / (c/2) px⌉ + 1 planes, 32 to 256, from near to
+//! far; the parallax is that between near and far in the neighbour where it is largest. Costs
+//! ([`super::photo_sweep`]), aggregated ([`super::aggregate`]), 3×3 median of the (fractional)
+//! indices.
+
+use ndarray::Array2;
+
+use super::aggregate::aggregate;
+use super::anchors::Anchors;
+use super::grid::{Candidates, Grid};
+use super::photo_depth::PhotoDepth;
+use super::photo_sweep::costs;
+use super::planes::Planes;
+use crate::geometry::PlaneSweep;
+use crate::geometry::parallax::widest_parallax;
+use crate::surface::neighbourhood::median3;
+use crate::warp::{SourceView, Texture, WarpSource};
+
+/// Number of planes, at least and at most.
+const PLANE_COUNT: std::ops::RangeInclusive<usize> = 32..=256;
+/// Distance between the planes, pixels of parallax per pixel of a cell's side.
+pub(crate) const PLANE_SPACING: f64 = 0.5;
+
+/// A search on cells, and what it found.
+pub(crate) struct CellSearch {
+    /// The photo by cells.
+    pub(super) photo: Planes,
+    pub(super) grid: Grid,
+    /// `[h, w, n]`.
+    costs: Vec<u16>,
+    /// Of each cell, a fraction between two of the grid.
+    pub(super) index: Vec<f32>,
+    /// Disparity that moves a point by one pixel of the photo in the neighbour with the largest
+    /// parallax, 1/scene unit.
+    pub(crate) disparity_per_pixel: f32,
+}
+
+impl CellSearch {
+    /// Searches `photo` among its neighbours (at least one), from near to far (scene units), on
+    /// cells of `cell` pixels a side.
+    pub(crate) fn new(
+        photo: &SourceView<'_>,
+        neighbours: &[SourceView<'_>],
+        (near, far): (f64, f64),
+        cell: usize,
+    ) -> Self {
+        let sweeps: Vec<_> = neighbours.iter().map(|n| PlaneSweep::new(n.camera, photo.camera)).collect();
+        let widest = widest_parallax(&sweeps, photo.camera.size(), near, far).max(1.0);
+        let planes = (widest / (PLANE_SPACING * cell as f64)).ceil() as usize + 1;
+        let grid = Grid::new(near, far, planes.clamp(*PLANE_COUNT.start(), *PLANE_COUNT.end()));
+        let textures: Vec<Texture> = neighbours.iter().map(|n| n.texture.shrunk(cell)).collect();
+        let sources = textures.iter().zip(&sweeps).map(|(t, sweep)| WarpSource::new(t, sweep.shrunk(cell as f64)));
+        let photo = Planes::new(&photo.texture.shrunk(cell));
+        let costs = costs(&photo, &sources.collect::<Vec<_>>(), &grid, Candidates::All);
+        let index = aggregated(&costs, &photo, &grid);
+        let disparity_per_pixel = ((1.0 / near - 1.0 / far) / widest) as f32;
+        Self { photo, grid, costs, index, disparity_per_pixel }
+    }
+
+    /// Searches the cells that are not kept again, with these anchors. The costs are spent: once.
+    pub(crate) fn search_again(&mut self, anchors: &Anchors) {
+        let mut costs = std::mem::take(&mut self.costs);
+        anchors.add_to(&mut costs, &self.grid);
+        let found = aggregated(&costs, &self.photo, &self.grid);
+        let cells = self.index.iter_mut().zip(found).zip(&anchors.kept);
+        cells.filter(|(_, kept)| !**kept).for_each(|((index, found), _)| *index = found);
+    }
+
+    /// The depth of each cell.
+    pub(crate) fn depth(&self) -> PhotoDepth {
+        let disparity = self.index.iter().map(|&index| self.grid.disparity(index)).collect();
+        let shape = (self.photo.height, self.photo.width);
+        PhotoDepth {
+            disparity: Array2::from_shape_vec(shape, disparity).expect("one per cell"),
+            disparity_per_pixel: self.disparity_per_pixel,
+        }
+    }
+}
+
+fn aggregated(costs: &[u16], photo: &Planes, grid: &Grid) -> Vec<f32> {
+    median3(&aggregate(costs, photo, grid, Candidates::All), photo.width)
+}
