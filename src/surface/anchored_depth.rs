@@ -5,11 +5,11 @@
 //!    pixels ([`super::search`]), and what the others confirm of it is kept ([`super::fusion`], with
 //!    two pixels of parallax for one).
 //! 2. The first search of the photo, on cells of 2×2 pixels. A cell is kept where the group's maps
-//!    confirm it, and where they confirm more than half of the 23×23 cells around it: holes in places
+//!    confirm it, and where they confirm more than a third of the 31×31 cells around it: holes in places
 //!    with texture are occluded, thin or at an edge, and their own costs know more than their
 //!    surroundings.
 //! 3. Anchors: the kept cell's own depth where it is confirmed; elsewhere the group's confirmed depths
-//!    splatted to the photo, but not where these differ by more than 16 px within 3×3 cells.
+//!    splatted to the photo, but not where these differ by more than 20 px within 3×3 cells.
 //! 4. The cells that are not kept are searched again with the anchors ([`super::search::anchors`]), then
 //!    the whole photo around the result ([`super::search::photo_depth`]).
 //!
@@ -34,9 +34,9 @@ const GROUP_CELL: usize = 4;
 /// Pixels of parallax that count as one when the group's maps are compared.
 const GROUP_PX: f32 = 2.0;
 /// Half the side of the window that decides whether a hole is kept, cells.
-const WINDOW_RADIUS: usize = 11;
+const WINDOW_RADIUS: usize = 15;
 /// No depth is carried over where those around it differ by more than this, px.
-const EDGE_PX: f32 = 16.0;
+const EDGE_PX: f32 = 20.0;
 
 /// Searches the depth of `photo` among its `neighbours` (at least one), from `near` to `far` (scene
 /// units), with anchors.
@@ -58,21 +58,27 @@ pub(crate) struct Group {
 }
 
 impl Group {
-    /// Of photos of the full size (at least two), the one in question first.
+    /// Of photos of the full size (at least two), the one in question first, searched from near to
+    /// far (scene units).
     pub(crate) fn new(views: &[SourceView<'_>], range: (f64, f64)) -> Self {
-        let cameras: Vec<Camera> = views.iter().map(|view| view.camera.shrunk(GROUP_CELL)).collect();
         let search = |which: usize| {
             let others: Vec<_> = (0..views.len()).filter(|&other| other != which).map(|other| views[other]).collect();
             CellSearch::new(&views[which], &others, range, GROUP_CELL).depth()
         };
-        let maps: Vec<PhotoDepth> = (0..views.len()).map(search).collect();
+        let maps = (0..views.len()).map(search).collect();
+        Self::of(&views.iter().map(|view| view.camera).collect::<Vec<_>>(), maps)
+    }
+
+    /// Of these maps and the cameras of the full size.
+    pub(super) fn of(cameras: &[&Camera], maps: Vec<PhotoDepth>) -> Self {
+        let cameras: Vec<Camera> = cameras.iter().map(|camera| camera.shrunk(GROUP_CELL)).collect();
         let confirm = |which: usize| {
             let disparity_per_pixel = GROUP_PX * maps[which].disparity_per_pixel;
             let own = PhotoDepth { disparity_per_pixel, ..maps[which].clone() };
-            let others = (0..views.len()).filter(|&other| other != which);
+            let others = (0..maps.len()).filter(|&other| other != which);
             confirmed_by((&cameras[which], &own), others.map(|other| (&cameras[other], &maps[other])))
         };
-        let confirmed = (0..views.len()).into_par_iter().map(confirm).collect();
+        let confirmed = (0..maps.len()).into_par_iter().map(confirm).collect();
         Self { cameras, maps, confirmed }
     }
 
@@ -113,7 +119,7 @@ fn confirmed_by<'a>(
     ConfirmedDepth::new(own.1, &confirmed(&votes.iter().collect::<Vec<_>>(), own.1.disparity.dim()))
 }
 
-/// Which cells are confirmed (≥ 0), or more than half of those around them, by sums over rectangles.
+/// Which cells are confirmed (≥ 0), or more than a third of those around them, by sums over rectangles.
 fn mostly_confirmed(confirmed: &Array2<f32>) -> Array2<bool> {
     let (height, width) = confirmed.dim();
     let mut sums = Array2::<u32>::zeros((height + 1, width + 1));
@@ -125,6 +131,6 @@ fn mostly_confirmed(confirmed: &Array2<f32>) -> Array2<bool> {
         let (top, bottom) = (y.saturating_sub(WINDOW_RADIUS), (y + WINDOW_RADIUS + 1).min(height));
         let (left, right) = (x.saturating_sub(WINDOW_RADIUS), (x + WINDOW_RADIUS + 1).min(width));
         let count = sums[(bottom, right)] + sums[(top, left)] - sums[(top, right)] - sums[(bottom, left)];
-        confirmed[(y, x)] >= 0.0 || 2 * count as usize > (bottom - top) * (right - left)
+        confirmed[(y, x)] >= 0.0 || 3 * count as usize > (bottom - top) * (right - left)
     })
 }

@@ -6,14 +6,16 @@
 
 use ndarray::{Array2, Array3};
 
+use super::anchored_depth::Group;
 use super::fusion::photo_variance::{self, VarianceViews};
 use super::fusion::surface::{disparity_per_pixel, splat_confirmed, warp_sources};
 use super::fusion::{ConfirmedDepth, SurfaceView, visible};
 use super::neighbourhood;
 use super::range;
 use super::search::aggregate::aggregate;
+use super::search::anchors::Anchors;
 use super::search::grid::{Candidates, Grid};
-use super::search::photo_depth;
+use super::search::photo_depth::{self, PhotoDepth};
 use super::search::photo_sweep::costs;
 use super::search::planes::Planes;
 use crate::geometry::{Camera, PlaneSweep, Size};
@@ -83,6 +85,53 @@ pub fn aggregated(costs: &Array3<u16>, photo: &Texture, search: &Search<'_>) -> 
 /// 3×3 median.
 pub fn median3(values: &Array2<f32>) -> Array2<f32> {
     map(neighbourhood::median3(flat(values), values.ncols()), values.ncols())
+}
+
+/// Disparity of each index of a search, 1/scene unit.
+pub fn disparity(index: &Array2<f32>, search: &Search<'_>) -> Array2<f32> {
+    index.mapv(|index| search.grid().disparity(index))
+}
+
+/// The depth of each photo of a group `[h/4, w/4]`, searched among the others (at least one) from
+/// near to far (scene units).
+pub fn group(views: &[SourceView<'_>], range: (f64, f64)) -> Vec<PhotoDepth> {
+    Group::new(views, range).maps
+}
+
+/// What the others of a group confirm of each of its maps; the cameras are those of the full size.
+pub fn group_confirmed(cameras: &[&Camera], maps: &[PhotoDepth]) -> Vec<ConfirmedDepth> {
+    Group::of(cameras, maps.to_vec()).confirmed
+}
+
+/// Anchors of the first photo of a group, given the depth `found` of its cells of 2×2 pixels: which
+/// cells are kept, and the disparity that each is drawn to (−1: none), `[h/2, w/2]`.
+pub fn anchors(
+    cameras: &[&Camera],
+    maps: &[PhotoDepth],
+    confirmed: Vec<ConfirmedDepth>,
+    found: &PhotoDepth,
+) -> (Array2<bool>, Array2<f32>) {
+    let mut group = Group::of(cameras, maps.to_vec());
+    group.confirmed = confirmed;
+    let Anchors { kept, disparity } = group.anchors(&cameras[0].shrunk(2), found);
+    let width = found.disparity.ncols();
+    (Array2::from_shape_vec(found.disparity.dim(), kept).expect("one per cell"), map(disparity, width))
+}
+
+/// Costs `[h, w, n]` of a search, changed by anchors.
+///
+/// # Panics
+/// If the costs are not in standard order.
+pub fn anchored_costs(
+    costs: &Array3<u16>,
+    kept: Array2<bool>,
+    anchor: &Array2<f32>,
+    search: &Search<'_>,
+) -> Array3<u16> {
+    let mut costs = costs.clone();
+    let anchors = Anchors { kept: kept.into_iter().collect(), disparity: flat(anchor).to_vec() };
+    anchors.add_to(costs.as_slice_mut().expect("standard order"), &search.grid());
+    costs
 }
 
 /// First indices `[h, w, 2]` of the two segments of each cell around the coarse `index` found

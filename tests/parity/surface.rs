@@ -7,13 +7,15 @@ use liveview::geometry::distance;
 use liveview::layers::Layer;
 use liveview::render::{Visibility, VisibleView};
 use liveview::surface::stages::{self, Search};
-use liveview::surface::{ConsistencyVotes, confirmed, exposure_gains, photo_depth, sharpening, surface};
+use liveview::surface::{
+    ConsistencyVotes, PhotoDepth, anchored_depth, confirmed, exposure_gains, photo_depth, sharpening, surface,
+};
 use ndarray::{Array1, Array2, Axis};
 
 use crate::golden::{assert_none, listed_cases};
 use crate::surface_case::SurfaceCase;
 
-const CASES: [&str; 11] = [
+const CASES: [&str; 12] = [
     "scene",
     "many",
     "sizes",
@@ -24,6 +26,7 @@ const CASES: [&str; 11] = [
     "exposure",
     "infinity",
     "near_is_far",
+    "moving",
     "planes_4096",
 ];
 
@@ -51,8 +54,13 @@ fn for_all(check: impl Fn(&SurfaceCase)) {
 }
 
 /// All cases but the last, which has the first search only.
-fn for_complete(check: impl Fn(&SurfaceCase)) {
+fn for_photos(check: impl Fn(&SurfaceCase)) {
     for_cases(&CASES[..CASES.len() - 1], check);
+}
+
+/// The cases with stages at a target: not the one whose photos contradict each other.
+fn for_complete(check: impl Fn(&SurfaceCase)) {
+    for_cases(&CASES[..CASES.len() - 2], check);
 }
 
 #[test]
@@ -76,7 +84,7 @@ fn half_resolution_search_is_within_bounds() {
 
 #[test]
 fn full_resolution_search_is_within_bounds() {
-    for_complete(|case| {
+    for_photos(|case| {
         let starts = case.volume::<u16>("starts");
         let (range, count, parts) = (case.range, case.count, FINE_PER_COARSE);
         let search = Search { range, count, parts, cell: 1, starts: Some(&starts) };
@@ -93,7 +101,7 @@ fn full_resolution_search_is_within_bounds() {
 
 #[test]
 fn photo_depth_is_within_bounds() {
-    for_complete(|case| {
+    for_photos(|case| {
         for which in 0..case.cameras.len() {
             let neighbours = case.neighbours(which);
             let found = photo_depth(&case.view(which), &neighbours, case.range.0, case.range.1);
@@ -106,6 +114,32 @@ fn photo_depth_is_within_bounds() {
                 found.disparity_per_pixel
             );
         }
+    });
+}
+
+#[test]
+fn anchored_depth_and_its_stages_are_within_bounds() {
+    for_photos(|case| {
+        let neighbours = case.neighbours(0);
+        let views: Vec<_> = std::iter::once(case.view(0)).chain(neighbours.iter().copied()).collect();
+        for (which, map) in stages::group(&views, case.range).iter().enumerate() {
+            case.check(&format!("coarse{which}"), &map.disparity);
+        }
+        let cameras: Vec<_> = views.iter().map(|view| view.camera).collect();
+        let (maps, confirmed) = case.group(views.len());
+        for (which, sure) in stages::group_confirmed(&cameras, &maps).iter().enumerate() {
+            let sure = sure.disparity.mapv(|disparity| if disparity >= 0.0 { 1.0_f32 } else { 0.0 });
+            case.check(&format!("coarse_sure{which}"), &sure);
+        }
+        let search = Search { range: case.range, count: case.count, parts: 1, cell: 2, starts: None };
+        let half = stages::disparity(&case.map("half_index"), &search);
+        let half = PhotoDepth { disparity: half, disparity_per_pixel: case.get::<f32>("pixel")[[0]] };
+        let (kept, anchor) = stages::anchors(&cameras, &maps, confirmed, &half);
+        case.check("kept", &kept.mapv(|kept| if kept { 1.0_f32 } else { 0.0 }));
+        case.check("anchor", &anchor);
+        let (kept, anchor) = (case.map("kept").mapv(|kept| kept > 0.0), case.map("anchor"));
+        case.check("anchored_costs", &stages::anchored_costs(&case.volume("half_costs"), kept, &anchor, &search));
+        case.check("anchored", &anchored_depth(&views[0], &neighbours, case.range.0, case.range.1).disparity);
     });
 }
 
@@ -225,7 +259,7 @@ fn any_number_of_threads_gives_the_same_bits() {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
                 let (near, far) = case.range;
-                let depth = photo_depth(&case.view(0), &case.neighbours(0), near, far).disparity;
+                let depth = anchored_depth(&case.view(0), &case.neighbours(0), near, far).disparity;
                 let surface = case.with_views(|views| surface(views, &case.target, near, far));
                 let gains = case.with_views(|views| exposure_gains(views, &vec![1.0; views.len()])).concat();
                 let sharpening = case.with_views(sharpening);

@@ -49,6 +49,17 @@ impl SurfaceCase {
         (0..self.cameras.len()).map(depth).collect()
     }
 
+    /// The maps of photo 0's group of so many photos, and what is confirmed of them.
+    pub(crate) fn group(&self, photos: usize) -> (Vec<PhotoDepth>, Vec<ConfirmedDepth>) {
+        let pixels = self.get::<f32>("coarse_pixel");
+        let of_photo = |i: usize| {
+            let map = PhotoDepth { disparity: self.map(&format!("coarse{i}")), disparity_per_pixel: pixels[[i]] };
+            let sure = self.map(&format!("coarse_sure{i}")).mapv(|yes| yes > 0.0);
+            (map.clone(), ConfirmedDepth::new(&map, &sure))
+        };
+        (0..photos).map(of_photo).unzip()
+    }
+
     fn confirmed(&self, depths: &[PhotoDepth]) -> Vec<ConfirmedDepth> {
         let confirmed =
             |(i, depth)| ConfirmedDepth::new(depth, &self.map(&format!("confirmed{i}")).mapv(|yes| yes > 0.0));

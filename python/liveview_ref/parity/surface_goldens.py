@@ -27,6 +27,12 @@ DECISIONS = {  # the change of an output that means another decision; the other 
     "fine_costs": 1.5,
     "fine_found": 0.05,
     "fine_index": 0.05,
+    "coarse": 0.1,  # 0.05 indices
+    "coarse_sure": 0.5,
+    "kept": 0.5,
+    "anchor": 0.001,
+    "anchored_costs": 1.5,
+    "anchored": 0.025,
     "depth": 0.025,  # pixels of parallax, as for all IN_PIXELS: 0.05 indices
     "splat": 0.001,
     "filled": 0.001,
@@ -41,7 +47,8 @@ DECISIONS = {  # the change of an output that means another decision; the other 
     "gains": 1e-3,
     "sharpening": 1e-4,
 }
-IN_PIXELS = "depth", "splat", "filled", "surface", "layers"
+IN_PHOTO_PIXELS = "depth", "coarse", "anchor", "anchored"
+IN_PIXELS = *IN_PHOTO_PIXELS, "splat", "filled", "surface", "layers"
 
 CASES: dict[str, dict] = {
     "scene": {"views": 5},
@@ -54,6 +61,7 @@ CASES: dict[str, dict] = {
     "exposure": {"views": 3, "kind": "exposure"},
     "infinity": {"views": 3, "range": (2.0, np.inf)},
     "near_is_far": {"views": 3, "range": (5.0, 5.0 * (1 + 1e-6))},
+    "moving": {"views": 4, "kind": "moving", "range": (1.0, np.inf), "at_target": False},
     "planes_4096": {"views": 3, "count": 4096},
 }
 
@@ -69,7 +77,7 @@ def decision_of(name: str, data: Arrays) -> float | None:
     change = DECISIONS.get(kind_of(name))
     if kind_of(name) not in IN_PIXELS:
         return change
-    pixel = data["pixel"][0] if name.startswith("depth") else stages.target_pixel(data)
+    pixel = data["pixel"][0] if kind_of(name) in IN_PHOTO_PIXELS else stages.target_pixel(data)
     # Not less than what float32 can resolve, where the nearest and the farthest almost coincide.
     return max(change * float(pixel), MOVED * float(np.abs(data[name]).max()))
 
@@ -115,9 +123,17 @@ def errors(found: np.ndarray, oracle: np.ndarray, mask: np.ndarray | None) -> np
     return np.array([sure.max(), sure.mean()] if sure.size else [0.0, 0.0])
 
 
-def case(seed: int, views: int, kind: str = "scene", range=(2.0, 9.0), count=None, still=False):  # noqa: A002
+def case(
+    seed: int,
+    views: int,
+    kind: str = "scene",
+    range=(2.0, 9.0),  # noqa: A002
+    count=None,
+    still=False,
+    at_target=True,
+):
     """All arrays of a case. `still`: the cameras are not moved, because the case tests
-    their exact poses."""
+    their exact poses. `at_target`: with the stages at the target."""
     data = surface_rig(np.random.default_rng([2021, 14, seed]), views, kind)
     if count:
         data |= {name: value[:24, :40] for name, value in data.items() if name.endswith(".image")}
@@ -126,7 +142,8 @@ def case(seed: int, views: int, kind: str = "scene", range=(2.0, 9.0), count=Non
     grid, _ = planes_of(cameras[0], cameras[1 : 1 + NEIGHBOURS], *range)
     data["count"] = np.array(count or grid.count)
     results = {}
-    for stage in stages.PHOTO[:4] if count else stages.STAGES:
+    run = stages.STAGES if at_target else (*stages.PHOTO, stages.depths, *stages.ANCHORS)
+    for stage in stages.PHOTO[:4] if count else run:
         oracle = stage(data, torch.float64)
         masks = doubtful(stage, data, oracle)
         for name, single in stage(data, torch.float32).items():

@@ -40,7 +40,7 @@ def photo(k: np.ndarray, rotation: np.ndarray, centre: np.ndarray, size: tuple[i
 
 def surface_rig(rng: np.random.Generator, views: int, kind: str) -> Arrays:
     """Photos and cameras, nearest view first; kinds: scene, sizes, rectified,
-    identical, flat, exposure."""
+    identical, flat, exposure, moving."""
     data, placed = {}, []
     for index in range(views):
         size = SIZES[index % len(SIZES)] if kind == "sizes" else LARGE if kind == "exposure" else SIZE
@@ -62,6 +62,9 @@ def surface_rig(rng: np.random.Generator, views: int, kind: str) -> Arrays:
         image = image + rng.normal(0, 0.004, image.shape)
         if kind == "exposure":
             image = image * (1 - 0.06 * index) ** np.array([1, 2, 0.5])
+        if kind == "moving":  # most of it is elsewhere in every photo, and nothing confirms it
+            left = slice(0, 9 * size[0] // 10)
+            image[:, left] = np.roll(image, 11 * index, axis=index % 2)[:, left]
         image = np.full_like(image, 0.5) if kind == "flat" else np.clip(image, 0, 1)
         data[f"view{index}.image"] = image.astype(np.float32)
     for name, (rotation, centre, k) in [*((f"view{i}", p[:3]) for i, p in enumerate(placed)), ("target", middle)]:

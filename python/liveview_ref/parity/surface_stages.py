@@ -4,11 +4,12 @@ reference of tests/parity/surface.rs.
 Beside photos and cameras (rig_arrays.py): `range` [2] float64, near and far; `count`, planes of the
 first search. Of photo 0, matched with the others: `half_costs` [h/2, w/2, n], `half_found`,
 `half_index` [h/2, w/2], `starts` [h/2, w/2, 2], `fine_costs` [h, w, 16], `fine_found`, `fine_index`
-[h, w]. Of every photo i: `depth{i}` and `confirmed{i}` [h, w], `pixel` [V]; of
-all, `found_range` [2], 1/near and 1/far. At the target: `gains`
-[V, 3], `sharpening` [V], `sharpened{i}` [h, w, 3], `splat`, `filled`, `surface`, `seen` [H8, W8],
-`layers` [3, H8, W8], `hidden_colour` [V, 3, H8, W8], `hidden_coverage`, `visible` [V, H8, W8],
-`photo_variance` [7, H8, W8].
+[h, w]; with anchors, `coarse{i}`, `coarse_sure{i}` [h/4, w/4] and `coarse_pixel` of its group,
+`kept`, `anchor` [h/2, w/2], `anchored_costs` [h/2, w/2, n], `anchored` [h, w]. Of every photo i:
+`depth{i}` and `confirmed{i}` [h, w], `pixel` [V]; of all, `found_range` [2], 1/near and 1/far. At
+the target: `gains` [V, 3], `sharpening` [V], `sharpened{i}` [h, w, 3], `splat`, `filled`,
+`surface`, `seen` [H8, W8], `layers` [3, H8, W8], `hidden_colour` [V, 3, H8, W8],
+`hidden_coverage`, `visible` [V, H8, W8], `photo_variance` [7, H8, W8].
 """
 
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from ..reference.layers.guided.matching_cost import shrink
 from ..reference.layers.guided.range_map import median3
 from ..reference.render.sharpened import sharpened
 from ..reference.render.visibility import hide
+from ..reference.surface.anchored_depth import GROUP_CELL, GROUP_PIXELS, Group, anchored_depth, confirmed_by
 from ..reference.surface.correction.exposure import exposure_gains
 from ..reference.surface.correction.sharpness import sharpening
 from ..reference.surface.fusion.confirmed_depth import ConfirmedDepth
@@ -35,6 +37,7 @@ from ..reference.surface.fusion.surface_view import SurfaceView
 from ..reference.surface.neighbourhood import fill_holes
 from ..reference.surface.range import range_of
 from ..reference.surface.search.aggregate import aggregate
+from ..reference.surface.search.anchors import Anchors
 from ..reference.surface.search.grid import Candidates, Grid
 from ..reference.surface.search.photo_depth import FINE_STEPS, NEIGHBOURS, PhotoDepth, bands, photo_depth, pixel_of
 from ..reference.surface.search.photo_sweep import costs
@@ -126,6 +129,54 @@ def depths(data: Arrays, dtype: torch.dtype) -> Arrays:
     found = [photo_depth(v, neighbours(data, i, dtype), near, far) for i, v in enumerate(views)]
     maps = {f"depth{i}": depth.disparity.numpy() for i, depth in enumerate(found)}
     return maps | {"pixel": np.array([depth.pixel for depth in found])}
+
+
+def coarse(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The maps of photo 0's group."""
+    near, far = (float(x) for x in data["range"])
+    found = Group.of(group_views(data, dtype), near, far).maps
+    maps = {f"coarse{i}": depth.disparity.numpy() for i, (_, depth) in enumerate(found)}
+    return maps | {"coarse_pixel": np.array([depth.pixel for _, depth in found])}
+
+
+def group_views(data: Arrays, dtype: torch.dtype) -> list[tuple]:
+    return [photos(data, dtype)[0], *neighbours(data, 0, dtype)]
+
+
+def coarse_maps(data: Arrays, dtype: torch.dtype) -> list[tuple]:
+    cameras = [camera.shrunk(GROUP_CELL) for _, camera in group_views(data, dtype)]
+    pixels = data["coarse_pixel"]
+    return [(c, PhotoDepth(tensor(data, f"coarse{i}", dtype), float(pixels[i]))) for i, c in enumerate(cameras)]
+
+
+def coarse_confirmations(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """What the others of the group confirm of each."""
+    maps = coarse_maps(data, dtype)
+    found = [confirmed_by(own, maps[:i] + maps[i + 1 :], GROUP_PIXELS) for i, own in enumerate(maps)]
+    return {f"coarse_sure{i}": (sure >= 0).to(dtype).numpy() for i, sure in enumerate(found)}
+
+
+def anchors(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Of photo 0, from its half_index."""
+    maps = coarse_maps(data, dtype)
+    sure = [torch.from_numpy(data[f"coarse_sure{i}"]) > 0 for i in range(len(maps))]
+    group = Group(maps, [torch.where(s, m.disparity, -1) for (_, m), s in zip(maps, sure, strict=True)])
+    own = PhotoDepth(coarse_grid(data).disparity(tensor(data, "half_index", dtype)), float(data["pixel"][0]))
+    found = group.anchors(cameras_of(data)[0][0].shrunk(2), own)
+    return {"kept": found.kept.to(dtype).numpy(), "anchor": found.disparity.numpy()}
+
+
+def anchored_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
+    found = Anchors(torch.from_numpy(data["kept"]) > 0, tensor(data, "anchor", dtype))
+    volume = tensor(data, "half_costs", torch.int64).permute(2, 0, 1)
+    return {"anchored_costs": found.added_to(volume, coarse_grid(data)).permute(1, 2, 0).numpy()}
+
+
+def anchored(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The depth of photo 0 with anchors, from photos and cameras alone."""
+    near, far = (float(x) for x in data["range"])
+    photo, *around = group_views(data, dtype)
+    return {"anchored": anchored_depth(photo, around, near, far).disparity.numpy()}
 
 
 def confirmations(data: Arrays, dtype: torch.dtype) -> Arrays:
@@ -224,5 +275,6 @@ def hidden(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 PHOTO = (half_costs, half_found, half_index, starts, fine_costs, fine_found, fine_index)
 TARGET = (exposures, sharpness, sharpened_photos, splatted, holes, visibility, photo_variances, surfaces, hidden)
-STAGES = (*PHOTO, depths, confirmations, ranges, *TARGET)
-INTEGERS = {"half_costs": np.uint16, "fine_costs": np.uint16, "starts": np.uint16}  # the others are float32
+ANCHORS = (coarse, coarse_confirmations, anchors, anchored_costs, anchored)
+STAGES = (*PHOTO, depths, *ANCHORS, confirmations, ranges, *TARGET)
+INTEGERS = dict.fromkeys(("half_costs", "anchored_costs", "fine_costs", "starts"), np.uint16)  # the others are float32

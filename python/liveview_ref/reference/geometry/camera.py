@@ -31,6 +31,12 @@ class Camera:
         scale = torch.diag(torch.tensor([width / self.width, height / self.height, 1.0], dtype=torch.float64))
         return Camera(scale @ self.k, self.rotation, self.translation, width, height)
 
+    def shrunk(self, cell: int) -> "Camera":
+        """The camera of a photo whose cells of cell x cell pixels are averaged, fewer at the right
+        and lower edge."""
+        width, height = -(-self.width // cell), -(-self.height // cell)
+        return self.with_window(0, 0, width * cell, height * cell).with_size_scaled(width, height)
+
     def with_window(self, left: int, top: int, width: int, height: int) -> "Camera":
         """The same camera, looking at a window of its image."""
         shift = torch.tensor([[1.0, 0.0, -left], [0.0, 1.0, -top], [0.0, 0.0, 1.0]], dtype=torch.float64)

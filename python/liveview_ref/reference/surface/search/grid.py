@@ -32,6 +32,10 @@ class Grid(NamedTuple):
         step = np.float32(self.step) / np.float32(parts)
         return Grid(self.nearest, float(step), (self.count - 1) * parts + 1)
 
+    def index(self, disparity: Tensor) -> Tensor:
+        """Index of a disparity, a fraction between two of the grid."""
+        return (self.nearest - disparity) / self.step
+
     def disparity(self, index: Tensor) -> Tensor:
         """Disparity at an index, at least 0."""
         return (self.nearest - index * self.step).clamp(min=0)

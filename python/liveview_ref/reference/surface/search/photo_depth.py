@@ -15,11 +15,13 @@ from liveview_ref.reference.layers.guided.matching_cost import shrink
 from liveview_ref.reference.layers.guided.range_map import median3
 
 from .aggregate import aggregate
+from .anchors import Anchors
 from .grid import NONE, SEGMENT, Candidates, Grid
 from .photo_sweep import costs
 
 LEAST_PLANES, MOST_PLANES = 32, 256  # of the first search
-PLANE_SPACING = 1.0  # px between two planes of the first search
+PLANE_SPACING = 0.5  # px between two planes of the first search, per pixel of a cell's side
+CELL = 2  # pixels a side of a cell of the first search
 FINE_STEPS = 2  # steps of the second search per step of the first
 NEIGHBOURS = 5  # photos that a photo is matched with
 View = tuple[Tensor, Camera]  # a photo [3, h, w] and its camera
@@ -38,10 +40,10 @@ def pixel_of(widest: float, near: float, far: float) -> float:
     return float(np.float32((1 / near - 1 / far) / max(widest, 1)))
 
 
-def planes_of(camera: Camera, cameras: list[Camera], near: float, far: float) -> tuple[Grid, float]:
+def planes_of(camera: Camera, cameras: list[Camera], near: float, far: float, cell: int = CELL) -> tuple[Grid, float]:
     """The grid of the first search and the pixel of parallax of a photo."""
     widest = max(widest_parallax(cameras, camera, near, far, (camera.height, camera.width)), 1)
-    count = min(max(math.ceil(widest / PLANE_SPACING) + 1, LEAST_PLANES), MOST_PLANES)
+    count = min(max(math.ceil(widest / (PLANE_SPACING * cell)) + 1, LEAST_PLANES), MOST_PLANES)
     return Grid.of(near, far, count), pixel_of(widest, near, far)
 
 
@@ -72,18 +74,47 @@ def round_half_up(x: Tensor) -> Tensor:
     return (x + 0.5).floor()
 
 
+class CellSearch(NamedTuple):
+    """The first search of a photo, on cells of `cell` pixels a side: what it searched, and the
+    index [h, w] that it found at each cell."""
+
+    photo: Tensor
+    grid: Grid
+    pixel: float
+    costs: Tensor
+    index: Tensor
+
+    @classmethod
+    def of(cls, photo: View, neighbours: list[View], near: float, far: float, cell: int) -> "CellSearch":
+        image, camera = photo
+        grid, pixel = planes_of(camera, [c for _, c in neighbours], near, far, cell)
+        small = shrink(image, cell)
+        candidates = Candidates.all(grid, *small.shape[1:])
+        volume = costs(small, camera, [(shrink(n, cell), c) for n, c in neighbours], grid, candidates, cell)
+        return cls(small, grid, pixel, volume, median3(aggregate(volume, small, candidates)))
+
+    def again(self, anchors: Anchors) -> "CellSearch":
+        """The cells that are not kept, searched again with these anchors."""
+        candidates = Candidates.all(self.grid, *self.photo.shape[1:])
+        found = median3(aggregate(anchors.added_to(self.costs, self.grid), self.photo, candidates))
+        return self._replace(index=torch.where(anchors.kept, self.index, found))
+
+    def depth(self) -> PhotoDepth:
+        """The depth of each cell."""
+        return PhotoDepth(self.grid.disparity(self.index), self.pixel)
+
+
 def photo_depth(photo: View, neighbours: list[View], near: float, far: float) -> PhotoDepth:
     """The depth of `photo` between `near` and `far`, searched among its neighbours (at least
     one)."""
+    return refined(photo, neighbours, CellSearch.of(photo, neighbours, near, far, CELL))
+
+
+def refined(photo: View, neighbours: list[View], first: CellSearch) -> PhotoDepth:
+    """The second search, around the result of the first."""
     image, camera = photo
-    grid, pixel = planes_of(camera, [c for _, c in neighbours], near, far)
-    half = shrink(image, 2)
-    halves = [(shrink(n, 2), c) for n, c in neighbours]
-    candidates = Candidates.all(grid, *half.shape[1:])
-    volume = costs(half, camera, halves, grid, candidates, 2)
-    index = median3(aggregate(volume, half, candidates))
-    fine = grid.divided(FINE_STEPS)
-    candidates = Candidates.two(bands(index, FINE_STEPS, fine.count), *image.shape[1:])
+    fine = first.grid.divided(FINE_STEPS)
+    candidates = Candidates.two(bands(first.index, FINE_STEPS, fine.count), *image.shape[1:])
     volume = costs(image, camera, neighbours, fine, candidates, 1)
     index = median3(aggregate(volume, image, candidates))
-    return PhotoDepth(fine.disparity(index), pixel)
+    return PhotoDepth(fine.disparity(index), first.pixel)

@@ -1,0 +1,87 @@
+"""The depth of a photo, with what its neighbours find at a small size as anchors: where there is no
+texture, the costs alone decide nothing.
+
+1. The photo and its neighbours are one group; each is searched among the others on cells of 4 x 4
+   pixels, and what the others confirm of it is kept.
+2. The first search of the photo. A cell is kept where the group's maps confirm it, and where they
+   confirm more than a third of the cells around it.
+3. Anchors: the cell's own depth where it is confirmed; elsewhere the group's confirmed depths
+   splatted to the photo, but not at their edges.
+4. The cells that are not kept are searched again with the anchors; then the whole photo around the
+   result.
+"""
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from liveview_ref.reference.geometry.camera import Camera
+
+from .fusion.consistency import AGREEMENT, confirmed
+from .fusion.splat import FUSED, splat
+from .search.anchors import Anchors
+from .search.photo_depth import CELL, CellSearch, PhotoDepth, View, refined
+
+GROUP_CELL = 4  # pixels a side of a cell of the group's searches
+GROUP_PIXELS = 2.0  # px that count as one when the group's maps are compared
+WINDOW_RADIUS = 15  # cells; half the side of the window that decides whether a hole is kept
+EDGE = 20.0  # px by which depths within 3 x 3 cells differ where none is carried over
+
+
+def anchored_depth(photo: View, neighbours: list[View], near: float, far: float) -> PhotoDepth:
+    """As photo_depth, with anchors."""
+    group = Group.of([photo, *neighbours], near, far)
+    first = CellSearch.of(photo, neighbours, near, far, CELL)
+    return refined(photo, neighbours, first.again(group.anchors(photo[1].shrunk(CELL), first.depth())))
+
+
+class Group(NamedTuple):
+    """A photo and its neighbours at a small size: their maps, and what the others confirm of
+    each (-1 elsewhere)."""
+
+    maps: list[tuple[Camera, PhotoDepth]]
+    confirmed: list[Tensor]
+
+    @classmethod
+    def of(cls, views: list[View], near: float, far: float) -> "Group":
+        """Of photos of the full size (two at least), the one in question first."""
+        others = [views[:i] + views[i + 1 :] for i in range(len(views))]
+        found = [CellSearch.of(view, rest, near, far, GROUP_CELL) for view, rest in zip(views, others, strict=True)]
+        maps = [(view[1].shrunk(GROUP_CELL), search.depth()) for view, search in zip(views, found, strict=True)]
+        return cls(maps, [confirmed_by(own, maps[:i] + maps[i + 1 :], GROUP_PIXELS) for i, own in enumerate(maps)])
+
+    def anchors(self, camera: Camera, found: PhotoDepth) -> Anchors:
+        """Anchors of the first photo's cells, whose depth a first search found; `camera` is the
+        photo's at their size."""
+        own = confirmed_by((camera, found), self.maps[1:], 1)
+        kept = mostly_confirmed(own)
+        height, width = own.shape
+        ratio = GROUP_CELL // CELL
+        carried = self.carried(found.pixel).repeat_interleave(ratio, 0).repeat_interleave(ratio, 1)[:height, :width]
+        return Anchors(kept, torch.where((own >= 0) | kept, own, carried))
+
+    def carried(self, pixel: float) -> Tensor:
+        """The confirmed depths splatted to the first photo; -1 in holes and at their edges."""
+        target, (shape, _) = self.maps[0][0], self.maps[0][1]
+        maps = [(camera, kept) for (camera, _), kept in zip(self.maps, self.confirmed, strict=True)]
+        map_ = splat(maps, target, *shape.shape, AGREEMENT * pixel, FUSED * pixel)
+        largest = F.max_pool2d(map_[None], 3, 1, 1)[0]
+        smallest = -F.max_pool2d(torch.where(map_ < 0, -torch.inf, -map_)[None], 3, 1, 1)[0]
+        return torch.where(largest - smallest > EDGE * pixel, -1, map_)
+
+
+def confirmed_by(own: tuple[Camera, PhotoDepth], others: list[tuple[Camera, PhotoDepth]], scale: float) -> Tensor:
+    """The disparities of a map that others confirm, with `scale` pixels for one; -1 elsewhere."""
+    camera, found = own
+    maps = [(camera, found._replace(pixel=scale * found.pixel)), *others]
+    return torch.where(confirmed(0, maps), found.disparity, -1)
+
+
+def mostly_confirmed(own: Tensor) -> Tensor:
+    """Cells [h, w] that are confirmed (0 or more), or more than a third of those around them."""
+    sure = (own >= 0).double()[None]
+    side = 2 * WINDOW_RADIUS + 1
+    share = F.avg_pool2d(sure, side, 1, WINDOW_RADIUS, count_include_pad=False)[0]
+    return (own >= 0) | (share > 1 / 3)
