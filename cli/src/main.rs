@@ -11,8 +11,8 @@ use commands::{batch, depth, inspect, join, manual, models, render, select};
 #[cfg(feature = "bench")]
 use liveview_bench::{dump, stability, sweep};
 use liveview_common::{console, interrupt};
-use liveview_live::video;
 #[cfg(feature = "video")]
+use liveview_live::video;
 #[cfg(feature = "viewer")]
 use liveview_viewer as view;
 
