@@ -25,7 +25,8 @@ use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed};
 use super::neighbourhood::extremes3;
 use super::search::anchors::Anchors;
 use super::search::cell_search::CellSearch;
-use super::search::photo_depth::{CELL, PhotoDepth, refined};
+use super::search::depth_map::PhotoDepth;
+use super::search::photo_depth::{CELL, refined};
 use crate::geometry::Camera;
 use crate::warp::SourceView;
 

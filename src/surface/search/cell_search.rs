@@ -9,8 +9,8 @@ use ndarray::Array2;
 
 use super::aggregate::aggregate;
 use super::anchors::Anchors;
+use super::depth_map::PhotoDepth;
 use super::grid::{Candidates, Grid};
-use super::photo_depth::PhotoDepth;
 use super::photo_sweep::costs;
 use super::planes::Planes;
 use crate::geometry::PlaneSweep;

@@ -3,6 +3,7 @@
 pub(super) mod aggregate;
 pub(super) mod anchors;
 pub(super) mod cell_search;
+pub(super) mod depth_map;
 pub(super) mod grid;
 mod path;
 pub(super) mod penalties;
@@ -11,4 +12,5 @@ pub(super) mod photo_sweep;
 pub(super) mod planes;
 mod tile;
 
-pub use photo_depth::{PhotoDepth, photo_depth};
+pub use depth_map::PhotoDepth;
+pub use photo_depth::photo_depth;

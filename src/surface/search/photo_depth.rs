@@ -13,29 +13,13 @@ use rayon::prelude::*;
 
 use super::aggregate::aggregate;
 use super::cell_search::CellSearch;
+use super::depth_map::PhotoDepth;
 use super::grid::{Candidates, SEGMENT};
 use super::photo_sweep::costs;
 use super::planes::Planes;
-use crate::geometry::{PlaneSweep, Size};
+use crate::geometry::PlaneSweep;
 use crate::surface::neighbourhood::median3;
 use crate::warp::{SourceView, WarpSource};
-
-/// Result of a photo's search, before other photos confirm it.
-#[derive(Debug, Clone)]
-pub struct PhotoDepth {
-    /// Disparity of each pixel, `[h, w]`, 1/scene unit.
-    pub disparity: Array2<f32>,
-    /// Disparity that moves a point by one pixel in the neighbour with the largest parallax,
-    /// 1/scene unit.
-    pub disparity_per_pixel: f32,
-}
-
-impl PhotoDepth {
-    /// That of a photo without neighbours: −1 everywhere, which nothing confirms.
-    pub(crate) fn unknown(size: Size) -> Self {
-        Self { disparity: Array2::from_elem((size.height, size.width), -1.0), disparity_per_pixel: 1.0 }
-    }
-}
 
 /// Pixels per side of a cell of the first search.
 pub(crate) const CELL: usize = 2;

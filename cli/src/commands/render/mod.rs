@@ -1,5 +1,6 @@
 //! `liveview render`: new views of a scene, scored if the photo exists.
 
+mod args;
 mod disparity;
 mod explain;
 mod outputs;
@@ -16,87 +17,20 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use anyhow::{Error, Result, anyhow};
-use clap::Args;
+pub(crate) use args::RenderArgs;
 use disparity::disparity_max;
-use explain::{ExplainArgs, Explained, Explanation};
+use explain::{Explained, Explanation};
 use liveview::image::Score;
 use liveview::{LayerSpec, Plan, Shot};
-use liveview_common::args::help::ADVANCED;
-use liveview_common::args::layers::LayerArgs;
-use liveview_common::args::model::ModelArgs;
-use liveview_common::args::numbers;
-use liveview_common::args::scene::SceneArgs;
-use liveview_common::args::targets::TargetArgs;
 use liveview_common::console::{Output, escaped, print_message, print_notes, progress};
 use liveview_common::interrupt::{self, Interrupted};
 use liveview_common::job::Job;
 use liveview_common::measure::Times;
 use liveview_common::model_pool::ModelPool;
 use liveview_common::outputs::OutputPlan;
-use outputs::{OutputArgs, Outputs};
+use outputs::Outputs;
 pub(crate) use planned::Planned;
 use rendered::Rendered;
-use scores::ScoreArgs;
-
-use crate::shard::Shard;
-
-const SHORT_EXAMPLES: &str = "\
-Examples:
-  liveview render scene --target IMG_7.jpg -o new.png
-  liveview render scene --path circle:120 -o flight.mp4
-
---help also lists the advanced options.";
-
-const EXAMPLES: &str = "\
-Examples:
-  liveview render scene --target IMG_7.jpg -o new.png --compare compare.png
-  liveview render scene --heldout 8 --layers guided:4 --compare compared/ --scores scores.csv
-  liveview render scene --target IMG_7.jpg --layers planes:64 -o new.png --depth disparity.png
-  liveview render scene --target IMG_7.jpg -o new.png --explain why.png
-  liveview render scene --pose camera.json --near 1.5 --far 40 -o new.jpg
-  liveview render scene --path circle:120 --layers select:16/64 --width 640 -o flight.mp4
-  liveview render scene --path interpolate:300:a.jpg,b.jpg,c.jpg --fov 50 -o flight.mp4
-  liveview render scene --path spiral:900 -o frames/
-  liveview render scene --path spiral:900 -o frames/ --resume
-  liveview render scene --path spiral:900 -o frames/ --shard 3/16";
-
-/// Options of `liveview render`, in the order of the help.
-#[derive(Debug, Args)]
-#[command(after_help = SHORT_EXAMPLES, after_long_help = EXAMPLES)]
-pub(crate) struct RenderArgs {
-    #[command(flatten)]
-    targets: TargetArgs,
-    /// Horizontal field of view of the pictures of --pose and --path [default: the photos']
-    #[arg(long, value_name = "DEGREES", value_parser = numbers::field_of_view, conflicts_with_all = ["target", "heldout"])]
-    fov: Option<f64>,
-    #[command(flatten)]
-    output: OutputArgs,
-    #[command(flatten)]
-    scores: ScoreArgs,
-    #[command(flatten)]
-    layers: LayerArgs,
-    #[command(flatten)]
-    scene: SceneArgs,
-    #[command(flatten)]
-    model: ModelArgs,
-    /// Render every Nth picture, starting with the Ith: the share of one of N machines
-    ///
-    /// The pictures are recorded in liveview_I_of_N.json. Together the N runs write the pictures of
-    /// one run, into one folder or several; `liveview join` combines them. auto: I and N from
-    /// Slurm's job array, or from JOB_COMPLETION_INDEX (Kubernetes, from 0) and LIVEVIEW_SHARDS.
-    #[arg(long, value_name = "I/N", value_parser = Shard::parse, requires = "output", conflicts_with = "explain")]
-    #[arg(help_heading = ADVANCED, hide_short_help = true)]
-    shard: Option<Shard>,
-    #[command(flatten)]
-    explain: ExplainArgs,
-}
-
-impl RenderArgs {
-    /// Number of threads as given, else one per core.
-    pub(crate) fn threads(&self) -> usize {
-        self.model.threads()
-    }
-}
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     run_with(args, &mut ModelPool::default())

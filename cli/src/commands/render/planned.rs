@@ -4,7 +4,7 @@ use anyhow::Result;
 use liveview::geometry::Size;
 use liveview_common::outputs::OutputPlan;
 
-use super::RenderArgs;
+use super::args::RenderArgs;
 use super::outputs::Outputs;
 
 /// The outputs of a command that has not run.
