@@ -26,6 +26,7 @@ use super::neighbourhood::extremes3;
 use super::search::anchors::Anchors;
 use super::search::cell_search::CellSearch;
 use super::search::depth_map::PhotoDepth;
+use super::search::detail::detail_pixels;
 use super::search::photo_depth::{CELL, refined};
 use crate::geometry::Camera;
 use crate::warp::SourceView;
@@ -40,11 +41,28 @@ const WINDOW_RADIUS: usize = 15;
 const EDGE_PX: f32 = 20.0;
 
 /// Searches the depth of `photo` among its `neighbours` (at least one), from `near` to `far` (scene
-/// units), with anchors.
+/// units), with anchors. A photo without detail of one pixel is searched at the size that holds its
+/// detail ([`super::search::detail`]), as are its neighbours; all pixels of a cell have its depth.
 pub fn anchored_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: f64, far: f64) -> PhotoDepth {
     let views: Vec<_> = std::iter::once(photo).chain(neighbours).copied().collect();
-    let group = Group::new(&views, (near, far));
-    let mut first = CellSearch::new(photo, neighbours, (near, far), CELL);
+    let cell = detail_pixels(photo.texture);
+    if cell == 1 {
+        return depth_at_full_size(&views, (near, far));
+    }
+    let shrunk = |view: &SourceView<'_>| (view.camera.shrunk(cell), view.texture.shrunk(cell));
+    let small: Vec<_> = views.iter().map(shrunk).collect();
+    let views: Vec<_> = small.iter().map(|(camera, texture)| SourceView { camera, texture }).collect();
+    let found = depth_at_full_size(&views, (near, far));
+    let (width, height) = (photo.texture.width(), photo.texture.height());
+    let disparity = Array2::from_shape_fn((height, width), |(y, x)| found.disparity[(y / cell, x / cell)]);
+    PhotoDepth { disparity, ..found }
+}
+
+/// The depth of the first of these photos.
+fn depth_at_full_size(views: &[SourceView<'_>], range: (f64, f64)) -> PhotoDepth {
+    let (photo, neighbours) = views.split_first().expect("a photo");
+    let group = Group::new(views, range);
+    let mut first = CellSearch::new(photo, neighbours, range, CELL);
     let anchors = group.anchors(&photo.camera.shrunk(CELL), &first.depth());
     first.search_again(&anchors);
     refined(photo, neighbours, first)
@@ -66,7 +84,7 @@ impl Group {
             let others: Vec<_> = (0..views.len()).filter(|&other| other != which).map(|other| views[other]).collect();
             CellSearch::new(&views[which], &others, range, GROUP_CELL).depth()
         };
-        let maps = (0..views.len()).map(search).collect();
+        let maps = (0..views.len()).into_par_iter().map(search).collect();
         Self::of(&views.iter().map(|view| view.camera).collect::<Vec<_>>(), maps)
     }
 

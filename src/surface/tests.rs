@@ -259,6 +259,22 @@ fn depth_maps_search_each_photo_once_among_its_nearest_neighbours() {
 }
 
 #[test]
+fn anchored_depth_of_enlarged_photos_is_found_at_half_their_size() {
+    let (width, height) = (5 * WIDTH, 5 * HEIGHT);
+    let enlarged = |x: f64| {
+        let photo = Texture::new(&photo(x, NO_GAINS).resized(width, height).unwrap());
+        (camera(x).with_size_scaled(width, height).unwrap(), photo)
+    };
+    let photos = PLACES.map(enlarged);
+    let views: Vec<_> = photos.iter().map(|(camera, texture)| SourceView { camera, texture }).collect();
+    let found = anchored_depth(&views[0], &views[1..], RANGE.0, RANGE.1);
+    let sampled = Array2::from_shape_fn((HEIGHT, WIDTH), |(y, x)| found.disparity[(5 * y + 2, 5 * x + 2)]);
+    assert!(found.disparity.indexed_iter().all(|((y, x), &d)| d == found.disparity[(y & !1, x & !1)]));
+    let share = correct_share(&sampled, 0.0, 5.0 * found.disparity_per_pixel);
+    assert!(share > 0.95, "{share}");
+}
+
+#[test]
 fn surface_any_number_of_threads_gives_the_same_bits() {
     let rig = Rig::new();
     let run = |threads: usize| {

@@ -8,6 +8,7 @@ from liveview_ref.parity import surface_goldens
 from liveview_ref.parity.surface_rigs import SQUARE, WALL, surface_rig
 from liveview_ref.reference.geometry.camera import Camera
 from liveview_ref.reference.render.visibility import hide
+from liveview_ref.reference.surface import anchored_depth as anchored_module
 from liveview_ref.reference.surface.correction.exposure import balanced, exposure_gains
 from liveview_ref.reference.surface.fusion import surface as surface_module
 from liveview_ref.reference.surface.fusion.confirmed_depth import ConfirmedDepth
@@ -18,6 +19,7 @@ from liveview_ref.reference.surface.fusion.surface_view import SurfaceView
 from liveview_ref.reference.surface.fusion.visible import visible
 from liveview_ref.reference.surface.neighbourhood import fill_holes
 from liveview_ref.reference.surface.search.aggregate import aggregate
+from liveview_ref.reference.surface.search.detail import detail_pixels
 from liveview_ref.reference.surface.search.grid import NONE, Candidates, Grid
 from liveview_ref.reference.surface.search.penalties import jump_penalties
 from liveview_ref.reference.surface.search.photo_depth import PhotoDepth, bands, photo_depth
@@ -239,3 +241,24 @@ def test_few_elements_of_the_oracle_are_doubtful():
     data = surface_goldens.case(0, 2, "scene", count=64)
     assert 0 <= data["doubtful.half_costs"].mean() < 0.005
     assert data["torch.half_costs"][0] <= 1 and data["torch.half_index"][0] == 0
+
+
+def test_detail_of_an_enlarged_photo_is_as_large_as_it_was_enlarged():
+    sharp = torch.rand(3, 270, 360, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+
+    def enlarged(factor: int) -> torch.Tensor:
+        return torch.nn.functional.interpolate(sharp[None], scale_factor=factor, mode="bicubic")[0]
+
+    assert [detail_pixels(enlarged(factor)) for factor in (1, 2, 4)] == [1, 2, 4]
+
+
+def test_anchored_depth_of_a_soft_photo_is_that_of_the_smaller_photo_enlarged(monkeypatch):
+    data = surface_rig(np.random.default_rng(5), 3, "exposure")
+    views = list(zip(images_of(data), cameras_of(data)[0], strict=True))
+    small = [(anchored_module.shrink(image, 2), camera.shrunk(2)) for image, camera in views]
+    expected = anchored_module.depth_at_full_size(small[0], small[1:], NEAR, FAR)
+    monkeypatch.setattr(anchored_module, "detail_pixels", lambda _: 2)
+    found = anchored_module.anchored_depth(views[0], views[1:], NEAR, FAR)
+    height, width = found.disparity.shape
+    rows, columns = torch.arange(height) // 2, torch.arange(width) // 2
+    assert found.pixel == expected.pixel and torch.equal(found.disparity, expected.disparity[rows][:, columns])

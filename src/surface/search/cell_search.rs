@@ -61,6 +61,9 @@ impl CellSearch {
 
     /// Searches the cells that are not kept again, with these anchors. The costs are spent: once.
     pub(crate) fn search_again(&mut self, anchors: &Anchors) {
+        if anchors.kept.iter().all(|&kept| kept) {
+            return;
+        }
         let mut costs = std::mem::take(&mut self.costs);
         anchors.add_to(&mut costs, &self.grid);
         let found = aggregated(&costs, &self.photo, &self.grid);

@@ -4,6 +4,7 @@ pub(super) mod aggregate;
 pub(super) mod anchors;
 pub(super) mod cell_search;
 pub(super) mod depth_map;
+pub(super) mod detail;
 pub(super) mod grid;
 mod path;
 pub(super) mod penalties;

@@ -18,10 +18,12 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.layers.guided.matching_cost import shrink
 
 from .fusion.consistency import AGREEMENT, confirmed
 from .fusion.splat import FUSED, splat
 from .search.anchors import Anchors
+from .search.detail import detail_pixels
 from .search.photo_depth import CELL, CellSearch, PhotoDepth, View, refined
 
 GROUP_CELL = 4  # pixels a side of a cell of the group's searches
@@ -31,7 +33,23 @@ EDGE = 20.0  # px by which depths within 3 x 3 cells differ where none is carrie
 
 
 def anchored_depth(photo: View, neighbours: list[View], near: float, far: float) -> PhotoDepth:
-    """As photo_depth, with anchors."""
+    """As photo_depth, with anchors.
+
+    A photo without detail of one pixel is searched at the size that holds its detail, as are its
+    neighbours; all pixels of a cell have its depth.
+    """
+    cell = detail_pixels(photo[0])
+    if cell == 1:
+        return depth_at_full_size(photo, neighbours, near, far)
+    small, *around = [(shrink(image, cell), camera.shrunk(cell)) for image, camera in [photo, *neighbours]]
+    found = depth_at_full_size(small, around, near, far)
+    height, width = photo[0].shape[1:]
+    enlarged = found.disparity.repeat_interleave(cell, 0).repeat_interleave(cell, 1)
+    return found._replace(disparity=enlarged[:height, :width])
+
+
+def depth_at_full_size(photo: View, neighbours: list[View], near: float, far: float) -> PhotoDepth:
+    """As anchored_depth, of a photo with detail of one pixel."""
     group = Group.of([photo, *neighbours], near, far)
     first = CellSearch.of(photo, neighbours, near, far, CELL)
     return refined(photo, neighbours, first.again(group.anchors(photo[1].shrunk(CELL), first.depth())))
