@@ -254,7 +254,7 @@ def test_detail_of_an_enlarged_photo_is_as_large_as_it_was_enlarged():
 
 def test_anchored_depth_of_a_soft_photo_is_that_of_the_smaller_photo_enlarged(monkeypatch):
     data = surface_rig(np.random.default_rng(5), 3, "exposure")
-    views = list(zip(images_of(data), cameras_of(data)[0], strict=True))
+    views = list(zip(images_of(data, torch.float64), cameras_of(data)[0], strict=True))
     small = [(anchored_module.shrink(image, 2), camera.shrunk(2)) for image, camera in views]
     expected = anchored_module.depth_at_full_size(small[0], small[1:], NEAR, FAR)
     monkeypatch.setattr(anchored_module, "detail_pixels", lambda _: 2)
