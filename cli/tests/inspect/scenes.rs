@@ -75,7 +75,6 @@ fn depth_range_is_found_from_the_photos_where_nothing_gives_it() {
         assert!(report["mean"]["psnr"].as_f64().unwrap() > 30.0, "{report}");
         std::fs::remove_file(&picture).unwrap();
     }
-    std::fs::remove_file(&picture).unwrap();
     // A photo that cannot be read is an error, not a worse range.
     std::fs::write(folders.photo(0), "no photo").unwrap();
     folders.assert_refused(&mut folders.liveview("inspect", &[]), &["0.png"]);
