@@ -18,17 +18,19 @@ RUFF := --config python/pyproject.toml python parity tests
 
 ### Use
 
-## The two held-out views of the example scene, rendered and compared with the truth.
+## The two held-out views of the example scene, compared with the truth; one of them also on the paper's planes.
 demo: build runtime
 	mkdir -p out
 	$(LIVEVIEW) render $(SCENE) --target target_0,target_1 -o out/views --compare out/compare --depth out/depth
-	@echo "Open out/views, out/compare (truth, result, difference) and out/depth."
+	ORT_DYLIB_PATH=$$(ls $(VENV)/lib/python*/site-packages/onnxruntime/capi/libonnxruntime.*) \
+		cargo run --quiet --release --locked --example two_ways
+	@echo "Open out/views, out/compare (truth, result, difference), out/depth and out/two_ways.png (truth, default, paper)."
 
 ## The held-out camera of the example rig's clip: a video if ffmpeg is installed, else its frames.
 DEMO_VIDEO := out/$(if $(shell command -v ffmpeg),rig.mp4,rig)
 demo-video: build runtime
 	mkdir -p out
-	$(LIVEVIEW) video $(RIG) --camera target --layers surface:1 --fps 10 -o $(DEMO_VIDEO)
+	$(LIVEVIEW) video $(RIG) --camera target --fps 10 -o $(DEMO_VIDEO)
 	@echo "Open $(DEMO_VIDEO)."
 
 ### Build
@@ -85,8 +87,8 @@ parity: build setup
 	$(PARITY) --target target_0 --layers guided:4
 	$(PARITY) --target target_1 --views 5 --layers planes:6
 	$(PARITY) --target target_0 --layers guided:2 --precision int8
-	$(PARITY) --target target_0 --layers surface:2
-	$(PARITY) --target target_0 --network none
+	$(PARITY) --target target_0 --layers surface:2 --network model
+	$(PARITY) --target target_0
 	$(PARITY) --target target_0 --layers planes:32 --alpha competing
 	$(STABILITY) --short > target/stability.md
 	test ! -e .venv-openvino/.runtime || for precision in f32 int8; do \

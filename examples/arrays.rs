@@ -7,7 +7,7 @@ use liveview::{ImageRgb, Options, Scene, Synthesizer, Target};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut options = Options::default();
-    (options.model.without_network, options.scene.width) = (true, Some(168));
+    options.scene.width = Some(168);
     // These arrays and cameras come from a folder; yours come from anywhere.
     let folder = Scene::open("tests/scenes/workshop".as_ref(), &options.scene)?;
     let mut photos = Vec::new();

@@ -1,5 +1,5 @@
 //! A scene in memory: photos of the crate `image`, cameras from K and a 4×4 matrix with OpenGL's axes
-//! (`Camera::from_opencv` takes OpenCV's). It needs neither a model nor ONNX Runtime.
+//! (`Camera::from_opencv` takes OpenCV's).
 //!
 //! `cargo run --release --example memory [-- FOLDER]`
 
@@ -8,7 +8,7 @@ use liveview::{Camera, ImageRgb, Options, Scene, Synthesizer, Target};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut options = Options::default();
-    (options.model.without_network, options.scene.width) = (true, Some(168));
+    options.scene.width = Some(168);
     let rig: serde_json::Value = serde_json::from_slice(&std::fs::read("tests/scenes/rig/transforms.json")?)?;
     let mut photos = Vec::new();
     for frame in rig["frames"].as_array().ok_or("no frames")? {

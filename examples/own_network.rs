@@ -1,5 +1,5 @@
 //! Your own network in place of the model: anything that computes logits from the colours of a
-//! layer. It needs no ONNX Runtime. (`liveview::network::ViewAgreement` is what `--network none` uses.)
+//! layer. It needs no ONNX Runtime. (`liveview::network::ViewAgreement` is the default.)
 //!
 //! `cargo run --release --example own_network [-- FOLDER [WIDTH]]`
 

@@ -1,8 +1,7 @@
 //! A video along a path around the example scene: each frame as a PNG, and all of them in a y4m
 //! file, which video players read.
 //!
-//! `cargo run --release --example path [-- FOLDER [WIDTH]]`, with ONNX Runtime's library in
-//! `ORT_DYLIB_PATH`.
+//! `cargo run --release --example path [-- FOLDER [WIDTH]]`
 
 use std::error::Error;
 use std::fs::File;

@@ -10,7 +10,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let most: usize = args.get(1).map_or(Ok(usize::MAX), |most| most.parse())?;
     let mut options = Options::default();
-    (options.model.without_network, options.scene.width) = (true, Some(168));
+    options.scene.width = Some(168);
     let mut synthesizer = Synthesizer::open("tests/scenes/workshop", &options)?;
     synthesizer.photos_mut().on_depth_search(move |next| {
         println!("depth of photo {} of {}: {}", next.done + 1, next.count, next.name);

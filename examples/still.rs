@@ -1,7 +1,6 @@
 //! A still picture: a held-out view of the example scene, rendered from its other photos.
 //!
-//! `cargo run --release --example still [-- FOLDER [WIDTH]]`, with ONNX Runtime's library in
-//! `ORT_DYLIB_PATH`.
+//! `cargo run --release --example still [-- FOLDER [WIDTH]]`
 
 use std::error::Error;
 use std::path::PathBuf;

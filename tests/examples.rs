@@ -35,8 +35,12 @@ fn run_for(example: &str, library: &Path, number: usize) -> (TempDir, String) {
 }
 
 fn run(example: &str) -> TempDir {
+    run_with(example, &wheel_or_named())
+}
+
+fn wheel_or_named() -> PathBuf {
     let named = std::env::var_os("ORT_DYLIB_PATH").filter(|path| !path.is_empty()).map(PathBuf::from);
-    run_with(example, &named.or_else(|| wheel::file(ExecutionProvider::Cpu)).expect("run `make runtime` first"))
+    named.or_else(|| wheel::file(ExecutionProvider::Cpu)).expect("run `make runtime` first")
 }
 
 /// A photo of an example scene, at the width of the pictures.
@@ -77,8 +81,20 @@ fn assert_is_held_out_view(out: &TempDir) {
 }
 
 #[test]
-fn still_shows_the_held_out_view() {
-    assert_is_held_out_view(&run("still"));
+fn still_shows_the_held_out_view_without_model_or_library() {
+    assert_is_held_out_view(&run_with("still", Path::new("/nonexistent")));
+}
+
+#[test]
+fn two_ways_are_shown_beside_the_photo_with_their_cost() {
+    let library = wheel_or_named();
+    let (out, printed) = run_for("two_ways", &library, WIDTH);
+    let lines: Vec<&str> = printed.lines().collect();
+    assert!(lines[0].starts_with("surface:3, no network: ") && lines[1].starts_with("select:16/64, ONNX Runtime: "));
+    let score = |line: &str| line.split([' ', ':']).rev().nth(6).unwrap().parse::<f64>().unwrap();
+    assert!(lines.iter().all(|line| score(line) > 20.0 && line.contains(" dB, first picture in ")), "{printed}");
+    let beside = load(&out.path().join("two_ways.png")).unwrap();
+    assert!(beside.height() == HEIGHT && beside.width() > 3 * WIDTH);
 }
 
 #[test]

@@ -38,7 +38,7 @@ def policies(specs: list[str]) -> dict[str, list[str]]:
 def video(args, rig: Path, folder: Path, *options: str) -> tuple[dict, list[dict]]:
     """One run: its report, and the log with a line per frame."""
     log = folder / "log.jsonl"
-    command = [args.liveview, "video", str(rig), "--camera", args.camera, "--json"]
+    command = [args.liveview, "video", str(rig), "--camera", args.camera, "--network", "model", "--json"]
     command += ["-o", str(folder / "frames"), "--log", str(log), *args.options, *options]
     report = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=ROOT).stdout
     return json.loads(report), [json.loads(line) for line in log.read_text().splitlines()]

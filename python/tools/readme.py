@@ -50,7 +50,7 @@ def clip() -> None:
     """models/rig_v4.webp: truth and result of the rig's held-out camera, half size, ten
     frames per second."""
     with tempfile.TemporaryDirectory() as out:
-        command = [BINARY, "video", RIG, "--camera", "target", "--layers", "surface:1", "-o", out]
+        command = [BINARY, "video", RIG, "--camera", "target", "-o", out]
         subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
         frames = []
         for truth, made in zip(sorted((ROOT / RIG / "target").glob("*.jpg")), sorted(Path(out).iterdir()), strict=True):

@@ -6,7 +6,7 @@ from pathlib import Path
 MODELS = Path(__file__).resolve().parents[2] / "models"
 CPU = "cpu, f32"
 NO_NETWORK = "no network"
-SURFACE, BEST, PAPER, FAST = "surface:1", "surface:3", "select:16/64", "guided:1"  # the layers of each --quality
+SURFACE, PAPER, FAST = "surface:3", "select:16/64", "guided:1"  # the layers of each --quality
 ALL_ENGINES = "surface:1", "surface:2", "surface:3", "guided:1", "guided:2"
 CPU_ONLY = "guided:4", "guided:8", "select:16/64", "planes:16", "planes:64"
 
@@ -34,8 +34,7 @@ def machine(report: dict) -> str:
 def ways(report: dict) -> str:
     """README: the named ways to render, with quality and time."""
     ways = (
-        ("a good picture", "*surface* (default)", SURFACE, CPU),
-        ("no model", "*surface*, `--network none`", BEST, NO_NETWORK),
+        ("a good picture", "*surface* (default)", SURFACE, NO_NETWORK),
         ("the paper's planes", "*paper*: `--quality paper`", PAPER, CPU),
         ("one picture at once", "*fast*: `--quality fast`", FAST, CPU),
     )

@@ -142,12 +142,14 @@ impl Renderer {
         let own_depth = visibility.map(Visibility::own_depth).unwrap_or_default();
         let weights = distance_weights(views, target, visibility.is_some());
 
-        let mut visible = vec![visibility.is_none(); size.pixels()];
+        let is_seen = visibility.is_none_or(|visibility| visibility.is_seen);
+        let mut visible = vec![visibility.is_none() || !is_seen; size.pixels()];
         let mut rows: Vec<R> = (0..target.height()).into_par_iter().map(|_| new_row(target.width())).collect();
         let mut times = StageTimes { warp: begun.elapsed(), ..StageTimes::default() };
-        let mut remaining = layers.as_slice().iter().enumerate();
+        let covered = if is_seen { layers.as_slice() } else { &[] };
+        let mut remaining = covered.iter().enumerate();
         let mut indices = Vec::new();
-        let (mut logits, mut logits_not_finite, mut uncovered_layers) = (0, 0, 0);
+        let (mut logits, mut logits_not_finite, mut uncovered_layers) = (0, 0, layers.len() - covered.len());
         while remaining.len() > 0 {
             let started = Instant::now();
             self.buffers.warp(&mut remaining, &sources, &own_depth, &mut indices);

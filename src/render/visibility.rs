@@ -26,6 +26,8 @@ pub struct Visibility<'a> {
     pub views: Vec<VisibleView<'a>>,
     /// How much nearer than a point the view's own depth must be to hide it, 1/scene unit.
     pub margin: f32,
+    /// Whether the views' depth was carried to the target; if not, no view covers any of it.
+    pub is_seen: bool,
 }
 
 /// Own depth and photo correction of a view.

@@ -3,6 +3,8 @@
 
 use std::sync::Arc;
 
+use rayon::prelude::*;
+
 use super::correction::{balanced, gains_to_first, sharpening_with};
 use super::depth_maps::DepthMaps;
 use super::fusion::{ConfirmedDepth, Surface, SurfaceView, surface};
@@ -10,6 +12,10 @@ use crate::geometry::{Camera, distance};
 use crate::layers::{Layers, LayersError};
 use crate::render::{Visibility, VisibleView};
 use crate::warp::{NO_GAINS, SourceView};
+
+/// A target sees the photos' depth if it is carried to at least this share of the pixels that it would
+/// be carried to from a photo's own viewpoint: the scene fills a thirtieth of the picture's sides.
+const MIN_CARRIED: f64 = 1e-3;
 
 /// Which differences between the photos of a target are corrected, by their correspondences; all by
 /// default.
@@ -37,6 +43,8 @@ pub struct TargetSurface {
     gains: Vec<[f32; 3]>,
     /// Amount by which each view's photo is sharpened.
     sharpening: Vec<f32>,
+    /// Mean share of the photos that other photos confirm.
+    confirmed_share: f64,
 }
 
 impl TargetSurface {
@@ -72,14 +80,27 @@ impl TargetSurface {
         set_gains(&mut views, &gains);
         let (near, far) = maps.range();
         let surface = surface(&views, target, near, far);
+        let confirmed_share = confirmed.par_iter().map(|photo| photo.share()).sum::<f64>() / confirmed.len() as f64;
         gains.truncate(count);
         confirmed.truncate(count);
-        Self { surface, confirmed, gains, sharpening }
+        Self { surface, confirmed, gains, sharpening, confirmed_share }
     }
 
     /// The surface.
     pub fn surface(&self) -> &Surface {
         &self.surface
+    }
+
+    /// Mean share, 0 to 1, of the photos' pixels (of its views and helpers) whose depth other photos
+    /// confirm.
+    pub fn confirmed_share(&self) -> f64 {
+        self.confirmed_share
+    }
+
+    /// Whether any of the photos' depth was carried to the target. Without any confirmed depth, the
+    /// photos say nothing of what it sees, and the surface is that of the search at the target.
+    fn is_seen(&self) -> bool {
+        1.0 - self.surface.holes >= MIN_CARRIED * self.confirmed_share
     }
 
     /// Exposure gains `[V]` of the views, by channel; 1 where exposure is not corrected.
@@ -108,7 +129,7 @@ impl TargetSurface {
             gains: self.gains[index],
             sharpening: self.sharpening[index],
         });
-        Visibility { views: views.collect(), margin: self.surface.occlusion_margin() }
+        Visibility { views: views.collect(), margin: self.surface.occlusion_margin(), is_seen: self.is_seen() }
     }
 }
 

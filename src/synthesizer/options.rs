@@ -30,7 +30,7 @@ pub struct Options {
     pub far: Option<f64>,
     /// Which model, and how ONNX Runtime runs it.
     pub model: ModelOptions,
-    /// Which layers; `None`: those that the model recommends.
+    /// Which layers; `None`: `surface:3`, or those that the model recommends.
     pub layers: Option<LayerSpec>,
     /// Which differences between photos surface layers correct.
     #[cfg(feature = "surface")]
@@ -48,9 +48,10 @@ pub struct ModelOptions {
     /// V, the number of views that each picture is rendered from; `None`: the model file's, else
     /// [`DEFAULT_VIEWS`].
     pub views: Option<usize>,
-    /// No network: photos are weighed by their agreement ([`ViewAgreement`]). Neither a model nor
-    /// ONNX Runtime is needed, and the other options but `views` and `batch` do not apply.
-    pub without_network: bool,
+    /// Whether a network weighs photos and layers; `None`: see [`Self::uses_network`]. Without one,
+    /// photos are weighed by their agreement ([`ViewAgreement`]): neither a model nor ONNX Runtime
+    /// is needed, and the other options but `views` and `batch` do not apply.
+    pub network: Option<bool>,
     /// The model file; `None`: `liveview_v{V}.onnx`, or the quantised `liveview_v{V}_int8.onnx`, in
     /// one of the `folders`; for layers that are planes `liveview_v{V}_planes.onnx` or
     /// `liveview_v{V}_planes_int8.onnx`, if there is one; with an independent `alpha`
@@ -78,7 +79,7 @@ impl Default for ModelOptions {
     fn default() -> Self {
         Self {
             views: None,
-            without_network: false,
+            network: None,
             file: None,
             folders: model_folders(),
             quantized: false,
@@ -93,6 +94,14 @@ impl Default for ModelOptions {
 }
 
 impl ModelOptions {
+    /// Whether a network renders these layers: as `network` says, else if `file` is set, and for all
+    /// layers but those along the surface, which are rendered better and faster without one
+    /// (docs/benchmarks.md).
+    pub fn uses_network(&self, layers: Option<&LayerSpec>) -> bool {
+        let along_surface = layers.map_or(cfg!(feature = "surface"), |layers| layers.kind() == "surface");
+        self.network.unwrap_or(self.file.is_some() || !along_surface)
+    }
+
     /// V, before the model is opened.
     pub fn views_or_default(&self) -> usize {
         self.views.unwrap_or(DEFAULT_VIEWS)
@@ -123,7 +132,7 @@ pub(super) fn open_renderer(
     options: &ModelOptions,
     layers: Option<&LayerSpec>,
 ) -> Result<(Renderer, LayerSpec), SynthesisError> {
-    if options.without_network {
+    if !options.uses_network(layers) {
         let network = ViewAgreement { views: options.views_or_default() };
         let recommended = network.recommended_layers()?;
         return Ok((Renderer::new(Box::new(network), options.batch), recommended));

@@ -220,7 +220,7 @@ fn occluded_samples_are_within_bounds() {
                 gains: v.gains,
                 sharpening: 0.0,
             });
-            let visibility = Visibility { views: seen.collect(), margin: OCCLUSION_MARGIN_PX * pixel };
+            let visibility = Visibility { views: seen.collect(), margin: OCCLUSION_MARGIN_PX * pixel, is_seen: true };
             let views: Vec<_> = views.iter().map(|v| v.view).collect();
             stages::occluded(&visibility, &views, &case.target, &map)
         });

@@ -81,6 +81,28 @@ fn depth_range_is_found_from_the_photos_where_nothing_gives_it() {
 }
 
 #[test]
+fn poses_that_do_not_belong_to_the_photos_are_noticed() {
+    let folders = Folders::new();
+    let picture = folders.out("a.png");
+    let warns = || {
+        let inspected = folders.liveview("inspect", &["--target", "2"]).output().unwrap();
+        let rendered = folders.liveview("render", &["--target", "2", "-o", &picture]).output().unwrap();
+        [inspected.stdout, rendered.stderr]
+            .map(|text| String::from_utf8(text).unwrap().contains("photos agree on only"))
+    };
+    assert_eq!(warns(), [false; 2]);
+    // The cameras stand in a column instead of in a row.
+    let poses = folders.scene().join("transforms.json");
+    let text = std::fs::read_to_string(&poses).unwrap();
+    let turned = |text: String, view: usize| {
+        let x = 0.1 * view as f64;
+        text.replace(&format!("[1, 0, 0, {x}], [0, 1, 0, 0]"), &format!("[1, 0, 0, 0], [0, 1, 0, {x}]"))
+    };
+    std::fs::write(&poses, (0..5).fold(text, turned)).unwrap();
+    assert_eq!(warns(), [true; 2]);
+}
+
+#[test]
 fn inspect_reports_the_exposure_gains_of_render_on_request() {
     let folders = Folders::new();
     // Photos large enough for gains to be estimated, one of them a third darker in red.

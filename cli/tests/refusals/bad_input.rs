@@ -156,7 +156,7 @@ fn invalid_models_are_an_error() {
     refused(&["--model", &fixture("tiny_v4"), "--views", "5"], &["metadata `views` is 4", "expected 5"]);
     refused(&["--model", &fixture("absent")], &["absent.onnx", "no such file"]);
     refused(&["--model", &format!("{}/Cargo.toml", env!("CARGO_MANIFEST_DIR"))], &["Cargo.toml", "ONNX Runtime"]);
-    refused(&["--views", "63"], &["liveview_v63.onnx", "models"]);
+    refused(&["--network", "model", "--views", "63"], &["liveview_v63.onnx", "models"]);
 }
 
 #[test]

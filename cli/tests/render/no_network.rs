@@ -1,5 +1,5 @@
-//! `--network none`: pictures from the views' distances and agreement, without a model or ONNX
-//! Runtime.
+//! The default, `--network none`: pictures from the views' distances and agreement, without a model or
+//! ONNX Runtime; and what asks for a network.
 
 use std::fs;
 
@@ -26,16 +26,30 @@ fn json(command: &mut Command) -> Value {
 }
 
 #[test]
-fn no_network_needs_neither_model_nor_library() {
+fn surface_layers_need_neither_model_nor_library_and_all_else_does() {
     let folders = Folders::new();
     let picture = folders.out("a.png");
     let target = ["--target", "2", "-o", &picture];
-    folders.assert_refused(&mut bare(&folders, "render", &target), &["liveview_v4.onnx"]);
     let model = fixture("tiny_v4");
-    let with_model = [&target[..], &["--model", &model]].concat();
-    folders.assert_refused(&mut bare(&folders, "render", &with_model), &["no-library.so"]);
+    for (ask, missing) in [
+        (["--network", "model"], "liveview_v4.onnx"),
+        (["--quality", "paper"], "liveview_v4.onnx"),
+        (["--quality", "fast"], "liveview_v4.onnx"),
+        (["--layers", "planes:4"], "liveview_v4.onnx"),
+        (["--alpha", "competing"], "liveview_v4.onnx"),
+        (["--engine", "cpu"], "liveview_v4.onnx"),
+        (["--model", &model], "no-library.so"),
+    ] {
+        folders.assert_refused(bare(&folders, "render", &target).args(ask), &[missing]);
+    }
+    for words in
+        [&["--quality", "surface"][..], &["--layers", "surface:1"], &["--network", "none", "--quality", "fast"]]
+    {
+        let report = json(bare(&folders, "render", &target).args(words));
+        assert_eq!(report["model"], Value::Null, "{words:?}");
+    }
 
-    let none = [&target[..], &["--network", "none"]].concat();
+    let none = target;
     let report = json(&mut bare(&folders, "render", &none));
     assert_eq!((&report["layers"], &report["model"]), (&"surface:3".into(), &Value::Null));
     assert_eq!(report["engine"]["name"], "none");
@@ -85,7 +99,7 @@ fn options_of_the_network_are_errors_without_one() {
 #[test]
 fn logits_are_the_agreement_of_the_views() {
     let folders = Folders::new();
-    let arguments = ["--target", "2", "--network", "none", "-o", &folders.out("d.npz")];
+    let arguments = ["--target", "2", "-o", &folders.out("d.npz")];
     let report = json(&mut bare(&folders, "dump", &arguments));
     assert_eq!((&report["model"], &report["engine"], &report["library"]), (&Value::Null, &"none".into(), &Value::Null));
     let mut arrays = ndarray_npy::NpzReader::new(fs::File::open(folders.out("d.npz")).unwrap()).unwrap();

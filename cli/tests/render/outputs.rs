@@ -297,8 +297,10 @@ fn no_frame_and_no_coverage_are_errors() {
     let pose = folders.scene().join("pose.json");
     let away = r#"{"cam_from_world": [[1, 0, 0, -50], [0, -1, 0, 0], [0, 0, -1, 0]]}"#;
     fs::write(&pose, away).unwrap();
-    let arguments = ["--pose", pose.to_str().unwrap(), "--layers", "planes:2", "-o", &picture];
-    folders.assert_refused(&mut folders.render(&arguments), &["pose.json", "no view covers"]);
+    for layers in ["planes:2", "guided:1", "surface:1", "surface:3"] {
+        let arguments = ["--pose", pose.to_str().unwrap(), "--layers", layers, "-o", &picture];
+        folders.assert_refused(&mut folders.render(&arguments), &["pose.json", "no view covers"]);
+    }
     fs::write(&pose, format!("[{away}]")).unwrap();
     let poses = ["--poses", pose.to_str().unwrap(), "--layers", "planes:2", "--frames", "..2"];
     let mut video = folders.liveview("video", &[&poses[..], &["--model", &fixture("tiny_v4")]].concat());

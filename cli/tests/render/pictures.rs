@@ -274,7 +274,7 @@ fn quality_options_select_layers() {
         report["layers"].as_str().unwrap().to_owned()
     };
     assert_eq!(layers(&["--quality", "fast"]), "guided:1");
-    assert_eq!(layers(&["--quality", "surface"]), "surface:1");
+    assert_eq!(layers(&["--quality", "surface"]), "surface:3");
     assert_eq!(layers(&["--quality", "paper"]), "select:16/64");
     assert_eq!(layers(&["--layers", "guided:3"]), "guided:3");
 }

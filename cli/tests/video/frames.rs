@@ -85,8 +85,8 @@ fn surface_layers_skip_a_missing_photo_and_search_where_photos_change() {
     (0..6).for_each(|camera| rig.film(camera, 3, 0.5));
     let moved = rig.report(&arguments);
     assert_eq!(moved["layers_from"], serde_json::json!({ "searched": 2, "propagated": 2 }), "{moved}");
-    // Surface layers are the default without a network.
-    let mut without = rig.folders.liveview("video", &["--camera", "cam2", "-o", &out, "--network", "none", "--json"]);
+    // Surface layers without a network are the default.
+    let mut without = rig.folders.liveview("video", &["--camera", "cam2", "-o", &out, "--json"]);
     let output = without.output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     let without: Value = serde_json::from_slice(&output.stdout).unwrap();

@@ -3,10 +3,11 @@
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
 use liveview::network::Alpha;
-use liveview::render::{Frame, Renderer};
+use liveview::render::{Batch, Frame, Renderer};
 use liveview::{LayerSpec, LoadedShot, Plan, Scene, ScenePhotos, SceneViews, Synthesizer};
 use ndarray::Axis;
 
+use crate::agreement::Agreement;
 use crate::args::layers::{LayerArgs, given_or_recommended};
 use crate::args::model::ModelArgs;
 use crate::args::model_info::ModelInfo;
@@ -23,6 +24,9 @@ pub struct Job {
     pub model: ModelInfo,
     /// Counts rendered layers.
     pub progress: ProgressBar,
+    /// The share of the pixels of the last picture on which its photos agree ([`crate::agreement`]); `None` with a network and
+    /// for layers that are not along the surface.
+    pub agreeing_share: Option<f64>,
 }
 
 impl Job {
@@ -56,7 +60,7 @@ impl Job {
         let (renderer, model) = opened;
         let layers = given_or_recommended(layers, renderer.network())?;
         let synthesizer = Synthesizer::new(photos, renderer, layers);
-        Ok(Self { synthesizer, model, progress: ProgressBar::hidden() })
+        Ok(Self { synthesizer, model, progress: ProgressBar::hidden(), agreeing_share: None })
     }
 
     /// The model, to be returned to the pool.
@@ -102,7 +106,16 @@ impl Job {
     pub fn render(&mut self, shot: &LoadedShot, plan: &Plan) -> Result<Frame> {
         let progress = &self.progress;
         progress.inc_length(plan.layers.len() as u64);
-        let mut count = |batch: &liveview::render::Batch<'_>| progress.inc(batch.disparity.len_of(Axis(0)) as u64);
-        Ok(self.synthesizer.render_plan(shot, plan, Some(&mut count))?)
+        let is_measured = self.model.model.is_none() && plan.surface.is_some();
+        let mut agreement = Agreement::default();
+        let mut observe = |batch: &Batch<'_>| {
+            progress.inc(batch.disparity.len_of(Axis(0)) as u64);
+            if is_measured {
+                agreement.add(batch);
+            }
+        };
+        let frame = self.synthesizer.render_plan(shot, plan, Some(&mut observe))?;
+        self.agreeing_share = agreement.share();
+        Ok(frame)
     }
 }

@@ -2,6 +2,7 @@
 
 #![allow(clippy::missing_errors_doc, reason = "errors name the option or the file, and what was expected of it")]
 
+pub mod agreement;
 pub mod args;
 pub mod console;
 pub mod ffmpeg;

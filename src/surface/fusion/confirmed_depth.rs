@@ -20,4 +20,10 @@ impl ConfirmedDepth {
         let disparity = ndarray::Zip::from(&depth.disparity).and(confirmed).map_collect(keep);
         Self { disparity, disparity_per_pixel: depth.disparity_per_pixel }
     }
+
+    /// Share of the pixels that are confirmed, 0 to 1.
+    pub fn share(&self) -> f64 {
+        let confirmed = self.disparity.iter().filter(|&&disparity| disparity >= 0.0).count();
+        confirmed as f64 / self.disparity.len().max(1) as f64
+    }
 }

@@ -1,5 +1,6 @@
 //! `liveview inspect`: how a scene is read, and which views and planes are skipped.
 
+mod agreement;
 mod exposure;
 mod spread;
 
@@ -75,6 +76,11 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
         let (section, gains) = exposure::gains(&photos, target, args.views)?;
         text += &section;
         gains.iter().enumerate().for_each(|(view, gains)| target_json["views"][view]["exposure_gains"] = json!(gains));
+    }
+    if target_json["warning"].is_null() {
+        let (section, shares) = agreement::section(&args.scene, target, args.views);
+        text += &section;
+        [target_json["confirmed_share"], target_json["agreeing_share"]] = shares.map(|share| json!(share));
     }
     let scene = photos.scene();
     for note in &scene.notes {

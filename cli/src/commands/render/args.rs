@@ -6,7 +6,7 @@ use liveview_common::args::layers::LayerArgs;
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::numbers;
 use liveview_common::args::scene::SceneArgs;
-use liveview_common::args::targets::TargetArgs;
+use liveview_common::args::targets::{HoldoutArgs, TargetArgs};
 
 use super::explain::ExplainArgs;
 use super::outputs::OutputArgs;
@@ -42,6 +42,8 @@ pub(crate) struct RenderArgs {
     /// Horizontal field of view of the pictures of --pose and --path [default: the photos']
     #[arg(long, value_name = "DEGREES", value_parser = numbers::field_of_view, conflicts_with_all = ["target", "heldout"])]
     pub(super) fov: Option<f64>,
+    #[command(flatten)]
+    pub(super) holdout: HoldoutArgs,
     #[command(flatten)]
     pub(super) output: OutputArgs,
     #[command(flatten)]

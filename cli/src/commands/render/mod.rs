@@ -21,7 +21,8 @@ pub(crate) use args::RenderArgs;
 use disparity::disparity_max;
 use explain::{Explained, Explanation};
 use liveview::image::Score;
-use liveview::{LayerSpec, Plan, Shot};
+use liveview::{LayerSpec, Plan, Shot, TargetSurface};
+use liveview_common::agreement;
 use liveview_common::console::{Output, escaped, print_message, print_notes, progress};
 use liveview_common::interrupt::{self, Interrupted};
 use liveview_common::job::Job;
@@ -55,6 +56,7 @@ fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<
             target.camera = target.camera.with_field_of_view(degrees)?;
         }
     }
+    args.holdout.apply(job.scene(), &mut targets)?;
     let moving = targets.moving;
     let all = job.synthesizer.shots(targets)?;
     let shots = args.shard.map_or_else(|| all.clone(), |shard| shard.of(all.clone()));
@@ -80,6 +82,7 @@ fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<
     let rendered = rendered.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error });
     let (done, explanation) = rendered.inspect_err(|_| outputs.print_how_to_resume(wanted))?;
     check_coverage(&done, args)?;
+    warn_of_disagreement(&done);
     let video = outputs.finish(&all)?;
     let share = args.shard.map(|shard| (shard, all.len()));
     let table = args.scores.write(&done)?;
@@ -112,6 +115,15 @@ fn check_coverage(done: &[Rendered], args: &RenderArgs) -> Result<()> {
         [first, ..] => warn_of_blank(blank.len(), done.len(), first),
     }
     Ok(())
+}
+
+/// Warns where the photos agree on few pixels, on average over the pictures.
+fn warn_of_disagreement(done: &[Rendered]) {
+    let shares: Vec<f64> = done.iter().filter_map(|one| one.agreeing_share).collect();
+    let mean = shares.iter().sum::<f64>() / shares.len() as f64;
+    if let Some(warning) = agreement::warning(mean) {
+        print_message("warning", warning);
+    }
 }
 
 fn no_coverage(args: &RenderArgs) -> Error {
@@ -186,6 +198,8 @@ fn render(
             score,
             uncovered_share,
             occluded_share: frame.occluded_pixels as f64 / pixels,
+            confirmed_share: plan.surface.as_ref().map(TargetSurface::confirmed_share),
+            agreeing_share: job.agreeing_share,
             disparity_max: disparity_max(&frame),
             files: outputs.files(&shot),
             shot,

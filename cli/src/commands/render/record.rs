@@ -174,6 +174,8 @@ impl Record {
             score,
             uncovered_share: number("uncovered_share")?,
             occluded_share: number("occluded_share")?,
+            confirmed_share: None,
+            agreeing_share: None,
             disparity_max: number("disparity_max")? as f32,
             files,
         })

@@ -68,7 +68,8 @@ fn target(job: &Job, one: &Rendered) -> Value {
         "views": job.views().names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
         "seconds": one.times.as_ref().map(|times| seconds(times).into_iter().collect::<serde_json::Map<_, _>>()),
         "psnr": one.score.as_ref().map(|score| score.psnr), "ssim": one.score.as_ref().map(|score| score.ssim),
-        "uncovered_share": one.uncovered_share, "occluded_share": one.occluded_share, "disparity_max": one.disparity_max,
+        "uncovered_share": one.uncovered_share, "occluded_share": one.occluded_share,
+        "confirmed_share": one.confirmed_share, "agreeing_share": one.agreeing_share, "disparity_max": one.disparity_max,
         "files": one.files.iter().map(|file| path_text(file)).collect::<Vec<_>>(),
     })
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
-use liveview::network::PlaneNetwork;
+use liveview::network::{PlaneNetwork, ViewAgreement};
 use liveview::{LayerSpec, PhotoCorrection};
 
 use super::help::ADVANCED;
@@ -12,10 +12,10 @@ use super::help::ADVANCED;
 /// Options that choose the layers.
 #[derive(Debug, Args)]
 pub struct LayerChoice {
-    /// How to render [default: the model's layers]
+    /// How to render [default: surface; with --network model, the model's layers]
     #[arg(long, value_enum, group = "which_layers")]
     quality: Option<Quality>,
-    /// surface:L, guided:L, planes:D, select:K/D or list:… [default: the model's]
+    /// surface:L, guided:L, planes:D, select:K/D or list:… [default: as --quality]
     ///
     /// surface:L: L layers along the surface that the depth of the photos gives; each photo counts
     /// only where its own depth says that it sees the surface. guided:L or guided:L/D: L layers
@@ -55,18 +55,18 @@ pub struct LayerArgs {
 /// Layers by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Quality {
-    /// 1 layer along the surface that the depth of the photos gives: the best of these (surface:1)
+    /// 3 layers along the surface that the depth of the photos gives: the best of these (surface:3)
     Surface,
-    /// 16 planes selected from 64, as in the paper (select:16/64)
+    /// 16 planes selected from 64 by the network, as in the paper (select:16/64)
     Paper,
-    /// 1 guided layer: the fastest for a single picture (guided:1)
+    /// 1 guided layer and the network: the least work for a single picture (guided:1)
     Fast,
 }
 
 impl From<Quality> for LayerSpec {
     fn from(quality: Quality) -> Self {
         match quality {
-            Quality::Surface => Self::Surface(1),
+            Quality::Surface => ViewAgreement::LAYERS,
             Quality::Paper => Self::PAPER,
             Quality::Fast => Self::guided(1),
         }

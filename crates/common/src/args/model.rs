@@ -26,12 +26,12 @@ pub struct ModelArgs {
     /// Number of photos per picture; selects the model [default: 4, or as --model]
     #[arg(long, value_name = "V", value_parser = numbers::count)]
     pub views: Option<usize>,
-    /// Render without a network, a model or ONNX Runtime
+    /// model: a network weighs photos and layers. none: it needs no model and no ONNX Runtime
     ///
-    /// Photos are weighted by their distance to the target and by how well they agree. Only surface
-    /// layers make a good picture this way [default layers: surface:3].
-    #[arg(long, value_enum, value_name = "none", hide_possible_values = true)]
-    #[arg(conflicts_with_all = ["model", "alpha", "engine", "precision", "ort_lib"])]
+    /// Without a network, photos are weighted by their distance to the target and by how well they
+    /// agree; only surface layers make a good picture this way [default: none for surface layers,
+    /// model for all others and with any of --model, --alpha, --engine, --precision and --ort-lib].
+    #[arg(long, value_enum, value_name = "none|model", hide_possible_values = true)]
     network: Option<NetworkName>,
     /// Model file [default: the installed model for --views and --layers]
     ///
@@ -44,9 +44,9 @@ pub struct ModelArgs {
     /// How the layers of a pixel share it [default: as the model was trained]
     #[arg(long, value_enum, help_heading = ADVANCED, hide_short_help = true)]
     alpha: Option<AlphaName>,
-    /// Execution provider of ONNX Runtime that runs the network
-    #[arg(long, value_enum, default_value_t = ProviderName::Cpu, help_heading = ADVANCED, hide_short_help = true)]
-    engine: ProviderName,
+    /// Execution provider of ONNX Runtime that runs the network [default: cpu]
+    #[arg(long, value_enum, help_heading = ADVANCED, hide_short_help = true)]
+    engine: Option<ProviderName>,
     /// Precision of the network [default: the model's]
     #[arg(long, value_enum, help_heading = ADVANCED, hide_short_help = true)]
     precision: Option<PrecisionName>,
@@ -74,7 +74,40 @@ impl ModelArgs {
 
     /// Whether `--network none` is given.
     pub fn without_network(&self) -> bool {
-        self.network.is_some()
+        self.network == Some(NetworkName::None)
+    }
+
+    /// Whether a network renders these layers.
+    fn uses_network(&self, layers: Option<&LayerSpec>) -> bool {
+        match self.network {
+            Some(name) => name == NetworkName::Model,
+            None => self.option_of_network().is_some() || ModelOptions::default().uses_network(layers),
+        }
+    }
+
+    /// A given option that only a network has a use for.
+    fn option_of_network(&self) -> Option<&'static str> {
+        let given = [
+            ("--model", self.model.is_some()),
+            ("--alpha", self.alpha.is_some()),
+            ("--engine", self.engine.is_some()),
+            ("--precision", self.precision.is_some()),
+            ("--ort-lib", self.ort_lib.is_some()),
+        ];
+        given.into_iter().find_map(|(option, given)| given.then_some(option))
+    }
+
+    /// Refuses `--network none` with an option that only a network has a use for.
+    fn check_network(&self) -> Result<()> {
+        match self.option_of_network().filter(|_| self.without_network()) {
+            Some(option) => bail!("{option}: cannot be used with --network none"),
+            None => Ok(()),
+        }
+    }
+
+    /// The execution provider.
+    fn engine(&self) -> ProviderName {
+        self.engine.unwrap_or(ProviderName::Cpu)
     }
 
     /// Command-line arguments for the same threads and batch size, without a network.
@@ -94,8 +127,9 @@ impl ModelArgs {
             return self.to_args_without_network(self.views_or_default());
         }
         let ProviderChoice { engine, precision } =
-            other.unwrap_or(ProviderChoice { engine: self.engine, precision: self.precision });
-        let mut args = vec![format!("--threads={}", self.threads()), format!("--batch={}", self.batch)];
+            other.unwrap_or(ProviderChoice { engine: self.engine(), precision: self.precision });
+        let mut args = vec!["--network=model".to_owned()];
+        args.extend([format!("--threads={}", self.threads()), format!("--batch={}", self.batch)]);
         args.extend(flag("engine", &engine));
         args.extend(precision.and_then(|precision| flag("precision", &precision)));
         args.extend(self.alpha.and_then(|alpha| flag("alpha", &alpha)));
@@ -142,7 +176,7 @@ impl ModelArgs {
 
     fn options(&self) -> Result<ModelOptions> {
         let bf16 = self.precision == Some(PrecisionName::Bf16);
-        if bf16 && !ExecutionProvider::from(self.engine).supports_bf16() {
+        if bf16 && !ExecutionProvider::from(self.engine()).supports_bf16() {
             bail!("--precision bf16: expected --engine {}, the only one that supports it", ExecutionProvider::OpenVino);
         }
         let mut options = self.views_and_threads();
@@ -152,7 +186,7 @@ impl ModelArgs {
         }
         options.quantized = self.precision == Some(PrecisionName::Int8);
         options.alpha = self.alpha.map(Into::into);
-        options.provider = self.engine.into();
+        options.provider = self.engine().into();
         options.precision = if bf16 { Precision::Bf16 } else { Precision::F32 };
         options.library = self.ort_lib.clone().or_else(|| wheel(options.provider));
         options.batch = self.batch;
@@ -161,11 +195,12 @@ impl ModelArgs {
 
     /// Opens the model for these layers; without a network, no model.
     pub fn open_for(&self, layers: Option<&LayerSpec>) -> Result<(Renderer, ModelInfo)> {
-        let (renderer, model) = if self.without_network() {
-            (self.renderer_without_network(self.views_or_default()), None)
-        } else {
+        self.check_network()?;
+        let (renderer, model) = if self.uses_network(layers) {
             let (network, model) = self.open_model(layers)?;
             (self.renderer(network), Some(model))
+        } else {
+            (self.renderer_without_network(self.views_or_default()), None)
         };
         Ok((renderer, ModelInfo { model, threads: self.set_threads()?, batch: self.batch }))
     }
@@ -213,7 +248,7 @@ impl ModelArgs {
 
     /// Opens the models for fewer views than `views`, as fallbacks; none if `--model` is given.
     pub fn open_smaller(&self, views: usize, layers: Option<&LayerSpec>) -> Result<Vec<Renderer>> {
-        if self.without_network() {
+        if !self.uses_network(layers) {
             return Ok((2..views).map(|views| self.renderer_without_network(views)).collect());
         }
         if self.model.is_some() {

@@ -9,6 +9,7 @@ use liveview::network::{AlphaKind, ExecutionProvider};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, ValueEnum)]
 pub(super) enum NetworkName {
     None,
+    Model,
 }
 
 /// Values of `--alpha`.

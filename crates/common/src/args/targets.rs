@@ -41,6 +41,22 @@ pub struct TargetArgs {
     path: Option<CameraPathOrFile>,
 }
 
+/// Views that are held out of pictures at other places.
+#[derive(Debug, Args)]
+pub struct HoldoutArgs {
+    /// With --pose or --path: views that no picture is rendered from, by name
+    #[arg(long, value_name = "NAME,…", conflicts_with_all = ["target", "heldout"])]
+    holdout: Vec<String>,
+}
+
+impl HoldoutArgs {
+    /// Holds the views out of the targets.
+    pub fn apply(&self, scene: &Scene, targets: &mut Targets) -> Result<()> {
+        targets.held_out.extend(named(scene, &self.holdout)?);
+        Ok(())
+    }
+}
+
 /// The value of `--path`.
 #[derive(Debug, Clone)]
 enum CameraPathOrFile {
