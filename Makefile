@@ -11,7 +11,7 @@ PY := cd python && ../$(BIN)/python -m
 LIVEVIEW := target/release/liveview
 SCENE := tests/scenes/workshop
 RIG := tests/scenes/rig
-RUFF := --config python/pyproject.toml python parity tests
+RUFF := --config python/pyproject.toml python parity tests crates/python
 
 .PHONY: demo demo-video build runtime setup clean test lint test-rust test-python test-browser parity stability \
 	fuzz evaluate report models paper
