@@ -58,6 +58,7 @@ lint: setup
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo clippy --locked --features cuda,tensorrt -- -D warnings
 	cargo clippy --locked -p liveview-cli --no-default-features -- -D warnings
+	cargo clippy --locked -p liveview-python -- -D warnings
 	$(CHECK_FUZZ)
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items
 	$(BIN)/ruff check $(RUFF)
@@ -71,7 +72,7 @@ test-rust: setup target/goldens/cases.txt
 	test ! -e .venv-openvino/.runtime || cargo test --release --locked --test execution_providers -- --ignored
 
 ## Python tests, including those of the program and of the evaluation.
-test-python: setup setup-evaluation build
+test-python: setup setup-evaluation build wheel
 	$(PY) pytest -q
 
 ## `liveview view`, driven by a headless Chromium that npm fetches (Node 20 or later). Not part of `test`.
