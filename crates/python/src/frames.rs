@@ -1,24 +1,38 @@
 //! The frames of a path, one after the other.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
-use liveview::Shot;
+use liveview::{LayerSpec, Layers, Plan, Shot};
 use pyo3::prelude::*;
 
+use crate::engine::{Engine, rendered};
 use crate::frame::Frame;
-use crate::synthesizer::{Synthesizer, rendered};
 
 /// The pictures of a path; each is rendered when it is asked for.
 #[pyclass(frozen, module = "liveview")]
 pub(crate) struct Frames {
-    synthesizer: Py<Synthesizer>,
+    engine: Arc<Engine>,
     shots: Vec<Shot>,
-    next: Mutex<usize>,
+    progress: Mutex<Progress>,
+}
+
+/// What is done of a path.
+#[derive(Default)]
+struct Progress {
+    /// Index of the next shot.
+    next: usize,
+    /// The planes that the first shot selects, as in the paper's video.
+    selected: Option<Layers>,
 }
 
 impl Frames {
-    pub(crate) fn new(synthesizer: Py<Synthesizer>, shots: Vec<Shot>) -> Self {
-        Self { synthesizer, shots, next: Mutex::default() }
+    pub(crate) fn new(engine: Arc<Engine>, shots: Vec<Shot>) -> Self {
+        Self { engine, shots, progress: Mutex::default() }
+    }
+
+    /// Locked for a moment only: a thread that waits for it may hold the interpreter.
+    fn with<T>(&self, change: impl FnOnce(&mut Progress) -> T) -> T {
+        change(&mut self.progress.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
@@ -33,14 +47,19 @@ impl Frames {
     }
 
     fn __next__(&self, py: Python<'_>) -> PyResult<Option<Frame>> {
-        let index = {
-            let mut next = self.next.lock().unwrap_or_else(PoisonError::into_inner);
-            *next += 1;
-            *next - 1
-        };
+        let (index, selected) = self.with(|progress| {
+            progress.next += 1;
+            (progress.next - 1, progress.selected.clone())
+        });
         let Some(shot) = self.shots.get(index) else { return Ok(None) };
-        let later = &self.shots[index + 1..];
-        let (frame, times) = self.synthesizer.get().with(py, |synthesizer| rendered(synthesizer, shot, later))?;
+        let (later, known) = (&self.shots[index + 1..], selected.map(Plan::known));
+        let (frame, times) = self.engine.with(py, |synthesizer| {
+            let (frame, plan, times) = rendered(synthesizer, shot, later, known)?;
+            if matches!(synthesizer.layers(), LayerSpec::Select { .. }) {
+                self.with(|progress| progress.selected.get_or_insert(plan.layers).len());
+            }
+            Ok((frame, times))
+        })?;
         Frame::new(py, shot.name.clone(), frame, times).map(Some)
     }
 }

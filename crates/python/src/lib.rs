@@ -6,6 +6,7 @@
 
 mod arguments;
 mod camera;
+mod engine;
 mod error;
 mod frame;
 mod frames;

@@ -1,26 +1,23 @@
 //! The synthesizer: a scene, layers and a network, which render targets.
 
-use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread::{self, ThreadId};
+use std::sync::Arc;
 
-use liveview::network::RunEnd;
-use liveview::{DepthProgress, LayerSpec, Model, ModelOptions, Options, Shot, Targets};
+use liveview::{LayerSpec, Options, Targets};
 use numpy::IntoPyArray;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
 use crate::camera::{camera, cameras};
+use crate::engine::{Engine, rendered};
 use crate::error::{library, value};
-use crate::frame::{Frame, Times, times};
+use crate::frame::Frame;
 use crate::frames::Frames;
 use crate::names::view_index;
 use crate::onnx_runtime;
 use crate::scene::Scene;
 use crate::tuples::named;
-use crate::work::{compute, run};
+use crate::work::compute;
 
 /// Renders new views of a scene. Photos and their depth are kept from picture to picture. Several
 /// threads may share one: their pictures are made one after the other.
@@ -33,81 +30,11 @@ use crate::work::{compute, run};
 /// called before each search of a photo's depth; its exception ends the search.
 #[pyclass(frozen, module = "liveview")]
 pub(crate) struct Synthesizer {
-    inner: Mutex<liveview::Synthesizer>,
+    engine: Arc<Engine>,
     scene: Py<Scene>,
-    /// How the network is opened again after an interrupt has ended it; `None` without one.
-    model: Option<ModelOptions>,
-    runs: Mutex<Option<RunEnd>>,
-    control: Arc<Control>,
-}
-
-/// What a running search sees from outside, and what it leaves.
-#[derive(Default)]
-struct Control {
-    stop: AtomicBool,
-    /// The thread that renders, which calls `progress`.
-    worker: Mutex<Option<ThreadId>>,
-    /// The exception of `progress`.
-    raised: Mutex<Option<PyErr>>,
-}
-
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-impl Control {
-    /// Asks Python's callback whether the next photo is searched.
-    fn next(&self, progress: Option<&Py<PyAny>>, next: DepthProgress<'_>) -> ControlFlow<()> {
-        let called = progress
-            .map(|progress| Python::attach(|py| progress.call1(py, (next.done, next.count, next.name)).map(|_| ())));
-        if let Some(Err(raised)) = called {
-            *locked(&self.raised) = Some(raised);
-            return ControlFlow::Break(());
-        }
-        if self.stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
 }
 
 impl Synthesizer {
-    /// Runs work on the library's synthesizer, one at a time.
-    pub(crate) fn with<T: Send>(
-        &self,
-        py: Python<'_>,
-        work: impl FnOnce(&mut liveview::Synthesizer) -> PyResult<T> + Send,
-    ) -> PyResult<T> {
-        if *locked(&self.control.worker) == Some(thread::current().id()) {
-            return Err(PyRuntimeError::new_err("progress: it called the synthesizer that called it"));
-        }
-        let interrupted = AtomicBool::new(false);
-        let interrupt = || {
-            interrupted.store(true, Ordering::Relaxed);
-            self.control.stop.store(true, Ordering::Relaxed);
-            locked(&self.runs).iter().for_each(RunEnd::end);
-        };
-        run(py, interrupt, || {
-            let mut synthesizer = locked(&self.inner);
-            if interrupted.load(Ordering::Relaxed) {
-                return Err(PyRuntimeError::new_err("interrupted while another thread rendered"));
-            }
-            if self.control.stop.swap(false, Ordering::Relaxed) {
-                self.open_again(&mut synthesizer)?;
-            }
-            *locked(&self.control.worker) = Some(thread::current().id());
-            let result = work(&mut synthesizer);
-            *locked(&self.control.worker) = None;
-            locked(&self.control.raised).take().map_or(result, Err)
-        })
-    }
-
-    /// Opens the network whose runs an interrupt has ended.
-    fn open_again(&self, synthesizer: &mut liveview::Synthesizer) -> PyResult<()> {
-        let Some(options) = &self.model else { return Ok(()) };
-        let layers = synthesizer.layers().clone();
-        *synthesizer.renderer_mut() = Model::open(options, Some(&layers)).map_err(library)?.into_renderer();
-        *locked(&self.runs) = synthesizer.renderer().network().run_end();
-        Ok(())
-    }
-
     /// The targets that an argument names: a view of the scene, or a camera.
     fn targets(&self, name: &str, argument: &Bound<'_, PyAny>) -> PyResult<Targets> {
         let scene = &self.scene.get().0;
@@ -116,19 +43,6 @@ impl Synthesizer {
         }
         Ok(Targets::cameras(vec![camera(name, argument)?]))
     }
-}
-
-/// Renders one shot; `later` are those that follow.
-pub(crate) fn rendered(
-    synthesizer: &mut liveview::Synthesizer,
-    shot: &Shot,
-    later: &[Shot],
-) -> PyResult<(liveview::Frame, Times)> {
-    let loaded = synthesizer.load(shot, later).map_err(library)?;
-    let plan = synthesizer.plan(&loaded).map_err(library)?;
-    let frame = synthesizer.render_plan(&loaded, &plan, None).map_err(library)?;
-    let times = times(&plan, &frame);
-    Ok((frame, times))
 }
 
 #[pymethods]
@@ -162,17 +76,13 @@ impl Synthesizer {
         if let Some(progress) = progress.as_ref().filter(|progress| !progress.bind(py).is_callable()) {
             return Err(crate::error::kind("progress", format!("{progress}; expected a function")));
         }
-        let (folder, control) = (scene.get().0.clone(), Arc::<Control>::default());
-        let mut inner = compute(py, || liveview::Synthesizer::with_scene(folder, &options).map_err(library))?;
-        let found = inner.renderer().network().views();
+        let folder = scene.get().0.clone();
+        let engine = compute(py, || Engine::open(folder, options, progress))?;
+        let found = engine.with(py, |synthesizer| Ok(synthesizer.renderer().network().views()))?;
         if let Some(views) = views.filter(|&views| views != found) {
             return Err(value("views", format!("{views}; the network takes {found}")));
         }
-        let watched = Arc::clone(&control);
-        inner.photos_mut().on_depth_search(move |next| watched.next(progress.as_ref(), next));
-        let runs = Mutex::new(inner.renderer().network().run_end());
-        let model = options.model.file.is_some().then_some(options.model);
-        Ok(Self { inner: Mutex::new(inner), scene, model, runs, control })
+        Ok(Self { engine: Arc::new(engine), scene })
     }
 
     /// The picture of a camera, or of a view of the scene (its name or index), rendered from the
@@ -180,20 +90,20 @@ impl Synthesizer {
     #[pyo3(signature = (target))]
     fn render(&self, py: Python<'_>, target: &Bound<'_, PyAny>) -> PyResult<Frame> {
         let targets = self.targets("target", target)?;
-        let (name, (frame, times)) = self.with(py, |synthesizer| {
+        let (name, (frame, _, times)) = self.engine.with(py, |synthesizer| {
             let shots = synthesizer.shots(targets).map_err(library)?;
             let [shot] = shots.as_slice() else { return Err(PyRuntimeError::new_err("target: not one")) };
-            Ok((shot.name.clone(), rendered(synthesizer, shot, &[])?))
+            Ok((shot.name.clone(), rendered(synthesizer, shot, &[], None)?))
         })?;
         Frame::new(py, name, frame, times)
     }
 
     /// The pictures of cameras along a path, one after the other, over one depth range.
     #[pyo3(signature = (targets))]
-    fn render_path(slf: Bound<'_, Self>, targets: &Bound<'_, PyAny>) -> PyResult<Frames> {
+    fn render_path(&self, py: Python<'_>, targets: &Bound<'_, PyAny>) -> PyResult<Frames> {
         let path = Targets::cameras(cameras("targets", targets)?);
-        let shots = slf.get().with(slf.py(), |synthesizer| synthesizer.shots(path).map_err(library))?;
-        Ok(Frames::new(slf.unbind(), shots))
+        let shots = self.engine.with(py, |synthesizer| synthesizer.shots(path).map_err(library))?;
+        Ok(Frames::new(Arc::clone(&self.engine), shots))
     }
 
     /// The depth of a view's photo, searched among its neighbours.
@@ -201,7 +111,7 @@ impl Synthesizer {
     fn depth<'py>(&self, py: Python<'py>, photo: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let view = view_index(&self.scene.get().0, "photo", photo)?;
         let found =
-            self.with(py, |synthesizer| synthesizer.photos_mut().view_depth(view, &[], &[]).map_err(library))?;
+            self.engine.with(py, |synthesizer| synthesizer.photos_mut().view_depth(view, &[], &[]).map_err(library))?;
         let confirmed = found.confirmed.disparity.mapv(|disparity| disparity >= 0.0).into_pyarray(py);
         let pixel = found.found.disparity_per_pixel;
         let disparity = Arc::unwrap_or_clone(found.found).disparity.into_pyarray(py);
@@ -217,12 +127,12 @@ impl Synthesizer {
     /// The layers it renders on.
     #[getter]
     fn layers(&self, py: Python<'_>) -> PyResult<String> {
-        self.with(py, |synthesizer| Ok(synthesizer.layers().to_string()))
+        self.engine.with(py, |synthesizer| Ok(synthesizer.layers().to_string()))
     }
 
     /// Photos to a picture.
     #[getter]
     fn views(&self, py: Python<'_>) -> PyResult<usize> {
-        self.with(py, |synthesizer| Ok(synthesizer.renderer().network().views()))
+        self.engine.with(py, |synthesizer| Ok(synthesizer.renderer().network().views()))
     }
 }
