@@ -7,7 +7,7 @@ use ndarray::{arr1, arr2};
 use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 
-use crate::arguments::{matrix, vector};
+use crate::arguments::{matrix, vector, whole};
 use crate::error::value;
 
 /// A pinhole camera. Always valid: a K without an inverse, a matrix that is not a rotation and
@@ -69,12 +69,13 @@ impl Camera {
     fn new(
         k: &Bound<'_, PyAny>,
         pose: &Bound<'_, PyAny>,
-        width: usize,
-        height: usize,
+        width: &Bound<'_, PyAny>,
+        height: &Bound<'_, PyAny>,
         convention: &str,
     ) -> PyResult<Self> {
         let convention = Convention::parse(convention)?;
-        let camera = convention.camera(matrix("k", k)?, matrix("pose", pose)?, Size::new(width, height));
+        let size = Size::new(whole("width", width)?, whole("height", height)?);
+        let camera = convention.camera(matrix("k", k)?, matrix("pose", pose)?, size);
         Ok(Self(camera.map_err(|error| refused(&error, ["k", "pose", "width, height"]))?))
     }
 
@@ -130,8 +131,8 @@ impl Camera {
 
     /// The same camera for its picture resampled to that size, pixels.
     #[pyo3(signature = (width, height))]
-    fn with_size_scaled(&self, width: usize, height: usize) -> PyResult<Self> {
-        let scaled = self.0.with_size_scaled(width, height);
+    fn with_size_scaled(&self, width: &Bound<'_, PyAny>, height: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let scaled = self.0.with_size_scaled(whole("width", width)?, whole("height", height)?);
         Ok(Self(scaled.map_err(|error| value("width, height", error))?))
     }
 

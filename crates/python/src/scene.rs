@@ -8,7 +8,7 @@ use ndarray::{ArrayView3, Ix3};
 use numpy::{IntoPyArray, PyArray3, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::arguments::{Sides, as_array, matrix};
+use crate::arguments::{Sides, as_array, matrix, whole};
 use crate::camera::{Camera, Convention, refused};
 use crate::error::{kind, library, value};
 use crate::frame::picture_array;
@@ -26,9 +26,10 @@ pub(crate) struct Scene(pub(crate) liveview::Scene);
 impl Scene {
     #[new]
     #[pyo3(signature = (path, *, width = None, images = None))]
-    fn new(py: Python<'_>, path: PathBuf, width: Option<usize>, images: Option<String>) -> PyResult<Self> {
+    fn new(py: Python<'_>, path: PathBuf, width: Option<&Bound<'_, PyAny>>, images: Option<String>) -> PyResult<Self> {
         let mut options = SceneOptions::default();
-        (options.width, options.images) = (width, images);
+        options.width = width.map(|width| whole("width", width)).transpose()?;
+        options.images = images;
         compute(py, || liveview::Scene::open(&path, &options).map_err(library)).map(Self)
     }
 
@@ -47,7 +48,9 @@ impl Scene {
     ) -> PyResult<Self> {
         let convention = Convention::parse(convention)?;
         let photos = items("photos", photos)?;
-        let count = photos.len();
+        let pictures = photos.iter().enumerate().map(|(index, photo)| picture(&format!("photos[{index}]"), photo));
+        let pictures = pictures.collect::<PyResult<Vec<_>>>()?;
+        let count = pictures.len();
         let poses = of_each("poses", poses, count)?;
         let one_k = as_array("k", k)?.ndim() == 2;
         let ks = if one_k { vec![k.clone(); count] } else { of_each("k", k, count)? };
@@ -56,9 +59,8 @@ impl Scene {
             return Err(value("names", format!("{} names; expected {count}, one for each photo", names.len())));
         }
         let mut views = Vec::with_capacity(count);
-        for (index, name) in names.into_iter().enumerate() {
+        for (index, (name, picture)) in names.into_iter().zip(pictures).enumerate() {
             let of = |argument: &str| format!("{argument}[{index}]");
-            let picture = picture(&of("photos"), &photos[index])?;
             let k_name = if one_k { "k".to_owned() } else { of("k") };
             let (k, pose) = (matrix(&k_name, &ks[index])?, matrix(&of("poses"), &poses[index])?);
             let camera = convention.camera(k, pose, picture.size());
@@ -111,7 +113,6 @@ impl Scene {
         Ok(targets.list.into_iter().map(|target| Camera(target.camera)).collect())
     }
 
-    /// The number of views.
     fn __len__(&self) -> usize {
         self.0.views.len()
     }

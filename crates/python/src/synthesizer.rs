@@ -8,6 +8,7 @@ use numpy::IntoPyArray;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
+use crate::arguments::whole;
 use crate::camera::{camera, cameras};
 use crate::engine::{Engine, rendered};
 use crate::error::{library, value};
@@ -54,7 +55,7 @@ impl Synthesizer {
     fn new(
         py: Python<'_>,
         scene: Py<Scene>,
-        views: Option<usize>,
+        views: Option<&Bound<'_, PyAny>>,
         layers: Option<&str>,
         network: Option<PathBuf>,
         near: Option<f64>,
@@ -65,6 +66,7 @@ impl Synthesizer {
         let mut options = Options::default();
         (options.near, options.far, options.cache) = (near, far, cache);
         options.layers = layers.map(str::parse::<LayerSpec>).transpose().map_err(|error| value("layers", error))?;
+        let views = views.map(|views| whole("views", views)).transpose()?;
         if views == Some(0) {
             return Err(value("views", "0; expected at least 1"));
         }

@@ -112,8 +112,7 @@ class Scene:
         1]."""
     def path(self, path: str) -> list[Camera]:
         """The cameras of a path around the views, as `render --path` takes it: "spiral:30"."""
-    def __len__(self) -> int:
-        """The number of views."""
+    def __len__(self) -> int: ...
 
 class Synthesizer:
     """Renders new views of a scene. Photos and their depth are kept from picture to picture.
