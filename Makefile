@@ -11,7 +11,7 @@ PY := cd python && ../$(BIN)/python -m
 LIVEVIEW := target/release/liveview
 SCENE := tests/scenes/workshop
 RIG := tests/scenes/rig
-RUFF := --config python/pyproject.toml python parity tests
+RUFF := --config python/pyproject.toml python parity tests crates/python
 
 .PHONY: demo demo-video build runtime setup clean test lint test-rust test-python test-browser parity stability \
 	fuzz evaluate report models paper
@@ -60,6 +60,7 @@ lint: setup
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo clippy --locked --features cuda,tensorrt -- -D warnings
 	cargo clippy --locked -p liveview-cli --no-default-features -- -D warnings
+	cargo clippy --locked -p liveview-python -- -D warnings
 	$(CHECK_FUZZ)
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items
 	$(BIN)/ruff check $(RUFF)
@@ -73,7 +74,7 @@ test-rust: setup target/goldens/cases.txt
 	test ! -e .venv-openvino/.runtime || cargo test --release --locked --test execution_providers -- --ignored
 
 ## Python tests, including those of the program and of the evaluation.
-test-python: setup setup-evaluation build
+test-python: setup setup-evaluation build wheel
 	$(PY) pytest -q
 
 ## `liveview view`, driven by a headless Chromium that npm fetches (Node 20 or later). Not part of `test`.

@@ -1,4 +1,4 @@
-# Rarely used recipes: what `make setup WITH=` adds, and the steps of `make report`, `models` and `paper`.
+# Rarely used recipes: `make wheel`, what `make setup WITH=` adds, and the steps of `make report`, `models` and `paper`.
 
 $(VENV)/.runtime: python/requirements-runtime.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -8,6 +8,14 @@ $(VENV)/.runtime: python/requirements-runtime.txt
 $(VENV)/.setup: python/requirements.txt python/constraints.txt $(VENV)/.runtime
 	$(PIP) -r $<
 	touch $@
+
+# --- the Python package ---
+
+.PHONY: wheel
+
+## The Python package liveview (docs/python.md): target/wheels.
+wheel: setup
+	$(BIN)/maturin build --quiet --release --locked --manifest-path crates/python/Cargo.toml --out target/wheels
 
 # --- make setup WITH= ---
 

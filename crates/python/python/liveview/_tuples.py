@@ -1,0 +1,51 @@
+"""Results of several arrays, as the reference names them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Composited(NamedTuple):
+    """Composited layers: rgb [3, H, W] in [0, 1]; disparity [H, W], 1/scene unit; transmittance
+    [H, W], what is left behind the last layer. float32."""
+
+    rgb: np.ndarray
+    disparity: np.ndarray
+    transmittance: np.ndarray
+
+
+class RangeMap(NamedTuple):
+    """Per cell of 2 x 2 pixels of the padded target, the disparities [h, w] between which the scene
+    lies, and that of its surface, 1/scene unit. float32."""
+
+    nearest: np.ndarray
+    surface: np.ndarray
+    farthest: np.ndarray
+
+
+class PhotoDepth(NamedTuple):
+    """Disparity [h, w] that a photo's search finds (float32), and the disparity worth one pixel of
+    parallax; 1/scene unit."""
+
+    disparity: np.ndarray
+    pixel: float
+
+
+class Surface(NamedTuple):
+    """Disparity [h, w] of the padded target (float32), the disparity worth one pixel, both 1/scene
+    unit, and the share of the target that no confirmed depth falls on."""
+
+    disparity: np.ndarray
+    pixel: float
+    holes: float
+
+
+class ViewDepth(NamedTuple):
+    """The depth of a photo of a scene: disparity [h, w] (float32, -1 where unknown); which pixels
+    other photos confirm, [h, w] bool; the disparity worth one pixel of parallax; nearest and
+    farthest depth searched, scene units. Disparities are 1/scene unit."""
+
+    disparity: np.ndarray
+    confirmed: np.ndarray
+    pixel: float
+    range: tuple[float, float]

@@ -1,0 +1,126 @@
+//! Arrays as arguments: numpy arrays, and what numpy makes arrays of without a copy, such as torch
+//! tensors on the CPU. An exception names the argument, what it is, and what was expected.
+
+use liveview::geometry::MAX_SIDE;
+use ndarray::{Array1, Array2, Dimension};
+use numpy::{
+    Element, PyArray1, PyArray2, PyArrayDescrMethods, PyReadonlyArray, PyUntypedArray, PyUntypedArrayMethods, dtype,
+};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::error::{kind, value};
+
+/// The sides that the arguments of one call share, by letter.
+#[derive(Default)]
+pub(crate) struct Sides(Vec<(char, usize, String)>);
+
+impl Sides {
+    /// An array of this type; `shape` names its sides, such as `L 3 H W`: letters are the same in
+    /// all arguments. It is contiguous and aligned, by a copy where the argument is not.
+    pub(crate) fn array<'py, T: Element, D: Dimension>(
+        &mut self,
+        name: &str,
+        argument: &Bound<'py, PyAny>,
+        shape: &str,
+    ) -> PyResult<PyReadonlyArray<'py, T, D>> {
+        let array = as_array(name, argument)?;
+        let (found, expected) = (array.dtype(), dtype::<T>(argument.py()));
+        if !found.is_equiv_to(&expected) {
+            return Err(kind(name, format!("the array is {found}; expected {expected}")));
+        }
+        self.check(name, array.shape(), shape)?;
+        array.extract().map_err(|error: PyErr| kind(name, error))
+    }
+
+    /// Checks the sides of an argument, and remembers those that are new.
+    pub(crate) fn check(&mut self, name: &str, found: &[usize], shape: &str) -> PyResult<()> {
+        let expected: Vec<&str> = shape.split(' ').collect();
+        let wrong =
+            |why: String| value(name, format!("the shape is {found:?}; expected [{}]{why}", expected.join(", ")));
+        if found.len() != expected.len() {
+            return Err(wrong(String::new()));
+        }
+        for (&side, &word) in found.iter().zip(&expected) {
+            if side == 0 {
+                return Err(wrong(", no side of 0".to_owned()));
+            }
+            if let Ok(number) = word.parse::<usize>() {
+                if side != number {
+                    return Err(wrong(String::new()));
+                }
+                continue;
+            }
+            let letter = word.chars().next().unwrap_or_default();
+            if matches!(letter.to_ascii_uppercase(), 'H' | 'W') && side > MAX_SIDE {
+                return Err(wrong(format!(", {word} at most {MAX_SIDE}")));
+            }
+            match self.0.iter().find(|(known, ..)| *known == letter) {
+                Some((_, known, of)) if *known != side => return Err(wrong(format!(", {word} = {known} as in {of}"))),
+                Some(_) => {}
+                None => self.0.push((letter, side, name.to_owned())),
+            }
+        }
+        Ok(())
+    }
+
+    /// The length of a side that an argument before had; 0 if none had it.
+    pub(crate) fn length(&self, letter: char) -> usize {
+        self.0.iter().find(|(known, ..)| *known == letter).map_or(0, |(_, length, _)| *length)
+    }
+}
+
+/// The array that numpy makes of an argument: contiguous, aligned and of numpy's own class.
+pub(crate) fn as_array<'py>(name: &str, argument: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyUntypedArray>> {
+    let numpy = argument.py().import("numpy")?;
+    if argument.is_instance(&numpy.getattr("ma")?.getattr("MaskedArray")?)? {
+        return Err(kind(name, "a masked array; expected one without a mask"));
+    }
+    let options = PyDict::new(argument.py());
+    options.set_item("requirements", ("C", "A", "E"))?;
+    let array = numpy.call_method("require", (argument,), Some(&options));
+    let array = array.map_err(|error| kind(name, format!("not an array: {error}")))?;
+    array.cast_into::<PyUntypedArray>().map_err(|_| kind(name, "not an array"))
+}
+
+/// Numbers of any type as f64, `shape` as [`Sides::array`] takes it.
+fn numbers<'py>(name: &str, argument: &Bound<'py, PyAny>, shape: &str) -> PyResult<Bound<'py, PyAny>> {
+    let array = as_array(name, argument)?;
+    let found = array.dtype();
+    if !matches!(found.kind(), b'f' | b'i' | b'u') {
+        return Err(kind(name, format!("the array is {found}; expected numbers")));
+    }
+    Sides::default().check(name, array.shape(), shape)?;
+    array.call_method1("astype", ("float64",))
+}
+
+/// A vector of numbers.
+pub(crate) fn vector(name: &str, argument: &Bound<'_, PyAny>, shape: &str) -> PyResult<Array1<f64>> {
+    use numpy::PyArrayMethods;
+    Ok(numbers(name, argument, shape)?.cast_into::<PyArray1<f64>>()?.to_owned_array())
+}
+
+/// A matrix of numbers, row by row.
+pub(crate) fn matrix<const R: usize, const C: usize>(
+    name: &str,
+    argument: &Bound<'_, PyAny>,
+) -> PyResult<[[f64; C]; R]> {
+    use numpy::PyArrayMethods;
+    let found = numbers(name, argument, &format!("{R} {C}"))?.cast_into::<PyArray2<f64>>()?;
+    let found: Array2<f64> = found.to_owned_array();
+    Ok(std::array::from_fn(|row| std::array::from_fn(|column| found[[row, column]])))
+}
+
+/// A number of pixels, layers or views.
+pub(crate) fn whole(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<usize> {
+    argument.extract().map_err(|_| kind(name, format!("{argument}; expected a whole number of at least 0")))
+}
+
+/// Distances, scene units: finite, at least 0.
+pub(crate) fn distances(name: &str, argument: &Bound<'_, PyAny>, shape: &str) -> PyResult<Array1<f64>> {
+    let found = vector(name, argument, shape)?;
+    match found.iter().find(|distance| !(distance.is_finite() && **distance >= 0.0)) {
+        Some(wrong) => Err(value(name, format!("a distance is {wrong}; expected finite numbers of at least 0"))),
+        None => Ok(found),
+    }
+}

@@ -1,0 +1,199 @@
+//! Cameras, and the objects that are taken for cameras.
+
+use liveview::Intrinsics;
+use liveview::geometry::{CameraError, Size};
+use liveview::glam::{DMat3, DVec3};
+use ndarray::{arr1, arr2};
+use numpy::{IntoPyArray, PyArray1, PyArray2};
+use pyo3::prelude::*;
+
+use crate::arguments::{matrix, vector, whole};
+use crate::error::value;
+
+/// A pinhole camera. Always valid: a K without an inverse, a matrix that is not a rotation and
+/// numbers that are not finite are refused.
+///
+/// k [3, 3] in pixels; pose [4, 4] in scene units: "opencv": cam_from_world, x right, y down, z
+/// forward; "opengl": world_from_cam, x right, y up, z backwards, as nerfstudio and Blender have
+/// it.
+#[pyclass(frozen, module = "liveview", eq, from_py_object)]
+#[derive(Clone, PartialEq)]
+pub(crate) struct Camera(pub(crate) liveview::Camera);
+
+/// The convention of a pose.
+#[derive(Clone, Copy)]
+pub(crate) enum Convention {
+    /// `cam_from_world`, x right, y down, z forward.
+    OpenCv,
+    /// `world_from_cam`, x right, y up, z backwards.
+    OpenGl,
+}
+
+impl Convention {
+    pub(crate) fn parse(text: &str) -> PyResult<Self> {
+        match text {
+            "opencv" => Ok(Self::OpenCv),
+            "opengl" => Ok(Self::OpenGl),
+            _ => Err(value("convention", format!("{text:?}; expected \"opencv\" or \"opengl\""))),
+        }
+    }
+
+    pub(crate) fn camera(
+        self,
+        k: [[f64; 3]; 3],
+        pose: [[f64; 4]; 4],
+        size: Size,
+    ) -> Result<liveview::Camera, CameraError> {
+        match self {
+            Self::OpenCv => liveview::Camera::from_opencv(k, pose, size),
+            Self::OpenGl => liveview::Camera::from_opengl(k, pose, size),
+        }
+    }
+}
+
+/// Which of the arguments K, pose and size an error is about.
+pub(crate) fn refused(error: &CameraError, [k, pose, size]: [&str; 3]) -> PyErr {
+    let argument = match error {
+        CameraError::Size { .. } => size,
+        CameraError::SingularK { .. } | CameraError::Matrix { matrix: "K", .. } => k,
+        CameraError::NotFinite { field, .. } if ["fx", "fy", "cx", "cy", "skew"].contains(&field.as_str()) => k,
+        _ => pose,
+    };
+    value(argument, error)
+}
+
+#[pymethods]
+impl Camera {
+    #[new]
+    #[pyo3(signature = (k, pose, width, height, *, convention = "opencv"))]
+    fn new(
+        k: &Bound<'_, PyAny>,
+        pose: &Bound<'_, PyAny>,
+        width: &Bound<'_, PyAny>,
+        height: &Bound<'_, PyAny>,
+        convention: &str,
+    ) -> PyResult<Self> {
+        let convention = Convention::parse(convention)?;
+        let size = Size::new(whole("width", width)?, whole("height", height)?);
+        let camera = convention.camera(matrix("k", k)?, matrix("pose", pose)?, size);
+        Ok(Self(camera.map_err(|error| refused(&error, ["k", "pose", "width, height"]))?))
+    }
+
+    /// [3, 3] float64, pixels.
+    #[getter]
+    fn k<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        rows(py, self.0.k())
+    }
+
+    /// R of cam_from_world, [3, 3] float64.
+    #[getter]
+    fn rotation<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        rows(py, self.0.rotation())
+    }
+
+    /// t of cam_from_world, [3] float64, scene units.
+    #[getter]
+    fn translation<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        arr1(&self.0.translation().to_array()).into_pyarray(py)
+    }
+
+    /// The camera's centre in the world, [3] float64, scene units.
+    #[getter]
+    fn centre<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        arr1(&self.0.centre().to_array()).into_pyarray(py)
+    }
+
+    /// Pixels.
+    #[getter]
+    fn width(&self) -> usize {
+        self.0.width()
+    }
+
+    /// Pixels.
+    #[getter]
+    fn height(&self) -> usize {
+        self.0.height()
+    }
+
+    /// [4, 4] float64, as the constructor takes it.
+    #[pyo3(signature = (convention = "opencv"))]
+    fn pose<'py>(&self, py: Python<'py>, convention: &str) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (axes, origin) = match Convention::parse(convention)? {
+            Convention::OpenCv => (self.0.rotation(), self.0.translation()),
+            Convention::OpenGl => {
+                let rows = self.0.rotation().transpose();
+                (DMat3::from_cols(rows.x_axis, -rows.y_axis, -rows.z_axis), self.0.centre())
+            }
+        };
+        let row = |i: usize| [axes.row(i).x, axes.row(i).y, axes.row(i).z, origin[i]];
+        Ok(arr2(&[row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]).into_pyarray(py))
+    }
+
+    /// The same camera for its picture resampled to that size, pixels.
+    #[pyo3(signature = (width, height))]
+    fn with_size_scaled(&self, width: &Bound<'_, PyAny>, height: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let scaled = self.0.with_size_scaled(whole("width", width)?, whole("height", height)?);
+        Ok(Self(scaled.map_err(|error| value("width, height", error))?))
+    }
+
+    /// The same camera with another pose [4, 4].
+    #[pyo3(signature = (pose, *, convention = "opencv"))]
+    fn with_pose(&self, pose: &Bound<'_, PyAny>, convention: &str) -> PyResult<Self> {
+        let k = self.0.k().transpose().to_cols_array_2d();
+        let moved = Convention::parse(convention)?.camera(k, matrix("pose", pose)?, self.0.size());
+        Ok(Self(moved.map_err(|error| value("pose", error))?))
+    }
+
+    fn __repr__(&self) -> String {
+        let Intrinsics { fx, fy, cx, cy, .. } = self.0.intrinsics();
+        format!("Camera({}, fx {fx}, fy {fy}, cx {cx}, cy {cy}, centre {})", self.0.size(), self.0.centre())
+    }
+
+    fn __getnewargs_ex__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(NewArguments<'py>, Bound<'py, pyo3::types::PyDict>)> {
+        let arguments = (self.k(py), self.pose(py, "opencv")?, self.width(), self.height());
+        Ok((arguments, pyo3::types::PyDict::new(py)))
+    }
+}
+
+/// What `copy` and `pickle` make a camera of.
+type NewArguments<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>, usize, usize);
+
+fn rows(py: Python<'_>, matrix: DMat3) -> Bound<'_, PyArray2<f64>> {
+    arr2(&matrix.transpose().to_cols_array_2d()).into_pyarray(py)
+}
+
+/// The camera of an argument: a [`Camera`], or any object with the fields of the reference's, `k`,
+/// `rotation`, `translation`, `width` and `height`.
+pub(crate) fn camera(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<liveview::Camera> {
+    if let Ok(camera) = argument.cast::<Camera>() {
+        return Ok(camera.get().0.clone());
+    }
+    let field = |field: &str| {
+        let found = argument.getattr(field);
+        found.map_err(|_| crate::error::kind(name, format!("it has no {field}; expected a Camera")))
+    };
+    let of = |field: &str| format!("{name}.{field}");
+    let k: [[f64; 3]; 3] = matrix(&of("k"), &field("k")?)?;
+    let rotation: [[f64; 3]; 3] = matrix(&of("rotation"), &field("rotation")?)?;
+    let translation = vector(&of("translation"), &field("translation")?, "3")?;
+    let side =
+        |word: &str| field(word)?.extract::<usize>().map_err(|_| value(&of(word), "expected a whole number of pixels"));
+    let (width, height) = (side("width")?, side("height")?);
+    let [[fx, skew, cx], [_, fy, cy], _] = k;
+    let intrinsics = Intrinsics { fx, fy, cx, cy, skew };
+    let translation = DVec3::from_slice(&translation.to_vec());
+    let camera =
+        liveview::Camera::new(intrinsics, width, height, DMat3::from_cols_array_2d(&rotation).transpose(), translation);
+    camera.map_err(|error| value(name, error))
+}
+
+/// The cameras of an argument, at least one.
+pub(crate) fn cameras(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<Vec<liveview::Camera>> {
+    let items = argument.try_iter().map_err(|_| crate::error::kind(name, "expected a list of cameras"))?;
+    let found = items.enumerate().map(|(index, item)| camera(&format!("{name}[{index}]"), &item?));
+    let found = found.collect::<PyResult<Vec<_>>>()?;
+    if found.is_empty() { Err(value(name, "the list is empty; expected at least one camera")) } else { Ok(found) }
+}

@@ -1,0 +1,118 @@
+//! The library's synthesizer, shared by Python's threads: one picture at a time, ended by Ctrl-C.
+
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, ThreadId};
+
+use liveview::network::RunEnd;
+use liveview::{DepthProgress, Model, ModelOptions, Options, Plan, Scene, Shot, Synthesizer};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+
+use crate::error::library;
+use crate::frame::{Times, times};
+use crate::work::run;
+
+/// The library's synthesizer, and how its work is ended.
+pub(crate) struct Engine {
+    synthesizer: Mutex<Synthesizer>,
+    /// How the network is opened again after an interrupt has ended it; `None` without one.
+    model: Option<ModelOptions>,
+    runs: Mutex<Option<RunEnd>>,
+    control: Arc<Control>,
+}
+
+/// What a running search sees from outside, and what it leaves.
+#[derive(Default)]
+struct Control {
+    stop: AtomicBool,
+    /// The thread that renders, which calls `progress`.
+    worker: Mutex<Option<ThreadId>>,
+    /// The exception of `progress`.
+    raised: Mutex<Option<PyErr>>,
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Control {
+    /// Asks Python's callback whether the next photo is searched.
+    fn next(&self, progress: Option<&Py<PyAny>>, next: DepthProgress<'_>) -> ControlFlow<()> {
+        let called = progress
+            .map(|progress| Python::attach(|py| progress.call1(py, (next.done, next.count, next.name)).map(|_| ())));
+        if let Some(Err(raised)) = called {
+            *locked(&self.raised) = Some(raised);
+            return ControlFlow::Break(());
+        }
+        if self.stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+}
+
+impl Engine {
+    /// `progress` is called before each search of a photo's depth.
+    pub(crate) fn open(scene: Scene, options: Options, progress: Option<Py<PyAny>>) -> PyResult<Self> {
+        let mut synthesizer = Synthesizer::with_scene(scene, &options).map_err(library)?;
+        let control = Arc::<Control>::default();
+        let watched = Arc::clone(&control);
+        synthesizer.photos_mut().on_depth_search(move |next| watched.next(progress.as_ref(), next));
+        let runs = Mutex::new(synthesizer.renderer().network().run_end());
+        let model = options.model.file.is_some().then_some(options.model);
+        Ok(Self { synthesizer: Mutex::new(synthesizer), model, runs, control })
+    }
+
+    /// Runs work on the library's synthesizer, one at a time.
+    pub(crate) fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut Synthesizer) -> PyResult<T> + Send,
+    ) -> PyResult<T> {
+        if *locked(&self.control.worker) == Some(thread::current().id()) {
+            return Err(PyRuntimeError::new_err("progress: it called the synthesizer that called it"));
+        }
+        let interrupted = AtomicBool::new(false);
+        let interrupt = || {
+            interrupted.store(true, Ordering::Relaxed);
+            self.control.stop.store(true, Ordering::Relaxed);
+            locked(&self.runs).iter().for_each(RunEnd::end);
+        };
+        run(py, interrupt, || {
+            let mut synthesizer = locked(&self.synthesizer);
+            if interrupted.load(Ordering::Relaxed) {
+                return Err(PyRuntimeError::new_err("interrupted while another thread rendered"));
+            }
+            if self.control.stop.swap(false, Ordering::Relaxed) {
+                self.open_again(&mut synthesizer)?;
+            }
+            *locked(&self.control.worker) = Some(thread::current().id());
+            let result = work(&mut synthesizer);
+            *locked(&self.control.worker) = None;
+            locked(&self.control.raised).take().map_or(result, Err)
+        })
+    }
+
+    /// Opens the network whose runs an interrupt has ended.
+    fn open_again(&self, synthesizer: &mut Synthesizer) -> PyResult<()> {
+        let Some(options) = &self.model else { return Ok(()) };
+        let layers = synthesizer.layers().clone();
+        *synthesizer.renderer_mut() = Model::open(options, Some(&layers)).map_err(library)?.into_renderer();
+        *locked(&self.runs) = synthesizer.renderer().network().run_end();
+        Ok(())
+    }
+}
+
+/// Renders one shot, on the layers of a plan that is known or found; `later` are the shots that
+/// follow.
+pub(crate) fn rendered(
+    synthesizer: &mut Synthesizer,
+    shot: &Shot,
+    later: &[Shot],
+    known: Option<Plan>,
+) -> PyResult<(liveview::Frame, Plan, Times)> {
+    let loaded = synthesizer.load(shot, later).map_err(library)?;
+    let plan = known.map_or_else(|| synthesizer.plan(&loaded), Ok).map_err(library)?;
+    let frame = synthesizer.render_plan(&loaded, &plan, None).map_err(library)?;
+    let times = times(&plan, &frame);
+    Ok((frame, plan, times))
+}

@@ -1,0 +1,108 @@
+//! A rendered picture.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use liveview::image::inpaint_uncovered;
+use liveview::{ImageRgb, Plan};
+use ndarray::{Array2, Array3};
+use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::error::library;
+
+/// A rendered picture.
+#[pyclass(frozen, module = "liveview")]
+pub(crate) struct Frame {
+    /// The target's.
+    #[pyo3(get)]
+    name: String,
+    /// [h, w, 3] float32 in [0, 1]; black where no photo covers any layer.
+    #[pyo3(get)]
+    picture: Py<PyArray3<f32>>,
+    /// [h, w] float32, 1/scene unit.
+    #[pyo3(get)]
+    disparity: Py<PyArray2<f32>>,
+    /// [h, w] float32: the share of each pixel that no photo covers, in [0, 1].
+    #[pyo3(get)]
+    transmittance: Py<PyArray2<f32>>,
+    /// The share of the picture that no photo covers.
+    #[pyo3(get)]
+    uncovered: f64,
+    /// The share of the pixels that are hidden in every photo, by the photos' own depth.
+    #[pyo3(get)]
+    occluded: f64,
+    /// Seconds of each stage: depth, selection, warp, network, composite.
+    #[pyo3(get)]
+    times: Py<PyDict>,
+}
+
+/// Wall time of each stage, seconds.
+pub(crate) type Times = Vec<(&'static str, Duration)>;
+
+/// Wall time of each stage of a picture.
+pub(crate) fn times(plan: &Plan, frame: &liveview::Frame) -> Times {
+    let stages = [("depth", plan.search), ("selection", plan.selection)];
+    stages.into_iter().chain(rendering(frame)).collect()
+}
+
+/// Wall time of the stages of rendering.
+pub(crate) fn rendering(frame: &liveview::Frame) -> [(&'static str, Duration); 3] {
+    [("warp", frame.times.warp), ("network", frame.times.network), ("composite", frame.times.composite)]
+}
+
+impl Frame {
+    /// The arrays of a frame, which are not copied.
+    pub(crate) fn new(py: Python<'_>, name: String, frame: liveview::Frame, times: Times) -> PyResult<Self> {
+        let seconds = PyDict::new(py);
+        for (stage, time) in times {
+            seconds.set_item(stage, time.as_secs_f64())?;
+        }
+        let (uncovered, pixels) = (frame.uncovered_share(), frame.transmittance.len() as f64);
+        Ok(Self {
+            name,
+            uncovered,
+            occluded: frame.occluded_pixels as f64 / pixels,
+            picture: picture_array(frame.picture).into_pyarray(py).unbind(),
+            disparity: frame.disparity.into_pyarray(py).unbind(),
+            transmittance: frame.transmittance.into_pyarray(py).unbind(),
+            times: seconds.unbind(),
+        })
+    }
+
+    fn filled(&self, py: Python<'_>) -> PyResult<ImageRgb> {
+        let picture: Array3<f32> = self.picture.bind(py).to_owned_array();
+        let transmittance: Array2<f32> = self.transmittance.bind(py).to_owned_array();
+        let picture = ImageRgb::from_array(picture.view()).map_err(library)?;
+        Ok(py.detach(|| inpaint_uncovered(&picture, &transmittance)))
+    }
+}
+
+/// A picture as an array `[h, w, 3]`, without a copy.
+pub(crate) fn picture_array(picture: ImageRgb) -> Array3<f32> {
+    let shape = (picture.height(), picture.width(), 3);
+    Array3::from_shape_vec(shape, picture.into_data()).expect("3 values for each pixel")
+}
+
+#[pymethods]
+impl Frame {
+    /// The picture with its uncovered pixels filled from their surroundings, [h, w, 3] float32.
+    fn inpainted<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
+        Ok(picture_array(self.filled(py)?).into_pyarray(py))
+    }
+
+    /// Writes the inpainted picture, as `liveview render` does: JPEG for .jpg, else PNG.
+    #[pyo3(signature = (path))]
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let picture = self.filled(py)?;
+        py.detach(|| picture.save(path)).map_err(library)
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        use numpy::PyUntypedArrayMethods;
+        let picture = self.picture.bind(py);
+        let (height, width) = (picture.shape()[0], picture.shape()[1]);
+        Ok(format!("Frame({:?}, {width}x{height}, {:.1} % uncovered)", self.name, 100.0 * self.uncovered))
+    }
+}

@@ -1,0 +1,51 @@
+//! The Python package `liveview`: the library on numpy arrays.
+//!
+//! Thin: arguments become the library's types, results become arrays. What it adds is Python's: the
+//! interpreter runs on while a picture is made, Ctrl-C ends it, and ONNX Runtime is that of the
+//! installed package `onnxruntime`. `python/liveview/_liveview.pyi` documents every name.
+
+mod arguments;
+mod camera;
+mod engine;
+mod error;
+mod frame;
+mod frames;
+mod names;
+mod onnx_runtime;
+mod scene;
+mod stages;
+mod synthesizer;
+mod tuples;
+mod work;
+
+#[pyo3::pymodule]
+mod _liveview {
+    #[pymodule_export]
+    use crate::camera::Camera;
+    #[pymodule_export]
+    use crate::error::Error;
+    #[pymodule_export]
+    use crate::frame::Frame;
+    #[pymodule_export]
+    use crate::frames::Frames;
+    #[pymodule_export]
+    use crate::scene::Scene;
+    #[pymodule_export]
+    use crate::stages::depth::{anchored_depth, confirmed, photo_depth};
+    #[pymodule_export]
+    use crate::stages::layers::{
+        cover_planes, guided_layers, guided_search, plane_histogram, select_planes, uniform_disparities,
+    };
+    #[pymodule_export]
+    use crate::stages::metrics::{psnr, ssim};
+    #[pymodule_export]
+    use crate::stages::render::{blend, composite, composite_competing};
+    #[pymodule_export]
+    use crate::stages::surface::{exposure_gains, fill_holes, median3, sharpening, surface, visible, visible_or_past};
+    #[pymodule_export]
+    use crate::stages::views::{choose_views, view_distances};
+    #[pymodule_export]
+    use crate::stages::warp::{agreement_logits, sharpened, warp_maps};
+    #[pymodule_export]
+    use crate::synthesizer::Synthesizer;
+}

@@ -1,0 +1,165 @@
+//! Scenes: from a folder, or from arrays.
+
+use std::path::PathBuf;
+
+use liveview::geometry::Size;
+use liveview::{CameraPath, ImageRgb, SceneOptions, Targets};
+use ndarray::{ArrayView3, Ix3};
+use numpy::{IntoPyArray, PyArray3, PyReadonlyArray, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use crate::arguments::{Sides, as_array, matrix, whole};
+use crate::camera::{Camera, Convention, refused};
+use crate::error::{kind, library, value};
+use crate::frame::picture_array;
+use crate::names::view_index;
+use crate::work::compute;
+
+/// Posed photos: from a folder, or by `from_arrays`.
+///
+/// A folder in one of the formats that the program reads, or a `transforms.json`. Photos wider than
+/// `width` pixels are scaled down to it; `images` names the photos' folder.
+#[pyclass(frozen, module = "liveview")]
+pub(crate) struct Scene(pub(crate) liveview::Scene);
+
+#[pymethods]
+impl Scene {
+    #[new]
+    #[pyo3(signature = (path, *, width = None, images = None))]
+    fn new(py: Python<'_>, path: PathBuf, width: Option<&Bound<'_, PyAny>>, images: Option<String>) -> PyResult<Self> {
+        let mut options = SceneOptions::default();
+        options.width = width.map(|width| whole("width", width)).transpose()?;
+        options.images = images;
+        compute(py, || liveview::Scene::open(&path, &options).map_err(library)).map(Self)
+    }
+
+    /// photos [n, h, w, 3], uint8 or float32 in [0, 1], or a list of [h, w, 3] of several sizes; k
+    /// [3, 3] or [n, 3, 3]; poses [n, 4, 4], as `Camera` takes them. Views are in the order of
+    /// their names, which are 0000, 0001 … by default.
+    #[staticmethod]
+    #[pyo3(signature = (photos, k, poses, *, convention = "opencv", names = None))]
+    fn from_arrays(
+        py: Python<'_>,
+        photos: &Bound<'_, PyAny>,
+        k: &Bound<'_, PyAny>,
+        poses: &Bound<'_, PyAny>,
+        convention: &str,
+        names: Option<Vec<String>>,
+    ) -> PyResult<Self> {
+        let convention = Convention::parse(convention)?;
+        let photos = items("photos", photos)?;
+        let pictures = photos.iter().enumerate().map(|(index, photo)| picture(&format!("photos[{index}]"), photo));
+        let pictures = pictures.collect::<PyResult<Vec<_>>>()?;
+        let count = pictures.len();
+        let poses = of_each("poses", poses, count)?;
+        let one_k = as_array("k", k)?.ndim() == 2;
+        let ks = if one_k { vec![k.clone(); count] } else { of_each("k", k, count)? };
+        let names = names.unwrap_or_else(|| (0..count).map(|index| format!("{index:04}")).collect());
+        if names.len() != count {
+            return Err(value("names", format!("{} names; expected {count}, one for each photo", names.len())));
+        }
+        let mut views = Vec::with_capacity(count);
+        for (index, (name, picture)) in names.into_iter().zip(pictures).enumerate() {
+            let of = |argument: &str| format!("{argument}[{index}]");
+            let k_name = if one_k { "k".to_owned() } else { of("k") };
+            let (k, pose) = (matrix(&k_name, &ks[index])?, matrix(&of("poses"), &poses[index])?);
+            let camera = convention.camera(k, pose, picture.size());
+            let camera = camera.map_err(|error| refused(&error, [&k_name, &of("poses"), &of("photos")]))?;
+            views.push((name, picture, camera));
+        }
+        let scene = compute(py, || {
+            liveview::Scene::in_memory(views, &SceneOptions::default()).map_err(|error| value("photos", error))
+        });
+        scene.map(Self)
+    }
+
+    /// Of the views, in order.
+    #[getter]
+    fn names(&self) -> Vec<&str> {
+        self.0.views.iter().map(|view| view.name.as_str()).collect()
+    }
+
+    /// Of the views, in order.
+    #[getter]
+    fn cameras(&self) -> Vec<Camera> {
+        self.0.views.iter().map(|view| Camera(view.camera.clone())).collect()
+    }
+
+    /// Nearest and farthest depth of each view, scene units, where the scene's files give it.
+    #[getter]
+    fn depth_ranges(&self) -> Vec<Option<(f64, f64)>> {
+        self.0.views.iter().map(|view| view.depth_range).collect()
+    }
+
+    /// What was skipped or assumed when the scene was opened.
+    #[getter]
+    fn notes(&self) -> Vec<&str> {
+        self.0.notes.iter().map(String::as_str).collect()
+    }
+
+    /// The photo of a view, undistorted, at the size of its camera: [h, w, 3] float32 in [0, 1].
+    #[pyo3(signature = (view))]
+    fn photo<'py>(&self, py: Python<'py>, view: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray3<f32>>> {
+        let index = view_index(&self.0, "view", view)?;
+        let photo = compute(py, || self.0.load_image(index).map_err(library))?;
+        Ok(picture_array(photo).into_pyarray(py))
+    }
+
+    /// The cameras of a path around the views, as `render --path` takes it: "spiral:30".
+    #[pyo3(signature = (path))]
+    fn path(&self, path: &str) -> PyResult<Vec<Camera>> {
+        let path: CameraPath = path.parse().map_err(|error| value("path", error))?;
+        let targets = Targets::path(&self.0, path).map_err(library)?;
+        Ok(targets.list.into_iter().map(|target| Camera(target.camera)).collect())
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.views.len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Scene({}, {} photos)", self.0.root.display(), self.0.views.len())
+    }
+}
+
+/// What an argument holds for each photo: the parts of an array, or the items of a list.
+fn items<'py>(name: &str, argument: &Bound<'py, PyAny>) -> PyResult<Vec<Bound<'py, PyAny>>> {
+    let found = argument.try_iter().map_err(|_| kind(name, "expected an array, or a list of arrays"))?;
+    let found = found.collect::<PyResult<Vec<_>>>()?;
+    if found.is_empty() { Err(value(name, "there are none; expected at least one")) } else { Ok(found) }
+}
+
+/// As [`items`], as many as photos.
+fn of_each<'py>(name: &str, argument: &Bound<'py, PyAny>, count: usize) -> PyResult<Vec<Bound<'py, PyAny>>> {
+    let found = items(name, argument)?;
+    let wrong = || value(name, format!("{} of them; expected {count}, one for each photo", found.len()));
+    if found.len() == count { Ok(found) } else { Err(wrong()) }
+}
+
+/// A picture `[h, w, 3]` of u8, or of f32 in [0, 1].
+pub(crate) fn picture(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<ImageRgb> {
+    let array = as_array(name, argument)?;
+    let is_u8 = array.dtype().to_string() == "uint8";
+    let (mut sides, shape) = (Sides::default(), "h w 3");
+    let picture = if is_u8 {
+        let found: PyReadonlyArray<'_, u8, Ix3> = sides.array(name, array.as_any(), shape)?;
+        ImageRgb::from_array_u8(found.as_array())
+    } else {
+        if array.dtype().to_string() != "float32" {
+            return Err(kind(name, format!("the array is {}; expected uint8 or float32", array.dtype())));
+        }
+        let found: PyReadonlyArray<'_, f32, Ix3> = sides.array(name, array.as_any(), shape)?;
+        in_range(name, found.as_array())?;
+        ImageRgb::from_array(found.as_array())
+    };
+    debug_assert_eq!(picture.as_ref().ok().map(ImageRgb::size), Some(Size::new(sides.length('w'), sides.length('h'))));
+    picture.map_err(|error| value(name, error))
+}
+
+/// Refuses values outside [0, 1].
+fn in_range(name: &str, values: ArrayView3<'_, f32>) -> PyResult<()> {
+    match values.iter().find(|value| !(0.0..=1.0).contains(*value)) {
+        Some(found) => Err(value(name, format!("a value is {found}; expected values in [0, 1]"))),
+        None => Ok(()),
+    }
+}

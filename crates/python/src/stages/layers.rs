@@ -1,0 +1,162 @@
+//! `liveview_ref.reference.layers`: planes, their selection, and the guided search.
+
+use liveview::geometry::Size;
+use liveview::layers::guided::{GuidedSearch, RangeMap};
+use liveview::layers::{self, padded};
+use liveview::warp::warp_sources;
+use ndarray::{Array3, Ix3};
+use numpy::{IntoPyArray, PyArray1, PyArray3, PyReadonlyArray};
+use pyo3::prelude::*;
+
+use super::photo::{Photo, photos};
+use crate::arguments::{Sides, vector, whole};
+use crate::camera::camera;
+use crate::error::value;
+use crate::tuples::named;
+use crate::work::compute;
+
+/// [count] float64 disparities evenly spaced from 1/near to 1/far; far may be infinite.
+#[pyfunction]
+#[pyo3(signature = (near, far, count))]
+pub(crate) fn uniform_disparities<'py>(
+    py: Python<'py>,
+    near: f64,
+    far: f64,
+    count: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let count = whole("count", count)?;
+    if count > layers::MAX_LAYERS {
+        return Err(value("count", format!("{count}; expected at most {}", layers::MAX_LAYERS)));
+    }
+    let found = layers::uniform_disparities(near, far, count);
+    Ok(found.map_err(|error| value(if count == 0 { "count" } else { "near, far" }, error))?.into_pyarray(py))
+}
+
+/// Number of pixels of which each plane is the most opaque, [D] int64, of alpha [D, H, W].
+#[pyfunction]
+#[pyo3(signature = (alpha))]
+pub(crate) fn plane_histogram<'py>(py: Python<'py>, alpha: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+    let alpha: PyReadonlyArray<'py, f32, Ix3> = Sides::default().array("alpha", alpha, "D H W")?;
+    let alpha = alpha.as_array();
+    let found = compute(py, || {
+        let (planes, height, width) = alpha.dim();
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (y, x)));
+        let best = pixels.map(|(y, x)| {
+            let larger = |best: (f32, Option<usize>), k: usize| {
+                if alpha[[k, y, x]] > best.0 { (alpha[[k, y, x]], Some(k)) } else { best }
+            };
+            (0..planes).fold((0.0, None), larger).1
+        });
+        Ok(layers::plane_histogram(best, planes))
+    })?;
+    let counts: Vec<i64> = found.into_iter().map(|count| count as i64).collect();
+    Ok(counts.into_pyarray(py))
+}
+
+/// Indices of the `count` fullest bins, near to far.
+#[pyfunction]
+#[pyo3(signature = (histogram, count))]
+pub(crate) fn select_planes(histogram: &Bound<'_, PyAny>, count: &Bound<'_, PyAny>) -> PyResult<Vec<usize>> {
+    Ok(layers::select_planes(&counts(histogram)?, whole("count", count)?))
+}
+
+/// Indices, near to far, of the `count` planes that lie nearest to the best planes of all pixels.
+#[pyfunction]
+#[pyo3(signature = (histogram, count))]
+pub(crate) fn cover_planes(
+    py: Python<'_>,
+    histogram: &Bound<'_, PyAny>,
+    count: &Bound<'_, PyAny>,
+) -> PyResult<Vec<usize>> {
+    let (histogram, count) = (counts(histogram)?, whole("count", count)?);
+    compute(py, || Ok(layers::cover_planes(&histogram, count)))
+}
+
+/// Numbers of pixels, of at most as many planes as a picture has.
+fn counts(histogram: &Bound<'_, PyAny>) -> PyResult<Vec<u64>> {
+    const MOST: f64 = (1_u64 << 40) as f64;
+    let found = vector("histogram", histogram, "D")?;
+    if found.len() > layers::MAX_LAYERS {
+        return Err(value("histogram", format!("{} planes; expected at most {}", found.len(), layers::MAX_LAYERS)));
+    }
+    let wrong = |count: &&f64| !((0.0..=MOST).contains(*count) && count.fract() == 0.0);
+    match found.iter().find(wrong) {
+        Some(count) => Err(value("histogram", format!("a count is {count}; expected whole numbers of at least 0"))),
+        None => Ok(found.iter().map(|&count| count as u64).collect()),
+    }
+}
+
+/// The range of disparities of each cell of 2 x 2 pixels of the padded target, found by a search
+/// among photos [3, h, w] with `planes` planes, or as many as the parallax asks for.
+#[pyfunction]
+#[pyo3(signature = (views, cameras, target, near, far, planes = None))]
+pub(crate) fn guided_search<'py>(
+    py: Python<'py>,
+    views: &Bound<'py, PyAny>,
+    cameras: &Bound<'py, PyAny>,
+    target: &Bound<'py, PyAny>,
+    near: f64,
+    far: f64,
+    planes: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let (photos, target) = (photos(("views", views), ("cameras", cameras))?, camera("target", target)?);
+    let planes = coarse_planes(planes)?;
+    let found = compute(py, || searched(&photos, &target, (near, far), planes))?;
+    let [nearest, surface, farthest] = [found.nearest(), found.surface(), found.farthest()];
+    let array = |map: &ndarray::Array2<f32>| map.clone().into_pyarray(py);
+    named(py, "RangeMap", (array(nearest), array(surface), array(farthest)))
+}
+
+/// `count` guided layers as maps of disparity [count, H, W] over the padded target.
+#[pyfunction]
+#[pyo3(signature = (views, cameras, target, near, far, count, planes = None))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn guided_layers<'py>(
+    py: Python<'py>,
+    views: &Bound<'py, PyAny>,
+    cameras: &Bound<'py, PyAny>,
+    target: &Bound<'py, PyAny>,
+    near: f64,
+    far: f64,
+    count: &Bound<'py, PyAny>,
+    planes: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArray3<f32>>> {
+    let (photos, target) = (photos(("views", views), ("cameras", cameras))?, camera("target", target)?);
+    let (count, planes) = (whole("count", count)?, coarse_planes(planes)?);
+    if !(1..=layers::MAX_LAYERS).contains(&count) {
+        return Err(value("count", format!("{count}; expected 1 to {}", layers::MAX_LAYERS)));
+    }
+    let maps = compute(py, || {
+        let range = searched(&photos, &target, (near, far), planes)?;
+        let layers = range.layers(count).map_err(|error| value("count", error))?;
+        let Size { width, height } = padded(target.size());
+        let mut maps = Array3::zeros((count, height, width));
+        for (layer, mut map) in layers.as_slice().iter().zip(maps.outer_iter_mut()) {
+            layer.fill(width, map.as_slice_mut().expect("new"));
+        }
+        Ok(maps)
+    })?;
+    Ok(maps.into_pyarray(py))
+}
+
+fn coarse_planes(planes: Option<&Bound<'_, PyAny>>) -> PyResult<Option<usize>> {
+    let planes = planes.map(|planes| whole("planes", planes)).transpose()?;
+    match planes.filter(|planes| !(2..=layers::MAX_LAYERS).contains(planes)) {
+        Some(wrong) => Err(value("planes", format!("{wrong}; expected 2 to {}", layers::MAX_LAYERS))),
+        None => Ok(planes),
+    }
+}
+
+/// The guided search of a target among photos.
+fn searched(
+    photos: &[Photo],
+    target: &liveview::Camera,
+    (near, far): (f64, f64),
+    planes: Option<usize>,
+) -> PyResult<RangeMap> {
+    let views: Vec<_> = photos.iter().map(Photo::source).collect();
+    let mut search = GuidedSearch::new(near, far);
+    search.planes = planes;
+    let stages = search.search(&warp_sources(&views, target), padded(target.size()));
+    Ok(stages.map_err(|error| value("near, far", error))?.range)
+}

@@ -1,0 +1,11 @@
+//! The stages of the pipeline on arrays, with the names and arguments of the Python reference
+//! (`liveview_ref.reference`).
+
+pub(crate) mod depth;
+pub(crate) mod layers;
+pub(crate) mod metrics;
+mod photo;
+pub(crate) mod render;
+pub(crate) mod surface;
+pub(crate) mod views;
+pub(crate) mod warp;

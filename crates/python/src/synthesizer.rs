@@ -1,0 +1,140 @@
+//! The synthesizer: a scene, layers and a network, which render targets.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use liveview::{LayerSpec, Options, Targets};
+use numpy::IntoPyArray;
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+
+use crate::arguments::whole;
+use crate::camera::{camera, cameras};
+use crate::engine::{Engine, rendered};
+use crate::error::{library, value};
+use crate::frame::Frame;
+use crate::frames::Frames;
+use crate::names::view_index;
+use crate::onnx_runtime;
+use crate::scene::Scene;
+use crate::tuples::named;
+use crate::work::compute;
+
+/// Renders new views of a scene. Photos and their depth are kept from picture to picture. Several
+/// threads may share one: their pictures are made one after the other.
+///
+/// `views`: photos to a picture, the network's number or 4 by default. `layers`: such as
+/// "surface:3" or "planes:64"; the network's or "surface:3" by default. `network`: a model file
+/// (.onnx); None weighs photos by their agreement. ONNX Runtime is that of `ORT_DYLIB_PATH`, else
+/// of the installed package onnxruntime. `near`, `far`: depth range, scene units, by default the
+/// scene's. `cache`: a folder that keeps the depth of photos. `progress(done, count, name)` is
+/// called before each search of a photo's depth; its exception ends the search.
+#[pyclass(frozen, module = "liveview")]
+pub(crate) struct Synthesizer {
+    engine: Arc<Engine>,
+    scene: Py<Scene>,
+}
+
+impl Synthesizer {
+    /// The targets that an argument names: a view of the scene, or a camera.
+    fn targets(&self, name: &str, argument: &Bound<'_, PyAny>) -> PyResult<Targets> {
+        let scene = &self.scene.get().0;
+        if argument.extract::<String>().is_ok() || argument.extract::<isize>().is_ok() {
+            return Ok(Targets::held_out(scene, vec![view_index(scene, name, argument)?]));
+        }
+        Ok(Targets::cameras(vec![camera(name, argument)?]))
+    }
+}
+
+#[pymethods]
+impl Synthesizer {
+    #[new]
+    #[pyo3(signature = (scene, *, views = None, layers = None, network = None, near = None, far = None, cache = None,
+                        progress = None))]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        py: Python<'_>,
+        scene: Py<Scene>,
+        views: Option<&Bound<'_, PyAny>>,
+        layers: Option<&str>,
+        network: Option<PathBuf>,
+        near: Option<f64>,
+        far: Option<f64>,
+        cache: Option<PathBuf>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Self> {
+        let mut options = Options::default();
+        (options.near, options.far, options.cache) = (near, far, cache);
+        options.layers = layers.map(str::parse::<LayerSpec>).transpose().map_err(|error| value("layers", error))?;
+        let views = views.map(|views| whole("views", views)).transpose()?;
+        if views == Some(0) {
+            return Err(value("views", "0; expected at least 1"));
+        }
+        (options.model.views, options.model.without_network) = (views, network.is_none());
+        options.model.file = network;
+        if options.model.file.is_some() {
+            options.model.library = onnx_runtime::installed(py)?;
+        }
+        if let Some(progress) = progress.as_ref().filter(|progress| !progress.bind(py).is_callable()) {
+            return Err(crate::error::kind("progress", format!("{progress}; expected a function")));
+        }
+        let folder = scene.get().0.clone();
+        let engine = compute(py, || Engine::open(folder, options, progress))?;
+        let found = engine.with(py, |synthesizer| Ok(synthesizer.renderer().network().views()))?;
+        if let Some(views) = views.filter(|&views| views != found) {
+            return Err(value("views", format!("{views}; the network takes {found}")));
+        }
+        Ok(Self { engine: Arc::new(engine), scene })
+    }
+
+    /// The picture of a camera, or of a view of the scene (its name or index), rendered from the
+    /// others.
+    #[pyo3(signature = (target))]
+    fn render(&self, py: Python<'_>, target: &Bound<'_, PyAny>) -> PyResult<Frame> {
+        let targets = self.targets("target", target)?;
+        let (name, (frame, _, times)) = self.engine.with(py, |synthesizer| {
+            let shots = synthesizer.shots(targets).map_err(library)?;
+            let [shot] = shots.as_slice() else { return Err(PyRuntimeError::new_err("target: not one")) };
+            Ok((shot.name.clone(), rendered(synthesizer, shot, &[], None)?))
+        })?;
+        Frame::new(py, name, frame, times)
+    }
+
+    /// The pictures of cameras along a path, one after the other, over one depth range.
+    #[pyo3(signature = (targets))]
+    fn render_path(&self, py: Python<'_>, targets: &Bound<'_, PyAny>) -> PyResult<Frames> {
+        let path = Targets::cameras(cameras("targets", targets)?);
+        let shots = self.engine.with(py, |synthesizer| synthesizer.shots(path).map_err(library))?;
+        Ok(Frames::new(Arc::clone(&self.engine), shots))
+    }
+
+    /// The depth of a view's photo, searched among its neighbours.
+    #[pyo3(signature = (photo))]
+    fn depth<'py>(&self, py: Python<'py>, photo: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        let view = view_index(&self.scene.get().0, "photo", photo)?;
+        let found =
+            self.engine.with(py, |synthesizer| synthesizer.photos_mut().view_depth(view, &[], &[]).map_err(library))?;
+        let confirmed = found.confirmed.disparity.mapv(|disparity| disparity >= 0.0).into_pyarray(py);
+        let pixel = found.found.disparity_per_pixel;
+        let disparity = Arc::unwrap_or_clone(found.found).disparity.into_pyarray(py);
+        named(py, "ViewDepth", (disparity, confirmed, pixel, found.range))
+    }
+
+    /// The scene.
+    #[getter]
+    fn scene(&self, py: Python<'_>) -> Py<Scene> {
+        self.scene.clone_ref(py)
+    }
+
+    /// The layers it renders on.
+    #[getter]
+    fn layers(&self, py: Python<'_>) -> PyResult<String> {
+        self.engine.with(py, |synthesizer| Ok(synthesizer.layers().to_string()))
+    }
+
+    /// Photos to a picture.
+    #[getter]
+    fn views(&self, py: Python<'_>) -> PyResult<usize> {
+        self.engine.with(py, |synthesizer| Ok(synthesizer.renderer().network().views()))
+    }
+}

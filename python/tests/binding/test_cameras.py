@@ -1,0 +1,81 @@
+"""Cameras to and from other programs, and pictures as torch tensors."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from liveview_ref.paths import ROOT
+
+RIG = ROOT / "tests/scenes/rig"
+
+
+@pytest.fixture(scope="module")
+def cameras(liveview):
+    from liveview import cameras
+
+    return cameras
+
+
+@pytest.fixture(scope="module", params=[0.0, 1e-9, 0.3, 2.0, np.pi - 1e-9, np.pi])
+def camera(liveview, request):
+    """A camera that is turned by an angle."""
+    axis = np.array([2.0, -1, 0.5]) / np.linalg.norm([2.0, -1, 0.5])
+    turn = torch.linalg.matrix_exp(
+        request.param * torch.tensor([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    )
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, (0.3, -1, 2)
+    return liveview.Camera([[700, 0, 320.5], [0, 650, 240.25], [0, 0, 1]], pose, 640, 480)
+
+
+def same(found, expected) -> None:
+    np.testing.assert_allclose(found.k, expected.k)
+    np.testing.assert_allclose(found.pose(), expected.pose(), atol=1e-9)
+    assert (found.width, found.height) == (expected.width, expected.height)
+
+
+def test_cameras_return_from_every_program(cameras, camera):
+    same(cameras.from_colmap(*cameras.to_colmap(camera), 640, 480), camera)
+    k, rvec, tvec = cameras.to_opencv(camera)
+    same(cameras.from_opencv(k, rvec, tvec, 640, 480), camera)
+    transforms = json.loads(json.dumps(cameras.to_nerfstudio({"a.png": camera})))
+    same(cameras.from_nerfstudio(transforms)["a.png"], camera)
+
+
+def test_opencv_projects_as_the_camera(cameras, camera):
+    cv2 = pytest.importorskip("cv2")
+    k, rvec, tvec = cameras.to_opencv(camera)
+    points = np.random.default_rng(2).normal(0, 1, (9, 3))
+    seen = points @ camera.rotation.T + camera.translation
+    expected = (seen @ camera.k.T)[:, :2] / seen[:, 2:]
+    np.testing.assert_allclose(cv2.projectPoints(points, rvec, tvec, k, None)[0][:, 0], expected, rtol=1e-6)
+
+
+def test_nerfstudio_s_file_gives_the_cameras_of_the_scene(liveview, cameras):
+    scene = liveview.Scene(RIG)
+    read = cameras.from_nerfstudio(json.loads((RIG / "transforms.json").read_text()))
+    for name, camera in zip(scene.names, scene.cameras, strict=True):
+        same(next(found for file, found in read.items() if file.endswith(name)), camera)
+
+
+def test_wrong_cameras_are_named(liveview, cameras, camera):
+    for transforms, text in [
+        ({"k1": 0.1}, "k1"),
+        ({"fl_x": 5}, "no cx"),
+    ]:
+        with pytest.raises(ValueError, match=text):
+            cameras.from_nerfstudio({"frames": [{"file_path": "a.png"}], **transforms})
+    with pytest.raises(ValueError, match="qvec"):
+        cameras.from_colmap([0, 0, 0, 0], [0, 0, 0], [1, 1, 1, 1], 2, 2)
+    skewed = liveview.Camera([[700, 1, 320], [0, 650, 240], [0, 0, 1]], np.eye(4), 640, 480)
+    with pytest.raises(ValueError, match="skew"):
+        cameras.to_colmap(skewed)
+
+
+def test_pictures_are_torch_tensors_without_a_copy(liveview, workshop):
+    picture = liveview.Synthesizer(workshop).render("target_0").picture
+    tensor = torch.from_dlpack(picture)
+    tensor[0, 0, 0] = 0.5
+    assert picture[0, 0, 0] == 0.5 and tensor.dtype == torch.float32

@@ -1,0 +1,169 @@
+"""Rendering from Python: threads, progress, interrupts, paths, and what the binding costs."""
+
+import copy
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from liveview_ref.paths import ROOT
+
+WORKSHOP = ROOT / "tests/scenes/workshop"
+MOST_OVERHEAD = 0.002  # seconds a frame at 504x352
+
+
+def bits(frame) -> bytes:
+    return frame.picture.tobytes() + frame.disparity.tobytes() + frame.transmittance.tobytes()
+
+
+def test_arrays_of_any_layout_give_the_same_bits(liveview, workshop, arrays):
+    ranges = {"near": 1.2, "far": 7.7}
+    expected = bits(liveview.Synthesizer(workshop, **ranges).render("target_0"))
+    photos = arrays["photos"].copy()
+    photos.flags.writeable = False
+    reversed_twice = np.ascontiguousarray(arrays["photos"][:, :, ::-1])[:, :, ::-1]
+    fortran = np.asfortranarray(arrays["photos"])
+    misaligned = np.empty(arrays["photos"].nbytes + 1, np.uint8)[1:].view(np.float32).reshape(photos.shape)
+    misaligned[...] = photos
+    for form in (photos, list(photos), reversed_twice, fortran, misaligned):
+        scene = liveview.Scene.from_arrays(form, arrays["k"], arrays["poses"], names=workshop.names)
+        assert bits(liveview.Synthesizer(scene, **ranges).render("target_0")) == expected
+
+
+def test_both_conventions_give_the_same_camera(liveview, workshop):
+    for camera in workshop.cameras:
+        opengl = camera.pose("opengl")
+        again = liveview.Camera(camera.k, opengl, camera.width, camera.height, convention="opengl")
+        np.testing.assert_allclose(again.pose(), camera.pose(), atol=1e-14)
+        np.testing.assert_allclose(opengl[:3, 3], camera.centre)
+        np.testing.assert_array_equal(opengl[:3, 1], -camera.rotation[1])
+        assert pickle.loads(pickle.dumps(camera)) == camera == copy.deepcopy(camera)
+
+
+def test_ten_pictures_in_four_threads_have_the_same_bits(liveview, workshop):
+    targets = [*workshop.path("circle:5"), *workshop.cameras[:5]]
+    shared, alone = liveview.Synthesizer(workshop), liveview.Synthesizer(workshop)
+    expected = [bits(alone.render(target)) for target in targets]
+    own = threading.local()
+
+    def by_own(target) -> bytes:
+        if not hasattr(own, "synthesizer"):
+            own.synthesizer = liveview.Synthesizer(workshop)
+        return bits(own.synthesizer.render(target))
+
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(lambda target: bits(shared.render(target)), targets)) == expected
+        assert list(pool.map(by_own, targets)) == expected
+
+
+def test_threads_render_at_the_same_time(liveview, workshop):
+    """A search waits for a picture that another thread makes meanwhile."""
+    made = threading.Event()
+    waiting = liveview.Synthesizer(workshop, progress=lambda *_: made.wait(60) or pytest.fail("not in parallel"))
+    with ThreadPoolExecutor(1) as pool:
+        first = pool.submit(waiting.render, "target_0")
+        second = liveview.Synthesizer(workshop).render("target_0")
+        made.set()
+        assert bits(first.result()) == bits(second)
+
+
+def test_progress_is_called_for_each_photo_and_its_exception_ends_the_search(liveview, workshop):
+    calls = []
+    synthesizer = liveview.Synthesizer(workshop, progress=lambda *call: calls.append(call))
+    synthesizer.render("target_0")
+    assert [done for done, _, _ in calls] == list(range(calls[0][1]))
+    assert all(name in workshop.names for _, _, name in calls)
+
+    def failing(done, count, name):
+        if done == 1:
+            raise KeyError(name)
+
+    with pytest.raises(KeyError):
+        liveview.Synthesizer(workshop, progress=failing).render("target_0")
+    nested = liveview.Synthesizer(workshop, progress=lambda *_: nested.render("target_0"))
+    with pytest.raises(RuntimeError, match="progress"):
+        nested.render("target_0")
+
+
+def test_path_and_depth(liveview, workshop):
+    synthesizer = liveview.Synthesizer(workshop)
+    frames = synthesizer.render_path(workshop.path("circle:3"))
+    assert len(frames) == 3
+    found = list(frames)
+    assert [frame.name for frame in found] == ["frame_0000", "frame_0001", "frame_0002"]
+    assert all(np.isfinite(frame.picture).all() and frame.uncovered < 0.1 for frame in found)
+    depth = synthesizer.depth("source_0")
+    assert depth.disparity.shape == depth.confirmed.shape == workshop.photo(0).shape[:2]
+    near, far = depth.range
+    sure = depth.disparity[depth.confirmed]
+    assert depth.confirmed.mean() > 0.5 and (1 / far * 0.99 < sure).all() and (sure < 1 / near * 1.01).all()
+
+
+# Arguments: the scene, a model or nothing. A signal arrives during the search or the network's run.
+INTERRUPTED = """
+import os, signal, sys, threading
+import liveview
+
+folder, model = sys.argv[1:]
+scene = liveview.Scene(folder, width=168)
+kill = lambda: os.kill(os.getpid(), signal.SIGINT)
+if model:
+    options = {"network": model, "layers": "planes:4000"}
+    threading.Timer(1.5, kill).start()
+else:
+    options = {"progress": lambda done, count, name: kill() if done == 1 and not ended else None}
+ended = False
+synthesizer = liveview.Synthesizer(scene, **options)
+try:
+    synthesizer.render("target_0")
+except KeyboardInterrupt:
+    ended = True
+assert ended, "no KeyboardInterrupt"
+if model:
+    synthesizer.depth(0)  # the network is opened again
+    print("opened again")
+else:
+    frame = synthesizer.render("target_0")
+    assert frame.picture.tobytes() == liveview.Synthesizer(scene).render("target_0").picture.tobytes()
+    print("rendered again")
+"""
+
+
+@pytest.mark.parametrize("network", ["", str(ROOT / "models/liveview_v4_planes.onnx")])
+def test_ctrl_c_ends_a_picture_and_the_next_one_is_whole(wheel, liveview, network):
+    environment = os.environ | {"PYTHONPATH": os.path.dirname(os.path.dirname(liveview.__file__))}
+    command = [sys.executable, "-c", INTERRUPTED, str(WORKSHOP), network]
+    started = time.monotonic()
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0 and "again" in run.stdout, run.stderr
+    assert time.monotonic() - started < 60
+
+
+def test_the_binding_costs_at_most_two_milliseconds_a_frame(liveview):
+    scene = liveview.Scene(WORKSHOP)
+    synthesizer = liveview.Synthesizer(scene)
+    synthesizer.render("target_0")
+
+    def overhead() -> float:
+        started = time.perf_counter()
+        frame = synthesizer.render("target_0")
+        return time.perf_counter() - started - sum(frame.times.values())
+
+    least = min(overhead() for _ in range(15))
+    print(f"the binding: {1e3 * least:.2f} ms a frame")
+    assert least <= MOST_OVERHEAD
+
+
+def test_example_runs(liveview, tmp_path):
+    environment = os.environ | {"PYTHONPATH": os.path.dirname(os.path.dirname(liveview.__file__)), "MPLBACKEND": "Agg"}
+    example = ROOT / "crates/python/examples/compare.py"
+    command = [sys.executable, example, WORKSHOP, tmp_path]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert run.returncode == 0 and "dB" in run.stdout, run.stderr
+    assert (tmp_path / "target_0.png").is_file()
