@@ -122,7 +122,7 @@ evaluate: setup-evaluation build
 ## This machine's figures: STEP=sweep (error against run time, the default), live, limits or readme.
 report: report-$(or $(STEP),sweep)
 
-## The shipped models: STEP=evaluate (their scores on DATA, the default), cards or int8.
+## The shipped models: STEP=evaluate (their scores on DATA, the default), cards, int8 or train.
 models: models-$(or $(STEP),evaluate)
 
 ## The comparison with the paper: STEP=report (its page, the default), scenes, train, score, cost, departures or cards.

@@ -84,7 +84,7 @@ report-readme: build setup
 
 # --- make models STEP= ---
 
-.PHONY: models-evaluate models-cards models-int8
+.PHONY: models-evaluate models-cards models-int8 models-train
 
 ## Scores of every float32 model against baselines, in the folder beside it. Scenes that DATA lacks are skipped; the example
 ## scene is part of the repository.
@@ -104,6 +104,13 @@ models-int8: setup
 		../$(BIN)/python -m liveview_ref.quantize ../models/liveview_v$$v.onnx ../models/liveview_v$${v}_int8.onnx \
 			configs/v$$v.json --data $(abspath $(DATA)) || exit 1; \
 	done
+
+## Every network by python/configs/recipe.json, one after another, in TRAIN_RUNS: run it again to go on. ONLY=CONFIG trains one,
+## from the shipped network that it starts from. Hours to days; it leaves the processor to other work.
+TRAIN_RUNS ?= out/train
+models-train: setup
+	export $(KEEP_MEMORY) && cd python && exec nice -n 19 ../$(BIN)/python -m liveview_ref.training.recipe configs/recipe.json \
+		--data $(abspath $(DATA)) --out $(abspath $(TRAIN_RUNS)) $(if $(ONLY),--only $(ONLY))
 
 # --- make paper STEP= (docs/paper-comparison.md) ---
 
@@ -153,6 +160,6 @@ setup-%:
 report-%:
 	@echo "make report STEP=$*: expected sweep, live, limits or readme" >&2; exit 2
 models-%:
-	@echo "make models STEP=$*: expected evaluate, cards or int8" >&2; exit 2
+	@echo "make models STEP=$*: expected evaluate, cards, int8 or train" >&2; exit 2
 paper-%:
 	@echo "make paper STEP=$*: expected report, scenes, train, score, cost, departures or cards" >&2; exit 2

@@ -64,7 +64,8 @@ def nearest_first(views, cameras: list[Camera], target: Camera, *others):
 
 
 def recipe_of(config: dict) -> Recipe:
-    return Recipe(*(tuple(config[key]) for key in ("parallax", "exposure", "things")), config["thin"])
+    ranges = (tuple(config[key]) for key in ("parallax", "exposure", "things"))
+    return Recipe(*ranges, *(config[key] for key in ("thin", "rooms", "phones")))
 
 
 def made(rng: np.random.Generator, config: dict, textures: Textures) -> Photos:
@@ -109,7 +110,7 @@ def cropped(rng: np.random.Generator, config: dict, scene: RealScene) -> Photos:
 
 # Fields of a config that determine the contents of a shard.
 PHOTOS = ["views", "seed", "crop", "shard", "procedural", "textures", "real", "most_parallax"]
-SCENES = ["parallax", "exposure", "things", "thin", "hidden", "keep"]
+SCENES = ["parallax", "exposure", "things", "thin", "rooms", "phones", "hidden", "keep"]
 
 
 class Shards:

@@ -19,6 +19,8 @@ from torch import Tensor
 from ..checkpoint import load_state, trained_network
 from ..reference.unet import UNet, fold_batchnorm, unfold_batchnorm
 
+CHECKPOINT_SECONDS = 600  # between checkpoints, at most
+
 
 class Task(Protocol):
     """The examples, the loss and the validation of a training."""
@@ -76,19 +78,29 @@ def fine_tune(config: dict, task: Task, out: Path, start: dict) -> None:
         step, seconds, history = state["step"], state["seconds"], state["history"]
         print(f"continues from step {step}", flush=True)
     figures, spent = [], {"examples": 0.0, "network": 0.0}
-    began = saved = time.perf_counter()
+    began, saved = time.process_time(), time.perf_counter()  # training is beside other work: its processor time counts
     stopped = []
     signal.signal(signal.SIGTERM, lambda *_: stopped.append(True))  # save before ending
+
+    def keep() -> None:
+        save(
+            checkpoint, net=net.state_dict(), folded_average=average.state_dict(), optimiser=optimiser.state_dict(),
+            average=unfold_batchnorm(average).state_dict(), step=step, history=history, views=config["views"],
+            seconds=seconds + time.process_time() - began, config=config, earlier=earlier,
+        )  # fmt: skip
+
     while step < config["steps"] and not stopped:
         rng = np.random.default_rng([config["seed"], 1, step])
-        started = time.perf_counter()
+        started = time.process_time()
         examples = task.examples(step)
-        began_step = time.perf_counter()
+        began_step = time.process_time()
         spent["examples"] += began_step - started
         for group in optimiser.param_groups:
             group["lr"] = config["learning_rate"] * rate(step, config)
         optimiser.zero_grad()
         for i in rng.choice(len(examples), config["batch"], replace=False):
+            if stopped:  # the step is begun again later
+                return keep()
             loss, found = task.loss(net, examples[i], rng)
             (loss / config["batch"]).backward()
             figures.append(found)
@@ -102,26 +114,22 @@ def fine_tune(config: dict, task: Task, out: Path, start: dict) -> None:
         with torch.no_grad():
             for a, b in zip(average.parameters(), net.parameters(), strict=True):
                 a.lerp_(b, 1 - decay)
-        spent["network"] += time.perf_counter() - began_step
+        spent["network"] += time.process_time() - began_step
         if step % 50 == 0:
-            now = time.perf_counter()
+            now = time.process_time()
             seconds, passed, began = seconds + now - began, now - began, now
             each = ", ".join(f"{key} {value / 50 * 1e3:.0f}" for key, value in spent.items())
-            speed = f"{len(figures) / passed:.2f} samples/s (ms/step: {each})"
+            speed = f"{60 * len(figures) / passed:.0f} samples per minute of processor (ms/step: {each})"
             print(f"step {step} {task.summary(figures)}; gradient {float(norm):.2f}; {speed}", flush=True)
             figures, spent = [], dict.fromkeys(spent, 0.0)
         over = step == config["steps"]
         if step % config["validate_every"] == 0 or over:
-            paused = time.perf_counter()
+            paused = time.process_time()
             scores = task.validate(unfold_batchnorm(average), out / "validation.png")
             history.append({"step": step, "seconds": round(seconds), **scores})
             print(json.dumps(history[-1]), flush=True)
             (out / "history.json").write_text(json.dumps(history, indent=1))
-            began += time.perf_counter() - paused
-        if over or stopped or step % config["validate_every"] == 0 or time.perf_counter() - saved > 600:
-            save(
-                checkpoint, net=net.state_dict(), folded_average=average.state_dict(), optimiser=optimiser.state_dict(),
-                average=unfold_batchnorm(average).state_dict(), step=step, seconds=seconds, history=history,
-                views=config["views"], config=config, earlier=earlier,
-            )  # fmt: skip
+            began += time.process_time() - paused
+        if over or stopped or step % config["validate_every"] == 0 or time.perf_counter() - saved > CHECKPOINT_SECONDS:
+            keep()
             saved = time.perf_counter()

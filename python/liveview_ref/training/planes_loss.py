@@ -1,8 +1,8 @@
 """The loss of an example on uniform planes, competing or independent, with gradients through some
 of the planes.
 
-All planes of an example pass through the network without gradients; their weights and picture give
-the loss and its gradient for each plane's logit 0 and colour. These gradients are propagated
+All planes of an example pass through the network once (network_pass.py); their weights and picture
+give the loss and its gradient for each plane's logit 0 and colour. These gradients are propagated
 through the network for some planes only, drawn by the size of their gradients and weighted by the
 inverse of the probability to be drawn, so that the expectation is the gradient of all planes.
 """
@@ -25,9 +25,9 @@ from ..reference.render.composite_competing import composite_competing
 from ..reference.render.spacing import logit_shift
 from ..reference.unet import UNet
 from .draw_layers import draw_layers
+from .network_pass import CHUNK, NetworkPass
 
 LEAST_SQUARE = 1e-4  # 40 dB
-CHUNK = 16  # planes at a time without gradients, as many as fit the cache
 
 
 def warp_layers(photos: Photos, maps: Tensor) -> tuple[Tensor, Tensor]:
@@ -52,12 +52,6 @@ def warp_layers(photos: Photos, maps: Tensor) -> tuple[Tensor, Tensor]:
     return colour[:, :, :3], colour[:, :, 3]
 
 
-def logits_of(net: UNet, colour: Tensor) -> Tensor:
-    hwv = colour.flatten(1, 2).contiguous(memory_format=torch.channels_last)
-    with torch.autocast("cpu", dtype=torch.bfloat16):
-        return net(hwv).float().contiguous()
-
-
 def image_loss(image: Tensor, truth: Tensor, counted: Tensor, config: dict) -> Tensor:
     """L1 plus half of the L1 of the image gradients, "square_weight" times the squared error, which
     PSNR measures, and "log_weight" times its logarithm, by which good and bad examples count alike,
@@ -76,55 +70,48 @@ def planes_for(rng: np.random.Generator, photos: Photos, config: dict) -> Tensor
 
 
 def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: dict) -> tuple[Tensor, dict[str, float]]:
-    """Loss with its gradient graph, and figures for the log. If planes were drawn, the result has
-    the gradient of the loss, not its value."""
+    """A value that has the gradient of the loss (in expectation, if there are more planes than
+    "gradient_planes"), with its graph, and figures for the log."""
     distances = view_distances(photos.cameras, photos.camera).float()
     planes = planes_for(rng, photos, config)
     colour, coverage = warp_layers(photos, planes)
-    # If there are few planes, all with gradients take less time than some after a pass without.
-    drawn, selected = len(planes) > config["all_of"], False
-    ids = torch.arange(len(planes))
-    if drawn:
-        selected = rng.random() < config["selected"]
-        with torch.no_grad():
-            logits = torch.cat([logits_of(net, part) for part in colour.split(CHUNK)])
-            parts = zip(*(x.split(CHUNK) for x in (logits, colour, coverage)), strict=True)
-            rgb = torch.cat([blend(*part, distances)[1] for part in parts])
-            covered = (coverage > 0).any(1)
-            if selected:  # selected as by the renderer
-                few = int(rng.choice(config["selected_planes"]))
-                if config["alpha"] == "competing":
-                    weights = composite_competing(logits[:, 0], rgb, covered, planes.expand_as(covered)).weights
-                    kept = cover_planes(plane_histogram(weights), few)
-                else:
-                    shifted = logits[:, 0] + shift_of(planes, photos, config)
-                    kept = select_planes(plane_histogram(torch.sigmoid(shifted) * covered), few)
-                planes, colour, coverage, logits, rgb, covered = (
-                    x[kept] for x in (planes, colour, coverage, logits, rgb, covered)
-                )
-        logit0, rgb = logits[:, 0].clone().requires_grad_(), rgb.requires_grad_()
-        loss, image, figures = outcome(logit0, rgb, covered, planes, photos, config, not selected)
-        gradients = torch.autograd.grad(loss, (logit0, rgb))
-        # The effect of a plane's logits on the loss, by its alpha and by its colour, where views
-        # differ by some 0.2.
-        mass = sum(w * g.flatten(1).norm(dim=1) for w, g in zip((1.0, 0.2), gradients, strict=True))
-        ids, chance = draw_layers(mass, config["gradient_planes"], rng)
-    own, extra = colour[ids], None
-    if photos.disparity is not None:  # an additional layer along the true surface
-        extra = warp_layers(photos, photos.disparity[None])
-        own = torch.cat([own, extra[0]])
-    found = logits_of(net, own)
-    logit0, rgb = found[: len(ids), 0], blend(found[: len(ids)], colour[ids], coverage[ids], distances)[1]
-    if drawn:
-        loss = torch.zeros(())
-        for x, gradient in zip((logit0, rgb), gradients, strict=True):
-            loss = loss + (x * gradient[ids] / chance.reshape(-1, *[1] * (x.dim() - 1))).sum()
-    else:
-        loss, image, figures = outcome(logit0, rgb, (coverage > 0).any(1), planes, photos, config, True)
-    if extra is not None:
-        more, known = view_loss(found[-1:], *extra, photos, image, distances)
-        loss, figures = loss + config["visible_weight"] * more, figures | known
+    known = photos.disparity is not None
+    extra = warp_layers(photos, photos.disparity[None]) if known else None  # a layer along the true surface
+    whole = NetworkPass(net, torch.cat([colour, extra[0]]) if known else colour)
+    logits, covered, ids = whole.logits[: len(planes)], (coverage > 0).any(1), torch.arange(len(planes))
+    parts = zip(*(x.split(CHUNK) for x in (logits, colour, coverage)), strict=True)
+    rgb = torch.cat([blend(*part, distances)[1] for part in parts])
+    selected = len(planes) > max(config["selected_planes"]) and rng.random() < config["selected"]
+    if selected:  # as by the renderer
+        few = int(rng.choice(config["selected_planes"]))
+        ids = torch.tensor(select(logits[:, 0], rgb, covered, planes, few, photos, config))
+        planes, logits, rgb, covered = (x[ids] for x in (planes, logits, rgb, covered))
+    logit0, rgb = logits[:, 0].clone().requires_grad_(), rgb.requires_grad_()
+    loss, image, figures = outcome(logit0, rgb, covered, planes, photos, config, not selected)
+    gradients = torch.autograd.grad(loss, (logit0, rgb))
+    # The effect of a plane's logits on the loss, by its alpha and by its colour, where views
+    # differ by some 0.2.
+    mass = sum(w * g.flatten(1).norm(dim=1) for w, g in zip((1.0, 0.2), gradients, strict=True))
+    drawn, chance = draw_layers(mass, config["gradient_planes"], rng)
+    ids = ids[drawn]
+    found = whole.of(torch.cat([ids, torch.tensor([len(colour)])]) if known else ids)
+    own = found[: len(ids), 0], blend(found[: len(ids)], colour[ids], coverage[ids], distances)[1]
+    loss = torch.zeros(())
+    for x, gradient in zip(own, gradients, strict=True):
+        loss = loss + (x * gradient[drawn] / chance.reshape(-1, *[1] * (x.dim() - 1))).sum()
+    if known:
+        more, measured = view_loss(found[-1:], *extra, photos, image, distances)
+        loss, figures = loss + config["visible_weight"] * more, figures | measured
     return loss, figures
+
+
+def select(logit0, rgb, covered, planes, few: int, photos: Photos, config: dict) -> list[int]:
+    """Indices of the planes that the renderer's select:K/D keeps."""
+    if config["alpha"] == "competing":
+        weights = composite_competing(logit0, rgb, covered, planes.expand_as(covered)).weights
+        return cover_planes(plane_histogram(weights), few)
+    shifted = logit0 + shift_of(planes, photos, config)
+    return select_planes(plane_histogram(torch.sigmoid(shifted) * covered), few)
 
 
 def outcome(logit0, rgb, covered, planes, photos: Photos, config: dict, whole: bool):

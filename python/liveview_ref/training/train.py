@@ -26,7 +26,7 @@ from ..data.examples import Example, maker
 from ..reference.composite import composite
 from ..reference.render.blend import blend
 from ..reference.unet import UNet, adapt_views, start_from_agreement
-from .fine_tune import fine_tune
+from .fine_tune import CHECKPOINT_SECONDS, fine_tune, save
 from .train_planes import Planes
 from .train_surface import Surface
 from .validate import validate
@@ -105,7 +105,7 @@ def rate(step: int, config: dict) -> float:
     return warm * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(1.0, step / config["steps"]))))
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("config", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="folder with train/, dev/ and textures/")
@@ -113,7 +113,7 @@ def main() -> None:
     parser.add_argument("--start", type=Path, help="initial weights, of any V; for fine-tuning of the same V")
     parser.add_argument("--shards", type=Path, help="folder of examples, for fine-tuning")
     parser.add_argument("--steps", type=int, help="overrides the config")
-    args = parser.parse_args()
+    args = parser.parse_args(arguments)
     config = read_config(args.config)
     config["steps"] = args.steps or config["steps"]
     alpha = config.get("alpha", "independent")
@@ -164,6 +164,7 @@ def main() -> None:
         spawn.Process(target=maker, args=(queue, config, args.data, worker, start), daemon=True).start()
     recent: deque[list[Example]] | list = deque(maxlen=48)
     began, since, running, waited = time.perf_counter(), 0.0, 0.0, 0.0
+    saved = began
     while step < config["steps"]:
         t = time.perf_counter()
         batch = queues[step % config["makers"]].get()
@@ -198,19 +199,16 @@ def main() -> None:
             scores = validate(average, config["validation"], args.data, args.out / "validation.png", device)
             history.append({"step": step, "seconds": round(seconds), **scores})
             print(json.dumps(history[-1]), flush=True)
-            state = {"net": net.state_dict(), "average": average.state_dict(), "optimiser": optimiser.state_dict()}
-            state |= {
-                "step": step,
-                "seconds": seconds,
-                "history": history,
-                "views": config["views"],
-                "config": config,
-                "earlier": earlier,
-            }
-            torch.save(state, checkpoint.with_suffix(".tmp"))
-            checkpoint.with_suffix(".tmp").rename(checkpoint)
             (args.out / "history.json").write_text(json.dumps(history, indent=1))
             began = time.perf_counter()
+        judged = bool(history) and history[-1]["step"] == step
+        if judged or time.perf_counter() - saved > CHECKPOINT_SECONDS:
+            save(
+                checkpoint, net=net.state_dict(), average=average.state_dict(), optimiser=optimiser.state_dict(),
+                step=step, seconds=seconds + time.perf_counter() - began, history=history, views=config["views"],
+                config=config, earlier=earlier,
+            )  # fmt: skip
+            saved = time.perf_counter()
 
 
 if __name__ == "__main__":

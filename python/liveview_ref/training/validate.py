@@ -3,6 +3,7 @@ picture to inspect."""
 
 from functools import partial
 from pathlib import Path
+from statistics import fmean
 
 import torch
 import torch.nn.functional as F
@@ -47,10 +48,11 @@ def sheet_of(rows: list[Tensor], file: Path) -> None:
 
 
 def validate_planes(net, specs: list[dict], data: Path, file: Path, config: dict) -> dict[str, float]:
-    """Mean PSNR on 16 and 64 uniform planes, composited by the config's "alpha", and of 64 on each
-    scene; the file shows truth and 64."""
+    """Mean PSNR on 16 and 64 uniform planes, composited by the config's "alpha"; of 64 on each
+    scene, and the mean over the scenes of each "set" that the specs name. The file shows truth
+    and 64."""
     images = {"competing": competing, "independent": partial(planes, spacing=config["alpha_spacing"])}[config["alpha"]]
-    scores, scenes, rows = {}, {}, []
+    scores, scenes, sets, rows = {}, {}, {}, []
 
     def network(hwv: Tensor) -> Tensor:
         with torch.autocast("cpu", dtype=torch.bfloat16):
@@ -58,11 +60,14 @@ def validate_planes(net, specs: list[dict], data: Path, file: Path, config: dict
 
     with torch.inference_mode():
         for spec in specs:
+            own = scenes.setdefault(spec["path"], [])
             for case in cases([spec], data, net.views):
                 for name, image in images(network, case, counts=(16, 64)):
                     score = psnr(image[INNER], case.truth[INNER])
                     scores.setdefault(name, []).append(score)
                 rows.append(torch.cat([case.truth, image], 2))
-                scenes.setdefault(spec["path"], []).append(score)
+                own.append(score)
+            if "set" in spec:
+                sets.setdefault(f"mean of {spec['set']}", []).append(fmean(own))
     sheet_of(rows, file)
-    return {name: round(sum(s) / len(s), 3) for name, s in (scores | scenes).items()}
+    return {name: round(fmean(s), 3) for name, s in (scores | sets | scenes).items()}

@@ -6,7 +6,8 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from liveview_ref.data.procedural.scene import make_world, random_scene, render
+from liveview_ref.data.procedural.photographs import defocused, jpeg, moved, phone
+from liveview_ref.data.procedural.scene import Recipe, make_world, random_scene, render
 from liveview_ref.data.procedural.surfaces import bars, slab
 from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.reference.geometry.camera import Camera
@@ -34,12 +35,14 @@ def interior(disparity):
     return high - low < 0.06 * high
 
 
-def test_unoccluded_views_reproject_onto_the_target(textures):
+@pytest.mark.parametrize("recipe", [Recipe(), Recipe(rooms=1.0)], ids=["things", "rooms"])
+def test_unoccluded_views_reproject_onto_the_target(textures, recipe):
     errors, wrong = [], []
     for seed in range(12):
         rng = np.random.default_rng(seed)
-        world = make_world(rng, 3, (64, 80))
-        images, disparities = render(rng, world, textures)
+        world = make_world(rng, 3, (64, 80), recipe)
+        images, disparities = render(rng, world, textures, recipe)
+        assert all(bool((d > 0).all()) for d in disparities), "a pixel shows nothing"
         cameras = [camera(*c) for c in zip(world.k, world.r, world.t, images, strict=True)]
         inside = interior(disparities[0])
         x, y = torch.meshgrid(torch.arange(80) + 0.5, torch.arange(64) + 0.5, indexing="xy")
@@ -82,8 +85,9 @@ def test_scene_follows_the_conventions_after_its_rigid_motion_and_scaling(textur
     assert np.median(medians) < 0.03, medians
 
 
-def test_seed_determines_the_scene(textures):
-    first, second = (random_scene(np.random.default_rng(3), 4, (64, 64), textures) for _ in range(2))
+@pytest.mark.parametrize("recipe", [Recipe(), Recipe(rooms=1.0, phones=1.0)], ids=["things", "rooms"])
+def test_seed_determines_the_scene(textures, recipe):
+    first, second = (random_scene(np.random.default_rng(3), 4, (64, 64), textures, recipe) for _ in range(2))
     assert all(torch.equal(a, b) for a, b in zip(first.views, second.views, strict=True))
     assert torch.equal(first.target, second.target) and torch.equal(first.view_t, second.view_t)
 
@@ -92,3 +96,31 @@ def test_thin_bars_cover_their_share_of_a_pixel(textures):
     x = torch.linspace(-3, 3, 601)
     assert bars(x, 1.0, 0.25, torch.full_like(x, 7.0)).sub(0.25).abs().max() < 0.04
     assert abs(float(slab(x, 0.05, torch.full_like(x, 1.0)).sum()) * 0.01 - 0.1) < 2e-3
+
+
+def test_a_phone_changes_every_view_a_little():
+    rng = np.random.default_rng(2)
+    view = F.interpolate(torch.rand(1, 3, 12, 16), (48, 64), mode="bilinear")[0]
+    changed = phone(rng, [view, view], [torch.full((48, 64), 0.5)] * 2)
+    for photo in changed:
+        assert photo.shape == view.shape and photo.min() >= 0 and photo.max() <= 1
+        assert 1e-3 < (photo - view).abs().mean() < 0.1
+    assert not torch.equal(*changed)
+
+
+def test_blur_spreads_a_point_where_and_as_far_as_it_should():
+    point = torch.zeros(3, 33, 33)
+    point[:, 16, 16] = 1
+    across = moved(point, 6.0, 0.0)
+    assert across[0, 16, 12:21].sum() == pytest.approx(1, abs=1e-5) and across[0, 16, 13] > 0.1
+    assert across[0, 12].sum() < 1e-6
+    for share, reach in ((0.0, 0), (1 / 3, 1), (1.0, 3)):
+        blurred = defocused(point, torch.full((33, 33), share), 3.0)[0]
+        inside = blurred[16 - reach : 17 + reach, 16 - reach : 17 + reach]
+        assert inside.sum() == pytest.approx(1, abs=1e-5) and inside.min() > 1e-4
+
+
+def test_jpeg_of_low_quality_is_farther_off():
+    view = torch.rand(3, 32, 40)
+    fine, coarse = ((jpeg(view, quality) - view).abs().mean() for quality in (95, 30))
+    assert 0 < fine < coarse < 0.3

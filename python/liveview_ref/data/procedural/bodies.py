@@ -9,14 +9,20 @@ from .textures import Textures
 from .world import Fragments, World
 
 
-def round_body(rng, world: World, textures: Textures, x, y, disparity, radius_pixels, kind: str) -> list[Fragments]:
-    """An ellipsoid, or a cylinder or wire (kind 'cylinder') through target pixel (x, y)."""
+def round_body(
+    rng, world: World, textures: Textures, x, y, disparity, radius_pixels, kind: str, upright: np.ndarray | None = None
+) -> list[Fragments]:
+    """An ellipsoid, or a cylinder or wire (kind 'cylinder') through target pixel (x, y), with the
+    axis `upright`, if given."""
     pixel = 1 / (disparity * world.focal[0])
     radius, centre = radius_pixels * pixel, world.point(x, y, disparity)
     facing = -centre / np.linalg.norm(centre)
-    axis = rng.normal(0, 1, 3) * [1, 1, 0.5]
-    axis -= facing * (facing @ axis) * rng.choice([1, 0.6])
-    axis /= np.linalg.norm(axis)
+    if upright is None:
+        axis = rng.normal(0, 1, 3) * [1, 1, 0.5]
+        axis -= facing * (facing @ axis) * rng.choice([1, 0.6])
+        axis /= np.linalg.norm(axis)
+    else:
+        axis = upright
     forward = facing - axis * (facing @ axis)
     forward /= np.linalg.norm(forward)
     frame = np.stack([cross(axis, forward), axis, forward])  # local x, y (the axis), z (towards the cameras)

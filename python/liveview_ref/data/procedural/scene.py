@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from .contents import draw_background, draw_objects
+from .photographs import imperfections, phone
+from .rooms import draw_room
 from .textures import Textures
 from .world import Fragments, World
 
@@ -49,12 +50,15 @@ class Recipe:
     """Distributions: the parallax of the farthest view between the nearest and the farthest depth,
     log-uniform between two numbers of pixels (None: mostly 10 to 50); probabilities of no, slight
     and strong differences of exposure; number of things in front of the background (least, and one
-    more than most); factor of the frequency of thin structures."""
+    more than most); factor of the frequency of thin structures; shares of the scenes that are
+    rooms, and that a phone took."""
 
     parallax: tuple[float, float] | None = None
     exposure: tuple[float, float, float] = (0.2, 0.75, 0.05)
     things: tuple[int, int] = (2, 9)
     thin: float = 1.0
+    rooms: float = 0.0
+    phones: float = 0.0
 
 
 def random_scene(
@@ -63,7 +67,8 @@ def random_scene(
     """Draw a scene and a rig from `rng`; the target is `size` = (H, W) pixels."""
     world = make_world(rng, n_views, size, recipe)
     images, disparities = render(rng, world, textures, recipe)
-    views = imperfections(rng, images[1:], recipe)
+    by_phone = recipe.phones > 0 and rng.random() < recipe.phones
+    views = phone(rng, images[1:], disparities[1:]) if by_phone else imperfections(rng, images[1:], recipe.exposure)
     disparity = disparities[0]
     low, high = float(disparity.min()), float(disparity.max())
     if rng.random() < 0.5:  # the bounds of a whole photo are wider than those of a crop
@@ -84,8 +89,11 @@ def render(
 ) -> tuple[list[Tensor], list[Tensor]]:
     """Fill the world and render it: images [3, H, W] and disparities [H, W] of all cameras, the
     target first."""
-    fragments = draw_background(rng, world, textures)
-    fragments += draw_objects(rng, world, textures, recipe.things, recipe.thin)
+    if recipe.rooms > 0 and rng.random() < recipe.rooms:
+        fragments = draw_room(rng, world, textures, recipe.things)
+    else:
+        fragments = draw_background(rng, world, textures)
+        fragments += draw_objects(rng, world, textures, recipe.things, recipe.thin)
     colour, disparity = composite(world, fragments)
     images, disparities = [], []
     for c, (height, width) in enumerate(world.sizes):
@@ -212,37 +220,3 @@ def composite(world: World, fragments: list[Fragments]) -> tuple[Tensor, Tensor]
             disparity.index_copy_(0, f.pixels, torch.where(front, f.disparity, old))
             weight.index_copy_(0, f.pixels, torch.maximum(alpha, behind))
     return colour, disparity
-
-
-def imperfections(rng: np.random.Generator, views: list[Tensor], recipe: Recipe = Recipe()) -> list[Tensor]:
-    """Add the effects of real cameras: exposure and white balance, blur, noise, compression. Views
-    [3, H, W]."""
-    exposure = rng.choice([0, 0.02, 0.15], p=recipe.exposure)
-    noisy = rng.uniform(0.003, 0.015) if rng.random() < 0.3 else 0
-    blurred, blocky = rng.random() < 0.1, rng.random() < 0.1
-    out = []
-    for view in views:
-        gain = np.exp(rng.normal(0, exposure) + rng.normal(0, exposure / 2, (3, 1, 1)))
-        view = view * torch.from_numpy(gain.astype(np.float32))
-        if blurred:
-            view = torch.lerp(
-                view, F.avg_pool2d(view[None], 3, 1, 1, count_include_pad=False)[0], float(rng.uniform(0, 0.7))
-            )
-        if blocky:
-            view = jpeg_like(view, float(rng.uniform(0.02, 0.1)))
-        if noisy:
-            view = view + noisy * torch.from_numpy(rng.standard_normal(view.shape, dtype=np.float32))
-        out.append(view.clamp(0, 1).contiguous())
-    return out
-
-
-def jpeg_like(view: Tensor, step: float) -> Tensor:
-    """Round the coefficients of 8x8 cosine blocks, high frequencies more coarsely. [3, H, W]"""
-    height, width = view.shape[1:]
-    padded = F.pad(view[None], (0, -width % 8, 0, -height % 8), mode="replicate")[0]
-    i = torch.arange(8)
-    basis = torch.cos((2 * i + 1) * i[:, None] * (torch.pi / 16)) * torch.where(i == 0, 8**-0.5, 0.5)[:, None]
-    blocks = padded.reshape(3, padded.shape[1] // 8, 8, padded.shape[2] // 8, 8).transpose(2, 3)
-    steps = step * (0.5 + 0.25 * (i + i[:, None]))
-    blocks = basis.T @ (torch.round(basis @ blocks @ basis.T / steps) * steps) @ basis
-    return blocks.transpose(2, 3).reshape(padded.shape)[:, :height, :width]

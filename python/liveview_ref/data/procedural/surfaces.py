@@ -63,12 +63,19 @@ def look(rng, world: World, textures: Textures, extent: float, count: int = 1, c
     tint = np.exp(rng.normal(0, spread, (count, 1)) + rng.normal(0, spread / 2, (count, 3)))
     gloss = None
     if centre is not None and rng.random() < 0.12:
-        towards = centre / np.linalg.norm(centre)
-        unit = normal / np.linalg.norm(normal)
-        light = towards - 2 * (towards @ unit) * unit + rng.normal(0, 0.04, 3)
-        gloss = (rng.uniform(0.1, 0.5), np.exp(rng.uniform(4.5, 7)), light / np.linalg.norm(light))
+        gloss = highlight(rng, centre, normal)
     shift = rng.uniform(0, 2 * size, (count, 2)) if count > 1 else rng.uniform(0.45, 0.55, (1, 2)) * size
     return Look(mip_atlas(textures.patch(rng, size)), rng.uniform(1.0, 1.25), shift, tint, gloss)
+
+
+def highlight(rng, centre: np.ndarray, normal: np.ndarray, polished: bool = False) -> tuple[float, float, np.ndarray]:
+    """The gloss of a surface with a highlight near its centre; of a polished one it is wider and
+    stronger, as of a window or a lamp."""
+    towards = centre / np.linalg.norm(centre)
+    unit = normal / np.linalg.norm(normal)
+    light = towards - 2 * (towards @ unit) * unit + rng.normal(0, 0.1 if polished else 0.04, 3)
+    strength, power = ((0.2, 0.8), (2.5, 7)) if polished else ((0.1, 0.5), (4.5, 7))
+    return rng.uniform(*strength), np.exp(rng.uniform(*power)), light / np.linalg.norm(light)
 
 
 def paint(world: World, style: Look, u: Tensor, v: Tensor, footprint: Tensor, texel: float, tint: Tensor) -> Tensor:
