@@ -59,9 +59,9 @@ class Compared(NamedTuple):
     @classmethod
     def of(cls, name: str, found: tuple[np.ndarray, ...], entry: str | None = None, scaled: bool = False) -> "Compared":
         """`found`: by Rust, by the oracle, by torch. Where a stage makes decisions, an error above
-        its ceiling is another decision."""
+        its `decision`, or else its ceiling, is another decision."""
         tolerance = TOLERANCES[entry or name]
-        decision = tolerance["ceiling"] if "doubtful" in tolerance else np.inf
+        decision = tolerance.get("decision", tolerance["ceiling"]) if "doubtful" in tolerance else np.inf
         rust, exact, single = (np.asarray(x) for x in found)
         errors = (Errors.of(x, exact, scaled, decision) for x in (rust, single))
         return cls(name, entry or name, exact.size, *errors)
