@@ -16,8 +16,7 @@ pub(crate) struct Tolerance {
 }
 
 impl Tolerance {
-    /// The entry of a stage; without `ceiling` the errors have none, without `doubtful` no element
-    /// may be doubtful.
+    /// The entry of a stage; without `doubtful` no element may be doubtful.
     pub(crate) fn of(stage: &str) -> Self {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("parity/tolerances.json");
         let all: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
@@ -26,7 +25,7 @@ impl Tolerance {
         Self {
             floor: number("floor"),
             max_factor: number("max_factor"),
-            ceiling: optional("ceiling").unwrap_or(f64::INFINITY),
+            ceiling: number("ceiling"),
             mean_floor: number("mean_floor"),
             mean_factor: number("mean_factor"),
             doubtful: optional("doubtful").unwrap_or(0.0),
@@ -41,6 +40,6 @@ impl Tolerance {
     /// Bound of the mean error, given torch's.
     pub(crate) fn mean(&self, torch: f64) -> f64 {
         // The means are sums in different orders: equal errors must count as equal.
-        self.mean_floor.max(self.mean_factor * torch) * (1.0 + 1e-9)
+        (self.mean_floor.max(self.mean_factor * torch) * (1.0 + 1e-9)).min(self.ceiling)
     }
 }

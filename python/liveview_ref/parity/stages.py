@@ -57,12 +57,17 @@ def tensor(data: Arrays, name: str, dtype: torch.dtype) -> Tensor:
 
 
 def homography(data: Arrays, dtype: torch.dtype) -> Arrays:
-    """source_from_target of each view and plane [D, V, 3, 3]; float64 for any dtype."""
+    """source_from_target of each view and plane [D, V, 3, 3], float64 for any dtype; of layers that
+    are no planes, for the nearest and the farthest depth."""
     views, target = cameras_of(data)
-    if "disparities" not in data:
+    if "disparities" in data:
+        disparities = data["disparities"]
+    elif "shot.range" in data:
+        disparities = 1 / data["shot.range"]
+    else:
         return {}
     sweeps = [PlaneSweep.of(view, target) for view in views]
-    rows = [torch.stack([sweep.source_from_target(float(d)) for sweep in sweeps]) for d in data["disparities"]]
+    rows = [torch.stack([sweep.source_from_target(float(d)) for sweep in sweeps]) for d in disparities]
     return {"homography": torch.stack(rows).numpy()}
 
 

@@ -22,7 +22,13 @@ def choose_views(cameras: list[Camera], target: Camera, count: int) -> list[int]
         raise ValueError(
             f"{count} views are needed, but only {len(looking)} of {len(cameras)} face the target's direction"
         )
-    return sorted(looking, key=lambda i: float((cameras[i].centre - target.centre).norm()))[:count]
+    return nearest_first(cameras, target)[:count]
+
+
+def nearest_first(cameras: list[Camera], target: Camera) -> list[int]:
+    """Indices of all cameras within 60 degrees of the target's optical axis, nearest first."""
+    looking = looking_the_same_way(cameras, target)
+    return sorted(looking, key=lambda i: float((cameras[i].centre - target.centre).norm()))
 
 
 def view_distances(cameras: list[Camera], target: Camera) -> Tensor:

@@ -1,5 +1,9 @@
 //! `liveview dump`: every stage of one render as arrays, for `python -m liveview_ref.parity`.
 
+mod scene;
+mod search;
+mod surface;
+
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
@@ -9,7 +13,7 @@ use liveview::layers::{Layer, Layers};
 use liveview::network::Alpha;
 use liveview::render::{Batch, Blended, Frame, LayerSamples};
 use liveview::warp::warp_sources;
-use liveview::{LayerSpec, LoadedShot, Plan, Targets};
+use liveview::{LayerSpec, LoadedShot, PhotoCorrection, Plan, Targets};
 use liveview_common::args::layers::LayerArgs;
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::scene::SceneArgs;
@@ -36,6 +40,9 @@ pub struct DumpArgs {
     /// Where to write the arrays
     #[arg(short, long, value_name = "NPZ")]
     output: PathBuf,
+    /// Surface layers: also how the depth of the photos was found, and all photos of the scene
+    #[arg(long)]
+    search: bool,
     #[command(flatten)]
     scene: SceneArgs,
 }
@@ -109,7 +116,7 @@ pub fn run(args: &DumpArgs) -> Result<Output> {
     interrupt::watch(job.synthesizer.renderer().network().run_end().into_iter().collect())?;
     let loaded = job.synthesizer.load(&shot, &[])?;
     let mut arrays = Arrays::create(&args.output)?;
-    let written = write(&mut job, &loaded, &mut arrays);
+    let written = write(&mut job, &loaded, (args.layers.photo_correction(), args.search), &mut arrays);
     // A network run that is ended after an interrupt is an error of its own.
     written.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error })?;
     arrays.finish()?;
@@ -124,8 +131,9 @@ pub fn run(args: &DumpArgs) -> Result<Output> {
     Ok(Output { text: format!("{}: every stage of {}, {}", args.output.display(), shot.name, job.layers()), json })
 }
 
-fn write(job: &mut Job, shot: &LoadedShot, arrays: &mut Arrays) -> Result<()> {
+fn write(job: &mut Job, shot: &LoadedShot, of_surface: (PhotoCorrection, bool), arrays: &mut Arrays) -> Result<()> {
     arrays.add_rig(job.views(), shot.shot())?;
+    scene::write_scene(job.views(), shot.shot(), arrays)?;
     let plan = if let LayerSpec::Guided { layers, coarse_planes } = *job.layers() {
         let found = shot.search(coarse_planes)?;
         let layers = found.range.layers(layers)?;
@@ -134,7 +142,11 @@ fn write(job: &mut Job, shot: &LoadedShot, arrays: &mut Arrays) -> Result<()> {
     } else {
         job.plan(shot)?
     };
-    write_layers(&plan.layers, shot, arrays)?;
+    write_layers(&plan.layers, arrays)?;
+    write_homography(&plan.layers, shot, arrays)?;
+    if let Some(surface) = &plan.surface {
+        surface::write_surface(job, shot, surface, of_surface, arrays)?;
+    }
     let mut stages = Stages::default();
     job.synthesizer.renderer_mut().set_skip_uncovered(false);
     let frame = job.synthesizer.render_plan(shot, &plan, Some(&mut |batch| stages.add(batch)))?;
@@ -163,8 +175,8 @@ fn write_search(found: SearchStages, arrays: &mut Arrays) -> Result<()> {
     arrays.add("range", ndarray::stack(Axis(0), &maps)?)
 }
 
-/// Writes the layers: planes with their homographies, or maps on cells.
-fn write_layers(layers: &Layers, shot: &LoadedShot, arrays: &mut Arrays) -> Result<()> {
+/// Writes the layers: planes or maps on cells.
+fn write_layers(layers: &Layers, arrays: &mut Arrays) -> Result<()> {
     let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
     let map = |layer: &Layer| if let Layer::Map(map) = layer { Some(map.clone()) } else { None };
     let maps: Vec<_> = layers.as_slice().iter().filter_map(map).collect();
@@ -176,13 +188,23 @@ fn write_layers(layers: &Layers, shot: &LoadedShot, arrays: &mut Arrays) -> Resu
         // Layers given by pixel are written as the array `maps`.
         return Ok(());
     }
+    arrays.add("disparities", Array1::from_vec(disparities))
+}
+
+/// Writes the homographies of planes, `[D, V, 3, 3]`; of layers that follow something, those of the
+/// nearest and of the farthest depth.
+fn write_homography(layers: &Layers, shot: &LoadedShot, arrays: &mut Arrays) -> Result<()> {
+    let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
+    let mut disparities: Vec<f64> = layers.as_slice().iter().filter_map(plane).collect();
+    if disparities.is_empty() {
+        disparities = vec![1.0 / shot.shot().near, 1.0 / shot.shot().far];
+    }
     let sweeps: Vec<_> = warp_sources(&shot.sources(), &shot.shot().target).iter().map(|s| s.sweep).collect();
     let shape = (disparities.len(), sweeps.len(), 3, 3);
     let homography = Array4::from_shape_fn(shape, |(d, v, row, column)| {
         sweeps[v].source_from_target(disparities[d]).row(row)[column]
     });
-    arrays.add("homography", homography)?;
-    arrays.add("disparities", Array1::from_vec(disparities))
+    arrays.add("homography", homography)
 }
 
 fn write_frame(frame: Frame, arrays: &mut Arrays) -> Result<()> {

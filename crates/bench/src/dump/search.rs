@@ -1,0 +1,115 @@
+//! The search of the photos' depth, stage by stage: the arrays of photo i of a shot are named `search{i}.…`.
+
+use anyhow::Result;
+use liveview::surface::stages::{self, Search};
+use liveview::surface::{DepthMaps, PhotoDepth};
+use liveview::warp::{SourceView, Texture};
+use liveview::{Camera, Scene, Shot};
+use ndarray::{Array, Array1, Array2, Dimension};
+use ndarray_npy::WritableElement;
+
+use super::surface::Photos;
+use crate::npz::Arrays;
+
+/// Planes of the second search per plane of the first.
+const FINE_PER_COARSE: usize = 2;
+/// Planes of the first search, at least and at most.
+const PLANES: std::ops::RangeInclusive<usize> = 32..=256;
+
+pub(super) fn write_search(scene: &Scene, shot: &Shot, photos: &Photos, arrays: &mut Arrays) -> Result<()> {
+    let free: Vec<usize> = (0..scene.views.len()).filter(|view| !shot.held_out.contains(view)).collect();
+    let cameras: Vec<Camera> = free.iter().map(|&view| scene.views[view].camera.clone()).collect();
+    let maps = DepthMaps::new(cameras.clone(), photos.range.0, photos.range.1);
+    for (index, (view, depth)) in photos.views.iter().zip(&photos.depths).enumerate() {
+        let place = free.iter().position(|free| free == view).expect("a view that is not held out");
+        let neighbours = maps.neighbours(place);
+        let of_photo = &mut OfPhoto { arrays, index };
+        of_photo.add("neighbours", neighbours.iter().map(|&place| free[place] as i64).collect::<Array1<_>>())?;
+        if neighbours.is_empty() {
+            continue;
+        }
+        let group: Vec<usize> = std::iter::once(place).chain(neighbours).collect();
+        let load = |&place: &usize| Ok(Texture::new(&scene.load_image(free[place])?));
+        let textures = group.iter().map(load).collect::<Result<Vec<_>>>()?;
+        let views = group.iter().zip(&textures).map(|(&p, texture)| SourceView { camera: &cameras[p], texture });
+        write_of_photo(&views.collect::<Vec<_>>(), photos.range, depth.disparity_per_pixel, of_photo)?;
+    }
+    Ok(())
+}
+
+/// The arrays of one photo.
+struct OfPhoto<'a> {
+    arrays: &'a mut Arrays,
+    index: usize,
+}
+
+impl OfPhoto<'_> {
+    fn add<A: WritableElement, D: Dimension>(&mut self, name: &str, array: Array<A, D>) -> Result<()> {
+        self.arrays.add(&format!("search{}.{name}", self.index), array)
+    }
+}
+
+/// The search of the first of these photos among the others.
+fn write_of_photo(
+    views: &[SourceView<'_>],
+    range: (f64, f64),
+    disparity_per_pixel: f32,
+    arrays: &mut OfPhoto<'_>,
+) -> Result<()> {
+    let (photo, neighbours) = (&views[0], &views[1..]);
+    let count = planes(range, disparity_per_pixel, 2);
+    arrays.add("count", ndarray::arr0(count as i64))?;
+    let first = Search { range, count, parts: 1, cell: 2, starts: None };
+    let half_costs = stages::matching_costs(photo, neighbours, &first);
+    let half_found = stages::aggregated(&half_costs, photo.texture, &first);
+    let half_index = stages::median3(&half_found);
+
+    let cameras: Vec<_> = views.iter().map(|view| view.camera).collect();
+    let maps = stages::group(views, range);
+    arrays.add("coarse_pixel", maps.iter().map(|map| map.disparity_per_pixel).collect::<Array1<_>>())?;
+    let sure = stages::group_confirmed(&cameras, &maps);
+    for (which, (map, sure)) in maps.iter().zip(&sure).enumerate() {
+        let count = planes(range, map.disparity_per_pixel, 4);
+        let search = Search { range, count, parts: 1, cell: 4, starts: None };
+        let others: Vec<_> = (0..views.len()).filter(|&other| other != which).map(|other| views[other]).collect();
+        let costs = stages::matching_costs(&views[which], &others, &search);
+        arrays.add(&format!("coarse_found{which}"), stages::aggregated(&costs, views[which].texture, &search))?;
+        arrays.add(&format!("coarse_costs{which}"), costs)?;
+        arrays.add(&format!("coarse{which}"), map.disparity.clone())?;
+        arrays.add(&format!("coarse_sure{which}"), sure.disparity.mapv(|disparity| f32::from(disparity >= 0.0)))?;
+    }
+    let half = PhotoDepth { disparity: stages::disparity(&half_index, &first), disparity_per_pixel };
+    let (kept, anchor) = stages::anchors(&cameras, &maps, sure, &half);
+    let anchored_costs = stages::anchored_costs(&half_costs, kept.clone(), &anchor, &first);
+    let anchored_found = stages::aggregated(&anchored_costs, photo.texture, &first);
+    let median = stages::median3(&anchored_found);
+    let anchored_index = Array2::from_shape_fn(kept.dim(), |at| if kept[at] { half_index[at] } else { median[at] });
+
+    let starts = stages::segment_starts(&anchored_index, FINE_PER_COARSE, (count - 1) * FINE_PER_COARSE + 1);
+    let second = Search { range, count, parts: FINE_PER_COARSE, cell: 1, starts: Some(&starts) };
+    let mut fine_costs = stages::matching_costs(photo, neighbours, &second);
+    // The costs of a segment that a cell does not have are unspecified.
+    let missing = |y: usize, x: usize| starts[(y / 2, x / 2, 1)] == u16::MAX;
+    fine_costs.indexed_iter_mut().filter(|((y, x, k), _)| *k >= 8 && missing(*y, *x)).for_each(|(_, cost)| *cost = 0);
+    let fine_found = stages::aggregated(&fine_costs, photo.texture, &second);
+
+    arrays.add("fine_index", stages::median3(&fine_found))?;
+    arrays.add("fine_found", fine_found)?;
+    arrays.add("fine_costs", fine_costs)?;
+    arrays.add("starts", starts)?;
+    arrays.add("anchored_index", anchored_index)?;
+    arrays.add("anchored_found", anchored_found)?;
+    arrays.add("anchored_costs", anchored_costs)?;
+    arrays.add("anchor", anchor)?;
+    arrays.add("kept", kept.mapv(f32::from))?;
+    arrays.add("half_index", half_index)?;
+    arrays.add("half_found", half_found)?;
+    arrays.add("half_costs", half_costs)
+}
+
+/// Number of planes of a first search on cells of so many pixels a side: half a cell of parallax apart.
+fn planes((near, far): (f64, f64), disparity_per_pixel: f32, cell: usize) -> usize {
+    let widest = (1.0 / near - 1.0 / far) / f64::from(disparity_per_pixel);
+    // The pixel of parallax is rounded.
+    ((widest / (0.5 * cell as f64) * (1.0 - 1e-7)).ceil() as usize + 1).clamp(*PLANES.start(), *PLANES.end())
+}

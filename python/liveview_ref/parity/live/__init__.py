@@ -1,0 +1,1 @@
+"""Parity of one render of your own scene: dump, stages in both precisions, verdicts."""

@@ -1,0 +1,180 @@
+"""Surface layers on your own scene: the search of the photos' depth, and the stages at the target.
+
+Beside the arrays of surface_stages.py, of photo i of the shot: `search{i}.NAME` of its search, and
+`search{i}.neighbours`, views of the scene. `surface.corrected` [2]: exposure, sharpness.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ...reference.layers.guided.matching_cost import shrink
+from ...reference.layers.guided.range_map import median3
+from ...reference.render.sharpened import sharpened
+from ...reference.render.visibility import hide
+from ...reference.surface.anchored_depth import GROUP_CELL
+from ...reference.surface.fusion.surface import OCCLUSION_MARGIN, Surface, seen
+from ...reference.surface.search.aggregate import aggregate
+from ...reference.surface.search.grid import Candidates, Grid
+from ...reference.surface.search.photo_depth import planes_of
+from ...reference.surface.search.photo_sweep import costs
+from ...reference.warp import warp_maps
+from ...rig_arrays import Arrays, cameras_of
+from .. import surface_stages as stages
+from ..surface_goldens import kind_of
+from .compared import Compared
+from .scene import exact, neighbours_of
+
+IN_SCENE_UNITS = "coarse", "anchor", "splat", "filled", "surface", "layers"  # relative to the largest
+LIKE = {"anchored_found": "half_found", "anchored_index": "half_index", "colour": "hidden_colour"}
+LIKE |= {"coverage": "hidden_coverage", "coarse_found": "half_found"}
+BOTH = torch.float64, torch.float32
+
+
+def with_photos(data: Arrays, views: list[int]) -> Arrays:
+    """The dump with these views of the scene as the photos, and the range that was searched."""
+    found = {name: value for name, value in data.items() if not name.startswith(("view", "photo"))}
+    for i, v in enumerate(views):
+        found |= {f"view{i}.{part}": data[f"scene.{part}"][v] for part in ("k", "rotation", "translation")}
+        found[f"view{i}.image"] = data[f"photo{v}.colours"]
+    return found | {"range": data["surface.range"]}
+
+
+def photos_of(data: Arrays) -> list[int]:
+    return [int(view) for view in data["shot.photos"]]
+
+
+def compared(stage: stages.Stage, data: Arrays) -> Iterator[Compared]:
+    """The outputs of a stage from the arrays of the dump."""
+    oracle, single = (stage(data, dtype) for dtype in BOTH)
+    for name, value in oracle.items():
+        kind = kind_of(name)
+        like = LIKE.get(kind, kind)
+        # Of maps of one search, only the disparity is computed here.
+        entry = "maps" if kind == "coarse" else f"surface {like}"
+        yield Compared.of(kind, (data[name], value, single[name]), entry, scaled=kind in IN_SCENE_UNITS)
+
+
+def search(data: Arrays, photos: int | None = None) -> Iterator[Compared]:
+    """The search of each photo's depth, or of the first ones', stage by stage; the same stages of
+    all photos are one row."""
+    rows: dict[str, Compared] = {}
+    for i, view in list(enumerate(photos_of(data)))[:photos]:
+        for row in search_of(data, i, view):
+            rows[row.name] = rows[row.name].joined(row) if row.name in rows else row
+    yield from rows.values()
+
+
+def search_of(data: Arrays, i: int, view: int) -> Iterator[Compared]:
+    around = neighbours_of(data, view)
+    yield exact("neighbours", data[f"search{i}.neighbours"], around)
+    if not around:
+        return
+    own = with_photos(data, [view, *around])
+    own |= {name.split(".", 1)[1]: value for name, value in data.items() if name.startswith(f"search{i}.")}
+    cameras, _ = cameras_of(own)
+    grid, pixel = planes_of(cameras[0], cameras[1:], *(float(x) for x in own["range"]))
+    yield exact("count", own["count"], grid.count)
+    yield Compared.of("pixel", (data["pixel"][i], np.float64(pixel), np.float64(pixel)), "maps", scaled=True)
+    own["pixel"] = data["pixel"][i : i + 1]
+    for stage in (stages.half_costs, stages.half_found, stages.half_index):
+        yield from compared(stage, own)
+    yield from coarse(own)
+    yield from compared(stages.coarse_confirmations, own)
+    for stage in (stages.anchors, stages.anchored_costs, anchored_found, anchored_index):
+        yield from compared(stage, own)
+    own["half_index"] = own["anchored_index"]
+    for stage in (stages.starts, stages.fine_costs, stages.fine_found, stages.fine_index):
+        yield from compared(stage, own)
+    both = [stages.fine_grid(own).disparity(stages.tensor(own, "fine_index", dtype)).numpy() for dtype in BOTH]
+    yield Compared.of("depth", (data[f"depth{i}"], *both), "maps", scaled=True)
+
+
+def anchored_found(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The second aggregation of the first search."""
+    found = stages.half_found(data | {"half_costs": data["anchored_costs"]}, dtype)
+    return {"anchored_found": found["half_found"]}
+
+
+def anchored_index(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Its median, where the first result is not kept."""
+    median, first = (median3(stages.tensor(data, "anchored_found", dtype)), stages.tensor(data, "half_index", dtype))
+    return {"anchored_index": torch.where(torch.from_numpy(data["kept"]) > 0, first, median).numpy()}
+
+
+def coarse(data: Arrays) -> Iterator[Compared]:
+    """The maps of the photo's group, as the first search of a photo but on larger cells."""
+    near, far = (float(x) for x in data["range"])
+    group = stages.group_views(data, torch.float64)
+    for i, (_, camera) in enumerate(group):
+        others = group[:i] + group[i + 1 :]
+        grid, pixel = planes_of(camera, [c for _, c in others], near, far, GROUP_CELL)
+        yield Compared.of("pixel", (data["coarse_pixel"][i], np.float64(pixel), np.float64(pixel)), "maps", scaled=True)
+        yield from compared(partial(coarse_stages, i, grid), data)
+
+
+def coarse_stages(i: int, grid: Grid, data: Arrays, dtype: torch.dtype) -> Arrays:
+    """Costs, what their aggregation finds, and the disparity of its median."""
+    group = [(shrink(image, GROUP_CELL), camera) for image, camera in stages.group_views(data, dtype)]
+    image, camera = group[i]
+    candidates = Candidates.all(grid, *image.shape[1:])
+    volume = costs(image, camera, group[:i] + group[i + 1 :], grid, candidates, GROUP_CELL)
+    found = aggregate(stages.tensor(data, f"coarse_costs{i}", torch.int64).permute(2, 0, 1), image, candidates)
+    disparity = grid.disparity(median3(stages.tensor(data, f"coarse_found{i}", dtype)))
+    outputs = {"coarse_costs": volume.permute(1, 2, 0), "coarse_found": found, "coarse": disparity}
+    return {f"{name}{i}": output.numpy() for name, output in outputs.items()}
+
+
+def at_target(data: Arrays) -> Iterator[Compared]:
+    """From the photos' depth to the layers, their warp and occlusion."""
+    views = len(cameras_of(data)[0])
+    all_ = with_photos(data, photos_of(data))
+    first = with_photos(data, photos_of(data)[:views])  # those to render from
+    exposure, sharpness = (bool(yes) for yes in data["surface.corrected"])
+    first["gains"] = data["gains"][:views]
+    steps: list[tuple[stages.Stage, Arrays]] = [(stages.confirmations, all_)]
+    steps += [(stages.exposures, all_)] if exposure else []
+    steps += [(stages.sharpness, first)] if sharpness else []
+    for stage, arrays in (*steps, (stages.splatted, all_), (stages.holes, all_), (the_surface, all_)):
+        yield from joined(compared(stage, arrays))
+    count, surface = len(data["maps"]), {dtype: stages.tensor(data, "surface", dtype) for dtype in BOTH}
+    layers = [Surface(surface[dtype], 0, 0).layers(count).numpy() for dtype in BOTH]
+    yield Compared.of("layers", (data["maps"], *layers), "maps", scaled=True)
+    yield from compared(warped(stages.target_pixel(all_)), first)
+
+
+def joined(rows: Iterator[Compared]) -> Iterator[Compared]:
+    """Rows of one name as one."""
+    found: dict[str, Compared] = {}
+    for row in rows:
+        found[row.name] = found[row.name].joined(row) if row.name in found else row
+    yield from found.values()
+
+
+def the_surface(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"surface": stages.surfaces(data, dtype)["surface"]}
+
+
+def warped(pixel: float) -> Callable[[Arrays, torch.dtype], Arrays]:
+    """The stage that warps the corrected photos onto the layers, without the samples that the views
+    do not see; `pixel` is the disparity worth one pixel at the target."""
+
+    def stage(data: Arrays, dtype: torch.dtype) -> Arrays:
+        views, (_, target) = stages.surface_views(data, dtype), cameras_of(data)
+        amounts = stages.tensor(data, "sharpening", dtype)
+        photos = [sharpened(v.image, a) if a != 0 else v.image for v, a in zip(views, amounts, strict=True)]
+        gains = torch.stack([v.gains for v in views])[:, :, None, None]
+
+        def layer(map_: Tensor) -> tuple[Tensor, Tensor]:
+            both = [warp_maps(p, v.camera, target, map_[None]) for p, v in zip(photos, views, strict=True)]
+            colour, coverage = (torch.cat(x) for x in zip(*both, strict=True))
+            sees = seen(views, target, map_, OCCLUSION_MARGIN * pixel)
+            return hide(sees, colour * gains, coverage)[:2]
+
+        colour, coverage = zip(*(layer(map_) for map_ in stages.tensor(data, "maps", dtype)), strict=True)
+        return {"colour": torch.stack(colour).flatten(1, 2).numpy(), "coverage": torch.stack(coverage).numpy()}
+
+    return stage
