@@ -42,7 +42,7 @@ const EDGE_PX: f32 = 20.0;
 
 /// Searches the depth of `photo` among its `neighbours` (at least one), from `near` to `far` (scene
 /// units), with anchors. A photo without detail of one pixel is searched at the size that holds its
-/// detail ([`super::search::detail`]), as are its neighbours; all pixels of a cell have its depth.
+/// detail, as are its neighbours; all pixels of a cell have its depth.
 pub fn anchored_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: f64, far: f64) -> PhotoDepth {
     let views: Vec<_> = std::iter::once(photo).chain(neighbours).copied().collect();
     let cell = detail_pixels(photo.texture);

@@ -70,7 +70,7 @@ impl Synthesizer {
         if views == Some(0) {
             return Err(value("views", "0; expected at least 1"));
         }
-        (options.model.views, options.model.without_network) = (views, network.is_none());
+        (options.model.views, options.model.network) = (views, Some(network.is_some()));
         options.model.file = network;
         if options.model.file.is_some() {
             options.model.library = onnx_runtime::installed(py)?;
