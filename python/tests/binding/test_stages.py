@@ -111,7 +111,9 @@ def test_render_stages(liveview, rig):
     colour, coverage = (torch.stack([exact[part].float() for _, exact in warped], 1) for part in (0, 1))
     single, exact = both(agreement_logits, colour)
     check("agreement", liveview.agreement_logits(colour), single, exact)
-    logits = exact.float()
+    # In the network's place. On the logits of agreement Rust's mean error is up to 1.04 times
+    # torch's in the coincident rig, 8e-10: a photo at the target decides nearly every pixel there.
+    logits = 2 * torch.randn(coverage.shape, generator=torch.Generator().manual_seed(1))
     distances = view_distances(cameras, target)
     np.testing.assert_allclose(liveview.view_distances(cameras, target), distances, rtol=1e-13)
     for given, power in ((distances, 1.0), (distances.expand(len(maps), -1), 1.5)):
