@@ -10,13 +10,16 @@ import pytest
 import torch
 
 from liveview_ref.checkpoint import load_network
+from liveview_ref.data.written_scene import write_photo, write_transforms
 from liveview_ref.parity import stages
-from liveview_ref.parity.live import run
+from liveview_ref.parity.live import run, scene
 from liveview_ref.parity.live.compared import TOLERANCES, Compared
+from liveview_ref.parity.surface_rigs import surface_rig
 from liveview_ref.paths import BINARY
 from liveview_ref.reference.surface.correction import exposure
 from liveview_ref.reference.surface.fusion import consistency, splat
 from liveview_ref.reference.surface.search import anchors, penalties, photo_sweep
+from liveview_ref.rig_arrays import cameras_of, images_of
 
 ROOT = Path(__file__).parents[3]
 SCENE = ROOT / "tests" / "scenes" / "workshop"
@@ -110,6 +113,26 @@ def test_not_a_number_departs_without_a_traceback(guided):
     rows = {row.name: row for row in run.rows(broken, None, None)}
     assert departing(broken) == "frame"
     assert "| [0, 3, 4] | OFF |" in rows["frame"].row()
+
+
+@needs_program
+def test_the_lens_and_an_unknown_depth_range_are_computed_by_python(tmp_path):
+    photos = surface_rig(np.random.default_rng(5), 5, "scene")
+    cameras, _ = cameras_of(photos)
+    images = images_of(photos, torch.float32)
+    frames = [write_photo(tmp_path, f"{i}.png", image, cameras[i]) for i, image in enumerate(images)]
+    write_transforms(tmp_path, [{**frame, "k1": 0.02, "p1": 0.001} for frame in frames])
+    options = ["--network", "none", "--views", "2", "--layers", "surface:1", "--target", "0"]
+    original = run.Dump.of(BINARY, tmp_path, options)
+    dump = run.Dump.of(BINARY, tmp_path, [*options, "--search", "--width", "48"])
+    [undistorted] = scene.undistorted(original.data)
+    found = list(scene.depth_range(dump.data, searched=True))
+    assert [row.name for row in found] == ["depth_range", "searched_range"]
+    assert not any(row.departs for row in [undistorted, *found]), [row.row() for row in [undistorted, *found]]
+    [moved] = scene.undistorted(original.data | {"original0.k1": np.array(0.021)})
+    assert moved.departs
+    [wider, _] = scene.depth_range(dump.data | {"shot.range": dump.data["shot.range"] * 1.03}, searched=True)
+    assert wider.departs
 
 
 def test_a_worse_torch_does_not_loosen_a_ceiling():
