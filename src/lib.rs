@@ -93,7 +93,7 @@ pub use synthesizer::{
     Synthesizer, Target, TargetCamera, Targets,
 };
 #[cfg(feature = "surface")]
-pub use synthesizer::{DepthProgress, DepthSource, PhotoCorrection, TargetSurface, ViewDepth};
+pub use synthesizer::{DepthProgress, DepthSearch, DepthSource, FoundDepth, PhotoCorrection, TargetSurface, ViewDepth};
 // The interface uses types of these crates.
 pub use {glam, ndarray};
 

@@ -3,17 +3,15 @@
 
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::Arc;
-use std::time::Instant;
 
+use super::depth_search::{DepthSearch, FoundDepth, SearchedPhoto};
 use super::error::SynthesisError;
 use super::photo_store::PhotoStore;
-use super::scene_depth::{DepthProgress, DepthSource, SceneDepth, ViewDepth};
+use super::scene_depth::{DepthProgress, SceneDepth, ViewDepth};
 use super::scene_views::SceneViews;
-use super::shot::{LoadedPhoto, LoadedShot};
+use super::shot::LoadedShot;
 use crate::kinds::PhotosWithDepth;
 use crate::surface::cache::{DepthCache, PhotoDigest};
-use crate::warp::{SourceView, Texture};
 
 /// The depth of photos in memory, and the folder that keeps it from run to run, if there is one.
 #[derive(Default)]
@@ -91,6 +89,31 @@ impl DepthStore {
         Ok(found)
     }
 
+    /// The views whose depth is not known with these views held out.
+    pub(super) fn unknown(&self, views: &[usize], held_out: &[usize]) -> Vec<usize> {
+        let known = self.depth.as_ref().filter(|depth| depth.serves(held_out));
+        views.iter().copied().filter(|&view| known.is_none_or(|depth| depth.found(view).is_none())).collect()
+    }
+
+    /// The search for the depth of a view's photo; `None` if it is known.
+    pub(super) fn search(
+        &mut self,
+        views: &SceneViews,
+        photos: &PhotoStore,
+        view: usize,
+        held_out: &[usize],
+    ) -> Result<Option<DepthSearch>, SynthesisError> {
+        let depth = with_held_out(&mut self.depth, views, held_out)?;
+        Ok(search(depth, &self.files, views, photos, view))
+    }
+
+    /// Takes a depth and the photos that were read for it, unless other views are held out now.
+    pub(super) fn insert(&mut self, photos: &mut PhotoStore, found: FoundDepth) {
+        if let Some(depth) = self.depth.as_mut().filter(|depth| depth.serves(&found.held_out)) {
+            insert(depth, &mut self.files, photos, found);
+        }
+    }
+
     /// Drops the depth of all views but these, and what confirms it unless it is needed `soon`.
     pub(super) fn retain(&mut self, views: &[usize], soon: &[usize]) {
         if let Some(depth) = &mut self.depth {
@@ -136,63 +159,47 @@ fn find_all(
         if progress.as_mut().is_some_and(|progress| progress(next).is_break()) {
             return Err(SynthesisError::Cancelled);
         }
-        find(depth, files, views, photos, view)?;
+        if let Some(search) = search(depth, files, views, photos, view) {
+            insert(depth, files, photos, search.run()?);
+        }
     }
     Ok(())
 }
 
-/// Finds the depth of a view's photo, unless it is known: in the folder, or by a search.
-fn find(
-    depth: &mut SceneDepth,
-    files: &mut Option<DepthFiles>,
+/// The search for the depth of a view's photo; `None` if it is known.
+fn search(
+    depth: &SceneDepth,
+    files: &Option<DepthFiles>,
     views: &SceneViews,
-    photos: &mut PhotoStore,
+    photos: &PhotoStore,
     view: usize,
-) -> Result<(), SynthesisError> {
+) -> Option<DepthSearch> {
     let needed = depth.photos_to_search(view);
-    if needed.is_empty() {
-        return Ok(());
-    }
-    // The depth of a photo without neighbours is not worth a file.
-    let mut files = files.as_mut().filter(|_| needed.len() > 1);
-    let key = match &mut files {
-        Some(files) => {
-            let digests = needed.iter().map(|&view| files.digest(view, || photos.load(views.scene(), view)));
-            Some(depth.key(&needed, &digests.collect::<Result<Vec<_>, _>>()?))
-        }
-        None => None,
+    let photo = |&view: &usize| SearchedPhoto {
+        view,
+        texture: photos.get(view),
+        digest: files.as_ref().and_then(|files| files.digests[view]),
     };
-    let started = Instant::now();
-    if let (Some(files), Some(key)) = (&mut files, &key) {
-        match files.folder.load(key) {
-            Ok(Some(found)) => {
-                depth.insert(view, found, DepthSource::Kept, started.elapsed());
-                return Ok(());
-            }
-            Ok(None) => {}
-            Err(damage) => files.notes.push(format!("{damage}: the depth is searched again")),
-        }
-    }
-    let load = |&view: &usize| {
-        let texture = photos.load(views.scene(), view)?;
-        Ok(LoadedPhoto { view, camera: views.scene().views[view].camera.clone(), texture })
-    };
-    let loaded = needed.iter().map(load).collect::<Result<Vec<_>, SynthesisError>>()?;
-    let sources: Vec<SourceView<'_>> = loaded.iter().map(LoadedPhoto::source).collect();
-    depth.search(view, &sources[0], &sources[1..]);
-    if let (Some(files), Some(key)) = (files, &key) {
-        let stored = depth.found(view).map_or(Ok(()), |found| files.folder.store(key, found));
-        stored.unwrap_or_else(|error| files.notes.push(format!("{error}: the depth is not kept")));
-    }
-    Ok(())
+    (!needed.is_empty()).then(|| DepthSearch {
+        scene: views.scene().clone(),
+        held_out: depth.held_out().to_vec(),
+        photos: needed.iter().map(photo).collect(),
+        range: depth.range(),
+        folder: files.as_ref().map(|files| files.folder.clone()),
+    })
 }
 
-impl DepthFiles {
-    /// The digest of a view's photo, which is loaded for it if the digest is unknown.
-    fn digest<E>(&mut self, view: usize, load: impl FnOnce() -> Result<Arc<Texture>, E>) -> Result<PhotoDigest, E> {
-        if let Some(digest) = self.digests[view] {
-            return Ok(digest);
+/// Takes a depth and the photos that were read for it.
+fn insert(depth: &mut SceneDepth, files: &mut Option<DepthFiles>, photos: &mut PhotoStore, found: FoundDepth) {
+    let view = found.view();
+    depth.insert(view, found.depth, found.source, found.time);
+    for photo in &found.photos {
+        if let Some(texture) = &photo.texture {
+            photos.insert(photo.view, texture);
         }
-        Ok(*self.digests[view].insert(PhotoDigest::new(&*load()?)))
+    }
+    if let Some(files) = files {
+        found.photos.iter().for_each(|photo| files.digests[photo.view] = files.digests[photo.view].or(photo.digest));
+        files.notes.extend(found.notes);
     }
 }

@@ -15,6 +15,8 @@
 //! [`Synthesizer::render_plan`] renders them.
 
 #[cfg(feature = "surface")]
+mod depth_search;
+#[cfg(feature = "surface")]
 mod depth_store;
 mod error;
 mod memory;
@@ -32,6 +34,8 @@ mod target;
 
 #[cfg(feature = "surface")]
 pub use crate::surface::{PhotoCorrection, TargetSurface};
+#[cfg(feature = "surface")]
+pub use depth_search::{DepthSearch, FoundDepth};
 pub use error::SynthesisError;
 pub use options::{DEFAULT_VIEWS, Model, ModelOptions, Options};
 pub use plan::Plan;

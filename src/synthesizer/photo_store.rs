@@ -26,6 +26,16 @@ impl PhotoStore {
         Ok(texture)
     }
 
+    /// The photo of a view, if it is in memory.
+    pub(super) fn get(&self, view: usize) -> Option<Arc<Texture>> {
+        self.textures[view].clone()
+    }
+
+    /// Takes the photo of a view, unless it is in memory.
+    pub(super) fn insert(&mut self, view: usize, texture: &Arc<Texture>) {
+        self.textures[view].get_or_insert_with(|| Arc::clone(texture));
+    }
+
     /// The views whose photos are in memory.
     pub(super) fn loaded(&self) -> impl Iterator<Item = usize> {
         self.textures.iter().enumerate().filter_map(|(view, texture)| texture.as_ref().map(|_| view))

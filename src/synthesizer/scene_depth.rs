@@ -1,12 +1,11 @@
 //! The depth of a scene's photos, with some views held out.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::kinds::PhotosWithDepth;
 use crate::scene::Scene;
-use crate::surface::cache::{DepthKey, PhotoDigest};
-use crate::surface::{ConfirmedDepth, DepthMaps, PhotoDepth, anchored_depth};
+use crate::surface::{ConfirmedDepth, DepthMaps, PhotoDepth};
 use crate::warp::SourceView;
 
 /// How the depth of a photo was found.
@@ -92,12 +91,14 @@ impl SceneDepth {
         if self.found(view).is_some() { Vec::new() } else { self.with_neighbours(view) }
     }
 
-    /// What identifies the depth of the first view's photo, searched among the others; their
-    /// digests.
-    pub(super) fn key(&self, views: &[usize], digests: &[PhotoDigest]) -> DepthKey {
-        let cameras = views.iter().map(|&view| &self.maps.cameras()[self.map_index(view)]);
-        let photos: Vec<_> = cameras.zip(digests.iter().copied()).collect();
-        DepthKey::new(&photos, self.maps.range())
+    /// The views that are held out.
+    pub(super) fn held_out(&self) -> &[usize] {
+        &self.held_out
+    }
+
+    /// Nearest and farthest depth searched, scene units.
+    pub(super) fn range(&self) -> (f64, f64) {
+        self.maps.range()
     }
 
     /// The depth of a view's photo, if it is known.
@@ -110,19 +111,6 @@ impl SceneDepth {
         let index = self.map_index(view);
         self.maps.insert(index, found);
         self.sources[index] = (source, time);
-    }
-
-    /// Searches the depth of a view's photo with those of its neighbours. Without any there is
-    /// nothing to find, and its depth is unknown everywhere.
-    pub(super) fn search(&mut self, view: usize, photo: &SourceView<'_>, neighbours: &[SourceView<'_>]) {
-        let started = Instant::now();
-        let (near, far) = self.maps.range();
-        let (found, source) = if neighbours.is_empty() {
-            (PhotoDepth::unknown(photo.camera.size()), DepthSource::Alone)
-        } else {
-            (anchored_depth(photo, neighbours, near, far), DepthSource::Searched)
-        };
-        self.insert(view, found, source, started.elapsed());
     }
 
     /// The depth of a view's photo, and what is confirmed of it; `None` if it is unknown yet.

@@ -7,6 +7,8 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 #[cfg(feature = "surface")]
+use super::depth_search::{DepthSearch, FoundDepth};
+#[cfg(feature = "surface")]
 use super::depth_store::DepthStore;
 use super::error::SynthesisError;
 use super::photo_store::PhotoStore;
@@ -121,6 +123,32 @@ impl ScenePhotos {
     /// else depends on it.
     pub fn take_notes(&mut self) -> Vec<String> {
         self.depths.take_notes()
+    }
+
+    /// The views of a shot whose photos' depth is not known: rendering it along the surface searches
+    /// them.
+    pub fn unknown_depths(&self, shot: &Shot) -> Vec<usize> {
+        self.depths.unknown(&shot.photos().collect::<Vec<_>>(), &shot.held_out)
+    }
+
+    /// The search for the depth of a view's photo, to be run on another thread while pictures are
+    /// rendered, and given to [`Self::insert_depth`]; `None` if the depth is known. The result is
+    /// the same as where it is searched when it is needed.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`SceneViews::depth_range`].
+    ///
+    /// # Panics
+    ///
+    /// If there is no such view, or it is held out.
+    pub fn depth_search(&mut self, view: usize, held_out: &[usize]) -> Result<Option<DepthSearch>, SynthesisError> {
+        self.depths.search(&self.views, &self.photos, view, held_out)
+    }
+
+    /// Takes what a search found, unless other views are held out now.
+    pub fn insert_depth(&mut self, found: FoundDepth) {
+        self.depths.insert(&mut self.photos, found);
     }
 
     /// The photos of a shot with their depth. The depth of a photo is searched when it is first

@@ -67,6 +67,7 @@ export async function drag(page, milliseconds, end = "rest") {
     pictures: frames.length,
     perSecond: (1000 * (shown.length - 1)) / (shown[shown.length - 1] - shown[0]),
     medianGap: gaps[Math.floor(gaps.length / 2)],
+    largestGap: gaps[gaps.length - 1],
     toFullQuality: frames.find(([at, quality]) => at > last && quality === end)[0] - last,
   };
 }

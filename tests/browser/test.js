@@ -13,7 +13,7 @@ import { ROOT, SCENE, cpuSeconds, liveview, view } from "./program.js";
 import { testRig } from "./rig.js";
 import { testTouch } from "./touch.js";
 
-const options = process.argv.length > 2 ? process.argv.slice(2) : ["--precision=int8"];
+const options = process.argv.slice(2);
 const folder = mkdtempSync(join(tmpdir(), "liveview-browser-"));
 const shots = join(ROOT, "out/browser");
 mkdirSync(shots, { recursive: true });
@@ -38,7 +38,10 @@ try {
     return page;
   };
 
+  const opened = performance.now();
   const page = await open(server.link);
+  await until("something to see", async () => (await state(page)).frame);
+  const seen = performance.now() - opened;
   await atRest(page);
   const first = performance.now() - server.started;
   const begun = await pixels(page);
@@ -63,7 +66,7 @@ try {
   const png = await saved(page, "save", "picture.png");
   const canvas = await pixels(page);
   const path = JSON.parse(await saved(page, "record", "path.json"));
-  assert.ok(path.length > 1, `${path.length} cameras`);
+  assert.ok(path.length > 15, `${path.length} cameras of a drag of 0.7 s`);
   writeFileSync(join(folder, "pose.json"), JSON.stringify(path[path.length - 1]));
   liveview("render", SCENE, "--pose", join(folder, "pose.json"), "-o", join(folder, "pose.png"), ...options);
   assert.ok(png.equals(readFileSync(join(folder, "pose.png"))), "other bytes than render's");
@@ -150,6 +153,12 @@ try {
   assert.equal(await text(page, "score"), `${name}: ${psnr.toFixed(2)} dB`);
   passed("a held-out photo's PSNR is render's");
 
+  await page.focus("#map");
+  const stood = (await state(page)).frame;
+  await page.keyboard.press("ArrowRight");
+  await until("the next photo on the map", async () => (await state(page)).frame !== stood);
+  passed("arrow keys on the map");
+
   await page.click("#side");
   await until("the nearest photo", () => page.$eval("#photo", (photo) => photo.complete && photo.naturalWidth === 504));
   await page.screenshot({ path: join(shots, "beside.png") });
@@ -165,14 +174,22 @@ try {
   passed("dark, and on a phone's screen");
   await testTouch(phone, passed);
   await phone.close();
+  const sideways = await open(other.link, { width: 844, height: 390, deviceScaleFactor: 2, isMobile: true, hasTouch: true });
+  await atRest(sideways);
+  await sleep(300);
+  await sideways.screenshot({ path: join(shots, "sideways.png") });
+  const { top, bottom, right } = await sideways.$eval("#picture", (canvas) => canvas.getBoundingClientRect().toJSON());
+  assert.ok(top >= 0 && bottom <= 390 && right <= 844, `cut off: ${top} to ${bottom} of 390, ${right} of 844`);
+  await sideways.close();
+  passed("on a phone held sideways");
   await page.close();
   other.child.kill();
   errors.length = 0; // of the connection that was dropped
   const rig = await testRig({ open, options, folder, shots, passed });
   assert.deepEqual(errors, []);
 
-  console.log(`\n${options.join(" ")}: first picture ${seconds(first)} after the command; ${dragged.perSecond.toFixed(1)} frames a second while ` +
-    `dragging (median ${dragged.medianGap.toFixed(0)} ms apart; ${dragged.moving.status}), ${each.toFixed(0)} ms of CPU each; full quality ${seconds(dragged.toFullQuality)} ` +
+  console.log(`\n${options.join(" ") || "no options"}: something to see ${seconds(seen)} after the page is opened, full quality ${seconds(first)} after the command; ${dragged.perSecond.toFixed(1)} frames a second while ` +
+    `dragging (median ${dragged.medianGap.toFixed(0)} ms apart, at most ${dragged.largestGap.toFixed(0)} ms; ${dragged.moving.status}), ${each.toFixed(0)} ms of CPU each; full quality ${seconds(dragged.toFullQuality)} ` +
     `after the last movement; ${idle.toFixed(1)} % CPU at rest`);
   console.log(`a rig: first picture ${seconds(rig.first)} after the command; ${rig.playing.toFixed(1)} pictures a second while it plays, ` +
     `${rig.dragging.toFixed(1)} while it is dragged too; full quality ${seconds(rig.toFullQuality)} after the pause; ${rig.idle.toFixed(1)} % CPU at rest`);

@@ -138,10 +138,25 @@ impl Client {
 
     /// Header and picture of the next frame.
     pub(crate) fn frame(&mut self) -> (Value, Vec<u8>) {
-        let data = self.next().into_data();
-        let (length, rest) = data.split_at(4);
-        let (header, picture) = rest.split_at(u32::from_le_bytes(length.try_into().unwrap()) as usize);
-        (serde_json::from_slice(header).unwrap(), picture.to_vec())
+        parts(self.next())
+    }
+
+    /// Header and picture at full quality; before it come drafts, and how far the search for depth is. All are acknowledged.
+    pub(crate) fn rested(&mut self) -> (Value, Vec<u8>) {
+        loop {
+            let message = self.next();
+            if let Message::Text(text) = &message {
+                let search = &serde_json::from_str::<Value>(text).unwrap()["search"];
+                assert!(search["done"].as_u64().unwrap() < search["count"].as_u64().unwrap(), "{text}");
+                continue;
+            }
+            let (header, picture) = parts(message);
+            self.send(&json!({ "shown": header["id"] }));
+            if header["search"].is_null() {
+                return (header, picture);
+            }
+            assert_eq!((&header["layers"], &picture[..2]), (&"guided:1".into(), &[0xFF, 0xD8][..]), "a draft");
+        }
     }
 
     /// The code and the reason with which the connection is closed.
@@ -151,6 +166,14 @@ impl Client {
             other => panic!("{other:?}"),
         }
     }
+}
+
+/// Header and picture of a frame.
+fn parts(frame: Message) -> (Value, Vec<u8>) {
+    let data = frame.into_data();
+    let (length, rest) = data.split_at(4);
+    let (header, picture) = rest.split_at(u32::from_le_bytes(length.try_into().unwrap()) as usize);
+    (serde_json::from_slice(header).unwrap(), picture.to_vec())
 }
 
 /// The camera of a view in the session info, moved to the right along its own x axis.

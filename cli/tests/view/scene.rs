@@ -127,6 +127,10 @@ fn with_bind_the_token_of_the_link_is_required() {
     viewer.client();
     viewer.query.clear();
     assert_eq!(viewer.open(&[]).err(), Some(403));
+    // The link names an address of this machine, not the one that stands for all of them.
+    let everywhere = Viewer::start(&folders, &["--layers", "guided:1", "--bind", "0.0.0.0"]);
+    assert!(!everywhere.host.starts_with("0.0.0.0"), "{}", everywhere.host);
+    assert_eq!(everywhere.status(&format!("GET /{}", everywhere.query), &[]), 200);
 }
 
 #[test]
@@ -164,7 +168,7 @@ fn held_out_photo_is_scored_and_not_rendered_from() {
     let (mut client, info) = viewer.client();
     assert_eq!(info["views"][2]["held_out"], true);
     client.request(1, &moved(&info, 2, 0.0), false);
-    let (header, picture) = client.frame();
+    let (header, picture) = client.rested();
     assert!(!header["views"].as_array().unwrap().contains(&2.into()));
     let target = folders.out("target.png");
     let report = folders.render(&["--target", "2", "--layers", "surface:1", "-o", &target, "--json"]).output().unwrap();
@@ -172,7 +176,15 @@ fn held_out_photo_is_scored_and_not_rendered_from() {
     assert_eq!((&header["truth"], &header["psnr"]), (&2.into(), &report["targets"][0]["psnr"]));
     assert!(header["psnr"].as_f64().unwrap() > 10.0 && picture == fs::read(&target).unwrap());
     client.request(2, &moved(&info, 2, 0.001), false);
-    assert_eq!(client.frame().0["psnr"], Value::Null);
+    assert_eq!(client.rested().0["psnr"], Value::Null);
+    // What is saved waits for the depth too; render holds the same photo out.
+    let camera = moved(&info, 1, 0.4);
+    let (status, saved) = viewer.ask("POST /picture", &[], &json!({ "camera": camera }).to_string());
+    let (pose, picture) = (folders.out("pose.json"), folders.out("pose.png"));
+    fs::write(&pose, camera.to_string()).unwrap();
+    let arguments = ["--pose", &pose, "--holdout", "2", "--layers", "surface:1", "-o", &picture];
+    folders.render(&arguments).assert().success();
+    assert!(status == 200 && saved == fs::read(&picture).unwrap());
 }
 
 #[test]

@@ -9,6 +9,7 @@ mod request;
 mod request_queue;
 mod server;
 mod session_info;
+mod waiting;
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -21,11 +22,12 @@ use liveview_common::interrupt;
 use opened::Opened;
 pub use options::ViewArgs;
 use renderer::ViewRenderer;
-use request::{Message, Task};
+use request::{FileRequest, Message, Task};
 use request_queue::RequestQueue;
 use serde_json::json;
-use server::{App, Guard, Server, listen};
+use server::{App, Guard, Server, listen, reachable};
 use session_info::SessionInfo;
+use waiting::Waiting;
 
 /// Interval at which an interrupt is looked for.
 const INTERRUPT_POLL: Duration = Duration::from_millis(100);
@@ -34,12 +36,12 @@ const INTERRUPT_POLL: Duration = Duration::from_millis(100);
 pub fn run(args: &ViewArgs) -> Result<Output> {
     let guard = Guard::new(args.bind)?;
     let (listener, address) = listen(args.bind, args.port)?;
-    let Opened { source, engine, runs, held_out, start_view, near, video } = opened::open(args)?;
+    let queue = Arc::new(RequestQueue::default());
+    let Opened { source, engine, runs, held_out, start_view, near, video } = opened::open(args, &queue)?;
     let scene = source.scene().clone();
     let info = SessionInfo { scene: &scene, engine: &engine, held_out: &held_out, start_view, near, video };
     let info = info.to_json().to_string();
     let mut renderer = ViewRenderer::new(source, held_out, scene.views[start_view].camera.clone());
-    let queue = Arc::new(RequestQueue::default());
     let (interrupted, stopped_queue) = (interrupt::watch(runs)?, Arc::clone(&queue));
     std::thread::spawn(move || {
         while !interrupted.load(Ordering::Relaxed) {
@@ -47,7 +49,7 @@ pub fn run(args: &ViewArgs) -> Result<Output> {
         }
         stopped_queue.stop();
     });
-    let link = format!("http://{address}/{}", guard.query());
+    let link = format!("http://{}/{}", reachable(address), guard.query());
     let app = App::new(Arc::clone(&queue), scene, video.map(|video| video.steps), info, guard);
     let server = Server::start(listener, app)?;
     print_message("open", format_args!("{link} (Ctrl-C ends it)"));
@@ -68,7 +70,9 @@ pub fn run(args: &ViewArgs) -> Result<Output> {
 fn serve(queue: &RequestQueue, renderer: &mut ViewRenderer) {
     // Before the first client, as many photos are prepared as a first picture takes.
     let mut first = renderer.needed_first();
+    let mut waiting = Waiting::default();
     loop {
+        renderer.start_search();
         let prepare = renderer.unprepared() > 0 && (first > 0 || queue.has_clients());
         match queue.next(prepare) {
             Task::Stop => return,
@@ -78,6 +82,17 @@ fn serve(queue: &RequestQueue, renderer: &mut ViewRenderer) {
                     Err(error) => Message::Text(json!({ "error": full_text(&error), "id": request.id }).to_string()),
                 };
                 queue.send(client, message);
+                let waits = !request.moving && renderer.awaited(&request.viewpoint, false).is_some();
+                waiting.set_view(client, Some(request).filter(|_| waits));
+            }
+            Task::File { request: FileRequest::Picture(viewpoint), reply }
+                if renderer.awaited(&viewpoint, false).is_some() =>
+            {
+                waiting.add_file(viewpoint, reply);
+            }
+            Task::Found { view, found } => {
+                renderer.insert(view, found);
+                waiting.update(queue, renderer);
             }
             // Sending fails if the client has left.
             Task::File { request, reply } => {

@@ -1,5 +1,7 @@
 //! Opens a scene or a rig for the viewer.
 
+use std::sync::Arc;
+
 use anyhow::{Result, bail};
 use liveview::geometry::middle_camera;
 use liveview::network::RunEnd;
@@ -11,6 +13,7 @@ use liveview_live::rig::Rig;
 
 use crate::options::ViewArgs;
 use crate::renderer::{Photos, Source, Video};
+use crate::request_queue::RequestQueue;
 use crate::session_info::{EngineInfo, VideoInfo};
 
 /// Time steps per second of a rig without videos.
@@ -37,14 +40,14 @@ pub(crate) struct Opened {
 /// # Errors
 ///
 /// It cannot be opened, or no picture can be rendered at the first viewpoint: reported now rather than to each client.
-pub(crate) fn open(args: &ViewArgs) -> Result<Opened> {
+pub(crate) fn open(args: &ViewArgs, queue: &Arc<RequestQueue>) -> Result<Opened> {
     match Rig::find(&args.scene)? {
         Some(rig) => open_rig(args, rig),
-        None => open_photos(args),
+        None => open_photos(args, queue),
     }
 }
 
-fn open_photos(args: &ViewArgs) -> Result<Opened> {
+fn open_photos(args: &ViewArgs, queue: &Arc<RequestQueue>) -> Result<Opened> {
     if args.fps.is_some() {
         let folder = args.scene.folder().display();
         bail!(
@@ -61,7 +64,7 @@ fn open_photos(args: &ViewArgs) -> Result<Opened> {
     job.synthesizer.shots(targets)?;
     let runs = job.synthesizer.renderer().network().run_end().into_iter().collect();
     let engine = EngineInfo::new(&job.model);
-    let photos = Photos::new(job, held_out.clone(), &camera);
+    let photos = Photos::new(job, held_out.clone(), &camera, Arc::clone(queue))?;
     let near = photos.near();
     Ok(Opened { source: Box::new(photos), engine, runs, held_out, start_view, near, video: None })
 }

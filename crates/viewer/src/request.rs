@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use liveview::Camera;
+use liveview::{Camera, FoundDepth, SynthesisError};
 use tokio::sync::oneshot;
 
 /// A camera, and a time step of a rig.
@@ -47,6 +47,11 @@ pub(crate) enum Task {
     File {
         request: FileRequest,
         reply: oneshot::Sender<FileAnswer>,
+    },
+    /// The depth of a view's photo, or why it could not be searched.
+    Found {
+        view: usize,
+        found: Result<Box<FoundDepth>, SynthesisError>,
     },
     /// No request is pending: time to load photos and search depth ahead.
     Prepare,

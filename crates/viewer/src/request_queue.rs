@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
+use liveview::{FoundDepth, SynthesisError};
 use tokio::sync::{mpsc, oneshot};
 
 use crate::request::{FileAnswer, FileRequest, Message, Task, ViewRequest};
@@ -24,6 +25,8 @@ struct Client {
 struct State {
     clients: BTreeMap<u64, Client>,
     files: VecDeque<(FileRequest, oneshot::Sender<FileAnswer>)>,
+    /// What a search found, and for which view.
+    found: Option<(usize, Result<Box<FoundDepth>, SynthesisError>)>,
     /// The client that was served last; files take turns with clients.
     last_client: u64,
     file_was_last: bool,
@@ -72,6 +75,26 @@ impl RequestQueue {
         if let Some(client) = self.state().clients.get_mut(&client) {
             client.request = Some(request);
         }
+        self.changed.notify_one();
+    }
+
+    /// Puts a request back that had to wait, unless the client has sent a newer one or has left.
+    pub(crate) fn restore_view(&self, client: u64, request: ViewRequest) {
+        if let Some(client) = self.state().clients.get_mut(&client) {
+            client.request.get_or_insert(request);
+        }
+        self.changed.notify_one();
+    }
+
+    /// Puts a request for a file back that had to wait.
+    pub(crate) fn restore_file(&self, request: FileRequest, reply: oneshot::Sender<FileAnswer>) {
+        self.state().files.push_front((request, reply));
+        self.changed.notify_one();
+    }
+
+    /// Hands over what a search for the depth of a view's photo found.
+    pub(crate) fn found(&self, view: usize, found: Result<FoundDepth, SynthesisError>) {
+        self.state().found = Some((view, found.map(Box::new)));
         self.changed.notify_one();
     }
 
@@ -137,6 +160,9 @@ impl State {
     fn take(&mut self) -> Option<Task> {
         if self.stopped {
             return Some(Task::Stop);
+        }
+        if let Some((view, found)) = self.found.take() {
+            return Some(Task::Found { view, found });
         }
         // Round robin: from the client after the last one on.
         let is_ready = |client: &Client| client.request.is_some() && client.in_flight < MAX_FRAMES_IN_FLIGHT;

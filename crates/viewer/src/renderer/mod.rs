@@ -1,5 +1,6 @@
 //! Renders requested views: in motion as large as the frame rate allows, at rest at full quality.
 
+mod depth_searches;
 mod frames;
 mod photos;
 mod shared;

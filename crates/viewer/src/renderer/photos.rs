@@ -1,15 +1,23 @@
 //! Pictures from the photos of a scene: at rest the same as those of `liveview render`.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use liveview::geometry::distance;
-use liveview::{Camera, ImageRgb, LayerSpec, LoadedShot, Scene, ScenePhotos, Shot, TargetCamera, Targets};
+use liveview::network::ViewAgreement;
+use liveview::render::Renderer;
+use liveview::{
+    Camera, FoundDepth, ImageRgb, LayerSpec, LoadedShot, Scene, ScenePhotos, Shot, SynthesisError, TargetCamera,
+    Targets,
+};
 use liveview_common::job::Job;
 
+use super::depth_searches::DepthSearches;
 use super::size_controller::SizeController;
-use super::source::{Rendered, Source};
+use super::source::{Rendered, SearchProgress, Source};
 use crate::request::Viewpoint;
+use crate::request_queue::RequestQueue;
 
 /// Memory of a photo and its depth, at most.
 const BYTES_PER_PIXEL: usize = 20;
@@ -24,12 +32,22 @@ pub(crate) struct Photos {
     view_shots: Vec<Shot>,
     /// Those of them whose photo and depth are not prepared yet.
     unprepared: Vec<Shot>,
+    searches: DepthSearches,
+    /// Views whose photos' depth the last requested picture waits for.
+    wanted: Vec<usize>,
+    /// Views whose photos' depth could not be searched: a picture that needs one says why.
+    failed: Vec<usize>,
+    /// Renders what stands in for a picture that waits: without the network, which takes longest.
+    drafts: Renderer,
     size: SizeController,
 }
 
 impl Photos {
     /// `start`: the camera at which clients start.
-    pub(crate) fn new(mut job: Job, held_out: Vec<usize>, start: &Camera) -> Self {
+    ///
+    /// # Errors
+    /// No threads can be started.
+    pub(crate) fn new(mut job: Job, held_out: Vec<usize>, start: &Camera, queue: Arc<RequestQueue>) -> Result<Self> {
         let layers = job.layers().clone();
         let motion_layers = match layers {
             LayerSpec::Guided { coarse_planes, .. } => LayerSpec::Guided { layers: 1, coarse_planes },
@@ -37,8 +55,20 @@ impl Photos {
             _ => LayerSpec::Surface(1),
         };
         job.synthesizer.set_layers(motion_layers.clone());
-        let (view_shots, unprepared, size) = (Vec::new(), Vec::new(), SizeController::default());
-        let mut photos = Self { job, held_out, layers, motion_layers, view_shots, unprepared, size };
+        let drafts = Renderer::new(Box::new(ViewAgreement { views: job.synthesizer.renderer().network().views() }), 1);
+        let mut photos = Self {
+            searches: DepthSearches::new(job.model.threads, queue)?,
+            job,
+            held_out,
+            layers,
+            motion_layers,
+            view_shots: Vec::new(),
+            unprepared: Vec::new(),
+            wanted: Vec::new(),
+            failed: Vec::new(),
+            drafts,
+            size: SizeController::default(),
+        };
         let views = &photos.job.scene().views;
         let free = (0..views.len()).filter(|view| !photos.held_out.contains(view));
         let mut view_shots: Vec<Shot> = free.filter_map(|view| photos.shot(&views[view].camera).ok()).collect();
@@ -47,7 +77,7 @@ impl Photos {
         let capacity = ScenePhotos::KEPT_BYTES / (BYTES_PER_PIXEL * pixels);
         photos.unprepared = view_shots.iter().take(capacity).cloned().collect();
         photos.view_shots = view_shots;
-        photos
+        Ok(photos)
     }
 
     /// The nearest depth of any photo, scene units.
@@ -68,6 +98,21 @@ impl Photos {
         Ok(self.job.synthesizer.load(shot, &self.view_shots)?)
     }
 
+    /// Starts the search for the depth of a view's photo, unless it is known.
+    fn search(&mut self, view: usize) -> Result<()> {
+        match self.job.synthesizer.photos_mut().depth_search(view, &self.held_out) {
+            Ok(Some(search)) => self.searches.start(view, search),
+            Ok(None) => {
+                self.wanted.retain(|&wanted| wanted != view);
+                Ok(())
+            }
+            Err(error) => {
+                self.failed.push(view);
+                Err(error.into())
+            }
+        }
+    }
+
     fn render(&mut self, camera: &Camera, layers: LayerSpec) -> Result<Rendered> {
         self.job.synthesizer.set_layers(layers.clone());
         let shot = self.shot(camera)?;
@@ -83,6 +128,7 @@ impl Photos {
             views: shot.views,
             helpers: shot.helpers,
             planning: [photos, plan.search, plan.selection],
+            agreeing_share: self.job.agreeing_share,
             left_out: Vec::new(),
         })
     }
@@ -114,15 +160,52 @@ impl Source for Photos {
         Ok(self.job.scene().load_image(view)?)
     }
 
+    fn awaited(&mut self, viewpoint: &Viewpoint, moving: bool) -> Option<SearchProgress> {
+        let layers = if moving { &self.motion_layers } else { &self.layers };
+        if !matches!(layers, LayerSpec::Surface(_)) {
+            return None;
+        }
+        self.job.synthesizer.set_layers(layers.clone());
+        let shot = self.shot(&viewpoint.camera).ok()?;
+        self.wanted = self.job.synthesizer.photos_mut().unknown_depths(&shot);
+        self.wanted.retain(|view| !self.failed.contains(view));
+        let (missing, count) = (self.wanted.len(), shot.views.len() + shot.helpers.len());
+        (missing > 0).then(|| SearchProgress { done: count - missing, count })
+    }
+
+    fn render_draft(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
+        std::mem::swap(self.job.synthesizer.renderer_mut(), &mut self.drafts);
+        let rendered = self.render(&viewpoint.camera, LayerSpec::guided(1));
+        std::mem::swap(self.job.synthesizer.renderer_mut(), &mut self.drafts);
+        rendered
+    }
+
+    fn start_search(&mut self) -> Result<()> {
+        match (self.searches.running, self.wanted.first()) {
+            (None, Some(&view)) => self.search(view),
+            _ => Ok(()),
+        }
+    }
+
+    fn insert(&mut self, view: usize, found: Result<Box<FoundDepth>, SynthesisError>) {
+        self.searches.running = None;
+        self.wanted.retain(|&wanted| wanted != view);
+        match found {
+            Ok(found) => self.job.synthesizer.photos_mut().insert_depth(*found),
+            Err(_) => self.failed.push(view),
+        }
+    }
+
+    /// None while a search is running: what it finds comes first.
     fn unprepared(&self) -> usize {
-        self.unprepared.len()
+        if self.searches.running.is_some() { 0 } else { self.unprepared.len() }
     }
 
     fn needed_first(&self) -> usize {
         self.view_shots.first().map_or(0, |shot| shot.views.len() + shot.helpers.len())
     }
 
-    /// Reads the nearest photo that is not prepared, and searches its depth.
+    /// Reads the nearest photo that is not prepared, and starts the search for its depth.
     fn prepare(&mut self, near: &Camera) -> Result<()> {
         let far = |&i: &usize| distance(&self.unprepared[i].target, near);
         let nearest = (0..self.unprepared.len()).min_by(|a, b| far(a).total_cmp(&far(b)));
@@ -132,10 +215,8 @@ impl Source for Photos {
         shot.views.truncate(1);
         shot.helpers.clear();
         self.job.synthesizer.set_layers(self.motion_layers.clone());
-        let loaded = self.load(&shot)?;
-        if matches!(self.motion_layers, LayerSpec::Surface(_)) {
-            self.job.plan(&loaded)?;
-        }
-        Ok(())
+        let view = shot.views[0];
+        self.load(&shot)?;
+        if matches!(self.motion_layers, LayerSpec::Surface(_)) { self.search(view) } else { Ok(()) }
     }
 }

@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use anyhow::Result;
-use liveview::{Camera, Frame, ImageRgb, LayerSpec, Scene};
+use liveview::{Camera, FoundDepth, Frame, ImageRgb, LayerSpec, Scene, SynthesisError};
+use serde_json::{Value, json};
 
 use crate::request::Viewpoint;
 
@@ -24,12 +25,42 @@ pub(crate) trait Source {
     fn render_at_rest(&mut self, viewpoint: &Viewpoint) -> Result<Rendered>;
     /// The photo of a camera at a time step.
     fn photo(&mut self, view: usize, step: usize) -> Result<ImageRgb>;
+    /// How far the search for the depth that a picture needs is; `None` if nothing is to be waited for. What is missing is searched
+    /// next.
+    fn awaited(&mut self, _: &Viewpoint, _moving: bool) -> Option<SearchProgress> {
+        None
+    }
+    /// A picture that does not need depth, in place of one that waits for it.
+    fn render_draft(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
+        self.render_in_motion(viewpoint)
+    }
+    /// Starts the search for depth that is missing, unless one is running.
+    fn start_search(&mut self) -> Result<()> {
+        Ok(())
+    }
+    /// Takes what a search for the depth of a view's photo found.
+    fn insert(&mut self, _view: usize, _found: Result<Box<FoundDepth>, SynthesisError>) {}
     /// Number of calls of [`Self::prepare`] that still have something to do.
     fn unprepared(&self) -> usize;
     /// Number of these that the first picture needs.
     fn needed_first(&self) -> usize;
     /// Does a part of the work that pictures near a camera will need.
     fn prepare(&mut self, near: &Camera) -> Result<()>;
+}
+
+/// How far the search for the depth of the photos of a picture is.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SearchProgress {
+    /// Photos whose depth is known.
+    pub(super) done: usize,
+    /// Photos whose depth is needed.
+    pub(super) count: usize,
+}
+
+impl SearchProgress {
+    pub(crate) fn to_json(self) -> Value {
+        json!({ "done": self.done, "count": self.count })
+    }
 }
 
 /// A picture, and what its header reports.
@@ -44,6 +75,8 @@ pub(crate) struct Rendered {
     pub(super) helpers: Vec<usize>,
     /// Time to read photos, to search depth, and to select planes.
     pub(super) planning: [Duration; 3],
+    /// Share of the pixels on which the photos agree, where it is known.
+    pub(super) agreeing_share: Option<f64>,
     /// Cameras without a photo at the time step, and why.
     pub(super) left_out: Vec<String>,
 }

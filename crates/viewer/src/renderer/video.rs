@@ -116,6 +116,7 @@ fn rendered(frame: LiveFrame, layers: LayerSpec, read: Duration, step: Step, ran
         views: frame.views,
         helpers: Vec::new(),
         planning: [read + frame.times.photos, frame.times.layers, Duration::ZERO],
+        agreeing_share: None,
         left_out: step.left_out,
         frame: frame.frame,
     }

@@ -7,11 +7,15 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use liveview::image::{Score, coloured, encode};
 use liveview::ndarray::Array2;
-use liveview::{Camera, Frame, ImageRgb};
+use liveview::{Camera, FoundDepth, Frame, ImageRgb, SynthesisError};
+use liveview_common::agreement;
 use serde_json::{Value, json};
 
-use super::source::{Rendered, Source};
+use super::source::{Rendered, SearchProgress, Source};
 use crate::request::{FileRequest, ViewRequest, Viewpoint};
+
+/// Scale of the target's sides for pictures in motion that stand in for others.
+const DRAFT_SCALE: f64 = 0.5;
 
 /// A source of pictures, and its last picture at rest.
 pub(crate) struct ViewRenderer {
@@ -61,7 +65,13 @@ impl ViewRenderer {
     pub(crate) fn frame(&mut self, request: &ViewRequest) -> Result<Vec<u8>> {
         self.last_camera = request.viewpoint.camera.clone();
         let started = Instant::now();
-        let (mut header, picture) = if request.moving { self.in_motion(request)? } else { self.at_rest(request)? };
+        let awaited = self.awaited(&request.viewpoint, request.moving);
+        let (mut header, picture) = match (awaited, request.moving) {
+            (Some(_), _) => self.draft(request)?,
+            (None, true) => self.in_motion(request)?,
+            (None, false) => self.at_rest(request)?,
+        };
+        header["search"] = awaited.map_or(Value::Null, SearchProgress::to_json);
         header["id"] = request.id.into();
         header["moving"] = request.moving.into();
         header["depth"] = request.depth.into();
@@ -72,19 +82,42 @@ impl ViewRenderer {
         Ok([&length, header.as_bytes(), &picture].concat())
     }
 
+    /// How far the search for the depth that a picture needs is; `None` if nothing is to be waited for.
+    pub(crate) fn awaited(&mut self, viewpoint: &Viewpoint, moving: bool) -> Option<SearchProgress> {
+        self.source.awaited(viewpoint, moving)
+    }
+
+    /// Starts the search for depth that a requested picture needs, unless a search is running. One that cannot be started is
+    /// reported with the picture, which then searches by itself.
+    pub(crate) fn start_search(&mut self) {
+        let _ = self.source.start_search();
+    }
+
+    /// Takes what a search for the depth of a view's photo found.
+    pub(crate) fn insert(&mut self, view: usize, found: Result<Box<FoundDepth>, SynthesisError>) {
+        self.source.insert(view, found);
+    }
+
     fn in_motion(&mut self, request: &ViewRequest) -> Result<(Value, Vec<u8>)> {
         let started = Instant::now();
-        let Viewpoint { camera, step } = &request.viewpoint;
-        let full = camera.size();
-        let scale = self.source.motion_scale(full.pixels());
-        let side = |side: usize| ((side as f64 * scale).round() as usize).max(1);
-        let camera = camera.with_size_scaled(side(full.width), side(full.height))?;
-        let rendered = self.source.render_in_motion(&Viewpoint { camera, step: *step })?;
-        self.pictures += 1;
-        let shown = if request.depth { disparity_colours(&rendered) } else { inpainted(&rendered) };
-        let picture = encode(Path::new("frame.jpg"), &shown)?;
+        let scale = self.source.motion_scale(request.viewpoint.camera.size().pixels());
+        let rendered = self.source.render_in_motion(&scaled(&request.viewpoint, scale)?)?;
+        let picture = self.jpeg(&rendered, request.depth)?;
         self.source.record_motion_time(&rendered, started.elapsed());
         Ok((header(&rendered), picture))
+    }
+
+    /// A picture that stands in for one that waits for depth.
+    fn draft(&mut self, request: &ViewRequest) -> Result<(Value, Vec<u8>)> {
+        let scale = if request.moving { DRAFT_SCALE } else { 1.0 };
+        let rendered = self.source.render_draft(&scaled(&request.viewpoint, scale)?)?;
+        Ok((header(&rendered), self.jpeg(&rendered, request.depth)?))
+    }
+
+    fn jpeg(&mut self, rendered: &Rendered, depth: bool) -> Result<Vec<u8>> {
+        self.pictures += 1;
+        let shown = if depth { disparity_colours(rendered) } else { inpainted(rendered) };
+        Ok(encode(Path::new("frame.jpg"), &shown)?)
     }
 
     fn at_rest(&mut self, request: &ViewRequest) -> Result<(Value, Vec<u8>)> {
@@ -137,24 +170,37 @@ impl ViewRenderer {
     }
 }
 
+/// A viewpoint whose picture has its sides scaled.
+fn scaled(viewpoint: &Viewpoint, scale: f64) -> Result<Viewpoint> {
+    let full = viewpoint.camera.size();
+    let side = |side: usize| ((side as f64 * scale).round() as usize).max(1);
+    let camera = viewpoint.camera.with_size_scaled(side(full.width), side(full.height))?;
+    Ok(Viewpoint { camera, step: viewpoint.step })
+}
+
 fn inpainted(rendered: &Rendered) -> ImageRgb {
     rendered.frame.inpainted()
 }
 
-/// Disparity as colours, as `liveview render --depth` writes it.
+/// Disparity as colours that span what the picture shows, but for a hundredth of its pixels at either end.
 fn disparity_colours(rendered: &Rendered) -> ImageRgb {
-    let (near, far) = rendered.range;
-    coloured(rendered.frame.disparity.view(), (1.0 / far) as f32, (1.0 / near) as f32)
+    let disparity = &rendered.frame.disparity;
+    // One pixel of 16 is enough.
+    let mut values: Vec<f32> = disparity.iter().step_by(16).copied().collect();
+    values.sort_unstable_by(f32::total_cmp);
+    let at = |share: f64| values[((values.len() - 1) as f64 * share) as usize];
+    coloured(disparity.view(), at(0.01), at(0.99))
 }
 
 fn header(rendered: &Rendered) -> Value {
-    let Rendered { frame, range: (near, far), layers, views, helpers, planning, left_out } = rendered;
+    let Rendered { frame, range: (near, far), layers, views, helpers, planning, agreeing_share, left_out } = rendered;
     let pixels = frame.transmittance.len() as f64;
     let mean = |map: &Array2<f32>| map.iter().map(|&value| f64::from(value)).sum::<f64>() / pixels;
     let [photos, search, select] = planning.map(milliseconds);
     json!({
         "width": frame.picture.width(), "height": frame.picture.height(),
         "layers": layers.to_string(), "views": views, "helpers": helpers, "left_out": left_out,
+        "warning": agreeing_share.and_then(agreement::warning),
         "uncovered": frame.uncovered_share(), "occluded": frame.occluded_pixels as f64 / pixels,
         // JSON has no infinity.
         "disparity": mean(&frame.disparity), "near": near, "far": far.is_finite().then_some(far),

@@ -37,7 +37,7 @@ impl Guard {
         if self.token.is_none() && !is_local(host) {
             return Err("Host: expected 127.0.0.1 or localhost");
         }
-        if header(ORIGIN).is_some_and(|origin| origin != format!("http://{host}")) {
+        if header(ORIGIN).is_some_and(|origin| !origin.eq_ignore_ascii_case(&format!("http://{host}"))) {
             return Err("Origin: another page may not use this server");
         }
         if header(FETCH_SITE).is_some_and(|site| site != "same-origin" && site != "none") {
@@ -58,7 +58,7 @@ fn is_local(host: &str) -> bool {
         Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) => name,
         _ => host,
     };
-    ["127.0.0.1", "localhost", "[::1]"].contains(&name)
+    ["127.0.0.1", "localhost", "[::1]"].iter().any(|local| local.eq_ignore_ascii_case(name))
 }
 
 /// Whether the query holds the token; compared in constant time.
@@ -85,7 +85,7 @@ mod tests {
     fn without_bind_only_local_hosts_and_same_origin_are_accepted() {
         let guard = Guard::new(None).unwrap();
         assert_eq!(guard.query(), "");
-        for host in ["127.0.0.1:8090", "localhost:8090", "localhost", "[::1]:8090"] {
+        for host in ["127.0.0.1:8090", "localhost:8090", "LOCALHOST:8090", "localhost", "[::1]:8090"] {
             assert!(is_accepted(&guard, "/", &[("host", host)]), "{host}");
         }
         for host in ["", "evil.example", "127.0.0.1.evil.example:8090", "localhost:evil", "192.168.1.2:8090"] {

@@ -1,7 +1,7 @@
 //! The HTTP server, in its own thread.
 
 use std::io;
-use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, UdpSocket};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -25,6 +25,24 @@ pub(crate) fn listen(bind: Option<IpAddr>, port: u16) -> Result<(TcpListener, So
     listener.set_nonblocking(true)?;
     let address = listener.local_addr()?;
     Ok((listener, address))
+}
+
+/// The address by which others reach a socket that listens at `address`: where that is any address of this machine, the one
+/// from which it reaches others.
+pub(crate) fn reachable(address: SocketAddr) -> SocketAddr {
+    if !address.ip().is_unspecified() {
+        return address;
+    }
+    let own = |from: IpAddr, to: IpAddr| -> io::Result<IpAddr> {
+        // Nothing is sent: connecting a datagram socket only chooses its address. These addresses are for documentation.
+        let socket = UdpSocket::bind((from, 0))?;
+        socket.connect((to, 9))?;
+        Ok(socket.local_addr()?.ip())
+    };
+    let v4 = own(Ipv4Addr::UNSPECIFIED.into(), Ipv4Addr::new(192, 0, 2, 1).into());
+    let v6 = || own(Ipv6Addr::UNSPECIFIED.into(), Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 1).into());
+    let found = if address.is_ipv4() { v4 } else { v6().or(v4) };
+    SocketAddr::new(found.unwrap_or(Ipv4Addr::LOCALHOST.into()), address.port())
 }
 
 /// A running server.

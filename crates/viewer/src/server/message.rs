@@ -55,6 +55,11 @@ pub(crate) fn viewpoint(message: &Value, limits: &Limits<'_>) -> Result<Viewpoin
 /// Reads a camera in the format of `render --pose`, no larger than the photos.
 fn camera(entry: &Value, views: &[&Camera]) -> Result<Camera, String> {
     let camera = camera_from_json(entry, views)?;
+    let max_side = views.iter().map(|view| view.width().max(view.height())).max().unwrap_or(0);
+    if camera.width().max(camera.height()) > max_side {
+        let (width, height) = (camera.width(), camera.height());
+        return Err(format!("w, h: {width}x{height} is larger than the photos; expected sides of at most {max_side}"));
+    }
     let max_pixels = views.iter().map(|view| view.size().pixels()).max().unwrap_or(0);
     if camera.size().pixels() > max_pixels {
         let (width, height) = (camera.width(), camera.height());
@@ -92,7 +97,8 @@ mod tests {
             (r#"{"camera": {}}"#, "id"),
             (r#"{"camera": {}, "id": 1, "moving": 1}"#, "moving"),
             (&message(""), "cam_from_world"),
-            (&message(&format!("{pose}, \"w\": 640, \"h\": 480")), "at most 3072 pixels"),
+            (&message(&format!("{pose}, \"w\": 64, \"h\": 64")), "at most 3072 pixels"),
+            (&message(&format!("{pose}, \"w\": 300, \"h\": 10")), "sides of at most 64"),
             (&message(&format!("{pose}, \"fl_x\": 1e999")), "not JSON"),
             (&message(&pose.replace("1,0,0", "2,0,0")), "rotation"),
             (&later.replace(": 2", ": 3"), "step: expected a time step from 0 to 2"),

@@ -14,4 +14,4 @@ mod stall_guard;
 
 pub(crate) use app::App;
 pub(crate) use guard::Guard;
-pub(crate) use http_server::{Server, listen};
+pub(crate) use http_server::{Server, listen, reachable};

@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Response};
 pub(crate) const SECURITY_POLICY: &str =
     "default-src 'self'; img-src 'self' blob: data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'";
 
-const FILES: [(&str, &str, &str); 8] = [
+const FILES: [(&str, &str, &str); 9] = [
     ("index.html", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("view.css", "text/css; charset=utf-8", include_str!("page/view.css")),
     ("view.js", SCRIPT, include_str!("page/view.js")),
@@ -16,6 +16,7 @@ const FILES: [(&str, &str, &str); 8] = [
     ("link.js", SCRIPT, include_str!("page/link.js")),
     ("panel.js", SCRIPT, include_str!("page/panel.js")),
     ("player.js", SCRIPT, include_str!("page/player.js")),
+    ("recorder.js", SCRIPT, include_str!("page/recorder.js")),
 ];
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 

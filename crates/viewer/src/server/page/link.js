@@ -9,7 +9,7 @@ export const token = new URLSearchParams(location.search).get("token");
 export const address = (path) => (token ? `${path}${path.includes("?") ? "&" : "?"}token=${encodeURIComponent(token)}` : path);
 
 export class Link {
-  // `on`: session(info), picture(header, bitmap), error(text), lost(reason).
+  // `on`: session(info), picture(header, bitmap), search({ done, count }), error(text), lost(reason).
   constructor(on) {
     this.on = on;
     this.nextId = 1;
@@ -32,6 +32,7 @@ export class Link {
       }
       const message = JSON.parse(data);
       if ("error" in message) return this.on.error(message.error);
+      if ("search" in message) return this.on.search(message.search);
       this.reconnectAfter = RECONNECT[0];
       this.on.session(message);
     };

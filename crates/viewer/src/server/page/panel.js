@@ -5,6 +5,7 @@ const STAGES = ["photos", "depth", "select", "warp", "network", "composite", "re
 const PLOTTED_PICTURES = 60;
 const element = (id) => document.getElementById(id);
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+const searching = ({ done, count }) => `depth of photo ${done + 1} of ${count}`;
 const percent = (share) => `${(100 * share).toFixed(1)} %`;
 
 // A canvas at the screen's resolution: its context, width and height in CSS pixels.
@@ -36,6 +37,7 @@ export class Panel {
       return item;
     });
     element("legend").replaceChildren(...legend);
+    for (const row of document.querySelectorAll(".held_out")) row.hidden = !info.views.some((view) => view.held_out);
     element("engine").textContent = `${info.engine}, ${info.threads} ${info.threads === 1 ? "thread" : "threads"}`;
   }
 
@@ -51,14 +53,20 @@ export class Panel {
     element("size").textContent = `${header.width} × ${header.height}`;
     element("uncovered").textContent = percent(header.uncovered + header.occluded);
     element("score").textContent = header.psnr === undefined ? "–" : `${views[header.truth].name}: ${header.psnr.toFixed(2)} dB`;
-    const quality = header.moving ? `${this.moving.length} frames a second` : "full quality";
-    element("status").textContent = `${quality} · ${header.width} × ${header.height} · ${header.milliseconds.toFixed(0)} ms`;
+    const resting = header.search ? `draft, ${searching(header.search)}` : "full quality";
+    this.figures = `${header.width} × ${header.height} · ${header.milliseconds.toFixed(0)} ms`;
+    element("status").textContent = `${header.moving ? `${this.moving.length} frames a second` : resting} · ${this.figures}`;
     [this.header, this.views, this.rig, this.place] = [header, views, rig, place];
     // At most ten times a second, so that the picture goes first.
     this.drawing ??= setTimeout(() => {
       this.drawing = undefined;
       this.draw();
     }, 100);
+  }
+
+  // How far the search for depth is that the picture waits for.
+  search(progress) {
+    if (this.header?.search && !this.header.moving) element("status").textContent = `draft, ${searching(progress)} · ${this.figures}`;
   }
 
   draw() {
@@ -121,6 +129,20 @@ export class Panel {
     disc(here, 5);
     context.fillStyle = colour("alarm");
     context.fill();
+  }
+
+  // The view nearest to the viewpoint on the map, and from there the nearest one in a direction (right, down).
+  viewTowards([right, down]) {
+    if (!this.spots) return undefined;
+    const here = this.mapTransform(element("map").clientWidth, element("map").clientHeight)([this.place.u, this.place.v]);
+    const costs = this.spots.map(([x, y]) => {
+      const [dx, dy] = [x - here[0], y - here[1]];
+      const ahead = dx * right + dy * down;
+      // A view to the side counts as far as one thrice as far ahead.
+      return ahead > 1 ? ahead + 3 * Math.abs(dx * down - dy * right) : Infinity;
+    });
+    const best = costs.indexOf(Math.min(...costs));
+    return costs[best] < Infinity ? best : undefined;
   }
 
   // The view near a point on the map.

@@ -4,6 +4,7 @@ import { listen } from "./input.js";
 import { Link, address } from "./link.js";
 import { Panel } from "./panel.js";
 import { Player } from "./player.js";
+import { Recorder } from "./recorder.js";
 import { Rig, centreOf } from "./rig.js";
 
 // Milliseconds without a movement after which a picture at full quality is requested.
@@ -43,6 +44,7 @@ const link = new Link({
     request(player.playing);
   },
   picture: show,
+  search: (progress) => panel.search(progress),
   error: (text) => panel.message(text),
   lost: (reason) => {
     panel.message(reason ? `Closed: ${reason}. Trying again …` : "The connection is lost. Trying again …");
@@ -65,7 +67,15 @@ function request(moving) {
   const camera = currentCamera();
   const id = link.request({ camera, step: player.step, moving, depth: element("depth").checked });
   requested.set(id, camera);
+  record(camera);
   if (requested.size > 200) requested.delete(requested.keys().next().value);
+}
+
+// Adds the viewpoint to the path that is being recorded, if it has changed.
+function record(camera) {
+  if (!path || same(path.samples[path.samples.length - 1].camera, camera)) return;
+  path.add(camera);
+  element("record").textContent = `Stop (${path.seconds.toFixed(1)} s)`;
 }
 
 // Moves the viewpoint: shares of the picture's width, and of the depth in view (`ahead`).
@@ -110,13 +120,11 @@ function show(header, bitmap) {
   disparity = header.disparity > 0 ? header.disparity : disparity;
   if (camera) {
     shown = camera;
-    if (path && !same(path[path.length - 1], camera)) path.push(camera);
-    element("record").textContent = path ? `Stop (${path.length})` : "Record path";
   }
-  panel.message(header.left_out.length > 0 ? `Left out: ${header.left_out.join("; ")}` : undefined);
+  panel.message(header.left_out.length > 0 ? `Left out: ${header.left_out.join("; ")}` : header.warning);
   panel.picture(header, views, rig, rig.viewpoint(shown ?? currentCamera()));
   showPhoto(header);
-  picture.dataset.quality = header.moving ? "moving" : "rest";
+  picture.dataset.quality = header.moving ? "moving" : header.search ? "draft" : "rest";
   picture.dataset.frame = header.id;
   picture.dataset.step = header.step;
 }
@@ -163,14 +171,21 @@ element("map").onclick = (event) => {
   const view = panel.viewAt(event.offsetX, event.offsetY);
   if (view !== undefined) goToPhoto(view);
 };
+element("map").onkeydown = (event) => {
+  const direction = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+  if (!direction) return;
+  event.preventDefault();
+  const view = panel.viewTowards(direction);
+  if (view !== undefined) goToPhoto(view);
+};
 element("save").onclick = async () => {
   const answer = await fetch(address("picture"), { method: "POST", body: JSON.stringify({ camera: currentCamera(), step: player.step }) }).catch(() => undefined);
   if (answer?.ok) download(await answer.blob(), "picture.png");
   else panel.message(`The picture was not saved: ${answer ? await answer.text() : "no connection"}`);
 };
 element("record").onclick = () => {
-  if (path) download(new Blob([JSON.stringify(path, null, 1)], { type: "application/json" }), "path.json");
-  path = path ? undefined : [currentCamera()];
-  element("record").textContent = path ? `Stop (${path.length})` : "Record path";
+  if (path) download(new Blob([JSON.stringify(path.cameras(), null, 1)], { type: "application/json" }), "path.json");
+  path = path ? undefined : new Recorder(rig, currentCamera());
+  element("record").textContent = path ? "Stop (0.0 s)" : "Record path";
   element("record").setAttribute("aria-pressed", String(Boolean(path)));
 };

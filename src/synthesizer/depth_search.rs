@@ -1,0 +1,126 @@
+//! The search for the depth of one photo, apart from the stores that its photos come from and its
+//! result goes to: it may run on any thread.
+
+use std::fmt;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::error::SynthesisError;
+use super::scene_depth::DepthSource;
+use super::shot::LoadedPhoto;
+use crate::scene::Scene;
+use crate::surface::cache::{DepthCache, DepthKey, PhotoDigest};
+use crate::surface::{PhotoDepth, anchored_depth};
+use crate::warp::{SourceView, Texture};
+
+/// A search for the depth of a view's photo, to be run on any thread
+/// ([`crate::ScenePhotos::depth_search`]).
+pub struct DepthSearch {
+    pub(super) scene: Scene,
+    pub(super) held_out: Vec<usize>,
+    /// The view's photo, then those of its neighbours.
+    pub(super) photos: Vec<SearchedPhoto>,
+    /// Near and far, scene units.
+    pub(super) range: (f64, f64),
+    /// The folder that keeps depths.
+    pub(super) folder: Option<DepthCache>,
+}
+
+/// A photo that a search needs, as far as it is in memory.
+pub(super) struct SearchedPhoto {
+    pub(super) view: usize,
+    pub(super) texture: Option<Arc<Texture>>,
+    pub(super) digest: Option<PhotoDigest>,
+}
+
+/// The depth of a view's photo, and the photos that were read for it
+/// ([`crate::ScenePhotos::insert_depth`]).
+pub struct FoundDepth {
+    pub(super) held_out: Vec<usize>,
+    pub(super) photos: Vec<SearchedPhoto>,
+    pub(super) depth: PhotoDepth,
+    pub(super) source: DepthSource,
+    pub(super) time: Duration,
+    /// What went wrong with files of the folder, a line each.
+    pub(super) notes: Vec<String>,
+}
+
+impl fmt::Debug for DepthSearch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("DepthSearch").field("view", &self.photos[0].view).finish_non_exhaustive()
+    }
+}
+
+impl fmt::Debug for FoundDepth {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("FoundDepth").field("view", &self.view()).field("source", &self.source).finish_non_exhaustive()
+    }
+}
+
+impl FoundDepth {
+    /// The view whose photo was searched.
+    pub fn view(&self) -> usize {
+        self.photos[0].view
+    }
+}
+
+impl DepthSearch {
+    /// Searches the depth, or reads it from the folder that keeps depths.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Scene`] for a photo that cannot be read.
+    pub fn run(mut self) -> Result<FoundDepth, SynthesisError> {
+        // The depth of a photo without neighbours is not worth a file.
+        let folder = self.folder.take().filter(|_| self.photos.len() > 1);
+        let key = if folder.is_some() { Some(self.key()?) } else { None };
+        let mut notes = Vec::new();
+        let started = Instant::now();
+        if let (Some(folder), Some(key)) = (&folder, &key) {
+            match folder.load(key) {
+                Ok(Some(depth)) => return Ok(self.found(depth, DepthSource::Kept, started.elapsed(), notes)),
+                Ok(None) => {}
+                Err(damage) => notes.push(format!("{damage}: the depth is searched again")),
+            }
+        }
+        let photos = (0..self.photos.len()).map(|at| self.load(at)).collect::<Result<Vec<_>, _>>()?;
+        let sources: Vec<SourceView<'_>> = photos.iter().map(LoadedPhoto::source).collect();
+        let started = Instant::now();
+        let (depth, source) = match sources[..] {
+            // Without neighbours there is nothing to find, and the depth is unknown everywhere.
+            [photo] => (PhotoDepth::unknown(photo.camera.size()), DepthSource::Alone),
+            _ => (anchored_depth(&sources[0], &sources[1..], self.range.0, self.range.1), DepthSource::Searched),
+        };
+        let time = started.elapsed();
+        if let (Some(folder), Some(key)) = (&folder, &key) {
+            let stored = folder.store(key, &depth);
+            stored.unwrap_or_else(|error| notes.push(format!("{error}: the depth is not kept")));
+        }
+        Ok(self.found(depth, source, time, notes))
+    }
+
+    fn found(self, depth: PhotoDepth, source: DepthSource, time: Duration, notes: Vec<String>) -> FoundDepth {
+        FoundDepth { held_out: self.held_out, photos: self.photos, depth, source, time, notes }
+    }
+
+    /// What identifies the depth.
+    fn key(&mut self) -> Result<DepthKey, SynthesisError> {
+        for at in 0..self.photos.len() {
+            if self.photos[at].digest.is_none() {
+                self.photos[at].digest = Some(PhotoDigest::new(&self.load(at)?.texture));
+            }
+        }
+        let photo = |photo: &SearchedPhoto| (&self.scene.views[photo.view].camera, photo.digest.expect("set above"));
+        Ok(DepthKey::new(&self.photos.iter().map(photo).collect::<Vec<_>>(), self.range))
+    }
+
+    /// A photo, read from its file unless it is in memory.
+    fn load(&mut self, at: usize) -> Result<LoadedPhoto, SynthesisError> {
+        let SearchedPhoto { view, texture, .. } = &mut self.photos[at];
+        let texture = match texture {
+            Some(texture) => Arc::clone(texture),
+            None => Arc::clone(texture.insert(Arc::new(Texture::new(&self.scene.load_image(*view)?)))),
+        };
+        Ok(LoadedPhoto { view: *view, camera: self.scene.views[*view].camera.clone(), texture })
+    }
+}
