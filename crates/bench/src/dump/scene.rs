@@ -2,10 +2,18 @@
 
 use anyhow::Result;
 use liveview::scene::View;
+use liveview::surface::PhotoDepth;
 use liveview::{Camera, SceneViews, Shot};
 use ndarray::{Array1, Array2, Array3};
 
 use crate::npz::Arrays;
+
+/// The photos of a shot with the depth that was found for them, and the range that was searched.
+pub(super) struct Photos {
+    pub(super) views: Vec<usize>,
+    pub(super) depths: Vec<PhotoDepth>,
+    pub(super) range: (f64, f64),
+}
 
 /// Writes the cameras and depth ranges of all views, which of them are not held out, the given range, and
 /// the choice; and the original photos, where a lens distortion was removed and nothing else.

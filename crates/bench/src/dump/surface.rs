@@ -10,16 +10,9 @@ use liveview::{Camera, LoadedShot, PhotoCorrection, Scene, Shot};
 use liveview_common::job::Job;
 use ndarray::{Array1, Array2};
 
-use super::scene::photos;
+use super::scene::{Photos, photos};
 use super::search::write_search;
 use crate::npz::Arrays;
-
-/// The photos of a shot with the depth that was found for them, and the range that was searched.
-pub(super) struct Photos {
-    pub(super) views: Vec<usize>,
-    pub(super) depths: Vec<PhotoDepth>,
-    pub(super) range: (f64, f64),
-}
 
 impl Photos {
     /// As they were used for the layers of the shot.
