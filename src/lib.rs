@@ -1,9 +1,10 @@
 //! New views of a scene from a few posed photos: dynamic target-centred multiplane images
 //! ([LiveView, CVPR 2021]).
 //!
-//! The nearest photos are warped onto layers in front of the target camera, a small network predicts
-//! the opacity of each layer and the weights of the photos, and the layers are blended and composited.
-//! ONNX Runtime runs the network; all other stages are Rust.
+//! The nearest photos are warped onto layers in front of the target camera, blended and composited. By
+//! default the layers follow the scene's surface, and photos are weighted by how well they agree; on
+//! planes and guided layers a small network predicts opacities and weights. ONNX Runtime runs the
+//! network; all other stages are Rust.
 //!
 //! [LiveView, CVPR 2021]: https://openaccess.thecvf.com/content/CVPR2021/html/Ghosh_LiveView_Dynamic_Target-Centered_MPI_for_View_Synthesis_CVPR_2021_paper.html
 //!
@@ -20,8 +21,8 @@
 //!
 //! # Main types
 //!
-//! - [`Synthesizer`]: a scene, a model and a choice of layers; renders a [`Target`] to a [`Frame`].
-//! - [`Scene`]: posed photos, from a folder in one of five formats, or from memory.
+//! - [`Synthesizer`]: a scene, a choice of layers and, where needed, a model; renders a [`Target`] to a [`Frame`].
+//! - [`Scene`]: posed photos, from a folder in one of five file formats, or from memory.
 //! - [`LayerSpec`]: which layers to render on, as text such as `surface:1` or `planes:64`;
 //!   [`Layers`]: the layers themselves.
 //! - [`network::PlaneNetwork`]: the trait of a network; [`network::OrtNetwork`] runs the LiveView

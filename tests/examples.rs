@@ -151,7 +151,7 @@ fn arrays_go_in_and_come_out() {
 }
 
 #[test]
-fn progress_is_told_and_ends_the_search() {
+fn progress_is_reported_and_ends_the_search() {
     let (out, printed) = run_for("progress", Path::new("/nonexistent"), 100);
     assert_is_held_out_view(&out);
     let photos: Vec<&str> = printed.lines().collect();

@@ -1,4 +1,4 @@
-//! Scenes: photos with known camera poses. The poses are read from a folder in one of five formats;
+//! Scenes: photos with known camera poses. The poses are read from a folder in one of five file formats;
 //! the photos come from the same folder or from any other [`PhotoSource`]. Or both are in memory
 //! ([`Scene::in_memory`]).
 //!

@@ -22,7 +22,7 @@ pub(super) struct DepthStore {
     progress: Option<OnSearch>,
 }
 
-/// Told before each search; ends it where it returns `Break`.
+/// Called before each search; returning `Break` ends it.
 pub(super) type OnSearch = Box<dyn FnMut(DepthProgress<'_>) -> ControlFlow<()> + Send>;
 
 /// A folder of depths, with the digests of photos and what went wrong with its files.
@@ -42,7 +42,7 @@ impl DepthStore {
         Ok(())
     }
 
-    /// Sets what is told before each search.
+    /// Sets the callback that runs before each search.
     pub(super) fn set_progress(&mut self, progress: OnSearch) {
         self.progress = Some(progress);
     }

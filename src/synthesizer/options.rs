@@ -48,8 +48,8 @@ pub struct ModelOptions {
     /// V, the number of views that each picture is rendered from; `None`: the model file's, else
     /// [`DEFAULT_VIEWS`].
     pub views: Option<usize>,
-    /// Whether a network weighs photos and layers; `None`: see [`Self::uses_network`]. Without one,
-    /// photos are weighed by their agreement ([`ViewAgreement`]): neither a model nor ONNX Runtime
+    /// Whether a network weights photos and layers; `None`: see [`Self::uses_network`]. Without one,
+    /// photos are weighted by their agreement ([`ViewAgreement`]): neither a model nor ONNX Runtime
     /// is needed, and the other options but `views` and `batch` do not apply.
     pub network: Option<bool>,
     /// The model file; `None`: `liveview_v{V}.onnx`, or the quantised `liveview_v{V}_int8.onnx`, in

@@ -83,7 +83,7 @@ export async function saved(page, id, name) {
   return readFileSync(file);
 }
 
-// What a socket that sends this is told when it is closed.
+// The close code and reason that a socket gets after sending this.
 export function closing(page, link, message) {
   return page.evaluate((link, message) => new Promise((resolve) => {
     const socket = new WebSocket(`${link.replace(/^http/, "ws")}socket`);

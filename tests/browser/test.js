@@ -137,7 +137,7 @@ try {
   const stopped = performance.now();
   assert.equal(await server.ended, 0);
   passed(`Ctrl-C ends it (${seconds(performance.now() - stopped)})`);
-  await until("the loss is told", async () => (await text(page, "message")).includes("Trying again"));
+  await until("the lost connection is reported", async () => (await text(page, "message")).includes("Trying again"));
   other = await view(SCENE, `--port=${port}`, "--target=target_0,target_1", ...options);
   await until("a picture after the loss", async () => (await state(page)).quality === "rest");
   passed("a dropped connection is taken up again");

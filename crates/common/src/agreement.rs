@@ -7,8 +7,8 @@
 //! | share of agreeing pixels | right | OpenCV's axes |
 //! |---|---|---|
 //! | all 15 scenes | 0.61 to 0.98 | 0.06 to 0.56 |
-//! | the lowest right one, vincent_a | 0.61 (0.65 at full size) | 0.16 |
-//! | the highest wrong one, beer | 0.80 | 0.56 |
+//! | lowest share with the right axes, vincent_a | 0.61 (0.65 at full size) | 0.16 |
+//! | highest share with wrong axes, beer | 0.80 | 0.56 |
 //! | hardly any texture, mouse | 0.77 | 0.46 |
 //!
 //! The share of the photos' depth that other photos confirm does not tell them apart (antonio_office 0.51 and 0.58, beer 0.54
@@ -20,11 +20,11 @@ use liveview::network::ViewAgreement;
 use liveview::render::{Batch, Renderer};
 use liveview::{LayerSpec, SceneViews, Synthesizer, TargetSurface, Targets};
 
-/// Share of the pixels from which on the photos count as agreeing.
+/// Smallest share of agreeing pixels at which poses and photos count as matching.
 const MIN_AGREEING: f64 = 0.58;
 /// Agreement of the photos at a pixel, 0 to 1, above which they show the same colour there. Logit 0 is twice that.
 const SAME_COLOUR: f32 = 0.7;
-/// Every so many rows are looked at.
+/// Only every so-many-th row is counted.
 const ROW_STEP: usize = 4;
 
 /// Counts the pixels at which photos agree.
@@ -35,8 +35,8 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    /// Adds the pixels that two photos or more see of layers along the surface, of which the middle one counts; `batch` holds
-    /// all layers, and its logits are those of [`ViewAgreement`].
+    /// Counts the pixels that at least two photos see, on the middle one of layers along the surface; `batch` holds all layers,
+    /// and its logits are those of [`ViewAgreement`].
     pub fn add(&mut self, batch: &Batch<'_>) {
         let middle = batch.logits.len_of(Axis(0)) / 2;
         let (logits, coverage) = (batch.logits.index_axis(Axis(0), middle), batch.coverage.index_axis(Axis(0), middle));
@@ -61,7 +61,7 @@ pub fn warning(share: f64) -> Option<String> {
     (share < MIN_AGREEING).then(|| {
         format!(
             "the photos agree on only {:.0} % of the pixels: usually the axes of the poses follow another convention, the \
-             intrinsics belong to another size, or things moved",
+             intrinsics were given for another image size, or objects moved between the photos",
             100.0 * share
         )
     })

@@ -25,7 +25,7 @@ use crate::work::compute;
 ///
 /// `views`: photos to a picture, the network's number or 4 by default. `layers`: such as
 /// "surface:3" or "planes:64"; the network's or "surface:3" by default. `network`: a model file
-/// (.onnx); None weighs photos by their agreement. ONNX Runtime is that of `ORT_DYLIB_PATH`, else
+/// (.onnx); None weights photos by their agreement. ONNX Runtime is that of `ORT_DYLIB_PATH`, else
 /// of the installed package onnxruntime. `near`, `far`: depth range, scene units, by default the
 /// scene's. `cache`: a folder that keeps the depth of photos. `progress(done, count, name)` is
 /// called before each search of a photo's depth; its exception ends the search.

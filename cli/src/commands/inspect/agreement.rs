@@ -16,7 +16,7 @@ type Shares = [Option<f64>; 2];
 /// Whether the photos agree around a target that is rendered from so many views, as text, and the shares.
 pub(super) fn section(scene: &SceneArgs, target: usize, views: usize) -> (String, Shares) {
     known(scene, target, views).unwrap_or_else(|error| {
-        (format!("warning    whether the photos agree is not known: {}\n", escaped(&full_text(&error))), [None; 2])
+        (format!("warning    cannot check whether the photos agree: {}\n", escaped(&full_text(&error))), [None; 2])
     })
 }
 

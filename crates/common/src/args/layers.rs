@@ -55,11 +55,11 @@ pub struct LayerArgs {
 /// Layers by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Quality {
-    /// 3 layers along the surface that the depth of the photos gives: the best of these (surface:3)
+    /// 3 layers along the surface from the photos' depth; best quality (surface:3)
     Surface,
     /// 16 planes selected from 64 by the network, as in the paper (select:16/64)
     Paper,
-    /// 1 guided layer and the network: the least work for a single picture (guided:1)
+    /// 1 guided layer with the network; fastest for a single picture (guided:1)
     Fast,
 }
 

@@ -26,7 +26,7 @@ pub struct ModelArgs {
     /// Number of photos per picture; selects the model [default: 4, or as --model]
     #[arg(long, value_name = "V", value_parser = numbers::count)]
     pub views: Option<usize>,
-    /// model: a network weighs photos and layers. none: it needs no model and no ONNX Runtime
+    /// model: a network weights photos and layers. none: neither a model nor ONNX Runtime is needed
     ///
     /// Without a network, photos are weighted by their distance to the target and by how well they
     /// agree; only surface layers make a good picture this way [default: none for surface layers,

@@ -41,10 +41,10 @@ pub struct TargetArgs {
     path: Option<CameraPathOrFile>,
 }
 
-/// Views that are held out of pictures at other places.
+/// Views that are held out when other viewpoints are rendered.
 #[derive(Debug, Args)]
 pub struct HoldoutArgs {
-    /// With --pose or --path: views that no picture is rendered from, by name
+    /// With --pose or --path: photos to leave out of the rendering, by name
     #[arg(long, value_name = "NAME,…", conflicts_with_all = ["target", "heldout"])]
     holdout: Vec<String>,
 }

@@ -56,9 +56,8 @@ pub struct VideoArgs {
     /// Live: largest age of a frame, such as 100ms; quality is reduced to meet it
     ///
     /// Frames are due at the cameras' times. If three frames in a row exceed the budget, or one
-    /// takes more than twice as long, surface layers are replaced by guided ones, then there are
-    /// fewer of these, then the size is reduced, until it fits; quality is raised again step by
-    /// step. A camera that is late by half of the latency is skipped, unless all are that slow.
+    /// takes more than twice as long, the number of layers is reduced (surface layers first to one,
+    /// then to guided layers), then the size, until it fits; quality is raised again step by step. A camera that is late by half of the latency is skipped, unless all are that slow.
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub(super) latency: Option<Duration>,
     #[command(flatten)]

@@ -29,7 +29,7 @@ export class Panel {
     element("scene").textContent = info.scene;
     document.title = `${info.scene} · LiveView`;
     // Without a network, views are blended by distance and agreement.
-    const labels = { rest: "the rest", network: info.engine === "no network" ? "blend" : "network" };
+    const labels = { rest: "other", network: info.engine === "no network" ? "blend" : "network" };
     const legend = STAGES.map((stage) => {
       const [item, box] = [document.createElement("span"), document.createElement("i")];
       box.style.background = `var(--${stage})`;
@@ -64,7 +64,7 @@ export class Panel {
     }, 100);
   }
 
-  // How far the search for depth is that the picture waits for.
+  // Progress of the depth search that the picture waits for.
   search(progress) {
     if (this.header?.search && !this.header.moving) element("status").textContent = `draft, ${searching(progress)} · ${this.figures}`;
   }
@@ -138,7 +138,7 @@ export class Panel {
     const costs = this.spots.map(([x, y]) => {
       const [dx, dy] = [x - here[0], y - here[1]];
       const ahead = dx * right + dy * down;
-      // A view to the side counts as far as one thrice as far ahead.
+      // A view three times as far ahead counts as near as one to the side.
       return ahead > 1 ? ahead + 3 * Math.abs(dx * down - dy * right) : Infinity;
     });
     const best = costs.indexOf(Math.min(...costs));
