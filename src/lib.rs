@@ -23,7 +23,7 @@
 //!
 //! - [`Synthesizer`]: a scene, a choice of layers and, where needed, a model; renders a [`Target`] to a [`Frame`].
 //! - [`Scene`]: posed photos, from a folder in one of five file formats, or from memory.
-//! - [`LayerSpec`]: which layers to render on, as text such as `surface:1` or `planes:64`;
+//! - [`LayerSpec`]: which layers to render on, as text such as `surface:3` or `planes:64`;
 //!   [`Layers`]: the layers themselves.
 //! - [`network::PlaneNetwork`]: the trait of a network; [`network::OrtNetwork`] runs the LiveView
 //!   models, [`network::ViewAgreement`] takes their place where there is none.

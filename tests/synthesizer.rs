@@ -227,6 +227,7 @@ fn errors_name_view_scene_and_expectation() {
     assert!(matches!(nowhere, SynthesisError::Scene(_)) && nowhere.to_string().contains("/nonexistent"), "{nowhere}");
     let mut options = Options::default();
     (options.model.views, options.model.folders) = (Some(63), vec!["elsewhere".into()]);
+    options.model.network = Some(true);
     let error = Synthesizer::open(WORKSHOP, &options).unwrap_err().to_string();
     assert!(error.contains("liveview_v63.onnx") && error.contains("elsewhere"), "{error}");
 }

@@ -3,6 +3,8 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use rayon::prelude::*;
+
 use super::anchored_depth::anchored_depth;
 use super::correction::PairStatistics;
 use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed};
@@ -26,6 +28,8 @@ pub struct DepthMaps {
     votes: HashMap<[usize; 2], ConsistencyVotes>,
     /// Depths that the maps of the last set confirmed among each other.
     confirmed: Option<HashMap<usize, Arc<ConfirmedDepth>>>,
+    /// Mean share of the pixels of that set which are confirmed.
+    confirmed_share: f64,
     /// Of the photos of that set.
     statistics: PairStatistics,
 }
@@ -35,7 +39,16 @@ impl DepthMaps {
     /// units; far may be infinite).
     pub fn new(cameras: Vec<Camera>, near: f64, far: f64) -> Self {
         let maps = vec![None; cameras.len()];
-        Self { cameras, near, far, maps, votes: HashMap::new(), confirmed: None, statistics: PairStatistics::default() }
+        Self {
+            cameras,
+            near,
+            far,
+            maps,
+            votes: HashMap::new(),
+            confirmed: None,
+            confirmed_share: 0.0,
+            statistics: PairStatistics::default(),
+        }
     }
 
     /// Nearest and farthest depth searched, scene units.
@@ -124,11 +137,21 @@ impl DepthMaps {
         };
         let confirmed = self.confirmed.take().filter(of_this_set).unwrap_or_else(|| {
             self.statistics = PairStatistics::default();
-            set.iter().map(|&index| (index, Arc::new(self.confirmed_by(index, &set)))).collect()
+            let confirmed: HashMap<_, _> =
+                set.iter().map(|&index| (index, Arc::new(self.confirmed_by(index, &set)))).collect();
+            let shares: Vec<f64> = set.par_iter().map(|index| confirmed[index].share()).collect();
+            self.confirmed_share = shares.iter().sum::<f64>() / set.len().max(1) as f64;
+            confirmed
         });
         let in_order = set.iter().map(|index| Arc::clone(&confirmed[index])).collect();
         self.confirmed = Some(confirmed);
         in_order
+    }
+
+    /// Mean share, 0 to 1, of the pixels of the last set passed to [`Self::mutually_confirmed`] that
+    /// are confirmed.
+    pub(super) fn confirmed_share(&self) -> f64 {
+        self.confirmed_share
     }
 
     /// Statistics of pairs of the last set passed to [`Self::mutually_confirmed`].

@@ -3,8 +3,6 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use super::correction::{balanced, gains_to_first, sharpening_with};
 use super::depth_maps::DepthMaps;
 use super::fusion::{ConfirmedDepth, Surface, SurfaceView, surface};
@@ -80,7 +78,7 @@ impl TargetSurface {
         set_gains(&mut views, &gains);
         let (near, far) = maps.range();
         let surface = surface(&views, target, near, far);
-        let confirmed_share = confirmed.par_iter().map(|photo| photo.share()).sum::<f64>() / confirmed.len() as f64;
+        let confirmed_share = maps.confirmed_share();
         gains.truncate(count);
         confirmed.truncate(count);
         Self { surface, confirmed, gains, sharpening, confirmed_share }

@@ -15,17 +15,13 @@
 //! [`Synthesizer::render_plan`] renders them.
 
 #[cfg(feature = "surface")]
-mod depth_search;
-#[cfg(feature = "surface")]
-mod depth_store;
+mod depth;
 mod error;
 mod memory;
 mod options;
 mod photo_store;
 mod plan;
 mod retention;
-#[cfg(feature = "surface")]
-mod scene_depth;
 mod scene_photos;
 mod scene_synthesizer;
 mod scene_views;
@@ -35,12 +31,12 @@ mod target;
 #[cfg(feature = "surface")]
 pub use crate::surface::{PhotoCorrection, TargetSurface};
 #[cfg(feature = "surface")]
-pub use depth_search::{DepthSearch, FoundDepth};
+pub use depth::depth_search::{DepthSearch, FoundDepth};
+#[cfg(feature = "surface")]
+pub use depth::scene_depth::{DepthProgress, DepthSource, ViewDepth};
 pub use error::SynthesisError;
 pub use options::{DEFAULT_VIEWS, Model, ModelOptions, Options};
 pub use plan::Plan;
-#[cfg(feature = "surface")]
-pub use scene_depth::{DepthProgress, DepthSource, ViewDepth};
 pub use scene_photos::ScenePhotos;
 pub use scene_synthesizer::Synthesizer;
 pub use scene_views::SceneViews;

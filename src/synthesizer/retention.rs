@@ -6,7 +6,7 @@
 //! these, last used first. What is dropped is found again when it is needed, the same bit for bit.
 
 #[cfg(feature = "surface")]
-use super::depth_store::DepthStore;
+use super::depth::depth_store::DepthStore;
 use super::photo_store::PhotoStore;
 use super::shot::Shot;
 

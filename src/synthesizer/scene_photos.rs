@@ -7,14 +7,14 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 #[cfg(feature = "surface")]
-use super::depth_search::{DepthSearch, FoundDepth};
+use super::depth::depth_search::{DepthSearch, FoundDepth};
 #[cfg(feature = "surface")]
-use super::depth_store::DepthStore;
+use super::depth::depth_store::DepthStore;
+#[cfg(feature = "surface")]
+use super::depth::scene_depth::{DepthProgress, ViewDepth};
 use super::error::SynthesisError;
 use super::photo_store::PhotoStore;
 use super::retention::{KEPT_BYTES, Retention};
-#[cfg(feature = "surface")]
-use super::scene_depth::{DepthProgress, ViewDepth};
 use super::scene_views::SceneViews;
 use super::shot::{LoadedPhoto, LoadedShot, Shot};
 #[cfg(feature = "surface")]

@@ -106,7 +106,8 @@ impl Job {
     pub fn render(&mut self, shot: &LoadedShot, plan: &Plan) -> Result<Frame> {
         let progress = &self.progress;
         progress.inc_length(plan.layers.len() as u64);
-        let is_measured = self.model.model.is_none() && plan.surface.is_some();
+        // The renderer shows up to three layers at once.
+        let is_measured = self.model.model.is_none() && plan.surface.is_some() && plan.layers.len() <= 3;
         let mut agreement = Agreement::default();
         let mut observe = |batch: &Batch<'_>| {
             progress.inc(batch.disparity.len_of(Axis(0)) as u64);

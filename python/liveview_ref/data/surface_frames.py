@@ -127,6 +127,7 @@ def write_scene(rig: Rig, folder: Path) -> None:
 def dumped(rig: Rig, program: Path, views: int, layers: int, folder: Path) -> dict[str, Tensor]:
     write_scene(rig, folder)
     command = [program, "dump", folder, "--target", "000", "--views", str(views), "--layers", f"surface:{layers}"]
+    command += ["--network", "model"]
     command += ["--near", str(rig.near), "--far", str(rig.far), "--threads", "1", "-o", folder / "dump.npz"]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:

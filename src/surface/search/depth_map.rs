@@ -10,7 +10,7 @@ pub struct PhotoDepth {
     /// Disparity of each pixel, `[h, w]`, 1/scene unit.
     pub disparity: Array2<f32>,
     /// Disparity that moves a point by one pixel in the neighbour with the largest parallax,
-    /// 1/scene unit.
+    /// 1/scene unit; by one pixel of the size that it was searched at, where that is smaller.
     pub disparity_per_pixel: f32,
 }
 

@@ -7,7 +7,7 @@ mod surface;
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
 use liveview::layers::guided::SearchStages;
 use liveview::layers::{Layer, Layers};
@@ -151,6 +151,7 @@ fn write(job: &mut Job, shot: &LoadedShot, of_surface: (PhotoCorrection, bool), 
     let mut stages = Stages::default();
     job.synthesizer.renderer_mut().set_skip_uncovered(false);
     let frame = job.synthesizer.render_plan(shot, &plan, Some(&mut |batch| stages.add(batch)))?;
+    ensure!(!stages.maps.is_empty(), "{}: no view covers any of it", shot.shot().name);
     stages.write(arrays)?;
     match job.alpha() {
         Alpha::Competing { scale } => arrays.add("alpha_scale", Array1::from_vec(vec![scale]))?,

@@ -49,7 +49,7 @@ pub struct DepthProgress<'a> {
 }
 
 /// Depth maps of the views that are not held out.
-pub(super) struct SceneDepth {
+pub(in crate::synthesizer) struct SceneDepth {
     maps: DepthMaps,
     /// Views of the maps' photos.
     free: Vec<usize>,
@@ -59,14 +59,19 @@ pub(super) struct SceneDepth {
 }
 
 impl SceneDepth {
-    pub(super) fn new(scene: &Scene, free: Vec<usize>, held_out: Vec<usize>, (near, far): (f64, f64)) -> Self {
+    pub(in crate::synthesizer) fn new(
+        scene: &Scene,
+        free: Vec<usize>,
+        held_out: Vec<usize>,
+        (near, far): (f64, f64),
+    ) -> Self {
         let cameras = free.iter().map(|&view| scene.views[view].camera.clone()).collect();
         let sources = vec![(DepthSource::Alone, Duration::ZERO); free.len()];
         Self { maps: DepthMaps::new(cameras, near, far), free, held_out, sources }
     }
 
     /// Whether exactly these views are held out.
-    pub(super) fn serves(&self, held_out: &[usize]) -> bool {
+    pub(in crate::synthesizer) fn serves(&self, held_out: &[usize]) -> bool {
         self.held_out == held_out
     }
 
@@ -80,41 +85,47 @@ impl SceneDepth {
     }
 
     /// A view and those whose photos its own is matched with, nearest first.
-    pub(super) fn with_neighbours(&self, view: usize) -> Vec<usize> {
+    pub(in crate::synthesizer) fn with_neighbours(&self, view: usize) -> Vec<usize> {
         let neighbours = self.maps.neighbours(self.map_index(view)).into_iter().map(|index| self.free[index]);
         std::iter::once(view).chain(neighbours).collect()
     }
 
     /// The views whose photos are needed to search the depth of one, itself first; none if it is
     /// known.
-    pub(super) fn photos_to_search(&self, view: usize) -> Vec<usize> {
+    pub(in crate::synthesizer) fn photos_to_search(&self, view: usize) -> Vec<usize> {
         if self.found(view).is_some() { Vec::new() } else { self.with_neighbours(view) }
     }
 
     /// The views that are held out.
-    pub(super) fn held_out(&self) -> &[usize] {
+    pub(in crate::synthesizer) fn held_out(&self) -> &[usize] {
         &self.held_out
     }
 
     /// Nearest and farthest depth searched, scene units.
-    pub(super) fn range(&self) -> (f64, f64) {
+    pub(in crate::synthesizer) fn range(&self) -> (f64, f64) {
         self.maps.range()
     }
 
     /// The depth of a view's photo, if it is known.
-    pub(super) fn found(&self, view: usize) -> Option<&PhotoDepth> {
+    pub(in crate::synthesizer) fn found(&self, view: usize) -> Option<&PhotoDepth> {
         self.maps.get(self.map_index(view))
     }
 
     /// Takes the depth of a view's photo as found.
-    pub(super) fn insert(&mut self, view: usize, found: PhotoDepth, source: DepthSource, time: Duration) {
+    pub(in crate::synthesizer) fn insert(
+        &mut self,
+        view: usize,
+        found: PhotoDepth,
+        source: DepthSource,
+        time: Duration,
+    ) {
         let index = self.map_index(view);
         self.maps.insert(index, found);
         self.sources[index] = (source, time);
     }
 
     /// The depth of a view's photo, and what is confirmed of it; `None` if it is unknown yet.
-    pub(super) fn view_depth(&mut self, view: usize) -> Option<ViewDepth> {
+    pub(in crate::synthesizer) fn view_depth(&mut self, view: usize) -> Option<ViewDepth> {
         let index = self.map_index(view);
         let (found, confirmed) = self.maps.confirmed_by_neighbours(index)?;
         let (source, time) = self.sources[index];
@@ -122,20 +133,20 @@ impl SceneDepth {
     }
 
     /// Drops the depth of all views but these, and what confirms it unless it is needed `soon`.
-    pub(super) fn retain(&mut self, views: &[usize], soon: &[usize]) {
+    pub(in crate::synthesizer) fn retain(&mut self, views: &[usize], soon: &[usize]) {
         let indices = |views: &[usize]| views.iter().filter_map(|&view| self.find_map_index(view)).collect::<Vec<_>>();
         let (keep, soon) = (indices(views), indices(soon));
         self.maps.retain(&keep, &soon);
     }
 
     /// Bytes of the depth of a view's photo; 0 if it is unknown.
-    pub(super) fn bytes(&self, view: usize) -> usize {
+    pub(in crate::synthesizer) fn bytes(&self, view: usize) -> usize {
         let found = self.find_map_index(view).and_then(|index| self.maps.get(index));
         found.map_or(0, |found| size_of_val(found.disparity.as_slice().expect("standard order")))
     }
 
     /// The photos of these views with their depth; a target is rendered from the first ones.
-    pub(super) fn with_depth<'a>(
+    pub(in crate::synthesizer) fn with_depth<'a>(
         &'a mut self,
         photos: &[(usize, SourceView<'a>)],
         rendered_from: usize,

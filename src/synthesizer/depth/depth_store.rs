@@ -5,17 +5,17 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use super::depth_search::{DepthSearch, FoundDepth, SearchedPhoto};
-use super::error::SynthesisError;
-use super::photo_store::PhotoStore;
 use super::scene_depth::{DepthProgress, SceneDepth, ViewDepth};
-use super::scene_views::SceneViews;
-use super::shot::LoadedShot;
 use crate::kinds::PhotosWithDepth;
 use crate::surface::cache::{DepthCache, PhotoDigest};
+use crate::synthesizer::error::SynthesisError;
+use crate::synthesizer::photo_store::PhotoStore;
+use crate::synthesizer::scene_views::SceneViews;
+use crate::synthesizer::shot::LoadedShot;
 
 /// The depth of photos in memory, and the folder that keeps it from run to run, if there is one.
 #[derive(Default)]
-pub(super) struct DepthStore {
+pub(in crate::synthesizer) struct DepthStore {
     /// For the views held out by the last shot.
     depth: Option<SceneDepth>,
     files: Option<DepthFiles>,
@@ -23,7 +23,7 @@ pub(super) struct DepthStore {
 }
 
 /// Called before each search; returning `Break` ends it.
-pub(super) type OnSearch = Box<dyn FnMut(DepthProgress<'_>) -> ControlFlow<()> + Send>;
+pub(in crate::synthesizer) type OnSearch = Box<dyn FnMut(DepthProgress<'_>) -> ControlFlow<()> + Send>;
 
 /// A folder of depths, with the digests of photos and what went wrong with its files.
 struct DepthFiles {
@@ -35,7 +35,7 @@ struct DepthFiles {
 
 impl DepthStore {
     /// Stores depths in a folder, for a scene of so many views.
-    pub(super) fn keep_in(&mut self, folder: &Path, views: usize) -> Result<(), SynthesisError> {
+    pub(in crate::synthesizer) fn keep_in(&mut self, folder: &Path, views: usize) -> Result<(), SynthesisError> {
         let refused = |source| SynthesisError::Cache { folder: folder.to_owned(), source };
         let folder = DepthCache::open(folder).map_err(refused)?;
         self.files = Some(DepthFiles { folder, digests: vec![None; views], notes: Vec::new() });
@@ -43,17 +43,17 @@ impl DepthStore {
     }
 
     /// Sets the callback that runs before each search.
-    pub(super) fn set_progress(&mut self, progress: OnSearch) {
+    pub(in crate::synthesizer) fn set_progress(&mut self, progress: OnSearch) {
         self.progress = Some(progress);
     }
 
     /// What went wrong with files since the last call, a line each.
-    pub(super) fn take_notes(&mut self) -> Vec<String> {
+    pub(in crate::synthesizer) fn take_notes(&mut self) -> Vec<String> {
         self.files.as_mut().map(|files| std::mem::take(&mut files.notes)).unwrap_or_default()
     }
 
     /// The photos of a shot with their depth, which is found where it is unknown.
-    pub(super) fn with_depth<'a>(
+    pub(in crate::synthesizer) fn with_depth<'a>(
         &'a mut self,
         views: &SceneViews,
         photos: &mut PhotoStore,
@@ -70,7 +70,7 @@ impl DepthStore {
 
     /// The depth of a view's photo, and what its neighbours confirm of it. Photos and depths that
     /// none of the `later` views needs are dropped.
-    pub(super) fn view_depth(
+    pub(in crate::synthesizer) fn view_depth(
         &mut self,
         views: &SceneViews,
         photos: &mut PhotoStore,
@@ -90,13 +90,13 @@ impl DepthStore {
     }
 
     /// The views whose depth is not known with these views held out.
-    pub(super) fn unknown(&self, views: &[usize], held_out: &[usize]) -> Vec<usize> {
+    pub(in crate::synthesizer) fn unknown(&self, views: &[usize], held_out: &[usize]) -> Vec<usize> {
         let known = self.depth.as_ref().filter(|depth| depth.serves(held_out));
         views.iter().copied().filter(|&view| known.is_none_or(|depth| depth.found(view).is_none())).collect()
     }
 
     /// The search for the depth of a view's photo; `None` if it is known.
-    pub(super) fn search(
+    pub(in crate::synthesizer) fn search(
         &mut self,
         views: &SceneViews,
         photos: &PhotoStore,
@@ -108,21 +108,21 @@ impl DepthStore {
     }
 
     /// Takes a depth and the photos that were read for it, unless other views are held out now.
-    pub(super) fn insert(&mut self, photos: &mut PhotoStore, found: FoundDepth) {
+    pub(in crate::synthesizer) fn insert(&mut self, photos: &mut PhotoStore, found: FoundDepth) {
         if let Some(depth) = self.depth.as_mut().filter(|depth| depth.serves(&found.held_out)) {
             insert(depth, &mut self.files, photos, found);
         }
     }
 
     /// Drops the depth of all views but these, and what confirms it unless it is needed `soon`.
-    pub(super) fn retain(&mut self, views: &[usize], soon: &[usize]) {
+    pub(in crate::synthesizer) fn retain(&mut self, views: &[usize], soon: &[usize]) {
         if let Some(depth) = &mut self.depth {
             depth.retain(views, soon);
         }
     }
 
     /// Bytes of the depth of a view's photo; 0 if it is not in memory.
-    pub(super) fn bytes(&self, view: usize) -> usize {
+    pub(in crate::synthesizer) fn bytes(&self, view: usize) -> usize {
         self.depth.as_ref().map_or(0, |depth| depth.bytes(view))
     }
 }

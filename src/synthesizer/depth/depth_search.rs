@@ -5,44 +5,44 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::error::SynthesisError;
 use super::scene_depth::DepthSource;
-use super::shot::LoadedPhoto;
 use crate::scene::Scene;
 use crate::surface::cache::{DepthCache, DepthKey, PhotoDigest};
 use crate::surface::{PhotoDepth, anchored_depth};
+use crate::synthesizer::error::SynthesisError;
+use crate::synthesizer::shot::LoadedPhoto;
 use crate::warp::{SourceView, Texture};
 
 /// A search for the depth of a view's photo, to be run on any thread
 /// ([`crate::ScenePhotos::depth_search`]).
 pub struct DepthSearch {
-    pub(super) scene: Scene,
-    pub(super) held_out: Vec<usize>,
+    pub(in crate::synthesizer) scene: Scene,
+    pub(in crate::synthesizer) held_out: Vec<usize>,
     /// The view's photo, then those of its neighbours.
-    pub(super) photos: Vec<SearchedPhoto>,
+    pub(in crate::synthesizer) photos: Vec<SearchedPhoto>,
     /// Near and far, scene units.
-    pub(super) range: (f64, f64),
+    pub(in crate::synthesizer) range: (f64, f64),
     /// The folder that keeps depths.
-    pub(super) folder: Option<DepthCache>,
+    pub(in crate::synthesizer) folder: Option<DepthCache>,
 }
 
 /// A photo that a search needs, as far as it is in memory.
-pub(super) struct SearchedPhoto {
-    pub(super) view: usize,
-    pub(super) texture: Option<Arc<Texture>>,
-    pub(super) digest: Option<PhotoDigest>,
+pub(in crate::synthesizer) struct SearchedPhoto {
+    pub(in crate::synthesizer) view: usize,
+    pub(in crate::synthesizer) texture: Option<Arc<Texture>>,
+    pub(in crate::synthesizer) digest: Option<PhotoDigest>,
 }
 
 /// The depth of a view's photo, and the photos that were read for it
 /// ([`crate::ScenePhotos::insert_depth`]).
 pub struct FoundDepth {
-    pub(super) held_out: Vec<usize>,
-    pub(super) photos: Vec<SearchedPhoto>,
-    pub(super) depth: PhotoDepth,
-    pub(super) source: DepthSource,
-    pub(super) time: Duration,
+    pub(in crate::synthesizer) held_out: Vec<usize>,
+    pub(in crate::synthesizer) photos: Vec<SearchedPhoto>,
+    pub(in crate::synthesizer) depth: PhotoDepth,
+    pub(in crate::synthesizer) source: DepthSource,
+    pub(in crate::synthesizer) time: Duration,
     /// What went wrong with files of the folder, a line each.
-    pub(super) notes: Vec<String>,
+    pub(in crate::synthesizer) notes: Vec<String>,
 }
 
 impl fmt::Debug for DepthSearch {
