@@ -60,6 +60,7 @@ lint: setup
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo clippy --locked --features cuda,tensorrt -- -D warnings
 	cargo clippy --locked -p liveview-cli --no-default-features -- -D warnings
+	cargo clippy --locked -p liveview --no-default-features -- -D warnings
 	cargo clippy --locked -p liveview-python -- -D warnings
 	$(CHECK_FUZZ)
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items

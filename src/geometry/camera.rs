@@ -177,6 +177,7 @@ impl Camera {
 
     /// The camera of a photo whose cells of `cell`×`cell` pixels are averaged, fewer at the right and
     /// lower edge.
+    #[cfg(feature = "surface")]
     pub(crate) fn shrunk(&self, cell: usize) -> Self {
         let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
         let whole = self.with_window(0.0, 0.0, width * cell, height * cell);

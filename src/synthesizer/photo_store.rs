@@ -27,11 +27,13 @@ impl PhotoStore {
     }
 
     /// The photo of a view, if it is in memory.
+    #[cfg(feature = "surface")]
     pub(super) fn get(&self, view: usize) -> Option<Arc<Texture>> {
         self.textures[view].clone()
     }
 
     /// Takes the photo of a view, unless it is in memory.
+    #[cfg(feature = "surface")]
     pub(super) fn insert(&mut self, view: usize, texture: &Arc<Texture>) {
         self.textures[view].get_or_insert_with(|| Arc::clone(texture));
     }
