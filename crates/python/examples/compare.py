@@ -1,24 +1,25 @@
 """Renders a held-out photo of a scene from its neighbours, compares the two, and plots them if
 matplotlib is installed.
-
-python compare.py SCENE [FOLDER]
 """
 
 # %% The scene, and the picture. `progress` is called for each photo whose depth is searched; with
 # tqdm: bar = tqdm(total=count); progress=lambda *_: bar.update()
-import sys
+import argparse
 
 import liveview
 import numpy as np
 
-folder, out = [*sys.argv[1:], "."][:2]
-scene = liveview.Scene(folder, width=252)
-target = next(name for name in scene.names if name.startswith("target"))
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("scene", help="folder of a scene")
+parser.add_argument("folder", nargs="?", default=".", help="of the picture and the plot; by default the current one")
+arguments = parser.parse_args()
+scene, out = liveview.Scene(arguments.scene, width=252), arguments.folder
+target = next((name for name in scene.names if name.startswith("target")), scene.names[0])
 synthesizer = liveview.Synthesizer(
     scene, progress=lambda done, count, name: print(f"depth of photo {done + 1} of {count}: {name}")
 )
 frame = synthesizer.render(target)
-frame.save(f"{out}/target_0.png")
+frame.save(f"{out}/picture.png")
 
 # %% The comparison: the metrics take [3, h, w], as the reference's.
 truth = scene.photo(target)

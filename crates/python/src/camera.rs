@@ -2,7 +2,7 @@
 
 use liveview::Intrinsics;
 use liveview::geometry::{CameraError, Size};
-use liveview::glam::{DMat3, DVec3};
+use liveview::glam::DMat3;
 use ndarray::{arr1, arr2};
 use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
@@ -182,11 +182,8 @@ pub(crate) fn camera(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<livevi
     let side =
         |word: &str| field(word)?.extract::<usize>().map_err(|_| value(&of(word), "expected a whole number of pixels"));
     let (width, height) = (side("width")?, side("height")?);
-    let [[fx, skew, cx], [_, fy, cy], _] = k;
-    let intrinsics = Intrinsics { fx, fy, cx, cy, skew };
-    let translation = DVec3::from_slice(&translation.to_vec());
-    let camera =
-        liveview::Camera::new(intrinsics, width, height, DMat3::from_cols_array_2d(&rotation).transpose(), translation);
+    let row = |i: usize| [rotation[i][0], rotation[i][1], rotation[i][2], translation[i]];
+    let camera = Convention::OpenCv.camera(k, [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]], Size::new(width, height));
     camera.map_err(|error| value(name, error))
 }
 

@@ -62,7 +62,8 @@ impl Engine {
         Ok(Self { synthesizer: Mutex::new(synthesizer), model, runs, control })
     }
 
-    /// Runs work on the library's synthesizer, one at a time.
+    /// Runs work on the library's synthesizer, one at a time. An interrupt ends the work of its own
+    /// call only.
     pub(crate) fn with<T: Send>(
         &self,
         py: Python<'_>,
@@ -71,25 +72,38 @@ impl Engine {
         if *locked(&self.control.worker) == Some(thread::current().id()) {
             return Err(PyRuntimeError::new_err("progress: it called the synthesizer that called it"));
         }
-        let interrupted = AtomicBool::new(false);
+        let (interrupted, holds) = (AtomicBool::new(false), Mutex::new(false));
         let interrupt = || {
             interrupted.store(true, Ordering::Relaxed);
-            self.control.stop.store(true, Ordering::Relaxed);
-            locked(&self.runs).iter().for_each(RunEnd::end);
+            // Locked until all is ended: the call that gets the synthesizer next goes on.
+            let holds = locked(&holds);
+            if *holds {
+                self.control.stop.store(true, Ordering::Relaxed);
+                locked(&self.runs).iter().for_each(RunEnd::end);
+            }
         };
         run(py, interrupt, || {
             let mut synthesizer = locked(&self.synthesizer);
-            if interrupted.load(Ordering::Relaxed) {
-                return Err(PyRuntimeError::new_err("interrupted while another thread rendered"));
-            }
             if self.control.stop.swap(false, Ordering::Relaxed) {
                 self.open_again(&mut synthesizer)?;
             }
-            *locked(&self.control.worker) = Some(thread::current().id());
-            let result = work(&mut synthesizer);
-            *locked(&self.control.worker) = None;
+            *locked(&holds) = true;
+            let result = if interrupted.load(Ordering::Relaxed) {
+                Err(PyRuntimeError::new_err("interrupted while another thread rendered"))
+            } else {
+                *locked(&self.control.worker) = Some(thread::current().id());
+                let result = work(&mut synthesizer);
+                *locked(&self.control.worker) = None;
+                result
+            };
+            *locked(&holds) = false;
             locked(&self.control.raised).take().map_or(result, Err)
         })
+    }
+
+    /// Whether the running work's call was interrupted: its result is dropped.
+    pub(crate) fn is_interrupted(&self) -> bool {
+        self.control.stop.load(Ordering::Relaxed)
     }
 
     /// Opens the network whose runs an interrupt has ended.

@@ -3,14 +3,17 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use liveview::geometry::Size;
 use liveview::image::inpaint_uncovered;
 use liveview::{ImageRgb, Plan};
-use ndarray::{Array2, Array3};
-use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
+use ndarray::{Array3, Ix2, Ix3};
+use numpy::{IntoPyArray, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::arguments::Sides;
 use crate::error::library;
+use crate::work::compute;
 
 /// A rendered picture.
 #[pyclass(frozen, module = "liveview")]
@@ -18,6 +21,7 @@ pub(crate) struct Frame {
     /// The target's.
     #[pyo3(get)]
     name: String,
+    size: Size,
     /// [h, w, 3] float32 in [0, 1]; black where no photo covers any layer.
     #[pyo3(get)]
     picture: Py<PyArray3<f32>>,
@@ -62,6 +66,7 @@ impl Frame {
         let (uncovered, pixels) = (frame.uncovered_share(), frame.transmittance.len() as f64);
         Ok(Self {
             name,
+            size: frame.picture.size(),
             uncovered,
             occluded: frame.occluded_pixels as f64 / pixels,
             picture: picture_array(frame.picture).into_pyarray(py).unbind(),
@@ -71,11 +76,16 @@ impl Frame {
         })
     }
 
+    /// The inpainted picture, of the arrays as they are now: Python may have changed them.
     fn filled(&self, py: Python<'_>) -> PyResult<ImageRgb> {
-        let picture: Array3<f32> = self.picture.bind(py).to_owned_array();
-        let transmittance: Array2<f32> = self.transmittance.bind(py).to_owned_array();
-        let picture = ImageRgb::from_array(picture.view()).map_err(library)?;
-        Ok(py.detach(|| inpaint_uncovered(&picture, &transmittance)))
+        let mut sides = Sides::default();
+        let picture = sides.array::<f32, Ix3>("picture", self.picture.bind(py), "H W 3")?.as_array().to_owned();
+        let transmittance = sides.array::<f32, Ix2>("transmittance", self.transmittance.bind(py), "H W")?;
+        let transmittance = transmittance.as_array().to_owned();
+        compute(py, || {
+            let picture = ImageRgb::from_array(picture.view()).map_err(library)?;
+            Ok(inpaint_uncovered(&picture, &transmittance))
+        })
     }
 }
 
@@ -96,13 +106,10 @@ impl Frame {
     #[pyo3(signature = (path))]
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let picture = self.filled(py)?;
-        py.detach(|| picture.save(path)).map_err(library)
+        compute(py, || picture.save(path).map_err(library))
     }
 
-    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
-        use numpy::PyUntypedArrayMethods;
-        let picture = self.picture.bind(py);
-        let (height, width) = (picture.shape()[0], picture.shape()[1]);
-        Ok(format!("Frame({:?}, {width}x{height}, {:.1} % uncovered)", self.name, 100.0 * self.uncovered))
+    fn __repr__(&self) -> String {
+        format!("Frame({:?}, {}, {:.1} % uncovered)", self.name, self.size, 100.0 * self.uncovered)
     }
 }

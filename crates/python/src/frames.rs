@@ -29,11 +29,6 @@ impl Frames {
     pub(crate) fn new(engine: Arc<Engine>, shots: Vec<Shot>) -> Self {
         Self { engine, shots, progress: Mutex::default() }
     }
-
-    /// Locked for a moment only: a thread that waits for it may hold the interpreter.
-    fn with<T>(&self, change: impl FnOnce(&mut Progress) -> T) -> T {
-        change(&mut self.progress.lock().unwrap_or_else(PoisonError::into_inner))
-    }
 }
 
 #[pymethods]
@@ -47,19 +42,19 @@ impl Frames {
     }
 
     fn __next__(&self, py: Python<'_>) -> PyResult<Option<Frame>> {
-        let (index, selected) = self.with(|progress| {
-            progress.next += 1;
-            (progress.next - 1, progress.selected.clone())
-        });
-        let Some(shot) = self.shots.get(index) else { return Ok(None) };
-        let (later, known) = (&self.shots[index + 1..], selected.map(Plan::known));
-        let (frame, times) = self.engine.with(py, |synthesizer| {
+        // All under the engine's lock, so that threads get different frames on the same planes.
+        let found = self.engine.with(py, |synthesizer| {
+            let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
+            let Some(shot) = self.shots.get(progress.next) else { return Ok(None) };
+            let (later, known) = (&self.shots[progress.next + 1..], progress.selected.clone().map(Plan::known));
             let (frame, plan, times) = rendered(synthesizer, shot, later, known)?;
             if matches!(synthesizer.layers(), LayerSpec::Select { .. }) {
-                self.with(|progress| progress.selected.get_or_insert(plan.layers).len());
+                progress.selected.get_or_insert(plan.layers);
             }
-            Ok((frame, times))
+            // A frame that failed, or that an interrupt drops, comes again.
+            progress.next += usize::from(!self.engine.is_interrupted());
+            Ok(Some((shot.name.clone(), frame, times)))
         })?;
-        Frame::new(py, shot.name.clone(), frame, times).map(Some)
+        found.map(|(name, frame, times)| Frame::new(py, name, frame, times)).transpose()
     }
 }

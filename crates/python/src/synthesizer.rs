@@ -112,8 +112,11 @@ impl Synthesizer {
     #[pyo3(signature = (photo))]
     fn depth<'py>(&self, py: Python<'py>, photo: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let view = view_index(&self.scene.get().0, "photo", photo)?;
-        let found =
-            self.engine.with(py, |synthesizer| synthesizer.photos_mut().view_depth(view, &[], &[]).map_err(library))?;
+        // Any view may come next: nothing that was found is dropped.
+        let later: Vec<usize> = (0..self.scene.get().0.views.len()).collect();
+        let found = self
+            .engine
+            .with(py, |synthesizer| synthesizer.photos_mut().view_depth(view, &[], &later).map_err(library))?;
         let confirmed = found.confirmed.disparity.mapv(|disparity| disparity >= 0.0).into_pyarray(py);
         let pixel = found.found.disparity_per_pixel;
         let disparity = Arc::unwrap_or_clone(found.found).disparity.into_pyarray(py);

@@ -81,6 +81,13 @@ TABLE = [
     ("warp_maps", "maps", TypeError, lambda c: {"maps": np.ones((1, H, W), np.float16)}),
     ("warp_maps", "source", TypeError, lambda c: {"source": c.k}),
     ("warp_maps", "target", ValueError, lambda c: {"target": SimpleNamespace(**vars_of(c.camera, k=c.k * NAN))}),
+    (
+        "warp_maps",
+        "target",
+        ValueError,
+        lambda c: {"target": SimpleNamespace(**vars_of(c.camera, k=c.k_with(1, 0, 3)))},
+    ),
+    ("warp_maps", "target", ValueError, lambda c: {"target": SimpleNamespace(**vars_of(c.camera, k=2 * c.k))}),
     ("warp_maps", "scale", ValueError, lambda c: {"scale": 0.0}),
     ("warp_maps", "scale", ValueError, lambda c: {"scale": NAN}),
     ("blend", "colour", ValueError, lambda c: {"colour": f32(2, 3, 3, H, W)}),
@@ -189,6 +196,18 @@ def test_hostile_targets_and_paths_are_the_library_s_errors(liveview, cases, tmp
         cases.call("synthesizer", near=9, far=1).render(0)
     with pytest.raises(liveview.Error, match="missing"):
         synthesizer.render(0).save(tmp_path / "missing" / "a.png")
+
+
+def test_changed_arrays_of_a_frame_are_named(cases):
+    frame = cases.call("synthesizer").render(0)
+    frame.transmittance.shape = (-1,)
+    with pytest.raises(ValueError, match="transmittance"):
+        frame.inpainted()
+    before = repr(frame)
+    frame.picture.shape = (-1,)
+    with pytest.raises(ValueError, match="picture"):
+        frame.save("unused.png")
+    assert repr(frame) == before
 
 
 def test_tiny_and_extreme_values_do_not_panic(liveview, cases):

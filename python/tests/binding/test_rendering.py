@@ -1,8 +1,10 @@
-"""Rendering from Python: threads, progress, interrupts, paths, and what the binding costs."""
+"""Rendering from Python: threads, progress, paths, the example, and what the binding costs."""
 
 import copy
+import json
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 import threading
@@ -15,6 +17,7 @@ import pytest
 from liveview_ref.paths import ROOT
 
 WORKSHOP = ROOT / "tests/scenes/workshop"
+RIG = ROOT / "tests/scenes/rig"
 MOST_OVERHEAD = 0.002  # seconds a frame at 504x352
 
 
@@ -105,44 +108,38 @@ def test_path_and_depth(liveview, workshop):
     assert depth.confirmed.mean() > 0.5 and (1 / far * 0.99 < sure).all() and (sure < 1 / near * 1.01).all()
 
 
-# Arguments: the scene, a model or nothing. A signal arrives during the search or the network's run.
-INTERRUPTED = """
-import os, signal, sys, threading
-import liveview
-
-folder, model = sys.argv[1:]
-scene = liveview.Scene(folder, width=168)
-kill = lambda: os.kill(os.getpid(), signal.SIGINT)
-if model:
-    options = {"network": model, "layers": "planes:4000"}
-    threading.Timer(1.5, kill).start()
-else:
-    options = {"progress": lambda done, count, name: kill() if done == 1 and not ended else None}
-ended = False
-synthesizer = liveview.Synthesizer(scene, **options)
-try:
-    synthesizer.render("target_0")
-except KeyboardInterrupt:
-    ended = True
-assert ended, "no KeyboardInterrupt"
-if model:
-    synthesizer.depth(0)  # the network is opened again
-    print("opened again")
-else:
-    frame = synthesizer.render("target_0")
-    assert frame.picture.tobytes() == liveview.Synthesizer(scene).render("target_0").picture.tobytes()
-    print("rendered again")
-"""
+def test_depths_are_searched_once(liveview, workshop):
+    searched = []
+    synthesizer = liveview.Synthesizer(workshop, progress=lambda _done, _count, name: searched.append(name))
+    for name in workshop.names:
+        synthesizer.depth(name)
+    synthesizer.render(workshop.cameras[0])
+    assert sorted(searched) == sorted(workshop.names)
 
 
-@pytest.mark.parametrize("network", ["", str(ROOT / "models/liveview_v4_planes.onnx")])
-def test_ctrl_c_ends_a_picture_and_the_next_one_is_whole(wheel, liveview, network):
-    environment = os.environ | {"PYTHONPATH": os.path.dirname(os.path.dirname(liveview.__file__))}
-    command = [sys.executable, "-c", INTERRUPTED, str(WORKSHOP), network]
-    started = time.monotonic()
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
-    assert run.returncode == 0 and "again" in run.stdout, run.stderr
-    assert time.monotonic() - started < 60
+def test_a_frame_that_failed_comes_again(liveview, workshop):
+    failures = [KeyError("once")]
+
+    def failing(*_):
+        if failures:
+            raise failures.pop()
+
+    frames = liveview.Synthesizer(workshop, progress=failing).render_path(workshop.path("circle:2"))
+    with pytest.raises(KeyError):
+        next(frames)
+    assert [frame.name for frame in frames] == ["frame_0000", "frame_0001"]
+
+
+def test_threads_render_a_path_on_the_same_planes(liveview, workshop):
+    path = workshop.path("circle:4")
+
+    def frames():
+        return liveview.Synthesizer(workshop, layers="select:4/16").render_path(path)
+
+    shared = frames()
+    with ThreadPoolExecutor(4) as pool:
+        found = [pool.submit(next, shared) for _ in path]
+    assert {frame.result().name: bits(frame.result()) for frame in found} == {f.name: bits(f) for f in frames()}
 
 
 def test_the_binding_costs_at_most_two_milliseconds_a_frame(liveview):
@@ -160,10 +157,21 @@ def test_the_binding_costs_at_most_two_milliseconds_a_frame(liveview):
     assert least <= MOST_OVERHEAD
 
 
-def test_example_runs(liveview, tmp_path):
+def compare(liveview, *arguments) -> subprocess.CompletedProcess:
     environment = os.environ | {"PYTHONPATH": os.path.dirname(os.path.dirname(liveview.__file__)), "MPLBACKEND": "Agg"}
-    example = ROOT / "crates/python/examples/compare.py"
-    command = [sys.executable, example, WORKSHOP, tmp_path]
-    run = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert run.returncode == 0 and "dB" in run.stdout, run.stderr
-    assert (tmp_path / "target_0.png").is_file()
+    command = [sys.executable, ROOT / "crates/python/examples/compare.py", *arguments]
+    return subprocess.run(command, env=environment, capture_output=True, text=True)
+
+
+def test_example_runs(liveview, tmp_path):
+    without_targets = tmp_path / "scene"
+    shutil.copytree(RIG, without_targets)
+    transforms = json.loads((RIG / "transforms.json").read_text())
+    transforms["frames"] = [frame for frame in transforms["frames"] if not frame["file_path"].startswith("target")]
+    (without_targets / "transforms.json").write_text(json.dumps(transforms))
+    for scene in (WORKSHOP, without_targets):
+        run = compare(liveview, scene, tmp_path)
+        assert run.returncode == 0 and "dB" in run.stdout, run.stderr
+        assert (tmp_path / "picture.png").is_file()
+    run = compare(liveview)
+    assert run.returncode == 2 and "usage" in run.stderr, run.stderr

@@ -1,0 +1,104 @@
+"""Ctrl-C while pictures are rendered."""
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from liveview_ref.paths import ROOT
+
+WORKSHOP = ROOT / "tests/scenes/workshop"
+
+# Arguments: the scene, a model or nothing. A signal arrives during the search or the network's run.
+INTERRUPTED = """
+import os, signal, sys, threading
+import liveview
+
+folder, model = sys.argv[1:]
+scene = liveview.Scene(folder, width=168)
+kill = lambda: os.kill(os.getpid(), signal.SIGINT)
+if model:
+    options = {"network": model, "layers": "planes:4000"}
+    threading.Timer(1.5, kill).start()
+else:
+    options = {"progress": lambda done, count, name: kill() if done == 1 and not ended else None}
+ended = False
+synthesizer = liveview.Synthesizer(scene, **options)
+try:
+    synthesizer.render("target_0")
+except KeyboardInterrupt:
+    ended = True
+assert ended, "no KeyboardInterrupt"
+if model:
+    synthesizer.depth(0)  # the network is opened again
+    print("opened again")
+else:
+    frame = synthesizer.render("target_0")
+    assert frame.picture.tobytes() == liveview.Synthesizer(scene).render("target_0").picture.tobytes()
+    print("rendered again")
+"""
+
+# Argument: the scene. The signal arrives while a call waits for another thread's picture.
+WAITING = """
+import os, signal, sys, threading, time
+import liveview
+
+def progress(done, count, name):
+    searching.set()
+    if done == 1:
+        time.sleep(0.3)
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.3)
+
+searching, found, ended = threading.Event(), [], False
+synthesizer = liveview.Synthesizer(liveview.Scene(sys.argv[1], width=168), progress=progress)
+other = threading.Thread(target=lambda: found.append(synthesizer.render("target_0")))
+other.start()
+searching.wait()
+try:
+    synthesizer.render("target_0")
+except KeyboardInterrupt:
+    ended = True
+other.join()
+assert ended, "no KeyboardInterrupt"
+assert found, "the other thread's picture was ended"
+"""
+
+# Argument: the scene. A frame of a path is finished after the signal, and dropped.
+DROPPED = """
+import os, signal, sys, threading
+import liveview
+
+scene = liveview.Scene(sys.argv[1], width=168)
+frames = liveview.Synthesizer(scene, layers="planes:1000").render_path(scene.path("circle:2"))
+ended = False
+threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+try:
+    next(frames)
+except KeyboardInterrupt:
+    ended = True
+assert ended, "no KeyboardInterrupt"
+assert next(frames).name == "frame_0000"
+"""
+
+
+def run_script(liveview, script: str, *arguments: str) -> subprocess.CompletedProcess:
+    environment = os.environ | {"PYTHONPATH": os.path.dirname(os.path.dirname(liveview.__file__))}
+    command = [sys.executable, "-c", script, str(WORKSHOP), *arguments]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+
+
+@pytest.mark.parametrize("network", ["", str(ROOT / "models/liveview_v4_planes.onnx")])
+def test_ctrl_c_ends_a_picture_and_the_next_one_is_whole(liveview, network):
+    started = time.monotonic()
+    run = run_script(liveview, INTERRUPTED, network)
+    assert run.returncode == 0 and "again" in run.stdout, run.stderr
+    assert time.monotonic() - started < 60
+
+
+@pytest.mark.parametrize("script", [WAITING, DROPPED], ids=["waiting", "dropped"])
+def test_ctrl_c_ends_only_its_own_call(liveview, script):
+    run = run_script(liveview, script)
+    assert run.returncode == 0, run.stderr
