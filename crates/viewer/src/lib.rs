@@ -72,7 +72,7 @@ fn serve(queue: &RequestQueue, renderer: &mut ViewRenderer) {
     let mut first = renderer.needed_first();
     let mut waiting = Waiting::default();
     loop {
-        renderer.start_search();
+        waiting.start_search(queue, renderer);
         let prepare = renderer.unprepared() > 0 && (first > 0 || queue.has_clients());
         match queue.next(prepare) {
             Task::Stop => return,
@@ -82,7 +82,7 @@ fn serve(queue: &RequestQueue, renderer: &mut ViewRenderer) {
                     Err(error) => Message::Text(json!({ "error": full_text(&error), "id": request.id }).to_string()),
                 };
                 queue.send(client, message);
-                let waits = !request.moving && renderer.awaited(&request.viewpoint, false).is_some();
+                let waits = renderer.awaited(&request.viewpoint, request.moving).is_some();
                 waiting.set_view(client, Some(request).filter(|_| waits));
             }
             Task::File { request: FileRequest::Picture(viewpoint), reply }

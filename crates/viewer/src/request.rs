@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use liveview::{Camera, FoundDepth, SynthesisError};
+use liveview::{Camera, FoundDepth};
 use tokio::sync::oneshot;
 
 /// A camera, and a time step of a rig.
@@ -48,10 +48,10 @@ pub(crate) enum Task {
         request: FileRequest,
         reply: oneshot::Sender<FileAnswer>,
     },
-    /// The depth of a view's photo, or why it could not be searched.
+    /// The depth of a view's photo; `None` if it could not be searched.
     Found {
         view: usize,
-        found: Result<Box<FoundDepth>, SynthesisError>,
+        found: Option<Box<FoundDepth>>,
     },
     /// No request is pending: time to load photos and search depth ahead.
     Prepare,
