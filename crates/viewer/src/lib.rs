@@ -22,7 +22,7 @@ use liveview_common::interrupt;
 use opened::Opened;
 pub use options::ViewArgs;
 use renderer::ViewRenderer;
-use request::{FileRequest, Message, Task};
+use request::{FileError, FileRequest, Message, Task};
 use request_queue::RequestQueue;
 use serde_json::json;
 use server::{App, Guard, Server, listen, reachable};
@@ -96,7 +96,7 @@ fn serve(queue: &RequestQueue, renderer: &mut ViewRenderer) {
             }
             // Sending fails if the client has left.
             Task::File { request, reply } => {
-                drop(reply.send(renderer.file(&request).map_err(|error| full_text(&error))));
+                drop(reply.send(renderer.file(&request).map_err(|error| FileError::Failed(full_text(&error)))));
             }
             Task::Prepare => {
                 first = first.saturating_sub(1);

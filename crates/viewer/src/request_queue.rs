@@ -201,16 +201,11 @@ impl State {
 mod tests {
     use std::sync::Arc;
 
-    use liveview::glam::{DMat3, DVec3};
-    use liveview::{Camera, Intrinsics};
-
     use super::*;
     use crate::request::Viewpoint;
 
     fn view_request(id: u64) -> ViewRequest {
-        let k = Intrinsics { fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0, skew: 0.0 };
-        let camera = Camera::new(k, 64, 48, DMat3::IDENTITY, DVec3::ZERO).unwrap();
-        ViewRequest { id, viewpoint: Viewpoint { camera, step: 0 }, moving: true, depth: false }
+        ViewRequest { id, viewpoint: Viewpoint::sample(0), moving: true, depth: false }
     }
 
     fn file_request() -> FileRequest {

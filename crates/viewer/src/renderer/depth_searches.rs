@@ -3,7 +3,7 @@
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::thread;
+use std::thread::{Builder, JoinHandle};
 
 use anyhow::Result;
 use liveview::{FoundDepth, SynthesisError};
@@ -15,7 +15,7 @@ use crate::request_queue::RequestQueue;
 pub(super) struct DepthSearches {
     pool: Arc<ThreadPool>,
     queue: Arc<RequestQueue>,
-    running: bool,
+    running: Option<JoinHandle<()>>,
     /// Views whose photos could not be searched.
     failed: Vec<usize>,
 }
@@ -26,14 +26,14 @@ impl DepthSearches {
         Ok(Self {
             pool: Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?),
             queue,
-            running: false,
+            running: None,
             failed: Vec::new(),
         })
     }
 
     /// Whether a search is running, or what it found has not been taken yet.
     pub(super) fn is_running(&self) -> bool {
-        self.running
+        self.running.is_some()
     }
 
     pub(super) fn has_failed(&self, view: usize) -> bool {
@@ -52,7 +52,7 @@ impl DepthSearches {
     {
         let failed_before = self.failed.len();
         for &view in views {
-            if self.running {
+            if self.is_running() {
                 break;
             }
             if self.has_failed(view) {
@@ -60,7 +60,7 @@ impl DepthSearches {
             }
             match search(view).map(|search| search.map(|search| self.start(view, search))) {
                 Ok(None) => {}
-                Ok(Some(Ok(()))) => self.running = true,
+                Ok(Some(Ok(thread))) => self.running = Some(thread),
                 Ok(Some(Err(_))) | Err(_) => self.failed.push(view),
             }
         }
@@ -71,22 +71,31 @@ impl DepthSearches {
         &self,
         view: usize,
         search: impl FnOnce() -> Result<FoundDepth, SynthesisError> + Send + 'static,
-    ) -> io::Result<()> {
+    ) -> io::Result<JoinHandle<()>> {
         let (pool, queue) = (Arc::clone(&self.pool), Arc::clone(&self.queue));
         let run = move || {
             // A search that panics has failed too: without an answer no other would start.
             let found = catch_unwind(AssertUnwindSafe(|| pool.install(search)));
             queue.found(view, found.ok().and_then(Result::ok));
         };
-        thread::Builder::new().name("depth".to_owned()).spawn(run)?;
-        Ok(())
+        Builder::new().name("depth".to_owned()).spawn(run)
     }
 
     /// The search of a view's photo has ended.
     pub(super) fn end(&mut self, view: usize, found: bool) {
-        self.running = false;
+        self.running = None;
         if !found {
             self.failed.push(view);
+        }
+    }
+}
+
+impl Drop for DepthSearches {
+    /// Waits for the search that is running, a second or so: it may be writing a file.
+    fn drop(&mut self) {
+        if let Some(thread) = self.running.take() {
+            // Panics are caught in the thread.
+            let _ = thread.join();
         }
     }
 }
@@ -123,5 +132,22 @@ mod tests {
         let mut searches = DepthSearches::new(1, Arc::clone(&queue)).unwrap();
         assert!(!searches.start_first(&[5], |_| Ok(Some(|| panic!("a panic of the test")))));
         assert!(matches!(queue.next(false), Task::Found { view: 5, found: None }));
+    }
+
+    #[test]
+    fn search_that_is_running_is_waited_for() {
+        let queue = Arc::new(RequestQueue::default());
+        let mut searches = DepthSearches::new(1, Arc::clone(&queue)).unwrap();
+        let (started, wait) = std::sync::mpsc::channel();
+        let search = move || {
+            started.send(()).unwrap();
+            std::thread::sleep(std::time::Duration::from_millis(200));
+            Err(SynthesisError::Cancelled)
+        };
+        let mut search = Some(search);
+        searches.start_first(&[0], |_| Ok(search.take()));
+        wait.recv().unwrap();
+        drop(searches);
+        assert!(matches!(queue.next(true), Task::Found { view: 0, found: None }));
     }
 }

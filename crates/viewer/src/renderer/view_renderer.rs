@@ -82,8 +82,11 @@ impl ViewRenderer {
         Ok([&length, header.as_bytes(), &picture].concat())
     }
 
-    /// The depth that a picture waits for; `None` if it waits for none.
+    /// The depth that a picture waits for; `None` if it waits for none, as the last picture at rest.
     pub(crate) fn awaited(&mut self, viewpoint: &Viewpoint, moving: bool) -> Option<AwaitedDepth> {
+        if !moving && self.last_at_rest.as_ref().is_some_and(|last| last.viewpoint == *viewpoint) {
+            return None;
+        }
         self.source.awaited(viewpoint, moving)
     }
 
@@ -218,4 +221,46 @@ fn header(rendered: &Rendered) -> Value {
 
 fn milliseconds(time: Duration) -> f64 {
     (1e5 * time.as_secs_f64()).round() / 100.0
+}
+
+#[cfg(test)]
+mod tests {
+    use liveview::LayerSpec;
+    use liveview::render::StageTimes;
+
+    use super::super::fake_source::FakeSource;
+    use super::*;
+
+    #[test]
+    fn last_picture_at_rest_waits_for_nothing() {
+        let viewpoint = Viewpoint::sample(0);
+        let mut renderer = ViewRenderer::new(Box::new(FakeSource::default()), Vec::new(), viewpoint.camera.clone());
+        assert!(renderer.awaited(&viewpoint, false).is_some());
+        let frame = Frame {
+            picture: ImageRgb::new(1, 1, vec![0.0; 3]).unwrap(),
+            disparity: Array2::zeros((1, 1)),
+            transmittance: Array2::zeros((1, 1)),
+            best_layer: Array2::from_elem((1, 1), None),
+            uncovered_layers: 0,
+            occluded_pixels: 0,
+            logits_not_finite: 0,
+            times: StageTimes::default(),
+        };
+        let rendered = Rendered {
+            frame,
+            range: (1.0, 2.0),
+            layers: LayerSpec::Surface(1),
+            views: Vec::new(),
+            helpers: Vec::new(),
+            planning: [Duration::ZERO; 3],
+            agreeing_share: None,
+            left_out: Vec::new(),
+        };
+        let png = Arc::from(&b"png"[..]);
+        renderer.last_at_rest = Some(AtRest { viewpoint: viewpoint.clone(), rendered, header: Value::Null, png });
+        assert!(renderer.awaited(&viewpoint, false).is_none());
+        assert!(renderer.awaited(&viewpoint, true).is_some());
+        assert!(renderer.awaited(&Viewpoint::sample(1), false).is_some());
+        assert_eq!(*renderer.file(&FileRequest::Picture(viewpoint)).unwrap(), *b"png");
+    }
 }
