@@ -134,7 +134,8 @@ impl RequestQueue {
         }
     }
 
-    /// Sends a text that a later one replaces, unless an earlier message is still to be sent: none takes the room of a frame.
+    /// Sends a text that a later one replaces, unless an earlier message is still to be sent: it
+    /// takes no frame's room.
     pub(crate) fn send_progress(&self, client: u64, text: String) {
         if let Some(client) = self.state().clients.get(&client)
             && client.outbox.capacity() == client.outbox.max_capacity()

@@ -14,7 +14,8 @@ const MAX_FILES: usize = 4;
 
 type WaitingFile = (Viewpoint, oneshot::Sender<FileAnswer>);
 
-/// Requests that wait, of each client the last. One in motion is kept only for the depth that it lacks.
+/// Requests that wait, of each client the last. One in motion is kept only for the depth that it
+/// lacks.
 #[derive(Default)]
 pub(crate) struct Waiting {
     views: BTreeMap<u64, ViewRequest>,
@@ -56,7 +57,8 @@ impl Waiting {
         }
     }
 
-    /// Returns requests that need not wait any more to the queue, and tells the other clients how far the search is.
+    /// Returns requests that need not wait any more to the queue, and tells the other clients how
+    /// far the search is.
     pub(crate) fn update(&mut self, queue: &RequestQueue, renderer: &mut ViewRenderer) {
         self.forget_those_that_left(queue);
         for (client, request) in std::mem::take(&mut self.views) {

@@ -40,8 +40,9 @@ impl DepthSearches {
         self.failed.contains(&view)
     }
 
-    /// Starts the search of the first of the views' photos that can be searched, unless one is running. `search`: that of a
-    /// view; `None` if its depth is known. Returns whether any could not be started.
+    /// Starts the search of the first of the views' photos that can be searched, unless one is
+    /// running. `search`: that of a view; `None` if its depth is known. Returns whether any could
+    /// not be started.
     pub(super) fn start_first<S>(
         &mut self,
         views: &[usize],

@@ -37,8 +37,8 @@ pub(crate) trait Source {
     fn is_searching(&self) -> bool {
         false
     }
-    /// Starts the search for the depth of the first of the views' photos that can be searched, unless one is running. Returns
-    /// whether any cannot be: no picture waits for these any more.
+    /// Starts the search for the depth of the first of the views' photos that can be searched,
+    /// unless one is running. Returns whether any cannot be: no picture waits for these any more.
     fn start_search(&mut self, _views: &[usize]) -> bool {
         false
     }

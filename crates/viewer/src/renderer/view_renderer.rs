@@ -82,7 +82,8 @@ impl ViewRenderer {
         Ok([&length, header.as_bytes(), &picture].concat())
     }
 
-    /// The depth that a picture waits for; `None` if it waits for none, as the last picture at rest.
+    /// The depth that a picture waits for; `None` if it waits for none, as the last picture at
+    /// rest.
     pub(crate) fn awaited(&mut self, viewpoint: &Viewpoint, moving: bool) -> Option<AwaitedDepth> {
         if !moving && self.last_at_rest.as_ref().is_some_and(|last| last.viewpoint == *viewpoint) {
             return None;
@@ -95,8 +96,9 @@ impl ViewRenderer {
         self.source.is_searching()
     }
 
-    /// Starts the search for the depth of the first of the views' photos that can be searched, unless one is running. Returns
-    /// whether any cannot be: the pictures that need these search by themselves, and report why that fails.
+    /// Starts the search for the depth of the first of the views' photos that can be searched,
+    /// unless one is running. Returns whether any cannot be: the pictures that need these search by
+    /// themselves, and report why that fails.
     pub(crate) fn start_search(&mut self, views: &[usize]) -> bool {
         self.source.start_search(views)
     }
