@@ -22,7 +22,7 @@ use liveview_common::interrupt;
 use opened::Opened;
 pub use options::ViewArgs;
 use renderer::ViewRenderer;
-use request::{FileRequest, Message, Task};
+use request::{FileError, FileRequest, Message, Task};
 use request_queue::RequestQueue;
 use serde_json::json;
 use server::{App, Guard, Server, listen, reachable};
@@ -72,7 +72,7 @@ fn serve(queue: &RequestQueue, renderer: &mut ViewRenderer) {
     let mut first = renderer.needed_first();
     let mut waiting = Waiting::default();
     loop {
-        renderer.start_search();
+        waiting.start_search(queue, renderer);
         let prepare = renderer.unprepared() > 0 && (first > 0 || queue.has_clients());
         match queue.next(prepare) {
             Task::Stop => return,
@@ -82,7 +82,7 @@ fn serve(queue: &RequestQueue, renderer: &mut ViewRenderer) {
                     Err(error) => Message::Text(json!({ "error": full_text(&error), "id": request.id }).to_string()),
                 };
                 queue.send(client, message);
-                let waits = !request.moving && renderer.awaited(&request.viewpoint, false).is_some();
+                let waits = renderer.awaited(&request.viewpoint, request.moving).is_some();
                 waiting.set_view(client, Some(request).filter(|_| waits));
             }
             Task::File { request: FileRequest::Picture(viewpoint), reply }
@@ -96,7 +96,7 @@ fn serve(queue: &RequestQueue, renderer: &mut ViewRenderer) {
             }
             // Sending fails if the client has left.
             Task::File { request, reply } => {
-                drop(reply.send(renderer.file(&request).map_err(|error| full_text(&error))));
+                drop(reply.send(renderer.file(&request).map_err(|error| FileError::Failed(full_text(&error)))));
             }
             Task::Prepare => {
                 first = first.saturating_sub(1);

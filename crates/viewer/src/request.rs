@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use liveview::{Camera, FoundDepth, SynthesisError};
+use liveview::{Camera, FoundDepth};
 use tokio::sync::oneshot;
 
 /// A camera, and a time step of a rig.
@@ -35,7 +35,16 @@ pub(crate) enum FileRequest {
 }
 
 /// The bytes of a file, or the reason why there are none.
-pub(crate) type FileAnswer = Result<Arc<[u8]>, String>;
+pub(crate) type FileAnswer = Result<Arc<[u8]>, FileError>;
+
+/// Why there is no file.
+#[derive(Debug, PartialEq)]
+pub(crate) enum FileError {
+    /// Too many wait for depth.
+    TooMany,
+    /// The picture cannot be rendered, or the photo cannot be read.
+    Failed(String),
+}
 
 /// The renderer's next task.
 #[derive(Debug)]
@@ -48,10 +57,10 @@ pub(crate) enum Task {
         request: FileRequest,
         reply: oneshot::Sender<FileAnswer>,
     },
-    /// The depth of a view's photo, or why it could not be searched.
+    /// The depth of a view's photo; `None` if it could not be searched.
     Found {
         view: usize,
-        found: Result<Box<FoundDepth>, SynthesisError>,
+        found: Option<Box<FoundDepth>>,
     },
     /// No request is pending: time to load photos and search depth ahead.
     Prepare,
@@ -65,4 +74,16 @@ pub(crate) enum Message {
     Frame(Arc<[u8]>),
     /// JSON.
     Text(String),
+}
+
+#[cfg(test)]
+impl Viewpoint {
+    /// A viewpoint for tests.
+    pub(crate) fn sample(step: usize) -> Self {
+        use liveview::Intrinsics;
+        use liveview::glam::{DMat3, DVec3};
+
+        let k = Intrinsics { fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0, skew: 0.0 };
+        Self { camera: Camera::new(k, 64, 48, DMat3::IDENTITY, DVec3::ZERO).unwrap(), step }
+    }
 }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-use liveview::{FoundDepth, SynthesisError};
+use liveview::FoundDepth;
 use tokio::sync::{mpsc, oneshot};
 
 use crate::request::{FileAnswer, FileRequest, Message, Task, ViewRequest};
@@ -26,7 +26,7 @@ struct State {
     clients: BTreeMap<u64, Client>,
     files: VecDeque<(FileRequest, oneshot::Sender<FileAnswer>)>,
     /// What a search found, and for which view.
-    found: Option<(usize, Result<Box<FoundDepth>, SynthesisError>)>,
+    found: Option<(usize, Option<Box<FoundDepth>>)>,
     /// The client that was served last; files take turns with clients.
     last_client: u64,
     file_was_last: bool,
@@ -52,7 +52,7 @@ impl RequestQueue {
         if state.clients.len() >= MAX_CLIENTS || state.stopped {
             return None;
         }
-        // Room for the frames in flight and for as many error messages.
+        // Room for the frames in flight and for as many texts.
         let (outbox, messages) = mpsc::channel(2 * MAX_FRAMES_IN_FLIGHT);
         state.joined += 1;
         let client = state.joined;
@@ -63,6 +63,11 @@ impl RequestQueue {
     /// Removes a client.
     pub(crate) fn leave(&self, client: u64) {
         self.state().clients.remove(&client);
+    }
+
+    /// Whether the client has not left.
+    pub(crate) fn has_client(&self, client: u64) -> bool {
+        self.state().clients.contains_key(&client)
     }
 
     /// Clients that have joined so far.
@@ -93,7 +98,7 @@ impl RequestQueue {
     }
 
     /// Hands over what a search for the depth of a view's photo found.
-    pub(crate) fn found(&self, view: usize, found: Result<FoundDepth, SynthesisError>) {
+    pub(crate) fn found(&self, view: usize, found: Option<FoundDepth>) {
         self.state().found = Some((view, found.map(Box::new)));
         self.changed.notify_one();
     }
@@ -121,9 +126,21 @@ impl RequestQueue {
     /// Sends a message to a client, which may have left.
     pub(crate) fn send(&self, client: u64, message: Message) {
         if let Some(client) = self.state().clients.get_mut(&client) {
-            client.in_flight += usize::from(matches!(message, Message::Frame(_)));
+            let frames = usize::from(matches!(message, Message::Frame(_)));
             // Full only of error messages that the client does not read.
-            let _ = client.outbox.try_send(message);
+            if client.outbox.try_send(message).is_ok() {
+                client.in_flight += frames;
+            }
+        }
+    }
+
+    /// Sends a text that a later one replaces, unless an earlier message is still to be sent: it
+    /// takes no frame's room.
+    pub(crate) fn send_progress(&self, client: u64, text: String) {
+        if let Some(client) = self.state().clients.get(&client)
+            && client.outbox.capacity() == client.outbox.max_capacity()
+        {
+            let _ = client.outbox.try_send(Message::Text(text));
         }
     }
 
@@ -185,16 +202,11 @@ impl State {
 mod tests {
     use std::sync::Arc;
 
-    use liveview::glam::{DMat3, DVec3};
-    use liveview::{Camera, Intrinsics};
-
     use super::*;
     use crate::request::Viewpoint;
 
     fn view_request(id: u64) -> ViewRequest {
-        let k = Intrinsics { fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0, skew: 0.0 };
-        let camera = Camera::new(k, 64, 48, DMat3::IDENTITY, DVec3::ZERO).unwrap();
-        ViewRequest { id, viewpoint: Viewpoint { camera, step: 0 }, moving: true, depth: false }
+        ViewRequest { id, viewpoint: Viewpoint::sample(0), moving: true, depth: false }
     }
 
     fn file_request() -> FileRequest {
@@ -239,6 +251,22 @@ mod tests {
         assert!(messages.try_recv().is_ok());
         queue.frame_shown(client);
         assert_eq!(served(&queue), Some((client, 9)));
+    }
+
+    #[test]
+    fn texts_leave_room_for_frames_and_only_sent_frames_are_in_flight() {
+        let queue = RequestQueue::default();
+        let (client, mut messages) = queue.join().unwrap();
+        let frame = || Message::Frame(Arc::from(&b"frame"[..]));
+        (0..9).for_each(|_| queue.send_progress(client, "progress".to_owned()));
+        (0..MAX_FRAMES_IN_FLIGHT).for_each(|_| queue.send(client, frame()));
+        let sent: Vec<_> = std::iter::from_fn(|| messages.try_recv().ok()).collect();
+        assert!(matches!(sent[..], [Message::Text(_), Message::Frame(_), Message::Frame(_)]), "{sent:?}");
+        (0..MAX_FRAMES_IN_FLIGHT).for_each(|_| queue.frame_shown(client));
+        (0..9).for_each(|_| queue.send(client, Message::Text("error".to_owned())));
+        (0..MAX_FRAMES_IN_FLIGHT).for_each(|_| queue.send(client, frame()));
+        queue.request_view(client, view_request(1));
+        assert_eq!(served(&queue), Some((client, 1)));
     }
 
     #[test]

@@ -7,15 +7,12 @@ use anyhow::Result;
 use liveview::geometry::distance;
 use liveview::network::ViewAgreement;
 use liveview::render::Renderer;
-use liveview::{
-    Camera, FoundDepth, ImageRgb, LayerSpec, LoadedShot, Scene, ScenePhotos, Shot, SynthesisError, TargetCamera,
-    Targets,
-};
+use liveview::{Camera, FoundDepth, ImageRgb, LayerSpec, LoadedShot, Scene, ScenePhotos, Shot, TargetCamera, Targets};
 use liveview_common::job::Job;
 
 use super::depth_searches::DepthSearches;
 use super::size_controller::SizeController;
-use super::source::{Rendered, SearchProgress, Source};
+use super::source::{AwaitedDepth, Rendered, Source};
 use crate::request::Viewpoint;
 use crate::request_queue::RequestQueue;
 
@@ -33,10 +30,6 @@ pub(crate) struct Photos {
     /// Those of them whose photo and depth are not prepared yet.
     unprepared: Vec<Shot>,
     searches: DepthSearches,
-    /// Views whose photos' depth the last requested picture waits for.
-    wanted: Vec<usize>,
-    /// Views whose photos' depth could not be searched: a picture that needs one says why.
-    failed: Vec<usize>,
     /// Renders what stands in for a picture that waits: without the network, which takes longest.
     drafts: Renderer,
     size: SizeController,
@@ -64,8 +57,6 @@ impl Photos {
             motion_layers,
             view_shots: Vec::new(),
             unprepared: Vec::new(),
-            wanted: Vec::new(),
-            failed: Vec::new(),
             drafts,
             size: SizeController::default(),
         };
@@ -96,21 +87,6 @@ impl Photos {
         // Almost sorted already where the viewpoint has moved little: the sort is fast then.
         self.view_shots.sort_by(|a, b| distance(&a.target, &shot.target).total_cmp(&distance(&b.target, &shot.target)));
         Ok(self.job.synthesizer.load(shot, &self.view_shots)?)
-    }
-
-    /// Starts the search for the depth of a view's photo, unless it is known.
-    fn search(&mut self, view: usize) -> Result<()> {
-        match self.job.synthesizer.photos_mut().depth_search(view, &self.held_out) {
-            Ok(Some(search)) => self.searches.start(view, search),
-            Ok(None) => {
-                self.wanted.retain(|&wanted| wanted != view);
-                Ok(())
-            }
-            Err(error) => {
-                self.failed.push(view);
-                Err(error.into())
-            }
-        }
     }
 
     fn render(&mut self, camera: &Camera, layers: LayerSpec) -> Result<Rendered> {
@@ -160,17 +136,17 @@ impl Source for Photos {
         Ok(self.job.scene().load_image(view)?)
     }
 
-    fn awaited(&mut self, viewpoint: &Viewpoint, moving: bool) -> Option<SearchProgress> {
+    /// A picture does not wait for depth whose search has failed: rendering it says why.
+    fn awaited(&mut self, viewpoint: &Viewpoint, moving: bool) -> Option<AwaitedDepth> {
         let layers = if moving { &self.motion_layers } else { &self.layers };
         if !matches!(layers, LayerSpec::Surface(_)) {
             return None;
         }
         self.job.synthesizer.set_layers(layers.clone());
         let shot = self.shot(&viewpoint.camera).ok()?;
-        self.wanted = self.job.synthesizer.photos_mut().unknown_depths(&shot);
-        self.wanted.retain(|view| !self.failed.contains(view));
-        let (missing, count) = (self.wanted.len(), shot.views.len() + shot.helpers.len());
-        (missing > 0).then(|| SearchProgress { done: count - missing, count })
+        let mut views = self.job.synthesizer.photos_mut().unknown_depths(&shot);
+        views.retain(|&view| !self.searches.has_failed(view));
+        (!views.is_empty()).then(|| AwaitedDepth { views, count: shot.views.len() + shot.helpers.len() })
     }
 
     fn render_draft(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
@@ -180,25 +156,26 @@ impl Source for Photos {
         rendered
     }
 
-    fn start_search(&mut self) -> Result<()> {
-        match (self.searches.running, self.wanted.first()) {
-            (None, Some(&view)) => self.search(view),
-            _ => Ok(()),
-        }
+    fn is_searching(&self) -> bool {
+        self.searches.is_running()
     }
 
-    fn insert(&mut self, view: usize, found: Result<Box<FoundDepth>, SynthesisError>) {
-        self.searches.running = None;
-        self.wanted.retain(|&wanted| wanted != view);
-        match found {
-            Ok(found) => self.job.synthesizer.photos_mut().insert_depth(*found),
-            Err(_) => self.failed.push(view),
+    fn start_search(&mut self, views: &[usize]) -> bool {
+        let photos = self.job.synthesizer.photos_mut();
+        let search = |view| Ok(photos.depth_search(view, &self.held_out)?.map(|search| move || search.run()));
+        self.searches.start_first(views, search)
+    }
+
+    fn insert(&mut self, view: usize, found: Option<Box<FoundDepth>>) {
+        self.searches.end(view, found.is_some());
+        if let Some(found) = found {
+            self.job.synthesizer.photos_mut().insert_depth(*found);
         }
     }
 
     /// None while a search is running: what it finds comes first.
     fn unprepared(&self) -> usize {
-        if self.searches.running.is_some() { 0 } else { self.unprepared.len() }
+        if self.is_searching() { 0 } else { self.unprepared.len() }
     }
 
     fn needed_first(&self) -> usize {
@@ -217,6 +194,10 @@ impl Source for Photos {
         self.job.synthesizer.set_layers(self.motion_layers.clone());
         let view = shot.views[0];
         self.load(&shot)?;
-        if matches!(self.motion_layers, LayerSpec::Surface(_)) { self.search(view) } else { Ok(()) }
+        if matches!(self.motion_layers, LayerSpec::Surface(_)) {
+            // A failure is reported with the first picture that needs the photo.
+            self.start_search(&[view]);
+        }
+        Ok(())
     }
 }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use anyhow::Result;
-use liveview::{Camera, FoundDepth, Frame, ImageRgb, LayerSpec, Scene, SynthesisError};
+use liveview::{Camera, FoundDepth, Frame, ImageRgb, LayerSpec, Scene};
 use serde_json::{Value, json};
 
 use crate::request::Viewpoint;
@@ -25,21 +25,25 @@ pub(crate) trait Source {
     fn render_at_rest(&mut self, viewpoint: &Viewpoint) -> Result<Rendered>;
     /// The photo of a camera at a time step.
     fn photo(&mut self, view: usize, step: usize) -> Result<ImageRgb>;
-    /// How far the search for the depth that a picture needs is; `None` if nothing is to be waited for. What is missing is searched
-    /// next.
-    fn awaited(&mut self, _: &Viewpoint, _moving: bool) -> Option<SearchProgress> {
+    /// The depth that a picture waits for; `None` if it waits for none.
+    fn awaited(&mut self, _: &Viewpoint, _moving: bool) -> Option<AwaitedDepth> {
         None
     }
     /// A picture that does not need depth, in place of one that waits for it.
     fn render_draft(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
         self.render_in_motion(viewpoint)
     }
-    /// Starts the search for depth that is missing, unless one is running.
-    fn start_search(&mut self) -> Result<()> {
-        Ok(())
+    /// Whether a search for depth is running.
+    fn is_searching(&self) -> bool {
+        false
     }
-    /// Takes what a search for the depth of a view's photo found.
-    fn insert(&mut self, _view: usize, _found: Result<Box<FoundDepth>, SynthesisError>) {}
+    /// Starts the search for the depth of the first of the views' photos that can be searched,
+    /// unless one is running. Returns whether any cannot be: no picture waits for these any more.
+    fn start_search(&mut self, _views: &[usize]) -> bool {
+        false
+    }
+    /// Takes what a search for the depth of a view's photo found; `None` if it failed.
+    fn insert(&mut self, _view: usize, _found: Option<Box<FoundDepth>>) {}
     /// Number of calls of [`Self::prepare`] that still have something to do.
     fn unprepared(&self) -> usize;
     /// Number of these that the first picture needs.
@@ -48,18 +52,19 @@ pub(crate) trait Source {
     fn prepare(&mut self, near: &Camera) -> Result<()>;
 }
 
-/// How far the search for the depth of the photos of a picture is.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct SearchProgress {
-    /// Photos whose depth is known.
-    pub(super) done: usize,
-    /// Photos whose depth is needed.
-    pub(super) count: usize,
+/// The depth that a picture waits for.
+#[derive(Debug, Clone)]
+pub(crate) struct AwaitedDepth {
+    /// Views whose photos' depth is to be searched.
+    pub(crate) views: Vec<usize>,
+    /// Photos whose depth the picture needs.
+    pub(crate) count: usize,
 }
 
-impl SearchProgress {
-    pub(crate) fn to_json(self) -> Value {
-        json!({ "done": self.done, "count": self.count })
+impl AwaitedDepth {
+    /// How far the search is.
+    pub(crate) fn to_json(&self) -> Value {
+        json!({ "done": self.count - self.views.len(), "count": self.count })
     }
 }
 

@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use liveview::image::{Score, coloured, encode};
 use liveview::ndarray::Array2;
-use liveview::{Camera, FoundDepth, Frame, ImageRgb, SynthesisError};
+use liveview::{Camera, FoundDepth, Frame, ImageRgb};
 use liveview_common::agreement;
 use serde_json::{Value, json};
 
-use super::source::{Rendered, SearchProgress, Source};
+use super::source::{AwaitedDepth, Rendered, Source};
 use crate::request::{FileRequest, ViewRequest, Viewpoint};
 
 /// Scale of the target's sides for pictures in motion that stand in for others.
@@ -66,12 +66,12 @@ impl ViewRenderer {
         self.last_camera = request.viewpoint.camera.clone();
         let started = Instant::now();
         let awaited = self.awaited(&request.viewpoint, request.moving);
-        let (mut header, picture) = match (awaited, request.moving) {
+        let (mut header, picture) = match (&awaited, request.moving) {
             (Some(_), _) => self.draft(request)?,
             (None, true) => self.in_motion(request)?,
             (None, false) => self.at_rest(request)?,
         };
-        header["search"] = awaited.map_or(Value::Null, SearchProgress::to_json);
+        header["search"] = awaited.as_ref().map_or(Value::Null, AwaitedDepth::to_json);
         header["id"] = request.id.into();
         header["moving"] = request.moving.into();
         header["depth"] = request.depth.into();
@@ -82,19 +82,29 @@ impl ViewRenderer {
         Ok([&length, header.as_bytes(), &picture].concat())
     }
 
-    /// How far the search for the depth that a picture needs is; `None` if nothing is to be waited for.
-    pub(crate) fn awaited(&mut self, viewpoint: &Viewpoint, moving: bool) -> Option<SearchProgress> {
+    /// The depth that a picture waits for; `None` if it waits for none, as the last picture at
+    /// rest.
+    pub(crate) fn awaited(&mut self, viewpoint: &Viewpoint, moving: bool) -> Option<AwaitedDepth> {
+        if !moving && self.last_at_rest.as_ref().is_some_and(|last| last.viewpoint == *viewpoint) {
+            return None;
+        }
         self.source.awaited(viewpoint, moving)
     }
 
-    /// Starts the search for depth that a requested picture needs, unless a search is running. One that cannot be started is
-    /// reported with the picture, which then searches by itself.
-    pub(crate) fn start_search(&mut self) {
-        let _ = self.source.start_search();
+    /// Whether a search for depth is running.
+    pub(crate) fn is_searching(&self) -> bool {
+        self.source.is_searching()
     }
 
-    /// Takes what a search for the depth of a view's photo found.
-    pub(crate) fn insert(&mut self, view: usize, found: Result<Box<FoundDepth>, SynthesisError>) {
+    /// Starts the search for the depth of the first of the views' photos that can be searched,
+    /// unless one is running. Returns whether any cannot be: the pictures that need these search by
+    /// themselves, and report why that fails.
+    pub(crate) fn start_search(&mut self, views: &[usize]) -> bool {
+        self.source.start_search(views)
+    }
+
+    /// Takes what a search for the depth of a view's photo found; `None` if it failed.
+    pub(crate) fn insert(&mut self, view: usize, found: Option<Box<FoundDepth>>) {
         self.source.insert(view, found);
     }
 
@@ -213,4 +223,46 @@ fn header(rendered: &Rendered) -> Value {
 
 fn milliseconds(time: Duration) -> f64 {
     (1e5 * time.as_secs_f64()).round() / 100.0
+}
+
+#[cfg(test)]
+mod tests {
+    use liveview::LayerSpec;
+    use liveview::render::StageTimes;
+
+    use super::super::fake_source::FakeSource;
+    use super::*;
+
+    #[test]
+    fn last_picture_at_rest_waits_for_nothing() {
+        let viewpoint = Viewpoint::sample(0);
+        let mut renderer = ViewRenderer::new(Box::new(FakeSource::default()), Vec::new(), viewpoint.camera.clone());
+        assert!(renderer.awaited(&viewpoint, false).is_some());
+        let frame = Frame {
+            picture: ImageRgb::new(1, 1, vec![0.0; 3]).unwrap(),
+            disparity: Array2::zeros((1, 1)),
+            transmittance: Array2::zeros((1, 1)),
+            best_layer: Array2::from_elem((1, 1), None),
+            uncovered_layers: 0,
+            occluded_pixels: 0,
+            logits_not_finite: 0,
+            times: StageTimes::default(),
+        };
+        let rendered = Rendered {
+            frame,
+            range: (1.0, 2.0),
+            layers: LayerSpec::Surface(1),
+            views: Vec::new(),
+            helpers: Vec::new(),
+            planning: [Duration::ZERO; 3],
+            agreeing_share: None,
+            left_out: Vec::new(),
+        };
+        let png = Arc::from(&b"png"[..]);
+        renderer.last_at_rest = Some(AtRest { viewpoint: viewpoint.clone(), rendered, header: Value::Null, png });
+        assert!(renderer.awaited(&viewpoint, false).is_none());
+        assert!(renderer.awaited(&viewpoint, true).is_some());
+        assert!(renderer.awaited(&Viewpoint::sample(1), false).is_some());
+        assert_eq!(*renderer.file(&FileRequest::Picture(viewpoint)).unwrap(), *b"png");
+    }
 }

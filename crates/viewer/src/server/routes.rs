@@ -16,7 +16,7 @@ use tokio::time::timeout;
 use super::app::App;
 use super::message::{MAX_BYTES, viewpoint};
 use super::{page, socket};
-use crate::request::FileRequest;
+use crate::request::{FileError, FileRequest};
 
 /// Largest message that is read; one above [`MAX_BYTES`] is refused with a reason.
 const MAX_READ_BYTES: usize = 1 << 16;
@@ -100,12 +100,16 @@ async fn picture(State(app): State<Arc<App>>, request: Request) -> Response {
 
 /// A file from the renderer.
 async fn rendered_file(app: &App, request: FileRequest, kind: &'static str) -> Response {
-    let Some(answer) = app.queue.request_file(request) else {
-        return (StatusCode::SERVICE_UNAVAILABLE, "too many pictures are requested at once\n").into_response();
+    let answer = match app.queue.request_file(request) {
+        Some(answer) => answer.await,
+        None => Ok(Err(FileError::TooMany)),
     };
-    match answer.await {
+    match answer {
         Ok(Ok(bytes)) => ([(header::CONTENT_TYPE, kind)], axum::body::Bytes::from_owner(bytes)).into_response(),
-        Ok(Err(reason)) => refused(reason),
+        Ok(Err(FileError::Failed(reason))) => refused(reason),
+        Ok(Err(FileError::TooMany)) => {
+            (StatusCode::SERVICE_UNAVAILABLE, "too many pictures are requested at once\n").into_response()
+        }
         Err(_) => (StatusCode::SERVICE_UNAVAILABLE, "the program has ended\n").into_response(),
     }
 }
