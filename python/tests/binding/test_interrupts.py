@@ -1,6 +1,7 @@
 """Ctrl-C while pictures are rendered."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -87,7 +88,12 @@ assert next(frames).name == "frame_0000"
 def run_script(liveview, script: str, *arguments: str) -> subprocess.CompletedProcess:
     environment = os.environ | {"PYTHONPATH": os.path.dirname(os.path.dirname(liveview.__file__))}
     command = [sys.executable, "-c", script, str(WORKSHOP), *arguments]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    # A shell ignores the signal for its background jobs, and Python leaves it so.
+    before = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.parametrize("network", ["", str(ROOT / "models/liveview_v4_planes.onnx")])
