@@ -1,7 +1,7 @@
 //! The views of a scene, and the choice among them: which a target is rendered from, and over which
 //! range of depths.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use super::error::SynthesisError;
 
@@ -16,7 +16,7 @@ use crate::surface::found_range;
 /// A scene and the depth range given for it: chooses the views and the depth range of each target.
 #[derive(Debug, Clone)]
 pub struct SceneViews {
-    scene: Scene,
+    scene: Arc<Scene>,
     given: (Option<f64>, Option<f64>),
     /// The range found from the photos, once it was needed; `None` if it cannot be found.
     found: OnceLock<Option<(f64, f64)>>,
@@ -25,12 +25,18 @@ pub struct SceneViews {
 impl SceneViews {
     /// The views of a scene. `near` and `far` are in scene units; `None` takes the scene's own.
     pub fn new(scene: Scene, near: Option<f64>, far: Option<f64>) -> Self {
-        Self { scene, given: (near, far), found: OnceLock::new() }
+        Self { scene: Arc::new(scene), given: (near, far), found: OnceLock::new() }
     }
 
     /// The scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// The scene, for a search on another thread.
+    #[cfg(feature = "surface")]
+    pub(super) fn shared_scene(&self) -> Arc<Scene> {
+        Arc::clone(&self.scene)
     }
 
     /// Near and far as given to [`Self::new`], scene units.

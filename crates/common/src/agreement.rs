@@ -18,7 +18,7 @@ use anyhow::Result;
 use liveview::ndarray::Axis;
 use liveview::network::ViewAgreement;
 use liveview::render::{Batch, Renderer};
-use liveview::{LayerSpec, SceneViews, Synthesizer, TargetSurface, Targets};
+use liveview::{LayerSpec, LoadedShot, Plan, SceneViews, Synthesizer, TargetSurface, Targets};
 
 /// Smallest share of agreeing pixels at which poses and photos count as matching.
 const MIN_AGREEING: f64 = 0.58;
@@ -70,13 +70,23 @@ pub fn warning(share: f64) -> Option<String> {
 /// A held-out view along the surface of its `views` nearest photos: that surface, and the share of the pixels on which the
 /// photos agree.
 pub fn of_view(scene_views: &SceneViews, target: usize, views: usize) -> Result<(Option<TargetSurface>, Option<f64>)> {
+    let (mut synthesizer, loaded, plan) = planned(scene_views, target, views)?;
+    let mut agreement = Agreement::default();
+    synthesizer.render_plan(&loaded, &plan, Some(&mut |batch: &Batch<'_>| agreement.add(batch)))?;
+    Ok((plan.surface, agreement.share()))
+}
+
+/// That surface alone, which is not rendered.
+pub fn surface_of_view(scene_views: &SceneViews, target: usize, views: usize) -> Result<Option<TargetSurface>> {
+    Ok(planned(scene_views, target, views)?.2.surface)
+}
+
+fn planned(scene_views: &SceneViews, target: usize, views: usize) -> Result<(Synthesizer, LoadedShot, Plan)> {
     let targets = Targets::held_out(scene_views.scene(), vec![target]);
     let renderer = Renderer::new(Box::new(ViewAgreement { views }), 1);
     let mut synthesizer = Synthesizer::new(scene_views.clone(), renderer, LayerSpec::Surface(1));
     let shot = synthesizer.shots(targets)?.remove(0);
     let loaded = synthesizer.load(&shot, &[])?;
     let plan = synthesizer.plan(&loaded)?;
-    let mut agreement = Agreement::default();
-    synthesizer.render_plan(&loaded, &plan, Some(&mut |batch: &Batch<'_>| agreement.add(batch)))?;
-    Ok((plan.surface, agreement.share()))
+    Ok((synthesizer, loaded, plan))
 }

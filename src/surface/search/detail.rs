@@ -17,16 +17,12 @@ const MIN_SIDE: usize = 240;
 
 /// Pixels per side of a photo's finest detail: a power of two.
 pub(crate) fn detail_pixels(photo: &Texture) -> usize {
-    let (mut pixels, mut detail, mut half) = (1, None, photo.shrunk(2));
-    while half.width().min(half.height()) >= MIN_SIDE {
-        let here = detail.unwrap_or_else(|| mean_square_detail(photo));
-        let of_half = mean_square_detail(&half);
-        if here >= SOFT_SHARE * of_half {
-            break;
-        }
-        (pixels, detail, half) = (2 * pixels, Some(of_half), half.shrunk(2));
+    if photo.width().min(photo.height()).div_ceil(2) < MIN_SIDE {
+        return 1;
     }
-    pixels
+    let half = photo.shrunk(2);
+    let is_soft = mean_square_detail(photo) < SOFT_SHARE * mean_square_detail(&half);
+    if is_soft { 2 * detail_pixels(&half) } else { 1 }
 }
 
 fn mean_square_detail(photo: &Texture) -> f64 {

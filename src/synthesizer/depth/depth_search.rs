@@ -16,7 +16,7 @@ use crate::warp::{SourceView, Texture};
 /// A search for the depth of a view's photo, to be run on any thread
 /// ([`crate::ScenePhotos::depth_search`]).
 pub struct DepthSearch {
-    pub(in crate::synthesizer) scene: Scene,
+    pub(in crate::synthesizer) scene: Arc<Scene>,
     pub(in crate::synthesizer) held_out: Vec<usize>,
     /// The view's photo, then those of its neighbours.
     pub(in crate::synthesizer) photos: Vec<SearchedPhoto>,

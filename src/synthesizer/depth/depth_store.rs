@@ -181,7 +181,7 @@ fn search(
         digest: files.as_ref().and_then(|files| files.digests[view]),
     };
     (!needed.is_empty()).then(|| DepthSearch {
-        scene: views.scene().clone(),
+        scene: views.shared_scene(),
         held_out: depth.held_out().to_vec(),
         photos: needed.iter().map(photo).collect(),
         range: depth.range(),

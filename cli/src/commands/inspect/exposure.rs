@@ -13,7 +13,7 @@ use liveview_common::console::escaped;
 pub(super) fn gains(scene_views: &SceneViews, target: usize, views: usize) -> Result<(String, Vec<[f32; 3]>)> {
     let View { name, camera, .. } = &scene_views.scene().views[target];
     let chosen = scene_views.choose(name, camera, &[target], views)?;
-    let (surface, _) = agreement::of_view(scene_views, target, views)?;
+    let surface = agreement::surface_of_view(scene_views, target, views)?;
     let gains = surface.map_or_else(Vec::new, |surface| surface.gains().to_vec());
     let names: Vec<String> = scene_views.names(&chosen).iter().map(|name| escaped(name)).collect();
     let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
