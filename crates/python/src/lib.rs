@@ -10,8 +10,9 @@ mod engine;
 mod error;
 mod frame;
 mod frames;
+mod live;
+mod model;
 mod names;
-mod onnx_runtime;
 mod scene;
 mod stages;
 mod synthesizer;
@@ -28,6 +29,8 @@ mod _liveview {
     use crate::frame::Frame;
     #[pymodule_export]
     use crate::frames::Frames;
+    #[pymodule_export]
+    use crate::live::LiveSession;
     #[pymodule_export]
     use crate::scene::Scene;
     #[pymodule_export]

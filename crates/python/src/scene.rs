@@ -123,7 +123,7 @@ impl Scene {
 }
 
 /// What an argument holds for each photo: the parts of an array, or the items of a list.
-fn items<'py>(name: &str, argument: &Bound<'py, PyAny>) -> PyResult<Vec<Bound<'py, PyAny>>> {
+pub(crate) fn items<'py>(name: &str, argument: &Bound<'py, PyAny>) -> PyResult<Vec<Bound<'py, PyAny>>> {
     let found = argument.try_iter().map_err(|_| kind(name, "expected an array, or a list of arrays"))?;
     let found = found.collect::<PyResult<Vec<_>>>()?;
     if found.is_empty() { Err(value(name, "there are none; expected at least one")) } else { Ok(found) }

@@ -34,6 +34,7 @@ class Cases:
             "camera": {"k": self.k, "pose": np.eye(4), "width": W, "height": H},
             "scene": {"photos": self.photos, "k": self.k, "poses": self.poses},
             "synthesizer": {"scene": lv.Scene.from_arrays(self.photos, self.k, self.poses), "near": 1, "far": 9},
+            "live": {"cameras": [self.camera] * 2, "near": 1, "far": 9},
             "warp_maps": {"image": image, "source": self.camera, "target": self.camera, "maps": f32(2, H, W)},
             "blend": {
                 "logits": f32(2, 4, H, W),
@@ -102,6 +103,8 @@ class Cases:
             return self.lv.Scene.from_arrays(**arguments)
         if name == "synthesizer":
             return self.lv.Synthesizer(**arguments)
+        if name == "live":
+            return self.lv.LiveSession(**arguments)
         return getattr(self.lv, name)(**arguments)
 
     def pose(self, row: int, column: int, value: float) -> np.ndarray:

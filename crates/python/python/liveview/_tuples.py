@@ -7,11 +7,12 @@ import numpy as np
 
 class Composited(NamedTuple):
     """Composited layers: rgb [3, H, W] in [0, 1]; disparity [H, W], 1/scene unit; transmittance
-    [H, W], what is left behind the last layer. float32."""
+    [H, W], what is left behind the last layer; weights [L, H, W] of the layers. float32."""
 
     rgb: np.ndarray
     disparity: np.ndarray
     transmittance: np.ndarray
+    weights: np.ndarray
 
 
 class RangeMap(NamedTuple):
