@@ -44,7 +44,9 @@ mod _liveview {
     #[pymodule_export]
     use crate::stages::render::{blend, composite, composite_competing};
     #[pymodule_export]
-    use crate::stages::surface::{exposure_gains, fill_holes, median3, sharpening, surface, visible, visible_or_past};
+    use crate::stages::surface::{
+        exposure_gains, fill_holes, median3, sharpening, surface, surface_layers, visible, visible_or_past,
+    };
     #[pymodule_export]
     use crate::stages::views::{choose_views, view_distances};
     #[pymodule_export]

@@ -85,6 +85,7 @@ class Cases:
                 "margin": 0.1,
             },
             "surface": {"views": [self.view], "target": self.camera, "near": 1, "far": 9},
+            "surface_layers": {"disparity": f32(H, W), "count": 3},
             "exposure_gains": {"views": [self.view], "distances": [1.0]},
             "fill_holes": {"map_": f32(H, W)},
             "median3": {"x": f32(H, W)},
@@ -105,6 +106,8 @@ class Cases:
             return self.lv.Synthesizer(**arguments)
         if name == "live":
             return self.lv.LiveSession(**arguments)
+        if name == "surface_layers":
+            return self.lv.Surface(arguments["disparity"], 0.1, 0.0).layers(arguments["count"])
         return getattr(self.lv, name)(**arguments)
 
     def pose(self, row: int, column: int, value: float) -> np.ndarray:

@@ -31,7 +31,7 @@ from liveview_ref.reference.surface.anchored_depth import anchored_depth
 from liveview_ref.reference.surface.correction.exposure import exposure_gains
 from liveview_ref.reference.surface.correction.sharpness import sharpening
 from liveview_ref.reference.surface.fusion.consistency import confirmed
-from liveview_ref.reference.surface.fusion.surface import OCCLUSION_MARGIN, surface
+from liveview_ref.reference.surface.fusion.surface import OCCLUSION_MARGIN, Surface, surface
 from liveview_ref.reference.surface.fusion.surface_view import SurfaceView
 from liveview_ref.reference.surface.fusion.visible import visible, visible_or_past
 from liveview_ref.reference.surface.neighbourhood import fill_holes
@@ -63,7 +63,14 @@ def test_only_the_import_differs_from_the_reference(liveview, reference):
 
     assert arguments(stage) == arguments(reference)
     given = of_reference(liveview, Cases(liveview).good[reference.__name__])
-    assert structure(stage(**given)) == structure(reference(**given))
+    found, expected = stage(**given), reference(**given)
+    assert structure(found) == structure(expected)
+    if type(expected).__module__.startswith("liveview_ref"):  # its methods
+        assert public(expected) <= public(found)
+
+
+def public(found) -> set[str]:
+    return {name for name in dir(found) if not name.startswith("_")}
 
 
 def of_reference(liveview, value):
@@ -257,7 +264,12 @@ def test_surface_stages(liveview, name):
     for which in range(len(maps)):
         case.check(f"confirmed{which}", liveview.confirmed(which, maps))
     views = surface_stages.surface_views(case, torch.float32)
-    case.check("surface", liveview.surface(views, case.target, *case.range).disparity)
+    found = liveview.surface(views, case.target, *case.range)
+    case.check("surface", found.disparity)
+    for count in (1, 2, 4, 5):
+        expected = Surface(torch.from_numpy(found.disparity), found.pixel, found.holes).layers(count)
+        np.testing.assert_allclose(found.layers(count), expected, rtol=2e-7)
+    case.check("layers", found.layers(surface_stages.LAYERS))
     case.check("filled", liveview.fill_holes(case["splat"]))
     margin = OCCLUSION_MARGIN * surface_stages.target_pixel(case)
     around = [(v.camera, v.confirmed.disparity, case.target, case["filled"], margin) for v in views]

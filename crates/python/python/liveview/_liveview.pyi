@@ -336,6 +336,7 @@ class SurfaceView(Protocol):
 def surface(views: Sequence[SurfaceView], target: CameraLike, near: float, far: float) -> Surface:
     """The target's surface from the confirmed depth of photos, nearest first."""
 
+def _surface_layers(disparity: ArrayLike, count: int) -> np.ndarray: ...
 def exposure_gains(views: Sequence[SurfaceView], distances: ArrayLike) -> np.ndarray:
     """Gains [V, 3] that bring the photos to a common exposure; distances [V] from the target."""
 
