@@ -7,11 +7,12 @@ use liveview::live::{self, LiveError, LiveSettings, Policy};
 use liveview::{ImageRgb, LayerSpec};
 use pyo3::prelude::*;
 
+use crate::arguments::some;
 use crate::camera::{camera, cameras};
 use crate::error::{library, value};
 use crate::frame::{Frame, rendering};
 use crate::model;
-use crate::scene::{items, picture};
+use crate::scene::picture;
 use crate::work::compute;
 
 /// Renders the time steps of a rig of cameras, one after the other. What one has found the next
@@ -66,10 +67,9 @@ impl LiveSession {
     #[pyo3(signature = (photos, target))]
     fn render(&self, py: Python<'_>, photos: &Bound<'_, PyAny>, target: &Bound<'_, PyAny>) -> PyResult<Frame> {
         let target = camera("target", target)?;
-        let photo = |(index, photo): (usize, Bound<'_, PyAny>)| {
-            (!photo.is_none()).then(|| picture(&format!("photos[{index}]"), &photo)).transpose()
-        };
-        let photos = items("photos", photos)?.into_iter().enumerate().map(photo).collect::<PyResult<Vec<_>>>()?;
+        let photos = some("photos", photos)?;
+        let photos = photos.iter().map(|(name, photo)| (!photo.is_none()).then(|| picture(name, photo)).transpose());
+        let photos = photos.collect::<PyResult<Vec<_>>>()?;
         let (step, found) = compute(py, || {
             let photos: Vec<Option<&ImageRgb>> = photos.iter().map(Option::as_ref).collect();
             let mut steps = self.0.lock().unwrap_or_else(PoisonError::into_inner);

@@ -9,8 +9,8 @@ use pyo3::prelude::*;
 
 use super::depth::{check_range, depth_map, finite, map};
 use super::layers::{layer_count, maps_of};
-use super::photo::{Photo, some};
-use crate::arguments::{Sides, distances, vector};
+use super::photo::Photo;
+use crate::arguments::{Sides, distances, some, vector};
 use crate::camera::camera;
 use crate::error::{kind, value};
 use crate::tuples::named;
