@@ -84,7 +84,7 @@ test-browser: build runtime
 	cd tests/browser && $(NPM) ci --silent && node test.js
 
 ## Every stage of the example scene: Rust and float32 torch against float64. The depth of the same photos is searched once.
-PARITY := $(PY) liveview_ref.parity ../$(SCENE)
+PARITY = export $(KEEP_MEMORY) && $(PY) liveview_ref.parity ../$(SCENE)
 parity: build setup
 	$(PARITY) --target target_0 --layers guided:4
 	$(PARITY) --target target_1 --views 5 --layers planes:6
