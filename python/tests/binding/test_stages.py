@@ -40,6 +40,9 @@ from liveview_ref.reference.warp import warp_maps
 from liveview_ref.rig_arrays import cameras_of, images_of
 
 NEAR, FAR = 1.5, 12.0
+
+torch.set_num_threads(1)  # small arrays
+
 STAGES = [
     *(agreement_logits, anchored_depth, blend, choose_views, composite, composite_competing, confirmed, cover_planes),
     *(exposure_gains, fill_holes, guided_layers, guided_search, median3, photo_depth, plane_histogram, psnr),
