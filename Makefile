@@ -83,14 +83,14 @@ test-browser: build runtime
 	@command -v $(NPM) > /dev/null || { echo "test-browser: npm is missing; expected Node 20 or later" >&2; exit 2; }
 	cd tests/browser && $(NPM) ci --silent && node test.js
 
-## Every stage of the example scene: Rust and float32 torch against float64.
-PARITY := $(PY) liveview_ref.parity ../$(SCENE)
+## Every stage of the example scene: Rust and float32 torch against float64. The depth of the same photos is searched once.
+PARITY = export $(KEEP_MEMORY) && $(PY) liveview_ref.parity ../$(SCENE)
 parity: build setup
 	$(PARITY) --target target_0 --layers guided:4
 	$(PARITY) --target target_1 --views 5 --layers planes:6
 	$(PARITY) --target target_0 --layers guided:2 --precision int8
-	$(PARITY) --target target_0 --layers surface:2 --network model
 	$(PARITY) --target target_0
+	$(PARITY) --target target_0 --layers surface:2 --network model --search-width 0
 	$(PARITY) --target target_0 --layers planes:32 --alpha competing
 	$(STABILITY) --short > target/stability.md
 	test ! -e .venv-openvino/.runtime || for precision in f32 int8; do \

@@ -41,6 +41,16 @@ impl Competing {
         add_row(self, index, logits, layer, disparity);
     }
 
+    /// The weight of a layer among all that were added, for each pixel; `logits` and `covered` are
+    /// those that it was added with.
+    pub fn weights<'a>(&'a self, logits: &'a [f32], covered: &'a [bool]) -> impl Iterator<Item = f64> + 'a {
+        let sums = self.top.iter().zip(&self.total);
+        sums.zip(logits.iter().zip(covered)).map(|((&top, total), (&logit, &covered))| {
+            let below = f64::from(finite_or_least(logit)) - f64::from(top);
+            if covered { exp_f64(below * self.scale) / total } else { 0.0 }
+        })
+    }
+
     /// The weighted means of colour and disparity, and the layer of the largest weight (ties: the
     /// nearer) with its weight; T is 0 where any layer covers the pixel, else 1.
     pub fn finish(self) -> Accumulated {
@@ -129,6 +139,20 @@ mod tests {
         assert!((row.disparity[0] - (0.25 + 0.75 * 0.25)).abs() < 1e-7, "{row:?}");
         assert!((row.best_alpha[0] - 0.75).abs() < 1e-7, "{row:?}");
         assert_eq!((row.best_layer[0], row.transmittance[0]), (2, 0.0));
+    }
+
+    #[test]
+    fn weights_of_layers_are_those_of_the_composite() {
+        let layers = [(f32::NAN, true), (9.0, false), (0.5 * 3_f32.ln(), true), (0.0, true)];
+        let mut row = Competing::new(1, 2.0);
+        for (index, (logit, covered)) in layers.into_iter().enumerate() {
+            let layer = Blended { alpha: vec![0.0], rgb: std::array::from_fn(|_| vec![0.5]), covered: vec![covered] };
+            row.add(index as u32, &[logit], &layer, &[0.5]);
+        }
+        for ((logit, covered), expected) in layers.into_iter().zip([0.0, 0.0, 0.75, 0.25]) {
+            let found: Vec<f64> = row.weights(&[logit], &[covered]).collect();
+            assert!((found[0] - expected).abs() < 1e-7, "{logit}: {found:?}");
+        }
     }
 
     #[test]

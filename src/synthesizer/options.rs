@@ -121,25 +121,25 @@ impl ModelOptions {
         let planes = layers.filter(|layers| layers.is_planes()).map(|_| self.alpha.unwrap_or(AlphaKind::Competing));
         Ok(find_model(self.folders.clone(), views, self.quantized, planes)?)
     }
-}
 
-/// The renderer of these options, and the layers that it recommends.
-///
-/// # Errors
-///
-/// As [`Model::open`].
-pub(super) fn open_renderer(
-    options: &ModelOptions,
-    layers: Option<&LayerSpec>,
-) -> Result<(Renderer, LayerSpec), SynthesisError> {
-    if !options.uses_network(layers) {
-        let network = ViewAgreement { views: options.views_or_default() };
-        let recommended = network.recommended_layers()?;
-        return Ok((Renderer::new(Box::new(network), options.batch), recommended));
+    /// A renderer of these options, and the layers that it renders on: these, or those that the
+    /// network recommends.
+    ///
+    /// # Errors
+    ///
+    /// As [`Model::open`].
+    pub fn open_renderer(&self, layers: Option<&LayerSpec>) -> Result<(Renderer, LayerSpec), SynthesisError> {
+        let (renderer, recommended) = if self.uses_network(layers) {
+            let model = Model::open(self, layers)?;
+            let recommended = model.network.recommended_layers();
+            (model.into_renderer(), recommended)
+        } else {
+            let network = ViewAgreement { views: self.views_or_default() };
+            let recommended = network.recommended_layers();
+            (Renderer::new(Box::new(network), self.batch), recommended)
+        };
+        Ok((renderer, layers.cloned().map_or(recommended, Ok)?))
     }
-    let model = Model::open(options, layers)?;
-    let recommended = model.network.recommended_layers();
-    Ok((model.into_renderer(), layers.cloned().map_or(recommended, Ok)?))
 }
 
 /// An opened model.

@@ -158,6 +158,21 @@ mod tests {
     }
 
     #[test]
+    fn depths_that_no_later_view_needs_stay_within_the_limit() {
+        for (kept_bytes, expected) in [(usize::MAX, [0, 9]), (0, [0, 0])] {
+            let mut synthesizer = synthesizer(kept_bytes);
+            let mut most = 0;
+            for view in 0..9 {
+                let later: Vec<usize> = (view + 1..9).collect();
+                synthesizer.photos_mut().view_depth(view, &[], &later).unwrap();
+                most = most.max(held(&mut synthesizer)[1]);
+            }
+            assert_eq!(held(&mut synthesizer), expected);
+            assert!(most >= 6, "{most}");
+        }
+    }
+
+    #[test]
     fn photos_needed_sooner_stay_in_memory() {
         let mut synthesizer = synthesizer(0);
         let one = synthesizer.scene().views.iter().map(|view| view.camera.clone()).collect();

@@ -163,8 +163,8 @@ impl ScenePhotos {
     }
 
     /// The depth of a view's photo, and what its neighbours confirm of it. A depth that is known is
-    /// not searched again as long as the same views are held out; photos and depths that none of
-    /// the `later` views needs are dropped.
+    /// not searched again as long as the same views are held out. Photos that none of the `later`
+    /// views needs are dropped, and so are depths, of which [`Self::KEPT_BYTES`] stay.
     ///
     /// # Errors
     ///
@@ -180,6 +180,7 @@ impl ScenePhotos {
         held_out: &[usize],
         later: &[usize],
     ) -> Result<ViewDepth, SynthesisError> {
-        self.depths.view_depth(&self.views, &mut self.photos, view, held_out, later)
+        let kept = (later, self.retention.bytes);
+        self.depths.view_depth(&self.views, &mut self.photos, view, held_out, kept)
     }
 }

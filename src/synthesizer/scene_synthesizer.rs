@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use super::error::SynthesisError;
 use super::memory;
-use super::options::{Options, open_renderer};
+use super::options::Options;
 use super::plan::{Plan, ShotPhotos};
 use super::scene_photos::ScenePhotos;
 use super::scene_views::SceneViews;
@@ -63,11 +63,11 @@ impl Synthesizer {
         let mut photos = ScenePhotos::new(views);
         #[cfg(feature = "surface")]
         options.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder))?;
-        let (renderer, recommended) = open_renderer(&options.model, options.layers.as_ref())?;
+        let (renderer, layers) = options.model.open_renderer(options.layers.as_ref())?;
         Ok(Self {
             photos,
             renderer,
-            layers: options.layers.clone().unwrap_or(recommended),
+            layers,
             #[cfg(feature = "surface")]
             photo_correction: options.photo_correction,
         })

@@ -1,16 +1,14 @@
-//! The stages from photos to frame, except for the guided search.
+//! The stages from photos to frame, except for the guided search, and for those that the Python
+//! package has: `python/tests/binding/test_stages.py` compares these, on the same cases.
 
 use liveview::geometry::{Size, distance};
-use liveview::layers::{cover_planes, plane_histogram, select_planes};
-use liveview::network::{Alpha, PlaneNetwork, ViewAgreement};
-use liveview::render::{
-    Accumulated, Batch, Blended, Competing, DistanceWeights, LayerSamples, RenderRequest, Renderer,
-};
-use liveview::warp::{warp_layers, warp_sources};
-use ndarray::{Array, Array1, Array2, Array3, Array4, Axis, s};
+use liveview::network::PlaneNetwork;
+use liveview::render::{Batch, Blended, DistanceWeights, LayerSamples, RenderRequest, Renderer};
+use liveview::warp::warp_sources;
+use ndarray::{Array, Array1, Array3, Array4, Axis, s};
 
-use crate::golden::{flat, listed_cases};
-use crate::stage_case::{CASES, StageCase, for_all};
+use crate::golden::listed_cases;
+use crate::stage_case::{CASES, for_all};
 
 /// Largest difference between the final frames of Rust and of the float32 reference, on [0, 1].
 const FRAME_TOLERANCE: f64 = 1e-4;
@@ -47,21 +45,6 @@ fn disparity_maps_are_within_bounds() {
 }
 
 #[test]
-fn warped_colour_and_coverage_are_within_bounds() {
-    for_all(|case| {
-        let (Size { width, height }, views) = (case.padded(), case.views());
-        let disparity = flat(case.get::<f32>("maps"));
-        let (n, v) = (disparity.len() / (height * width), views.len());
-        let mut colour = Array::<f32, _>::zeros((n, 3 * v, height, width));
-        let mut coverage = Array::<f32, _>::zeros((n, v, height, width));
-        let (to_colour, to_coverage) = (colour.as_slice_mut().unwrap(), coverage.as_slice_mut().unwrap());
-        warp_layers(&disparity, &warp_sources(&views, &case.target), Size { width, height }, to_colour, to_coverage);
-        case.check("coverage", &coverage);
-        case.check("colour", &colour);
-    });
-}
-
-#[test]
 fn logits_are_within_bounds_and_equal_onnxruntime() {
     for_all(|case| {
         let hwv = case.layers_of("colour");
@@ -72,18 +55,6 @@ fn logits_are_within_bounds_and_equal_onnxruntime() {
         let python = case.get::<f32>("onnxruntime.logits");
         let differ = found.iter().zip(python.iter()).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
         assert_eq!(differ, 0, "{}: ort and onnxruntime differ in {differ} of {} logits", case.name, found.len());
-    });
-}
-
-#[test]
-fn view_agreement_is_within_bounds() {
-    for_all(|case| {
-        let hwv = case.layers_of("colour");
-        let (n, _, height, width) = hwv.dim();
-        let views = case.cameras.len();
-        let mut found = Array::<f32, _>::zeros((n, views, height, width));
-        ViewAgreement { views }.infer(hwv.view(), found.view_mut()).unwrap();
-        case.check("agreement", &found);
     });
 }
 
@@ -115,65 +86,6 @@ fn blend_is_within_bounds() {
         }
         case.check("alpha", &alpha);
         case.check("rgb", &rgb);
-    });
-}
-
-/// Composites the oracle's α (or logits) and colour; one accumulator per row.
-fn accumulated(case: &StageCase) -> Vec<Accumulated> {
-    let [rgb, coverage, logits] = ["rgb", "coverage", "logits"].map(|name| case.layers_of(name));
-    let [alpha, maps] = ["alpha", "maps"].map(|name| case.volume::<f32>(name));
-    let (last, width) = (alpha.dim().0 - 1, case.target.width());
-    let row = |y: usize| {
-        let mut row = Accumulated::new(width);
-        let mut competing = match case.alpha() {
-            Alpha::Competing { scale } => Some(Competing::new(width, scale)),
-            _ => None,
-        };
-        for k in 0..=last {
-            let covered = |x: usize| coverage.slice(s![k, .., y, x]).iter().any(|&c| c > 0.0);
-            let layer = Blended {
-                alpha: alpha.slice(s![k, y, ..width]).to_vec(),
-                rgb: std::array::from_fn(|c| rgb.slice(s![k, c, y, ..width]).to_vec()),
-                covered: (0..width).map(covered).collect(),
-            };
-            let disparity = maps.slice(s![k, y, ..width]).to_vec();
-            match &mut competing {
-                Some(row) => row.add(k as u32, &logits.slice(s![k, 0, y, ..width]).to_vec(), &layer, &disparity),
-                None => row.add(k as u32, &layer, &disparity, k == last),
-            }
-        }
-        competing.map_or(row, Competing::finish)
-    };
-    (0..case.target.height()).map(row).collect()
-}
-
-#[test]
-fn composite_is_within_bounds() {
-    for_all(|case| {
-        let rows = accumulated(case);
-        let (height, width) = (case.target.height(), case.target.width());
-        case.check("frame", &Array3::from_shape_fn((3, height, width), |(c, y, x)| rows[y].rgb[c][x] as f32));
-        case.check("disparity", &Array2::from_shape_fn((height, width), |(y, x)| rows[y].disparity[x] as f32));
-        case.check("transmittance", &Array2::from_shape_fn((height, width), |(y, x)| rows[y].transmittance[x] as f32));
-    });
-}
-
-#[test]
-fn selected_planes_equal_the_references() {
-    for_all(|case| {
-        if case.find::<i64>("selected").is_none() {
-            return;
-        }
-        let best = |row: Accumulated| row.best_layer.into_iter().map(|k| (k != u32::MAX).then_some(k as usize));
-        let histogram = plane_histogram(accumulated(case).into_iter().flat_map(best), case.layers().len());
-        let counted: Vec<i64> = histogram.iter().map(|&n| n as i64).collect();
-        assert_eq!(counted, flat(case.get::<i64>("histogram")), "{}: histogram", case.name);
-        for (name, select) in
-            [("selected", select_planes as fn(&[u64], usize) -> Vec<usize>), ("covering", cover_planes)]
-        {
-            let found: Vec<i64> = select(&histogram, 2).into_iter().map(|k| k as i64).collect();
-            assert_eq!(found, flat(case.get::<i64>(name)), "{}: planes {name}", case.name);
-        }
     });
 }
 

@@ -83,6 +83,19 @@ pub(crate) fn as_array<'py>(name: &str, argument: &Bound<'py, PyAny>) -> PyResul
     array.cast_into::<PyUntypedArray>().map_err(|_| kind(name, "not an array"))
 }
 
+/// The items of a list, or the parts of an array, with their names.
+pub(crate) fn items<'py>(name: &str, argument: &Bound<'py, PyAny>) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
+    let found = argument.try_iter().map_err(|_| kind(name, "expected a list or an array"))?;
+    let found = found.enumerate().map(|(index, item)| Ok((format!("{name}[{index}]"), item?)));
+    found.collect()
+}
+
+/// As [`items`], at least one.
+pub(crate) fn some<'py>(name: &str, argument: &Bound<'py, PyAny>) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
+    let found = items(name, argument)?;
+    if found.is_empty() { Err(value(name, "there are none; expected at least one")) } else { Ok(found) }
+}
+
 /// Numbers of any type as f64, `shape` as [`Sides::array`] takes it.
 fn numbers<'py>(name: &str, argument: &Bound<'py, PyAny>, shape: &str) -> PyResult<Bound<'py, PyAny>> {
     let array = as_array(name, argument)?;

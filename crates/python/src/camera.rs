@@ -7,7 +7,7 @@ use ndarray::{arr1, arr2};
 use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 
-use crate::arguments::{matrix, vector, whole};
+use crate::arguments::{matrix, some, vector, whole};
 use crate::error::value;
 
 /// A pinhole camera. Always valid: a K without an inverse, a matrix that is not a rotation and
@@ -189,8 +189,5 @@ pub(crate) fn camera(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<livevi
 
 /// The cameras of an argument, at least one.
 pub(crate) fn cameras(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<Vec<liveview::Camera>> {
-    let items = argument.try_iter().map_err(|_| crate::error::kind(name, "expected a list of cameras"))?;
-    let found = items.enumerate().map(|(index, item)| camera(&format!("{name}[{index}]"), &item?));
-    let found = found.collect::<PyResult<Vec<_>>>()?;
-    if found.is_empty() { Err(value(name, "the list is empty; expected at least one camera")) } else { Ok(found) }
+    some(name, argument)?.iter().map(|(name, item)| camera(name, item)).collect()
 }

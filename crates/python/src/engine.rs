@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
 use liveview::network::RunEnd;
-use liveview::{DepthProgress, Model, ModelOptions, Options, Plan, Scene, Shot, Synthesizer};
+use liveview::{DepthProgress, ModelOptions, Options, Plan, Scene, Shot, Synthesizer};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
@@ -110,7 +110,7 @@ impl Engine {
     fn open_again(&self, synthesizer: &mut Synthesizer) -> PyResult<()> {
         let Some(options) = &self.model else { return Ok(()) };
         let layers = synthesizer.layers().clone();
-        *synthesizer.renderer_mut() = Model::open(options, Some(&layers)).map_err(library)?.into_renderer();
+        *synthesizer.renderer_mut() = options.open_renderer(Some(&layers)).map_err(library)?.0;
         *locked(&self.runs) = synthesizer.renderer().network().run_end();
         Ok(())
     }

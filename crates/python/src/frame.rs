@@ -37,7 +37,8 @@ pub(crate) struct Frame {
     /// The share of the pixels that are hidden in every photo, by the photos' own depth.
     #[pyo3(get)]
     occluded: f64,
-    /// Seconds of each stage: depth, selection, warp, network, composite.
+    /// Seconds of each stage: depth, selection (of a live session photos, layers), warp, network,
+    /// composite.
     #[pyo3(get)]
     times: Py<PyDict>,
 }

@@ -10,8 +10,9 @@ mod engine;
 mod error;
 mod frame;
 mod frames;
+mod live;
+mod model;
 mod names;
-mod onnx_runtime;
 mod scene;
 mod stages;
 mod synthesizer;
@@ -29,6 +30,8 @@ mod _liveview {
     #[pymodule_export]
     use crate::frames::Frames;
     #[pymodule_export]
+    use crate::live::LiveSession;
+    #[pymodule_export]
     use crate::scene::Scene;
     #[pymodule_export]
     use crate::stages::depth::{anchored_depth, confirmed, photo_depth};
@@ -41,7 +44,9 @@ mod _liveview {
     #[pymodule_export]
     use crate::stages::render::{blend, composite, composite_competing};
     #[pymodule_export]
-    use crate::stages::surface::{exposure_gains, fill_holes, median3, sharpening, surface, visible, visible_or_past};
+    use crate::stages::surface::{
+        exposure_gains, fill_holes, median3, sharpening, surface, surface_layers, visible, visible_or_past,
+    };
     #[pymodule_export]
     use crate::stages::views::{choose_views, view_distances};
     #[pymodule_export]

@@ -8,7 +8,7 @@ use ndarray::{ArrayView3, Ix3};
 use numpy::{IntoPyArray, PyArray3, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::arguments::{Sides, as_array, matrix, whole};
+use crate::arguments::{Sides, as_array, matrix, some, whole};
 use crate::camera::{Camera, Convention, refused};
 use crate::error::{kind, library, value};
 use crate::frame::picture_array;
@@ -47,24 +47,21 @@ impl Scene {
         names: Option<Vec<String>>,
     ) -> PyResult<Self> {
         let convention = Convention::parse(convention)?;
-        let photos = items("photos", photos)?;
-        let pictures = photos.iter().enumerate().map(|(index, photo)| picture(&format!("photos[{index}]"), photo));
-        let pictures = pictures.collect::<PyResult<Vec<_>>>()?;
-        let count = pictures.len();
+        let photos = some("photos", photos)?;
+        let count = photos.len();
+        let pictures = photos.iter().map(|(name, photo)| picture(name, photo)).collect::<PyResult<Vec<_>>>()?;
         let poses = of_each("poses", poses, count)?;
         let one_k = as_array("k", k)?.ndim() == 2;
-        let ks = if one_k { vec![k.clone(); count] } else { of_each("k", k, count)? };
+        let ks = if one_k { vec![("k".to_owned(), k.clone()); count] } else { of_each("k", k, count)? };
         let names = names.unwrap_or_else(|| (0..count).map(|index| format!("{index:04}")).collect());
         if names.len() != count {
             return Err(value("names", format!("{} names; expected {count}, one for each photo", names.len())));
         }
         let mut views = Vec::with_capacity(count);
         for (index, (name, picture)) in names.into_iter().zip(pictures).enumerate() {
-            let of = |argument: &str| format!("{argument}[{index}]");
-            let k_name = if one_k { "k".to_owned() } else { of("k") };
-            let (k, pose) = (matrix(&k_name, &ks[index])?, matrix(&of("poses"), &poses[index])?);
-            let camera = convention.camera(k, pose, picture.size());
-            let camera = camera.map_err(|error| refused(&error, [&k_name, &of("poses"), &of("photos")]))?;
+            let [(k_name, k), (pose_name, pose)] = [&ks[index], &poses[index]];
+            let camera = convention.camera(matrix(k_name, k)?, matrix(pose_name, pose)?, picture.size());
+            let camera = camera.map_err(|error| refused(&error, [k_name, pose_name, &photos[index].0]))?;
             views.push((name, picture, camera));
         }
         let scene = compute(py, || {
@@ -122,16 +119,9 @@ impl Scene {
     }
 }
 
-/// What an argument holds for each photo: the parts of an array, or the items of a list.
-fn items<'py>(name: &str, argument: &Bound<'py, PyAny>) -> PyResult<Vec<Bound<'py, PyAny>>> {
-    let found = argument.try_iter().map_err(|_| kind(name, "expected an array, or a list of arrays"))?;
-    let found = found.collect::<PyResult<Vec<_>>>()?;
-    if found.is_empty() { Err(value(name, "there are none; expected at least one")) } else { Ok(found) }
-}
-
-/// As [`items`], as many as photos.
-fn of_each<'py>(name: &str, argument: &Bound<'py, PyAny>, count: usize) -> PyResult<Vec<Bound<'py, PyAny>>> {
-    let found = items(name, argument)?;
+/// As many items as photos, with their names.
+fn of_each<'py>(name: &str, argument: &Bound<'py, PyAny>, count: usize) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
+    let found = some(name, argument)?;
     let wrong = || value(name, format!("{} of them; expected {count}, one for each photo", found.len()));
     if found.len() == count { Ok(found) } else { Err(wrong()) }
 }

@@ -1,21 +1,20 @@
 //! The synthesizer: a scene, layers and a network, which render targets.
 
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use liveview::{LayerSpec, Options, Targets};
 use numpy::IntoPyArray;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
-use crate::arguments::whole;
 use crate::camera::{camera, cameras};
 use crate::engine::{Engine, rendered};
 use crate::error::{library, value};
 use crate::frame::Frame;
 use crate::frames::Frames;
+use crate::model;
 use crate::names::view_index;
-use crate::onnx_runtime;
 use crate::scene::Scene;
 use crate::tuples::named;
 use crate::work::compute;
@@ -33,6 +32,8 @@ use crate::work::compute;
 pub(crate) struct Synthesizer {
     engine: Arc<Engine>,
     scene: Py<Scene>,
+    /// The views whose depth was asked for: that of the others may be next.
+    asked: Mutex<Vec<bool>>,
 }
 
 impl Synthesizer {
@@ -43,6 +44,17 @@ impl Synthesizer {
             return Ok(Targets::held_out(scene, vec![view_index(scene, name, argument)?]));
         }
         Ok(Targets::cameras(vec![camera(name, argument)?]))
+    }
+
+    /// Notes that the depth of a view is asked for, the second time in a new round over all views;
+    /// returns the views that have not been.
+    fn ask(&self, view: usize) -> Vec<usize> {
+        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
+        if std::mem::replace(&mut asked[view], true) {
+            asked.fill(false);
+            asked[view] = true;
+        }
+        (0..asked.len()).filter(|&view| !asked[view]).collect()
     }
 }
 
@@ -66,25 +78,16 @@ impl Synthesizer {
         let mut options = Options::default();
         (options.near, options.far, options.cache) = (near, far, cache);
         options.layers = layers.map(str::parse::<LayerSpec>).transpose().map_err(|error| value("layers", error))?;
-        let views = views.map(|views| whole("views", views)).transpose()?;
-        if views == Some(0) {
-            return Err(value("views", "0; expected at least 1"));
-        }
-        (options.model.views, options.model.network) = (views, Some(network.is_some()));
-        options.model.file = network;
-        if options.model.file.is_some() {
-            options.model.library = onnx_runtime::installed(py)?;
-        }
+        options.model = model::options(py, views, network)?;
+        let views = options.model.views;
         if let Some(progress) = progress.as_ref().filter(|progress| !progress.bind(py).is_callable()) {
             return Err(crate::error::kind("progress", format!("{progress}; expected a function")));
         }
         let folder = scene.get().0.clone();
         let engine = compute(py, || Engine::open(folder, options, progress))?;
-        let found = engine.with(py, |synthesizer| Ok(synthesizer.renderer().network().views()))?;
-        if let Some(views) = views.filter(|&views| views != found) {
-            return Err(value("views", format!("{views}; the network takes {found}")));
-        }
-        Ok(Self { engine: Arc::new(engine), scene })
+        engine.with(py, |synthesizer| model::check_views(views, synthesizer.renderer()))?;
+        let asked = Mutex::new(vec![false; scene.get().0.views.len()]);
+        Ok(Self { engine: Arc::new(engine), scene, asked })
     }
 
     /// The picture of a camera, or of a view of the scene (its name or index), rendered from the
@@ -108,12 +111,12 @@ impl Synthesizer {
         Ok(Frames::new(Arc::clone(&self.engine), shots))
     }
 
-    /// The depth of a view's photo, searched among its neighbours.
+    /// The depth of a view's photo, searched among its neighbours. Beyond 128 MiB, depths are kept
+    /// until those of all views have been asked for.
     #[pyo3(signature = (photo))]
     fn depth<'py>(&self, py: Python<'py>, photo: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let view = view_index(&self.scene.get().0, "photo", photo)?;
-        // Any view may come next: nothing that was found is dropped.
-        let later: Vec<usize> = (0..self.scene.get().0.views.len()).collect();
+        let later = self.ask(view);
         let found = self
             .engine
             .with(py, |synthesizer| synthesizer.photos_mut().view_depth(view, &[], &later).map_err(library))?;

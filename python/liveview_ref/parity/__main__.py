@@ -8,8 +8,8 @@ Rust and of torch. The last line names the first stage at which Rust exceeds the
 parity/tolerances.json, and the exit code is then 1.
 
 The search of the photos' depth, for surface layers, is compared on a second dump with smaller
-photos (--search-width), because the oracle is slow. With --network none the logits are those of the
-views' agreement.
+photos (--search-width; 0: not at all), because the oracle is slow. With --network none the logits
+are those of the views' agreement.
 """
 
 import argparse
@@ -45,7 +45,7 @@ def first_that_departs(args: argparse.Namespace, rest: list[str]) -> str | None:
 
     dump = Dump.of(args.binary, args.scene, [*rest, *(["--width", str(args.width)] if args.width else [])])
     reduced = None
-    if dump.about["layers"].startswith("surface"):
+    if dump.about["layers"].startswith("surface") and args.search_width:
         width = min(args.search_width, args.width or args.search_width)
         reduced = Dump.of(args.binary, args.scene, [*rest, "--search", "--width", str(width)])
     return report(args.scene, dump, reduced)

@@ -1,7 +1,7 @@
 """Goldens of surface layers, for tests/parity/surface.rs: each stage's float64 oracle, and float32
 torch's errors.
 
-As in parity/generate.py, a stage's inputs are the float32 roundings of the oracle's outputs of the
+As in stage_cases.py, a stage's inputs are the float32 roundings of the oracle's outputs of the
 previous stage. `doubtful.NAME` marks the elements whose decision (a winner, the pixel a point falls
 into, an occlusion) depends on the last bits: the oracle's own result changes when cameras, photos
 and maps move by about 1e-6 of their values in either direction.

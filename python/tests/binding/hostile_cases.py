@@ -34,6 +34,7 @@ class Cases:
             "camera": {"k": self.k, "pose": np.eye(4), "width": W, "height": H},
             "scene": {"photos": self.photos, "k": self.k, "poses": self.poses},
             "synthesizer": {"scene": lv.Scene.from_arrays(self.photos, self.k, self.poses), "near": 1, "far": 9},
+            "live": {"cameras": [self.camera] * 2, "near": 1, "far": 9},
             "warp_maps": {"image": image, "source": self.camera, "target": self.camera, "maps": f32(2, H, W)},
             "blend": {
                 "logits": f32(2, 4, H, W),
@@ -84,6 +85,7 @@ class Cases:
                 "margin": 0.1,
             },
             "surface": {"views": [self.view], "target": self.camera, "near": 1, "far": 9},
+            "surface_layers": {"disparity": f32(H, W), "count": 3},
             "exposure_gains": {"views": [self.view], "distances": [1.0]},
             "fill_holes": {"map_": f32(H, W)},
             "median3": {"x": f32(H, W)},
@@ -102,6 +104,10 @@ class Cases:
             return self.lv.Scene.from_arrays(**arguments)
         if name == "synthesizer":
             return self.lv.Synthesizer(**arguments)
+        if name == "live":
+            return self.lv.LiveSession(**arguments)
+        if name == "surface_layers":
+            return self.lv.Surface(arguments["disparity"], 0.1, 0.0).layers(arguments["count"])
         return getattr(self.lv, name)(**arguments)
 
     def pose(self, row: int, column: int, value: float) -> np.ndarray:

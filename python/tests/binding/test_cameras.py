@@ -1,10 +1,12 @@
 """Cameras to and from other programs, and pictures as torch tensors."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from liveview_ref.paths import ROOT
 
@@ -60,6 +62,32 @@ def test_nerfstudio_s_file_gives_the_cameras_of_the_scene(liveview, cameras):
         same(next(found for file, found in read.items() if file.endswith(name)), camera)
 
 
+def test_the_library_reads_what_is_written_for_other_programs(liveview, cameras, workshop, tmp_path):
+    """Its readers of nerfstudio's and COLMAP's files know nothing of this module."""
+    for name in ("nerfstudio", "colmap/sparse"):
+        (tmp_path / name).mkdir(parents=True)
+    written = {f"images/{name}": camera for name, camera in zip(workshop.names, workshop.cameras, strict=True)}
+    transforms = cameras.to_nerfstudio(written)
+    (tmp_path / "nerfstudio/transforms.json").write_text(json.dumps(transforms))
+    intrinsics, poses = [], []
+    for index, (path, camera) in enumerate(written.items(), 1):
+        qvec, tvec, params = cameras.to_colmap(camera)
+        intrinsics.append(" ".join(str(x) for x in [index, "PINHOLE", camera.width, camera.height, *params]))
+        poses.append(" ".join(str(x) for x in [index, *qvec, *tvec, index, Path(path).name]) + "\n")
+        for program in ("nerfstudio", "colmap"):
+            file = (tmp_path / program / path).with_suffix(".jpg")
+            file.parent.mkdir(exist_ok=True)
+            Image.new("RGB", (camera.width, camera.height)).save(file)
+    (tmp_path / "colmap/sparse/cameras.txt").write_text("\n".join(intrinsics))
+    (tmp_path / "colmap/sparse/images.txt").write_text("\n".join(poses))
+    (tmp_path / "colmap/sparse/points3D.txt").write_text("")
+    for program in ("nerfstudio", "colmap"):
+        scene = liveview.Scene(tmp_path / program)
+        assert len(scene) == len(written)
+        for found, expected in zip(scene.cameras, written.values(), strict=True):
+            same(found, expected)
+
+
 def test_wrong_cameras_are_named(liveview, cameras, camera):
     for transforms, text in [
         ({"k1": 0.1}, "k1"),
@@ -74,8 +102,16 @@ def test_wrong_cameras_are_named(liveview, cameras, camera):
         cameras.to_colmap(skewed)
 
 
-def test_pictures_are_torch_tensors_without_a_copy(liveview, workshop):
-    picture = liveview.Synthesizer(workshop).render("target_0").picture
-    tensor = torch.from_dlpack(picture)
-    tensor[0, 0, 0] = 0.5
-    assert picture[0, 0, 0] == 0.5 and tensor.dtype == torch.float32
+def test_frames_are_torch_tensors_without_a_copy(liveview, workshop):
+    frame = liveview.Synthesizer(workshop).render("target_0")
+    for array in (frame.picture, frame.disparity, frame.transmittance, frame.inpainted()):
+        tensor = torch.from_dlpack(array)
+        tensor[0, 0] = 0.25
+        assert tensor.dtype == torch.float32 and (array[0, 0] == 0.25).all()
+
+
+def test_torch_tensors_are_arguments(liveview, workshop, arrays):
+    tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
+    scene = liveview.Scene.from_arrays(**tensors, names=workshop.names)
+    assert scene.cameras == workshop.cameras
+    np.testing.assert_array_equal(scene.photo(0), arrays["photos"][0])

@@ -68,22 +68,25 @@ impl DepthStore {
         Ok(depth.with_depth(&set, shot.views.len()))
     }
 
-    /// The depth of a view's photo, and what its neighbours confirm of it. Photos and depths that
-    /// none of the `later` views needs are dropped.
+    /// The depth of a view's photo, and what its neighbours confirm of it. Photos that none of the
+    /// `later` views needs are dropped, and so are depths beyond `spare` bytes of them.
     pub(in crate::synthesizer) fn view_depth(
         &mut self,
         views: &SceneViews,
         photos: &mut PhotoStore,
         view: usize,
         held_out: &[usize],
-        later: &[usize],
+        (later, mut spare): (&[usize], usize),
     ) -> Result<ViewDepth, SynthesisError> {
         let depth = with_held_out(&mut self.depth, views, held_out)?;
         let wanted = depth.with_neighbours(view);
         find_all(depth, &mut self.files, &mut self.progress, views, photos, &wanted)?;
         let found = depth.view_depth(view).expect("found just now");
         let needed: Vec<usize> = later.iter().flat_map(|&view| depth.with_neighbours(view)).collect();
-        depth.retain(&needed, &needed);
+        let mut fits = |bytes: usize| spare.checked_sub(bytes).inspect(|&rest| spare = rest).is_some();
+        let others = (0..views.scene().views.len()).filter(|view| !needed.contains(view));
+        let kept = others.filter(|&view| fits(depth.bytes(view))).chain(needed.iter().copied()).collect::<Vec<_>>();
+        depth.retain(&kept, &needed);
         let searched: Vec<usize> = needed.iter().flat_map(|&view| depth.photos_to_search(view)).collect();
         photos.retain(|view| searched.contains(&view));
         Ok(found)

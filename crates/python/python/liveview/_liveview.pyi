@@ -143,7 +143,8 @@ class Synthesizer:
     def render_path(self, targets: Sequence[CameraLike]) -> Frames:
         """The pictures of cameras along a path, one after the other, over one depth range."""
     def depth(self, photo: str | SupportsIndex) -> ViewDepth:
-        """The depth of a view's photo, searched among its neighbours."""
+        """The depth of a view's photo, searched among its neighbours. Beyond 128 MiB, depths are
+        kept until those of all views have been asked for."""
     @property
     def scene(self) -> Scene:
         """The scene."""
@@ -153,6 +154,31 @@ class Synthesizer:
     @property
     def views(self) -> int:
         """Photos to a picture."""
+
+class LiveSession:
+    """Renders the time steps of a rig of cameras, one after the other. What one has found the next
+    reuses: the depth of a photo where it stays the same, or the planes that were selected.
+
+    `near`, `far`: depth range, scene units. `views`, `layers`, `network`: as of `Synthesizer`.
+    `policy`: when layers are searched: "propagate", where the photos have changed; "each" step;
+    "every:5"; "once". By default "propagate", and "once" for planes."""
+
+    def __init__(
+        self,
+        cameras: Sequence[CameraLike],
+        near: float,
+        far: float,
+        *,
+        views: int | None = None,
+        layers: str | None = None,
+        network: str | PathLike[str] | None = None,
+        policy: str | None = None,
+    ) -> None: ...
+    def render(self, photos: ArrayLike | Sequence[ArrayLike | None], target: CameraLike) -> Frame:
+        """The picture of a camera at the next time step; photos: of each camera in order [h, w, 3],
+        as `Scene.from_arrays` takes them, or None where it has delivered nothing."""
+    def restart(self) -> None:
+        """Forgets what earlier steps have found: the next is rendered like the first."""
 
 class Frames(Iterator[Frame]):
     """The pictures of a path; each is rendered when it is asked for."""
@@ -184,7 +210,8 @@ class Frame:
         """The share of the pixels that are hidden in every photo, by the photos' own depth."""
     @property
     def times(self) -> dict[str, float]:
-        """Seconds of each stage: depth, selection, warp, network, composite."""
+        """Seconds of each stage: depth, selection (of a live session photos, layers), warp,
+        network, composite."""
     def inpainted(self) -> np.ndarray:
         """The picture with its uncovered pixels filled from their surroundings, [h, w, 3]
         float32."""
@@ -309,6 +336,7 @@ class SurfaceView(Protocol):
 def surface(views: Sequence[SurfaceView], target: CameraLike, near: float, far: float) -> Surface:
     """The target's surface from the confirmed depth of photos, nearest first."""
 
+def _surface_layers(disparity: ArrayLike, count: int) -> np.ndarray: ...
 def exposure_gains(views: Sequence[SurfaceView], distances: ArrayLike) -> np.ndarray:
     """Gains [V, 3] that bring the photos to a common exposure; distances [V] from the target."""
 

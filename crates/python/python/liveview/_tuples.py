@@ -4,14 +4,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ._liveview import _surface_layers
+
 
 class Composited(NamedTuple):
     """Composited layers: rgb [3, H, W] in [0, 1]; disparity [H, W], 1/scene unit; transmittance
-    [H, W], what is left behind the last layer. float32."""
+    [H, W], what is left behind the last layer; weights [L, H, W] of the layers. float32."""
 
     rgb: np.ndarray
     disparity: np.ndarray
     transmittance: np.ndarray
+    weights: np.ndarray
 
 
 class RangeMap(NamedTuple):
@@ -38,6 +41,12 @@ class Surface(NamedTuple):
     disparity: np.ndarray
     pixel: float
     holes: float
+
+    def layers(self, count: int) -> np.ndarray:
+        """`count` layers [L, h, w] along the surface, near to far: one follows it; two are its
+        largest and its smallest disparity over 3 x 3 pixels; three are these with the surface
+        between them; more divide that range evenly."""
+        return _surface_layers(self.disparity, count)
 
 
 class ViewDepth(NamedTuple):

@@ -6,8 +6,8 @@ use ndarray::{Array2, ArrayView2, Ix2};
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray};
 use pyo3::prelude::*;
 
-use super::photo::{Photo, some, two};
-use crate::arguments::{Sides, whole};
+use super::photo::{Photo, two};
+use crate::arguments::{Sides, some, whole};
 use crate::camera::camera;
 use crate::error::value;
 use crate::tuples::named;

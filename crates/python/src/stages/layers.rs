@@ -2,7 +2,7 @@
 
 use liveview::geometry::Size;
 use liveview::layers::guided::{GuidedSearch, RangeMap};
-use liveview::layers::{self, padded};
+use liveview::layers::{self, Layers, padded};
 use liveview::warp::warp_sources;
 use ndarray::{Array3, Ix3};
 use numpy::{IntoPyArray, PyArray1, PyArray3, PyReadonlyArray};
@@ -122,21 +122,31 @@ pub(crate) fn guided_layers<'py>(
     planes: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray3<f32>>> {
     let (photos, target) = (photos(("views", views), ("cameras", cameras))?, camera("target", target)?);
-    let (count, planes) = (whole("count", count)?, coarse_planes(planes)?);
-    if !(1..=layers::MAX_LAYERS).contains(&count) {
-        return Err(value("count", format!("{count}; expected 1 to {}", layers::MAX_LAYERS)));
-    }
+    let (count, planes) = (layer_count(count)?, coarse_planes(planes)?);
     let maps = compute(py, || {
         let range = searched(&photos, &target, (near, far), planes)?;
         let layers = range.layers(count).map_err(|error| value("count", error))?;
-        let Size { width, height } = padded(target.size());
-        let mut maps = Array3::zeros((count, height, width));
-        for (layer, mut map) in layers.as_slice().iter().zip(maps.outer_iter_mut()) {
-            layer.fill(width, map.as_slice_mut().expect("new"));
-        }
-        Ok(maps)
+        Ok(maps_of(&layers, padded(target.size())))
     })?;
     Ok(maps.into_pyarray(py))
+}
+
+/// Maps of disparity of layers, [L, h, w].
+pub(super) fn maps_of(layers: &Layers, Size { width, height }: Size) -> Array3<f32> {
+    let mut maps = Array3::zeros((layers.len(), height, width));
+    for (layer, mut map) in layers.as_slice().iter().zip(maps.outer_iter_mut()) {
+        layer.fill(width, map.as_slice_mut().expect("new"));
+    }
+    maps
+}
+
+/// A number of layers.
+pub(super) fn layer_count(count: &Bound<'_, PyAny>) -> PyResult<usize> {
+    let count = whole("count", count)?;
+    if (1..=layers::MAX_LAYERS).contains(&count) {
+        return Ok(count);
+    }
+    Err(value("count", format!("{count}; expected 1 to {}", layers::MAX_LAYERS)))
 }
 
 fn coarse_planes(planes: Option<&Bound<'_, PyAny>>) -> PyResult<Option<usize>> {

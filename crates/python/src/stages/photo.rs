@@ -6,7 +6,7 @@ use ndarray::{ArrayView3, Ix3};
 use numpy::PyReadonlyArray;
 use pyo3::prelude::*;
 
-use crate::arguments::Sides;
+use crate::arguments::{Sides, items, some};
 use crate::camera::camera;
 use crate::error::{kind, value};
 
@@ -62,19 +62,6 @@ pub(super) fn two<'py>(
     what: &str,
 ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
     argument.extract().map_err(|_| kind(name, format!("expected a pair of {what}")))
-}
-
-/// The items of a list, with their names.
-pub(super) fn items<'py>(name: &str, argument: &Bound<'py, PyAny>) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
-    let found = argument.try_iter().map_err(|_| kind(name, "expected a list"))?;
-    let found = found.enumerate().map(|(index, item)| Ok((format!("{name}[{index}]"), item?)));
-    found.collect()
-}
-
-/// As [`items`], at least one.
-pub(super) fn some<'py>(name: &str, argument: &Bound<'py, PyAny>) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
-    let found = items(name, argument)?;
-    if found.is_empty() { Err(value(name, "the list is empty; expected at least one")) } else { Ok(found) }
 }
 
 /// Photos and their cameras from two lists of the same length.

@@ -95,17 +95,19 @@ pub(crate) fn composite<'py>(
     let (layers, height, width) = alpha.dim();
     let composited = compute(py, || {
         let row = |y: usize| {
-            let mut row = Accumulated::new(width);
-            for k in 0..layers {
+            let (mut row, mut weights) = (Accumulated::new(width), Array2::zeros((layers, width)));
+            for (k, mut weights) in weights.outer_iter_mut().enumerate() {
                 let layer = layer(alpha, rgb, k, y, covered.row(y).to_vec());
-                let disparity = maps.slice(s![k, y, ..]);
+                let (disparity, before) = (maps.slice(s![k, y, ..]), row.transmittance.clone());
                 row.add(k as u32, &layer, disparity.to_slice().expect("standard order"), k + 1 == layers);
+                let left = before.iter().zip(&row.transmittance);
+                weights.iter_mut().zip(left).for_each(|(weight, (before, after))| *weight = (before - after) as f32);
             }
-            row
+            (row, weights)
         };
         Ok((0..height).into_par_iter().map(row).collect::<Vec<_>>())
     })?;
-    composited_rows(py, &composited, width)
+    composited_rows(py, &composited, (layers, width))
 }
 
 /// Composite of competing layers: the softmax of `scale` times logit [L, H, W] over the layers that
@@ -132,17 +134,20 @@ pub(crate) fn composite_competing<'py>(
     let (layers, height, width) = logit.dim();
     let composited = compute(py, || {
         let row = |y: usize| {
+            let of_row = |k| layer(logit, rgb, k, y, covered.slice(s![k, y, ..]).to_vec());
+            let all: Vec<_> = (0..layers).map(of_row).collect();
             let mut row = Competing::new(width, scale);
-            for k in 0..layers {
-                let layer = layer(logit, rgb, k, y, covered.slice(s![k, y, ..]).to_vec());
+            for (k, layer) in all.iter().enumerate() {
                 let disparity = maps.slice(s![k, y, ..]);
-                row.add(k as u32, &layer.alpha, &layer, disparity.to_slice().expect("standard order"));
+                row.add(k as u32, &layer.alpha, layer, disparity.to_slice().expect("standard order"));
             }
-            row.finish()
+            let weights = all.iter().flat_map(|layer| row.weights(&layer.alpha, &layer.covered));
+            let weights = Array2::from_shape_vec((layers, width), weights.map(|weight| weight as f32).collect());
+            (row.finish(), weights.expect("one per layer and pixel"))
         };
         Ok((0..height).into_par_iter().map(row).collect::<Vec<_>>())
     })?;
-    composited_rows(py, &composited, width)
+    composited_rows(py, &composited, (layers, width))
 }
 
 /// Row `y` of layer `k`.
@@ -154,11 +159,17 @@ fn layer(alpha: ArrayView3<'_, f32>, rgb: ArrayView4<'_, f32>, k: usize, y: usiz
     }
 }
 
-/// The arrays of a composite's rows.
-fn composited_rows<'py>(py: Python<'py>, rows: &[Accumulated], width: usize) -> PyResult<Bound<'py, PyAny>> {
+/// The arrays of a composite's rows and their weights.
+fn composited_rows<'py>(
+    py: Python<'py>,
+    rows: &[(Accumulated, Array2<f32>)],
+    (layers, width): (usize, usize),
+) -> PyResult<Bound<'py, PyAny>> {
     let shape = (rows.len(), width);
-    let rgb = Array3::from_shape_fn((3, shape.0, width), |(channel, y, x)| rows[y].rgb[channel][x] as f32);
-    let map = |of: fn(&Accumulated) -> &[f64]| Array2::from_shape_fn(shape, |(y, x)| of(&rows[y])[x] as f32);
-    let [disparity, transmittance] = [map(|row| &row.disparity), map(|row| &row.transmittance)];
-    named(py, "Composited", (rgb.into_pyarray(py), disparity.into_pyarray(py), transmittance.into_pyarray(py)))
+    let rgb = Array3::from_shape_fn((3, shape.0, width), |(channel, y, x)| rows[y].0.rgb[channel][x] as f32);
+    let map = |of: fn(&Accumulated) -> &[f64]| Array2::from_shape_fn(shape, |(y, x)| of(&rows[y].0)[x] as f32);
+    let [disparity, transmittance] =
+        [map(|row| &row.disparity), map(|row| &row.transmittance)].map(|map| map.into_pyarray(py));
+    let weights = Array3::from_shape_fn((layers, shape.0, width), |(k, y, x)| rows[y].1[[k, x]]);
+    named(py, "Composited", (rgb.into_pyarray(py), disparity, transmittance, weights.into_pyarray(py)))
 }

@@ -4,12 +4,13 @@ use liveview::geometry::Size;
 use liveview::layers::padded;
 use liveview::surface::{self as library, ConfirmedDepth, SurfaceView, stages};
 use ndarray::{Array2, Ix2};
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray};
 use pyo3::prelude::*;
 
 use super::depth::{check_range, depth_map, finite, map};
-use super::photo::{Photo, some};
-use crate::arguments::{Sides, distances, vector};
+use super::layers::{layer_count, maps_of};
+use super::photo::Photo;
+use crate::arguments::{Sides, distances, some, vector};
 use crate::camera::camera;
 use crate::error::{kind, value};
 use crate::tuples::named;
@@ -65,6 +66,24 @@ pub(crate) fn surface<'py>(
         Ok(library::surface(&views, &target, near, far))
     })?;
     named(py, "Surface", (found.disparity.into_pyarray(py), found.disparity_per_pixel, found.holes))
+}
+
+/// `Surface.layers`.
+#[pyfunction(name = "_surface_layers")]
+#[pyo3(signature = (disparity, count))]
+pub(crate) fn surface_layers<'py>(
+    py: Python<'py>,
+    disparity: &Bound<'py, PyAny>,
+    count: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArray3<f32>>> {
+    let (disparity, count) = (map2("disparity", disparity)?, layer_count(count)?);
+    let maps = compute(py, || {
+        let size = Size::new(disparity.ncols(), disparity.nrows());
+        let surface = library::Surface { disparity, disparity_per_pixel: 1.0, holes: 0.0 };
+        let layers = surface.layers(count).map_err(|error| value("count", error))?;
+        Ok(maps_of(&layers, size))
+    })?;
+    Ok(maps.into_pyarray(py))
 }
 
 /// Gains [V, 3] that bring the photos to a common exposure; distances [V] from the target.

@@ -85,6 +85,7 @@ def rows(dump: Dump, reduced: Dump | None, net: UNet | None, photos: int | None 
     yield from of_stage(stages.homography, data)
     if reduced:
         yield from surface.search(reduced.data, photos)
+    if about["layers"].startswith("surface"):
         yield from surface.at_target(data)
     for stage in stages.STAGES[1:]:
         yield from of_stage(stage, data)
