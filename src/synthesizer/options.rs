@@ -118,8 +118,7 @@ impl ModelOptions {
     ///
     /// [`SynthesisError::Model`] if none of the folders has it.
     pub fn find(&self, views: usize, layers: Option<&LayerSpec>) -> Result<PathBuf, SynthesisError> {
-        let planes = layers.filter(|layers| layers.is_planes()).map(|_| self.alpha.unwrap_or(AlphaKind::Competing));
-        Ok(find_model(self.folders.clone(), views, self.quantized, planes)?)
+        Ok(find_model(self.folders.clone(), views, self.quantized, layers, self.alpha)?)
     }
 }
 
