@@ -37,9 +37,8 @@ pub fn model_folders() -> Vec<PathBuf> {
 }
 
 /// The model file for `views` views in the first folder that has it; `quantized`: the int8 model.
-/// For `layers` (by default those along the surface), and for planes the way in which they share a
-/// pixel (by default they compete): the model trained for that, if any folder has one, else the
-/// general model.
+/// For `layers`, and for planes the way in which they share a pixel (by default they compete): the
+/// model trained for that, if any folder has one, else the general model.
 ///
 /// # Errors
 ///
@@ -52,12 +51,12 @@ pub fn find_model(
     alpha: Option<AlphaKind>,
 ) -> Result<PathBuf, ModelNotFound> {
     let ending = if quantized { "_int8.onnx" } else { ".onnx" };
-    let kind = match (layers.map_or("surface", LayerSpec::kind), alpha) {
+    let kind = layers.and_then(|layers| match (layers.kind(), alpha) {
         ("surface", _) => Some("_surface"),
         ("guided", _) => None,
         (_, Some(AlphaKind::Independent)) => Some("_planes_paper"),
         (_, Some(AlphaKind::Competing) | None) => Some("_planes"),
-    };
+    });
     let for_kind = kind.and_then(|kind| first_with(&folders, views, &format!("{kind}{ending}")));
     for_kind.map_or_else(|| find_in(folders, views, ending), Ok)
 }
@@ -129,22 +128,27 @@ mod tests {
         let found = |quantized| {
             let [guided, planes] = ["guided:2", "planes:8"].map(|layers| layers.parse().unwrap());
             let kinds = [
+                (None, None),
                 (Some(&guided), Some(AlphaKind::Competing)),
                 (Some(&planes), None),
                 (Some(&planes), Some(AlphaKind::Independent)),
-                (None, None),
             ];
             kinds.map(|(layers, alpha)| find_model(folders.to_vec(), 4, quantized, layers, alpha).unwrap())
         };
         let general = folders[0].join("liveview_v4.onnx");
         assert_eq!(found(false), [(); 4].map(|()| general.clone()));
         for (quantized, ending) in [(false, ".onnx"), (true, "_int8.onnx")] {
-            let files = ["", "_planes", "_planes_paper", "_surface"]
-                .map(|of| folders[1].join(format!("liveview_v4{of}{ending}")));
+            let files = ["", "_planes", "_planes_paper"].map(|of| folders[1].join(format!("liveview_v4{of}{ending}")));
             files.iter().for_each(|file| std::fs::write(file, "").unwrap());
-            let [of_folder_b, competing, independent, surface] = files;
+            let [of_folder_b, competing, independent] = files;
             let general = if quantized { of_folder_b } else { general.clone() };
-            assert_eq!(found(quantized), [general, competing, independent, surface]);
+            assert_eq!(found(quantized), [general.clone(), general, competing, independent]);
+        }
+        #[cfg(feature = "surface")]
+        {
+            let surface = folders[1].join("liveview_v4_surface.onnx");
+            std::fs::write(&surface, "").unwrap();
+            assert_eq!(find_model(folders.to_vec(), 4, false, Some(&LayerSpec::Surface(1)), None).unwrap(), surface);
         }
         assert_eq!(find_in(folders.to_vec(), 10, ".onnx").unwrap(), folders[1].join("liveview_v10.onnx"));
         assert_eq!(find_in(folders.to_vec(), 5, "_int8.onnx").unwrap(), folders[1].join("liveview_v5_int8.onnx"));
