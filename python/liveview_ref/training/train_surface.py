@@ -52,7 +52,7 @@ class Surface:
 
     def validate(self, net: UNet, file: Path) -> dict[str, float]:
         """PSNR and SSIM by agreement and by the network: the mean over the scenes of each set, and
-        the gain on each scene."""
+        the gain on each scene, dB."""
         scenes, rows = {}, []
         with torch.inference_mode():
             for path in sorted((self.folder / "validation").glob("*.pt")):
@@ -74,4 +74,4 @@ class Surface:
             own = zip(*(scores for name, scores in means.items() if name.startswith(kind)), strict=True)
             names = ("agreement dB", "agreement SSIM", "network dB", "network SSIM")
             found |= {f"{kind}: {name}": round(fmean(column), 4) for name, column in zip(names, own, strict=True)}
-        return found | {name: round(scores[2] - scores[0], 3) for name, scores in means.items()}
+        return found | {f"gain: {name}": round(scores[2] - scores[0], 3) for name, scores in means.items()}
