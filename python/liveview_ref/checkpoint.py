@@ -40,7 +40,7 @@ def record(state: dict, model: Path) -> None:
 
 def trained_network(state: dict) -> UNet:
     """The network of a state, in inference mode, BatchNorm not folded."""
-    net = UNet(state["views"]).eval()
+    net = UNet(state["views"], state.get("config", {}).get("agreement", False)).eval()
     net.load_state_dict(state["average"])
     return net
 
@@ -72,7 +72,7 @@ def exported_network(path: Path) -> UNet:
     weights = {i.name: torch.from_numpy(numpy_helper.to_array(i).copy()) for i in model.graph.initializer}
     convolutions = [node for node in model.graph.node if node.op_type == "Conv"]
     views = weights[convolutions[0].input[1]].shape[1] // 3
-    net = UNet(views)
+    net = UNet(views, model_card(model).get("added_to") == "view agreement")
     for index, node in enumerate(convolutions, 1):
         weight = weights[node.input[1]]
         bias = weights[node.input[2]] if len(node.input) > 2 else torch.zeros(len(weight))  # the exporter drops zeros

@@ -5,7 +5,8 @@
 One file, opset 20, dynamic n, h and w, BatchNorm folded, with metadata for the Rust crate:
 views, stride, recommended_layers, training, trained_layers, licence; layer_kinds if it is for
 some kinds of layers only; alpha and alpha_scale if it was trained on competing layers;
-alpha_spacing if its opacity is per pixel of parallax. The result is checked: torch = onnxruntime
+alpha_spacing if its opacity is per pixel of parallax; added_to if its logits include those of the
+views' agreement. The result is checked: torch = onnxruntime
 at batch sizes and image sizes other than those of the export. The record of the training goes to
 training.json beside it.
 """
@@ -89,10 +90,10 @@ def check(net: UNet, path: Path) -> float:
 def trained_layers(config: dict) -> str:
     """The layers that a config trains on, as in the metadata of a model."""
     guided, planes = ([min(x), max(x)] for x in (config["guided_layers"], config["uniform_planes"]))
+    if "frames" in config:
+        return f"surface:{config['layers']}"
     if "shards" in config:
         return "planes:{} to planes:{}".format(*planes)
-    if "frames" in config:
-        return f"surface:1, surface:{config['layers']}"
     return "guided:{} to guided:{}, planes:{} to planes:{}".format(*guided, *planes)
 
 
@@ -125,6 +126,8 @@ def main() -> None:
         metadata["layer_kinds"] = ", ".join(args.layer_kinds)
     if config.get("alpha") == "competing":  # the factor of logit 0: 1, as in training
         metadata |= {"alpha": "competing", "alpha_scale": "1"}
+    if config.get("agreement"):
+        metadata["added_to"] = "view agreement"
     if config.get("alpha_spacing"):
         metadata["alpha_spacing"] = str(config["alpha_spacing"])
     export(net, args.model, metadata)

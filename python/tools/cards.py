@@ -18,8 +18,9 @@ METHODS = (
 
 
 def kinds_of(row: dict) -> list[str]:
-    """The kinds of layers scored in a line of the validation history."""
-    return [kind for kind in row if kind not in ("step", "seconds")]
+    """What has a PSNR in a line of the validation history."""
+    others = "step", "seconds"
+    return [kind for kind in row if kind not in others and not kind.endswith("SSIM") and not kind.startswith("gain")]
 
 
 def trained(models: dict[str, dict]) -> str:

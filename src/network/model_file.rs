@@ -1,14 +1,16 @@
 //! Finding model files: `liveview_v{V}.onnx` and the quantised `liveview_v{V}_int8.onnx`, one of
 //! each per number of views V.
 //!
-//! There may also be models for planes: `liveview_v{V}_planes.onnx` for competing planes,
-//! `liveview_v{V}_planes_paper.onnx` for independent ones, and their `_int8.onnx`.
+//! There may also be models for kinds of layers: `liveview_v{V}_planes.onnx` for competing planes,
+//! `liveview_v{V}_planes_paper.onnx` for independent ones, `liveview_v{V}_surface.onnx` for layers
+//! along the surface, and their `_int8.onnx`.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::alpha::AlphaKind;
 use crate::fs::bounded;
+use crate::layers::LayerSpec;
 
 /// No model for that number of views in any of the folders.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -35,8 +37,8 @@ pub fn model_folders() -> Vec<PathBuf> {
 }
 
 /// The model file for `views` views in the first folder that has it; `quantized`: the int8 model.
-/// For planes, `planes` is how they share a pixel: the model trained for that, if any folder has
-/// one, else the general model.
+/// For `layers`, and for planes the way in which they share a pixel (by default they compete): the
+/// model trained for that, if any folder has one, else the general model.
 ///
 /// # Errors
 ///
@@ -45,17 +47,18 @@ pub fn find_model(
     folders: Vec<PathBuf>,
     views: usize,
     quantized: bool,
-    planes: Option<AlphaKind>,
+    layers: Option<&LayerSpec>,
+    alpha: Option<AlphaKind>,
 ) -> Result<PathBuf, ModelNotFound> {
     let ending = if quantized { "_int8.onnx" } else { ".onnx" };
-    let for_planes = planes.and_then(|alpha| {
-        let kind = match alpha {
-            AlphaKind::Competing => "_planes",
-            AlphaKind::Independent => "_planes_paper",
-        };
-        first_with(&folders, views, &format!("{kind}{ending}"))
+    let kind = layers.and_then(|layers| match (layers.kind(), alpha) {
+        ("surface", _) => Some("_surface"),
+        ("guided", _) => None,
+        (_, Some(AlphaKind::Independent)) => Some("_planes_paper"),
+        (_, Some(AlphaKind::Competing) | None) => Some("_planes"),
     });
-    for_planes.map_or_else(|| find_in(folders, views, ending), Ok)
+    let for_kind = kind.and_then(|kind| first_with(&folders, views, &format!("{kind}{ending}")));
+    for_kind.map_or_else(|| find_in(folders, views, ending), Ok)
 }
 
 fn find_in(mut folders: Vec<PathBuf>, views: usize, ending: &'static str) -> Result<PathBuf, ModelNotFound> {
@@ -123,19 +126,29 @@ mod tests {
         }
         assert_eq!(find_in(folders.to_vec(), 4, ".onnx").unwrap(), folders[0].join("liveview_v4.onnx"));
         let found = |quantized| {
-            let kinds = [None, Some(AlphaKind::Competing), Some(AlphaKind::Independent)];
-            kinds.map(|planes| find_model(folders.to_vec(), 4, quantized, planes).unwrap())
+            let [guided, planes] = ["guided:2", "planes:8"].map(|layers| layers.parse().unwrap());
+            let kinds = [
+                (None, None),
+                (Some(&guided), Some(AlphaKind::Competing)),
+                (Some(&planes), None),
+                (Some(&planes), Some(AlphaKind::Independent)),
+            ];
+            kinds.map(|(layers, alpha)| find_model(folders.to_vec(), 4, quantized, layers, alpha).unwrap())
         };
         let general = folders[0].join("liveview_v4.onnx");
-        assert_eq!(found(false), [(); 3].map(|()| general.clone()));
+        assert_eq!(found(false), [(); 4].map(|()| general.clone()));
         for (quantized, ending) in [(false, ".onnx"), (true, "_int8.onnx")] {
             let files = ["", "_planes", "_planes_paper"].map(|of| folders[1].join(format!("liveview_v4{of}{ending}")));
             files.iter().for_each(|file| std::fs::write(file, "").unwrap());
             let [of_folder_b, competing, independent] = files;
-            assert_eq!(
-                found(quantized),
-                [if quantized { of_folder_b } else { general.clone() }, competing, independent]
-            );
+            let general = if quantized { of_folder_b } else { general.clone() };
+            assert_eq!(found(quantized), [general.clone(), general, competing, independent]);
+        }
+        #[cfg(feature = "surface")]
+        {
+            let surface = folders[1].join("liveview_v4_surface.onnx");
+            std::fs::write(&surface, "").unwrap();
+            assert_eq!(find_model(folders.to_vec(), 4, false, Some(&LayerSpec::Surface(1)), None).unwrap(), surface);
         }
         assert_eq!(find_in(folders.to_vec(), 10, ".onnx").unwrap(), folders[1].join("liveview_v10.onnx"));
         assert_eq!(find_in(folders.to_vec(), 5, "_int8.onnx").unwrap(), folders[1].join("liveview_v5_int8.onnx"));

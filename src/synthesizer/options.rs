@@ -17,6 +17,12 @@ use crate::surface::PhotoCorrection;
 /// V, the number of views, where neither the options nor a model file set it.
 pub const DEFAULT_VIEWS: usize = 4;
 
+/// What the model is for where the options name no layers.
+#[cfg(feature = "surface")]
+const DEFAULT_LAYERS: Option<&LayerSpec> = Some(&ViewAgreement::LAYERS);
+#[cfg(not(feature = "surface"))]
+const DEFAULT_LAYERS: Option<&LayerSpec> = None;
+
 /// Options of [`crate::Synthesizer::open`].
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
@@ -118,8 +124,7 @@ impl ModelOptions {
     ///
     /// [`SynthesisError::Model`] if none of the folders has it.
     pub fn find(&self, views: usize, layers: Option<&LayerSpec>) -> Result<PathBuf, SynthesisError> {
-        let planes = layers.filter(|layers| layers.is_planes()).map(|_| self.alpha.unwrap_or(AlphaKind::Competing));
-        Ok(find_model(self.folders.clone(), views, self.quantized, planes)?)
+        Ok(find_model(self.folders.clone(), views, self.quantized, layers, self.alpha)?)
     }
 
     /// A renderer of these options, and the layers that it renders on: these, or those that the
@@ -159,7 +164,7 @@ pub struct Model {
 }
 
 impl Model {
-    /// Finds and opens the model, the one for these layers if they are known.
+    /// Finds and opens the model for these layers, by default for those along the surface.
     ///
     /// # Errors
     ///
@@ -167,7 +172,7 @@ impl Model {
     pub fn open(options: &ModelOptions, layers: Option<&LayerSpec>) -> Result<Self, SynthesisError> {
         let path = match &options.file {
             Some(path) => path.clone(),
-            None => options.find(options.views_or_default(), layers)?,
+            None => options.find(options.views_or_default(), layers.or(DEFAULT_LAYERS))?,
         };
         let library = OrtLibrary::load(options.provider, options.library.as_deref())?;
         let network = OrtNetwork::open_in(options.precision, &library, &path, options.threads_or_default())?;

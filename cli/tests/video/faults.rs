@@ -174,13 +174,14 @@ fn rates_exposure_and_models_for_planes() {
 
     let models = rig.folders.scene().join("models");
     fs::create_dir(&models).unwrap();
-    for of in ["", "_planes", "_planes_paper"] {
+    for of in ["", "_planes", "_planes_paper", "_surface"] {
         fs::copy(fixture("tiny_v4"), models.join(format!("liveview_v4{of}.onnx"))).unwrap();
     }
     for (layers, alpha, file) in [
         ("planes:3", &[][..], "liveview_v4_planes.onnx"),
         ("planes:3", &["--alpha", "independent"], "liveview_v4_planes_paper.onnx"),
         ("guided:1", &[], "liveview_v4.onnx"),
+        ("surface:1", &["--network", "model"], "liveview_v4_surface.onnx"),
     ] {
         let arguments = [&["--camera", "cam2", "--layers", layers, "-o", &out], alpha].concat();
         let mut video = rig.folders.liveview("video", &arguments);

@@ -10,6 +10,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from .network.view_agreement import agreement_logits
+
 
 def block(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
     return nn.Sequential(
@@ -18,9 +20,12 @@ def block(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
 
 
 class UNet(nn.Module):
-    def __init__(self, views: int):
+    """With `agreement` its output is added to the logits of the views' agreement (not in the
+    paper)."""
+
+    def __init__(self, views: int, agreement: bool = False):
         super().__init__()
-        self.views = views
+        self.views, self.agreement = views, agreement
         self.conv1 = block(3 * views, 16)
         self.conv2 = block(16, 32, 2)
         self.conv3 = block(32, 64, 2)
@@ -39,7 +44,8 @@ class UNet(nn.Module):
         up = self.conv6(torch.cat([upsample(deep), quarter], 1))
         up = self.conv7(torch.cat([upsample(up), half], 1))
         up = self.conv8(torch.cat([upsample(up), full], 1))
-        return self.conv9(up)
+        logits = self.conv9(up)
+        return logits + agreement_logits(hwv.unflatten(1, (self.views, 3))) if self.agreement else logits
 
 
 def upsample(x: Tensor) -> Tensor:
@@ -91,7 +97,7 @@ def adapt_views(state: dict[str, Tensor], net: UNet) -> None:
 
 def fold_batchnorm(net: UNet) -> UNet:
     """A copy for inference in which each BatchNorm is folded into its convolution."""
-    folded = UNet(net.views).to(next(net.parameters()).dtype).eval()
+    folded = UNet(net.views, net.agreement).to(next(net.parameters()).dtype).eval()
     folded.conv9.load_state_dict(net.conv9.state_dict())
     for index in range(1, 9):
         name = f"conv{index}"
@@ -103,7 +109,7 @@ def fold_batchnorm(net: UNet) -> UNet:
 
 def unfold_batchnorm(net: UNet) -> UNet:
     """A folded network with identity BatchNorms, in the form of checkpoints."""
-    full = UNet(net.views).eval()
+    full = UNet(net.views, net.agreement).eval()
     full.conv9.load_state_dict(net.conv9.state_dict())
     for index in range(1, 9):
         convolution, norm = getattr(full, f"conv{index}")[:2]

@@ -44,13 +44,17 @@ def rate(step: int, config: dict) -> float:
     return min(1.0, (step + 1) / config["warm_up"]) * max(0.02, min(1.0, left))
 
 
-def start_of(state: dict, scale: float, shift: float) -> UNet:
-    """The network of a state, BatchNorm folded, its logit 0 times `scale` plus `shift`, ready
-    to be trained."""
+def start_of(state: dict, config: dict) -> UNet:
+    """The network of a state, BatchNorm folded, ready to be trained: its logit 0 times the config's
+    "start_scale" plus its "start_shift"; if it is to be added to the views' agreement, all its
+    logits are 0."""
     net = fold_batchnorm(trained_network(state))
     with torch.no_grad():  # competing planes need larger differences of logits than independent ones
-        net.conv9.weight[0] *= scale
-        net.conv9.bias[0] = net.conv9.bias[0] * scale + shift
+        if config.get("agreement") and not net.agreement:
+            net.agreement = True
+            net.conv9.weight.zero_(), net.conv9.bias.zero_()
+        net.conv9.weight[0] *= config["start_scale"]
+        net.conv9.bias[0] = net.conv9.bias[0] * config["start_scale"] + config.get("start_shift", 0.0)
     for p in net.parameters():
         p.requires_grad_(True)
     return net.to(memory_format=torch.channels_last)
@@ -65,7 +69,7 @@ def fine_tune(config: dict, task: Task, out: Path, start: dict) -> None:
     """Train from the weights of the state `start`, or continue from the checkpoint in `out`."""
     torch.set_num_threads(1)
     checkpoint = out / "checkpoint.pt"
-    net = start_of(start, config["start_scale"], config.get("start_shift", 0.0))
+    net = start_of(start, config)
     earlier = [*start.get("earlier", []), (start["views"], start["step"], round(start["seconds"]))]
     average = copy.deepcopy(net)
     optimiser = torch.optim.AdamW(net.parameters(), lr=config["learning_rate"], weight_decay=1e-4)

@@ -33,10 +33,9 @@ VARYING = 1.0, 0.7, 0.4
 @torch.inference_mode()
 def first_layer(net: UNet, frame: SurfaceFrame) -> tuple[Tensor, Tensor, Tensor]:
     """Logits [1, V, H, W], colour [1, V, 3, H, W] and coverage [1, V, H, W] of a frame's first
-    layer, masked."""
-    shown = frame.shown[:1].float()
-    colour, coverage = frame.colour[:1] / 255 * shown[:, :, None], frame.coverage[:1] / 255 * shown
-    height, width = shown.shape[2:]
+    layer."""
+    colour, coverage = frame.colour[:1] / 255, frame.coverage[:1] / 255
+    height, width = coverage.shape[2:]
     hwv = F.pad(colour.flatten(1, 2), [0, -width % 8, 0, -height % 8], "replicate")
     return net(hwv)[..., :height, :width], colour, coverage
 

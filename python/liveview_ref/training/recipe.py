@@ -3,7 +3,8 @@
     python -m liveview_ref.training.recipe configs/recipe.json --data DATA --out RUNS
 
 The recipe names configs of its folder in order, each with the config whose network it starts from
-(null: from its seed). The run of a config is RUNS/NAME; shards of examples are in RUNS/shards.
+(null: from its seed). The run of a config is RUNS/NAME; shards of examples are in RUNS/shards, the
+frames of surface layers, made by the built program, in RUNS/frames_NAME.
 SIGTERM ends the training of a network for planes or surface layers with a checkpoint.
 """
 
@@ -13,7 +14,8 @@ from pathlib import Path
 
 from ..checkpoint import load_state
 from ..config import read_config
-from ..paths import MODELS
+from ..data import surface_frames
+from ..paths import MODELS, ROOT
 from . import train
 
 
@@ -44,7 +46,12 @@ def main(arguments: list[str] | None = None) -> int:
             continue
         print(f"{name}: in {run}", flush=True)
         started = ["--start", str(start_of(start, args.out))] if start else []
-        folders = ["--data", str(args.data), "--out", str(run), "--shards", str(args.out / "shards")]
+        data, shards = ["--data", str(args.data)], args.out / "shards"
+        if "frames" in read_config(config):
+            shards = args.out / f"frames_{name}"
+            program = ROOT / "target" / "release" / "liveview"
+            surface_frames.main([str(config), *data, "--out", str(shards), "--program", str(program)])
+        folders = [*data, "--out", str(run), "--shards", str(shards)]
         train.main([str(config), *folders, *started])
         if not finished(config, run):
             print(f"{name}: stopped before its last step", flush=True)

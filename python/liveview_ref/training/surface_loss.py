@@ -1,5 +1,5 @@
-"""The loss of a crop on surface layers: the error relative to weights by distance, and the weight
-on the views that truly see the surface."""
+"""The loss of a crop on surface layers: the errors of its picture relative to those of the views'
+agreement alone, so that every picture counts alike, as in a mean of PSNR and SSIM."""
 
 import math
 from dataclasses import replace
@@ -10,25 +10,30 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ..data.surface_frames import SurfaceFrame
-from ..data.visibility import UNKNOWN, partly_hidden
-from ..evaluation.view_weights import view_weights, weight_on_seen
-from ..reference.composite import composite
+from ..reference.network.view_agreement import agreement_logits
 from ..reference.render.blend import VISIBLE_POWER, blend
+from ..reference.render.composite_competing import competing_weights
 from ..reference.unet import UNet
 
 CELL = 16  # pixels
-FLOOR = 1e-4, 0.005  # least squared and absolute error, 40 dB
-SHARES = 0.65, 0.35  # of squared and absolute error in the loss
+FLOOR = 1e-4, 0.03  # squared error (40 dB), 1 - SSIM
+LEAST_COVERED = 0.5  # share of a crop
+
+
+def rendered(logits: Tensor, colour: Tensor, coverage: Tensor, distances: Tensor) -> Tensor:
+    """The picture [3, H, W] of competing surface layers."""
+    rgb = blend(logits, colour, coverage, distances.float(), VISIBLE_POWER)[1]
+    weights = competing_weights(logits[:, 0], (coverage > 0).any(1))
+    return (weights[:, None] * rgb).sum(0)
 
 
 def interest(frame: SurfaceFrame, crop: list[int]) -> np.ndarray:
-    """Probabilities of crops by their position in cells of CELL pixels: proportional to the share
-    of pixels where a view is occluded or differs from the truth, plus a constant."""
-    colour, shown = frame.colour[0].float(), frame.shown[0]
-    error = (colour - frame.target.float()).abs().amax(1)  # of the channels, [V, H, W]
-    teaches = ((shown == 0) | (error > 25)).any(0).float()
-    score = F.avg_pool2d(teaches[None, None], tuple(crop), CELL)[0, 0]
-    score = score + 0.3 * score.mean() + 1e-3
+    """Probabilities of crops by their position in cells of CELL pixels: by the error of the views'
+    agreement, plus a constant."""
+    colour, coverage, target = (x.float() / 255 for x in (frame.colour, frame.coverage, frame.target))
+    image = rendered(agreement_logits(colour), colour, coverage, frame.distances)
+    score = F.avg_pool2d((image - target).abs().mean(0)[None, None], tuple(crop), CELL)[0, 0].clamp(max=0.25)
+    score = (score + 0.2 * score.mean() + 1e-4).double()
     return (score / score.sum()).numpy()
 
 
@@ -41,116 +46,61 @@ def crop_of(frame: SurfaceFrame, chances: np.ndarray, rng: np.random.Generator, 
     axes = [axis for axis in (-1, -2) if rng.random() < 0.5]
     turn = rng.random() < 0.5
 
-    def cut(x: Tensor | None) -> Tensor | None:
-        if x is None:
-            return None
+    def cut(x: Tensor) -> Tensor:
         x = x[window].flip(axes)
         return x.transpose(-1, -2) if turn else x
 
-    maps = (cut(x) for x in (frame.colour, frame.coverage, frame.shown, frame.target))
-    return SurfaceFrame(*maps, frame.distances, cut(frame.seen))
+    return SurfaceFrame(*(cut(x) for x in (frame.colour, frame.coverage, frame.target)), frame.distances)
 
 
 def recoloured(crop: SurfaceFrame, rng: np.random.Generator) -> SurfaceFrame:
     """The crop with other colours, the same in all views and the truth, because the few real scenes
-    must not be recognised by their colours."""
+    must not be recognised by their colours. Black stays black."""
     order = torch.from_numpy(rng.permutation(3))
-    gain, lift = np.exp(rng.normal(0, 0.2, 3)), rng.normal(0, 0.06)
-    table = torch.arange(256)[None] / 255 * torch.from_numpy(gain)[:, None] + lift  # per channel
-    table = (table.clamp(0, 1) * 255).round().to(torch.uint8)
+    gain = torch.from_numpy(np.exp(rng.normal(0, 0.2, 3))).float()[:, None, None]
 
     def other(x: Tensor) -> Tensor:
-        channels = x[..., order, :, :].unbind(-3)
-        return torch.stack([row[c.long()] for row, c in zip(table, channels, strict=True)], -3)
+        return (x[..., order, :, :] * gain).round().clamp(0, 255).to(torch.uint8)
 
-    colour = torch.where(crop.coverage[:, :, None] == 255, other(crop.colour), crop.colour)  # borders fade to black
-    return replace(crop, colour=colour, target=other(crop.target))
+    return replace(crop, colour=other(crop.colour), target=other(crop.target))
 
 
-def masks(frame: SurfaceFrame, rng: np.random.Generator, config: dict) -> Tensor:
-    """The masks of the views [L, V, H, W]: those of the program, or without half of a view, or
-    none, or wrong in places."""
-    shown, chance = frame.shown.float(), rng.random()
-    if rng.random() < config["cut"]:  # a view whose photo ends there
-        v, axis = int(rng.integers(shown.shape[1])), int(rng.integers(2))
-        length = shown.shape[2 + axis]
-        start, size = (0, int(rng.integers(length))) if rng.random() < 0.5 else (int(rng.integers(length)), length)
-        shown = shown.clone()
-        shown[:, v].narrow(1 + axis, start, min(size, length - start)).zero_()
-        return shown
-    if chance < config["unmasked"]:
-        return torch.ones_like(shown)
-    if chance < config["unmasked"] + config["wrong"]:
-        shown = shown.clone()
-        height, width = shown.shape[2:]
-        for _ in range(int(rng.integers(2, 7))):
-            v, size = int(rng.integers(shown.shape[1])), rng.integers(6, 48, 2)
-            top, left = int(rng.integers(height)), int(rng.integers(width))
-            patch = shown[:, v, top : top + int(size[0]), left : left + int(size[1])]
-            patch.copy_(1 - patch if rng.random() < 0.5 else torch.ones_like(patch))
-    return shown
+def without_a_view(crop: SurfaceFrame, rng: np.random.Generator) -> SurfaceFrame:
+    """The crop with one view masked, as where its photo ends."""
+    kept = torch.ones(crop.coverage.shape[1], dtype=torch.uint8)
+    kept[int(rng.integers(len(kept)))] = 0
+    return replace(crop, colour=crop.colour * kept[:, None, None, None], coverage=crop.coverage * kept[:, None, None])
 
 
-def rendered(logits: Tensor, colour: Tensor, coverage: Tensor, distances: Tensor) -> Tensor:
-    """The picture [3, H, W] of surface layers."""
-    alpha, rgb = blend(logits, colour, coverage, distances.float(), VISIBLE_POWER)
-    return composite(alpha, rgb, (coverage[-1] > 0).any(0), torch.zeros_like(alpha)).rgb
+def errors(image: Tensor, truth: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean squared error, and 1 - SSIM over windows of 7x7."""
+
+    def mean(x: Tensor) -> Tensor:
+        return F.avg_pool2d(x[None], 7, 1)[0]
+
+    a, b = mean(image), mean(truth)
+    variances, covariance = mean(image**2) - a**2 + mean(truth**2) - b**2, mean(image * truth) - a * b
+    ssim = (2 * a * b + 1e-4) * (2 * covariance + 9e-4) / ((a**2 + b**2 + 1e-4) * (variances + 9e-4))
+    return ((image - truth) ** 2).mean(), 1 - ssim.mean()
 
 
-def errors(image: Tensor, truth: Tensor, counted: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean squared error, and L1 plus half the L1 of the gradients, over the pixels of a
-    mask [H, W]."""
-    difference = (image - truth) * counted
-    gradients = (difference.diff(dim=axis).abs().mean() for axis in (-1, -2))
-    return (difference**2).mean(), difference.abs().mean() + 0.5 * sum(gradients)
+def example_loss(net: UNet, crop: SurfaceFrame) -> tuple[Tensor, dict[str, float]]:
+    """1.5 times the logarithm of the ratio of squared errors plus the relative change of 1 - SSIM;
+    0 for the views' agreement alone. Uncovered pixels count as right."""
+    colour, coverage, truth = (x.float() / 255 for x in (crop.colour, crop.coverage, crop.target))
+    covered = (coverage > 0).any(1).any(0)
+    if covered.float().mean() < LEAST_COVERED:
+        return sum(p.sum() for p in net.parameters()) * 0.0, {}
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        logits = net(colour.flatten(1, 2).contiguous(memory_format=torch.channels_last)).float().contiguous()
 
+    def found(logits: Tensor) -> tuple[Tensor, Tensor]:
+        image = rendered(logits, colour, coverage, crop.distances)
+        return errors(torch.where(covered, image, truth), truth)
 
-def plain_errors(frame: SurfaceFrame) -> tuple[float, float]:
-    """Errors of the first layer with weights by distance alone."""
-    shown = frame.shown[:1].float()
-    colour, coverage = frame.colour[:1] / 255 * shown[:, :, None], frame.coverage[:1] / 255 * shown
-    image = rendered(torch.zeros_like(coverage), colour, coverage, frame.distances)
-    mean_square, gradients = errors(image, frame.target / 255, (coverage > 0).any(1).all(0))
-    return float(mean_square), float(gradients)
-
-
-def example_loss(
-    net: UNet, crop: SurfaceFrame, plain: tuple[float, float], rng: np.random.Generator, config: dict
-) -> tuple[Tensor, dict[str, float]]:
-    """1 plus the errors beyond those of weights by distance on the same layers, relative to these
-    and to the whole frame's (`plain`), so that every picture counts alike, as in a mean of PSNR;
-    and on the true surface minus log of the weight on the views that see it."""
-    layers = len(crop.colour) - (crop.seen is not None)
-    true_surface = crop.seen is not None and (layers == 0 or rng.random() < config["true_surface"])
-    if true_surface:
-        own, shown = slice(-1, None), torch.ones(1)
-    else:
-        own = slice(layers) if rng.random() < config["all_layers"] else slice(at := int(rng.integers(layers)), at + 1)
-        shown = masks(crop, rng, config)[own]
-    colour, coverage = crop.colour[own].float() / 255, crop.coverage[own].float() / 255 * shown
-    colour, truth = colour * (shown if true_surface else shown[:, :, None]), crop.target.float() / 255
-    logits = net(colour.flatten(1, 2).contiguous(memory_format=torch.channels_last)).contiguous()
-    image = rendered(logits, colour, coverage, crop.distances)
-    counted = (coverage > 0).any(1).all(0)
-    found = errors(image, truth, counted)
+    square, structure = found(logits)
     with torch.no_grad():
-        base = errors(rendered(torch.zeros_like(logits), colour, coverage, crop.distances), truth, counted)
-    each = zip(found, base, plain, FLOOR, SHARES, strict=True)
-    loss = 1 + sum(share * (a - b) / ((b * whole) ** 0.5 + floor) for a, b, whole, floor, share in each)
-    figures = {"gain": 10 * math.log10((float(base[0]) + 1e-5) / (float(found[0].detach()) + 1e-5))}
-    figures["loss"] = float(loss.detach())
-    if true_surface:
-        seen = crop.seen.masked_fill(coverage[0] < 0.5, UNKNOWN)
-        where = partly_hidden(seen)
-        share, plain = (
-            weight_on_seen(view_weights(x, coverage, crop.distances, VISIBLE_POWER)[0], seen)
-            for x in (logits, torch.zeros_like(logits))
-        )
-        count = where.sum().clamp(min=64)
-        loss = loss + config["visible_weight"] * -(torch.log(share.clamp(min=1e-6)) * where).sum() / count
-        if bool(where.any()):
-            figures |= {"seen": float(share.detach()[where].mean()), "by distance": float(plain[where].mean())}
-    else:  # without such pixels the weights by distance must stay unchanged
-        varying = logits[:, 1:] - logits[:, 1:].mean((2, 3), keepdim=True)
-        loss = loss + config["calm"] * (varying**2).mean()
-    return loss, figures
+        base_square, base_structure = found(agreement_logits(colour))
+    ratio = (square + FLOOR[0]) / (base_square + FLOOR[0])
+    loss = 1.5 * torch.log(ratio) + (structure - base_structure) / (base_structure + FLOOR[1])
+    return loss, {"gain": -10 * math.log10(float(ratio.detach())), "ssim": float(base_structure - structure.detach())}

@@ -1,17 +1,20 @@
 """Training on surface layers, for configs with a number of "frames" (data/surface_frames.py)."""
 
 from pathlib import Path
+from statistics import fmean
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from ..data.held_out import INNER
 from ..data.surface_frames import SurfaceFrame
-from ..evaluation.evaluate_visible import TARGETS, measure
-from ..reference.image.metrics import psnr
+from ..reference.image.metrics import psnr, ssim
+from ..reference.layers.cells import STRIDE
+from ..reference.network.view_agreement import agreement_logits
 from ..reference.unet import UNet
-from .surface_loss import crop_of, example_loss, interest, plain_errors, recoloured, rendered
+from .surface_loss import crop_of, example_loss, interest, recoloured, rendered, without_a_view
 from .validate import sheet_of
 
 REFRESH_EVERY = 50  # steps after which new frames in the folder are used as well
@@ -29,45 +32,46 @@ class Surface:
             for path in sorted(self.folder.glob("*.pt")):
                 if path.name not in self.frames:
                     frame = SurfaceFrame.load(path)
-                    self.frames[path.name] = frame, interest(frame, self.config["crop"]), plain_errors(frame)
+                    with torch.inference_mode():
+                        self.frames[path.name] = frame, interest(frame, self.config["crop"])
             if not self.frames:
                 raise FileNotFoundError(f"{self.folder}: no frames; expected those of liveview_ref.data.surface_frames")
         return list(self.frames.values())
 
     def loss(self, net: UNet, example: tuple, rng: np.random.Generator) -> tuple[Tensor, dict[str, float]]:
-        frame, chances, plain = example
-        crop = crop_of(frame, chances, rng, self.config)
+        crop = crop_of(*example, rng, self.config)
         if rng.random() < self.config["recoloured"]:
             crop = recoloured(crop, rng)
-        return example_loss(net, crop, plain, rng, self.config)
+        if rng.random() < self.config["without_a_view"]:
+            crop = without_a_view(crop, rng)
+        return example_loss(net, crop)
 
     def summary(self, figures: list[dict[str, float]]) -> str:
-        def mean(key: str) -> float:
-            found = [t[key] for t in figures if key in t]
-            return sum(found) / max(len(found), 1)
-
-        text = f"{len(self.frames)} frames; loss {mean('loss'):.4f}; {mean('gain'):+.3f} dB against weights by distance"
-        seen = f"seen weight {mean('seen'):.3f} (by distance {mean('by distance'):.3f})"
-        return f"{text}; where views are hidden: {seen}"
+        gain, structure = (fmean([t[key] for t in figures if t] or [0.0]) for key in ("gain", "ssim"))
+        return f"{len(self.frames)} frames; against the views' agreement {gain:+.3f} dB, SSIM {structure:+.4f}"
 
     def validate(self, net: UNet, file: Path) -> dict[str, float]:
+        """PSNR and SSIM by agreement and by the network: the mean over the scenes of each set, and
+        the gain on each scene, dB."""
         scenes, rows = {}, []
         with torch.inference_mode():
             for path in sorted((self.folder / "validation").glob("*.pt")):
                 frame = SurfaceFrame.load(path)
-                layers = slice(None) if frame.seen is None else slice(-1)
-                colour, coverage = (x[layers].float() / 255 for x in (frame.colour, frame.coverage))
-                shown, truth = frame.shown[layers].float(), frame.target.float() / 255
-                padding = [0, -truth.shape[2] % 8, 0, -truth.shape[1] % 8]
-                colour, coverage = colour * shown[:, :, None], coverage * shown
-                hwv = torch.nn.functional.pad(colour.flatten(1, 2), padding, "replicate")
-                logits = net(hwv.contiguous(memory_format=torch.channels_last))
-                logits = logits[..., : truth.shape[1], : truth.shape[2]].contiguous()
-                image = rendered(logits, colour, coverage, frame.distances)
-                scenes.setdefault(path.stem.rsplit("_", 1)[0], []).append(psnr(image[INNER], truth[INNER]))
-                rows.append(torch.cat([truth, image], 2))
+                colour, coverage, truth = (x.float() / 255 for x in (frame.colour, frame.coverage, frame.target))
+                padding = [0, -truth.shape[2] % STRIDE, 0, -truth.shape[1] % STRIDE]
+                hwv = F.pad(colour.flatten(1, 2), padding, "replicate").contiguous(memory_format=torch.channels_last)
+                logits = net(hwv)[..., : truth.shape[1], : truth.shape[2]].contiguous()
+                uncovered = (coverage == 0).all(1).all(0)
+                images = (rendered(x, colour, coverage, frame.distances) for x in (agreement_logits(colour), logits))
+                base, image = (torch.where(uncovered, truth, x) for x in images)
+                scores = [metric(x[INNER], truth[INNER]) for x in (base, image) for metric in (psnr, ssim)]
+                scenes.setdefault(path.stem.rsplit("_", 1)[0], []).append(scores)
+                rows.append(torch.cat([truth, base, image], 2))
         sheet_of(rows, file)
-        means = {name: round(sum(scores) / len(scores), 3) for name, scores in scenes.items()}
-        each = [measure(lambda hwv: net(hwv), net.views, target) for target in TARGETS]
-        seen = sum(e["network: weight"] for e in each) / len(each)
-        return {"mean": round(sum(means.values()) / len(means), 3), **means, "weight on seen": round(seen, 3)}
+        means = {name: [fmean(column) for column in zip(*scores, strict=True)] for name, scores in scenes.items()}
+        found = {}
+        for kind in dict.fromkeys(name.split("-")[0] for name in means):
+            own = zip(*(scores for name, scores in means.items() if name.startswith(kind)), strict=True)
+            names = ("agreement dB", "agreement SSIM", "network dB", "network SSIM")
+            found |= {f"{kind}: {name}": round(fmean(column), 4) for name, column in zip(names, own, strict=True)}
+        return found | {f"gain: {name}": round(scores[2] - scores[0], 3) for name, scores in means.items()}

@@ -13,11 +13,14 @@ from tools import cards
 def test_metadata_of_shipped_models(path):
     card = model_card(onnx.load(path))
     assert path.stem.startswith(f"liveview_v{card['views']}")
-    for_planes, competing = "_planes" in path.stem, "_planes" in path.stem and "_planes_paper" not in path.stem
+    for_planes, for_surface = "_planes" in path.stem, "_surface" in path.stem
+    competing = for_surface or (for_planes and "_planes_paper" not in path.stem)
     assert card["recommended_layers"].startswith("planes:") == for_planes
+    assert card.get("added_to") == ("view agreement" if for_surface else None)
     assert card.get("alpha", "independent") == ("competing" if competing else "independent")
     assert ("alpha_spacing" in card) == ("_planes_paper" in path.stem)
-    assert card.get("layer_kinds") == ("planes, select, list" if for_planes else None)
+    kinds = "planes, select, list" if for_planes else "surface" if for_surface else None
+    assert card.get("layer_kinds") == kinds
     assert card["licence"] and card["training"] and ("int8" in path.stem) == (card.get("precision") == "int8")
 
 

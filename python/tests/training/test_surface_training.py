@@ -13,28 +13,34 @@ from liveview_ref.config import read_config
 from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.scene import open_scene
 from liveview_ref.data.surface_frames import SurfaceFrame, dumped, frame_of, held_out_rig, procedural_rig, write_scene
-from liveview_ref.data.visibility import HIDDEN, SEEN
-from liveview_ref.reference.render.blend import VISIBLE_POWER
+from liveview_ref.export import check, export
+from liveview_ref.reference.network.view_agreement import agreement_logits
 from liveview_ref.reference.unet import UNet, fold_batchnorm, unfold_batchnorm
-from liveview_ref.training import fit_view_weights, mix
-from liveview_ref.training.surface_loss import CELL, crop_of, example_loss, interest, masks, recoloured, rendered
+from liveview_ref.training import fit_view_weights
+from liveview_ref.training.fine_tune import start_of
+from liveview_ref.training.surface_loss import (
+    CELL,
+    crop_of,
+    example_loss,
+    interest,
+    recoloured,
+    rendered,
+    without_a_view,
+)  # fmt: skip
 
 ROOT = Path(__file__).parents[3]
 CONFIG = read_config(ROOT / "python/configs/v4_surface.json")
 PROGRAM = ROOT / "target/release/liveview"
 
 
-def made_up(seen: bool) -> SurfaceFrame:
+def made_up() -> SurfaceFrame:
     g = torch.Generator().manual_seed(5)
 
-    def random(*shape, top=256):
-        return torch.randint(0, top, shape, generator=g, dtype=torch.uint8)
+    def random(*shape):
+        return torch.randint(1, 256, shape, generator=g, dtype=torch.uint8)
 
-    shown = (torch.rand(2 + seen, 4, 160, 144, generator=g) < 0.8).to(torch.uint8)
-    coverage = torch.full_like(shown, 255)
-    known = random(4, 160, 144, top=2) if seen else None
-    return SurfaceFrame(random(2 + seen, 4, 3, 160, 144), coverage, shown, random(3, 160, 144),
-                        torch.tensor([1.0, 2.0, 2.5, 4.0]), known)  # fmt: skip
+    coverage = torch.full((3, 4, 160, 144), 255, dtype=torch.uint8)
+    return SurfaceFrame(random(3, 4, 3, 160, 144), coverage, random(3, 160, 144), torch.tensor([1.0, 2.0, 2.5, 4.0]))
 
 
 def test_written_scene_is_read_back(tmp_path):
@@ -49,79 +55,76 @@ def test_written_scene_is_read_back(tmp_path):
             torch.testing.assert_close(getattr(scene.cameras[i], part), getattr(camera, part), atol=1e-9, rtol=1e-9)
 
 
-def test_crops_are_drawn_where_views_are_occluded():
-    frame = made_up(seen=False)
-    frame.shown[:], frame.colour[:] = 1, frame.target
-    frame.shown[0, 1, 100:150, 90:140] = 0
+def test_crops_are_drawn_where_the_agreement_of_the_views_is_wrong():
+    frame = made_up()
+    frame.colour[:] = frame.target
+    frame.colour[:, :, :, 110:150, 100:140] = 255 - frame.target[:, 110:150, 100:140]
     chances = interest(frame, CONFIG["crop"])
-    assert chances.shape == ((160 - 112) // CELL + 1, (144 - 112) // CELL + 1) and np.isclose(chances.sum(), 1)
-    assert np.unravel_index(chances.argmax(), chances.shape) == (3, 2) and chances.min() > 0.01
+    assert chances.shape == ((160 - 128) // CELL + 1, (144 - 128) // CELL + 1) and np.isclose(chances.sum(), 1)
+    assert np.unravel_index(chances.argmax(), chances.shape) == (2, 1) and chances.min() > 0.01
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_flipped_crop_keeps_its_parts_aligned(seed):
-    frame = made_up(seen=True)
-    frame.coverage[:] = frame.colour[:, :, 0]  # the same picture in all of them
-    frame.shown[:] = frame.coverage
-    frame.colour[:] = frame.coverage[:, :, None]
-    frame.seen[:] = frame.coverage[0]
+    frame = made_up()
+    frame.coverage[:] = frame.target[0]  # the same picture in all of them
+    frame.colour[:] = frame.target
     crop = crop_of(frame, interest(frame, CONFIG["crop"]), np.random.default_rng(seed), CONFIG)
-    assert crop.colour.shape == (3, 4, 3, 112, 112)
-    assert torch.equal(crop.colour[:, :, 1], crop.coverage) and torch.equal(crop.shown, crop.coverage)
-    assert torch.equal(crop.seen, crop.coverage[0])
-
-
-def test_masks_are_the_programs_or_deliberately_wrong():
-    frame, kept, bare, wrong = made_up(seen=False), 0, 0, 0
-    for seed in range(60):
-        found = masks(frame, np.random.default_rng(seed), CONFIG | {"cut": 0.0})
-        kept += torch.equal(found, frame.shown.float())
-        bare += bool((found == 1).all())
-        changed = (found != frame.shown).float().mean()
-        wrong += bool(0 < changed < 0.1)
-    assert kept > 30 and bare > 0 and wrong > 0 and kept + bare + wrong == 60
+    assert crop.colour.shape == (3, 4, 3, 128, 128)
+    assert torch.equal(crop.colour, crop.target.expand_as(crop.colour))
+    assert torch.equal(crop.coverage, crop.target[0].expand_as(crop.coverage))
 
 
 def test_colour_changes_are_the_same_in_all_views():
-    frame = made_up(seen=False)
+    frame = made_up()
     frame.colour[:] = frame.target
+    frame.colour[0, 1, :, :9] = 0  # masked
     found = recoloured(frame, np.random.default_rng(0))
     assert (found.target != frame.target).float().mean() > 0.5
-    assert torch.equal(found.colour, found.target.expand_as(found.colour))
+    assert torch.equal(found.colour[1:], found.target.expand_as(found.colour[1:]))
+    assert not found.colour[0, 1, :, :9].any()
 
 
-def test_cut_masks_a_single_view():
-    frame = made_up(seen=False)
+def test_a_single_view_is_masked():
+    frame = made_up()
     for seed in range(8):
-        found = masks(frame, np.random.default_rng(seed), CONFIG | {"cut": 1.0})
-        assert sum(not torch.equal(a, b.float()) for a, b in zip(found[0], frame.shown[0], strict=True)) == 1
+        found = without_a_view(frame, np.random.default_rng(seed))
+        masked = [v for v in range(4) if not found.coverage[:, v].any()]
+        assert len(masked) == 1 and not found.colour[:, masked[0]].any()
+        assert found.colour.any(dim=0).flatten(1).any(1).sum() == 3
 
 
-def test_loss_favours_the_views_that_see():
-    torch.manual_seed(0)
-    frame, config = made_up(seen=True), CONFIG | {"true_surface": 1.0}
-    frame.seen[0], frame.seen[1:] = HIDDEN, SEEN
-    crop = crop_of(frame, interest(frame, config["crop"]), np.random.default_rng(1), config)
-    net = UNet(4).eval()
+def test_network_without_weights_is_the_agreement_of_the_views():
+    net = start_of(load_state(ROOT / "models/liveview_v4.pt"), CONFIG)
+    colour = made_up().colour.float() / 255
+    with torch.no_grad():
+        torch.testing.assert_close(net(colour.flatten(1, 2)), agreement_logits(colour))
+    loss, figures = example_loss(net, made_up())
+    assert float(loss.detach()) == pytest.approx(0, abs=1e-6) and figures["gain"] == pytest.approx(0, abs=1e-5)
+    assert unfold_batchnorm(net).agreement and fold_batchnorm(unfold_batchnorm(net)).agreement
+
+
+def test_loss_falls_towards_the_view_that_is_right():
+    frame = made_up()
+    frame.target[:] = frame.colour[0, 3]
+    frame.colour[:, 3] = frame.target
+    crop = crop_of(frame, interest(frame, CONFIG["crop"]), np.random.default_rng(1), CONFIG)
+    net = start_of(load_state(ROOT / "models/liveview_v4.pt"), CONFIG)
     optimiser = torch.optim.Adam(net.parameters(), 3e-3)
-    first = None
     for _ in range(12):
-        loss, figures = example_loss(net, crop, (0.1, 0.3), np.random.default_rng(3), config)
-        first = first or figures
+        loss, figures = example_loss(net, crop)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
-    weights = [d**-VISIBLE_POWER for d in (1, 2, 2.5, 4)]
-    assert abs(first["by distance"] - sum(weights[1:]) / sum(weights)) < 0.02
-    assert figures["seen"] > first["seen"] + 0.05
+    assert figures["gain"] > 0.5 and float(loss.detach()) < -0.1
 
 
-def test_weights_by_distance_have_gain_0():
-    net = UNet(4).eval()
-    torch.nn.init.zeros_(net.conv9.weight), torch.nn.init.zeros_(net.conv9.bias)
-    for seed in range(4):
-        loss, figures = example_loss(net, made_up(seen=False), (0.1, 0.3), np.random.default_rng(seed), CONFIG)
-        assert float(loss.detach()) == pytest.approx(1, abs=1e-6) and figures["gain"] == pytest.approx(0, abs=1e-6)
+def test_exported_network_adds_the_agreement(tmp_path):
+    torch.manual_seed(0)
+    net = UNet(4, agreement=True).eval()
+    path = tmp_path / "model.onnx"
+    export(net, path, {"added_to": "view agreement"})
+    assert check(net, path) < 3e-6 and load_network(path).agreement
 
 
 @pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built: make build")
@@ -132,33 +135,17 @@ def test_frame_renders_like_the_program(tmp_path):
     frame = frame_of(rig, found)
     frame.save(tmp_path / "frame.pt")
     frame = SurfaceFrame.load(tmp_path / "frame.pt")
-    shown = frame.shown.float()
-    colour, coverage = frame.colour / 255 * shown[:, :, None], frame.coverage / 255 * shown
+    colour, coverage = frame.colour / 255, frame.coverage / 255
     torch.testing.assert_close(colour.flatten(1, 2), found["colour"], atol=0.002, rtol=0)
     torch.testing.assert_close(coverage, found["coverage"], atol=0.002, rtol=0)
-    with torch.no_grad():
-        logits = load_network(ROOT / "models/liveview_v4.pt")(colour.flatten(1, 2))
-    difference = (rendered(logits, colour, coverage, frame.distances) - found["frame"]).abs()
+    difference = (rendered(agreement_logits(colour), colour, coverage, frame.distances) - found["frame"]).abs()
     # A byte is a step of 0.004, which a small coverage divides; uncovered pixels are inpainted by
     # the program.
     height, width = difference.shape[-2:]
     seen = coverage.amin(0).amax(0)[:height, :width] > 0.5
     assert seen.float().mean() > 0.9
     assert difference.mean() < 1e-3 and difference[:, seen].max() < 0.1
-    assert 0.01 < float((frame.shown == 0).float().mean()) < 0.2
-
-
-def test_mixture_is_between_its_networks(tmp_path, monkeypatch):
-    first, second = ROOT / "models/liveview_v4.pt", ROOT / "models/liveview_v4_planes.onnx"
-    nets = {}
-    for share in (0.0, 0.25, 1.0):
-        out = tmp_path / "out.pt"
-        monkeypatch.setattr(sys, "argv", ["", str(first), str(second), str(out), "--share", str(share)])
-        mix.main()
-        nets[share] = load_network(out).conv9.weight
-    torch.testing.assert_close(nets[0.0], load_network(first).conv9.weight)
-    torch.testing.assert_close(nets[1.0], load_network(second).conv9.weight)
-    torch.testing.assert_close(nets[0.25], 0.75 * nets[0.0] + 0.25 * nets[1.0])
+    assert 0.01 < float((frame.coverage == 0).float().mean()) < 0.2
 
 
 def test_harmful_view_weights_are_fitted_to_0(tmp_path, monkeypatch):
@@ -168,8 +155,7 @@ def test_harmful_view_weights_are_fitted_to_0(tmp_path, monkeypatch):
     net = fold_batchnorm(UNet(4).eval())
     with torch.no_grad():
         net.conv9.bias[1:] -= torch.tensor([2.0, 3.0, 4.0])
-    frame = made_up(seen=False)
-    frame.shown.fill_(1)
+    frame = made_up()
     colour, coverage = frame.colour[:1] / 255, frame.coverage[:1] / 255
     truth = rendered(torch.zeros_like(coverage), colour, coverage, frame.distances)
     frame.target.copy_((truth * 255).round().to(torch.uint8))

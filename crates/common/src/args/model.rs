@@ -37,8 +37,8 @@ pub struct ModelArgs {
     ///
     /// The folders searched are LIVEVIEW_MODELS if it is set, else `models` beside the program, up
     /// to three folders above it, and in the working directory. With --views 4 the file
-    /// is liveview_v4.onnx; for planes liveview_v4_planes.onnx or, with --alpha independent,
-    /// liveview_v4_planes_paper.onnx, if it exists.
+    /// is liveview_v4.onnx; if they exist, for surface layers liveview_v4_surface.onnx, for planes
+    /// liveview_v4_planes.onnx or, with --alpha independent, liveview_v4_planes_paper.onnx.
     #[arg(long, value_name = "FILE", help_heading = ADVANCED, hide_short_help = true)]
     model: Option<PathBuf>,
     /// How the layers of a pixel share it [default: as the model was trained]
