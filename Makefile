@@ -96,11 +96,12 @@ parity: build setup
 	test ! -e .venv-openvino/.runtime || for precision in f32 int8; do \
 		( $(PARITY) --target target_0 --layers guided:2 --engine openvino --precision $$precision ) || exit 1; done
 
-## Stiff and extreme cases: Rust, torch, kornia and onnxruntime against float64. Writes a table and a plot to parity/.
+## Stiff and extreme cases: Rust, torch, kornia and onnxruntime against float64. Writes parity/stability.md.
 STABILITY = PYTHONPATH=python $(LIVEVIEW) stability $(SCENE) --target target_0 --threads 1 \
 	--reference "$(BIN)/python -m liveview_ref.parity.stability"
 stability: build setup
-	$(STABILITY) -o parity
+	$(STABILITY) > target/stability.md
+	cp target/stability.md parity/stability.md
 
 ## Damaged files for every reader, FUZZ_SECONDS each (nightly Rust). Inputs that break one stay in tests/fuzz/artifacts.
 # No sanitizer: the readers are safe Rust, whose panics, hangs and memory use libFuzzer detects.

@@ -52,7 +52,7 @@ enum Command {
     View(view::ViewArgs),
     /// Show how a scene is read
     Inspect(Box<inspect::InspectArgs>),
-    /// Show which planes, or which depth range per pixel, a view needs
+    /// Show which planes a view needs
     Select(Box<select::SelectArgs>),
     /// Write the depth of the photos, and score it if the scene has true depth
     Depth(depth::DepthArgs),
@@ -69,10 +69,6 @@ enum Command {
     Models(models::ModelsArgs),
     /// Write manual pages or shell completions
     Manual(manual::ManualArgs),
-    /// Run one configuration of a sweep, controlled by JSON lines
-    #[cfg(feature = "bench")]
-    #[command(hide = true)]
-    Worker(sweep::WorkerArgs),
 }
 
 fn main() -> ExitCode {
@@ -104,8 +100,6 @@ fn main() -> ExitCode {
         Command::Sweep(args) => sweep::run(args),
         #[cfg(feature = "bench")]
         Command::Stability(args) => stability::run(args),
-        #[cfg(feature = "bench")]
-        Command::Worker(args) => sweep::run_worker(args),
     };
     let failed = match output {
         Ok(output) => return print(&cli, output).unwrap_or(ExitCode::SUCCESS),
@@ -119,7 +113,7 @@ fn main() -> ExitCode {
     match &cli.command {
         #[cfg(feature = "bench")]
         // The sweep that started the worker prints it.
-        Command::Worker(_) => drop(console::send_line(&serde_json::json!({ "error": message }))),
+        Command::Sweep(args) if args.is_worker() => drop(console::send_line(&serde_json::json!({ "error": message }))),
         _ => console::print_message("error", message),
     }
     ExitCode::from(if is_interrupted { interrupt::EXIT_CODE } else { 2 })

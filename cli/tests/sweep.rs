@@ -36,12 +36,6 @@ fn each_configuration_has_an_error_and_a_time() {
         assert!(times.iter().all(|time| time.as_f64().unwrap() > 0.0), "{row}");
         assert!(row["psnr"].as_f64().unwrap() > 15.0 && row["peak_memory_bytes"].as_u64().unwrap() > 1 << 20, "{row}");
     }
-    assert_eq!(
-        (rows[4]["error_max"].as_f64(), rows[4]["error_mean"].as_f64()),
-        (Some(0.0), Some(0.0)),
-        "against itself"
-    );
-    assert!(rows[3]["error_max"].as_f64().unwrap() > 0.0);
     assert!(rows[2]["seconds"]["once"].as_f64().unwrap() > 0.0, "the selection is reported separately");
     assert!(rows[2]["seconds"]["stages"].get("select").is_none(), "and is not part of each frame's time");
     assert!(rows[4]["seconds"]["stages"]["network"].as_f64().unwrap() > 0.0);
@@ -112,7 +106,8 @@ fn reference_runs_in_its_own_process() {
     assert_eq!(rows.len(), 6, "five references");
     assert_eq!((&rows[1]["reference"], &rows[1]["engine"]), (&true.into(), &"reference".into()));
     assert_eq!(rows[1]["seconds"]["median"], 7.0);
-    assert!(rows[1]["error_max"].as_f64().unwrap() > 0.5, "black is not the picture");
+    let [picture, black] = [0, 1].map(|row: usize| rows[row]["psnr"].as_f64().unwrap());
+    assert!(black < picture - 3.0, "{black} dB of a black picture, {picture}");
 }
 
 #[test]

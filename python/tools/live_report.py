@@ -134,8 +134,8 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as links, tempfile.TemporaryDirectory() as folder:
             rig = looped(args.rig, args.memory_frames, Path(links))
             small = ["--layers", "surface:1", "--policy", "propagate", "--width", str(args.memory_width)]
-            report, _ = video(args, rig, Path(folder), *small)
-        memory = [(frame, size / 1e6) for frame, size in report["memory_bytes"]]
+            _, log = video(args, rig, Path(folder), *small)
+        memory = [(line["frame"], line["memory_bytes"] / 1e6) for line in log]
         (args.out / "memory.svg").write_text(
             chart([Panel("memory in use, MB", "frame", {"surface:1 propagate": memory})])
         )

@@ -56,22 +56,12 @@ impl DepthMaps {
         (self.near, self.far)
     }
 
-    /// Photos for a target's surface, nearest first (ties: the earlier): `count`, and
-    /// [`EXTRA_PHOTOS`] more.
-    pub fn photos_for(&self, target: &Camera, count: usize) -> Vec<usize> {
-        self.nearest(target, count + EXTRA_PHOTOS, None)
-    }
-
-    /// Photos that photo `index` is matched with, nearest first.
+    /// Photos that photo `index` is matched with, nearest first (ties: the earlier).
     pub fn neighbours(&self, index: usize) -> Vec<usize> {
-        self.nearest(&self.cameras[index], NEIGHBOURS, Some(index))
-    }
-
-    fn nearest(&self, camera: &Camera, count: usize, except: Option<usize>) -> Vec<usize> {
         let cameras: Vec<&Camera> = self.cameras.iter().collect();
-        let mut photos = facing_alike(&cameras, camera);
-        photos.retain(|&photo| Some(photo) != except);
-        photos.truncate(count);
+        let mut photos = facing_alike(&cameras, &self.cameras[index]);
+        photos.retain(|&photo| photo != index);
+        photos.truncate(NEIGHBOURS);
         photos
     }
 

@@ -154,7 +154,7 @@ fn unsupported_layers_are_errors() {
     refused("inspect", &["--layers", "guided:2"], &["--layers guided:2", "expected planes:D or list:"]);
     refused("inspect", &["--layers", "planes:0"], &["--layers", "planes:0", "a whole number from 1 to 4096"]);
     let target = |layers| ["--target", "2", "--layers", layers];
-    refused("select", &target("planes:4"), &["--layers planes:4", "expected select:K/D or guided:L"]);
+    refused("select", &target("planes:4"), &["--layers planes:4", "expected select:K/D"]);
     refused("select", &target("guided:0"), &["--layers", "guided:0", "a whole number from 1 to 4096"]);
 }
 
@@ -173,17 +173,4 @@ fn select_reports_the_histogram_over_planes() {
     let refused = ["--target", "2", "--layers", "select:9/8", "--model", &model];
     std::fs::remove_file(&picture).unwrap();
     folders.assert_refused(&mut folders.liveview("select", &refused), &["9 planes"]);
-}
-
-#[test]
-fn select_reports_the_range_of_guided_layers_without_a_model() {
-    let folders = Folders::new();
-    let picture = folders.out("range.png");
-    let arguments = ["--target", "2", "--layers", "guided:4", "-o", &picture, "--ort-lib", "/nonexistent"];
-    let report = json(&mut folders.liveview("select", &arguments));
-    let median = |key: &str| report[key][2].as_f64().unwrap();
-    let (nearest, farthest) = (median("nearest_depth"), median("farthest_depth"));
-    assert!(3.8 < nearest && nearest <= farthest && farthest < 4.2, "the wall is at depth 4: {report}");
-    assert!((median("step_pixels") - median("width_pixels") / 3.0).abs() < 1e-6, "{report}");
-    assert_eq!(image::read_size(picture.as_ref()).unwrap(), Size::new(3 * 64 + 8, 48));
 }

@@ -247,11 +247,10 @@ fn stalled_live_camera_is_left_out() {
 #[test]
 fn memory_does_not_grow_with_the_length() {
     let rig = Rig::new(300);
-    let out = rig.folders.out("frames");
+    let (out, log) = (rig.folders.out("frames"), rig.folders.out("log.json"));
     for options in [&[][..], &["--layers", "surface:1", "--policy", "each", "--frames", "..150"]] {
-        let report = rig.report(&[&["--camera", "cam2", "-o", &out], options].concat());
-        let memory = report["memory_bytes"].as_array().unwrap().iter();
-        let memory: Vec<f64> = memory.map(|m| m[1].as_f64().unwrap()).collect();
+        rig.report(&[&["--camera", "cam2", "-o", &out, "--log", &log], options].concat());
+        let memory: Vec<f64> = lines(&log).iter().map(|line| line["memory_bytes"].as_f64().unwrap()).collect();
         let quarter = memory.len() / 4;
         let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
         let (early, late) = (mean(&memory[quarter..2 * quarter]), mean(&memory[3 * quarter..]));

@@ -4,7 +4,6 @@
 
 pub mod dump;
 mod npz;
-mod plot;
 pub mod stability;
 pub mod sweep;
 mod worker_process;

@@ -69,11 +69,11 @@ pub fn run(args: &ViewArgs) -> Result<Output> {
 /// Serves requests until the queue is stopped.
 fn serve(queue: &RequestQueue, renderer: &mut ViewRenderer) {
     // Before the first client, as many photos are prepared as a first picture takes.
-    let mut first = renderer.needed_first();
+    let mut first = renderer.source.needed_first();
     let mut waiting = Waiting::default();
     loop {
         waiting.start_search(queue, renderer);
-        let prepare = renderer.unprepared() > 0 && (first > 0 || queue.has_clients());
+        let prepare = renderer.source.unprepared() > 0 && (first > 0 || queue.has_clients());
         match queue.next(prepare) {
             Task::Stop => return,
             Task::Frame { client, request } => {
@@ -91,7 +91,7 @@ fn serve(queue: &RequestQueue, renderer: &mut ViewRenderer) {
                 waiting.add_file(viewpoint, reply);
             }
             Task::Found { view, found } => {
-                renderer.insert(view, found);
+                renderer.source.insert(view, found);
                 waiting.update(queue, renderer);
             }
             // Sending fails if the client has left.

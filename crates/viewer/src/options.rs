@@ -2,7 +2,7 @@
 
 use std::net::IpAddr;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::Args;
 use liveview::Scene;
 use liveview_common::args::frame_rate::{FrameRate, frame_rate};
@@ -10,7 +10,7 @@ use liveview_common::args::layers::LayerArgs;
 use liveview_common::args::model::ModelArgs;
 use liveview_common::args::numbers;
 use liveview_common::args::scene::SceneArgs;
-use liveview_common::args::targets::named;
+use liveview_common::args::targets::held_out;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -59,10 +59,6 @@ pub struct ViewArgs {
 impl ViewArgs {
     /// Indices of the photos to hold out.
     pub(crate) fn held_out(&self, scene: &Scene) -> Result<Vec<usize>> {
-        match self.heldout {
-            Some(1) => bail!("--heldout 1 holds out every photo and leaves none to render from; expected 2 or more"),
-            Some(step) => Ok((0..scene.views.len()).step_by(step).collect()),
-            None => named(scene, &self.target),
-        }
+        held_out(scene, self.heldout, &self.target)
     }
 }

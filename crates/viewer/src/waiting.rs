@@ -41,7 +41,7 @@ impl Waiting {
 
     /// Starts a search for depth that a request waits for, unless one is running.
     pub(crate) fn start_search(&mut self, queue: &RequestQueue, renderer: &mut ViewRenderer) {
-        if renderer.is_searching() {
+        if renderer.source.is_searching() {
             return;
         }
         self.forget_those_that_left(queue);
@@ -52,7 +52,7 @@ impl Waiting {
         requests.sort_by_key(|&(_, moving)| moving);
         let awaited = requests.into_iter().filter_map(|(viewpoint, moving)| renderer.awaited(viewpoint, moving));
         let views: Vec<usize> = awaited.flat_map(|awaited| awaited.views).collect();
-        if renderer.start_search(&views) {
+        if renderer.source.start_search(&views) {
             self.update(queue, renderer);
         }
     }
@@ -123,7 +123,7 @@ mod tests {
                 self.waiting.start_search(&self.queue, &mut self.renderer);
                 let Some(view) = *self.running.borrow() else { return searched };
                 searched.push(view);
-                self.renderer.insert(view, None);
+                self.renderer.source.insert(view, None);
                 self.waiting.update(&self.queue, &mut self.renderer);
             }
         }

@@ -17,7 +17,7 @@ use liveview_common::args::help::ADVANCED;
 use liveview_common::args::model::start_threads;
 use liveview_common::args::numbers;
 use liveview_common::args::scene::SceneArgs;
-use liveview_common::args::targets::named;
+use liveview_common::args::targets::{held_out, named, refuse_twice};
 use liveview_common::console::{Output, print_message, print_notes, progress};
 use liveview_common::interrupt;
 use report::{Report, ViewDepthSummary};
@@ -106,20 +106,13 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
 
 /// The views to write, and those that are held out.
 fn views(args: &DepthArgs, scene: &Scene) -> Result<(Vec<usize>, Vec<usize>)> {
-    let held_out: Vec<usize> = match args.heldout {
-        Some(1) => bail!("--heldout 1 holds out every view and leaves none; expected 2 or more"),
-        Some(step) => (0..scene.views.len()).step_by(step).collect(),
-        None => named(scene, &args.target)?,
-    };
+    let held_out = held_out(scene, args.heldout, &args.target)?;
     let views = match args.photo.as_slice() {
         [] => (0..scene.views.len()).filter(|view| !held_out.contains(view)).collect(),
         names => named(scene, names)?,
     };
-    for (option, views) in [("--photo", &views), ("--target", &held_out)] {
-        if let Some(duplicate) = (1..views.len()).find(|&i| views[..i].contains(&views[i])) {
-            bail!("{option} names \"{}\" twice; expected each view once", scene.views[views[duplicate]].name);
-        }
-    }
+    refuse_twice("--photo", scene, &views)?;
+    refuse_twice("--target", scene, &held_out)?;
     if let Some(&view) = views.iter().find(|view| held_out.contains(view)) {
         bail!("--photo \"{}\" is held out; expected a view that is not", scene.views[view].name);
     }

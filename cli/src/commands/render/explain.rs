@@ -5,11 +5,14 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::Args;
-use liveview::image::coloured;
-use liveview::layers::Layer;
+use glam::DVec2;
+use liveview::geometry::PlaneSweep;
+use liveview::geometry::parallax::parallax;
+use liveview::image::{coloured, side_by_side};
 use liveview::layers::guided::RangeMap;
+use liveview::layers::{CELL, Layer};
 use liveview::network::Alpha;
-use liveview::{Frame, ImageRgb, Plan, Shot, TargetSurface};
+use liveview::{Camera, Frame, ImageRgb, Plan, SceneViews, Shot, TargetSurface};
 use liveview_common::args::help::ADVANCED;
 use liveview_common::args::output::expect_png;
 use liveview_common::console::path_text;
@@ -19,8 +22,6 @@ use liveview_common::outputs::OutputPlan;
 use liveview_common::statistics::quantile;
 use ndarray::{Array2, s};
 use serde_json::{Value, json};
-
-use crate::commands::select::{range_picture, width_in_pixels};
 
 /// Options for explaining a render.
 #[derive(Debug, Args)]
@@ -101,6 +102,28 @@ fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String,
     json["range_pixels_median"] = json!(pixels);
     json["equivalent_uniform_planes"] = json!((layers > 1).then_some(equivalent));
     range_picture(about.shot, range, &width)
+}
+
+/// Nearest disparity, farthest disparity and width of the range, side by side.
+fn range_picture(shot: &Shot, range: &RangeMap, width: &Array2<f32>) -> ImageRgb {
+    let (low, high) = ((1.0 / shot.far) as f32, (1.0 / shot.near) as f32);
+    let widest = width.iter().copied().fold(0.0, f32::max);
+    let size = (shot.target.height(), shot.target.width());
+    let full = |map: &Array2<f32>| Array2::from_shape_fn(size, |(y, x)| map[(y / CELL, x / CELL)]);
+    let maps = [(range.nearest(), low, high), (range.farthest(), low, high), (width, 0.0, widest)]
+        .map(|(map, low, high)| coloured(full(map).view(), low, high));
+    side_by_side(&maps.each_ref())
+}
+
+/// The depth range of each cell in pixels of parallax, in the view where it is largest.
+fn width_in_pixels(views: &SceneViews, shot: &Shot, range: &RangeMap) -> Array2<f32> {
+    let views: Vec<(&Camera, PlaneSweep)> =
+        views.cameras(&shot.views).map(|view| (view, PlaneSweep::new(view, &shot.target))).collect();
+    Array2::from_shape_fn(range.nearest().dim(), |(y, x)| {
+        let pixel = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) * CELL as f64;
+        let ends = (range.nearest()[(y, x)].into(), range.farthest()[(y, x)].into());
+        views.iter().filter_map(|(view, sweep)| parallax(view, sweep, pixel, ends)).fold(0.0, f64::max) as f32
+    })
 }
 
 /// The surface, the share of it that no photo's depth gives, exposure gains and sharpening.

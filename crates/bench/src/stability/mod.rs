@@ -7,7 +7,6 @@ mod composite;
 mod composite_competing;
 mod network;
 mod outcome;
-mod plot;
 mod rigs;
 mod sampling;
 mod select;
@@ -15,23 +14,19 @@ mod table;
 mod warp;
 
 use std::cell::RefCell;
-use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use case::{Case, Expected};
 use cases::cases;
 use clap::Args;
-use liveview::Targets;
+use liveview::{Model, Targets};
 use liveview_common::args::model::ModelArgs;
-use liveview_common::args::output::{refuse_stdout, write_atomically};
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::named;
 use liveview_common::console::{Output, path_text, print_notes, progress};
-use liveview_common::outputs::OutputPlan;
 use liveview_common::statistics::share;
 use ndarray::Array1;
 use outcome::{Errors, Outcome};
-use plot::plot;
 use rigs::TestRig;
 use serde_json::json;
 use table::{Table, markdown};
@@ -42,8 +37,8 @@ use crate::worker_process::{WorkerProcess, words};
 const EXAMPLES: &str = "\
 Examples:
   liveview stability scene --target IMG_7.jpg
-  Beside PyTorch, kornia and onnxruntime, with a table and a plot:
-    liveview stability scene --target IMG_7.jpg --reference \".venv/bin/python -m liveview_ref.parity.stability\" -o report/";
+  Beside PyTorch, kornia and onnxruntime:
+    liveview stability scene --target IMG_7.jpg --reference \".venv/bin/python -m liveview_ref.parity.stability\"";
 
 /// Width of the photos without `--width`, pixels: failures do not depend on the size.
 const WIDTH: usize = 126;
@@ -63,9 +58,6 @@ pub struct StabilityArgs {
     reference: Option<String>,
     #[command(flatten)]
     model: ModelArgs,
-    /// Folder for stability.md and stability.svg
-    #[arg(short, long, value_name = "FOLDER")]
-    output: Option<PathBuf>,
     #[command(flatten)]
     scene: SceneArgs,
 }
@@ -73,16 +65,8 @@ pub struct StabilityArgs {
 /// Runs `liveview stability`.
 pub fn run(args: &StabilityArgs) -> Result<Output> {
     let photos = args.scene.open_at(WIDTH)?;
-    let output = |name: &str| args.output.as_ref().map(|folder| folder.join(name));
-    args.output.iter().try_for_each(|folder| refuse_stdout("-o", folder))?;
-    let mut output_plan = OutputPlan::new(photos.scene());
-    ["stability.md", "stability.svg"]
-        .into_iter()
-        .filter_map(output)
-        .try_for_each(|file| output_plan.file("-o", &file))?;
-    output_plan.prepare()?;
     args.model.set_threads()?;
-    let (network, model) = args.model.open_model(None)?;
+    let Model { network, precision, library, .. } = args.model.open_model(None)?;
     print_notes(&photos.scene().notes);
     let targets = Targets::held_out(photos.scene(), named(photos.scene(), std::slice::from_ref(&args.target))?);
     let shot = photos.shots(targets, network.card().views, 0, None)?.remove(0);
@@ -102,10 +86,10 @@ pub fn run(args: &StabilityArgs) -> Result<Output> {
         photos.names(&shot.views).join(", "),
         rig.photo.width(),
         rig.photo.height(),
-        model.path.file_name().unwrap_or_default().display(),
-        model.provider_and_precision()
+        network.path().file_name().unwrap_or_default().display(),
+        format_args!("{}, {precision}", library.provider())
     );
-    let path = path_text(&model.path);
+    let path = path_text(network.path());
     let network = RefCell::new(network);
     let mut reference = args.reference.as_ref().map(|command| Reference::start(command, path)).transpose()?;
     let cases = cases(&rig, &network, args.short);
@@ -119,10 +103,7 @@ pub fn run(args: &StabilityArgs) -> Result<Output> {
     });
     let table = Table { about, outcomes: outcomes.collect::<Result<_>>()? };
     bar.finish_and_clear();
-    let (text, json) = (markdown(&table), table::json(&table));
-    for (name, contents) in [("stability.md", &text), ("stability.svg", &plot(&table))] {
-        output(name).map_or(Ok(()), |file| write_atomically(&file, contents.as_bytes()))?;
-    }
+    let text = markdown(&table);
     if table.failed() > 0 {
         let failures = text
             .lines()
@@ -131,7 +112,7 @@ pub fn run(args: &StabilityArgs) -> Result<Output> {
             .join("; ");
         bail!("{} of {} cases fail: {failures}", table.failed(), table.outcomes.len());
     }
-    Ok(Output { text, json })
+    Ok(Output { json: json!({ "about": table.about, "cases": table.outcomes.len() }), text })
 }
 
 /// The reference implementations, in their own process.
@@ -165,7 +146,6 @@ fn outcome(case: &Case<'_>, reference: Option<&mut Reference>) -> Result<Outcome
     });
     let mut outcome = Outcome {
         family: case.family,
-        extreme: case.extreme,
         name: case.name.clone(),
         stage: test.stage(),
         bound: case.bound,

@@ -1,6 +1,6 @@
 //! The errors of a case, and whether it passes.
 
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::case::{Expected, Outputs};
 
@@ -51,16 +51,11 @@ impl Errors {
         let doubtful = json["doubtful"].as_f64()?;
         Some(Self { largest: json["largest"].as_f64().unwrap_or(f64::INFINITY), doubtful })
     }
-
-    fn json(self) -> Value {
-        json!({ "largest": self.largest.is_finite().then_some(self.largest), "doubtful": self.doubtful })
-    }
 }
 
 /// The result of a case.
 pub(crate) struct Outcome {
     pub(crate) family: &'static str,
-    pub(crate) extreme: f64,
     pub(crate) name: String,
     pub(crate) stage: &'static str,
     pub(crate) bound: f64,
@@ -134,23 +129,6 @@ impl Outcome {
             _ => Verdict::Ok,
         }
     }
-
-    pub(crate) fn json(&self) -> Value {
-        let (verdict, why) = match self.verdict() {
-            Verdict::Ok => ("ok", None),
-            Verdict::NotCompared => ("not compared", None),
-            Verdict::Refused(why) => ("refused", Some(why)),
-            Verdict::Failed(why) => ("failed", Some(why)),
-        };
-        let errors = |errors: Option<Errors>| errors.map(Errors::json);
-        json!({
-            "family": self.family, "extreme": self.extreme.is_finite().then_some(self.extreme), "name": self.name,
-            "stage": self.stage, "bound": self.bound, "doubtful": self.doubtful, "covered": self.covered,
-            "rust": errors(self.rust.clone().ok().flatten()), "torch": errors(self.torch),
-            "kornia": errors(self.kornia), "onnxruntime": errors(self.onnxruntime), "oracle": self.oracle,
-            "relative_time": self.relative_time, "verdict": verdict, "why": why,
-        })
-    }
 }
 
 #[cfg(test)]
@@ -161,7 +139,6 @@ mod tests {
         let errors = |largest| Some(Errors { largest, doubtful: 0.0 });
         Outcome {
             family: "depth",
-            extreme: 1.0,
             name: String::new(),
             stage: "warp",
             bound: 1e-5,

@@ -1,8 +1,6 @@
-//! The outcomes as Markdown, with a line for each family and each case, and as JSON.
+//! The outcomes as Markdown, with a line for each family and each case.
 
 use std::fmt::Write;
-
-use serde_json::{Value, json};
 
 use super::outcome::{Errors, Outcome, Verdict};
 
@@ -111,9 +109,4 @@ fn verdict(outcome: &Outcome) -> String {
         Verdict::Refused(why) => format!("**refused**: {why}"),
         Verdict::Failed(why) => format!("**failed**: {why}{slower}"),
     }
-}
-
-pub(crate) fn json(table: &Table) -> Value {
-    let cases: Vec<Value> = table.outcomes.iter().map(Outcome::json).collect();
-    json!({ "about": table.about, "failed": table.failed(), "cases": cases })
 }

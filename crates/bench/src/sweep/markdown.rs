@@ -10,7 +10,7 @@ pub(crate) fn markdown(sweep: &SweepReport) -> String {
     let several_sizes = sizes.iter().any(|&size| size != sizes[0]);
     let mut text = format!(
         "{}, {}{} from {} views, {} threads, batch {}, {}; models: {}; {} interleaved repetitions, each configuration in its own process; \
-         scores against the held-out photos, errors against the most planes.\n\n",
+         scores against the held-out photos.\n\n",
         sweep.scene,
         sweep.targets.join(" and "),
         if several_sizes { String::new() } else { format!(" at {}", sizes[0]) },
@@ -27,27 +27,24 @@ pub(crate) fn markdown(sweep: &SweepReport) -> String {
     let size = if several_sizes { " size |" } else { "" };
     let _ = writeln!(
         text,
-        "| |{size} layers | engine | PSNR dB | SSIM | error mean | error max | seconds (range) | times faster | MB | time goes to |\n\
-         |---|{}---|---|---|---|---|---|---|---|---|---|",
+        "| |{size} layers | engine | PSNR dB | SSIM | seconds (range) | MB | time goes to |\n\
+         |---|{}---|---|---|---|---|---|---|",
         if several_sizes { "---|" } else { "" }
     );
     for row in &sweep.rows {
         let front = if sweep.on_front(row) { "●" } else { "" };
         let size = if several_sizes { format!(" {} |", row.size) } else { String::new() };
         let [psnr, ssim] = [(row.score.map(|s| s.psnr), 2), (row.score.map(|s| s.ssim), 4)].map(cell);
-        let [mean, max] = [(row.error.map(|e| e.mean), 4), (row.error.map(|e| e.max), 2)].map(cell);
         let totals = row.totals();
-        let faster = sweep.dense(row.size).map(|dense| dense.median() / row.median());
         let _ = writeln!(
             text,
-            "| {front} |{size} {} | {} | {psnr} | {ssim} | {mean} | {max} | {:.3} ({:.3} to {:.3}){} | {} | {} | {} |",
+            "| {front} |{size} {} | {} | {psnr} | {ssim} | {:.3} ({:.3} to {:.3}){} | {} | {} |",
             row.layers,
             row.engine,
             row.median(),
             totals.first().unwrap_or(&f64::NAN),
             totals.last().unwrap_or(&f64::NAN),
             if row.once > 0.0 { format!(", once {:.2}", row.once) } else { String::new() },
-            cell((faster, if faster.is_some_and(|f| f < 9.95) { 1 } else { 0 })),
             row.peak_memory_bytes.map_or("-".into(), |bytes| format!("{:.0}", bytes as f64 / 1e6)),
             shares(row),
         );
@@ -82,9 +79,6 @@ mod tests {
         assert_eq!(lines.len(), 2 + sweep.rows.len(), "{text}");
         let columns = |line: &&str| line.matches('|').count();
         assert!(lines.iter().all(|line| columns(line) == columns(&lines[0])), "{text}");
-        assert!(
-            text.contains("| ● | guided:4 | test | 22.00 | 0.5000 | 0.0100 | 0.50 | 1.000 (1.000 to 1.100) | 11 |"),
-            "{text}"
-        );
+        assert!(text.contains("| ● | guided:4 | test | 22.00 | 0.5000 | 1.000 (1.000 to 1.100) | 300 |"), "{text}");
     }
 }

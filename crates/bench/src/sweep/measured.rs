@@ -8,8 +8,7 @@ use liveview::image::{Score, psnr, ssim};
 use ndarray::Array3;
 use serde_json::json;
 
-use super::pixel_error::PixelError;
-use super::rows::{Row, densest};
+use super::rows::Row;
 use crate::worker_process::{WorkerProcess, text_of};
 
 /// A worker, with its measurements so far.
@@ -67,7 +66,8 @@ impl Measured {
         self.row
     }
 
-    fn score(&mut self, truths: &[ImageRgb], dense: Option<&[ImageRgb]>) {
+    /// Scores the pictures against the photos, then drops them.
+    pub(super) fn score(&mut self, truths: &[ImageRgb]) {
         let count = self.pictures.len() as f64;
         let mean = |of: &dyn Fn(&ImageRgb, &ImageRgb) -> f64| {
             self.pictures.iter().zip(truths).map(|(picture, truth)| of(picture, truth)).sum::<f64>() / count
@@ -77,15 +77,6 @@ impl Measured {
             ssim: mean(&|picture, truth| ssim(picture, truth, Score::BORDER)),
         };
         self.row.score = Some(score).filter(|score| score.psnr.is_finite() && score.ssim.is_finite());
-        self.row.error = dense.map(|dense| PixelError::between(self.pictures.iter().zip(dense)));
-    }
-}
-
-/// Scores all pictures against the photos and against those on the most planes, then drops them.
-pub(super) fn score_all(measured: &mut [Measured], truths: &[ImageRgb]) {
-    let dense = densest(measured.iter(), |one| &one.row).map(|one| one.pictures.clone());
-    for one in measured {
-        one.score(truths, dense.as_deref());
-        one.pictures.clear();
+        self.pictures.clear();
     }
 }

@@ -3,9 +3,9 @@
 mod cpu;
 mod markdown;
 mod measured;
-mod pixel_error;
 mod plot;
 mod rows;
+mod svg;
 mod worker;
 
 use std::ffi::OsString;
@@ -26,12 +26,11 @@ use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::named;
 use liveview_common::console::{Output, path_text, print_message, print_notes, progress};
 use liveview_common::outputs::OutputPlan;
-use measured::{Measured, score_all};
+use measured::Measured;
 use ndarray::Array1;
 use rows::{Row, SweepReport};
 use serde_json::{Value, json};
 use worker::scaled;
-pub use worker::{WorkerArgs, run as run_worker};
 
 use crate::npz::Arrays;
 use crate::worker_process::{WorkerProcess, text_of, words};
@@ -43,7 +42,7 @@ Examples:
   Time against size:
     liveview sweep scene --target IMG_7.jpg --layers guided:4,planes:16 --widths 500,1000,2000 -o scaling/";
 
-/// Kinds and numbers of layers; the others are compared with the last.
+/// Kinds and numbers of layers.
 const LAYERS: &str = "surface:1,surface:2,guided:1,guided:2,guided:3,guided:4,guided:6,guided:8,guided:12,select:8,select:16,\
                       select:32,planes:8,planes:16,planes:32,planes:64";
 
@@ -84,12 +83,27 @@ pub struct SweepArgs {
     /// Folder for sweep.json, sweep.md and sweep.svg
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
+    /// Run one configuration, controlled by lines of JSON: its number, and that of views without a network
+    #[arg(long, num_args = 2, value_names = ["N", "V"], hide = true)]
+    worker: Option<Vec<usize>>,
     #[command(flatten)]
     scene: SceneArgs,
 }
 
+impl SweepArgs {
+    /// Whether it is the process of one configuration: its errors go to the sweep that started it.
+    pub fn is_worker(&self) -> bool {
+        self.worker.is_some()
+    }
+}
+
 /// Runs `liveview sweep`.
 pub fn run(args: &SweepArgs) -> Result<Output> {
+    if let Some(&[number, views]) = args.worker.as_deref() {
+        let all = configurations(args);
+        let configuration = all.get(number).with_context(|| format!("--worker {number}: there are {}", all.len()))?;
+        return worker::run(args, configuration, views);
+    }
     let folder = tempfile::tempdir().context("a temporary folder for the workers' pictures cannot be created")?;
     let photos = args.scene.open()?;
     print_notes(&photos.scene().notes);
@@ -99,22 +113,14 @@ pub fn run(args: &SweepArgs) -> Result<Output> {
     output_plan.prepare()?;
     let held_out = named(photos.scene(), &args.target)?;
     let truths = held_out.iter().map(|&view| Ok(photos.scene().load_image(view)?)).collect::<Result<Vec<_>>>()?;
-    let widths = if args.widths.is_empty() { vec![None] } else { args.widths.iter().copied().map(Some).collect() };
     let bar = progress("renders")?;
     let (mut all, mut own, mut models) = (Vec::new(), Value::Null, Vec::new());
-    for width in widths {
+    let configurations: Vec<_> = configurations(args).into_iter().enumerate().collect();
+    for configurations in configurations.chunk_by(|(_, a), (_, b)| a.width == b.width) {
         let mut measured = Vec::new();
-        for (layers, engine) in configurations(args) {
+        for (number, Configuration { layers, engine, .. }) in configurations {
             let name = layers.to_string();
-            let mut command = worker_command(args, width, &layers)?;
-            command.extend(match engine {
-                RowEngine::Own => args.model.to_args(None),
-                RowEngine::Other(engine) => args.model.to_args(Some(engine)),
-                RowEngine::NoNetwork => args.model.to_args_without_network(views(&own)),
-            });
-            // The folder's name may look like an option.
-            command.extend(["--".into(), args.scene.folder().into()]);
-            let (worker, ready) = WorkerProcess::start(&name, &command, None)?;
+            let (worker, ready) = WorkerProcess::start(&name, &worker_command(*number, views(&own))?, None)?;
             let model = model(&ready);
             if !model.is_empty() && !models.contains(&model) {
                 models.push(model);
@@ -125,15 +131,15 @@ pub fn run(args: &SweepArgs) -> Result<Output> {
             measured.push(Measured::new(worker, Row::new(&name, &ready, false, size(&ready))));
         }
         if let Some(command) = &args.reference {
-            measured.extend(references(args, command, &photos, width, &own, folder.path())?);
+            measured.extend(references(args, command, &photos, configurations[0].1.width, &own, folder.path())?);
         }
         bar.inc_length((measured.len() * (args.repetitions + 1)) as u64);
         for one in &mut measured {
             bar.set_message(one.row.name());
             one.warm_up(truths.len(), folder.path())?;
+            one.score(&truths);
             bar.inc(1);
         }
-        score_all(&mut measured, &truths);
         all.extend(measured);
     }
     for _ in 0..args.repetitions {
@@ -193,8 +199,16 @@ enum RowEngine {
     NoNetwork,
 }
 
-/// The layers and the engine of each row; those on the engine of the options first.
-fn configurations(args: &SweepArgs) -> Vec<(LayerSpec, RowEngine)> {
+/// What a row measures.
+struct Configuration {
+    /// Of the target, pixels; `None`: the photo's.
+    width: Option<usize>,
+    layers: LayerSpec,
+    engine: RowEngine,
+}
+
+/// The configurations of all rows, width by width; of each those on the engine of the options first.
+fn configurations(args: &SweepArgs) -> Vec<Configuration> {
     let along_surface = |layers: &&LayerSpec| matches!(layers, LayerSpec::Surface(_));
     let light = args.layers.iter().filter(|layers| along_surface(layers) || matches!(layers, LayerSpec::Guided { .. }));
     let others = args
@@ -205,17 +219,22 @@ fn configurations(args: &SweepArgs) -> Vec<(LayerSpec, RowEngine)> {
     let with_surface = args.layers.iter().any(|layers| along_surface(&layers));
     let without_network = (with_surface && !args.model.without_network()).then_some(WITHOUT_NETWORK);
     let without_network = without_network.into_iter().flatten().map(|layers| (layers, RowEngine::NoNetwork));
-    own.chain(without_network).chain(others).collect()
+    let rows: Vec<_> = own.chain(without_network).chain(others).collect();
+    let widths = if args.widths.is_empty() { vec![None] } else { args.widths.iter().copied().map(Some).collect() };
+    let of_width = |width: Option<usize>| {
+        rows.iter().cloned().map(move |(layers, engine)| Configuration { width, layers, engine })
+    };
+    widths.into_iter().flat_map(of_width).collect()
 }
 
-/// The command line of a worker, without the options of the model and the scene's folder.
-fn worker_command(args: &SweepArgs, width: Option<usize>, layers: &LayerSpec) -> Result<Vec<OsString>> {
-    let mut options = args.scene.to_args();
-    options.extend(args.target.iter().map(|target| format!("--target={target}")));
-    options.push(format!("--layers={layers}"));
-    options.extend(width.map(|width| format!("--target-width={width}")));
-    let program = [std::env::current_exe()?.into_os_string(), "worker".into()];
-    Ok(program.into_iter().chain(options.into_iter().map(OsString::from)).collect())
+/// The command line of a worker: that of this process, and which configuration it runs.
+fn worker_command(number: usize, views: usize) -> Result<Vec<OsString>> {
+    let mut command = vec![std::env::current_exe()?.into_os_string()];
+    command.extend(std::env::args_os().skip(1));
+    let at = command.iter().position(|word| word == "sweep").context("expected the command sweep")? + 1;
+    let worker = ["--worker".into(), number.to_string().into(), views.to_string().into()];
+    command.splice(at..at, worker);
+    Ok(command)
 }
 
 /// The reference implementations, on the most planes.

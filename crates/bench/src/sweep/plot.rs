@@ -1,7 +1,7 @@
 //! The plot of a sweep: error against time with the Pareto front, or for several sizes time against pixels × layers.
 
 use super::rows::{Row, SweepReport};
-use crate::plot::{Axis, Panel, Plot, Point, Series};
+use super::svg::{Axis, Point, Series, Svg};
 
 /// The plot, as SVG.
 pub(crate) fn plot(sweep: &SweepReport) -> String {
@@ -17,32 +17,25 @@ pub(crate) fn plot(sweep: &SweepReport) -> String {
     } else {
         ["seconds per picture", "error against the photo (RMS, of 255)"]
     };
-    let mut legend: Vec<(String, bool)> = Vec::new();
     let mut series: Vec<Series> = Vec::new();
     for &(row, at) in &points {
         let name = kind(row);
-        let kind = legend.iter().position(|(known, _)| *known == name).unwrap_or_else(|| {
-            legend.push((name, row.reference));
-            series.push(Series { kind: series.len(), points: Vec::new(), joined: false });
+        let index = series.iter().position(|known| known.name == name).unwrap_or_else(|| {
+            series.push(Series { name, hollow: row.reference, points: Vec::new() });
             series.len() - 1
         });
         let text = if row.reference { String::new() } else { row.count.to_string() };
         let title = format!("{}, {}: {:.3} s", row.layers, row.engine, row.median());
-        series[kind].points.push(Point { at, text, title });
+        series[index].points.push(Point { at, text, title });
     }
     let on_front = points.iter().filter(|(row, _)| !scaling && sweep.on_front(row));
     let mut dashed: Vec<(f64, f64)> = on_front.map(|&(_, at)| at).collect();
     dashed.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let panel = Panel {
-        title: String::new(),
-        x: Axis::log(x_label, points.iter().map(|(_, at)| at.0)),
-        y: Axis::log(y_label, points.iter().map(|(_, at)| at.1)),
-        dashed,
-        series,
-    };
+    let x = Axis::new(x_label, points.iter().map(|(_, at)| at.0));
+    let y = Axis::new(y_label, points.iter().map(|(_, at)| at.1));
     let front = if scaling { "" } else { "; dashed: the Pareto front" };
     let caption = format!("Numbers: layers through the network{front}.");
-    Plot { caption, legend, panels: vec![panel], columns: 1, panel_size: (840.0, 440.0) }.svg()
+    Svg { caption, x, y, dashed, series }.text()
 }
 
 /// The kind of a row, which has a colour of its own: kind of layers and engine.

@@ -5,8 +5,6 @@ use liveview::image::Score;
 use liveview_common::statistics::quantile_of_sorted;
 use serde_json::{Value, json};
 
-use super::pixel_error::PixelError;
-
 /// Spread of the repetitions (interquartile range / median, median over the rows) above which times are unreliable.
 const MAX_SPREAD: f64 = 0.15;
 
@@ -26,8 +24,6 @@ pub(crate) struct Row {
     /// Seconds spent once: to select the planes of all repetitions, or to search the depth of the photos.
     pub(crate) once: f64,
     pub(crate) score: Option<Score>,
-    /// Difference from the picture on the most planes at the same size, if that is measured.
-    pub(crate) error: Option<PixelError>,
     pub(crate) peak_memory_bytes: Option<u64>,
 }
 
@@ -43,7 +39,6 @@ impl Row {
             runs: Vec::new(),
             once: 0.0,
             score: None,
-            error: None,
             peak_memory_bytes: None,
         }
     }
@@ -125,11 +120,6 @@ impl SweepReport {
         !self.rows.iter().any(|other| other.size == row.size && dominates(other))
     }
 
-    /// The row with which others of this size are compared.
-    pub(super) fn dense(&self, size: Size) -> Option<&Row> {
-        densest(self.rows.iter().filter(|row| row.size == size), |row| row)
-    }
-
     pub(crate) fn json(&self) -> Value {
         let row = |row: &Row| {
             let totals = row.totals();
@@ -142,7 +132,6 @@ impl SweepReport {
                     "stages": stages.collect::<serde_json::Map<_, _>>(), "once": row.once,
                 },
                 "psnr": row.score.map(|score| score.psnr), "ssim": row.score.map(|score| score.ssim),
-                "error_max": row.error.map(|error| error.max), "error_mean": row.error.map(|error| error.mean),
                 "peak_memory_bytes": row.peak_memory_bytes, "on_front": self.on_front(row),
             })
         };
@@ -152,12 +141,6 @@ impl SweepReport {
             "rows": self.rows.iter().map(row).collect::<Vec<_>>(),
         })
     }
-}
-
-/// The row with which others of one size are compared: this program's first one on the most uniform planes.
-pub(crate) fn densest<T>(all: impl Iterator<Item = T>, row: impl Fn(&T) -> &Row) -> Option<T> {
-    let planes = all.filter(|one| !row(one).reference && row(one).layers.starts_with("planes:"));
-    planes.reduce(|most, one| if row(&one).count > row(&most).count { one } else { most })
 }
 
 #[cfg(test)]
@@ -175,7 +158,6 @@ pub(crate) mod tests {
             runs: times.iter().map(run).collect(),
             once: 0.0,
             score: Some(Score { psnr, ssim: 0.5 }),
-            error: Some(PixelError { max: 0.5, mean: 0.01 }),
             peak_memory_bytes: Some(300_000_000),
         }
     }
@@ -199,13 +181,11 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn rows_have_medians_a_front_and_a_densest() {
+    fn rows_have_medians_and_a_front() {
         let sweep = sweep();
         let [dense, four, eight, two] = &sweep.rows[..] else { unreachable!() };
         assert_eq!((dense.median(), dense.stages()[0].1), (11.0, 2.75));
         assert_eq!([dense, four, eight, two].map(|row| sweep.on_front(row)), [false, true, false, true]);
-        assert_eq!(sweep.dense(Size::new(40, 30)).unwrap().layers, "planes:64");
-        assert!(sweep.dense(Size::new(1, 1)).is_none());
         assert!((four.rms_error().unwrap() - 255.0 * 0.0794).abs() < 0.01);
         assert!(!sweep.noisy());
         assert_eq!(sweep.json()["rows"][1]["on_front"], true);

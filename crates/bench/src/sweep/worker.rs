@@ -1,4 +1,4 @@
-//! `liveview worker`: one configuration of `liveview sweep` in its own process, so that its peak memory is measured separately and
+//! One configuration of `liveview sweep` in its own process, so that its peak memory is measured separately and
 //! engines that need different libraries can be timed in turn.
 //!
 //! The protocol is lines of JSON: the worker writes `{"ready": true, "size": [width, height], …}` once; each request `{"run": true,
@@ -11,14 +11,9 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Result, anyhow};
-use clap::Args;
 use liveview::fs::atomic::AtomicFile;
 use liveview::layers::Layers;
 use liveview::{ImageRgb, LayerSpec, Plan, Shot, Targets};
-use liveview_common::args::layers::LayerArgs;
-use liveview_common::args::model::ModelArgs;
-use liveview_common::args::numbers;
-use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::named;
 use liveview_common::console::{Output, path_text, send_line};
 use liveview_common::job::Job;
@@ -27,24 +22,8 @@ use ndarray::ArrayView3;
 use ndarray_npy::WriteNpyExt;
 use serde_json::{Value, json};
 
+use super::{Configuration, RowEngine, SweepArgs};
 use crate::npz::unwritten;
-
-/// Options of `liveview worker`.
-#[derive(Debug, Args)]
-pub struct WorkerArgs {
-    #[command(flatten)]
-    scene: SceneArgs,
-    /// Views to render, by name; all are held out
-    #[arg(long, value_name = "NAME,…", required = true)]
-    target: Vec<String>,
-    /// Scale the target cameras to this width
-    #[arg(long, value_name = "PIXELS", value_parser = numbers::count)]
-    target_width: Option<usize>,
-    #[command(flatten)]
-    layers: LayerArgs,
-    #[command(flatten)]
-    model: ModelArgs,
-}
 
 /// A worker's configuration, and its state between requests.
 struct Renders {
@@ -54,12 +33,16 @@ struct Renders {
     selected: Vec<Option<Layers>>,
 }
 
-/// Runs the hidden command `liveview worker`, which `liveview sweep` starts.
-pub fn run(args: &WorkerArgs) -> Result<Output> {
-    let photos = args.scene.open()?;
-    let mut job = Job::open(photos, &args.layers, &args.model)?;
+/// Runs a configuration; without a network from so many views.
+pub(super) fn run(args: &SweepArgs, configuration: &Configuration, views: usize) -> Result<Output> {
+    let model = match configuration.engine {
+        RowEngine::Own => args.model.with_network(None),
+        RowEngine::Other(engine) => args.model.with_network(Some(engine)),
+        RowEngine::NoNetwork => args.model.no_network(views),
+    };
+    let mut job = Job::with_layers(args.scene.open()?, &model, Some(&configuration.layers))?;
     let views = named(job.scene(), &args.target)?;
-    let targets = scaled(Targets::held_out(job.scene(), views), args.target_width)?;
+    let targets = scaled(Targets::held_out(job.scene(), views), configuration.width)?;
     let shots = job.synthesizer.shots(targets)?;
     // Unreadable photos are reported before anything is timed.
     for shot in &shots {

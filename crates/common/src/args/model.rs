@@ -1,20 +1,17 @@
 //! Options for the model, ONNX Runtime and threads.
 
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use liveview::network::{
-    ExecutionProvider, OrtLibrary, OrtNetwork, Precision, ViewAgreement, check_threads, cpu_has_bf16,
-};
+use liveview::network::{ExecutionProvider, Precision, ViewAgreement, check_threads, cpu_has_bf16};
 use liveview::render::Renderer;
 use liveview::{LayerSpec, Model, ModelOptions};
 
 use super::help::ADVANCED;
 use super::model_info::{ModelInfo, OpenedModel};
-use super::model_names::{AlphaName, NetworkName, PrecisionName, ProviderChoice, ProviderName, flag};
+use super::model_names::{AlphaName, NetworkName, PrecisionName, ProviderChoice, ProviderName};
 use super::numbers;
 use crate::console::print_message;
 use crate::ort_wheel::wheel;
@@ -110,37 +107,28 @@ impl ModelArgs {
         self.engine.unwrap_or(ProviderName::Cpu)
     }
 
-    /// Command-line arguments for the same threads and batch size, without a network.
-    pub fn to_args_without_network(&self, views: usize) -> Vec<OsString> {
-        let [threads, batch] = [self.threads(), self.batch];
-        vec![
-            "--network=none".into(),
-            format!("--views={views}").into(),
-            format!("--threads={threads}").into(),
-            format!("--batch={batch}").into(),
-        ]
+    /// These options with a network, unless it is ruled out; with another engine and precision if
+    /// given.
+    pub fn with_network(&self, other: Option<ProviderChoice>) -> Self {
+        if self.without_network() {
+            return self.clone();
+        }
+        let (engine, precision) = other.map_or((self.engine, self.precision), |o| (Some(o.engine), o.precision));
+        Self { network: Some(NetworkName::Model), engine, precision, ..self.clone() }
     }
 
-    /// These options as command-line arguments, with another engine and precision if given.
-    pub fn to_args(&self, other: Option<ProviderChoice>) -> Vec<OsString> {
-        if self.without_network() {
-            return self.to_args_without_network(self.views_or_default());
+    /// Without a network, for so many views on the same threads.
+    pub fn no_network(&self, views: usize) -> Self {
+        Self {
+            views: Some(views),
+            network: Some(NetworkName::None),
+            model: None,
+            alpha: None,
+            engine: None,
+            precision: None,
+            ort_lib: None,
+            ..self.clone()
         }
-        let ProviderChoice { engine, precision } =
-            other.unwrap_or(ProviderChoice { engine: self.engine(), precision: self.precision });
-        let mut args = vec!["--network=model".to_owned()];
-        args.extend([format!("--threads={}", self.threads()), format!("--batch={}", self.batch)]);
-        args.extend(flag("engine", &engine));
-        args.extend(precision.and_then(|precision| flag("precision", &precision)));
-        args.extend(self.alpha.and_then(|alpha| flag("alpha", &alpha)));
-        args.extend(self.views.map(|views| format!("--views={views}")));
-        let mut args: Vec<OsString> = args.into_iter().map(OsString::from).collect();
-        for (option, file) in [("--model=", &self.model), ("--ort-lib=", &self.ort_lib)] {
-            args.extend(
-                file.as_ref().map(|file| [option.as_ref(), file.as_os_str()].into_iter().collect::<OsString>()),
-            );
-        }
-        args
     }
 
     /// The library's options, with the given numbers of views and threads.
@@ -197,20 +185,13 @@ impl ModelArgs {
     pub fn open_for(&self, layers: Option<&LayerSpec>) -> Result<(Renderer, ModelInfo)> {
         self.check_network()?;
         let (renderer, model) = if self.uses_network(layers) {
-            let (network, model) = self.open_model(layers)?;
-            (self.renderer(network), Some(model))
+            let model = self.open_model(layers)?;
+            let opened = OpenedModel::new(&model);
+            (model.into_renderer(), Some(opened))
         } else {
             (self.renderer_without_network(self.views_or_default()), None)
         };
         Ok((renderer, ModelInfo { model, threads: self.set_threads()?, batch: self.batch }))
-    }
-
-    /// A renderer with the alpha of `--alpha`, or the model's.
-    fn renderer(&self, network: OrtNetwork) -> Renderer {
-        let alpha = network.card().alpha(self.alpha.map(Into::into));
-        let mut renderer = Renderer::new(Box::new(network), self.batch);
-        renderer.set_alpha(alpha);
-        renderer
     }
 
     /// A renderer that weights views and layers by the agreement of the views.
@@ -225,13 +206,13 @@ impl ModelArgs {
     }
 
     /// Finds and opens the model for these layers.
-    pub fn open_model(&self, layers: Option<&LayerSpec>) -> Result<(OrtNetwork, OpenedModel)> {
+    pub fn open_model(&self, layers: Option<&LayerSpec>) -> Result<Model> {
         if self.without_network() {
             bail!("--network none: expected a model");
         }
         let options = self.options()?;
-        let Model { network, alpha, library, precision, .. } = Model::open(&options, layers)?;
-        let (path, card) = (network.path().to_owned(), network.card().clone());
+        let model = Model::open(&options, layers)?;
+        let (path, card) = (model.network.path(), model.network.card());
         let expected = if options.quantized { "int8" } else { "f32" };
         if self.precision.is_some() && card.precision != expected {
             bail!("{}: metadata `precision` is {}, expected {expected} (--precision)", path.display(), card.precision);
@@ -242,8 +223,7 @@ impl ModelArgs {
         if let Some(expected) = self.views.filter(|&expected| expected != card.views) {
             bail!("{}: metadata `views` is {}, expected {expected} (--views {expected})", path.display(), card.views);
         }
-        let (provider, library) = (library.provider(), library.path().to_owned());
-        Ok((network, OpenedModel { path, card, alpha, library, provider, precision }))
+        Ok(model)
     }
 
     /// Opens the models for fewer views than `views`, as fallbacks; none if `--model` is given.
@@ -254,14 +234,17 @@ impl ModelArgs {
         if self.model.is_some() {
             return Ok(Vec::new());
         }
-        let options = self.options()?;
-        let library =
-            OrtLibrary::load(options.provider, options.library.as_deref()).map_err(liveview::SynthesisError::from)?;
-        let open = |path: PathBuf| OrtNetwork::open_in(options.precision, &library, &path, self.threads());
-        let networks = (2..views).filter_map(|views| options.find(views, layers).ok()).map(open);
-        let fits = |network: &OrtNetwork| layers.is_none_or(|layers| network.card().is_for(layers));
-        let networks = networks.filter(|network| network.as_ref().map_or(true, fits));
-        networks.map(|network| Ok(self.renderer(network?))).collect()
+        let mut options = self.options()?;
+        let files: Vec<_> = (2..views).filter_map(|views| options.find(views, layers).ok()).collect();
+        let mut renderers = Vec::new();
+        for file in files {
+            options.file = Some(file);
+            let model = Model::open(&options, None)?;
+            if layers.is_none_or(|layers| model.network.card().is_for(layers)) {
+                renderers.push(model.into_renderer());
+            }
+        }
+        Ok(renderers)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use liveview::Model;
 use liveview::network::{Alpha, ExecutionProvider, ModelCard};
 use serde_json::{Value, json};
 
@@ -36,9 +37,17 @@ pub struct OpenedModel {
 }
 
 impl OpenedModel {
-    /// Execution provider and precision, such as `openvino, int8`.
-    pub fn provider_and_precision(&self) -> String {
-        format!("{}, {}", self.provider, self.precision)
+    /// Of a model that is open.
+    pub fn new(model: &Model) -> Self {
+        let Model { network, alpha, library, precision, .. } = model;
+        Self {
+            path: network.path().to_owned(),
+            card: network.card().clone(),
+            alpha: *alpha,
+            library: library.path().to_owned(),
+            provider: library.provider(),
+            precision: precision.clone(),
+        }
     }
 }
 
@@ -54,9 +63,10 @@ impl ModelInfo {
         if self.model.is_some() { "network" } else { "blend" }
     }
 
-    /// Execution provider and precision, or `no network`.
+    /// Execution provider and precision, such as `openvino, int8`, or `no network`.
     pub fn engine(&self) -> String {
-        self.model.as_ref().map_or_else(|| "no network".into(), OpenedModel::provider_and_precision)
+        let engine = |model: &OpenedModel| format!("{}, {}", model.provider, model.precision);
+        self.model.as_ref().map_or_else(|| "no network".into(), engine)
     }
 
     /// As lines of text.

@@ -61,11 +61,6 @@ pub(super) enum PrecisionName {
     Int8,
 }
 
-/// An option as a command-line argument, `--name=value`.
-pub(super) fn flag(name: &str, value: &impl ValueEnum) -> Option<String> {
-    Some(format!("--{name}={}", value.to_possible_value()?.get_name()))
-}
-
 /// An engine and a precision, such as `openvino int8`.
 #[derive(Debug, Clone, Copy)]
 pub struct ProviderChoice {

@@ -37,16 +37,6 @@ impl SceneArgs {
         &self.scene
     }
 
-    /// These options as command-line arguments, without the folder.
-    pub fn to_args(&self) -> Vec<String> {
-        let mut args = vec![format!("--rig-position={}", self.rig_position)];
-        args.extend(self.width.map(|width| format!("--width={width}")));
-        args.extend(self.images.as_ref().map(|images| format!("--images={images}")));
-        args.extend(self.near.map(|near| format!("--near={near}")));
-        args.extend(self.far.map(|far| format!("--far={far}")));
-        args
-    }
-
     /// Options for opening the scene.
     pub fn options(&self) -> SceneOptions {
         let mut options = SceneOptions::default();

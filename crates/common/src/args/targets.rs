@@ -149,14 +149,8 @@ impl TargetArgs {
             }
             Some(CameraPathOrFile::File(_)) | None => {}
         }
-        let views = match self.heldout {
-            Some(1) => bail!("--heldout 1 holds out every view and leaves none to render from; expected 2 or more"),
-            Some(step) => (0..scene.views.len()).step_by(step).collect(),
-            None => named(scene, &self.target)?,
-        };
-        if let Some(duplicate) = (1..views.len()).find(|&i| views[..i].contains(&views[i])) {
-            bail!("--target names \"{}\" twice; expected each view once", scene.views[views[duplicate]].name);
-        }
+        let views = held_out(scene, self.heldout, &self.target)?;
+        refuse_twice("--target", scene, &views)?;
         Ok(Targets::held_out(scene, views))
     }
 }
@@ -170,6 +164,23 @@ pub fn cameras_of(file: &Path, views: &SceneViews) -> Result<Vec<Camera>> {
 
 fn read(file: &Path, views: &SceneViews) -> Result<CameraFile> {
     Ok(read_cameras(file, &views.all_cameras(), &views.scene().root)?)
+}
+
+/// The views that `--heldout` holds out, every so-many-th; without it those of `--target`.
+pub fn held_out(scene: &Scene, every: Option<usize>, names: &[String]) -> Result<Vec<usize>> {
+    match every {
+        Some(1) => bail!("--heldout 1 holds out every view and leaves none to render from; expected 2 or more"),
+        Some(step) => Ok((0..scene.views.len()).step_by(step).collect()),
+        None => named(scene, names),
+    }
+}
+
+/// Refuses views of which an option names one twice.
+pub fn refuse_twice(option: &str, scene: &Scene, views: &[usize]) -> Result<()> {
+    match (1..views.len()).find(|&i| views[..i].contains(&views[i])) {
+        Some(twice) => bail!("{option} names \"{}\" twice; expected each view once", scene.views[views[twice]].name),
+        None => Ok(()),
+    }
 }
 
 /// The views of these comma-separated lists of names; a name may contain commas.

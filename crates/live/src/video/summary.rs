@@ -82,12 +82,6 @@ pub(super) fn summary(
             cameras.push(json!({ "camera": feed.name, "not_delivered": count, "first": first }));
         }
     }
-    if let Some((first, last)) = tally.memory() {
-        line(
-            "memory",
-            format!("{:.0} MB at the first frame, {:.0} MB at the last", first as f64 / 1e6, last as f64 / 1e6),
-        );
-    }
     if let Some(file) = file {
         line("wrote", file.display().to_string());
     }

@@ -1,4 +1,4 @@
-//! Totals of a video in constant memory: numbers of frames, their times, scores and memory. The figures of each frame go to the log.
+//! Totals of a video in constant memory: numbers of frames, their times and scores. The figures of each frame go to the log.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -12,9 +12,6 @@ use liveview_common::measure::resident_memory;
 use serde_json::{Value, json};
 
 use super::scorer::Scores;
-
-/// Most frames at which memory is recorded.
-const MEMORY_SAMPLES: usize = 256;
 
 /// The time of each stage, in the order of [`Tally::stages`].
 fn stage_times(times: &LiveTimes) -> [Duration; 5] {
@@ -65,9 +62,6 @@ pub(super) struct Tally {
     spent: [Duration; 5],
     /// PSNR, SSIM and flicker: sums and counts.
     scores: [(f64, usize); 3],
-    memory: Vec<(usize, u64)>,
-    stride: usize,
-    frames: usize,
     log: Option<Log>,
 }
 
@@ -85,7 +79,7 @@ impl Tally {
             Ok::<_, anyhow::Error>(Log { path: path.to_owned(), file })
         };
         let stages = ["photos", "layers", "warp", weighting, "composite"];
-        Ok(Self { stages, stride: 1, log: log.map(open).transpose()?, ..Self::default() })
+        Ok(Self { stages, log: log.map(open).transpose()?, ..Self::default() })
     }
 
     pub(super) fn add(&mut self, step: usize, frame: &LiveFrame, scores: Option<Scores>) -> Result<()> {
@@ -125,18 +119,8 @@ impl Tally {
     }
 
     fn line(&mut self, mut line: Value) -> Result<()> {
-        let memory = resident_memory();
-        if let Some(bytes) = memory.filter(|_| self.frames.is_multiple_of(self.stride)) {
-            self.memory.push((self.frames, bytes));
-            if self.memory.len() > MEMORY_SAMPLES {
-                self.stride *= 2;
-                let stride = self.stride;
-                self.memory.retain(|(frame, _)| frame.is_multiple_of(stride));
-            }
-        }
-        self.frames += 1;
         let Some(log) = &mut self.log else { return Ok(()) };
-        line["memory_bytes"] = json!(memory);
+        line["memory_bytes"] = json!(resident_memory());
         writeln!(log.file, "{line}").with_context(|| format!("--log {}", log.path.display()))
     }
 
@@ -174,11 +158,6 @@ impl Tally {
         counts + &refreshed
     }
 
-    /// Memory in use at the first frame and at the last, bytes.
-    pub(super) fn memory(&self) -> Option<(u64, u64)> {
-        Some((self.memory.first()?.1, self.memory.last()?.1))
-    }
-
     pub(super) fn json(&self) -> Value {
         let seconds: serde_json::Map<String, Value> = self
             .stages
@@ -190,7 +169,6 @@ impl Tally {
             "rendered": self.rendered, "repeated": self.repeated, "dropped": self.dropped, "layers_from": self.layer_sources,
             "refreshed_share": self.refreshed / self.rendered.max(1) as f64, "seconds_per_frame": seconds,
             "mean": { "psnr": self.mean(0), "ssim": self.mean(1), "flicker": self.mean(2) },
-            "memory_bytes": self.memory,
         })
     }
 }
@@ -207,16 +185,5 @@ mod tests {
         latencies.add(Duration::from_secs(60));
         assert_eq!(latencies.percentile(0.5), Some(51));
         assert_eq!((latencies.percentile(0.99), latencies.percentile(1.0)), (Some(100), Some(10_000)));
-    }
-
-    #[test]
-    fn memory_samples_are_limited() {
-        let mut tally = Tally::new(None, "network").unwrap();
-        (0..5000).for_each(|step| tally.repeat(step, "test").unwrap());
-        assert!(
-            tally.memory.len() <= MEMORY_SAMPLES && tally.memory.len() >= MEMORY_SAMPLES / 2 - 1,
-            "{}",
-            tally.memory.len()
-        );
     }
 }

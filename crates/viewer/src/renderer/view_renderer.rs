@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use liveview::image::{Score, coloured, encode};
 use liveview::ndarray::Array2;
-use liveview::{Camera, FoundDepth, Frame, ImageRgb};
+use liveview::{Camera, Frame, ImageRgb};
 use liveview_common::agreement;
 use serde_json::{Value, json};
 
@@ -19,7 +19,7 @@ const DRAFT_SCALE: f64 = 0.5;
 
 /// A source of pictures, and its last picture at rest.
 pub(crate) struct ViewRenderer {
-    source: Box<dyn Source>,
+    pub(crate) source: Box<dyn Source>,
     held_out: Vec<usize>,
     /// The last requested camera: near it photos are prepared next.
     last_camera: Camera,
@@ -44,16 +44,6 @@ impl ViewRenderer {
     /// The number of pictures rendered so far.
     pub(crate) fn pictures(&self) -> u64 {
         self.pictures
-    }
-
-    /// Number of calls of [`Self::prepare`] that the first picture needs.
-    pub(crate) fn needed_first(&self) -> usize {
-        self.source.needed_first()
-    }
-
-    /// Number of calls of [`Self::prepare`] that still have something to do.
-    pub(crate) fn unprepared(&self) -> usize {
-        self.source.unprepared()
     }
 
     /// Prepares a photo near the last viewpoint.
@@ -89,23 +79,6 @@ impl ViewRenderer {
             return None;
         }
         self.source.awaited(viewpoint, moving)
-    }
-
-    /// Whether a search for depth is running.
-    pub(crate) fn is_searching(&self) -> bool {
-        self.source.is_searching()
-    }
-
-    /// Starts the search for the depth of the first of the views' photos that can be searched,
-    /// unless one is running. Returns whether any cannot be: the pictures that need these search by
-    /// themselves, and report why that fails.
-    pub(crate) fn start_search(&mut self, views: &[usize]) -> bool {
-        self.source.start_search(views)
-    }
-
-    /// Takes what a search for the depth of a view's photo found; `None` if it failed.
-    pub(crate) fn insert(&mut self, view: usize, found: Option<Box<FoundDepth>>) {
-        self.source.insert(view, found);
     }
 
     fn in_motion(&mut self, request: &ViewRequest) -> Result<(Value, Vec<u8>)> {
