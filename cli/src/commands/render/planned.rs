@@ -45,8 +45,8 @@ impl<'a> Planned<'a> {
     }
 }
 
-/// Checks that no two pictures of a shared job are one file: [`Outputs::plan_outputs`] only holds those
-/// of this share against each other.
+/// Checks that no two pictures of a shared job are one file: [`Outputs::plan_outputs`] only holds
+/// those of this share against each other.
 pub(super) fn check_names(shard: Shard, all: &[Shot]) -> Result<()> {
     let names: Vec<String> = all.iter().map(|shot| shot.name.clone()).collect();
     match pair_of_one_file(&names) {

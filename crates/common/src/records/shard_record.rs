@@ -40,7 +40,8 @@ impl ShardRecord {
         Ok(record)
     }
 
-    /// Checks that each picture is listed once, and that those that are done are of the shard's share.
+    /// Checks that each picture is listed once, and that those that are done are of the shard's
+    /// share.
     fn check_share(&self) -> Result<()> {
         let Self { shard, targets, done, .. } = self;
         if let Some((name, other)) = pair_of_one_file(targets) {
