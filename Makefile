@@ -103,15 +103,16 @@ stability: build setup
 	$(STABILITY) > target/stability.md
 	cp target/stability.md parity/stability.md
 
-## Damaged files for every reader, FUZZ_SECONDS each (nightly Rust). Inputs that break one stay in tests/fuzz/artifacts.
+## Damaged files for every reader, FUZZ_RUNS in all (nightly Rust). Inputs that break one stay in tests/fuzz/artifacts.
 # No sanitizer: the readers are safe Rust, whose panics, hangs and memory use libFuzzer detects.
-FUZZ_SECONDS ?= 60
+FUZZ_RUNS ?= 10000000
+FUZZ_TARGETS := $(basename $(notdir $(wildcard tests/fuzz/fuzz_targets/*.rs)))
 fuzz:
 	cargo fuzz --version > /dev/null 2>&1 || cargo install cargo-fuzz --locked --version 0.13.2
-	for target in $(basename $(notdir $(wildcard tests/fuzz/fuzz_targets/*.rs))); do \
+	for target in $(FUZZ_TARGETS); do \
 		mkdir -p tests/fuzz/corpus/$$target && \
 		cargo +nightly fuzz run --fuzz-dir tests/fuzz --sanitizer none $$target tests/fuzz/corpus/$$target tests/fuzz/seeds/$$target \
-			-- -max_total_time=$(FUZZ_SECONDS) -timeout=10 -print_final_stats=1 || exit 1; \
+			-- -runs=$$(($(FUZZ_RUNS) / $(words $(FUZZ_TARGETS)) + 1)) -timeout=10 -print_final_stats=1 || exit 1; \
 	done
 
 ### Measure: steps by name, python/steps.mk

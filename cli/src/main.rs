@@ -1,7 +1,6 @@
 //! The `liveview` program; `liveview --help` lists its commands.
 
 mod commands;
-mod shard;
 
 use std::io::Write;
 use std::process::ExitCode;

@@ -12,4 +12,6 @@ pub mod measure;
 pub mod model_pool;
 pub mod ort_wheel;
 pub mod outputs;
+pub mod records;
+pub mod shard;
 pub mod statistics;

@@ -1,15 +1,14 @@
-//! The file of `--done`: a line of JSON for each command that has run.
+//! The file of `--done`.
 
 use std::collections::HashMap;
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow};
 use liveview::fs::bounded;
+use liveview_common::records::done_list::DoneList;
 use serde_json::Value;
-
-const EXPECTED: &str = "expected a file of an earlier run of `liveview batch`, or no file";
 
 /// The file, open for appending.
 pub(super) struct DoneFile {
@@ -27,32 +26,11 @@ impl DoneFile {
             Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
             text => text.with_context(|| format!("--done {at}: cannot be read"))?,
         };
-        let (all, text) = (text.len(), bounded::without_byte_order_mark(&text));
-        let mark = all - text.len();
-        let mut rendered = HashMap::new();
-        // An incomplete last line is overwritten, but only if it starts as one of this program.
-        let complete = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |at| at + 1);
-        let (tail, start) = (&text[complete..], b"{\"command\":");
-        let length = tail.len().min(start.len());
-        if tail[..length] != start[..length] {
-            bail!("--done {at}: {EXPECTED}");
-        }
-        let lines = text[..complete].split(|&byte| byte == b'\n').enumerate();
-        for (index, line) in lines.filter(|(_, line)| !line.is_empty()) {
-            let found: Option<Value> = serde_json::from_slice(line).ok().filter(|found: &Value| found["line"].is_u64());
-            let Some(found) = found else { bail!("--done {at}: line {}: {EXPECTED}", index + 1) };
-            let texts = |list: &Value| list.as_array().into_iter().flatten().filter_map(text_of).collect::<Vec<_>>();
-            let result = &found["result"];
-            let mut files: Vec<String> =
-                result["targets"].as_array().into_iter().flatten().flat_map(|target| texts(&target["files"])).collect();
-            files.extend(text_of(&result["video"]));
-            if result.is_object() {
-                rendered.insert(texts(&found["command"]), files);
-            }
-        }
+        let DoneList { rendered, complete_bytes } =
+            DoneList::parse(&text).map_err(|error| anyhow!("--done {at}: {error}"))?;
         let file = OpenOptions::new().append(true).create(true).open(path).and_then(|file| {
-            if complete < text.len() {
-                file.set_len((mark + complete) as u64)?;
+            if complete_bytes < text.len() {
+                file.set_len(complete_bytes as u64)?;
             }
             Ok(file)
         });
@@ -68,10 +46,6 @@ impl DoneFile {
     pub(super) fn add(&mut self, line: &Value) -> Result<()> {
         self.file.write_all(format!("{line}\n").as_bytes()).map_err(|error| write_error(&self.path, &error))
     }
-}
-
-fn text_of(value: &Value) -> Option<String> {
-    value.as_str().map(str::to_owned)
 }
 
 fn write_error(path: &Path, error: &std::io::Error) -> anyhow::Error {

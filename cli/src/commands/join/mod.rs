@@ -15,7 +15,7 @@ use liveview_common::ffmpeg::{Encoder, is_video};
 use liveview_common::interrupt::{self, Interrupted};
 use liveview_common::outputs::OutputPlan;
 use serde_json::{Value, json};
-use shards::{Picture, ShardRecord};
+use shards::{Picture, RecordFile};
 
 use crate::commands::render::{EXPECTED_COVERAGE, is_blank, warn_of_blank};
 
@@ -68,7 +68,7 @@ pub(crate) fn run(args: &JoinArgs) -> Result<Output> {
 }
 
 /// Checks that the output overwrites no record, no picture and no file of the scene.
-fn plan_output(output: Option<&Path>, records: &[ShardRecord]) -> Result<OutputPlan> {
+fn plan_output(output: Option<&Path>, records: &[RecordFile]) -> Result<OutputPlan> {
     let mut output_plan = OutputPlan::default();
     let Some(output) = output else { return Ok(output_plan) };
     for record in records {
@@ -76,7 +76,7 @@ fn plan_output(output: Option<&Path>, records: &[ShardRecord]) -> Result<OutputP
         record.files().for_each(|file| output_plan.protect("a picture of a shard,", Some(&file)));
     }
     // The scene may lie on another machine.
-    let scenes = records.iter().filter_map(|record| record.job.get("scene")?.as_str());
+    let scenes = records.iter().filter_map(|record| record.record.job.get("scene")?.as_str());
     scenes.for_each(|scene| output_plan.add_scene_folder(scene.as_ref()));
     output_plan.file("-o", output)?;
     Ok(output_plan)
@@ -121,7 +121,7 @@ fn video(mut encoder: Encoder, pictures: &[Picture]) -> Result<()> {
 }
 
 /// Each picture's score, and their mean.
-fn table(args: &JoinArgs, records: &[ShardRecord], pictures: &[Picture]) -> Output {
+fn table(args: &JoinArgs, records: &[RecordFile], pictures: &[Picture]) -> Output {
     let number = |picture: &Picture, key: &str| picture.entry[key].as_f64();
     let scored = || pictures.iter().filter_map(|picture| number(picture, "psnr").zip(number(picture, "ssim")));
     let count = scored().count();
@@ -149,7 +149,7 @@ fn table(args: &JoinArgs, records: &[ShardRecord], pictures: &[Picture]) -> Outp
         json
     };
     let json = json!({
-        "liveview": env!("CARGO_PKG_VERSION"), "job": records[0].job, "shards": shards::count(records),
+        "liveview": env!("CARGO_PKG_VERSION"), "job": records[0].record.job, "shards": shards::count(records),
         "targets": pictures.iter().map(target).collect::<Vec<Value>>(),
         "mean": mean.map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })), "excluded_border": Score::BORDER,
         "output": args.output.as_deref().map(path_text),

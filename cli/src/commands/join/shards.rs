@@ -1,16 +1,17 @@
 //! Reads the records of shards, and checks that they are of one job and complete.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::fs::bounded;
 use liveview_common::args::output::stem;
 use liveview_common::interrupt::{self, Interrupted};
-use serde_json::{Map, Value};
+use liveview_common::records::shard_record::ShardRecord;
+use liveview_common::shard::Shard;
+use serde_json::Value;
 
-use crate::commands::render::{record, record_text};
-use crate::shard::Shard;
+use crate::commands::render::record;
 
 /// The field of a job that may differ between machines; photos and cameras are compared by their
 /// contents.
@@ -18,20 +19,16 @@ const MAY_DIFFER: &str = "scene";
 /// Fields that differ as a consequence of others, and so are compared last.
 const DIGESTS: [&str; 2] = ["cameras", "photos"];
 
-/// The record of a shard.
-pub(super) struct ShardRecord {
+/// A record, and where it lies.
+pub(super) struct RecordFile {
     pub(super) path: PathBuf,
-    shard: Shard,
-    pub(super) job: Map<String, Value>,
-    /// All pictures of the job, in order.
-    targets: Vec<String>,
-    done: Map<String, Value>,
+    pub(super) record: ShardRecord,
 }
 
-impl ShardRecord {
+impl RecordFile {
     /// The files of the pictures that it lists as done.
     pub(super) fn files(&self) -> impl Iterator<Item = PathBuf> {
-        self.done.keys().map(|name| self.file(name))
+        self.record.done.keys().map(|name| self.file(name))
     }
 
     fn file(&self, name: &str) -> PathBuf {
@@ -47,7 +44,7 @@ pub(super) struct Picture {
 }
 
 /// Reads the records in these folders.
-pub(super) fn read(folders: &[PathBuf]) -> Result<Vec<ShardRecord>> {
+pub(super) fn read(folders: &[PathBuf]) -> Result<Vec<RecordFile>> {
     let mut records = Vec::new();
     for folder in folders {
         let entries = std::fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))?;
@@ -55,7 +52,7 @@ pub(super) fn read(folders: &[PathBuf]) -> Result<Vec<ShardRecord>> {
             .map(|entry| entry.map(|entry| entry.path()))
             .collect::<std::io::Result<_>>()
             .with_context(|| format!("{}: cannot be read", folder.display()))?;
-        files.retain(|file| shard_of_name(file).is_some());
+        files.retain(|file| is_name_of_shard(file));
         files.sort();
         if files.is_empty() {
             bail!(
@@ -70,75 +67,50 @@ pub(super) fn read(folders: &[PathBuf]) -> Result<Vec<ShardRecord>> {
     Ok(records)
 }
 
-/// The shard that the name of a record gives; `None` for another name.
-fn shard_of_name(file: &Path) -> Option<Shard> {
-    let name = file.file_name()?.to_str()?.strip_prefix("liveview_")?.strip_suffix(".json")?;
-    name.replacen("_of_", "/", 1).parse::<Shard>().ok()
+/// Whether a file is named as the record of a shard.
+fn is_name_of_shard(file: &Path) -> bool {
+    let name = file.file_name().and_then(|name| name.to_str()?.strip_prefix("liveview_")?.strip_suffix(".json"));
+    name.is_some_and(|name| name.replacen("_of_", "/", 1).parse::<Shard>().is_ok())
 }
 
-fn read_one(path: &Path) -> Result<ShardRecord> {
-    let text = bounded::read_regular(path, bounded::MAX_JSON_BYTES).context("cannot be read")?;
-    let mut found = record_text::parse(&text).context("not JSON")?;
-    let shard = format!("{}/{}", found["shard"]["index"], found["shard"]["count"]).parse::<Shard>();
-    let shard = shard.map_err(|_| anyhow!("shard is {}; expected an index and a count", found["shard"]))?;
-    if shard_of_name(path) != Some(shard) {
-        bail!("is the record of shard {shard}; expected the name {}", record::name(Some(shard)));
+fn read_one(path: &Path) -> Result<RecordFile> {
+    let record = ShardRecord::parse(&bounded::read_regular(path, bounded::MAX_JSON_BYTES).context("cannot be read")?)?;
+    let name = record::name(Some(record.shard));
+    if path.file_name() != Some(name.as_ref()) {
+        bail!("is the record of shard {}; expected the name {name}", record.shard);
     }
-    let names = found["targets"].as_array().into_iter().flatten();
-    let targets: Option<Vec<String>> = names.map(|name| name.as_str().map(str::to_owned)).collect();
-    let (Value::Object(job), Value::Object(done), Some(targets @ [_, ..])) =
-        (found["job"].take(), found["done"].take(), targets.as_deref())
-    else {
-        bail!("expected \"job\", \"targets\" and \"done\", as `render --shard` writes them");
-    };
-    check_share(shard, targets, &done)?;
-    Ok(ShardRecord { path: path.to_owned(), shard, job, targets: targets.to_vec(), done })
-}
-
-/// Checks that each picture is listed once, and that those that are done are of the shard's share.
-fn check_share(shard: Shard, targets: &[String], done: &Map<String, Value>) -> Result<()> {
-    let mut positions = HashMap::with_capacity(targets.len());
-    for (at, name) in targets.iter().enumerate() {
-        if positions.insert(name, at).is_some() {
-            bail!("\"targets\" lists {name} twice; expected each picture once");
-        }
-    }
-    let is_shared = |name: &&String| positions.get(name).is_some_and(|at| at % shard.count == shard.index);
-    match done.keys().find(|name| !is_shared(name)) {
-        Some(name) => bail!("\"done\" lists {name}; expected only pictures of shard {shard}"),
-        None => Ok(()),
-    }
+    Ok(RecordFile { path: path.to_owned(), record })
 }
 
 /// The number of different shards. A shard that ran twice may have written to two folders.
-pub(super) fn count(records: &[ShardRecord]) -> usize {
-    records.iter().map(|record| record.shard.index).collect::<HashSet<_>>().len()
+pub(super) fn count(records: &[RecordFile]) -> usize {
+    records.iter().map(|file| file.record.shard.index).collect::<HashSet<_>>().len()
 }
 
 /// Checks that the records are of one job with one number of shards.
-pub(super) fn check_one_job(records: &[ShardRecord]) -> Result<()> {
+pub(super) fn check_one_job(records: &[RecordFile]) -> Result<()> {
     let Some((first, others)) = records.split_first() else { return Ok(()) };
     let (text, first_path) =
         (|value: Option<&Value>| value.map_or("missing".to_owned(), Value::to_string), first.path.display());
     for other in others {
         let at = other.path.display();
-        if other.shard.count != first.shard.count {
+        if other.record.shard.count != first.record.shard.count {
             bail!(
                 "{at} is one of {} shards, {first_path} one of {}; expected the records of one job only",
-                other.shard.count,
-                first.shard.count
+                other.record.shard.count,
+                first.record.shard.count
             );
         }
-        let mut fields: Vec<&String> = first.job.keys().chain(other.job.keys()).collect();
+        let mut fields: Vec<&String> = first.record.job.keys().chain(other.record.job.keys()).collect();
         fields.retain(|field| *field != MAY_DIFFER);
         fields.sort_by_key(|field| DIGESTS.contains(&field.as_str()));
         for field in fields {
-            let (a, b) = (first.job.get(field), other.job.get(field));
+            let (a, b) = (first.record.job.get(field), other.record.job.get(field));
             if a != b {
                 bail!("{at} is of another job than {first_path}: \"{field}\" is {}, expected {}", text(b), text(a));
             }
         }
-        if other.targets != first.targets {
+        if other.record.targets != first.record.targets {
             bail!("{at} is of another job than {first_path}: \"targets\" differ; expected the same");
         }
     }
@@ -147,8 +119,8 @@ pub(super) fn check_one_job(records: &[ShardRecord]) -> Result<()> {
 
 /// Every picture of the job, in order; if one is missing or changed, an error that says which
 /// shards to run again.
-pub(super) fn pictures(records: &[ShardRecord]) -> Result<Vec<Picture>> {
-    let (targets, count) = (&records[0].targets, records[0].shard.count);
+pub(super) fn pictures(records: &[RecordFile]) -> Result<Vec<Picture>> {
+    let (targets, count) = (&records[0].record.targets, records[0].record.shard.count);
     let mut missing: Vec<Vec<&str>> = vec![Vec::new(); count];
     let mut found = Vec::with_capacity(targets.len());
     for (at, name) in targets.iter().enumerate() {
@@ -164,7 +136,7 @@ pub(super) fn pictures(records: &[ShardRecord]) -> Result<Vec<Picture>> {
     }
     let describe = |(index, names): (usize, &Vec<&str>)| {
         let shard = Shard { index, count };
-        let has_record = records.iter().any(|record| record.shard == shard);
+        let has_record = records.iter().any(|file| file.record.shard == shard);
         let what = if has_record { "lacks" } else { "has no record and lacks" };
         let pictures = if names.len() == 1 { "picture" } else { "pictures" };
         (!names.is_empty()).then(|| format!("shard {shard} {what} {} {pictures} ({} first)", names.len(), names[0]))
@@ -185,8 +157,8 @@ pub(super) fn pictures(records: &[ShardRecord]) -> Result<Vec<Picture>> {
 }
 
 /// A picture that a record lists, if it exists unchanged.
-fn picture(record: &ShardRecord, name: &str) -> Option<Picture> {
-    let entry = record.done.get(name)?;
+fn picture(record: &RecordFile, name: &str) -> Option<Picture> {
+    let entry = record.record.done.get(name)?;
     let file = record.file(name);
     let bytes = bounded::read_regular(&file, bounded::MAX_BYTES).ok()?;
     (entry["files"][0] == record::digest(&bytes)).then(|| Picture { name: name.to_owned(), file, entry: entry.clone() })

@@ -7,11 +7,11 @@ use liveview_common::args::model::ModelArgs;
 use liveview_common::args::numbers;
 use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::{HoldoutArgs, TargetArgs};
+use liveview_common::shard::Shard;
 
 use super::explain::ExplainArgs;
 use super::outputs::OutputArgs;
 use super::scores::ScoreArgs;
-use crate::shard::Shard;
 
 const SHORT_EXAMPLES: &str = "\
 Examples:

@@ -6,7 +6,6 @@ mod explain;
 mod outputs;
 mod planned;
 pub(crate) mod record;
-pub(crate) mod record_text;
 mod rendered;
 mod scores;
 mod summary;
@@ -66,6 +65,7 @@ fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<
     args.model.protect(&mut output_plan, job.model.path());
     let pictures: Vec<_> = shots.iter().map(|shot| (shot.name.as_str(), shot.target.size())).collect();
     outputs.plan_outputs(&pictures, &mut output_plan)?;
+    args.shard.map_or(Ok(()), |shard| planned::check_names(shard, &all))?;
     args.scores.plan_outputs(&mut output_plan)?;
     args.explain.plan_outputs(pictures.len(), &mut output_plan)?;
     output_plan.prepare()?;

@@ -14,11 +14,11 @@ use liveview_common::args::numbers;
 use liveview_common::args::output::{OutputPath, Variant, has_extension, write_atomically};
 use liveview_common::ffmpeg::{Encoder, is_video};
 use liveview_common::outputs::{OutputPlan, note_other_pictures};
+use liveview_common::shard::Shard;
 
 use super::disparity::{DEPTH, disparity};
 use super::record::{self, Fields, Record};
 use super::rendered::Rendered;
-use crate::shard::Shard;
 
 /// Amplification of the difference in a comparison.
 const DIFFERENCE_FACTOR: f32 = 4.0;

@@ -1,8 +1,11 @@
 //! What a command reads and writes, before it runs.
 
-use anyhow::Result;
+use anyhow::{Result, bail};
+use liveview::Shot;
 use liveview::geometry::Size;
 use liveview_common::outputs::OutputPlan;
+use liveview_common::records::shard_record::pair_of_one_file;
+use liveview_common::shard::Shard;
 
 use super::args::RenderArgs;
 use super::outputs::Outputs;
@@ -39,5 +42,15 @@ impl<'a> Planned<'a> {
         self.outputs.plan_outputs(&pictures, output_plan)?;
         self.args.scores.plan_outputs(output_plan)?;
         self.args.explain.plan_outputs(pictures.len(), output_plan)
+    }
+}
+
+/// Checks that no two pictures of a shared job are one file: [`Outputs::plan_outputs`] only holds
+/// those of this share against each other.
+pub(super) fn check_names(shard: Shard, all: &[Shot]) -> Result<()> {
+    let names: Vec<String> = all.iter().map(|shot| shot.name.clone()).collect();
+    match pair_of_one_file(&names) {
+        Some((name, other)) => bail!("--shard {shard}: {name} and {other} would be one file; expected different names"),
+        None => Ok(()),
     }
 }

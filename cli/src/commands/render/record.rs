@@ -17,11 +17,11 @@ use liveview_common::args::layers::LayerArgs;
 use liveview_common::args::targets::TargetArgs;
 use liveview_common::console::{path_text, print_message};
 use liveview_common::job::Job;
+use liveview_common::records::text::{END, document, line, parse};
+use liveview_common::shard::Shard;
 use serde_json::{Map, Value, json};
 
-use super::record_text::{END, document, line, parse};
 use super::rendered::Rendered;
-use crate::shard::Shard;
 
 /// Minimum interval between flushes to disk: pictures whose entries a power cut loses are rendered
 /// again.

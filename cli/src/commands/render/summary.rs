@@ -8,11 +8,11 @@ use liveview::image::Score;
 use liveview_common::console::{Output, escaped, path_text};
 use liveview_common::job::Job;
 use liveview_common::measure::{Times, peak_memory, time_text};
+use liveview_common::shard::Shard;
 use serde_json::{Value, json};
 
 use super::explain::Explanation;
 use super::rendered::Rendered;
-use crate::shard::Shard;
 
 /// Names listed in one line.
 const LISTED_NAMES: usize = 6;

@@ -6,9 +6,11 @@ use std::str::FromStr;
 /// Share `index` (0 to `count` - 1) of `count`, written `I/N` with I from 1 to N: every Nth target,
 /// starting with the Ith.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Shard {
-    pub(crate) index: usize,
-    pub(crate) count: usize,
+pub struct Shard {
+    /// Counted from 0.
+    pub index: usize,
+    /// From 1.
+    pub count: usize,
 }
 
 /// Largest number of shares.
@@ -39,7 +41,7 @@ impl FromStr for Shard {
 
 impl Shard {
     /// Parses the value of the option: `I/N`, or `auto` for [`Self::from_environment`].
-    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+    pub fn parse(text: &str) -> Result<Self, String> {
         if text == "auto" { Self::from_environment(|name| std::env::var(name).ok()) } else { text.parse() }
     }
 
@@ -79,7 +81,7 @@ impl Shard {
     }
 
     /// The elements of this share, in order.
-    pub(crate) fn of<T>(self, all: Vec<T>) -> Vec<T> {
+    pub fn of<T>(self, all: Vec<T>) -> Vec<T> {
         all.into_iter().skip(self.index).step_by(self.count).collect()
     }
 }

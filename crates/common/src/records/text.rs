@@ -4,22 +4,22 @@ use liveview::fs::bounded;
 use serde_json::{Map, Value, json};
 
 /// The text after the last picture's entry.
-pub(super) const END: &str = "\n}}\n";
+pub const END: &str = "\n}}\n";
 
 /// A record with these members and the entries of the finished pictures.
-pub(super) fn document(members: &[(&str, Value)], done: &Map<String, Value>) -> String {
+pub fn document(members: &[(&str, Value)], done: &Map<String, Value>) -> String {
     let members: String = members.iter().map(|(name, value)| format!("{}: {value:#},\n", json!(name))).collect();
     let lines: Vec<String> = done.iter().map(|(name, entry)| line(name, entry)).collect();
     format!("{{{members}\"done\": {{\n{}{END}", lines.join(",\n"))
 }
 
 /// The line of a picture.
-pub(super) fn line(name: &str, entry: &Value) -> String {
+pub fn line(name: &str, entry: &Value) -> String {
     format!("{}: {entry}", json!(name))
 }
 
 /// Parses a record; an incomplete last line is ignored.
-pub(crate) fn parse(text: &[u8]) -> serde_json::Result<Value> {
+pub fn parse(text: &[u8]) -> serde_json::Result<Value> {
     /// Line breaks that may follow the last complete line: its own, and those of [`END`].
     const MAX_LINE_BREAKS: usize = 3;
     let text = bounded::without_byte_order_mark(text);
