@@ -86,10 +86,10 @@ report-readme: build setup
 
 .PHONY: models-evaluate models-cards models-int8 models-train
 
-## Scores of every float32 model against baselines, in the folder beside it. Scenes that DATA lacks are skipped; the example
-## scene is part of the repository.
+## Scores of every float32 model against baselines, in the folder beside it (of the one for surface layers: `make evaluate`).
+## Scenes that DATA lacks are skipped; the example scene is part of the repository.
 models-evaluate: setup-evaluation build
-	cd python && for model in $(filter-out %_int8,$(basename $(notdir $(wildcard models/*.onnx)))); do \
+	cd python && for model in $(filter-out %_int8 %_surface,$(basename $(notdir $(wildcard models/*.onnx)))); do \
 		../$(BIN)/python -m liveview_ref.evaluation.evaluate ../models/$$model.onnx configs/evaluation.json \
 			--data $(abspath $(DATA)) --out ../models/$${model}_scores || exit 1; \
 	done

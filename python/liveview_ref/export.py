@@ -109,12 +109,17 @@ def main() -> None:
         "--layer-kinds", nargs="+", choices=kinds, default=[], help="kinds of layers it is for; default: all"
     )
     parser.add_argument("--logit-shift", type=float, default=0.0, help="added to logit 0 in the last layer")
+    parser.add_argument("--share", type=float, default=1.0, help="of what it adds to the views' agreement")
     parser.add_argument("--licence", required=True, help="of the weights and of the training data, in one line")
     args = parser.parse_args()
     state = load_state(args.checkpoint)
     if args.logit_shift:
         state["average"]["conv9.bias"][0] += args.logit_shift
         state["config"]["logit_shift"] = args.logit_shift
+    if args.share != 1.0:
+        for name in ("conv9.weight", "conv9.bias"):
+            state["average"][name] *= args.share
+        state["config"]["share"] = args.share
     net, config = trained_network(state), state["config"]
     metadata = {
         "recommended_layers": str(args.recommended_layers),

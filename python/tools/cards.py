@@ -74,7 +74,7 @@ def main() -> None:
     models = {name: states[name] for name in sorted(states, key=lambda name: (states[name]["views"], name))}
     report = json.loads((MODELS / "liveview_v4_scores" / "scores.json").read_text())
     found = {path.parent.name: json.loads(path.read_text()) for path in MODELS.glob("liveview_v*_scores/scores.json")}
-    by_views = {each["views"]: each for name, each in found.items() if name == f"liveview_v{each['views']}_scores"}
+    by_views = {each["views"]: each for name, each in found.items() if name == f"liveview_v{each.get('views')}_scores"}
     parts = {"trained": trained(models), "scores": scores(report), "views": views(by_views)}
     fill(MODELS / "README.md", {name: f"\n\n{part}\n\n" for name, part in parts.items()})
     (MODELS / "curves.svg").write_text(chart([curves(name, state) for name, state in models.items()]))
