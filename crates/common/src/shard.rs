@@ -40,7 +40,7 @@ impl FromStr for Shard {
 }
 
 impl Shard {
-    /// Parses the value of the option: `I/N`, or `auto` for [`Self::from_environment`].
+    /// Parses the value of the option: `I/N`, or `auto` for the variables of a cluster.
     pub fn parse(text: &str) -> Result<Self, String> {
         if text == "auto" { Self::from_environment(|name| std::env::var(name).ok()) } else { text.parse() }
     }
