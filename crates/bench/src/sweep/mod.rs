@@ -1,5 +1,6 @@
 //! `liveview sweep`: error against run time. Each configuration runs in a worker process; their repetitions are interleaved.
 
+mod configuration;
 mod cpu;
 mod markdown;
 mod measured;
@@ -9,20 +10,16 @@ mod svg;
 mod worker;
 
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use clap::Args;
+pub use configuration::SweepArgs;
+use configuration::{Configuration, RowEngine, configurations};
 use cpu::cpu;
 use liveview::geometry::Size;
 use liveview::layers::uniform_disparities;
-use liveview::network::ViewAgreement;
 use liveview::{LayerSpec, SceneViews, Shot, Targets};
-use liveview_common::args::model::ModelArgs;
-use liveview_common::args::model_names::ProviderChoice;
-use liveview_common::args::numbers;
 use liveview_common::args::output::{refuse_stdout, write_atomically};
-use liveview_common::args::scene::SceneArgs;
 use liveview_common::args::targets::named;
 use liveview_common::console::{Output, path_text, print_message, print_notes, progress};
 use liveview_common::outputs::OutputPlan;
@@ -35,67 +32,11 @@ use worker::scaled;
 use crate::npz::Arrays;
 use crate::worker_process::{WorkerProcess, text_of, words};
 
-const EXAMPLES: &str = "\
-Examples:
-  liveview sweep scene --target IMG_7.jpg -o report/
-  liveview sweep scene --target IMG_7.jpg --layers guided:2,guided:4,planes:64 --repetitions 9 -o report/
-  Time against size:
-    liveview sweep scene --target IMG_7.jpg --layers guided:4,planes:16 --widths 500,1000,2000 -o scaling/";
-
-/// Kinds and numbers of layers.
-const LAYERS: &str = "surface:1,surface:2,guided:1,guided:2,guided:3,guided:4,guided:6,guided:8,guided:12,select:8,select:16,\
-                      select:32,planes:8,planes:16,planes:32,planes:64";
-
-/// Layers measured without a network: the same single layer as with one, and the default.
-const WITHOUT_NETWORK: [LayerSpec; 2] = [LayerSpec::Surface(1), ViewAgreement::LAYERS];
-
 /// Engines of `python -m liveview_ref.competitors.worker`.
 const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
 
 /// The files written.
 const FILES: [&str; 3] = ["sweep.json", "sweep.md", "sweep.svg"];
-
-/// Options of `liveview sweep`.
-#[derive(Debug, Args)]
-#[command(after_help = "--help also lists the advanced options.", after_long_help = EXAMPLES)]
-pub struct SweepArgs {
-    /// Views to render, by name, all held out: scores are their means, times those of the first
-    #[arg(long, value_name = "NAME,…", required = true)]
-    target: Vec<String>,
-    /// Layers to measure, separated by commas; surface layers also without a network [default: several
-    /// of each kind]
-    #[arg(long, value_name = "LIST", default_value = LAYERS, hide_default_value = true, value_delimiter = ',')]
-    layers: Vec<LayerSpec>,
-    /// Widths of the picture, separated by commas, to measure time against size [default: the photo's]
-    #[arg(long, value_name = "PIXELS", value_delimiter = ',', value_parser = numbers::count)]
-    widths: Vec<usize>,
-    /// Further engines for surface and guided layers, with precisions, such as "cpu int8,openvino int8"
-    #[arg(long, value_name = "LIST", value_delimiter = ',', conflicts_with = "network")]
-    engines: Vec<ProviderChoice>,
-    /// Timed renders of each configuration, after one to warm up
-    #[arg(long, value_name = "N", default_value = "5", value_parser = numbers::count)]
-    repetitions: usize,
-    /// Command of the reference implementations: "python -m liveview_ref.competitors.worker"
-    #[arg(long, value_name = "COMMAND", conflicts_with = "network")]
-    reference: Option<String>,
-    #[command(flatten)]
-    model: ModelArgs,
-    /// Folder for sweep.json, sweep.md and sweep.svg
-    #[arg(short, long, value_name = "FOLDER")]
-    output: PathBuf,
-    /// Run one configuration, controlled by lines of JSON: its number, and that of views without a network
-    #[arg(long, num_args = 2, value_names = ["N", "V"], hide = true)]
-    worker: Option<Vec<usize>>,
-    #[command(flatten)]
-    scene: SceneArgs,
-}
-
-impl SweepArgs {
-    /// Whether it is the process of one configuration: its errors go to the sweep that started it.
-    pub fn is_worker(&self) -> bool {
-        self.worker.is_some()
-    }
-}
 
 /// Runs `liveview sweep`.
 pub fn run(args: &SweepArgs) -> Result<Output> {
@@ -188,43 +129,6 @@ fn views(ready: &Value) -> usize {
 fn model(ready: &Value) -> String {
     let path = Path::new(ready["model"].as_str().unwrap_or_default());
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// The engine of a row.
-#[derive(Clone, Copy)]
-enum RowEngine {
-    /// That of the options.
-    Own,
-    Other(ProviderChoice),
-    NoNetwork,
-}
-
-/// What a row measures.
-struct Configuration {
-    /// Of the target, pixels; `None`: the photo's.
-    width: Option<usize>,
-    layers: LayerSpec,
-    engine: RowEngine,
-}
-
-/// The configurations of all rows, width by width; of each those on the engine of the options first.
-fn configurations(args: &SweepArgs) -> Vec<Configuration> {
-    let along_surface = |layers: &&LayerSpec| matches!(layers, LayerSpec::Surface(_));
-    let light = args.layers.iter().filter(|layers| along_surface(layers) || matches!(layers, LayerSpec::Guided { .. }));
-    let others = args
-        .engines
-        .iter()
-        .flat_map(|&engine| light.clone().map(move |layers| (layers.clone(), RowEngine::Other(engine))));
-    let own = args.layers.iter().map(|layers| (layers.clone(), RowEngine::Own));
-    let with_surface = args.layers.iter().any(|layers| along_surface(&layers));
-    let without_network = (with_surface && !args.model.without_network()).then_some(WITHOUT_NETWORK);
-    let without_network = without_network.into_iter().flatten().map(|layers| (layers, RowEngine::NoNetwork));
-    let rows: Vec<_> = own.chain(without_network).chain(others).collect();
-    let widths = if args.widths.is_empty() { vec![None] } else { args.widths.iter().copied().map(Some).collect() };
-    let of_width = |width: Option<usize>| {
-        rows.iter().cloned().map(move |(layers, engine)| Configuration { width, layers, engine })
-    };
-    widths.into_iter().flat_map(of_width).collect()
 }
 
 /// The command line of a worker: that of this process, and which configuration it runs.

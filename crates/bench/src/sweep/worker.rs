@@ -22,7 +22,7 @@ use ndarray::ArrayView3;
 use ndarray_npy::WriteNpyExt;
 use serde_json::{Value, json};
 
-use super::{Configuration, RowEngine, SweepArgs};
+use super::configuration::{Configuration, RowEngine, SweepArgs};
 use crate::npz::unwritten;
 
 /// A worker's configuration, and its state between requests.
