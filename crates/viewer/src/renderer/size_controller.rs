@@ -7,6 +7,8 @@ use super::source::MOTION_BUDGET;
 
 /// Scales of the target's sides, the largest first.
 const SCALES: [f64; 3] = [1.0, 0.75, 0.5];
+/// Pixels, at most, of the first picture in motion, before any time is known.
+const FIRST_PIXELS: f64 = 200_000.0;
 /// Number of recent pictures whose median counts: a single one that waits for the depth of a photo changes nothing.
 const RECENT_PICTURES: usize = 5;
 
@@ -34,7 +36,14 @@ impl SizeController {
             values.get(values.len() / 2).copied().unwrap_or(0.0)
         };
         let (fixed, per_pixel) = (median(|times| times.0), median(|times| times.1));
-        let fits = |scale: &f64| fixed + per_pixel * pixels as f64 * scale * scale <= MOTION_BUDGET.as_secs_f64();
+        let fits = |scale: &f64| {
+            let pixels = pixels as f64 * scale * scale;
+            if self.recent.is_empty() {
+                pixels <= FIRST_PIXELS
+            } else {
+                fixed + per_pixel * pixels <= MOTION_BUDGET.as_secs_f64()
+            }
+        };
         SCALES.into_iter().find(fits).unwrap_or(SCALES[SCALES.len() - 1])
     }
 }
@@ -55,7 +64,7 @@ mod tests {
     #[test]
     fn scale_follows_the_median_time() {
         let mut controller = SizeController::default();
-        assert_eq!(controller.scale(PIXELS), 1.0);
+        assert_eq!((controller.scale(PIXELS), controller.scale(540 * 960)), (1.0, 0.5));
         for (milliseconds, scale) in [(50, 1.0), (80, 0.75), (150, 0.5), (3000, 0.5), (20, 1.0)] {
             assert_eq!(scale_after(&mut controller, PIXELS, milliseconds, 0), scale, "{milliseconds} ms");
         }
