@@ -12,7 +12,7 @@ from torch import Tensor
 from ..data.surface_frames import SurfaceFrame
 from ..reference.network.view_agreement import agreement_logits
 from ..reference.render.blend import VISIBLE_POWER, blend
-from ..reference.render.composite_competing import competing_weights
+from ..reference.render.composite_competing import composite_competing
 from ..reference.unet import UNet
 
 CELL = 16  # pixels
@@ -22,9 +22,8 @@ LEAST_COVERED = 0.5  # share of a crop
 
 def rendered(logits: Tensor, colour: Tensor, coverage: Tensor, distances: Tensor) -> Tensor:
     """The picture [3, H, W] of competing surface layers."""
-    rgb = blend(logits, colour, coverage, distances.float(), VISIBLE_POWER)[1]
-    weights = competing_weights(logits[:, 0], (coverage > 0).any(1))
-    return (weights[:, None] * rgb).sum(0)
+    alpha, rgb = blend(logits, colour, coverage, distances.float(), VISIBLE_POWER)
+    return composite_competing(logits[:, 0], rgb, (coverage > 0).any(1), torch.zeros_like(alpha)).rgb
 
 
 def interest(frame: SurfaceFrame, crop: list[int]) -> np.ndarray:
