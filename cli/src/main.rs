@@ -80,7 +80,7 @@ fn main() -> ExitCode {
             return unprinted(printed).unwrap_or(code);
         }
     };
-    let output = match &cli.command {
+    let output = interrupt::start().and_then(|()| match &cli.command {
         Command::Render(args) => render::run(args),
         Command::Join(args) => join::run(args),
         Command::Models(args) => models::run(args),
@@ -99,7 +99,7 @@ fn main() -> ExitCode {
         Command::Sweep(args) => sweep::run(args),
         #[cfg(feature = "bench")]
         Command::Stability(args) => stability::run(args),
-    };
+    });
     let failed = match output {
         Ok(output) => return print(&cli, output).unwrap_or(ExitCode::SUCCESS),
         Err(error) => error,

@@ -6,19 +6,21 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use tempfile::TempPath;
+use super::unfinished::Unfinished;
 
 /// Prefix of all temporary names. Files of a killed process with this prefix may be deleted.
 pub const TEMPORARY: &str = ".liveview-tmp-";
 
 /// A file being written under its own temporary name, in the folder of the final file. It is
-/// deleted if it is dropped without [`AtomicFile::finish`]. A [special file](is_special) is written
-/// to directly.
+/// deleted if it is dropped without [`AtomicFile::finish`], and by [`delete_all`] before a signal ends
+/// the process. A [special file](is_special) is written to directly.
+///
+/// [`delete_all`]: super::unfinished::delete_all
 #[derive(Debug)]
 pub struct AtomicFile {
     file: BufWriter<File>,
     /// `None` for a special file.
-    temporary: Option<TempPath>,
+    temporary: Option<Unfinished>,
     path: PathBuf,
     /// Position of the next byte.
     position: u64,
@@ -45,15 +47,16 @@ impl AtomicFile {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         // Opened here because only their owner may read the files that tempfile opens.
         let open = |name: &Path| OpenOptions::new().write(true).create_new(true).open(name);
-        let made = tempfile::Builder::new().prefix(TEMPORARY).suffix(&ending).make_in(folder, open)?;
-        let (file, temporary) = made.into_parts();
+        let (file, temporary) = Unfinished::create(|| {
+            Ok(tempfile::Builder::new().prefix(TEMPORARY).suffix(&ending).make_in(folder, open)?.keep()?)
+        })?;
         let file = BufWriter::new(file);
         Ok(Self { file, temporary: Some(temporary), path: path.to_owned(), position: 0, failed: false })
     }
 
     /// The temporary name, for a program that writes the file by itself.
     pub fn temporary(&self) -> &Path {
-        self.temporary.as_deref().unwrap_or(&self.path)
+        self.temporary.as_ref().map_or(&self.path, Unfinished::path)
     }
 
     /// Gives the file its name; a file of that name is replaced.
@@ -79,7 +82,7 @@ impl AtomicFile {
         let file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
         if let Some(temporary) = self.temporary {
             file.sync_data()?;
-            temporary.persist(&self.path).map_err(|refused| refused.error)?;
+            temporary.rename(&self.path)?;
         }
         Ok(file)
     }

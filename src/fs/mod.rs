@@ -5,3 +5,4 @@ pub mod atomic;
 pub mod bounded;
 pub mod memory;
 pub(crate) mod npy;
+pub mod unfinished;

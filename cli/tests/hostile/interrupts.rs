@@ -2,19 +2,25 @@
 //! loses nothing.
 
 use std::fs::{self, File};
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use crate::common::{Folders, wait_until};
+use crate::common::{Folders, fixture, wait_until};
 use crate::program;
 
 /// Runs a command, and interrupts it as soon as it has begun to write a file.
 fn interrupted(folders: &Folders, command: &mut Command) -> Output {
     let mut running = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     wait_until(&mut running, || !folders.written().is_empty());
-    assert!(Command::new("/bin/kill").args(["-INT", &running.id().to_string()]).status().unwrap().success());
+    send("-INT", &running);
     running.wait_with_output().unwrap()
+}
+
+fn send(signal: &str, to: &Child) {
+    assert!(Command::new("/bin/kill").args([signal, &to.id().to_string()]).status().unwrap().success());
 }
 
 fn assert_nothing_is_left(folders: &Folders, output: &Output) {
@@ -44,6 +50,50 @@ fn interrupted_dump_leaves_no_file() {
     dump.args(["dump", scene, "--target", "target_0", "--width", "252", "--network", "none", "--threads", "1"]);
     dump.args(["--layers", "planes:16", "-o", &folders.out("a.npz")]);
     assert_nothing_is_left(&folders, &interrupted(&folders, &mut dump));
+}
+
+#[test]
+fn command_that_a_signal_ends_at_once_leaves_no_file() {
+    let folders = Folders::new();
+    // It does not read, so the program cannot finish the video.
+    let idle = folders.ffmpeg("exec /bin/sleep 8");
+    // Of one picture, the first signal ends the program; of two, the second Ctrl-C.
+    for (path, signals, code) in [
+        ("line:1", &["-INT"][..], None),
+        ("line:1", &["-TERM"], None),
+        ("line:2", &["-INT", "-INT"], Some(130)),
+        ("line:2", &["-TERM", "-INT"], Some(130)),
+    ] {
+        let mut render = Command::new(program());
+        render.arg("render").arg(folders.scene()).args(["--network", "none", "--threads", "1", "--path", path]);
+        render.args(["-o", &folders.out("a.mp4")]).env("PATH", &idle).stdout(Stdio::null()).stderr(Stdio::null());
+        let mut running = render.spawn().unwrap();
+        wait_until(&mut running, || !folders.written().is_empty());
+        for signal in signals {
+            // Not so soon after another that both arrive as one, nor before the program waits for ffmpeg.
+            sleep(Duration::from_millis(500));
+            send(signal, &running);
+        }
+        let status = running.wait().unwrap();
+        assert_eq!((status.code(), folders.written()), (code, Vec::new()), "{path} {signals:?}");
+    }
+}
+
+#[test]
+fn interrupted_sweep_leaves_no_folder() {
+    let folders = Folders::new();
+    let temporary = folders.scene().join("temporary");
+    fs::create_dir(&temporary).unwrap();
+    let mut sweep = Command::new(program());
+    sweep.arg("sweep").arg(folders.scene()).args(["--target", "2", "--model", &fixture("tiny_v4")]);
+    sweep.args(["--layers", "planes:64", "--repetitions", "1000", "-o", &folders.out("report")]);
+    sweep.env("TMPDIR", &temporary).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut running = sweep.spawn().unwrap();
+    let count = || fs::read_dir(&temporary).unwrap().count();
+    wait_until(&mut running, || count() == 1);
+    send("-INT", &running);
+    running.wait().unwrap();
+    assert_eq!((count(), folders.written()), (0, Vec::new()));
 }
 
 #[test]

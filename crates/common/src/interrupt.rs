@@ -1,15 +1,19 @@
 //! Ctrl-C, SIGTERM and SIGHUP: at the first, the program finishes the file that it is writing and
-//! exits; at a second Ctrl-C it exits at once.
+//! exits; at a second Ctrl-C it exits at once, and so does a command without an orderly stop at the
+//! first. Before that, unfinished files are deleted.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, OnceLock, PoisonError};
 use std::thread::sleep;
 use std::time::Duration;
 
 use anyhow::Result;
+use liveview::fs::unfinished;
 use liveview::network::RunEnd;
+#[cfg(unix)]
+use signal_hook::consts::SIGHUP;
 use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::flag;
+use signal_hook::{flag, low_level};
 
 use crate::console::Output;
 
@@ -33,10 +37,61 @@ pub const EXIT_CODE: u8 = 130;
 /// How long a run of the network may continue after an interrupt.
 const MAX_RUN_AFTER_INTERRUPT: Duration = Duration::from_secs(10);
 
+/// How often it is checked whether a signal has arrived that ends the program at once.
+const CHECK_INTERVAL: Duration = Duration::from_millis(30);
+
+/// The signals that end the program, and whether each has arrived since the last check.
+static ARRIVED: LazyLock<Vec<(i32, Arc<AtomicBool>)>> = LazyLock::new(|| {
+    let signals = [
+        SIGINT,
+        SIGTERM,
+        #[cfg(unix)]
+        SIGHUP,
+    ];
+    signals.map(|signal| (signal, Arc::default())).into()
+});
+
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
 /// The network runs to end after an interrupt; `None` before the first [`watch`].
 static RUNS: Mutex<Option<Vec<RunEnd>>> = Mutex::new(None);
+
+/// From now on, unfinished files are deleted before a signal ends the program. Signals that are
+/// ignored stay ignored, as SIGHUP under `nohup`.
+pub fn start() -> Result<()> {
+    register(|signal| !is_ignored(signal))?;
+    std::thread::spawn(|| {
+        let mut is_stopping = false;
+        loop {
+            sleep(CHECK_INTERVAL);
+            for (signal, _) in ARRIVED.iter().filter(|(_, arrived)| arrived.swap(false, Ordering::Relaxed)) {
+                let Some(stop) = STOP.get() else { end(|| drop(low_level::emulate_default_handler(*signal))) };
+                // Only SIGINT exits at once: a terminal that is closed may send SIGHUP twice.
+                if is_stopping && *signal == SIGINT {
+                    end(|| low_level::exit(EXIT_CODE.into()));
+                }
+                stop.store(true, Ordering::Relaxed);
+                is_stopping = true;
+            }
+        }
+    });
+    Ok(())
+}
+
+/// Has the arrival of signals noted; once more changes nothing.
+fn register(wanted: impl Fn(i32) -> bool) -> Result<()> {
+    for (signal, arrived) in ARRIVED.iter().filter(|(signal, _)| wanted(*signal)) {
+        flag::register(*signal, Arc::clone(arrived))?;
+    }
+    Ok(())
+}
+
+/// Deletes unfinished files and ends the program.
+fn end(exit: impl FnOnce()) -> ! {
+    unfinished::delete_all();
+    exit();
+    low_level::abort()
+}
 
 /// Returns a flag that becomes true at the first signal. Network runs that continue for too long
 /// after it are ended, since they may be endless. A later call only replaces the runs.
@@ -45,14 +100,11 @@ pub fn watch(runs: Vec<RunEnd>) -> Result<Arc<AtomicBool>> {
     if RUNS.lock().unwrap_or_else(PoisonError::into_inner).replace(runs).is_some() {
         return Ok(Arc::clone(stop));
     }
-    // Only SIGINT exits at once: a terminal that is closed may send SIGHUP twice.
-    flag::register_conditional_shutdown(SIGINT, EXIT_CODE.into(), Arc::clone(stop))?;
-    for signal in [SIGINT, SIGTERM] {
-        flag::register(signal, Arc::clone(stop))?;
-    }
-    #[cfg(unix)]
-    if !is_ignored(signal_hook::consts::SIGHUP) {
-        flag::register(signal_hook::consts::SIGHUP, Arc::clone(stop))?;
+    // A shell ignores SIGINT for what it starts in the background; this asks for it.
+    let wanted = |signal| [SIGINT, SIGTERM].contains(&signal) || !is_ignored(signal);
+    register(wanted)?;
+    for (signal, _) in ARRIVED.iter().filter(|(signal, _)| wanted(*signal)) {
+        flag::register(*signal, Arc::clone(stop))?;
     }
     std::thread::spawn(move || {
         while !stop.load(Ordering::Relaxed) {
@@ -77,7 +129,6 @@ pub fn requested() -> bool {
 
 /// Whether the program was started with a signal ignored, as `nohup` does with SIGHUP; always false
 /// if not on Linux.
-#[cfg(unix)]
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
