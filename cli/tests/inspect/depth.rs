@@ -166,10 +166,12 @@ fn invalid_options_of_depth_are_errors() {
     let folders = Folders::new();
     write_truth(&folders, WIDTH, HEIGHT, 0.5);
     let out = folders.out("depth");
-    let [images, truth] = ["images", "depth"].map(|name| folders.scene().join(name).to_str().unwrap().to_owned());
+    let [images, truth, own] =
+        ["images", "depth", "images/.."].map(|name| folders.scene().join(name).to_str().unwrap().to_owned());
     for (arguments, words) in [
         (vec!["-o", &images], ["images/0.png", "would overwrite a photo"]),
         (vec!["-o", &truth], ["-o", "would overwrite the true depth"]),
+        (vec!["-o", &own], ["-o", "is a folder of the scene"]),
         (vec!["-o", &folders.out("a.png")], ["a.png", "expected a folder"]),
         (vec!["-o", &out, "--photo", "nobody"], ["nobody", "no view is named"]),
         (vec!["-o", &out, "--photo", "1,1"], ["--photo", "twice"]),

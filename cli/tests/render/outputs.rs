@@ -177,6 +177,14 @@ fn photos_that_the_scene_does_not_use_are_not_overwritten() {
     for folder in ["images", "images_4", "images_8", "images_8/below"] {
         assert_refused(&mut render(&["--path", "line:3", "-o", &at(folder)]), &root, &["-o", folder]);
     }
+    // New files between the inputs.
+    let heldout = ["--heldout", "9", "--depth"];
+    assert_refused(
+        &mut render(&["--path", "line:3", "-o", &at("images/..")]),
+        &root,
+        &["-o", "is a folder of the scene"],
+    );
+    assert_refused(&mut render(&[&heldout[..], &[&at("")]].concat()), &root, &["--depth", "is a folder of the scene"]);
     // The same with a relative path of the scene.
     let mut relative = assert_cmd::Command::new(env!("CARGO_BIN_EXE_liveview"));
     relative.current_dir(root.parent().unwrap()).args(["render", "llff", "--path", "line:3", "-o", "llff/images_8"]);

@@ -34,6 +34,7 @@ pub(super) fn planned(
         bail!("-o {shown}: would overwrite the true depth of the scene; expected another folder");
     }
     let mut output_plan = OutputPlan::new(scene);
+    output_plan.folder("-o", folder)?;
     cache.map_or(Ok(()), |folder| output_plan.cache("--cache", folder))?;
     let mut all = Vec::with_capacity(views.len());
     for &view in views {

@@ -132,6 +132,9 @@ impl Outputs {
                 let (path, count) = (path.display(), pictures.len());
                 bail!("{option} {path}: one file for {count} pictures; expected a folder");
             }
+            if let OutputPath::Folder(folder) = output {
+                output_plan.folder(option, folder)?;
+            }
             let files = pictures.iter().flat_map(|(name, _)| variants.iter().map(move |variant| (name, variant)));
             for (name, &(suffix, extension)) in files {
                 let file = output.file(name, suffix, extension);

@@ -16,6 +16,7 @@ use anyhow::{Context, Result, bail};
 pub use configuration::SweepArgs;
 use configuration::{Configuration, RowEngine, configurations};
 use cpu::cpu;
+use liveview::fs::unfinished::Unfinished;
 use liveview::geometry::Size;
 use liveview::layers::uniform_disparities;
 use liveview::{LayerSpec, SceneViews, Shot, Targets};
@@ -45,11 +46,12 @@ pub fn run(args: &SweepArgs) -> Result<Output> {
         let configuration = all.get(number).with_context(|| format!("--worker {number}: there are {}", all.len()))?;
         return worker::run(args, configuration, views);
     }
-    let folder = tempfile::tempdir().context("a temporary folder for the workers' pictures cannot be created")?;
+    let folder = Unfinished::folder().context("a temporary folder for the workers' pictures cannot be created")?;
     let photos = args.scene.open()?;
     print_notes(&photos.scene().notes);
     refuse_stdout("-o", &args.output)?;
     let mut output_plan = OutputPlan::new(photos.scene());
+    output_plan.folder("-o", &args.output)?;
     FILES.iter().try_for_each(|name| output_plan.named_file("-o", &args.output.join(name)))?;
     output_plan.prepare()?;
     let held_out = named(photos.scene(), &args.target)?;

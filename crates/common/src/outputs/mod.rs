@@ -14,9 +14,10 @@ use identity::{Identity, Location};
 use liveview::Scene;
 use liveview::fs::atomic::{AtomicFile, is_special};
 pub use others::note_other_pictures;
+use own::Existing;
 use scene_folder::SceneFolder;
 
-use crate::args::output::{has_extension, refuse_stdout};
+use crate::args::output::refuse_stdout;
 
 /// The output files of a command, or of several.
 #[derive(Debug, Default)]
@@ -34,16 +35,6 @@ pub struct OutputPlan {
     files: Vec<(String, PathBuf)>,
     /// Precedes the option in messages.
     prefix: String,
-}
-
-/// What becomes of an existing file.
-#[derive(Clone, Copy, PartialEq)]
-enum Existing {
-    Replaced,
-    /// Replaced under a name that the program chose: an earlier run may have left it damaged.
-    ReplacedByName,
-    /// Extended; the caller checks what it holds.
-    Extended,
 }
 
 impl OutputPlan {
@@ -152,17 +143,29 @@ impl OutputPlan {
     ///
     /// # Errors
     ///
-    /// If it is a folder of a scene: one whose files are read as part of the scene, or that holds
-    /// others.
+    /// If its files are read as part of a scene, or a scene's folder holds it and it holds others.
     pub fn cache(&self, option: &str, folder: &Path) -> Result<()> {
+        self.refuse_folder(option, folder, |scene, real| scene.holds(real) && scene.is_its_own(real))
+    }
+
+    /// Checks a folder of outputs, which are added one by one.
+    ///
+    /// # Errors
+    ///
+    /// If it is the folder of a scene, or holds its poses.
+    pub fn folder(&self, option: &str, folder: &Path) -> Result<()> {
+        self.refuse_folder(option, folder, SceneFolder::has_inputs_in)
+    }
+
+    fn refuse_folder(&self, option: &str, folder: &Path, is_its: fn(&SceneFolder, &Path) -> bool) -> Result<()> {
         let shown = format!("{}{option} {}", self.prefix, folder.display());
         let real = identity::resolved(folder).map_err(|error| anyhow!("{shown}: cannot be opened: {error}"))?;
-        for scene in self.scenes.iter().filter(|scene| scene.holds(&real)) {
-            if scene.is_its_own(&real) {
-                bail!("{shown}: is a folder of the scene {}; expected another folder", scene.root().display());
+        match self.scenes.iter().find(|scene| is_its(scene, &real)) {
+            Some(scene) => {
+                bail!("{shown}: is a folder of the scene {}; expected another folder", scene.root().display())
             }
+            None => Ok(()),
         }
-        Ok(())
     }
 
     /// Adds any number of files `PREFIX….png`.
@@ -190,35 +193,14 @@ impl OutputPlan {
             if let Some(input) = self.inputs.get(&identity) {
                 bail!("{shown}: would overwrite {input}; expected another file");
             }
-            self.check_existing(shown, file, real, existing)?;
+            let scene = self.scenes.iter().find(|scene| scene.holds(real));
+            own::check(shown, file, scene.map(SceneFolder::root), existing)?;
         }
         for scene in &self.scenes {
             if let Some(part) = scene.reads(real) {
                 let root = scene.root().display();
                 bail!("{shown}: would be read as {part} of the scene {root}; expected another file");
             }
-        }
-        Ok(())
-    }
-
-    /// Checks that the program wrote an existing file that will be replaced.
-    fn check_existing(&self, shown: &str, file: &Path, real: &Path, existing: Existing) -> Result<()> {
-        if existing == Existing::Extended {
-            return Ok(());
-        }
-        if existing == Existing::Replaced && own::is_record(file) {
-            bail!("{shown}: would overwrite the record of a run; expected another file");
-        }
-        let scene = self.scenes.iter().find(|scene| scene.holds(real));
-        // Any JSON, because a scene or its cameras may consist of it.
-        let is_protected = scene.is_some() || existing == Existing::Replaced && has_extension(file, &["json"]);
-        if is_protected && !own::is_own(file) {
-            let of = scene.map(|scene| format!(" of the scene folder {}", scene.root().display()));
-            let of = of.unwrap_or_default();
-            bail!(
-                "{shown}: would overwrite a file{of} that liveview did not write; expected another file, or that one \
-                 moved away"
-            );
         }
         Ok(())
     }

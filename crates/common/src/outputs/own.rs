@@ -1,9 +1,10 @@
-//! Recognises files that the program wrote.
+//! Recognises files that the program wrote: others are not replaced.
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use anyhow::{Result, bail};
 use liveview::fs::bounded;
 use liveview::image::is_tagged;
 use serde_json::Value;
@@ -12,6 +13,37 @@ use crate::args::output::has_extension;
 
 /// Bytes at the start of a picture file that include the program's tag.
 const TAGGED_BYTES: u64 = 256;
+
+/// What becomes of an existing file.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Existing {
+    Replaced,
+    /// Replaced under a name that the program chose: an earlier run may have left it damaged.
+    ReplacedByName,
+    /// Extended; the caller checks what it holds.
+    Extended,
+}
+
+/// Checks that the program wrote an existing file that will be replaced; `scene` is the folder of
+/// the scene that holds it.
+pub(super) fn check(shown: &str, file: &Path, scene: Option<&Path>, existing: Existing) -> Result<()> {
+    if existing == Existing::Extended {
+        return Ok(());
+    }
+    if existing == Existing::Replaced && is_record(file) {
+        bail!("{shown}: would overwrite the record of a run; expected another file");
+    }
+    // Any JSON, because a scene or its cameras may consist of it.
+    let is_protected = scene.is_some() || existing == Existing::Replaced && has_extension(file, &["json"]);
+    if is_protected && !is_own(file) {
+        let of = scene.map(|root| format!(" of the scene folder {}", root.display())).unwrap_or_default();
+        bail!(
+            "{shown}: would overwrite a file{of} that liveview did not write; expected another file, or that one moved \
+             away"
+        );
+    }
+    Ok(())
+}
 
 /// Whether the program wrote a file: a tagged picture, or JSON with the program's fields.
 pub(super) fn is_own(file: &Path) -> bool {
@@ -35,7 +67,7 @@ pub(super) fn is_own(file: &Path) -> bool {
 }
 
 /// Whether a file is the record of a run, which lists the pictures that are done.
-pub(super) fn is_record(file: &Path) -> bool {
+fn is_record(file: &Path) -> bool {
     has_extension(file, &["json"]) && {
         let json = json(file);
         json["job"]["liveview"].is_string() && json["done"].is_object()

@@ -99,6 +99,11 @@ impl SceneFolder {
         read.then_some("a photo or a camera")
     }
 
+    /// Whether a folder is the scene's own, or holds poses of it.
+    pub(super) fn has_inputs_in(&self, real: &Path) -> bool {
+        real == self.root || real.starts_with(&self.root) && POSES.iter().any(|poses| real.join(poses).exists())
+    }
+
     /// Whether a folder is part of the scene: its files would be read, or it holds files other than
     /// arrays (.npz) that the program did not write.
     pub(super) fn is_its_own(&self, real: &Path) -> bool {
