@@ -28,7 +28,7 @@ from ..surface_goldens import kind_of
 from .compared import Compared
 from .scene import exact, neighbours_of
 
-IN_SCENE_UNITS = "coarse", "anchor", "splat", "filled", "surface", "layers"  # relative to the largest
+IN_SCENE_UNITS = "anchor", "splat", "filled", "surface", "layers"  # relative to the largest
 LIKE = {"anchored_found": "half_found", "anchored_index": "half_index", "colour": "hidden_colour"}
 LIKE |= {"coverage": "hidden_coverage", "coarse_found": "half_found"}
 BOTH = torch.float64, torch.float32
@@ -53,9 +53,8 @@ def compared(stage: stages.Stage, data: Arrays) -> Iterator[Compared]:
     for name, value in oracle.items():
         kind = kind_of(name)
         like = LIKE.get(kind, kind)
-        # Of maps of one search, only the disparity is computed here.
-        entry = "maps" if kind == "coarse" else f"surface {like}"
-        yield Compared.of(kind, (data[name], value, single[name]), entry, scaled=kind in IN_SCENE_UNITS)
+        found = data[name], value, single[name]
+        yield Compared.of(kind, found, f"surface {like}", scaled=kind in IN_SCENE_UNITS)
 
 
 def search(data: Arrays, photos: int | None = None) -> Iterator[Compared]:
@@ -89,8 +88,14 @@ def search_of(data: Arrays, i: int, view: int) -> Iterator[Compared]:
     own["half_index"] = own["anchored_index"]
     for stage in (stages.starts, stages.fine_costs, stages.fine_found, stages.fine_index):
         yield from compared(stage, own)
-    both = [stages.fine_grid(own).disparity(stages.tensor(own, "fine_index", dtype)).numpy() for dtype in BOTH]
-    yield Compared.of("depth", (data[f"depth{i}"], *both), "maps", scaled=True)
+    fine = stages.fine_grid(own)
+    both = [fine.disparity(stages.tensor(own, "fine_index", dtype)).numpy() for dtype in BOTH]
+    yield of_index("depth", fine, data[f"depth{i}"], *both)
+
+
+def of_index(name: str, grid: Grid, *found: np.ndarray) -> Compared:
+    """The disparities of indices of a grid, in units of its nearest."""
+    return Compared.of(name, tuple(one.astype(np.float64) / grid.nearest for one in found), "surface disparity")
 
 
 def anchored_found(data: Arrays, dtype: torch.dtype) -> Arrays:
@@ -114,17 +119,18 @@ def coarse(data: Arrays) -> Iterator[Compared]:
         grid, pixel = planes_of(camera, [c for _, c in others], near, far, GROUP_CELL)
         yield Compared.of("pixel", (data["coarse_pixel"][i], np.float64(pixel), np.float64(pixel)), "maps", scaled=True)
         yield from compared(partial(coarse_stages, i, grid), data)
+        found = (median3(stages.tensor(data, f"coarse_found{i}", dtype)) for dtype in BOTH)
+        yield of_index("coarse", grid, data[f"coarse{i}"], *(grid.disparity(index).numpy() for index in found))
 
 
 def coarse_stages(i: int, grid: Grid, data: Arrays, dtype: torch.dtype) -> Arrays:
-    """Costs, what their aggregation finds, and the disparity of its median."""
+    """Costs, and what their aggregation finds."""
     group = [(shrink(image, GROUP_CELL), camera) for image, camera in stages.group_views(data, dtype)]
     image, camera = group[i]
     candidates = Candidates.all(grid, *image.shape[1:])
     volume = costs(image, camera, group[:i] + group[i + 1 :], grid, candidates, GROUP_CELL)
     found = aggregate(stages.tensor(data, f"coarse_costs{i}", torch.int64).permute(2, 0, 1), image, candidates)
-    disparity = grid.disparity(median3(stages.tensor(data, f"coarse_found{i}", dtype)))
-    outputs = {"coarse_costs": volume.permute(1, 2, 0), "coarse_found": found, "coarse": disparity}
+    outputs = {"coarse_costs": volume.permute(1, 2, 0), "coarse_found": found}
     return {f"{name}{i}": output.numpy() for name, output in outputs.items()}
 
 
