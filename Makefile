@@ -11,7 +11,7 @@ PY := cd python && ../$(BIN)/python -m
 LIVEVIEW := target/release/liveview
 SCENE := tests/scenes/workshop
 RIG := tests/scenes/rig
-RUFF := --config python/pyproject.toml python parity tests crates/python
+RUFF := --config python/pyproject.toml python tests crates/python
 
 .PHONY: demo demo-video build runtime setup clean test lint test-rust test-python test-browser parity stability \
 	fuzz evaluate report models paper
@@ -68,13 +68,12 @@ lint: setup
 	$(BIN)/ruff format --check $(RUFF)
 	cd python && ../$(BIN)/lint-imports --no-cache
 
-## Rust tests, with the goldens of the Python reference; ignored tests whose data is installed run as well.
-test-rust: setup target/goldens/cases.txt
+## Rust tests; ignored tests whose data is installed run as well.
+test-rust: runtime
 	cargo test --release --locked
 	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scene -- --ignored
-	test ! -e .venv-openvino/.runtime || cargo test --release --locked --test execution_providers -- --ignored
 
-## Python tests, including those of the program and of the evaluation.
+## Python tests, including those of the program, of the evaluation, and of every stage of the library against the reference.
 test-python: setup setup-evaluation build wheel
 	$(PY) pytest -q
 
@@ -137,8 +136,3 @@ include python/steps.mk
 # libFuzzer is not built.
 CHECK_FUZZ = CUSTOM_LIBFUZZER_PATH=/dev/null RUSTFLAGS="--cfg fuzzing" cargo check --locked --manifest-path tests/fuzz/Cargo.toml \
 	--target-dir target/fuzzing
-
-# Seeded goldens of the Rust parity tests, generated again when the reference changes.
-REFERENCE := $(wildcard $(addprefix python/liveview_ref/,*.py parity/*.py reference/*.py reference/*/*.py reference/*/*/*.py))
-target/goldens/cases.txt: parity/generate.py $(REFERENCE) | $(VENV)/.setup
-	$(BIN)/python parity/generate.py target/goldens

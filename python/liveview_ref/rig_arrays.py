@@ -1,5 +1,5 @@
-"""A rig's photos and cameras as plain arrays, the format of `liveview dump`,
-`liveview sweep` and parity/generate.py.
+"""A rig's photos and cameras as plain arrays, the format of `liveview dump` and
+`liveview sweep`.
 
 `view{i}.image` [h, w, 3] float32, the nearest view first; `k`, `rotation` [3, 3] and `translation`
 [3] float64 (cam_from_world) of `view{i}` and `target`; `target.size` (width, height).

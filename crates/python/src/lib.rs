@@ -53,4 +53,25 @@ mod _liveview {
     use crate::stages::warp::{agreement_logits, sharpened, warp_maps};
     #[pymodule_export]
     use crate::synthesizer::Synthesizer;
+
+    /// Stages inside the others, for the parity tests. Arrays are contiguous and fit together: they
+    /// are not checked.
+    #[pymodule]
+    mod _stages {
+        #[pymodule_export]
+        use crate::stages::fusion::{hide, photo_variance, pixel_of, splat};
+        #[pymodule_export]
+        use crate::stages::guided::{
+            fine_layers, layer_costs, plane_maps, range_of, search_planes, semi_global, source_from_target,
+            upsample_maps, winner_takes_all,
+        };
+        #[pymodule_export]
+        use crate::stages::network::{logits, render};
+        #[pymodule_export]
+        use crate::stages::render::blend_shifted;
+        #[pymodule_export]
+        use crate::stages::search::{
+            aggregate, anchored_costs, anchors, bands, costs, depth_range, disparity, group, group_confirmed,
+        };
+    }
 }

@@ -38,7 +38,7 @@ pub(crate) fn check_views(views: Option<usize>, renderer: &Renderer) -> PyResult
 
 /// The library's file; `None` if `ORT_DYLIB_PATH` is set, which takes precedence, or the package is
 /// not installed. The package is not imported.
-fn installed(py: Python<'_>) -> PyResult<Option<PathBuf>> {
+pub(crate) fn installed(py: Python<'_>) -> PyResult<Option<PathBuf>> {
     if std::env::var_os("ORT_DYLIB_PATH").is_some_and(|path| !path.is_empty()) {
         return Ok(None);
     }

@@ -1,4 +1,4 @@
-"""Seeded rigs of photos and cameras, as arrays (rig_arrays.py), for the goldens and the tests."""
+"""Seeded rigs of photos and cameras, as arrays (rig_arrays.py), for the tests."""
 
 import numpy as np
 import torch

@@ -1,6 +1,6 @@
-"""Seeded cases of the stages from photos to frame, for the goldens of parity/generate.py and for
-python/tests/binding: a stage's inputs are the float32 roundings of the oracle's outputs of the
-stage before, so that a failure names the first stage that differs."""
+"""Seeded cases of the stages from photos to frame, for python/tests/binding: a stage's inputs are
+the float32 roundings of the oracle's outputs of the stage before, so that a failure names the first
+stage that differs."""
 
 import functools
 

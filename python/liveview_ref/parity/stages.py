@@ -1,8 +1,8 @@
 """The stages as functions of plain arrays, in either precision: the reference that the Rust crate
 is compared with.
 
-Each stage reads its inputs from `data` (numpy arrays, as `liveview dump` and parity/generate.py
-write them) and returns its outputs by name.
+Each stage reads its inputs from `data` (numpy arrays, as `liveview dump` writes them) and
+returns its outputs by name.
 
 Photos and cameras are named as in rig_arrays.py. `disparities` [D] float64 of planes, or
 `cell_maps` [L, h, w] float32 of guided layers, with the stages of the guided search:

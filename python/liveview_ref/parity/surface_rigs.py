@@ -1,5 +1,4 @@
-"""Seeded photos of a synthetic scene, as arrays (rig_arrays.py): the inputs of the goldens of
-surface layers."""
+"""Seeded photos of a synthetic scene, as arrays (rig_arrays.py): the inputs of surface_cases.py."""
 
 import numpy as np
 

@@ -1,6 +1,6 @@
 """The stages of the library and of the reference in one process, on the same arrays: Rust's error
-against float64 has the bounds of parity/tolerances.json. Stages that the package does not have are
-compared by tests/parity."""
+against float64 has the bounds of parity/tolerances.json. Surface layers:
+test_surface_stages.py; what is inside these stages: test_inner_stages.py."""
 
 import inspect
 from types import SimpleNamespace
@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from compared_cases import both, case_of, check
 from hostile_cases import Cases
 from toy_rigs import rig_of
 
-from liveview_ref.parity import stage_cases, stages, surface_goldens, surface_stages
-from liveview_ref.parity.live.compared import TOLERANCES, Compared
+from liveview_ref.parity import stage_cases, stages
 from liveview_ref.reference.composite import composite
 from liveview_ref.reference.geometry.camera import Camera
 from liveview_ref.reference.geometry.view_selection import choose_views, view_distances
@@ -31,13 +31,12 @@ from liveview_ref.reference.surface.anchored_depth import anchored_depth
 from liveview_ref.reference.surface.correction.exposure import exposure_gains
 from liveview_ref.reference.surface.correction.sharpness import sharpening
 from liveview_ref.reference.surface.fusion.consistency import confirmed
-from liveview_ref.reference.surface.fusion.surface import OCCLUSION_MARGIN, Surface, surface
+from liveview_ref.reference.surface.fusion.surface import surface
 from liveview_ref.reference.surface.fusion.surface_view import SurfaceView
 from liveview_ref.reference.surface.fusion.visible import visible, visible_or_past
 from liveview_ref.reference.surface.neighbourhood import fill_holes
 from liveview_ref.reference.surface.search.photo_depth import PhotoDepth, photo_depth
 from liveview_ref.reference.warp import warp_maps
-from liveview_ref.rig_arrays import cameras_of, images_of
 
 NEAR, FAR = 1.5, 12.0
 
@@ -102,52 +101,9 @@ def structure(found):
     return (type(found), [structure(item) for item in found]) if isinstance(found, (list, tuple)) else type(found)
 
 
-def check(stage: str, rust, exact, float32, scaled: bool | None = None) -> None:
-    """Rust's errors are within the bounds of the tolerance file, by the rule of `make parity`."""
-    scaled = stage in stages.SCALED if scaled is None else scaled
-    row = Compared.of(stage, tuple(np.asarray(found) for found in (rust, exact, float32)), scaled=scaled)
-    assert not row.departs, row.row()
-
-
-def both(function, *arguments, **options):
-    """The results of the reference in float64 and float32."""
-
-    def to(value, dtype):
-        if isinstance(value, torch.Tensor) and value.is_floating_point():
-            return value.to(dtype)
-        if isinstance(value, tuple) and hasattr(value, "_fields"):
-            return type(value)(*(to(item, dtype) for item in value))
-        if isinstance(value, (list, tuple)):
-            return type(value)(to(item, dtype) for item in value)
-        return value
-
-    return tuple(
-        function(*(to(value, dtype) for value in arguments), **options) for dtype in (torch.float64, torch.float32)
-    )
-
-
-class Case:
-    """A case of stage_cases.py, its arrays as float32 tensors, and cameras of the reference."""
-
-    def __init__(self, name: str):
-        self.data, self.oracle = stage_cases.case(name)
-        self.cameras, self.target = cameras_of(self.data)
-        self.images = images_of(self.data, torch.float32)
-        arrays = ("maps", "logits", "coverage", "alpha", "rgb")
-        self.maps, self.logits, self.coverage, self.alpha, self.rgb = (torch.from_numpy(self.data[x]) for x in arrays)
-        self.colour = torch.from_numpy(self.data["colour"]).unflatten(1, (-1, 3))
-        self.covered = (self.coverage > 0).any(1)
-
-    def check(self, stage, **found) -> None:
-        """Compares outputs of a stage with those of the oracle and of torch."""
-        single = stage(self.data, torch.float32)
-        for name, rust in found.items():
-            check(name, rust, self.oracle[name], single[name])
-
-
 @pytest.fixture(scope="module", params=stage_cases.CASES)
 def case(request):
-    return Case(request.param)
+    return case_of(request.param)
 
 
 def test_warp_and_agreement(liveview, case):
@@ -161,7 +117,7 @@ def test_warp_and_agreement(liveview, case):
 
 def test_blend(liveview, case):
     if "logit_shift" in case.data:
-        pytest.skip("tests/parity: the shift is part of the library's blend, and no argument of the reference's")
+        pytest.skip("test_inner_stages.py: the shift is an argument of the library's blend, not of the reference's")
     distances = view_distances(case.cameras, case.target)
     np.testing.assert_allclose(liveview.view_distances(case.cameras, case.target), distances, rtol=1e-13)
     alpha, rgb = liveview.blend(case.logits, case.colour, case.coverage, distances)
@@ -228,62 +184,6 @@ def test_guided_layers(liveview):
     differs = abs(found - exact.numpy()).max(0) > 1e-4
     torchs = abs(single - exact).max(0).values > 1e-4
     assert differs.mean() <= max(0.02, 2 * float(torchs.double().mean())), differs.mean()
-
-
-class SurfaceCase(dict):
-    """The arrays of a case of surface_goldens.py: a stage's inputs, its outputs by the oracle,
-    torch's errors, and which elements the last bits decide."""
-
-    def __init__(self, name: str):
-        super().__init__(surface_goldens.case(list(surface_goldens.CASES).index(name), **surface_goldens.CASES[name]))
-        self.range = tuple(float(x) for x in self["range"])
-        self.views = surface_stages.photos(self, torch.float32)
-        self.target = cameras_of(self)[1]
-
-    def check(self, name: str, found) -> None:
-        """By the rule of tests/parity."""
-        tolerance = TOLERANCES[f"surface {surface_goldens.kind_of(name)}"]
-        exact, (most, mean) = self[f"oracle.{name}"], self[f"torch.{name}"]
-        doubtful = self.get(f"doubtful.{name}", np.zeros(exact.shape, bool))
-        assert doubtful.mean() <= tolerance["doubtful"], name
-        off = np.abs(np.asarray(found, np.float64) - exact)[~doubtful]
-        assert off.max() <= min(max(tolerance["floor"], tolerance["max_factor"] * most), tolerance["ceiling"]), name
-        most_mean = max(tolerance["mean_floor"], tolerance["mean_factor"] * mean) * (1 + 1e-9)
-        assert off.mean() <= min(most_mean, tolerance["ceiling"]), name
-
-
-@pytest.mark.parametrize("name", ["scene", "rectified"])
-def test_surface_stages(liveview, name):
-    case = SurfaceCase(name)
-    for which, view in enumerate(case.views):
-        others = surface_stages.neighbours(case, which, torch.float32)
-        found = liveview.photo_depth(view, others, *case.range)
-        assert found.pixel == pytest.approx(float(case["pixel"][which]), rel=3e-7)
-        case.check(f"depth{which}", found.disparity)
-    case.check("anchored", liveview.anchored_depth(case.views[0], case.views[1:6], *case.range).disparity)
-    case.check("half_index", liveview.median3(case["half_found"]))
-    maps = [PhotoDepth(torch.from_numpy(case[f"depth{i}"]), float(p)) for i, p in enumerate(case["pixel"])]
-    maps = list(zip((camera for _, camera in case.views), maps, strict=True))
-    for which in range(len(maps)):
-        case.check(f"confirmed{which}", liveview.confirmed(which, maps))
-    views = surface_stages.surface_views(case, torch.float32)
-    found = liveview.surface(views, case.target, *case.range)
-    case.check("surface", found.disparity)
-    for count in (1, 2, 4, 5):
-        expected = Surface(torch.from_numpy(found.disparity), found.pixel, found.holes).layers(count)
-        np.testing.assert_allclose(found.layers(count), expected, rtol=2e-7)
-    case.check("layers", found.layers(surface_stages.LAYERS))
-    case.check("filled", liveview.fill_holes(case["splat"]))
-    margin = OCCLUSION_MARGIN * surface_stages.target_pixel(case)
-    around = [(v.camera, v.confirmed.disparity, case.target, case["filled"], margin) for v in views]
-    case.check("visible", [liveview.visible_or_past(*arguments) for arguments in around])
-    sees = np.stack([liveview.visible(*arguments) for arguments in around])
-    assert ((sees == 0) == (np.stack([liveview.visible_or_past(*arguments) for arguments in around]) == 0)).all()
-    case.check("gains", liveview.exposure_gains(views, view_distances(*cameras_of(case))))
-    case.check("sharpening", liveview.sharpening(views))
-    amounts = case["sharpening"] + surface_stages.ADDED_SHARPENING
-    for which, ((photo, _), amount) in enumerate(zip(case.views, amounts, strict=True)):
-        case.check(f"sharpened{which}", np.moveaxis(liveview.sharpened(photo, float(amount)), 0, -1))
 
 
 def test_documentation_of_the_stubs_is_that_of_the_package(liveview):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from liveview_ref.parity import surface_goldens
+from liveview_ref.parity import surface_cases
 from liveview_ref.parity.surface_rigs import SQUARE, WALL, surface_rig
 from liveview_ref.reference.geometry.camera import Camera
 from liveview_ref.reference.render.visibility import hide
@@ -238,7 +238,7 @@ def test_exposure_gains_undo_the_exposure(scene):
 
 
 def test_few_elements_of_the_oracle_are_doubtful():
-    data = surface_goldens.case(0, 2, "scene", count=64)
+    data = surface_cases.case(0, 2, "scene", count=64)
     assert 0 <= data["doubtful.half_costs"].mean() < 0.005
     assert data["torch.half_costs"][0] <= 1 and data["torch.half_index"][0] == 0
 

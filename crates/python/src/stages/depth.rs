@@ -50,9 +50,7 @@ fn searched<'py>(
     (near, far): (f64, f64),
     search: Search,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let photo = Photo::pair("photo", photo)?;
-    let neighbours = some("neighbours", neighbours)?;
-    let neighbours = neighbours.iter().map(|(name, pair)| Photo::pair(name, pair)).collect::<PyResult<Vec<_>>>()?;
+    let (photo, neighbours) = (Photo::pair("photo", photo)?, Photo::pairs("neighbours", neighbours)?);
     check_range(near, far)?;
     let found = compute(py, || {
         let others: Vec<_> = neighbours.iter().map(Photo::source).collect();

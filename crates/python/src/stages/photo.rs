@@ -50,6 +50,11 @@ impl Photo {
         Self::new((&format!("{name}[0]"), &image), (&format!("{name}[1]"), &camera))
     }
 
+    /// As [`Photo::pair`], of a list with one at least.
+    pub(super) fn pairs(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<Vec<Self>> {
+        some(name, argument)?.iter().map(|(name, pair)| Self::pair(name, pair)).collect()
+    }
+
     pub(super) fn source(&self) -> SourceView<'_> {
         SourceView { camera: &self.camera, texture: &self.texture }
     }

@@ -17,10 +17,10 @@ use crate::tuples::named;
 use crate::work::compute;
 
 /// A photo with its confirmed depth: the reference's `SurfaceView`.
-struct View {
-    photo: Photo,
+pub(super) struct View {
+    pub(super) photo: Photo,
     confirmed: ConfirmedDepth,
-    gains: [f32; 3],
+    pub(super) gains: [f32; 3],
 }
 
 impl View {
@@ -40,11 +40,11 @@ impl View {
         Ok(Self { photo, confirmed, gains: std::array::from_fn(|channel| gains[channel] as f32) })
     }
 
-    fn all(argument: &Bound<'_, PyAny>) -> PyResult<Vec<Self>> {
+    pub(super) fn all(argument: &Bound<'_, PyAny>) -> PyResult<Vec<Self>> {
         some("views", argument)?.iter().map(|(name, view)| Self::new(name, view)).collect()
     }
 
-    fn of(&self) -> SurfaceView<'_> {
+    pub(super) fn of(&self) -> SurfaceView<'_> {
         SurfaceView { view: self.photo.source(), confirmed: &self.confirmed, gains: self.gains }
     }
 }

@@ -24,7 +24,7 @@ from ...reference.surface.search.photo_sweep import costs
 from ...reference.warp import warp_maps
 from ...rig_arrays import Arrays, cameras_of
 from .. import surface_stages as stages
-from ..surface_goldens import kind_of
+from ..surface_cases import kind_of
 from .compared import Compared
 from .scene import exact, neighbours_of
 

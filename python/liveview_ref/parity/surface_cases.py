@@ -1,13 +1,11 @@
-"""Goldens of surface layers, for tests/parity/surface.rs: each stage's float64 oracle, and float32
-torch's errors.
+"""Seeded cases of surface layers, for python/tests/binding: each stage's float64 oracle, and
+float32 torch's errors.
 
 As in stage_cases.py, a stage's inputs are the float32 roundings of the oracle's outputs of the
 previous stage. `doubtful.NAME` marks the elements whose decision (a winner, the pixel a point falls
 into, an occlusion) depends on the last bits: the oracle's own result changes when cameras, photos
 and maps move by about 1e-6 of their values in either direction.
 """
-
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -151,10 +149,3 @@ def case(
         results |= masks | {f"oracle.{name}": value.astype(np.float64) for name, value in oracle.items()}
         data |= {name: value.astype(stages.INTEGERS.get(name, np.float32)) for name, value in oracle.items()}
     return data | results
-
-
-def write(folder: Path) -> None:
-    """surface_NAME.npz of each case, and their names."""
-    for seed, (name, arguments) in enumerate(CASES.items()):
-        np.savez_compressed(folder / f"surface_{name}.npz", **case(seed, **arguments))
-    (folder / "surface_cases.txt").write_text("\n".join(CASES) + "\n")

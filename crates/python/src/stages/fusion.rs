@@ -1,0 +1,76 @@
+//! The fusion of confirmed depths at the target stage by stage, for the parity tests.
+
+use liveview::geometry::PlaneSweep;
+use liveview::render::{Visibility, VisibleView};
+use liveview::surface::stages;
+use liveview::warp::WarpSource;
+use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+
+use super::surface::View;
+use crate::camera::camera;
+
+type Map<'py, T> = Bound<'py, PyArray2<T>>;
+type Maps<'py> = Bound<'py, PyArray3<f32>>;
+
+/// The disparity worth one pixel at the target.
+#[pyfunction]
+pub(crate) fn pixel_of(views: &Bound<'_, PyAny>, target: &Bound<'_, PyAny>, near: f64, far: f64) -> PyResult<f32> {
+    let views = View::all(views)?;
+    let views: Vec<_> = views.iter().map(View::of).collect();
+    Ok(stages::target_disparity_per_pixel(&views, &camera("target", target)?, (near, far)))
+}
+
+/// The views' confirmed depth at the target; `pixel`: the disparity worth one there.
+#[pyfunction]
+pub(crate) fn splat<'py>(
+    py: Python<'py>,
+    views: &Bound<'py, PyAny>,
+    target: &Bound<'py, PyAny>,
+    pixel: f32,
+) -> PyResult<Map<'py, f32>> {
+    let views = View::all(views)?;
+    let views: Vec<_> = views.iter().map(View::of).collect();
+    Ok(stages::splatted(&views, &camera("target", target)?, pixel).into_pyarray(py))
+}
+
+#[pyfunction]
+pub(crate) fn photo_variance<'py>(
+    py: Python<'py>,
+    views: &Bound<'py, PyAny>,
+    visible: PyReadonlyArray3<'py, f32>,
+    target: &Bound<'py, PyAny>,
+    surface: PyReadonlyArray2<'py, f32>,
+) -> PyResult<Map<'py, f32>> {
+    let (views, target) = (View::all(views)?, camera("target", target)?);
+    let sources = views.iter().map(|view| WarpSource {
+        gains: view.gains,
+        ..WarpSource::new(&view.photo.texture, PlaneSweep::new(&view.photo.camera, &target))
+    });
+    let sources: Vec<_> = sources.collect();
+    let visible: Vec<Vec<f32>> = visible.as_array().outer_iter().map(|map| map.iter().copied().collect()).collect();
+    Ok(stages::photo_variance(&sources, &visible, &surface.as_array().to_owned()).into_pyarray(py))
+}
+
+/// A surface warped from the views, in balanced colours and without the samples hidden by `margin`:
+/// colour [3 V, h, w], coverage [V, h, w], and where any view sees it.
+#[pyfunction]
+pub(crate) fn hide<'py>(
+    py: Python<'py>,
+    views: &Bound<'py, PyAny>,
+    target: &Bound<'py, PyAny>,
+    surface: PyReadonlyArray2<'py, f32>,
+    margin: f32,
+) -> PyResult<(Maps<'py>, Maps<'py>, Map<'py, bool>)> {
+    let (views, target) = (View::all(views)?, camera("target", target)?);
+    let views: Vec<_> = views.iter().map(View::of).collect();
+    let seen = views.iter().map(|view| VisibleView {
+        disparity: &view.confirmed.disparity,
+        gains: view.gains,
+        sharpening: 0.0,
+    });
+    let visibility = Visibility { views: seen.collect(), margin, is_seen: true };
+    let sources: Vec<_> = views.iter().map(|view| view.view).collect();
+    let (colour, coverage, seen) = stages::occluded(&visibility, &sources, &target, &surface.as_array().to_owned());
+    Ok((colour.into_pyarray(py), coverage.into_pyarray(py), seen.into_pyarray(py)))
+}
