@@ -59,10 +59,23 @@ fn window_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, window: u
         let mut colour = vec![0.0; 3 * sources.len() * plane];
         let mut coverage = vec![0.0; sources.len() * plane];
         warp_layers(&disparity, sources, Size::new(width, height), &mut colour, &mut coverage);
-        let (variance, covered) = variance(&mut colour, &coverage, plane);
-        window_mean(&variance, &covered, width, window, cost);
+        window_variance(&mut colour, &coverage, width, (window, UNCOVERED), cost);
     });
     costs
+}
+
+/// Variance of the colours of the views that cover more than half of a cell, averaged over the cells
+/// of a window that two views cover; `uncovered` where there are none. Rows of cells `width` wide;
+/// `colour` `[V, 3, h, w]` is divided by the coverage `[V, h, w]`.
+pub(crate) fn window_variance(
+    colour: &mut [f32],
+    coverage: &[f32],
+    width: usize,
+    (window, uncovered): (usize, f32),
+    out: &mut [f32],
+) {
+    let (variance, covered) = variance(colour, coverage, out.len());
+    window_mean(&variance, &covered, width, (window, uncovered), out);
 }
 
 /// Variance of the colours of the views that cover more than half of a cell (0 where fewer than two
@@ -103,8 +116,14 @@ fn variance(colour: &mut [f32], coverage: &[f32], plane: usize) -> (Vec<f32>, Ve
     (total, count)
 }
 
-/// Mean of `value` over the cells of the window where `covered` is 1.
-fn window_mean(value: &[f32], covered: &[f32], width: usize, window: usize, out: &mut [f32]) {
+/// Mean of `value` over the cells of the window where `covered` is 1; `uncovered` where there are none.
+fn window_mean(
+    value: &[f32],
+    covered: &[f32],
+    width: usize,
+    (window, uncovered): (usize, f32),
+    out: &mut [f32],
+) {
     let (half, height) = (window / 2, out.len() / width);
     let (mut sums, mut counts) = (vec![0.0; width + 2 * half], vec![0.0; width + 2 * half]); // zeros beyond the edges
     for (y, out) in out.chunks_exact_mut(width).enumerate() {
@@ -119,7 +138,7 @@ fn window_mean(value: &[f32], covered: &[f32], width: usize, window: usize, out:
         let across = |sums: &[f32], x: usize| sums[x..x + 2 * half + 1].iter().sum::<f32>();
         for (x, out) in out.iter_mut().enumerate() {
             let count = across(&counts, x);
-            *out = if count > 0.0 { across(&sums, x) / count } else { UNCOVERED };
+            *out = if count > 0.0 { across(&sums, x) / count } else { uncovered };
         }
     }
 }

@@ -20,9 +20,10 @@ mod semi_global;
 mod winner_takes_all;
 
 pub use matching_cost::layer_costs;
+pub(crate) use matching_cost::window_variance;
 pub(crate) use range_map::neighbourhood;
 pub use range_map::{RangeMap, range_of};
 pub(crate) use search::Levels;
-pub use search::{COARSE, GuidedSearch, SearchStages, WINDOWS, fine_layers};
-pub use semi_global::semi_global;
+pub use search::{COARSE, GuidedSearch, PENALTIES, SearchStages, WINDOWS, fine_layers};
+pub use semi_global::{Penalties, semi_global};
 pub use winner_takes_all::winner_takes_all;

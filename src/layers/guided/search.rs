@@ -10,7 +10,7 @@ use super::super::error::LayersError;
 use super::super::uniform::uniform_disparities;
 use super::matching_cost::Shrunk;
 use super::range_map::{RangeMap, range_of};
-use super::semi_global::semi_global;
+use super::semi_global::{Penalties, semi_global};
 use super::winner_takes_all::winner_takes_all;
 use crate::geometry::parallax::widest_parallax;
 use crate::geometry::{PlaneSweep, Size};
@@ -25,6 +25,8 @@ const FINE_LAYERS: usize = 6;
 /// Side of the window over which the variance is averaged, cells: in the first search, in the
 /// second.
 pub const WINDOWS: [usize; 2] = [3, 7];
+/// Penalties of the first search.
+pub const PENALTIES: Penalties = Penalties { step: 0.004, jump: 0.1 };
 
 /// Settings of the guided search.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,7 +92,7 @@ impl GuidedSearch {
         let shape = (count, size.height / COARSE, size.width / COARSE);
         let maps = Array3::from_shape_fn(shape, |(plane, _, _)| disparities[plane] as f32);
         let costs = levels.coarse().costs(sweeps, maps.view(), WINDOWS[0]);
-        let aggregated_costs = semi_global(costs.view());
+        let aggregated_costs = semi_global(costs.view(), PENALTIES);
         let coarse_disparity = winner_takes_all(aggregated_costs.view(), maps.view());
         let step = disparities.get(1).map_or(0.0, |second| disparities[0] - second);
         let range = range_of(&coarse_disparity, (step / 2.0) as f32);

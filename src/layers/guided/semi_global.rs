@@ -3,20 +3,24 @@
 
 use ndarray::{Array3, ArrayView3};
 
-/// Penalty of a step to the next plane, in units of the cost: a variance of colours in [0, 1].
-const STEP_PENALTY: f32 = 0.004;
-/// Penalty of a jump to any other plane.
-const JUMP_PENALTY: f32 = 0.1;
+/// Penalties of a move along a path, in units of the cost: a variance of colours in [0, 1].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Penalties {
+    /// Of a step to the next plane.
+    pub step: f32,
+    /// Of a jump to any other plane.
+    pub jump: f32,
+}
 
 /// Sum over the four directions (down, up, right, left) of the cost of the cheapest path to each
 /// cell, `[D, h, w]` → `[D, h, w]`.
-pub fn semi_global(costs: ArrayView3<'_, f32>) -> Array3<f32> {
+pub fn semi_global(costs: ArrayView3<'_, f32>, penalties: Penalties) -> Array3<f32> {
     // The dimension that a path runs along comes first, that of parallel paths last, so that each
     // step is one pass over rows in memory.
     let down = costs.permuted_axes([1, 0, 2]).as_standard_layout().into_owned();
     let across = costs.permuted_axes([2, 0, 1]).as_standard_layout().into_owned();
     let both = |costs: &Array3<f32>| {
-        let (mut there, back) = rayon::join(|| path(costs, false), || path(costs, true));
+        let (mut there, back) = rayon::join(|| path(costs, penalties, false), || path(costs, penalties, true));
         there += &back;
         there
     };
@@ -27,7 +31,7 @@ pub fn semi_global(costs: ArrayView3<'_, f32>) -> Array3<f32> {
 /// The paths of one direction through `costs` `[steps, D, lanes]`: the cost of the cell, plus the
 /// least of staying on the plane, stepping to the next one and jumping to any other, less the least
 /// cost of the step before (which keeps the sums small and changes no comparison).
-fn path(costs: &Array3<f32>, backwards: bool) -> Array3<f32> {
+fn path(costs: &Array3<f32>, penalties: Penalties, backwards: bool) -> Array3<f32> {
     let (steps, planes, lanes) = costs.dim();
     let mut total = costs.clone();
     let all = total.as_slice_mut().expect("standard order");
@@ -52,9 +56,9 @@ fn path(costs: &Array3<f32>, backwards: bool) -> Array3<f32> {
             for ((((here, &nearer), &farther), &same), &best) in beside {
                 // At the first and the last plane one of the two is the plane itself, whose cost
                 // plus the penalty is never the least.
-                let step = if nearer < farther { nearer } else { farther } + STEP_PENALTY;
+                let step = if nearer < farther { nearer } else { farther } + penalties.step;
                 let stay = if same < step { same } else { step };
-                let jump = best + JUMP_PENALTY;
+                let jump = best + penalties.jump;
                 *here += (if stay < jump { stay } else { jump }) - best;
             }
         }
@@ -66,11 +70,13 @@ fn path(costs: &Array3<f32>, backwards: bool) -> Array3<f32> {
 mod tests {
     use super::*;
 
+    const PENALTIES: Penalties = Penalties { step: 0.004, jump: 0.1 };
+
     #[test]
     fn ambiguous_cell_takes_the_plane_of_its_neighbours() {
         let mut costs = Array3::from_elem((3, 1, 5), 0.05);
         (0..5).filter(|&x| x != 2).for_each(|x| costs[(1, 0, x)] = 0.0);
-        let aggregated = semi_global(costs.view());
+        let aggregated = semi_global(costs.view(), PENALTIES);
         let [nearer, here, farther] = [0, 1, 2].map(|plane| aggregated[(plane, 0, 2)]);
         assert!(here < nearer && here < farther, "{aggregated}");
     }
@@ -78,6 +84,6 @@ mod tests {
     #[test]
     fn single_plane_adds_up_its_costs() {
         let costs = Array3::from_shape_fn((1, 2, 2), |(_, y, x)| (y + x) as f32);
-        assert_eq!(semi_global(costs.view()), 4.0 * costs);
+        assert_eq!(semi_global(costs.view(), PENALTIES), 4.0 * costs);
     }
 }

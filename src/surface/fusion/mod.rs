@@ -8,6 +8,7 @@ pub(super) mod project;
 pub(super) mod splat;
 pub(super) mod surface;
 mod surface_view;
+pub(super) mod target_search;
 pub(super) mod visible;
 
 pub use confirmed_depth::ConfirmedDepth;

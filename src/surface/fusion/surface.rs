@@ -20,11 +20,11 @@ use super::confirmed_depth::ConfirmedDepth;
 use super::photo_variance::{VarianceViews, photo_variance};
 use super::splat::splat;
 use super::surface_view::SurfaceView;
+use super::target_search::target_search;
 use super::visible::visible;
 use crate::geometry::parallax::widest_parallax;
 use crate::geometry::{Camera, PlaneSweep, Size};
-use crate::layers::guided::GuidedSearch;
-use crate::layers::{CELL, Layers, LayersError, enlarge, padded};
+use crate::layers::{Layers, LayersError, padded};
 use crate::surface::neighbourhood::{extremes3, fill_holes, median3};
 use crate::warp::{SourceView, WarpSource};
 
@@ -103,10 +103,8 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, near: f64, far: f64) 
     if holes > SEARCHED_HOLE_SHARE {
         let count = views.len().min(SEARCHED_VIEWS);
         let (views, sources) = (&views[..count], &sources[..count]);
-        let found = GuidedSearch::new(near, far).search(sources, size).expect("near < far");
-        let mut searched = vec![0.0; splatted.len()];
-        enlarge(found.range.surface().view(), CELL, size.width, &mut searched);
         let margin = OCCLUSION_MARGIN_PX * disparity_per_pixel;
+        let searched = target_search(views, sources, target, (&splatted, size), (near, far), margin);
         let variance = |disparity: &[f32]| {
             let visible_to = |&view| visible(view, target, disparity, size.width, margin);
             let visible: Vec<_> = depth_maps(views).par_iter().map(visible_to).collect();
@@ -114,7 +112,7 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, near: f64, far: f64) 
         };
         let (of_filled, of_searched) = (variance(&filled), variance(&searched));
         for (at, &splatted) in splatted.iter().enumerate() {
-            if splatted < 0.0 && of_searched[at] < VARIANCE_RATIO * of_filled[at] - VARIANCE_ROUNDING {
+            if splatted < 0.0 && of_filled[at] >= VARIANCE_RATIO * of_searched[at] - VARIANCE_ROUNDING {
                 filled[at] = searched[at];
             }
         }

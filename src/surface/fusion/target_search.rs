@@ -1,0 +1,145 @@
+//! The target's own search of its holes, which starts from what the photos confirm.
+//!
+//! On cells of 4×4 pixels: photos are averaged, the views' confirmed depths and the splat are
+//! medians of what a cell holds (at least 4 pixels; the farther of the two in the middle). Planes
+//! are 2 px of parallax apart, from near to far, 8 to 256 of them. The cost of a plane at a cell is
+//! the sum of
+//!
+//! - the variance of the colours of the views that see it ([`super::visible`], coverage above 0.5),
+//!   averaged over the cells of a 5×5 window that two views see; 0.02 where there are none;
+//! - 0.01 for each view that sees past it;
+//! - where the splat has disparity d, 0.07·min(|d − δ|/(4 planes), 1): anchors, from which the paths
+//!   carry the depth into the holes.
+//!
+//! Aggregated along four paths ([`semi_global()`]; step 0.004, jump 0.4); the plane of least cost,
+//! refined by a parabola; 3×3 median; enlarged bilinearly. Measured alternatives:
+//! docs/design-log/ordinary-scenes.md.
+
+use ndarray::{Array2, Array3};
+use rayon::prelude::*;
+
+use super::confirmed_depth::ConfirmedDepth;
+use super::surface_view::SurfaceView;
+use super::visible::visible;
+use crate::geometry::parallax::widest_parallax;
+use crate::geometry::{Camera, PlaneSweep, Size};
+use crate::layers::guided::{Penalties, semi_global, window_variance, winner_takes_all};
+use crate::layers::{enlarge, uniform_disparities};
+use crate::surface::neighbourhood::median3;
+use crate::warp::{Texture, WarpSource, warp_layers};
+
+/// Target pixels per side of a cell.
+const CELL: usize = 4;
+/// Pixels with a depth that give their cell one.
+const MIN_CONFIRMED: usize = 4;
+/// Distance between the planes, px of parallax, and their number.
+const PLANE_SPACING_PX: f64 = 2.0;
+const PLANE_COUNT: std::ops::RangeInclusive<usize> = 8..=256;
+/// Side of the window of the variance, cells, and its value where fewer than two views see any.
+const WINDOW: (usize, f32) = (5, 0.02);
+/// Cost of a view that sees past.
+const PAST_COST: f32 = 0.01;
+/// Cost of a plane far from the anchor, and the distance from which on it is paid, planes.
+const ANCHOR_COST: f32 = 0.07;
+const ANCHOR_REACH: f32 = 4.0;
+const PENALTIES: Penalties = Penalties { step: 0.004, jump: 0.4 };
+
+/// Disparity of each pixel of the padded target of `size`, row by row. `sources` are the views for
+/// the warp, `splatted` their splat (−1 in holes), `margin` that of visibility.
+pub(crate) fn target_search(
+    views: &[SurfaceView<'_>],
+    sources: &[WarpSource<'_>],
+    target: &Camera,
+    (splatted, size): (&[f32], Size),
+    (near, far): (f64, f64),
+    margin: f32,
+) -> Vec<f32> {
+    let sweeps: Vec<PlaneSweep> = sources.iter().map(|source| source.sweep).collect();
+    let planes = (widest_parallax(&sweeps, size, near, far) / PLANE_SPACING_PX).ceil() as usize + 1;
+    let planes = uniform_disparities(near, far, planes.clamp(*PLANE_COUNT.start(), *PLANE_COUNT.end()));
+    let planes: Vec<f32> = planes.expect("near < far").into_iter().map(|disparity| disparity as f32).collect();
+    let costs = costs(views, sources, target, (splatted, size), &planes, margin);
+    let sums = semi_global(costs.view(), PENALTIES);
+    let maps = Array3::from_shape_fn(sums.dim(), |(plane, _, _)| planes[plane]);
+    let found = winner_takes_all(sums.view(), maps.view());
+    let smooth = median3(found.as_slice().expect("standard order"), found.ncols());
+    let smooth = Array2::from_shape_vec(found.dim(), smooth).expect("one per cell");
+    let mut disparity = vec![0.0; size.pixels()];
+    enlarge(smooth.view(), CELL, size.width, &mut disparity);
+    disparity
+}
+
+/// Costs `[D, h, w]` of the planes at the cells.
+pub(crate) fn costs(
+    views: &[SurfaceView<'_>],
+    sources: &[WarpSource<'_>],
+    target: &Camera,
+    (splatted, size): (&[f32], Size),
+    planes: &[f32],
+    margin: f32,
+) -> Array3<f32> {
+    let textures: Vec<Texture> = sources.par_iter().map(|source| source.texture.shrunk(CELL)).collect();
+    let shrunk = |(source, texture): (&WarpSource<'_>, _)| WarpSource {
+        texture,
+        sweep: source.sweep.shrunk(CELL as f64),
+        gains: source.gains,
+    };
+    let sources: Vec<_> = sources.iter().zip(&textures).map(|(s, t)| shrunk((s, t))).collect();
+    let maps: Vec<(Camera, ConfirmedDepth)> = views
+        .par_iter()
+        .map(|view| {
+            let ConfirmedDepth { disparity, disparity_per_pixel } = view.confirmed;
+            let disparity = cell_medians(disparity.as_slice().expect("standard order"), disparity.ncols());
+            (view.view.camera.shrunk(CELL), ConfirmedDepth { disparity, disparity_per_pixel: *disparity_per_pixel })
+        })
+        .collect();
+    let (target, anchors) = (target.shrunk(CELL), cell_medians(splatted, size.width));
+    let (cells, reach) = (Size::new(size.width / CELL, size.height / CELL), ANCHOR_REACH * (planes[0] - planes[1]));
+    let mut costs = Array3::zeros((planes.len(), cells.height, cells.width));
+    let by_plane = costs.as_slice_mut().expect("standard order").par_chunks_mut(cells.pixels());
+    by_plane.zip(planes).for_each(|(costs, &disparity)| {
+        let map = vec![disparity; cells.pixels()];
+        let mut colour = vec![0.0; 3 * sources.len() * cells.pixels()];
+        let mut coverage = vec![0.0; sources.len() * cells.pixels()];
+        warp_layers(&map, &sources, cells, &mut colour, &mut coverage);
+        let mut past = vec![0.0; cells.pixels()];
+        for ((camera, confirmed), coverage) in maps.iter().zip(coverage.chunks_exact_mut(cells.pixels())) {
+            let seen = visible((camera, confirmed), &target, &map, cells.width, margin);
+            for ((coverage, seen), past) in coverage.iter_mut().zip(seen).zip(&mut past) {
+                *past += if (seen < 0.0) & (*coverage > 0.5) { PAST_COST } else { 0.0 };
+                *coverage = if seen > 0.0 { *coverage } else { 0.0 };
+            }
+        }
+        window_variance(&mut colour, &coverage, cells.width, WINDOW, costs);
+        for ((cost, past), &anchor) in costs.iter_mut().zip(&past).zip(&anchors) {
+            let share = ((anchor - disparity).abs() / reach).min(1.0);
+            *cost += *past + if anchor >= 0.0 { ANCHOR_COST * share } else { 0.0 };
+        }
+    });
+    costs
+}
+
+/// The median of the values of each cell (−1: none), rows `width` wide; −1 where a cell has too few.
+fn cell_medians(map: &[f32], width: usize) -> Array2<f32> {
+    let height = map.len() / width;
+    let mut medians = Array2::from_elem((height.div_ceil(CELL), width.div_ceil(CELL)), -1.0);
+    let columns = medians.ncols();
+    let rows = medians.as_slice_mut().expect("standard order").par_chunks_mut(columns).enumerate();
+    rows.for_each(|(row, medians)| {
+        let lines = row * CELL..((row + 1) * CELL).min(height);
+        for (column, median) in medians.iter_mut().enumerate() {
+            let span = column * CELL..((column + 1) * CELL).min(width);
+            let mut values = [0.0; CELL * CELL];
+            let mut count = 0;
+            for &value in lines.clone().flat_map(|y| &map[y * width..][span.clone()]) {
+                values[count] = value;
+                count += usize::from(value >= 0.0);
+            }
+            if count >= MIN_CONFIRMED {
+                let middle = count / 2;
+                *median = *values[..count].select_nth_unstable_by(middle, |a, b| b.total_cmp(a)).1;
+            }
+        }
+    });
+    medians
+}
