@@ -21,6 +21,8 @@ mod work;
 
 #[pyo3::pymodule]
 mod _liveview {
+    use pyo3::pymodule;
+
     #[pymodule_export]
     use crate::camera::Camera;
     #[pymodule_export]
