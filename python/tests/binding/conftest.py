@@ -34,6 +34,12 @@ def liveview(wheel, tmp_path_factory) -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def inner(liveview) -> ModuleType:
+    """The stages inside those of the package."""
+    return liveview._stages
+
+
+@pytest.fixture(scope="session")
 def workshop(liveview):
     """The example scene from its folder, a third of its size."""
     return liveview.Scene(WORKSHOP, width=168)

@@ -21,11 +21,6 @@ torch.set_num_threads(1)  # small arrays
 
 
 @pytest.fixture(scope="module")
-def inner(liveview):
-    return liveview._stages
-
-
-@pytest.fixture(scope="module")
 def models(tmp_path_factory) -> dict[int, Path]:
     """A seeded, untrained network for each V. The oracle's has its BatchNorms, in the exported one
     they are folded."""

@@ -20,11 +20,6 @@ COMPLETE = CASES[:-2]  # with stages at the target: not where the photos contrad
 
 
 @pytest.fixture(scope="module")
-def inner(liveview):
-    return liveview._stages
-
-
-@pytest.fixture(scope="module")
 def case(request) -> SurfaceCase:
     return surface_case(request.param)
 
