@@ -13,6 +13,7 @@ mod frames;
 mod live;
 mod model;
 mod names;
+mod network;
 mod scene;
 mod stages;
 mod synthesizer;
@@ -31,6 +32,8 @@ mod _liveview {
     use crate::frames::Frames;
     #[pymodule_export]
     use crate::live::LiveSession;
+    #[pymodule_export]
+    use crate::network::Network;
     #[pymodule_export]
     use crate::scene::Scene;
     #[pymodule_export]
