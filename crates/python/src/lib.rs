@@ -13,7 +13,6 @@ mod frames;
 mod live;
 mod model;
 mod names;
-mod network;
 mod scene;
 mod stages;
 mod synthesizer;
@@ -33,8 +32,6 @@ mod _liveview {
     #[pymodule_export]
     use crate::live::LiveSession;
     #[pymodule_export]
-    use crate::network::Network;
-    #[pymodule_export]
     use crate::scene::Scene;
     #[pymodule_export]
     use crate::stages::depth::{anchored_depth, confirmed, photo_depth};
@@ -44,6 +41,8 @@ mod _liveview {
     };
     #[pymodule_export]
     use crate::stages::metrics::{psnr, ssim};
+    #[pymodule_export]
+    use crate::stages::network::Network;
     #[pymodule_export]
     use crate::stages::render::{blend, composite, composite_competing};
     #[pymodule_export]

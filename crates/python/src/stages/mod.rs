@@ -4,6 +4,7 @@
 pub(crate) mod depth;
 pub(crate) mod layers;
 pub(crate) mod metrics;
+pub(crate) mod network;
 mod photo;
 pub(crate) mod render;
 pub(crate) mod surface;
