@@ -73,8 +73,7 @@ class Rig:
         (camera,) = (scene.cameras[i] for i in range(len(scene)) if i not in others)
         chosen = [others[i] for i in liveview.choose_views([scene.cameras[i] for i in others], camera, views)]
         known = [scene.depth_ranges[i] for i in chosen if scene.depth_ranges[i]]
-        if not known:
-            raise ValueError(f"{folder}: the depth of the views is not known; expected a scene that gives it")
+        known = known or [liveview.Synthesizer(scene).depth(chosen[0]).range]  # as found from the photos
         near, far = min(near for near, _ in known), max(far for _, far in known)
         source = scene.cameras[chosen[-1]]
         names = ", ".join(scene.names[i] for i in chosen)
