@@ -84,7 +84,7 @@ test-browser: build runtime
 
 ## Every stage of the example scene: Rust and float32 torch against float64. The depth of the same photos is searched once.
 PARITY = export $(KEEP_MEMORY) && $(PY) liveview_ref.parity ../$(SCENE)
-parity: build setup
+parity: build wheel
 	$(PARITY) --target target_0 --layers guided:4
 	$(PARITY) --target target_1 --views 5 --layers planes:6
 	$(PARITY) --target target_0 --layers guided:2 --precision int8
@@ -96,9 +96,8 @@ parity: build setup
 		( $(PARITY) --target target_0 --layers guided:2 --engine openvino --precision $$precision ) || exit 1; done
 
 ## Stiff and extreme cases: Rust, torch, kornia and onnxruntime against float64. Writes parity/stability.md.
-STABILITY = PYTHONPATH=python $(LIVEVIEW) stability $(SCENE) --target target_0 --threads 1 \
-	--reference "$(BIN)/python -m liveview_ref.parity.stability"
-stability: build setup
+STABILITY = PYTHONPATH=python $(BIN)/python -m liveview_ref.parity.stability $(SCENE) --target target_0
+stability: wheel
 	$(STABILITY) > target/stability.md
 	cp target/stability.md parity/stability.md
 

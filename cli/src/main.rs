@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser, Subcommand};
 use commands::{batch, depth, inspect, join, manual, models, render, select};
 #[cfg(feature = "bench")]
-use liveview_bench::{dump, stability, sweep};
+use liveview_bench::{dump, sweep};
 use liveview_common::{console, interrupt};
 #[cfg(feature = "video")]
 use liveview_live::video;
@@ -61,9 +61,6 @@ enum Command {
     #[cfg(feature = "bench")]
     /// Measure error against run time for kinds and numbers of layers
     Sweep(sweep::SweepArgs),
-    #[cfg(feature = "bench")]
-    /// Compare stiff and extreme cases with float64
-    Stability(stability::StabilityArgs),
     /// List the installed models and their cards
     Models(models::ModelsArgs),
     /// Write manual pages or shell completions
@@ -97,8 +94,6 @@ fn main() -> ExitCode {
         Command::Dump(args) => dump::run(args),
         #[cfg(feature = "bench")]
         Command::Sweep(args) => sweep::run(args),
-        #[cfg(feature = "bench")]
-        Command::Stability(args) => stability::run(args),
     });
     let failed = match output {
         Ok(output) => return print(&cli, output).unwrap_or(ExitCode::SUCCESS),

@@ -92,7 +92,6 @@ fn options_of_the_network_are_errors_without_one() {
     }
     refused("render", &["-o", &picture, "--layers", "select:2/4"], &["--network none", "select:2/4", "opacities"]);
     refused("select", &["--layers", "select:2/4"], &["--network none", "select:2/4", "opacities"]);
-    refused("stability", &[], &["--network none", "expected a model"]);
     refused("sweep", &["-o", &picture, "--engines", "cpu int8"], &["--network", "--engines", "cannot be used with"]);
 }
 

@@ -1,9 +1,8 @@
-//! Benchmarks and comparisons with the Python reference: `liveview sweep`, `liveview stability` and `liveview dump`.
+//! Benchmarks and comparisons with the Python reference: `liveview sweep` and `liveview dump`.
 
 #![allow(clippy::missing_errors_doc, reason = "errors name the option or the file, and what was expected of it")]
 
 pub mod dump;
 mod npz;
-pub mod stability;
 pub mod sweep;
 mod worker_process;

@@ -1,4 +1,4 @@
-//! Worker processes that answer requests in lines of JSON: those of `liveview sweep`, and the Python references.
+//! Worker processes that answer requests in lines of JSON: those of `liveview sweep`, and the Python implementations.
 
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};

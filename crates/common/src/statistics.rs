@@ -17,8 +17,3 @@ pub fn quantile_of_sorted(sorted: &[f64], fraction: f64) -> f64 {
         _ => f64::NAN,
     }
 }
-
-/// Share (0 to 1) of the elements that meet a condition.
-pub fn share<T>(all: &[T], condition: impl Fn(&T) -> bool) -> f64 {
-    all.iter().filter(|&element| condition(element)).count() as f64 / all.len().max(1) as f64
-}

@@ -21,6 +21,8 @@ mod work;
 
 #[pyo3::pymodule]
 mod _liveview {
+    use pyo3::pymodule;
+
     #[pymodule_export]
     use crate::camera::Camera;
     #[pymodule_export]
@@ -41,6 +43,8 @@ mod _liveview {
     };
     #[pymodule_export]
     use crate::stages::metrics::{psnr, ssim};
+    #[pymodule_export]
+    use crate::stages::network::Network;
     #[pymodule_export]
     use crate::stages::render::{blend, composite, composite_competing};
     #[pymodule_export]
@@ -66,7 +70,7 @@ mod _liveview {
             upsample_maps, winner_takes_all,
         };
         #[pymodule_export]
-        use crate::stages::network::{logits, render};
+        use crate::stages::picture::{logits, render};
         #[pymodule_export]
         use crate::stages::render::blend_shifted;
         #[pymodule_export]

@@ -64,7 +64,8 @@ class SurfaceCase(dict):
     torch's errors, and which elements the last bits decide."""
 
     def __init__(self, name: str):
-        super().__init__(surface_cases.case(list(surface_cases.CASES).index(name), **surface_cases.CASES[name]))
+        arrays = surface_cases.case(list(surface_cases.CASES).index(name), **surface_cases.CASES[name])
+        super().__init__({name: np.asarray(value, order="C") for name, value in arrays.items()})
         self.range = tuple(float(x) for x in self["range"])
         self.count = int(self["count"])
         self.views = surface_stages.photos(self, torch.float32)

@@ -21,11 +21,6 @@ torch.set_num_threads(1)  # small arrays
 
 
 @pytest.fixture(scope="module")
-def inner(liveview):
-    return liveview._stages
-
-
-@pytest.fixture(scope="module")
 def models(tmp_path_factory) -> dict[int, Path]:
     """A seeded, untrained network for each V. The oracle's has its BatchNorms, in the exported one
     they are folded."""
@@ -33,7 +28,7 @@ def models(tmp_path_factory) -> dict[int, Path]:
     for views in {views for views, _, _ in stage_cases.CASES.values()}:
         found[views] = folder / f"network_v{views}.onnx"
         about = {"recommended_layers": "guided:4", "training": "none: seeded", "licence": "MIT"}
-        export(stage_cases.network(views), found[views], about)
+        export(stage_cases.network(views).float(), found[views], about)
     return found
 
 
@@ -84,9 +79,9 @@ def test_logits_equal_onnxruntime(inner, case, models):
     assert found.tobytes() == expected.tobytes(), f"{(found != expected).sum()} of {found.size} logits differ"
 
 
-def test_blend_with_a_shift(inner, case):
-    if "logit_shift" not in case.data:
-        pytest.skip("test_stages.py: without a shift")
+@pytest.mark.parametrize("name", stage_cases.ALPHA_SPACINGS)
+def test_blend_with_a_shift(inner, name):
+    case = case_of(name)
     distances = view_distances(case.cameras, case.target)
     parts = case.logits, case.colour, case.coverage, distances, case.data["logit_shift"]
     alpha, rgb = inner.blend_shifted(*parts)

@@ -29,7 +29,11 @@ def test_openvino_logits(liveview, tmp_path, views):
     """Each session runs inputs of different sizes."""
     names = [name for name in (f"guided_v{views}", f"random_v{views}") if name in stage_cases.CASES]
     model, files = tmp_path / "model.onnx", [tmp_path / f"{name}.npy" for name in names]
-    export(stage_cases.network(views), model, {"recommended_layers": "guided:4", "training": "none", "licence": "MIT"})
+    export(
+        stage_cases.network(views).float(),
+        model,
+        {"recommended_layers": "guided:4", "training": "none", "licence": "MIT"},
+    )
     for name, file in zip(names, files, strict=True):
         np.save(file, case_of(name).data["colour"])
     run = [sys.executable, "-c", RUN, LIBRARY, model, *files]

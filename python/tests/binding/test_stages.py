@@ -1,6 +1,6 @@
 """The stages of the library and of the reference in one process, on the same arrays: Rust's error
-against float64 has the bounds of parity/tolerances.json. Surface layers:
-test_surface_stages.py; what is inside these stages: test_inner_stages.py."""
+against float64 has the bounds of parity/tolerances.json. Surface layers: test_surface_stages.py;
+what is inside these stages: test_inner_stages.py."""
 
 import inspect
 from types import SimpleNamespace
@@ -208,4 +208,4 @@ def test_documentation_of_the_stubs_is_that_of_the_package(liveview):
                 if isinstance(method, ast.FunctionDef) and not method.name.startswith("__init__"):
                     same(method, getattr(found, method.name))
     named = {node.name for node in stubs.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
-    assert set(liveview._liveview.__all__) <= named and documented > 60
+    assert set(liveview._liveview.__all__) - {"_stages"} <= named and documented > 60

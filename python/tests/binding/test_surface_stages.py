@@ -20,11 +20,6 @@ COMPLETE = CASES[:-2]  # with stages at the target: not where the photos contrad
 
 
 @pytest.fixture(scope="module")
-def inner(liveview):
-    return liveview._stages
-
-
-@pytest.fixture(scope="module")
 def case(request) -> SurfaceCase:
     return surface_case(request.param)
 
@@ -114,20 +109,38 @@ def test_correction_of_the_photos(liveview, case, views):
     case.check_each("sharpened", found)
 
 
+@pytest.fixture(scope="module")
+def pixel(inner, case, views) -> float:
+    """The disparity worth one pixel at the target."""
+    found = inner.pixel_of(views, case.target, *case.range)
+    assert found == pytest.approx(surface_stages.target_pixel(case), rel=3e-7)
+    return found
+
+
 @of_cases(COMPLETE)
-def test_splat_holes_and_visibility(liveview, inner, case, views):
-    pixel = inner.pixel_of(views, case.target, *case.range)
-    assert pixel == pytest.approx(surface_stages.target_pixel(case), rel=3e-7)
+def test_splat_and_its_holes(liveview, inner, case, views, pixel):
     case.check("splat", inner.splat(views, case.target, pixel))
     case.check("filled", liveview.fill_holes(case["splat"]))
+
+
+@of_cases(COMPLETE)
+def test_visibility(liveview, case, views, pixel):
     around = [(v.camera, v.confirmed.disparity, case.target, case["filled"], OCCLUSION_MARGIN * pixel) for v in views]
     or_past = np.stack([liveview.visible_or_past(*arguments) for arguments in around])
     case.check("visible", or_past)
     sees = np.stack([liveview.visible(*arguments) for arguments in around])
     assert (sees == (or_past != 0)).all()
+
+
+@of_cases(COMPLETE)
+def test_photo_variance(inner, case, views, pixel):
     maps = [np.maximum(case["filled"] + np.float32(o * pixel), np.float32(0)) for o in surface_stages.OFFSETS]
     found = [inner.photo_variance(views, case["visible"], case.target, map_) for map_ in maps]
     case.check("photo_variance", found)
+
+
+@of_cases(COMPLETE)
+def test_samples_without_the_hidden(inner, case, views, pixel):
     colour, coverage, seen = inner.hide(views, case.target, case["filled"], OCCLUSION_MARGIN * pixel)
     case.check("hidden_colour", colour.reshape(case["oracle.hidden_colour"].shape))
     case.check("hidden_coverage", coverage)

@@ -206,10 +206,7 @@ impl ModelArgs {
     }
 
     /// Finds and opens the model for these layers.
-    pub fn open_model(&self, layers: Option<&LayerSpec>) -> Result<Model> {
-        if self.without_network() {
-            bail!("--network none: expected a model");
-        }
+    fn open_model(&self, layers: Option<&LayerSpec>) -> Result<Model> {
         let options = self.options()?;
         let model = Model::open(&options, layers)?;
         let (path, card) = (model.network.path(), model.network.card());

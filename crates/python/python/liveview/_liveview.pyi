@@ -155,6 +155,17 @@ class Synthesizer:
     def views(self) -> int:
         """Photos to a picture."""
 
+class Network:
+    """The network of a model file (.onnx): called with warped photos hwv [n, 3V, h, w] in [0, 1],
+    it returns logits [n, V, h, w]; h and w are multiples of 8. `threads`: one per core by default.
+    ONNX Runtime as for `Synthesizer`. A run is not ended by Ctrl-C."""
+
+    def __init__(self, path: str | PathLike[str], *, threads: int | None = None) -> None: ...
+    def __call__(self, hwv: ArrayLike) -> np.ndarray: ...
+    @property
+    def views(self) -> int:
+        """V, photos to a picture."""
+
 class LiveSession:
     """Renders the time steps of a rig of cameras, one after the other. What one has found the next
     reuses: the depth of a photo where it stays the same, or the planes that were selected.

@@ -3,6 +3,7 @@
 use liveview::geometry::Size;
 use liveview::layers::guided::{GuidedSearch, RangeMap};
 use liveview::layers::{self, Layers, padded};
+use liveview::render::{Accumulated, Blended};
 use liveview::warp::warp_sources;
 use ndarray::{Array3, Ix3};
 use numpy::{IntoPyArray, PyArray1, PyArray3, PyReadonlyArray};
@@ -40,14 +41,15 @@ pub(crate) fn plane_histogram<'py>(py: Python<'py>, alpha: &Bound<'py, PyAny>) -
     let alpha = alpha.as_array();
     let found = compute(py, || {
         let (planes, height, width) = alpha.dim();
-        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (y, x)));
-        let best = pixels.map(|(y, x)| {
-            let larger = |best: (f32, Option<usize>), k: usize| {
-                if alpha[[k, y, x]] > best.0 { (alpha[[k, y, x]], Some(k)) } else { best }
-            };
-            (0..planes).fold((0.0, None), larger).1
+        let best = (0..height).flat_map(|y| {
+            let mut row = Accumulated::new(width);
+            for (k, alpha) in alpha.outer_iter().enumerate() {
+                let layer = Blended { alpha: alpha.row(y).to_vec(), ..Blended::new(width) };
+                row.add(k as u32, &layer, &vec![0.0; width], false);
+            }
+            row.best_layer
         });
-        Ok(layers::plane_histogram(best, planes))
+        Ok(layers::plane_histogram(best.map(|best| (best != u32::MAX).then_some(best as usize)), planes))
     })?;
     let counts: Vec<i64> = found.into_iter().map(|count| count as i64).collect();
     Ok(counts.into_pyarray(py))

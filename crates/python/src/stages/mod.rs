@@ -8,6 +8,7 @@ pub(crate) mod layers;
 pub(crate) mod metrics;
 pub(crate) mod network;
 mod photo;
+pub(crate) mod picture;
 pub(crate) mod render;
 pub(crate) mod search;
 pub(crate) mod surface;

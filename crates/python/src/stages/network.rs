@@ -1,76 +1,57 @@
-//! The network alone, and all stages from photos to picture on given layers, for the parity tests.
+//! A network without a scene.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
-use liveview::layers::Layers;
-use liveview::network::{Alpha, ExecutionProvider, OrtLibrary, OrtNetwork, PlaneNetwork};
-use liveview::render::{Batch, RenderRequest, Renderer};
-use ndarray::{Array3, Array4};
-use numpy::{IntoPyArray, PyArray3, PyArray4, PyReadonlyArray3, PyReadonlyArray4};
+use liveview::Model;
+use liveview::layers::STRIDE;
+use liveview::network::{OrtNetwork, PlaneNetwork};
+use ndarray::{Array4, Ix4};
+use numpy::{IntoPyArray, PyArray4, PyReadonlyArray};
 use pyo3::prelude::*;
 
-use super::guided::layers_on_cells;
-use super::photo::{Photo, photos};
-use crate::camera::camera;
-use crate::error::library;
-use crate::model::installed;
+use crate::arguments::{Sides, whole};
+use crate::error::{library, value};
+use crate::model;
+use crate::work::compute;
 
-/// Opens a model with the installed ONNX Runtime, or that of OpenVINO in a folder.
-fn open(py: Python<'_>, model: &Path, openvino: Option<&Path>) -> PyResult<OrtNetwork> {
-    let (provider, file) = match openvino {
-        Some(folder) => (ExecutionProvider::OpenVino, OrtLibrary::find_in(folder, ExecutionProvider::OpenVino)),
-        None => (ExecutionProvider::Cpu, installed(py)?),
-    };
-    let runtime = OrtLibrary::load(provider, file.as_deref()).map_err(library)?;
-    OrtNetwork::open(&runtime, model, 1).map_err(library)
+/// The network of a model file (.onnx): called with warped photos hwv [n, 3V, h, w] in [0, 1], it
+/// returns logits [n, V, h, w]; h and w are multiples of 8. `threads`: one per core by default.
+/// ONNX Runtime as for `Synthesizer`. A run is not ended by Ctrl-C.
+#[pyclass(frozen, module = "liveview")]
+pub(crate) struct Network {
+    network: Mutex<OrtNetwork>,
+    /// V, photos to a picture.
+    #[pyo3(get)]
+    views: usize,
 }
 
-/// Logits [n, V, h, w] of warped colours [n, 3 V, h, w].
-#[pyfunction]
-#[pyo3(signature = (model, colour, openvino = None))]
-pub(crate) fn logits<'py>(
-    py: Python<'py>,
-    model: PathBuf,
-    colour: PyReadonlyArray4<'py, f32>,
-    openvino: Option<PathBuf>,
-) -> PyResult<Bound<'py, PyArray4<f32>>> {
-    let mut network = open(py, &model, openvino.as_deref())?;
-    let (n, _, height, width) = colour.as_array().dim();
-    let mut logits = Array4::zeros((n, network.views(), height, width));
-    network.infer(colour.as_array(), logits.view_mut()).map_err(library)?;
-    Ok(logits.into_pyarray(py))
-}
+#[pymethods]
+impl Network {
+    #[new]
+    #[pyo3(signature = (path, *, threads = None))]
+    fn new(py: Python<'_>, path: PathBuf, threads: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        let mut options = model::options(py, None, Some(path))?;
+        options.threads = threads.map(|threads| whole("threads", threads)).transpose()?;
+        let network = compute(py, || Model::open(&options, None).map_err(library))?.network;
+        let views = network.views();
+        Ok(Self { network: Mutex::new(network), views })
+    }
 
-/// The picture [h, w, 3] on planes or on maps on cells, and the value added to logit 0 of each
-/// layer; opacity competes with `alpha_scale`, and is per pixel of parallax with `alpha_spacing`.
-#[pyfunction]
-#[pyo3(signature = (model, views, cameras, target, layers, batch, alpha_scale = None, alpha_spacing = None))]
-#[allow(clippy::too_many_arguments)]
-pub(crate) fn render<'py>(
-    py: Python<'py>,
-    model: PathBuf,
-    views: &Bound<'py, PyAny>,
-    cameras: &Bound<'py, PyAny>,
-    target: &Bound<'py, PyAny>,
-    layers: &Bound<'py, PyAny>,
-    batch: usize,
-    alpha_scale: Option<f64>,
-    alpha_spacing: Option<f64>,
-) -> PyResult<(Bound<'py, PyArray3<f32>>, Vec<f64>)> {
-    let (photos, target) = (photos(("views", views), ("cameras", cameras))?, camera("target", target)?);
-    let layers = match layers.extract::<PyReadonlyArray3<'_, f32>>() {
-        Ok(maps) => layers_on_cells(&maps)?,
-        Err(_) => Layers::planes(&layers.extract::<Vec<f64>>()?).map_err(library)?,
-    };
-    let mut renderer = Renderer::new(Box::new(open(py, &model, None)?), batch);
-    let spaced = alpha_spacing.map(|max_spacing| Alpha::PerPixel { max_spacing });
-    renderer.set_alpha(alpha_scale.map(|scale| Alpha::Competing { scale }).or(spaced).unwrap_or_default());
-    let mut shifts = Vec::new();
-    let mut observer = |batch: &Batch<'_>| shifts.extend(batch.logit_shifts);
-    let views: Vec<_> = photos.iter().map(Photo::source).collect();
-    let request = RenderRequest { observer: Some(&mut observer), ..RenderRequest::new(&views, &target, &layers) };
-    let picture = renderer.render(request).map_err(library)?.picture;
-    let shape = (picture.height(), picture.width(), 3);
-    let picture = Array3::from_shape_vec(shape, picture.data().to_vec()).expect("three per pixel");
-    Ok((picture.into_pyarray(py), shifts))
+    fn __call__<'py>(&self, py: Python<'py>, hwv: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray4<f32>>> {
+        let shape = format!("n {} h w", 3 * self.views);
+        let hwv: PyReadonlyArray<'py, f32, Ix4> = Sides::default().array("hwv", hwv, &shape)?;
+        let hwv = hwv.as_array();
+        let (n, _, height, width) = hwv.dim();
+        if height % STRIDE != 0 || width % STRIDE != 0 {
+            return Err(value("hwv", format!("{height} rows, {width} columns; expected multiples of {STRIDE}")));
+        }
+        let logits = compute(py, || {
+            let mut logits = Array4::zeros((n, self.views, height, width));
+            let mut network = self.network.lock().unwrap_or_else(PoisonError::into_inner);
+            network.infer(hwv, logits.view_mut()).map_err(library)?;
+            Ok(logits)
+        })?;
+        Ok(logits.into_pyarray(py))
+    }
 }
