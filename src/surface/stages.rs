@@ -8,7 +8,8 @@ use ndarray::{Array2, Array3};
 
 use super::anchored_depth::Group;
 use super::fusion::photo_variance::{self, VarianceViews};
-use super::fusion::surface::{disparity_per_pixel, splat_confirmed, warp_sources};
+use super::fusion::surface::{OCCLUSION_MARGIN_PX, disparity_per_pixel, splat_confirmed, warp_sources};
+use super::fusion::target_search::TargetSearch;
 use super::fusion::{ConfirmedDepth, SurfaceView, visible};
 use super::neighbourhood;
 use super::range;
@@ -215,6 +216,34 @@ pub fn photo_variance(sources: &[WarpSource<'_>], visible: &[Vec<f32>], surface:
     let all_holes = vec![-1.0; surface.len()];
     let views = VarianceViews { sources, visible };
     map(photo_variance::photo_variance(&views, flat(surface), surface.ncols(), &all_holes), surface.ncols())
+}
+
+/// Costs `[D, h, w]` of the target's own search; `splat` is of the padded target.
+pub fn target_costs(views: &[SurfaceView<'_>], target: &Camera, splat: &Array2<f32>, range: (f64, f64)) -> Array3<f32> {
+    with_search(views, target, splat, range, |search| search.costs())
+}
+
+/// The disparity `[h, w]` that the target's own search finds.
+pub fn target_search(
+    views: &[SurfaceView<'_>],
+    target: &Camera,
+    splat: &Array2<f32>,
+    range: (f64, f64),
+) -> Array2<f32> {
+    map(with_search(views, target, splat, range, |search| search.disparity()), splat.ncols())
+}
+
+fn with_search<T>(
+    views: &[SurfaceView<'_>],
+    target: &Camera,
+    splat: &Array2<f32>,
+    range: (f64, f64),
+    run: impl Fn(&TargetSearch<'_>) -> T,
+) -> T {
+    let sources = warp_sources(views, target);
+    let margin = OCCLUSION_MARGIN_PX * target_disparity_per_pixel(views, target, range);
+    let size = Size::new(splat.ncols(), splat.nrows());
+    run(&TargetSearch { views, sources: &sources, target, splatted: flat(splat), size, range, margin })
 }
 
 fn flat(values: &Array2<f32>) -> &[f32] {

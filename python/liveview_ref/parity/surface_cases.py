@@ -34,6 +34,8 @@ DECISIONS = {  # the change of an output that means another decision; the other 
     "depth": 0.025,  # pixels of parallax, as for all IN_PIXELS: 0.05 indices
     "splat": 0.001,
     "filled": 0.001,
+    "target_costs": 1e-5,  # variances, and costs of a tenth and less
+    "searched": 0.01,
     "surface": 0.01,
     "layers": 0.01,
     "confirmed": 0.5,
@@ -46,7 +48,7 @@ DECISIONS = {  # the change of an output that means another decision; the other 
     "sharpening": 1e-4,
 }
 IN_PHOTO_PIXELS = "depth", "coarse", "anchor", "anchored"
-IN_PIXELS = *IN_PHOTO_PIXELS, "splat", "filled", "surface", "layers"
+IN_PIXELS = *IN_PHOTO_PIXELS, "splat", "filled", "searched", "surface", "layers"
 
 CASES: dict[str, dict] = {
     "scene": {"views": 5},

@@ -8,8 +8,9 @@ first search. Of photo 0, matched with the others: `half_costs` [h/2, w/2, n], `
 `kept`, `anchor` [h/2, w/2], `anchored_costs` [h/2, w/2, n], `anchored` [h, w]. Of every photo i:
 `depth{i}` and `confirmed{i}` [h, w], `pixel` [V]; of all, `found_range` [2], 1/near and 1/far. At
 the target: `gains` [V, 3], `sharpening` [V], `sharpened{i}` [h, w, 3], `splat`, `filled`,
-`surface`, `seen` [H8, W8], `layers` [3, H8, W8], `hidden_colour` [V, 3, H8, W8],
-`hidden_coverage`, `visible` [V, H8, W8], `photo_variance` [7, H8, W8].
+`searched`, `surface`, `seen` [H8, W8], `layers` [3, H8, W8], `hidden_colour` [V, 3, H8, W8],
+`hidden_coverage`, `visible` [V, H8, W8], `photo_variance` [7, H8, W8], `target_costs`
+[D, H8/4, W8/4].
 """
 
 from collections.abc import Callable
@@ -32,8 +33,9 @@ from ..reference.surface.fusion.confirmed_depth import ConfirmedDepth
 from ..reference.surface.fusion.consistency import AGREEMENT, confirmed
 from ..reference.surface.fusion.photo_variance import photo_variance
 from ..reference.surface.fusion.splat import FUSED, splat
-from ..reference.surface.fusion.surface import OCCLUSION_MARGIN, seen, seen_or_past, surface
+from ..reference.surface.fusion.surface import OCCLUSION_MARGIN, SEARCHED_VIEWS, seen, seen_or_past, surface
 from ..reference.surface.fusion.surface_view import SurfaceView
+from ..reference.surface.fusion.target_search import target_costs, target_search
 from ..reference.surface.neighbourhood import fill_holes
 from ..reference.surface.range import range_of
 from ..reference.surface.search.aggregate import aggregate
@@ -252,6 +254,23 @@ def photo_variances(data: Arrays, dtype: torch.dtype) -> Arrays:
     return {"photo_variance": torch.stack([photo_variance(views, sees, target, m) for m in maps]).numpy()}
 
 
+def searching(data: Arrays, dtype: torch.dtype) -> tuple:
+    """What the target's own search takes."""
+    near, far = (float(x) for x in data["range"])
+    views, (_, target) = surface_views(data, dtype)[:SEARCHED_VIEWS], cameras_of(data)
+    size = padded_size(target.height, target.width)
+    pixel = pixel_of(widest_parallax([v.camera for v in views], target, near, far, size), near, far)
+    return views, target, tensor(data, "splat", dtype), near, far, OCCLUSION_MARGIN * pixel
+
+
+def searched_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"target_costs": target_costs(*searching(data, dtype)).numpy()}
+
+
+def searches(data: Arrays, dtype: torch.dtype) -> Arrays:
+    return {"searched": target_search(*searching(data, dtype)).numpy()}
+
+
 def surfaces(data: Arrays, dtype: torch.dtype) -> Arrays:
     """All stages at the target together, from the confirmed depths."""
     near, far = (float(x) for x in data["range"])
@@ -274,7 +293,8 @@ def hidden(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 
 PHOTO = (half_costs, half_found, half_index, starts, fine_costs, fine_found, fine_index)
-TARGET = (exposures, sharpness, sharpened_photos, splatted, holes, visibility, photo_variances, surfaces, hidden)
+CORRECTION = exposures, sharpness, sharpened_photos
+TARGET = (*CORRECTION, splatted, holes, visibility, photo_variances, searched_costs, searches, surfaces, hidden)
 ANCHORS = (coarse, coarse_confirmations, anchors, anchored_costs, anchored)
 STAGES = (*PHOTO, depths, *ANCHORS, confirmations, ranges, *TARGET)
 INTEGERS = dict.fromkeys(("half_costs", "anchored_costs", "fine_costs", "starts"), np.uint16)  # the others are float32

@@ -140,6 +140,13 @@ def test_photo_variance(inner, case, views, pixel):
 
 
 @of_cases(COMPLETE)
+def test_search_of_the_target(inner, case, views):
+    searching = views[: surface_stages.SEARCHED_VIEWS], case.target, case["splat"], *case.range
+    case.check("target_costs", inner.target_costs(*searching))
+    case.check("searched", inner.target_search(*searching))
+
+
+@of_cases(COMPLETE)
 def test_samples_without_the_hidden(inner, case, views, pixel):
     colour, coverage, seen = inner.hide(views, case.target, case["filled"], OCCLUSION_MARGIN * pixel)
     case.check("hidden_colour", colour.reshape(case["oracle.hidden_colour"].shape))

@@ -117,13 +117,7 @@ fn variance(colour: &mut [f32], coverage: &[f32], plane: usize) -> (Vec<f32>, Ve
 }
 
 /// Mean of `value` over the cells of the window where `covered` is 1; `uncovered` where there are none.
-fn window_mean(
-    value: &[f32],
-    covered: &[f32],
-    width: usize,
-    (window, uncovered): (usize, f32),
-    out: &mut [f32],
-) {
+fn window_mean(value: &[f32], covered: &[f32], width: usize, (window, uncovered): (usize, f32), out: &mut [f32]) {
     let (half, height) = (window / 2, out.len() / width);
     let (mut sums, mut counts) = (vec![0.0; width + 2 * half], vec![0.0; width + 2 * half]); // zeros beyond the edges
     for (y, out) in out.chunks_exact_mut(width).enumerate() {

@@ -2,12 +2,10 @@
 //!
 //! 1. Splat of the confirmed depths ([`super::splat`]).
 //! 2. Holes: from their farthest neighbours inwards ([`fill_holes`]). Where holes are more than 5 %
-//!    of the target, the guided search at the target among the first four views
-//!    ([`crate::layers::guided`], its surface enlarged bilinearly) gives a second candidate. It
-//!    replaces the first wherever the variance of the photos that see it
-//!    ([`super::photo_variance`]) is lower: below 0.9 of the first one's − 1e-7. Where a view sees past
-//!    a candidate, its variance is the largest: without that, patches of the foreground that happen to
-//!    match fill holes of the background (docs/design-log/ordinary-scenes.md).
+//!    of the target, it is searched among the first four views ([`super::target_search`]). What that
+//!    finds takes the place of the first, except where the first has the lower variance of the photos
+//!    that see it ([`super::photo_variance`]): below 0.9 of the other's − 1e-7
+//!    (docs/design-log/ordinary-scenes.md).
 //! 3. 3×3 median.
 //!
 //! px is the target's disparity per pixel: (1/near − 1/far) over the parallax between near and far
@@ -20,7 +18,7 @@ use super::confirmed_depth::ConfirmedDepth;
 use super::photo_variance::{VarianceViews, photo_variance};
 use super::splat::splat;
 use super::surface_view::SurfaceView;
-use super::target_search::target_search;
+use super::target_search::TargetSearch;
 use super::visible::visible;
 use crate::geometry::parallax::widest_parallax;
 use crate::geometry::{Camera, PlaneSweep, Size};
@@ -33,12 +31,12 @@ pub(crate) const SAME_SURFACE_PX: f32 = 2.0;
 /// Depths up to this far behind the nearest are averaged with it, px.
 pub(crate) const AVERAGED_PX: f32 = 3.0;
 /// How much nearer a view's own depth must be to hide a point, px.
-const OCCLUSION_MARGIN_PX: f32 = 4.0;
+pub(crate) const OCCLUSION_MARGIN_PX: f32 = 4.0;
 /// Share of holes from which on the target is searched.
 const SEARCHED_HOLE_SHARE: f64 = 0.05;
 /// Number of views that the target is searched with.
 const SEARCHED_VIEWS: usize = 4;
-/// The second candidate replaces the first below this share of the first one's variance.
+/// The first candidate stays below this share of the second one's variance.
 const VARIANCE_RATIO: f32 = 0.9;
 /// And by this much: rounding, the only difference where the photos have no texture (a tenth of a
 /// grey level, squared).
@@ -104,7 +102,8 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, near: f64, far: f64) 
         let count = views.len().min(SEARCHED_VIEWS);
         let (views, sources) = (&views[..count], &sources[..count]);
         let margin = OCCLUSION_MARGIN_PX * disparity_per_pixel;
-        let searched = target_search(views, sources, target, (&splatted, size), (near, far), margin);
+        let search = TargetSearch { views, sources, target, splatted: &splatted, size, range: (near, far), margin };
+        let searched = search.disparity();
         let variance = |disparity: &[f32]| {
             let visible_to = |&view| visible(view, target, disparity, size.width, margin);
             let visible: Vec<_> = depth_maps(views).par_iter().map(visible_to).collect();
@@ -112,7 +111,8 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, near: f64, far: f64) 
         };
         let (of_filled, of_searched) = (variance(&filled), variance(&searched));
         for (at, &splatted) in splatted.iter().enumerate() {
-            if splatted < 0.0 && of_filled[at] >= VARIANCE_RATIO * of_searched[at] - VARIANCE_ROUNDING {
+            let is_better = of_filled[at] < VARIANCE_RATIO * of_searched[at] - VARIANCE_ROUNDING;
+            if splatted < 0.0 && !is_better {
                 filled[at] = searched[at];
             }
         }

@@ -34,7 +34,7 @@ const CELL: usize = 4;
 const MIN_CONFIRMED: usize = 4;
 /// Distance between the planes, px of parallax, and their number.
 const PLANE_SPACING_PX: f64 = 2.0;
-const PLANE_COUNT: std::ops::RangeInclusive<usize> = 8..=256;
+const PLANE_COUNT: std::ops::RangeInclusive<usize> = 8..=192;
 /// Side of the window of the variance, cells, and its value where fewer than two views see any.
 const WINDOW: (usize, f32) = (5, 0.02);
 /// Cost of a view that sees past.
@@ -44,79 +44,88 @@ const ANCHOR_COST: f32 = 0.07;
 const ANCHOR_REACH: f32 = 4.0;
 const PENALTIES: Penalties = Penalties { step: 0.004, jump: 0.4 };
 
-/// Disparity of each pixel of the padded target of `size`, row by row. `sources` are the views for
-/// the warp, `splatted` their splat (−1 in holes), `margin` that of visibility.
-pub(crate) fn target_search(
-    views: &[SurfaceView<'_>],
-    sources: &[WarpSource<'_>],
-    target: &Camera,
-    (splatted, size): (&[f32], Size),
-    (near, far): (f64, f64),
-    margin: f32,
-) -> Vec<f32> {
-    let sweeps: Vec<PlaneSweep> = sources.iter().map(|source| source.sweep).collect();
-    let planes = (widest_parallax(&sweeps, size, near, far) / PLANE_SPACING_PX).ceil() as usize + 1;
-    let planes = uniform_disparities(near, far, planes.clamp(*PLANE_COUNT.start(), *PLANE_COUNT.end()));
-    let planes: Vec<f32> = planes.expect("near < far").into_iter().map(|disparity| disparity as f32).collect();
-    let costs = costs(views, sources, target, (splatted, size), &planes, margin);
-    let sums = semi_global(costs.view(), PENALTIES);
-    let maps = Array3::from_shape_fn(sums.dim(), |(plane, _, _)| planes[plane]);
-    let found = winner_takes_all(sums.view(), maps.view());
-    let smooth = median3(found.as_slice().expect("standard order"), found.ncols());
-    let smooth = Array2::from_shape_vec(found.dim(), smooth).expect("one per cell");
-    let mut disparity = vec![0.0; size.pixels()];
-    enlarge(smooth.view(), CELL, size.width, &mut disparity);
-    disparity
+/// What the target is searched from.
+pub(crate) struct TargetSearch<'a> {
+    pub(crate) views: &'a [SurfaceView<'a>],
+    /// The views for the warp to the target.
+    pub(crate) sources: &'a [WarpSource<'a>],
+    pub(crate) target: &'a Camera,
+    /// The splat of the confirmed depths, row by row; −1 in holes.
+    pub(crate) splatted: &'a [f32],
+    /// That of the splat: the padded target, pixels.
+    pub(crate) size: Size,
+    /// Near and far, scene units.
+    pub(crate) range: (f64, f64),
+    /// How much nearer or farther a view's own depth must be to hide or to rule out a point, 1/scene
+    /// unit.
+    pub(crate) margin: f32,
 }
 
-/// Costs `[D, h, w]` of the planes at the cells.
-pub(crate) fn costs(
-    views: &[SurfaceView<'_>],
-    sources: &[WarpSource<'_>],
-    target: &Camera,
-    (splatted, size): (&[f32], Size),
-    planes: &[f32],
-    margin: f32,
-) -> Array3<f32> {
-    let textures: Vec<Texture> = sources.par_iter().map(|source| source.texture.shrunk(CELL)).collect();
-    let shrunk = |(source, texture): (&WarpSource<'_>, _)| WarpSource {
-        texture,
-        sweep: source.sweep.shrunk(CELL as f64),
-        gains: source.gains,
-    };
-    let sources: Vec<_> = sources.iter().zip(&textures).map(|(s, t)| shrunk((s, t))).collect();
-    let maps: Vec<(Camera, ConfirmedDepth)> = views
-        .par_iter()
-        .map(|view| {
+impl TargetSearch<'_> {
+    /// Disparity of each pixel of the target, row by row.
+    pub(crate) fn disparity(&self) -> Vec<f32> {
+        let planes = self.planes();
+        let sums = semi_global(self.costs().view(), PENALTIES);
+        let maps = Array3::from_shape_fn(sums.dim(), |(plane, _, _)| planes[plane]);
+        let found = winner_takes_all(sums.view(), maps.view());
+        let smooth = median3(found.as_slice().expect("standard order"), found.ncols());
+        let smooth = Array2::from_shape_vec(found.dim(), smooth).expect("one per cell");
+        let mut disparity = vec![0.0; self.size.pixels()];
+        enlarge(smooth.view(), CELL, self.size.width, &mut disparity);
+        disparity
+    }
+
+    /// Disparities `[D]`, near → far.
+    fn planes(&self) -> Vec<f32> {
+        let (near, far) = self.range;
+        let sweeps: Vec<PlaneSweep> = self.sources.iter().map(|source| source.sweep).collect();
+        let count = (widest_parallax(&sweeps, self.size, near, far) / PLANE_SPACING_PX).ceil() as usize + 1;
+        let planes = uniform_disparities(near, far, count.clamp(*PLANE_COUNT.start(), *PLANE_COUNT.end()));
+        planes.expect("near < far").into_iter().map(|disparity| disparity as f32).collect()
+    }
+
+    /// Costs `[D, h, w]` of the planes at the cells.
+    pub(crate) fn costs(&self) -> Array3<f32> {
+        let (planes, (near, far)) = (self.planes(), self.range);
+        let step = (1.0 / near - 1.0 / far) / (planes.len() - 1) as f64;
+        let reach = ANCHOR_REACH * step as f32;
+        let textures: Vec<Texture> = self.sources.par_iter().map(|source| source.texture.shrunk(CELL)).collect();
+        let shrunk = |(source, texture): (&WarpSource<'_>, _)| {
+            let sweep = source.sweep.shrunk(CELL as f64);
+            WarpSource { texture, sweep, gains: source.gains }
+        };
+        let sources: Vec<_> = self.sources.iter().zip(&textures).map(shrunk).collect();
+        let confirmed = |view: &SurfaceView<'_>| {
             let ConfirmedDepth { disparity, disparity_per_pixel } = view.confirmed;
             let disparity = cell_medians(disparity.as_slice().expect("standard order"), disparity.ncols());
             (view.view.camera.shrunk(CELL), ConfirmedDepth { disparity, disparity_per_pixel: *disparity_per_pixel })
-        })
-        .collect();
-    let (target, anchors) = (target.shrunk(CELL), cell_medians(splatted, size.width));
-    let (cells, reach) = (Size::new(size.width / CELL, size.height / CELL), ANCHOR_REACH * (planes[0] - planes[1]));
-    let mut costs = Array3::zeros((planes.len(), cells.height, cells.width));
-    let by_plane = costs.as_slice_mut().expect("standard order").par_chunks_mut(cells.pixels());
-    by_plane.zip(planes).for_each(|(costs, &disparity)| {
-        let map = vec![disparity; cells.pixels()];
-        let mut colour = vec![0.0; 3 * sources.len() * cells.pixels()];
-        let mut coverage = vec![0.0; sources.len() * cells.pixels()];
-        warp_layers(&map, &sources, cells, &mut colour, &mut coverage);
-        let mut past = vec![0.0; cells.pixels()];
-        for ((camera, confirmed), coverage) in maps.iter().zip(coverage.chunks_exact_mut(cells.pixels())) {
-            let seen = visible((camera, confirmed), &target, &map, cells.width, margin);
-            for ((coverage, seen), past) in coverage.iter_mut().zip(seen).zip(&mut past) {
-                *past += if (seen < 0.0) & (*coverage > 0.5) { PAST_COST } else { 0.0 };
-                *coverage = if seen > 0.0 { *coverage } else { 0.0 };
+        };
+        let maps: Vec<(Camera, ConfirmedDepth)> = self.views.par_iter().map(confirmed).collect();
+        let (target, anchors) = (self.target.shrunk(CELL), cell_medians(self.splatted, self.size.width));
+        let cells = Size::new(self.size.width / CELL, self.size.height / CELL);
+        let mut costs = Array3::zeros((planes.len(), cells.height, cells.width));
+        let by_plane = costs.as_slice_mut().expect("standard order").par_chunks_mut(cells.pixels());
+        by_plane.zip(&planes).for_each(|(costs, &disparity)| {
+            let map = vec![disparity; cells.pixels()];
+            let mut colour = vec![0.0; 3 * sources.len() * cells.pixels()];
+            let mut coverage = vec![0.0; sources.len() * cells.pixels()];
+            warp_layers(&map, &sources, cells, &mut colour, &mut coverage);
+            let mut past = vec![0.0; cells.pixels()];
+            for ((camera, confirmed), coverage) in maps.iter().zip(coverage.chunks_exact_mut(cells.pixels())) {
+                let seen = visible((camera, confirmed), &target, &map, cells.width, self.margin);
+                for ((coverage, seen), past) in coverage.iter_mut().zip(seen).zip(&mut past) {
+                    *past += if (seen < 0.0) & (*coverage > 0.5) { PAST_COST } else { 0.0 };
+                    *coverage = if seen > 0.0 { *coverage } else { 0.0 };
+                }
             }
-        }
-        window_variance(&mut colour, &coverage, cells.width, WINDOW, costs);
-        for ((cost, past), &anchor) in costs.iter_mut().zip(&past).zip(&anchors) {
-            let share = ((anchor - disparity).abs() / reach).min(1.0);
-            *cost += *past + if anchor >= 0.0 { ANCHOR_COST * share } else { 0.0 };
-        }
-    });
-    costs
+            window_variance(&mut colour, &coverage, cells.width, WINDOW, costs);
+            for ((cost, past), &anchor) in costs.iter_mut().zip(&past).zip(&anchors) {
+                let share = ((anchor - disparity).abs() / reach).min(1.0);
+                *cost += *past + if anchor >= 0.0 { ANCHOR_COST * share } else { 0.0 };
+            }
+        });
+        costs
+    }
 }
 
 /// The median of the values of each cell (−1: none), rows `width` wide; −1 where a cell has too few.

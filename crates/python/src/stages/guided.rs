@@ -82,7 +82,7 @@ pub(crate) fn layer_costs<'py>(
 
 #[pyfunction]
 pub(crate) fn semi_global<'py>(py: Python<'py>, costs: PyReadonlyArray3<'py, f32>) -> Maps<'py> {
-    guided::semi_global(costs.as_array()).into_pyarray(py)
+    guided::semi_global(costs.as_array(), guided::PENALTIES).into_pyarray(py)
 }
 
 #[pyfunction]

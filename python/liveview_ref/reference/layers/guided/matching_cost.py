@@ -30,14 +30,20 @@ def layer_costs(views: list[Tensor], cameras: list[Camera], target: Camera, maps
 
     Cells are `cell` target pixels wide; the views are shrunk by the same factor."""
     warped = [warp_maps(shrink(v, cell), c, target, maps, cell) for v, c in zip(views, cameras, strict=True)]
-    colour = torch.stack([rgb for rgb, _ in warped], 1)  # [D, V, 3, h, w]
-    seen = torch.stack([coverage > 0.5 for _, coverage in warped], 1).to(maps.dtype)[:, :, None]  # [D, V, 1, h, w]
-    coverage = torch.stack([c for _, c in warped], 1)[:, :, None]
+    colour, coverage = (torch.stack(x, 1) for x in zip(*warped, strict=True))
+    return window_variance(colour, coverage, window, UNSEEN_COST)
+
+
+def window_variance(colour: Tensor, coverage: Tensor, window: int, unseen: float) -> Tensor:
+    """Variance [D, h, w] of the colours [D, V, 3, h, w] of the views that cover more than half of a
+    cell, averaged over the cells of a window that two views cover; `unseen` if there are none."""
+    coverage = coverage[:, :, None]
+    seen = (coverage > 0.5).to(colour.dtype)
     colour = colour / torch.where(seen > 0, coverage, torch.ones_like(coverage)) * seen
     count = seen.sum(1)
     mean = colour.sum(1) / count.clamp(min=1)
     variance = (((colour - mean[:, None]) ** 2) * seen).sum(1).sum(1, keepdim=True) / (3 * (count - 1).clamp(min=1))
-    two = (count >= 2).to(maps.dtype)
+    two = (count >= 2).to(colour.dtype)
     weight = box(two, window)
     cost = box(variance * two, window) / torch.where(weight > 0, weight, torch.ones_like(weight))
-    return torch.where(weight > 0, cost, torch.full_like(cost, UNSEEN_COST))[:, 0]
+    return torch.where(weight > 0, cost, torch.full_like(cost, unseen))[:, 0]

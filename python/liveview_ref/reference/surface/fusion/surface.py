@@ -1,9 +1,9 @@
 """The target's surface: the confirmed depths of the photos, fused at the target, holes filled.
 
 1. Splat of the confirmed depths (splat.py).
-2. Holes are filled from their farthest neighbours. If they are more than a share of the target, a
-   guided search at the target among the first views replaces this wherever the views agree clearly
-   better and none sees past it.
+2. Holes are filled from their farthest neighbours. If they are more than a share of the target, it
+   is searched among the first views (target_search.py), and what that finds replaces this except
+   where the views agree clearly better on it.
 3. 3x3 median.
 """
 
@@ -15,9 +15,8 @@ from torch import Tensor
 
 from liveview_ref.reference.geometry.camera import Camera
 from liveview_ref.reference.geometry.parallax import widest_parallax
-from liveview_ref.reference.layers.cells import padded_size, upsample_maps
+from liveview_ref.reference.layers.cells import padded_size
 from liveview_ref.reference.layers.guided.range_map import guided_maps, median3
-from liveview_ref.reference.layers.guided.search import guided_search
 
 from ..neighbourhood import fill_holes
 from ..search.photo_depth import pixel_of
@@ -25,12 +24,13 @@ from .consistency import AGREEMENT
 from .photo_variance import photo_variance
 from .splat import FUSED, splat
 from .surface_view import SurfaceView
+from .target_search import target_search
 from .visible import visible, visible_or_past
 
-SEARCHED_SHARE = 0.05  # of holes in the target, above which the guided search offers a second candidate
+SEARCHED_SHARE = 0.05  # of holes in the target, above which it is searched
 SEARCHED_VIEWS = 4  # views of that search
 OCCLUSION_MARGIN = 4.0  # px by which a view's own depth must be nearer to hide a point
-BETTER = 0.9  # share of the first candidate's photo variance below which the second fills a hole
+BETTER = 0.9  # share of the search's photo variance below which the first candidate stays
 ROUNDING = 1e-7  # and it must be lower by this much: without texture only rounding differs
 
 
@@ -65,25 +65,19 @@ def surface(views: list[SurfaceView], target: Camera, near: float, far: float) -
     filled = fill_holes(map_)
     if holes > SEARCHED_SHARE:
         searching = views[:SEARCHED_VIEWS]
-        found = searched(searching, target, near, far)
-        filled = choose(searching, target, empty, filled, found, OCCLUSION_MARGIN * pixel)
+        margin = OCCLUSION_MARGIN * pixel
+        found = target_search(searching, target, map_, near, far, margin)
+        filled = choose(searching, target, empty, filled, found, margin)
     return Surface(median3(filled), pixel, holes)
-
-
-def searched(views: list[SurfaceView], target: Camera, near: float, far: float) -> Tensor:
-    """The surface that a guided search at the target finds."""
-    images = [v.image * v.gains[:, None, None] for v in views]
-    found = guided_search(images, [v.camera for v in views], target, near, far)
-    return upsample_maps(found.surface[None])[0]
 
 
 def choose(
     views: list[SurfaceView], target: Camera, empty: Tensor, first: Tensor, other: Tensor, margin: float
 ) -> Tensor:
-    """`first`, but in holes `other` where its photo variance is clearly lower."""
+    """`first`, but in holes `other` unless the photo variance of `first` is clearly lower."""
     photos = [(v.image, v.camera, v.gains) for v in views]
     a, b = (photo_variance(photos, seen_or_past(views, target, m, margin), target, m) for m in (first, other))
-    return torch.where(empty & (b < BETTER * a - ROUNDING), other, first)
+    return torch.where(empty & ~(a < BETTER * b - ROUNDING), other, first)
 
 
 def seen(views: list[SurfaceView], target: Camera, map_: Tensor, margin: float) -> Tensor:
