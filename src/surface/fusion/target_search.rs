@@ -2,7 +2,7 @@
 //!
 //! On cells of 4×4 pixels: photos are averaged, the views' confirmed depths and the splat are
 //! medians of what a cell holds (at least 4 pixels; the farther of the two in the middle). Planes
-//! are 2 px of parallax apart, from near to far, 8 to 256 of them. The cost of a plane at a cell is
+//! are 2 px of parallax apart, from near to far, 8 to 192 of them. The cost of a plane at a cell is
 //! the sum of
 //!
 //! - the variance of the colours of the views that see it ([`super::visible`], coverage above 0.5),
@@ -151,4 +151,19 @@ fn cell_medians(map: &[f32], width: usize) -> Array2<f32> {
         }
     });
     medians
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cell_medians_need_four_values_and_take_the_farther_of_the_middle_two() {
+        let mut map = vec![-1.0; 6 * 5];
+        let values = [(0, 0, 4.0), (1, 1, 1.0), (2, 3, 3.0), (3, 2, 2.0), (0, 4, 7.0), (1, 5, 7.0), (2, 4, 7.0)];
+        values.into_iter().for_each(|(y, x, value)| map[y * 6 + x] = value);
+        (0..6).for_each(|x| map[4 * 6 + x] = 0.0);
+        let medians = cell_medians(&map, 6);
+        assert_eq!(medians, ndarray::arr2(&[[2.0, -1.0], [0.0, -1.0]]));
+    }
 }
