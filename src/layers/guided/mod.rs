@@ -20,6 +20,7 @@ mod semi_global;
 mod winner_takes_all;
 
 pub use matching_cost::layer_costs;
+#[cfg(feature = "surface")]
 pub(crate) use matching_cost::window_variance;
 pub(crate) use range_map::neighbourhood;
 pub use range_map::{RangeMap, range_of};
