@@ -22,6 +22,9 @@ pub(crate) fn wait_until(running: &mut Child, is_ready: impl Fn() -> bool) {
     }
 }
 
+/// An ffmpeg that copies its input to its last argument, or to standard output for `-`.
+pub(crate) const COPIES: &str = "for last; do :; done; [ \"$last\" = - ] || exec > \"$last\"; exec /bin/cat";
+
 pub(crate) const WIDTH: u32 = 64;
 pub(crate) const HEIGHT: u32 = 48;
 

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::common::{Folders, HEIGHT, WIDTH, fixture, photo, wait_until};
+use crate::common::{COPIES, Folders, HEIGHT, WIDTH, fixture, photo, wait_until};
 
 /// A rig of six cameras, each a folder of frames.
 fn rig(frames: usize) -> Folders {
@@ -97,7 +97,7 @@ fn succeeds(command: &mut assert_cmd::Command) -> String {
 fn video_never_overwrites_files_of_its_rig() {
     let folders = rig(2);
     let scene = folders.scene();
-    let copies = folders.ffmpeg("for last; do :; done; /bin/cat > \"$last\"");
+    let copies = folders.ffmpeg(COPIES);
     let at = |name: &str| scene.join(name).to_str().unwrap().to_owned();
     fs::write(at("cam6.mp4"), "a camera without pose").unwrap();
     fs::write(at("notes.txt"), "the user's").unwrap();
@@ -238,7 +238,7 @@ fn outputs_never_overwrite_each_other() {
     fs::create_dir(folders.out("real")).unwrap();
     symlink(folders.out("real"), folders.out("link")).unwrap();
     let (out, at) = (PathBuf::from(folders.out("")), |name: &str| folders.out(name));
-    let copies = folders.ffmpeg("for last; do :; done; /bin/cat > \"$last\"");
+    let copies = folders.ffmpeg(COPIES);
     let mut log = video(&folders, &["-o", &at("real/a.mp4"), "--log", &at("link/a.mp4")]);
     assert_refused(log.env("PATH", copies), &out, &["-o", "--log", "expected different files"]);
 }
@@ -312,7 +312,7 @@ fn no_frame_and_no_coverage_are_errors() {
     fs::write(&pose, format!("[{away}]")).unwrap();
     let poses = ["--poses", pose.to_str().unwrap(), "--layers", "planes:2", "--frames", "..2"];
     let mut video = folders.liveview("video", &[&poses[..], &["--model", &fixture("tiny_v4")]].concat());
-    let copies = folders.ffmpeg("for last; do :; done; /bin/cat > \"$last\"");
+    let copies = folders.ffmpeg(COPIES);
     let video = video.args(["-o", &folders.out("a.mp4")]).env("PATH", copies);
     folders.assert_refused(video, &["no camera sees"]);
 }
