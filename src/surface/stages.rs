@@ -218,32 +218,22 @@ pub fn photo_variance(sources: &[WarpSource<'_>], visible: &[Vec<f32>], surface:
     map(photo_variance::photo_variance(&views, flat(surface), surface.ncols(), &all_holes), surface.ncols())
 }
 
-/// Costs `[D, h, w]` of the target's own search; `splat` is of the padded target.
-pub fn target_costs(views: &[SurfaceView<'_>], target: &Camera, splat: &Array2<f32>, range: (f64, f64)) -> Array3<f32> {
-    with_search(views, target, splat, range, |search| search.costs())
-}
-
-/// The disparity `[h, w]` that the target's own search finds.
+/// The target's own search: the costs `[D, h, w]` of its planes, and the disparity `[h, w]` that it
+/// finds; `splat` is of the padded target.
 pub fn target_search(
     views: &[SurfaceView<'_>],
     target: &Camera,
     splat: &Array2<f32>,
     range: (f64, f64),
-) -> Array2<f32> {
-    map(with_search(views, target, splat, range, |search| search.disparity()), splat.ncols())
-}
-
-fn with_search<T>(
-    views: &[SurfaceView<'_>],
-    target: &Camera,
-    splat: &Array2<f32>,
-    range: (f64, f64),
-    run: impl Fn(&TargetSearch<'_>) -> T,
-) -> T {
+) -> (Array3<f32>, Array2<f32>) {
     let sources = warp_sources(views, target);
     let margin = OCCLUSION_MARGIN_PX * target_disparity_per_pixel(views, target, range);
     let size = Size::new(splat.ncols(), splat.nrows());
-    run(&TargetSearch { views, sources: &sources, target, splatted: flat(splat), size, range, margin })
+    let search = TargetSearch { views, sources: &sources, target, splatted: flat(splat), size, range, margin };
+    let planes = search.planes();
+    let costs = search.costs(&planes);
+    let disparity = map(search.disparity(&planes, costs.view()), size.width);
+    (costs, disparity)
 }
 
 fn flat(values: &Array2<f32>) -> &[f32] {

@@ -35,7 +35,7 @@ from ..reference.surface.fusion.photo_variance import photo_variance
 from ..reference.surface.fusion.splat import FUSED, splat
 from ..reference.surface.fusion.surface import OCCLUSION_MARGIN, SEARCHED_VIEWS, seen, seen_or_past, surface
 from ..reference.surface.fusion.surface_view import SurfaceView
-from ..reference.surface.fusion.target_search import target_costs, target_search
+from ..reference.surface.fusion.target_search import cheapest, search_planes, target_costs
 from ..reference.surface.neighbourhood import fill_holes
 from ..reference.surface.range import range_of
 from ..reference.surface.search.aggregate import aggregate
@@ -254,21 +254,16 @@ def photo_variances(data: Arrays, dtype: torch.dtype) -> Arrays:
     return {"photo_variance": torch.stack([photo_variance(views, sees, target, m) for m in maps]).numpy()}
 
 
-def searching(data: Arrays, dtype: torch.dtype) -> tuple:
-    """What the target's own search takes."""
+def searches(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """The target's own search, of its splat."""
     near, far = (float(x) for x in data["range"])
     views, (_, target) = surface_views(data, dtype)[:SEARCHED_VIEWS], cameras_of(data)
     size = padded_size(target.height, target.width)
     pixel = pixel_of(widest_parallax([v.camera for v in views], target, near, far, size), near, far)
-    return views, target, tensor(data, "splat", dtype), near, far, OCCLUSION_MARGIN * pixel
-
-
-def searched_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
-    return {"target_costs": target_costs(*searching(data, dtype)).numpy()}
-
-
-def searches(data: Arrays, dtype: torch.dtype) -> Arrays:
-    return {"searched": target_search(*searching(data, dtype)).numpy()}
+    splatted = tensor(data, "splat", dtype)
+    planes = search_planes(views, target, splatted, near, far)
+    costs = target_costs(views, target, splatted, planes, OCCLUSION_MARGIN * pixel)
+    return {"target_costs": costs.numpy(), "searched": cheapest(costs, planes).numpy()}
 
 
 def surfaces(data: Arrays, dtype: torch.dtype) -> Arrays:
@@ -294,7 +289,7 @@ def hidden(data: Arrays, dtype: torch.dtype) -> Arrays:
 
 PHOTO = (half_costs, half_found, half_index, starts, fine_costs, fine_found, fine_index)
 CORRECTION = exposures, sharpness, sharpened_photos
-TARGET = (*CORRECTION, splatted, holes, visibility, photo_variances, searched_costs, searches, surfaces, hidden)
+TARGET = (*CORRECTION, splatted, holes, visibility, photo_variances, searches, surfaces, hidden)
 ANCHORS = (coarse, coarse_confirmations, anchors, anchored_costs, anchored)
 STAGES = (*PHOTO, depths, *ANCHORS, confirmations, ranges, *TARGET)
 INTEGERS = dict.fromkeys(("half_costs", "anchored_costs", "fine_costs", "starts"), np.uint16)  # the others are float32

@@ -103,7 +103,8 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, near: f64, far: f64) 
         let (views, sources) = (&views[..count], &sources[..count]);
         let margin = OCCLUSION_MARGIN_PX * disparity_per_pixel;
         let search = TargetSearch { views, sources, target, splatted: &splatted, size, range: (near, far), margin };
-        let searched = search.disparity();
+        let planes = search.planes();
+        let searched = search.disparity(&planes, search.costs(&planes).view());
         let variance = |disparity: &[f32]| {
             let visible_to = |&view| visible(view, target, disparity, size.width, margin);
             let visible: Vec<_> = depth_maps(views).par_iter().map(visible_to).collect();

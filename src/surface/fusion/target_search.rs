@@ -15,7 +15,7 @@
 //! refined by a parabola; 3×3 median; enlarged bilinearly. Measured alternatives:
 //! docs/design-log/ordinary-scenes.md.
 
-use ndarray::{Array2, Array3};
+use ndarray::{Array2, Array3, ArrayView3};
 use rayon::prelude::*;
 
 use super::confirmed_depth::ConfirmedDepth;
@@ -62,10 +62,9 @@ pub(crate) struct TargetSearch<'a> {
 }
 
 impl TargetSearch<'_> {
-    /// Disparity of each pixel of the target, row by row.
-    pub(crate) fn disparity(&self) -> Vec<f32> {
-        let planes = self.planes();
-        let sums = semi_global(self.costs().view(), PENALTIES);
+    /// Disparity of each pixel of the target, row by row, at these costs of the planes.
+    pub(crate) fn disparity(&self, planes: &[f32], costs: ArrayView3<'_, f32>) -> Vec<f32> {
+        let sums = semi_global(costs, PENALTIES);
         let maps = Array3::from_shape_fn(sums.dim(), |(plane, _, _)| planes[plane]);
         let found = winner_takes_all(sums.view(), maps.view());
         let smooth = median3(found.as_slice().expect("standard order"), found.ncols());
@@ -76,7 +75,7 @@ impl TargetSearch<'_> {
     }
 
     /// Disparities `[D]`, near → far.
-    fn planes(&self) -> Vec<f32> {
+    pub(crate) fn planes(&self) -> Vec<f32> {
         let (near, far) = self.range;
         let sweeps: Vec<PlaneSweep> = self.sources.iter().map(|source| source.sweep).collect();
         let count = (widest_parallax(&sweeps, self.size, near, far) / PLANE_SPACING_PX).ceil() as usize + 1;
@@ -85,8 +84,8 @@ impl TargetSearch<'_> {
     }
 
     /// Costs `[D, h, w]` of the planes at the cells.
-    pub(crate) fn costs(&self) -> Array3<f32> {
-        let (planes, (near, far)) = (self.planes(), self.range);
+    pub(crate) fn costs(&self, planes: &[f32]) -> Array3<f32> {
+        let (near, far) = self.range;
         let step = (1.0 / near - 1.0 / far) / (planes.len() - 1) as f64;
         let reach = ANCHOR_REACH * step as f32;
         let textures: Vec<Texture> = self.sources.par_iter().map(|source| source.texture.shrunk(CELL)).collect();
@@ -105,7 +104,7 @@ impl TargetSearch<'_> {
         let cells = Size::new(self.size.width / CELL, self.size.height / CELL);
         let mut costs = Array3::zeros((planes.len(), cells.height, cells.width));
         let by_plane = costs.as_slice_mut().expect("standard order").par_chunks_mut(cells.pixels());
-        by_plane.zip(&planes).for_each(|(costs, &disparity)| {
+        by_plane.zip(planes).for_each(|(costs, &disparity)| {
             let map = vec![disparity; cells.pixels()];
             let mut colour = vec![0.0; 3 * sources.len() * cells.pixels()];
             let mut coverage = vec![0.0; sources.len() * cells.pixels()];

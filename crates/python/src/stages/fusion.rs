@@ -52,23 +52,7 @@ pub(crate) fn photo_variance<'py>(
     Ok(stages::photo_variance(&sources, &visible, &surface.as_array().to_owned()).into_pyarray(py))
 }
 
-/// Costs [D, h, w] of the target's own search from its splat.
-#[pyfunction]
-pub(crate) fn target_costs<'py>(
-    py: Python<'py>,
-    views: &Bound<'py, PyAny>,
-    target: &Bound<'py, PyAny>,
-    splatted: PyReadonlyArray2<'py, f32>,
-    near: f64,
-    far: f64,
-) -> PyResult<Maps<'py>> {
-    let views = View::all(views)?;
-    let views: Vec<_> = views.iter().map(View::of).collect();
-    let (target, splatted) = (camera("target", target)?, splatted.as_array().to_owned());
-    Ok(stages::target_costs(&views, &target, &splatted, (near, far)).into_pyarray(py))
-}
-
-/// What that search finds, [h, w].
+/// The target's own search from its splat: costs [D, h, w], and the disparity found [h, w].
 #[pyfunction]
 pub(crate) fn target_search<'py>(
     py: Python<'py>,
@@ -77,11 +61,12 @@ pub(crate) fn target_search<'py>(
     splatted: PyReadonlyArray2<'py, f32>,
     near: f64,
     far: f64,
-) -> PyResult<Map<'py, f32>> {
+) -> PyResult<(Maps<'py>, Map<'py, f32>)> {
     let views = View::all(views)?;
     let views: Vec<_> = views.iter().map(View::of).collect();
     let (target, splatted) = (camera("target", target)?, splatted.as_array().to_owned());
-    Ok(stages::target_search(&views, &target, &splatted, (near, far)).into_pyarray(py))
+    let (costs, disparity) = stages::target_search(&views, &target, &splatted, (near, far));
+    Ok((costs.into_pyarray(py), disparity.into_pyarray(py)))
 }
 
 /// A surface warped from the views, in balanced colours and without the samples hidden by `margin`:

@@ -43,8 +43,12 @@ def target_search(
     """Disparity [h, w] of the padded target, whose splat has -1 in holes; `margin` is that of
     visibility."""
     planes = search_planes(views, target, splatted, near, far)
-    costs = target_costs(views, target, splatted, near, far, margin)
-    maps = planes.to(splatted)[:, None, None].expand_as(costs)
+    return cheapest(target_costs(views, target, splatted, planes, margin), planes)
+
+
+def cheapest(costs: Tensor, planes: Tensor) -> Tensor:
+    """Disparity [h, w] of each pixel at these costs [D, h, w] of the planes."""
+    maps = planes.to(costs)[:, None, None].expand_as(costs)
     found = winner_takes_all(semi_global(costs, STEP_PENALTY, JUMP_PENALTY), maps)
     return upsample_maps(median3(found)[None], CELL)[0]
 
@@ -56,12 +60,9 @@ def search_planes(views: list[SurfaceView], target: Camera, splatted: Tensor, ne
     return uniform_disparities(near, far, min(max(count, LEAST_PLANES), MOST_PLANES))
 
 
-def target_costs(
-    views: list[SurfaceView], target: Camera, splatted: Tensor, near: float, far: float, margin: float
-) -> Tensor:
+def target_costs(views: list[SurfaceView], target: Camera, splatted: Tensor, planes: Tensor, margin: float) -> Tensor:
     """Costs [D, h, w] of the planes at the cells."""
-    planes = search_planes(views, target, splatted, near, far)
-    reach = ANCHOR_REACH * (1 / near - 1 / far) / (len(planes) - 1)
+    reach = ANCHOR_REACH * float(planes[0] - planes[-1]) / (len(planes) - 1)
     height, width = (side // CELL for side in splatted.shape)
     maps = planes.to(splatted)[:, None, None].expand(-1, height, width)
     colours, coverages, past = [], [], 0
