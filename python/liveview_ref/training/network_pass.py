@@ -3,7 +3,7 @@
 The pass keeps its activations. Autograd would propagate through all planes of a call or through
 none; here the gradient of the planes that were drawn is computed from their rows of the
 activations, so that these planes do not pass through the network a second time. Convolutions in
-bfloat16, channels last; BatchNorm is folded (fine_tune.py).
+bfloat16 where the hardware computes in it, channels last; BatchNorm is folded (fine_tune.py).
 """
 
 import torch
@@ -11,6 +11,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ..reference.unet import UNet
+from .precision import fast_bfloat16
 
 CHUNK = 16  # planes at a time, as many as fit the cache
 LAST = torch.channels_last
@@ -79,8 +80,9 @@ class NetworkPass:
 
     def __init__(self, net: UNet, colour: Tensor):
         self.layers = convolutions(net)
-        self.weights = [layer.weight.detach().bfloat16().contiguous(memory_format=LAST) for layer in self.layers]
-        hwv = colour.flatten(1, 2).to(torch.bfloat16, memory_format=LAST)
+        self.dtype = torch.bfloat16 if fast_bfloat16() else torch.float32
+        self.weights = [layer.weight.detach().to(self.dtype, memory_format=LAST) for layer in self.layers]
+        hwv = colour.flatten(1, 2).to(self.dtype, memory_format=LAST)
         with torch.no_grad():
             self.chunks = [forward(self.layers, self.weights, part) for part in hwv.split(CHUNK)]
         self.logits = torch.cat([kept[-1] for kept in self.chunks]).float().contiguous()
@@ -101,7 +103,7 @@ class _Some(torch.autograd.Function):
     def backward(ctx, gradient: Tensor):
         whole, ids = ctx.whole, ctx.ids
         order = ids.argsort()  # rows are gathered chunk by chunk
-        ids, gradient = ids[order], gradient[order].to(torch.bfloat16, memory_format=LAST)
+        ids, gradient = ids[order], gradient[order].to(whole.dtype, memory_format=LAST)
         rows = [ids[ids // CHUNK == n] - n * CHUNK for n in range(len(whole.chunks))]
         kept = [
             torch.cat([part[own] for part, own in zip(parts, rows, strict=True) if len(own)])

@@ -14,6 +14,7 @@ from ..reference.network.view_agreement import agreement_logits
 from ..reference.render.blend import VISIBLE_POWER, blend
 from ..reference.render.composite_competing import composite_competing
 from ..reference.unet import UNet
+from .precision import reduced_precision
 
 CELL = 16  # pixels
 FLOOR = 1e-4, 0.03  # squared error (40 dB), 1 - SSIM
@@ -90,7 +91,7 @@ def example_loss(net: UNet, crop: SurfaceFrame) -> tuple[Tensor, dict[str, float
     covered = (coverage > 0).any(1).any(0)
     if covered.float().mean() < LEAST_COVERED:
         return sum(p.sum() for p in net.parameters()) * 0.0, {}
-    with torch.autocast("cpu", dtype=torch.bfloat16):
+    with reduced_precision():
         logits = net(colour.flatten(1, 2).contiguous(memory_format=torch.channels_last)).float().contiguous()
 
     def found(logits: Tensor) -> tuple[Tensor, Tensor]:

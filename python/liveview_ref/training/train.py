@@ -27,21 +27,17 @@ from ..reference.composite import composite
 from ..reference.render.blend import blend
 from ..reference.unet import UNet, adapt_views, start_from_agreement
 from .fine_tune import CHECKPOINT_SECONDS, fine_tune, save
+from .precision import reduced_precision
 from .train_planes import Planes
 from .train_surface import Surface
 from .validate import validate
-
-
-def fast_bfloat16(device: torch.device) -> bool:
-    """Whether the hardware computes in bfloat16; otherwise it is slower than float32."""
-    return device.type == "cuda" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
 
 
 def forward(net: UNet, batch: list[Example], device: torch.device) -> list[tuple[Tensor, Tensor]]:
     """(rendered [3, H, W], alpha [L, H, W]) of each example; all layers of all scenes in one pass
     of the network."""
     hwv = torch.cat([e.hwv for e in batch]).to(device).float().contiguous(memory_format=torch.channels_last)
-    with torch.autocast(device.type, dtype=torch.bfloat16, enabled=fast_bfloat16(device)):
+    with reduced_precision(device.type):
         logits = net(hwv)
     results, at = [], 0
     for e in batch:

@@ -15,6 +15,7 @@ from ..evaluation.methods import competing, maps_of, planes
 from ..reference.image.metrics import psnr
 from ..reference.layers.spec import Guided, Planes
 from ..reference.render.renderer import render
+from .precision import reduced_precision
 
 LAYERS = Guided(4), Guided(8), Planes(32)
 SHOWN = Guided(4)  # next to the truth in the picture
@@ -55,7 +56,7 @@ def validate_planes(net, specs: list[dict], data: Path, file: Path, config: dict
     scores, scenes, sets, rows = {}, {}, {}, []
 
     def network(hwv: Tensor) -> Tensor:
-        with torch.autocast("cpu", dtype=torch.bfloat16):
+        with reduced_precision():
             return net(hwv.contiguous(memory_format=torch.channels_last)).float().contiguous()
 
     with torch.inference_mode():
