@@ -40,7 +40,9 @@ const MAX_RUN_AFTER_INTERRUPT: Duration = Duration::from_secs(10);
 /// How often it is checked whether a signal has arrived that ends the program at once.
 const CHECK_INTERVAL: Duration = Duration::from_millis(30);
 
-/// The signals that end the program, and whether each has arrived since the last check.
+/// The signals that end the program, and whether each has arrived since the last check. SIGHUP stays
+/// ignored under `nohup`; SIGINT ends the program even where a shell has started it in the background,
+/// with the signal ignored.
 static ARRIVED: LazyLock<Vec<(i32, Arc<AtomicBool>)>> = LazyLock::new(|| {
     let signals = [
         SIGINT,
@@ -48,7 +50,8 @@ static ARRIVED: LazyLock<Vec<(i32, Arc<AtomicBool>)>> = LazyLock::new(|| {
         #[cfg(unix)]
         SIGHUP,
     ];
-    signals.map(|signal| (signal, Arc::default())).into()
+    let wanted = |signal: &i32| [SIGINT, SIGTERM].contains(signal) || !is_ignored(*signal);
+    signals.into_iter().filter(wanted).map(|signal| (signal, Arc::default())).collect()
 });
 
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
@@ -56,10 +59,11 @@ static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 /// The network runs to end after an interrupt; `None` before the first [`watch`].
 static RUNS: Mutex<Option<Vec<RunEnd>>> = Mutex::new(None);
 
-/// From now on, unfinished files are deleted before a signal ends the program. Signals that are
-/// ignored stay ignored, as SIGHUP under `nohup`.
+/// From now on, unfinished files are deleted before a signal ends the program.
 pub fn start() -> Result<()> {
-    register(|signal| !is_ignored(signal))?;
+    for (signal, arrived) in ARRIVED.iter() {
+        flag::register(*signal, Arc::clone(arrived))?;
+    }
     std::thread::spawn(|| {
         let mut is_stopping = false;
         loop {
@@ -78,14 +82,6 @@ pub fn start() -> Result<()> {
     Ok(())
 }
 
-/// Has the arrival of signals noted; once more changes nothing.
-fn register(wanted: impl Fn(i32) -> bool) -> Result<()> {
-    for (signal, arrived) in ARRIVED.iter().filter(|(signal, _)| wanted(*signal)) {
-        flag::register(*signal, Arc::clone(arrived))?;
-    }
-    Ok(())
-}
-
 /// Deletes unfinished files and ends the program.
 fn end(exit: impl FnOnce()) -> ! {
     unfinished::delete_all();
@@ -100,10 +96,7 @@ pub fn watch(runs: Vec<RunEnd>) -> Result<Arc<AtomicBool>> {
     if RUNS.lock().unwrap_or_else(PoisonError::into_inner).replace(runs).is_some() {
         return Ok(Arc::clone(stop));
     }
-    // A shell ignores SIGINT for what it starts in the background; this asks for it.
-    let wanted = |signal| [SIGINT, SIGTERM].contains(&signal) || !is_ignored(signal);
-    register(wanted)?;
-    for (signal, _) in ARRIVED.iter().filter(|(signal, _)| wanted(*signal)) {
+    for (signal, _) in ARRIVED.iter() {
         flag::register(*signal, Arc::clone(stop))?;
     }
     std::thread::spawn(move || {

@@ -65,8 +65,8 @@ impl TargetSearch<'_> {
     /// Disparity of each pixel of the target, row by row, at these costs of the planes.
     pub(crate) fn disparity(&self, planes: &[f32], costs: ArrayView3<'_, f32>) -> Vec<f32> {
         let sums = semi_global(costs, PENALTIES);
-        let maps = Array3::from_shape_fn(sums.dim(), |(plane, _, _)| planes[plane]);
-        let found = winner_takes_all(sums.view(), maps.view());
+        let planes = ArrayView3::from_shape((planes.len(), 1, 1), planes).expect("one per plane");
+        let found = winner_takes_all(sums.view(), planes.broadcast(sums.dim()).expect("one per cell"));
         let smooth = median3(found.as_slice().expect("standard order"), found.ncols());
         let smooth = Array2::from_shape_vec(found.dim(), smooth).expect("one per cell");
         let mut disparity = vec![0.0; self.size.pixels()];

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::confirmed_depth::ConfirmedDepth;
 use super::project::Projected;
 use crate::geometry::{Camera, PlaneSweep};
-use crate::warp::round_to_i32;
+use crate::warp::{RUN, round_to_i32};
 
 /// 1 where the view sees the point of each pixel of the target at `disparity` (row by row, `width`
 /// wide), 0 where the view's own confirmed depth, at the pixel that the point projects to, is nearer
@@ -40,16 +40,28 @@ fn visible_row_with<'a, S: pulp::Simd>(
     let (rows, columns) = depth.disparity.dim();
     let own_disparity = depth.disparity.as_slice().expect("standard order");
     let (right, bottom) = (columns as f32, rows as f32);
-    let points = points.x.iter().zip(&points.y).zip(&points.disparity);
-    for (((&x, &y), &disparity), seen) in points.zip(seen) {
-        let inside = (x >= 0.0) & (y >= 0.0) & (x < right) & (y < bottom);
-        let pixel = |at: f32| round_to_i32(at.floor()) as usize;
-        let own = if inside { own_disparity[pixel(y) * columns + pixel(x)] } else { -1.0 };
-        let past = (own >= 0.0) & (disparity - own >= margin);
-        *seen = match (past, own - disparity < margin) {
-            (true, _) => -1.0,
-            (false, true) => 1.0,
-            (false, false) => 0.0,
-        };
+    let runs = points.x.chunks(RUN).zip(points.y.chunks(RUN)).zip(points.disparity.chunks(RUN));
+    // Indices, look-ups and comparisons apart: the first and the last vectorise.
+    let (mut pixels, mut own) = ([OUTSIDE; RUN], [-1.0; RUN]);
+    for (((x, y), disparity), seen) in runs.zip(seen.chunks_mut(RUN)) {
+        for ((pixel, &x), &y) in pixels.iter_mut().zip(x).zip(y) {
+            let inside = (x >= 0.0) & (y >= 0.0) & (x < right) & (y < bottom);
+            let index = round_to_i32(y.floor()) * columns as i32 + round_to_i32(x.floor());
+            *pixel = if inside { index as u32 } else { OUTSIDE };
+        }
+        for (own, &pixel) in own.iter_mut().zip(&pixels[..x.len()]) {
+            *own = own_disparity.get(pixel as usize).copied().unwrap_or(-1.0);
+        }
+        for ((seen, &own), &disparity) in seen.iter_mut().zip(&own).zip(disparity) {
+            let past = (own >= 0.0) & (disparity - own >= margin);
+            *seen = match (past, own - disparity < margin) {
+                (true, _) => -1.0,
+                (false, true) => 1.0,
+                (false, false) => 0.0,
+            };
+        }
     }
 }
+
+/// Index of the pixel of a point outside the photo.
+const OUTSIDE: u32 = u32::MAX;
