@@ -71,7 +71,7 @@ lint: setup
 	cd python && ../$(BIN)/lint-imports --no-cache
 
 ## Rust tests; ignored tests whose data is installed run as well.
-test-rust: runtime
+test-rust: runtime build
 	cargo test --release --locked
 	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scene -- --ignored
 
