@@ -3,7 +3,7 @@
 //!
 //! 1. The photo and its neighbours are one group. Each is searched among the others on cells of 4×4
 //!    pixels ([`super::search`]), and what the others confirm of it is kept ([`super::fusion`], with
-//!    two pixels of parallax for one).
+//!    two pixels of parallax for one). Its maps depend on the group alone ([`super::group_maps`]).
 //! 2. The first search of the photo, on cells of 2×2 pixels. A cell is kept where the group's maps
 //!    confirm it, and where they confirm more than a third of the 31×31 cells around it: holes in places
 //!    with texture are occluded, thin or at an edge, and their own costs know more than their
@@ -22,6 +22,7 @@ use rayon::prelude::*;
 use super::fusion::splat::splat;
 use super::fusion::surface::{AVERAGED_PX, SAME_SURFACE_PX};
 use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed};
+use super::group_maps::GroupMaps;
 use super::neighbourhood::extremes3;
 use super::search::anchors::Anchors;
 use super::search::cell_search::CellSearch;
@@ -45,50 +46,64 @@ const EDGE_PX: f32 = 20.0;
 /// detail, as are its neighbours; all pixels of a cell have its depth.
 pub fn anchored_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: f64, far: f64) -> PhotoDepth {
     let views: Vec<_> = std::iter::once(photo).chain(neighbours).copied().collect();
+    anchored_depth_in_scene(&views, (near, far), &(0..views.len()).collect::<Vec<_>>(), &GroupMaps::default())
+}
+
+/// As [`anchored_depth`], of the first of the `views`, which have these `indices` in their scene.
+pub(crate) fn anchored_depth_in_scene(
+    views: &[SourceView<'_>],
+    range: (f64, f64),
+    indices: &[usize],
+    groups: &GroupMaps,
+) -> PhotoDepth {
+    let photo = &views[0];
     let cell = detail_pixels(photo.texture);
+    let find = |views: &[SourceView<'_>]| {
+        let maps = groups.get_or_search(indices, cell, || group_maps(views, range));
+        depth_at_full_size(views, range, maps)
+    };
     if cell == 1 {
-        return depth_at_full_size(&views, (near, far));
+        return find(views);
     }
     let shrunk = |view: &SourceView<'_>| (view.camera.shrunk(cell), view.texture.shrunk(cell));
     let small: Vec<_> = views.iter().map(shrunk).collect();
     let views: Vec<_> = small.iter().map(|(camera, texture)| SourceView { camera, texture }).collect();
-    let found = depth_at_full_size(&views, (near, far));
+    let found = find(&views);
     let (width, height) = (photo.texture.width(), photo.texture.height());
     let disparity = Array2::from_shape_fn((height, width), |(y, x)| found.disparity[(y / cell, x / cell)]);
     PhotoDepth { disparity, ..found }
 }
 
-/// The depth of the first of these photos.
-fn depth_at_full_size(views: &[SourceView<'_>], range: (f64, f64)) -> PhotoDepth {
+/// The depth of the first of these photos, given the group's maps.
+fn depth_at_full_size(views: &[SourceView<'_>], range: (f64, f64), maps: Vec<PhotoDepth>) -> PhotoDepth {
     let (photo, neighbours) = views.split_first().expect("a photo");
-    let group = Group::new(views, range);
+    let group = Group::of(&views.iter().map(|view| view.camera).collect::<Vec<_>>(), maps);
     let mut first = CellSearch::new(photo, neighbours, range, CELL);
     let anchors = group.anchors(&photo.camera.shrunk(CELL), &first.depth());
     first.search_again(&anchors);
     refined(photo, neighbours, first)
 }
 
+/// The depth of each photo of a group of the full size (at least two) on its cells, searched from
+/// near to far (scene units).
+pub(super) fn group_maps(views: &[SourceView<'_>], range: (f64, f64)) -> Vec<PhotoDepth> {
+    let search = |which: usize| {
+        let others: Vec<_> = (0..views.len()).filter(|&other| other != which).map(|other| views[other]).collect();
+        CellSearch::new(&views[which], &others, range, GROUP_CELL).depth()
+    };
+    (0..views.len()).into_par_iter().map(search).collect()
+}
+
 /// A photo and its neighbours at a small size.
 pub(crate) struct Group {
     cameras: Vec<Camera>,
-    pub(super) maps: Vec<PhotoDepth>,
+    maps: Vec<PhotoDepth>,
     /// What the others confirm of each.
     pub(super) confirmed: Vec<ConfirmedDepth>,
 }
 
 impl Group {
-    /// Of photos of the full size (at least two), the one in question first, searched from near to
-    /// far (scene units).
-    pub(crate) fn new(views: &[SourceView<'_>], range: (f64, f64)) -> Self {
-        let search = |which: usize| {
-            let others: Vec<_> = (0..views.len()).filter(|&other| other != which).map(|other| views[other]).collect();
-            CellSearch::new(&views[which], &others, range, GROUP_CELL).depth()
-        };
-        let maps = (0..views.len()).into_par_iter().map(search).collect();
-        Self::of(&views.iter().map(|view| view.camera).collect::<Vec<_>>(), maps)
-    }
-
-    /// Of these maps and the cameras of the full size.
+    /// Of these maps and the cameras of the full size, of the photo in question first.
     pub(super) fn of(cameras: &[&Camera], maps: Vec<PhotoDepth>) -> Self {
         let cameras: Vec<Camera> = cameras.iter().map(|camera| camera.shrunk(GROUP_CELL)).collect();
         let confirm = |which: usize| {

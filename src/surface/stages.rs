@@ -6,7 +6,7 @@
 
 use ndarray::{Array2, Array3};
 
-use super::anchored_depth::Group;
+use super::anchored_depth::{Group, group_maps};
 use super::fusion::photo_variance::{self, VarianceViews};
 use super::fusion::surface::{OCCLUSION_MARGIN_PX, disparity_per_pixel, splat_confirmed, warp_sources};
 use super::fusion::target_search::TargetSearch;
@@ -97,7 +97,7 @@ pub fn disparity(index: &Array2<f32>, search: &Search<'_>) -> Array2<f32> {
 /// The depth of each photo of a group `[h/4, w/4]`, searched among the others (at least one) from
 /// near to far (scene units).
 pub fn group(views: &[SourceView<'_>], range: (f64, f64)) -> Vec<PhotoDepth> {
-    Group::new(views, range).maps
+    group_maps(views, range)
 }
 
 /// What the others of a group confirm of each of its maps; the cameras are those of the full size.

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use rayon::prelude::*;
+
 use crate::scene::{Scene, SceneError};
 use crate::warp::Texture;
 
@@ -16,14 +18,21 @@ impl PhotoStore {
         Self { textures: vec![None; views] }
     }
 
-    /// The photo of a view of the store's scene, read from its file unless it is in memory.
-    pub(super) fn load(&mut self, scene: &Scene, view: usize) -> Result<Arc<Texture>, SceneError> {
-        if let Some(texture) = &self.textures[view] {
-            return Ok(Arc::clone(texture));
+    /// The photos of views of the store's scene, those that are not in memory read from their files
+    /// side by side. Of several errors it is the first view's.
+    pub(super) fn load(&mut self, scene: &Scene, views: &[usize]) -> Result<Vec<Arc<Texture>>, SceneError> {
+        let load = |&view: &usize| match &self.textures[view] {
+            Some(texture) => Ok(Arc::clone(texture)),
+            None => Ok(Arc::new(Texture::new(&scene.load_image(view)?))),
+        };
+        let loaded: Vec<Result<_, SceneError>> = views.par_iter().map(load).collect();
+        let mut textures = Vec::with_capacity(views.len());
+        for (&view, texture) in views.iter().zip(loaded) {
+            let texture = texture?;
+            self.textures[view] = Some(Arc::clone(&texture));
+            textures.push(texture);
         }
-        let texture = Arc::new(Texture::new(&scene.load_image(view)?));
-        self.textures[view] = Some(Arc::clone(&texture));
-        Ok(texture)
+        Ok(textures)
     }
 
     /// The photo of a view, if it is in memory.

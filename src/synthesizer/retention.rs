@@ -178,8 +178,8 @@ mod tests {
         let one = synthesizer.scene().views.iter().map(|view| view.camera.clone()).collect();
         let shots = synthesizer.shots(Targets::cameras(one)).unwrap();
         let photos = synthesizer.photos_mut();
-        let mut load = |view| photos.photos.load(photos.views.scene(), view).unwrap();
-        shots.iter().flat_map(Shot::photos).for_each(|view| drop(load(view)));
+        let all: Vec<usize> = shots.iter().flat_map(Shot::photos).collect();
+        photos.photos.load(photos.views.scene(), &all).unwrap();
         photos.retention.bytes = 2 * photos.photos.bytes(0);
         photos.load(&shots[0], &shots[1..]).unwrap();
         let mut order = Order::new(photos.views().scene().views.len());

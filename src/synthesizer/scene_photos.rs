@@ -85,11 +85,9 @@ impl ScenePhotos {
             #[cfg(feature = "surface")]
             &mut self.depths,
         );
-        let load = |view: usize| {
-            let texture = self.photos.load(scene, view)?;
-            Ok(LoadedPhoto { view, camera: scene.views[view].camera.clone(), texture })
-        };
-        let photos = shot.photos().map(load).collect::<Result<Vec<_>, SynthesisError>>()?;
+        let views: Vec<usize> = shot.photos().collect();
+        let photo = |(&view, texture)| LoadedPhoto { view, camera: scene.views[view].camera.clone(), texture };
+        let photos = views.iter().zip(self.photos.load(scene, &views)?).map(photo).collect();
         Ok(LoadedShot::new(shot.clone(), photos))
     }
 }

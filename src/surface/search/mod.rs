@@ -12,6 +12,7 @@ pub(super) mod photo_depth;
 pub(super) mod photo_sweep;
 pub(super) mod planes;
 mod tile;
+mod unseen;
 
 pub use depth_map::PhotoDepth;
 pub use photo_depth::photo_depth;

@@ -18,6 +18,7 @@ use rayon::prelude::*;
 use super::grid::{Candidates, Grid, SEGMENT};
 use super::planes::Planes;
 use super::tile::{BAND_ROWS, BEST_NEIGHBOURS, TILE_COLUMNS, TILE_ROWS, Tile, TileRow};
+use super::unseen::is_unseen;
 use crate::warp::{NO_GAINS, RUN, RunCoverage, WarpSource, round_to_i32, sample};
 
 /// Units of the volume per unit of cost.
@@ -93,18 +94,22 @@ impl Search<'_> {
     #[inline(always)]
     fn begin_segment(&self, segment: usize, tile: &mut Tile) -> bool {
         let Candidates::Segments { starts, columns, cells_per_side } = self.candidates else {
-            tile.index = [[(segment * SEGMENT) as f32; RUN]; TILE_ROWS];
+            let first = (segment * SEGMENT) as f32;
+            (tile.index, tile.index_range) = ([[first; RUN]; TILE_ROWS], [first; 2]);
             return true;
         };
-        let mut any = false;
+        let (mut any, mut range) = (false, [u16::MAX, 0]);
         for y in tile.sampled_rows(self.reference.height) {
             let starts = &starts[y / cells_per_side * columns..][..columns];
             for (i, index) in tile.index[y - tile.first].iter_mut().enumerate() {
                 let start = starts[((tile.column + i) / cells_per_side).min(columns - 1)][segment];
                 any |= start != Candidates::NO_SEGMENT;
-                *index = f32::from(if start == Candidates::NO_SEGMENT { 0 } else { start });
+                let start = if start == Candidates::NO_SEGMENT { 0 } else { start };
+                range = [range[0].min(start), range[1].max(start)];
+                *index = f32::from(start);
             }
         }
+        tile.index_range = range.map(f32::from);
         any
     }
 
@@ -112,7 +117,14 @@ impl Search<'_> {
     #[inline(always)]
     fn candidate<S: pulp::Simd>(&self, simd: S, k: usize, tile: &mut Tile) {
         let averaged = self.sources.len().min(BEST_NEIGHBOURS);
+        let Planes { width, height, .. } = *self.reference;
+        let (columns, rows) = (tile.column..(tile.column + RUN).min(width), tile.sampled_rows(height));
+        let disparities = tile.index_range.map(|index| self.grid.disparity(index + k as f32));
         for (index, source) in self.sources.iter().enumerate() {
+            if is_unseen(source, &columns, &rows, disparities) {
+                keep_unseen(averaged, index == 0, tile);
+                continue;
+            }
             let all_seen = self.differences(simd, source, k as f32, tile);
             if all_seen && tile.inside {
                 keep_lowest::<true>(averaged, index == 0, tile);
@@ -218,16 +230,14 @@ fn keep_lowest<const INSIDE: bool>(averaged: usize, first: bool, tile: &mut Tile
                 + GRADIENT_WEIGHT * lower(gradient, GRADIENT_BOUND);
             cost[i] = if INSIDE || seen[i] > 0.0 { sum } else { UNSEEN_COST };
         }
-        for (index, list) in tile.lowest.iter_mut().take(averaged).enumerate() {
-            let list = &mut list[row];
-            if first {
-                *list = if index == 0 { cost } else { [f32::MAX; RUN] };
-                continue;
-            }
-            for i in 0..RUN {
-                let (held, new) = (list[i], cost[i]);
-                (list[i], cost[i]) = if new < held { (new, held) } else { (held, new) };
-            }
-        }
+        tile.merge(row, cost, averaged, first);
+    }
+}
+
+/// As [`keep_lowest`], of a neighbour that sees no cell.
+#[inline(always)]
+fn keep_unseen(averaged: usize, first: bool, tile: &mut Tile) {
+    for row in 0..tile.rows {
+        tile.merge(row, [UNSEEN_COST; RUN], averaged, first);
     }
 }

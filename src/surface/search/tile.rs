@@ -28,6 +28,8 @@ pub(super) struct Tile {
     pub(super) inside: bool,
     /// First index of the segment at each cell.
     pub(super) index: [TileRow; TILE_ROWS],
+    /// The smallest and the largest of them.
+    pub(super) index_range: [f32; 2],
     /// Sum over the channels of the absolute difference of colour.
     pub(super) colour: [TileRow; TILE_ROWS],
     /// Sum over the channels of the signed difference; one more column, which stays 0.
@@ -48,6 +50,7 @@ impl Tile {
         column: 0,
         inside: false,
         index: [[0.0; RUN]; TILE_ROWS],
+        index_range: [0.0; 2],
         colour: [[0.0; RUN]; TILE_ROWS],
         signed: [[0.0; RUN + 1]; TILE_ROWS],
         seen: [[0.0; RUN + 1]; TILE_ROWS],
@@ -60,5 +63,22 @@ impl Tile {
     #[inline(always)]
     pub(super) fn sampled_rows(&self, height: usize) -> std::ops::Range<usize> {
         self.first..(self.first + self.rows + 1).min(height)
+    }
+
+    /// Merges a row's costs in one neighbour (`first`: in the first one) into its lists of the
+    /// `averaged` lowest.
+    #[inline(always)]
+    pub(super) fn merge(&mut self, row: usize, mut cost: TileRow, averaged: usize, first: bool) {
+        for (index, list) in self.lowest.iter_mut().take(averaged).enumerate() {
+            let list = &mut list[row];
+            if first {
+                *list = if index == 0 { cost } else { [f32::MAX; RUN] };
+                continue;
+            }
+            for i in 0..RUN {
+                let (held, new) = (list[i], cost[i]);
+                (list[i], cost[i]) = if new < held { (new, held) } else { (held, new) };
+            }
+        }
     }
 }

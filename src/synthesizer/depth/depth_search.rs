@@ -5,10 +5,12 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use rayon::prelude::*;
+
 use super::scene_depth::DepthSource;
 use crate::scene::Scene;
 use crate::surface::cache::{DepthCache, DepthKey, PhotoDigest};
-use crate::surface::{PhotoDepth, anchored_depth};
+use crate::surface::{GroupMaps, PhotoDepth, anchored_depth_in_scene};
 use crate::synthesizer::error::SynthesisError;
 use crate::synthesizer::shot::LoadedPhoto;
 use crate::warp::{SourceView, Texture};
@@ -22,6 +24,8 @@ pub struct DepthSearch {
     pub(in crate::synthesizer) photos: Vec<SearchedPhoto>,
     /// Near and far, scene units.
     pub(in crate::synthesizer) range: (f64, f64),
+    /// What earlier searches over this range found.
+    pub(in crate::synthesizer) groups: Arc<GroupMaps>,
     /// The folder that keeps depths.
     pub(in crate::synthesizer) folder: Option<DepthCache>,
 }
@@ -83,13 +87,16 @@ impl DepthSearch {
                 Err(damage) => notes.push(format!("{damage}: the depth is searched again")),
             }
         }
-        let photos = (0..self.photos.len()).map(|at| self.load(at)).collect::<Result<Vec<_>, _>>()?;
+        let photos = self.load()?;
         let sources: Vec<SourceView<'_>> = photos.iter().map(LoadedPhoto::source).collect();
         let started = Instant::now();
         let (depth, source) = match sources[..] {
             // Without neighbours there is nothing to find, and the depth is unknown everywhere.
             [photo] => (PhotoDepth::unknown(photo.camera.size()), DepthSource::Alone),
-            _ => (anchored_depth(&sources[0], &sources[1..], self.range.0, self.range.1), DepthSource::Searched),
+            _ => {
+                let views: Vec<usize> = photos.iter().map(|photo| photo.view).collect();
+                (anchored_depth_in_scene(&sources, self.range, &views, &self.groups), DepthSource::Searched)
+            }
         };
         let time = started.elapsed();
         if let (Some(folder), Some(key)) = (&folder, &key) {
@@ -105,22 +112,34 @@ impl DepthSearch {
 
     /// What identifies the depth.
     fn key(&mut self) -> Result<DepthKey, SynthesisError> {
-        for at in 0..self.photos.len() {
-            if self.photos[at].digest.is_none() {
-                self.photos[at].digest = Some(PhotoDigest::new(&self.load(at)?.texture));
+        let digested = |photo: &mut SearchedPhoto| {
+            if photo.digest.is_none() {
+                photo.digest = Some(PhotoDigest::new(&photo.load(&self.scene)?.texture));
             }
-        }
+            Ok(())
+        };
+        let digested: Vec<Result<(), SynthesisError>> = self.photos.par_iter_mut().map(digested).collect();
+        digested.into_iter().collect::<Result<(), _>>()?;
         let photo = |photo: &SearchedPhoto| (&self.scene.views[photo.view].camera, photo.digest.expect("set above"));
         Ok(DepthKey::new(&self.photos.iter().map(photo).collect::<Vec<_>>(), self.range))
     }
 
-    /// A photo, read from its file unless it is in memory.
-    fn load(&mut self, at: usize) -> Result<LoadedPhoto, SynthesisError> {
-        let SearchedPhoto { view, texture, .. } = &mut self.photos[at];
+    /// The photos, those that are not in memory read from their files side by side. Of several
+    /// errors it is the first photo's.
+    fn load(&mut self) -> Result<Vec<LoadedPhoto>, SynthesisError> {
+        let loaded: Vec<_> = self.photos.par_iter_mut().map(|photo| photo.load(&self.scene)).collect();
+        loaded.into_iter().collect()
+    }
+}
+
+impl SearchedPhoto {
+    /// The photo, read from its file unless it is in memory.
+    fn load(&mut self, scene: &Scene) -> Result<LoadedPhoto, SynthesisError> {
+        let Self { view, texture, .. } = self;
         let texture = match texture {
             Some(texture) => Arc::clone(texture),
-            None => Arc::clone(texture.insert(Arc::new(Texture::new(&self.scene.load_image(*view)?)))),
+            None => Arc::clone(texture.insert(Arc::new(Texture::new(&scene.load_image(*view)?)))),
         };
-        Ok(LoadedPhoto { view: *view, camera: self.scene.views[*view].camera.clone(), texture })
+        Ok(LoadedPhoto { view: *view, camera: scene.views[*view].camera.clone(), texture })
     }
 }

@@ -188,6 +188,7 @@ fn search(
         held_out: depth.held_out().to_vec(),
         photos: needed.iter().map(photo).collect(),
         range: depth.range(),
+        groups: depth.groups(),
         folder: files.as_ref().map(|files| files.folder.clone()),
     })
 }
