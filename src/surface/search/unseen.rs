@@ -28,8 +28,7 @@ pub(super) fn is_unseen(
             let corner = homography * DVec3::new(column as f64, row as f64, 1.0);
             for disparity in disparities {
                 let at = corner + epipole * f64::from(disparity);
-                // Also for NaN.
-                if !(at.z > 0.0) {
+                if at.z <= 0.0 || at.z.is_nan() {
                     return false;
                 }
                 let at = DVec2::new(at.x / at.z, at.y / at.z);
