@@ -1,4 +1,4 @@
-//! Depth maps of recent groups ([`super::anchored_depth`]). Photos side by side often have the same
+//! Depth maps of recent groups ([`mod@super::anchored_depth`]). Photos side by side often have the same
 //! neighbours: their groups are the same photos, whose maps are searched once.
 
 use std::collections::{BTreeMap, VecDeque};
