@@ -54,7 +54,7 @@ clean:
 ## Everything that CI checks, two parts at a time.
 test: export OMP_NUM_THREADS = 1# torch's threads wait for each other by spinning
 test:
-	$(MAKE) --jobs=2 --output-sync=line lint test-python test-rust parity
+	$(MAKE) --jobs=2 lint test-python test-rust parity
 
 ## rustfmt, clippy, rustdoc, ruff, import-linter, and the fuzz targets compiled; warnings are errors.
 lint: setup
