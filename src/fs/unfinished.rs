@@ -66,5 +66,33 @@ pub fn delete_all() {
 
 fn delete(path: &Path) {
     // Errors cannot be reported: the process may be ending.
-    let _ = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+    if !path.is_dir() {
+        let _ = fs::remove_file(path);
+        return;
+    }
+    // Under another name, so that no other thread creates a file in it while it is emptied.
+    let renamed = path.with_extension("deleted");
+    let path = if fs::rename(path, &renamed).is_ok() { &renamed } else { path };
+    let _ = fs::remove_dir_all(path);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folder_that_another_thread_fills_is_deleted() {
+        for _ in 0..20 {
+            let folder = Unfinished::folder().unwrap();
+            let path = folder.path().to_owned();
+            let fill = || (0..).take_while(|index| fs::write(path.join(index.to_string()), "").is_ok()).count();
+            std::thread::scope(|scope| {
+                let filled = scope.spawn(fill);
+                while fs::read_dir(&path).unwrap().count() == 0 {}
+                delete(&path);
+                assert!(!path.exists() && !path.with_extension("deleted").exists());
+                assert!(filled.join().unwrap() > 0);
+            });
+        }
+    }
 }

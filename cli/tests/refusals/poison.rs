@@ -37,7 +37,7 @@ impl Tally {
         let [picture, depth, arrays] = ["a.png", "d.png", "a.npz"].map(|name| folders.out(name));
         let out = Path::new(&picture).parent().unwrap();
         fs::remove_dir_all(out).and_then(|()| fs::create_dir(out)).unwrap();
-        let mut render = folders.render(&["-o", &picture, "--depth", &depth, "--threads", "1", "--json"]);
+        let mut render = folders.render(&["-o", &picture, "--depth", &depth, "--threads", "2", "--json"]);
         let output = render.args(arguments).timeout(LIMIT).output().unwrap();
         let stderr = String::from_utf8(output.stderr).unwrap();
         match output.status.code() {
@@ -56,27 +56,27 @@ impl Tally {
                 if !arguments.contains(&"--target") || arguments.iter().any(|argument| argument.starts_with("--fps")) {
                     return;
                 }
-                let given: &[&[&str]] = &[&[]];
-                let both: &[&[&str]] = &[&["--layers", "guided:2"], &["--layers", "surface:1"]];
+                let model = fixture("tiny_v4");
+                // By turns, unless the case has layers.
+                let turns =
+                    [["--model", &model, "--layers", "guided:2"], ["--network", "none", "--layers", "surface:1"]];
                 let chosen = arguments.iter().any(|argument| argument.starts_with("--layers"));
-                for layers in if chosen { given } else { both } {
-                    let mut dump = folders.liveview("dump", arguments);
-                    dump.args(["--model", &fixture("tiny_v4"), "-o", &arrays, "--threads", "1"]).args(*layers);
-                    let output = dump.timeout(LIMIT).output().unwrap();
-                    let stderr = String::from_utf8(output.stderr).unwrap();
-                    // The depth of the photos uses more photos, one of which may have the changed
-                    // number.
-                    if layers.contains(&"surface:1") && output.status.code() == Some(2) {
-                        assert!(stderr.contains("error: ") && !stderr.contains("panicked"), "{what}: {stderr}");
-                        continue;
-                    }
-                    assert!(output.status.success(), "{what}, {layers:?}: {stderr}");
-                    let mut arrays = ndarray_npy::NpzReader::new(fs::File::open(&arrays).unwrap()).unwrap();
-                    for name in ["rgb", "alpha", "frame", "disparity", "transmittance"] {
-                        let array: ndarray::ArrayD<f32> = arrays.by_name(name).unwrap();
-                        let finite = array.iter().all(|value| value.is_finite());
-                        assert!(finite, "{what}, {layers:?}: {name} is not finite");
-                    }
+                let layers = if chosen { &turns[0][..2] } else { &turns[self.rendered % 2] };
+                let mut dump = folders.liveview("dump", arguments);
+                dump.args(["-o", &arrays, "--threads", "2"]).args(layers);
+                let output = dump.timeout(LIMIT).output().unwrap();
+                let stderr = String::from_utf8(output.stderr).unwrap();
+                // The depth of the photos uses more photos, one of which may have the changed number.
+                if layers.contains(&"surface:1") && output.status.code() == Some(2) {
+                    assert!(stderr.contains("error: ") && !stderr.contains("panicked"), "{what}: {stderr}");
+                    return;
+                }
+                assert!(output.status.success(), "{what}, {layers:?}: {stderr}");
+                let mut arrays = ndarray_npy::NpzReader::new(fs::File::open(&arrays).unwrap()).unwrap();
+                for name in ["rgb", "alpha", "frame", "disparity", "transmittance"] {
+                    let array: ndarray::ArrayD<f32> = arrays.by_name(name).unwrap();
+                    let finite = array.iter().all(|value| value.is_finite());
+                    assert!(finite, "{what}, {layers:?}: {name} is not finite");
                 }
             }
             Some(2) => {
@@ -255,9 +255,8 @@ fn extreme_numbers_in_colmap_text_give_a_picture_or_an_error() {
     poison_text(&folders, "sparse/0/points3D.txt", &TEXTS, &arguments, fields).assert_both();
     for (camera, last) in [("OPENCV 64 48 50 60 30 25 0.01 0 0 0", 11), ("SIMPLE_RADIAL 64 48 50 30 25 0.01", 7)] {
         Colmap { camera, names: &NAMES }.write_text(&folders.scene().join("sparse/0"));
-        let lens: &[&str] = &["k1", "k2", "p1", "p2"];
         let first = if last == 11 { 7 } else { 6 };
-        let fields: &[(Range<usize>, &[&str])] = &[(3..first, K), (first..last, lens)];
+        let fields: &[(Range<usize>, &[&str])] = &[(first..last, &["k1", "k2", "p1", "p2"])];
         poison_text(&folders, "sparse/0/cameras.txt", &TEXTS, &arguments, fields).assert_both();
     }
 }
