@@ -11,7 +11,8 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::request_queue::RequestQueue;
 
-/// A thread pool of its own, so that no picture waits for a part of a search.
+/// A thread pool of its own, so that no picture waits for a part of a search; it yields the
+/// processor to the rendering (Linux).
 pub(super) struct DepthSearches {
     pool: Arc<ThreadPool>,
     queue: Arc<RequestQueue>,
@@ -24,7 +25,7 @@ impl DepthSearches {
     /// What is found is put into the queue.
     pub(super) fn new(threads: usize, queue: Arc<RequestQueue>) -> Result<Self> {
         Ok(Self {
-            pool: Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?),
+            pool: Arc::new(ThreadPoolBuilder::new().num_threads(threads).start_handler(|_| lower_priority()).build()?),
             queue,
             running: None,
             failed: Vec::new(),
@@ -89,6 +90,14 @@ impl DepthSearches {
             self.failed.push(view);
         }
     }
+}
+
+/// Gives this thread a tenth of the share of the processor that others have.
+fn lower_priority() {
+    // Linux has priorities by thread; elsewhere this would be the whole program's. Without it a
+    // search is only slower for others.
+    #[cfg(target_os = "linux")]
+    let _ = rustix::process::setpriority_process(None, 10);
 }
 
 impl Drop for DepthSearches {
