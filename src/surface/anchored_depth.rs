@@ -4,7 +4,7 @@
 //! 1. The photo and its neighbours are one group. Each is searched among the others on cells of 4×4
 //!    pixels ([`super::search`]), and what the others confirm of it is kept ([`super::fusion`], with
 //!    two pixels of parallax for one). Its maps depend on the group alone ([`super::group_maps`]).
-//! 2. The first search of the photo, on cells of 2×2 pixels. A cell is kept where the group's maps
+//! 2. The first search of the photo, on cells of 2×2 pixels, around its map of step 1. A cell is kept where the group's maps
 //!    confirm it, and where they confirm more than a third of the 31×31 cells around it: holes in places
 //!    with texture are occluded, thin or at an edge, and their own costs know more than their
 //!    surroundings.
@@ -78,7 +78,7 @@ pub(crate) fn anchored_depth_in_scene(
 fn depth_at_full_size(views: &[SourceView<'_>], range: (f64, f64), maps: Vec<PhotoDepth>) -> PhotoDepth {
     let (photo, neighbours) = views.split_first().expect("a photo");
     let group = Group::of(&views.iter().map(|view| view.camera).collect::<Vec<_>>(), maps);
-    let mut first = CellSearch::new(photo, neighbours, range, CELL);
+    let mut first = CellSearch::new(photo, neighbours, range, CELL, Some(&group.maps[0]));
     let anchors = group.anchors(&photo.camera.shrunk(CELL), &first.depth());
     first.search_again(&anchors);
     refined(photo, neighbours, first)
@@ -89,7 +89,7 @@ fn depth_at_full_size(views: &[SourceView<'_>], range: (f64, f64), maps: Vec<Pho
 pub(super) fn group_maps(views: &[SourceView<'_>], range: (f64, f64)) -> Vec<PhotoDepth> {
     let search = |which: usize| {
         let others: Vec<_> = (0..views.len()).filter(|&other| other != which).map(|other| views[other]).collect();
-        CellSearch::new(&views[which], &others, range, GROUP_CELL).depth()
+        CellSearch::new(&views[which], &others, range, GROUP_CELL, None).depth()
     };
     (0..views.len()).into_par_iter().map(search).collect()
 }

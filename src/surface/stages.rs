@@ -20,6 +20,7 @@ use super::search::grid::{Candidates, Grid};
 use super::search::photo_depth;
 use super::search::photo_sweep::costs;
 use super::search::planes::Planes;
+use super::search::tile_ranges;
 use crate::geometry::{Camera, PlaneSweep, Size};
 use crate::layers::padded;
 use crate::render::{SharpenedPhotos, Visibility, hide_occluded};
@@ -43,6 +44,8 @@ pub struct Search<'a> {
     /// there is no second; `None`: all indices are searched at every cell, their number rounded up
     /// to a multiple of 16.
     pub starts: Option<&'a Array3<u16>>,
+    /// First plane and end, `[⌈h/24⌉, ⌈w/63⌉, 2]`, of each tile of 24×63 cells; `None`: all.
+    pub ranges: Option<&'a Array3<u16>>,
 }
 
 impl Search<'_> {
@@ -68,9 +71,15 @@ pub fn matching_costs(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], sea
     let sources: Vec<_> =
         textures.iter().zip(neighbours).map(|(texture, n)| WarpSource::new(texture, sweep(n))).collect();
     let grid = search.grid();
-    let volume = search.with_candidates(|candidates| costs(&reference, &sources, &grid, candidates));
+    let volume = search.with_candidates(|candidates| costs(&reference, &sources, &grid, candidates, search.ranges));
     let count = volume.len() / (reference.height * reference.width);
     Array3::from_shape_vec((reference.height, reference.width, count), volume).expect("n per cell")
+}
+
+/// The planes that the tiles of a photo of `[h, w]` cells are searched at ([`Search::ranges`]), around
+/// the disparity that a search on cells twice as large found.
+pub fn tile_ranges(coarser: &Array2<f32>, search: &Search<'_>, size: (usize, usize)) -> Option<Array3<u16>> {
+    tile_ranges::tile_ranges(coarser, &search.grid(), size)
 }
 
 /// Index of each cell by semi-global aggregation of the costs `[h, w, n]`, before the median.

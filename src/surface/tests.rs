@@ -109,7 +109,7 @@ fn costs_are_lowest_on_the_surface_and_highest_where_unseen() {
     let sources = [1, 2].map(|index| WarpSource::new(&rig.photos[index], sweep(index)));
     let grid = Grid::new(1.0 / 0.625, 1.0 / 0.125, 17); // 0.5 is index 4, 0.125 the last
     let count = Candidates::All.count(&grid);
-    let volume = costs(&reference, &sources, &grid, Candidates::All);
+    let volume = costs(&reference, &sources, &grid, Candidates::All, None);
     let best = |x: usize, y: usize| {
         let cell = &volume[(y * WIDTH + x) * count..][..grid.count()];
         (0..grid.count()).min_by_key(|&k| cell[k]).unwrap()
@@ -122,7 +122,7 @@ fn costs_are_lowest_on_the_surface_and_highest_where_unseen() {
         },
         ..sources[0]
     };
-    let volume = costs(&reference, &[beside], &grid, Candidates::All);
+    let volume = costs(&reference, &[beside], &grid, Candidates::All, None);
     assert!(volume.iter().all(|&cost| cost == (0.15 * COST_SCALE).round() as u16));
 }
 
@@ -136,7 +136,7 @@ fn segments_covering_the_grid_give_the_result_of_all_candidates() {
     let starts = vec![[0, SEGMENT as u16]; WIDTH * HEIGHT];
     let segments = Candidates::Segments { starts: &starts, columns: WIDTH, cells_per_side: 1 };
     let [all, segments] = [Candidates::All, segments].map(|candidates| {
-        let volume = costs(&reference, &sources, &grid, candidates);
+        let volume = costs(&reference, &sources, &grid, candidates, None);
         (aggregate(&volume, &reference, &grid, candidates), volume)
     });
     assert!(all == segments);

@@ -76,6 +76,7 @@ mod _liveview {
         #[pymodule_export]
         use crate::stages::search::{
             aggregate, anchored_costs, anchors, bands, costs, depth_range, disparity, group, group_confirmed,
+            tile_ranges,
         };
     }
 }

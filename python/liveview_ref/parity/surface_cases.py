@@ -62,6 +62,7 @@ CASES: dict[str, dict] = {
     "infinity": {"views": 3, "range": (2.0, np.inf)},
     "near_is_far": {"views": 3, "range": (5.0, 5.0 * (1 + 1e-6))},
     "moving": {"views": 4, "kind": "moving", "range": (1.0, np.inf), "at_target": False},
+    "wide": {"views": 3, "range": (0.5, 9.0), "at_target": False},
     "planes_4096": {"views": 3, "count": 4096},
 }
 

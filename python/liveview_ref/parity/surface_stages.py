@@ -2,7 +2,8 @@
 reference of tests/parity/surface.rs.
 
 Beside photos and cameras (rig_arrays.py): `range` [2] float64, near and far; `count`, planes of the
-first search. Of photo 0, matched with the others: `half_costs` [h/2, w/2, n], `half_found`,
+first search. Of photo 0, matched with the others: of many planes `half_ranges` [th, tw, 2];
+`half_costs` [h/2, w/2, n], `half_found`,
 `half_index` [h/2, w/2], `starts` [h/2, w/2, 2], `fine_costs` [h, w, 16], `fine_found`, `fine_index`
 [h, w]; with anchors, `coarse{i}`, `coarse_sure{i}` [h/4, w/4] and `coarse_pixel` of its group,
 `kept`, `anchor` [h/2, w/2], `anchored_costs` [h/2, w/2, n], `anchored` [h, w]. Of every photo i:
@@ -43,6 +44,7 @@ from ..reference.surface.search.anchors import Anchors
 from ..reference.surface.search.grid import Candidates, Grid
 from ..reference.surface.search.photo_depth import FINE_STEPS, NEIGHBOURS, PhotoDepth, bands, photo_depth, pixel_of
 from ..reference.surface.search.photo_sweep import costs
+from ..reference.surface.search.tile_ranges import tile_ranges
 from ..reference.warp import warp_maps
 from ..rig_arrays import Arrays, cameras_of, images_of
 
@@ -81,11 +83,19 @@ def fine_candidates(data: Arrays) -> Candidates:
     return Candidates.two(starts, *data["view0.image"].shape[:2])
 
 
+def half_ranges(data: Arrays, dtype: torch.dtype) -> Arrays:
+    """From coarse0; none of few planes."""
+    size = photos(data, dtype, 2)[0][0].shape[1:]
+    found = tile_ranges(tensor(data, "coarse0", dtype), coarse_grid(data), size)
+    return {} if found is None else {"half_ranges": found.numpy()}
+
+
 def half_costs(data: Arrays, dtype: torch.dtype) -> Arrays:
     image, camera = photos(data, dtype, 2)[0]
     candidates = Candidates.all(coarse_grid(data), *image.shape[1:])
     around = neighbours(data, 0, dtype, 2)
-    found = costs(image, camera, around, coarse_grid(data), candidates, 2)
+    ranges = torch.from_numpy(data["half_ranges"].astype(np.int64)) if "half_ranges" in data else None
+    found = costs(image, camera, around, coarse_grid(data), candidates, 2, ranges)
     return {"half_costs": found.permute(1, 2, 0).numpy()}
 
 

@@ -11,12 +11,14 @@ from liveview_ref.parity import surface_cases, surface_stages
 from liveview_ref.reference.geometry.view_selection import view_distances
 from liveview_ref.reference.surface.fusion.surface import OCCLUSION_MARGIN, Surface
 from liveview_ref.reference.surface.search.photo_depth import FINE_STEPS, PhotoDepth
+from liveview_ref.reference.surface.search.photo_sweep import UNITS_PER_COST, UNSEEN_COST
+from liveview_ref.reference.surface.search.tile_ranges import is_searched, tile_ranges
 
 torch.set_num_threads(1)  # small arrays
 
 CASES = list(surface_cases.CASES)
 PHOTOS = CASES[:-1]  # the last has the first search only
-COMPLETE = CASES[:-2]  # with stages at the target: not where the photos contradict each other
+COMPLETE = CASES[:-3]  # with stages at the target: not where the photos contradict each other
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +32,7 @@ def of_cases(names: list[str]):
 
 def grid(case: SurfaceCase) -> tuple:
     """The first search, as the package's stages take it."""
-    return (*case.range, case.count, 1, 2, None)
+    return (*case.range, case.count, 1, 2, None, None)
 
 
 @of_cases(CASES)
@@ -46,9 +48,24 @@ def test_search_at_half_resolution(liveview, inner, case):
     check("surface disparity", *(np.asarray(one) / coarse.nearest for one in found), scaled=False)
 
 
+@of_cases(["wide"])
+def test_search_around_a_coarser_map(inner, case):
+    photo, planes = case.views[0], surface_stages.coarse_grid(case)
+    size, coarser = case["half_index"].shape, case["coarse0"]
+    exact = tile_ranges(torch.from_numpy(coarser).double(), planes, size)
+    found = inner.tile_ranges(coarser, grid(case), size)
+    np.testing.assert_array_equal(found, exact)
+    searched = is_searched(exact, case["half_costs"].shape[2], size).permute(1, 2, 0).numpy()
+    assert 0.2 < searched.mean() < 0.9
+    volume = inner.costs(photo, case.neighbours(0), (*grid(case)[:-1], found))
+    np.testing.assert_array_equal(volume[~searched], round(UNSEEN_COST * UNITS_PER_COST))
+    everywhere = inner.costs(photo, case.neighbours(0), grid(case))
+    np.testing.assert_array_equal(volume[searched], everywhere[searched])
+
+
 @of_cases(PHOTOS)
 def test_search_at_full_resolution(liveview, inner, case):
-    fine = (*case.range, case.count, FINE_STEPS, 1, case["starts"])
+    fine = (*case.range, case.count, FINE_STEPS, 1, case["starts"], None)
     found = inner.costs(case.views[0], case.neighbours(0), fine)
     # The costs of a segment that a cell does not have are unspecified.
     there = surface_stages.fine_candidates(case).there.permute(1, 2, 0).numpy()

@@ -2,8 +2,8 @@
 //!
 //! Cells of c×c pixels (area averages), n = ⌈parallax / (c/2) px⌉ + 1 planes, 32 to 256, from near to
 //! far; the parallax is that between near and far in the neighbour where it is largest. Costs
-//! ([`super::photo_sweep`]), aggregated ([`super::aggregate`]), 3×3 median of the (fractional)
-//! indices.
+//! ([`super::photo_sweep`]), of many planes only around what a search on larger cells found
+//! ([`super::tile_ranges`]), aggregated ([`super::aggregate`]), 3×3 median of the (fractional) indices.
 
 use ndarray::Array2;
 
@@ -13,6 +13,7 @@ use super::depth_map::PhotoDepth;
 use super::grid::{Candidates, Grid};
 use super::photo_sweep::costs;
 use super::planes::Planes;
+use super::tile_ranges::tile_ranges;
 use crate::geometry::PlaneSweep;
 use crate::geometry::parallax::widest_parallax;
 use crate::surface::neighbourhood::median3;
@@ -39,12 +40,13 @@ pub(crate) struct CellSearch {
 
 impl CellSearch {
     /// Searches `photo` among its neighbours (at least one), from near to far (scene units), on
-    /// cells of `cell` pixels a side.
+    /// cells of `cell` pixels a side; `coarser`: what a search on cells twice as large found.
     pub(crate) fn new(
         photo: &SourceView<'_>,
         neighbours: &[SourceView<'_>],
         (near, far): (f64, f64),
         cell: usize,
+        coarser: Option<&PhotoDepth>,
     ) -> Self {
         let sweeps: Vec<_> = neighbours.iter().map(|n| PlaneSweep::new(n.camera, photo.camera)).collect();
         let widest = widest_parallax(&sweeps, photo.camera.size(), near, far).max(1.0);
@@ -53,7 +55,9 @@ impl CellSearch {
         let textures: Vec<Texture> = neighbours.iter().map(|n| n.texture.shrunk(cell)).collect();
         let sources = textures.iter().zip(&sweeps).map(|(t, sweep)| WarpSource::new(t, sweep.shrunk(cell as f64)));
         let photo = Planes::new(&photo.texture.shrunk(cell));
-        let costs = costs(&photo, &sources.collect::<Vec<_>>(), &grid, Candidates::All);
+        let size = (photo.height, photo.width);
+        let ranges = coarser.and_then(|coarser| tile_ranges(&coarser.disparity, &grid, size));
+        let costs = costs(&photo, &sources.collect::<Vec<_>>(), &grid, Candidates::All, ranges.as_ref());
         let index = aggregated(&costs, &photo, &grid);
         let disparity_per_pixel = ((1.0 / near - 1.0 / far) / widest) as f32;
         Self { photo, grid, costs, index, disparity_per_pixel }

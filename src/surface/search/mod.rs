@@ -12,7 +12,7 @@ pub(super) mod photo_depth;
 pub(super) mod photo_sweep;
 pub(super) mod planes;
 mod tile;
-mod unseen;
+pub(super) mod tile_ranges;
 
 pub use depth_map::PhotoDepth;
 pub use photo_depth::photo_depth;

@@ -29,7 +29,7 @@ pub(crate) const FINE_PER_COARSE: usize = 2;
 /// Searches the depth of `photo` among its `neighbours` (at least one), from `near` to `far` (scene
 /// units).
 pub fn photo_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: f64, far: f64) -> PhotoDepth {
-    refined(photo, neighbours, CellSearch::new(photo, neighbours, (near, far), CELL))
+    refined(photo, neighbours, CellSearch::new(photo, neighbours, (near, far), CELL, None))
 }
 
 /// The second search, around the result of the first.
@@ -41,7 +41,7 @@ pub(crate) fn refined(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], fir
     let reference = Planes::new(photo.texture);
     let source = |n: &SourceView<'_>| PlaneSweep::new(n.camera, photo.camera);
     let sources: Vec<_> = neighbours.iter().map(|n| WarpSource::new(n.texture, source(n))).collect();
-    let volume = costs(&reference, &sources, &fine, candidates);
+    let volume = costs(&reference, &sources, &fine, candidates, None);
     let found = aggregate(&volume, &reference, &fine, candidates);
     let index = median3(&found, reference.width);
     let disparity = index.iter().map(|&index| fine.disparity(index)).collect();

@@ -13,12 +13,12 @@
 //! All in f32; divisions by 3 and 6 are products with the rounded reciprocal; costs are summed in
 //! ascending order.
 
+use ndarray::Array3;
 use rayon::prelude::*;
 
 use super::grid::{Candidates, Grid, SEGMENT};
 use super::planes::Planes;
-use super::tile::{BAND_ROWS, BEST_NEIGHBOURS, TILE_COLUMNS, TILE_ROWS, Tile, TileRow};
-use super::unseen::is_unseen;
+use super::tile::{BAND_ROWS, BEST_NEIGHBOURS, TILE_COLUMNS, TILE_ROWS, Tile, TileRow, is_unseen};
 use crate::warp::{NO_GAINS, RUN, RunCoverage, WarpSource, round_to_i32, sample};
 
 /// Units of the volume per unit of cost.
@@ -33,16 +33,19 @@ const GRADIENT_BOUND: f32 = 0.05;
 const UNSEEN_COST: f32 = COLOUR_WEIGHT * COLOUR_BOUND + GRADIENT_WEIGHT * GRADIENT_BOUND;
 
 /// Costs `[h, w, n]` of the n candidates of each cell of the reference; the sources are its
-/// neighbours at the same scale.
+/// neighbours at the same scale. With `ranges`, tiles are searched at these alone
+/// ([`super::tile_ranges`]); other planes cost what an unseen cell costs.
 pub(crate) fn costs(
     reference: &Planes,
     sources: &[WarpSource<'_>],
     grid: &Grid,
     candidates: Candidates<'_>,
+    ranges: Option<&Array3<u16>>,
 ) -> Vec<u16> {
     let count = candidates.count(grid);
-    let mut volume = vec![0; reference.height * reference.width * count];
-    let search = Search { reference, sources, grid, candidates, count };
+    let outside = if ranges.is_some() { round_to_i32(UNSEEN_COST * COST_SCALE) as u16 } else { 0 };
+    let mut volume = vec![outside; reference.height * reference.width * count];
+    let search = Search { reference, sources, grid, candidates, ranges, count };
     let bands = volume.par_chunks_mut(BAND_ROWS * reference.width * count).enumerate();
     bands
         .for_each_init(|| Box::new(Tile::NEW), |tile, (index, out)| search_band(&search, index * BAND_ROWS, tile, out));
@@ -54,6 +57,7 @@ struct Search<'a> {
     sources: &'a [WarpSource<'a>],
     grid: &'a Grid,
     candidates: Candidates<'a>,
+    ranges: Option<&'a Array3<u16>>,
     count: usize,
 }
 
@@ -71,7 +75,7 @@ fn search_band_with<'a, S: pulp::Simd>(
     for left in (0..width).step_by(TILE_COLUMNS) {
         tile.column = left;
         tile.inside = first + tile.rows < height && left + RUN <= width;
-        for segment in 0..search.count / SEGMENT {
+        for segment in search.segments(first / BAND_ROWS, left / TILE_COLUMNS) {
             if search.begin_segment(segment, tile) {
                 // A closure would be compiled without the vector instructions.
                 for k in 0..SEGMENT {
@@ -89,6 +93,12 @@ fn lower(a: f32, b: f32) -> f32 {
 }
 
 impl Search<'_> {
+    /// The segments that a tile is searched at.
+    fn segments(&self, row: usize, column: usize) -> std::ops::Range<usize> {
+        let plane = |end: usize| self.ranges.map(|ranges| usize::from(ranges[(row, column, end)]));
+        plane(0).unwrap_or(0) / SEGMENT..plane(1).unwrap_or(self.count) / SEGMENT
+    }
+
     /// Sets the index of each cell's first candidate of a segment; false where no cell of the tile
     /// has that segment.
     #[inline(always)]

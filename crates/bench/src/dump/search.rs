@@ -59,18 +59,13 @@ fn write_of_photo(
     let (photo, neighbours) = (&views[0], &views[1..]);
     let count = planes(range, disparity_per_pixel, 2);
     arrays.add("count", ndarray::arr0(count as i64))?;
-    let first = Search { range, count, parts: 1, cell: 2, starts: None };
-    let half_costs = stages::matching_costs(photo, neighbours, &first);
-    let half_found = stages::aggregated(&half_costs, photo.texture, &first);
-    let half_index = stages::median3(&half_found);
-
     let cameras: Vec<_> = views.iter().map(|view| view.camera).collect();
     let maps = stages::group(views, range);
     arrays.add("coarse_pixel", maps.iter().map(|map| map.disparity_per_pixel).collect::<Array1<_>>())?;
     let sure = stages::group_confirmed(&cameras, &maps);
     for (which, (map, sure)) in maps.iter().zip(&sure).enumerate() {
         let count = planes(range, map.disparity_per_pixel, 4);
-        let search = Search { range, count, parts: 1, cell: 4, starts: None };
+        let search = Search { range, count, parts: 1, cell: 4, starts: None, ranges: None };
         let others: Vec<_> = (0..views.len()).filter(|&other| other != which).map(|other| views[other]).collect();
         let costs = stages::matching_costs(&views[which], &others, &search);
         arrays.add(&format!("coarse_found{which}"), stages::aggregated(&costs, views[which].texture, &search))?;
@@ -78,6 +73,14 @@ fn write_of_photo(
         arrays.add(&format!("coarse{which}"), map.disparity.clone())?;
         arrays.add(&format!("coarse_sure{which}"), sure.disparity.mapv(|disparity| f32::from(disparity >= 0.0)))?;
     }
+    let mut first = Search { range, count, parts: 1, cell: 2, starts: None, ranges: None };
+    let (height, width) = (photo.texture.height().div_ceil(2), photo.texture.width().div_ceil(2));
+    let ranges = stages::tile_ranges(&maps[0].disparity, &first, (height, width));
+    ranges.iter().try_for_each(|ranges| arrays.add("half_ranges", ranges.clone()))?;
+    first.ranges = ranges.as_ref();
+    let half_costs = stages::matching_costs(photo, neighbours, &first);
+    let half_found = stages::aggregated(&half_costs, photo.texture, &first);
+    let half_index = stages::median3(&half_found);
     let half = PhotoDepth { disparity: stages::disparity(&half_index, &first), disparity_per_pixel };
     let (kept, anchor) = stages::anchors(&cameras, &maps, sure, &half);
     let anchored_costs = stages::anchored_costs(&half_costs, kept.clone(), &anchor, &first);
@@ -86,7 +89,7 @@ fn write_of_photo(
     let anchored_index = Array2::from_shape_fn(kept.dim(), |at| if kept[at] { half_index[at] } else { median[at] });
 
     let starts = stages::segment_starts(&anchored_index, FINE_PER_COARSE, (count - 1) * FINE_PER_COARSE + 1);
-    let second = Search { range, count, parts: FINE_PER_COARSE, cell: 1, starts: Some(&starts) };
+    let second = Search { range, count, parts: FINE_PER_COARSE, cell: 1, starts: Some(&starts), ranges: None };
     let mut fine_costs = stages::matching_costs(photo, neighbours, &second);
     // The costs of a segment that a cell does not have are unspecified.
     let missing = |y: usize, x: usize| starts[(y / 2, x / 2, 1)] == u16::MAX;

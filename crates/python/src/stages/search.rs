@@ -1,6 +1,6 @@
 //! The search of a photo's depth stage by stage, for the parity tests.
 //!
-//! `grid` is (near, far, count, parts, cell, starts): [`Search`].
+//! `grid` is (near, far, count, parts, cell, starts, ranges): [`Search`].
 
 use liveview::surface::stages::{self, Search};
 use liveview::surface::{ConfirmedDepth, PhotoDepth};
@@ -11,15 +11,19 @@ use pyo3::prelude::*;
 use super::photo::Photo;
 use crate::camera::cameras;
 
-type GridArgument<'py> = (f64, f64, usize, usize, usize, Option<PyReadonlyArray3<'py, u16>>);
+type Planes<'py> = Option<PyReadonlyArray3<'py, u16>>;
+type GridArgument<'py> = (f64, f64, usize, usize, usize, Planes<'py>, Planes<'py>);
 /// Disparity, and the disparity worth one pixel.
 type DepthArgument<'py> = (PyReadonlyArray2<'py, f32>, f32);
 type Map<'py, T> = Bound<'py, PyArray2<T>>;
 type Costs<'py> = Bound<'py, PyArray3<u16>>;
 
-fn with_search<T>((near, far, count, parts, cell, starts): GridArgument<'_>, run: impl FnOnce(&Search<'_>) -> T) -> T {
-    let starts = starts.map(|starts| starts.as_array().to_owned());
-    run(&Search { range: (near, far), count, parts, cell, starts: starts.as_ref() })
+fn with_search<T>(
+    (near, far, count, parts, cell, starts, ranges): GridArgument<'_>,
+    run: impl FnOnce(&Search<'_>) -> T,
+) -> T {
+    let [starts, ranges] = [starts, ranges].map(|planes| planes.map(|planes| planes.as_array().to_owned()));
+    run(&Search { range: (near, far), count, parts, cell, starts: starts.as_ref(), ranges: ranges.as_ref() })
 }
 
 fn depth((disparity, pixel): &DepthArgument<'_>) -> PhotoDepth {
@@ -36,6 +40,18 @@ pub(crate) fn costs<'py>(
     let (photo, neighbours) = (Photo::pair("photo", photo)?, Photo::pairs("neighbours", neighbours)?);
     let neighbours: Vec<_> = neighbours.iter().map(Photo::source).collect();
     Ok(with_search(grid, |search| stages::matching_costs(&photo.source(), &neighbours, search)).into_pyarray(py))
+}
+
+/// The planes that each tile of [h, w] cells is searched at, around a coarser map.
+#[pyfunction]
+pub(crate) fn tile_ranges<'py>(
+    py: Python<'py>,
+    coarser: PyReadonlyArray2<'py, f32>,
+    grid: GridArgument<'py>,
+    size: (usize, usize),
+) -> Option<Costs<'py>> {
+    let coarser = coarser.as_array().to_owned();
+    with_search(grid, |search| stages::tile_ranges(&coarser, search, size)).map(|found| found.into_pyarray(py))
 }
 
 #[pyfunction]

@@ -29,8 +29,13 @@ from .compared import Compared
 from .scene import exact, neighbours_of
 
 IN_SCENE_UNITS = "anchor", "splat", "filled", "surface", "layers"  # relative to the largest
-LIKE = {"anchored_found": "half_found", "anchored_index": "half_index", "colour": "hidden_colour"}
-LIKE |= {"coverage": "hidden_coverage", "coarse_found": "half_found"}
+LIKE = {
+    "half_ranges": "starts",
+    "anchored_found": "half_found",
+    "anchored_index": "half_index",
+    "colour": "hidden_colour",
+}
+LIKE |= {"coverage": "hidden_coverage", "coarse_found": "half_found", "half_ranges": "starts"}
 BOTH = torch.float64, torch.float32
 
 
@@ -79,9 +84,9 @@ def search_of(data: Arrays, i: int, view: int) -> Iterator[Compared]:
     yield exact("count", own["count"], grid.count)
     yield Compared.of("pixel", (data["pixel"][i], np.float64(pixel), np.float64(pixel)), "maps", scaled=True)
     own["pixel"] = data["pixel"][i : i + 1]
-    for stage in (stages.half_costs, stages.half_found, stages.half_index):
-        yield from compared(stage, own)
     yield from coarse(own)
+    for stage in (stages.half_ranges, stages.half_costs, stages.half_found, stages.half_index):
+        yield from compared(stage, own)
     yield from compared(stages.coarse_confirmations, own)
     for stage in (stages.anchors, stages.anchored_costs, anchored_found, anchored_index):
         yield from compared(stage, own)

@@ -3,8 +3,8 @@ texture, the costs alone decide nothing.
 
 1. The photo and its neighbours are one group; each is searched among the others on cells of 4 x 4
    pixels, and what the others confirm of it is kept.
-2. The first search of the photo. A cell is kept where the group's maps confirm it, and where they
-   confirm more than a third of the cells around it.
+2. The first search of the photo, around its map of step 1. A cell is kept where the group's maps
+   confirm it, and where they confirm more than a third of the cells around it.
 3. Anchors: the cell's own depth where it is confirmed; elsewhere the group's confirmed depths
    splatted to the photo, but not at their edges.
 4. The cells that are not kept are searched again with the anchors; then the whole photo around the
@@ -51,7 +51,7 @@ def anchored_depth(photo: View, neighbours: list[View], near: float, far: float)
 def depth_at_full_size(photo: View, neighbours: list[View], near: float, far: float) -> PhotoDepth:
     """As anchored_depth, of a photo with detail of one pixel."""
     group = Group.of([photo, *neighbours], near, far)
-    first = CellSearch.of(photo, neighbours, near, far, CELL)
+    first = CellSearch.of(photo, neighbours, near, far, CELL, group.maps[0][1])
     return refined(photo, neighbours, first.again(group.anchors(photo[1].shrunk(CELL), first.depth())))
 
 

@@ -18,6 +18,7 @@ from .aggregate import aggregate
 from .anchors import Anchors
 from .grid import NONE, SEGMENT, Candidates, Grid
 from .photo_sweep import costs
+from .tile_ranges import tile_ranges
 
 LEAST_PLANES, MOST_PLANES = 32, 256  # of the first search
 PLANE_SPACING = 0.5  # px between two planes of the first search, per pixel of a cell's side
@@ -85,12 +86,22 @@ class CellSearch(NamedTuple):
     index: Tensor
 
     @classmethod
-    def of(cls, photo: View, neighbours: list[View], near: float, far: float, cell: int) -> "CellSearch":
+    def of(
+        cls,
+        photo: View,
+        neighbours: list[View],
+        near: float,
+        far: float,
+        cell: int,
+        coarser: PhotoDepth | None = None,
+    ) -> "CellSearch":
+        """`coarser`: what a search on cells twice as large found."""
         image, camera = photo
         grid, pixel = planes_of(camera, [c for _, c in neighbours], near, far, cell)
         small = shrink(image, cell)
         candidates = Candidates.all(grid, *small.shape[1:])
-        volume = costs(small, camera, [(shrink(n, cell), c) for n, c in neighbours], grid, candidates, cell)
+        ranges = coarser and tile_ranges(coarser.disparity, grid, small.shape[1:])
+        volume = costs(small, camera, [(shrink(n, cell), c) for n, c in neighbours], grid, candidates, cell, ranges)
         return cls(small, grid, pixel, volume, median3(aggregate(volume, small, candidates)))
 
     def again(self, anchors: Anchors) -> "CellSearch":

@@ -15,6 +15,7 @@ from liveview_ref.reference.geometry.camera import Camera
 from liveview_ref.reference.warp import warp_maps
 
 from .grid import Candidates, Grid
+from .tile_ranges import is_searched
 
 UNITS_PER_COST = 32768  # units of the cost volume per unit of colour
 COLOUR = 0.5, 0.15  # weight and bound of the difference of colour
@@ -30,14 +31,19 @@ def costs(
     grid: Grid,
     candidates: Candidates,
     cell: int,
+    ranges: Tensor | None = None,
 ) -> Tensor:
     """Costs [n, h, w] int64 of the candidates, in units of 1/32768 (halves to even). `photo` and
-    `neighbours` are shrunk by `cell`; their cameras are those of the full size."""
+    `neighbours` are shrunk by `cell`; their cameras are those of the full size. With `ranges`
+    (tile_ranges.py), planes outside cost what an unseen cell costs."""
     disparity = grid.disparity(candidates.index.to(photo.dtype))
     each = torch.stack([neighbour_cost(photo, camera, *n, disparity, cell) for n in neighbours])
     least = each.sort(0).values[:BEST_NEIGHBOURS]
     total = least[0] + least[1] if len(least) > 1 else least[0]
-    return (total * (UNITS_PER_COST / len(least))).round().long()
+    found = (total * (UNITS_PER_COST / len(least))).round().long()
+    if ranges is None:
+        return found
+    return torch.where(is_searched(ranges, len(found), found.shape[1:]), found, round(UNSEEN_COST * UNITS_PER_COST))
 
 
 def neighbour_cost(photo: Tensor, camera: Camera, image: Tensor, source: Camera, disparity: Tensor, cell: int):
