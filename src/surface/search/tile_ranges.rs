@@ -4,8 +4,8 @@
 //! For a tile of 24×63 cells: from the nearest to the farthest index that the coarser map has in the
 //! tile and in its six cells around it, 8 planes more at either end, in whole segments of 8. Planes
 //! outside cost what an unseen cell costs. Grids of at most 64 planes are searched at all: scenes of
-//! little parallax would lose more than they gain. A scene of 256 planes takes 0.73 of the time, and
-//! its pictures stay the same within 0.04 dB (docs/design-log/speed.md).
+//! little parallax would lose more than they gain. A picture of a scene of 256 planes takes 0.73 of the
+//! processor time (docs/design-log/speed.md).
 
 use std::ops::Range;
 
