@@ -1,6 +1,7 @@
 """Penalties of the aggregation for a change of index along a path: P1 and P2
 of semi-global matching."""
 
+import torch
 from torch import Tensor
 
 from .photo_sweep import UNITS_PER_COST
@@ -21,7 +22,9 @@ def jump_penalties(photo: Tensor) -> tuple[Tensor, Tensor]:
 
     def penalty(difference: Tensor) -> Tensor:
         r, g, b = difference.abs()
-        jump = JUMP_PENALTY / (1 + (((r + g) + b) / 3) / HALVING_EDGE)
-        return (jump.clamp(min=1.01 * STEP_PENALTY) * UNITS_PER_COST + 0.5).floor().long()
+        # A number divided by a tensor is its product with the reciprocal: rounded twice.
+        jump = torch.full_like(r, JUMP_PENALTY) / (1 + (((r + g) + b) / 3) / HALVING_EDGE)
+        units = jump.clamp(min=1.01 * STEP_PENALTY) * UNITS_PER_COST
+        return (units.floor() + (units.frac() >= 0.5)).long()
 
     return penalty(photo[:, :, 1:] - photo[:, :, :-1]), penalty(photo[:, 1:] - photo[:, :-1])
