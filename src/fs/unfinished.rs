@@ -3,9 +3,12 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::io;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// How often a folder that is filled while it is deleted is deleted again, at most.
+const DELETIONS: usize = 100;
 
 /// All that this process has not finished.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
@@ -70,10 +73,12 @@ fn delete(path: &Path) {
         let _ = fs::remove_file(path);
         return;
     }
-    // Under another name, so that no other thread creates a file in it while it is emptied.
+    // Under another name no other thread begins to create a file in it; one that has begun may fill
+    // it again once.
     let renamed = path.with_extension("deleted");
     let path = if fs::rename(path, &renamed).is_ok() { &renamed } else { path };
-    let _ = fs::remove_dir_all(path);
+    let is_filled_again = |error: io::Error| error.kind() == ErrorKind::DirectoryNotEmpty;
+    let _ = (0..DELETIONS).find(|_| !fs::remove_dir_all(path).is_err_and(is_filled_again));
 }
 
 #[cfg(test)]
@@ -82,7 +87,7 @@ mod tests {
 
     #[test]
     fn folder_that_another_thread_fills_is_deleted() {
-        for _ in 0..20 {
+        for _ in 0..50 {
             let folder = Unfinished::folder().unwrap();
             let path = folder.path().to_owned();
             let fill = || (0..).take_while(|index| fs::write(path.join(index.to_string()), "").is_ok()).count();

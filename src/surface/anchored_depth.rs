@@ -4,10 +4,10 @@
 //! 1. The photo and its neighbours are one group. Each is searched among the others on cells of 4×4
 //!    pixels ([`super::search`]), and what the others confirm of it is kept ([`super::fusion`], with
 //!    two pixels of parallax for one). Its maps depend on the group alone ([`super::group_maps`]).
-//! 2. The first search of the photo, on cells of 2×2 pixels, around its map of step 1. A cell is kept where the group's maps
-//!    confirm it, and where they confirm more than a third of the 31×31 cells around it: holes in places
-//!    with texture are occluded, thin or at an edge, and their own costs know more than their
-//!    surroundings.
+//! 2. The first search of the photo, on cells of 2×2 pixels, around its map of step 1. A cell is kept
+//!    where the group's maps confirm it, and where they confirm more than a third of the 31×31 cells
+//!    around it: holes in places with texture are occluded, thin or at an edge, and their own costs know
+//!    more than their surroundings.
 //! 3. Anchors: the kept cell's own depth where it is confirmed; elsewhere the group's confirmed depths
 //!    splatted to the photo, but not where these differ by more than 20 px within 3×3 cells.
 //! 4. The cells that are not kept are searched again with the anchors ([`super::search::anchors`]), then

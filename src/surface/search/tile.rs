@@ -1,5 +1,6 @@
-//! The part of a photo that the plane sweep processes at a time, small enough to stay in the cache, and
-//! whether a neighbour sees it: tiles that it does not see cost what an unseen cell costs, without samples.
+//! The part of a photo that the plane sweep processes at a time, small enough to stay in the cache,
+//! and whether a neighbour sees it: tiles that it does not see cost what an unseen cell costs, without
+//! samples.
 
 use std::ops::Range;
 
