@@ -59,8 +59,8 @@ def test_nothing_departs_without_a_fault(surface, guided):
 
 # A wrong constant of a stage of the surface: Python has it, which is the same as Rust having it.
 CONSTANTS = {
-    "half_costs": (photo_sweep, "COLOUR", (0.5, 0.16)),
-    "half_found": (penalties, "JUMP_PENALTY", 0.121),
+    "coarse_costs": (photo_sweep, "COLOUR", (0.5, 0.16)),
+    "coarse_found": (penalties, "JUMP_PENALTY", 0.121),
     "coarse_sure": (consistency, "AGREEMENT", 0.5),
     "splat": (splat, "HALF_SIDE", 0.25),
     "anchored_costs": (anchors, "ANCHOR_COST", 0.055),
