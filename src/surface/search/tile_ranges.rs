@@ -34,7 +34,7 @@ pub(crate) fn tile_ranges(coarser: &Array2<f32>, grid: &Grid, (height, width): (
         let end = ((tile + 1) * side).min(cells).div_ceil(COARSER_CELL);
         (tile * side / COARSER_CELL).saturating_sub(REACH)..(end + REACH).min(coarser)
     };
-    let range = |row: usize, column: usize| {
+    let range = &|row: usize, column: usize| {
         let part = s![around(row, BAND_ROWS, height, rows), around(column, TILE_COLUMNS, width, columns)];
         let (mut near, mut far) = (f32::MAX, f32::MIN);
         for &disparity in coarser.slice(part) {
@@ -44,9 +44,9 @@ pub(crate) fn tile_ranges(coarser: &Array2<f32>, grid: &Grid, (height, width): (
         let segments = [(near - MARGIN).max(0.0) as usize / SEGMENT, (far + MARGIN) as usize / SEGMENT + 1];
         segments.map(|segment| (segment * SEGMENT).min(grid.count().next_multiple_of(SEGMENT)) as u16)
     };
-    let tiles = (height.div_ceil(BAND_ROWS), width.div_ceil(TILE_COLUMNS), 2);
-    let ranges = Array3::from_shape_fn(tiles, |(row, column, end)| range(row, column)[end]);
-    Some(ranges)
+    let (down, across) = (height.div_ceil(BAND_ROWS), width.div_ceil(TILE_COLUMNS));
+    let ranges = (0..down).flat_map(|row| (0..across).flat_map(move |column| range(row, column))).collect();
+    Some(Array3::from_shape_vec((down, across, 2), ranges).expect("two per tile"))
 }
 
 #[cfg(test)]

@@ -94,8 +94,8 @@ impl DepthSearches {
 
 /// Gives this thread a tenth of the share of the processor that others have.
 fn lower_priority() {
-    // Linux has priorities by thread; elsewhere this would be the whole program's. Without it a
-    // search is only slower for others.
+    // Linux has priorities by thread; elsewhere this would be the whole program's. Where it fails,
+    // only the rendering beside a search is slower.
     #[cfg(target_os = "linux")]
     let _ = rustix::process::setpriority_process(None, 10);
 }
