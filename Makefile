@@ -76,8 +76,7 @@ test-rust: runtime build
 	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scene -- --ignored
 
 ## Python tests, including those of the program, of the evaluation, and of every stage of the library against the reference.
-test-python: setup setup-evaluation build wheel
-	$(PY) pytest -q
+test-python: test-python-reference test-python-library
 
 ## `liveview view`, driven by a headless Chromium that npm fetches (Node 20 or later). Not part of `test`.
 test-browser: build runtime

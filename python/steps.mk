@@ -17,6 +17,18 @@ $(VENV)/.setup: python/requirements.txt python/constraints.txt $(VENV)/.runtime
 wheel: setup
 	$(BIN)/maturin build --quiet --release --locked --manifest-path crates/python/Cargo.toml --out target/wheels
 
+# --- make test-python, in two parts that may run side by side ---
+
+.PHONY: test-python-reference test-python-library
+
+## Tests of Python alone.
+test-python-reference: setup-evaluation
+	$(PY) pytest -q $(addprefix tests/,evaluation paper reference training) tests/test_*.py
+
+## Tests of the package and of the program.
+test-python-library: setup build wheel
+	$(PY) pytest -q $(addprefix tests/,binding parity program)
+
 # --- make setup WITH= ---
 
 .PHONY: setup-evaluation setup-openvino setup-ray
