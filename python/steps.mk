@@ -21,12 +21,12 @@ wheel: setup
 
 .PHONY: test-python-reference test-python-library
 
-## Tests of Python alone.
-test-python-reference: setup-evaluation
+## Tests of the reference, of the networks and of the training.
+test-python-reference: setup-evaluation build
 	$(PY) pytest -q $(addprefix tests/,evaluation paper reference training) tests/test_*.py
 
 ## Tests of the package and of the program.
-test-python-library: setup build wheel
+test-python-library: setup-evaluation build wheel
 	$(PY) pytest -q $(addprefix tests/,binding parity program)
 
 # --- make setup WITH= ---
