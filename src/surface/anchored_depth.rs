@@ -1,9 +1,11 @@
 //! The depth of a photo, with what its neighbours find at a small size as anchors: where there is no
 //! texture, the costs alone decide nothing.
 //!
-//! 1. The photo and its neighbours are one group. Each is searched among the others on cells of 4×4
-//!    pixels ([`super::search`]), and what the others confirm of it is kept ([`super::fusion`], with
-//!    two pixels of parallax for one). Its maps depend on the group alone ([`super::group_maps`]).
+//! 1. The photo and its neighbours are one group. Each has a map at a small size, on cells of 4×4
+//!    pixels, searched among its own neighbours: it depends on that photo alone and serves the searches
+//!    of all photos around it ([`super::small_maps`]). Of many planes only those around what a search on
+//!    cells of 8×8 pixels found are searched ([`super::search`]). What the others of the group confirm
+//!    of a map is kept ([`super::fusion`], with two pixels of parallax for one).
 //! 2. The first search of the photo, on cells of 2×2 pixels, around its map of step 1. A cell is kept
 //!    where the group's maps confirm it, and where they confirm more than a third of the 31×31 cells
 //!    around it: holes in places with texture are occluded, thin or at an edge, and their own costs know
@@ -16,24 +18,24 @@
 //! px is the photo's disparity per pixel. Mean of fourteen ordinary scenes 26.02 → 26.2 dB
 //! (docs/design-log/ordinary-scenes.md).
 
+use std::convert::Infallible;
+
 use ndarray::Array2;
 use rayon::prelude::*;
 
 use super::fusion::splat::splat;
 use super::fusion::surface::{AVERAGED_PX, SAME_SURFACE_PX};
 use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed};
-use super::group_maps::GroupMaps;
 use super::neighbourhood::extremes3;
 use super::search::anchors::Anchors;
 use super::search::cell_search::CellSearch;
 use super::search::depth_map::PhotoDepth;
 use super::search::detail::detail_pixels;
 use super::search::photo_depth::{CELL, refined};
+use super::small_maps::{SMALL_CELL, SmallMaps, SmallPhoto};
 use crate::geometry::Camera;
-use crate::warp::SourceView;
+use crate::warp::{SourceView, Texture};
 
-/// Pixels per side of a cell of the group's searches.
-const GROUP_CELL: usize = 4;
 /// Pixels of parallax that count as one when the group's maps are compared.
 const GROUP_PX: f32 = 2.0;
 /// Half the side of the window that decides whether a hole is kept, cells.
@@ -42,56 +44,63 @@ const WINDOW_RADIUS: usize = 15;
 const EDGE_PX: f32 = 20.0;
 
 /// Searches the depth of `photo` among its `neighbours` (at least one), from `near` to `far` (scene
-/// units), with anchors. A photo without detail of one pixel is searched at the size that holds its
-/// detail, as are its neighbours; all pixels of a cell have its depth.
+/// units), with anchors; the neighbours among each other and the photo. A photo without detail of one
+/// pixel is searched at the size that holds its detail, as are its neighbours; all pixels of a cell have
+/// its depth.
 pub fn anchored_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: f64, far: f64) -> PhotoDepth {
     let views: Vec<_> = std::iter::once(photo).chain(neighbours).copied().collect();
-    anchored_depth_in_scene(&views, (near, far), &(0..views.len()).collect::<Vec<_>>(), &GroupMaps::default())
+    let all = 0..views.len();
+    let each_first = |photo| std::iter::once(photo).chain(all.clone().filter(move |&other| other != photo)).collect();
+    let searched: Vec<_> = all.clone().map(each_first).collect();
+    let small = |index: usize, detail| Ok::<_, Infallible>(small_photo(&views[index], detail));
+    let Ok(found) = anchored_depth_in_scene(&views, (near, far), &SmallMaps::default(), &searched, small);
+    found
 }
 
-/// As [`anchored_depth`], of the first of the `views`, which have these `indices` in their scene.
-pub(crate) fn anchored_depth_in_scene(
+/// As [`anchored_depth`], of the first of the `views`. `searched`: of each of them, itself and the
+/// photos that it is searched among for its map of step 1, indices in the scene; `small` returns any of
+/// these ([`small_photo`]).
+pub(crate) fn anchored_depth_in_scene<E: Send>(
     views: &[SourceView<'_>],
     range: (f64, f64),
-    indices: &[usize],
-    groups: &GroupMaps,
-) -> PhotoDepth {
+    maps: &SmallMaps,
+    searched: &[Vec<usize>],
+    small: impl Fn(usize, usize) -> Result<SmallPhoto, E> + Sync,
+) -> Result<PhotoDepth, E> {
     let photo = &views[0];
-    let cell = detail_pixels(photo.texture);
-    let find = |views: &[SourceView<'_>]| {
-        let maps = groups.get_or_search(indices, cell, || group_maps(views, range));
-        depth_at_full_size(views, range, maps)
-    };
-    if cell == 1 {
-        return find(views);
+    let detail = detail_pixels(photo.texture);
+    let maps = maps.get_or_search(searched, detail, range, |photo| small(photo, detail))?;
+    if detail == 1 {
+        return Ok(depth_at_full_size(views, range, maps));
     }
-    let shrunk = |view: &SourceView<'_>| (view.camera.shrunk(cell), view.texture.shrunk(cell));
-    let small: Vec<_> = views.iter().map(shrunk).collect();
+    let small: Vec<_> = views.par_iter().map(|view| shrunk(view, detail)).collect();
     let views: Vec<_> = small.iter().map(|(camera, texture)| SourceView { camera, texture }).collect();
-    let found = find(&views);
+    let found = depth_at_full_size(&views, range, maps);
     let (width, height) = (photo.texture.width(), photo.texture.height());
-    let disparity = Array2::from_shape_fn((height, width), |(y, x)| found.disparity[(y / cell, x / cell)]);
-    PhotoDepth { disparity, ..found }
+    let disparity = Array2::from_shape_fn((height, width), |(y, x)| found.disparity[(y / detail, x / detail)]);
+    Ok(PhotoDepth { disparity, ..found })
 }
 
-/// The depth of the first of these photos, given the group's maps.
+/// A photo for the maps of step 1, where details of the searched photo have so many pixels a side.
+pub(crate) fn small_photo(view: &SourceView<'_>, detail: usize) -> SmallPhoto {
+    if detail == 1 {
+        return SmallPhoto::new(view);
+    }
+    let (camera, texture) = shrunk(view, detail);
+    SmallPhoto::new(&SourceView { camera: &camera, texture: &texture })
+}
+
+fn shrunk(view: &SourceView<'_>, factor: usize) -> (Camera, Texture) {
+    (view.camera.shrunk(factor), view.texture.shrunk(factor))
+}
+
+/// The depth of the first of these photos, given the maps of all of them.
 fn depth_at_full_size(views: &[SourceView<'_>], range: (f64, f64), maps: Vec<PhotoDepth>) -> PhotoDepth {
-    let (photo, neighbours) = views.split_first().expect("a photo");
     let group = Group::of(&views.iter().map(|view| view.camera).collect::<Vec<_>>(), maps);
-    let mut first = CellSearch::new(photo, neighbours, range, CELL, Some(&group.maps[0]));
-    let anchors = group.anchors(&photo.camera.shrunk(CELL), &first.depth());
+    let mut first = CellSearch::of_full_size(views, CELL, range, Some(&group.maps[0]));
+    let anchors = group.anchors(&views[0].camera.shrunk(CELL), &first.depth());
     first.search_again(&anchors);
-    refined(photo, neighbours, first)
-}
-
-/// The depth of each photo of a group of the full size (at least two) on its cells, searched from
-/// near to far (scene units).
-pub(super) fn group_maps(views: &[SourceView<'_>], range: (f64, f64)) -> Vec<PhotoDepth> {
-    let search = |which: usize| {
-        let others: Vec<_> = (0..views.len()).filter(|&other| other != which).map(|other| views[other]).collect();
-        CellSearch::new(&views[which], &others, range, GROUP_CELL, None).depth()
-    };
-    (0..views.len()).into_par_iter().map(search).collect()
+    refined(views, first)
 }
 
 /// A photo and its neighbours at a small size.
@@ -105,7 +114,7 @@ pub(crate) struct Group {
 impl Group {
     /// Of these maps and the cameras of the full size, of the photo in question first.
     pub(super) fn of(cameras: &[&Camera], maps: Vec<PhotoDepth>) -> Self {
-        let cameras: Vec<Camera> = cameras.iter().map(|camera| camera.shrunk(GROUP_CELL)).collect();
+        let cameras: Vec<Camera> = cameras.iter().map(|camera| camera.shrunk(SMALL_CELL)).collect();
         let confirm = |which: usize| {
             let disparity_per_pixel = GROUP_PX * maps[which].disparity_per_pixel;
             let own = PhotoDepth { disparity_per_pixel, ..maps[which].clone() };
@@ -124,7 +133,7 @@ impl Group {
         let carried = self.carried(found.disparity_per_pixel);
         let kept = mostly_confirmed(&own);
         let anchor = |((y, x), &own): ((usize, usize), &f32)| {
-            if own >= 0.0 || kept[(y, x)] { own } else { carried[(y * CELL / GROUP_CELL, x * CELL / GROUP_CELL)] }
+            if own >= 0.0 || kept[(y, x)] { own } else { carried[(y * CELL / SMALL_CELL, x * CELL / SMALL_CELL)] }
         };
         let disparity = own.indexed_iter().map(anchor).collect();
         Anchors { kept: kept.into_iter().collect(), disparity }

@@ -23,21 +23,21 @@ mod correction;
 mod depth_maps;
 mod found_range;
 mod fusion;
-mod group_maps;
 mod neighbourhood;
 mod range;
 mod search;
+mod small_maps;
 pub mod stages;
 mod target_surface;
 #[cfg(test)]
 mod tests;
 
 pub use anchored_depth::anchored_depth;
-pub(crate) use anchored_depth::anchored_depth_in_scene;
+pub(crate) use anchored_depth::{anchored_depth_in_scene, small_photo};
 pub use correction::{exposure_gains, sharpening};
 pub use depth_maps::{DepthMaps, EXTRA_PHOTOS, NEIGHBOURS};
 pub(crate) use found_range::found_range;
 pub use fusion::{ConfirmedDepth, ConsistencyVotes, Surface, SurfaceView, confirmed, surface};
-pub(crate) use group_maps::GroupMaps;
 pub use search::{PhotoDepth, photo_depth};
+pub(crate) use small_maps::SmallMaps;
 pub use target_surface::{PhotoCorrection, TargetSurface};

@@ -6,7 +6,7 @@
 
 use ndarray::{Array2, Array3};
 
-use super::anchored_depth::{Group, group_maps};
+use super::anchored_depth::Group;
 use super::fusion::photo_variance::{self, VarianceViews};
 use super::fusion::surface::{OCCLUSION_MARGIN_PX, disparity_per_pixel, splat_confirmed, warp_sources};
 use super::fusion::target_search::TargetSearch;
@@ -21,6 +21,7 @@ use super::search::photo_depth;
 use super::search::photo_sweep::costs;
 use super::search::planes::Planes;
 use super::search::tile_ranges;
+use super::small_maps::{self, SmallPhoto};
 use crate::geometry::{Camera, PlaneSweep, Size};
 use crate::layers::padded;
 use crate::render::{SharpenedPhotos, Visibility, hide_occluded};
@@ -103,10 +104,11 @@ pub fn disparity(index: &Array2<f32>, search: &Search<'_>) -> Array2<f32> {
     index.mapv(|index| search.grid().disparity(index))
 }
 
-/// The depth of each photo of a group `[h/4, w/4]`, searched among the others (at least one) from
-/// near to far (scene units).
-pub fn group(views: &[SourceView<'_>], range: (f64, f64)) -> Vec<PhotoDepth> {
-    group_maps(views, range)
+/// The depth `[h/4, w/4]` of the first of these photos at the small size, searched among the others (at
+/// least one) from near to far (scene units).
+pub fn small_map(views: &[SourceView<'_>], range: (f64, f64)) -> PhotoDepth {
+    let photos: Vec<SmallPhoto> = views.iter().map(SmallPhoto::new).collect();
+    small_maps::small_map(&photos.iter().collect::<Vec<_>>(), range)
 }
 
 /// What the others of a group confirm of each of its maps; the cameras are those of the full size.

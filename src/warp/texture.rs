@@ -80,8 +80,8 @@ impl Texture {
         let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
         let (stride, shrunk_stride) = (self.width + BORDER.0 + BORDER.1, width + BORDER.0 + BORDER.1);
         let mut texels = vec![[0.0; 4]; shrunk_stride * (height + BORDER.0 + BORDER.1)];
-        let rows = texels.chunks_exact_mut(shrunk_stride).skip(BORDER.0).take(height);
-        for (y, row) in rows.enumerate() {
+        let rows = texels.par_chunks_exact_mut(shrunk_stride).skip(BORDER.0).take(height);
+        rows.enumerate().for_each(|(y, row)| {
             for (x, texel) in row[BORDER.0..BORDER.0 + width].iter_mut().enumerate() {
                 let (last_y, last_x) = ((y * cell + cell).min(self.height), (x * cell + cell).min(self.width));
                 let mut sum = [0.0; 4];
@@ -93,7 +93,7 @@ impl Texture {
                 }
                 *texel = sum.map(|s| s / sum[3]);
             }
-        }
+        });
         Self { texels, width, height, id: new_id() }
     }
 

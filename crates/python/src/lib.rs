@@ -75,7 +75,7 @@ mod _liveview {
         use crate::stages::render::blend_shifted;
         #[pymodule_export]
         use crate::stages::search::{
-            aggregate, anchored_costs, anchors, bands, costs, depth_range, disparity, group, group_confirmed,
+            aggregate, anchored_costs, anchors, bands, costs, depth_range, disparity, group_confirmed, small_map,
             tile_ranges,
         };
     }

@@ -27,7 +27,7 @@ from ..reference.layers.guided.matching_cost import shrink
 from ..reference.layers.guided.range_map import median3
 from ..reference.render.sharpened import sharpened
 from ..reference.render.visibility import hide
-from ..reference.surface.anchored_depth import GROUP_CELL, GROUP_PIXELS, Group, anchored_depth, confirmed_by
+from ..reference.surface.anchored_depth import GROUP_PIXELS, SMALL_CELL, Group, anchored_depth, confirmed_by
 from ..reference.surface.correction.exposure import exposure_gains
 from ..reference.surface.correction.sharpness import sharpening
 from ..reference.surface.fusion.confirmed_depth import ConfirmedDepth
@@ -156,7 +156,7 @@ def group_views(data: Arrays, dtype: torch.dtype) -> list[tuple]:
 
 
 def coarse_maps(data: Arrays, dtype: torch.dtype) -> list[tuple]:
-    cameras = [camera.shrunk(GROUP_CELL) for _, camera in group_views(data, dtype)]
+    cameras = [camera.shrunk(SMALL_CELL) for _, camera in group_views(data, dtype)]
     pixels = data["coarse_pixel"]
     return [(c, PhotoDepth(tensor(data, f"coarse{i}", dtype), float(pixels[i]))) for i, c in enumerate(cameras)]
 

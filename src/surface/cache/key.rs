@@ -19,7 +19,7 @@ use crate::warp::Texture;
 
 /// Kind and version of the files. To be raised with every change of a file's content or of the
 /// search's result.
-const FORMAT: &str = "liveview photo depth 5";
+const FORMAT: &str = "liveview photo depth 6";
 
 /// Constants that the search was tuned by.
 const SEARCH_CONSTANTS: [f64; 5] =

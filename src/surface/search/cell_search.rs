@@ -6,6 +6,7 @@
 //! ([`super::tile_ranges`]), aggregated ([`super::aggregate`]), 3×3 median of the (fractional) indices.
 
 use ndarray::Array2;
+use rayon::prelude::*;
 
 use super::aggregate::aggregate;
 use super::anchors::Anchors;
@@ -13,7 +14,7 @@ use super::depth_map::PhotoDepth;
 use super::grid::{Candidates, Grid};
 use super::photo_sweep::costs;
 use super::planes::Planes;
-use super::tile_ranges::tile_ranges;
+use super::tile_ranges::{has_many_planes, tile_ranges};
 use crate::geometry::PlaneSweep;
 use crate::geometry::parallax::widest_parallax;
 use crate::surface::neighbourhood::median3;
@@ -23,6 +24,31 @@ use crate::warp::{SourceView, Texture, WarpSource};
 const PLANE_COUNT: std::ops::RangeInclusive<usize> = 32..=256;
 /// Distance between the planes, pixels of parallax per pixel of a cell's side.
 pub(crate) const PLANE_SPACING: f64 = 0.5;
+
+/// Whether [`CellSearch::new`] needs a coarser search first: there are many planes.
+pub(crate) fn needs_coarser(views: &[SourceView<'_>], cell: usize, range: (f64, f64)) -> bool {
+    has_many_planes(&SearchPlanes::new(views, cell, range).grid)
+}
+
+/// The planes that a photo is searched at.
+struct SearchPlanes {
+    /// Of each neighbour from the photo.
+    sweeps: Vec<PlaneSweep>,
+    /// From the first to the last plane, in the neighbour where it is largest; pixels of the full size.
+    parallax: f64,
+    grid: Grid,
+}
+
+impl SearchPlanes {
+    fn new(views: &[SourceView<'_>], cell: usize, (near, far): (f64, f64)) -> Self {
+        let (photo, neighbours) = views.split_first().expect("a photo");
+        let sweeps: Vec<_> = neighbours.iter().map(|n| PlaneSweep::new(n.camera, photo.camera)).collect();
+        let parallax = widest_parallax(&sweeps, photo.camera.size(), near, far).max(1.0);
+        let count = (parallax / (PLANE_SPACING * cell as f64)).ceil() as usize + 1;
+        let grid = Grid::new(near, far, count.clamp(*PLANE_COUNT.start(), *PLANE_COUNT.end()));
+        Self { sweeps, parallax, grid }
+    }
+}
 
 /// A search on cells, and what it found.
 pub(crate) struct CellSearch {
@@ -39,28 +65,37 @@ pub(crate) struct CellSearch {
 }
 
 impl CellSearch {
-    /// Searches `photo` among its neighbours (at least one), from near to far (scene units), on
-    /// cells of `cell` pixels a side; `coarser`: what a search on cells twice as large found.
+    /// Searches the first of the photos among the others (at least one), from near to far (scene
+    /// units). Their cameras are of the full size, their textures by cells of `cell` pixels a side;
+    /// `coarser`: what a search on cells twice as large found.
     pub(crate) fn new(
-        photo: &SourceView<'_>,
-        neighbours: &[SourceView<'_>],
-        (near, far): (f64, f64),
+        views: &[SourceView<'_>],
         cell: usize,
+        (near, far): (f64, f64),
         coarser: Option<&PhotoDepth>,
     ) -> Self {
-        let sweeps: Vec<_> = neighbours.iter().map(|n| PlaneSweep::new(n.camera, photo.camera)).collect();
-        let widest = widest_parallax(&sweeps, photo.camera.size(), near, far).max(1.0);
-        let planes = (widest / (PLANE_SPACING * cell as f64)).ceil() as usize + 1;
-        let grid = Grid::new(near, far, planes.clamp(*PLANE_COUNT.start(), *PLANE_COUNT.end()));
-        let textures: Vec<Texture> = neighbours.iter().map(|n| n.texture.shrunk(cell)).collect();
-        let sources = textures.iter().zip(&sweeps).map(|(t, sweep)| WarpSource::new(t, sweep.shrunk(cell as f64)));
-        let photo = Planes::new(&photo.texture.shrunk(cell));
+        let SearchPlanes { sweeps, parallax, grid } = SearchPlanes::new(views, cell, (near, far));
+        let sources = views[1..].iter().zip(&sweeps);
+        let sources: Vec<_> = sources.map(|(n, sweep)| WarpSource::new(n.texture, sweep.shrunk(cell as f64))).collect();
+        let photo = Planes::new(views[0].texture);
         let size = (photo.height, photo.width);
         let ranges = coarser.and_then(|coarser| tile_ranges(&coarser.disparity, &grid, size));
-        let costs = costs(&photo, &sources.collect::<Vec<_>>(), &grid, Candidates::All, ranges.as_ref());
+        let costs = costs(&photo, &sources, &grid, Candidates::All, ranges.as_ref());
         let index = aggregated(&costs, &photo, &grid);
-        let disparity_per_pixel = ((1.0 / near - 1.0 / far) / widest) as f32;
+        let disparity_per_pixel = ((1.0 / near - 1.0 / far) / parallax) as f32;
         Self { photo, grid, costs, index, disparity_per_pixel }
+    }
+
+    /// As [`Self::new`], of photos of the full size.
+    pub(crate) fn of_full_size(
+        views: &[SourceView<'_>],
+        cell: usize,
+        range: (f64, f64),
+        coarser: Option<&PhotoDepth>,
+    ) -> Self {
+        let textures: Vec<Texture> = views.par_iter().map(|view| view.texture.shrunk(cell)).collect();
+        let by_cells = views.iter().zip(&textures).map(|(view, texture)| SourceView { texture, ..*view });
+        Self::new(&by_cells.collect::<Vec<_>>(), cell, range, coarser)
     }
 
     /// Searches the cells that are not kept again, with these anchors. The costs are spent: once.

@@ -29,11 +29,13 @@ pub(crate) const FINE_PER_COARSE: usize = 2;
 /// Searches the depth of `photo` among its `neighbours` (at least one), from `near` to `far` (scene
 /// units).
 pub fn photo_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: f64, far: f64) -> PhotoDepth {
-    refined(photo, neighbours, CellSearch::new(photo, neighbours, (near, far), CELL, None))
+    let views: Vec<_> = std::iter::once(photo).chain(neighbours).copied().collect();
+    refined(&views, CellSearch::of_full_size(&views, CELL, (near, far), None))
 }
 
-/// The second search, around the result of the first.
-pub(crate) fn refined(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], first: CellSearch) -> PhotoDepth {
+/// The second search of the first of these photos, around the result of the first search.
+pub(crate) fn refined(views: &[SourceView<'_>], first: CellSearch) -> PhotoDepth {
+    let (photo, neighbours) = views.split_first().expect("a photo");
     let CellSearch { photo: cells, grid, index, disparity_per_pixel, .. } = first;
     let fine = grid.divided(FINE_PER_COARSE);
     let starts = segment_starts(&index, cells.width, FINE_PER_COARSE, fine.count());

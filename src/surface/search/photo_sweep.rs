@@ -43,12 +43,18 @@ pub(crate) fn costs(
     ranges: Option<&Array3<u16>>,
 ) -> Vec<u16> {
     let count = candidates.count(grid);
-    let outside = if ranges.is_some() { round_to_i32(UNSEEN_COST * COST_SCALE) as u16 } else { 0 };
-    let mut volume = vec![outside; reference.height * reference.width * count];
+    let mut volume = vec![0; reference.height * reference.width * count];
     let search = Search { reference, sources, grid, candidates, ranges, count };
     let bands = volume.par_chunks_mut(BAND_ROWS * reference.width * count).enumerate();
-    bands
-        .for_each_init(|| Box::new(Tile::NEW), |tile, (index, out)| search_band(&search, index * BAND_ROWS, tile, out));
+    bands.for_each_init(
+        || Box::new(Tile::NEW),
+        |tile, (index, out)| {
+            if ranges.is_some() {
+                out.fill(round_to_i32(UNSEEN_COST * COST_SCALE) as u16);
+            }
+            search_band(&search, index * BAND_ROWS, tile, out);
+        },
+    );
     volume
 }
 

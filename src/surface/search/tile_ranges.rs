@@ -23,10 +23,15 @@ const REACH: usize = 6;
 /// Planes beyond those of the coarser map.
 const MARGIN: f32 = 8.0;
 
+/// Whether a grid is searched around what a coarser search found.
+pub(crate) fn has_many_planes(grid: &Grid) -> bool {
+    grid.count() > FEW_PLANES
+}
+
 /// First plane and end, `[⌈h/24⌉, ⌈w/63⌉, 2]`, of each tile of `height` × `width` cells, whose disparity
 /// a `coarser` search found; `None`: all planes everywhere.
 pub(crate) fn tile_ranges(coarser: &Array2<f32>, grid: &Grid, (height, width): (usize, usize)) -> Option<Array3<u16>> {
-    if grid.count() <= FEW_PLANES {
+    if !has_many_planes(grid) {
         return None;
     }
     let (rows, columns) = coarser.dim();

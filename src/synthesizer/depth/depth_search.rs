@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::scene_depth::DepthSource;
 use crate::scene::Scene;
 use crate::surface::cache::{DepthCache, DepthKey, PhotoDigest};
-use crate::surface::{GroupMaps, PhotoDepth, anchored_depth_in_scene};
+use crate::surface::{PhotoDepth, SmallMaps, anchored_depth_in_scene, small_photo};
 use crate::synthesizer::error::SynthesisError;
 use crate::synthesizer::shot::LoadedPhoto;
 use crate::warp::{SourceView, Texture};
@@ -22,10 +22,14 @@ pub struct DepthSearch {
     pub(in crate::synthesizer) held_out: Vec<usize>,
     /// The view's photo, then those of its neighbours.
     pub(in crate::synthesizer) photos: Vec<SearchedPhoto>,
+    /// Those of their neighbours, which are needed at a small size.
+    pub(in crate::synthesizer) further: Vec<SearchedPhoto>,
+    /// The view, then its neighbours, each with its own neighbours.
+    pub(in crate::synthesizer) searched: Vec<Vec<usize>>,
     /// Near and far, scene units.
     pub(in crate::synthesizer) range: (f64, f64),
     /// What earlier searches over this range found.
-    pub(in crate::synthesizer) groups: Arc<GroupMaps>,
+    pub(in crate::synthesizer) small_maps: Arc<SmallMaps>,
     /// The folder that keeps depths.
     pub(in crate::synthesizer) folder: Option<DepthCache>,
 }
@@ -94,8 +98,11 @@ impl DepthSearch {
             // Without neighbours there is nothing to find, and the depth is unknown everywhere.
             [photo] => (PhotoDepth::unknown(photo.camera.size()), DepthSource::Alone),
             _ => {
-                let views: Vec<usize> = photos.iter().map(|photo| photo.view).collect();
-                (anchored_depth_in_scene(&sources, self.range, &views, &self.groups), DepthSource::Searched)
+                let small = |view, detail| -> Result<_, SynthesisError> {
+                    Ok(small_photo(&self.photo(view).read(&self.scene)?.source(), detail))
+                };
+                let (maps, searched) = (&self.small_maps, &self.searched);
+                (anchored_depth_in_scene(&sources, self.range, maps, searched, small)?, DepthSource::Searched)
             }
         };
         let time = started.elapsed();
@@ -107,24 +114,27 @@ impl DepthSearch {
     }
 
     fn found(self, depth: PhotoDepth, source: DepthSource, time: Duration, notes: Vec<String>) -> FoundDepth {
-        FoundDepth { held_out: self.held_out, photos: self.photos, depth, source, time, notes }
+        let photos = self.photos.into_iter().chain(self.further).collect();
+        FoundDepth { held_out: self.held_out, photos, depth, source, time, notes }
     }
 
     /// What identifies the depth.
     fn key(&mut self) -> Result<DepthKey, SynthesisError> {
-        let digested = |photo: &mut SearchedPhoto| {
-            if photo.digest.is_none() {
-                photo.digest = Some(PhotoDigest::new(&photo.load(&self.scene)?.texture));
-            }
-            Ok(())
-        };
-        let digested: Vec<Result<(), SynthesisError>> = self.photos.par_iter_mut().map(digested).collect();
+        let scene = &self.scene;
+        let group = self.photos.par_iter_mut().map(|photo| photo.set_digest(scene, true));
+        let further = self.further.par_iter_mut().map(|photo| photo.set_digest(scene, false));
+        let digested: Vec<Result<(), SynthesisError>> = group.chain(further).collect();
         digested.into_iter().collect::<Result<(), _>>()?;
-        let photo = |photo: &SearchedPhoto| (&self.scene.views[photo.view].camera, photo.digest.expect("set above"));
-        Ok(DepthKey::new(&self.photos.iter().map(photo).collect::<Vec<_>>(), self.range))
+        let photo = |&view: &usize| (&self.scene.views[view].camera, self.photo(view).digest.expect("set above"));
+        Ok(DepthKey::new(&self.searched.iter().flatten().map(photo).collect::<Vec<_>>(), self.range))
     }
 
-    /// The photos, those that are not in memory read from their files side by side. Of several
+    fn photo(&self, view: usize) -> &SearchedPhoto {
+        let mut photos = self.photos.iter().chain(&self.further);
+        photos.find(|photo| photo.view == view).expect("a photo of the search")
+    }
+
+    /// The view's photo and its neighbours', read from their files side by side. Of several
     /// errors it is the first photo's.
     fn load(&mut self) -> Result<Vec<LoadedPhoto>, SynthesisError> {
         let loaded: Vec<_> = self.photos.par_iter_mut().map(|photo| photo.load(&self.scene)).collect();
@@ -134,12 +144,27 @@ impl DepthSearch {
 
 impl SearchedPhoto {
     /// The photo, read from its file unless it is in memory.
-    fn load(&mut self, scene: &Scene) -> Result<LoadedPhoto, SynthesisError> {
-        let Self { view, texture, .. } = self;
-        let texture = match texture {
+    fn read(&self, scene: &Scene) -> Result<LoadedPhoto, SynthesisError> {
+        let texture = match &self.texture {
             Some(texture) => Arc::clone(texture),
-            None => Arc::clone(texture.insert(Arc::new(Texture::new(&scene.load_image(*view)?)))),
+            None => Arc::new(Texture::new(&scene.load_image(self.view)?)),
         };
-        Ok(LoadedPhoto { view: *view, camera: scene.views[*view].camera.clone(), texture })
+        Ok(LoadedPhoto { view: self.view, camera: scene.views[self.view].camera.clone(), texture })
+    }
+
+    /// Sets the digest unless it is known; the photo is read for that, and stays in memory or not.
+    fn set_digest(&mut self, scene: &Scene, stays: bool) -> Result<(), SynthesisError> {
+        if self.digest.is_none() {
+            let loaded = if stays { self.load(scene)? } else { self.read(scene)? };
+            self.digest = Some(PhotoDigest::new(&loaded.texture));
+        }
+        Ok(())
+    }
+
+    /// As [`Self::read`]; it stays in memory.
+    fn load(&mut self, scene: &Scene) -> Result<LoadedPhoto, SynthesisError> {
+        let loaded = self.read(scene)?;
+        self.texture = Some(Arc::clone(&loaded.texture));
+        Ok(loaded)
     }
 }

@@ -1,6 +1,7 @@
 //! The depth of a scene's photos: searched when it is first needed, or read from a folder where an
 //! earlier run has stored it.
 
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -177,18 +178,22 @@ fn search(
     photos: &PhotoStore,
     view: usize,
 ) -> Option<DepthSearch> {
-    let needed = depth.photos_to_search(view);
+    let group = depth.photos_to_search(view);
+    let searched: Vec<Vec<usize>> = group.iter().map(|&view| depth.with_neighbours(view)).collect();
+    let further: BTreeSet<usize> = searched.iter().flatten().copied().filter(|view| !group.contains(view)).collect();
     let photo = |&view: &usize| SearchedPhoto {
         view,
         texture: photos.get(view),
         digest: files.as_ref().and_then(|files| files.digests[view]),
     };
-    (!needed.is_empty()).then(|| DepthSearch {
+    (!group.is_empty()).then(|| DepthSearch {
         scene: views.shared_scene(),
         held_out: depth.held_out().to_vec(),
-        photos: needed.iter().map(photo).collect(),
+        photos: group.iter().map(photo).collect(),
+        further: further.iter().map(photo).collect(),
+        searched,
         range: depth.range(),
-        groups: depth.groups(),
+        small_maps: depth.small_maps(),
         folder: files.as_ref().map(|files| files.folder.clone()),
     })
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::kinds::PhotosWithDepth;
 use crate::scene::Scene;
-use crate::surface::{ConfirmedDepth, DepthMaps, GroupMaps, PhotoDepth};
+use crate::surface::{ConfirmedDepth, DepthMaps, PhotoDepth, SmallMaps};
 use crate::warp::SourceView;
 
 /// How the depth of a photo was found.
@@ -51,7 +51,7 @@ pub struct DepthProgress<'a> {
 /// Depth maps of the views that are not held out.
 pub(in crate::synthesizer) struct SceneDepth {
     maps: DepthMaps,
-    groups: Arc<GroupMaps>,
+    small_maps: Arc<SmallMaps>,
     /// Views of the maps' photos.
     free: Vec<usize>,
     held_out: Vec<usize>,
@@ -68,7 +68,7 @@ impl SceneDepth {
     ) -> Self {
         let cameras = free.iter().map(|&view| scene.views[view].camera.clone()).collect();
         let sources = vec![(DepthSource::Alone, Duration::ZERO); free.len()];
-        Self { maps: DepthMaps::new(cameras, near, far), groups: Arc::default(), free, held_out, sources }
+        Self { maps: DepthMaps::new(cameras, near, far), small_maps: Arc::default(), free, held_out, sources }
     }
 
     /// Whether exactly these views are held out.
@@ -108,8 +108,8 @@ impl SceneDepth {
     }
 
     /// What searches share.
-    pub(in crate::synthesizer) fn groups(&self) -> Arc<GroupMaps> {
-        Arc::clone(&self.groups)
+    pub(in crate::synthesizer) fn small_maps(&self) -> Arc<SmallMaps> {
+        Arc::clone(&self.small_maps)
     }
 
     /// The depth of a view's photo, if it is known.

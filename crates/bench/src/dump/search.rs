@@ -1,5 +1,8 @@
 //! The search of the photos' depth, stage by stage: the arrays of photo i of a shot are named `search{i}.…`.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
 use anyhow::Result;
 use liveview::surface::stages::{self, Search};
 use liveview::surface::{DepthMaps, PhotoDepth};
@@ -29,10 +32,24 @@ pub(super) fn write_search(scene: &Scene, shot: &Shot, photos: &Photos, arrays: 
             continue;
         }
         let group: Vec<usize> = std::iter::once(place).chain(neighbours).collect();
-        let load = |&place: &usize| Ok(Texture::new(&scene.load_image(free[place])?));
-        let textures = group.iter().map(load).collect::<Result<Vec<_>>>()?;
-        let views = group.iter().zip(&textures).map(|(&p, texture)| SourceView { camera: &cameras[p], texture });
-        write_of_photo(&views.collect::<Vec<_>>(), photos.range, depth.disparity_per_pixel, of_photo)?;
+        let photos_of = |place: usize| -> Vec<usize> { std::iter::once(place).chain(maps.neighbours(place)).collect() };
+        let searched: Vec<Vec<usize>> = group.iter().map(|&place| photos_of(place)).collect();
+        let mut textures = HashMap::new();
+        for &place in searched.iter().flatten() {
+            if let Entry::Vacant(entry) = textures.entry(place) {
+                entry.insert(Texture::new(&scene.load_image(free[place])?));
+            }
+        }
+        let views_of = |places: &[usize]| -> Vec<SourceView<'_>> {
+            places.iter().map(|place| SourceView { camera: &cameras[*place], texture: &textures[place] }).collect()
+        };
+        let mut small_maps = Vec::with_capacity(group.len());
+        for (which, places) in searched.iter().enumerate() {
+            let around: Array1<i64> = places[1..].iter().map(|&place| free[place] as i64).collect();
+            of_photo.add(&format!("coarse_neighbours{which}"), around)?;
+            small_maps.push(write_small_map(&views_of(places), which, photos.range, of_photo)?);
+        }
+        write_of_photo(&views_of(&group), &small_maps, photos.range, depth.disparity_per_pixel, of_photo)?;
     }
     Ok(())
 }
@@ -49,9 +66,41 @@ impl OfPhoto<'_> {
     }
 }
 
-/// The search of the first of these photos among the others.
+/// The map of photo `which` of a group at the small size: the first of these photos, searched among the others.
+fn write_small_map(
+    views: &[SourceView<'_>],
+    which: usize,
+    range: (f64, f64),
+    arrays: &mut OfPhoto<'_>,
+) -> Result<PhotoDepth> {
+    let map = stages::small_map(views, range);
+    let photo = views[0].texture;
+    let count = planes(range, map.disparity_per_pixel, 4);
+    let mut search = Search { range, count, parts: 1, cell: 4, starts: None, ranges: None };
+    let size = (photo.height().div_ceil(4), photo.width().div_ceil(4));
+    let larger = Search { count: planes(range, map.disparity_per_pixel, 8), cell: 8, ..search };
+    let costs = stages::matching_costs(&views[0], &views[1..], &larger);
+    let found = stages::aggregated(&costs, photo, &larger);
+    let larger_map = stages::disparity(&stages::median3(&found), &larger);
+    let ranges = stages::tile_ranges(&larger_map, &search, size);
+    if let Some(ranges) = &ranges {
+        arrays.add(&format!("larger_costs{which}"), costs)?;
+        arrays.add(&format!("larger_found{which}"), found)?;
+        arrays.add(&format!("larger{which}"), larger_map)?;
+        arrays.add(&format!("coarse_ranges{which}"), ranges.clone())?;
+    }
+    search.ranges = ranges.as_ref();
+    let costs = stages::matching_costs(&views[0], &views[1..], &search);
+    arrays.add(&format!("coarse_found{which}"), stages::aggregated(&costs, photo, &search))?;
+    arrays.add(&format!("coarse_costs{which}"), costs)?;
+    arrays.add(&format!("coarse{which}"), map.disparity.clone())?;
+    Ok(map)
+}
+
+/// The search of the first of these photos among the others, given the maps of all at the small size.
 fn write_of_photo(
     views: &[SourceView<'_>],
+    maps: &[PhotoDepth],
     range: (f64, f64),
     disparity_per_pixel: f32,
     arrays: &mut OfPhoto<'_>,
@@ -60,17 +109,9 @@ fn write_of_photo(
     let count = planes(range, disparity_per_pixel, 2);
     arrays.add("count", ndarray::arr0(count as i64))?;
     let cameras: Vec<_> = views.iter().map(|view| view.camera).collect();
-    let maps = stages::group(views, range);
     arrays.add("coarse_pixel", maps.iter().map(|map| map.disparity_per_pixel).collect::<Array1<_>>())?;
-    let sure = stages::group_confirmed(&cameras, &maps);
-    for (which, (map, sure)) in maps.iter().zip(&sure).enumerate() {
-        let count = planes(range, map.disparity_per_pixel, 4);
-        let search = Search { range, count, parts: 1, cell: 4, starts: None, ranges: None };
-        let others: Vec<_> = (0..views.len()).filter(|&other| other != which).map(|other| views[other]).collect();
-        let costs = stages::matching_costs(&views[which], &others, &search);
-        arrays.add(&format!("coarse_found{which}"), stages::aggregated(&costs, views[which].texture, &search))?;
-        arrays.add(&format!("coarse_costs{which}"), costs)?;
-        arrays.add(&format!("coarse{which}"), map.disparity.clone())?;
+    let sure = stages::group_confirmed(&cameras, maps);
+    for (which, sure) in sure.iter().enumerate() {
         arrays.add(&format!("coarse_sure{which}"), sure.disparity.mapv(|disparity| f32::from(disparity >= 0.0)))?;
     }
     let mut first = Search { range, count, parts: 1, cell: 2, starts: None, ranges: None };
@@ -82,7 +123,7 @@ fn write_of_photo(
     let half_found = stages::aggregated(&half_costs, photo.texture, &first);
     let half_index = stages::median3(&half_found);
     let half = PhotoDepth { disparity: stages::disparity(&half_index, &first), disparity_per_pixel };
-    let (kept, anchor) = stages::anchors(&cameras, &maps, sure, &half);
+    let (kept, anchor) = stages::anchors(&cameras, maps, sure, &half);
     let anchored_costs = stages::anchored_costs(&half_costs, kept.clone(), &anchor, &first);
     let anchored_found = stages::aggregated(&anchored_costs, photo.texture, &first);
     let median = stages::median3(&anchored_found);

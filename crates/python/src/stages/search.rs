@@ -80,18 +80,18 @@ pub(crate) fn disparity<'py>(
     with_search(grid, |search| stages::disparity(&index.as_array().to_owned(), search)).into_pyarray(py)
 }
 
-/// The depth of each photo of a group.
+/// The depth of the first of these photos at the small size, searched among the others.
 #[pyfunction]
-pub(crate) fn group<'py>(
+pub(crate) fn small_map<'py>(
     py: Python<'py>,
     views: &Bound<'py, PyAny>,
     near: f64,
     far: f64,
-) -> PyResult<Vec<(Map<'py, f32>, f32)>> {
+) -> PyResult<(Map<'py, f32>, f32)> {
     let views = Photo::pairs("views", views)?;
     let views: Vec<SourceView<'_>> = views.iter().map(Photo::source).collect();
-    let found = stages::group(&views, (near, far)).into_iter();
-    Ok(found.map(|depth| (depth.disparity.into_pyarray(py), depth.disparity_per_pixel)).collect())
+    let found = stages::small_map(&views, (near, far));
+    Ok((found.disparity.into_pyarray(py), found.disparity_per_pixel))
 }
 
 /// What the others of a group confirm of each; cameras of the full size.

@@ -11,16 +11,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...reference.layers.guided.matching_cost import shrink
 from ...reference.layers.guided.range_map import median3
 from ...reference.render.sharpened import sharpened
 from ...reference.render.visibility import hide
-from ...reference.surface.anchored_depth import GROUP_CELL
+from ...reference.surface.anchored_depth import LARGER_CELL, SMALL_CELL
 from ...reference.surface.fusion.surface import OCCLUSION_MARGIN, Surface, seen
 from ...reference.surface.search.aggregate import aggregate
 from ...reference.surface.search.grid import Candidates, Grid
 from ...reference.surface.search.photo_depth import planes_of
 from ...reference.surface.search.photo_sweep import costs
+from ...reference.surface.search.tile_ranges import has_many_planes, tile_ranges
 from ...reference.warp import warp_maps
 from ...rig_arrays import Arrays, cameras_of
 from .. import surface_stages as stages
@@ -31,11 +31,15 @@ from .scene import exact, neighbours_of
 IN_SCENE_UNITS = "anchor", "splat", "filled", "surface", "layers"  # relative to the largest
 LIKE = {
     "half_ranges": "starts",
+    "coarse_ranges": "starts",
+    "coarse_found": "half_found",
+    "larger_costs": "coarse_costs",
+    "larger_found": "half_found",
     "anchored_found": "half_found",
     "anchored_index": "half_index",
     "colour": "hidden_colour",
+    "coverage": "hidden_coverage",
 }
-LIKE |= {"coverage": "hidden_coverage", "coarse_found": "half_found", "half_ranges": "starts"}
 BOTH = torch.float64, torch.float32
 
 
@@ -84,7 +88,8 @@ def search_of(data: Arrays, i: int, view: int) -> Iterator[Compared]:
     yield exact("count", own["count"], grid.count)
     yield Compared.of("pixel", (data["pixel"][i], np.float64(pixel), np.float64(pixel)), "maps", scaled=True)
     own["pixel"] = data["pixel"][i : i + 1]
-    yield from coarse(own)
+    for which, member in enumerate([view, *around]):
+        yield from small_map(data, own, which, member)
     for stage in (stages.half_ranges, stages.half_costs, stages.half_found, stages.half_index):
         yield from compared(stage, own)
     yield from compared(stages.coarse_confirmations, own)
@@ -115,28 +120,48 @@ def anchored_index(data: Arrays, dtype: torch.dtype) -> Arrays:
     return {"anchored_index": torch.where(torch.from_numpy(data["kept"]) > 0, first, median).numpy()}
 
 
-def coarse(data: Arrays) -> Iterator[Compared]:
-    """The maps of the photo's group, as the first search of a photo but on larger cells."""
-    near, far = (float(x) for x in data["range"])
-    group = stages.group_views(data, torch.float64)
-    for i, (_, camera) in enumerate(group):
-        others = group[:i] + group[i + 1 :]
-        grid, pixel = planes_of(camera, [c for _, c in others], near, far, GROUP_CELL)
-        yield Compared.of("pixel", (data["coarse_pixel"][i], np.float64(pixel), np.float64(pixel)), "maps", scaled=True)
-        yield from compared(partial(coarse_stages, i, grid), data)
-        found = (median3(stages.tensor(data, f"coarse_found{i}", dtype)) for dtype in BOTH)
-        yield of_index("coarse", grid, data[f"coarse{i}"], *(grid.disparity(index).numpy() for index in found))
+def small_map(data: Arrays, search: Arrays, which: int, view: int) -> Iterator[Compared]:
+    """The map of a photo of the group at the small size, as the first search of a photo but on
+    larger cells, among its own neighbours."""
+    near, far = (float(x) for x in search["range"])
+    around = neighbours_of(data, view)
+    yield exact("neighbours", search[f"coarse_neighbours{which}"], around)
+    photos = search | with_photos(data, [view, *around])
+    camera, *others = cameras_of(photos)[0]
+    grid, pixel = planes_of(camera, others, near, far, SMALL_CELL)
+    pixels = search["coarse_pixel"][which], np.float64(pixel), np.float64(pixel)
+    yield Compared.of("pixel", pixels, "maps", scaled=True)
+    if has_many_planes(grid):
+        larger, _ = planes_of(camera, others, near, far, LARGER_CELL)
+        yield from cell_search(photos, "larger", which, LARGER_CELL, larger)
+        yield from compared(partial(coarse_ranges, which, grid), photos)
+    yield from cell_search(photos, "coarse", which, SMALL_CELL, grid)
 
 
-def coarse_stages(i: int, grid: Grid, data: Arrays, dtype: torch.dtype) -> Arrays:
+def cell_search(data: Arrays, name: str, which: int, cell: int, grid: Grid) -> Iterator[Compared]:
+    """A search on cells of `cell` pixels a side: costs, what their aggregation finds, and the
+    depth."""
+    yield from compared(partial(cell_stages, name, which, cell, grid), data)
+    found = (median3(stages.tensor(data, f"{name}_found{which}", dtype)) for dtype in BOTH)
+    yield of_index(name, grid, data[f"{name}{which}"], *(grid.disparity(index).numpy() for index in found))
+
+
+def coarse_ranges(which: int, grid: Grid, data: Arrays, dtype: torch.dtype) -> Arrays:
+    size = stages.photos(data, dtype, SMALL_CELL)[0][0].shape[1:]
+    found = tile_ranges(stages.tensor(data, f"larger{which}", dtype), grid, size)
+    return {f"coarse_ranges{which}": found.numpy()}
+
+
+def cell_stages(name: str, which: int, cell: int, grid: Grid, data: Arrays, dtype: torch.dtype) -> Arrays:
     """Costs, and what their aggregation finds."""
-    group = [(shrink(image, GROUP_CELL), camera) for image, camera in stages.group_views(data, dtype)]
-    image, camera = group[i]
+    (image, camera), *around = stages.photos(data, dtype, cell)
     candidates = Candidates.all(grid, *image.shape[1:])
-    volume = costs(image, camera, group[:i] + group[i + 1 :], grid, candidates, GROUP_CELL)
-    found = aggregate(stages.tensor(data, f"coarse_costs{i}", torch.int64).permute(2, 0, 1), image, candidates)
-    outputs = {"coarse_costs": volume.permute(1, 2, 0), "coarse_found": found}
-    return {f"{name}{i}": output.numpy() for name, output in outputs.items()}
+    ranges = data.get(f"{name}_ranges{which}")
+    ranges = None if ranges is None else torch.from_numpy(ranges.astype(np.int64))
+    volume = costs(image, camera, around, grid, candidates, cell, ranges)
+    found = aggregate(stages.tensor(data, f"{name}_costs{which}", torch.int64).permute(2, 0, 1), image, candidates)
+    outputs = {"costs": volume.permute(1, 2, 0), "found": found}
+    return {f"{name}_{of}{which}": output.numpy() for of, output in outputs.items()}
 
 
 def at_target(data: Arrays) -> Iterator[Compared]:

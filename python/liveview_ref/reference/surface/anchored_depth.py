@@ -1,8 +1,9 @@
 """The depth of a photo, with what its neighbours find at a small size as anchors: where there is no
 texture, the costs alone decide nothing.
 
-1. The photo and its neighbours are one group; each is searched among the others on cells of 4 x 4
-   pixels, and what the others confirm of it is kept.
+1. The photo and its neighbours are one group; each is searched among its own neighbours (here: the
+   others of the group) on cells of 4 x 4 pixels, of many planes around what a search on cells of
+   8 x 8 found. What the others of the group confirm of it is kept.
 2. The first search of the photo, around its map of step 1. A cell is kept where the group's maps
    confirm it, and where they confirm more than a third of the cells around it.
 3. Anchors: the cell's own depth where it is confirmed; elsewhere the group's confirmed depths
@@ -24,9 +25,11 @@ from .fusion.consistency import AGREEMENT, confirmed
 from .fusion.splat import FUSED, splat
 from .search.anchors import Anchors
 from .search.detail import detail_pixels
-from .search.photo_depth import CELL, CellSearch, PhotoDepth, View, refined
+from .search.photo_depth import CELL, CellSearch, PhotoDepth, View, planes_of, refined
+from .search.tile_ranges import has_many_planes
 
-GROUP_CELL = 4  # pixels a side of a cell of the group's searches
+SMALL_CELL = 4  # pixels a side of a cell of the small maps
+LARGER_CELL = 8  # the same of the search before it, where there are many planes
 GROUP_PIXELS = 2.0  # px that count as one when the group's maps are compared
 WINDOW_RADIUS = 15  # cells; half the side of the window that decides whether a hole is kept
 EDGE = 20.0  # px by which depths within 3 x 3 cells differ where none is carried over
@@ -55,6 +58,13 @@ def depth_at_full_size(photo: View, neighbours: list[View], near: float, far: fl
     return refined(photo, neighbours, first.again(group.anchors(photo[1].shrunk(CELL), first.depth())))
 
 
+def small_map(photo: View, others: list[View], near: float, far: float) -> PhotoDepth:
+    """The depth of a photo at the small size, searched among the others."""
+    grid, _ = planes_of(photo[1], [camera for _, camera in others], near, far, SMALL_CELL)
+    coarser = CellSearch.of(photo, others, near, far, LARGER_CELL).depth() if has_many_planes(grid) else None
+    return CellSearch.of(photo, others, near, far, SMALL_CELL, coarser).depth()
+
+
 class Group(NamedTuple):
     """A photo and its neighbours at a small size: their maps, and what the others confirm of
     each (-1 elsewhere)."""
@@ -66,8 +76,8 @@ class Group(NamedTuple):
     def of(cls, views: list[View], near: float, far: float) -> "Group":
         """Of photos of the full size (two at least), the one in question first."""
         others = [views[:i] + views[i + 1 :] for i in range(len(views))]
-        found = [CellSearch.of(view, rest, near, far, GROUP_CELL) for view, rest in zip(views, others, strict=True)]
-        maps = [(view[1].shrunk(GROUP_CELL), search.depth()) for view, search in zip(views, found, strict=True)]
+        found = [small_map(view, rest, near, far) for view, rest in zip(views, others, strict=True)]
+        maps = [(view[1].shrunk(SMALL_CELL), map_) for view, map_ in zip(views, found, strict=True)]
         return cls(maps, [confirmed_by(own, maps[:i] + maps[i + 1 :], GROUP_PIXELS) for i, own in enumerate(maps)])
 
     def anchors(self, camera: Camera, found: PhotoDepth) -> Anchors:
@@ -76,7 +86,7 @@ class Group(NamedTuple):
         own = confirmed_by((camera, found), self.maps[1:], 1)
         kept = mostly_confirmed(own)
         height, width = own.shape
-        ratio = GROUP_CELL // CELL
+        ratio = SMALL_CELL // CELL
         carried = self.carried(found.pixel).repeat_interleave(ratio, 0).repeat_interleave(ratio, 1)[:height, :width]
         return Anchors(kept, torch.where((own >= 0) | kept, own, carried))
 

@@ -18,10 +18,15 @@ REACH = 6  # cells of the coarser map around a tile that count
 MARGIN = 8.0  # planes beyond those of the coarser map
 
 
+def has_many_planes(grid: Grid) -> bool:
+    """Whether a grid is searched around what a coarser search found."""
+    return grid.count > FEW_PLANES
+
+
 def tile_ranges(coarser: Tensor, grid: Grid, size: tuple[int, int]) -> Tensor | None:
     """First plane and end [th, tw, 2] int64 of each tile of [h, w] cells, whose disparity a coarser
     search found; None: all planes everywhere."""
-    if grid.count <= FEW_PLANES:
+    if not has_many_planes(grid):
         return None
     index = grid.index(coarser)
     tiles = [[tile_range(part, grid.count) for part in row] for row in parts(index, size)]
