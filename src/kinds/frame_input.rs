@@ -20,6 +20,9 @@ pub(crate) struct FrameInput<'a, E> {
     /// Photometric corrections for surface layers.
     #[cfg(feature = "surface")]
     pub(crate) photo_correction: PhotoCorrection,
+    /// Whether holes of a surface are searched at the target.
+    #[cfg(feature = "surface")]
+    pub(crate) searches_holes: bool,
 }
 
 /// The photos of a frame: those that a scene's store holds, or those of a rig's time step.

@@ -16,7 +16,8 @@ pub(super) struct AlongSurface {
 impl AlongSurface {
     fn along<E: From<LayersError>>(self, frame: &mut FrameInput<'_, E>, update: DepthUpdate) -> Found<(), E> {
         let PhotosWithDepth { maps, photos, rendered_from, searched } = frame.photos.with_depth(update)?;
-        let surface = TargetSurface::find(maps, &photos, rendered_from, frame.target, frame.photo_correction);
+        let (correction, searches_holes) = (frame.photo_correction, frame.searches_holes);
+        let surface = TargetSurface::find(maps, &photos, rendered_from, frame.target, correction, searches_holes);
         let layers = surface.layers(self.count)?;
         let found = FoundLayers::new(layers, LayerSource::propagated(searched));
         Ok((FoundLayers { surface: Some(surface), ..found }, Some(())))

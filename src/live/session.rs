@@ -101,6 +101,7 @@ impl LiveSession {
             photos: &mut photos,
             is_followed: true,
             photo_correction: PhotoCorrection { exposure: !self.settings.keep_exposure, ..PhotoCorrection::default() },
+            searches_holes: true,
         };
         let FoundLayers { layers, source, selection, surface, .. } =
             find_layers(&self.settings.layers, &mut self.carried, &mut input, reuse)?;

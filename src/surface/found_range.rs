@@ -15,7 +15,7 @@ const GROUPS: usize = 4;
 /// Photos of a group: one and its neighbours.
 const GROUP_PHOTOS: usize = 5;
 /// Photos are reduced by the whole factor that brings their longer side closest to this, pixels.
-const SMALL_SIDE: f64 = 240.0;
+const SMALL_SIDE: f64 = 160.0;
 
 /// Near and far (scene units) from the photos of these views, or of some of them; where they
 /// confirm too little, the widest range that is possible. `None` if no two views have neighbouring

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::correction::{balanced, gains_to_first, sharpening_with};
 use super::depth_maps::DepthMaps;
-use super::fusion::{ConfirmedDepth, Surface, SurfaceView, surface};
+use super::fusion::{ConfirmedDepth, Surface, SurfaceView, find_surface};
 use crate::geometry::{Camera, distance};
 use crate::layers::{Layers, LayersError};
 use crate::render::{Visibility, VisibleView};
@@ -48,12 +48,14 @@ pub struct TargetSurface {
 impl TargetSurface {
     /// Finds the surface from photos whose depth is in `maps`, given by their indices among the
     /// maps with camera and texture, nearest first; the target is rendered from the first `count`.
+    /// Unless `searches_holes`, holes are only filled ([`super::surface()`]).
     pub(crate) fn find(
         maps: &mut DepthMaps,
         photos: &[(usize, SourceView<'_>)],
         count: usize,
         target: &Camera,
         correction: PhotoCorrection,
+        searches_holes: bool,
     ) -> Self {
         let set: Vec<usize> = photos.iter().map(|&(photo, _)| photo).collect();
         let mut confirmed = maps.mutually_confirmed(&set);
@@ -76,8 +78,7 @@ impl TargetSurface {
             gains = balanced(&gains, &distances);
         }
         set_gains(&mut views, &gains);
-        let (near, far) = maps.range();
-        let surface = surface(&views, target, near, far);
+        let surface = find_surface(&views, target, maps.range(), searches_holes);
         let confirmed_share = maps.confirmed_share();
         gains.truncate(count);
         confirmed.truncate(count);

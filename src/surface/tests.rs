@@ -317,7 +317,7 @@ fn pair_statistics_are_kept_while_the_photos_stay_the_same() {
             |index| SourceView { texture: if index == 1 { second } else { &rig.photos[index] }, ..rig.view(index) };
         let mut photos: Vec<_> = (0..4).map(|index| (index, view(index))).collect();
         photos.sort_by(|a, b| (PLACES[a.0] - x).abs().total_cmp(&(PLACES[b.0] - x).abs()));
-        let found = TargetSurface::find(maps, &photos, 3, &camera(x), PhotoCorrection::default());
+        let found = TargetSurface::find(maps, &photos, 3, &camera(x), PhotoCorrection::default(), true);
         (found.gains().to_vec(), found.sharpening().to_vec())
     };
     for (x, second) in [(0.05, &rig.photos[1]), (0.02, &rig.photos[1]), (-0.15, &rig.photos[1]), (-0.12, &darker)] {

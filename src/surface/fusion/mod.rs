@@ -13,5 +13,6 @@ pub(super) mod visible;
 
 pub use confirmed_depth::ConfirmedDepth;
 pub use consistency::{ConsistencyVotes, confirmed};
+pub(super) use surface::find_surface;
 pub use surface::{Surface, surface};
 pub use surface_view::SurfaceView;

@@ -92,13 +92,23 @@ impl Surface {
 /// Finds the surface of `target` from these photos, nearest first (at least one), between `near`
 /// and `far` (scene units).
 pub fn surface(views: &[SurfaceView<'_>], target: &Camera, near: f64, far: f64) -> Surface {
+    find_surface(views, target, (near, far), true)
+}
+
+/// As [`surface()`]; unless `searches_holes`, they are only filled.
+pub(crate) fn find_surface(
+    views: &[SurfaceView<'_>],
+    target: &Camera,
+    (near, far): (f64, f64),
+    searches_holes: bool,
+) -> Surface {
     let size = padded(target.size());
     let sources = warp_sources(views, target);
     let disparity_per_pixel = disparity_per_pixel(&sources, size, near, far);
     let splatted = splat_confirmed(views, target, disparity_per_pixel);
     let holes = splatted.iter().filter(|&&d| d < 0.0).count() as f64 / splatted.len() as f64;
     let mut filled = fill_holes(&splatted, size.width);
-    if holes > SEARCHED_HOLE_SHARE {
+    if searches_holes && holes > SEARCHED_HOLE_SHARE {
         let count = views.len().min(SEARCHED_VIEWS);
         let (views, sources) = (&views[..count], &sources[..count]);
         let margin = OCCLUSION_MARGIN_PX * disparity_per_pixel;

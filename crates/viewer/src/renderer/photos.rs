@@ -120,7 +120,10 @@ impl Source for Photos {
     }
 
     fn render_in_motion(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
-        self.render(&viewpoint.camera, self.motion_layers.clone())
+        self.job.synthesizer.set_hole_search(false);
+        let rendered = self.render(&viewpoint.camera, self.motion_layers.clone());
+        self.job.synthesizer.set_hole_search(true);
+        rendered
     }
 
     fn record_motion_time(&mut self, rendered: &Rendered, took: Duration) {

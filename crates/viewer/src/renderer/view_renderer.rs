@@ -14,10 +14,10 @@ use serde_json::{Value, json};
 use super::source::{AwaitedDepth, Rendered, Source};
 use crate::request::{FileRequest, ViewRequest, Viewpoint};
 
-/// Scale of the target's sides, at most, and pixels, at most, of pictures in motion that stand in for
-/// others: a search for depth takes the processor beside them.
-const DRAFT_SCALE: f64 = 0.5;
-const DRAFT_PIXELS: f64 = 60_000.0;
+/// Scale of the target's sides, at most, and pixels, at most, of pictures that stand in for others, in
+/// motion and at rest: a search for depth takes the processor beside them.
+const MOVING_DRAFT: (f64, f64) = (0.5, 60_000.0);
+const RESTING_DRAFT: (f64, f64) = (1.0, 200_000.0);
 
 /// A source of pictures, and its last picture at rest.
 pub(crate) struct ViewRenderer {
@@ -95,8 +95,9 @@ impl ViewRenderer {
     /// A picture that stands in for one that waits for depth.
     fn draft(&mut self, request: &ViewRequest) -> Result<(Value, Vec<u8>)> {
         let pixels = request.viewpoint.camera.size().pixels() as f64;
-        let scale = if request.moving { DRAFT_SCALE.min((DRAFT_PIXELS / pixels).sqrt()) } else { 1.0 };
-        let rendered = self.source.render_draft(&scaled(&request.viewpoint, scale)?)?;
+        let (scale, most) = if request.moving { MOVING_DRAFT } else { RESTING_DRAFT };
+        let scaled = scaled(&request.viewpoint, scale.min((most / pixels).sqrt()))?;
+        let rendered = self.source.render_draft(&scaled)?;
         Ok((header(&rendered), self.jpeg(&rendered, request.depth)?))
     }
 

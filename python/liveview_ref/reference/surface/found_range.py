@@ -11,7 +11,7 @@ from .search.photo_depth import View
 
 GROUPS = 4  # of photos, evenly spread in their order
 GROUP_PHOTOS = 5  # of a group: one and its neighbours
-SMALL_SIDE = 240.0  # pixels that the longer side is brought closest to, by a whole factor
+SMALL_SIDE = 160.0  # pixels that the longer side is brought closest to, by a whole factor
 
 
 def found_range(views: list[View]) -> Range | None:
