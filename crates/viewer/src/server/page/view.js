@@ -8,7 +8,7 @@ import { Recorder } from "./recorder.js";
 import { Rig, centreOf } from "./rig.js";
 
 // Milliseconds without a movement after which a picture at full quality is requested.
-const REST_DELAY = 80;
+const REST_DELAY = 200;
 const element = (id) => document.getElementById(id);
 const picture = element("picture");
 const panel = new Panel();
