@@ -149,17 +149,35 @@ impl DepthMaps {
         &mut self.statistics
     }
 
-    /// Where the maps of `others` confirm that of photo `index`, which is not missing.
-    fn confirmed_by(&mut self, index: usize, others: &[usize]) -> ConfirmedDepth {
+    /// Computes the votes that [`Self::mutually_confirmed`] needs of the photos of a set whose depth is
+    /// known, so that it finds them.
+    pub(crate) fn vote(&mut self, set: &[usize]) {
+        let known: Vec<usize> = set.iter().copied().filter(|&index| self.maps[index].is_some()).collect();
+        for &index in &known {
+            self.vote_on(index, &known);
+        }
+    }
+
+    /// Computes the votes of the maps of `others` on that of photo `index`, which is not missing; returns
+    /// those that have one.
+    fn vote_on(&mut self, index: usize, others: &[usize]) -> Vec<usize> {
         let depth = self.maps[index].as_ref().expect("a photo with depth");
-        let maps = others.iter().filter(|&&other| other != index);
-        let maps: Vec<_> = maps.filter_map(|&other| Some((other, self.maps[other].as_ref()?))).collect();
-        for &(other, map) in &maps {
+        let others = others.iter().copied().filter(|&other| other != index);
+        let voters: Vec<(usize, &Arc<PhotoDepth>)> =
+            others.filter_map(|other| Some((other, self.maps[other].as_ref()?))).collect();
+        for &(other, map) in &voters {
             let (camera, other_camera) = (&self.cameras[index], &self.cameras[other]);
             let votes = || ConsistencyVotes::new((camera, depth), (other_camera, map));
             self.votes.entry([other, index]).or_insert_with(votes);
         }
-        let votes: Vec<_> = maps.iter().map(|(other, _)| &self.votes[&[*other, index]]).collect();
+        voters.into_iter().map(|(other, _)| other).collect()
+    }
+
+    /// Where the maps of `others` confirm that of photo `index`, which is not missing.
+    fn confirmed_by(&mut self, index: usize, others: &[usize]) -> ConfirmedDepth {
+        let voters = self.vote_on(index, others);
+        let votes: Vec<_> = voters.iter().map(|&other| &self.votes[&[other, index]]).collect();
+        let depth = self.maps[index].as_ref().expect("a photo with depth");
         ConfirmedDepth::new(depth, &confirmed(&votes, depth.disparity.dim()))
     }
 }

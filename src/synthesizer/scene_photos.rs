@@ -149,6 +149,12 @@ impl ScenePhotos {
         self.depths.insert(&mut self.photos, found);
     }
 
+    /// Compares the depths of a shot's photos with each other as far as they are known, so that its plan
+    /// takes less time once all are.
+    pub fn compare_depths(&mut self, shot: &Shot) {
+        self.depths.compare(&shot.photos().collect::<Vec<_>>(), &shot.held_out);
+    }
+
     /// The photos of a shot with their depth. The depth of a photo is searched when it is first
     /// needed, over the depth range of all views that are not held out, and kept.
     ///

@@ -118,6 +118,13 @@ impl DepthStore {
         }
     }
 
+    /// Compares the depths that are known of these views' photos.
+    pub(in crate::synthesizer) fn compare(&mut self, views: &[usize], held_out: &[usize]) {
+        if let Some(depth) = self.depth.as_mut().filter(|depth| depth.serves(held_out)) {
+            depth.compare(views);
+        }
+    }
+
     /// Drops the depth of all views but these, and what confirms it unless it is needed `soon`.
     pub(in crate::synthesizer) fn retain(&mut self, views: &[usize], soon: &[usize]) {
         if let Some(depth) = &mut self.depth {

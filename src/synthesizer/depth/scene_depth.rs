@@ -138,6 +138,12 @@ impl SceneDepth {
         Some(ViewDepth { found, confirmed, range: self.maps.range(), source, time })
     }
 
+    /// Compares the depths of these views' photos that are known, which a target from them needs.
+    pub(in crate::synthesizer) fn compare(&mut self, views: &[usize]) {
+        let set: Vec<usize> = views.iter().filter_map(|&view| self.find_map_index(view)).collect();
+        self.maps.vote(&set);
+    }
+
     /// Drops the depth of all views but these, and what confirms it unless it is needed `soon`.
     pub(in crate::synthesizer) fn retain(&mut self, views: &[usize], soon: &[usize]) {
         let indices = |views: &[usize]| views.iter().filter_map(|&view| self.find_map_index(view)).collect::<Vec<_>>();

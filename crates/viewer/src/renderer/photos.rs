@@ -30,6 +30,8 @@ pub(crate) struct Photos {
     /// Those of them whose photo and depth are not prepared yet.
     unprepared: Vec<Shot>,
     searches: DepthSearches,
+    /// The last shot that waited for depth.
+    waiting: Option<Shot>,
     /// Renders what stands in for a picture that waits: without the network, which takes longest.
     drafts: Renderer,
     size: SizeController,
@@ -57,6 +59,7 @@ impl Photos {
             motion_layers,
             view_shots: Vec::new(),
             unprepared: Vec::new(),
+            waiting: None,
             drafts,
             size: SizeController::default(),
         };
@@ -149,7 +152,11 @@ impl Source for Photos {
         let shot = self.shot(&viewpoint.camera).ok()?;
         let mut views = self.job.synthesizer.photos_mut().unknown_depths(&shot);
         views.retain(|&view| !self.searches.has_failed(view));
-        (!views.is_empty()).then(|| AwaitedDepth { views, count: shot.views.len() + shot.helpers.len() })
+        let count = shot.views.len() + shot.helpers.len();
+        (!views.is_empty()).then(|| {
+            self.waiting = Some(shot);
+            AwaitedDepth { views, count }
+        })
     }
 
     fn render_draft(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
@@ -172,7 +179,10 @@ impl Source for Photos {
     fn insert(&mut self, view: usize, found: Option<Box<FoundDepth>>) {
         self.searches.end(view, found.is_some());
         if let Some(found) = found {
-            self.job.synthesizer.photos_mut().insert_depth(*found);
+            let photos = self.job.synthesizer.photos_mut();
+            photos.insert_depth(*found);
+            // Not only with the first picture that needs it, which would be late.
+            self.waiting.iter().for_each(|shot| photos.compare_depths(shot));
         }
     }
 
