@@ -51,6 +51,7 @@ impl Distortion {
     }
 
     /// The point (x', y') at z = 1 where the photo shows the pinhole ray (x, y, 1).
+    #[inline(always)]
     pub(super) fn distort(&self, x: f64, y: f64) -> (f64, f64) {
         let Self { fisheye, k: [k1, k2, k3, k4, k5, k6], p: [p1, p2] } = *self;
         let r2 = x * x + y * y;
@@ -70,32 +71,58 @@ impl Distortion {
     }
 }
 
+/// Pixels of a row whose positions are computed before they are sampled.
+const RUN: usize = 64;
+
 /// The pinhole image of `camera` from a distorted photo of the same size and K.
 pub(super) fn undistort(photo: &ImageRgb, camera: &Camera, distortion: &Distortion) -> Result<ImageRgb, ImageError> {
     let (width, height) = (photo.width(), photo.height());
-    let Intrinsics { fx, fy, cx, cy, skew } = camera.intrinsics();
     let mut data = vec![0.0_f32; photo.data().len()];
-    data.par_chunks_mut(3 * width).enumerate().for_each(|(row, pixels)| {
-        let y = (row as f64 + 0.5 - cy) / fy;
-        for (column, pixel) in pixels.chunks_exact_mut(3).enumerate() {
-            let x = (column as f64 + 0.5 - cx - skew * y) / fx;
-            let (x, y) = distortion.distort(x, y);
-            pixel.copy_from_slice(&sample(photo, fx * x + skew * y + cx, fy * y + cy));
-        }
-    });
+    let rows = data.par_chunks_mut(3 * width).enumerate();
+    rows.for_each(|(row, pixels)| undistort_row(photo, &camera.intrinsics(), distortion, row, pixels));
     ImageRgb::new(width, height, data)
 }
 
-/// Bilinear sample at pixel coordinates (centres at .5); the edge pixels extend outwards.
-fn sample(photo: &ImageRgb, u: f64, v: f64) -> [f32; 3] {
+#[pulp::with_simd(undistort_row = crate::simd::arch())]
+#[inline(always)]
+fn undistort_row_with<'a, S: pulp::Simd>(
+    _simd: S,
+    photo: &'a ImageRgb,
+    camera: &'a Intrinsics,
+    distortion: &'a Distortion,
+    row: usize,
+    pixels: &'a mut [f32],
+) {
+    let Intrinsics { fx, fy, cx, cy, skew } = *camera;
+    let (right, bottom) = ((photo.width() - 1) as f64, (photo.height() - 1) as f64);
     // `max` before `min`: `clamp` would keep NaN, this turns it into 0.
-    let clamped = |x: f64, size: usize| (x - 0.5).max(0.0).min((size - 1) as f64);
-    let (u, v) = (clamped(u, photo.width()), clamped(v, photo.height()));
+    let clamped = |at: f64, last: f64| (at - 0.5).max(0.0).min(last);
+    let y = (row as f64 + 0.5 - cy) / fy;
+    // Positions apart from samples: their arithmetic vectorises.
+    let mut positions = [(0.0, 0.0); RUN];
+    for (run, pixels) in pixels.chunks_mut(3 * RUN).enumerate() {
+        for (i, position) in positions.iter_mut().enumerate() {
+            let x = (f64::from((run * RUN + i) as i32) + 0.5 - cx - skew * y) / fx;
+            let (x, y) = distortion.distort(x, y);
+            *position = (clamped(fx * x + skew * y + cx, right), clamped(fy * y + cy, bottom));
+        }
+        for (pixel, &(u, v)) in pixels.chunks_exact_mut(3).zip(&positions) {
+            pixel.copy_from_slice(&sample(photo, u, v));
+        }
+    }
+}
+
+/// Bilinear sample at a position in pixels, the centre of the first at 0 and of the last inside.
+#[inline(always)]
+fn sample(photo: &ImageRgb, u: f64, v: f64) -> [f32; 3] {
+    let (data, stride) = (photo.data(), 3 * photo.width());
     let (left, top) = (u as usize, v as usize);
-    let (right, bottom) = ((left + 1).min(photo.width() - 1), (top + 1).min(photo.height() - 1));
     let (a, b) = ((u - left as f64) as f32, (v - top as f64) as f32);
-    let [nw, ne] = [photo.pixel(left, top), photo.pixel(right, top)];
-    let [sw, se] = [photo.pixel(left, bottom), photo.pixel(right, bottom)];
+    let across = if left + 1 < photo.width() { 3 } else { 0 };
+    let down = if top + 1 < photo.height() { stride } else { 0 };
+    let at = top * stride + 3 * left;
+    let texel = |at: usize| -> &[f32; 3] { data[at..].first_chunk().expect("a pixel of the photo") };
+    let [nw, ne, sw, se] = [at, at + across, at + down, at + down + across].map(texel);
     std::array::from_fn(|c| {
         let upper = nw[c] * (1.0 - a) + ne[c] * a;
         let lower = sw[c] * (1.0 - a) + se[c] * a;
