@@ -76,7 +76,7 @@ test-rust: runtime build
 	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scene -- --ignored
 
 ## Python tests, including those of the program, of the evaluation, and of every stage of the library against the reference.
-test-python: test-python-reference test-python-library
+test-python: test-python-binding test-python-others
 
 ## `liveview view`, driven by a headless Chromium that npm fetches (Node 20 or later). Not part of `test`.
 test-browser: build runtime

@@ -19,15 +19,14 @@ wheel: setup
 
 # --- make test-python, in two parts that may run side by side ---
 
-.PHONY: test-python-reference test-python-library
+.PHONY: test-python-binding test-python-others
 
-## Tests of the reference, of the networks and of the training.
-test-python-reference: setup-evaluation build
-	$(PY) pytest -q $(addprefix tests/,evaluation paper reference training) tests/test_*.py
+## Tests of the package liveview: half of the time.
+test-python-binding: setup-evaluation build wheel
+	$(PY) pytest -q tests/binding
 
-## Tests of the package and of the program.
-test-python-library: setup-evaluation build wheel
-	$(PY) pytest -q $(addprefix tests/,binding parity program)
+test-python-others: setup-evaluation build wheel
+	$(PY) pytest -q --ignore tests/binding
 
 # --- make setup WITH= ---
 
