@@ -152,9 +152,10 @@ impl DepthMaps {
     /// Computes the votes that [`Self::mutually_confirmed`] needs of the photos of a set whose depth is
     /// known, so that it finds them.
     pub(crate) fn vote(&mut self, set: &[usize]) {
-        let known: Vec<usize> = set.iter().copied().filter(|&index| self.maps[index].is_some()).collect();
-        for &index in &known {
-            self.vote_on(index, &known);
+        for &index in set {
+            if self.maps[index].is_some() {
+                self.vote_on(index, set);
+            }
         }
     }
 

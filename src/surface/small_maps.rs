@@ -92,12 +92,15 @@ impl SmallMaps {
     }
 }
 
-/// Values used last, by photo and detail.
+/// A photo and its detail.
+type Key = (usize, usize);
+
+/// Values used last.
 #[derive(Debug)]
 struct Recent<T> {
     kept: usize,
     /// The last used one first.
-    values: Mutex<VecDeque<([usize; 2], Arc<T>)>>,
+    values: Mutex<VecDeque<(Key, Arc<T>)>>,
 }
 
 impl<T> Recent<T> {
@@ -105,20 +108,20 @@ impl<T> Recent<T> {
         Self { kept, values: Mutex::default() }
     }
 
-    fn get(&self, (photo, detail): (usize, usize)) -> Option<Arc<T>> {
+    fn get(&self, key: Key) -> Option<Arc<T>> {
         let mut values = self.values.lock().unwrap_or_else(PoisonError::into_inner);
-        let at = values.iter().position(|&(key, _)| key == [photo, detail])?;
+        let at = values.iter().position(|&(of, _)| of == key)?;
         let found = values.remove(at)?;
         let value = Arc::clone(&found.1);
         values.push_front(found);
         Some(value)
     }
 
-    fn insert(&self, (photo, detail): (usize, usize), value: T) -> Arc<T> {
+    fn insert(&self, key: Key, value: T) -> Arc<T> {
         let value = Arc::new(value);
         let mut values = self.values.lock().unwrap_or_else(PoisonError::into_inner);
         values.truncate(self.kept - 1);
-        values.push_front(([photo, detail], Arc::clone(&value)));
+        values.push_front((key, Arc::clone(&value)));
         value
     }
 }

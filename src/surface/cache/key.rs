@@ -3,9 +3,9 @@
 //! SHA-256 of, in this order and all numbers little-endian: the text [`FORMAT`], the program's
 //! version, the CPU's architecture and vector instructions, which round differently (each text
 //! after its length in bytes, u64); the constants of the search ([`SEARCH_CONSTANTS`], f64); near
-//! and far (f64); the number of photos (u64); and for the photo itself and each of its neighbours,
-//! nearest first, its size (two u64), fx, fy, cx, cy, skew, rotation (rows), translation (f64) and
-//! the [`PhotoDigest`].
+//! and far (f64); the number of photos in the list (u64); and for each of them its size (two u64), fx,
+//! fy, cx, cy, skew, rotation (rows), translation (f64) and the [`PhotoDigest`]. The list: the photo and
+//! its neighbours, nearest first; then each neighbour and its own.
 
 use std::fmt;
 
@@ -53,8 +53,7 @@ pub(crate) struct DepthKey {
 }
 
 impl DepthKey {
-    /// Of the depth of the first photo, searched among the others, nearest first, from near to far
-    /// (scene units).
+    /// Of the depth of the first of the listed photos, searched from near to far (scene units).
     ///
     /// # Panics
     ///
