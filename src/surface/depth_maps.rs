@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::anchored_depth::anchored_depth;
 use super::correction::PairStatistics;
 use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed};
+use super::kept_votes::{KeptVotes, Votes};
 use super::search::PhotoDepth;
 use crate::geometry::{Camera, facing_alike};
 use crate::warp::SourceView;
@@ -24,8 +25,7 @@ pub struct DepthMaps {
     near: f64,
     far: f64,
     maps: Vec<Option<Arc<PhotoDepth>>>,
-    /// Votes of the map of one photo on another's, by `[voter, judged]`.
-    votes: HashMap<[usize; 2], ConsistencyVotes>,
+    votes: KeptVotes,
     /// Depths that the maps of the last set confirmed among each other.
     confirmed: Option<HashMap<usize, Arc<ConfirmedDepth>>>,
     /// Mean share of the pixels of that set which are confirmed.
@@ -44,7 +44,7 @@ impl DepthMaps {
             near,
             far,
             maps,
-            votes: HashMap::new(),
+            votes: KeptVotes::default(),
             confirmed: None,
             confirmed_share: 0.0,
             statistics: PairStatistics::default(),
@@ -92,16 +92,29 @@ impl DepthMaps {
     /// Sets the depth of photo `index`, such as one read from a file.
     pub fn insert(&mut self, index: usize, depth: PhotoDepth) {
         self.maps[index] = Some(Arc::new(depth));
-        self.votes.retain(|pair, _| !pair.contains(&index));
+        self.votes.drop_photo(index);
         self.confirmed = None;
     }
 
-    /// Drops the depth of all photos but `keep`, and the votes of pairs of which one is not needed
-    /// `soon`.
+    /// What compares a new depth of photo `index` with those of a set that are known.
+    pub(crate) fn comparison(&self, index: usize, set: &[usize]) -> Comparison {
+        let others = set.iter().filter(|&&other| other != index);
+        let known = others.filter_map(|&other| Some((other, self.cameras[other].clone(), self.maps[other].clone()?)));
+        Comparison { photo: index, camera: self.cameras[index].clone(), others: known.collect() }
+    }
+
+    /// As [`Self::insert`], with the votes of [`Self::comparison`].
+    pub(crate) fn insert_compared(&mut self, index: usize, depth: PhotoDepth, votes: Votes) {
+        self.insert(index, depth);
+        self.votes.extend(votes);
+    }
+
+    /// Drops the depth of all photos but `keep`, and what compares it; of that between photos of which one
+    /// is not needed `soon`, 64 MiB stay.
     pub fn retain(&mut self, keep: &[usize], soon: &[usize]) {
         let others = self.maps.iter_mut().enumerate().filter(|(index, _)| !keep.contains(index));
         others.for_each(|(_, map)| *map = None);
-        self.votes.retain(|pair, _| pair.iter().all(|photo| keep.contains(photo) && soon.contains(photo)));
+        self.votes.retain(keep, soon);
         self.confirmed = self.confirmed.take().filter(|confirmed| confirmed.keys().all(|photo| keep.contains(photo)));
     }
 
@@ -149,36 +162,33 @@ impl DepthMaps {
         &mut self.statistics
     }
 
-    /// Computes the votes that [`Self::mutually_confirmed`] needs of the photos of a set whose depth is
-    /// known, so that it finds them.
-    pub(crate) fn vote(&mut self, set: &[usize]) {
-        for &index in set {
-            if self.maps[index].is_some() {
-                self.vote_on(index, set);
-            }
-        }
-    }
-
-    /// Computes the votes of the maps of `others` on that of photo `index`, which is not missing; returns
-    /// those that have one.
-    fn vote_on(&mut self, index: usize, others: &[usize]) -> Vec<usize> {
-        let depth = self.maps[index].as_ref().expect("a photo with depth");
-        let others = others.iter().copied().filter(|&other| other != index);
-        let voters: Vec<(usize, &Arc<PhotoDepth>)> =
-            others.filter_map(|other| Some((other, self.maps[other].as_ref()?))).collect();
-        for &(other, map) in &voters {
-            let (camera, other_camera) = (&self.cameras[index], &self.cameras[other]);
-            let votes = || ConsistencyVotes::new((camera, depth), (other_camera, map));
-            self.votes.entry([other, index]).or_insert_with(votes);
-        }
-        voters.into_iter().map(|(other, _)| other).collect()
-    }
-
     /// Where the maps of `others` confirm that of photo `index`, which is not missing.
     fn confirmed_by(&mut self, index: usize, others: &[usize]) -> ConfirmedDepth {
-        let voters = self.vote_on(index, others);
-        let votes: Vec<_> = voters.iter().map(|&other| &self.votes[&[other, index]]).collect();
         let depth = self.maps[index].as_ref().expect("a photo with depth");
+        let others = others.iter().copied();
+        let voters: Vec<usize> = others.filter(|&other| other != index && self.maps[other].is_some()).collect();
+        let map = |index: usize| (&self.cameras[index], &**self.maps[index].as_ref().expect("a photo with depth"));
+        let votes = self.votes.get_or_compute(index, &voters, |other| ConsistencyVotes::new(map(index), map(other)));
         ConfirmedDepth::new(depth, &confirmed(&votes, depth.disparity.dim()))
+    }
+}
+
+/// The depths that a photo's is compared with once it is found, on any thread.
+pub(crate) struct Comparison {
+    photo: usize,
+    camera: Camera,
+    others: Vec<(usize, Camera, Arc<PhotoDepth>)>,
+}
+
+impl Comparison {
+    /// The votes of the other maps on the photo's, and of the photo's on them.
+    pub(crate) fn votes(&self, depth: &PhotoDepth) -> Votes {
+        let own = (&self.camera, depth);
+        let votes = |(other, camera, map): &(usize, Camera, Arc<PhotoDepth>)| {
+            let (other, other_map) = (*other, (camera, &**map));
+            let pairs = [[other, self.photo], [self.photo, other]];
+            pairs.into_iter().zip([ConsistencyVotes::new(own, other_map), ConsistencyVotes::new(other_map, own)])
+        };
+        self.others.iter().flat_map(votes).collect()
     }
 }

@@ -187,6 +187,19 @@ fn depth_and_surface_are_within_a_pixel_of_the_truth() {
 }
 
 #[test]
+fn depth_inserted_with_its_votes_is_confirmed_alike() {
+    let mut maps = Rig::new().maps();
+    let set = [0, 1, 2, 3, 4];
+    let expected = maps.mutually_confirmed(&set);
+    let depth = maps.get(2).unwrap().clone();
+    let votes = maps.comparison(2, &set).votes(&depth);
+    assert_eq!(votes.len(), 8, "of the other four on it, and of it on them");
+    maps.insert_compared(2, depth, votes);
+    let found = maps.mutually_confirmed(&set);
+    assert!(found.iter().zip(expected).all(|(found, expected)| found.disparity == expected.disparity));
+}
+
+#[test]
 fn confirmed_contradicted_depth_is_rejected() {
     let flat = |disparity: f32| PhotoDepth {
         disparity: Array2::from_elem((HEIGHT, WIDTH), disparity),

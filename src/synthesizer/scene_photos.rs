@@ -131,7 +131,9 @@ impl ScenePhotos {
 
     /// The search for the depth of a view's photo, to be run on another thread while pictures are
     /// rendered, and given to [`Self::insert_depth`]; `None` if the depth is known. The result is
-    /// the same as where it is searched when it is needed.
+    /// the same as where it is searched when it is needed. With the views of the shot held out; what is
+    /// found is compared with the depths that are known of the shot's photos, so that its plan takes less
+    /// time.
     ///
     /// # Errors
     ///
@@ -140,19 +142,13 @@ impl ScenePhotos {
     /// # Panics
     ///
     /// If there is no such view, or it is held out.
-    pub fn depth_search(&mut self, view: usize, held_out: &[usize]) -> Result<Option<DepthSearch>, SynthesisError> {
-        self.depths.search(&self.views, &self.photos, view, held_out)
+    pub fn depth_search(&mut self, view: usize, shot: &Shot) -> Result<Option<DepthSearch>, SynthesisError> {
+        self.depths.search(&self.views, &self.photos, view, shot)
     }
 
     /// Takes what a search found, unless other views are held out now.
     pub fn insert_depth(&mut self, found: FoundDepth) {
         self.depths.insert(&mut self.photos, found);
-    }
-
-    /// Compares the depths of a shot's photos with each other as far as they are known, so that its plan
-    /// takes less time once all are.
-    pub fn compare_depths(&mut self, shot: &Shot) {
-        self.depths.compare(&shot.photos().collect::<Vec<_>>(), &shot.held_out);
     }
 
     /// The photos of a shot with their depth. The depth of a photo is searched when it is first

@@ -20,14 +20,16 @@ const AGREEMENT_PX: f32 = 2.0;
 /// Another map contradicts a depth from this far behind it on, px.
 const CONTRADICTION_PX: f32 = 4.0;
 
-/// A vote for a depth and one against it: sums of up to 255 of each stay apart.
-const AGREES: u16 = 1;
-const CONTRADICTS: u16 = 256;
+/// A vote for a depth and one against it.
+const AGREES: u8 = 1;
+const CONTRADICTS: u8 = 2;
+/// A vote against a depth in a total: up to 255 of each kind stay apart.
+const TOTAL_AGAINST: u16 = 256;
 
 /// Votes of another photo's map on each pixel of a photo's map, `[h, w]`; independent of which
 /// other maps take part.
 #[derive(Debug, Clone)]
-pub struct ConsistencyVotes(Array2<u16>);
+pub struct ConsistencyVotes(Array2<u8>);
 
 impl ConsistencyVotes {
     /// The votes of the map `other` on `map`.
@@ -44,6 +46,10 @@ impl ConsistencyVotes {
         });
         Self(votes)
     }
+
+    pub(in crate::surface) fn bytes(&self) -> usize {
+        self.0.len()
+    }
 }
 
 #[pulp::with_simd(vote_row = crate::simd::arch())]
@@ -53,7 +59,7 @@ fn vote_row_with<'a, S: pulp::Simd>(
     points: &'a Projected,
     other: &'a PhotoDepth,
     (agreement, contradiction): (f32, f32),
-    votes: &'a mut [u16],
+    votes: &'a mut [u8],
 ) {
     let (rows, columns) = other.disparity.dim();
     let other_disparity = other.disparity.as_slice().expect("standard order");
@@ -63,7 +69,7 @@ fn vote_row_with<'a, S: pulp::Simd>(
         if (x >= 0.0) & (y >= 0.0) & (x < right) & (y < bottom) {
             let pixel = |at: f32| round_to_i32(at.floor()) as usize;
             let nearer = other_disparity[pixel(y) * columns + pixel(x)] - disparity;
-            *vote = AGREES * u16::from(nearer.abs() < agreement) + CONTRADICTS * u16::from(nearer < contradiction);
+            *vote = AGREES * u8::from(nearer.abs() < agreement) + CONTRADICTS * u8::from(nearer < contradiction);
         }
     }
 }
@@ -72,6 +78,10 @@ fn vote_row_with<'a, S: pulp::Simd>(
 /// votes.
 pub fn confirmed(votes: &[&ConsistencyVotes], shape: (usize, usize)) -> Array2<bool> {
     let mut totals = Array2::<u16>::zeros(shape);
-    votes.iter().for_each(|ConsistencyVotes(votes)| totals += votes);
-    totals.mapv(|total| total % CONTRADICTS >= 1 && total % CONTRADICTS >= total / CONTRADICTS)
+    for ConsistencyVotes(votes) in votes {
+        totals.zip_mut_with(votes, |total, &vote| {
+            *total += u16::from(vote & AGREES) + TOTAL_AGAINST * u16::from(vote / CONTRADICTS);
+        });
+    }
+    totals.mapv(|total| total % TOTAL_AGAINST >= 1 && total % TOTAL_AGAINST >= total / TOTAL_AGAINST)
 }

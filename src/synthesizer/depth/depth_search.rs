@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::scene_depth::DepthSource;
 use crate::scene::Scene;
 use crate::surface::cache::{DepthCache, DepthKey, PhotoDigest};
-use crate::surface::{PhotoDepth, SmallMaps, anchored_depth_in_scene, small_photo};
+use crate::surface::{Comparison, PhotoDepth, SmallMaps, Votes, anchored_depth_in_scene, small_photo};
 use crate::synthesizer::error::SynthesisError;
 use crate::synthesizer::shot::LoadedPhoto;
 use crate::warp::{SourceView, Texture};
@@ -28,6 +28,8 @@ pub struct DepthSearch {
     pub(in crate::synthesizer) searched: Vec<Vec<usize>>,
     /// Near and far, scene units.
     pub(in crate::synthesizer) range: (f64, f64),
+    /// With the depths of other photos that a target needs.
+    pub(in crate::synthesizer) comparison: Comparison,
     /// What earlier searches over this range found.
     pub(in crate::synthesizer) small_maps: Arc<SmallMaps>,
     /// The folder that keeps depths.
@@ -47,6 +49,7 @@ pub struct FoundDepth {
     pub(in crate::synthesizer) held_out: Vec<usize>,
     pub(in crate::synthesizer) photos: Vec<SearchedPhoto>,
     pub(in crate::synthesizer) depth: PhotoDepth,
+    pub(in crate::synthesizer) votes: Votes,
     pub(in crate::synthesizer) source: DepthSource,
     pub(in crate::synthesizer) time: Duration,
     /// What went wrong with files of the folder, a line each.
@@ -114,8 +117,9 @@ impl DepthSearch {
     }
 
     fn found(self, depth: PhotoDepth, source: DepthSource, time: Duration, notes: Vec<String>) -> FoundDepth {
+        let votes = self.comparison.votes(&depth);
         let photos = self.photos.into_iter().chain(self.further).collect();
-        FoundDepth { held_out: self.held_out, photos, depth, source, time, notes }
+        FoundDepth { held_out: self.held_out, photos, depth, votes, source, time, notes }
     }
 
     /// What identifies the depth.

@@ -12,7 +12,7 @@ use crate::surface::cache::{DepthCache, PhotoDigest};
 use crate::synthesizer::error::SynthesisError;
 use crate::synthesizer::photo_store::PhotoStore;
 use crate::synthesizer::scene_views::SceneViews;
-use crate::synthesizer::shot::LoadedShot;
+use crate::synthesizer::shot::{LoadedShot, Shot};
 
 /// The depth of photos in memory, and the folder that keeps it from run to run, if there is one.
 #[derive(Default)]
@@ -99,29 +99,23 @@ impl DepthStore {
         views.iter().copied().filter(|&view| known.is_none_or(|depth| depth.found(view).is_none())).collect()
     }
 
-    /// The search for the depth of a view's photo; `None` if it is known.
+    /// The search for the depth of a view's photo, compared with those known of a shot's photos; `None` if
+    /// it is known.
     pub(in crate::synthesizer) fn search(
         &mut self,
         views: &SceneViews,
         photos: &PhotoStore,
         view: usize,
-        held_out: &[usize],
+        shot: &Shot,
     ) -> Result<Option<DepthSearch>, SynthesisError> {
-        let depth = with_held_out(&mut self.depth, views, held_out)?;
-        Ok(search(depth, &self.files, views, photos, view))
+        let depth = with_held_out(&mut self.depth, views, &shot.held_out)?;
+        Ok(search(depth, &self.files, views, photos, view, &shot.photos().collect::<Vec<_>>()))
     }
 
     /// Takes a depth and the photos that were read for it, unless other views are held out now.
     pub(in crate::synthesizer) fn insert(&mut self, photos: &mut PhotoStore, found: FoundDepth) {
         if let Some(depth) = self.depth.as_mut().filter(|depth| depth.serves(&found.held_out)) {
             insert(depth, &mut self.files, photos, found);
-        }
-    }
-
-    /// Compares the depths that are known of these views' photos.
-    pub(in crate::synthesizer) fn compare(&mut self, views: &[usize], held_out: &[usize]) {
-        if let Some(depth) = self.depth.as_mut().filter(|depth| depth.serves(held_out)) {
-            depth.compare(views);
         }
     }
 
@@ -170,20 +164,22 @@ fn find_all(
         if progress.as_mut().is_some_and(|progress| progress(next).is_break()) {
             return Err(SynthesisError::Cancelled);
         }
-        if let Some(search) = search(depth, files, views, photos, view) {
+        if let Some(search) = search(depth, files, views, photos, view, &[]) {
             insert(depth, files, photos, search.run()?);
         }
     }
     Ok(())
 }
 
-/// The search for the depth of a view's photo; `None` if it is known.
+/// The search for the depth of a view's photo, compared with those known of other views' photos; `None` if
+/// it is known.
 fn search(
     depth: &SceneDepth,
     files: &Option<DepthFiles>,
     views: &SceneViews,
     photos: &PhotoStore,
     view: usize,
+    compared: &[usize],
 ) -> Option<DepthSearch> {
     let group = depth.photos_to_search(view);
     let searched: Vec<Vec<usize>> = group.iter().map(|&view| depth.with_neighbours(view)).collect();
@@ -200,6 +196,7 @@ fn search(
         further: further.iter().map(photo).collect(),
         searched,
         range: depth.range(),
+        comparison: depth.comparison(view, compared),
         small_maps: depth.small_maps(),
         folder: files.as_ref().map(|files| files.folder.clone()),
     })
@@ -208,7 +205,7 @@ fn search(
 /// Takes a depth and the photos that were read for it.
 fn insert(depth: &mut SceneDepth, files: &mut Option<DepthFiles>, photos: &mut PhotoStore, found: FoundDepth) {
     let view = found.view();
-    depth.insert(view, found.depth, found.source, found.time);
+    depth.insert(view, (found.depth, found.votes), found.source, found.time);
     for photo in &found.photos {
         if let Some(texture) = &photo.texture {
             photos.insert(photo.view, texture);

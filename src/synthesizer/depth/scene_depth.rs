@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::kinds::PhotosWithDepth;
 use crate::scene::Scene;
-use crate::surface::{ConfirmedDepth, DepthMaps, PhotoDepth, SmallMaps};
+use crate::surface::{Comparison, ConfirmedDepth, DepthMaps, PhotoDepth, SmallMaps, Votes};
 use crate::warp::SourceView;
 
 /// How the depth of a photo was found.
@@ -117,16 +117,16 @@ impl SceneDepth {
         self.maps.get(self.map_index(view))
     }
 
-    /// Takes the depth of a view's photo as found.
+    /// Takes the depth of a view's photo as found, with the votes of its [`Self::comparison`].
     pub(in crate::synthesizer) fn insert(
         &mut self,
         view: usize,
-        found: PhotoDepth,
+        (found, votes): (PhotoDepth, Votes),
         source: DepthSource,
         time: Duration,
     ) {
         let index = self.map_index(view);
-        self.maps.insert(index, found);
+        self.maps.insert_compared(index, found, votes);
         self.sources[index] = (source, time);
     }
 
@@ -138,10 +138,10 @@ impl SceneDepth {
         Some(ViewDepth { found, confirmed, range: self.maps.range(), source, time })
     }
 
-    /// Compares the depths of these views' photos that are known, which a target from them needs.
-    pub(in crate::synthesizer) fn compare(&mut self, views: &[usize]) {
-        let set: Vec<usize> = views.iter().filter_map(|&view| self.find_map_index(view)).collect();
-        self.maps.vote(&set);
+    /// What compares the depth of a view's photo with those that are known of other views' photos.
+    pub(in crate::synthesizer) fn comparison(&self, view: usize, others: &[usize]) -> Comparison {
+        let others: Vec<usize> = others.iter().filter_map(|&view| self.find_map_index(view)).collect();
+        self.maps.comparison(self.map_index(view), &others)
     }
 
     /// Drops the depth of all views but these, and what confirms it unless it is needed `soon`.

@@ -30,8 +30,8 @@ pub(crate) struct Photos {
     /// Those of them whose photo and depth are not prepared yet.
     unprepared: Vec<Shot>,
     searches: DepthSearches,
-    /// The last shot that waited for depth.
-    waiting: Option<Shot>,
+    /// The last shot that depth is searched for.
+    searched_for: Option<Shot>,
     /// Renders what stands in for a picture that waits: without the network, which takes longest.
     drafts: Renderer,
     size: SizeController,
@@ -59,7 +59,7 @@ impl Photos {
             motion_layers,
             view_shots: Vec::new(),
             unprepared: Vec::new(),
-            waiting: None,
+            searched_for: None,
             drafts,
             size: SizeController::default(),
         };
@@ -154,7 +154,7 @@ impl Source for Photos {
         views.retain(|&view| !self.searches.has_failed(view));
         let count = shot.views.len() + shot.helpers.len();
         (!views.is_empty()).then(|| {
-            self.waiting = Some(shot);
+            self.searched_for = Some(shot);
             AwaitedDepth { views, count }
         })
     }
@@ -171,18 +171,16 @@ impl Source for Photos {
     }
 
     fn start_search(&mut self, views: &[usize]) -> bool {
+        let Some(shot) = &self.searched_for else { return false };
         let photos = self.job.synthesizer.photos_mut();
-        let search = |view| Ok(photos.depth_search(view, &self.held_out)?.map(|search| move || search.run()));
+        let search = |view| Ok(photos.depth_search(view, shot)?.map(|search| move || search.run()));
         self.searches.start_first(views, search)
     }
 
     fn insert(&mut self, view: usize, found: Option<Box<FoundDepth>>) {
         self.searches.end(view, found.is_some());
         if let Some(found) = found {
-            let photos = self.job.synthesizer.photos_mut();
-            photos.insert_depth(*found);
-            // Not only with the first picture that needs it, which would be late.
-            self.waiting.iter().for_each(|shot| photos.compare_depths(shot));
+            self.job.synthesizer.photos_mut().insert_depth(*found);
         }
     }
 
@@ -201,6 +199,7 @@ impl Source for Photos {
         let nearest = (0..self.unprepared.len()).min_by(|a, b| far(a).total_cmp(&far(b)));
         let Some(nearest) = nearest else { return Ok(()) };
         let mut shot = self.unprepared.swap_remove(nearest);
+        self.searched_for = Some(shot.clone());
         // One photo at a time, so that a client that starts to move does not wait long.
         shot.views.truncate(1);
         shot.helpers.clear();

@@ -1,12 +1,13 @@
 // Mouse, touch, wheel and keyboard input. `move` takes shifts and turns as shares of the picture's width (right, down, yaw to the right,
-// pitch down), and steps ahead as shares of the depth in view.
+// pitch down), and steps ahead as shares of the depth in view; `release` is called when the last pointer is lifted.
+// Returns a function: whether any pointer is pressed.
 
 const KEYS = { ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0], ArrowUp: [0, -1, 0], ArrowDown: [0, 1, 0], "+": [0, 0, 1], "=": [0, 0, 1], "-": [0, 0, -1] };
 // Speed of the arrow keys, picture widths per second, and of + and -, shares of the depth per second.
 const KEY_SPEED = 0.35;
 const AHEAD_SPEED = 0.2;
 
-export function listen(canvas, move) {
+export function listen(canvas, move, release) {
   const pointers = new Map();
   const spread = () => {
     const [a, b] = [...pointers.values()];
@@ -29,7 +30,9 @@ export function listen(canvas, move) {
     else if (event.shiftKey) move({ yaw: -dx, pitch: -dy });
     else move({ right: -dx, down: -dy });
   });
-  const up = (event) => pointers.delete(event.pointerId);
+  const up = (event) => {
+    if (pointers.delete(event.pointerId) && pointers.size === 0) release();
+  };
   canvas.addEventListener("pointerup", up);
   canvas.addEventListener("pointercancel", up);
   canvas.addEventListener("wheel", (event) => {
@@ -61,4 +64,5 @@ export function listen(canvas, move) {
   });
   addEventListener("keyup", (event) => held.delete(event.key));
   addEventListener("blur", () => held.clear());
+  return () => pointers.size > 0;
 }

@@ -7,8 +7,10 @@ import { Player } from "./player.js";
 import { Recorder } from "./recorder.js";
 import { Rig, centreOf } from "./rig.js";
 
-// Milliseconds without a movement after which a picture at full quality is requested.
+// Milliseconds without a movement after which a picture at full quality is requested; while a pointer is pressed the next movement,
+// which would wait for that picture, is likely.
 const REST_DELAY = 200;
+const PRESSED_REST_DELAY = 600;
 const element = (id) => document.getElementById(id);
 const picture = element("picture");
 const panel = new Panel();
@@ -25,6 +27,7 @@ let photoCamera;
 // Mean disparity of the last picture, 1/scene unit.
 let disparity;
 let restTimer;
+let isPressed;
 // Requested cameras, by the number of the request.
 const requested = new Map();
 // The path that is being recorded.
@@ -58,7 +61,7 @@ function start(info) {
   [picture.width, picture.height] = [w, h];
   startRig = rig = new Rig(views, info.start_view, info.near);
   disparity = 1 / info.near;
-  listen(picture, move);
+  isPressed = listen(picture, move, () => restTimer && restAfter(REST_DELAY));
 }
 
 const currentCamera = () => photoCamera ?? rig.camera(rig.bounded(place));
@@ -97,13 +100,21 @@ function move({ right = 0, down = 0, ahead = 0, yaw = 0, pitch = 0 }) {
 // Requests a picture of a changed viewpoint or time step, and one at full quality once nothing changes and no video plays.
 function requestMoving() {
   request(true);
+  restAfter(isPressed() ? PRESSED_REST_DELAY : REST_DELAY);
+}
+
+function restAfter(delay) {
   clearTimeout(restTimer);
-  restTimer = setTimeout(() => player.playing || request(false), REST_DELAY);
+  restTimer = setTimeout(() => {
+    restTimer = undefined;
+    if (!player.playing) request(false);
+  }, delay);
 }
 
 // Puts the viewpoint at a photo.
 function goToPhoto(view) {
   clearTimeout(restTimer);
+  restTimer = undefined;
   photoCamera = views[view].camera;
   rig = new Rig(views, view, 1 / disparity);
   place = rig.viewpoint(photoCamera);
