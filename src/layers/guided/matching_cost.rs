@@ -71,68 +71,92 @@ pub(crate) fn window_variance(
     colour: &mut [f32],
     coverage: &[f32],
     width: usize,
-    (window, uncovered): (usize, f32),
+    window: (usize, f32),
     out: &mut [f32],
 ) {
-    let (variance, covered) = variance(colour, coverage, out.len());
-    window_mean(&variance, &covered, width, (window, uncovered), out);
+    let (mut variance, mut covered) = (vec![0.0; out.len()], vec![0.0; out.len()]);
+    variances(colour, coverage, width, &mut variance, &mut covered);
+    window_means(&variance, &covered, width, window, out);
 }
 
 /// Variance of the colours of the views that cover more than half of a cell (0 where fewer than two
-/// do), and whether two do (1 or 0). `colour` is divided by the coverage. Simple loops over planes,
-/// which the compiler vectorises.
-fn variance(colour: &mut [f32], coverage: &[f32], plane: usize) -> (Vec<f32>, Vec<f32>) {
-    let covered = |coverage: f32| if coverage > 0.5 { 1.0 } else { 0.0 };
-    let mut count = vec![0.0; plane];
-    for coverage in coverage.chunks_exact(plane) {
-        count.iter_mut().zip(coverage).for_each(|(count, &c)| *count += covered(c));
-    }
-    let mut total = vec![0.0; plane];
-    for channel in 0..3 {
-        let mut mean = vec![0.0; plane];
-        for (colour, coverage) in
-            colour.chunks_exact_mut(plane).skip(channel).step_by(3).zip(coverage.chunks_exact(plane))
-        {
-            for ((value, mean), &c) in colour.iter_mut().zip(&mut mean).zip(coverage) {
-                *value = *value / if c > 0.5 { c } else { 1.0 } * covered(c);
-                *mean += *value;
-            }
+/// do), and whether two do (1 or 0). `colour` is divided by the coverage. Row by row, which stays in the
+/// cache; simple loops, which the compiler vectorises.
+#[pulp::with_simd(variances = crate::simd::arch())]
+#[inline(always)]
+fn variances_with<'a, S: pulp::Simd>(
+    _simd: S,
+    colour: &'a mut [f32],
+    coverage: &'a [f32],
+    width: usize,
+    variance: &'a mut [f32],
+    covered: &'a mut [f32],
+) {
+    let (plane, covers) = (variance.len(), |coverage: f32| if coverage > 0.5 { 1.0 } else { 0.0 });
+    let (mut mean, mut squares) = (vec![0.0; width], vec![0.0; width]);
+    for (y, (total, count)) in variance.chunks_exact_mut(width).zip(covered.chunks_exact_mut(width)).enumerate() {
+        let row = y * width..(y + 1) * width;
+        for coverage in coverage.chunks_exact(plane) {
+            count.iter_mut().zip(&coverage[row.clone()]).for_each(|(count, &c)| *count += covers(c));
         }
-        mean.iter_mut().zip(&count).for_each(|(mean, &count): (&mut f32, &f32)| *mean /= count.max(1.0));
-        let mut squares = vec![0.0; plane];
-        for (colour, coverage) in colour.chunks_exact(plane).skip(channel).step_by(3).zip(coverage.chunks_exact(plane))
-        {
-            for (((square, &value), &mean), &c) in squares.iter_mut().zip(colour).zip(&mean).zip(coverage) {
-                *square += (value - mean) * (value - mean) * covered(c);
+        for channel in 0..3 {
+            mean.fill(0.0);
+            for (colour, coverage) in colour.chunks_exact_mut(3 * plane).zip(coverage.chunks_exact(plane)) {
+                let colour = &mut colour[channel * plane..][row.clone()];
+                for ((value, mean), &c) in colour.iter_mut().zip(&mut mean).zip(&coverage[row.clone()]) {
+                    *value = *value / if c > 0.5 { c } else { 1.0 } * covers(c);
+                    *mean += *value;
+                }
             }
+            mean.iter_mut().zip(&*count).for_each(|(mean, &count): (&mut f32, &f32)| *mean /= count.max(1.0));
+            squares.fill(0.0);
+            for (colour, coverage) in colour.chunks_exact(3 * plane).zip(coverage.chunks_exact(plane)) {
+                let colour = &colour[channel * plane..][row.clone()];
+                for (((square, &value), &mean), &c) in
+                    squares.iter_mut().zip(colour).zip(&mean).zip(&coverage[row.clone()])
+                {
+                    *square += (value - mean) * (value - mean) * covers(c);
+                }
+            }
+            total.iter_mut().zip(&squares).for_each(|(total, square): (&mut f32, &f32)| *total += square);
         }
-        total.iter_mut().zip(&squares).for_each(|(total, square): (&mut f32, &f32)| *total += square);
+        for (total, count) in total.iter_mut().zip(count) {
+            let two = if *count >= 2.0 { 1.0 } else { 0.0 };
+            *total = *total / (3.0 * (*count - 1.0).max(1.0)) * two;
+            *count = two;
+        }
     }
-    for (total, count) in total.iter_mut().zip(&mut count) {
-        let two = if *count >= 2.0 { 1.0 } else { 0.0 };
-        *total = *total / (3.0 * (*count - 1.0).max(1.0)) * two;
-        *count = two;
-    }
-    (total, count)
 }
 
 /// Mean of `value` over the cells of the window where `covered` is 1; `uncovered` where there are none.
-fn window_mean(value: &[f32], covered: &[f32], width: usize, (window, uncovered): (usize, f32), out: &mut [f32]) {
+#[pulp::with_simd(window_means = crate::simd::arch())]
+#[inline(always)]
+fn window_means_with<'a, S: pulp::Simd>(
+    _simd: S,
+    value: &'a [f32],
+    covered: &'a [f32],
+    width: usize,
+    (window, uncovered): (usize, f32),
+    out: &'a mut [f32],
+) {
     let (half, height) = (window / 2, out.len() / width);
     let (mut sums, mut counts) = (vec![0.0; width + 2 * half], vec![0.0; width + 2 * half]); // zeros beyond the edges
+    let mut count = vec![0.0; width];
     for (y, out) in out.chunks_exact_mut(width).enumerate() {
         let rows = y.saturating_sub(half) * width..(y + half + 1).min(height) * width;
-        for (sums, values) in [(&mut sums, value), (&mut counts, covered)] {
-            let sums = &mut sums[half..half + width];
-            sums.fill(0.0);
+        for (sums, values, total) in [(&mut sums, value, &mut *out), (&mut counts, covered, &mut count)] {
+            let down = &mut sums[half..half + width];
+            down.fill(0.0);
             for row in values[rows.clone()].chunks_exact(width) {
-                sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += v);
+                down.iter_mut().zip(row).for_each(|(sum, v)| *sum += v);
+            }
+            total.fill(0.0);
+            for across in sums.windows(width) {
+                total.iter_mut().zip(across).for_each(|(total, sum)| *total += sum);
             }
         }
-        let across = |sums: &[f32], x: usize| sums[x..x + 2 * half + 1].iter().sum::<f32>();
-        for (x, out) in out.iter_mut().enumerate() {
-            let count = across(&counts, x);
-            *out = if count > 0.0 { across(&sums, x) / count } else { uncovered };
+        for (out, &count) in out.iter_mut().zip(&count) {
+            *out = if count > 0.0 { *out / count } else { uncovered };
         }
     }
 }

@@ -33,11 +33,11 @@ pub fn semi_global(costs: ArrayView3<'_, f32>, penalties: Penalties) -> Array3<f
 /// cost of the step before (which keeps the sums small and changes no comparison).
 fn path(costs: &Array3<f32>, penalties: Penalties, backwards: bool) -> Array3<f32> {
     let (steps, planes, lanes) = costs.dim();
+    let size = planes * lanes;
     let mut total = costs.clone();
     let all = total.as_slice_mut().expect("standard order");
     let mut best = vec![0.0; lanes];
     for step in 1..steps {
-        let size = planes * lanes;
         let (before, here) = if backwards {
             let (here, before) = all.split_at_mut((steps - step) * size);
             (&before[..size], &mut here[(steps - step - 1) * size..])
@@ -45,25 +45,41 @@ fn path(costs: &Array3<f32>, penalties: Penalties, backwards: bool) -> Array3<f3
             let (before, here) = all.split_at_mut(step * size);
             (&before[(step - 1) * size..], &mut here[..size])
         };
-        best.copy_from_slice(&before[..lanes]);
-        for row in before.chunks_exact(lanes) {
-            best.iter_mut().zip(row).for_each(|(best, &cost)| *best = if cost < *best { cost } else { *best });
-        }
-        for (plane, here) in here.chunks_exact_mut(lanes).enumerate() {
-            let row = |plane: usize| &before[plane * lanes..(plane + 1) * lanes];
-            let (nearer, same, farther) = (row(plane.saturating_sub(1)), row(plane), row((plane + 1).min(planes - 1)));
-            let beside = here.iter_mut().zip(nearer).zip(farther).zip(same).zip(&best);
-            for ((((here, &nearer), &farther), &same), &best) in beside {
-                // At the first and the last plane one of the two is the plane itself, whose cost
-                // plus the penalty is never the least.
-                let step = if nearer < farther { nearer } else { farther } + penalties.step;
-                let stay = if same < step { same } else { step };
-                let jump = best + penalties.jump;
-                *here += (if stay < jump { stay } else { jump }) - best;
-            }
-        }
+        advance(before, here, &mut best, penalties);
     }
     total
+}
+
+/// One step of parallel paths: `here` `[D, lanes]` are the costs of the cells and become those of the
+/// paths; `best` is a row to work in.
+#[pulp::with_simd(advance = crate::simd::arch())]
+#[inline(always)]
+fn advance_with<'a, S: pulp::Simd>(
+    _simd: S,
+    before: &'a [f32],
+    here: &'a mut [f32],
+    best: &'a mut [f32],
+    penalties: Penalties,
+) {
+    let lanes = best.len();
+    let planes = before.len() / lanes;
+    best.copy_from_slice(&before[..lanes]);
+    for row in before.chunks_exact(lanes) {
+        best.iter_mut().zip(row).for_each(|(best, &cost)| *best = if cost < *best { cost } else { *best });
+    }
+    for (plane, here) in here.chunks_exact_mut(lanes).enumerate() {
+        let row = |plane: usize| &before[plane * lanes..(plane + 1) * lanes];
+        let (nearer, same, farther) = (row(plane.saturating_sub(1)), row(plane), row((plane + 1).min(planes - 1)));
+        let beside = here.iter_mut().zip(nearer).zip(farther).zip(same).zip(&*best);
+        for ((((here, &nearer), &farther), &same), &best) in beside {
+            // At the first and the last plane one of the two is the plane itself, whose cost
+            // plus the penalty is never the least.
+            let step = if nearer < farther { nearer } else { farther } + penalties.step;
+            let stay = if same < step { same } else { step };
+            let jump = best + penalties.jump;
+            *here += (if stay < jump { stay } else { jump }) - best;
+        }
+    }
 }
 
 #[cfg(test)]
