@@ -119,7 +119,10 @@ def test_blend(liveview, case):
     if "logit_shift" in case.data:
         pytest.skip("test_inner_stages.py: the shift is an argument of the library's blend, not of the reference's")
     distances = view_distances(case.cameras, case.target)
-    np.testing.assert_allclose(liveview.view_distances(case.cameras, case.target), distances, rtol=1e-13)
+    # A centre is rounded in each of three products and sums; how depends on the processor.
+    rounding = 12 * np.finfo(np.float64).eps * max(float(camera.centre.norm()) for camera in case.cameras)
+    found = liveview.view_distances(case.cameras, case.target)
+    np.testing.assert_allclose(found, distances, rtol=1e-13, atol=rounding)
     alpha, rgb = liveview.blend(case.logits, case.colour, case.coverage, distances)
     case.check(stages.blended, alpha=alpha, rgb=rgb)
     of_each = distances.expand(len(case.maps), -1)

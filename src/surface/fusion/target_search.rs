@@ -2,7 +2,7 @@
 //!
 //! On cells of 4×4 pixels: photos are averaged, the views' confirmed depths and the splat are
 //! medians of what a cell holds (at least 4 pixels; the farther of the two in the middle). Planes
-//! are 2 px of parallax apart, from near to far, 8 to 192 of them. The cost of a plane at a cell is
+//! are 3 px of parallax apart, from near to far, 8 to 192 of them. The cost of a plane at a cell is
 //! the sum of
 //!
 //! - the variance of the colours of the views that see it ([`super::visible`], coverage above 0.5),
@@ -33,7 +33,7 @@ const CELL: usize = 4;
 /// Pixels with a depth that give their cell one.
 const MIN_CONFIRMED: usize = 4;
 /// Distance between the planes, px of parallax, and their number.
-const PLANE_SPACING_PX: f64 = 2.0;
+const PLANE_SPACING_PX: f64 = 3.0;
 const PLANE_COUNT: std::ops::RangeInclusive<usize> = 8..=192;
 /// Side of the window of the variance, cells, and its value where fewer than two views see any.
 const WINDOW: (usize, f32) = (5, 0.02);

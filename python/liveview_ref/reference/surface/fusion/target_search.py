@@ -27,7 +27,7 @@ from .visible import visible_or_past
 
 CELL = 4  # target pixels per side of a cell
 LEAST_CONFIRMED = 4  # pixels with a depth that give their cell one
-PLANE_SPACING = 2.0  # px of parallax between the planes
+PLANE_SPACING = 3.0  # px of parallax between the planes
 LEAST_PLANES, MOST_PLANES = 8, 192
 WINDOW = 5  # cells over which the variance is averaged
 UNSEEN_COST = 0.02  # where fewer than two views see any of them
