@@ -18,6 +18,9 @@ pub const NEIGHBOURS: usize = 5;
 /// Number of photos beyond the V of a picture whose depth its surface is fused from.
 pub const EXTRA_PHOTOS: usize = 2;
 
+/// Bytes of votes that stay beyond those that are needed soon.
+const KEPT_VOTES: usize = 64 << 20;
+
 /// Depth maps of some photos of a scene; only these take part: a held-out photo is not among them.
 #[derive(Debug, Clone)]
 pub struct DepthMaps {
@@ -114,7 +117,7 @@ impl DepthMaps {
     pub fn retain(&mut self, keep: &[usize], soon: &[usize]) {
         let others = self.maps.iter_mut().enumerate().filter(|(index, _)| !keep.contains(index));
         others.for_each(|(_, map)| *map = None);
-        self.votes.retain(keep, soon);
+        self.votes.retain(keep, soon, KEPT_VOTES);
         self.confirmed = self.confirmed.take().filter(|confirmed| confirmed.keys().all(|photo| keep.contains(photo)));
     }
 
@@ -173,7 +176,7 @@ impl DepthMaps {
     }
 }
 
-/// The depths that a photo's is compared with once it is found, on any thread.
+/// Depths of other photos, to compare that of a photo with once it is found, on any thread.
 pub(crate) struct Comparison {
     photo: usize,
     camera: Camera,

@@ -6,9 +6,6 @@ use std::collections::HashMap;
 
 use super::fusion::ConsistencyVotes;
 
-/// Bytes of votes that stay beyond those that are needed soon.
-const KEPT_BYTES: usize = 64 << 20;
-
 /// Votes of the map of one photo on another's, by `[voter, judged]`.
 pub(crate) type Votes = HashMap<[usize; 2], ConsistencyVotes>;
 
@@ -48,7 +45,7 @@ impl KeptVotes {
 
     /// Drops the votes between photos that are not all in `keep`, and of those not all in `soon` the ones
     /// used longest ago, beyond `bytes`.
-    fn retain_within(&mut self, keep: &[usize], soon: &[usize], bytes: usize) {
+    pub(super) fn retain(&mut self, keep: &[usize], soon: &[usize], bytes: usize) {
         self.votes.retain(|pair, _| pair.iter().all(|photo| keep.contains(photo)));
         let later = self.votes.iter().filter(|(pair, _)| !pair.iter().all(|photo| soon.contains(photo)));
         let mut later: Vec<_> = later.map(|(&pair, (used, votes))| (Reverse(*used), pair, votes.bytes())).collect();
@@ -60,11 +57,6 @@ impl KeptVotes {
                 None => drop(self.votes.remove(&pair)),
             }
         }
-    }
-
-    /// As [`Self::retain_within`], beyond [`KEPT_BYTES`].
-    pub(super) fn retain(&mut self, keep: &[usize], soon: &[usize]) {
-        self.retain_within(keep, soon, KEPT_BYTES);
     }
 }
 
@@ -92,7 +84,7 @@ mod tests {
             pairs.sort_unstable();
             pairs
         };
-        votes.retain_within(&[0, 1, 2, 4], &[2, 4], bytes);
+        votes.retain(&[0, 1, 2, 4], &[2, 4], bytes);
         assert_eq!(known(&votes), [[1, 0], [2, 4]], "used last, and needed soon");
         votes.drop_photo(0);
         assert_eq!(known(&votes), [[2, 4]]);

@@ -28,7 +28,7 @@ pub struct DepthSearch {
     pub(in crate::synthesizer) searched: Vec<Vec<usize>>,
     /// Near and far, scene units.
     pub(in crate::synthesizer) range: (f64, f64),
-    /// With the depths of other photos that a target needs.
+    /// What compares the depth with those of other photos that a target needs.
     pub(in crate::synthesizer) comparison: Comparison,
     /// What earlier searches over this range found.
     pub(in crate::synthesizer) small_maps: Arc<SmallMaps>,

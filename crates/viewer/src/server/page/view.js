@@ -27,7 +27,7 @@ let photoCamera;
 // Mean disparity of the last picture, 1/scene unit.
 let disparity;
 let restTimer;
-let isPressed;
+let isPressed = () => false;
 // Requested cameras, by the number of the request.
 const requested = new Map();
 // The path that is being recorded.
