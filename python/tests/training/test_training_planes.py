@@ -188,13 +188,22 @@ def test_gradient_of_a_pass_is_that_of_autograd(monkeypatch):
     colour, weight, ids = torch.rand(7, 4, 3, 24, 32), torch.randn(3, 4, 24, 32), torch.tensor([5, 0, 4])
     monkeypatch.setattr(network_pass, "CHUNK", 3)  # of three chunks, one has none of the planes
     found = network_pass.NetworkPass(net, colour).of(ids)
+    hwv = colour[ids].flatten(1, 2).contiguous(memory_format=torch.channels_last)
     with reduced_precision():
-        expected = net(colour[ids].flatten(1, 2).contiguous(memory_format=torch.channels_last)).float()
-    rounding = 2e-2 if fast_bfloat16() else 1e-4
-    torch.testing.assert_close(found, expected, rtol=0, atol=rounding * float(expected.detach().abs().max()))
-    gradients = [torch.autograd.grad((x * weight).sum(), list(net.parameters())) for x in (found, expected)]
-    for own, other in zip(*gradients, strict=True):
-        assert (own - other).norm() < rounding * other.norm()
+        rounded = net(hwv).float()
+    exact = net(hwv)
+
+    def errors(logits):
+        """Relative to float32, of the logits and of the gradient of each parameter."""
+        pairs = zip((logits, *gradients(logits)), (exact, *gradients(exact)), strict=True)
+        return torch.stack([(a - b).detach().norm() / b.detach().norm() for a, b in pairs])
+
+    def gradients(logits):
+        return torch.autograd.grad((logits * weight).sum(), list(net.parameters()), retain_graph=True)
+
+    # The pass adds two halves rounded to bfloat16 where autograd rounds their sum once.
+    assert (errors(found) < 1.3 * errors(rounded) + 1e-4).all()
+    assert errors(found).max() < (0.15 if fast_bfloat16() else 1e-4)
 
 
 class Fixed:
