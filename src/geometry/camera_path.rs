@@ -7,9 +7,8 @@ use std::str::FromStr;
 
 use glam::{DMat3, DVec3};
 
-use super::camera::Camera;
-use super::camera_error::CameraError;
 use super::view_selection::nearest_camera;
+use super::{Camera, CameraError};
 
 /// Largest number of frames of a path.
 const MAX_FRAMES: usize = 4096;

@@ -3,10 +3,7 @@
 use glam::{DMat3, DVec3};
 use serde_json::Value;
 
-use super::camera::{Camera, Intrinsics};
-use super::camera_error::CameraError;
-use super::pose::cam_from_opengl_world;
-use super::size::Size;
+use super::{Camera, CameraError, Intrinsics, Size, cam_from_opengl_world};
 
 /// The last row of a pose.
 const LAST_ROW: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
@@ -63,19 +60,21 @@ fn parts([a, b, c, last]: [[f64; 4]; 4]) -> Result<(DMat3, DVec3), CameraError> 
     Ok((DMat3::from_cols(column(0), column(1), column(2)), column(3)))
 }
 
+/// The numbers of a JSON list of that length.
+pub(crate) fn json_numbers<const N: usize>(list: &Value) -> Option<[f64; N]> {
+    let numbers: Option<Vec<f64>> = list.as_array()?.iter().map(Value::as_f64).collect();
+    numbers?.try_into().ok()
+}
+
 /// The 3×3 part and the last column of a 4×4 matrix; the last row may be missing where `rows` is 3.
-pub(super) fn split(matrix: &Value, key: &str, rows: usize) -> Result<(DMat3, DVec3), String> {
+pub(crate) fn split_json_matrix(matrix: &Value, key: &str, rows: usize) -> Result<(DMat3, DVec3), String> {
     let wrong = || {
         format!(
             "{key}: expected {} rows of 4 numbers, a fourth row being 0 0 0 1",
             if rows == 3 { "3 or 4" } else { "4" }
         )
     };
-    let row = |row: &Value| -> Option<[f64; 4]> {
-        let numbers: Option<Vec<f64>> = row.as_array()?.iter().map(Value::as_f64).collect();
-        numbers?.try_into().ok()
-    };
-    let found: Option<Vec<[f64; 4]>> = matrix.as_array().ok_or_else(wrong)?.iter().map(row).collect();
+    let found: Option<Vec<[f64; 4]>> = matrix.as_array().ok_or_else(wrong)?.iter().map(json_numbers).collect();
     let found = found.filter(|found| (rows..=4).contains(&found.len())).ok_or_else(wrong)?;
     parts([found[0], found[1], found[2], found.get(3).copied().unwrap_or(LAST_ROW)]).map_err(|_| wrong())
 }

@@ -19,6 +19,7 @@ pub use camera_error::CameraError;
 pub use camera_file::{CameraFile, CameraFileError, camera_from_json, read_cameras};
 pub use camera_path::{CameraPath, CameraPathError, MeanPose};
 pub use interpolated_path::interpolated_path;
+pub(crate) use matrix::{json_numbers, split_json_matrix};
 pub use plane_sweep::PlaneSweep;
 pub(crate) use pose::cam_from_opengl_world;
 pub use pose::{RelativePose, source_from_target};

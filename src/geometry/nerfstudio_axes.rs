@@ -11,10 +11,8 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use serde_json::Value;
 
-use super::camera::Camera;
-use super::camera_error::CameraError;
-use super::matrix::split;
-use crate::fs::bounded;
+use super::camera_file::read_json;
+use super::{Camera, CameraError, CameraFileError, split_json_matrix};
 
 const FILE: &str = "dataparser_transforms.json";
 
@@ -35,17 +33,19 @@ impl TrainedFromScene {
     /// # Errors
     ///
     /// The file, the field and what was expected.
-    pub(super) fn find(path: &Path, scene: &Path) -> Result<Option<Self>, (PathBuf, String)> {
+    pub(super) fn find(path: &Path, scene: &Path) -> Result<Option<Self>, CameraFileError> {
+        let refused = |path: &Path, reason| CameraFileError { path: path.to_owned(), index: None, reason };
         let mut files = [path.with_file_name(FILE), scene.join(FILE)].into_iter();
         let Some(file) = files.find(|file| file.is_file()) else { return Ok(None) };
         let applied = scene.join("transforms.json");
-        let of_scene = if applied.is_file() { read(&applied)? } else { Value::Null };
-        let given = read(&file)?;
+        let of_scene = if applied.is_file() { read_json(&applied)? } else { Value::Null };
+        let given = read_json(&file)?;
         if given.get("transform").is_none() {
-            return Err((file, "expected \"transform\" and \"scale\"".to_owned()));
+            return Err(refused(&file, "expected \"transform\" and \"scale\"".to_owned()));
         }
-        let r = similarity(&given, "transform", "scale").map_err(|reason| (file.clone(), reason))?;
-        let a = similarity(&of_scene, "applied_transform", "applied_scale").map_err(|reason| (applied, reason))?;
+        let r = similarity(&given, "transform", "scale").map_err(|reason| refused(&file, reason))?;
+        let a = similarity(&of_scene, "applied_transform", "applied_scale");
+        let a = a.map_err(|reason| refused(&applied, reason))?;
         let rotation = r.0 * a.0.transpose();
         let (scale, translation) = (r.2 / a.2, r.1 - rotation * a.1);
         Ok(Some(Self { rotation, translation, scale, file }))
@@ -59,16 +59,9 @@ impl TrainedFromScene {
     }
 }
 
-fn read(file: &Path) -> Result<Value, (PathBuf, String)> {
-    let failed = |reason: String| (file.to_owned(), reason);
-    let bytes = bounded::read_text(file, bounded::MAX_JSON_BYTES);
-    let bytes = bytes.map_err(|error| failed(format!("cannot be read: {error}")))?;
-    serde_json::from_slice(&bytes).map_err(|error| failed(format!("not JSON: {error}")))
-}
-
 /// Rotation, translation and scale; those of the identity where a key is missing.
 fn similarity(of: &Value, matrix: &str, scale: &str) -> Result<(DMat3, DVec3, f64), String> {
-    let given = of.get(matrix).map(|given| split(given, matrix, 3)).transpose()?;
+    let given = of.get(matrix).map(|given| split_json_matrix(given, matrix, 3)).transpose()?;
     let (rotation, translation) = given.unwrap_or((DMat3::IDENTITY, DVec3::ZERO));
     let deviation = (rotation * rotation.transpose() - DMat3::IDENTITY).to_cols_array();
     if !deviation.iter().all(|value| value.abs() < 1e-3) || rotation.determinant() < 0.0 {

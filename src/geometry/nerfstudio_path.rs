@@ -9,8 +9,8 @@
 use glam::{DMat3, DVec3};
 use serde_json::Value;
 
-use super::camera::{Camera, Intrinsics};
-use super::pose::cam_from_opengl_world;
+use super::camera_file::{shown, side};
+use super::{Camera, Intrinsics, cam_from_opengl_world, json_numbers};
 
 /// The frames of a path, if the file is one.
 pub(super) fn frames(file: &Value) -> Option<&Vec<Value>> {
@@ -25,9 +25,7 @@ pub(super) fn camera(file: &Value, frame: &Value) -> Result<Camera, String> {
     let [width, height] = [side(file, "render_width")?, side(file, "render_height")?];
     let fov = frame.get("fov").and_then(Value::as_f64).filter(|fov| (0.0..180.0).contains(fov) && *fov > 0.0);
     let fov = fov.ok_or_else(|| format!("fov is {}; expected degrees above 0 and below 180", shown(frame, "fov")))?;
-    let numbers = frame.get("camera_to_world").and_then(Value::as_array);
-    let numbers: Option<Vec<f64>> = numbers.and_then(|list| list.iter().map(Value::as_f64).collect());
-    let matrix: Option<[f64; 16]> = numbers.and_then(|list| list.try_into().ok());
+    let matrix: Option<[f64; 16]> = frame.get("camera_to_world").and_then(json_numbers);
     let Some(m) = matrix.filter(|m| m[12..] == [0.0, 0.0, 0.0, 1.0]) else {
         return Err("camera_to_world: expected 16 numbers, the last four being 0 0 0 1".to_owned());
     };
@@ -36,15 +34,6 @@ pub(super) fn camera(file: &Value, frame: &Value) -> Result<Camera, String> {
     let focal = 0.5 * height as f64 / (0.5 * fov).to_radians().tan();
     let k = Intrinsics { fx: focal, fy: focal, cx: 0.5 * width as f64, cy: 0.5 * height as f64, skew: 0.0 };
     Camera::new(k, width, height, rotation, translation).map_err(|error| error.to_string())
-}
-
-fn side(file: &Value, key: &str) -> Result<usize, String> {
-    let side = file.get(key).and_then(Value::as_f64).filter(|side| side.fract() == 0.0 && (1.0..=1e6).contains(side));
-    Ok(side.ok_or_else(|| format!("{key} is {}; expected a whole number of pixels", shown(file, key)))? as usize)
-}
-
-fn shown(of: &Value, key: &str) -> String {
-    of.get(key).map_or_else(|| "missing".to_owned(), Value::to_string)
 }
 
 #[cfg(test)]

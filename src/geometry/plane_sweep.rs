@@ -6,8 +6,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::camera::Camera;
-use super::pose::source_from_target;
+use super::{Camera, source_from_target};
 
 /// The sweep of one view over the target's disparities.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -3,8 +3,7 @@
 use image::RgbImage;
 use ndarray::{Array3, ArrayView3};
 
-use super::error::ImageError;
-use super::rgb::ImageRgb;
+use super::{ImageError, ImageRgb};
 
 impl ImageRgb {
     /// The picture of an array `[h, w, 3]` of sRGB values in [0, 1].

@@ -12,9 +12,7 @@ use std::path::Path;
 use image::metadata::Orientation;
 use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
 
-use super::error::ImageError;
-use super::jpeg;
-use super::rgb::ImageRgb;
+use super::{ImageError, ImageRgb, jpeg};
 use crate::fs::{bounded, memory};
 use crate::geometry::{MAX_SIDE, Size};
 
@@ -44,7 +42,12 @@ pub struct Header {
 ///
 /// As [`read_size`].
 pub fn read_header(path: &Path) -> Result<Header, ImageError> {
-    header_of(path, BufReader::new(open(path)?))
+    let input = BufReader::new(open(path)?);
+    let mut decoder = reader(path, input)?.into_decoder().map_err(|error| decode_error(path, &error))?;
+    let size = check_side(path, decoder.dimensions())?;
+    // Damaged EXIF data counts as none.
+    let oriented = decoder.orientation().is_ok_and(|orientation| orientation != Orientation::NoTransforms);
+    Ok(Header { size, oriented, alpha: decoder.color_type().has_alpha() })
 }
 
 /// Reads the size of a PNG or JPEG in pixels from its header.
@@ -66,20 +69,16 @@ pub(crate) fn size_of(path: &Path, input: impl BufRead + Seek) -> Result<Size, I
     check_side(path, size)
 }
 
-fn header_of(path: &Path, input: impl BufRead + Seek) -> Result<Header, ImageError> {
-    let mut decoder = reader(path, input)?.into_decoder().map_err(|error| decode_error(path, &error))?;
-    let size = check_side(path, decoder.dimensions())?;
-    // Damaged EXIF data counts as none.
-    let oriented = decoder.orientation().is_ok_and(|orientation| orientation != Orientation::NoTransforms);
-    Ok(Header { size, oriented, alpha: decoder.color_type().has_alpha() })
-}
-
 /// A decoder chosen by content, not by extension: PNG files named .jpg are common.
 fn reader<R: BufRead + Seek>(path: &Path, input: R) -> Result<ImageReader<R>, ImageError> {
     let reader = ImageReader::new(input).with_guessed_format();
     let reader = reader.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
-    check_format(path, reader.format())?;
-    Ok(reader)
+    let reason = match reader.format() {
+        Some(ImageFormat::Png | ImageFormat::Jpeg) => return Ok(reader),
+        Some(other) => format!("{other:?} is not supported"),
+        None => "unknown file format".to_owned(),
+    };
+    Err(ImageError::Decode { path: path.to_owned(), reason })
 }
 
 /// Decodes a PNG or JPEG.
@@ -114,20 +113,12 @@ pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> 
     ImageRgb::new(width, height, decoded.into_raw())
 }
 
-fn check_format(path: &Path, format: Option<ImageFormat>) -> Result<(), ImageError> {
-    match format {
-        Some(ImageFormat::Png | ImageFormat::Jpeg) => Ok(()),
-        Some(other) => Err(ImageError::Decode { path: path.to_owned(), reason: format!("{other:?} is not supported") }),
-        None => Err(ImageError::Decode { path: path.to_owned(), reason: "unknown file format".to_owned() }),
-    }
-}
-
 fn check_side(path: &Path, (width, height): (u32, u32)) -> Result<Size, ImageError> {
-    let (width, height) = (width as usize, height as usize);
-    if width > MAX_SIDE || height > MAX_SIDE {
-        return Err(ImageError::TooLarge { path: path.to_owned(), width, height });
+    let size = Size::new(width as usize, height as usize);
+    if size.width > MAX_SIDE || size.height > MAX_SIDE {
+        return Err(ImageError::TooLarge { path: path.to_owned(), size });
     }
-    Ok(Size::new(width, height))
+    Ok(size)
 }
 
 fn decode_error(path: &Path, error: &image::ImageError) -> ImageError {

@@ -4,7 +4,7 @@
 
 use ndarray::Array2;
 
-use super::rgb::ImageRgb;
+use super::ImageRgb;
 
 /// One level of the image pyramid: each pixel is its colour times its weight, and the weight in [0,
 /// 1].

@@ -3,7 +3,7 @@
 use image::Rgb32FImage;
 use image::imageops::{self, FilterType};
 
-use super::error::ImageError;
+use super::ImageError;
 use crate::geometry::Size;
 
 /// An sRGB picture: interleaved RGB, f32 in [0, 1], row-major, `data.len() == 3 * width * height`.

@@ -4,27 +4,17 @@ use std::path::PathBuf;
 
 use glam::{DMat3, DVec3};
 
-use super::photos::source::Photo;
-use super::undistort::Distortion;
+use super::{Distortion, Photo};
 use crate::geometry::{Camera, Intrinsics, Size};
-
-/// The size a format's intrinsics are for, in pixels.
-#[derive(Clone, Copy)]
-pub(super) enum DeclaredSize {
-    /// The photo's own size.
-    Actual,
-    /// A declared size that the photo must have.
-    Exactly(Size),
-    /// A declared size; if the photo was resampled to another size, K is scaled accordingly.
-    Scaled(Size),
-}
 
 /// One view as its format declares it. The pose is `cam_from_world`, OpenCV axes; intrinsics are in
 /// pixels of `size`.
 pub(super) struct DeclaredView {
     pub(super) photo: Photo,
     pub(super) intrinsics: Intrinsics,
-    pub(super) size: DeclaredSize,
+    pub(super) size: Size,
+    /// Whether the photo may be of another size, resampled; K is then scaled accordingly.
+    pub(super) may_be_resampled: bool,
     pub(super) rotation: DMat3,
     pub(super) translation: DVec3,
     pub(super) distortion: Distortion,
@@ -38,7 +28,8 @@ impl DeclaredView {
         Self {
             photo: Photo { name: name.to_owned(), path: name.into(), size, ignored: Vec::new() },
             intrinsics: camera.intrinsics(),
-            size: DeclaredSize::Exactly(camera.size()),
+            size: camera.size(),
+            may_be_resampled: false,
             rotation: camera.rotation(),
             translation: camera.translation(),
             distortion: Distortion::default(),

@@ -20,10 +20,7 @@ mod declared;
 mod error;
 mod format;
 mod formats;
-#[cfg(fuzzing)]
-pub mod fuzz;
 mod masks;
-mod options;
 mod photos;
 mod pose_file;
 mod undistort;
@@ -35,17 +32,42 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use declared::{DeclaredView, DeclaredViews};
-use photos::memory::MemoryPhotos;
+use formats::{READERS, transforms};
+use undistort::Distortion;
 
 pub use error::SceneError;
 pub use format::Format;
-pub use options::SceneOptions;
+#[cfg(fuzzing)]
+pub use formats::fuzz;
 pub use photos::folder::PhotoFolder;
 pub use photos::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 pub use view::View;
 
 use crate::geometry::Camera;
 use crate::image::ImageRgb;
+
+/// Options for opening a scene.
+#[derive(Debug, Clone, Default)]
+#[non_exhaustive]
+pub struct SceneOptions {
+    /// Photos wider than this, in pixels, are scaled down to it on load, together with their
+    /// intrinsics.
+    pub width: Option<usize>,
+    /// The photo folder inside an LLFF, RealEstate10K or COLMAP scene, or that in place of `images`
+    /// in a `transforms.json`; by default the first that exists of the format's usual ones
+    /// (`images_8`, `images_4`, …).
+    pub images: Option<String>,
+    /// The rig position to read from a Spaces scene, counted from 0.
+    pub rig_position: usize,
+}
+
+/// The pixels of a scene's photos.
+#[derive(Debug, Clone)]
+enum Pixels {
+    Source(Arc<dyn PhotoSource>),
+    /// By the photos' names.
+    Memory(Arc<BTreeMap<String, ImageRgb>>),
+}
 
 /// Photos with known camera poses.
 #[derive(Debug, Clone)]
@@ -58,7 +80,7 @@ pub struct Scene {
     pub views: Vec<View>,
     /// Messages for the user: every file or entry that was skipped, every assumption that was made.
     pub notes: Vec<String>,
-    photos: Arc<dyn PhotoSource>,
+    pixels: Pixels,
 }
 
 impl Scene {
@@ -84,28 +106,24 @@ impl Scene {
         if !path.exists() {
             return Err(no_scene("does not exist"));
         }
-        let (root, file) = (folder_of(path), path.is_file().then_some(path));
-        if file.is_some_and(|file| !file.extension().is_some_and(|found| found.eq_ignore_ascii_case("json"))) {
-            return Err(no_scene("is not a folder"));
-        }
-        let mut found: Vec<Format> = match file {
-            Some(_) => vec![Format::Transforms],
-            None => formats::all_in(root).filter(|&format| photos.supports(format)).collect(),
+        let root = folder_of(path);
+        let (format, declared, others) = if path.is_file() {
+            if !path.extension().is_some_and(|found| found.eq_ignore_ascii_case("json")) {
+                return Err(no_scene("is not a folder"));
+            }
+            (Format::Transforms, transforms::open_file(root, path, &*photos, options)?, Vec::new())
+        } else {
+            let readers = READERS.into_iter().filter(|reader| (reader.is_in)(root));
+            let mut readers = readers.filter(|reader| photos.supports(reader.format));
+            let reader = readers.next().ok_or_else(|| no_scene("no scene found"))?;
+            (reader.format, (reader.open)(root, &*photos, options)?, readers.map(|other| other.format).collect())
         };
-        if found.is_empty() {
-            return Err(no_scene("no scene found"));
-        }
-        let format = found.remove(0);
-        let declared = formats::read(format, root, file, &*photos, options)?;
         let (views, mut notes) = view::from_declared(declared, options)?;
-        let others = found.into_iter();
-        notes.extend(
-            others.map(|other| {
-                format!("the folder also holds {other}: its poses are not read, {format} takes precedence")
-            }),
-        );
+        for other in others {
+            notes.push(format!("the folder also holds {other}: its poses are not read, {format} takes precedence"));
+        }
         notes.extend(masks::folder_notes(root));
-        Ok(Self { root: root.to_owned(), format, views, notes, photos })
+        Ok(Self { root: root.to_owned(), format, views, notes, pixels: Pixels::Source(photos) })
     }
 
     /// A scene of photos in memory: name, photo and camera of each. Names are unique; `/` in them
@@ -135,7 +153,7 @@ impl Scene {
         }
         let declared = DeclaredViews { cameras: root.clone(), views: declared, notes: Vec::new() };
         let (views, notes) = view::from_declared(declared, options)?;
-        Ok(Self { root, format: Format::Memory, views, notes, photos: Arc::new(MemoryPhotos::new(pictures)) })
+        Ok(Self { root, format: Format::Memory, views, notes, pixels: Pixels::Memory(Arc::new(pictures)) })
     }
 
     /// Index of the view with this name, file name, file name without extension, or name in the
@@ -163,7 +181,13 @@ impl Scene {
     ///
     /// If there is no view `index`.
     pub fn load_image(&self, index: usize) -> Result<ImageRgb, SceneError> {
-        self.fit(index, self.photos.load(self.views[index].source_name())?)
+        let name = self.views[index].source_name();
+        let missing = || SceneError::MissingImage { path: name.into(), listed_in: "memory".into() };
+        let photo = match &self.pixels {
+            Pixels::Source(photos) => photos.load(name)?,
+            Pixels::Memory(photos) => photos.get(name).cloned().ok_or_else(missing)?,
+        };
+        self.fit(index, photo)
     }
 
     /// Undistorts a photo taken by the view's camera and scales it down to the size of

@@ -3,11 +3,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::declared::{DeclaredSize, DeclaredView, DeclaredViews};
-use super::error::SceneError;
-use super::options::SceneOptions;
 use super::pose_file::abbreviated;
 use super::undistort::{Distortion, undistort};
+use super::{DeclaredView, DeclaredViews, SceneError, SceneOptions};
 use crate::geometry::{Camera, CameraError, Size};
 use crate::image::ImageRgb;
 use crate::layers::uniform_disparities;
@@ -123,15 +121,10 @@ fn view(
     options: &SceneOptions,
     changes: &mut Changes,
 ) -> Result<View, SceneError> {
-    let DeclaredView { photo, intrinsics, size, rotation, translation, distortion, depth_range } = declared;
+    let DeclaredView { photo, intrinsics, rotation, translation, distortion, depth_range, .. } = declared;
     let name = photo.name[prefix..].to_owned();
     let refused = |source: CameraError| SceneError::Camera { path: cameras.to_owned(), image: name.clone(), source };
-    let actual = photo.size;
-    let declared = match size {
-        DeclaredSize::Actual => actual,
-        DeclaredSize::Exactly(declared) | DeclaredSize::Scaled(declared) => declared,
-    };
-    let may_scale = matches!(size, DeclaredSize::Scaled(..));
+    let (actual, may_scale, declared) = (photo.size, declared.may_be_resampled, declared.size);
     if declared != actual && !(may_scale && same_aspect(declared, actual)) {
         return Err(SceneError::ImageSize { path: photo.path, actual, declared_in: cameras.to_owned(), declared });
     }
@@ -142,7 +135,7 @@ fn view(
         changes.rescaled.push(format!("{name} {declared} → {actual}"));
     }
     distortion.check().map_err(refused)?;
-    let distortion = Some(distortion).filter(|d| !d.is_zero());
+    let distortion = Some(distortion).filter(|distortion| *distortion != Distortion::default());
     if distortion.is_some() {
         changes.undistorted.push(name.clone());
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 use crate::image::{self, Header, ImageRgb};
-use crate::scene::error::SceneError;
+use crate::scene::SceneError;
 use crate::scene::pose_file::{below_root, safe_name};
 
 /// Levels of nested folders in which photos are searched.

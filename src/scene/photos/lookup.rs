@@ -1,17 +1,19 @@
 //! Finds the photos that a pose file names.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::path::Path;
 
 use super::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
-use crate::scene::declared::DeclaredView;
-use crate::scene::error::SceneError;
 use crate::scene::pose_file::{abbreviated, safe_name};
+use crate::scene::{DeclaredView, DeclaredViews, SceneError};
 
 /// Finds the photos of one pose file's entries, one by one.
 pub(in crate::scene) struct PhotoLookup<'a> {
     photos: &'a dyn PhotoSource,
-    listed_in: &'a Path,
+    /// The pose file.
+    pub(in crate::scene) listed_in: &'a Path,
+    /// Notes on what the entries say, each once.
+    assumptions: BTreeSet<String>,
     /// Names of the shared photos found so far.
     shared: HashSet<String>,
     /// Listed photos that do not exist, and the error of the first.
@@ -20,7 +22,7 @@ pub(in crate::scene) struct PhotoLookup<'a> {
     /// Photos whose name is another than the listed one: both.
     renamed: Vec<String>,
     /// One note per skipped entry.
-    notes: Vec<String>,
+    skipped: Vec<String>,
     /// Names of the photos by the property of theirs that is ignored.
     ignored: BTreeMap<&'static str, Vec<String>>,
 }
@@ -30,11 +32,12 @@ impl<'a> PhotoLookup<'a> {
         Self {
             photos,
             listed_in,
+            assumptions: BTreeSet::new(),
             shared: HashSet::new(),
             missing: Vec::new(),
             first_missing: None,
             renamed: Vec::new(),
-            notes: Vec::new(),
+            skipped: Vec::new(),
             ignored: BTreeMap::new(),
         }
     }
@@ -65,19 +68,25 @@ impl<'a> PhotoLookup<'a> {
             }
             Found::Shared(photo) => self.shared.insert(photo.name.clone()).then_some(photo),
             Found::Skipped(note) => {
-                self.notes.push(note);
+                self.skipped.push(note);
                 None
             }
         })
     }
 
-    /// The scene's notes on skipped entries and on ignored properties of photos.
+    /// Adds a note on an entry; equal notes become one.
+    pub(in crate::scene) fn note(&mut self, note: String) {
+        self.assumptions.insert(note);
+    }
+
+    /// The views, with notes on skipped entries and on ignored properties of photos.
     ///
     /// # Errors
     ///
     /// [`SceneError::MissingImage`] if there are no views and photos are missing.
-    pub(in crate::scene) fn into_notes(self, views: &[DeclaredView]) -> Result<Vec<String>, SceneError> {
-        let Self { missing, first_missing, renamed, mut notes, ignored, .. } = self;
+    pub(in crate::scene) fn finish(self, views: Vec<DeclaredView>) -> Result<DeclaredViews, SceneError> {
+        let Self { listed_in, assumptions, missing, first_missing, renamed, skipped, ignored, .. } = self;
+        let mut notes: Vec<String> = assumptions.into_iter().chain(skipped).collect();
         match first_missing {
             Some(error) if views.is_empty() => return Err(error),
             Some(_) => notes.push(format!(
@@ -94,7 +103,7 @@ impl<'a> PhotoLookup<'a> {
             ));
         }
         notes.extend(ignored.into_iter().map(|(property, names)| format!("{property}: {}", abbreviated(&names))));
-        Ok(notes)
+        Ok(DeclaredViews { cameras: listed_in.to_owned(), views, notes })
     }
 }
 

@@ -3,5 +3,4 @@
 
 pub(super) mod folder;
 pub(super) mod lookup;
-pub(super) mod memory;
 pub(super) mod source;

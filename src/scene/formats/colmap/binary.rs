@@ -6,22 +6,23 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::model::{MODELS, Model, ModelFormat, Registered, lens, rotation};
-use crate::scene::error::SceneError;
+use crate::geometry::Size;
+use crate::scene::SceneError;
 
-pub(in crate::scene) const FORMAT: ModelFormat =
+pub(in crate::scene::formats) const FORMAT: ModelFormat =
     ModelFormat { extension: "bin", cameras: read_cameras, images: read_images, points: read_points };
 
 fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
     let mut input = Input { path, bytes, at: 0 };
     for _ in 0..input.count("cameras", 24)? {
         let (id, number) = (input.u32("camera id")?, input.u32("camera model")?);
-        let (width, height) = (input.size("camera width")?, input.size("camera height")?);
+        let size = Size::new(input.side("camera width")?, input.side("camera height")?);
         let &(name, parameters) = usize::try_from(number)
             .ok()
             .and_then(|number| MODELS.get(number))
             .ok_or_else(|| input.wrong(&format!("camera {id} has model number {number}"), "0 to 11"))?;
         let parameters = (0..parameters).map(|_| input.f64("camera parameters")).collect::<Result<Vec<_>, _>>()?;
-        if model.lenses.insert(id, lens(path, name, width, height, &parameters)?).is_some() {
+        if model.lenses.insert(id, lens(path, name, size, &parameters)?).is_some() {
             return Err(input.wrong(&format!("camera {id} is listed twice"), "each camera once"));
         }
     }
@@ -101,7 +102,7 @@ impl Input<'_> {
         Ok(f64::from_le_bytes(self.take(what)?))
     }
 
-    fn size(&mut self, what: &str) -> Result<usize, SceneError> {
+    fn side(&mut self, what: &str) -> Result<usize, SceneError> {
         let value = self.u64(what)?;
         usize::try_from(value).map_err(|_| self.wrong(&format!("{what} is {value}"), "a number of pixels"))
     }

@@ -10,9 +10,9 @@
 //! of their depths. A note reports the median reprojection error of these points, since a large one
 //! means that poses and photos do not belong together.
 
-pub(in crate::scene) mod binary;
-pub(in crate::scene) mod model;
-pub(in crate::scene) mod text;
+pub(super) mod binary;
+pub(super) mod model;
+pub(super) mod text;
 mod tracked_points;
 
 use std::collections::{HashMap, HashSet};
@@ -23,16 +23,12 @@ use model::{Model, ModelFormat};
 pub(super) use tracked_points::depth_range;
 use tracked_points::{depths_and_errors, reprojection_note};
 
-use crate::geometry::Size;
-use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
-use crate::scene::error::SceneError;
-use crate::scene::options::SceneOptions;
 use crate::scene::photos::lookup::{PhotoLookup, list_photos};
-use crate::scene::photos::source::{PhotoList, PhotoSource};
 use crate::scene::pose_file::{abbreviated, safe_name};
+use crate::scene::{DeclaredView, DeclaredViews, PhotoList, PhotoSource, SceneError, SceneOptions};
 
 /// The folder of the sparse model, and its format.
-pub(in crate::scene) fn model_folder(root: &Path) -> Option<(PathBuf, ModelFormat)> {
+pub(super) fn model_folder(root: &Path) -> Option<(PathBuf, ModelFormat)> {
     let folders = ["sparse/0", "sparse", "", "colmap/sparse/0"].map(|folder| root.join(folder));
     folders.into_iter().find_map(|folder| {
         let format = [binary::FORMAT, text::FORMAT].into_iter().find(|format| format.is_in(&folder))?;
@@ -40,32 +36,23 @@ pub(in crate::scene) fn model_folder(root: &Path) -> Option<(PathBuf, ModelForma
     })
 }
 
-pub(in crate::scene) fn open(
-    root: &Path,
-    photos: &dyn PhotoSource,
-    options: &SceneOptions,
-) -> Result<DeclaredViews, SceneError> {
+pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
     let Some((folder, format)) = model_folder(root) else {
         return Err(SceneError::malformed(root, "no COLMAP model", "sparse/0 with cameras and images, .bin or .txt"));
     };
     let model = format.read(&folder)?;
     let listed_in = format.file(&folder, "images");
     let list = list_photos(root, photos, options.images.as_deref(), &["images", "images_2", "images_4", "images_8"])?;
-    let mut found = views(&listed_in, &model, &list, photos)?;
+    let mut found = views(&model, &list, PhotoLookup::new(photos, &listed_in))?;
     found.notes.extend(unregistered(&list, &found.views));
     Ok(found)
 }
 
 /// Views of the listed photos.
-pub(in crate::scene) fn views(
-    listed_in: &Path,
-    model: &Model,
-    list: &PhotoList,
-    photos: &dyn PhotoSource,
-) -> Result<DeclaredViews, SceneError> {
+pub(super) fn views(model: &Model, list: &PhotoList, mut lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
+    let listed_in = lookup.listed_in;
     // Downscaled copies differ in size from the model's photos, and may differ in extension.
     let downscaled = list.folder.as_deref().filter(|&folder| folder != "images");
-    let mut lookup = PhotoLookup::new(photos, listed_in);
     let mut views = Vec::with_capacity(model.images.len());
     let mut errors = Vec::new();
     for image in &model.images {
@@ -80,23 +67,21 @@ pub(in crate::scene) fn views(
         views.push(DeclaredView {
             photo,
             intrinsics: lens.intrinsics,
-            size: match downscaled {
-                Some(_) => DeclaredSize::Scaled(Size::new(lens.width, lens.height)),
-                None => DeclaredSize::Exactly(Size::new(lens.width, lens.height)),
-            },
+            size: lens.size,
+            may_be_resampled: downscaled.is_some(),
             rotation: image.rotation,
             translation: image.translation,
             distortion: lens.distortion,
             depth_range: depth_range(depths),
         });
     }
-    let mut notes = lookup.into_notes(&views)?;
-    notes.extend(downscaled.map(|folder| format!("photos are read from {folder}")));
-    notes.extend(reprojection_note(errors));
+    let mut found = lookup.finish(views)?;
+    found.notes.extend(downscaled.map(|folder| format!("photos are read from {folder}")));
+    found.notes.extend(reprojection_note(errors));
     if model.points.is_empty() {
-        notes.push("no points3D: depth ranges are unknown".to_owned());
+        found.notes.push("no points3D: depth ranges are unknown".to_owned());
     }
-    Ok(DeclaredViews { cameras: listed_in.to_owned(), views, notes })
+    Ok(found)
 }
 
 /// What a model says of one of its photos.
