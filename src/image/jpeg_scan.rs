@@ -86,17 +86,16 @@ impl<'a> ScanReader<'a> {
     }
 
     fn block(&mut self, component: usize, dc: usize, ac: usize, x: usize, y: usize) -> Result<(), &'static str> {
-        let (first, last) = self.scan.band;
         if !self.scan.progressive {
             self.dc(dc)?;
-            return self.ac_first(ac, 1, 63, None);
+            return self.ac_first(ac, None);
         }
         let at = y * self.components[component].stride + x;
-        match (first, self.scan.refines) {
-            (0, true) => self.take(1).map(drop),
-            (0, false) => self.dc(dc),
-            (_, false) => self.ac_first(ac, first, last, Some((component, at))),
-            (_, true) => self.ac_refine(ac, first, last, (component, at)),
+        match (self.scan.band, self.scan.refines) {
+            ((0, _), true) => self.take(1).map(drop),
+            ((0, _), false) => self.dc(dc),
+            (_, false) => self.ac_first(ac, Some((component, at))),
+            (_, true) => self.ac_refine(ac, (component, at)),
         }
     }
 
@@ -105,21 +104,16 @@ impl<'a> ScanReader<'a> {
         if size > 16 { Err(UNDEFINED_CODE) } else { Ok(()) }
     }
 
-    /// Reads coefficients `first` to `last` of a block, up to an end-of-band code; records the
-    /// nonzero ones of `block` (component, index of the block).
-    fn ac_first(
-        &mut self,
-        table: usize,
-        first: usize,
-        last: usize,
-        block: Option<(usize, usize)>,
-    ) -> Result<(), &'static str> {
+    /// Reads the band's AC coefficients of a block, up to an end-of-band code; records the nonzero
+    /// ones of `block` (component, index of the block).
+    fn ac_first(&mut self, table: usize, block: Option<(usize, usize)>) -> Result<(), &'static str> {
         if self.eob_run > 0 {
             self.eob_run -= 1;
             return Ok(());
         }
         let table = self.table(1, table)?;
-        let mut k = first;
+        let (first, last) = self.scan.band;
+        let mut k = first.max(1);
         while k <= last {
             let symbol = self.symbol(table, 0x0F)?;
             let (run, size) = (symbol >> 4, symbol & 15);
@@ -147,15 +141,10 @@ impl<'a> ScanReader<'a> {
     }
 
     /// Reads one more bit of each coefficient that is not 0, and new nonzero coefficients.
-    fn ac_refine(
-        &mut self,
-        table: usize,
-        first: usize,
-        last: usize,
-        (component, at): (usize, usize),
-    ) -> Result<(), &'static str> {
+    fn ac_refine(&mut self, table: usize, (component, at): (usize, usize)) -> Result<(), &'static str> {
         let known = *self.components[component].nonzero.get(at).ok_or(TOO_MANY_COEFFICIENTS)?;
         let table = self.table(1, table)?;
+        let (first, last) = self.scan.band;
         let (mut new, mut k) = (0, first);
         while self.eob_run == 0 && k <= last {
             let symbol = self.symbol(table, 0)?;

@@ -16,7 +16,6 @@
 //! the file's length, paths must stay inside the folder, declared sizes must match the photos, and
 //! [`crate::fs::bounded`] limits the size of a file.
 
-mod declared;
 mod error;
 mod format;
 mod formats;
@@ -31,9 +30,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use declared::{DeclaredView, DeclaredViews};
 use formats::{READERS, transforms};
 use undistort::Distortion;
+use view::{DeclaredView, DeclaredViews};
 
 pub use error::SceneError;
 pub use format::Format;
@@ -165,7 +164,7 @@ impl Scene {
     pub fn view_index(&self, name: &str) -> Result<usize, SceneError> {
         let names: Vec<&str> = self.views.iter().map(|view| view.name.as_str()).collect();
         let by_source_name =
-            || self.views.iter().position(|view| view.source_name() == name.strip_prefix("./").unwrap_or(name));
+            || self.views.iter().position(|view| view.photo.name == name.strip_prefix("./").unwrap_or(name));
         view_names::index_of(&names, name).or_else(|unknown| by_source_name().ok_or(unknown))
     }
 
@@ -181,7 +180,7 @@ impl Scene {
     ///
     /// If there is no view `index`.
     pub fn load_image(&self, index: usize) -> Result<ImageRgb, SceneError> {
-        let name = self.views[index].source_name();
+        let name = &self.views[index].photo.name;
         let missing = || SceneError::MissingImage { path: name.into(), listed_in: "memory".into() };
         let photo = match &self.pixels {
             Pixels::Source(photos) => photos.load(name)?,

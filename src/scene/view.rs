@@ -3,12 +3,53 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::{DMat3, DVec3};
+
 use super::pose_file::abbreviated;
 use super::undistort::{Distortion, undistort};
-use super::{DeclaredView, DeclaredViews, SceneError, SceneOptions};
-use crate::geometry::{Camera, CameraError, Size};
+use super::{Photo, SceneError, SceneOptions};
+use crate::geometry::{Camera, CameraError, Intrinsics, Size};
 use crate::image::ImageRgb;
 use crate::layers::uniform_disparities;
+
+/// One view as its format declares it. The pose is `cam_from_world`, OpenCV axes; intrinsics are in
+/// pixels of `size`.
+pub(super) struct DeclaredView {
+    pub(super) photo: Photo,
+    pub(super) intrinsics: Intrinsics,
+    pub(super) size: Size,
+    /// Whether the photo may be of another size, resampled; K is then scaled accordingly.
+    pub(super) may_be_resampled: bool,
+    pub(super) rotation: DMat3,
+    pub(super) translation: DVec3,
+    pub(super) distortion: Distortion,
+    /// Near and far depth in scene units; an invalid range is ignored with a note.
+    pub(super) depth_range: Option<(f64, f64)>,
+}
+
+impl DeclaredView {
+    /// The view of a photo of that size in memory.
+    pub(super) fn of_photo(name: &str, size: Size, camera: &Camera) -> Self {
+        Self {
+            photo: Photo { name: name.to_owned(), path: name.into(), size, ignored: Vec::new() },
+            intrinsics: camera.intrinsics(),
+            size: camera.size(),
+            may_be_resampled: false,
+            rotation: camera.rotation(),
+            translation: camera.translation(),
+            distortion: Distortion::default(),
+            depth_range: None,
+        }
+    }
+}
+
+/// The result of a format's reader.
+pub(super) struct DeclaredViews {
+    /// The file that holds the cameras, for messages.
+    pub(super) cameras: PathBuf,
+    pub(super) views: Vec<DeclaredView>,
+    pub(super) notes: Vec<String>,
+}
 
 /// Largest relative difference of declared and actual aspect ratio at which intrinsics are
 /// rescaled.
@@ -24,16 +65,16 @@ pub struct View {
     pub camera: Camera,
     /// Near and far depth in scene units, if the format has them; 0 < near < far.
     pub depth_range: Option<(f64, f64)>,
-    source_name: String,
-    path: PathBuf,
+    /// The photo in its source.
+    pub(super) photo: Photo,
     native: Camera,
-    distortion: Option<Distortion>,
+    distortion: Distortion,
 }
 
 impl View {
     /// The photo's file.
     pub fn image_path(&self) -> &Path {
-        &self.path
+        &self.photo.path
     }
 
     /// The camera at the photo's own size.
@@ -45,24 +86,18 @@ impl View {
     /// `FULL_OPENCV` or `OPENCV_FISHEYE`, with names and values of its coefficients, all 0 for a
     /// pinhole camera.
     pub fn distortion(&self) -> (&'static str, [(&'static str, f64); 8]) {
-        let distortion = self.distortion.unwrap_or_default();
-        (if distortion.fisheye { "OPENCV_FISHEYE" } else { "FULL_OPENCV" }, distortion.fields())
-    }
-
-    /// The photo's name in its source.
-    pub(super) fn source_name(&self) -> &str {
-        &self.source_name
+        (if self.distortion.fisheye { "OPENCV_FISHEYE" } else { "FULL_OPENCV" }, self.distortion.fields())
     }
 
     /// See [`Scene::fit`](super::Scene::fit); `root` is the scene folder, for messages.
     pub(super) fn fit(&self, root: &Path, mut photo: ImageRgb) -> Result<ImageRgb, SceneError> {
-        let Self { camera, native, path, distortion, .. } = self;
+        let Self { camera, native, distortion, .. } = self;
         let (actual, declared) = (photo.size(), native.size());
         if actual != declared {
-            let declared_in = root.to_owned();
-            return Err(SceneError::ImageSize { path: path.clone(), actual, declared_in, declared });
+            let (path, declared_in) = (self.photo.path.clone(), root.to_owned());
+            return Err(SceneError::ImageSize { path, actual, declared_in, declared });
         }
-        if let Some(distortion) = distortion {
+        if *distortion != Distortion::default() {
             photo = undistort(&photo, native, distortion)?;
         }
         if camera.size() != actual {
@@ -135,8 +170,7 @@ fn view(
         changes.rescaled.push(format!("{name} {declared} → {actual}"));
     }
     distortion.check().map_err(refused)?;
-    let distortion = Some(distortion).filter(|distortion| *distortion != Distortion::default());
-    if distortion.is_some() {
+    if distortion != Distortion::default() {
         changes.undistorted.push(name.clone());
     }
     let mut camera = native.clone();
@@ -150,8 +184,7 @@ fn view(
     if let (Some((near, far)), None) = (depth_range, usable_range) {
         changes.invalid_range.push(format!("{name} ({near:?} to {far:?})"));
     }
-    let (source_name, path) = (photo.name, photo.path);
-    Ok(View { name, camera, depth_range: usable_range, source_name, path, native, distortion })
+    Ok(View { name, camera, depth_range: usable_range, photo, native, distortion })
 }
 
 /// Whether one size can be the other resampled: aspect ratios equal within 1 %, or heights within

@@ -60,11 +60,11 @@ pub(super) fn views(
     list: &PhotoList,
     mut lookup: PhotoLookup<'_>,
 ) -> Result<DeclaredViews, SceneError> {
-    let mut views = Vec::with_capacity(rows.len());
     for (row, name) in rows.iter().zip(&list.names) {
-        views.extend(lookup.find(&list.with_folder(name))?.map(|photo| view(row, photo)));
+        let photo = lookup.find(&list.with_folder(name))?;
+        lookup.views.extend(photo.map(|photo| view(row, photo)));
     }
-    let mut found = lookup.finish(views)?;
+    let mut found = lookup.finish()?;
     found.notes.extend(list.folder.iter().map(|folder| format!("photos are read from {folder}")));
     Ok(found)
 }

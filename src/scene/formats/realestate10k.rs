@@ -36,7 +36,7 @@ pub(super) fn views(bytes: &[u8], list: &PhotoList, mut lookup: PhotoLookup<'_>)
     let text = text(path, bytes)?;
     let by_stem: HashMap<&str, &str> =
         list.names.iter().filter_map(|name| Some((name.rsplit_once('.')?.0, name.as_str()))).collect();
-    let (mut views, mut missing) = (Vec::new(), Vec::new());
+    let mut missing = Vec::new();
     let is_pose =
         |line: &str| line.trim().split_once(char::is_whitespace).is_some_and(|(_, n)| parse_numbers(n).is_ok());
     let starts_with_pose = text.lines().next().is_some_and(is_pose);
@@ -57,7 +57,7 @@ pub(super) fn views(bytes: &[u8], list: &PhotoList, mut lookup: PhotoLookup<'_>)
             return Err(wrong(format!("columns 6 and 7 are {k1} and {k2}")));
         }
         let row = |i: usize| DVec3::new(pose[4 * i], pose[4 * i + 1], pose[4 * i + 2]);
-        views.push(DeclaredView {
+        lookup.views.push(DeclaredView {
             photo,
             intrinsics: Intrinsics { fx: fx * width, fy: fy * height, cx: cx * width, cy: cy * height, skew: 0.0 },
             size,
@@ -68,12 +68,12 @@ pub(super) fn views(bytes: &[u8], list: &PhotoList, mut lookup: PhotoLookup<'_>)
             depth_range: None,
         });
     }
-    if views.is_empty() {
+    if lookup.views.is_empty() {
         let place = list.folder.as_ref().map(|folder| format!(" in {folder}")).unwrap_or_default();
         let what = format!("none of its {} timestamps has a photo{place}", missing.len());
         return Err(SceneError::malformed(path, what, "photos named by timestamp, such as 50016633.jpg"));
     }
-    let mut found = lookup.finish(views)?;
+    let mut found = lookup.finish()?;
     if starts_with_pose {
         found.notes.push("the first line is read as a pose, since it is not the video's URL".to_owned());
     }

@@ -38,23 +38,22 @@ pub(super) fn views(bytes: &[u8], position: usize, mut lookup: PhotoLookup<'_>) 
         };
         SceneError::malformed(path, what, "a list of cameras")
     })?;
-    let mut views = Vec::with_capacity(cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
         let place = format!("[{position}][{index}]");
-        views.extend(view(Fields::new(path, &place, camera, None)?, &mut lookup)?);
+        add_view(Fields::new(path, &place, camera, None)?, &mut lookup)?;
     }
-    let mut found = lookup.finish(views)?;
+    let mut found = lookup.finish()?;
     if rigs.len() > 1 {
         found.notes.push(format!("the file has {} rig positions, only number {position} is read", rigs.len()));
     }
     Ok(found)
 }
 
-/// A camera's view; `None` if its entry is skipped.
-fn view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<Option<DeclaredView>, SceneError> {
+/// Adds a camera's view, unless its entry is skipped.
+fn add_view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<(), SceneError> {
     // The photo comes first: a skipped entry is not checked any further.
     let Some(photo) = camera.text("relative_path").and_then(|name| lookup.find(name)).transpose() else {
-        return Ok(None);
+        return Ok(());
     };
     let (Some(width), Some(height)) = (camera.side("width")?, camera.side("height")?) else {
         return Err(camera.wrong("width", "width and height in pixels"));
@@ -62,7 +61,7 @@ fn view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<Option<Decla
     let fx = camera.number("focal_length")?;
     let [cx, cy] = camera.numbers("principal_point")?;
     let rotation = rotation(DVec3::from_array(camera.numbers("orientation")?));
-    Ok(Some(DeclaredView {
+    lookup.views.push(DeclaredView {
         photo: photo?,
         intrinsics: Intrinsics { fx, fy: fx * camera.number("pixel_aspect_ratio")?, cx, cy, skew: 0.0 },
         size: Size::new(width, height),
@@ -71,7 +70,8 @@ fn view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<Option<Decla
         translation: -(rotation * DVec3::from_array(camera.numbers("position")?)),
         distortion: Distortion::default(),
         depth_range: None,
-    }))
+    });
+    Ok(())
 }
 
 /// `cam_from_world` from an axis times its angle.

@@ -9,10 +9,8 @@
 //! also k4 to k6; of a fisheye k1 to k4. `near` and `far` (scene units) are not part of the format
 //! but are used if present; else the range is that of the scene's points ([`super::points_range`]).
 
-use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec3};
 use serde_json::Value;
 
 use super::json::{Fields, parse};
@@ -68,24 +66,19 @@ pub(super) fn views(
     let path = lookup.listed_in;
     let head = Fields::new(path, "the file", file, None)?;
     let frames = head.get("frames").and_then(Value::as_array).ok_or_else(|| head.wrong("frames", "a list"))?;
-    let mut views = Vec::with_capacity(frames.len());
     for (index, frame) in frames.iter().enumerate() {
         let place = format!("frames[{index}]");
         let frame = Fields::new(path, &place, frame, file.as_object())?;
-        views.extend(view(frame, folder, &mut lookup)?);
+        add_view(frame, folder, &mut lookup)?;
     }
-    lookup.finish(views)
+    lookup.finish()
 }
 
-/// A frame's view; `None` if its entry is skipped.
-fn view(
-    frame: Fields<'_>,
-    folder: Option<&str>,
-    lookup: &mut PhotoLookup<'_>,
-) -> Result<Option<DeclaredView>, SceneError> {
+/// Adds a frame's view, unless its entry is skipped.
+fn add_view(frame: Fields<'_>, folder: Option<&str>, lookup: &mut PhotoLookup<'_>) -> Result<(), SceneError> {
     // The photo comes first: a skipped entry is not checked any further.
     let name = file_name(frame, folder);
-    let Some(photo) = name.and_then(|name| lookup.find(&name)).transpose() else { return Ok(None) };
+    let Some(photo) = name.and_then(|name| lookup.find(&name)).transpose() else { return Ok(()) };
     let distortion = distortion(frame, lookup)?;
     if frame.text("mask_path").is_ok() {
         lookup.note(masks::note("mask_path"));
@@ -100,8 +93,11 @@ fn view(
         (Some(_), None) => return Err(frame.wrong("h", "both w and h, or neither")),
         (None, Some(_)) => return Err(frame.wrong("w", "both w and h, or neither")),
     };
-    let (rotation, translation) = pose(frame)?;
-    Ok(Some(DeclaredView {
+    let pose = frame.get("transform_matrix").and_then(|matrix| split_json_matrix(matrix, "", 3).ok());
+    let (axes, centre) =
+        pose.ok_or_else(|| frame.wrong("transform_matrix", "4 rows of 4 numbers, the last 0 0 0 1"))?;
+    let (rotation, translation) = cam_from_opengl_world(axes, centre);
+    lookup.views.push(DeclaredView {
         photo,
         intrinsics: intrinsics(frame, size)?,
         size,
@@ -110,17 +106,18 @@ fn view(
         translation,
         distortion,
         depth_range: frame.optional("near")?.zip(frame.optional("far")?),
-    }))
+    });
+    Ok(())
 }
 
 /// The name of a frame's photo; in `folder` in place of `images`.
-fn file_name<'a>(frame: Fields<'a>, folder: Option<&str>) -> Result<Cow<'a, str>, SceneError> {
+fn file_name(frame: Fields<'_>, folder: Option<&str>) -> Result<String, SceneError> {
     let name = frame.text("file_path")?;
-    let Some(folder) = folder else { return Ok(name.into()) };
+    let Some(folder) = folder else { return Ok(name.to_owned()) };
     let rest = name.strip_prefix("./").unwrap_or(name).strip_prefix("images/");
     let rest =
         rest.ok_or_else(|| frame.wrong("file_path", &format!("a photo in images/, to take that in {folder}/")))?;
-    Ok(format!("{folder}/{rest}").into())
+    Ok(format!("{folder}/{rest}"))
 }
 
 /// The distortion; an error for a camera model that is not read.
@@ -179,12 +176,4 @@ fn intrinsics(frame: Fields<'_>, size: Size) -> Result<Intrinsics, SceneError> {
     let cx = frame.optional("cx")?.unwrap_or(0.5 * width);
     let cy = frame.optional("cy")?.unwrap_or(0.5 * height);
     Ok(Intrinsics { fx, fy, cx, cy, skew: 0.0 })
-}
-
-/// `cam_from_world`, OpenCV axes.
-fn pose(frame: Fields<'_>) -> Result<(DMat3, DVec3), SceneError> {
-    const KEY: &str = "transform_matrix";
-    let parts = frame.get(KEY).and_then(|matrix| split_json_matrix(matrix, KEY, 3).ok());
-    let (axes, centre) = parts.ok_or_else(|| frame.wrong(KEY, "4 rows of 4 numbers, the last 0 0 0 1"))?;
-    Ok(cam_from_opengl_world(axes, centre))
 }

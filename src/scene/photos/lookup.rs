@@ -7,18 +7,18 @@ use super::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 use crate::scene::pose_file::{abbreviated, safe_name};
 use crate::scene::{DeclaredView, DeclaredViews, SceneError};
 
-/// Finds the photos of one pose file's entries, one by one.
+/// Finds the photos of one pose file's entries, one by one, and collects their views.
 pub(in crate::scene) struct PhotoLookup<'a> {
     photos: &'a dyn PhotoSource,
     /// The pose file.
     pub(in crate::scene) listed_in: &'a Path,
+    pub(in crate::scene) views: Vec<DeclaredView>,
     /// Notes on what the entries say, each once.
     assumptions: BTreeSet<String>,
     /// Names of the shared photos found so far.
     shared: HashSet<String>,
-    /// Listed photos that do not exist, and the error of the first.
-    missing: Vec<String>,
-    first_missing: Option<SceneError>,
+    /// Listed photos that do not exist, with their errors.
+    missing: Vec<(String, SceneError)>,
     /// Photos whose name is another than the listed one: both.
     renamed: Vec<String>,
     /// One note per skipped entry.
@@ -32,10 +32,10 @@ impl<'a> PhotoLookup<'a> {
         Self {
             photos,
             listed_in,
+            views: Vec::new(),
             assumptions: BTreeSet::new(),
             shared: HashSet::new(),
             missing: Vec::new(),
-            first_missing: None,
             renamed: Vec::new(),
             skipped: Vec::new(),
             ignored: BTreeMap::new(),
@@ -48,8 +48,7 @@ impl<'a> PhotoLookup<'a> {
         let name = &name.replace('\\', "/");
         let found = match self.photos.find(&ListedPhoto { name, listed_in: self.listed_in }) {
             Err(error @ SceneError::MissingImage { .. }) => {
-                self.missing.push(name.clone());
-                self.first_missing.get_or_insert(error);
+                self.missing.push((name.clone(), error));
                 return Ok(None);
             }
             found => found?,
@@ -84,17 +83,16 @@ impl<'a> PhotoLookup<'a> {
     /// # Errors
     ///
     /// [`SceneError::MissingImage`] if there are no views and photos are missing.
-    pub(in crate::scene) fn finish(self, views: Vec<DeclaredView>) -> Result<DeclaredViews, SceneError> {
-        let Self { listed_in, assumptions, missing, first_missing, renamed, skipped, ignored, .. } = self;
+    pub(in crate::scene) fn finish(self) -> Result<DeclaredViews, SceneError> {
+        let Self { listed_in, views, assumptions, missing, renamed, skipped, ignored, .. } = self;
+        let (missing, errors): (Vec<_>, Vec<_>) = missing.into_iter().unzip();
+        if let Some(error) = errors.into_iter().next().filter(|_| views.is_empty()) {
+            return Err(error);
+        }
         let mut notes: Vec<String> = assumptions.into_iter().chain(skipped).collect();
-        match first_missing {
-            Some(error) if views.is_empty() => return Err(error),
-            Some(_) => notes.push(format!(
-                "{} of the listed photos are missing, skipped: {}",
-                missing.len(),
-                abbreviated(&missing)
-            )),
-            None => {}
+        if !missing.is_empty() {
+            let names = abbreviated(&missing);
+            notes.push(format!("{} of the listed photos are missing, skipped: {names}", missing.len()));
         }
         if let Some(first) = renamed.first() {
             notes.push(format!(
