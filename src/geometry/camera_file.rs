@@ -7,11 +7,12 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::{DMat3, DVec3};
 use serde_json::Value;
 
-use super::nerfstudio_axes::TrainedFromScene;
+use super::nerfstudio::{self, TrainedFromScene};
 use super::view_selection::nearest_camera;
-use super::{Camera, CameraError, Intrinsics, cam_from_opengl_world, nerfstudio_path, split_json_matrix};
+use super::{Camera, CameraError, Intrinsics, cam_from_opengl_world, split_json_matrix};
 use crate::fs::bounded;
 
 /// Why a file of cameras was refused.
@@ -49,7 +50,7 @@ pub struct CameraFile {
 pub fn read_cameras(path: &Path, views: &[&Camera], scene: &Path) -> Result<CameraFile, CameraFileError> {
     let refused = |index, reason| CameraFileError { path: path.to_owned(), index, reason };
     let file = read_json(path)?;
-    let path_frames = nerfstudio_path::frames(&file);
+    let path_frames = nerfstudio::frames(&file);
     let list = path_frames.or(file.as_array());
     let entries = list.map_or_else(|| std::slice::from_ref(&file), Vec::as_slice);
     if entries.is_empty() {
@@ -58,8 +59,8 @@ pub fn read_cameras(path: &Path, views: &[&Camera], scene: &Path) -> Result<Came
     let axes = path_frames.map(|_| TrainedFromScene::find(path, scene)).transpose()?;
     let read = |entry| match &axes {
         None => camera_from_json(entry, views),
-        Some(None) => nerfstudio_path::camera(&file, entry),
-        Some(Some(axes)) => axes.camera(&nerfstudio_path::camera(&file, entry)?).map_err(|error| error.to_string()),
+        Some(None) => nerfstudio::camera(&file, entry),
+        Some(Some(axes)) => axes.camera(&nerfstudio::camera(&file, entry)?).map_err(|error| error.to_string()),
     };
     let index = |index: usize| list.is_some().then_some(index);
     let cameras =
@@ -105,10 +106,10 @@ pub fn camera_from_json(entry: &Value, views: &[&Camera]) -> Result<Camera, Stri
     }
     let (rotation, translation) = match (entry.get("transform_matrix"), entry.get("cam_from_world")) {
         (Some(matrix), None) => {
-            let (axes, centre) = split_json_matrix(matrix, "transform_matrix", 4)?;
+            let (axes, centre) = split_matrix(matrix, "transform_matrix", 4)?;
             cam_from_opengl_world(axes, centre)
         }
-        (None, Some(matrix)) => split_json_matrix(matrix, "cam_from_world", 3)?,
+        (None, Some(matrix)) => split_matrix(matrix, "cam_from_world", 3)?,
         _ => return Err("expected either \"transform_matrix\" or \"cam_from_world\"".to_owned()),
     };
     let centre = -(rotation.transpose() * translation);
@@ -129,6 +130,13 @@ pub fn camera_from_json(entry: &Value, views: &[&Camera]) -> Result<Camera, Stri
     let fy = number("fl_y", if entry.get("fl_x").is_some() { fx } else { fy })?;
     let intrinsics = Intrinsics { fx, fy, cx: number("cx", cx)?, cy: number("cy", cy)?, skew };
     Camera::new(intrinsics, sized.width(), sized.height(), rotation, translation).map_err(text)
+}
+
+/// As [`split_json_matrix`], with an error for `key`.
+pub(super) fn split_matrix(matrix: &Value, key: &str, rows: usize) -> Result<(DMat3, DVec3), String> {
+    let count = if rows == 3 { "3 or 4" } else { "4" };
+    let wrong = || format!("{key}: expected {count} rows of 4 numbers, a fourth row being 0 0 0 1");
+    split_json_matrix(matrix, rows).ok_or_else(wrong)
 }
 
 /// A width or height in pixels.

@@ -70,12 +70,9 @@ impl<'a> ScanReader<'a> {
                 self.restart()?;
             }
             let (x, y) = (mcu % across, mcu / across);
-            if let &[(component, dc, ac)] = self.scan.components.as_slice() {
-                self.block(component, dc, ac, x, y)?;
-                continue;
-            }
             for &(component, dc, ac) in &self.scan.components {
-                let (h, v) = self.components[component].sampling;
+                let is_only = self.scan.components.len() == 1;
+                let (h, v) = if is_only { (1, 1) } else { self.components[component].sampling };
                 for block in 0..h * v {
                     self.block(component, dc, ac, x * h + block % h, y * v + block / h)?;
                 }

@@ -1,6 +1,5 @@
 //! Pictures: decoding and encoding, PSNR and SSIM, colour maps, and inpainting of uncovered pixels.
 
-mod arrays;
 mod colormap;
 mod decode;
 mod encode;

@@ -141,11 +141,8 @@ impl Scene {
         let (mut pictures, mut declared) = (BTreeMap::new(), Vec::new());
         for (name, picture, camera) in photos {
             if let Some(value) = picture.data().iter().find(|value| !(0.0..=1.0).contains(*value)) {
-                return Err(SceneError::malformed(
-                    name,
-                    format!("a value of the photo is {value}"),
-                    "values in [0, 1]",
-                ));
+                let what = format!("a value of the photo is {value}");
+                return Err(SceneError::malformed(name, what, "values in [0, 1]"));
             }
             declared.push(DeclaredView::of_photo(&name, picture.size(), &camera));
             pictures.insert(name, picture);

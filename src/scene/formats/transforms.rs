@@ -93,7 +93,7 @@ fn add_view(frame: Fields<'_>, folder: Option<&str>, lookup: &mut PhotoLookup<'_
         (Some(_), None) => return Err(frame.wrong("h", "both w and h, or neither")),
         (None, Some(_)) => return Err(frame.wrong("w", "both w and h, or neither")),
     };
-    let pose = frame.get("transform_matrix").and_then(|matrix| split_json_matrix(matrix, "", 3).ok());
+    let pose = frame.get("transform_matrix").and_then(|matrix| split_json_matrix(matrix, 3));
     let (axes, centre) =
         pose.ok_or_else(|| frame.wrong("transform_matrix", "4 rows of 4 numbers, the last 0 0 0 1"))?;
     let (rotation, translation) = cam_from_opengl_world(axes, centre);

@@ -1,5 +1,11 @@
-//! The axes of nerfstudio's training: those of the scene, rotated, shifted and scaled.
+//! Nerfstudio's camera paths: `{"camera_type": "perspective", "render_width", "render_height",
+//! "camera_path": [{"camera_to_world": 16 numbers, row by row, OpenGL axes, "fov": vertical field
+//! of view in degrees}, …]}`.
 //!
+//! The poses are in the axes of nerfstudio's training, which are the scene's own if nothing was rotated, shifted or scaled (`--orientation-method none
+//! --center-method none --auto-scale-poses False`).
+//!
+//! These are those of the scene, rotated, shifted and scaled.
 //! `dataparser_transforms.json`, which nerfstudio writes beside a model's `config.yml`, gives the
 //! transform: `x_trained = scale · (transform · x)`, `transform` 3×4. Nerfstudio includes in these
 //! two the `applied_transform` (3×4) and `applied_scale` of `transforms.json`, where present (its
@@ -11,8 +17,8 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use serde_json::Value;
 
-use super::camera_file::read_json;
-use super::{Camera, CameraError, CameraFileError, split_json_matrix};
+use super::camera_file::{read_json, shown, side, split_matrix};
+use super::{Camera, CameraError, CameraFileError, Intrinsics, cam_from_opengl_world, json_numbers};
 
 const FILE: &str = "dataparser_transforms.json";
 
@@ -61,7 +67,7 @@ impl TrainedFromScene {
 
 /// Rotation, translation and scale; those of the identity where a key is missing.
 fn similarity(of: &Value, matrix: &str, scale: &str) -> Result<(DMat3, DVec3, f64), String> {
-    let given = of.get(matrix).map(|given| split_json_matrix(given, matrix, 3)).transpose()?;
+    let given = of.get(matrix).map(|given| split_matrix(given, matrix, 3)).transpose()?;
     let (rotation, translation) = given.unwrap_or((DMat3::IDENTITY, DVec3::ZERO));
     let deviation = (rotation * rotation.transpose() - DMat3::IDENTITY).to_cols_array();
     if !deviation.iter().all(|value| value.abs() < 1e-3) || rotation.determinant() < 0.0 {
@@ -72,6 +78,30 @@ fn similarity(of: &Value, matrix: &str, scale: &str) -> Result<(DMat3, DVec3, f6
     Ok((rotation, translation, factor))
 }
 
+/// The frames of a path, if the file is one.
+pub(super) fn frames(file: &Value) -> Option<&Vec<Value>> {
+    file.get("camera_path")?.as_array()
+}
+
+/// The camera of one of the frames of a path.
+pub(super) fn camera(file: &Value, frame: &Value) -> Result<Camera, String> {
+    if let Some(kind) = file.get("camera_type").filter(|kind| *kind != "perspective") {
+        return Err(format!("camera_type is {kind}; expected \"perspective\""));
+    }
+    let [width, height] = [side(file, "render_width")?, side(file, "render_height")?];
+    let fov = frame.get("fov").and_then(Value::as_f64).filter(|fov| (0.0..180.0).contains(fov) && *fov > 0.0);
+    let fov = fov.ok_or_else(|| format!("fov is {}; expected degrees above 0 and below 180", shown(frame, "fov")))?;
+    let matrix: Option<[f64; 16]> = frame.get("camera_to_world").and_then(json_numbers);
+    let Some(m) = matrix.filter(|m| m[12..] == [0.0, 0.0, 0.0, 1.0]) else {
+        return Err("camera_to_world: expected 16 numbers, the last four being 0 0 0 1".to_owned());
+    };
+    let column = |i: usize| DVec3::new(m[i], m[4 + i], m[8 + i]);
+    let (rotation, translation) = cam_from_opengl_world(DMat3::from_cols(column(0), column(1), column(2)), column(3));
+    let focal = 0.5 * height as f64 / (0.5 * fov).to_radians().tan();
+    let k = Intrinsics { fx: focal, fy: focal, cx: 0.5 * width as f64, cy: 0.5 * height as f64, skew: 0.0 };
+    Camera::new(k, width, height, rotation, translation).map_err(|error| error.to_string())
+}
+
 #[cfg(test)]
 mod tests {
     use std::fs;
@@ -80,7 +110,6 @@ mod tests {
     use tempfile::tempdir;
 
     use super::*;
-    use crate::geometry::Intrinsics;
 
     #[test]
     fn camera_converts_from_trained_axes_to_scene_axes() {
@@ -122,8 +151,42 @@ mod tests {
             (json!({ "transform": transform, "scale": 0 }), "scale is 0"),
         ] {
             fs::write(root.path().join(FILE), wrong.to_string()).unwrap();
-            let (file, reason) = TrainedFromScene::find(&path, &scene).unwrap_err();
+            let CameraFileError { path: file, reason, .. } = TrainedFromScene::find(&path, &scene).unwrap_err();
             assert!(file.ends_with(FILE) && reason.contains(word), "{reason}");
+        }
+    }
+
+    #[test]
+    fn camera_has_the_pose_and_intrinsics_of_the_frame() {
+        // At (1, 2, 3), rotated by 90 degrees about y: it faces -x.
+        let frame = json!({
+            "camera_to_world": [0, 0, 1, 1, 0, 1, 0, 2, -1, 0, 0, 3, 0, 0, 0, 1], "fov": 90, "aspect": 2
+        });
+        let file =
+            json!({ "camera_type": "perspective", "render_width": 64, "render_height": 32, "camera_path": [frame] });
+        let camera = camera(&file, &frames(&file).unwrap()[0]).unwrap();
+        assert!(camera.centre().abs_diff_eq(DVec3::new(1.0, 2.0, 3.0), 1e-12));
+        assert!(camera.forward().abs_diff_eq(-DVec3::X, 1e-12), "{}", camera.forward());
+        let Intrinsics { fx, fy, cx, cy, .. } = camera.intrinsics();
+        // A vertical field of view of 90 degrees.
+        assert!((fx - 16.0).abs() < 1e-9 && fy == fx && (cx, cy) == (32.0, 16.0));
+        for (key, value, word) in [
+            ("fov", json!(180), "below 180"),
+            ("fov", json!("wide"), "below 180"),
+            ("camera_to_world", json!([1, 2]), "16 numbers"),
+        ] {
+            let mut wrong = file["camera_path"][0].clone();
+            wrong[key] = value;
+            let error = self::camera(&file, &wrong).unwrap_err();
+            assert!(error.contains(key) && error.contains(word), "{error}");
+        }
+        for (key, value) in
+            [("camera_type", json!("fisheye")), ("render_width", json!(0)), ("render_height", json!(null))]
+        {
+            let mut wrong = file.clone();
+            wrong[key] = value;
+            let error = self::camera(&wrong, &file["camera_path"][0]).unwrap_err();
+            assert!(error.contains(key), "{error}");
         }
     }
 }
