@@ -40,15 +40,16 @@ impl TrainedFromScene {
     ///
     /// The file, the field and what was expected.
     pub(super) fn find(path: &Path, scene: &Path) -> Result<Option<Self>, CameraFileError> {
-        let refused = |path: &Path, reason| CameraFileError { path: path.to_owned(), index: None, reason };
         let mut files = [path.with_file_name(FILE), scene.join(FILE)].into_iter();
         let Some(file) = files.find(|file| file.is_file()) else { return Ok(None) };
         let applied = scene.join("transforms.json");
         let of_scene = if applied.is_file() { read_json(&applied)? } else { Value::Null };
         let given = read_json(&file)?;
         if given.get("transform").is_none() {
-            return Err(refused(&file, "expected \"transform\" and \"scale\"".to_owned()));
+            let reason = "expected \"transform\" and \"scale\"".to_owned();
+            return Err(CameraFileError { path: file, index: None, reason });
         }
+        let refused = |path: &Path, reason| CameraFileError { path: path.to_owned(), index: None, reason };
         let r = similarity(&given, "transform", "scale").map_err(|reason| refused(&file, reason))?;
         let a = similarity(&of_scene, "applied_transform", "applied_scale");
         let a = a.map_err(|reason| refused(&applied, reason))?;

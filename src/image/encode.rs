@@ -9,7 +9,7 @@ use image::{ExtendedColorType, ImageEncoder};
 
 use super::ImageError;
 use super::rgb::{ImageRgb, check_buffer};
-use crate::fs::atomic;
+use crate::fs::{atomic, has_extension};
 use crate::geometry::Size;
 
 /// Quality of JPEG files unless another is asked for, 1 to 100.
@@ -48,9 +48,8 @@ pub fn encode(path: &Path, picture: &ImageRgb) -> Result<Vec<u8>, ImageError> {
 ///
 /// As [`encode`].
 pub fn encode_with_quality(path: &Path, picture: &ImageRgb, quality: u8) -> Result<Vec<u8>, ImageError> {
-    let jpeg = path.extension().is_some_and(|found| ["jpg", "jpeg"].iter().any(|e| found.eq_ignore_ascii_case(e)));
     let (mut bytes, rgb8, color) = (Vec::new(), picture.to_rgb8(), ExtendedColorType::Rgb8);
-    Ok(if jpeg {
+    Ok(if has_extension(path, &["jpg", "jpeg"]) {
         write(JpegEncoder::new_with_quality(&mut bytes, quality), &rgb8, picture.size(), color)?;
         tagged_jpeg(bytes)
     } else {

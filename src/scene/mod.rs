@@ -42,6 +42,7 @@ pub use photos::folder::PhotoFolder;
 pub use photos::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 pub use view::View;
 
+use crate::fs::has_extension;
 use crate::geometry::Camera;
 use crate::image::ImageRgb;
 
@@ -107,7 +108,7 @@ impl Scene {
         }
         let root = folder_of(path);
         let (format, declared, others) = if path.is_file() {
-            if !path.extension().is_some_and(|found| found.eq_ignore_ascii_case("json")) {
+            if !has_extension(path, &["json"]) {
                 return Err(no_scene("is not a folder"));
             }
             (Format::Transforms, transforms::open_file(root, path, &*photos, options)?, Vec::new())
@@ -159,10 +160,9 @@ impl Scene {
     ///
     /// [`SceneError::UnknownView`] if no view or several views match; it lists the closest names.
     pub fn view_index(&self, name: &str) -> Result<usize, SceneError> {
-        let names: Vec<&str> = self.views.iter().map(|view| view.name.as_str()).collect();
         let by_source_name =
             || self.views.iter().position(|view| view.photo.name == name.strip_prefix("./").unwrap_or(name));
-        view_names::index_of(&names, name).or_else(|unknown| by_source_name().ok_or(unknown))
+        view_names::index_of(&self.views, name).or_else(|unknown| by_source_name().ok_or(unknown))
     }
 
     /// Decodes the photo of a view, undistorts it and scales it down to the size of the view's

@@ -13,10 +13,16 @@ pub(in crate::scene) struct PhotoLookup<'a> {
     /// The pose file.
     pub(in crate::scene) listed_in: &'a Path,
     pub(in crate::scene) views: Vec<DeclaredView>,
-    /// Notes on what the entries say, each once.
-    assumptions: BTreeSet<String>,
     /// Names of the shared photos found so far.
     shared: HashSet<String>,
+    notable: Notable,
+}
+
+/// What the scene's notes tell of the entries and their photos.
+#[derive(Default)]
+struct Notable {
+    /// Notes on what the entries say, each once.
+    assumptions: BTreeSet<String>,
     /// Listed photos that do not exist, with their errors.
     missing: Vec<(String, SceneError)>,
     /// Photos whose name is another than the listed one: both.
@@ -29,17 +35,7 @@ pub(in crate::scene) struct PhotoLookup<'a> {
 
 impl<'a> PhotoLookup<'a> {
     pub(in crate::scene) fn new(photos: &'a dyn PhotoSource, listed_in: &'a Path) -> Self {
-        Self {
-            photos,
-            listed_in,
-            views: Vec::new(),
-            assumptions: BTreeSet::new(),
-            shared: HashSet::new(),
-            missing: Vec::new(),
-            renamed: Vec::new(),
-            skipped: Vec::new(),
-            ignored: BTreeMap::new(),
-        }
+        Self { photos, listed_in, views: Vec::new(), shared: HashSet::new(), notable: Notable::default() }
     }
 
     /// The photo of an entry; `None` if the entry is skipped.
@@ -48,26 +44,26 @@ impl<'a> PhotoLookup<'a> {
         let name = &name.replace('\\', "/");
         let found = match self.photos.find(&ListedPhoto { name, listed_in: self.listed_in }) {
             Err(error @ SceneError::MissingImage { .. }) => {
-                self.missing.push((name.clone(), error));
+                self.notable.missing.push((name.clone(), error));
                 return Ok(None);
             }
             found => found?,
         };
         if let Found::Photo(photo) | Found::Shared(photo) = &found {
             for property in &photo.ignored {
-                self.ignored.entry(property).or_default().push(photo.name.clone());
+                self.notable.ignored.entry(property).or_default().push(photo.name.clone());
             }
         }
         Ok(match found {
             Found::Photo(photo) => {
                 if !is_listed_as(&photo.name, name) {
-                    self.renamed.push(format!("{} for {name}", photo.name));
+                    self.notable.renamed.push(format!("{} for {name}", photo.name));
                 }
                 Some(photo)
             }
             Found::Shared(photo) => self.shared.insert(photo.name.clone()).then_some(photo),
             Found::Skipped(note) => {
-                self.skipped.push(note);
+                self.notable.skipped.push(note);
                 None
             }
         })
@@ -75,7 +71,7 @@ impl<'a> PhotoLookup<'a> {
 
     /// Adds a note on an entry; equal notes become one.
     pub(in crate::scene) fn note(&mut self, note: String) {
-        self.assumptions.insert(note);
+        self.notable.assumptions.insert(note);
     }
 
     /// The views, with notes on skipped entries and on ignored properties of photos.
@@ -84,7 +80,8 @@ impl<'a> PhotoLookup<'a> {
     ///
     /// [`SceneError::MissingImage`] if there are no views and photos are missing.
     pub(in crate::scene) fn finish(self) -> Result<DeclaredViews, SceneError> {
-        let Self { listed_in, views, assumptions, missing, renamed, skipped, ignored, .. } = self;
+        let Self { listed_in, views, notable, .. } = self;
+        let Notable { assumptions, missing, renamed, skipped, ignored } = notable;
         let (missing, errors): (Vec<_>, Vec<_>) = missing.into_iter().unzip();
         if let Some(error) = errors.into_iter().next().filter(|_| views.is_empty()) {
             return Err(error);
