@@ -3,7 +3,7 @@
 //! (`jpeg_scan.rs`) usually include an undefined one, or give too few or too many coefficients.
 
 use super::jpeg_huffman::HuffmanTable;
-use super::jpeg_scan::{Component, Scan, ScanReader};
+use super::jpeg_scan::{self, Component, Scan, Tables};
 
 const TRUNCATED: &str = "the JPEG data is truncated";
 const DAMAGED_HEADER: &str = "the JPEG header is damaged";
@@ -15,8 +15,7 @@ struct Header {
     width: usize,
     height: usize,
     components: Vec<Component>,
-    /// By class (DC, then AC) and destination identifier.
-    tables: [[Option<HuffmanTable>; 4]; 2],
+    tables: Tables,
     /// MCUs between restart markers; 0 for none.
     restart_interval: usize,
 }
@@ -135,6 +134,6 @@ impl Header {
             refines: self.progressive && approximation >> 4 != 0,
             restart_interval: self.restart_interval,
         };
-        Some(ScanReader::new(&scan, &self.tables, &mut self.components, data).read())
+        Some(jpeg_scan::read(&scan, &self.tables, &mut self.components, data))
     }
 }

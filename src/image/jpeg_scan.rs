@@ -37,10 +37,13 @@ pub(super) struct Scan {
     pub(super) restart_interval: usize,
 }
 
+/// The tables of a picture by class (DC, then AC) and destination identifier.
+pub(super) type Tables = [[Option<HuffmanTable>; 4]; 2];
+
 /// Reads a scan's data.
-pub(super) struct ScanReader<'a> {
+struct ScanReader<'a> {
     scan: &'a Scan,
-    tables: &'a [[Option<HuffmanTable>; 4]; 2],
+    tables: &'a Tables,
     components: &'a mut [Component],
     data: &'a [u8],
     /// Offset of the next byte that is not yet in `bits`.
@@ -52,36 +55,32 @@ pub(super) struct ScanReader<'a> {
     eob_run: u32,
 }
 
-impl<'a> ScanReader<'a> {
-    pub(super) fn new(
-        scan: &'a Scan,
-        tables: &'a [[Option<HuffmanTable>; 4]; 2],
-        components: &'a mut [Component],
-        data: &'a [u8],
-    ) -> Self {
-        Self { scan, tables, components, data, at: 0, bits: 0, count: 0, eob_run: 0 }
-    }
-
-    /// Reads all blocks; returns the length of the data in bytes, up to the next marker.
-    pub(super) fn read(mut self) -> Result<usize, &'static str> {
-        let (across, down) = self.scan.mcus;
-        for mcu in 0..across * down {
-            if self.scan.restart_interval > 0 && mcu > 0 && mcu.is_multiple_of(self.scan.restart_interval) {
-                self.restart()?;
-            }
-            let (x, y) = (mcu % across, mcu / across);
-            for &(component, dc, ac) in &self.scan.components {
-                let is_only = self.scan.components.len() == 1;
-                let (h, v) = if is_only { (1, 1) } else { self.components[component].sampling };
-                for block in 0..h * v {
-                    self.block(component, dc, ac, x * h + block % h, y * v + block / h)?;
-                }
+/// Reads all blocks of a scan; returns the length of its data in bytes, up to the next marker.
+pub(super) fn read(
+    scan: &Scan,
+    tables: &Tables,
+    components: &mut [Component],
+    data: &[u8],
+) -> Result<usize, &'static str> {
+    let mut reader = ScanReader { scan, tables, components, data, at: 0, bits: 0, count: 0, eob_run: 0 };
+    let (across, down) = scan.mcus;
+    for mcu in 0..across * down {
+        if scan.restart_interval > 0 && mcu > 0 && mcu.is_multiple_of(scan.restart_interval) {
+            reader.restart()?;
+        }
+        let (x, y) = (mcu % across, mcu / across);
+        for &(component, dc, ac) in &scan.components {
+            let (h, v) = if scan.components.len() == 1 { (1, 1) } else { reader.components[component].sampling };
+            for block in 0..h * v {
+                reader.block(component, dc, ac, x * h + block % h, y * v + block / h)?;
             }
         }
-        self.end()?;
-        Ok(self.at)
     }
+    reader.end()?;
+    Ok(reader.at)
+}
 
+impl<'a> ScanReader<'a> {
     fn block(&mut self, component: usize, dc: usize, ac: usize, x: usize, y: usize) -> Result<(), &'static str> {
         if !self.scan.progressive {
             self.dc(dc)?;
