@@ -78,18 +78,9 @@ pub enum SceneError {
         /// The declared size.
         declared: Size,
     },
-    /// No view or several views have that name.
-    #[error("{reason} \"{name}\" among the {count} views; closest: {}", closest.join(", "))]
-    UnknownView {
-        /// The requested name.
-        name: String,
-        /// `no view is named` or `several views are named`.
-        reason: &'static str,
-        /// Number of views in the scene.
-        count: usize,
-        /// The most similar names.
-        closest: Vec<String>,
-    },
+    /// No view or several views have that name; the message lists the closest names.
+    #[error("{0}")]
+    UnknownView(String),
     /// A photo cannot be decoded.
     #[error(transparent)]
     Image(#[from] ImageError),

@@ -31,7 +31,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use formats::{READERS, transforms};
-use undistort::Distortion;
+use undistort::{Distortion, undistort};
 use view::{DeclaredView, DeclaredViews};
 
 pub use error::SceneError;
@@ -145,7 +145,17 @@ impl Scene {
                 let what = format!("a value of the photo is {value}");
                 return Err(SceneError::malformed(name, what, "values in [0, 1]"));
             }
-            declared.push(DeclaredView::of_photo(&name, picture.size(), &camera));
+            let path = PathBuf::from(&name);
+            declared.push(DeclaredView {
+                photo: Photo { name: name.clone(), path, size: picture.size(), ignored: Vec::new() },
+                intrinsics: camera.intrinsics(),
+                size: camera.size(),
+                may_be_resampled: false,
+                rotation: camera.rotation(),
+                translation: camera.translation(),
+                distortion: Distortion::default(),
+                depth_range: None,
+            });
             pictures.insert(name, picture);
         }
         let declared = DeclaredViews { cameras: root.clone(), views: declared, notes: Vec::new() };
@@ -196,8 +206,20 @@ impl Scene {
     /// # Panics
     ///
     /// If there is no view `index`.
-    pub fn fit(&self, index: usize, photo: ImageRgb) -> Result<ImageRgb, SceneError> {
-        self.views[index].fit(&self.root, photo)
+    pub fn fit(&self, index: usize, mut photo: ImageRgb) -> Result<ImageRgb, SceneError> {
+        let View { camera, native, distortion, photo: Photo { path, .. }, .. } = &self.views[index];
+        let (actual, declared) = (photo.size(), native.size());
+        if actual != declared {
+            let (path, declared_in) = (path.clone(), self.root.clone());
+            return Err(SceneError::ImageSize { path, actual, declared_in, declared });
+        }
+        if *distortion != Distortion::default() {
+            photo = undistort(&photo, native, distortion)?;
+        }
+        if camera.size() != actual {
+            photo = photo.resized(camera.width(), camera.height())?;
+        }
+        Ok(photo)
     }
 }
 

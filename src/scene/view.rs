@@ -6,10 +6,8 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 
 use super::pose_file::abbreviated;
-use super::undistort::{Distortion, undistort};
-use super::{Photo, SceneError, SceneOptions};
+use super::{Distortion, Photo, SceneError, SceneOptions};
 use crate::geometry::{Camera, CameraError, Intrinsics, Size};
-use crate::image::ImageRgb;
 use crate::layers::uniform_disparities;
 
 /// One view as its format declares it. The pose is `cam_from_world`, OpenCV axes; intrinsics are in
@@ -25,22 +23,6 @@ pub(super) struct DeclaredView {
     pub(super) distortion: Distortion,
     /// Near and far depth in scene units; an invalid range is ignored with a note.
     pub(super) depth_range: Option<(f64, f64)>,
-}
-
-impl DeclaredView {
-    /// The view of a photo of that size in memory.
-    pub(super) fn of_photo(name: &str, size: Size, camera: &Camera) -> Self {
-        Self {
-            photo: Photo { name: name.to_owned(), path: name.into(), size, ignored: Vec::new() },
-            intrinsics: camera.intrinsics(),
-            size: camera.size(),
-            may_be_resampled: false,
-            rotation: camera.rotation(),
-            translation: camera.translation(),
-            distortion: Distortion::default(),
-            depth_range: None,
-        }
-    }
 }
 
 /// The result of a format's reader.
@@ -67,8 +49,9 @@ pub struct View {
     pub depth_range: Option<(f64, f64)>,
     /// The photo in its source.
     pub(super) photo: Photo,
-    native: Camera,
-    distortion: Distortion,
+    /// At the photo's own size.
+    pub(super) native: Camera,
+    pub(super) distortion: Distortion,
 }
 
 impl View {
@@ -87,23 +70,6 @@ impl View {
     /// pinhole camera.
     pub fn distortion(&self) -> (&'static str, [(&'static str, f64); 8]) {
         (if self.distortion.fisheye { "OPENCV_FISHEYE" } else { "FULL_OPENCV" }, self.distortion.fields())
-    }
-
-    /// See [`Scene::fit`](super::Scene::fit); `root` is the scene folder, for messages.
-    pub(super) fn fit(&self, root: &Path, mut photo: ImageRgb) -> Result<ImageRgb, SceneError> {
-        let Self { camera, native, distortion, .. } = self;
-        let (actual, declared) = (photo.size(), native.size());
-        if actual != declared {
-            let (path, declared_in) = (self.photo.path.clone(), root.to_owned());
-            return Err(SceneError::ImageSize { path, actual, declared_in, declared });
-        }
-        if *distortion != Distortion::default() {
-            photo = undistort(&photo, native, distortion)?;
-        }
-        if camera.size() != actual {
-            photo = photo.resized(camera.width(), camera.height())?;
-        }
-        Ok(photo)
     }
 }
 

@@ -11,8 +11,10 @@ const LISTED_NAMES: usize = 8;
 /// Index of the view with this name, file name, or file name without extension.
 pub(super) fn index_of(views: &[View], name: &str) -> Result<usize, SceneError> {
     let names: [fn(&Path) -> Option<&OsStr>; 3] = [|path| Some(path.as_os_str()), Path::file_name, Path::file_stem];
-    let unknown =
-        |reason, closest| SceneError::UnknownView { name: name.to_owned(), reason, count: views.len(), closest };
+    let unknown = |reason: &str, closest: Vec<&str>| {
+        let (count, closest) = (views.len(), closest.join(", "));
+        SceneError::UnknownView(format!("{reason} \"{name}\" among the {count} views; closest: {closest}"))
+    };
     for name_of in names {
         let is_named = |&view: &usize| name_of(views[view].name.as_ref()) == Some(name.as_ref());
         let matches: Vec<usize> = (0..views.len()).filter(is_named).collect();
@@ -20,12 +22,12 @@ pub(super) fn index_of(views: &[View], name: &str) -> Result<usize, SceneError> 
             [] => {}
             [index] => return Ok(*index),
             several => {
-                let closest = several.iter().take(LISTED_NAMES).map(|&view| views[view].name.clone()).collect();
+                let closest = several.iter().take(LISTED_NAMES).map(|&view| views[view].name.as_str()).collect();
                 return Err(unknown("several views are named", closest));
             }
         }
     }
-    let mut closest: Vec<String> = views.iter().map(|view| view.name.clone()).collect();
+    let mut closest: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
     closest.sort_by_key(|view| edit_distance(view, name));
     closest.truncate(LISTED_NAMES);
     Err(unknown("no view is named", closest))

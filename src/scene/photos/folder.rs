@@ -52,8 +52,12 @@ impl PhotoSource for PhotoFolder {
             return Err(SceneError::MissingImage { path, listed_in });
         };
         let path = self.root.join(&name);
-        let header = image::read_header(&path)?;
-        Ok(Found::Photo(Photo { name, path, size: header.size, ignored: ignored(header) }))
+        let Header { size, oriented, alpha, .. } = image::read_header(&path)?;
+        let orientation =
+            oriented.then_some("EXIF orientation ignored, poses are assumed to belong to the pixels as stored");
+        let alpha = alpha.then_some("alpha channel dropped, colours used as stored");
+        let ignored = orientation.into_iter().chain(alpha).collect();
+        Ok(Found::Photo(Photo { name, path, size, ignored }))
     }
 
     fn list(&self, folders: &[&str]) -> Result<Option<PhotoList>, SceneError> {
@@ -67,14 +71,6 @@ impl PhotoSource for PhotoFolder {
     fn load(&self, name: &str) -> Result<ImageRgb, SceneError> {
         Ok(image::load(&self.root.join(name))?)
     }
-}
-
-/// Properties of a photo that are ignored, as text for the scene's notes.
-fn ignored(header: Header) -> Vec<&'static str> {
-    let orientation =
-        header.oriented.then_some("EXIF orientation ignored, poses are assumed to belong to the pixels as stored");
-    let alpha = header.alpha.then_some("alpha channel dropped, colours used as stored");
-    orientation.into_iter().chain(alpha).collect()
 }
 
 /// `name` with an extension added, then with its extension replaced.
