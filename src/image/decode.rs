@@ -4,7 +4,6 @@
 //! dropped. The EXIF orientation is ignored, as in COLMAP and other pose estimators, so poses
 //! belong to the pixels as stored. [`read_header`] reports both.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -42,12 +41,9 @@ pub struct Header {
 ///
 /// As [`read_size`].
 pub fn read_header(path: &Path) -> Result<Header, ImageError> {
-    let input = BufReader::new(open(path)?);
-    let mut decoder = reader(path, input)?.into_decoder().map_err(|error| decode_error(path, &error))?;
-    let size = check_side(path, decoder.dimensions())?;
-    // Damaged EXIF data counts as none.
-    let oriented = decoder.orientation().is_ok_and(|orientation| orientation != Orientation::NoTransforms);
-    Ok(Header { size, oriented, alpha: decoder.color_type().has_alpha() })
+    let file = bounded::open(path, bounded::MAX_BYTES);
+    let file = file.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+    header_of(path, BufReader::new(file))
 }
 
 /// Reads the size of a PNG or JPEG in pixels from its header.
@@ -56,17 +52,20 @@ pub fn read_header(path: &Path) -> Result<Header, ImageError> {
 ///
 /// [`ImageError::Read`], [`ImageError::Decode`] or [`ImageError::TooLarge`], naming the file.
 pub fn read_size(path: &Path) -> Result<Size, ImageError> {
-    size_of(path, BufReader::new(open(path)?))
+    Ok(read_header(path)?.size)
 }
 
-fn open(path: &Path) -> Result<File, ImageError> {
-    bounded::open(path, bounded::MAX_BYTES).map_err(|source| ImageError::Read { path: path.to_owned(), source })
-}
-
-/// As [`read_size`], from an open file; `path` is for errors.
-pub(crate) fn size_of(path: &Path, input: impl BufRead + Seek) -> Result<Size, ImageError> {
-    let size = reader(path, input)?.into_dimensions().map_err(|error| decode_error(path, &error))?;
-    check_side(path, size)
+/// As [`read_header`], from an open file; `path` is for errors.
+pub(crate) fn header_of(path: &Path, input: impl BufRead + Seek) -> Result<Header, ImageError> {
+    let mut decoder = reader(path, input)?.into_decoder().map_err(|error| decode_error(path, &error))?;
+    let (width, height) = decoder.dimensions();
+    let size = Size::new(width as usize, height as usize);
+    if size.width > MAX_SIDE || size.height > MAX_SIDE {
+        return Err(ImageError::TooLarge { path: path.to_owned(), size });
+    }
+    // Damaged EXIF data counts as none.
+    let oriented = decoder.orientation().is_ok_and(|orientation| orientation != Orientation::NoTransforms);
+    Ok(Header { size, oriented, alpha: decoder.color_type().has_alpha() })
 }
 
 /// A decoder chosen by content, not by extension: PNG files named .jpg are common.
@@ -94,7 +93,7 @@ pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
 
 /// As [`load`], from the bytes of a file; `path` is for errors.
 pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> {
-    let size = size_of(path, Cursor::new(bytes))?;
+    let size = header_of(path, Cursor::new(bytes))?.size;
     let needed = BYTES_PER_PIXEL * size.pixels() as u64;
     memory::check(needed).map_err(|source| ImageError::Memory { path: path.to_owned(), size, source })?;
     let mut reader = reader(path, Cursor::new(bytes))?;
@@ -109,16 +108,7 @@ pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> 
     // If the decoder panics, the error names the file; no state of the decoder outlives the call.
     let decoded = catch_unwind(AssertUnwindSafe(|| reader.decode())).map_err(|_| refused("the decoder failed"))?;
     let decoded = decoded.map_err(|error| decode_error(path, &error))?.into_rgb32f();
-    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
-    ImageRgb::new(width, height, decoded.into_raw())
-}
-
-fn check_side(path: &Path, (width, height): (u32, u32)) -> Result<Size, ImageError> {
-    let size = Size::new(width as usize, height as usize);
-    if size.width > MAX_SIDE || size.height > MAX_SIDE {
-        return Err(ImageError::TooLarge { path: path.to_owned(), size });
-    }
-    Ok(size)
+    ImageRgb::new(size.width, size.height, decoded.into_raw())
 }
 
 fn decode_error(path: &Path, error: &image::ImageError) -> ImageError {
