@@ -39,7 +39,7 @@ pub use format::Format;
 #[cfg(fuzzing)]
 pub use formats::fuzz;
 pub use photos::folder::PhotoFolder;
-pub use photos::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+pub use photos::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 pub use view::View;
 
 use crate::fs::has_extension;
@@ -122,7 +122,7 @@ impl Scene {
         for other in others {
             notes.push(format!("the folder also holds {other}: its poses are not read, {format} takes precedence"));
         }
-        notes.extend(masks::folder_notes(root));
+        notes.extend(masks::FOLDERS.into_iter().filter(|folder| root.join(folder).is_dir()).map(masks::note));
         Ok(Self { root: root.to_owned(), format, views, notes, pixels: Pixels::Source(photos) })
     }
 

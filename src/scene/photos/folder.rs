@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+use super::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 use crate::fs::has_extension;
 use crate::image::{self, Header, ImageRgb};
 use crate::scene::SceneError;

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::path::Path;
 
-use super::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+use super::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 use crate::scene::pose_file::{abbreviated, safe_name};
 use crate::scene::{DeclaredView, DeclaredViews, SceneError};
 

@@ -88,35 +88,27 @@ pub(super) const MODELS: [(&str, usize); 12] = [
 /// A lens from a camera model's name and parameters; an error for unsupported models.
 pub(super) fn lens(path: &Path, model: &str, size: Size, parameters: &[f64]) -> Result<Lens, SceneError> {
     let fisheye = FISHEYES.contains(&model);
-    let pixels = |fx, fy, cx, cy| Intrinsics { fx, fy, cx, cy, skew: 0.0 };
-    let bent = |k, p| Distortion { fisheye, k, p };
-    let (intrinsics, distortion) = match (model, parameters) {
-        ("SIMPLE_PINHOLE", &[f, cx, cy]) => (pixels(f, f, cx, cy), Distortion::default()),
-        ("PINHOLE", &[fx, fy, cx, cy]) => (pixels(fx, fy, cx, cy), Distortion::default()),
-        ("SIMPLE_RADIAL" | "SIMPLE_RADIAL_FISHEYE", &[f, cx, cy, k1]) => {
-            (pixels(f, f, cx, cy), bent([k1, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]))
-        }
-        ("RADIAL" | "RADIAL_FISHEYE", &[f, cx, cy, k1, k2]) => {
-            (pixels(f, f, cx, cy), bent([k1, k2, 0.0, 0.0, 0.0, 0.0], [0.0; 2]))
-        }
-        ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => {
-            (pixels(fx, fy, cx, cy), bent([k1, k2, 0.0, 0.0, 0.0, 0.0], [p1, p2]))
-        }
-        ("OPENCV_FISHEYE", &[fx, fy, cx, cy, k1, k2, k3, k4]) => {
-            (pixels(fx, fy, cx, cy), bent([k1, k2, k3, k4, 0.0, 0.0], [0.0; 2]))
-        }
-        ("FULL_OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6]) => {
-            (pixels(fx, fy, cx, cy), bent([k1, k2, k3, k4, k5, k6], [p1, p2]))
-        }
-        _ if fisheye || PINHOLES.contains(&model) => {
-            let what = format!("a {model} camera with {} parameters", parameters.len());
-            return Err(SceneError::malformed(path, what, "the camera model's number of parameters"));
-        }
-        _ => {
-            let read = [&PINHOLES[..], &FISHEYES].concat().join(", ");
-            let hint = format!("run COLMAP's image_undistorter first, or use {read}");
-            return Err(SceneError::Unsupported { path: path.to_owned(), what: format!("camera model {model}"), hint });
-        }
+    if !fisheye && !PINHOLES.contains(&model) {
+        let read = [&PINHOLES[..], &FISHEYES].concat().join(", ");
+        let hint = format!("run COLMAP's image_undistorter first, or use {read}");
+        return Err(SceneError::Unsupported { path: path.to_owned(), what: format!("camera model {model}"), hint });
+    }
+    if !MODELS.contains(&(model, parameters.len())) {
+        let what = format!("a {model} camera with {} parameters", parameters.len());
+        return Err(SceneError::malformed(path, what, "the camera model's number of parameters"));
+    }
+    // One focal length or two, the principal point, then the first coefficients of FULL_OPENCV's. A
+    // fisheye has k3 and k4 in place of p1 and p2.
+    let has_one_focal_length = model.starts_with("SIMPLE") || model.starts_with("RADIAL");
+    let (focal, rest) = parameters.split_at(if has_one_focal_length { 1 } else { 2 });
+    let (centre, given) = rest.split_at(2);
+    let intrinsics = Intrinsics { fx: focal[0], fy: focal[focal.len() - 1], cx: centre[0], cy: centre[1], skew: 0.0 };
+    let mut coefficients = [0.0; 8];
+    coefficients[..given.len()].copy_from_slice(given);
+    let [k1, k2, p1, p2, k3, k4, k5, k6] = coefficients;
+    let distortion = match fisheye {
+        true => Distortion { fisheye, k: [k1, k2, p1, p2, 0.0, 0.0], p: [0.0; 2] },
+        false => Distortion { fisheye, k: [k1, k2, k3, k4, k5, k6], p: [p1, p2] },
     };
     // Checked here, so that the error names the file that holds the intrinsics.
     let refused = |source| SceneError::Camera { path: path.to_owned(), image: format!("model {model}"), source };
