@@ -2,10 +2,10 @@
 //! "camera_path": [{"camera_to_world": 16 numbers, row by row, OpenGL axes, "fov": vertical field
 //! of view in degrees}, …]}`.
 //!
-//! The poses are in the axes of nerfstudio's training, which are the scene's own if nothing was rotated, shifted or scaled (`--orientation-method none
-//! --center-method none --auto-scale-poses False`).
+//! The poses are in the axes of nerfstudio's training: those of the scene, rotated, shifted and
+//! scaled, or the scene's own if nothing was (`--orientation-method none --center-method none
+//! --auto-scale-poses False`).
 //!
-//! These are those of the scene, rotated, shifted and scaled.
 //! `dataparser_transforms.json`, which nerfstudio writes beside a model's `config.yml`, gives the
 //! transform: `x_trained = scale · (transform · x)`, `transform` 3×4. Nerfstudio includes in these
 //! two the `applied_transform` (3×4) and `applied_scale` of `transforms.json`, where present (its

@@ -23,7 +23,8 @@ use rayon::prelude::*;
 use crate::geometry::{Camera, CameraError, Intrinsics};
 use crate::image::{ImageError, ImageRgb};
 
-/// The camera models that are read, by COLMAP's names: pinholes with OpenCV's distortion, and fisheyes.
+/// The camera models that are read, by COLMAP's names: pinholes with OpenCV's distortion, and
+/// fisheyes.
 pub(super) const PINHOLES: [&str; 6] =
     ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"];
 pub(super) const FISHEYES: [&str; 3] = ["OPENCV_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_RADIAL_FISHEYE"];

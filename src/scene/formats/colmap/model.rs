@@ -9,7 +9,8 @@ use crate::geometry::{Camera, Intrinsics, Size};
 use crate::scene::undistort::{Distortion, FISHEYES, PINHOLES};
 use crate::scene::{SceneError, pose_file};
 
-/// The intrinsics and distortion of one of the model's cameras, and the size of its photos in pixels.
+/// The intrinsics and distortion of one of the model's cameras, and the size of its photos in
+/// pixels.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Lens {
     pub(super) intrinsics: Intrinsics,
