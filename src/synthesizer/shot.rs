@@ -39,9 +39,9 @@ impl Shot {
 /// A shot with its photos in memory: what a plan is found from, and rendered from.
 #[derive(Debug, Clone)]
 pub struct LoadedShot {
-    shot: Shot,
+    pub(super) shot: Shot,
     /// Of the shot's views, then of its helpers.
-    photos: Vec<LoadedPhoto>,
+    pub(super) photos: Vec<LoadedPhoto>,
 }
 
 /// The photo of a view, in memory.
@@ -62,11 +62,6 @@ impl LoadedPhoto {
 }
 
 impl LoadedShot {
-    /// `photos` are those of the shot's views, then of its helpers.
-    pub(super) fn new(shot: Shot, photos: Vec<LoadedPhoto>) -> Self {
-        Self { shot, photos }
-    }
-
     /// The shot.
     pub fn shot(&self) -> &Shot {
         &self.shot
@@ -75,12 +70,6 @@ impl LoadedShot {
     /// The views to render from, nearest first.
     pub fn sources(&self) -> Vec<SourceView<'_>> {
         self.photos.iter().take(self.shot.views.len()).map(LoadedPhoto::source).collect()
-    }
-
-    /// Photos of the views to render from and of the helpers.
-    #[cfg(feature = "surface")]
-    pub(super) fn photos(&self) -> &[LoadedPhoto] {
-        &self.photos
     }
 
     /// The guided search, with a number of planes in the first search or by the parallax.
