@@ -8,7 +8,7 @@ use super::error::SynthesisError;
 use super::photo_store::PhotoStore;
 use super::retention::Retention;
 use super::scene_views::SceneViews;
-use super::shot::{LoadedPhoto, LoadedShot, Shot};
+use super::shot::{LoadedShot, Shot};
 
 /// The photos of a scene and their depth: what a shot needs is loaded, and dropped when no later
 /// shot needs it.
@@ -75,8 +75,7 @@ impl ScenePhotos {
             &mut self.depths,
         );
         let views: Vec<usize> = shot.photos().collect();
-        let photo = |(&view, texture)| LoadedPhoto { view, camera: scene.views[view].camera.clone(), texture };
-        let photos = views.iter().zip(self.photos.load(scene, &views)?).map(photo).collect();
+        let photos = self.photos.load(scene, &views)?;
         Ok(LoadedShot { shot: shot.clone(), photos })
     }
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::geometry::Camera;
 use crate::layers::guided::{GuidedSearch, SearchStages};
 use crate::layers::{LayersError, padded};
+use crate::scene::{Scene, SceneError};
 use crate::warp::{SourceView, Texture, warp_sources};
 
 /// A target with its views and its depth range.
@@ -48,13 +49,21 @@ pub struct LoadedShot {
 #[derive(Debug, Clone)]
 pub(super) struct LoadedPhoto {
     /// Index of the view in the scene.
-    #[cfg_attr(not(feature = "surface"), expect(dead_code))]
     pub(super) view: usize,
     pub(super) camera: Camera,
     pub(super) texture: Arc<Texture>,
 }
 
 impl LoadedPhoto {
+    /// The photo of a view, read from its file unless its texture is in memory.
+    pub(super) fn read(scene: &Scene, view: usize, texture: Option<&Arc<Texture>>) -> Result<Self, SceneError> {
+        let texture = match texture {
+            Some(texture) => Arc::clone(texture),
+            None => Arc::new(Texture::new(&scene.load_image(view)?)),
+        };
+        Ok(Self { view, camera: scene.views[view].camera.clone(), texture })
+    }
+
     /// The photo as warp and searches take it.
     pub(super) fn source(&self) -> SourceView<'_> {
         SourceView { camera: &self.camera, texture: &self.texture }

@@ -187,7 +187,10 @@ impl ScenePhotos {
         let wanted = depth.with_neighbours(view);
         self.find_all(held_out, &wanted)?;
         let depth = with_held_out(&mut self.depths.depth, &self.views, held_out)?;
-        let found = depth.view_depth(view).expect("found just now");
+        let index = depth.map_index(view);
+        let (source, time) = depth.sources[index];
+        let (found, confirmed) = depth.maps.confirmed_by_neighbours(index).expect("found just now");
+        let found = ViewDepth { found, confirmed, range: depth.maps.range(), source, time };
         let needed: Vec<usize> = later.iter().flat_map(|&view| depth.with_neighbours(view)).collect();
         let mut spare = self.retention.bytes;
         let mut fits = |bytes: usize| spare.checked_sub(bytes).inspect(|&rest| spare = rest).is_some();
@@ -238,11 +241,7 @@ fn with_held_out<'a>(
     held_out: &[usize],
 ) -> Result<&'a mut SceneDepth, SynthesisError> {
     *depth = match depth.take().filter(|depth| depth.held_out == held_out) {
-        None => {
-            let free = views.all_but(held_out);
-            let range = views.depth_range(&free, held_out)?;
-            Some(SceneDepth::new(views.scene(), free, held_out.to_vec(), range))
-        }
+        None => Some(SceneDepth::new(views, held_out)?),
         known => known,
     };
     Ok(depth.as_mut().expect("set just now"))

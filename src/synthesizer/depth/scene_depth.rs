@@ -3,8 +3,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::scene::Scene;
 use crate::surface::{ConfirmedDepth, DepthMaps, PhotoDepth, SmallMaps};
+use crate::synthesizer::error::SynthesisError;
+use crate::synthesizer::scene_views::SceneViews;
 
 /// How the depth of a photo was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,10 +60,13 @@ pub(super) struct SceneDepth {
 }
 
 impl SceneDepth {
-    pub(super) fn new(scene: &Scene, free: Vec<usize>, held_out: Vec<usize>, (near, far): (f64, f64)) -> Self {
-        let cameras = free.iter().map(|&view| scene.views[view].camera.clone()).collect();
+    /// Of which none is known yet.
+    pub(super) fn new(views: &SceneViews, held_out: &[usize]) -> Result<Self, SynthesisError> {
+        let free = views.all_but(held_out);
+        let (near, far) = views.depth_range(&free, held_out)?;
+        let maps = DepthMaps::new(views.cameras(&free).cloned().collect(), near, far);
         let sources = vec![(DepthSource::Alone, Duration::ZERO); free.len()];
-        Self { maps: DepthMaps::new(cameras, near, far), small_maps: Arc::default(), free, held_out, sources }
+        Ok(Self { maps, small_maps: Arc::default(), free, held_out: held_out.to_vec(), sources })
     }
 
     /// Index of a view's photo among the maps'.
@@ -83,14 +87,6 @@ impl SceneDepth {
     /// The depth of a view's photo, if it is known.
     pub(super) fn found(&self, view: usize) -> Option<&PhotoDepth> {
         self.maps.get(self.map_index(view))
-    }
-
-    /// The depth of a view's photo, and what is confirmed of it; `None` if it is unknown yet.
-    pub(super) fn view_depth(&mut self, view: usize) -> Option<ViewDepth> {
-        let index = self.map_index(view);
-        let (found, confirmed) = self.maps.confirmed_by_neighbours(index)?;
-        let (source, time) = self.sources[index];
-        Some(ViewDepth { found, confirmed, range: self.maps.range(), source, time })
     }
 
     /// Drops the depth of all views but these, and what confirms it unless it is needed `soon`.
