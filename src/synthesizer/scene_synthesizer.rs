@@ -1,6 +1,5 @@
 //! A scene, a model and layers in one: renders targets.
 
-use std::fmt;
 use std::path::Path;
 use std::time::Instant;
 
@@ -21,6 +20,7 @@ use crate::surface::{EXTRA_PHOTOS, PhotoCorrection, TargetSurface};
 
 /// Renders new views of a scene: [`Self::render`], or step by step [`Self::shots`], [`Self::load`],
 /// [`Self::plan`] and [`Self::render_plan`].
+#[derive(Debug)]
 pub struct Synthesizer {
     photos: ScenePhotos,
     renderer: Renderer,
@@ -29,17 +29,6 @@ pub struct Synthesizer {
     photo_correction: PhotoCorrection,
     #[cfg(feature = "surface")]
     searches_holes: bool,
-}
-
-impl fmt::Debug for Synthesizer {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { photos, renderer, layers, .. } = self;
-        f.debug_struct("Synthesizer")
-            .field("photos", photos)
-            .field("renderer", renderer)
-            .field("layers", layers)
-            .finish_non_exhaustive()
-    }
 }
 
 impl Synthesizer {
@@ -67,13 +56,9 @@ impl Synthesizer {
         options.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder))?;
         let (renderer, layers) = options.model.open_renderer(options.layers.as_ref())?;
         Ok(Self {
-            photos,
-            renderer,
-            layers,
             #[cfg(feature = "surface")]
             photo_correction: options.photo_correction,
-            #[cfg(feature = "surface")]
-            searches_holes: true,
+            ..Self::new(photos, renderer, layers)
         })
     }
 
