@@ -103,7 +103,7 @@ def network_gain() -> str:
     competing, independent = mean_scores("liveview_v4_planes"), mean_scores("liveview_v4_planes_paper")
     sweep = "sweep, planes:64", "plane sweep, winner takes all"
     rows = (
-        ("64 planes, competing", competing["competing 64"], sweep),
+        ("64 planes, competing", competing["competing, planes:64"], sweep),
         ("64 planes, the paper's composite", independent["planes:64"], sweep),
         ("2 guided layers", any_layers["guided:2"], ("sweep, guided:2", "plane sweep on them")),
         ("1 surface layer", any_layers["surface:1"], ("surface:1, no network", "agreement of the photos")),
@@ -127,7 +127,7 @@ def of_set(model: str, name: str) -> tuple[float, float, float]:
 
 def gain_on_planes() -> str:
     """README: what the network earns on 64 competing planes over a plane sweep, in dB."""
-    gain = mean_scores("liveview_v4_planes")["competing 64"][0] - mean_scores("liveview_v4")["sweep, planes:64"][0]
+    gain = mean_scores("liveview_v4_planes")["competing, planes:64"][0] - mean_scores("liveview_v4")["sweep, planes:64"][0]
     return f"{gain:.1f} dB"
 
 
