@@ -1,5 +1,7 @@
 //! What layers are found from: a target and photos, of a scene or of a rig's time step.
 
+#[cfg(feature = "surface")]
+use super::found_layers::Reuse;
 use crate::geometry::Camera;
 #[cfg(feature = "surface")]
 use crate::surface::{DepthMaps, PhotoCorrection};
@@ -31,21 +33,10 @@ pub(crate) trait FramePhotos<E> {
     fn sources(&self) -> Vec<SourceView<'_>>;
 
     /// Those views and some further ones near the target, with the depth of their photos, which is
-    /// searched where there is none yet and where `update` says.
+    /// searched where there is none yet and where `reuse` says: all of it, none, or where a photo has
+    /// changed since.
     #[cfg(feature = "surface")]
-    fn with_depth(&mut self, update: DepthUpdate) -> Result<PhotosWithDepth<'_>, E>;
-}
-
-/// Which depth of photos is searched again.
-#[cfg(feature = "surface")]
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum DepthUpdate {
-    /// All of it.
-    All,
-    /// Where a photo has changed since.
-    Changed,
-    /// None.
-    Nothing,
+    fn with_depth(&mut self, reuse: Reuse) -> Result<PhotosWithDepth<'_>, E>;
 }
 
 /// Photos with their depth.

@@ -10,7 +10,7 @@ use ndarray::{Array2, s};
 
 use super::step::Step;
 use crate::geometry::{Camera, Size};
-use crate::kinds::{DepthUpdate, FramePhotos, PhotosWithDepth, Region, dirty_regions};
+use crate::kinds::{FramePhotos, PhotosWithDepth, Region, Reuse, dirty_regions};
 use crate::surface::{DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, PhotoDepth, photo_depth};
 use crate::warp::{SourceView, Texture};
 
@@ -49,13 +49,13 @@ impl<E> FramePhotos<E> for StepPhotos<'_> {
         self.views.iter().map(|&view| self.step.source(view)).collect()
     }
 
-    fn with_depth(&mut self, update: DepthUpdate) -> Result<PhotosWithDepth<'_>, E> {
-        if update == DepthUpdate::All {
+    fn with_depth(&mut self, reuse: Reuse) -> Result<PhotosWithDepth<'_>, E> {
+        if reuse == Reuse::Nothing {
             self.depths.clear();
         }
         let mut set = self.step.nearest(self.target);
         set.truncate(self.views.len() + EXTRA_PHOTOS);
-        let refresh = update == DepthUpdate::Changed;
+        let refresh = reuse == Reuse::Refreshed;
         let searched: f64 = set.iter().map(|&camera| self.depths.update(self.step, camera, refresh)).sum();
         Ok(PhotosWithDepth {
             maps: &mut self.depths.maps,

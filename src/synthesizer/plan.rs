@@ -6,9 +6,9 @@ use super::error::SynthesisError;
 #[cfg(feature = "surface")]
 use super::scene_photos::ScenePhotos;
 use super::shot::LoadedShot;
-#[cfg(feature = "surface")]
-use crate::kinds::{DepthUpdate, PhotosWithDepth};
 use crate::kinds::{FoundLayers, FramePhotos, LayerSource};
+#[cfg(feature = "surface")]
+use crate::kinds::{PhotosWithDepth, Reuse};
 use crate::layers::Layers;
 use crate::layers::guided::RangeMap;
 #[cfg(feature = "surface")]
@@ -72,7 +72,7 @@ impl FramePhotos<SynthesisError> for ShotPhotos<'_> {
 
     /// The photos of a scene do not change, nor does their depth.
     #[cfg(feature = "surface")]
-    fn with_depth(&mut self, _: DepthUpdate) -> Result<PhotosWithDepth<'_>, SynthesisError> {
+    fn with_depth(&mut self, _: Reuse) -> Result<PhotosWithDepth<'_>, SynthesisError> {
         self.photos.with_depth(self.shot)
     }
 }
