@@ -30,7 +30,7 @@ const MARGIN_TILES: usize = 1;
 
 /// The surface that a frame was rendered along.
 pub(super) struct CarriedSurface {
-    target: Camera,
+    pub(super) target: Camera,
     /// Per cell of [`CELL`] pixels of the padded target, 1/scene unit.
     disparity: Array2<f32>,
     /// Its matching cost per cell of [`COARSE`] pixels, when it was searched.
@@ -50,11 +50,6 @@ impl CarriedSurface {
     /// The range of each cell, which guided layers divide.
     pub(super) fn range(&self) -> RangeMap {
         range_of(&self.disparity, 0.0)
-    }
-
-    /// Whether it can be carried over to a target: only to one of the same size.
-    pub(super) fn has_size_of(&self, target: &Camera) -> bool {
-        self.target.size() == target.size()
     }
 
     /// The surface forward-warped to another camera: the nearest where several points project to

@@ -19,7 +19,9 @@ pub(super) fn find<E>(
 ) -> Result<FoundLayers, LayersError> {
     let search = GuidedSearch { near: frame.near, far: frame.far, planes: coarse_planes };
     let views = TargetViews::new(frame.photos.sources(), frame.target);
-    let before = carried.take().filter(|before| reuse != Reuse::Nothing && before.has_size_of(frame.target));
+    // A surface can be carried over only to a target of the same size.
+    let has_its_size = |before: &CarriedSurface| before.target.size() == frame.target.size();
+    let before = carried.take().filter(|before| reuse != Reuse::Nothing && has_its_size(before));
     let (range, source) = if let Some(before) = before {
         let mut moved = before.moved(frame.target);
         let refreshed = if reuse == Reuse::Refreshed { moved.refresh(&search, &views)? } else { 0.0 };

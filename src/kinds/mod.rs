@@ -32,24 +32,18 @@ pub(crate) use frame_input::PhotosWithDepth;
 pub(crate) use frame_input::{FrameInput, FramePhotos};
 pub use layer_source::LayerSource;
 
-use carried_surface::CarriedSurface;
 use crate::layers::{LayerSpec, Layers, LayersError};
+use carried_surface::CarriedSurface;
 
 /// What next frames reuse, by kind of layers; fixed planes leave nothing.
 #[derive(Default)]
 pub(crate) struct Carried {
-    selected: Option<Layers>,
+    /// Planes that an earlier frame selected.
+    pub(crate) selected: Option<Layers>,
     guided: Option<CarriedSurface>,
     /// Whether the depth of the photos is that of an earlier frame.
     #[cfg(feature = "surface")]
     has_depth: bool,
-}
-
-impl Carried {
-    /// Renders the next frames on these planes, selected from those of a frame.
-    pub(crate) fn keep_selected(&mut self, planes: Layers) {
-        self.selected = Some(planes);
-    }
 }
 
 /// Finds the layers of a frame, and keeps what the next one reuses.

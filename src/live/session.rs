@@ -113,7 +113,7 @@ impl LiveSession {
             RenderRequest { visibility: visibility.as_ref(), ..RenderRequest::new(&sources, target, &layers) };
         let frame = renderer.render(request)?;
         if let Some(selection) = selection {
-            self.carried.keep_selected(selection.planes(&frame, renderer.alpha())?);
+            self.carried.selected = Some(selection.planes(&frame, renderer.alpha())?);
         }
         let times = LiveTimes { photos: ready - started, layers: found - ready, stages: frame.times };
         Ok(LiveFrame { frame, layer_source: source, views, times })

@@ -10,6 +10,7 @@
 use ndarray::Array2;
 use rayon::prelude::*;
 
+use super::confirmed_depth::ConfirmedDepth;
 use super::project::Projected;
 use crate::geometry::{Camera, PlaneSweep};
 use crate::surface::search::PhotoDepth;
@@ -84,4 +85,13 @@ pub fn confirmed(votes: &[&ConsistencyVotes], shape: (usize, usize)) -> Array2<b
         });
     }
     totals.mapv(|total| total % TOTAL_AGAINST >= 1 && total % TOTAL_AGAINST >= total / TOTAL_AGAINST)
+}
+
+/// What other maps confirm of a map.
+pub(in crate::surface) fn confirmed_by<'a>(
+    own: (&Camera, &PhotoDepth),
+    others: impl Iterator<Item = (&'a Camera, &'a PhotoDepth)>,
+) -> ConfirmedDepth {
+    let votes: Vec<_> = others.map(|other| ConsistencyVotes::new(own, other)).collect();
+    ConfirmedDepth::new(own.1, &confirmed(&votes.iter().collect::<Vec<_>>(), own.1.disparity.dim()))
 }

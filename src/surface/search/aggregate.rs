@@ -113,16 +113,11 @@ fn down_and_up_with<'a, S: pulp::Simd>(
 /// The index of the smallest sum, refined by the parabola through its neighbours.
 #[inline(always)]
 fn best_index(paths: &Paths<'_>, cell: (usize, usize), sums: &[u16]) -> f32 {
-    let has_one_segment = || sums[SEGMENT] == u16::MAX;
     let end = match paths.candidates {
         Candidates::All => paths.grid.count(),
-        Candidates::Segments { .. } => {
-            if has_one_segment() {
-                SEGMENT
-            } else {
-                sums.len()
-            }
-        }
+        // The cell has no second segment.
+        Candidates::Segments { .. } if sums[SEGMENT] == u16::MAX => SEGMENT,
+        Candidates::Segments { .. } => sums.len(),
     };
     let smallest = minimum(&sums[..end]);
     let k = sums.iter().position(|&sum| sum == smallest).unwrap_or(0);

@@ -8,7 +8,6 @@
 //!    from m − 7 on; else one from round(n) − 3 and one from round(f) − 4 on, not before the end of
 //!    the first. All are shifted to lie on the grid. The same costs, aggregation and median.
 
-use ndarray::Array2;
 use rayon::prelude::*;
 
 use super::aggregate::aggregate;
@@ -30,7 +29,7 @@ pub(crate) const FINE_PER_COARSE: usize = 2;
 /// units).
 pub fn photo_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: f64, far: f64) -> PhotoDepth {
     let views: Vec<_> = std::iter::once(photo).chain(neighbours).copied().collect();
-    refined(&views, CellSearch::of_full_size(&views, CELL, (near, far), None))
+    refined(&views, CellSearch::of_full_size(&views, CELL, (near, far), || None))
 }
 
 /// The second search of the first of these photos, around the result of the first search.
@@ -46,11 +45,7 @@ pub(crate) fn refined(views: &[SourceView<'_>], first: CellSearch) -> PhotoDepth
     let volume = costs(&reference, &sources, &fine, candidates, None);
     let found = aggregate(&volume, &reference, &fine, candidates);
     let index = median3(&found, reference.width);
-    let disparity = index.iter().map(|&index| fine.disparity(index)).collect();
-    PhotoDepth {
-        disparity: Array2::from_shape_vec((reference.height, reference.width), disparity).expect("one per pixel"),
-        disparity_per_pixel,
-    }
+    PhotoDepth::at(&index, reference.width, &fine, disparity_per_pixel)
 }
 
 /// First indices of the two segments of each cell, from the coarse indices that were found (rows
