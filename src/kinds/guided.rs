@@ -11,14 +11,14 @@ use crate::layers::{LayersError, padded};
 
 /// `count` layers that divide the range of disparities of each cell; `coarse_planes`: planes of the
 /// first search, `None`: by the parallax.
-pub(super) fn find<E>(
+pub(super) fn find(
     (count, coarse_planes): (usize, Option<usize>),
     carried: &mut Option<CarriedSurface>,
-    frame: &FrameInput<'_, E>,
+    frame: &FrameInput<'_>,
     reuse: Reuse,
 ) -> Result<FoundLayers, LayersError> {
     let search = GuidedSearch { near: frame.near, far: frame.far, planes: coarse_planes };
-    let views = TargetViews::new(frame.photos.sources(), frame.target);
+    let views = TargetViews::new(frame.sources, frame.target);
     // A surface can be carried over only to a target of the same size.
     let has_its_size = |before: &CarriedSurface| before.target.size() == frame.target.size();
     let before = carried.take().filter(|before| reuse != Reuse::Nothing && has_its_size(before));

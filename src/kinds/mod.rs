@@ -27,9 +27,9 @@ mod target_views;
 #[cfg(feature = "surface")]
 pub(crate) use dirty_tiles::{Region, dirty_regions};
 pub(crate) use found_layers::{FoundLayers, Reuse};
+pub(crate) use frame_input::FrameInput;
 #[cfg(feature = "surface")]
 pub(crate) use frame_input::PhotosWithDepth;
-pub(crate) use frame_input::{FrameInput, FramePhotos};
 pub use layer_source::LayerSource;
 
 use crate::layers::{LayerSpec, Layers, LayersError};
@@ -46,16 +46,19 @@ pub(crate) struct Carried {
     has_depth: bool,
 }
 
-/// Finds the layers of a frame, and keeps what the next one reuses.
+/// Finds the layers of a frame, and keeps what the next one reuses. `with_depth` returns the photos for
+/// surface layers: their depth is searched where there is none yet and where `reuse` says (all of it,
+/// none, or where a photo has changed since).
 ///
 /// # Errors
 ///
 /// Of the layers, and of the photos' depth.
-pub(crate) fn find_layers<E: From<LayersError>>(
+pub(crate) fn find_layers<'a, E: From<LayersError>>(
     spec: &LayerSpec,
     carried: &mut Carried,
-    frame: &mut FrameInput<'_, E>,
+    frame: &FrameInput<'a>,
     reuse: Reuse,
+    #[cfg(feature = "surface")] with_depth: impl FnOnce(Reuse) -> Result<PhotosWithDepth<'a>, E>,
 ) -> Result<FoundLayers, E> {
     let (near, far) = (frame.near, frame.far);
     Ok(match *spec {
@@ -74,7 +77,7 @@ pub(crate) fn find_layers<E: From<LayersError>>(
         #[cfg(feature = "surface")]
         LayerSpec::Surface(count) => {
             let reuse = if carried.has_depth { reuse } else { Reuse::Nothing };
-            let found = surface::find(count, frame, reuse)?;
+            let found = surface::find(count, frame, with_depth(reuse)?)?;
             carried.has_depth = true;
             found
         }

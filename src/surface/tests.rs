@@ -114,8 +114,8 @@ fn costs_are_lowest_on_the_surface_and_highest_where_unseen() {
     let count = Candidates::All.count(&grid);
     let volume = costs(&reference, &sources, &grid, Candidates::All, None);
     let best = |x: usize, y: usize| {
-        let cell = &volume[(y * WIDTH + x) * count..][..grid.count()];
-        (0..grid.count()).min_by_key(|&k| cell[k]).unwrap()
+        let cell = &volume[(y * WIDTH + x) * count..][..grid.count];
+        (0..grid.count).min_by_key(|&k| cell[k]).unwrap()
     };
     assert_eq!((best(40, 28), best(14, 10)), (4, 16));
     let beside = WarpSource {

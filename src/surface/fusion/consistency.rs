@@ -11,7 +11,7 @@ use ndarray::Array2;
 use rayon::prelude::*;
 
 use super::confirmed_depth::ConfirmedDepth;
-use super::project::Projected;
+use super::project::{Projected, project_row};
 use crate::geometry::{Camera, PlaneSweep};
 use crate::surface::search::PhotoDepth;
 use crate::warp::round_to_i32;
@@ -42,7 +42,7 @@ impl ConsistencyVotes {
         let width = votes.ncols();
         let rows = votes.as_slice_mut().expect("standard order").par_chunks_mut(width).enumerate();
         rows.for_each_init(Projected::default, |projected, (y, votes)| {
-            projected.row(&sweep, y, map.disparity.row(y).to_slice().expect("standard order"));
+            project_row(&sweep, y, map.disparity.row(y).to_slice().expect("standard order"), projected);
             vote_row(projected, other, margins, votes);
         });
         Self(votes)

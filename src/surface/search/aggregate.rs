@@ -114,7 +114,7 @@ fn down_and_up_with<'a, S: pulp::Simd>(
 #[inline(always)]
 fn best_index(paths: &Paths<'_>, cell: (usize, usize), sums: &[u16]) -> f32 {
     let end = match paths.candidates {
-        Candidates::All => paths.grid.count(),
+        Candidates::All => paths.grid.count,
         // The cell has no second segment.
         Candidates::Segments { .. } if sums[SEGMENT] == u16::MAX => SEGMENT,
         Candidates::Segments { .. } => sums.len(),

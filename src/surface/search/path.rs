@@ -33,7 +33,7 @@ impl PathEnds {
     /// Of that many parallel paths.
     pub(super) fn new(paths: &Paths<'_>, number: usize) -> Self {
         let padded = paths.count + 2;
-        let indices = if let Candidates::All = paths.candidates { 0 } else { paths.grid.count() + 2 * SEGMENT + 2 };
+        let indices = if let Candidates::All = paths.candidates { 0 } else { paths.grid.count + 2 * SEGMENT + 2 };
         Self {
             previous: vec![INFINITE; number * padded],
             next: vec![INFINITE; padded],

@@ -37,7 +37,7 @@ pub(crate) fn refined(views: &[SourceView<'_>], first: CellSearch) -> PhotoDepth
     let (photo, neighbours) = views.split_first().expect("a photo");
     let CellSearch { photo: cells, grid, index, disparity_per_pixel, .. } = first;
     let fine = grid.divided(FINE_PER_COARSE);
-    let starts = segment_starts(&index, cells.width, FINE_PER_COARSE, fine.count());
+    let starts = segment_starts(&index, cells.width, FINE_PER_COARSE, fine.count);
     let candidates = Candidates::Segments { starts: &starts, columns: cells.width, cells_per_side: CELL };
     let reference = Planes::new(photo.texture);
     let source = |n: &SourceView<'_>| PlaneSweep::new(n.camera, photo.camera);
