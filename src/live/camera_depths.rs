@@ -18,9 +18,6 @@ use crate::warp::{SourceView, Texture};
 const CELL: usize = 2;
 /// A cell has changed if the mean of a channel differs by more than this, of values in [0, 1].
 const MIN_CHANGE: f32 = 0.03;
-/// Tiles around a changed region that are searched with it, so that its edges agree with their
-/// surroundings.
-const MARGIN_TILES: usize = 1;
 /// Where the regions to be searched cover more than this share of a photo, all of it is searched:
 /// that takes no longer.
 const MAX_DIRTY_SHARE: f64 = 0.75;
@@ -83,7 +80,7 @@ impl CameraDepths {
         if dirty.is_empty() {
             return 0.0;
         }
-        let expanded: Vec<Region> = dirty.iter().map(|region| region.expanded(MARGIN_TILES, now.dim())).collect();
+        let expanded: Vec<Region> = dirty.iter().map(|region| region.expanded(now.dim())).collect();
         let share = |regions: &[Region]| regions.iter().map(Region::area).sum::<usize>() as f64 / now.len() as f64;
         let neighbours = neighbours(step, camera);
         if share(&expanded) > MAX_DIRTY_SHARE {
