@@ -63,7 +63,7 @@ impl CellSearch {
         let size = (photo.height, photo.width);
         let ranges = coarser.and_then(|coarser| tile_ranges(&coarser.disparity, &grid, size));
         let costs = costs(&photo, &sources, &grid, Candidates::All, ranges.as_ref());
-        let index = aggregated(&costs, &photo, &grid);
+        let index = smooth_index(&costs, &photo, &grid, Candidates::All);
         let disparity_per_pixel = ((1.0 / near - 1.0 / far) / parallax) as f32;
         Self { photo, grid, costs, index, disparity_per_pixel }
     }
@@ -87,7 +87,7 @@ impl CellSearch {
         }
         let mut costs = std::mem::take(&mut self.costs);
         anchors.add_to(&mut costs, &self.grid);
-        let found = aggregated(&costs, &self.photo, &self.grid);
+        let found = smooth_index(&costs, &self.photo, &self.grid, Candidates::All);
         let cells = self.index.iter_mut().zip(found).zip(&anchors.kept);
         cells.filter(|(_, kept)| !**kept).for_each(|((index, found), _)| *index = found);
     }
@@ -98,6 +98,7 @@ impl CellSearch {
     }
 }
 
-fn aggregated(costs: &[u16], photo: &Planes, grid: &Grid) -> Vec<f32> {
-    median3(&aggregate(costs, photo, grid, Candidates::All), photo.width)
+/// The index of each cell by aggregation, smoothed by a 3×3 median.
+pub(super) fn smooth_index(costs: &[u16], photo: &Planes, grid: &Grid, candidates: Candidates<'_>) -> Vec<f32> {
+    median3(&aggregate(costs, photo, grid, candidates), photo.width)
 }

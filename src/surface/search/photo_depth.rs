@@ -10,14 +10,12 @@
 
 use rayon::prelude::*;
 
-use super::aggregate::aggregate;
-use super::cell_search::CellSearch;
+use super::cell_search::{CellSearch, smooth_index};
 use super::depth_map::PhotoDepth;
 use super::grid::{Candidates, SEGMENT};
 use super::photo_sweep::costs;
 use super::planes::Planes;
 use crate::geometry::PlaneSweep;
-use crate::surface::neighbourhood::median3;
 use crate::warp::{SourceView, WarpSource};
 
 /// Pixels per side of a cell of the first search.
@@ -43,8 +41,7 @@ pub(crate) fn refined(views: &[SourceView<'_>], first: CellSearch) -> PhotoDepth
     let source = |n: &SourceView<'_>| PlaneSweep::new(n.camera, photo.camera);
     let sources: Vec<_> = neighbours.iter().map(|n| WarpSource::new(n.texture, source(n))).collect();
     let volume = costs(&reference, &sources, &fine, candidates, None);
-    let found = aggregate(&volume, &reference, &fine, candidates);
-    let index = median3(&found, reference.width);
+    let index = smooth_index(&volume, &reference, &fine, candidates);
     PhotoDepth::at(&index, reference.width, &fine, disparity_per_pixel)
 }
 
