@@ -6,7 +6,7 @@ use std::time::Instant;
 use super::error::SynthesisError;
 use super::memory;
 use super::options::Options;
-use super::plan::{Plan, ShotPhotos};
+use super::plan::Plan;
 use super::scene_photos::ScenePhotos;
 use super::scene_views::SceneViews;
 use super::shot::{LoadedShot, Shot};
@@ -198,23 +198,26 @@ impl Synthesizer {
     /// render; [`SynthesisError::Scene`] where a photo is needed for its depth and cannot be read.
     pub fn plan(&mut self, shot: &LoadedShot) -> Result<Plan, SynthesisError> {
         let started = Instant::now();
-        let mut photos = ShotPhotos {
-            shot,
-            #[cfg(feature = "surface")]
-            photos: &mut self.photos,
-        };
-        let mut input = FrameInput {
+        let input = FrameInput {
             target: &shot.shot().target,
             near: shot.shot().near,
             far: shot.shot().far,
-            photos: &mut photos,
+            sources: &shot.sources(),
             is_followed: false,
             #[cfg(feature = "surface")]
             photo_correction: self.photo_correction,
             #[cfg(feature = "surface")]
             searches_holes: self.searches_holes,
         };
-        let found = find_layers(&self.layers, &mut Carried::default(), &mut input, Reuse::Nothing)?;
+        let found = find_layers::<SynthesisError>(
+            &self.layers,
+            &mut Carried::default(),
+            &input,
+            Reuse::Nothing,
+            // The photos of a scene do not change, nor does their depth.
+            #[cfg(feature = "surface")]
+            |_| self.photos.with_depth(shot),
+        )?;
         let Some(selection) = found.selection else { return Ok(Plan::found(found, started.elapsed())) };
         let frame = self.render_plan(shot, &Plan::known(found.layers), None)?;
         let selected = selection.planes(&frame, self.renderer.alpha())?;
