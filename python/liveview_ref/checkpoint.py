@@ -51,6 +51,8 @@ def training_of(state: dict) -> str:
     text = ", then ".join(f"V = {v}: {steps:,} steps, {seconds / 60:.0f} minutes" for v, steps, seconds in runs)
     if "view_weights" in state["config"]:
         text += "; then view weights fitted to surface:1"
+    if "mean_with_start" in state["config"]:
+        text += "; then the mean of these weights and those that the last training started from"
     if "share" in state["config"]:
         text += f"; then, after the last validation, its output times {state['config']['share']:g}"
     if "logit_shift" in state["config"]:

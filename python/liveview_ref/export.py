@@ -21,11 +21,11 @@ import onnx
 import torch
 from torch import Tensor, nn
 
-from .checkpoint import load_state, record, trained_network, training_of
+from .checkpoint import load_network, load_state, record, trained_network, training_of
 from .onnx_session import logits, session
 from .reference.layers import spec as layer_spec
 from .reference.layers.cells import STRIDE
-from .reference.unet import UNet, fold_batchnorm
+from .reference.unet import UNet, fold_batchnorm, unfold_batchnorm
 
 OPSET = 20  # the first with GridSample's modes under the names that torch exports
 TOLERANCE = 1e-5  # of the largest logit: float32 sums of up to 1,728 products in another order
@@ -87,6 +87,13 @@ def check(net: UNet, path: Path) -> float:
     return worst
 
 
+def mean_network(net: UNet, other: UNet) -> UNet:
+    """The network of the mean weights of two; `other` with BatchNorm folded."""
+    mean, others = fold_batchnorm(net), other.state_dict()
+    mean.load_state_dict({name: (weights + others[name]) / 2 for name, weights in mean.state_dict().items()})
+    return unfold_batchnorm(mean)
+
+
 def trained_layers(config: dict) -> str:
     """The layers that a config trains on, as in the metadata of a model."""
     guided, planes = ([min(x), max(x)] for x in (config["guided_layers"], config["uniform_planes"]))
@@ -110,6 +117,12 @@ def main() -> None:
     )
     parser.add_argument("--logit-shift", type=float, default=0.0, help="added to logit 0 in the last layer")
     parser.add_argument("--share", type=float, default=1.0, help="of what it adds to the views' agreement")
+    parser.add_argument(
+        "--mean-with-start",
+        type=Path,
+        metavar="MODEL",
+        help="export the mean of the weights and those of MODEL, which the training started from",
+    )
     parser.add_argument("--licence", required=True, help="of the weights and of the training data, in one line")
     args = parser.parse_args()
     state = load_state(args.checkpoint)
@@ -121,6 +134,9 @@ def main() -> None:
             state["average"][name] *= args.share
         state["config"]["share"] = args.share
     net, config = trained_network(state), state["config"]
+    if args.mean_with_start:
+        net = mean_network(net, load_network(args.mean_with_start))
+        config["mean_with_start"] = True
     metadata = {
         "recommended_layers": str(args.recommended_layers),
         "training": f"batches of {config['batch']} scenes; {training_of(state)}",

@@ -52,20 +52,31 @@ pub fn read_header(path: &Path) -> Result<Header, ImageError> {
 ///
 /// [`ImageError::Read`], [`ImageError::Decode`] or [`ImageError::TooLarge`], naming the file.
 pub fn read_size(path: &Path) -> Result<Size, ImageError> {
-    Ok(read_header(path)?.size)
+    let file = bounded::open(path, bounded::MAX_BYTES);
+    let file = file.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+    Ok(decoder_and_size(path, BufReader::new(file))?.1)
 }
 
 /// As [`read_header`], from an open file; `path` is for errors.
 pub(crate) fn header_of(path: &Path, input: impl BufRead + Seek) -> Result<Header, ImageError> {
-    let mut decoder = reader(path, input)?.into_decoder().map_err(|error| decode_error(path, &error))?;
+    let (mut decoder, size) = decoder_and_size(path, input)?;
+    // Damaged EXIF data counts as none.
+    let oriented = decoder.orientation().is_ok_and(|orientation| orientation != Orientation::NoTransforms);
+    Ok(Header { size, oriented, alpha: decoder.color_type().has_alpha() })
+}
+
+/// A decoder, and the size in its header.
+fn decoder_and_size<'a>(
+    path: &Path,
+    input: impl BufRead + Seek + 'a,
+) -> Result<(impl ImageDecoder + 'a, Size), ImageError> {
+    let decoder = reader(path, input)?.into_decoder().map_err(|error| decode_error(path, &error))?;
     let (width, height) = decoder.dimensions();
     let size = Size::new(width as usize, height as usize);
     if size.width > MAX_SIDE || size.height > MAX_SIDE {
         return Err(ImageError::TooLarge { path: path.to_owned(), size });
     }
-    // Damaged EXIF data counts as none.
-    let oriented = decoder.orientation().is_ok_and(|orientation| orientation != Orientation::NoTransforms);
-    Ok(Header { size, oriented, alpha: decoder.color_type().has_alpha() })
+    Ok((decoder, size))
 }
 
 /// A decoder chosen by content, not by extension: PNG files named .jpg are common.
@@ -93,7 +104,7 @@ pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
 
 /// As [`load`], from the bytes of a file; `path` is for errors.
 pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> {
-    let size = header_of(path, Cursor::new(bytes))?.size;
+    let (_, size) = decoder_and_size(path, Cursor::new(bytes))?;
     let needed = BYTES_PER_PIXEL * size.pixels() as u64;
     memory::check(needed).map_err(|source| ImageError::Memory { path: path.to_owned(), size, source })?;
     let mut reader = reader(path, Cursor::new(bytes))?;

@@ -9,40 +9,47 @@ pub(super) struct HuffmanTable {
     /// Code length in bits and symbol, indexed by the next [`LOOKUP_BITS`] bits; length 0 if they
     /// start a longer code.
     short: Vec<(u8, u8)>,
-    /// For each code length from 1: the first 16-bit value after its codes, and its symbols.
-    by_length: Vec<(u32, Vec<u8>)>,
+    /// For each code length above [`LOOKUP_BITS`]: the first 16-bit value after its codes, and its
+    /// symbols.
+    long: Vec<(u32, Vec<u8>)>,
 }
 
 impl HuffmanTable {
     /// From the number of codes of each length, 1 to 16 bits, and their symbols in order of the
     /// codes; `None` if these are more codes than such lengths allow.
     pub(super) fn new(counts: &[u8; 16], symbols: &[u8]) -> Option<Self> {
-        let (mut rest, mut end, mut by_length) = (symbols, 0, Vec::new());
+        let (mut short, mut long) = (Vec::with_capacity(1 << LOOKUP_BITS), Vec::new());
+        let (mut rest, mut end) = (symbols, 0);
         for (length, &count) in (1..).zip(counts) {
             let (of_length, longer) = rest.split_at_checked(count.into())?;
             (rest, end) = (longer, end + (u32::from(count) << (16 - length)));
             if end > 1 << 16 {
                 return None;
             }
-            by_length.push((end, of_length.to_vec()));
+            if length > LOOKUP_BITS {
+                long.push((end, of_length.to_vec()));
+                continue;
+            }
+            for &symbol in of_length {
+                short.resize(short.len() + (1 << (LOOKUP_BITS - length)), (length, symbol));
+            }
         }
-        let starting = |bits: u32| find_by_length(&by_length, bits << (16 - LOOKUP_BITS));
-        let short = |bits| starting(bits).filter(|(length, _)| *length <= LOOKUP_BITS).unwrap_or((0, 0));
-        Some(Self { short: (0..1 << LOOKUP_BITS).map(short).collect(), by_length })
+        short.resize(1 << LOOKUP_BITS, (0, 0));
+        Some(Self { short, long })
     }
 
     /// Length in bits and symbol of the code that these bits start with.
     pub(super) fn find(&self, bits: u16) -> Option<(u8, u8)> {
         let found = self.short[usize::from(bits >> (16 - LOOKUP_BITS))];
-        if found.0 > 0 { Some(found) } else { find_by_length(&self.by_length, bits.into()) }
+        if found.0 > 0 { Some(found) } else { self.find_long(bits.into()) }
     }
-}
 
-fn find_by_length(by_length: &[(u32, Vec<u8>)], bits: u32) -> Option<(u8, u8)> {
-    let (length, (end, symbols)) = (1..).zip(by_length).find(|(_, (end, _))| bits < *end)?;
-    // Codes of one length are consecutive; the last one is just before the end.
-    let from_last = (end - 1 - bits) >> (16 - length);
-    Some((length, symbols[symbols.len() - 1 - from_last as usize]))
+    fn find_long(&self, bits: u32) -> Option<(u8, u8)> {
+        let (length, (end, symbols)) = (LOOKUP_BITS + 1..).zip(&self.long).find(|(_, (end, _))| bits < *end)?;
+        // Codes of one length are consecutive; the last one is just before the end.
+        let from_last = (end - 1 - bits) >> (16 - length);
+        Some((length, symbols[symbols.len() - 1 - from_last as usize]))
+    }
 }
 
 #[cfg(test)]

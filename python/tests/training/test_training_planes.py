@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from liveview_ref import export
-from liveview_ref.checkpoint import load_state, model_card
+from liveview_ref.checkpoint import load_network, load_state, model_card
 from liveview_ref.data.procedural.scene import random_scene
 from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.shards import Photos, eight_bit
@@ -170,13 +170,20 @@ def test_training_starts_continues_and_is_exported(tmp_path, monkeypatch, name):
     assert state["history"][1]["workshop"] > 15
     model = tmp_path / "model.onnx"
     arguments = ["--licence", "none", "--recommended-layers", "planes:64", "--layer-kinds", "planes", "list"]
+    arguments += ["--mean-with-start", str(folders["start"])]
     monkeypatch.setattr(sys, "argv", ["", str(tmp_path / "checkpoint.pt"), str(model), *arguments])
     export.main()
+    of_training, of_start, exported = (
+        torch.cat([weights.flatten() for weights in load_network(path).parameters()])
+        for path in (tmp_path / "checkpoint.pt", folders["start"], model)
+    )
+    assert not torch.equal(of_training, of_start)
+    torch.testing.assert_close(exported, (of_training + of_start) / 2)
     card = model_card(onnx.load(model))
     alpha = tuple(card.get(f"alpha{of}") for of in ("", "_scale", "_spacing"))
     expected = {"v4_planes": ("competing", "1", None), "v4_planes_paper_spacing": (None, None, "3.0")}
     assert alpha == expected.get(name, (None, None, None))
-    assert card["layer_kinds"] == "planes, list"
+    assert card["layer_kinds"] == "planes, list" and card["training"].endswith("that the last training started from")
     assert card["trained_layers"] == "planes:6 to planes:6" and card["recommended_layers"] == "planes:64"
 
 

@@ -1,4 +1,5 @@
-//! The source of a scene's photos: which photos exist, their sizes, their pixels.
+//! The source of a scene's photos: which photos exist, their sizes, their pixels; and how the
+//! entries of a pose file are matched with them (`lookup`).
 //!
 //! A scene's poses are read from files; its photos need not be. [`Scene::open`](crate::Scene::open)
 //! uses [`PhotoFolder`](crate::scene::PhotoFolder). For photos from elsewhere (the frames of a camera rig,
