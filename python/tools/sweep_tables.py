@@ -127,8 +127,8 @@ def of_set(model: str, name: str) -> tuple[float, float, float]:
 
 def gain_on_planes() -> str:
     """README: what the network earns on 64 competing planes over a plane sweep, in dB."""
-    gain = mean_scores("liveview_v4_planes")["competing, planes:64"][0] - mean_scores("liveview_v4")["sweep, planes:64"][0]
-    return f"{gain:.1f} dB"
+    with_network = mean_scores("liveview_v4_planes")["competing, planes:64"][0]
+    return f"{with_network - mean_scores('liveview_v4')['sweep, planes:64'][0]:.1f} dB"
 
 
 def shown(scores: tuple[float, float, float]) -> str:

@@ -36,8 +36,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// A camera from its intrinsics (pixels), image size (pixels) and pose (`cam_from_world`, scene
-    /// units).
+    /// A camera from its intrinsics (pixels), image size (pixels) and pose (scene units).
     ///
     /// The rotation is used as given, never re-orthonormalised, so that the Rust and the Python
     /// implementation compute from the same values.
@@ -50,13 +49,17 @@ impl Camera {
         intrinsics: Intrinsics,
         width: usize,
         height: usize,
-        rotation: DMat3,
-        translation: DVec3,
+        cam_from_world_rotation: DMat3,
+        cam_from_world_translation: DVec3,
     ) -> Result<Self, CameraError> {
-        let camera = Self { intrinsics, width, height, rotation, translation };
-        if ![width, height].iter().all(|side| (1..=MAX_SIDE).contains(side)) {
-            return Err(CameraError::Size { size: camera.size() });
-        }
+        let camera = Self {
+            intrinsics,
+            width,
+            height,
+            rotation: cam_from_world_rotation,
+            translation: cam_from_world_translation,
+        };
+        check_size(width, height)?;
         camera.check_intrinsics()?;
         camera.check_pose()?;
         Ok(camera)
@@ -213,6 +216,14 @@ impl Camera {
     /// [`CameraError`] if the pose is not finite or not a rotation.
     pub fn with_pose(&self, rotation: DMat3, translation: DVec3) -> Result<Self, CameraError> {
         Self::new(self.intrinsics, self.width, self.height, rotation, translation)
+    }
+}
+
+fn check_size(width: usize, height: usize) -> Result<(), CameraError> {
+    if (1..=MAX_SIDE).contains(&width) && (1..=MAX_SIDE).contains(&height) {
+        Ok(())
+    } else {
+        Err(CameraError::Size { width, height })
     }
 }
 

@@ -7,12 +7,15 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec3};
 use serde_json::Value;
 
-use super::nerfstudio::{self, TrainedFromScene};
+use super::camera::{Camera, Intrinsics};
+use super::camera_error::CameraError;
+use super::matrix::split;
+use super::nerfstudio_axes::TrainedFromScene;
+use super::nerfstudio_path;
+use super::pose::cam_from_opengl_world;
 use super::view_selection::nearest_camera;
-use super::{Camera, CameraError, Intrinsics, cam_from_opengl_world, split_json_matrix};
 use crate::fs::bounded;
 
 /// Why a file of cameras was refused.
@@ -49,18 +52,21 @@ pub struct CameraFile {
 /// If there are no views.
 pub fn read_cameras(path: &Path, views: &[&Camera], scene: &Path) -> Result<CameraFile, CameraFileError> {
     let refused = |index, reason| CameraFileError { path: path.to_owned(), index, reason };
-    let file = read_json(path)?;
-    let path_frames = nerfstudio::frames(&file);
+    let bytes = bounded::read_text(path, bounded::MAX_JSON_BYTES);
+    let bytes = bytes.map_err(|error| refused(None, format!("cannot be read: {error}")))?;
+    let file: Value = serde_json::from_slice(&bytes).map_err(|error| refused(None, format!("not JSON: {error}")))?;
+    let path_frames = nerfstudio_path::frames(&file);
     let list = path_frames.or(file.as_array());
     let entries = list.map_or_else(|| std::slice::from_ref(&file), Vec::as_slice);
     if entries.is_empty() {
         return Err(refused(None, "the list of cameras is empty; expected at least one".to_owned()));
     }
-    let axes = path_frames.map(|_| TrainedFromScene::find(path, scene)).transpose()?;
+    let axes = path_frames.map(|_| TrainedFromScene::find(path, scene)).transpose();
+    let axes = axes.map_err(|(path, reason)| CameraFileError { path, index: None, reason })?;
     let read = |entry| match &axes {
         None => camera_from_json(entry, views),
-        Some(None) => nerfstudio::camera(&file, entry),
-        Some(Some(axes)) => axes.camera(&nerfstudio::camera(&file, entry)?).map_err(|error| error.to_string()),
+        Some(None) => nerfstudio_path::camera(&file, entry),
+        Some(Some(axes)) => axes.camera(&nerfstudio_path::camera(&file, entry)?).map_err(|error| error.to_string()),
     };
     let index = |index: usize| list.is_some().then_some(index);
     let cameras =
@@ -74,14 +80,6 @@ pub fn read_cameras(path: &Path, views: &[&Camera], scene: &Path) -> Result<Came
     });
     let note = note.map(|note| format!("{}: {note}", path.display()));
     Ok(CameraFile { cameras, note })
-}
-
-/// The JSON of a file.
-pub(super) fn read_json(path: &Path) -> Result<Value, CameraFileError> {
-    let failed = |reason| CameraFileError { path: path.to_owned(), index: None, reason };
-    let bytes = bounded::read_text(path, bounded::MAX_JSON_BYTES);
-    let bytes = bytes.map_err(|error| failed(format!("cannot be read: {error}")))?;
-    serde_json::from_slice(&bytes).map_err(|error| failed(format!("not JSON: {error}")))
 }
 
 /// Keys of a camera.
@@ -106,19 +104,16 @@ pub fn camera_from_json(entry: &Value, views: &[&Camera]) -> Result<Camera, Stri
     }
     let (rotation, translation) = match (entry.get("transform_matrix"), entry.get("cam_from_world")) {
         (Some(matrix), None) => {
-            let (axes, centre) = split_matrix(matrix, "transform_matrix", 4)?;
+            let (axes, centre) = split(matrix, "transform_matrix", 4)?;
             cam_from_opengl_world(axes, centre)
         }
-        (None, Some(matrix)) => split_matrix(matrix, "cam_from_world", 3)?,
+        (None, Some(matrix)) => split(matrix, "cam_from_world", 3)?,
         _ => return Err("expected either \"transform_matrix\" or \"cam_from_world\"".to_owned()),
     };
     let centre = -(rotation.transpose() * translation);
     let text = |error: CameraError| error.to_string();
     let like = views[nearest_camera(views, centre)].with_pose(rotation, translation).map_err(text)?;
-    let (width, height) = match entry.get("w") {
-        Some(_) => (side(entry, "w")?, side(entry, "h")?),
-        None => (like.width(), like.height()),
-    };
+    let (width, height) = (side(entry, "w", like.width())?, side(entry, "h", like.height())?);
     let sized = like.with_size_scaled(width, height).map_err(text)?;
     let Intrinsics { fx, fy, cx, cy, skew } = sized.intrinsics();
     let number = |key: &str, default: f64| match entry.get(key) {
@@ -132,20 +127,8 @@ pub fn camera_from_json(entry: &Value, views: &[&Camera]) -> Result<Camera, Stri
     Camera::new(intrinsics, sized.width(), sized.height(), rotation, translation).map_err(text)
 }
 
-/// As [`split_json_matrix`], with an error for `key`.
-pub(super) fn split_matrix(matrix: &Value, key: &str, rows: usize) -> Result<(DMat3, DVec3), String> {
-    let count = if rows == 3 { "3 or 4" } else { "4" };
-    let wrong = || format!("{key}: expected {count} rows of 4 numbers, a fourth row being 0 0 0 1");
-    split_json_matrix(matrix, rows).ok_or_else(wrong)
-}
-
-/// A width or height in pixels.
-pub(super) fn side(of: &Value, key: &str) -> Result<usize, String> {
-    let side = of.get(key).and_then(Value::as_f64).filter(|side| side.fract() == 0.0 && (1.0..=1e6).contains(side));
-    Ok(side.ok_or_else(|| format!("{key} is {}; expected a whole number of pixels", shown(of, key)))? as usize)
-}
-
-/// The value of a field, for messages.
-pub(super) fn shown(of: &Value, key: &str) -> String {
-    of.get(key).map_or_else(|| "missing".to_owned(), Value::to_string)
+fn side(entry: &Value, key: &str, default: usize) -> Result<usize, String> {
+    let Some(value) = entry.get(key) else { return Ok(default) };
+    let side = value.as_f64().filter(|side| side.fract() == 0.0 && (1.0..=1e6).contains(side));
+    Ok(side.ok_or_else(|| format!("{key} is {value}; expected a whole number of pixels"))? as usize)
 }

@@ -2,7 +2,8 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::{Camera, CameraError};
+use super::camera::Camera;
+use super::camera_error::CameraError;
 
 /// `frames` cameras that pass through all of these in order, as many frames from each to the next:
 /// centres on a Catmull-Rom spline, rotations by the shortest turn. Intrinsics and size are those of

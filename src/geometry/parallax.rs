@@ -3,7 +3,9 @@
 
 use glam::{DVec2, DVec3};
 
-use super::{Camera, PlaneSweep, Size};
+use super::camera::Camera;
+use super::plane_sweep::PlaneSweep;
+use super::size::Size;
 
 /// Samples across and down a target.
 const GRID: (usize, usize) = (48, 36);

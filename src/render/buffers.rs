@@ -32,6 +32,13 @@ pub struct Batch<'a> {
 /// Logits that one task counts.
 const LOGITS_PER_TASK: usize = 1 << 16;
 
+/// Logits of some layers.
+pub(crate) struct LogitCount {
+    pub(crate) logits: usize,
+    /// Those that are NaN or infinite.
+    pub(crate) not_finite: usize,
+}
+
 /// Buffers for a number of layers, kept from frame to frame; a slot holds one layer.
 #[derive(Default)]
 pub(crate) struct Buffers {
@@ -171,14 +178,13 @@ impl Buffers {
         }
     }
 
-    /// Runs the network on the first `n` layers, `batch` at once; returns the number of their logits,
-    /// and of those that are NaN or infinite.
+    /// Runs the network on the first `n` layers, `batch` at once, and counts their logits.
     pub(crate) fn infer(
         &mut self,
         network: &mut dyn PlaneNetwork,
         n: usize,
         batch: usize,
-    ) -> Result<(usize, usize), NetworkError> {
+    ) -> Result<LogitCount, NetworkError> {
         let [_, samples, _] = self.lengths();
         let (views, Size { width, height }) = (self.views, self.size);
         let hwv = ArrayView4::from_shape((n, 3 * views, height, width), &self.hwv[..n * 3 * samples]);
@@ -188,7 +194,7 @@ impl Buffers {
         batches.into_iter().try_for_each(|(hwv, logits)| network.infer(hwv, logits))?;
         let logits = &self.logits[..n * samples];
         let not_finite = logits.par_chunks(LOGITS_PER_TASK).map(|part| part.iter().filter(|x| !x.is_finite()).count());
-        Ok((logits.len(), not_finite.sum()))
+        Ok(LogitCount { logits: logits.len(), not_finite: not_finite.sum() })
     }
 
     /// The first n layers, where n is the number of shifts, and their run coverage `[n, V,

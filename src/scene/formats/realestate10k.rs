@@ -12,31 +12,39 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 
 use crate::geometry::Intrinsics;
+use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
+use crate::scene::error::SceneError;
+use crate::scene::options::SceneOptions;
 use crate::scene::photos::lookup::{PhotoLookup, list_photos};
+use crate::scene::photos::source::{PhotoList, PhotoSource};
 use crate::scene::pose_file::{abbreviated, read, text};
-use crate::scene::{DeclaredView, DeclaredViews, Distortion, PhotoList, PhotoSource, SceneError, SceneOptions};
+use crate::scene::undistort::Distortion;
 
 const LINE: &str = "timestamp fx fy cx cy 0 0 and 12 numbers of the pose";
 
-/// Whether a folder holds such a file; COLMAP's text files have the same name.
-pub(super) fn is_in(root: &Path) -> bool {
-    root.join("cameras.txt").is_file() && !root.join("images.txt").is_file()
-}
-
-pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
+pub(in crate::scene) fn open(
+    root: &Path,
+    photos: &dyn PhotoSource,
+    options: &SceneOptions,
+) -> Result<DeclaredViews, SceneError> {
     let path = root.join("cameras.txt");
     let bytes = read(&path)?;
     let list = list_photos(root, photos, options.images.as_deref(), &["frames", "images"])?;
-    views(&bytes, &list, PhotoLookup::new(photos, &path))
+    views(&path, &bytes, &list, photos)
 }
 
 /// Views of the listed photos.
-pub(super) fn views(bytes: &[u8], list: &PhotoList, mut lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
-    let path = lookup.listed_in;
+pub(in crate::scene) fn views(
+    path: &Path,
+    bytes: &[u8],
+    list: &PhotoList,
+    photos: &dyn PhotoSource,
+) -> Result<DeclaredViews, SceneError> {
     let text = text(path, bytes)?;
     let by_stem: HashMap<&str, &str> =
         list.names.iter().filter_map(|name| Some((name.rsplit_once('.')?.0, name.as_str()))).collect();
-    let mut missing = Vec::new();
+    let mut lookup = PhotoLookup::new(photos, path);
+    let (mut views, mut missing) = (Vec::new(), Vec::new());
     let is_pose =
         |line: &str| line.trim().split_once(char::is_whitespace).is_some_and(|(_, n)| parse_numbers(n).is_ok());
     let starts_with_pose = text.lines().next().is_some_and(is_pose);
@@ -50,38 +58,36 @@ pub(super) fn views(bytes: &[u8], list: &PhotoList, mut lookup: PhotoLookup<'_>)
             continue;
         };
         let Some(photo) = lookup.find(&list.with_folder(name))? else { continue };
-        let size = photo.size;
-        let (width, height) = (size.width as f64, size.height as f64);
+        let (width, height) = (photo.size.width as f64, photo.size.height as f64);
         let [fx, fy, cx, cy, k1, k2, pose @ ..] = numbers;
         if k1 != 0.0 || k2 != 0.0 {
             return Err(wrong(format!("columns 6 and 7 are {k1} and {k2}")));
         }
         let row = |i: usize| DVec3::new(pose[4 * i], pose[4 * i + 1], pose[4 * i + 2]);
-        lookup.views.push(DeclaredView {
+        views.push(DeclaredView {
             photo,
             intrinsics: Intrinsics { fx: fx * width, fy: fy * height, cx: cx * width, cy: cy * height, skew: 0.0 },
-            size,
-            may_be_resampled: false,
+            size: DeclaredSize::Actual,
             rotation: DMat3::from_rows(row(0), row(1), row(2)),
             translation: DVec3::new(pose[3], pose[7], pose[11]),
             distortion: Distortion::default(),
             depth_range: None,
         });
     }
-    if lookup.views.is_empty() {
+    if views.is_empty() {
         let place = list.folder.as_ref().map(|folder| format!(" in {folder}")).unwrap_or_default();
         let what = format!("none of its {} timestamps has a photo{place}", missing.len());
         return Err(SceneError::malformed(path, what, "photos named by timestamp, such as 50016633.jpg"));
     }
-    let mut found = lookup.finish()?;
+    let mut notes = lookup.into_notes(&views)?;
     if starts_with_pose {
-        found.notes.push("the first line is read as a pose, since it is not the video's URL".to_owned());
+        notes.push("the first line is read as a pose, since it is not the video's URL".to_owned());
     }
     if !missing.is_empty() {
         let stamps = abbreviated(&missing);
-        found.notes.push(format!("{} of the listed timestamps have no photo, skipped: {stamps}", missing.len()));
+        notes.push(format!("{} of the listed timestamps have no photo, skipped: {stamps}", missing.len()));
     }
-    Ok(found)
+    Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
 }
 
 fn parse_numbers(text: &str) -> Result<[f64; 18], String> {

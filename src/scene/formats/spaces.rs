@@ -16,17 +16,29 @@ use serde_json::Value;
 
 use super::json::{Fields, parse};
 use crate::geometry::{Intrinsics, Size};
+use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
+use crate::scene::error::SceneError;
+use crate::scene::options::SceneOptions;
 use crate::scene::photos::lookup::PhotoLookup;
+use crate::scene::photos::source::PhotoSource;
 use crate::scene::pose_file::read_json;
-use crate::scene::{DeclaredView, DeclaredViews, Distortion, PhotoSource, SceneError, SceneOptions};
+use crate::scene::undistort::Distortion;
 
-pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
+pub(in crate::scene) fn open(
+    root: &Path,
+    photos: &dyn PhotoSource,
+    options: &SceneOptions,
+) -> Result<DeclaredViews, SceneError> {
     let path = root.join("models.json");
-    views(&read_json(&path)?, options.rig_position, PhotoLookup::new(photos, &path))
+    views(&path, &read_json(&path)?, options.rig_position, photos)
 }
 
-pub(super) fn views(bytes: &[u8], position: usize, mut lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
-    let path = lookup.listed_in;
+pub(in crate::scene) fn views(
+    path: &Path,
+    bytes: &[u8],
+    position: usize,
+    photos: &dyn PhotoSource,
+) -> Result<DeclaredViews, SceneError> {
     let file = parse(path, bytes)?;
     let rigs = file
         .as_array()
@@ -38,22 +50,24 @@ pub(super) fn views(bytes: &[u8], position: usize, mut lookup: PhotoLookup<'_>) 
         };
         SceneError::malformed(path, what, "a list of cameras")
     })?;
+    let mut lookup = PhotoLookup::new(photos, path);
+    let mut views = Vec::with_capacity(cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
         let place = format!("[{position}][{index}]");
-        add_view(Fields::new(path, &place, camera, None)?, &mut lookup)?;
+        views.extend(view(Fields::new(path, &place, camera, None)?, &mut lookup)?);
     }
-    let mut found = lookup.finish()?;
+    let mut notes = lookup.into_notes(&views)?;
     if rigs.len() > 1 {
-        found.notes.push(format!("the file has {} rig positions, only number {position} is read", rigs.len()));
+        notes.push(format!("the file has {} rig positions, only number {position} is read", rigs.len()));
     }
-    Ok(found)
+    Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
 }
 
-/// Adds a camera's view, unless its entry is skipped.
-fn add_view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<(), SceneError> {
+/// A camera's view; `None` if its entry is skipped.
+fn view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<Option<DeclaredView>, SceneError> {
     // The photo comes first: a skipped entry is not checked any further.
     let Some(photo) = camera.text("relative_path").and_then(|name| lookup.find(name)).transpose() else {
-        return Ok(());
+        return Ok(None);
     };
     let (Some(width), Some(height)) = (camera.side("width")?, camera.side("height")?) else {
         return Err(camera.wrong("width", "width and height in pixels"));
@@ -61,17 +75,15 @@ fn add_view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<(), Scen
     let fx = camera.number("focal_length")?;
     let [cx, cy] = camera.numbers("principal_point")?;
     let rotation = rotation(DVec3::from_array(camera.numbers("orientation")?));
-    lookup.views.push(DeclaredView {
+    Ok(Some(DeclaredView {
         photo: photo?,
         intrinsics: Intrinsics { fx, fy: fx * camera.number("pixel_aspect_ratio")?, cx, cy, skew: 0.0 },
-        size: Size::new(width, height),
-        may_be_resampled: true,
+        size: DeclaredSize::Scaled(Size::new(width, height)),
         rotation,
         translation: -(rotation * DVec3::from_array(camera.numbers("position")?)),
         distortion: Distortion::default(),
         depth_range: None,
-    });
-    Ok(())
+    }))
 }
 
 /// `cam_from_world` from an axis times its angle.

@@ -4,14 +4,13 @@
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::Arc;
 
 use super::depth_search::{DepthSearch, FoundDepth, SearchedPhoto};
 use super::scene_depth::{DepthProgress, SceneDepth, ViewDepth};
 use crate::kinds::PhotosWithDepth;
 use crate::surface::cache::{DepthCache, PhotoDigest};
 use crate::synthesizer::error::SynthesisError;
-use crate::synthesizer::scene_photos::ScenePhotos;
+use crate::synthesizer::photo_store::PhotoStore;
 use crate::synthesizer::scene_views::SceneViews;
 use crate::synthesizer::shot::{LoadedShot, Shot};
 
@@ -25,7 +24,7 @@ pub(in crate::synthesizer) struct DepthStore {
 }
 
 /// Called before each search; returning `Break` ends it.
-type OnSearch = Box<dyn FnMut(DepthProgress<'_>) -> ControlFlow<()> + Send>;
+pub(in crate::synthesizer) type OnSearch = Box<dyn FnMut(DepthProgress<'_>) -> ControlFlow<()> + Send>;
 
 /// A folder of depths, with the digests of photos and what went wrong with its files.
 struct DepthFiles {
@@ -35,192 +34,91 @@ struct DepthFiles {
     notes: Vec<String>,
 }
 
-impl ScenePhotos {
-    /// Keeps the depth of photos in a folder, one file each, and reads from there what an earlier
-    /// run has kept; pictures stay the same, bit for bit. The folder is created if there is none.
-    ///
-    /// A file `<digest>.npz` holds the arrays `disparity` (float32 `[h, w]`, 1/scene unit), `pixel`
-    /// (float32, the disparity that is worth a pixel of parallax) and `key` (uint8 `[32]`): the
-    /// SHA-256 of the photo's and its neighbours' pixels and cameras, the depth range and the
-    /// settings. Any file may be deleted; a damaged one is reported by [`Self::take_notes`] and
-    /// written again.
-    ///
-    /// # Errors
-    ///
-    /// [`SynthesisError::Cache`] if files cannot be written there.
-    pub fn keep_depths_in(&mut self, folder: &Path) -> Result<(), SynthesisError> {
+impl DepthStore {
+    /// Stores depths in a folder, for a scene of so many views.
+    pub(in crate::synthesizer) fn keep_in(&mut self, folder: &Path, views: usize) -> Result<(), SynthesisError> {
         let refused = |source| SynthesisError::Cache { folder: folder.to_owned(), source };
         let folder = DepthCache::open(folder).map_err(refused)?;
-        let digests = vec![None; self.views.scene().views.len()];
-        self.depths.files = Some(DepthFiles { folder, digests, notes: Vec::new() });
+        self.files = Some(DepthFiles { folder, digests: vec![None; views], notes: Vec::new() });
         Ok(())
     }
 
-    /// Calls `progress` before each search for the depth of a photo, which takes a second or so of a
-    /// large one. Where it returns [`ControlFlow::Break`], there are no more searches, and what
-    /// needed the depth returns [`SynthesisError::Cancelled`]; depths found so far are kept.
-    pub fn on_depth_search(&mut self, progress: impl FnMut(DepthProgress<'_>) -> ControlFlow<()> + Send + 'static) {
-        self.depths.progress = Some(Box::new(progress));
+    /// Sets the callback that runs before each search.
+    pub(in crate::synthesizer) fn set_progress(&mut self, progress: OnSearch) {
+        self.progress = Some(progress);
     }
 
-    /// What went wrong with files of the folder of depths since the last call, a line each; nothing
-    /// else depends on it.
-    pub fn take_notes(&mut self) -> Vec<String> {
-        self.depths.files.as_mut().map(|files| std::mem::take(&mut files.notes)).unwrap_or_default()
+    /// What went wrong with files since the last call, a line each.
+    pub(in crate::synthesizer) fn take_notes(&mut self) -> Vec<String> {
+        self.files.as_mut().map(|files| std::mem::take(&mut files.notes)).unwrap_or_default()
     }
 
-    /// The views of a shot whose photos' depth is not known: rendering it along the surface searches
-    /// them.
-    pub fn unknown_depths(&self, shot: &Shot) -> Vec<usize> {
-        let known = self.depths.depth.as_ref().filter(|depth| depth.held_out == shot.held_out);
-        shot.photos().filter(|&view| known.is_none_or(|depth| depth.found(view).is_none())).collect()
-    }
-
-    /// The search for the depth of a view's photo, to be run on another thread while pictures are
-    /// rendered, and given to [`Self::insert_depth`]; `None` if the depth is known. The result is
-    /// the same as where it is searched when it is needed. With the views of the shot held out; what is
-    /// found is compared with the depths that are known of the shot's photos, so that its plan takes less
-    /// time.
-    ///
-    /// # Errors
-    ///
-    /// Those of [`SceneViews::depth_range`].
-    ///
-    /// # Panics
-    ///
-    /// If there is no such view, or it is held out.
-    pub fn depth_search(&mut self, view: usize, shot: &Shot) -> Result<Option<DepthSearch>, SynthesisError> {
-        self.search(view, &shot.held_out, &shot.photos().collect::<Vec<_>>())
-    }
-
-    /// As [`Self::depth_search`], compared with the depths that are known of other views' photos.
-    fn search(
-        &mut self,
-        view: usize,
-        held_out: &[usize],
-        compared: &[usize],
-    ) -> Result<Option<DepthSearch>, SynthesisError> {
-        let depth = with_held_out(&mut self.depths.depth, &self.views, held_out)?;
-        if depth.found(view).is_some() {
-            return Ok(None);
-        }
-        let group = depth.with_neighbours(view);
-        let searched: Vec<Vec<usize>> = group.iter().map(|&view| depth.with_neighbours(view)).collect();
-        let all = searched.iter().flatten().copied();
-        let further: BTreeSet<usize> = all.filter(|view| !group.contains(view)).collect();
-        let compared: Vec<usize> = compared.iter().filter_map(|&view| depth.find_map_index(view)).collect();
-        let files = self.depths.files.as_ref();
-        let photo = |&view: &usize| SearchedPhoto {
-            view,
-            texture: self.photos.get(view),
-            digest: files.and_then(|files| files.digests[view]),
-        };
-        Ok(Some(DepthSearch {
-            scene: Arc::clone(&self.views.scene),
-            held_out: held_out.to_vec(),
-            photos: group.iter().map(photo).collect(),
-            further: further.iter().map(photo).collect(),
-            searched,
-            range: depth.maps.range(),
-            comparison: depth.maps.comparison(depth.map_index(view), &compared),
-            small_maps: Arc::clone(&depth.small_maps),
-            folder: files.map(|files| files.folder.clone()),
-        }))
-    }
-
-    /// Takes what a search found, unless other views are held out now.
-    pub fn insert_depth(&mut self, found: FoundDepth) {
-        let held_out = &found.held_out;
-        let Some(depth) = self.depths.depth.as_mut().filter(|depth| depth.held_out == *held_out) else { return };
-        let index = depth.map_index(found.view());
-        depth.maps.insert_compared(index, found.depth, found.votes);
-        depth.sources[index] = (found.source, found.time);
-        for photo in &found.photos {
-            if let Some(texture) = &photo.texture {
-                self.photos.insert(photo.view, texture);
-            }
-        }
-        if let Some(files) = &mut self.depths.files {
-            for photo in &found.photos {
-                files.digests[photo.view] = files.digests[photo.view].or(photo.digest);
-            }
-            files.notes.extend(found.notes);
-        }
-    }
-
-    /// The photos of a shot with their depth. The depth of a photo is searched when it is first
-    /// needed, over the depth range of all views that are not held out, and kept.
-    ///
-    /// # Errors
-    ///
-    /// [`SynthesisError::Scene`] for a photo that cannot be read; those of
-    /// [`SceneViews::depth_range`].
+    /// The photos of a shot with their depth, which is found where it is unknown.
     pub(in crate::synthesizer) fn with_depth<'a>(
         &'a mut self,
-        LoadedShot { shot, photos }: &'a LoadedShot,
+        views: &SceneViews,
+        photos: &mut PhotoStore,
+        loaded: &'a LoadedShot,
     ) -> Result<PhotosWithDepth<'a>, SynthesisError> {
-        self.find_all(&shot.held_out, &shot.photos().collect::<Vec<_>>())?;
-        let depth = with_held_out(&mut self.depths.depth, &self.views, &shot.held_out)?;
-        let photos = photos.iter().map(|photo| (depth.map_index(photo.view), photo.source())).collect();
-        Ok(PhotosWithDepth { photos, maps: &mut depth.maps, rendered_from: shot.views.len(), searched: 1.0 })
+        let shot = loaded.shot();
+        let depth = with_held_out(&mut self.depth, views, &shot.held_out)?;
+        let set = loaded.photos();
+        let needed: Vec<usize> = set.iter().map(|photo| photo.view).collect();
+        find_all(depth, &mut self.files, &mut self.progress, views, photos, &needed)?;
+        let set: Vec<_> = set.iter().map(|photo| (photo.view, photo.source())).collect();
+        Ok(depth.with_depth(&set, shot.views.len()))
     }
 
-    /// The depth of a view's photo, and what its neighbours confirm of it. A depth that is known is
-    /// not searched again as long as the same views are held out. Photos that none of the `later`
-    /// views needs are dropped, and so are depths, of which [`Self::KEPT_BYTES`] stay.
-    ///
-    /// # Errors
-    ///
-    /// [`SynthesisError::Scene`] for a photo that cannot be read; those of
-    /// [`SceneViews::depth_range`]; [`SynthesisError::Cancelled`].
-    ///
-    /// # Panics
-    ///
-    /// If there is no such view, or it is held out.
-    pub fn view_depth(
+    /// The depth of a view's photo, and what its neighbours confirm of it. Photos that none of the
+    /// `later` views needs are dropped, and so are depths beyond `spare` bytes of them.
+    pub(in crate::synthesizer) fn view_depth(
         &mut self,
+        views: &SceneViews,
+        photos: &mut PhotoStore,
         view: usize,
         held_out: &[usize],
-        later: &[usize],
+        (later, mut spare): (&[usize], usize),
     ) -> Result<ViewDepth, SynthesisError> {
-        let depth = with_held_out(&mut self.depths.depth, &self.views, held_out)?;
+        let depth = with_held_out(&mut self.depth, views, held_out)?;
         let wanted = depth.with_neighbours(view);
-        self.find_all(held_out, &wanted)?;
-        let depth = with_held_out(&mut self.depths.depth, &self.views, held_out)?;
-        let index = depth.map_index(view);
-        let (source, time) = depth.sources[index];
-        let (found, confirmed) = depth.maps.confirmed_by_neighbours(index).expect("found just now");
-        let found = ViewDepth { found, confirmed, range: depth.maps.range(), source, time };
+        find_all(depth, &mut self.files, &mut self.progress, views, photos, &wanted)?;
+        let found = depth.view_depth(view).expect("found just now");
         let needed: Vec<usize> = later.iter().flat_map(|&view| depth.with_neighbours(view)).collect();
-        let mut spare = self.retention.bytes;
         let mut fits = |bytes: usize| spare.checked_sub(bytes).inspect(|&rest| spare = rest).is_some();
-        let others = (0..self.views.scene().views.len()).filter(|view| !needed.contains(view));
+        let others = (0..views.scene().views.len()).filter(|view| !needed.contains(view));
         let kept = others.filter(|&view| fits(depth.bytes(view))).chain(needed.iter().copied()).collect::<Vec<_>>();
         depth.retain(&kept, &needed);
-        let unknown = needed.iter().filter(|&&view| depth.found(view).is_none());
-        let searched: Vec<usize> = unknown.flat_map(|&view| depth.with_neighbours(view)).collect();
-        self.photos.retain(|view| searched.contains(&view));
+        let searched: Vec<usize> = needed.iter().flat_map(|&view| depth.photos_to_search(view)).collect();
+        photos.retain(|view| searched.contains(&view));
         Ok(found)
     }
 
-    /// Finds the depth of these views' photos where it is unknown.
-    fn find_all(&mut self, held_out: &[usize], wanted: &[usize]) -> Result<(), SynthesisError> {
-        let depth = with_held_out(&mut self.depths.depth, &self.views, held_out)?;
-        let unknown: Vec<usize> = wanted.iter().copied().filter(|&view| depth.found(view).is_none()).collect();
-        for (done, &view) in unknown.iter().enumerate() {
-            let next = DepthProgress { name: &self.views.scene().views[view].name, done, count: unknown.len() };
-            if self.depths.progress.as_mut().is_some_and(|progress| progress(next).is_break()) {
-                return Err(SynthesisError::Cancelled);
-            }
-            if let Some(search) = self.search(view, held_out, &[])? {
-                self.insert_depth(search.run()?);
-            }
-        }
-        Ok(())
+    /// The views whose depth is not known with these views held out.
+    pub(in crate::synthesizer) fn unknown(&self, views: &[usize], held_out: &[usize]) -> Vec<usize> {
+        let known = self.depth.as_ref().filter(|depth| depth.serves(held_out));
+        views.iter().copied().filter(|&view| known.is_none_or(|depth| depth.found(view).is_none())).collect()
     }
-}
 
-impl DepthStore {
+    /// The search for the depth of a view's photo, compared with those known of a shot's photos; `None` if
+    /// it is known.
+    pub(in crate::synthesizer) fn search(
+        &mut self,
+        views: &SceneViews,
+        photos: &PhotoStore,
+        view: usize,
+        shot: &Shot,
+    ) -> Result<Option<DepthSearch>, SynthesisError> {
+        let depth = with_held_out(&mut self.depth, views, &shot.held_out)?;
+        Ok(search(depth, &self.files, views, photos, view, &shot.photos().collect::<Vec<_>>()))
+    }
+
+    /// Takes a depth and the photos that were read for it, unless other views are held out now.
+    pub(in crate::synthesizer) fn insert(&mut self, photos: &mut PhotoStore, found: FoundDepth) {
+        if let Some(depth) = self.depth.as_mut().filter(|depth| depth.serves(&found.held_out)) {
+            insert(depth, &mut self.files, photos, found);
+        }
+    }
+
     /// Drops the depth of all views but these, and what confirms it unless it is needed `soon`.
     pub(in crate::synthesizer) fn retain(&mut self, views: &[usize], soon: &[usize]) {
         if let Some(depth) = &mut self.depth {
@@ -240,9 +138,81 @@ fn with_held_out<'a>(
     views: &SceneViews,
     held_out: &[usize],
 ) -> Result<&'a mut SceneDepth, SynthesisError> {
-    *depth = match depth.take().filter(|depth| depth.held_out == held_out) {
-        None => Some(SceneDepth::new(views, held_out)?),
+    *depth = match depth.take().filter(|depth| depth.serves(held_out)) {
+        None => {
+            let free = views.all_but(held_out);
+            let range = views.depth_range(&free, held_out)?;
+            Some(SceneDepth::new(views.scene(), free, held_out.to_vec(), range))
+        }
         known => known,
     };
     Ok(depth.as_mut().expect("set just now"))
+}
+
+/// Finds the depth of these views' photos where it is unknown.
+fn find_all(
+    depth: &mut SceneDepth,
+    files: &mut Option<DepthFiles>,
+    progress: &mut Option<OnSearch>,
+    views: &SceneViews,
+    photos: &mut PhotoStore,
+    wanted: &[usize],
+) -> Result<(), SynthesisError> {
+    let unknown: Vec<usize> = wanted.iter().copied().filter(|&view| depth.found(view).is_none()).collect();
+    for (done, &view) in unknown.iter().enumerate() {
+        let next = DepthProgress { name: &views.scene().views[view].name, done, count: unknown.len() };
+        if progress.as_mut().is_some_and(|progress| progress(next).is_break()) {
+            return Err(SynthesisError::Cancelled);
+        }
+        if let Some(search) = search(depth, files, views, photos, view, &[]) {
+            insert(depth, files, photos, search.run()?);
+        }
+    }
+    Ok(())
+}
+
+/// The search for the depth of a view's photo, compared with those known of other views' photos; `None` if
+/// it is known.
+fn search(
+    depth: &SceneDepth,
+    files: &Option<DepthFiles>,
+    views: &SceneViews,
+    photos: &PhotoStore,
+    view: usize,
+    compared: &[usize],
+) -> Option<DepthSearch> {
+    let group = depth.photos_to_search(view);
+    let searched: Vec<Vec<usize>> = group.iter().map(|&view| depth.with_neighbours(view)).collect();
+    let further: BTreeSet<usize> = searched.iter().flatten().copied().filter(|view| !group.contains(view)).collect();
+    let photo = |&view: &usize| SearchedPhoto {
+        view,
+        texture: photos.get(view),
+        digest: files.as_ref().and_then(|files| files.digests[view]),
+    };
+    (!group.is_empty()).then(|| DepthSearch {
+        scene: views.shared_scene(),
+        held_out: depth.held_out().to_vec(),
+        photos: group.iter().map(photo).collect(),
+        further: further.iter().map(photo).collect(),
+        searched,
+        range: depth.range(),
+        comparison: depth.comparison(view, compared),
+        small_maps: depth.small_maps(),
+        folder: files.as_ref().map(|files| files.folder.clone()),
+    })
+}
+
+/// Takes a depth and the photos that were read for it.
+fn insert(depth: &mut SceneDepth, files: &mut Option<DepthFiles>, photos: &mut PhotoStore, found: FoundDepth) {
+    let view = found.view();
+    depth.insert(view, (found.depth, found.votes), found.source, found.time);
+    for photo in &found.photos {
+        if let Some(texture) = &photo.texture {
+            photos.insert(photo.view, texture);
+        }
+    }
+    if let Some(files) = files {
+        found.photos.iter().for_each(|photo| files.digests[photo.view] = files.digests[photo.view].or(photo.digest));
+        files.notes.extend(found.notes);
+    }
 }

@@ -1,5 +1,6 @@
 //! `liveview dump`: every stage of one render as arrays, for `python -m liveview_ref.parity`.
 
+mod photos;
 mod scene;
 mod search;
 mod surface;
@@ -21,7 +22,7 @@ use liveview_common::console::{Output, path_text, print_notes};
 use liveview_common::interrupt::{self, Interrupted};
 use liveview_common::job::Job;
 use liveview_common::outputs::OutputPlan;
-use ndarray::{Array, Array1, Array3, Array4, ArrayD, ArrayView4, Axis, concatenate};
+use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate, s};
 use serde_json::json;
 
 use crate::npz::Arrays;
@@ -47,21 +48,23 @@ pub struct DumpArgs {
     scene: SceneArgs,
 }
 
-/// The names of the arrays of [`Stages`].
-const STAGES: [&str; 6] = ["maps", "colour", "coverage", "logits", "alpha", "rgb"];
-
 /// The stages of all layers of a render, near → far.
 #[derive(Default)]
 struct Stages {
-    /// Of each batch, in the order of [`STAGES`].
-    batches: Vec<[ArrayD<f32>; STAGES.len()]>,
+    maps: Vec<Array3<f32>>,
+    colour: Vec<Array4<f32>>,
+    coverage: Vec<Array4<f32>>,
+    logits: Vec<Array4<f32>>,
     logit_shift: Vec<f64>,
+    alpha: Vec<Array3<f32>>,
+    rgb: Vec<Array4<f32>>,
 }
 
 impl Stages {
     fn add(&mut self, batch: &Batch<'_>) {
         let (n, views, height, width) = batch.logits.dim();
-        let (mut alpha, mut rgb) = (Vec::new(), Vec::new());
+        let mut alpha = Array3::zeros((n, height, width));
+        let mut rgb = Array4::zeros((n, 3, height, width));
         let flat = |all: ArrayView4<'_, f32>, k: usize| all.index_axis(Axis(0), k).iter().copied().collect::<Vec<_>>();
         for k in 0..n {
             let (logits, colour) = (flat(batch.logits, k), flat(batch.hwv, k));
@@ -71,28 +74,31 @@ impl Stages {
             let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage, logit_shift };
             let mut blended = Blended::new(height * width);
             batch.weights.blend(&samples, 0, &mut blended);
-            alpha.extend(blended.alpha);
-            rgb.extend(blended.rgb.into_iter().flatten());
+            let plane = |values: Vec<f32>| Array::from_shape_vec((height, width), values).expect("one per pixel");
+            alpha.index_axis_mut(Axis(0), k).assign(&plane(blended.alpha));
+            for (c, values) in blended.rgb.into_iter().enumerate() {
+                rgb.slice_mut(s![k, c, .., ..]).assign(&plane(values));
+            }
         }
-        let alpha = Array::from_shape_vec((n, height, width), alpha).expect("one per pixel");
-        let rgb = Array::from_shape_vec((n, 3, height, width), rgb).expect("three per pixel");
-        self.batches.push([
-            batch.disparity.to_owned().into_dyn(),
-            batch.hwv.to_owned().into_dyn(),
-            batch.coverage.to_owned().into_dyn(),
-            batch.logits.to_owned().into_dyn(),
-            alpha.into_dyn(),
-            rgb.into_dyn(),
-        ]);
+        self.maps.push(batch.disparity.to_owned());
+        self.alpha.push(alpha);
+        self.rgb.push(rgb);
+        self.colour.push(batch.hwv.to_owned());
+        self.coverage.push(batch.coverage.to_owned());
+        self.logits.push(batch.logits.to_owned());
         self.logit_shift.extend(batch.logit_shifts);
     }
 
     fn write(&self, arrays: &mut Arrays) -> Result<()> {
-        for (stage, name) in STAGES.iter().enumerate() {
-            let parts: Vec<_> = self.batches.iter().map(|batch| batch[stage].view()).collect();
-            arrays.add(name, concatenate(Axis(0), &parts)?)?;
+        fn joined<D: Dimension + ndarray::RemoveAxis>(parts: &[Array<f32, D>]) -> Result<Array<f32, D>> {
+            Ok(concatenate(Axis(0), &parts.iter().map(|p| p.view()).collect::<Vec<_>>())?)
         }
-        Ok(())
+        arrays.add("maps", joined(&self.maps)?)?;
+        arrays.add("colour", joined(&self.colour)?)?;
+        arrays.add("coverage", joined(&self.coverage)?)?;
+        arrays.add("logits", joined(&self.logits)?)?;
+        arrays.add("alpha", joined(&self.alpha)?)?;
+        arrays.add("rgb", joined(&self.rgb)?)
     }
 }
 
@@ -145,7 +151,7 @@ fn write(job: &mut Job, shot: &LoadedShot, of_surface: (PhotoCorrection, bool), 
     let mut stages = Stages::default();
     job.synthesizer.renderer_mut().set_skip_uncovered(false);
     let frame = job.synthesizer.render_plan(shot, &plan, Some(&mut |batch| stages.add(batch)))?;
-    ensure!(!stages.batches.is_empty(), "{}: no view covers any of it", shot.shot().name);
+    ensure!(!stages.maps.is_empty(), "{}: no view covers any of it", shot.shot().name);
     stages.write(arrays)?;
     match job.alpha() {
         Alpha::Competing { scale } => arrays.add("alpha_scale", Array1::from_vec(vec![scale]))?,
@@ -173,12 +179,13 @@ fn write_search(found: SearchStages, arrays: &mut Arrays) -> Result<()> {
 
 /// Writes the layers: planes or maps on cells.
 fn write_layers(layers: &Layers, arrays: &mut Arrays) -> Result<()> {
+    let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
     let map = |layer: &Layer| if let Layer::Map(map) = layer { Some(map.clone()) } else { None };
     let maps: Vec<_> = layers.as_slice().iter().filter_map(map).collect();
     if !maps.is_empty() {
         return arrays.add("cell_maps", ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>())?);
     }
-    let disparities = plane_disparities(layers);
+    let disparities: Vec<f64> = layers.as_slice().iter().filter_map(plane).collect();
     if disparities.is_empty() {
         // Layers given by pixel are written as the array `maps`.
         return Ok(());
@@ -186,15 +193,11 @@ fn write_layers(layers: &Layers, arrays: &mut Arrays) -> Result<()> {
     arrays.add("disparities", Array1::from_vec(disparities))
 }
 
-fn plane_disparities(layers: &Layers) -> Vec<f64> {
-    let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
-    layers.as_slice().iter().filter_map(plane).collect()
-}
-
 /// Writes the homographies of planes, `[D, V, 3, 3]`; of layers that follow something, those of the
 /// nearest and of the farthest depth.
 fn write_homography(layers: &Layers, shot: &LoadedShot, arrays: &mut Arrays) -> Result<()> {
-    let mut disparities = plane_disparities(layers);
+    let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
+    let mut disparities: Vec<f64> = layers.as_slice().iter().filter_map(plane).collect();
     if disparities.is_empty() {
         disparities = vec![1.0 / shot.shot().near, 1.0 / shot.shot().far];
     }

@@ -31,7 +31,7 @@ use serde_json::{Value, json};
 use worker::scaled;
 
 use crate::npz::Arrays;
-use crate::worker_process::{WorkerProcess, text_of};
+use crate::worker_process::{WorkerProcess, text_of, words};
 
 /// Engines of `python -m liveview_ref.competitors.worker`.
 const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
@@ -71,7 +71,7 @@ pub fn run(args: &SweepArgs) -> Result<Output> {
             if let RowEngine::Own = engine {
                 own = ready.clone();
             }
-            measured.push(Measured { worker, row: Row::new(&name, &ready, false, size(&ready)) });
+            measured.push(Measured::new(worker, Row::new(&name, &ready, false, size(&ready))));
         }
         if let Some(command) = &args.reference {
             measured.extend(references(args, command, &photos, configurations[0].1.width, &own, folder.path())?);
@@ -79,7 +79,8 @@ pub fn run(args: &SweepArgs) -> Result<Output> {
         bar.inc_length((measured.len() * (args.repetitions + 1)) as u64);
         for one in &mut measured {
             bar.set_message(one.row.name());
-            one.warm_up(&truths, folder.path())?;
+            one.warm_up(truths.len(), folder.path())?;
+            one.score(&truths);
             bar.inc(1);
         }
         all.extend(measured);
@@ -142,7 +143,7 @@ fn worker_command(number: usize, views: usize) -> Result<Vec<OsString>> {
     Ok(command)
 }
 
-/// The reference implementations, on the most planes; `command` has no quotes.
+/// The reference implementations, on the most planes.
 fn references(
     args: &SweepArgs,
     command: &str,
@@ -163,15 +164,14 @@ fn references(
     write_job(&file, scene_views, &shot, planes)?;
     let model = args.model.general_file()?;
     let weights = model.with_extension("pt");
-    let words: Vec<OsString> = command.split_whitespace().map(OsString::from).collect();
+    let words = words(command);
     let start = |engine: &str| {
         let job = json!({
             "job": text_of(&file)?, "model": text_of(&model)?, "weights": weights.is_file().then(|| path_text(&weights)),
             "engine": engine, "threads": args.model.threads(), "batch": args.model.batch,
         });
         let (worker, ready) = WorkerProcess::start(engine, &words, Some(&job))?;
-        let row = Row { count: planes, ..Row::new(&format!("planes:{planes}"), &ready, true, size) };
-        Ok(Measured { worker, row })
+        Ok(Measured::new(worker, Row { count: planes, ..Row::new(&format!("planes:{planes}"), &ready, true, size) }))
     };
     REFERENCES.into_iter().map(start).collect()
 }

@@ -3,7 +3,6 @@
 use std::str::FromStr;
 
 use clap::ValueEnum;
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use liveview::network::{AlphaKind, ExecutionProvider};
 
 /// Values of `--network`.
@@ -13,26 +12,42 @@ pub(super) enum NetworkName {
     Model,
 }
 
-/// Parses the value of `--alpha`.
-pub(super) fn alpha_parser() -> impl TypedValueParser<Value = AlphaKind> {
-    let names = [
-        ("independent", "Each layer has its own opacity, as in the paper"),
-        ("competing", "A softmax over all layers, so that faint false surfaces do not accumulate into haze"),
-    ];
-    let values = names.map(|(name, help)| PossibleValue::new(name).help(help));
-    PossibleValuesParser::new(values).try_map(|name| name.parse())
+/// Values of `--alpha`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, ValueEnum)]
+pub(super) enum AlphaName {
+    /// Each layer has its own opacity, as in the paper
+    Independent,
+    /// A softmax over all layers, so that faint false surfaces do not accumulate into haze
+    Competing,
 }
 
-/// Parses the value of `--engine`: the name of an execution provider.
-pub(super) fn provider_parser() -> impl TypedValueParser<Value = ExecutionProvider> {
-    let names = ExecutionProvider::ALL.map(ExecutionProvider::name);
-    PossibleValuesParser::new(names).try_map(|name| provider(&name))
+impl From<AlphaName> for AlphaKind {
+    fn from(name: AlphaName) -> Self {
+        match name {
+            AlphaName::Independent => Self::Independent,
+            AlphaName::Competing => Self::Competing,
+        }
+    }
 }
 
-/// The provider of a name in lower or upper case.
-fn provider(name: &str) -> Result<ExecutionProvider, String> {
-    let named = |provider: &ExecutionProvider| provider.name().eq_ignore_ascii_case(name);
-    ExecutionProvider::ALL.into_iter().find(named).ok_or_else(|| format!("invalid variant: {name}"))
+/// Values of `--engine`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, ValueEnum)]
+pub(super) enum ProviderName {
+    Cpu,
+    Openvino,
+    Cuda,
+    Tensorrt,
+}
+
+impl From<ProviderName> for ExecutionProvider {
+    fn from(name: ProviderName) -> Self {
+        match name {
+            ProviderName::Cpu => Self::Cpu,
+            ProviderName::Openvino => Self::OpenVino,
+            ProviderName::Cuda => Self::Cuda,
+            ProviderName::Tensorrt => Self::TensorRt,
+        }
+    }
 }
 
 /// Values of `--precision`.
@@ -49,7 +64,7 @@ pub(super) enum PrecisionName {
 /// An engine and a precision, such as `openvino int8`.
 #[derive(Debug, Clone, Copy)]
 pub struct ProviderChoice {
-    pub(super) engine: ExecutionProvider,
+    pub(super) engine: ProviderName,
     pub(super) precision: Option<PrecisionName>,
 }
 
@@ -59,6 +74,6 @@ impl FromStr for ProviderChoice {
     fn from_str(text: &str) -> Result<Self, String> {
         let (engine, precision) = text.trim().split_once(' ').map_or((text.trim(), None), |(e, p)| (e, Some(p)));
         let precision = precision.map(|precision| PrecisionName::from_str(precision, true)).transpose()?;
-        Ok(Self { engine: provider(engine)?, precision })
+        Ok(Self { engine: ProviderName::from_str(engine, true)?, precision })
     }
 }

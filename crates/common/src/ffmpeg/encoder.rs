@@ -11,6 +11,7 @@ use liveview::geometry::Size;
 
 use super::count::count_frames;
 use super::process::{Process, command};
+use super::program::detach;
 use crate::args::frame_rate::FrameRate;
 use crate::args::output::has_extension;
 use crate::console::print_message;
@@ -20,6 +21,7 @@ use crate::console::print_message;
 pub struct Encoder {
     path: PathBuf,
     rate: FrameRate,
+    size: Size,
     running: Option<RunningEncoder>,
 }
 
@@ -44,7 +46,7 @@ impl Encoder {
     /// frame.
     pub fn new(path: &Path, rate: FrameRate) -> Result<Self> {
         command_for(path)?;
-        Ok(Self { path: path.to_owned(), rate, running: None })
+        Ok(Self { path: path.to_owned(), rate, size: Size::default(), running: None })
     }
 
     /// The file to write.
@@ -52,23 +54,26 @@ impl Encoder {
         &self.path
     }
 
-    /// Writes a frame; all have the size of the first.
+    /// Sets the size of all frames, in pixels, before the first one.
+    pub fn set_size(&mut self, size: Size) {
+        self.size = size;
+    }
+
+    /// Writes a frame of the size given to [`Self::set_size`].
     pub fn add(&mut self, picture: &ImageRgb) -> Result<()> {
         let running = match self.running.take() {
             Some(running) => running,
-            None => self.start(picture.size())?,
+            None => self.start()?,
         };
         let RunningEncoder { process, input, frames, .. } = self.running.insert(running);
         *frames += 1;
         let bytes = picture.to_rgb8();
-        let written =
-            process.waiting(|| input.as_mut().map_or(Err(ErrorKind::BrokenPipe.into()), |pipe| pipe.write_all(&bytes)));
-        if written.is_err() {
-            // ffmpeg exits at the end of its input.
-            *input = None;
-            bail!("-o {}: {}", self.path.display(), process.failure());
+        match process
+            .waiting(|| input.as_mut().map_or(Err(ErrorKind::BrokenPipe.into()), |pipe| pipe.write_all(&bytes)))
+        {
+            Ok(()) => Ok(()),
+            Err(_) => Err(self.failure()),
         }
-        Ok(())
     }
 
     /// Waits for ffmpeg to finish, checks the file and renames it.
@@ -96,12 +101,12 @@ impl Encoder {
         anyhow!("-o {}: cannot be written: {error}", self.path.display())
     }
 
-    fn start(&self, size: Size) -> Result<RunningEncoder> {
+    fn start(&self) -> Result<RunningEncoder> {
         let file = AtomicFile::create(&self.path).map_err(|error| self.write_error(&error))?;
         // Absolute, because ffmpeg takes a relative path such as `a:b` for a protocol and an
         // address.
         let temporary = std::path::absolute(file.temporary())?;
-        let Size { width, height } = size;
+        let Size { width, height } = self.size;
         let gif = has_extension(&self.path, &["gif"]);
         let mut command = command_for(&self.path)?;
         command.args(["-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
@@ -127,10 +132,19 @@ impl Encoder {
                 "17",
             ]);
         }
+        detach(&mut command);
         command.arg(&temporary).stdin(Stdio::piped()).stdout(Stdio::null());
         let process = Process::start(&mut command, Some(&temporary))?;
         let input = process.with_child(|child| child.stdin.take());
         Ok(RunningEncoder { process, input, file, frames: 0 })
+    }
+
+    fn failure(&mut self) -> anyhow::Error {
+        let failure = self.running.as_mut().map(|running| {
+            drop(running.input.take());
+            running.process.failure()
+        });
+        anyhow!("-o {}: {}", self.path.display(), failure.unwrap_or_default())
     }
 }
 
