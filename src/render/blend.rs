@@ -93,18 +93,6 @@ impl DistanceWeights {
         blend_run(self, samples, from, &[], out);
     }
 
-    /// As [`Self::blend`] for a row. `run_coverage` summarises its coverage: for each view, one
-    /// [`RunCoverage`] per run.
-    pub(crate) fn blend_row(
-        &self,
-        samples: &LayerSamples<'_>,
-        from: usize,
-        run_coverage: &[&[RunCoverage]],
-        out: &mut Blended,
-    ) {
-        blend_run(self, samples, from, run_coverage, out);
-    }
-
     /// Weights and products are f32. Sums and α are f64: in f32 their mean error would be that of
     /// torch's float32, or slightly above.
     #[inline(always)]
@@ -215,10 +203,12 @@ fn lanes<'a>(values: &'a [f32], spare: &'a mut [f32; LANES]) -> &'a [f32; LANES]
     spare
 }
 
-/// Simple loops over lanes, compiled for the vector instructions of this processor.
+/// As [`DistanceWeights::blend`] for a row. `run_coverage` summarises its coverage: for each view,
+/// one [`RunCoverage`] per run; or it is empty. Simple loops over lanes, compiled for the vector
+/// instructions of this processor.
 #[pulp::with_simd(blend_run = crate::simd::wide_arch())]
 #[inline(always)]
-fn blend_run_with<'a, S: pulp::Simd>(
+pub(super) fn blend_run_with<'a, S: pulp::Simd>(
     _simd: S,
     weights: &'a DistanceWeights,
     samples: &'a LayerSamples<'a>,

@@ -32,13 +32,6 @@ pub struct Batch<'a> {
 /// Logits that one task counts.
 const LOGITS_PER_TASK: usize = 1 << 16;
 
-/// Logits of some layers.
-pub(crate) struct LogitCount {
-    pub(crate) logits: usize,
-    /// Those that are NaN or infinite.
-    pub(crate) not_finite: usize,
-}
-
 /// Buffers for a number of layers, kept from frame to frame; a slot holds one layer.
 #[derive(Default)]
 pub(crate) struct Buffers {
@@ -151,17 +144,11 @@ impl Buffers {
 
     /// Whether any view covers any pixel of the target on the layer in `slot`.
     fn is_covered(&self, slot: usize, target: Size) -> bool {
-        let mut rows = self
-            .coverage(slot)
-            .chunks_exact(self.size.pixels())
+        let [pixels, samples, _] = self.lengths();
+        let views = self.coverage[slot * samples..][..samples].chunks_exact(pixels);
+        let mut rows = views
             .flat_map(|view| view.chunks_exact(self.size.width).take(target.height).map(|row| &row[..target.width]));
         rows.any(|row| row.iter().any(|&coverage| coverage > 0.0))
-    }
-
-    /// Coverage of the layer in `slot`, `[V, h, w]`.
-    fn coverage(&self, slot: usize) -> &[f32] {
-        let [_, samples, _] = self.lengths();
-        &self.coverage[slot * samples..][..samples]
     }
 
     /// Copies a layer to a slot whose layer is no longer needed.
@@ -178,13 +165,14 @@ impl Buffers {
         }
     }
 
-    /// Runs the network on the first `n` layers, `batch` at once, and counts their logits.
+    /// Runs the network on the first `n` layers, `batch` at once; returns the number of their logits,
+    /// and of those that are NaN or infinite.
     pub(crate) fn infer(
         &mut self,
         network: &mut dyn PlaneNetwork,
         n: usize,
         batch: usize,
-    ) -> Result<LogitCount, NetworkError> {
+    ) -> Result<(usize, usize), NetworkError> {
         let [_, samples, _] = self.lengths();
         let (views, Size { width, height }) = (self.views, self.size);
         let hwv = ArrayView4::from_shape((n, 3 * views, height, width), &self.hwv[..n * 3 * samples]);
@@ -194,7 +182,7 @@ impl Buffers {
         batches.into_iter().try_for_each(|(hwv, logits)| network.infer(hwv, logits))?;
         let logits = &self.logits[..n * samples];
         let not_finite = logits.par_chunks(LOGITS_PER_TASK).map(|part| part.iter().filter(|x| !x.is_finite()).count());
-        Ok(LogitCount { logits: logits.len(), not_finite: not_finite.sum() })
+        Ok((logits.len(), not_finite.sum()))
     }
 
     /// The first n layers, where n is the number of shifts, and their run coverage `[n, V,

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::blend::{Blended, LayerSamples};
+use super::blend::{Blended, LayerSamples, blend_run};
 use super::buffers::Batch;
 use super::composite::Accumulated;
 use super::composite_competing::Competing;
@@ -13,31 +13,20 @@ use crate::warp::RunCoverage;
 /// against 5.0 ms for two layers), 16 take as long.
 const ROWS_TOGETHER: usize = 8;
 
-/// One row of a layer.
-pub(super) struct LayerRow<'a> {
-    /// Its index among all layers, near → far.
-    pub(super) index: usize,
-    /// Whether it is the farthest layer.
-    pub(super) last: bool,
-    /// Logits 0, at least one per pixel.
-    pub(super) logits: &'a [f32],
-    pub(super) blended: &'a Blended,
-    /// Disparity, 1/scene unit, at least one per pixel.
-    pub(super) disparity: &'a [f32],
-}
-
 /// Sums over layers for one row of the target.
 pub(super) trait CompositeRow: Send + Sync {
-    /// Adds a layer behind those added before.
-    fn add_layer(&mut self, layer: &LayerRow<'_>);
+    /// Adds a row of a layer behind those added before: `index` is the layer's among all, near →
+    /// far, and `last` says whether it is the farthest; there is at least one of the `logits` 0 and
+    /// of the disparities (1/scene unit) per pixel.
+    fn add_layer(&mut self, index: u32, last: bool, logits: &[f32], blended: &Blended, disparity: &[f32]);
 
     /// The composite.
     fn finish(self) -> Accumulated;
 }
 
 impl CompositeRow for Accumulated {
-    fn add_layer(&mut self, layer: &LayerRow<'_>) {
-        self.add(layer.index as u32, layer.blended, layer.disparity, layer.last);
+    fn add_layer(&mut self, index: u32, last: bool, _logits: &[f32], blended: &Blended, disparity: &[f32]) {
+        self.add(index, blended, disparity, last);
     }
 
     fn finish(self) -> Accumulated {
@@ -46,8 +35,8 @@ impl CompositeRow for Accumulated {
 }
 
 impl CompositeRow for Competing {
-    fn add_layer(&mut self, layer: &LayerRow<'_>) {
-        self.add(layer.index as u32, layer.logits, layer.blended, layer.disparity);
+    fn add_layer(&mut self, index: u32, _last: bool, logits: &[f32], blended: &Blended, disparity: &[f32]) {
+        self.add(index, logits, blended, disparity);
     }
 
     fn finish(self) -> Accumulated {
@@ -66,10 +55,8 @@ pub(super) fn composite_batch(
     rows: &mut [impl CompositeRow],
 ) {
     let (n, views, padded_height, padded_width) = batch.logits.dim();
-    let (hwv, coverage, logits) = match (batch.hwv.to_slice(), batch.coverage.to_slice(), batch.logits.to_slice()) {
-        (Some(hwv), Some(coverage), Some(logits)) => (hwv, coverage, logits),
-        _ => unreachable!("views of the renderer's own buffers"),
-    };
+    let [hwv, coverage, logits] = [batch.hwv, batch.coverage, batch.logits]
+        .map(|values| values.to_slice().expect("views of the renderer's own buffers"));
     let (samples_per_layer, runs_per_layer) = (logits.len() / n, run_coverage.len() / n);
     let runs_per_view = runs_per_layer / views;
     let runs_per_row = runs_per_view / padded_height;
@@ -89,10 +76,10 @@ pub(super) fn composite_batch(
                         run_coverage[k * runs_per_layer..(k + 1) * runs_per_layer].chunks_exact(runs_per_view);
                     let of_views: Vec<_> =
                         of_views.map(|view| &view[y * runs_per_row..(y + 1) * runs_per_row]).collect();
-                    batch.weights.blend_row(&samples, y * padded_width, &of_views, blended);
+                    blend_run(batch.weights, &samples, y * padded_width, &of_views, blended);
                     let disparity = disparity.row(y).to_slice().expect("rows of the renderer's own buffer");
                     let logits = &samples.logits[y * padded_width..];
-                    row.add_layer(&LayerRow { index, last: index + 1 == total, logits, blended, disparity });
+                    row.add_layer(index as u32, index + 1 == total, logits, blended, disparity);
                 }
             }
         },

@@ -164,8 +164,8 @@ impl Renderer {
             if indices.is_empty() {
                 continue;
             }
-            let counted = self.buffers.infer(self.network.as_mut(), indices.len(), self.batch)?;
-            (logits, logits_not_finite) = (logits + counted.logits, logits_not_finite + counted.not_finite);
+            let (count, not_finite) = self.buffers.infer(self.network.as_mut(), indices.len(), self.batch)?;
+            (logits, logits_not_finite) = (logits + count, logits_not_finite + not_finite);
             let inferred = Instant::now();
             let shifts: Vec<f64> = indices.iter().map(|&index| all_shifts[index]).collect();
             let (batch, run_coverage) = self.buffers.batch(&shifts, &weights);

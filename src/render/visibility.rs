@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::sharpened::SharpenedPhotos;
 use crate::geometry::Size;
-use crate::warp::{ALL_SEEN, OwnDepth, RUN, RunCoverage, WarpSource, WarpedLayers};
+use crate::warp::{ALL_SEEN, LayerBand, OwnDepth, RUN, RunCoverage, WarpSource, WarpedLayers};
 
 /// Coverage, summed over the views that are not occluded, up to which a pixel counts as occluded.
 const MIN_COVERAGE: f32 = 0.05;
@@ -41,15 +41,6 @@ pub struct VisibleView<'a> {
     pub sharpening: f32,
 }
 
-/// A row of a layer in a view: colour by channel, coverage, run coverage, and for each run a bit
-/// per pixel, set where the view is not occluded.
-struct Row<'a> {
-    colour: [&'a mut [f32]; 3],
-    coverage: &'a mut [f32],
-    run_coverage: &'a mut [RunCoverage],
-    seen: &'a mut [u64],
-}
-
 impl Visibility<'_> {
     /// Sets the gains of the views, and replaces the photos that are to be sharpened.
     pub(crate) fn correct_photos<'a>(&self, sources: &mut [WarpSource<'a>], sharpened: &'a mut SharpenedPhotos) {
@@ -74,22 +65,11 @@ impl Visibility<'_> {
 /// views, were warped with the views' own depth, and cover a target padded to `size`; `visible`,
 /// one per pixel, becomes true where some view is not occluded on one of them.
 pub(crate) fn hide_occluded(views: usize, size: Size, layers: &mut WarpedLayers<'_>, visible: &mut [bool]) {
-    let (width, plane, runs) = (size.width, size.pixels(), size.width.div_ceil(RUN));
     // The same row of all layers and views, so that one thread decides over all of them at once.
-    let mut rows: Vec<Vec<Row<'_>>> =
-        (0..size.height).map(|_| Vec::with_capacity(layers.coverage.len() / plane)).collect();
-    let planes = layers.colour.chunks_mut(3 * plane).zip(layers.coverage.chunks_mut(plane));
-    let of_runs = layers.run_coverage.chunks_mut(size.height * runs).zip(layers.seen.chunks_mut(size.height * runs));
-    for ((colour, coverage), (run_coverage, seen)) in planes.zip(of_runs) {
-        let (red, rest) = colour.split_at_mut(plane);
-        let (green, blue) = rest.split_at_mut(plane);
-        let lines = red.chunks_mut(width).zip(green.chunks_mut(width)).zip(blue.chunks_mut(width));
-        let lines = lines.zip(coverage.chunks_mut(width)).zip(run_coverage.chunks_mut(runs)).zip(seen.chunks_mut(runs));
-        for (rows, (((((red, green), blue), coverage), run_coverage), seen)) in rows.iter_mut().zip(lines) {
-            rows.push(Row { colour: [red, green, blue], coverage, run_coverage, seen });
-        }
-    }
-    rows.into_par_iter().zip(visible.par_chunks_mut(width)).for_each(|(mut rows, visible)| {
+    let rows_of_layers = layers.coverage.len() / size.pixels();
+    let mut rows: Vec<_> = (0..size.height).map(|_| Vec::with_capacity(rows_of_layers)).collect();
+    layers.for_each_band(views, size, 1, |_, row, layer| rows[row].push(layer));
+    rows.into_par_iter().zip(visible.par_chunks_mut(size.width)).for_each(|(mut rows, visible)| {
         for layer in rows.chunks_mut(views) {
             for (run, visible) in visible.chunks_mut(RUN).enumerate() {
                 hide_run(layer, run, visible);
@@ -99,7 +79,7 @@ pub(crate) fn hide_occluded(views: usize, size: Size, layers: &mut WarpedLayers<
 }
 
 /// As [`hide_occluded`], one run of a row of a layer.
-fn hide_run(views: &mut [Row<'_>], run: usize, visible: &mut [bool]) {
+fn hide_run(views: &mut [LayerBand<'_>], run: usize, visible: &mut [bool]) {
     let span = run * RUN..run * RUN + visible.len();
     if views.iter().any(|view| view.seen[run] == ALL_SEEN && view.run_coverage[run] == RunCoverage::All) {
         visible.fill(true);
@@ -107,7 +87,7 @@ fn hide_run(views: &mut [Row<'_>], run: usize, visible: &mut [bool]) {
         let mut remaining = [0.0; RUN];
         for view in &*views {
             let seen = view.seen[run];
-            let pixels = remaining.iter_mut().zip(&view.coverage[span.clone()]).enumerate();
+            let pixels = remaining.iter_mut().zip(&view.planes[3][span.clone()]).enumerate();
             pixels.for_each(|(i, (remaining, coverage))| *remaining += bit(seen, i) * coverage);
         }
         let remaining = &remaining[..visible.len()];
@@ -119,7 +99,7 @@ fn hide_run(views: &mut [Row<'_>], run: usize, visible: &mut [bool]) {
         views.iter_mut().for_each(|view| view.seen[run] |= occluded_in_all);
     }
     for view in views {
-        view.hide(run, span.clone());
+        hide(view, run, span.clone());
     }
 }
 
@@ -128,22 +108,19 @@ fn bit(mask: u64, i: usize) -> f32 {
     f32::from((mask >> i & 1) as u8)
 }
 
-impl Row<'_> {
-    /// Sets colour and coverage of a run to 0 where the view is occluded.
-    fn hide(&mut self, run: usize, span: Range<usize>) {
-        let seen = self.seen[run];
-        if seen == ALL_SEEN || self.run_coverage[run] == RunCoverage::None {
-            return;
-        }
-        self.run_coverage[run] = RunCoverage::Partial;
-        let [red, green, blue] = &mut self.colour;
-        for values in [&mut **red, green, blue, self.coverage] {
-            let values = &mut values[span.clone()];
-            let mut hidden = !seen;
-            while hidden != 0 {
-                values[hidden.trailing_zeros() as usize] = 0.0;
-                hidden &= hidden - 1;
-            }
+/// Sets colour and coverage of a run to 0 where the view is occluded.
+fn hide(view: &mut LayerBand<'_>, run: usize, span: Range<usize>) {
+    let seen = view.seen[run];
+    if seen == ALL_SEEN || view.run_coverage[run] == RunCoverage::None {
+        return;
+    }
+    view.run_coverage[run] = RunCoverage::Partial;
+    for values in &mut view.planes {
+        let values = &mut values[span.clone()];
+        let mut hidden = !seen;
+        while hidden != 0 {
+            values[hidden.trailing_zeros() as usize] = 0.0;
+            hidden &= hidden - 1;
         }
     }
 }

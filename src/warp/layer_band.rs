@@ -6,12 +6,12 @@ use super::sample_positions::SamplePositions;
 use super::source::WarpSource;
 
 /// A band of rows of a layer, and the output of one view warped by it.
-pub(super) struct LayerBand<'a> {
+pub(crate) struct LayerBand<'a> {
     pub(super) disparity: &'a [f32],
     /// Red, green, blue and coverage.
-    pub(super) planes: [&'a mut [f32]; 4],
-    pub(super) run_coverage: &'a mut [RunCoverage],
-    pub(super) seen: &'a mut [u64],
+    pub(crate) planes: [&'a mut [f32]; 4],
+    pub(crate) run_coverage: &'a mut [RunCoverage],
+    pub(crate) seen: &'a mut [u64],
 }
 
 impl LayerBand<'_> {

@@ -19,6 +19,7 @@ mod volume;
 
 #[cfg(feature = "surface")]
 pub(crate) use bilinear::sample;
+pub(crate) use layer_band::LayerBand;
 pub(crate) use own_depth::OwnDepth;
 #[cfg(feature = "surface")]
 pub(crate) use rounding::round_to_i32;

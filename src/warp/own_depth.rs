@@ -17,7 +17,7 @@ pub(crate) struct OwnDepth<'a> {
 }
 
 impl OwnDepth<'_> {
-    /// Which points of a run the view sees, by bit ([`SamplePositions::locate_with_pixels`]).
+    /// Which points of a run the view sees, by bit; located with `PIXELS` ([`SamplePositions::locate`]).
     #[inline(always)]
     pub(super) fn seen(&self, points: &SamplePositions) -> u64 {
         let mut own = [-1.0; RUN];

@@ -23,10 +23,9 @@ pub(crate) struct SamplePositions {
     pub(crate) texel: [u32; RUN],
     pub(crate) across: [f32; RUN],
     pub(crate) down: [f32; RUN],
-    /// Index of the photo's pixel that each falls on, `u32::MAX` outside
-    /// ([`Self::locate_with_pixels`] alone).
+    /// Index of the photo's pixel that each falls on, `u32::MAX` outside (with `PIXELS` alone).
     pub(super) pixel: [u32; RUN],
-    /// Its disparity in the view, 1/scene unit ([`Self::locate_with_pixels`] alone).
+    /// Its disparity in the view, 1/scene unit (with `PIXELS` alone).
     pub(super) disparity: [f32; RUN],
 }
 
@@ -36,32 +35,10 @@ impl SamplePositions {
         Self { texel: [0; RUN], across: [0.0; RUN], down: [0.0; RUN], pixel: [u32::MAX; RUN], disparity: [0.0; RUN] };
 
     /// Locates the pixels `run` of a row, at the given disparities (beyond the run's end: anything
-    /// finite); returns what is known about their coverage.
+    /// finite); with `PIXELS` also the photo's pixel that each falls on and its disparity there.
+    /// Returns what is known about their coverage.
     #[inline(always)]
-    pub(crate) fn locate(
-        &mut self,
-        source: &WarpSource<'_>,
-        row: usize,
-        run: &Range<usize>,
-        disparity: &[f32; RUN],
-    ) -> RunCoverage {
-        self.locate_run::<false>(source, row, run, disparity)
-    }
-
-    /// As [`Self::locate`], with the photo's pixel that each falls on and its disparity there.
-    #[inline(always)]
-    pub(super) fn locate_with_pixels(
-        &mut self,
-        source: &WarpSource<'_>,
-        row: usize,
-        run: &Range<usize>,
-        disparity: &[f32; RUN],
-    ) -> RunCoverage {
-        self.locate_run::<true>(source, row, run, disparity)
-    }
-
-    #[inline(always)]
-    fn locate_run<const PIXELS: bool>(
+    pub(crate) fn locate<const PIXELS: bool>(
         &mut self,
         source: &WarpSource<'_>,
         row: usize,

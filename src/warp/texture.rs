@@ -29,18 +29,28 @@ const SMALLEST_VALUE: f32 = 1.0 / (1_u128 << 64) as f32;
 impl Texture {
     /// Copies the photo; values below 2⁻⁶⁴ (absolute) become 0.
     pub fn new(photo: &ImageRgb) -> Self {
-        let (width, height) = (photo.width(), photo.height());
-        let stride = width + BORDER.0 + BORDER.1;
-        let mut texels = vec![[0.0; 4]; stride * (height + BORDER.0 + BORDER.1)];
-        for (y, row) in photo.data().chunks_exact(3 * width).enumerate() {
-            let at = (y + BORDER.0) * stride + BORDER.0;
-            for (texel, rgb) in texels[at..at + width].iter_mut().zip(row.chunks_exact(3)) {
-                let [r, g, b] =
-                    [rgb[0], rgb[1], rgb[2]].map(|value| if value.abs() < SMALLEST_VALUE { 0.0 } else { value });
+        let mut texture = Self::blank(photo.width(), photo.height());
+        let (pixels, _) = photo.data().as_chunks::<3>();
+        for (row, pixels) in texture.rows_mut().zip(pixels.chunks_exact(photo.width())) {
+            for (texel, rgb) in row.iter_mut().zip(pixels) {
+                let [r, g, b] = rgb.map(|value| if value.abs() < SMALLEST_VALUE { 0.0 } else { value });
                 *texel = [r, g, b, 1.0];
             }
         }
+        texture
+    }
+
+    /// All texels 0, for a photo of that size.
+    fn blank(width: usize, height: usize) -> Self {
+        let texels = vec![[0.0; 4]; (width + BORDER.0 + BORDER.1) * (height + BORDER.0 + BORDER.1)];
         Self { texels, width, height, id: new_id() }
+    }
+
+    /// The texels of each row of the photo, without the border.
+    fn rows_mut(&mut self) -> impl Iterator<Item = &mut [[f32; 4]]> {
+        let (stride, width) = (self.stride() as usize, self.width);
+        let rows = self.texels.chunks_exact_mut(stride).skip(BORDER.0).take(self.height);
+        rows.map(move |row| &mut row[BORDER.0..BORDER.0 + width])
     }
 
     /// Identifies the photo: textures of one id have the same content.
@@ -78,9 +88,9 @@ impl Texture {
     /// right and lower edge.
     pub(crate) fn shrunk(&self, cell: usize) -> Self {
         let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
-        let (stride, shrunk_stride) = (self.width + BORDER.0 + BORDER.1, width + BORDER.0 + BORDER.1);
-        let mut texels = vec![[0.0; 4]; shrunk_stride * (height + BORDER.0 + BORDER.1)];
-        let rows = texels.par_chunks_exact_mut(shrunk_stride).skip(BORDER.0).take(height);
+        let mut shrunk = Self::blank(width, height);
+        let (stride, shrunk_stride) = (self.stride() as usize, shrunk.stride() as usize);
+        let rows = shrunk.texels.par_chunks_exact_mut(shrunk_stride).skip(BORDER.0).take(height);
         rows.enumerate().for_each(|(y, row)| {
             for (x, texel) in row[BORDER.0..BORDER.0 + width].iter_mut().enumerate() {
                 let (last_y, last_x) = ((y * cell + cell).min(self.height), (x * cell + cell).min(self.width));
@@ -94,7 +104,7 @@ impl Texture {
                 *texel = sum.map(|s| s / sum[3]);
             }
         });
-        Self { texels, width, height, id: new_id() }
+        shrunk
     }
 
     /// Writes the photo to `out` with `amount` of its detail added: 4 times each pixel less its
@@ -117,13 +127,13 @@ impl Texture {
     /// The part of the photo that begins in column `left`, row `top`.
     #[cfg(feature = "surface")]
     pub(crate) fn window(&self, (left, top): (usize, usize), size: Size) -> Self {
-        let (stride, part_stride) = (self.stride() as usize, size.width + BORDER.0 + BORDER.1);
-        let mut texels = vec![[0.0; 4]; part_stride * (size.height + BORDER.0 + BORDER.1)];
-        for (y, row) in texels.chunks_exact_mut(part_stride).skip(BORDER.0).take(size.height).enumerate() {
+        let stride = self.stride() as usize;
+        let mut part = Self::blank(size.width, size.height);
+        for (y, row) in part.rows_mut().enumerate() {
             let at = (top + y + BORDER.0) * stride + left + BORDER.0;
-            row[BORDER.0..BORDER.0 + size.width].copy_from_slice(&self.texels[at..at + size.width]);
+            row.copy_from_slice(&self.texels[at..at + size.width]);
         }
-        Self { texels, width: size.width, height: size.height, id: new_id() }
+        part
     }
 
     /// Texels from one row to the next.

@@ -51,6 +51,34 @@ pub(crate) struct WarpedLayers<'a> {
     pub(crate) seen: &'a mut [u64],
 }
 
+impl WarpedLayers<'_> {
+    /// Passes each view of each layer, in the order of the buffers, to `take` in bands of `rows` rows
+    /// (the last may have fewer), with the index of the view and that of the band.
+    pub(crate) fn for_each_band<'a>(
+        &'a mut self,
+        views: usize,
+        size: Size,
+        rows: usize,
+        mut take: impl FnMut(usize, usize, LayerBand<'a>),
+    ) {
+        let (plane, band) = (size.pixels(), rows * size.width);
+        let (plane_runs, band_runs) = (run_coverage_len(size), rows * size.width.div_ceil(RUN));
+        let planes = self.colour.chunks_mut(3 * plane).zip(self.coverage.chunks_mut(plane));
+        let runs = self.run_coverage.chunks_mut(plane_runs).zip(self.seen.chunks_mut(plane_runs));
+        for (index, ((colour, coverage), (run_coverage, seen))) in planes.zip(runs).enumerate() {
+            let disparity = self.disparity[index / views * plane..][..plane].chunks(band);
+            let (red, rest) = colour.split_at_mut(plane);
+            let (green, blue) = rest.split_at_mut(plane);
+            let mut planes = [red, green, blue, coverage].map(|plane| plane.chunks_mut(band));
+            let runs = run_coverage.chunks_mut(band_runs).zip(seen.chunks_mut(band_runs));
+            for (index_of_band, (disparity, (run_coverage, seen))) in disparity.zip(runs).enumerate() {
+                let planes = planes.each_mut().map(|bands| bands.next().expect("as many bands"));
+                take(index % views, index_of_band, LayerBand { disparity, planes, run_coverage, seen });
+            }
+        }
+    }
+}
+
 /// As [`warp_layers`], into buffers that hold an earlier warp. `run_coverage` is what is known
 /// about the coverage in them (where that is 0 the colour is too), before the call and after it.
 /// Values that would not change are not written: memory, not arithmetic, limits the warp
@@ -62,33 +90,17 @@ pub(crate) fn warp_layers_into(
     size: Size,
     layers: &mut WarpedLayers<'_>,
 ) {
-    let WarpedLayers { disparity, colour, coverage, run_coverage, seen } = layers;
-    let (width, plane) = (size.width, size.pixels());
-    assert_eq!(colour.len(), 3 * disparity.len() * sources.len(), "colour is [n, 3V, height, width]");
-    assert_eq!(3 * coverage.len(), colour.len(), "coverage is [n, V, height, width]");
-    let (band, runs) = (BAND_ROWS * width, width.div_ceil(RUN));
+    let values = layers.disparity.len() * sources.len();
+    assert_eq!(layers.colour.len(), 3 * values, "colour is [n, 3V, height, width]");
+    assert_eq!(layers.coverage.len(), values, "coverage is [n, V, height, width]");
     // Band by band of one view, then of the next: its photo stays in the cache. All layers of a
     // band together, as a run may be the same on the next layer.
     let bands = size.height.div_ceil(BAND_ROWS);
     let mut tasks: Vec<Vec<LayerBand<'_>>> = (0..sources.len() * bands).map(|_| Vec::new()).collect();
-    let planes = colour.chunks_mut(3 * plane).zip(coverage.chunks_mut(plane));
-    let planes = planes.zip(run_coverage.chunks_mut(size.height * runs)).zip(seen.chunks_mut(size.height * runs));
-    for (index, (((colour, coverage), run_coverage), seen)) in planes.enumerate() {
-        let (layer, view) = (index / sources.len(), index % sources.len());
-        let (red, rest) = colour.split_at_mut(plane);
-        let (green, blue) = rest.split_at_mut(plane);
-        let lines =
-            disparity[layer * plane..][..plane].chunks(band).zip(red.chunks_mut(band)).zip(green.chunks_mut(band));
-        let lines = lines.zip(blue.chunks_mut(band)).zip(coverage.chunks_mut(band));
-        let lines = lines.zip(run_coverage.chunks_mut(BAND_ROWS * runs)).zip(seen.chunks_mut(BAND_ROWS * runs));
-        for (task, line) in tasks[view * bands..][..bands].iter_mut().zip(lines) {
-            let ((((((disparity, red), green), blue), coverage), run_coverage), seen) = line;
-            task.push(LayerBand { disparity, planes: [red, green, blue, coverage], run_coverage, seen });
-        }
-    }
+    layers.for_each_band(sources.len(), size, BAND_ROWS, |view, band, layer| tasks[view * bands + band].push(layer));
     tasks.into_par_iter().enumerate().for_each(|(index, mut layers)| {
         let (view, first) = (index / bands, index % bands * BAND_ROWS);
-        warp_band(&sources[view], own.get(view), first, width, &mut layers);
+        warp_band(&sources[view], own.get(view), first, size.width, &mut layers);
     });
 }
 
@@ -126,11 +138,11 @@ fn warp_band_with<'a, 'b, S: pulp::Simd>(
                 &padded
             });
             let coverage = if let Some(own) = own {
-                let coverage = positions.locate_with_pixels(source, first + row, &run, disparity);
+                let coverage = positions.locate::<true>(source, first + row, &run, disparity);
                 layer.seen[at.index] = own.seen(&positions) | !at.bits();
                 coverage
             } else {
-                positions.locate(source, first + row, &run, disparity)
+                positions.locate::<false>(source, first + row, &run, disparity)
             };
             if layer.set_coverage(&at, coverage) {
                 layer.sample(simd, source, &positions, &at, &mut scratch);

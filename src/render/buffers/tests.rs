@@ -6,7 +6,7 @@ use super::*;
 use crate::geometry::PlaneSweep;
 use crate::image::ImageRgb;
 use crate::layers::Layers;
-use crate::render::blend::{Blended, LayerSamples};
+use crate::render::blend::{Blended, LayerSamples, blend_run};
 use crate::warp::Texture;
 
 const SIZE: Size = Size::new(400, 40);
@@ -55,7 +55,7 @@ fn run_coverage_does_not_change_the_blend_by_a_bit() {
                 };
                 let run_coverage = [0, 1, 2].map(of_view);
                 let [mut with_runs, mut without] = [(); 2].map(|()| Blended::new(SIZE.width));
-                weights.blend_row(&samples, row * SIZE.width, &run_coverage, &mut with_runs);
+                blend_run(&weights, &samples, row * SIZE.width, &run_coverage, &mut with_runs);
                 weights.blend(&samples, row * SIZE.width, &mut without);
                 assert_eq!(with_runs, without, "{distances:?}, layer {layer}, row {row}");
                 // The blend takes two runs at once: it reads their coverage unless both have

@@ -105,7 +105,7 @@ fn band_variance_with<'a, S: pulp::Simd>(
             let mut sums = [[0.0_f32; RUN]; 3];
             let (mut squares, mut number, mut past) = ([0.0_f32; RUN], [0.0_f32; RUN], [false; RUN]);
             for (source, visible) in views.sources.iter().zip(views.visible) {
-                let run_coverage = scratch.positions.locate(source, y, &(start..start + RUN), &disparity);
+                let run_coverage = scratch.positions.locate::<false>(source, y, &(start..start + RUN), &disparity);
                 if run_coverage == RunCoverage::None {
                     continue;
                 }

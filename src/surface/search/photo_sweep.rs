@@ -171,7 +171,7 @@ impl Search<'_> {
             let row = y - tile.first;
             let index = &tile.index[row];
             (0..RUN).for_each(|i| disparity[i] = self.grid.disparity(index[i] + k));
-            let run_coverage = tile.positions.locate(source, y, &run, &disparity);
+            let run_coverage = tile.positions.locate::<false>(source, y, &run, &disparity);
             let [colour, signed] = [&mut tile.colour[row], tile.signed[row].first_chunk_mut().expect("a run")];
             let seen: &mut TileRow = tile.seen[row].first_chunk_mut().expect("a run");
             if run_coverage == RunCoverage::None {
