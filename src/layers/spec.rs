@@ -75,11 +75,6 @@ impl LayerSpec {
         }
     }
 
-    /// Whether its layers are planes.
-    pub fn is_planes(&self) -> bool {
-        !matches!(self.kind(), "guided" | "surface")
-    }
-
     /// The most layers that one render needs: for [`LayerSpec::Select`] the planes that it selects
     /// from.
     pub fn count(&self) -> usize {

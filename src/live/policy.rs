@@ -27,7 +27,7 @@ impl Policy {
     /// The default for these layers: `once` for planes, `propagate` for layers that follow the
     /// scene.
     pub fn default_for(layers: &LayerSpec) -> Self {
-        if layers.is_planes() { Self::Once } else { Self::Propagate }
+        if matches!(layers.kind(), "guided" | "surface") { Self::Propagate } else { Self::Once }
     }
 }
 

@@ -34,34 +34,26 @@ impl Shrunk {
 
     /// As [`layer_costs`]; one sweep per view.
     pub(crate) fn costs(&self, sweeps: &[PlaneSweep], maps: ArrayView3<'_, f32>, window: usize) -> Array3<f32> {
-        let sources: Vec<_> = self
-            .photos
-            .iter()
-            .zip(sweeps)
-            .map(|((texture, gains), sweep)| WarpSource {
-                texture,
-                sweep: sweep.shrunk(self.cell as f64),
-                gains: *gains,
+        let pairs = self.photos.iter().zip(sweeps);
+        let sources: Vec<_> = pairs
+            .map(|((texture, gains), sweep)| {
+                let sweep = sweep.shrunk(self.cell as f64);
+                WarpSource { texture, sweep, gains: *gains }
             })
             .collect();
-        window_costs(&sources, maps, window)
+        let (_, height, width) = maps.dim();
+        let plane = height * width;
+        let mut costs = Array3::zeros(maps.dim());
+        let layers = costs.as_slice_mut().expect("standard order").par_chunks_mut(plane).enumerate();
+        layers.for_each(|(layer, cost)| {
+            let disparity: Vec<f32> = maps.index_axis(Axis(0), layer).iter().copied().collect();
+            let mut colour = vec![0.0; 3 * sources.len() * plane];
+            let mut coverage = vec![0.0; sources.len() * plane];
+            warp_layers(&disparity, &sources, Size::new(width, height), &mut colour, &mut coverage);
+            window_variance(&mut colour, &coverage, width, (window, UNCOVERED), cost);
+        });
+        costs
     }
-}
-
-/// As [`layer_costs`], of views that are already shrunk.
-fn window_costs(sources: &[WarpSource<'_>], maps: ArrayView3<'_, f32>, window: usize) -> Array3<f32> {
-    let (_, height, width) = maps.dim();
-    let plane = height * width;
-    let mut costs = Array3::zeros(maps.dim());
-    let layers = costs.as_slice_mut().expect("standard order").par_chunks_mut(plane).enumerate();
-    layers.for_each(|(layer, cost)| {
-        let disparity: Vec<f32> = maps.index_axis(Axis(0), layer).iter().copied().collect();
-        let mut colour = vec![0.0; 3 * sources.len() * plane];
-        let mut coverage = vec![0.0; sources.len() * plane];
-        warp_layers(&disparity, sources, Size::new(width, height), &mut colour, &mut coverage);
-        window_variance(&mut colour, &coverage, width, (window, UNCOVERED), cost);
-    });
-    costs
 }
 
 /// Variance of the colours of the views that cover more than half of a cell, averaged over the cells
