@@ -1,10 +1,10 @@
 //! A network run by ONNX Runtime.
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use ndarray::{ArrayView4, ArrayViewMut4};
+use ort::session::builder::SessionBuilder;
 use ort::session::{RunOptions, Session};
 use ort::value::{Outlet, TensorRef, ValueType};
 
@@ -25,17 +25,12 @@ use crate::layers::LayerSpec;
 const MAX_MODEL_BYTES: u64 = 256 << 20;
 
 /// A LiveView model run by ONNX Runtime.
+#[derive(Debug)]
 pub struct OrtNetwork {
     session: Session,
     path: PathBuf,
     card: ModelCard,
-    run_options: Arc<RunOptions>,
-}
-
-impl fmt::Debug for OrtNetwork {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("OrtNetwork").field("path", &self.path).field("card", &self.card).finish_non_exhaustive()
-    }
+    run_end: RunEnd,
 }
 
 impl OrtNetwork {
@@ -80,14 +75,17 @@ impl OrtNetwork {
             )));
         }
         check_threads(threads).map_err(|source| NetworkError::Threads { path: path.to_path_buf(), source })?;
-        let session = build(library, path, threads, precision).map_err(failed)?;
-        let metadata = session.metadata().map_err(|e| failed(e.to_string()))?;
+        let failed_in_ort = |e: ort::Error| failed(e.to_string());
+        let mut builder = builder(library, path, threads, precision).map_err(failed_in_ort)?;
+        let model = bounded::read(path, MAX_MODEL_BYTES).map_err(|e| failed(e.to_string()))?;
+        let session = builder.commit_from_memory(&model).map_err(failed_in_ort)?;
+        let metadata = session.metadata().map_err(failed_in_ort)?;
         let card = read_card(path, |key| metadata.custom(key))?;
         drop(metadata);
         check_outlets(path, &named(session.inputs()), "hwv", 3 * card.views)?;
         check_outlets(path, &named(session.outputs()), "logits", card.views)?;
-        let run_options = Arc::new(RunOptions::new().map_err(|e| failed(e.to_string()))?);
-        Ok(Self { session, path: path.to_path_buf(), card, run_options })
+        let run_end = RunEnd(Arc::new(RunOptions::new().map_err(failed_in_ort)?));
+        Ok(Self { session, path: path.to_path_buf(), card, run_end })
     }
 
     /// Refuses layers that the model cannot be used for.
@@ -125,8 +123,7 @@ impl PlaneNetwork for OrtNetwork {
         let input = TensorRef::from_array_view(hwv).map_err(failed)?;
         // Not IoBinding: ort 2.0.0-rc.15 copies a bound input through another session, and
         // deadlocks in it.
-        let outputs =
-            self.session.run_with_options(ort::inputs!["hwv" => input], &*self.run_options).map_err(failed)?;
+        let outputs = self.session.run_with_options(ort::inputs!["hwv" => input], &*self.run_end.0).map_err(failed)?;
         let found = outputs["logits"].try_extract_array::<f32>().map_err(failed)?;
         if found.shape() != logits.shape() {
             let (found, expected) = (format!("{:?}", found.shape()), format!("{:?}", logits.shape()));
@@ -153,34 +150,27 @@ impl PlaneNetwork for OrtNetwork {
     }
 
     fn run_end(&self) -> Option<RunEnd> {
-        Some(RunEnd(Arc::clone(&self.run_options)))
+        Some(self.run_end.clone())
     }
 }
 
-fn build(library: &OrtLibrary, path: &Path, threads: usize, precision: Precision) -> Result<Session, String> {
-    let text = |e: ort::Error| e.to_string();
-    let builder = Session::builder(&library.environment).map_err(text)?;
-    let builder = builder.with_intra_threads(threads).map_err(|e| e.to_string())?;
-    let builder = builder.with_inter_threads(1).map_err(|e| e.to_string())?;
+fn builder(library: &OrtLibrary, path: &Path, threads: usize, precision: Precision) -> ort::Result<SessionBuilder> {
+    let builder = Session::builder(&library.environment)?.with_intra_threads(threads)?.with_inter_threads(1)?;
     // The warp and the blend run on the same cores: idle threads of ONNX Runtime must not spin on
     // them.
-    let mut builder = builder.with_intra_op_spinning(false).map_err(|e| e.to_string())?;
+    let mut builder = builder.with_intra_op_spinning(false)?;
     if let Some(provider) = library.provider().dispatch(threads, precision) {
-        builder = builder.with_execution_providers([provider]).map_err(|e| e.to_string())?;
+        builder = builder.with_execution_providers([provider])?;
         if library.provider() == ExecutionProvider::OpenVino {
             // OpenVINO can run the whole graph; a part that fell back to ONNX Runtime's CPU
             // provider would go unnoticed.
-            builder = builder.with_disable_cpu_fallback().map_err(|e| e.to_string())?;
+            builder = builder.with_disable_cpu_fallback()?;
         }
     }
     // The size limit does not count weights in separate files: ONNX Runtime is made to look for
     // these in a folder that cannot exist, below the model file.
     let nowhere = path.to_string_lossy();
-    let mut builder = builder
-        .with_config_entry("session.model_external_initializers_file_folder_path", nowhere)
-        .map_err(|e| e.to_string())?;
-    let model = bounded::read(path, MAX_MODEL_BYTES).map_err(|e| e.to_string())?;
-    builder.commit_from_memory(&model).map_err(text)
+    Ok(builder.with_config_entry("session.model_external_initializers_file_folder_path", nowhere)?)
 }
 
 fn named(outlets: &[Outlet]) -> Vec<(&str, &ValueType)> {

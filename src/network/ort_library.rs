@@ -113,13 +113,34 @@ impl OrtLibrary {
         })
     }
 
+    /// The file that [`Self::load`] loads.
     #[cfg(feature = "load-dynamic")]
+    fn file(provider: ExecutionProvider, path: Option<&Path>) -> Result<PathBuf, OrtLibraryError> {
+        let named = path.map(Path::to_path_buf).or_else(|| {
+            let variable = std::env::var_os("ORT_DYLIB_PATH").filter(|value| !value.is_empty());
+            variable.map(PathBuf::from)
+        });
+        let folders =
+            ["/usr/local/lib", "/usr/lib", "/usr/lib64", "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu"];
+        let of_system = || folders.iter().find_map(|folder| Self::find_in(Path::new(folder), provider));
+        let library = named.or_else(of_system).ok_or_else(|| {
+            let looked_in = "ORT_DYLIB_PATH, system library folders".to_owned();
+            OrtLibraryError::NotFound { provider, looked_in }
+        })?;
+        Ok(std::path::absolute(&library).unwrap_or(library))
+    }
+
+    /// What stands for the library linked at build time; `path` must not be given.
+    #[cfg(not(feature = "load-dynamic"))]
+    fn file(_: ExecutionProvider, path: Option<&Path>) -> Result<PathBuf, OrtLibraryError> {
+        let loaded = PathBuf::from("(linked at build time)");
+        path.map_or(Ok(loaded.clone()), |asked| {
+            Err(OrtLibraryError::AlreadyLoaded { asked: asked.to_path_buf(), loaded })
+        })
+    }
+
     fn load_library(provider: ExecutionProvider, path: Option<&Path>) -> Result<Self, OrtLibraryError> {
-        let library = match path.map(Path::to_path_buf).or_else(from_environment) {
-            Some(named) => named,
-            None => find(provider)?,
-        };
-        let library = std::path::absolute(&library).unwrap_or(library);
+        let library = Self::file(provider, path)?;
         let mut loaded = LOADED.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         if let Some(loaded) = loaded.as_ref() {
             if loaded.path == library {
@@ -128,29 +149,16 @@ impl OrtLibrary {
             return Err(OrtLibraryError::AlreadyLoaded { asked: library, loaded: loaded.path.clone() });
         }
         let unusable = |reason: String| OrtLibraryError::NotUsable { path: library.clone(), reason };
-        check_file(&library).map_err(unusable)?;
-        library_length::check(&library).map_err(unusable)?;
-        let builder = ort::init_from(&library).map_err(|e| unusable(e.to_string()))?;
+        #[cfg(feature = "load-dynamic")]
+        let builder = {
+            check_file(&library).map_err(unusable)?;
+            library_length::check(&library).map_err(unusable)?;
+            ort::init_from(&library).map_err(|e| unusable(e.to_string()))?
+        };
+        #[cfg(not(feature = "load-dynamic"))]
+        let builder = ort::init();
         let environment = build(builder).map_err(|e| unusable(e.to_string()))?;
         let library = Self { environment, path: library, provider };
-        *loaded = Some(library.clone());
-        Ok(library)
-    }
-
-    /// The library linked at build time; `library` must not be given.
-    #[cfg(not(feature = "load-dynamic"))]
-    fn load_library(provider: ExecutionProvider, library: Option<&Path>) -> Result<Self, OrtLibraryError> {
-        let linked = PathBuf::from("(linked at build time)");
-        if let Some(asked) = library {
-            return Err(OrtLibraryError::AlreadyLoaded { asked: asked.to_path_buf(), loaded: linked });
-        }
-        let mut loaded = LOADED.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        if let Some(library) = loaded.as_ref() {
-            return Ok(library.clone());
-        }
-        let unusable = |e: ort::Error| OrtLibraryError::NotUsable { path: linked.clone(), reason: e.to_string() };
-        let environment = build(ort::init()).map_err(unusable)?;
-        let library = Self { environment, path: linked, provider };
         *loaded = Some(library.clone());
         Ok(library)
     }
@@ -170,21 +178,4 @@ impl OrtLibrary {
 /// returned.
 fn build(builder: EnvironmentBuilder) -> ort::Result<Environment> {
     builder.with_name("liveview").with_telemetry(false).with_logger(Arc::new(|_, _, _, _, _| {})).build()
-}
-
-#[cfg(feature = "load-dynamic")]
-fn from_environment() -> Option<PathBuf> {
-    std::env::var_os("ORT_DYLIB_PATH").filter(|v| !v.is_empty()).map(PathBuf::from)
-}
-
-/// The system's library with that provider.
-#[cfg(feature = "load-dynamic")]
-fn find(provider: ExecutionProvider) -> Result<PathBuf, OrtLibraryError> {
-    let folders =
-        ["/usr/local/lib", "/usr/lib", "/usr/lib64", "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu"];
-    let found = folders.iter().find_map(|folder| OrtLibrary::find_in(Path::new(folder), provider));
-    found.ok_or_else(|| OrtLibraryError::NotFound {
-        provider,
-        looked_in: "ORT_DYLIB_PATH, system library folders".to_owned(),
-    })
 }
