@@ -144,11 +144,17 @@ impl Buffers {
 
     /// Whether any view covers any pixel of the target on the layer in `slot`.
     fn is_covered(&self, slot: usize, target: Size) -> bool {
-        let [pixels, samples, _] = self.lengths();
-        let views = self.coverage[slot * samples..][..samples].chunks_exact(pixels);
-        let mut rows = views
+        let mut rows = self
+            .coverage(slot)
+            .chunks_exact(self.size.pixels())
             .flat_map(|view| view.chunks_exact(self.size.width).take(target.height).map(|row| &row[..target.width]));
         rows.any(|row| row.iter().any(|&coverage| coverage > 0.0))
+    }
+
+    /// Coverage of the layer in `slot`, `[V, h, w]`.
+    fn coverage(&self, slot: usize) -> &[f32] {
+        let [_, samples, _] = self.lengths();
+        &self.coverage[slot * samples..][..samples]
     }
 
     /// Copies a layer to a slot whose layer is no longer needed.
