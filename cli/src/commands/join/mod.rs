@@ -101,10 +101,7 @@ fn video(mut encoder: Encoder, pictures: &[Picture]) -> Result<()> {
             return Err(Interrupted.into());
         }
         let loaded = image::load(&picture.file)?;
-        let first = *size.get_or_insert_with(|| {
-            encoder.set_size(loaded.size());
-            loaded.size()
-        });
+        let first = *size.get_or_insert_with(|| loaded.size());
         if loaded.size() != first {
             let (at, file, size) = (encoder.path().display(), picture.file.display(), loaded.size());
             bail!(

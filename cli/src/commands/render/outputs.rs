@@ -152,11 +152,11 @@ impl Outputs {
             }
             output_plan.named_file("-o", &record)?;
         }
-        if let Some(video) = &mut self.video {
+        if let Some(video) = &self.video {
             output_plan.file("-o", video.path())?;
             let sizes: HashSet<_> = pictures.iter().map(|(_, size)| *size).collect();
             match sizes.into_iter().collect::<Vec<_>>()[..] {
-                [size] => video.set_size(size),
+                [_] => (),
                 _ => bail!("-o {}: the pictures have different sizes; expected a folder", video.path().display()),
             }
         }

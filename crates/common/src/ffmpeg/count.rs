@@ -7,7 +7,6 @@ use std::process::Stdio;
 use anyhow::{Result, anyhow};
 
 use super::process::{Process, command};
-use super::program::detach;
 
 /// The number of frames of a video. ffmpeg reads its packets and decodes none.
 ///
@@ -19,7 +18,6 @@ pub fn count_frames(path: &Path) -> Result<usize> {
     let mut command = command(&format!("{at}: videos are read by ffmpeg, which is not on the PATH"))?;
     // Absolute: ffmpeg takes a name before a colon for a protocol.
     command.arg("-i").arg(std::path::absolute(path)?).args(["-map", "0:v:0", "-c", "copy", "-f", "framecrc", "-"]);
-    detach(&mut command);
     let mut process = Process::start(command.stdin(Stdio::null()).stdout(Stdio::piped()), None)?;
     let mut lines = BufReader::new(process.with_child(|child| child.stdout.take()).expect("piped"));
     // One line for each packet, which holds a frame, and comments.

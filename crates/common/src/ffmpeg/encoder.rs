@@ -11,7 +11,6 @@ use liveview::geometry::Size;
 
 use super::count::count_frames;
 use super::process::{Process, command};
-use super::program::detach;
 use crate::args::frame_rate::FrameRate;
 use crate::args::output::has_extension;
 use crate::console::print_message;
@@ -21,7 +20,6 @@ use crate::console::print_message;
 pub struct Encoder {
     path: PathBuf,
     rate: FrameRate,
-    size: Size,
     running: Option<RunningEncoder>,
 }
 
@@ -46,7 +44,7 @@ impl Encoder {
     /// frame.
     pub fn new(path: &Path, rate: FrameRate) -> Result<Self> {
         command_for(path)?;
-        Ok(Self { path: path.to_owned(), rate, size: Size::default(), running: None })
+        Ok(Self { path: path.to_owned(), rate, running: None })
     }
 
     /// The file to write.
@@ -54,26 +52,23 @@ impl Encoder {
         &self.path
     }
 
-    /// Sets the size of all frames, in pixels, before the first one.
-    pub fn set_size(&mut self, size: Size) {
-        self.size = size;
-    }
-
-    /// Writes a frame of the size given to [`Self::set_size`].
+    /// Writes a frame; all have the size of the first.
     pub fn add(&mut self, picture: &ImageRgb) -> Result<()> {
         let running = match self.running.take() {
             Some(running) => running,
-            None => self.start()?,
+            None => self.start(picture.size())?,
         };
         let RunningEncoder { process, input, frames, .. } = self.running.insert(running);
         *frames += 1;
         let bytes = picture.to_rgb8();
-        match process
-            .waiting(|| input.as_mut().map_or(Err(ErrorKind::BrokenPipe.into()), |pipe| pipe.write_all(&bytes)))
-        {
-            Ok(()) => Ok(()),
-            Err(_) => Err(self.failure()),
+        let written =
+            process.waiting(|| input.as_mut().map_or(Err(ErrorKind::BrokenPipe.into()), |pipe| pipe.write_all(&bytes)));
+        if written.is_err() {
+            // ffmpeg exits at the end of its input.
+            *input = None;
+            bail!("-o {}: {}", self.path.display(), process.failure());
         }
+        Ok(())
     }
 
     /// Waits for ffmpeg to finish, checks the file and renames it.
@@ -101,12 +96,12 @@ impl Encoder {
         anyhow!("-o {}: cannot be written: {error}", self.path.display())
     }
 
-    fn start(&self) -> Result<RunningEncoder> {
+    fn start(&self, size: Size) -> Result<RunningEncoder> {
         let file = AtomicFile::create(&self.path).map_err(|error| self.write_error(&error))?;
         // Absolute, because ffmpeg takes a relative path such as `a:b` for a protocol and an
         // address.
         let temporary = std::path::absolute(file.temporary())?;
-        let Size { width, height } = self.size;
+        let Size { width, height } = size;
         let gif = has_extension(&self.path, &["gif"]);
         let mut command = command_for(&self.path)?;
         command.args(["-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
@@ -132,19 +127,10 @@ impl Encoder {
                 "17",
             ]);
         }
-        detach(&mut command);
         command.arg(&temporary).stdin(Stdio::piped()).stdout(Stdio::null());
         let process = Process::start(&mut command, Some(&temporary))?;
         let input = process.with_child(|child| child.stdin.take());
         Ok(RunningEncoder { process, input, file, frames: 0 })
-    }
-
-    fn failure(&mut self) -> anyhow::Error {
-        let failure = self.running.as_mut().map(|running| {
-            drop(running.input.take());
-            running.process.failure()
-        });
-        anyhow!("-o {}: {}", self.path.display(), failure.unwrap_or_default())
     }
 }
 

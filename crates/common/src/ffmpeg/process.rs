@@ -10,7 +10,6 @@ use std::time::Duration;
 
 use anyhow::{Result, anyhow};
 
-use super::program::program;
 use crate::interrupt;
 
 /// How long ffmpeg may be idle while the program waits for it.
@@ -51,6 +50,12 @@ impl Process {
     }
 
     fn start_with(command: &mut Command, file: Option<&Path>, max_idle: Duration) -> Result<Self> {
+        // In a process group of its own if this program handles Ctrl-C, so that a Ctrl-C in the terminal does not end
+        // ffmpeg as well: it exits at the end of its input, or is killed.
+        #[cfg(unix)]
+        if interrupt::is_watched() {
+            std::os::unix::process::CommandExt::process_group(command, 0);
+        }
         let program = command.get_program().to_owned();
         let mut child = command
             .stderr(Stdio::piped())
@@ -183,8 +188,10 @@ fn messages(mut pipe: ChildStderr) -> String {
 
 /// A command for ffmpeg; the error `missing` if it is not installed.
 pub fn command(missing: &str) -> Result<Command> {
-    let program = program().ok_or_else(|| anyhow!("{missing}"))?;
-    let mut command = Command::new(program);
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    let name = format!("ffmpeg{}", std::env::consts::EXE_SUFFIX);
+    let mut programs = std::env::split_paths(&folders).map(|folder| folder.join(&name)).filter(|file| file.is_file());
+    let mut command = Command::new(programs.next().ok_or_else(|| anyhow!("{missing}"))?);
     command.args(["-v", "error", "-nostdin"]);
     Ok(command)
 }

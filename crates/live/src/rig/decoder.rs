@@ -8,7 +8,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use liveview::ImageRgb;
 use liveview::geometry::{MAX_SIDE, Size};
 use liveview_common::args::frame_rate::FrameRate;
-use liveview_common::ffmpeg::{Process, ProcessHandle, command, detach};
+use liveview_common::ffmpeg::{Process, ProcessHandle, command};
 
 /// A video that is being read. ffmpeg writes each frame as a portable pixmap (PPM), whose header holds the size.
 #[derive(Debug)]
@@ -32,7 +32,6 @@ impl Decoder {
         let mut command = command(&format!("{}: videos are read by ffmpeg, which is not on the PATH", path.display()))?;
         // Absolute: ffmpeg takes a name before a colon for a protocol.
         command.arg("-i").arg(std::path::absolute(path)?).arg("-an").args(options).arg("-");
-        detach(&mut command);
         let process = Process::start(command.stdin(Stdio::null()).stdout(Stdio::piped()), None)?;
         let pipe = process.with_child(|child| child.stdout.take()).expect("piped");
         Ok(Self { path: path.to_owned(), process, pipe: BufReader::with_capacity(1 << 16, pipe) })

@@ -27,7 +27,7 @@ const RENDER_SHARE: f64 = 0.9;
 
 /// Runs `liveview video`.
 pub fn run(args: &VideoArgs) -> Result<Output> {
-    let mut sink = Sink::new(&args.output, args.fps)?;
+    let sink = Sink::new(&args.output, args.fps)?;
     let rig = Rig::open(&args.scene)?;
     print_notes(&rig.views.scene().notes);
     let viewpoint = args.viewpoint.resolve(&rig.views)?;
@@ -48,7 +48,6 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
     let runs = renderers.iter().filter_map(|renderer| renderer.network().run_end()).collect();
     let cameras = rig.views.scene().views.iter().map(|view| view.camera.clone()).collect();
     let mut session = LiveSession::new(cameras, renderers, settings)?;
-    let target = viewpoint.camera(0);
     let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
     let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
     let (first, last) = args.frames.as_ref().map_or((0, all), |range| (range.start, range.end.min(all)));
@@ -58,7 +57,7 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
     let mut output_plan = OutputPlan::new(rig.views.scene());
     output_plan.protect("--poses", args.viewpoint.poses());
     args.model.protect(&mut output_plan, model.path());
-    sink.plan_outputs(&mut output_plan, target.size())?;
+    sink.plan_outputs(&mut output_plan)?;
     args.log.iter().try_for_each(|log| output_plan.file("--log", log))?;
     output_plan.prepare()?;
     let stop = interrupt::watch(runs)?;

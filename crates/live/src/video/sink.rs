@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use liveview::ImageRgb;
-use liveview::geometry::Size;
 use liveview_common::args::frame_rate::FrameRate;
 use liveview_common::ffmpeg::{Encoder, is_video};
 use liveview_common::outputs::{OutputPlan, note_other_pictures};
@@ -44,8 +43,8 @@ impl Sink {
         Ok(Self::Folder { path: path.to_owned(), frames: 0 })
     }
 
-    /// Adds the output to the plan, for frames of a size. A folder inside the rig's is refused.
-    pub(super) fn plan_outputs(&mut self, output_plan: &mut OutputPlan, size: Size) -> Result<()> {
+    /// Adds the output to the plan. A folder inside the rig's is refused.
+    pub(super) fn plan_outputs(&self, output_plan: &mut OutputPlan) -> Result<()> {
         match self {
             Self::Folder { path, .. } => {
                 if output_plan.in_scene(path) {
@@ -53,10 +52,7 @@ impl Sink {
                 }
                 output_plan.frames("-o", path, FRAME_PREFIX, &frame(path, 0))
             }
-            Self::Video(video) => {
-                video.set_size(size);
-                output_plan.file("-o", video.path())
-            }
+            Self::Video(video) => output_plan.file("-o", video.path()),
             Self::Y4m { .. } => Ok(()),
         }
     }
