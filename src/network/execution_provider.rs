@@ -7,7 +7,7 @@ use ort::ep::ExecutionProviderDispatch;
 use ort::ep::{self, ExecutionProvider as _};
 
 /// An execution provider of ONNX Runtime.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum ExecutionProvider {
     /// ONNX Runtime's CPU provider, which every build of it has.

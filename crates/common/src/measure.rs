@@ -20,11 +20,9 @@ pub struct Times {
     pub stages: StageTimes,
 }
 
-const STAGES: usize = 6;
-
 impl Times {
     /// The name and time of each stage.
-    pub fn stages(&self) -> [(&'static str, Duration); STAGES] {
+    pub fn stages(&self) -> [(&'static str, Duration); 6] {
         let Self { photos, depth, select, weighting, stages } = *self;
         [
             ("photos", photos),

@@ -63,20 +63,15 @@ enum Quality {
     Fast,
 }
 
-impl From<Quality> for LayerSpec {
-    fn from(quality: Quality) -> Self {
-        match quality {
-            Quality::Surface => ViewAgreement::LAYERS,
-            Quality::Paper => Self::PAPER,
-            Quality::Fast => Self::guided(1),
-        }
-    }
-}
-
 impl LayerChoice {
     /// The layers of `--layers` or `--quality`, if given.
     pub fn given(&self) -> Option<LayerSpec> {
-        self.layers.clone().or_else(|| self.quality.map(Into::into))
+        let of_quality = |quality| match quality {
+            Quality::Surface => ViewAgreement::LAYERS,
+            Quality::Paper => LayerSpec::PAPER,
+            Quality::Fast => LayerSpec::guided(1),
+        };
+        self.layers.clone().or_else(|| self.quality.map(of_quality))
     }
 }
 

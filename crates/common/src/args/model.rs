@@ -11,14 +11,14 @@ use liveview::{LayerSpec, Model, ModelOptions};
 
 use super::help::ADVANCED;
 use super::model_info::{ModelInfo, OpenedModel};
-use super::model_names::{AlphaName, NetworkName, PrecisionName, ProviderChoice, ProviderName};
+use super::model_names::{AlphaName, NetworkName, PrecisionName, ProviderChoice, provider_parser};
 use super::numbers;
 use crate::console::print_message;
 use crate::ort_wheel::wheel;
 use crate::outputs::OutputPlan;
 
 /// Options that choose the model and how it is run.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, Args)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Hash, Args)]
 pub struct ModelArgs {
     /// Number of photos per picture; selects the model [default: 4, or as --model]
     #[arg(long, value_name = "V", value_parser = numbers::count)]
@@ -42,8 +42,8 @@ pub struct ModelArgs {
     #[arg(long, value_enum, help_heading = ADVANCED, hide_short_help = true)]
     alpha: Option<AlphaName>,
     /// Execution provider of ONNX Runtime that runs the network [default: cpu]
-    #[arg(long, value_enum, help_heading = ADVANCED, hide_short_help = true)]
-    engine: Option<ProviderName>,
+    #[arg(long, value_parser = provider_parser(), help_heading = ADVANCED, hide_short_help = true)]
+    engine: Option<ExecutionProvider>,
     /// Precision of the network [default: the model's]
     #[arg(long, value_enum, help_heading = ADVANCED, hide_short_help = true)]
     precision: Option<PrecisionName>,
@@ -94,19 +94,6 @@ impl ModelArgs {
         given.into_iter().find_map(|(option, given)| given.then_some(option))
     }
 
-    /// Refuses `--network none` with an option that only a network has a use for.
-    fn check_network(&self) -> Result<()> {
-        match self.option_of_network().filter(|_| self.without_network()) {
-            Some(option) => bail!("{option}: cannot be used with --network none"),
-            None => Ok(()),
-        }
-    }
-
-    /// The execution provider.
-    fn engine(&self) -> ProviderName {
-        self.engine.unwrap_or(ProviderName::Cpu)
-    }
-
     /// These options with a network, unless it is ruled out; with another engine and precision if
     /// given.
     pub fn with_network(&self, other: Option<ProviderChoice>) -> Self {
@@ -122,12 +109,9 @@ impl ModelArgs {
         Self {
             views: Some(views),
             network: Some(NetworkName::None),
-            model: None,
-            alpha: None,
-            engine: None,
-            precision: None,
-            ort_lib: None,
-            ..self.clone()
+            threads: self.threads,
+            batch: self.batch,
+            ..Self::default()
         }
     }
 
@@ -144,27 +128,15 @@ impl ModelArgs {
         self.views_and_threads().threads_or_default()
     }
 
-    /// Starts the threads for everything but the network, before any other work; only the first
-    /// call in a process has an effect. Returns their number.
-    pub fn set_threads(&self) -> Result<usize> {
-        static SET: Mutex<bool> = Mutex::new(false);
-        let threads = self.threads();
-        let mut set = SET.lock().unwrap_or_else(PoisonError::into_inner);
-        if !*set {
-            start_threads(threads)?;
-            *set = true;
-        }
-        Ok(threads)
-    }
-
     /// Number of views as given, else the default.
-    pub fn views_or_default(&self) -> usize {
+    fn views_or_default(&self) -> usize {
         self.views_and_threads().views_or_default()
     }
 
     fn options(&self) -> Result<ModelOptions> {
         let bf16 = self.precision == Some(PrecisionName::Bf16);
-        if bf16 && !ExecutionProvider::from(self.engine()).supports_bf16() {
+        let provider = self.engine.unwrap_or_default();
+        if bf16 && !provider.supports_bf16() {
             bail!("--precision bf16: expected --engine {}, the only one that supports it", ExecutionProvider::OpenVino);
         }
         let mut options = self.views_and_threads();
@@ -174,16 +146,18 @@ impl ModelArgs {
         }
         options.quantized = self.precision == Some(PrecisionName::Int8);
         options.alpha = self.alpha.map(Into::into);
-        options.provider = self.engine().into();
+        options.provider = provider;
         options.precision = if bf16 { Precision::Bf16 } else { Precision::F32 };
-        options.library = self.ort_lib.clone().or_else(|| wheel(options.provider));
+        options.library = self.ort_lib.clone().or_else(|| wheel(provider));
         options.batch = self.batch;
         Ok(options)
     }
 
     /// Opens the model for these layers; without a network, no model.
     pub fn open_for(&self, layers: Option<&LayerSpec>) -> Result<(Renderer, ModelInfo)> {
-        self.check_network()?;
+        if let Some(option) = self.option_of_network().filter(|_| self.without_network()) {
+            bail!("{option}: cannot be used with --network none");
+        }
         let (renderer, model) = if self.uses_network(layers) {
             let model = self.open_model(layers)?;
             let opened = OpenedModel::new(&model);
@@ -191,7 +165,9 @@ impl ModelArgs {
         } else {
             (self.renderer_without_network(self.views_or_default()), None)
         };
-        Ok((renderer, ModelInfo { model, threads: self.set_threads()?, batch: self.batch }))
+        let threads = self.threads();
+        start_threads(threads)?;
+        Ok((renderer, ModelInfo { model, threads, batch: self.batch }))
     }
 
     /// A renderer that weights views and layers by the agreement of the views.
@@ -245,8 +221,14 @@ impl ModelArgs {
     }
 }
 
-/// Starts the threads for everything but the network; once per process, before any other work.
+/// Starts the threads for everything but the network, before any other work; only the first call in a process has an
+/// effect.
 pub fn start_threads(threads: usize) -> Result<()> {
+    static STARTED: Mutex<bool> = Mutex::new(false);
+    let mut started = STARTED.lock().unwrap_or_else(PoisonError::into_inner);
+    if *started {
+        return Ok(());
+    }
     check_threads(threads).with_context(|| format!("--threads {threads}"))?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
     // The rendering thread joins the pool: it then need not sleep and wake at each stage, which
@@ -254,5 +236,7 @@ pub fn start_threads(threads: usize) -> Result<()> {
     // another thread that uses the pool, to undistort a photo, would wait for it while it waits for
     // that photo.
     let pool = if threads > 1 { pool.use_current_thread() } else { pool };
-    Ok(pool.build_global()?)
+    pool.build_global()?;
+    *started = true;
+    Ok(())
 }

@@ -3,6 +3,7 @@
 use std::str::FromStr;
 
 use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use liveview::network::{AlphaKind, ExecutionProvider};
 
 /// Values of `--network`.
@@ -30,24 +31,16 @@ impl From<AlphaName> for AlphaKind {
     }
 }
 
-/// Values of `--engine`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, ValueEnum)]
-pub(super) enum ProviderName {
-    Cpu,
-    Openvino,
-    Cuda,
-    Tensorrt,
+/// Parses the value of `--engine`: the name of an execution provider.
+pub(super) fn provider_parser() -> impl TypedValueParser<Value = ExecutionProvider> {
+    let names = ExecutionProvider::ALL.map(ExecutionProvider::name);
+    PossibleValuesParser::new(names).try_map(|name| provider(&name))
 }
 
-impl From<ProviderName> for ExecutionProvider {
-    fn from(name: ProviderName) -> Self {
-        match name {
-            ProviderName::Cpu => Self::Cpu,
-            ProviderName::Openvino => Self::OpenVino,
-            ProviderName::Cuda => Self::Cuda,
-            ProviderName::Tensorrt => Self::TensorRt,
-        }
-    }
+/// The provider of a name in lower or upper case.
+fn provider(name: &str) -> Result<ExecutionProvider, String> {
+    let named = |provider: &ExecutionProvider| provider.name().eq_ignore_ascii_case(name);
+    ExecutionProvider::ALL.into_iter().find(named).ok_or_else(|| format!("invalid variant: {name}"))
 }
 
 /// Values of `--precision`.
@@ -64,7 +57,7 @@ pub(super) enum PrecisionName {
 /// An engine and a precision, such as `openvino int8`.
 #[derive(Debug, Clone, Copy)]
 pub struct ProviderChoice {
-    pub(super) engine: ProviderName,
+    pub(super) engine: ExecutionProvider,
     pub(super) precision: Option<PrecisionName>,
 }
 
@@ -74,6 +67,6 @@ impl FromStr for ProviderChoice {
     fn from_str(text: &str) -> Result<Self, String> {
         let (engine, precision) = text.trim().split_once(' ').map_or((text.trim(), None), |(e, p)| (e, Some(p)));
         let precision = precision.map(|precision| PrecisionName::from_str(precision, true)).transpose()?;
-        Ok(Self { engine: ProviderName::from_str(engine, true)?, precision })
+        Ok(Self { engine: provider(engine)?, precision })
     }
 }

@@ -118,22 +118,18 @@ impl TargetArgs {
 
     /// The targets in a scene; prints a note if the axes of a file had to be assumed.
     pub fn resolve(&self, views: &SceneViews) -> Result<Targets> {
-        let (targets, note) = self.targets_and_note(views)?;
-        print_notes(note.as_slice());
-        Ok(targets)
+        match self.camera_file() {
+            (_, Some(file)) => Ok(Targets::cameras(cameras_of(file, views)?)),
+            _ => self.targets_of_scene(views.scene()),
+        }
     }
 
     /// As [`Self::resolve`], without the note.
     pub fn resolve_silently(&self, views: &SceneViews) -> Result<Targets> {
-        Ok(self.targets_and_note(views)?.0)
-    }
-
-    fn targets_and_note(&self, views: &SceneViews) -> Result<(Targets, Option<String>)> {
-        if let (_, Some(file)) = self.camera_file() {
-            let CameraFile { cameras, note } = read(file, views)?;
-            return Ok((Targets::cameras(cameras), note));
+        match self.camera_file() {
+            (_, Some(file)) => Ok(Targets::cameras(read(file, views)?.cameras)),
+            _ => self.targets_of_scene(views.scene()),
         }
-        Ok((self.targets_of_scene(views.scene())?, None))
     }
 
     fn targets_of_scene(&self, scene: &Scene) -> Result<Targets> {
