@@ -3,15 +3,10 @@
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStdout, Command, Stdio};
 
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
-
-/// The program and arguments of a command line without quotes.
-pub(crate) fn words(command: &str) -> Vec<OsString> {
-    command.split_whitespace().map(OsString::from).collect()
-}
 
 /// A path as text for a worker; JSON holds only UTF-8.
 pub(crate) fn text_of(path: &Path) -> Result<&str> {
@@ -21,7 +16,6 @@ pub(crate) fn text_of(path: &Path) -> Result<&str> {
 /// A process that answers requests. Dropping it waits for its end.
 pub(crate) struct WorkerProcess {
     process: Child,
-    to: Option<ChildStdin>,
     from: BufReader<ChildStdout>,
     name: String,
 }
@@ -34,8 +28,8 @@ impl WorkerProcess {
         let mut command = Command::new(program);
         command.args(args).stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut process = command.spawn().with_context(|| format!("{}: cannot be started", program.display()))?;
-        let (Some(to), Some(from)) = (process.stdin.take(), process.stdout.take()) else { unreachable!("both piped") };
-        let mut worker = Self { process, to: Some(to), from: BufReader::new(from), name: name.to_owned() };
+        let from = BufReader::new(process.stdout.take().expect("piped"));
+        let mut worker = Self { process, from, name: name.to_owned() };
         if let Some(job) = job {
             worker.send(job)?;
         }
@@ -50,7 +44,7 @@ impl WorkerProcess {
     }
 
     fn send(&mut self, line: &Value) -> Result<()> {
-        let Some(to) = &mut self.to else { unreachable!("closed only when dropped") };
+        let to = self.process.stdin.as_mut().expect("piped");
         let sent = writeln!(to, "{line}").and_then(|()| to.flush());
         sent.with_context(|| format!("{}: ended unexpectedly", self.name))
     }
@@ -70,9 +64,8 @@ impl WorkerProcess {
 }
 
 impl Drop for WorkerProcess {
-    /// Closes the process's input, which ends it, and waits; if waiting fails, kills it.
+    /// Waits, which closes the process's input and so ends it; if waiting fails, kills it.
     fn drop(&mut self) {
-        self.to = None;
         if self.process.wait().is_err() {
             let _ = self.process.kill();
         }

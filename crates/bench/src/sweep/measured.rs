@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use liveview::ImageRgb;
-use liveview::image::{Score, psnr, ssim};
+use liveview::image::Score;
 use ndarray::Array3;
 use serde_json::json;
 
@@ -15,24 +15,25 @@ use crate::worker_process::{WorkerProcess, text_of};
 pub(super) struct Measured {
     worker: WorkerProcess,
     pub(super) row: Row,
-    /// The pictures of all targets, until they are scored.
-    pictures: Vec<ImageRgb>,
 }
 
 impl Measured {
     pub(super) fn new(worker: WorkerProcess, row: Row) -> Self {
-        Self { worker, row, pictures: Vec::new() }
+        Self { worker, row }
     }
 
-    /// Renders every target once and keeps the pictures; a reference implementation renders only the first.
-    pub(super) fn warm_up(&mut self, targets: usize, folder: &Path) -> Result<()> {
-        let targets = if self.row.reference { 1 } else { targets };
-        for target in 0..targets {
+    /// Renders every target once and scores the pictures against the photos; a reference implementation renders only the
+    /// first.
+    pub(super) fn warm_up(&mut self, truths: &[ImageRgb], folder: &Path) -> Result<()> {
+        let truths = if self.row.reference { &truths[..1] } else { truths };
+        let mut scores = Vec::new();
+        for (target, truth) in truths.iter().enumerate() {
             let frame = folder.join("frame.npy");
             let answer = self.worker.ask(&json!({ "run": true, "target": target, "frame": text_of(&frame)? }))?;
             let pixels: Array3<f32> = ndarray_npy::read_npy(&frame).context("a worker's picture cannot be read")?;
             let (height, width, _) = pixels.dim();
-            self.pictures.push(ImageRgb::new(width, height, pixels.iter().copied().collect())?);
+            let picture = ImageRgb::new(width, height, pixels.iter().copied().collect())?;
+            scores.push(Score::of(&picture, truth));
             if target == 0 {
                 let stage = if self.row.along_surface() { "depth" } else { "select" };
                 self.row.once = answer["seconds"][stage].as_f64().unwrap_or(0.0);
@@ -41,6 +42,12 @@ impl Measured {
                 self.row.count = count as usize;
             }
         }
+        let scored: Option<Vec<Score>> = scores.into_iter().collect();
+        let mean = |scores: Vec<Score>| {
+            let mean_of = |of: fn(&Score) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
+            Score { psnr: mean_of(|score| score.psnr), ssim: mean_of(|score| score.ssim) }
+        };
+        self.row.score = scored.map(mean).filter(|score| score.psnr.is_finite() && score.ssim.is_finite());
         Ok(())
     }
 
@@ -64,19 +71,5 @@ impl Measured {
             self.row.once = (self.row.once - surface.unwrap_or(0.0)).max(0.0);
         }
         self.row
-    }
-
-    /// Scores the pictures against the photos, then drops them.
-    pub(super) fn score(&mut self, truths: &[ImageRgb]) {
-        let count = self.pictures.len() as f64;
-        let mean = |of: &dyn Fn(&ImageRgb, &ImageRgb) -> f64| {
-            self.pictures.iter().zip(truths).map(|(picture, truth)| of(picture, truth)).sum::<f64>() / count
-        };
-        let score = Score {
-            psnr: mean(&|picture, truth| psnr(picture, truth, Score::BORDER)),
-            ssim: mean(&|picture, truth| ssim(picture, truth, Score::BORDER)),
-        };
-        self.row.score = Some(score).filter(|score| score.psnr.is_finite() && score.ssim.is_finite());
-        self.pictures.clear();
     }
 }

@@ -31,7 +31,7 @@ use serde_json::{Value, json};
 use worker::scaled;
 
 use crate::npz::Arrays;
-use crate::worker_process::{WorkerProcess, text_of, words};
+use crate::worker_process::{WorkerProcess, text_of};
 
 /// Engines of `python -m liveview_ref.competitors.worker`.
 const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
@@ -79,8 +79,7 @@ pub fn run(args: &SweepArgs) -> Result<Output> {
         bar.inc_length((measured.len() * (args.repetitions + 1)) as u64);
         for one in &mut measured {
             bar.set_message(one.row.name());
-            one.warm_up(truths.len(), folder.path())?;
-            one.score(&truths);
+            one.warm_up(&truths, folder.path())?;
             bar.inc(1);
         }
         all.extend(measured);
@@ -143,7 +142,7 @@ fn worker_command(number: usize, views: usize) -> Result<Vec<OsString>> {
     Ok(command)
 }
 
-/// The reference implementations, on the most planes.
+/// The reference implementations, on the most planes; `command` has no quotes.
 fn references(
     args: &SweepArgs,
     command: &str,
@@ -164,7 +163,7 @@ fn references(
     write_job(&file, scene_views, &shot, planes)?;
     let model = args.model.general_file()?;
     let weights = model.with_extension("pt");
-    let words = words(command);
+    let words: Vec<OsString> = command.split_whitespace().map(OsString::from).collect();
     let start = |engine: &str| {
         let job = json!({
             "job": text_of(&file)?, "model": text_of(&model)?, "weights": weights.is_file().then(|| path_text(&weights)),

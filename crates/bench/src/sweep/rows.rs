@@ -2,13 +2,14 @@
 
 use liveview::geometry::Size;
 use liveview::image::Score;
-use liveview_common::statistics::quantile_of_sorted;
+use liveview_common::statistics::{quantile, quantile_of_sorted};
 use serde_json::{Value, json};
 
 /// Spread of the repetitions (interquartile range / median, median over the rows) above which times are unreliable.
 const MAX_SPREAD: f64 = 0.15;
 
 /// One configuration, with its run time and its error.
+#[derive(Default)]
 pub(crate) struct Row {
     /// Such as `guided:4`.
     pub(crate) layers: String,
@@ -35,11 +36,7 @@ impl Row {
             engine: ready["engine"].as_str().unwrap_or("unnamed").to_owned(),
             reference,
             size,
-            count: 0,
-            runs: Vec::new(),
-            once: 0.0,
-            score: None,
-            peak_memory_bytes: None,
+            ..Self::default()
         }
     }
 
@@ -68,8 +65,7 @@ impl Row {
         let of = |name: &String| {
             let mut times: Vec<f64> =
                 self.runs.iter().flatten().filter(|(stage, _)| stage == name).map(|&(_, time)| time).collect();
-            times.sort_by(f64::total_cmp);
-            (name.clone(), quantile_of_sorted(&times, 0.5))
+            (name.clone(), quantile(&mut times, 0.5))
         };
         names.map(of).filter(|&(_, time)| time > 0.0).collect()
     }
@@ -106,8 +102,7 @@ impl SweepReport {
     /// Whether the times of the repetitions differ too much.
     pub(crate) fn noisy(&self) -> bool {
         let mut spreads: Vec<f64> = self.rows.iter().map(Row::spread).collect();
-        spreads.sort_by(f64::total_cmp);
-        quantile_of_sorted(&spreads, 0.5) > MAX_SPREAD
+        quantile(&mut spreads, 0.5) > MAX_SPREAD
     }
 
     /// Whether a row is on the Pareto front: no other row of its size is at least as fast and as accurate, and better in one of these.
@@ -152,13 +147,12 @@ pub(crate) mod tests {
         Row {
             layers: layers.to_owned(),
             engine: "test".to_owned(),
-            reference: false,
             size: Size::new(40, 30),
             count,
             runs: times.iter().map(run).collect(),
-            once: 0.0,
             score: Some(Score { psnr, ssim: 0.5 }),
             peak_memory_bytes: Some(300_000_000),
+            ..Row::default()
         }
     }
 

@@ -8,7 +8,6 @@
 
 use std::io::BufRead;
 use std::path::Path;
-use std::time::Duration;
 
 use anyhow::{Result, anyhow};
 use liveview::fs::atomic::AtomicFile;
@@ -17,8 +16,7 @@ use liveview::{ImageRgb, LayerSpec, Plan, Shot, Targets};
 use liveview_common::args::targets::named;
 use liveview_common::console::{Output, path_text, send_line};
 use liveview_common::job::Job;
-use liveview_common::measure::{Times, peak_memory};
-use ndarray::ArrayView3;
+use liveview_common::measure::peak_memory;
 use ndarray_npy::WriteNpyExt;
 use serde_json::{Value, json};
 
@@ -90,27 +88,20 @@ impl Renders {
             save(path.as_ref(), &rendered.picture)?;
         }
         let weighting = self.job.model.weighting_stage();
-        let times = Times {
-            photos: Duration::ZERO,
-            depth: planned.search,
-            select: planned.selection,
-            weighting,
-            stages: rendered.times,
-        };
-        let seconds = times.stages().map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
+        let seconds = json!({
+            "depth": planned.search.as_secs_f64(), "select": planned.selection.as_secs_f64(),
+            "warp": rendered.times.warp.as_secs_f64(), (weighting): rendered.times.network.as_secs_f64(),
+            "composite": rendered.times.composite.as_secs_f64(),
+        });
         let layers = planned.layers.len();
         self.selected[target] = Some(planned.layers).filter(|_| matches!(self.job.layers(), LayerSpec::Select { .. }));
-        Ok(json!({
-            "seconds": seconds.into_iter().filter(|(stage, _)| stage != "photos").collect::<serde_json::Map<_, _>>(),
-            "layers": layers, "peak_memory_bytes": peak_memory(),
-        }))
+        Ok(json!({ "seconds": seconds, "layers": layers, "peak_memory_bytes": peak_memory() }))
     }
 }
 
 /// A picture as float32 `[height, width, 3]`.
 fn save(path: &Path, picture: &ImageRgb) -> Result<()> {
-    let pixels = ArrayView3::from_shape((picture.height(), picture.width(), 3), picture.data())?;
     let mut file = AtomicFile::create(path).map_err(|error| unwritten(path, error))?;
-    pixels.write_npy(&mut file).map_err(|error| unwritten(path, error))?;
+    picture.as_array().write_npy(&mut file).map_err(|error| unwritten(path, error))?;
     file.finish().map_err(|error| unwritten(path, error))
 }
