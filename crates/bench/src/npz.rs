@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Error, Result, anyhow};
 use liveview::fs::atomic::AtomicFile;
-use liveview::{Camera, ImageRgb, SceneViews, Shot};
+use liveview::{Camera, SceneViews, Shot};
 use liveview_common::interrupt::{self, Interrupted};
-use ndarray::{Array, Array1, Array3, Dimension};
+use ndarray::{Array, Array1, Dimension};
 use ndarray_npy::{NpzWriter, WritableElement};
 
 /// A .npz file being written.
@@ -29,7 +29,7 @@ impl Arrays {
         self.file.add_array(name, &array).map_err(|error| unwritten(&self.path, error))
     }
 
-    pub(crate) fn add_camera(&mut self, name: &str, camera: &Camera) -> Result<()> {
+    fn add_camera(&mut self, name: &str, camera: &Camera) -> Result<()> {
         let matrix = |m: glam::DMat3| Array::from_shape_fn((3, 3), |(row, column)| m.row(row)[column]);
         self.add(&format!("{name}.k"), matrix(camera.k()))?;
         self.add(&format!("{name}.rotation"), matrix(camera.rotation()))?;
@@ -40,7 +40,7 @@ impl Arrays {
     pub(crate) fn add_rig(&mut self, views: &SceneViews, shot: &Shot) -> Result<()> {
         for (index, &view) in shot.views.iter().enumerate() {
             self.add_camera(&format!("view{index}"), &views.scene().views[view].camera)?;
-            self.add_image(&format!("view{index}.image"), &views.scene().load_image(view)?)?;
+            self.add(&format!("view{index}.image"), views.scene().load_image(view)?.as_array().to_owned())?;
         }
         self.add_camera("target", &shot.target)?;
         self.add("target.size", Array1::from_vec(vec![shot.target.width() as i64, shot.target.height() as i64]))
@@ -50,10 +50,6 @@ impl Arrays {
     pub(crate) fn finish(self) -> Result<()> {
         let file = self.file.finish().map_err(|error| unwritten(&self.path, error))?;
         file.finish().map_err(|error| unwritten(&self.path, error))
-    }
-
-    pub(crate) fn add_image(&mut self, name: &str, image: &ImageRgb) -> Result<()> {
-        self.add(name, Array3::from_shape_vec((image.height(), image.width(), 3), image.data().to_vec())?)
     }
 }
 

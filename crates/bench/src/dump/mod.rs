@@ -1,6 +1,5 @@
 //! `liveview dump`: every stage of one render as arrays, for `python -m liveview_ref.parity`.
 
-mod photos;
 mod scene;
 mod search;
 mod surface;
@@ -22,7 +21,7 @@ use liveview_common::console::{Output, path_text, print_notes};
 use liveview_common::interrupt::{self, Interrupted};
 use liveview_common::job::Job;
 use liveview_common::outputs::OutputPlan;
-use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate, s};
+use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate};
 use serde_json::json;
 
 use crate::npz::Arrays;
@@ -63,8 +62,7 @@ struct Stages {
 impl Stages {
     fn add(&mut self, batch: &Batch<'_>) {
         let (n, views, height, width) = batch.logits.dim();
-        let mut alpha = Array3::zeros((n, height, width));
-        let mut rgb = Array4::zeros((n, 3, height, width));
+        let (mut alpha, mut rgb) = (Vec::new(), Vec::new());
         let flat = |all: ArrayView4<'_, f32>, k: usize| all.index_axis(Axis(0), k).iter().copied().collect::<Vec<_>>();
         for k in 0..n {
             let (logits, colour) = (flat(batch.logits, k), flat(batch.hwv, k));
@@ -74,12 +72,11 @@ impl Stages {
             let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage, logit_shift };
             let mut blended = Blended::new(height * width);
             batch.weights.blend(&samples, 0, &mut blended);
-            let plane = |values: Vec<f32>| Array::from_shape_vec((height, width), values).expect("one per pixel");
-            alpha.index_axis_mut(Axis(0), k).assign(&plane(blended.alpha));
-            for (c, values) in blended.rgb.into_iter().enumerate() {
-                rgb.slice_mut(s![k, c, .., ..]).assign(&plane(values));
-            }
+            alpha.extend(blended.alpha);
+            rgb.extend(blended.rgb.into_iter().flatten());
         }
+        let alpha = Array::from_shape_vec((n, height, width), alpha).expect("one per pixel");
+        let rgb = Array::from_shape_vec((n, 3, height, width), rgb).expect("three per pixel");
         self.maps.push(batch.disparity.to_owned());
         self.alpha.push(alpha);
         self.rgb.push(rgb);
@@ -179,13 +176,12 @@ fn write_search(found: SearchStages, arrays: &mut Arrays) -> Result<()> {
 
 /// Writes the layers: planes or maps on cells.
 fn write_layers(layers: &Layers, arrays: &mut Arrays) -> Result<()> {
-    let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
     let map = |layer: &Layer| if let Layer::Map(map) = layer { Some(map.clone()) } else { None };
     let maps: Vec<_> = layers.as_slice().iter().filter_map(map).collect();
     if !maps.is_empty() {
         return arrays.add("cell_maps", ndarray::stack(Axis(0), &maps.iter().map(|m| m.view()).collect::<Vec<_>>())?);
     }
-    let disparities: Vec<f64> = layers.as_slice().iter().filter_map(plane).collect();
+    let disparities = plane_disparities(layers);
     if disparities.is_empty() {
         // Layers given by pixel are written as the array `maps`.
         return Ok(());
@@ -193,11 +189,15 @@ fn write_layers(layers: &Layers, arrays: &mut Arrays) -> Result<()> {
     arrays.add("disparities", Array1::from_vec(disparities))
 }
 
+fn plane_disparities(layers: &Layers) -> Vec<f64> {
+    let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
+    layers.as_slice().iter().filter_map(plane).collect()
+}
+
 /// Writes the homographies of planes, `[D, V, 3, 3]`; of layers that follow something, those of the
 /// nearest and of the farthest depth.
 fn write_homography(layers: &Layers, shot: &LoadedShot, arrays: &mut Arrays) -> Result<()> {
-    let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
-    let mut disparities: Vec<f64> = layers.as_slice().iter().filter_map(plane).collect();
+    let mut disparities = plane_disparities(layers);
     if disparities.is_empty() {
         disparities = vec![1.0 / shot.shot().near, 1.0 / shot.shot().far];
     }
