@@ -21,7 +21,7 @@ use liveview_common::console::{Output, path_text, print_notes};
 use liveview_common::interrupt::{self, Interrupted};
 use liveview_common::job::Job;
 use liveview_common::outputs::OutputPlan;
-use ndarray::{Array, Array1, Array3, Array4, ArrayView4, Axis, Dimension, concatenate};
+use ndarray::{Array, Array1, Array3, Array4, ArrayD, ArrayView4, Axis, concatenate};
 use serde_json::json;
 
 use crate::npz::Arrays;
@@ -47,16 +47,15 @@ pub struct DumpArgs {
     scene: SceneArgs,
 }
 
+/// The names of the arrays of [`Stages`].
+const STAGES: [&str; 6] = ["maps", "colour", "coverage", "logits", "alpha", "rgb"];
+
 /// The stages of all layers of a render, near → far.
 #[derive(Default)]
 struct Stages {
-    maps: Vec<Array3<f32>>,
-    colour: Vec<Array4<f32>>,
-    coverage: Vec<Array4<f32>>,
-    logits: Vec<Array4<f32>>,
+    /// Of each batch, in the order of [`STAGES`].
+    batches: Vec<[ArrayD<f32>; STAGES.len()]>,
     logit_shift: Vec<f64>,
-    alpha: Vec<Array3<f32>>,
-    rgb: Vec<Array4<f32>>,
 }
 
 impl Stages {
@@ -77,25 +76,23 @@ impl Stages {
         }
         let alpha = Array::from_shape_vec((n, height, width), alpha).expect("one per pixel");
         let rgb = Array::from_shape_vec((n, 3, height, width), rgb).expect("three per pixel");
-        self.maps.push(batch.disparity.to_owned());
-        self.alpha.push(alpha);
-        self.rgb.push(rgb);
-        self.colour.push(batch.hwv.to_owned());
-        self.coverage.push(batch.coverage.to_owned());
-        self.logits.push(batch.logits.to_owned());
+        self.batches.push([
+            batch.disparity.to_owned().into_dyn(),
+            batch.hwv.to_owned().into_dyn(),
+            batch.coverage.to_owned().into_dyn(),
+            batch.logits.to_owned().into_dyn(),
+            alpha.into_dyn(),
+            rgb.into_dyn(),
+        ]);
         self.logit_shift.extend(batch.logit_shifts);
     }
 
     fn write(&self, arrays: &mut Arrays) -> Result<()> {
-        fn joined<D: Dimension + ndarray::RemoveAxis>(parts: &[Array<f32, D>]) -> Result<Array<f32, D>> {
-            Ok(concatenate(Axis(0), &parts.iter().map(|p| p.view()).collect::<Vec<_>>())?)
+        for (stage, name) in STAGES.iter().enumerate() {
+            let parts: Vec<_> = self.batches.iter().map(|batch| batch[stage].view()).collect();
+            arrays.add(name, concatenate(Axis(0), &parts)?)?;
         }
-        arrays.add("maps", joined(&self.maps)?)?;
-        arrays.add("colour", joined(&self.colour)?)?;
-        arrays.add("coverage", joined(&self.coverage)?)?;
-        arrays.add("logits", joined(&self.logits)?)?;
-        arrays.add("alpha", joined(&self.alpha)?)?;
-        arrays.add("rgb", joined(&self.rgb)?)
+        Ok(())
     }
 }
 
@@ -148,7 +145,7 @@ fn write(job: &mut Job, shot: &LoadedShot, of_surface: (PhotoCorrection, bool), 
     let mut stages = Stages::default();
     job.synthesizer.renderer_mut().set_skip_uncovered(false);
     let frame = job.synthesizer.render_plan(shot, &plan, Some(&mut |batch| stages.add(batch)))?;
-    ensure!(!stages.maps.is_empty(), "{}: no view covers any of it", shot.shot().name);
+    ensure!(!stages.batches.is_empty(), "{}: no view covers any of it", shot.shot().name);
     stages.write(arrays)?;
     match job.alpha() {
         Alpha::Competing { scale } => arrays.add("alpha_scale", Array1::from_vec(vec![scale]))?,
