@@ -13,15 +13,11 @@ use crate::worker_process::{WorkerProcess, text_of};
 
 /// A worker, with its measurements so far.
 pub(super) struct Measured {
-    worker: WorkerProcess,
+    pub(super) worker: WorkerProcess,
     pub(super) row: Row,
 }
 
 impl Measured {
-    pub(super) fn new(worker: WorkerProcess, row: Row) -> Self {
-        Self { worker, row }
-    }
-
     /// Renders every target once and scores the pictures against the photos; a reference implementation renders only the
     /// first.
     pub(super) fn warm_up(&mut self, truths: &[ImageRgb], folder: &Path) -> Result<()> {

@@ -71,7 +71,7 @@ pub fn run(args: &SweepArgs) -> Result<Output> {
             if let RowEngine::Own = engine {
                 own = ready.clone();
             }
-            measured.push(Measured::new(worker, Row::new(&name, &ready, false, size(&ready))));
+            measured.push(Measured { worker, row: Row::new(&name, &ready, false, size(&ready)) });
         }
         if let Some(command) = &args.reference {
             measured.extend(references(args, command, &photos, configurations[0].1.width, &own, folder.path())?);
@@ -170,7 +170,8 @@ fn references(
             "engine": engine, "threads": args.model.threads(), "batch": args.model.batch,
         });
         let (worker, ready) = WorkerProcess::start(engine, &words, Some(&job))?;
-        Ok(Measured::new(worker, Row { count: planes, ..Row::new(&format!("planes:{planes}"), &ready, true, size) }))
+        let row = Row { count: planes, ..Row::new(&format!("planes:{planes}"), &ready, true, size) };
+        Ok(Measured { worker, row })
     };
     REFERENCES.into_iter().map(start).collect()
 }
