@@ -63,7 +63,7 @@ impl fmt::Display for Alpha {
 }
 
 /// The name of an [`Alpha`] in options and model cards: without its numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum AlphaKind {
     /// [`Alpha::Independent`], or [`Alpha::PerPixel`] for a model that was trained for it.
     Independent,

@@ -57,20 +57,16 @@ pub fn path_text(path: &Path) -> String {
 /// The text with its control characters escaped: it may contain names from files, and a terminal
 /// would interpret them.
 pub fn escaped(text: &str) -> String {
-    escaped_except(text, None)
+    let mut escaped = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c.is_control() { escaped.extend(c.escape_default()) } else { escaped.push(c) }
+    }
+    escaped
 }
 
 /// As [`escaped`], except for line breaks.
 pub fn escaped_lines(text: &str) -> String {
-    escaped_except(text, Some('\n'))
-}
-
-fn escaped_except(text: &str, exception: Option<char>) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for c in text.chars() {
-        if c.is_control() && Some(c) != exception { escaped.extend(c.escape_default()) } else { escaped.push(c) }
-    }
-    escaped
+    text.split('\n').map(escaped).collect::<Vec<_>>().join("\n")
 }
 
 /// Prints a line on stderr; `eprintln` would panic if stderr is closed.

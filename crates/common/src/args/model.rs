@@ -5,13 +5,13 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use liveview::network::{ExecutionProvider, Precision, ViewAgreement, check_threads, cpu_has_bf16};
+use liveview::network::{AlphaKind, ExecutionProvider, Precision, ViewAgreement, check_threads, cpu_has_bf16};
 use liveview::render::Renderer;
 use liveview::{LayerSpec, Model, ModelOptions};
 
 use super::help::ADVANCED;
 use super::model_info::{ModelInfo, OpenedModel};
-use super::model_names::{AlphaName, NetworkName, PrecisionName, ProviderChoice, provider_parser};
+use super::model_names::{NetworkName, PrecisionName, ProviderChoice, alpha_parser, provider_parser};
 use super::numbers;
 use crate::console::print_message;
 use crate::ort_wheel::wheel;
@@ -39,8 +39,8 @@ pub struct ModelArgs {
     #[arg(long, value_name = "FILE", help_heading = ADVANCED, hide_short_help = true)]
     model: Option<PathBuf>,
     /// How the layers of a pixel share it [default: as the model was trained]
-    #[arg(long, value_enum, help_heading = ADVANCED, hide_short_help = true)]
-    alpha: Option<AlphaName>,
+    #[arg(long, value_parser = alpha_parser(), help_heading = ADVANCED, hide_short_help = true)]
+    alpha: Option<AlphaKind>,
     /// Execution provider of ONNX Runtime that runs the network [default: cpu]
     #[arg(long, value_parser = provider_parser(), help_heading = ADVANCED, hide_short_help = true)]
     engine: Option<ExecutionProvider>,
@@ -115,22 +115,14 @@ impl ModelArgs {
         }
     }
 
-    /// The library's options, with the given numbers of views and threads.
-    fn views_and_threads(&self) -> ModelOptions {
-        let mut options = ModelOptions::default();
-        options.views = self.views;
-        options.threads = self.threads;
-        options
-    }
-
     /// Number of threads as given, else one per core.
     pub fn threads(&self) -> usize {
-        self.views_and_threads().threads_or_default()
+        self.threads.unwrap_or_else(|| ModelOptions::default().threads_or_default())
     }
 
     /// Number of views as given, else the default.
     fn views_or_default(&self) -> usize {
-        self.views_and_threads().views_or_default()
+        self.views.unwrap_or_else(|| ModelOptions::default().views_or_default())
     }
 
     fn options(&self) -> Result<ModelOptions> {
@@ -139,13 +131,15 @@ impl ModelArgs {
         if bf16 && !provider.supports_bf16() {
             bail!("--precision bf16: expected --engine {}, the only one that supports it", ExecutionProvider::OpenVino);
         }
-        let mut options = self.views_and_threads();
+        let mut options = ModelOptions::default();
+        options.views = self.views;
+        options.threads = self.threads;
         options.file.clone_from(&self.model);
         if std::env::var_os("LIVEVIEW_MODELS").is_none_or(|folder| folder.is_empty()) {
             options.folders.push(std::env::current_dir().unwrap_or_default().join("models"));
         }
         options.quantized = self.precision == Some(PrecisionName::Int8);
-        options.alpha = self.alpha.map(Into::into);
+        options.alpha = self.alpha;
         options.provider = provider;
         options.precision = if bf16 { Precision::Bf16 } else { Precision::F32 };
         options.library = self.ort_lib.clone().or_else(|| wheel(provider));

@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use clap::ValueEnum;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use liveview::network::{AlphaKind, ExecutionProvider};
 
 /// Values of `--network`.
@@ -13,22 +13,14 @@ pub(super) enum NetworkName {
     Model,
 }
 
-/// Values of `--alpha`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, ValueEnum)]
-pub(super) enum AlphaName {
-    /// Each layer has its own opacity, as in the paper
-    Independent,
-    /// A softmax over all layers, so that faint false surfaces do not accumulate into haze
-    Competing,
-}
-
-impl From<AlphaName> for AlphaKind {
-    fn from(name: AlphaName) -> Self {
-        match name {
-            AlphaName::Independent => Self::Independent,
-            AlphaName::Competing => Self::Competing,
-        }
-    }
+/// Parses the value of `--alpha`.
+pub(super) fn alpha_parser() -> impl TypedValueParser<Value = AlphaKind> {
+    let names = [
+        ("independent", "Each layer has its own opacity, as in the paper"),
+        ("competing", "A softmax over all layers, so that faint false surfaces do not accumulate into haze"),
+    ];
+    let values = names.map(|(name, help)| PossibleValue::new(name).help(help));
+    PossibleValuesParser::new(values).try_map(|name| name.parse())
 }
 
 /// Parses the value of `--engine`: the name of an execution provider.
