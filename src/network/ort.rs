@@ -79,6 +79,7 @@ impl OrtNetwork {
         let mut builder = builder(library, path, threads, precision).map_err(failed_in_ort)?;
         let model = bounded::read(path, MAX_MODEL_BYTES).map_err(|e| failed(e.to_string()))?;
         let session = builder.commit_from_memory(&model).map_err(failed_in_ort)?;
+        drop((model, builder));
         let metadata = session.metadata().map_err(failed_in_ort)?;
         let card = read_card(path, |key| metadata.custom(key))?;
         drop(metadata);

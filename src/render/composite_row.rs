@@ -16,8 +16,8 @@ const ROWS_TOGETHER: usize = 8;
 /// Sums over layers for one row of the target.
 pub(super) trait CompositeRow: Send + Sync {
     /// Adds a row of a layer behind those added before: `index` is the layer's among all, near →
-    /// far, and `last` says whether it is the farthest; there is at least one of the `logits` 0 and
-    /// of the disparities (1/scene unit) per pixel.
+    /// far, and `last` says whether it is the farthest. `logits` are logits 0; these and the
+    /// disparities (1/scene unit) have at least one value per pixel.
     fn add_layer(&mut self, index: u32, last: bool, logits: &[f32], blended: &Blended, disparity: &[f32]);
 
     /// The composite.

@@ -11,6 +11,7 @@ pub(crate) struct LayerBand<'a> {
     /// Red, green, blue and coverage.
     pub(crate) planes: [&'a mut [f32]; 4],
     pub(crate) run_coverage: &'a mut [RunCoverage],
+    /// For each run a bit per pixel, set where the view is not occluded.
     pub(crate) seen: &'a mut [u64],
 }
 

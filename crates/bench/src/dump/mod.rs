@@ -1,5 +1,6 @@
 //! `liveview dump`: every stage of one render as arrays, for `python -m liveview_ref.parity`.
 
+mod photos;
 mod scene;
 mod search;
 mod surface;

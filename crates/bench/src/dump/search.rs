@@ -11,7 +11,7 @@ use liveview::{Camera, Scene, Shot};
 use ndarray::{Array, Array1, Array2, Dimension};
 use ndarray_npy::WritableElement;
 
-use super::surface::Photos;
+use super::photos::Photos;
 use crate::npz::Arrays;
 
 /// Planes of the second search per plane of the first.

@@ -10,30 +10,9 @@ use liveview::{Camera, LoadedShot, PhotoCorrection, Scene, Shot};
 use liveview_common::job::Job;
 use ndarray::{Array1, Array2};
 
-use super::scene::photos;
+use super::photos::Photos;
 use super::search::write_search;
 use crate::npz::Arrays;
-
-/// The photos of a shot with the depth that was found for them, and the range that was searched.
-pub(super) struct Photos {
-    pub(super) views: Vec<usize>,
-    pub(super) depths: Vec<PhotoDepth>,
-    pub(super) range: (f64, f64),
-}
-
-impl Photos {
-    /// As they were used for the layers of the shot.
-    fn of(job: &mut Job, shot: &Shot) -> Result<Self> {
-        let views: Vec<usize> = photos(shot).collect();
-        let (mut depths, mut range) = (Vec::new(), (shot.near, shot.far));
-        for &view in &views {
-            let depth = job.synthesizer.photos_mut().view_depth(view, &shot.held_out, &views)?;
-            range = depth.range;
-            depths.push((*depth.found).clone());
-        }
-        Ok(Self { views, depths, range })
-    }
-}
 
 /// Writes the depth of the photos and the surface at the target; with `search`, also how the depth
 /// was found, and all photos.
