@@ -36,7 +36,8 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// A camera from its intrinsics (pixels), image size (pixels) and pose (scene units).
+    /// A camera from its intrinsics (pixels), image size (pixels) and pose (`cam_from_world`, scene
+    /// units).
     ///
     /// The rotation is used as given, never re-orthonormalised, so that the Rust and the Python
     /// implementation compute from the same values.
@@ -49,17 +50,13 @@ impl Camera {
         intrinsics: Intrinsics,
         width: usize,
         height: usize,
-        cam_from_world_rotation: DMat3,
-        cam_from_world_translation: DVec3,
+        rotation: DMat3,
+        translation: DVec3,
     ) -> Result<Self, CameraError> {
-        let camera = Self {
-            intrinsics,
-            width,
-            height,
-            rotation: cam_from_world_rotation,
-            translation: cam_from_world_translation,
-        };
-        check_size(width, height)?;
+        let camera = Self { intrinsics, width, height, rotation, translation };
+        if ![width, height].iter().all(|side| (1..=MAX_SIDE).contains(side)) {
+            return Err(CameraError::Size { size: camera.size() });
+        }
         camera.check_intrinsics()?;
         camera.check_pose()?;
         Ok(camera)
@@ -216,14 +213,6 @@ impl Camera {
     /// [`CameraError`] if the pose is not finite or not a rotation.
     pub fn with_pose(&self, rotation: DMat3, translation: DVec3) -> Result<Self, CameraError> {
         Self::new(self.intrinsics, self.width, self.height, rotation, translation)
-    }
-}
-
-fn check_size(width: usize, height: usize) -> Result<(), CameraError> {
-    if (1..=MAX_SIDE).contains(&width) && (1..=MAX_SIDE).contains(&height) {
-        Ok(())
-    } else {
-        Err(CameraError::Size { width, height })
     }
 }
 

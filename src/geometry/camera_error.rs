@@ -1,6 +1,6 @@
 //! Why a camera was refused.
 
-use super::size::MAX_SIDE;
+use super::size::{MAX_SIDE, Size};
 
 /// Largest entry of `|R Rᵀ − I|` accepted for a rotation: pose files carry as few as three
 /// decimals.
@@ -46,11 +46,9 @@ pub enum CameraError {
         expected: &'static str,
     },
     /// A width or height of zero, or one beyond [`MAX_SIDE`].
-    #[error("the image size is {width}x{height}: each side must be 1 to {MAX_SIDE} pixels")]
+    #[error("the image size is {size}: each side must be 1 to {MAX_SIDE} pixels")]
     Size {
-        /// Width in pixels.
-        width: usize,
-        /// Height in pixels.
-        height: usize,
+        /// In pixels.
+        size: Size,
     },
 }

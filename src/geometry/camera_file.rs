@@ -5,30 +5,14 @@
 //! (pixels) where they differ from those of the nearest view, w and h together. The file contains
 //! one such object or a list of them, or a camera path of nerfstudio's viewer.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde_json::Value;
 
-use super::camera::{Camera, Intrinsics};
-use super::camera_error::CameraError;
-use super::matrix::split;
-use super::nerfstudio_axes::TrainedFromScene;
-use super::nerfstudio_path;
-use super::pose::cam_from_opengl_world;
+use super::camera_json::{CameraFileError, read_json, side, split_matrix};
+use super::nerfstudio::{self, TrainedFromScene};
 use super::view_selection::nearest_camera;
-use crate::fs::bounded;
-
-/// Why a file of cameras was refused.
-#[derive(Debug, thiserror::Error)]
-#[error("{}{}: {reason}", path.display(), index.map(|index| format!(": camera {index}")).unwrap_or_default())]
-pub struct CameraFileError {
-    /// The file.
-    pub path: PathBuf,
-    /// Which camera of its list.
-    pub index: Option<usize>,
-    /// What is wrong, and what was expected.
-    pub reason: String,
-}
+use super::{Camera, CameraError, Intrinsics, cam_from_opengl_world};
 
 /// The cameras of a file.
 #[derive(Debug)]
@@ -52,21 +36,18 @@ pub struct CameraFile {
 /// If there are no views.
 pub fn read_cameras(path: &Path, views: &[&Camera], scene: &Path) -> Result<CameraFile, CameraFileError> {
     let refused = |index, reason| CameraFileError { path: path.to_owned(), index, reason };
-    let bytes = bounded::read_text(path, bounded::MAX_JSON_BYTES);
-    let bytes = bytes.map_err(|error| refused(None, format!("cannot be read: {error}")))?;
-    let file: Value = serde_json::from_slice(&bytes).map_err(|error| refused(None, format!("not JSON: {error}")))?;
-    let path_frames = nerfstudio_path::frames(&file);
+    let file = read_json(path)?;
+    let path_frames = nerfstudio::frames(&file);
     let list = path_frames.or(file.as_array());
     let entries = list.map_or_else(|| std::slice::from_ref(&file), Vec::as_slice);
     if entries.is_empty() {
         return Err(refused(None, "the list of cameras is empty; expected at least one".to_owned()));
     }
-    let axes = path_frames.map(|_| TrainedFromScene::find(path, scene)).transpose();
-    let axes = axes.map_err(|(path, reason)| CameraFileError { path, index: None, reason })?;
+    let axes = path_frames.map(|_| TrainedFromScene::find(path, scene)).transpose()?;
     let read = |entry| match &axes {
         None => camera_from_json(entry, views),
-        Some(None) => nerfstudio_path::camera(&file, entry),
-        Some(Some(axes)) => axes.camera(&nerfstudio_path::camera(&file, entry)?).map_err(|error| error.to_string()),
+        Some(None) => nerfstudio::camera(&file, entry),
+        Some(Some(axes)) => axes.camera(&nerfstudio::camera(&file, entry)?).map_err(|error| error.to_string()),
     };
     let index = |index: usize| list.is_some().then_some(index);
     let cameras =
@@ -104,16 +85,19 @@ pub fn camera_from_json(entry: &Value, views: &[&Camera]) -> Result<Camera, Stri
     }
     let (rotation, translation) = match (entry.get("transform_matrix"), entry.get("cam_from_world")) {
         (Some(matrix), None) => {
-            let (axes, centre) = split(matrix, "transform_matrix", 4)?;
+            let (axes, centre) = split_matrix(matrix, "transform_matrix", 4)?;
             cam_from_opengl_world(axes, centre)
         }
-        (None, Some(matrix)) => split(matrix, "cam_from_world", 3)?,
+        (None, Some(matrix)) => split_matrix(matrix, "cam_from_world", 3)?,
         _ => return Err("expected either \"transform_matrix\" or \"cam_from_world\"".to_owned()),
     };
     let centre = -(rotation.transpose() * translation);
     let text = |error: CameraError| error.to_string();
     let like = views[nearest_camera(views, centre)].with_pose(rotation, translation).map_err(text)?;
-    let (width, height) = (side(entry, "w", like.width())?, side(entry, "h", like.height())?);
+    let (width, height) = match entry.get("w") {
+        Some(_) => (side(entry, "w")?, side(entry, "h")?),
+        None => (like.width(), like.height()),
+    };
     let sized = like.with_size_scaled(width, height).map_err(text)?;
     let Intrinsics { fx, fy, cx, cy, skew } = sized.intrinsics();
     let number = |key: &str, default: f64| match entry.get(key) {
@@ -125,10 +109,4 @@ pub fn camera_from_json(entry: &Value, views: &[&Camera]) -> Result<Camera, Stri
     let fy = number("fl_y", if entry.get("fl_x").is_some() { fx } else { fy })?;
     let intrinsics = Intrinsics { fx, fy, cx: number("cx", cx)?, cy: number("cy", cy)?, skew };
     Camera::new(intrinsics, sized.width(), sized.height(), rotation, translation).map_err(text)
-}
-
-fn side(entry: &Value, key: &str, default: usize) -> Result<usize, String> {
-    let Some(value) = entry.get(key) else { return Ok(default) };
-    let side = value.as_f64().filter(|side| side.fract() == 0.0 && (1.0..=1e6).contains(side));
-    Ok(side.ok_or_else(|| format!("{key} is {value}; expected a whole number of pixels"))? as usize)
 }

@@ -7,9 +7,8 @@ use std::str::FromStr;
 
 use glam::{DMat3, DVec3};
 
-use super::camera::Camera;
-use super::camera_error::CameraError;
 use super::view_selection::nearest_camera;
+use super::{Camera, CameraError};
 
 /// Largest number of frames of a path.
 const MAX_FRAMES: usize = 4096;
@@ -22,6 +21,7 @@ const SPIRAL_TURNS: f64 = 2.0;
 #[derive(Debug, Clone, Copy)]
 pub struct CameraPath {
     shape: Shape,
+    name: &'static str,
     frames: usize,
 }
 
@@ -44,31 +44,25 @@ enum Shape {
     Spiral,
 }
 
+/// The shapes, by their names.
+const SHAPES: [(&str, Shape); 3] = [("line", Shape::Line), ("circle", Shape::Circle), ("spiral", Shape::Spiral)];
+
 impl FromStr for CameraPath {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
         let (shape, frames) = text.split_once(':').unwrap_or((text, ""));
-        let shape = match shape {
-            "line" => Shape::Line,
-            "circle" => Shape::Circle,
-            "spiral" => Shape::Spiral,
-            _ => return Err("expected line:N, circle:N or spiral:N, with N frames".to_owned()),
-        };
+        let known = SHAPES.into_iter().find(|(name, _)| *name == shape);
+        let (name, shape) = known.ok_or("expected line:N, circle:N or spiral:N, with N frames")?;
         let frames = frames.parse().ok().filter(|frames| (1..=MAX_FRAMES).contains(frames));
         let wrong = || format!("N in {text}: expected a whole number from 1 to {MAX_FRAMES}");
-        Ok(Self { shape, frames: frames.ok_or_else(wrong)? })
+        Ok(Self { shape, name, frames: frames.ok_or_else(wrong)? })
     }
 }
 
 impl fmt::Display for CameraPath {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let shape = match self.shape {
-            Shape::Line => "line",
-            Shape::Circle => "circle",
-            Shape::Spiral => "spiral",
-        };
-        write!(f, "{shape}:{}", self.frames)
+        write!(f, "{}:{}", self.name, self.frames)
     }
 }
 

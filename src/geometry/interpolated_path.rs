@@ -2,8 +2,7 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::camera::Camera;
-use super::camera_error::CameraError;
+use super::{Camera, CameraError};
 
 /// `frames` cameras that pass through all of these in order, as many frames from each to the next:
 /// centres on a Catmull-Rom spline, rotations by the shortest turn. Intrinsics and size are those of

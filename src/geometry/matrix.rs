@@ -1,12 +1,9 @@
-//! Cameras from K and a pose as matrices, and such matrices in JSON.
+//! Cameras from K and a pose as matrices, such matrices in JSON, and poses with OpenGL's axes.
 
 use glam::{DMat3, DVec3};
 use serde_json::Value;
 
-use super::camera::{Camera, Intrinsics};
-use super::camera_error::CameraError;
-use super::pose::cam_from_opengl_world;
-use super::size::Size;
+use super::{Camera, CameraError, Intrinsics, Size};
 
 /// The last row of a pose.
 const LAST_ROW: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
@@ -63,21 +60,27 @@ fn parts([a, b, c, last]: [[f64; 4]; 4]) -> Result<(DMat3, DVec3), CameraError> 
     Ok((DMat3::from_cols(column(0), column(1), column(2)), column(3)))
 }
 
+/// `cam_from_world` (rotation, translation) with OpenCV axes, of a camera given by its axes (the
+/// columns of `axes`, OpenGL: x right, y up, z backwards) and its centre in the world.
+pub(crate) fn cam_from_opengl_world(axes: DMat3, centre: DVec3) -> (DMat3, DVec3) {
+    // The rows of `cam_from_world` are the columns of world from camera; y and z are opposite.
+    let rotation = DMat3::from_rows(axes.x_axis, -axes.y_axis, -axes.z_axis);
+    (rotation, -(rotation * centre))
+}
+
+/// The numbers of a JSON list of that length.
+pub(crate) fn json_numbers<const N: usize>(list: &Value) -> Option<[f64; N]> {
+    let numbers: Option<Vec<f64>> = list.as_array()?.iter().map(Value::as_f64).collect();
+    numbers?.try_into().ok()
+}
+
 /// The 3×3 part and the last column of a 4×4 matrix; the last row may be missing where `rows` is 3.
-pub(super) fn split(matrix: &Value, key: &str, rows: usize) -> Result<(DMat3, DVec3), String> {
-    let wrong = || {
-        format!(
-            "{key}: expected {} rows of 4 numbers, a fourth row being 0 0 0 1",
-            if rows == 3 { "3 or 4" } else { "4" }
-        )
-    };
-    let row = |row: &Value| -> Option<[f64; 4]> {
-        let numbers: Option<Vec<f64>> = row.as_array()?.iter().map(Value::as_f64).collect();
-        numbers?.try_into().ok()
-    };
-    let found: Option<Vec<[f64; 4]>> = matrix.as_array().ok_or_else(wrong)?.iter().map(row).collect();
-    let found = found.filter(|found| (rows..=4).contains(&found.len())).ok_or_else(wrong)?;
-    parts([found[0], found[1], found[2], found.get(3).copied().unwrap_or(LAST_ROW)]).map_err(|_| wrong())
+pub(crate) fn split_json_matrix(matrix: &Value, rows: usize) -> Option<(DMat3, DVec3)> {
+    let mut found: Vec<[f64; 4]> = matrix.as_array()?.iter().map(json_numbers).collect::<Option<_>>()?;
+    if found.len() == 3 && rows == 3 {
+        found.push(LAST_ROW);
+    }
+    parts(found.try_into().ok()?).ok()
 }
 
 #[cfg(test)]

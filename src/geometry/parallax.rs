@@ -3,9 +3,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::camera::Camera;
-use super::plane_sweep::PlaneSweep;
-use super::size::Size;
+use super::{Camera, PlaneSweep, Size};
 
 /// Samples across and down a target.
 const GRID: (usize, usize) = (48, 36);

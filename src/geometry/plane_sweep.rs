@@ -6,8 +6,22 @@
 
 use glam::{DMat3, DVec3};
 
-use super::camera::Camera;
-use super::pose::source_from_target;
+use super::Camera;
+
+/// `X_source = rotation · X_target + translation`, between the axes of two cameras.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RelativePose {
+    /// Rotation `source_from_target`.
+    pub rotation: DMat3,
+    /// Translation `source_from_target`, in scene units.
+    pub translation: DVec3,
+}
+
+/// The pose of the target in the source camera: R = R_s R_tᵀ, t = t_s − R t_t.
+pub fn source_from_target(source: &Camera, target: &Camera) -> RelativePose {
+    let rotation = source.rotation() * target.rotation().transpose();
+    RelativePose { rotation, translation: source.translation() - rotation * target.translation() }
+}
 
 /// The sweep of one view over the target's disparities.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,7 +2,7 @@
 
 use ndarray::ArrayView2;
 
-use super::rgb::ImageRgb;
+use super::ImageRgb;
 
 /// Evenly spaced colours from 0 (far, dark) to 1 (near, light). Their lightness increases
 /// monotonically, so that the map is readable in greyscale.

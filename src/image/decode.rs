@@ -4,7 +4,6 @@
 //! dropped. The EXIF orientation is ignored, as in COLMAP and other pose estimators, so poses
 //! belong to the pixels as stored. [`read_header`] reports both.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -12,9 +11,7 @@ use std::path::Path;
 use image::metadata::Orientation;
 use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
 
-use super::error::ImageError;
-use super::jpeg;
-use super::rgb::ImageRgb;
+use super::{ImageError, ImageRgb, jpeg};
 use crate::fs::{bounded, memory};
 use crate::geometry::{MAX_SIDE, Size};
 
@@ -44,7 +41,9 @@ pub struct Header {
 ///
 /// As [`read_size`].
 pub fn read_header(path: &Path) -> Result<Header, ImageError> {
-    header_of(path, BufReader::new(open(path)?))
+    let file = bounded::open(path, bounded::MAX_BYTES);
+    let file = file.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+    header_of(path, BufReader::new(file))
 }
 
 /// Reads the size of a PNG or JPEG in pixels from its header.
@@ -53,33 +52,43 @@ pub fn read_header(path: &Path) -> Result<Header, ImageError> {
 ///
 /// [`ImageError::Read`], [`ImageError::Decode`] or [`ImageError::TooLarge`], naming the file.
 pub fn read_size(path: &Path) -> Result<Size, ImageError> {
-    size_of(path, BufReader::new(open(path)?))
+    let file = bounded::open(path, bounded::MAX_BYTES);
+    let file = file.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+    Ok(decoder_and_size(path, BufReader::new(file))?.1)
 }
 
-fn open(path: &Path) -> Result<File, ImageError> {
-    bounded::open(path, bounded::MAX_BYTES).map_err(|source| ImageError::Read { path: path.to_owned(), source })
-}
-
-/// As [`read_size`], from an open file; `path` is for errors.
-pub(crate) fn size_of(path: &Path, input: impl BufRead + Seek) -> Result<Size, ImageError> {
-    let size = reader(path, input)?.into_dimensions().map_err(|error| decode_error(path, &error))?;
-    check_side(path, size)
-}
-
-fn header_of(path: &Path, input: impl BufRead + Seek) -> Result<Header, ImageError> {
-    let mut decoder = reader(path, input)?.into_decoder().map_err(|error| decode_error(path, &error))?;
-    let size = check_side(path, decoder.dimensions())?;
+/// As [`read_header`], from an open file; `path` is for errors.
+pub(crate) fn header_of(path: &Path, input: impl BufRead + Seek) -> Result<Header, ImageError> {
+    let (mut decoder, size) = decoder_and_size(path, input)?;
     // Damaged EXIF data counts as none.
     let oriented = decoder.orientation().is_ok_and(|orientation| orientation != Orientation::NoTransforms);
     Ok(Header { size, oriented, alpha: decoder.color_type().has_alpha() })
+}
+
+/// A decoder, and the size in its header.
+fn decoder_and_size<'a>(
+    path: &Path,
+    input: impl BufRead + Seek + 'a,
+) -> Result<(impl ImageDecoder + 'a, Size), ImageError> {
+    let decoder = reader(path, input)?.into_decoder().map_err(|error| decode_error(path, &error))?;
+    let (width, height) = decoder.dimensions();
+    let size = Size::new(width as usize, height as usize);
+    if size.width > MAX_SIDE || size.height > MAX_SIDE {
+        return Err(ImageError::TooLarge { path: path.to_owned(), size });
+    }
+    Ok((decoder, size))
 }
 
 /// A decoder chosen by content, not by extension: PNG files named .jpg are common.
 fn reader<R: BufRead + Seek>(path: &Path, input: R) -> Result<ImageReader<R>, ImageError> {
     let reader = ImageReader::new(input).with_guessed_format();
     let reader = reader.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
-    check_format(path, reader.format())?;
-    Ok(reader)
+    let reason = match reader.format() {
+        Some(ImageFormat::Png | ImageFormat::Jpeg) => return Ok(reader),
+        Some(other) => format!("{other:?} is not supported"),
+        None => "unknown file format".to_owned(),
+    };
+    Err(ImageError::Decode { path: path.to_owned(), reason })
 }
 
 /// Decodes a PNG or JPEG.
@@ -95,7 +104,7 @@ pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
 
 /// As [`load`], from the bytes of a file; `path` is for errors.
 pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> {
-    let size = size_of(path, Cursor::new(bytes))?;
+    let (_, size) = decoder_and_size(path, Cursor::new(bytes))?;
     let needed = BYTES_PER_PIXEL * size.pixels() as u64;
     memory::check(needed).map_err(|source| ImageError::Memory { path: path.to_owned(), size, source })?;
     let mut reader = reader(path, Cursor::new(bytes))?;
@@ -110,24 +119,7 @@ pub(crate) fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> 
     // If the decoder panics, the error names the file; no state of the decoder outlives the call.
     let decoded = catch_unwind(AssertUnwindSafe(|| reader.decode())).map_err(|_| refused("the decoder failed"))?;
     let decoded = decoded.map_err(|error| decode_error(path, &error))?.into_rgb32f();
-    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
-    ImageRgb::new(width, height, decoded.into_raw())
-}
-
-fn check_format(path: &Path, format: Option<ImageFormat>) -> Result<(), ImageError> {
-    match format {
-        Some(ImageFormat::Png | ImageFormat::Jpeg) => Ok(()),
-        Some(other) => Err(ImageError::Decode { path: path.to_owned(), reason: format!("{other:?} is not supported") }),
-        None => Err(ImageError::Decode { path: path.to_owned(), reason: "unknown file format".to_owned() }),
-    }
-}
-
-fn check_side(path: &Path, (width, height): (u32, u32)) -> Result<Size, ImageError> {
-    let (width, height) = (width as usize, height as usize);
-    if width > MAX_SIDE || height > MAX_SIDE {
-        return Err(ImageError::TooLarge { path: path.to_owned(), width, height });
-    }
-    Ok(Size::new(width, height))
+    ImageRgb::new(size.width, size.height, decoded.into_raw())
 }
 
 fn decode_error(path: &Path, error: &image::ImageError) -> ImageError {

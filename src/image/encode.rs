@@ -7,9 +7,10 @@ use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
-use super::error::ImageError;
+use super::ImageError;
 use super::rgb::{ImageRgb, check_buffer};
-use crate::fs::atomic;
+use crate::fs::{atomic, has_extension};
+use crate::geometry::Size;
 
 /// Quality of JPEG files unless another is asked for, 1 to 100.
 pub const JPEG_QUALITY: u8 = 95;
@@ -47,14 +48,12 @@ pub fn encode(path: &Path, picture: &ImageRgb) -> Result<Vec<u8>, ImageError> {
 ///
 /// As [`encode`].
 pub fn encode_with_quality(path: &Path, picture: &ImageRgb, quality: u8) -> Result<Vec<u8>, ImageError> {
-    let jpeg = path.extension().is_some_and(|found| ["jpg", "jpeg"].iter().any(|e| found.eq_ignore_ascii_case(e)));
     let (mut bytes, rgb8, color) = (Vec::new(), picture.to_rgb8(), ExtendedColorType::Rgb8);
-    Ok(if jpeg {
-        let encoder = JpegEncoder::new_with_quality(&mut bytes, quality);
-        write(encoder, &rgb8, picture.width(), picture.height(), color)?;
+    Ok(if has_extension(path, &["jpg", "jpeg"]) {
+        write(JpegEncoder::new_with_quality(&mut bytes, quality), &rgb8, picture.size(), color)?;
         tagged_jpeg(bytes)
     } else {
-        write(PngEncoder::new(&mut bytes), &rgb8, picture.width(), picture.height(), color)?;
+        write(PngEncoder::new(&mut bytes), &rgb8, picture.size(), color)?;
         tagged_png(bytes)
     })
 }
@@ -70,7 +69,7 @@ pub fn encode_gray16_png(width: usize, height: usize, data: &[u16]) -> Result<Ve
     // The encoder expects native byte order.
     let values: Vec<u8> = data.iter().flat_map(|v| v.to_ne_bytes()).collect();
     let mut bytes = Vec::new();
-    write(PngEncoder::new(&mut bytes), &values, width, height, ExtendedColorType::L16)?;
+    write(PngEncoder::new(&mut bytes), &values, Size::new(width, height), ExtendedColorType::L16)?;
     Ok(tagged_png(bytes))
 }
 
@@ -98,15 +97,9 @@ fn tagged_jpeg(mut jpeg: Vec<u8>) -> Vec<u8> {
     jpeg
 }
 
-fn write(
-    encoder: impl ImageEncoder,
-    values: &[u8],
-    width: usize,
-    height: usize,
-    color: ExtendedColorType,
-) -> Result<(), ImageError> {
-    let failed = |reason: String| ImageError::Encode { width, height, reason };
-    let (Ok(across), Ok(down)) = (u32::try_from(width), u32::try_from(height)) else {
+fn write(encoder: impl ImageEncoder, values: &[u8], size: Size, color: ExtendedColorType) -> Result<(), ImageError> {
+    let failed = |reason: String| ImageError::Encode { size, reason };
+    let (Ok(across), Ok(down)) = (u32::try_from(size.width), u32::try_from(size.height)) else {
         return Err(failed("too many pixels in a side".to_owned()));
     };
     encoder.write_image(values, across, down, color).map_err(|error| failed(error.to_string()))

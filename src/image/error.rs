@@ -27,14 +27,12 @@ pub enum ImageError {
         reason: String,
     },
     /// The header declares more than [`MAX_SIDE`] pixels per side. Nothing was decoded.
-    #[error("{}: the image is {width}x{height}; expected at most {MAX_SIDE} pixels per side", path.display())]
+    #[error("{}: the image is {size}; expected at most {MAX_SIDE} pixels per side", path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
-        /// Declared width in pixels.
-        width: usize,
-        /// Declared height in pixels.
-        height: usize,
+        /// Declared size in pixels.
+        size: Size,
     },
     /// The picture needs more memory than is available. Nothing was decoded.
     #[error("{}: the image is {size}, which {source}; expected a smaller image", path.display())]
@@ -65,12 +63,10 @@ pub enum ImageError {
         shape: [usize; 3],
     },
     /// The picture is too large for the file format.
-    #[error("a picture of {width}x{height} cannot be encoded: {reason}")]
+    #[error("a picture of {size} cannot be encoded: {reason}")]
     Encode {
-        /// Width in pixels.
-        width: usize,
-        /// Height in pixels.
-        height: usize,
+        /// Size in pixels.
+        size: Size,
         /// The encoder's message.
         reason: String,
     },

@@ -4,7 +4,7 @@
 
 use ndarray::Array2;
 
-use super::rgb::ImageRgb;
+use super::ImageRgb;
 
 /// One level of the image pyramid: each pixel is its colour times its weight, and the weight in [0,
 /// 1].
@@ -56,21 +56,18 @@ pub fn inpaint_uncovered(picture: &ImageRgb, transmittance: &Array2<f32>) -> Ima
     let (width, height) = (picture.width(), picture.height());
     assert_eq!(transmittance.dim(), (height, width), "one transmittance per pixel");
     let base = picture.data().chunks_exact(3).zip(transmittance).map(|(rgb, t)| [rgb[0], rgb[1], rgb[2], 1.0 - t]);
-    let mut levels = vec![Level { width, height, pixels: base.collect() }];
-    while let Some(last) = levels.last().filter(|level| level.width * level.height > 1) {
-        let next = last.halved();
-        levels.push(next);
-    }
-    let mut coarse = levels.pop().unwrap_or(Level { width: 1, height: 1, pixels: vec![[0.0; 4]] });
-    while let Some(mut level) = levels.pop() {
+    let base = Level { width, height, pixels: base.collect() };
+    let halved = |level: &Level| (level.width * level.height > 1).then(|| level.halved());
+    let levels: Vec<Level> = std::iter::successors(Some(base), halved).collect();
+    let filled = levels.into_iter().rev().reduce(|coarse, mut level| {
         for (i, pixel) in level.pixels.iter_mut().enumerate().filter(|(_, pixel)| pixel[3] < 1.0) {
             let behind = coarse.enlarged(i % level.width, i / level.width);
             let missing = 1.0 - pixel[3];
             (0..4).for_each(|c| pixel[c] += missing * behind[c]);
         }
-        coarse = level;
-    }
-    let rgb = coarse.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
+        level
+    });
+    let rgb = filled.expect("at least one level").pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
     ImageRgb::new(width, height, rgb).expect("three values per pixel")
 }
 

@@ -3,7 +3,7 @@
 //! (`jpeg_scan.rs`) usually include an undefined one, or give too few or too many coefficients.
 
 use super::jpeg_huffman::HuffmanTable;
-use super::jpeg_scan::{Component, Scan, ScanReader};
+use super::jpeg_scan::{self, Component, Scan, Tables};
 
 const TRUNCATED: &str = "the JPEG data is truncated";
 const DAMAGED_HEADER: &str = "the JPEG header is damaged";
@@ -15,8 +15,7 @@ struct Header {
     width: usize,
     height: usize,
     components: Vec<Component>,
-    /// By class (DC, then AC) and destination identifier.
-    tables: [[Option<HuffmanTable>; 4]; 2],
+    tables: Tables,
     /// MCUs between restart markers; 0 for none.
     restart_interval: usize,
 }
@@ -40,11 +39,10 @@ pub(crate) fn check(bytes: &[u8]) -> Result<(), &'static str> {
             0xFF => at += 1,
             0x00 | 0x01 | 0xD0..=0xD8 => at += 2,
             _ => {
-                let length = bytes.get(at + 2..at + 4).ok_or(TRUNCATED)?;
-                let length = usize::from(u16::from_be_bytes([length[0], length[1]]));
-                let end = at + 2 + length;
-                let segment = bytes.get(at + 4..end.max(at + 4)).ok_or(TRUNCATED)?;
-                at = end.max(at + 4);
+                let length = bytes.get(at + 2..).and_then(be16).ok_or(TRUNCATED)?;
+                let start = at + 4;
+                at = start.max(at + 2 + length);
+                let segment = bytes.get(start..at).ok_or(TRUNCATED)?;
                 match marker {
                     0xC4 => header.read_tables(segment).ok_or(DAMAGED_HEADER)?,
                     0xC0..=0xC2 => {
@@ -53,8 +51,7 @@ pub(crate) fn check(bytes: &[u8]) -> Result<(), &'static str> {
                     }
                     0xDD => header.restart_interval = be16(segment).ok_or(DAMAGED_HEADER)?,
                     0xDA if !header.components.is_empty() => {
-                        let data = &bytes[at..];
-                        at += header.check_scan(segment, data).ok_or(DAMAGED_HEADER)??;
+                        at += header.check_scan(segment, &bytes[at..]).ok_or(DAMAGED_HEADER)??;
                     }
                     _ => {}
                 }
@@ -137,6 +134,6 @@ impl Header {
             refines: self.progressive && approximation >> 4 != 0,
             restart_interval: self.restart_interval,
         };
-        Some(ScanReader::new(&scan, &self.tables, &mut self.components, data).read())
+        Some(jpeg_scan::read(&scan, &self.tables, &mut self.components, data))
     }
 }

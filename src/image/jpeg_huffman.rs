@@ -62,8 +62,9 @@ mod tests {
         let symbols: Vec<u8> = (101..117).collect();
         let table = HuffmanTable::new(&[1; 16], &symbols).unwrap();
         for bits in 0..=u16::MAX {
-            let length = bits.leading_ones() as u8 + 1;
-            assert_eq!(table.find(bits), (length <= 16).then_some((length, 100 + length)), "{bits:016b}");
+            let length = (!bits).leading_zeros() as u8 + 1;
+            let expected = if bits == u16::MAX { None } else { Some((length, 100 + length)) };
+            assert_eq!(table.find(bits), expected, "{bits:016b}");
         }
     }
 

@@ -37,10 +37,13 @@ pub(super) struct Scan {
     pub(super) restart_interval: usize,
 }
 
+/// The tables of a picture by class (DC, then AC) and destination identifier.
+pub(super) type Tables = [[Option<HuffmanTable>; 4]; 2];
+
 /// Reads a scan's data.
-pub(super) struct ScanReader<'a> {
+struct ScanReader<'a> {
     scan: &'a Scan,
-    tables: &'a [[Option<HuffmanTable>; 4]; 2],
+    tables: &'a Tables,
     components: &'a mut [Component],
     data: &'a [u8],
     /// Offset of the next byte that is not yet in `bits`.
@@ -52,51 +55,43 @@ pub(super) struct ScanReader<'a> {
     eob_run: u32,
 }
 
-impl<'a> ScanReader<'a> {
-    pub(super) fn new(
-        scan: &'a Scan,
-        tables: &'a [[Option<HuffmanTable>; 4]; 2],
-        components: &'a mut [Component],
-        data: &'a [u8],
-    ) -> Self {
-        Self { scan, tables, components, data, at: 0, bits: 0, count: 0, eob_run: 0 }
-    }
-
-    /// Reads all blocks; returns the length of the data in bytes, up to the next marker.
-    pub(super) fn read(mut self) -> Result<usize, &'static str> {
-        let (across, down) = self.scan.mcus;
-        for mcu in 0..across * down {
-            if self.scan.restart_interval > 0 && mcu > 0 && mcu.is_multiple_of(self.scan.restart_interval) {
-                self.restart()?;
-            }
-            let (x, y) = (mcu % across, mcu / across);
-            if let &[(component, dc, ac)] = self.scan.components.as_slice() {
-                self.block(component, dc, ac, x, y)?;
-                continue;
-            }
-            for &(component, dc, ac) in &self.scan.components {
-                let (h, v) = self.components[component].sampling;
-                for block in 0..h * v {
-                    self.block(component, dc, ac, x * h + block % h, y * v + block / h)?;
-                }
+/// Reads all blocks of a scan; returns the length of its data in bytes, up to the next marker.
+pub(super) fn read(
+    scan: &Scan,
+    tables: &Tables,
+    components: &mut [Component],
+    data: &[u8],
+) -> Result<usize, &'static str> {
+    let mut reader = ScanReader { scan, tables, components, data, at: 0, bits: 0, count: 0, eob_run: 0 };
+    let (across, down) = scan.mcus;
+    for mcu in 0..across * down {
+        if scan.restart_interval > 0 && mcu > 0 && mcu.is_multiple_of(scan.restart_interval) {
+            reader.restart()?;
+        }
+        let (x, y) = (mcu % across, mcu / across);
+        for &(component, dc, ac) in &scan.components {
+            let (h, v) = if scan.components.len() == 1 { (1, 1) } else { reader.components[component].sampling };
+            for block in 0..h * v {
+                reader.block(component, dc, ac, x * h + block % h, y * v + block / h)?;
             }
         }
-        self.end()?;
-        Ok(self.at)
     }
+    reader.end()?;
+    Ok(reader.at)
+}
 
+impl<'a> ScanReader<'a> {
     fn block(&mut self, component: usize, dc: usize, ac: usize, x: usize, y: usize) -> Result<(), &'static str> {
-        let (first, last) = self.scan.band;
         if !self.scan.progressive {
             self.dc(dc)?;
-            return self.ac_first(ac, 1, 63, None);
+            return self.ac_first(ac, None);
         }
         let at = y * self.components[component].stride + x;
-        match (first, self.scan.refines) {
-            (0, true) => self.take(1).map(drop),
-            (0, false) => self.dc(dc),
-            (_, false) => self.ac_first(ac, first, last, Some((component, at))),
-            (_, true) => self.ac_refine(ac, first, last, (component, at)),
+        match (self.scan.band, self.scan.refines) {
+            ((0, _), true) => self.take(1).map(drop),
+            ((0, _), false) => self.dc(dc),
+            (_, false) => self.ac_first(ac, Some((component, at))),
+            (_, true) => self.ac_refine(ac, (component, at)),
         }
     }
 
@@ -105,21 +100,16 @@ impl<'a> ScanReader<'a> {
         if size > 16 { Err(UNDEFINED_CODE) } else { Ok(()) }
     }
 
-    /// Reads coefficients `first` to `last` of a block, up to an end-of-band code; records the
-    /// nonzero ones of `block` (component, index of the block).
-    fn ac_first(
-        &mut self,
-        table: usize,
-        first: usize,
-        last: usize,
-        block: Option<(usize, usize)>,
-    ) -> Result<(), &'static str> {
+    /// Reads the band's AC coefficients of a block, up to an end-of-band code; records the nonzero
+    /// ones of `block` (component, index of the block).
+    fn ac_first(&mut self, table: usize, block: Option<(usize, usize)>) -> Result<(), &'static str> {
         if self.eob_run > 0 {
             self.eob_run -= 1;
             return Ok(());
         }
         let table = self.table(1, table)?;
-        let mut k = first;
+        let (first, last) = self.scan.band;
+        let mut k = first.max(1);
         while k <= last {
             let symbol = self.symbol(table, 0x0F)?;
             let (run, size) = (symbol >> 4, symbol & 15);
@@ -147,15 +137,10 @@ impl<'a> ScanReader<'a> {
     }
 
     /// Reads one more bit of each coefficient that is not 0, and new nonzero coefficients.
-    fn ac_refine(
-        &mut self,
-        table: usize,
-        first: usize,
-        last: usize,
-        (component, at): (usize, usize),
-    ) -> Result<(), &'static str> {
+    fn ac_refine(&mut self, table: usize, (component, at): (usize, usize)) -> Result<(), &'static str> {
         let known = *self.components[component].nonzero.get(at).ok_or(TOO_MANY_COEFFICIENTS)?;
         let table = self.table(1, table)?;
+        let (first, last) = self.scan.band;
         let (mut new, mut k) = (0, first);
         while self.eob_run == 0 && k <= last {
             let symbol = self.symbol(table, 0)?;

@@ -1,6 +1,6 @@
 //! PSNR and SSIM of a picture against the ground truth, over all channels, values in [0, 1].
 
-use super::rgb::ImageRgb;
+use super::ImageRgb;
 
 /// PSNR and SSIM of a picture against the ground truth.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,6 +1,5 @@
 //! Pictures: decoding and encoding, PSNR and SSIM, colour maps, and inpainting of uncovered pixels.
 
-mod arrays;
 mod colormap;
 mod decode;
 mod encode;
@@ -15,7 +14,7 @@ mod rgb;
 pub use colormap::{bar_chart, coloured, difference, side_by_side};
 pub use decode::{Header, load, read_header, read_size};
 #[cfg(fuzzing)]
-pub(crate) use decode::{decode, size_of};
+pub(crate) use decode::{decode, header_of};
 pub use encode::{JPEG_QUALITY, encode, encode_gray16_png, encode_with_quality, is_tagged};
 pub use error::ImageError;
 pub use inpaint::inpaint_uncovered;

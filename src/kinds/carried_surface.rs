@@ -24,13 +24,10 @@ const NOISE_VARIANCE: f32 = 2e-4;
 /// Where the dirty regions cover more than this share of the target, all of it is searched: that
 /// takes no longer.
 const MAX_DIRTY_SHARE: f64 = 0.5;
-/// Tiles around a dirty region that are searched with it, so that its edges agree with their
-/// surroundings.
-const MARGIN_TILES: usize = 1;
 
 /// The surface that a frame was rendered along.
 pub(super) struct CarriedSurface {
-    target: Camera,
+    pub(super) target: Camera,
     /// Per cell of [`CELL`] pixels of the padded target, 1/scene unit.
     disparity: Array2<f32>,
     /// Its matching cost per cell of [`COARSE`] pixels, when it was searched.
@@ -50,11 +47,6 @@ impl CarriedSurface {
     /// The range of each cell, which guided layers divide.
     pub(super) fn range(&self) -> RangeMap {
         range_of(&self.disparity, 0.0)
-    }
-
-    /// Whether it can be carried over to a target: only to one of the same size.
-    pub(super) fn has_size_of(&self, target: &Camera) -> bool {
-        self.target.size() == target.size()
     }
 
     /// The surface forward-warped to another camera: the nearest where several points project to
@@ -109,7 +101,7 @@ impl CarriedSurface {
             return Ok(0.0);
         }
         let share = |cells: usize| cells as f64 / now.len() as f64;
-        let expanded: Vec<Region> = dirty.iter().map(|region| region.expanded(MARGIN_TILES, now.dim())).collect();
+        let expanded: Vec<Region> = dirty.iter().map(|region| region.expanded(now.dim())).collect();
         if share(expanded.iter().map(Region::area).sum()) > MAX_DIRTY_SHARE {
             let size = padded(views.target.size());
             let stages = search.search_levels(&views.levels, &views.sweeps(views.target), size)?;
@@ -168,19 +160,15 @@ fn fill_holes(disparity: &mut Array2<f32>) {
     let (height, width) = disparity.dim();
     let mut empty = Vec::new();
     for (y, mut row) in disparity.outer_iter_mut().enumerate() {
-        let mut before = f32::NAN;
-        let mut x = 0;
-        while x < width {
-            if !row[x].is_nan() {
-                before = row[x];
-                x += 1;
-                continue;
-            }
-            let end = (x..width).find(|&x| !row[x].is_nan()).unwrap_or(width);
+        let last_value = |last: &mut f32, &value: &f32| {
+            *last = if value.is_nan() { *last } else { value };
+            Some(*last)
+        };
+        let left: Vec<f32> = row.iter().scan(f32::NAN, last_value).collect();
+        let right: Vec<f32> = row.iter().rev().scan(f32::NAN, last_value).collect();
+        for ((value, left), &right) in row.iter_mut().zip(left).zip(right.iter().rev()) {
             // `f32::min` ignores NaN, which stands for the edge of the target.
-            let value = before.min(if end < width { row[end] } else { f32::NAN });
-            row.slice_mut(s![x..end]).fill(value);
-            x = end;
+            *value = left.min(right);
         }
         if row[0].is_nan() {
             empty.push(y);

@@ -6,6 +6,9 @@ use ndarray::{Array2, ArrayView2};
 const TILE: usize = 8;
 /// A tile is dirty if more than this many of its cells are outliers.
 const MAX_OUTLIERS: usize = 2;
+/// Cells around a dirty region that are searched with it, so that its edges agree with their
+/// surroundings.
+const MARGIN: usize = TILE;
 
 /// A rectangle of cells: first column and row, and those after the last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,14 +32,14 @@ impl Region {
         self.width() * self.height()
     }
 
-    /// The rectangle, expanded by a number of tiles on each side, cut at the edges of a map of
-    /// `(height, width)` cells.
-    pub(crate) fn expanded(&self, tiles: usize, (height, width): (usize, usize)) -> Self {
+    /// The rectangle with its margin on each side, cut at the edges of a map of `(height, width)`
+    /// cells.
+    pub(crate) fn expanded(&self, (height, width): (usize, usize)) -> Self {
         Self {
-            left: self.left.saturating_sub(tiles * TILE),
-            top: self.top.saturating_sub(tiles * TILE),
-            right: (self.right + tiles * TILE).min(width),
-            bottom: (self.bottom + tiles * TILE).min(height),
+            left: self.left.saturating_sub(MARGIN),
+            top: self.top.saturating_sub(MARGIN),
+            right: (self.right + MARGIN).min(width),
+            bottom: (self.bottom + MARGIN).min(height),
         }
     }
 }
@@ -98,6 +101,6 @@ mod tests {
             found,
             [Region { left: 8, top: 0, right: 24, bottom: 16 }, Region { left: 40, top: 24, right: 44, bottom: 30 }]
         );
-        assert_eq!(found[0].expanded(1, outliers.dim()), Region { left: 0, top: 0, right: 32, bottom: 24 });
+        assert_eq!(found[0].expanded(outliers.dim()), Region { left: 0, top: 0, right: 32, bottom: 24 });
     }
 }

@@ -6,15 +6,15 @@ use crate::surface::{DepthMaps, PhotoCorrection};
 use crate::warp::SourceView;
 
 /// What the layers of a frame are found from.
-pub(crate) struct FrameInput<'a, E> {
+pub(crate) struct FrameInput<'a> {
     /// The camera to render.
     pub(crate) target: &'a Camera,
     /// Nearest depth, scene units.
     pub(crate) near: f64,
     /// Farthest depth, scene units; may be infinite.
     pub(crate) far: f64,
-    /// The photos.
-    pub(crate) photos: &'a mut dyn FramePhotos<E>,
+    /// The V views that the frame is rendered from, nearest first.
+    pub(crate) sources: &'a [SourceView<'a>],
     /// Whether a next frame follows, which reuses what it can.
     pub(crate) is_followed: bool,
     /// Photometric corrections for surface layers.
@@ -25,30 +25,7 @@ pub(crate) struct FrameInput<'a, E> {
     pub(crate) searches_holes: bool,
 }
 
-/// The photos of a frame: those that a scene's store holds, or those of a rig's time step.
-pub(crate) trait FramePhotos<E> {
-    /// The V views that the frame is rendered from, nearest first.
-    fn sources(&self) -> Vec<SourceView<'_>>;
-
-    /// Those views and some further ones near the target, with the depth of their photos, which is
-    /// searched where there is none yet and where `update` says.
-    #[cfg(feature = "surface")]
-    fn with_depth(&mut self, update: DepthUpdate) -> Result<PhotosWithDepth<'_>, E>;
-}
-
-/// Which depth of photos is searched again.
-#[cfg(feature = "surface")]
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum DepthUpdate {
-    /// All of it.
-    All,
-    /// Where a photo has changed since.
-    Changed,
-    /// None.
-    Nothing,
-}
-
-/// Photos with their depth.
+/// The photos that a frame is rendered from and some further ones near the target, with their depth.
 #[cfg(feature = "surface")]
 pub(crate) struct PhotosWithDepth<'a> {
     /// The depth of all photos of the scene or rig.

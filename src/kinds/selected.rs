@@ -1,31 +1,15 @@
 //! The paper's selection: a first frame is rendered on all planes, the next ones on those that it
 //! selects.
 
-use super::frame_input::FrameInput;
-use super::layer_kind::{Found, FoundLayers, LayerKind};
+use super::found_layers::FoundLayers;
 use super::layer_source::LayerSource;
 use super::selection::Selection;
 use crate::layers::{Layers, LayersError, uniform_disparities};
 
-/// Planes selected from uniform ones.
-pub(super) struct Selected {
-    /// Planes kept.
-    pub(super) keep: usize,
-    /// Planes that they are selected from.
-    pub(super) from: usize,
-}
-
-impl LayerKind for Selected {
-    type Carried = Layers;
-
-    fn first<E: From<LayersError>>(self, frame: &mut FrameInput<'_, E>) -> Found<Layers, E> {
-        let disparities = uniform_disparities(frame.near, frame.far, self.from)?;
-        let layers = Layers::planes(&disparities)?;
-        let selection = Some(Selection { keep: self.keep, disparities });
-        Ok((FoundLayers { selection, ..FoundLayers::new(layers, LayerSource::Dense) }, None))
-    }
-
-    fn next<E: From<LayersError>>(self, carried: Layers, _: &mut FrameInput<'_, E>, _: bool) -> Found<Layers, E> {
-        Ok((FoundLayers::new(carried.clone(), LayerSource::Selected), Some(carried)))
-    }
+/// All planes, of which a frame that is rendered on them selects some.
+pub(super) fn all_planes(near: f64, far: f64, from: usize, keep: usize) -> Result<FoundLayers, LayersError> {
+    let disparities = uniform_disparities(near, far, from)?;
+    let layers = Layers::planes(&disparities)?;
+    let selection = Some(Selection { keep, disparities });
+    Ok(FoundLayers { selection, ..FoundLayers::new(layers, LayerSource::Dense) })
 }

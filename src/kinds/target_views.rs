@@ -13,7 +13,7 @@ pub(super) struct TargetViews<'a> {
 }
 
 impl<'a> TargetViews<'a> {
-    pub(super) fn new(sources: Vec<SourceView<'a>>, target: &'a Camera) -> Self {
+    pub(super) fn new(sources: &[SourceView<'a>], target: &'a Camera) -> Self {
         let levels = Levels::new(sources.iter().map(|source| (source.texture, NO_GAINS)).collect());
         Self { levels, cameras: sources.iter().map(|source| source.camera).collect(), target }
     }

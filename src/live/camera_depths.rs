@@ -10,7 +10,7 @@ use ndarray::{Array2, s};
 
 use super::step::Step;
 use crate::geometry::{Camera, Size};
-use crate::kinds::{DepthUpdate, FramePhotos, PhotosWithDepth, Region, dirty_regions};
+use crate::kinds::{PhotosWithDepth, Region, Reuse, dirty_regions};
 use crate::surface::{DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, PhotoDepth, photo_depth};
 use crate::warp::{SourceView, Texture};
 
@@ -18,9 +18,6 @@ use crate::warp::{SourceView, Texture};
 const CELL: usize = 2;
 /// A cell has changed if the mean of a channel differs by more than this, of values in [0, 1].
 const MIN_CHANGE: f32 = 0.03;
-/// Tiles around a changed region that are searched with it, so that its edges agree with their
-/// surroundings.
-const MARGIN_TILES: usize = 1;
 /// Where the regions to be searched cover more than this share of a photo, all of it is searched:
 /// that takes no longer.
 const MAX_DIRTY_SHARE: f64 = 0.75;
@@ -35,47 +32,35 @@ pub(super) struct CameraDepths {
     searched: Vec<Option<Cells>>,
 }
 
-/// The photos of a time step, and the depth of its cameras.
-pub(super) struct StepPhotos<'a> {
-    pub(super) step: &'a Step<'a>,
-    pub(super) target: &'a Camera,
-    /// Cameras that the frame is rendered from, nearest first.
-    pub(super) views: &'a [usize],
-    pub(super) depths: &'a mut CameraDepths,
-}
-
-impl<E> FramePhotos<E> for StepPhotos<'_> {
-    fn sources(&self) -> Vec<SourceView<'_>> {
-        self.views.iter().map(|&view| self.step.source(view)).collect()
-    }
-
-    fn with_depth(&mut self, update: DepthUpdate) -> Result<PhotosWithDepth<'_>, E> {
-        if update == DepthUpdate::All {
-            self.depths.clear();
-        }
-        let mut set = self.step.nearest(self.target);
-        set.truncate(self.views.len() + EXTRA_PHOTOS);
-        let refresh = update == DepthUpdate::Changed;
-        let searched: f64 = set.iter().map(|&camera| self.depths.update(self.step, camera, refresh)).sum();
-        Ok(PhotosWithDepth {
-            maps: &mut self.depths.maps,
-            photos: set.iter().map(|&camera| (camera, self.step.source(camera))).collect(),
-            rendered_from: self.views.len(),
-            searched: searched / set.len() as f64,
-        })
-    }
-}
-
 impl CameraDepths {
     pub(super) fn new(cameras: &[Camera], near: f64, far: f64) -> Self {
         let maps = DepthMaps::new(cameras.to_vec(), near, far);
         Self { maps, searched: vec![None; cameras.len()] }
     }
 
-    /// Drops all depth.
-    fn clear(&mut self) {
-        self.maps.retain(&[], &[]);
-        self.searched.fill(None);
+    /// The photos of a time step near the target, with their depth: searched where there is none yet, and
+    /// where `reuse` says. The frame is rendered from that many of them.
+    pub(super) fn photos<'a>(
+        &'a mut self,
+        step: &'a Step<'_>,
+        target: &Camera,
+        rendered_from: usize,
+        reuse: Reuse,
+    ) -> PhotosWithDepth<'a> {
+        if reuse == Reuse::Nothing {
+            self.maps.retain(&[], &[]);
+            self.searched.fill(None);
+        }
+        let mut set = step.nearest(target);
+        set.truncate(rendered_from + EXTRA_PHOTOS);
+        let refresh = reuse == Reuse::Refreshed;
+        let searched: f64 = set.iter().map(|&camera| self.update(step, camera, refresh)).sum();
+        PhotosWithDepth {
+            maps: &mut self.maps,
+            photos: set.iter().map(|&camera| (camera, step.source(camera))).collect(),
+            rendered_from,
+            searched: searched / set.len() as f64,
+        }
     }
 
     /// Searches the depth of a camera's photo where there is none yet, and with `refresh` where the
@@ -95,7 +80,7 @@ impl CameraDepths {
         if dirty.is_empty() {
             return 0.0;
         }
-        let expanded: Vec<Region> = dirty.iter().map(|region| region.expanded(MARGIN_TILES, now.dim())).collect();
+        let expanded: Vec<Region> = dirty.iter().map(|region| region.expanded(now.dim())).collect();
         let share = |regions: &[Region]| regions.iter().map(Region::area).sum::<usize>() as f64 / now.len() as f64;
         let neighbours = neighbours(step, camera);
         if share(&expanded) > MAX_DIRTY_SHARE {

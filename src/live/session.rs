@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::camera_depths::{CameraDepths, StepPhotos};
+use super::camera_depths::CameraDepths;
 use super::error::LiveError;
 use super::frame::{LiveFrame, LiveTimes};
 use super::policy::Policy;
@@ -93,18 +93,19 @@ impl LiveSession {
             Policy::Every(_) | Policy::Once => Reuse::All,
             Policy::Propagate => Reuse::Refreshed,
         };
-        let mut photos = StepPhotos { step: &step, target, views: &views, depths: &mut self.depths };
-        let mut input = FrameInput::<LiveError> {
+        let input = FrameInput {
             target,
             near: self.settings.near,
             far: self.settings.far,
-            photos: &mut photos,
+            sources: &sources,
             is_followed: true,
             photo_correction: PhotoCorrection { exposure: !self.settings.keep_exposure, ..PhotoCorrection::default() },
             searches_holes: true,
         };
         let FoundLayers { layers, source, selection, surface, .. } =
-            find_layers(&self.settings.layers, &mut self.carried, &mut input, reuse)?;
+            find_layers::<LiveError>(&self.settings.layers, &mut self.carried, &input, reuse, |reuse| {
+                Ok(self.depths.photos(&step, target, views.len(), reuse))
+            })?;
         self.age = if matches!(source, LayerSource::Searched | LayerSource::Dense) { 0 } else { self.age + 1 };
         let found = Instant::now();
         let renderer = &mut self.renderers[network];
@@ -113,7 +114,7 @@ impl LiveSession {
             RenderRequest { visibility: visibility.as_ref(), ..RenderRequest::new(&sources, target, &layers) };
         let frame = renderer.render(request)?;
         if let Some(selection) = selection {
-            self.carried.keep_selected(selection.planes(&frame, renderer.alpha())?);
+            self.carried.selected = Some(selection.planes(&frame, renderer.alpha())?);
         }
         let times = LiveTimes { photos: ready - started, layers: found - ready, stages: frame.times };
         Ok(LiveFrame { frame, layer_source: source, views, times })

@@ -27,7 +27,7 @@ pub enum SceneError {
         /// The cause.
         source: io::Error,
     },
-    /// A field is missing or holds an unexpected value.
+    /// A field is missing or holds an unexpected value, such as a path that leaves the scene folder.
     #[error("{}: {what}; expected {expected}", path.display())]
     Malformed {
         /// The file.
@@ -57,14 +57,6 @@ pub enum SceneError {
         /// The cause.
         source: CameraError,
     },
-    /// A path in a scene file points outside the scene folder.
-    #[error("{}: the path \"{image}\" leaves the scene folder; expected a relative path without \"..\"", path.display())]
-    UnsafePath {
-        /// The file that names it.
-        path: PathBuf,
-        /// The path as written there.
-        image: String,
-    },
     /// Photos that a scene file lists do not exist.
     #[error("{}: missing image, listed in {}; expected it in the scene folder", path.display(), listed_in.display())]
     MissingImage {
@@ -86,30 +78,9 @@ pub enum SceneError {
         /// The declared size.
         declared: Size,
     },
-    /// LLFF: the numbers of photos and poses differ, but they are matched by order.
-    #[error("{}: {rows} poses, but {} holds {images} images; expected one pose per image", path.display(), folder.display())]
-    CountMismatch {
-        /// The pose file.
-        path: PathBuf,
-        /// Poses in it.
-        rows: usize,
-        /// The folder of photos.
-        folder: PathBuf,
-        /// Photos in it.
-        images: usize,
-    },
-    /// No view or several views have that name.
-    #[error("{reason} \"{name}\" among the {count} views; closest: {}", closest.join(", "))]
-    UnknownView {
-        /// The requested name.
-        name: String,
-        /// `no view is named` or `several views are named`.
-        reason: &'static str,
-        /// Number of views in the scene.
-        count: usize,
-        /// The most similar names.
-        closest: Vec<String>,
-    },
+    /// No view or several views have that name; the message lists the closest names.
+    #[error("{0}")]
+    UnknownView(String),
     /// A photo cannot be decoded.
     #[error(transparent)]
     Image(#[from] ImageError),

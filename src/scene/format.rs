@@ -21,9 +21,6 @@ pub enum Format {
 }
 
 impl Format {
-    /// All formats of files, in order of precedence.
-    pub(super) const ALL: [Self; 5] = [Self::Transforms, Self::Llff, Self::Spaces, Self::RealEstate10k, Self::Colmap];
-
     /// Its conventions for poses and intrinsics, as text for the user.
     pub fn conventions(self) -> &'static str {
         match self {

@@ -16,12 +16,9 @@
 //! the file's length, paths must stay inside the folder, declared sizes must match the photos, and
 //! [`crate::fs::bounded`] limits the size of a file.
 
-mod declared;
 mod error;
 mod format;
 mod formats;
-#[cfg(fuzzing)]
-pub mod fuzz;
 mod masks;
 mod options;
 mod photos;
@@ -34,18 +31,30 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use declared::{DeclaredView, DeclaredViews};
-use photos::memory::MemoryPhotos;
+use formats::{READERS, transforms};
+use undistort::{Distortion, undistort};
+use view::{DeclaredView, DeclaredViews};
 
 pub use error::SceneError;
 pub use format::Format;
+#[cfg(fuzzing)]
+pub use formats::fuzz;
 pub use options::SceneOptions;
 pub use photos::folder::PhotoFolder;
 pub use photos::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
 pub use view::View;
 
+use crate::fs::has_extension;
 use crate::geometry::Camera;
 use crate::image::ImageRgb;
+
+/// The pixels of a scene's photos.
+#[derive(Debug, Clone)]
+enum Pixels {
+    Source(Arc<dyn PhotoSource>),
+    /// By the photos' names.
+    Memory(Arc<BTreeMap<String, ImageRgb>>),
+}
 
 /// Photos with known camera poses.
 #[derive(Debug, Clone)]
@@ -58,7 +67,7 @@ pub struct Scene {
     pub views: Vec<View>,
     /// Messages for the user: every file or entry that was skipped, every assumption that was made.
     pub notes: Vec<String>,
-    photos: Arc<dyn PhotoSource>,
+    pixels: Pixels,
 }
 
 impl Scene {
@@ -84,28 +93,24 @@ impl Scene {
         if !path.exists() {
             return Err(no_scene("does not exist"));
         }
-        let (root, file) = (folder_of(path), path.is_file().then_some(path));
-        if file.is_some_and(|file| !file.extension().is_some_and(|found| found.eq_ignore_ascii_case("json"))) {
-            return Err(no_scene("is not a folder"));
-        }
-        let mut found: Vec<Format> = match file {
-            Some(_) => vec![Format::Transforms],
-            None => formats::all_in(root).filter(|&format| photos.supports(format)).collect(),
+        let root = folder_of(path);
+        let (format, declared, others) = if path.is_file() {
+            if !has_extension(path, &["json"]) {
+                return Err(no_scene("is not a folder"));
+            }
+            (Format::Transforms, transforms::open_file(root, path, &*photos, options)?, Vec::new())
+        } else {
+            let readers = READERS.into_iter().filter(|reader| (reader.is_in)(root));
+            let mut readers = readers.filter(|reader| photos.supports(reader.format));
+            let reader = readers.next().ok_or_else(|| no_scene("no scene found"))?;
+            (reader.format, (reader.open)(root, &*photos, options)?, readers.map(|other| other.format).collect())
         };
-        if found.is_empty() {
-            return Err(no_scene("no scene found"));
-        }
-        let format = found.remove(0);
-        let declared = formats::read(format, root, file, &*photos, options)?;
         let (views, mut notes) = view::from_declared(declared, options)?;
-        let others = found.into_iter();
-        notes.extend(
-            others.map(|other| {
-                format!("the folder also holds {other}: its poses are not read, {format} takes precedence")
-            }),
-        );
-        notes.extend(masks::folder_notes(root));
-        Ok(Self { root: root.to_owned(), format, views, notes, photos })
+        for other in others {
+            notes.push(format!("the folder also holds {other}: its poses are not read, {format} takes precedence"));
+        }
+        notes.extend(masks::FOLDERS.into_iter().filter(|folder| root.join(folder).is_dir()).map(masks::note));
+        Ok(Self { root: root.to_owned(), format, views, notes, pixels: Pixels::Source(photos) })
     }
 
     /// A scene of photos in memory: name, photo and camera of each. Names are unique; `/` in them
@@ -124,18 +129,25 @@ impl Scene {
         let (mut pictures, mut declared) = (BTreeMap::new(), Vec::new());
         for (name, picture, camera) in photos {
             if let Some(value) = picture.data().iter().find(|value| !(0.0..=1.0).contains(*value)) {
-                return Err(SceneError::malformed(
-                    name,
-                    format!("a value of the photo is {value}"),
-                    "values in [0, 1]",
-                ));
+                let what = format!("a value of the photo is {value}");
+                return Err(SceneError::malformed(name, what, "values in [0, 1]"));
             }
-            declared.push(DeclaredView::of_photo(&name, picture.size(), &camera));
+            let path = PathBuf::from(&name);
+            declared.push(DeclaredView {
+                photo: Photo { name: name.clone(), path, size: picture.size(), ignored: Vec::new() },
+                intrinsics: camera.intrinsics(),
+                size: camera.size(),
+                may_be_resampled: false,
+                rotation: camera.rotation(),
+                translation: camera.translation(),
+                distortion: Distortion::default(),
+                depth_range: None,
+            });
             pictures.insert(name, picture);
         }
         let declared = DeclaredViews { cameras: root.clone(), views: declared, notes: Vec::new() };
         let (views, notes) = view::from_declared(declared, options)?;
-        Ok(Self { root, format: Format::Memory, views, notes, photos: Arc::new(MemoryPhotos::new(pictures)) })
+        Ok(Self { root, format: Format::Memory, views, notes, pixels: Pixels::Memory(Arc::new(pictures)) })
     }
 
     /// Index of the view with this name, file name, file name without extension, or name in the
@@ -145,10 +157,9 @@ impl Scene {
     ///
     /// [`SceneError::UnknownView`] if no view or several views match; it lists the closest names.
     pub fn view_index(&self, name: &str) -> Result<usize, SceneError> {
-        let names: Vec<&str> = self.views.iter().map(|view| view.name.as_str()).collect();
         let by_source_name =
-            || self.views.iter().position(|view| view.source_name() == name.strip_prefix("./").unwrap_or(name));
-        view_names::index_of(&names, name).or_else(|unknown| by_source_name().ok_or(unknown))
+            || self.views.iter().position(|view| view.photo.name == name.strip_prefix("./").unwrap_or(name));
+        view_names::index_of(&self.views, name).or_else(|unknown| by_source_name().ok_or(unknown))
     }
 
     /// Decodes the photo of a view, undistorts it and scales it down to the size of the view's
@@ -163,7 +174,13 @@ impl Scene {
     ///
     /// If there is no view `index`.
     pub fn load_image(&self, index: usize) -> Result<ImageRgb, SceneError> {
-        self.fit(index, self.photos.load(self.views[index].source_name())?)
+        let name = &self.views[index].photo.name;
+        let missing = || SceneError::MissingImage { path: name.into(), listed_in: "memory".into() };
+        let photo = match &self.pixels {
+            Pixels::Source(photos) => photos.load(name)?,
+            Pixels::Memory(photos) => photos.get(name).cloned().ok_or_else(missing)?,
+        };
+        self.fit(index, photo)
     }
 
     /// Undistorts a photo taken by the view's camera and scales it down to the size of
@@ -176,8 +193,20 @@ impl Scene {
     /// # Panics
     ///
     /// If there is no view `index`.
-    pub fn fit(&self, index: usize, photo: ImageRgb) -> Result<ImageRgb, SceneError> {
-        self.views[index].fit(&self.root, photo)
+    pub fn fit(&self, index: usize, mut photo: ImageRgb) -> Result<ImageRgb, SceneError> {
+        let View { camera, native, distortion, photo: Photo { path, .. }, .. } = &self.views[index];
+        let (actual, declared) = (photo.size(), native.size());
+        if actual != declared {
+            let (path, declared_in) = (path.clone(), self.root.clone());
+            return Err(SceneError::ImageSize { path, actual, declared_in, declared });
+        }
+        if *distortion != Distortion::default() {
+            photo = undistort(&photo, native, distortion)?;
+        }
+        if camera.size() != actual {
+            photo = photo.resized(camera.width(), camera.height())?;
+        }
+        Ok(photo)
     }
 }
 

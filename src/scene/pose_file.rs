@@ -2,7 +2,7 @@
 
 use std::path::{Component, Path};
 
-use super::error::SceneError;
+use super::SceneError;
 use crate::fs::bounded;
 
 /// Reads a file.
@@ -25,10 +25,18 @@ pub(super) fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, SceneErr
         .map_err(|error| SceneError::malformed(path, format!("byte {} is not text", error.valid_up_to()), "UTF-8"))
 }
 
+/// A declared width or height; `None` unless it is a whole number of pixels.
+pub(super) fn pixels(value: f64) -> Option<usize> {
+    (value.fract() == 0.0 && (1.0..=1e9).contains(&value)).then_some(value as usize)
+}
+
 /// `name` without `./`; an error if it points outside the scene folder. Symbolic links are
 /// followed, since only the folder's owner can create them, not a scene file.
 pub(super) fn safe_name(listed_in: &Path, name: &str) -> Result<String, SceneError> {
-    let refuse = || SceneError::UnsafePath { path: listed_in.to_owned(), image: name.to_owned() };
+    let refuse = || {
+        let what = format!("the path \"{name}\" leaves the scene folder");
+        SceneError::malformed(listed_in, what, "a relative path without \"..\"")
+    };
     let mut parts = Vec::new();
     for component in Path::new(name).components() {
         match component {

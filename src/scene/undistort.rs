@@ -23,6 +23,12 @@ use rayon::prelude::*;
 use crate::geometry::{Camera, CameraError, Intrinsics};
 use crate::image::{ImageError, ImageRgb};
 
+/// The camera models that are read, by COLMAP's names: pinholes with OpenCV's distortion, and
+/// fisheyes.
+pub(super) const PINHOLES: [&str; 6] =
+    ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"];
+pub(super) const FISHEYES: [&str; 3] = ["OPENCV_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_RADIAL_FISHEYE"];
+
 /// Coefficients of one of OpenCV's models. They apply to rays, so they are independent of the image
 /// size.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -36,10 +42,6 @@ pub(super) struct Distortion {
 }
 
 impl Distortion {
-    pub(super) fn is_zero(&self) -> bool {
-        *self == Self::default()
-    }
-
     pub(super) fn fields(&self) -> [(&'static str, f64); 8] {
         let ([k1, k2, k3, k4, k5, k6], [p1, p2]) = (self.k, self.p);
         [("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4), ("k5", k5), ("k6", k6), ("p1", p1), ("p2", p2)]

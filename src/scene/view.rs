@@ -3,14 +3,35 @@
 
 use std::path::{Path, PathBuf};
 
-use super::declared::{DeclaredSize, DeclaredView, DeclaredViews};
-use super::error::SceneError;
-use super::options::SceneOptions;
+use glam::{DMat3, DVec3};
+
 use super::pose_file::abbreviated;
-use super::undistort::{Distortion, undistort};
-use crate::geometry::{Camera, CameraError, Size};
-use crate::image::ImageRgb;
+use super::{Distortion, Photo, SceneError, SceneOptions};
+use crate::geometry::{Camera, CameraError, Intrinsics, Size};
 use crate::layers::uniform_disparities;
+
+/// One view as its format declares it. The pose is `cam_from_world`, OpenCV axes; intrinsics are in
+/// pixels of `size`.
+pub(super) struct DeclaredView {
+    pub(super) photo: Photo,
+    pub(super) intrinsics: Intrinsics,
+    pub(super) size: Size,
+    /// Whether the photo may be of another size, resampled; K is then scaled accordingly.
+    pub(super) may_be_resampled: bool,
+    pub(super) rotation: DMat3,
+    pub(super) translation: DVec3,
+    pub(super) distortion: Distortion,
+    /// Near and far depth in scene units; an invalid range is ignored with a note.
+    pub(super) depth_range: Option<(f64, f64)>,
+}
+
+/// The result of a format's reader.
+pub(super) struct DeclaredViews {
+    /// The file that holds the cameras, for messages.
+    pub(super) cameras: PathBuf,
+    pub(super) views: Vec<DeclaredView>,
+    pub(super) notes: Vec<String>,
+}
 
 /// Largest relative difference of declared and actual aspect ratio at which intrinsics are
 /// rescaled.
@@ -26,16 +47,17 @@ pub struct View {
     pub camera: Camera,
     /// Near and far depth in scene units, if the format has them; 0 < near < far.
     pub depth_range: Option<(f64, f64)>,
-    source_name: String,
-    path: PathBuf,
-    native: Camera,
-    distortion: Option<Distortion>,
+    /// The photo in its source.
+    pub(super) photo: Photo,
+    /// At the photo's own size.
+    pub(super) native: Camera,
+    pub(super) distortion: Distortion,
 }
 
 impl View {
     /// The photo's file.
     pub fn image_path(&self) -> &Path {
-        &self.path
+        &self.photo.path
     }
 
     /// The camera at the photo's own size.
@@ -47,30 +69,7 @@ impl View {
     /// `FULL_OPENCV` or `OPENCV_FISHEYE`, with names and values of its coefficients, all 0 for a
     /// pinhole camera.
     pub fn distortion(&self) -> (&'static str, [(&'static str, f64); 8]) {
-        let distortion = self.distortion.unwrap_or_default();
-        (if distortion.fisheye { "OPENCV_FISHEYE" } else { "FULL_OPENCV" }, distortion.fields())
-    }
-
-    /// The photo's name in its source.
-    pub(super) fn source_name(&self) -> &str {
-        &self.source_name
-    }
-
-    /// See [`Scene::fit`](super::Scene::fit); `root` is the scene folder, for messages.
-    pub(super) fn fit(&self, root: &Path, mut photo: ImageRgb) -> Result<ImageRgb, SceneError> {
-        let Self { camera, native, path, distortion, .. } = self;
-        let (actual, declared) = (photo.size(), native.size());
-        if actual != declared {
-            let declared_in = root.to_owned();
-            return Err(SceneError::ImageSize { path: path.clone(), actual, declared_in, declared });
-        }
-        if let Some(distortion) = distortion {
-            photo = undistort(&photo, native, distortion)?;
-        }
-        if camera.size() != actual {
-            photo = photo.resized(camera.width(), camera.height())?;
-        }
-        Ok(photo)
+        (if self.distortion.fisheye { "OPENCV_FISHEYE" } else { "FULL_OPENCV" }, self.distortion.fields())
     }
 }
 
@@ -123,15 +122,10 @@ fn view(
     options: &SceneOptions,
     changes: &mut Changes,
 ) -> Result<View, SceneError> {
-    let DeclaredView { photo, intrinsics, size, rotation, translation, distortion, depth_range } = declared;
+    let DeclaredView { photo, intrinsics, rotation, translation, distortion, depth_range, .. } = declared;
     let name = photo.name[prefix..].to_owned();
     let refused = |source: CameraError| SceneError::Camera { path: cameras.to_owned(), image: name.clone(), source };
-    let actual = photo.size;
-    let declared = match size {
-        DeclaredSize::Actual => actual,
-        DeclaredSize::Exactly(declared) | DeclaredSize::Scaled(declared) => declared,
-    };
-    let may_scale = matches!(size, DeclaredSize::Scaled(..));
+    let (actual, may_scale, declared) = (photo.size, declared.may_be_resampled, declared.size);
     if declared != actual && !(may_scale && same_aspect(declared, actual)) {
         return Err(SceneError::ImageSize { path: photo.path, actual, declared_in: cameras.to_owned(), declared });
     }
@@ -142,8 +136,7 @@ fn view(
         changes.rescaled.push(format!("{name} {declared} → {actual}"));
     }
     distortion.check().map_err(refused)?;
-    let distortion = Some(distortion).filter(|d| !d.is_zero());
-    if distortion.is_some() {
+    if distortion != Distortion::default() {
         changes.undistorted.push(name.clone());
     }
     let mut camera = native.clone();
@@ -157,8 +150,7 @@ fn view(
     if let (Some((near, far)), None) = (depth_range, usable_range) {
         changes.invalid_range.push(format!("{name} ({near:?} to {far:?})"));
     }
-    let (source_name, path) = (photo.name, photo.path);
-    Ok(View { name, camera, depth_range: usable_range, source_name, path, native, distortion })
+    Ok(View { name, camera, depth_range: usable_range, photo, native, distortion })
 }
 
 /// Whether one size can be the other resampled: aspect ratios equal within 1 %, or heights within

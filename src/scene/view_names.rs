@@ -1,34 +1,33 @@
 //! Finds views by name.
 
+use std::ffi::OsStr;
 use std::path::Path;
 
-use super::error::SceneError;
+use super::{SceneError, View};
 
 /// Number of similar names that an error lists.
 const LISTED_NAMES: usize = 8;
 
 /// Index of the view with this name, file name, or file name without extension.
-pub(super) fn index_of(views: &[&str], name: &str) -> Result<usize, SceneError> {
-    let stem = |path: &str| Path::new(path).file_stem().map(|stem| stem.to_string_lossy().into_owned());
-    let file = |path: &str| Path::new(path).file_name().map(|file| file.to_string_lossy().into_owned());
-    let criteria: [&dyn Fn(&str) -> bool; 3] =
-        [&|view| view == name, &|view| file(view).as_deref() == Some(name), &|view| {
-            stem(view).as_deref() == Some(name)
-        }];
-    let unknown =
-        |reason, closest| SceneError::UnknownView { name: name.to_owned(), reason, count: views.len(), closest };
-    for criterion in criteria {
-        let matches: Vec<usize> = (0..views.len()).filter(|&view| criterion(views[view])).collect();
+pub(super) fn index_of(views: &[View], name: &str) -> Result<usize, SceneError> {
+    let names: [fn(&Path) -> Option<&OsStr>; 3] = [|path| Some(path.as_os_str()), Path::file_name, Path::file_stem];
+    let unknown = |reason: &str, closest: Vec<&str>| {
+        let (count, closest) = (views.len(), closest.join(", "));
+        SceneError::UnknownView(format!("{reason} \"{name}\" among the {count} views; closest: {closest}"))
+    };
+    for name_of in names {
+        let is_named = |&view: &usize| name_of(views[view].name.as_ref()) == Some(name.as_ref());
+        let matches: Vec<usize> = (0..views.len()).filter(is_named).collect();
         match matches.as_slice() {
             [] => {}
             [index] => return Ok(*index),
             several => {
-                let closest = several.iter().take(LISTED_NAMES).map(|&view| views[view].to_owned()).collect();
+                let closest = several.iter().take(LISTED_NAMES).map(|&view| views[view].name.as_str()).collect();
                 return Err(unknown("several views are named", closest));
             }
         }
     }
-    let mut closest: Vec<String> = views.iter().map(|&view| view.to_owned()).collect();
+    let mut closest: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
     closest.sort_by_key(|view| edit_distance(view, name));
     closest.truncate(LISTED_NAMES);
     Err(unknown("no view is named", closest))

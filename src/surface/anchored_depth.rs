@@ -25,7 +25,7 @@ use rayon::prelude::*;
 
 use super::fusion::splat::splat;
 use super::fusion::surface::{AVERAGED_PX, SAME_SURFACE_PX};
-use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed};
+use super::fusion::{ConfirmedDepth, confirmed_by};
 use super::neighbourhood::extremes3;
 use super::search::anchors::Anchors;
 use super::search::cell_search::CellSearch;
@@ -97,7 +97,7 @@ fn shrunk(view: &SourceView<'_>, factor: usize) -> (Camera, Texture) {
 /// The depth of the first of these photos, given the maps of all of them.
 fn depth_at_full_size(views: &[SourceView<'_>], range: (f64, f64), maps: Vec<PhotoDepth>) -> PhotoDepth {
     let group = Group::of(&views.iter().map(|view| view.camera).collect::<Vec<_>>(), maps);
-    let mut first = CellSearch::of_full_size(views, CELL, range, Some(&group.maps[0]));
+    let mut first = CellSearch::of_full_size(views, CELL, range, || Some(group.maps[0].clone()));
     let anchors = group.anchors(&views[0].camera.shrunk(CELL), &first.depth());
     first.search_again(&anchors);
     refined(views, first)
@@ -151,15 +151,6 @@ impl Group {
         let map = map.iter().zip(differ).map(|(&d, differ)| if differ { -1.0 } else { d }).collect();
         Array2::from_shape_vec((size.height, size.width), map).expect("one per cell")
     }
-}
-
-/// What other maps confirm of a map.
-fn confirmed_by<'a>(
-    own: (&Camera, &PhotoDepth),
-    others: impl Iterator<Item = (&'a Camera, &'a PhotoDepth)>,
-) -> ConfirmedDepth {
-    let votes: Vec<_> = others.map(|other| ConsistencyVotes::new(own, other)).collect();
-    ConfirmedDepth::new(own.1, &confirmed(&votes.iter().collect::<Vec<_>>(), own.1.disparity.dim()))
 }
 
 /// Which cells are confirmed (≥ 0), or more than a third of those around them, by sums over rectangles.

@@ -1,17 +1,15 @@
-//! Depth maps of a scene's photos: each is computed when it is first needed, and stored.
+//! Depth maps of a scene's photos, and what they confirm of each other.
 
 use std::collections::HashMap;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::anchored_depth::anchored_depth;
 use super::correction::PairStatistics;
 use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed};
 use super::kept_votes::{KeptVotes, Votes};
 use super::search::PhotoDepth;
 use crate::geometry::{Camera, facing_alike};
-use crate::warp::SourceView;
 
 /// Number of neighbours that a photo is matched with.
 pub const NEIGHBOURS: usize = 5;
@@ -66,30 +64,6 @@ impl DepthMaps {
         photos.retain(|&photo| photo != index);
         photos.truncate(NEIGHBOURS);
         photos
-    }
-
-    /// The photos of a set that have no depth map yet.
-    pub fn missing(&self, set: &[usize]) -> Vec<usize> {
-        set.iter().copied().filter(|&index| self.maps[index].is_none()).collect()
-    }
-
-    /// The depth of photo `index`, searched now if it is missing; `view` returns it and its
-    /// neighbours. A photo without neighbours has none.
-    pub fn depth<'a>(&mut self, index: usize, view: impl Fn(usize) -> SourceView<'a>) -> Option<Arc<PhotoDepth>> {
-        if self.maps[index].is_none() {
-            let neighbours: Vec<_> = self.neighbours(index).into_iter().map(&view).collect();
-            if neighbours.is_empty() {
-                return None;
-            }
-            let depth = anchored_depth(&view(index), &neighbours, self.near, self.far);
-            self.maps[index] = Some(Arc::new(depth));
-        }
-        self.maps[index].clone()
-    }
-
-    /// Cameras of the photos that take part.
-    pub fn cameras(&self) -> &[Camera] {
-        &self.cameras
     }
 
     /// Sets the depth of photo `index`, such as one read from a file.

@@ -11,7 +11,7 @@
 
 use rayon::prelude::*;
 
-use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed};
+use super::fusion::confirmed_by;
 use super::search::{PhotoDepth, photo_depth};
 use crate::warp::SourceView;
 
@@ -32,7 +32,7 @@ pub(super) fn depth_range(groups: &[Vec<SourceView<'_>>], near: f64, far: f64) -
 
 /// Near and far of confirmed disparities (1/scene unit), within the range that was searched;
 /// `None` if there are too few.
-pub(super) fn range_of(mut disparities: Vec<f32>, (near, far): (f64, f64)) -> Option<(f64, f64)> {
+pub fn range_of(mut disparities: Vec<f32>, (near, far): (f64, f64)) -> Option<(f64, f64)> {
     if disparities.len() < MIN_CONFIRMED {
         return None;
     }
@@ -52,12 +52,9 @@ fn confirmed_disparities(group: &[SourceView<'_>], near: f64, far: f64) -> Vec<f
     };
     let depths: Vec<PhotoDepth> = (0..group.len()).map(depth).collect();
     let of_photo = |photo: usize| {
-        let own = (group[photo].camera, &depths[photo]);
-        let votes: Vec<_> =
-            others(photo).map(|other| ConsistencyVotes::new(own, (group[other].camera, &depths[other]))).collect();
-        let confirmed = confirmed(&votes.iter().collect::<Vec<_>>(), depths[photo].disparity.dim());
-        let kept = ConfirmedDepth::new(&depths[photo], &confirmed).disparity;
-        kept.into_iter().filter(|&disparity| disparity >= 0.0).collect::<Vec<f32>>()
+        let map = |photo: usize| (group[photo].camera, &depths[photo]);
+        let confirmed = confirmed_by(map(photo), others(photo).map(map)).disparity;
+        confirmed.into_iter().filter(|&disparity| disparity >= 0.0).collect::<Vec<f32>>()
     };
     (0..group.len()).into_par_iter().flat_map_iter(of_photo).collect()
 }

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use rayon::prelude::*;
 
 use super::search::PhotoDepth;
-use super::search::cell_search::{CellSearch, needs_coarser};
+use super::search::cell_search::CellSearch;
 use crate::geometry::Camera;
 use crate::warp::{SourceView, Texture};
 
@@ -42,9 +42,11 @@ impl SmallPhoto {
 /// near to far (scene units).
 pub(super) fn small_map(photos: &[&SmallPhoto], range: (f64, f64)) -> PhotoDepth {
     let by_cells = views(photos, |photo| &photo.by_cells);
-    let coarser = needs_coarser(&by_cells, SMALL_CELL, range)
-        .then(|| CellSearch::new(&views(photos, |photo| &photo.by_larger_cells), LARGER_CELL, range, None).depth());
-    CellSearch::new(&by_cells, SMALL_CELL, range, coarser.as_ref()).depth()
+    let coarser = || {
+        let by_larger_cells = views(photos, |photo| &photo.by_larger_cells);
+        Some(CellSearch::new(&by_larger_cells, LARGER_CELL, range, || None).depth())
+    };
+    CellSearch::new(&by_cells, SMALL_CELL, range, coarser).depth()
 }
 
 fn views<'a>(photos: &[&'a SmallPhoto], texture: fn(&SmallPhoto) -> &Texture) -> Vec<SourceView<'a>> {

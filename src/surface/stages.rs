@@ -7,12 +7,12 @@
 use ndarray::{Array2, Array3};
 
 use super::anchored_depth::Group;
-use super::fusion::photo_variance::{self, VarianceViews};
+use super::fusion::photo_variance::{self, SeenSurface};
 use super::fusion::surface::{OCCLUSION_MARGIN_PX, disparity_per_pixel, splat_confirmed, warp_sources};
 use super::fusion::target_search::TargetSearch;
 use super::fusion::{ConfirmedDepth, SurfaceView, visible};
 use super::neighbourhood;
-use super::range;
+pub use super::range::range_of;
 use super::search::aggregate::aggregate;
 use super::search::anchors::Anchors;
 use super::search::depth_map::PhotoDepth;
@@ -154,12 +154,6 @@ pub fn segment_starts(index: &Array2<f32>, fine_per_coarse: usize, count: usize)
     Array3::from_shape_vec((index.nrows(), index.ncols(), 2), starts.into_flattened()).expect("two per cell")
 }
 
-/// Near and far (scene units) of confirmed disparities, within the range that was searched; `None`
-/// if there are too few.
-pub fn range_of(disparities: Vec<f32>, searched: (f64, f64)) -> Option<(f64, f64)> {
-    range::range_of(disparities, searched)
-}
-
 /// Disparity that moves a point by one pixel at the padded target, 1/scene unit.
 pub fn target_disparity_per_pixel(views: &[SurfaceView<'_>], target: &Camera, (near, far): (f64, f64)) -> f32 {
     disparity_per_pixel(&warp_sources(views, target), padded(target.size()), near, far)
@@ -224,9 +218,9 @@ pub fn occluded(
 /// Variance `[h, w]` of the photos' colours on a surface; `visible` is 1, 0 or −1 per view and
 /// pixel.
 pub fn photo_variance(sources: &[WarpSource<'_>], visible: &[Vec<f32>], surface: &Array2<f32>) -> Array2<f32> {
-    let all_holes = vec![-1.0; surface.len()];
-    let views = VarianceViews { sources, visible };
-    map(photo_variance::photo_variance(&views, flat(surface), surface.ncols(), &all_holes), surface.ncols())
+    let (width, all_holes) = (surface.ncols(), vec![-1.0; surface.len()]);
+    let seen = SeenSurface { disparity: flat(surface), splatted: &all_holes, width, sources, visible };
+    map(photo_variance::photo_variance(&seen), width)
 }
 
 /// The target's own search: the costs `[D, h, w]` of its planes, and the disparity `[h, w]` that it

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 use ndarray::Array2;
 
-use super::fusion::photo_variance::{MAX_VARIANCE, VarianceViews, photo_variance};
+use super::fusion::photo_variance::{MAX_VARIANCE, SeenSurface, photo_variance};
 use super::fusion::visible::visible;
 use super::search::aggregate::aggregate;
 use super::search::grid::{Candidates, Grid, SEGMENT};
@@ -86,7 +86,10 @@ impl Rig {
 
     fn maps(&self) -> DepthMaps {
         let mut maps = DepthMaps::new(self.cameras.clone(), RANGE.0, RANGE.1);
-        (0..PLACES.len()).for_each(|index| assert!(maps.depth(index, |k| self.view(k)).is_some()));
+        for index in 0..PLACES.len() {
+            let neighbours: Vec<_> = maps.neighbours(index).into_iter().map(|k| self.view(k)).collect();
+            maps.insert(index, anchored_depth(&self.view(index), &neighbours, RANGE.0, RANGE.1));
+        }
         maps
     }
 }
@@ -111,8 +114,8 @@ fn costs_are_lowest_on_the_surface_and_highest_where_unseen() {
     let count = Candidates::All.count(&grid);
     let volume = costs(&reference, &sources, &grid, Candidates::All, None);
     let best = |x: usize, y: usize| {
-        let cell = &volume[(y * WIDTH + x) * count..][..grid.count()];
-        (0..grid.count()).min_by_key(|&k| cell[k]).unwrap()
+        let cell = &volume[(y * WIDTH + x) * count..][..grid.count];
+        (0..grid.count).min_by_key(|&k| cell[k]).unwrap()
     };
     assert_eq!((best(40, 28), best(14, 10)), (4, 16));
     let beside = WarpSource {
@@ -238,36 +241,31 @@ fn photo_variance_is_low_on_the_surface_only() {
     let rig = Rig::new();
     let sources = [0, 1, 2].map(|k| WarpSource::new(&rig.photos[k], PlaneSweep::new(&rig.cameras[k], &rig.cameras[0])));
     let visible = vec![vec![1.0; WIDTH * HEIGHT]; 3];
-    let views = VarianceViews { sources: &sources, visible: &visible };
+    let variance = |visible: &[Vec<f32>], disparity: &[f32], splatted: &[f32]| {
+        photo_variance(&SeenSurface { disparity, splatted, width: WIDTH, sources: &sources, visible })
+    };
     let [wall, before] = [WALL, WALL + 0.2].map(|disparity| vec![disparity as f32; WIDTH * HEIGHT]);
     let all_holes = vec![-1.0; WIDTH * HEIGHT];
     let at = 8 * WIDTH + 30;
-    let [on, off] = [&wall, &before].map(|map| photo_variance(&views, map, WIDTH, &all_holes)[at]);
+    let [on, off] = [&wall, &before].map(|map| variance(&visible, map, &all_holes)[at]);
     assert!(on < 1e-3 && off > 5e-3, "{on} {off}");
     let blind = vec![vec![0.0; WIDTH * HEIGHT]; 3];
-    let found = photo_variance(&VarianceViews { sources: &sources, visible: &blind }, &wall, WIDTH, &all_holes);
+    let found = variance(&blind, &wall, &all_holes);
     assert!(found.iter().all(|&d| (d - MAX_VARIANCE).abs() < 1e-8));
     let past = vec![vec![1.0; WIDTH * HEIGHT], vec![-1.0; WIDTH * HEIGHT], vec![1.0; WIDTH * HEIGHT]];
-    let found = photo_variance(&VarianceViews { sources: &sources, visible: &past }, &wall, WIDTH, &all_holes);
+    let found = variance(&past, &wall, &all_holes);
     assert!((found[at] - MAX_VARIANCE).abs() < 1e-8);
     let mut asked = vec![0.0; WIDTH * HEIGHT];
     asked[at] = -1.0;
-    let found = photo_variance(&views, &wall, WIDTH, &asked);
+    let found = variance(&visible, &wall, &asked);
     assert!(found.iter().enumerate().all(|(k, &d)| d == if k == at { on } else { 0.0 }));
 }
 
 #[test]
-fn depth_maps_search_each_photo_once_among_its_nearest_neighbours() {
-    let rig = Rig::new();
-    let mut maps = DepthMaps::new(rig.cameras.clone(), RANGE.0, RANGE.1);
+fn neighbours_of_a_photo_are_the_nearest_others() {
+    let maps = DepthMaps::new(Rig::new().cameras, RANGE.0, RANGE.1);
     assert_eq!(maps.neighbours(1), [0, 3, 2, 4]);
-    assert_eq!(maps.missing(&[0, 2]), [0, 2]);
-    let first = maps.depth(2, |k| rig.view(k)).unwrap();
-    let again = maps.depth(2, |_| unreachable!("searched already")).unwrap();
-    assert!(Arc::ptr_eq(&first, &again));
-    assert_eq!(maps.missing(&[0, 2]), [0]);
-    let mut alone = DepthMaps::new(vec![camera(0.0)], RANGE.0, RANGE.1);
-    assert!(alone.depth(0, |_| rig.view(0)).is_none(), "a photo without neighbours");
+    assert_eq!(DepthMaps::new(vec![camera(0.0)], RANGE.0, RANGE.1).neighbours(0), [0; 0]);
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::shot::LoadedPhoto;
 use crate::scene::{Scene, SceneError};
 use crate::warp::Texture;
 
@@ -20,19 +21,13 @@ impl PhotoStore {
 
     /// The photos of views of the store's scene, those that are not in memory read from their files
     /// side by side. Of several errors it is the first view's.
-    pub(super) fn load(&mut self, scene: &Scene, views: &[usize]) -> Result<Vec<Arc<Texture>>, SceneError> {
-        let load = |&view: &usize| match &self.textures[view] {
-            Some(texture) => Ok(Arc::clone(texture)),
-            None => Ok(Arc::new(Texture::new(&scene.load_image(view)?))),
+    pub(super) fn load(&mut self, scene: &Scene, views: &[usize]) -> Result<Vec<LoadedPhoto>, SceneError> {
+        let load = |&view: &usize| LoadedPhoto::read(scene, view, self.textures[view].as_ref());
+        let loaded: Vec<_> = views.par_iter().map(load).collect();
+        let store = |photo: Result<LoadedPhoto, SceneError>| {
+            photo.inspect(|photo| self.textures[photo.view] = Some(Arc::clone(&photo.texture)))
         };
-        let loaded: Vec<Result<_, SceneError>> = views.par_iter().map(load).collect();
-        let mut textures = Vec::with_capacity(views.len());
-        for (&view, texture) in views.iter().zip(loaded) {
-            let texture = texture?;
-            self.textures[view] = Some(Arc::clone(&texture));
-            textures.push(texture);
-        }
-        Ok(textures)
+        loaded.into_iter().map(store).collect()
     }
 
     /// The photo of a view, if it is in memory.

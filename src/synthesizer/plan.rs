@@ -2,18 +2,11 @@
 
 use std::time::Duration;
 
-use super::error::SynthesisError;
-#[cfg(feature = "surface")]
-use super::scene_photos::ScenePhotos;
-use super::shot::LoadedShot;
-#[cfg(feature = "surface")]
-use crate::kinds::{DepthUpdate, PhotosWithDepth};
-use crate::kinds::{FoundLayers, FramePhotos, LayerSource};
+use crate::kinds::{FoundLayers, LayerSource};
 use crate::layers::Layers;
 use crate::layers::guided::RangeMap;
 #[cfg(feature = "surface")]
 use crate::surface::TargetSurface;
-use crate::warp::SourceView;
 
 /// The layers of a shot, and the time that finding them took.
 #[derive(Debug, Clone)]
@@ -55,24 +48,5 @@ impl Plan {
             surface: found.surface,
             ..Self::known(found.layers)
         }
-    }
-}
-
-/// The photos of a shot, and the store of their depth.
-pub(super) struct ShotPhotos<'a> {
-    pub(super) shot: &'a LoadedShot,
-    #[cfg(feature = "surface")]
-    pub(super) photos: &'a mut ScenePhotos,
-}
-
-impl FramePhotos<SynthesisError> for ShotPhotos<'_> {
-    fn sources(&self) -> Vec<SourceView<'_>> {
-        self.shot.sources()
-    }
-
-    /// The photos of a scene do not change, nor does their depth.
-    #[cfg(feature = "surface")]
-    fn with_depth(&mut self, _: DepthUpdate) -> Result<PhotosWithDepth<'_>, SynthesisError> {
-        self.photos.with_depth(self.shot)
     }
 }

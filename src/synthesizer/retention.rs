@@ -5,12 +5,14 @@
 //! each, those needed sooner before those needed later, and depths that no known target needs after
 //! these, last used first. What is dropped is found again when it is needed, the same bit for bit.
 
+use std::collections::HashSet;
+
 #[cfg(feature = "surface")]
 use super::depth::depth_store::DepthStore;
 use super::photo_store::PhotoStore;
 use super::shot::Shot;
 
-/// Bytes of photos and depths that are kept beyond what the target and the next one need.
+/// Bytes of photos and depths that stay beyond what the target and the next one need.
 pub(super) const KEPT_BYTES: usize = 128 << 20;
 
 /// What has been used lately, and how many bytes of it stay.
@@ -27,25 +29,23 @@ impl Retention {
     }
 
     /// Drops what the shot does not need, and of what `later` shots need that which exceeds the
-    /// limit; for a scene of so many views.
+    /// limit.
     pub(super) fn drop_unneeded(
         &mut self,
-        views: usize,
         shot: &Shot,
         later: &[Shot],
         photos: &mut PhotoStore,
         #[cfg(feature = "surface")] depths: &mut DepthStore,
     ) {
         // Views in the order in which they are needed, each once.
-        let mut order = Order::new(views);
-        shot.photos().for_each(|view| order.push(view));
-        later.iter().take(1).flat_map(Shot::photos).for_each(|view| order.push(view));
-        let soon = order.views.len();
-        later.iter().skip(1).flat_map(Shot::photos).for_each(|view| order.push(view));
-        let ever = order.views.len();
+        let (mut order, mut listed) = (Vec::new(), HashSet::new());
+        let next = later.iter().take(1).flat_map(Shot::photos);
+        order.extend(shot.photos().chain(next).filter(|&view| listed.insert(view)));
+        let soon = order.len();
+        order.extend(later.iter().skip(1).flat_map(Shot::photos).filter(|&view| listed.insert(view)));
+        let ever = order.len();
         // Then those that no known target needs: later targets may not be known yet.
-        self.recent.iter().for_each(|&view| order.push(view));
-        let order = order.views;
+        order.extend(self.recent.iter().copied().filter(|&view| listed.insert(view)));
 
         let mut left = self.bytes;
         let mut fits = |bytes: usize| left.checked_sub(bytes).inspect(|&rest| left = rest).is_some();
@@ -55,32 +55,12 @@ impl Retention {
             let kept: Vec<usize> = kept.map(|(_, &view)| view).collect();
             depths.retain(&kept, &order[..soon]);
         }
-        let mut keep = vec![false; views];
-        for (rank, &view) in order[..ever].iter().enumerate() {
-            keep[view] = rank < soon || fits(photos.bytes(view));
-        }
-        photos.retain(|view| keep[view]);
+        let kept = order[..ever].iter().enumerate().filter(|&(rank, &view)| rank < soon || fits(photos.bytes(view)));
+        let kept: HashSet<usize> = kept.map(|(_, &view)| view).collect();
+        photos.retain(|view| kept.contains(&view));
 
         self.recent.retain(|&view| !shot.photos().any(|needed| needed == view));
         self.recent.splice(..0, shot.photos());
-    }
-}
-
-/// Views, each once.
-struct Order {
-    views: Vec<usize>,
-    listed: Vec<bool>,
-}
-
-impl Order {
-    fn new(views: usize) -> Self {
-        Self { views: Vec::new(), listed: vec![false; views] }
-    }
-
-    fn push(&mut self, view: usize) {
-        if !std::mem::replace(&mut self.listed[view], true) {
-            self.views.push(view);
-        }
     }
 }
 
@@ -182,11 +162,11 @@ mod tests {
         photos.photos.load(photos.views.scene(), &all).unwrap();
         photos.retention.bytes = 2 * photos.photos.bytes(0);
         photos.load(&shots[0], &shots[1..]).unwrap();
-        let mut order = Order::new(photos.views().scene().views.len());
-        shots[..2].iter().flat_map(Shot::photos).for_each(|view| order.push(view));
-        let soon = order.views.len();
-        shots.iter().flat_map(Shot::photos).for_each(|view| order.push(view));
-        let mut expected = order.views[..soon + 2].to_vec();
+        let (mut order, mut listed) = (Vec::new(), HashSet::new());
+        order.extend(shots[..2].iter().flat_map(Shot::photos).filter(|&view| listed.insert(view)));
+        let soon = order.len();
+        order.extend(shots[2..].iter().flat_map(Shot::photos).filter(|&view| listed.insert(view)));
+        let mut expected = order[..soon + 2].to_vec();
         expected.sort_unstable();
         assert_eq!(photos.photos.loaded().collect::<Vec<_>>(), expected);
     }

@@ -1,13 +1,12 @@
 //! A scene, a model and layers in one: renders targets.
 
-use std::fmt;
 use std::path::Path;
 use std::time::Instant;
 
 use super::error::SynthesisError;
 use super::memory;
 use super::options::Options;
-use super::plan::{Plan, ShotPhotos};
+use super::plan::Plan;
 use super::scene_photos::ScenePhotos;
 use super::scene_views::SceneViews;
 use super::shot::{LoadedShot, Shot};
@@ -21,6 +20,7 @@ use crate::surface::{EXTRA_PHOTOS, PhotoCorrection, TargetSurface};
 
 /// Renders new views of a scene: [`Self::render`], or step by step [`Self::shots`], [`Self::load`],
 /// [`Self::plan`] and [`Self::render_plan`].
+#[derive(Debug)]
 pub struct Synthesizer {
     photos: ScenePhotos,
     renderer: Renderer,
@@ -29,17 +29,6 @@ pub struct Synthesizer {
     photo_correction: PhotoCorrection,
     #[cfg(feature = "surface")]
     searches_holes: bool,
-}
-
-impl fmt::Debug for Synthesizer {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { photos, renderer, layers, .. } = self;
-        f.debug_struct("Synthesizer")
-            .field("photos", photos)
-            .field("renderer", renderer)
-            .field("layers", layers)
-            .finish_non_exhaustive()
-    }
 }
 
 impl Synthesizer {
@@ -67,13 +56,9 @@ impl Synthesizer {
         options.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder))?;
         let (renderer, layers) = options.model.open_renderer(options.layers.as_ref())?;
         Ok(Self {
-            photos,
-            renderer,
-            layers,
             #[cfg(feature = "surface")]
             photo_correction: options.photo_correction,
-            #[cfg(feature = "surface")]
-            searches_holes: true,
+            ..Self::new(photos, renderer, layers)
         })
     }
 
@@ -213,23 +198,26 @@ impl Synthesizer {
     /// render; [`SynthesisError::Scene`] where a photo is needed for its depth and cannot be read.
     pub fn plan(&mut self, shot: &LoadedShot) -> Result<Plan, SynthesisError> {
         let started = Instant::now();
-        let mut photos = ShotPhotos {
-            shot,
-            #[cfg(feature = "surface")]
-            photos: &mut self.photos,
-        };
-        let mut input = FrameInput {
+        let input = FrameInput {
             target: &shot.shot().target,
             near: shot.shot().near,
             far: shot.shot().far,
-            photos: &mut photos,
+            sources: &shot.sources(),
             is_followed: false,
             #[cfg(feature = "surface")]
             photo_correction: self.photo_correction,
             #[cfg(feature = "surface")]
             searches_holes: self.searches_holes,
         };
-        let found = find_layers(&self.layers, &mut Carried::default(), &mut input, Reuse::Nothing)?;
+        let found = find_layers::<SynthesisError>(
+            &self.layers,
+            &mut Carried::default(),
+            &input,
+            Reuse::Nothing,
+            // The photos of a scene do not change, nor does their depth.
+            #[cfg(feature = "surface")]
+            |_| self.photos.with_depth(shot),
+        )?;
         let Some(selection) = found.selection else { return Ok(Plan::found(found, started.elapsed())) };
         let frame = self.render_plan(shot, &Plan::known(found.layers), None)?;
         let selected = selection.planes(&frame, self.renderer.alpha())?;

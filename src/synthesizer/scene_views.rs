@@ -16,7 +16,8 @@ use crate::surface::found_range;
 /// A scene and the depth range given for it: chooses the views and the depth range of each target.
 #[derive(Debug, Clone)]
 pub struct SceneViews {
-    scene: Arc<Scene>,
+    /// Shared with searches on other threads.
+    pub(super) scene: Arc<Scene>,
     given: (Option<f64>, Option<f64>),
     /// The range found from the photos, once it was needed; `None` if it cannot be found.
     found: OnceLock<Option<(f64, f64)>>,
@@ -31,12 +32,6 @@ impl SceneViews {
     /// The scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
-    }
-
-    /// The scene, for a search on another thread.
-    #[cfg(feature = "surface")]
-    pub(super) fn shared_scene(&self) -> Arc<Scene> {
-        Arc::clone(&self.scene)
     }
 
     /// Near and far as given to [`Self::new`], scene units.

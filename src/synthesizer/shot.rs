@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::geometry::Camera;
 use crate::layers::guided::{GuidedSearch, SearchStages};
 use crate::layers::{LayersError, padded};
+use crate::scene::{Scene, SceneError};
 use crate::warp::{SourceView, Texture, warp_sources};
 
 /// A target with its views and its depth range.
@@ -39,22 +40,30 @@ impl Shot {
 /// A shot with its photos in memory: what a plan is found from, and rendered from.
 #[derive(Debug, Clone)]
 pub struct LoadedShot {
-    shot: Shot,
+    pub(super) shot: Shot,
     /// Of the shot's views, then of its helpers.
-    photos: Vec<LoadedPhoto>,
+    pub(super) photos: Vec<LoadedPhoto>,
 }
 
 /// The photo of a view, in memory.
 #[derive(Debug, Clone)]
 pub(super) struct LoadedPhoto {
     /// Index of the view in the scene.
-    #[cfg_attr(not(feature = "surface"), expect(dead_code))]
     pub(super) view: usize,
     pub(super) camera: Camera,
     pub(super) texture: Arc<Texture>,
 }
 
 impl LoadedPhoto {
+    /// The photo of a view, read from its file unless its texture is in memory.
+    pub(super) fn read(scene: &Scene, view: usize, texture: Option<&Arc<Texture>>) -> Result<Self, SceneError> {
+        let texture = match texture {
+            Some(texture) => Arc::clone(texture),
+            None => Arc::new(Texture::new(&scene.load_image(view)?)),
+        };
+        Ok(Self { view, camera: scene.views[view].camera.clone(), texture })
+    }
+
     /// The photo as warp and searches take it.
     pub(super) fn source(&self) -> SourceView<'_> {
         SourceView { camera: &self.camera, texture: &self.texture }
@@ -62,11 +71,6 @@ impl LoadedPhoto {
 }
 
 impl LoadedShot {
-    /// `photos` are those of the shot's views, then of its helpers.
-    pub(super) fn new(shot: Shot, photos: Vec<LoadedPhoto>) -> Self {
-        Self { shot, photos }
-    }
-
     /// The shot.
     pub fn shot(&self) -> &Shot {
         &self.shot
@@ -75,12 +79,6 @@ impl LoadedShot {
     /// The views to render from, nearest first.
     pub fn sources(&self) -> Vec<SourceView<'_>> {
         self.photos.iter().take(self.shot.views.len()).map(LoadedPhoto::source).collect()
-    }
-
-    /// Photos of the views to render from and of the helpers.
-    #[cfg(feature = "surface")]
-    pub(super) fn photos(&self) -> &[LoadedPhoto] {
-        &self.photos
     }
 
     /// The guided search, with a number of planes in the first search or by the parallax.

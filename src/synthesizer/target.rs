@@ -71,8 +71,7 @@ impl Targets {
 
     /// One camera, named `pose`, or several as the frames of a path, named `frame_0000` and so on.
     pub fn cameras(cameras: Vec<Camera>) -> Self {
-        let moving = cameras.len() > 1;
-        if moving { Self::frames(cameras) } else { Self::named(cameras, |_| "pose".to_owned(), moving) }
+        if cameras.len() > 1 { Self::frames(cameras) } else { Self::named(cameras, |_| "pose".to_owned(), false) }
     }
 
     /// The frames of a path around the views.

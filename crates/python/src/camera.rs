@@ -130,7 +130,6 @@ impl Camera {
     }
 
     /// The same camera for its picture resampled to that size, pixels.
-    #[pyo3(signature = (width, height))]
     fn with_size_scaled(&self, width: &Bound<'_, PyAny>, height: &Bound<'_, PyAny>) -> PyResult<Self> {
         let scaled = self.0.with_size_scaled(whole("width", width)?, whole("height", height)?);
         Ok(Self(scaled.map_err(|error| value("width, height", error))?))

@@ -104,7 +104,6 @@ impl Frame {
     }
 
     /// Writes the inpainted picture, as `liveview render` does: JPEG for .jpg, else PNG.
-    #[pyo3(signature = (path))]
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let picture = self.filled(py)?;
         compute(py, || picture.save(path).map_err(library))

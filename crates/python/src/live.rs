@@ -64,7 +64,6 @@ impl LiveSession {
 
     /// The picture of a camera at the next time step; photos: of each camera in order [h, w, 3], as
     /// `Scene.from_arrays` takes them, or None where it has delivered nothing.
-    #[pyo3(signature = (photos, target))]
     fn render(&self, py: Python<'_>, photos: &Bound<'_, PyAny>, target: &Bound<'_, PyAny>) -> PyResult<Frame> {
         let target = camera("target", target)?;
         let photos = some("photos", photos)?;

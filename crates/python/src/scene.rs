@@ -95,7 +95,6 @@ impl Scene {
     }
 
     /// The photo of a view, undistorted, at the size of its camera: [h, w, 3] float32 in [0, 1].
-    #[pyo3(signature = (view))]
     fn photo<'py>(&self, py: Python<'py>, view: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray3<f32>>> {
         let index = view_index(&self.0, "view", view)?;
         let photo = compute(py, || self.0.load_image(index).map_err(library))?;
@@ -103,7 +102,6 @@ impl Scene {
     }
 
     /// The cameras of a path around the views, as `render --path` takes it: "spiral:30".
-    #[pyo3(signature = (path))]
     fn path(&self, path: &str) -> PyResult<Vec<Camera>> {
         let path: CameraPath = path.parse().map_err(|error| value("path", error))?;
         let targets = Targets::path(&self.0, path).map_err(library)?;

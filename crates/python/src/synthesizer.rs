@@ -92,7 +92,6 @@ impl Synthesizer {
 
     /// The picture of a camera, or of a view of the scene (its name or index), rendered from the
     /// others.
-    #[pyo3(signature = (target))]
     fn render(&self, py: Python<'_>, target: &Bound<'_, PyAny>) -> PyResult<Frame> {
         let targets = self.targets("target", target)?;
         let (name, (frame, _, times)) = self.engine.with(py, |synthesizer| {
@@ -104,7 +103,6 @@ impl Synthesizer {
     }
 
     /// The pictures of cameras along a path, one after the other, over one depth range.
-    #[pyo3(signature = (targets))]
     fn render_path(&self, py: Python<'_>, targets: &Bound<'_, PyAny>) -> PyResult<Frames> {
         let path = Targets::cameras(cameras("targets", targets)?);
         let shots = self.engine.with(py, |synthesizer| synthesizer.shots(path).map_err(library))?;
@@ -113,7 +111,6 @@ impl Synthesizer {
 
     /// The depth of a view's photo, searched among its neighbours. Beyond 128 MiB, depths are kept
     /// until those of all views have been asked for.
-    #[pyo3(signature = (photo))]
     fn depth<'py>(&self, py: Python<'py>, photo: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let view = view_index(&self.scene.get().0, "photo", photo)?;
         let later = self.ask(view);

@@ -4,8 +4,9 @@ use std::path::Path;
 
 use serde_json::{Map, Value};
 
-use crate::scene::error::SceneError;
-use crate::scene::pose_file::text;
+use crate::geometry::json_numbers;
+use crate::scene::SceneError;
+use crate::scene::pose_file::{pixels, text};
 
 /// Parses a file. JSON has no NaN or Infinity: they are errors, which quote the text around them.
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneError> {
@@ -23,7 +24,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneError> {
 /// values common to all frames.
 #[derive(Clone, Copy)]
 pub(super) struct Fields<'a> {
-    path: &'a Path,
+    pub(super) path: &'a Path,
     /// The object's position in the file, such as `frames[3]`, for messages.
     place: &'a str,
     own: &'a Map<String, Value>,
@@ -72,10 +73,7 @@ impl<'a> Fields<'a> {
     }
 
     pub(super) fn numbers<const N: usize>(&self, key: &str) -> Result<[f64; N], SceneError> {
-        let wrong = || self.wrong(key, &format!("{N} numbers"));
-        let values = self.get(key).and_then(Value::as_array).ok_or_else(wrong)?;
-        let values: Option<Vec<f64>> = values.iter().map(Value::as_f64).collect();
-        values.and_then(|values| values.try_into().ok()).ok_or_else(wrong)
+        self.get(key).and_then(json_numbers).ok_or_else(|| self.wrong(key, &format!("{N} numbers")))
     }
 
     pub(super) fn text(&self, key: &str) -> Result<&'a str, SceneError> {
@@ -85,7 +83,6 @@ impl<'a> Fields<'a> {
     /// A width or height in pixels; some programs write it as 540.0.
     pub(super) fn side(&self, key: &str) -> Result<Option<usize>, SceneError> {
         let Some(value) = self.optional(key)? else { return Ok(None) };
-        let is_valid = value.fract() == 0.0 && (1.0..=1e9).contains(&value);
-        if is_valid { Ok(Some(value as usize)) } else { Err(self.wrong(key, "a whole number of pixels")) }
+        pixels(value).map(Some).ok_or_else(|| self.wrong(key, "a whole number of pixels"))
     }
 }

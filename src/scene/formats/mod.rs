@@ -1,56 +1,34 @@
 //! One module per format; each reads its files into [`DeclaredViews`].
 
-pub(super) mod colmap;
+mod colmap;
+#[cfg(fuzzing)]
+pub mod fuzz;
 mod json;
-pub(super) mod llff;
-pub(super) mod ply;
+mod llff;
+mod ply;
 mod points_range;
-pub(super) mod poses_bounds;
-pub(super) mod realestate10k;
-pub(super) mod spaces;
+mod realestate10k;
+mod spaces;
 pub(super) mod transforms;
 
 use std::path::Path;
 
-use super::declared::DeclaredViews;
-use super::error::SceneError;
-use super::format::Format;
-use super::options::SceneOptions;
-use super::photos::source::PhotoSource;
+use super::{DeclaredViews, Format, PhotoSource, SceneError, SceneOptions};
 
-/// The formats whose files a folder holds, in order of precedence.
-pub(super) fn all_in(root: &Path) -> impl Iterator<Item = Format> {
-    Format::ALL.into_iter().filter(move |&format| is_in(format, root))
+/// How the files of a format are recognised and read.
+pub(super) struct Reader {
+    pub(super) format: Format,
+    /// Whether a folder holds its files.
+    pub(super) is_in: fn(&Path) -> bool,
+    /// Reads them, given the folder.
+    pub(super) open: fn(&Path, &dyn PhotoSource, &SceneOptions) -> Result<DeclaredViews, SceneError>,
 }
 
-fn is_in(format: Format, root: &Path) -> bool {
-    match format {
-        Format::Transforms => transforms::file_in(root).is_some(),
-        Format::Llff => root.join("poses_bounds.npy").is_file(),
-        Format::Spaces => root.join("models.json").is_file(),
-        Format::RealEstate10k => root.join("cameras.txt").is_file() && !root.join("images.txt").is_file(),
-        Format::Colmap => colmap::model_folder(root).is_some(),
-        Format::Memory => false,
-    }
-}
-
-/// Reads the files of a format in a scene folder; `file` is the one to read, if it was given.
-pub(super) fn read(
-    format: Format,
-    root: &Path,
-    file: Option<&Path>,
-    photos: &dyn PhotoSource,
-    options: &SceneOptions,
-) -> Result<DeclaredViews, SceneError> {
-    match format {
-        Format::Transforms => {
-            let file = file.map(Path::to_owned).or_else(|| transforms::file_in(root));
-            transforms::open(root, &file.unwrap_or_else(|| root.join("transforms.json")), photos, options)
-        }
-        Format::Llff => llff::open(root, photos, options),
-        Format::Spaces => spaces::open(root, photos, options),
-        Format::RealEstate10k => realestate10k::open(root, photos, options),
-        Format::Colmap => colmap::open(root, photos, options),
-        Format::Memory => Err(SceneError::malformed(root, "no files of a scene", "one of the formats")),
-    }
-}
+/// The readers, in order of precedence.
+pub(super) const READERS: [Reader; 5] = [
+    Reader { format: Format::Transforms, is_in: |root| transforms::file_in(root).is_some(), open: transforms::open },
+    Reader { format: Format::Llff, is_in: |root| root.join("poses_bounds.npy").is_file(), open: llff::open },
+    Reader { format: Format::Spaces, is_in: |root| root.join("models.json").is_file(), open: spaces::open },
+    Reader { format: Format::RealEstate10k, is_in: realestate10k::is_in, open: realestate10k::open },
+    Reader { format: Format::Colmap, is_in: |root| colmap::model_folder(root).is_some(), open: colmap::open },
+];

@@ -2,26 +2,6 @@
 
 use glam::DVec3;
 
-/// Bytes of a number.
-const SIZES: [(&str, usize); 16] = [
-    ("char", 1),
-    ("int8", 1),
-    ("uchar", 1),
-    ("uint8", 1),
-    ("short", 2),
-    ("int16", 2),
-    ("ushort", 2),
-    ("uint16", 2),
-    ("int", 4),
-    ("int32", 4),
-    ("uint", 4),
-    ("uint32", 4),
-    ("float", 4),
-    ("float32", 4),
-    ("double", 8),
-    ("float64", 8),
-];
-
 /// The header of a file: how many points, and where their coordinates are.
 struct Header<'a> {
     encoding: &'a str,
@@ -31,7 +11,7 @@ struct Header<'a> {
 }
 
 /// The points; an error says what is wrong and what was expected.
-pub(in crate::scene) fn points(bytes: &[u8]) -> Result<Vec<DVec3>, String> {
+pub(super) fn points(bytes: &[u8]) -> Result<Vec<DVec3>, String> {
     let mut rest = bytes;
     let mut header: Option<Header<'_>> = None;
     let mut encoding = None;
@@ -50,8 +30,13 @@ pub(in crate::scene) fn points(bytes: &[u8]) -> Result<Vec<DVec3>, String> {
             ["element", name, _] if header.is_none() => return Err(format!("element {name}; expected vertex first")),
             ["element", ..] => is_vertex = false,
             ["property", kind, name] if is_vertex => {
-                let size = SIZES.iter().find(|(known, _)| *known == kind);
-                let &(_, size) = size.ok_or_else(|| format!("property {kind} {name}; expected a number"))?;
+                let size = match kind {
+                    "char" | "int8" | "uchar" | "uint8" => 1,
+                    "short" | "int16" | "ushort" | "uint16" => 2,
+                    "int" | "int32" | "uint" | "uint32" | "float" | "float32" => 4,
+                    "double" | "float64" => 8,
+                    _ => return Err(format!("property {kind} {name}; expected a number")),
+                };
                 header.iter_mut().for_each(|header| header.numbers.push((name, kind, size)));
             }
             ["property", ..] if is_vertex => return Err(format!("{line}; expected a number")),
@@ -111,17 +96,9 @@ impl Header<'_> {
 
 /// A number of 4 or 8 bytes.
 fn number(bytes: &[u8], little: bool) -> f64 {
-    let mut ordered = [0; 8];
-    ordered[..bytes.len()].copy_from_slice(bytes);
-    let ordered = &mut ordered[..bytes.len()];
-    if !little {
-        ordered.reverse();
-    }
-    match *ordered {
-        [a, b, c, d] => f64::from(f32::from_le_bytes([a, b, c, d])),
-        [a, b, c, d, e, f, g, h] => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
-        _ => f64::NAN,
-    }
+    let float = |bytes| f64::from(if little { f32::from_le_bytes(bytes) } else { f32::from_be_bytes(bytes) });
+    let double = |bytes| if little { f64::from_le_bytes(bytes) } else { f64::from_be_bytes(bytes) };
+    bytes.try_into().map(float).or_else(|_| bytes.try_into().map(double)).expect("4 or 8 bytes")
 }
 
 #[cfg(test)]

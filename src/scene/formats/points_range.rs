@@ -9,8 +9,8 @@ use serde_json::Value;
 
 use super::colmap::{self, Seen};
 use super::ply;
-use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
 use crate::scene::pose_file::{read, safe_name};
+use crate::scene::{DeclaredView, DeclaredViews};
 
 /// Points that are looked at: more would not change the percentiles.
 const MAX_POINTS: usize = 8192;
@@ -57,11 +57,7 @@ pub(super) fn fill(root: &Path, path: &Path, file: &Value, found: &mut DeclaredV
 fn in_pictures(points: &[DVec3], found: &DeclaredViews) -> Result<Ranges, String> {
     let step = points.len().div_ceil(MAX_POINTS).max(1);
     let range = |view: &DeclaredView| {
-        let size = match view.size {
-            DeclaredSize::Actual => view.photo.size,
-            DeclaredSize::Exactly(size) | DeclaredSize::Scaled(size) => size,
-        };
-        let k = view.intrinsics;
+        let (k, size) = (view.intrinsics, view.size);
         let depths = points.iter().step_by(step).filter_map(|&point| {
             let DVec3 { x, y, z } = view.rotation * point + view.translation;
             let (u, v) = (k.fx * x / z + k.cx, k.fy * y / z + k.cy);

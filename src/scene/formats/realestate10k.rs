@@ -12,39 +12,31 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 
 use crate::geometry::Intrinsics;
-use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
-use crate::scene::error::SceneError;
-use crate::scene::options::SceneOptions;
 use crate::scene::photos::lookup::{PhotoLookup, list_photos};
-use crate::scene::photos::source::{PhotoList, PhotoSource};
 use crate::scene::pose_file::{abbreviated, read, text};
-use crate::scene::undistort::Distortion;
+use crate::scene::{DeclaredView, DeclaredViews, Distortion, PhotoList, PhotoSource, SceneError, SceneOptions};
 
 const LINE: &str = "timestamp fx fy cx cy 0 0 and 12 numbers of the pose";
 
-pub(in crate::scene) fn open(
-    root: &Path,
-    photos: &dyn PhotoSource,
-    options: &SceneOptions,
-) -> Result<DeclaredViews, SceneError> {
+/// Whether a folder holds such a file; COLMAP's text files have the same name.
+pub(super) fn is_in(root: &Path) -> bool {
+    root.join("cameras.txt").is_file() && !root.join("images.txt").is_file()
+}
+
+pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
     let path = root.join("cameras.txt");
     let bytes = read(&path)?;
     let list = list_photos(root, photos, options.images.as_deref(), &["frames", "images"])?;
-    views(&path, &bytes, &list, photos)
+    views(&bytes, &list, PhotoLookup::new(photos, &path))
 }
 
 /// Views of the listed photos.
-pub(in crate::scene) fn views(
-    path: &Path,
-    bytes: &[u8],
-    list: &PhotoList,
-    photos: &dyn PhotoSource,
-) -> Result<DeclaredViews, SceneError> {
+pub(super) fn views(bytes: &[u8], list: &PhotoList, mut lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
+    let path = lookup.listed_in;
     let text = text(path, bytes)?;
     let by_stem: HashMap<&str, &str> =
         list.names.iter().filter_map(|name| Some((name.rsplit_once('.')?.0, name.as_str()))).collect();
-    let mut lookup = PhotoLookup::new(photos, path);
-    let (mut views, mut missing) = (Vec::new(), Vec::new());
+    let mut missing = Vec::new();
     let is_pose =
         |line: &str| line.trim().split_once(char::is_whitespace).is_some_and(|(_, n)| parse_numbers(n).is_ok());
     let starts_with_pose = text.lines().next().is_some_and(is_pose);
@@ -58,36 +50,38 @@ pub(in crate::scene) fn views(
             continue;
         };
         let Some(photo) = lookup.find(&list.with_folder(name))? else { continue };
-        let (width, height) = (photo.size.width as f64, photo.size.height as f64);
+        let size = photo.size;
+        let (width, height) = (size.width as f64, size.height as f64);
         let [fx, fy, cx, cy, k1, k2, pose @ ..] = numbers;
         if k1 != 0.0 || k2 != 0.0 {
             return Err(wrong(format!("columns 6 and 7 are {k1} and {k2}")));
         }
         let row = |i: usize| DVec3::new(pose[4 * i], pose[4 * i + 1], pose[4 * i + 2]);
-        views.push(DeclaredView {
+        lookup.views.push(DeclaredView {
             photo,
             intrinsics: Intrinsics { fx: fx * width, fy: fy * height, cx: cx * width, cy: cy * height, skew: 0.0 },
-            size: DeclaredSize::Actual,
+            size,
+            may_be_resampled: false,
             rotation: DMat3::from_rows(row(0), row(1), row(2)),
             translation: DVec3::new(pose[3], pose[7], pose[11]),
             distortion: Distortion::default(),
             depth_range: None,
         });
     }
-    if views.is_empty() {
+    if lookup.views.is_empty() {
         let place = list.folder.as_ref().map(|folder| format!(" in {folder}")).unwrap_or_default();
         let what = format!("none of its {} timestamps has a photo{place}", missing.len());
         return Err(SceneError::malformed(path, what, "photos named by timestamp, such as 50016633.jpg"));
     }
-    let mut notes = lookup.into_notes(&views)?;
+    let mut found = lookup.finish()?;
     if starts_with_pose {
-        notes.push("the first line is read as a pose, since it is not the video's URL".to_owned());
+        found.notes.push("the first line is read as a pose, since it is not the video's URL".to_owned());
     }
     if !missing.is_empty() {
         let stamps = abbreviated(&missing);
-        notes.push(format!("{} of the listed timestamps have no photo, skipped: {stamps}", missing.len()));
+        found.notes.push(format!("{} of the listed timestamps have no photo, skipped: {stamps}", missing.len()));
     }
-    Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
+    Ok(found)
 }
 
 fn parse_numbers(text: &str) -> Result<[f64; 18], String> {

@@ -16,29 +16,17 @@ use serde_json::Value;
 
 use super::json::{Fields, parse};
 use crate::geometry::{Intrinsics, Size};
-use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
-use crate::scene::error::SceneError;
-use crate::scene::options::SceneOptions;
 use crate::scene::photos::lookup::PhotoLookup;
-use crate::scene::photos::source::PhotoSource;
 use crate::scene::pose_file::read_json;
-use crate::scene::undistort::Distortion;
+use crate::scene::{DeclaredView, DeclaredViews, Distortion, PhotoSource, SceneError, SceneOptions};
 
-pub(in crate::scene) fn open(
-    root: &Path,
-    photos: &dyn PhotoSource,
-    options: &SceneOptions,
-) -> Result<DeclaredViews, SceneError> {
+pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
     let path = root.join("models.json");
-    views(&path, &read_json(&path)?, options.rig_position, photos)
+    views(&read_json(&path)?, options.rig_position, PhotoLookup::new(photos, &path))
 }
 
-pub(in crate::scene) fn views(
-    path: &Path,
-    bytes: &[u8],
-    position: usize,
-    photos: &dyn PhotoSource,
-) -> Result<DeclaredViews, SceneError> {
+pub(super) fn views(bytes: &[u8], position: usize, mut lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
+    let path = lookup.listed_in;
     let file = parse(path, bytes)?;
     let rigs = file
         .as_array()
@@ -50,24 +38,22 @@ pub(in crate::scene) fn views(
         };
         SceneError::malformed(path, what, "a list of cameras")
     })?;
-    let mut lookup = PhotoLookup::new(photos, path);
-    let mut views = Vec::with_capacity(cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
         let place = format!("[{position}][{index}]");
-        views.extend(view(Fields::new(path, &place, camera, None)?, &mut lookup)?);
+        add_view(Fields::new(path, &place, camera, None)?, &mut lookup)?;
     }
-    let mut notes = lookup.into_notes(&views)?;
+    let mut found = lookup.finish()?;
     if rigs.len() > 1 {
-        notes.push(format!("the file has {} rig positions, only number {position} is read", rigs.len()));
+        found.notes.push(format!("the file has {} rig positions, only number {position} is read", rigs.len()));
     }
-    Ok(DeclaredViews { cameras: path.to_owned(), views, notes })
+    Ok(found)
 }
 
-/// A camera's view; `None` if its entry is skipped.
-fn view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<Option<DeclaredView>, SceneError> {
+/// Adds a camera's view, unless its entry is skipped.
+fn add_view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<(), SceneError> {
     // The photo comes first: a skipped entry is not checked any further.
     let Some(photo) = camera.text("relative_path").and_then(|name| lookup.find(name)).transpose() else {
-        return Ok(None);
+        return Ok(());
     };
     let (Some(width), Some(height)) = (camera.side("width")?, camera.side("height")?) else {
         return Err(camera.wrong("width", "width and height in pixels"));
@@ -75,15 +61,17 @@ fn view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<Option<Decla
     let fx = camera.number("focal_length")?;
     let [cx, cy] = camera.numbers("principal_point")?;
     let rotation = rotation(DVec3::from_array(camera.numbers("orientation")?));
-    Ok(Some(DeclaredView {
+    lookup.views.push(DeclaredView {
         photo: photo?,
         intrinsics: Intrinsics { fx, fy: fx * camera.number("pixel_aspect_ratio")?, cx, cy, skew: 0.0 },
-        size: DeclaredSize::Scaled(Size::new(width, height)),
+        size: Size::new(width, height),
+        may_be_resampled: true,
         rotation,
         translation: -(rotation * DVec3::from_array(camera.numbers("position")?)),
         distortion: Distortion::default(),
         depth_range: None,
-    }))
+    });
+    Ok(())
 }
 
 /// `cam_from_world` from an axis times its angle.

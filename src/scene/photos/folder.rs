@@ -4,14 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+use crate::fs::has_extension;
 use crate::image::{self, Header, ImageRgb};
-use crate::scene::error::SceneError;
+use crate::scene::SceneError;
 use crate::scene::pose_file::{below_root, safe_name};
 
 /// Levels of nested folders in which photos are searched.
 const MAX_DEPTH: usize = 4;
-
-const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// Folders of reduced copies of the photos in `images`, the largest first.
 const REDUCED: [&str; 3] = ["images_2", "images_4", "images_8"];
@@ -49,14 +48,16 @@ impl PhotoSource for PhotoFolder {
         let ends: Vec<&str> = ends.collect();
         let mut names = std::iter::once(&*name).chain(ends.into_iter().rev());
         let Some(name) = names.find_map(|name| self.existing(name)) else {
-            return Err(SceneError::MissingImage {
-                path: self.root.join(listed.name),
-                listed_in: listed.listed_in.to_owned(),
-            });
+            let (path, listed_in) = (self.root.join(listed.name), listed.listed_in.to_owned());
+            return Err(SceneError::MissingImage { path, listed_in });
         };
         let path = self.root.join(&name);
-        let header = image::read_header(&path)?;
-        Ok(Found::Photo(Photo { name, path, size: header.size, ignored: ignored(header) }))
+        let Header { size, oriented, alpha, .. } = image::read_header(&path)?;
+        let orientation =
+            oriented.then_some("EXIF orientation ignored, poses are assumed to belong to the pixels as stored");
+        let alpha = alpha.then_some("alpha channel dropped, colours used as stored");
+        let ignored = orientation.into_iter().chain(alpha).collect();
+        Ok(Found::Photo(Photo { name, path, size, ignored }))
     }
 
     fn list(&self, folders: &[&str]) -> Result<Option<PhotoList>, SceneError> {
@@ -70,14 +71,6 @@ impl PhotoSource for PhotoFolder {
     fn load(&self, name: &str) -> Result<ImageRgb, SceneError> {
         Ok(image::load(&self.root.join(name))?)
     }
-}
-
-/// Properties of a photo that are ignored, as text for the scene's notes.
-fn ignored(header: Header) -> Vec<&'static str> {
-    let orientation =
-        header.oriented.then_some("EXIF orientation ignored, poses are assumed to belong to the pixels as stored");
-    let alpha = header.alpha.then_some("alpha channel dropped, colours used as stored");
-    orientation.into_iter().chain(alpha).collect()
 }
 
 /// `name` with an extension added, then with its extension replaced.
@@ -104,13 +97,9 @@ fn collect(folder: &Path, prefix: &str, depth: usize, names: &mut Vec<String>) -
             if depth > 0 {
                 collect(&path, &format!("{prefix}{name}/"), depth - 1, names)?;
             }
-        } else if is_photo(name) {
+        } else if has_extension(&path, &["png", "jpg", "jpeg"]) {
             names.push(format!("{prefix}{name}"));
         }
     }
     Ok(())
-}
-
-fn is_photo(name: &str) -> bool {
-    Path::new(name).extension().is_some_and(|found| EXTENSIONS.iter().any(|e| found.eq_ignore_ascii_case(e)))
 }

@@ -1,42 +1,41 @@
 //! Finds the photos that a pose file names.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::path::Path;
 
 use super::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
-use crate::scene::declared::DeclaredView;
-use crate::scene::error::SceneError;
 use crate::scene::pose_file::{abbreviated, safe_name};
+use crate::scene::{DeclaredView, DeclaredViews, SceneError};
 
-/// Finds the photos of one pose file's entries, one by one.
+/// Finds the photos of one pose file's entries, one by one, and collects their views.
 pub(in crate::scene) struct PhotoLookup<'a> {
     photos: &'a dyn PhotoSource,
-    listed_in: &'a Path,
+    /// The pose file.
+    pub(in crate::scene) listed_in: &'a Path,
+    pub(in crate::scene) views: Vec<DeclaredView>,
     /// Names of the shared photos found so far.
     shared: HashSet<String>,
-    /// Listed photos that do not exist, and the error of the first.
-    missing: Vec<String>,
-    first_missing: Option<SceneError>,
+    notable: Notable,
+}
+
+/// What the scene's notes tell of the entries and their photos.
+#[derive(Default)]
+struct Notable {
+    /// Notes on what the entries say, each once.
+    assumptions: BTreeSet<String>,
+    /// Listed photos that do not exist, with their errors.
+    missing: Vec<(String, SceneError)>,
     /// Photos whose name is another than the listed one: both.
     renamed: Vec<String>,
     /// One note per skipped entry.
-    notes: Vec<String>,
+    skipped: Vec<String>,
     /// Names of the photos by the property of theirs that is ignored.
     ignored: BTreeMap<&'static str, Vec<String>>,
 }
 
 impl<'a> PhotoLookup<'a> {
     pub(in crate::scene) fn new(photos: &'a dyn PhotoSource, listed_in: &'a Path) -> Self {
-        Self {
-            photos,
-            listed_in,
-            shared: HashSet::new(),
-            missing: Vec::new(),
-            first_missing: None,
-            renamed: Vec::new(),
-            notes: Vec::new(),
-            ignored: BTreeMap::new(),
-        }
+        Self { photos, listed_in, views: Vec::new(), shared: HashSet::new(), notable: Notable::default() }
     }
 
     /// The photo of an entry; `None` if the entry is skipped.
@@ -45,47 +44,52 @@ impl<'a> PhotoLookup<'a> {
         let name = &name.replace('\\', "/");
         let found = match self.photos.find(&ListedPhoto { name, listed_in: self.listed_in }) {
             Err(error @ SceneError::MissingImage { .. }) => {
-                self.missing.push(name.clone());
-                self.first_missing.get_or_insert(error);
+                self.notable.missing.push((name.clone(), error));
                 return Ok(None);
             }
             found => found?,
         };
         if let Found::Photo(photo) | Found::Shared(photo) = &found {
             for property in &photo.ignored {
-                self.ignored.entry(property).or_default().push(photo.name.clone());
+                self.notable.ignored.entry(property).or_default().push(photo.name.clone());
             }
         }
         Ok(match found {
             Found::Photo(photo) => {
                 if !is_listed_as(&photo.name, name) {
-                    self.renamed.push(format!("{} for {name}", photo.name));
+                    self.notable.renamed.push(format!("{} for {name}", photo.name));
                 }
                 Some(photo)
             }
             Found::Shared(photo) => self.shared.insert(photo.name.clone()).then_some(photo),
             Found::Skipped(note) => {
-                self.notes.push(note);
+                self.notable.skipped.push(note);
                 None
             }
         })
     }
 
-    /// The scene's notes on skipped entries and on ignored properties of photos.
+    /// Adds a note on an entry; equal notes become one.
+    pub(in crate::scene) fn note(&mut self, note: String) {
+        self.notable.assumptions.insert(note);
+    }
+
+    /// The views, with notes on skipped entries and on ignored properties of photos.
     ///
     /// # Errors
     ///
     /// [`SceneError::MissingImage`] if there are no views and photos are missing.
-    pub(in crate::scene) fn into_notes(self, views: &[DeclaredView]) -> Result<Vec<String>, SceneError> {
-        let Self { missing, first_missing, renamed, mut notes, ignored, .. } = self;
-        match first_missing {
-            Some(error) if views.is_empty() => return Err(error),
-            Some(_) => notes.push(format!(
-                "{} of the listed photos are missing, skipped: {}",
-                missing.len(),
-                abbreviated(&missing)
-            )),
-            None => {}
+    pub(in crate::scene) fn finish(self) -> Result<DeclaredViews, SceneError> {
+        let Self { listed_in, views, notable, .. } = self;
+        let Notable { assumptions, missing, renamed, skipped, ignored } = notable;
+        let (missing, errors): (Vec<_>, Vec<_>) = missing.into_iter().unzip();
+        if let Some(error) = errors.into_iter().next().filter(|_| views.is_empty()) {
+            return Err(error);
+        }
+        let mut notes: Vec<String> = assumptions.into_iter().chain(skipped).collect();
+        if !missing.is_empty() {
+            let names = abbreviated(&missing);
+            notes.push(format!("{} of the listed photos are missing, skipped: {names}", missing.len()));
         }
         if let Some(first) = renamed.first() {
             notes.push(format!(
@@ -94,7 +98,7 @@ impl<'a> PhotoLookup<'a> {
             ));
         }
         notes.extend(ignored.into_iter().map(|(property, names)| format!("{property}: {}", abbreviated(&names))));
-        Ok(notes)
+        Ok(DeclaredViews { cameras: listed_in.to_owned(), views, notes })
     }
 }
 

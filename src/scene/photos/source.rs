@@ -9,8 +9,7 @@ use std::path::{Path, PathBuf};
 
 use crate::geometry::Size;
 use crate::image::ImageRgb;
-use crate::scene::error::SceneError;
-use crate::scene::format::Format;
+use crate::scene::{Format, SceneError};
 
 /// A photo that exists.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -78,8 +77,8 @@ pub trait PhotoSource: Debug + Send + Sync {
     ///
     /// [`SceneError::MissingImage`] if the photo does not exist: its entry is skipped with a note,
     /// and the scene is refused if no other photo exists either. Any other error refuses the scene:
-    /// [`SceneError::UnsafePath`] for a name that points outside the source; [`SceneError::Image`]
-    /// if the photo's size cannot be read.
+    /// [`SceneError::Malformed`] for a name that points outside the source; [`SceneError::Image`] if
+    /// the photo's size cannot be read.
     fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError>;
 
     /// All photos of the first of these folders that exists; `None` if none exists. A source

@@ -11,8 +11,8 @@
 use std::error::Error;
 use std::io::{Cursor, Read, Seek, Write};
 
-use ndarray::{Array2, ArrayView1, ArrayView2, Ix0, Ix1, Ix2, aview0};
-use ndarray_npy::{NpzWriter, WriteNpzError};
+use ndarray::{Array, Array0, Array1, Array2, ArrayView1, Dimension, aview0};
+use ndarray_npy::{NpzWriter, ViewElement, WriteNpzError};
 use zip::ZipArchive;
 
 use super::key::DepthKey;
@@ -72,34 +72,36 @@ pub(super) fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDepth, Damage> {
     if archive.len() != 3 {
         return Err(damage(format!("{} arrays", archive.len()), "key, pixel and disparity"));
     }
-    let mut unpacked = |name: &str, expected: &str, size: usize| {
-        let wrong = |what: String| damage(format!("{name}: {what}"), expected);
-        let entry = archive.by_name(&format!("{name}.npy")).map_err(|error| wrong(root_cause(&error)))?;
-        let (limit, mut bytes) = (size as u64 + OVERHEAD, Vec::new());
-        entry.take(limit + 1).read_to_end(&mut bytes).map_err(|error| wrong(root_cause(&error)))?;
-        if bytes.len() as u64 > limit { Err(wrong(format!("more than {limit} bytes"))) } else { Ok(bytes) }
-    };
-    let expected = "uint8 of shape [32]";
-    let stored = unpacked("key", expected, 32)?;
-    let stored = npy::view::<u8, Ix1>(&stored).map_err(|what| damage(format!("key: {what}"), expected))?;
+    let stored: Array1<u8> = array(&mut archive, "key", "uint8 of shape [32]", 32)?;
     if stored != ArrayView1::from(&key.digest) {
         return Err(damage("key: of another depth", "that of the file's name"));
     }
-    let expected = "float32 of shape []";
-    let pixel = unpacked("pixel", expected, 4)?;
-    let pixel = npy::view::<f32, Ix0>(&pixel).map_err(|what| damage(format!("pixel: {what}"), expected))?.into_scalar();
+    let pixel: Array0<f32> = array(&mut archive, "pixel", "float32 of shape []", 4)?;
     let expected = format!("float32 of shape [{}, {}]", key.size.height, key.size.width);
-    let disparity = unpacked("disparity", &expected, 4 * key.size.pixels())?;
-    let disparity: ArrayView2<'_, f32> =
-        npy::view::<f32, Ix2>(&disparity).map_err(|what| damage(format!("disparity: {what}"), &expected))?;
+    let disparity: Array2<f32> = array(&mut archive, "disparity", &expected, 4 * key.size.pixels())?;
     if disparity.dim() != (key.size.height, key.size.width) {
         return Err(damage(format!("disparity: of shape {:?}", disparity.shape()), expected));
     }
-    // Row by row, whichever order it was stored in.
-    let disparity = Array2::from_shape_fn(disparity.dim(), |at| disparity[at]);
-    let depth = PhotoDepth { disparity, disparity_per_pixel: *pixel };
+    let depth = PhotoDepth { disparity, disparity_per_pixel: pixel.into_scalar() };
     check(&depth, key)?;
     Ok(depth)
+}
+
+/// An array of the archive, of at most `size` bytes; row by row, whichever order it was stored in.
+fn array<T: ViewElement + Clone, D: Dimension>(
+    archive: &mut ZipArchive<Cursor<&[u8]>>,
+    name: &str,
+    expected: &str,
+    size: usize,
+) -> Result<Array<T, D>, Damage> {
+    let wrong = |what: String| damage(format!("{name}: {what}"), expected);
+    let entry = archive.by_name(&format!("{name}.npy")).map_err(|error| wrong(root_cause(&error)))?;
+    let (limit, mut bytes) = (size as u64 + OVERHEAD, Vec::new());
+    entry.take(limit + 1).read_to_end(&mut bytes).map_err(|error| wrong(root_cause(&error)))?;
+    if bytes.len() as u64 > limit {
+        return Err(wrong(format!("more than {limit} bytes")));
+    }
+    Ok(npy::view::<T, D>(&bytes).map_err(wrong)?.as_standard_layout().into_owned())
 }
 
 /// Refuses values that no search can have found.

@@ -10,7 +10,8 @@
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use super::project::Projected;
+use super::confirmed_depth::ConfirmedDepth;
+use super::project::{Projected, project_row};
 use crate::geometry::{Camera, PlaneSweep};
 use crate::surface::search::PhotoDepth;
 use crate::warp::round_to_i32;
@@ -41,7 +42,7 @@ impl ConsistencyVotes {
         let width = votes.ncols();
         let rows = votes.as_slice_mut().expect("standard order").par_chunks_mut(width).enumerate();
         rows.for_each_init(Projected::default, |projected, (y, votes)| {
-            projected.row(&sweep, y, map.disparity.row(y).to_slice().expect("standard order"));
+            project_row(&sweep, y, map.disparity.row(y).to_slice().expect("standard order"), projected);
             vote_row(projected, other, margins, votes);
         });
         Self(votes)
@@ -84,4 +85,13 @@ pub fn confirmed(votes: &[&ConsistencyVotes], shape: (usize, usize)) -> Array2<b
         });
     }
     totals.mapv(|total| total % TOTAL_AGAINST >= 1 && total % TOTAL_AGAINST >= total / TOTAL_AGAINST)
+}
+
+/// What other maps confirm of a map.
+pub(in crate::surface) fn confirmed_by<'a>(
+    own: (&Camera, &PhotoDepth),
+    others: impl Iterator<Item = (&'a Camera, &'a PhotoDepth)>,
+) -> ConfirmedDepth {
+    let votes: Vec<_> = others.map(|other| ConsistencyVotes::new(own, other)).collect();
+    ConfirmedDepth::new(own.1, &confirmed(&votes.iter().collect::<Vec<_>>(), own.1.disparity.dim()))
 }

@@ -12,6 +12,7 @@ pub(super) mod target_search;
 pub(super) mod visible;
 
 pub use confirmed_depth::ConfirmedDepth;
+pub(super) use consistency::confirmed_by;
 pub use consistency::{ConsistencyVotes, confirmed};
 pub(super) use surface::find_surface;
 pub use surface::{Surface, surface};

@@ -21,40 +21,41 @@ const WINDOW_RADIUS: usize = 3;
 /// Rows that one task processes at a time.
 const BAND_ROWS: usize = 16;
 
-/// The views at the target: their photos, and which pixels of the surface they see (1 or 0) or see
-/// past (−1), `[V][h·w]`.
-pub(crate) struct VarianceViews<'a> {
+/// A surface of the target, and the views that see it.
+pub(crate) struct SeenSurface<'a> {
+    /// Disparity of each pixel, row by row, 1/scene unit.
+    pub(crate) disparity: &'a [f32],
+    /// Below 0 in holes.
+    pub(crate) splatted: &'a [f32],
+    /// Pixels per row, a multiple of 8.
+    pub(crate) width: usize,
+    /// The views for the warp to the target.
     pub(crate) sources: &'a [WarpSource<'a>],
+    /// Which pixels of the surface each view sees (1 or 0) or sees past (−1), `[V][h·w]`.
     pub(crate) visible: &'a [Vec<f32>],
 }
 
-/// Variance `[h·w]` on `surface` (row by row, `width` wide, a multiple of 8) at the pixels where
-/// `splatted` is below 0, the holes; 0 elsewhere.
-pub(crate) fn photo_variance(views: &VarianceViews<'_>, surface: &[f32], width: usize, splatted: &[f32]) -> Vec<f32> {
-    let mut out = vec![0.0; surface.len()];
-    let bands = out.par_chunks_mut(BAND_ROWS * width).enumerate();
-    let map = Map { surface, splatted, width, height: surface.len() / width };
+/// Variance `[h·w]` of the photos' colours in the holes of a surface; 0 elsewhere.
+pub(crate) fn photo_variance(surface: &SeenSurface<'_>) -> Vec<f32> {
+    let mut out = vec![0.0; surface.disparity.len()];
+    let bands = out.par_chunks_mut(BAND_ROWS * surface.width).enumerate();
     bands.for_each_init(
-        || Scratch::new(width),
-        |scratch, (index, rows)| band_variance(views, &map, index * BAND_ROWS, scratch, rows),
+        || Scratch::new(surface.width),
+        |scratch, (index, rows)| band_variance(surface, index * BAND_ROWS, scratch, rows),
     );
     out
 }
 
-/// A surface, and where its holes are.
-struct Map<'a> {
-    surface: &'a [f32],
-    splatted: &'a [f32],
-    width: usize,
-    height: usize,
-}
+impl SeenSurface<'_> {
+    fn height(&self) -> usize {
+        self.disparity.len() / self.width
+    }
 
-impl Map<'_> {
     /// Whether a pixel of these rows and columns is a hole.
     fn has_holes(&self, mut rows: std::ops::Range<usize>, columns: std::ops::Range<usize>) -> bool {
         let columns = columns.start..columns.end.min(self.width);
         let is_hole = |&disparity: &f32| disparity < 0.0;
-        rows.any(|y| y < self.height && self.splatted[y * self.width..][columns.clone()].iter().any(is_hole))
+        rows.any(|y| y < self.height() && self.splatted[y * self.width..][columns.clone()].iter().any(is_hole))
     }
 }
 
@@ -81,30 +82,30 @@ impl Scratch {
 #[inline(always)]
 fn band_variance_with<'a, S: pulp::Simd>(
     simd: S,
-    views: &'a VarianceViews<'a>,
-    map: &'a Map<'a>,
+    surface: &'a SeenSurface<'a>,
     first: usize,
     scratch: &'a mut Scratch,
     out: &'a mut [f32],
 ) {
-    let Map { surface, splatted, width, height } = *map;
+    let SeenSurface { disparity: map, splatted, width, sources, visible } = *surface;
+    let height = surface.height();
     let stride = width.next_multiple_of(RUN);
     let rows = out.len() / width;
     let (begin, end) = (first.saturating_sub(WINDOW_RADIUS), (first + rows + WINDOW_RADIUS).min(height));
     for start in (0..width).step_by(RUN) {
-        if !map.has_holes(begin..end, start.saturating_sub(WINDOW_RADIUS)..start + RUN + WINDOW_RADIUS) {
+        if !surface.has_holes(begin..end, start.saturating_sub(WINDOW_RADIUS)..start + RUN + WINDOW_RADIUS) {
             continue;
         }
         for y in begin..end {
             let length = RUN.min(width - start);
             let span = y * width + start..y * width + start + length;
             let mut disparity = [0.0; RUN];
-            disparity[..length].copy_from_slice(&surface[span.clone()]);
+            disparity[..length].copy_from_slice(&map[span.clone()]);
             let last = disparity[length - 1];
             disparity[length..].fill(last);
             let mut sums = [[0.0_f32; RUN]; 3];
             let (mut squares, mut number, mut past) = ([0.0_f32; RUN], [0.0_f32; RUN], [false; RUN]);
-            for (source, visible) in views.sources.iter().zip(views.visible) {
+            for (source, visible) in sources.iter().zip(visible) {
                 let run_coverage = scratch.positions.locate::<false>(source, y, &(start..start + RUN), &disparity);
                 if run_coverage == RunCoverage::None {
                     continue;

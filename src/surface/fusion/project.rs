@@ -20,29 +20,23 @@ pub(crate) struct Projected {
     pub(crate) disparity: Vec<f32>,
 }
 
-impl Projected {
-    /// Projects row `y`, whose pixels have these disparities.
-    pub(crate) fn row(&mut self, other_from_here: &PlaneSweep, y: usize, disparity: &[f32]) {
-        for values in [&mut self.x, &mut self.y, &mut self.disparity] {
-            values.resize(disparity.len(), 0.0);
-        }
-        project_row(other_from_here, y, disparity, [&mut self.x, &mut self.y, &mut self.disparity]);
-    }
-}
-
+/// Projects row `y`, whose pixels have these disparities.
 #[pulp::with_simd(project_row = crate::simd::arch())]
 #[inline(always)]
-fn project_row_with<'a, S: pulp::Simd>(
+pub(crate) fn project_row_with<'a, S: pulp::Simd>(
     _simd: S,
-    sweep: &'a PlaneSweep,
-    row: usize,
+    other_from_here: &'a PlaneSweep,
+    y: usize,
     disparity: &'a [f32],
-    [to_x, to_y, to_disparity]: [&'a mut Vec<f32>; 3],
+    projected: &'a mut Projected,
 ) {
-    let PlaneSweep { homography_at_infinity: homography, epipole } = *sweep;
-    let begin = row_begin(&homography, row);
+    let PlaneSweep { homography_at_infinity: homography, epipole } = *other_from_here;
+    let begin = row_begin(&homography, y);
     let count = disparity.len();
-    let (to_x, to_y, to_disparity) = (&mut to_x[..count], &mut to_y[..count], &mut to_disparity[..count]);
+    let [to_x, to_y, to_disparity] = [&mut projected.x, &mut projected.y, &mut projected.disparity].map(|values| {
+        values.resize(count, 0.0);
+        &mut values[..count]
+    });
     for i in 0..count {
         let x = f64::from(i as i32);
         (to_x[i], to_y[i], to_disparity[i]) = project_pixel(&homography, &epipole, begin, x, disparity[i]);

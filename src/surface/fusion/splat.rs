@@ -10,7 +10,7 @@
 use rayon::prelude::*;
 
 use super::confirmed_depth::ConfirmedDepth;
-use super::project::Projected;
+use super::project::{Projected, project_row};
 use crate::geometry::{Camera, PlaneSweep, Size};
 use crate::warp::{RUN, round_to_i32};
 
@@ -83,7 +83,7 @@ fn splat_one((camera, map): &(&Camera, &ConfirmedDepth), target: &Camera, size: 
     let (sweep, mut projected) = (PlaneSweep::new(target, camera), Projected::default());
     for (y, row) in map.disparity.outer_iter().enumerate() {
         let row = row.to_slice().expect("standard order");
-        projected.row(&sweep, y, row);
+        project_row(&sweep, y, row, &mut projected);
         splat_row(&projected, row, size, &mut buffer);
     }
     buffer

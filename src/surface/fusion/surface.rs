@@ -15,7 +15,7 @@ use ndarray::Array2;
 use rayon::prelude::*;
 
 use super::confirmed_depth::ConfirmedDepth;
-use super::photo_variance::{VarianceViews, photo_variance};
+use super::photo_variance::{SeenSurface, photo_variance};
 use super::splat::splat;
 use super::surface_view::SurfaceView;
 use super::target_search::TargetSearch;
@@ -118,7 +118,8 @@ pub(crate) fn find_surface(
         let variance = |disparity: &[f32]| {
             let visible_to = |&view| visible(view, target, disparity, size.width, margin);
             let visible: Vec<_> = depth_maps(views).par_iter().map(visible_to).collect();
-            photo_variance(&VarianceViews { sources, visible: &visible }, disparity, size.width, &splatted)
+            let (visible, splatted, width) = (&visible, &splatted, size.width);
+            photo_variance(&SeenSurface { disparity, splatted, width, sources, visible })
         };
         let (of_filled, of_searched) = (variance(&filled), variance(&searched));
         for (at, &splatted) in splatted.iter().enumerate() {

@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 
 use super::confirmed_depth::ConfirmedDepth;
-use super::project::Projected;
+use super::project::{Projected, project_row};
 use crate::geometry::{Camera, PlaneSweep};
 use crate::warp::{RUN, round_to_i32};
 
@@ -22,7 +22,7 @@ pub(crate) fn visible(
     let mut seen = vec![1.0; disparity.len()];
     let rows = seen.par_chunks_mut(width).zip(disparity.par_chunks(width)).enumerate();
     rows.for_each_init(Projected::default, |projected, (y, (seen, disparity))| {
-        projected.row(&sweep, y, disparity);
+        project_row(&sweep, y, disparity, projected);
         visible_row(projected, depth, margin, seen);
     });
     seen

@@ -23,6 +23,9 @@ use super::planes::Planes;
 /// Columns that one task processes down and up.
 const BLOCK_COLUMNS: usize = 16;
 
+/// A row of a block of columns: the sums of its cells, and the indices found.
+type BlockRow<'a> = (&'a mut [u16], &'a mut [f32]);
+
 /// The index found at each cell, `[h, w]`, a fraction between two of the grid.
 pub(crate) fn aggregate(costs: &[u16], photo: &Planes, grid: &Grid, candidates: Candidates<'_>) -> Vec<f32> {
     let (width, count) = (photo.width, candidates.count(grid));
@@ -31,27 +34,16 @@ pub(crate) fn aggregate(costs: &[u16], photo: &Planes, grid: &Grid, candidates: 
     let mut sums = vec![0; costs.len()];
     let rows = sums.par_chunks_mut(width * count).enumerate();
     rows.for_each_init(|| PathEnds::new(&paths, 1), |ends, (y, sums)| across(&paths, y, ends, sums));
-    // Blocks of columns, each a list of its rows.
-    let mut blocks: Vec<Vec<&mut [u16]>> = (0..width.div_ceil(BLOCK_COLUMNS)).map(|_| Vec::new()).collect();
-    for row in sums.chunks_mut(width * count) {
-        row.chunks_mut(BLOCK_COLUMNS * count).zip(&mut blocks).for_each(|(part, block)| block.push(part));
+    let mut found = vec![0.0; width * photo.height];
+    let mut blocks: Vec<Vec<BlockRow<'_>>> = (0..width.div_ceil(BLOCK_COLUMNS)).map(|_| Vec::new()).collect();
+    for (sums, found) in sums.chunks_mut(width * count).zip(found.chunks_mut(width)) {
+        let parts = sums.chunks_mut(BLOCK_COLUMNS * count).zip(found.chunks_mut(BLOCK_COLUMNS));
+        parts.zip(&mut blocks).for_each(|(part, block)| block.push(part));
     }
-    let blocks = blocks.into_par_iter().enumerate().map_init(
+    blocks.par_iter_mut().enumerate().for_each_init(
         || PathEnds::new(&paths, BLOCK_COLUMNS),
-        |ends, (block_index, mut block)| {
-            let mut found = vec![0.0; photo.height * BLOCK_COLUMNS];
-            down_and_up(&paths, block_index * BLOCK_COLUMNS, ends, &mut block, &mut found);
-            found
-        },
+        |ends, (index, block)| down_and_up(&paths, index * BLOCK_COLUMNS, ends, block),
     );
-    let blocks: Vec<_> = blocks.collect();
-    let mut found = Vec::with_capacity(width * photo.height);
-    for y in 0..photo.height {
-        for (block_index, block) in blocks.iter().enumerate() {
-            let columns = BLOCK_COLUMNS.min(width - block_index * BLOCK_COLUMNS);
-            found.extend_from_slice(&block[y * BLOCK_COLUMNS..][..columns]);
-        }
-    }
     found
 }
 
@@ -77,8 +69,7 @@ fn across_with<'a, S: pulp::Simd>(
     }
 }
 
-/// Down and up the columns from `first` on, whose rows of sums are in `block`; `found` becomes the
-/// index of each cell.
+/// Down and up the columns of a block, from `first` on, to the index of each cell.
 #[pulp::with_simd(down_and_up = crate::simd::arch())]
 #[inline(always)]
 fn down_and_up_with<'a, S: pulp::Simd>(
@@ -86,26 +77,25 @@ fn down_and_up_with<'a, S: pulp::Simd>(
     paths: &'a Paths<'a>,
     first: usize,
     ends: &'a mut PathEnds,
-    block: &'a mut [&mut [u16]],
-    found: &'a mut [f32],
+    block: &'a mut [BlockRow<'_>],
 ) {
     let (height, count) = (block.len(), paths.count);
-    let columns = block[0].len() / count;
+    let columns = block[0].1.len();
     let jumps = &paths.penalties.jump_down;
-    for (y, row) in block.iter_mut().enumerate() {
+    for (y, (row, _)) in block.iter_mut().enumerate() {
         for i in 0..columns {
             let x = first + i;
             let from = (y > 0).then(|| ((y - 1, x), jumps[y * paths.width + x]));
             paths.advance(i, from, (y, x), ends, &mut row[i * count..(i + 1) * count]);
         }
     }
-    for (y, row) in block.iter_mut().enumerate().rev() {
+    for (y, (row, found)) in block.iter_mut().enumerate().rev() {
         for i in 0..columns {
             let x = first + i;
             let from = (y + 1 < height).then(|| ((y + 1, x), jumps[(y + 1) * paths.width + x]));
             let sums = &mut row[i * count..(i + 1) * count];
             paths.advance(i, from, (y, x), ends, sums);
-            found[y * BLOCK_COLUMNS + i] = best_index(paths, (y, x), sums);
+            found[i] = best_index(paths, (y, x), sums);
         }
     }
 }
@@ -113,16 +103,11 @@ fn down_and_up_with<'a, S: pulp::Simd>(
 /// The index of the smallest sum, refined by the parabola through its neighbours.
 #[inline(always)]
 fn best_index(paths: &Paths<'_>, cell: (usize, usize), sums: &[u16]) -> f32 {
-    let has_one_segment = || sums[SEGMENT] == u16::MAX;
     let end = match paths.candidates {
-        Candidates::All => paths.grid.count(),
-        Candidates::Segments { .. } => {
-            if has_one_segment() {
-                SEGMENT
-            } else {
-                sums.len()
-            }
-        }
+        Candidates::All => paths.grid.count,
+        // The cell has no second segment.
+        Candidates::Segments { .. } if sums[SEGMENT] == u16::MAX => SEGMENT,
+        Candidates::Segments { .. } => sums.len(),
     };
     let smallest = minimum(&sums[..end]);
     let k = sums.iter().position(|&sum| sum == smallest).unwrap_or(0);

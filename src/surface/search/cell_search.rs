@@ -5,7 +5,6 @@
 //! ([`super::photo_sweep`]), of many planes only around what a search on larger cells found
 //! ([`super::tile_ranges`]), aggregated ([`super::aggregate`]), 3×3 median of the (fractional) indices.
 
-use ndarray::Array2;
 use rayon::prelude::*;
 
 use super::aggregate::aggregate;
@@ -25,31 +24,6 @@ const PLANE_COUNT: std::ops::RangeInclusive<usize> = 32..=256;
 /// Distance between the planes, pixels of parallax per pixel of a cell's side.
 pub(crate) const PLANE_SPACING: f64 = 0.5;
 
-/// Whether [`CellSearch::new`] needs a coarser search first: there are many planes.
-pub(crate) fn needs_coarser(views: &[SourceView<'_>], cell: usize, range: (f64, f64)) -> bool {
-    has_many_planes(&SearchPlanes::new(views, cell, range).grid)
-}
-
-/// The planes that a photo is searched at.
-struct SearchPlanes {
-    /// Of each neighbour from the photo.
-    sweeps: Vec<PlaneSweep>,
-    /// From the first to the last plane, in the neighbour where it is largest; pixels of the full size.
-    parallax: f64,
-    grid: Grid,
-}
-
-impl SearchPlanes {
-    fn new(views: &[SourceView<'_>], cell: usize, (near, far): (f64, f64)) -> Self {
-        let (photo, neighbours) = views.split_first().expect("a photo");
-        let sweeps: Vec<_> = neighbours.iter().map(|n| PlaneSweep::new(n.camera, photo.camera)).collect();
-        let parallax = widest_parallax(&sweeps, photo.camera.size(), near, far).max(1.0);
-        let count = (parallax / (PLANE_SPACING * cell as f64)).ceil() as usize + 1;
-        let grid = Grid::new(near, far, count.clamp(*PLANE_COUNT.start(), *PLANE_COUNT.end()));
-        Self { sweeps, parallax, grid }
-    }
-}
-
 /// A search on cells, and what it found.
 pub(crate) struct CellSearch {
     /// The photo by cells.
@@ -67,21 +41,29 @@ pub(crate) struct CellSearch {
 impl CellSearch {
     /// Searches the first of the photos among the others (at least one), from near to far (scene
     /// units). Their cameras are of the full size, their textures by cells of `cell` pixels a side;
-    /// `coarser`: what a search on cells twice as large found.
+    /// `coarser` returns what a search on cells twice as large finds, and is called if there are many
+    /// planes.
     pub(crate) fn new(
         views: &[SourceView<'_>],
         cell: usize,
         (near, far): (f64, f64),
-        coarser: Option<&PhotoDepth>,
+        coarser: impl FnOnce() -> Option<PhotoDepth>,
     ) -> Self {
-        let SearchPlanes { sweeps, parallax, grid } = SearchPlanes::new(views, cell, (near, far));
-        let sources = views[1..].iter().zip(&sweeps);
+        let (photo, neighbours) = views.split_first().expect("a photo");
+        let sweeps: Vec<_> = neighbours.iter().map(|n| PlaneSweep::new(n.camera, photo.camera)).collect();
+        // From the first to the last plane, in the neighbour where it is largest; pixels of the full
+        // size.
+        let parallax = widest_parallax(&sweeps, photo.camera.size(), near, far).max(1.0);
+        let count = (parallax / (PLANE_SPACING * cell as f64)).ceil() as usize + 1;
+        let grid = Grid::new(near, far, count.clamp(*PLANE_COUNT.start(), *PLANE_COUNT.end()));
+        let coarser = if has_many_planes(&grid) { coarser() } else { None };
+        let sources = neighbours.iter().zip(&sweeps);
         let sources: Vec<_> = sources.map(|(n, sweep)| WarpSource::new(n.texture, sweep.shrunk(cell as f64))).collect();
-        let photo = Planes::new(views[0].texture);
+        let photo = Planes::new(photo.texture);
         let size = (photo.height, photo.width);
         let ranges = coarser.and_then(|coarser| tile_ranges(&coarser.disparity, &grid, size));
         let costs = costs(&photo, &sources, &grid, Candidates::All, ranges.as_ref());
-        let index = aggregated(&costs, &photo, &grid);
+        let index = smooth_index(&costs, &photo, &grid, Candidates::All);
         let disparity_per_pixel = ((1.0 / near - 1.0 / far) / parallax) as f32;
         Self { photo, grid, costs, index, disparity_per_pixel }
     }
@@ -91,7 +73,7 @@ impl CellSearch {
         views: &[SourceView<'_>],
         cell: usize,
         range: (f64, f64),
-        coarser: Option<&PhotoDepth>,
+        coarser: impl FnOnce() -> Option<PhotoDepth>,
     ) -> Self {
         let textures: Vec<Texture> = views.par_iter().map(|view| view.texture.shrunk(cell)).collect();
         let by_cells = views.iter().zip(&textures).map(|(view, texture)| SourceView { texture, ..*view });
@@ -105,22 +87,18 @@ impl CellSearch {
         }
         let mut costs = std::mem::take(&mut self.costs);
         anchors.add_to(&mut costs, &self.grid);
-        let found = aggregated(&costs, &self.photo, &self.grid);
+        let found = smooth_index(&costs, &self.photo, &self.grid, Candidates::All);
         let cells = self.index.iter_mut().zip(found).zip(&anchors.kept);
         cells.filter(|(_, kept)| !**kept).for_each(|((index, found), _)| *index = found);
     }
 
     /// The depth of each cell.
     pub(crate) fn depth(&self) -> PhotoDepth {
-        let disparity = self.index.iter().map(|&index| self.grid.disparity(index)).collect();
-        let shape = (self.photo.height, self.photo.width);
-        PhotoDepth {
-            disparity: Array2::from_shape_vec(shape, disparity).expect("one per cell"),
-            disparity_per_pixel: self.disparity_per_pixel,
-        }
+        PhotoDepth::at(&self.index, self.photo.width, &self.grid, self.disparity_per_pixel)
     }
 }
 
-fn aggregated(costs: &[u16], photo: &Planes, grid: &Grid) -> Vec<f32> {
-    median3(&aggregate(costs, photo, grid, Candidates::All), photo.width)
+/// The index of each cell by aggregation, smoothed by a 3×3 median.
+pub(super) fn smooth_index(costs: &[u16], photo: &Planes, grid: &Grid, candidates: Candidates<'_>) -> Vec<f32> {
+    median3(&aggregate(costs, photo, grid, candidates), photo.width)
 }

@@ -2,6 +2,7 @@
 
 use ndarray::Array2;
 
+use super::grid::Grid;
 use crate::geometry::Size;
 
 /// Result of a photo's search, before other photos confirm it.
@@ -15,6 +16,13 @@ pub struct PhotoDepth {
 }
 
 impl PhotoDepth {
+    /// From the index found at each cell, rows `width` wide, a fraction between two of the grid.
+    pub(super) fn at(index: &[f32], width: usize, grid: &Grid, disparity_per_pixel: f32) -> Self {
+        let disparity = index.iter().map(|&index| grid.disparity(index)).collect();
+        let shape = (index.len() / width, width);
+        Self { disparity: Array2::from_shape_vec(shape, disparity).expect("complete rows"), disparity_per_pixel }
+    }
+
     /// That of a photo without neighbours: −1 everywhere, which nothing confirms.
     pub(crate) fn unknown(size: Size) -> Self {
         Self { disparity: Array2::from_elem((size.height, size.width), -1.0), disparity_per_pixel: 1.0 }

@@ -12,7 +12,7 @@ pub(crate) const SEGMENT: usize = 8;
 pub(crate) struct Grid {
     nearest: f32,
     step: f32,
-    count: usize,
+    pub(crate) count: usize,
 }
 
 impl Grid {
@@ -25,10 +25,6 @@ impl Grid {
     /// The same range, each step divided by `parts`.
     pub(crate) fn divided(&self, parts: usize) -> Self {
         Self { step: self.step / parts as f32, count: (self.count - 1) * parts + 1, ..*self }
-    }
-
-    pub(crate) fn count(&self) -> usize {
-        self.count
     }
 
     /// Index of a disparity, a fraction between two of the grid.
@@ -69,7 +65,7 @@ impl Candidates<'_> {
     /// Number of indices that a cell is searched at.
     pub(crate) fn count(&self, grid: &Grid) -> usize {
         match self {
-            Self::All => grid.count().next_multiple_of(2 * SEGMENT),
+            Self::All => grid.count.next_multiple_of(2 * SEGMENT),
             Self::Segments { .. } => 2 * SEGMENT,
         }
     }

@@ -33,7 +33,7 @@ impl PathEnds {
     /// Of that many parallel paths.
     pub(super) fn new(paths: &Paths<'_>, number: usize) -> Self {
         let padded = paths.count + 2;
-        let indices = if let Candidates::All = paths.candidates { 0 } else { paths.grid.count() + 2 * SEGMENT + 2 };
+        let indices = if let Candidates::All = paths.candidates { 0 } else { paths.grid.count + 2 * SEGMENT + 2 };
         Self {
             previous: vec![INFINITE; number * padded],
             next: vec![INFINITE; padded],
@@ -59,7 +59,8 @@ impl Paths<'_> {
         let costs = &self.costs[(cell.0 * self.width + cell.1) * count..][..count];
         let previous = &mut ends.previous[path * (count + 2)..][..count + 2];
         let starts_of = |(y, x): (usize, usize)| match self.candidates {
-            Candidates::All => [0, 0],
+            // As if all were the two segments: they join.
+            Candidates::All => [0, SEGMENT as u16],
             Candidates::Segments { starts, columns, cells_per_side } => {
                 starts[y / cells_per_side * columns + x / cells_per_side]
             }
@@ -78,42 +79,32 @@ impl Paths<'_> {
         let (best, step) = (ends.minimum[path], self.penalties.step);
         let jump = best + jump;
         let next = &mut ends.next;
-        match self.candidates {
-            Candidates::All => path_costs(previous, costs, (best, step, jump), &mut next[1..=count], sums),
-            Candidates::Segments { .. } => {
-                let old = starts_of(from);
-                if old == new && (used == SEGMENT || old[0] + SEGMENT as u16 == old[1]) {
-                    path_costs(
-                        &previous[..used + 2],
-                        &costs[..used],
-                        (best, step, jump),
-                        &mut next[1..=used],
-                        &mut sums[..used],
-                    );
-                } else {
-                    // Index d is at d + 1.
-                    let by_index = &mut ends.by_index;
-                    let segments = |starts: [u16; 2]| {
-                        let present = starts.into_iter().filter(|&start| start != Candidates::NO_SEGMENT);
-                        present.map(usize::from).enumerate()
-                    };
-                    for (segment, start) in segments(old) {
-                        let values = &previous[1 + segment * SEGMENT..][..SEGMENT];
-                        by_index[start + 1..][..SEGMENT].copy_from_slice(values);
-                    }
-                    for (segment, start) in segments(new) {
-                        let part = segment * SEGMENT..(segment + 1) * SEGMENT;
-                        let (next, sums) = (&mut next[1..][part.clone()], &mut sums[part.clone()]);
-                        path_costs(&by_index[start..start + SEGMENT + 2], &costs[part], (best, step, jump), next, sums);
-                    }
-                    for (_, start) in segments(old) {
-                        by_index[start + 1..][..SEGMENT].fill(INFINITE);
-                    }
-                }
-                next[used + 1..=count].fill(INFINITE);
-                sums[used..].fill(u16::MAX);
+        let old = starts_of(from);
+        if old == new && (used == SEGMENT || old[0] + SEGMENT as u16 == old[1]) {
+            let (previous, costs) = (&previous[..used + 2], &costs[..used]);
+            path_costs(previous, costs, (best, step, jump), &mut next[1..=used], &mut sums[..used]);
+        } else {
+            // Index d is at d + 1.
+            let by_index = &mut ends.by_index;
+            let segments = |starts: [u16; 2]| {
+                let present = starts.into_iter().filter(|&start| start != Candidates::NO_SEGMENT);
+                present.map(usize::from).enumerate()
+            };
+            for (segment, start) in segments(old) {
+                let values = &previous[1 + segment * SEGMENT..][..SEGMENT];
+                by_index[start + 1..][..SEGMENT].copy_from_slice(values);
+            }
+            for (segment, start) in segments(new) {
+                let part = segment * SEGMENT..(segment + 1) * SEGMENT;
+                let (next, sums) = (&mut next[1..][part.clone()], &mut sums[part.clone()]);
+                path_costs(&by_index[start..start + SEGMENT + 2], &costs[part], (best, step, jump), next, sums);
+            }
+            for (_, start) in segments(old) {
+                by_index[start + 1..][..SEGMENT].fill(INFINITE);
             }
         }
+        next[used + 1..=count].fill(INFINITE);
+        sums[used..].fill(u16::MAX);
         previous[1..=count].copy_from_slice(&next[1..=count]);
         ends.minimum[path] = minimum(&previous[1..=count]);
     }

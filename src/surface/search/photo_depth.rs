@@ -8,17 +8,14 @@
 //!    from m − 7 on; else one from round(n) − 3 and one from round(f) − 4 on, not before the end of
 //!    the first. All are shifted to lie on the grid. The same costs, aggregation and median.
 
-use ndarray::Array2;
 use rayon::prelude::*;
 
-use super::aggregate::aggregate;
-use super::cell_search::CellSearch;
+use super::cell_search::{CellSearch, smooth_index};
 use super::depth_map::PhotoDepth;
 use super::grid::{Candidates, SEGMENT};
 use super::photo_sweep::costs;
 use super::planes::Planes;
 use crate::geometry::PlaneSweep;
-use crate::surface::neighbourhood::median3;
 use crate::warp::{SourceView, WarpSource};
 
 /// Pixels per side of a cell of the first search.
@@ -30,7 +27,7 @@ pub(crate) const FINE_PER_COARSE: usize = 2;
 /// units).
 pub fn photo_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: f64, far: f64) -> PhotoDepth {
     let views: Vec<_> = std::iter::once(photo).chain(neighbours).copied().collect();
-    refined(&views, CellSearch::of_full_size(&views, CELL, (near, far), None))
+    refined(&views, CellSearch::of_full_size(&views, CELL, (near, far), || None))
 }
 
 /// The second search of the first of these photos, around the result of the first search.
@@ -38,19 +35,14 @@ pub(crate) fn refined(views: &[SourceView<'_>], first: CellSearch) -> PhotoDepth
     let (photo, neighbours) = views.split_first().expect("a photo");
     let CellSearch { photo: cells, grid, index, disparity_per_pixel, .. } = first;
     let fine = grid.divided(FINE_PER_COARSE);
-    let starts = segment_starts(&index, cells.width, FINE_PER_COARSE, fine.count());
+    let starts = segment_starts(&index, cells.width, FINE_PER_COARSE, fine.count);
     let candidates = Candidates::Segments { starts: &starts, columns: cells.width, cells_per_side: CELL };
     let reference = Planes::new(photo.texture);
     let source = |n: &SourceView<'_>| PlaneSweep::new(n.camera, photo.camera);
     let sources: Vec<_> = neighbours.iter().map(|n| WarpSource::new(n.texture, source(n))).collect();
     let volume = costs(&reference, &sources, &fine, candidates, None);
-    let found = aggregate(&volume, &reference, &fine, candidates);
-    let index = median3(&found, reference.width);
-    let disparity = index.iter().map(|&index| fine.disparity(index)).collect();
-    PhotoDepth {
-        disparity: Array2::from_shape_vec((reference.height, reference.width), disparity).expect("one per pixel"),
-        disparity_per_pixel,
-    }
+    let index = smooth_index(&volume, &reference, &fine, candidates);
+    PhotoDepth::at(&index, reference.width, &fine, disparity_per_pixel)
 }
 
 /// First indices of the two segments of each cell, from the coarse indices that were found (rows

@@ -25,7 +25,7 @@ const MARGIN: f32 = 8.0;
 
 /// Whether a grid is searched around what a coarser search found.
 pub(crate) fn has_many_planes(grid: &Grid) -> bool {
-    grid.count() > FEW_PLANES
+    grid.count > FEW_PLANES
 }
 
 /// First plane and end, `[⌈h/24⌉, ⌈w/63⌉, 2]`, of each tile of `height` × `width` cells, whose disparity
@@ -47,7 +47,7 @@ pub(crate) fn tile_ranges(coarser: &Array2<f32>, grid: &Grid, (height, width): (
             (near, far) = (near.min(index), far.max(index));
         }
         let segments = [(near - MARGIN).max(0.0) as usize / SEGMENT, (far + MARGIN) as usize / SEGMENT + 1];
-        segments.map(|segment| (segment * SEGMENT).min(grid.count().next_multiple_of(SEGMENT)) as u16)
+        segments.map(|segment| (segment * SEGMENT).min(grid.count.next_multiple_of(SEGMENT)) as u16)
     };
     let (down, across) = (height.div_ceil(BAND_ROWS), width.div_ceil(TILE_COLUMNS));
     let ranges = (0..down).flat_map(|row| (0..across).flat_map(move |column| range(row, column))).collect();

@@ -149,11 +149,7 @@ impl DepthSearch {
 impl SearchedPhoto {
     /// The photo, read from its file unless it is in memory.
     fn read(&self, scene: &Scene) -> Result<LoadedPhoto, SynthesisError> {
-        let texture = match &self.texture {
-            Some(texture) => Arc::clone(texture),
-            None => Arc::new(Texture::new(&scene.load_image(self.view)?)),
-        };
-        Ok(LoadedPhoto { view: self.view, camera: scene.views[self.view].camera.clone(), texture })
+        Ok(LoadedPhoto::read(scene, self.view, self.texture.as_ref())?)
     }
 
     /// Sets the digest unless it is known; the photo is read for that, and stays in memory or not.

@@ -3,4 +3,5 @@
 
 pub(super) mod depth_search;
 pub(super) mod depth_store;
+mod photo_depths;
 pub(super) mod scene_depth;

@@ -16,7 +16,6 @@ use crate::work::compute;
 /// The depth of a photo, searched from near to far (scene units) among its neighbours; photos [3,
 /// h, w] in [0, 1] with their cameras.
 #[pyfunction]
-#[pyo3(signature = (photo, neighbours, near, far))]
 pub(crate) fn photo_depth<'py>(
     py: Python<'py>,
     photo: &Bound<'py, PyAny>,
@@ -29,7 +28,6 @@ pub(crate) fn photo_depth<'py>(
 
 /// As photo_depth, with what the neighbours find at a small size as anchors.
 #[pyfunction]
-#[pyo3(signature = (photo, neighbours, near, far))]
 pub(crate) fn anchored_depth<'py>(
     py: Python<'py>,
     photo: &Bound<'py, PyAny>,
@@ -66,7 +64,6 @@ pub(super) fn check_range(near: f64, far: f64) -> PyResult<()> {
 
 /// The pixels [h, w] bool of map `which` that the other maps confirm.
 #[pyfunction]
-#[pyo3(signature = (which, maps))]
 pub(crate) fn confirmed<'py>(
     py: Python<'py>,
     which: &Bound<'py, PyAny>,

@@ -18,7 +18,6 @@ use crate::work::compute;
 
 /// [count] float64 disparities evenly spaced from 1/near to 1/far; far may be infinite.
 #[pyfunction]
-#[pyo3(signature = (near, far, count))]
 pub(crate) fn uniform_disparities<'py>(
     py: Python<'py>,
     near: f64,
@@ -35,7 +34,6 @@ pub(crate) fn uniform_disparities<'py>(
 
 /// Number of pixels of which each plane is the most opaque, [D] int64, of alpha [D, H, W].
 #[pyfunction]
-#[pyo3(signature = (alpha))]
 pub(crate) fn plane_histogram<'py>(py: Python<'py>, alpha: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<i64>>> {
     let alpha: PyReadonlyArray<'py, f32, Ix3> = Sides::default().array("alpha", alpha, "D H W")?;
     let alpha = alpha.as_array();
@@ -57,14 +55,12 @@ pub(crate) fn plane_histogram<'py>(py: Python<'py>, alpha: &Bound<'py, PyAny>) -
 
 /// Indices of the `count` fullest bins, near to far.
 #[pyfunction]
-#[pyo3(signature = (histogram, count))]
 pub(crate) fn select_planes(histogram: &Bound<'_, PyAny>, count: &Bound<'_, PyAny>) -> PyResult<Vec<usize>> {
     Ok(layers::select_planes(&counts(histogram)?, whole("count", count)?))
 }
 
 /// Indices, near to far, of the `count` planes that lie nearest to the best planes of all pixels.
 #[pyfunction]
-#[pyo3(signature = (histogram, count))]
 pub(crate) fn cover_planes(
     py: Python<'_>,
     histogram: &Bound<'_, PyAny>,

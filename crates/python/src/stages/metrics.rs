@@ -10,7 +10,6 @@ use crate::work::compute;
 
 /// Peak signal-to-noise ratio of pictures [3, h, w], dB; infinite for equal ones.
 #[pyfunction]
-#[pyo3(signature = (image, truth))]
 pub(crate) fn psnr(py: Python<'_>, image: &Bound<'_, PyAny>, truth: &Bound<'_, PyAny>) -> PyResult<f64> {
     let (found, truth) = pair(image, truth)?;
     compute(py, || Ok(image::psnr(&found, &truth, 0)))
@@ -18,7 +17,6 @@ pub(crate) fn psnr(py: Python<'_>, image: &Bound<'_, PyAny>, truth: &Bound<'_, P
 
 /// Structural similarity of pictures [3, h, w] of at least 11 x 11 pixels.
 #[pyfunction]
-#[pyo3(signature = (image, truth))]
 pub(crate) fn ssim(py: Python<'_>, image: &Bound<'_, PyAny>, truth: &Bound<'_, PyAny>) -> PyResult<f64> {
     let (found, truth) = pair(image, truth)?;
     if found.width().min(found.height()) < 11 {

@@ -101,7 +101,6 @@ fn weights(sides: &mut Sides, argument: &Bound<'_, PyAny>, power: f64) -> PyResu
 /// near to far; covered [H, W] bool: where any view covers the farthest layer, which is opaque
 /// there.
 #[pyfunction]
-#[pyo3(signature = (alpha, rgb, covered, maps))]
 pub(crate) fn composite<'py>(
     py: Python<'py>,
     alpha: &Bound<'py, PyAny>,

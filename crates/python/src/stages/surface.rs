@@ -51,7 +51,6 @@ impl View {
 
 /// The target's surface from the confirmed depth of photos, nearest first.
 #[pyfunction]
-#[pyo3(signature = (views, target, near, far))]
 pub(crate) fn surface<'py>(
     py: Python<'py>,
     views: &Bound<'py, PyAny>,
@@ -70,7 +69,6 @@ pub(crate) fn surface<'py>(
 
 /// `Surface.layers`.
 #[pyfunction(name = "_surface_layers")]
-#[pyo3(signature = (disparity, count))]
 pub(crate) fn surface_layers<'py>(
     py: Python<'py>,
     disparity: &Bound<'py, PyAny>,
@@ -88,7 +86,6 @@ pub(crate) fn surface_layers<'py>(
 
 /// Gains [V, 3] that bring the photos to a common exposure; distances [V] from the target.
 #[pyfunction]
-#[pyo3(signature = (views, distances))]
 pub(crate) fn exposure_gains<'py>(
     py: Python<'py>,
     views: &Bound<'py, PyAny>,
@@ -105,7 +102,6 @@ pub(crate) fn exposure_gains<'py>(
 
 /// How much to sharpen each photo, [V].
 #[pyfunction]
-#[pyo3(signature = (views))]
 pub(crate) fn sharpening<'py>(py: Python<'py>, views: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<f32>>> {
     let views = View::all(views)?;
     let found = compute(py, || Ok(library::sharpening(&views.iter().map(View::of).collect::<Vec<_>>())))?;
@@ -115,7 +111,6 @@ pub(crate) fn sharpening<'py>(py: Python<'py>, views: &Bound<'py, PyAny>) -> PyR
 /// 1 where a view sees the points of the target's pixels at `disparity` [h, w], 0 where its own
 /// confirmed disparity [h, w] (-1: none) is nearer by `margin`, 1/scene unit.
 #[pyfunction]
-#[pyo3(signature = (camera, confirmed, target, disparity, margin))]
 pub(crate) fn visible<'py>(
     py: Python<'py>,
     camera: &Bound<'py, PyAny>,
@@ -130,7 +125,6 @@ pub(crate) fn visible<'py>(
 
 /// As visible, but -1 where the view sees past the point.
 #[pyfunction]
-#[pyo3(signature = (camera, confirmed, target, disparity, margin))]
 pub(crate) fn visible_or_past<'py>(
     py: Python<'py>,
     camera: &Bound<'py, PyAny>,
@@ -163,7 +157,6 @@ fn seen<'py>(
 
 /// The map [h, w] with its holes, pixels below 0, filled from their farthest neighbours.
 #[pyfunction]
-#[pyo3(signature = (map_))]
 pub(crate) fn fill_holes<'py>(py: Python<'py>, map_: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f32>>> {
     let map = map2("map_", map_)?;
     Ok(compute(py, || Ok(stages::fill_holes(&map)))?.into_pyarray(py))
@@ -171,7 +164,6 @@ pub(crate) fn fill_holes<'py>(py: Python<'py>, map_: &Bound<'py, PyAny>) -> PyRe
 
 /// 3 x 3 median of a map [h, w], edges repeated.
 #[pyfunction]
-#[pyo3(signature = (x))]
 pub(crate) fn median3<'py>(py: Python<'py>, x: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f32>>> {
     let map = map2("x", x)?;
     Ok(compute(py, || Ok(stages::median3(&map)))?.into_pyarray(py))

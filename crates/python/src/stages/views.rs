@@ -11,7 +11,6 @@ use crate::error::value;
 /// Indices of the `count` cameras nearest to the target, nearest first, among those that face its
 /// direction.
 #[pyfunction]
-#[pyo3(signature = (cameras, target, count))]
 pub(crate) fn choose_views(
     cameras: &Bound<'_, PyAny>,
     target: &Bound<'_, PyAny>,
@@ -24,7 +23,6 @@ pub(crate) fn choose_views(
 
 /// Distances of the cameras' centres to the target's, [V] float64, scene units.
 #[pyfunction]
-#[pyo3(signature = (cameras, target))]
 pub(crate) fn view_distances<'py>(
     py: Python<'py>,
     cameras: &Bound<'py, PyAny>,

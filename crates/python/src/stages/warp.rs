@@ -62,7 +62,6 @@ fn scaled(sweep: PlaneSweep, scale: f64) -> PlaneSweep {
 
 /// The photo [3, h, w] plus `amount` times its detail, in [0, 1].
 #[pyfunction]
-#[pyo3(signature = (image, amount))]
 pub(crate) fn sharpened<'py>(
     py: Python<'py>,
     image: &Bound<'py, PyAny>,
@@ -82,7 +81,6 @@ pub(crate) fn sharpened<'py>(
 /// Logits [L, V, H, W] without a network, of warped colours [L, V, 3, H, W], black where a view
 /// does not see the layer.
 #[pyfunction]
-#[pyo3(signature = (colour))]
 pub(crate) fn agreement_logits<'py>(
     py: Python<'py>,
     colour: &Bound<'py, PyAny>,

@@ -1,27 +1,28 @@
 //! COLMAP's binary files, little-endian. Every count is checked against the rest of the file before
 //! memory is allocated for it.
 
+use std::ffi::CStr;
 use std::path::Path;
 
 use glam::DVec3;
 
 use super::model::{MODELS, Model, ModelFormat, Registered, lens, rotation};
-use crate::scene::error::SceneError;
+use crate::geometry::Size;
+use crate::scene::SceneError;
 
-pub(in crate::scene) const FORMAT: ModelFormat =
+pub(in crate::scene::formats) const FORMAT: ModelFormat =
     ModelFormat { extension: "bin", cameras: read_cameras, images: read_images, points: read_points };
 
 fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
     let mut input = Input { path, bytes, at: 0 };
     for _ in 0..input.count("cameras", 24)? {
         let (id, number) = (input.u32("camera id")?, input.u32("camera model")?);
-        let (width, height) = (input.size("camera width")?, input.size("camera height")?);
-        let &(name, parameters) = usize::try_from(number)
-            .ok()
-            .and_then(|number| MODELS.get(number))
+        let size = Size::new(input.side("camera width")?, input.side("camera height")?);
+        let &(name, parameters) = MODELS
+            .get(number as usize)
             .ok_or_else(|| input.wrong(&format!("camera {id} has model number {number}"), "0 to 11"))?;
         let parameters = (0..parameters).map(|_| input.f64("camera parameters")).collect::<Result<Vec<_>, _>>()?;
-        if model.lenses.insert(id, lens(path, name, width, height, &parameters)?).is_some() {
+        if model.lenses.insert(id, lens(path, name, size, &parameters)?).is_some() {
             return Err(input.wrong(&format!("camera {id} is listed twice"), "each camera once"));
         }
     }
@@ -101,7 +102,7 @@ impl Input<'_> {
         Ok(f64::from_le_bytes(self.take(what)?))
     }
 
-    fn size(&mut self, what: &str) -> Result<usize, SceneError> {
+    fn side(&mut self, what: &str) -> Result<usize, SceneError> {
         let value = self.u64(what)?;
         usize::try_from(value).map_err(|_| self.wrong(&format!("{what} is {value}"), "a number of pixels"))
     }
@@ -128,14 +129,10 @@ impl Input<'_> {
 
     /// A zero-terminated text.
     fn name(&mut self) -> Result<String, SceneError> {
-        let rest = &self.bytes[self.at..];
-        let end = rest
-            .iter()
-            .position(|&byte| byte == 0)
-            .ok_or_else(|| self.wrong("an unterminated image name", "a zero byte"))?;
-        let name =
-            std::str::from_utf8(&rest[..end]).map_err(|_| self.wrong("an invalid image name", "UTF-8"))?.to_owned();
-        self.at += end + 1;
-        Ok(name)
+        let name = CStr::from_bytes_until_nul(&self.bytes[self.at..]);
+        let name = name.map_err(|_| self.wrong("an unterminated image name", "a zero byte"))?;
+        let text = name.to_str().map_err(|_| self.wrong("an invalid image name", "UTF-8"))?.to_owned();
+        self.at += name.count_bytes() + 1;
+        Ok(text)
     }
 }

@@ -10,29 +10,26 @@
 //! of their depths. A note reports the median reprojection error of these points, since a large one
 //! means that poses and photos do not belong together.
 
-pub(in crate::scene) mod binary;
-pub(in crate::scene) mod model;
-pub(in crate::scene) mod text;
-mod tracked_points;
+pub(super) mod binary;
+pub(super) mod model;
+pub(super) mod text;
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use model::{Model, ModelFormat};
-pub(super) use tracked_points::depth_range;
-use tracked_points::{depths_and_errors, reprojection_note};
+use model::{Lens, Model, ModelFormat, Registered};
 
-use crate::geometry::Size;
-use crate::scene::declared::{DeclaredSize, DeclaredView, DeclaredViews};
-use crate::scene::error::SceneError;
-use crate::scene::options::SceneOptions;
+use crate::geometry::Intrinsics;
 use crate::scene::photos::lookup::{PhotoLookup, list_photos};
-use crate::scene::photos::source::{PhotoList, PhotoSource};
 use crate::scene::pose_file::{abbreviated, safe_name};
+use crate::scene::{DeclaredView, DeclaredViews, PhotoList, PhotoSource, SceneError, SceneOptions};
+
+/// Tracked points that a view needs for a depth range.
+const MIN_POINTS: usize = 8;
 
 /// The folder of the sparse model, and its format.
-pub(in crate::scene) fn model_folder(root: &Path) -> Option<(PathBuf, ModelFormat)> {
+pub(super) fn model_folder(root: &Path) -> Option<(PathBuf, ModelFormat)> {
     let folders = ["sparse/0", "sparse", "", "colmap/sparse/0"].map(|folder| root.join(folder));
     folders.into_iter().find_map(|folder| {
         let format = [binary::FORMAT, text::FORMAT].into_iter().find(|format| format.is_in(&folder))?;
@@ -40,33 +37,23 @@ pub(in crate::scene) fn model_folder(root: &Path) -> Option<(PathBuf, ModelForma
     })
 }
 
-pub(in crate::scene) fn open(
-    root: &Path,
-    photos: &dyn PhotoSource,
-    options: &SceneOptions,
-) -> Result<DeclaredViews, SceneError> {
+pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
     let Some((folder, format)) = model_folder(root) else {
         return Err(SceneError::malformed(root, "no COLMAP model", "sparse/0 with cameras and images, .bin or .txt"));
     };
     let model = format.read(&folder)?;
     let listed_in = format.file(&folder, "images");
     let list = list_photos(root, photos, options.images.as_deref(), &["images", "images_2", "images_4", "images_8"])?;
-    let mut found = views(&listed_in, &model, &list, photos)?;
+    let mut found = views(&model, &list, PhotoLookup::new(photos, &listed_in))?;
     found.notes.extend(unregistered(&list, &found.views));
     Ok(found)
 }
 
 /// Views of the listed photos.
-pub(in crate::scene) fn views(
-    listed_in: &Path,
-    model: &Model,
-    list: &PhotoList,
-    photos: &dyn PhotoSource,
-) -> Result<DeclaredViews, SceneError> {
+pub(super) fn views(model: &Model, list: &PhotoList, mut lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
+    let listed_in = lookup.listed_in;
     // Downscaled copies differ in size from the model's photos, and may differ in extension.
     let downscaled = list.folder.as_deref().filter(|&folder| folder != "images");
-    let mut lookup = PhotoLookup::new(photos, listed_in);
-    let mut views = Vec::with_capacity(model.images.len());
     let mut errors = Vec::new();
     for image in &model.images {
         let Some(lens) = model.lenses.get(&image.camera) else {
@@ -77,26 +64,24 @@ pub(in crate::scene) fn views(
         let Some(photo) = lookup.find(&list.with_folder(&name))? else { continue };
         let (depths, view_errors) = depths_and_errors(image, lens, &model.points);
         errors.extend(view_errors);
-        views.push(DeclaredView {
+        lookup.views.push(DeclaredView {
             photo,
             intrinsics: lens.intrinsics,
-            size: match downscaled {
-                Some(_) => DeclaredSize::Scaled(Size::new(lens.width, lens.height)),
-                None => DeclaredSize::Exactly(Size::new(lens.width, lens.height)),
-            },
+            size: lens.size,
+            may_be_resampled: downscaled.is_some(),
             rotation: image.rotation,
             translation: image.translation,
             distortion: lens.distortion,
             depth_range: depth_range(depths),
         });
     }
-    let mut notes = lookup.into_notes(&views)?;
-    notes.extend(downscaled.map(|folder| format!("photos are read from {folder}")));
-    notes.extend(reprojection_note(errors));
+    let mut found = lookup.finish()?;
+    found.notes.extend(downscaled.map(|folder| format!("photos are read from {folder}")));
+    found.notes.extend(reprojection_note(errors));
     if model.points.is_empty() {
-        notes.push("no points3D: depth ranges are unknown".to_owned());
+        found.notes.push("no points3D: depth ranges are unknown".to_owned());
     }
-    Ok(DeclaredViews { cameras: listed_in.to_owned(), views, notes })
+    Ok(found)
 }
 
 /// What a model says of one of its photos.
@@ -124,4 +109,39 @@ fn unregistered(list: &PhotoList, views: &[DeclaredView]) -> Option<String> {
     let names: Vec<String> = list.names.iter().filter(is_unregistered).cloned().collect();
     (!names.is_empty())
         .then(|| format!("{} photos were not registered by COLMAP, skipped: {}", names.len(), abbreviated(&names)))
+}
+
+/// Depths of the tracked points in front of the camera, and their reprojection errors in pixels.
+fn depths_and_errors(image: &Registered, lens: &Lens, points: &HashMap<u64, DVec3>) -> (Vec<f64>, Vec<f64>) {
+    let Intrinsics { fx, fy, cx, cy, .. } = lens.intrinsics;
+    let projected = image.tracked.iter().filter_map(|&(u, v, id)| {
+        let point = image.rotation * *points.get(&id)? + image.translation;
+        let (x, y) = lens.distortion.distort(point.x / point.z, point.y / point.z);
+        (point.z > 0.0).then(|| (point.z, (fx * x + cx - u).hypot(fy * y + cy - v)))
+    });
+    projected.unzip()
+}
+
+/// Near and far depth with a margin, in scene units; `None` for fewer than [`MIN_POINTS`].
+pub(super) fn depth_range(mut depths: Vec<f64>) -> Option<(f64, f64)> {
+    if depths.len() < MIN_POINTS {
+        return None;
+    }
+    depths.sort_by(f64::total_cmp);
+    Some((0.9 * percentile(&depths, 0.01), 1.1 * percentile(&depths, 0.99)))
+}
+
+/// Percentile of sorted values, interpolated linearly between ranks as in NumPy.
+fn percentile(sorted: &[f64], fraction: f64) -> f64 {
+    let rank = fraction * (sorted.len() - 1) as f64;
+    let (low, high) = (sorted[rank as usize], sorted[rank.ceil() as usize]);
+    low + (high - low) * rank.fract()
+}
+
+/// The note on the reprojection errors (pixels) of all views.
+fn reprojection_note(mut errors: Vec<f64>) -> Option<String> {
+    errors.sort_by(f64::total_cmp);
+    let median = errors.get(errors.len() / 2)?;
+    let warning = if *median > 2.0 { ": poses or photos may not belong together" } else { "" };
+    Some(format!("median reprojection error of {} tracked points: {median:.2} px{warning}", errors.len()))
 }

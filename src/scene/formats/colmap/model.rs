@@ -5,19 +5,17 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::geometry::{Camera, Intrinsics};
-use crate::scene::error::SceneError;
-use crate::scene::pose_file;
-use crate::scene::undistort::Distortion;
+use crate::geometry::{Camera, Intrinsics, Size};
+use crate::scene::undistort::{Distortion, FISHEYES, PINHOLES};
+use crate::scene::{SceneError, pose_file};
 
-/// The intrinsics and distortion of one of the model's cameras, at the size of its photos in
+/// The intrinsics and distortion of one of the model's cameras, and the size of its photos in
 /// pixels.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Lens {
     pub(super) intrinsics: Intrinsics,
     pub(super) distortion: Distortion,
-    pub(super) width: usize,
-    pub(super) height: usize,
+    pub(super) size: Size,
 }
 
 /// A registered photo; its pose is `cam_from_world`.
@@ -33,22 +31,22 @@ pub(super) struct Registered {
 
 /// A sparse model.
 #[derive(Debug, Default, PartialEq)]
-pub(in crate::scene) struct Model {
+pub(in crate::scene::formats) struct Model {
     pub(super) lenses: HashMap<u32, Lens>,
     pub(super) images: Vec<Registered>,
     pub(super) points: HashMap<u64, DVec3>,
 }
 
 /// Adds the contents of one file, given its path and bytes, to a model.
-pub(in crate::scene) type Parse = fn(&Path, &[u8], &mut Model) -> Result<(), SceneError>;
+pub(in crate::scene::formats) type Parse = fn(&Path, &[u8], &mut Model) -> Result<(), SceneError>;
 
 /// An encoding of a model, binary or text.
-pub(in crate::scene) struct ModelFormat {
+pub(in crate::scene::formats) struct ModelFormat {
     /// File extension.
     pub(super) extension: &'static str,
-    pub(in crate::scene) cameras: Parse,
-    pub(in crate::scene) images: Parse,
-    pub(in crate::scene) points: Parse,
+    pub(in crate::scene::formats) cameras: Parse,
+    pub(in crate::scene::formats) images: Parse,
+    pub(in crate::scene::formats) points: Parse,
 }
 
 impl ModelFormat {
@@ -88,60 +86,35 @@ pub(super) const MODELS: [(&str, usize); 12] = [
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
 ];
 
-/// Those that are read.
-const READ_MODELS: [&str; 9] = [
-    "SIMPLE_PINHOLE",
-    "PINHOLE",
-    "SIMPLE_RADIAL",
-    "RADIAL",
-    "OPENCV",
-    "FULL_OPENCV",
-    "OPENCV_FISHEYE",
-    "RADIAL_FISHEYE",
-    "SIMPLE_RADIAL_FISHEYE",
-];
-
 /// A lens from a camera model's name and parameters; an error for unsupported models.
-pub(super) fn lens(
-    path: &Path,
-    model: &str,
-    width: usize,
-    height: usize,
-    parameters: &[f64],
-) -> Result<Lens, SceneError> {
-    let pixels = |fx, fy, cx, cy| Intrinsics { fx, fy, cx, cy, skew: 0.0 };
-    let bent = |k, p| Distortion { fisheye: model.ends_with("FISHEYE"), k, p };
-    let (intrinsics, distortion) = match (model, parameters) {
-        ("SIMPLE_PINHOLE", &[f, cx, cy]) => (pixels(f, f, cx, cy), Distortion::default()),
-        ("PINHOLE", &[fx, fy, cx, cy]) => (pixels(fx, fy, cx, cy), Distortion::default()),
-        ("SIMPLE_RADIAL" | "SIMPLE_RADIAL_FISHEYE", &[f, cx, cy, k1]) => {
-            (pixels(f, f, cx, cy), bent([k1, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]))
-        }
-        ("RADIAL" | "RADIAL_FISHEYE", &[f, cx, cy, k1, k2]) => {
-            (pixels(f, f, cx, cy), bent([k1, k2, 0.0, 0.0, 0.0, 0.0], [0.0; 2]))
-        }
-        ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => {
-            (pixels(fx, fy, cx, cy), bent([k1, k2, 0.0, 0.0, 0.0, 0.0], [p1, p2]))
-        }
-        ("OPENCV_FISHEYE", &[fx, fy, cx, cy, k1, k2, k3, k4]) => {
-            (pixels(fx, fy, cx, cy), bent([k1, k2, k3, k4, 0.0, 0.0], [0.0; 2]))
-        }
-        ("FULL_OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6]) => {
-            (pixels(fx, fy, cx, cy), bent([k1, k2, k3, k4, k5, k6], [p1, p2]))
-        }
-        _ if READ_MODELS.contains(&model) => {
-            let what = format!("a {model} camera with {} parameters", parameters.len());
-            return Err(SceneError::malformed(path, what, "the camera model's number of parameters"));
-        }
-        _ => {
-            let hint = format!("run COLMAP's image_undistorter first, or use {}", READ_MODELS.join(", "));
-            return Err(SceneError::Unsupported { path: path.to_owned(), what: format!("camera model {model}"), hint });
-        }
+pub(super) fn lens(path: &Path, model: &str, size: Size, parameters: &[f64]) -> Result<Lens, SceneError> {
+    let fisheye = FISHEYES.contains(&model);
+    if !fisheye && !PINHOLES.contains(&model) {
+        let read = [&PINHOLES[..], &FISHEYES].concat().join(", ");
+        let hint = format!("run COLMAP's image_undistorter first, or use {read}");
+        return Err(SceneError::Unsupported { path: path.to_owned(), what: format!("camera model {model}"), hint });
+    }
+    if !MODELS.contains(&(model, parameters.len())) {
+        let what = format!("a {model} camera with {} parameters", parameters.len());
+        return Err(SceneError::malformed(path, what, "the camera model's number of parameters"));
+    }
+    // One focal length or two, the principal point, then the first coefficients of FULL_OPENCV's. A
+    // fisheye has k3 and k4 in place of p1 and p2.
+    let has_one_focal_length = model.starts_with("SIMPLE") || model.starts_with("RADIAL");
+    let (focal, rest) = parameters.split_at(if has_one_focal_length { 1 } else { 2 });
+    let (centre, given) = rest.split_at(2);
+    let intrinsics = Intrinsics { fx: focal[0], fy: focal[focal.len() - 1], cx: centre[0], cy: centre[1], skew: 0.0 };
+    let mut coefficients = [0.0; 8];
+    coefficients[..given.len()].copy_from_slice(given);
+    let [k1, k2, p1, p2, k3, k4, k5, k6] = coefficients;
+    let distortion = match fisheye {
+        true => Distortion { fisheye, k: [k1, k2, p1, p2, 0.0, 0.0], p: [0.0; 2] },
+        false => Distortion { fisheye, k: [k1, k2, k3, k4, k5, k6], p: [p1, p2] },
     };
     // Checked here, so that the error names the file that holds the intrinsics.
     let refused = |source| SceneError::Camera { path: path.to_owned(), image: format!("model {model}"), source };
     Camera::new(intrinsics, 1, 1, DMat3::IDENTITY, DVec3::ZERO).and(distortion.check()).map_err(refused)?;
-    Ok(Lens { intrinsics, distortion, width, height })
+    Ok(Lens { intrinsics, distortion, size })
 }
 
 /// Rotation from a quaternion w x y z of any length; NaN if the length is 0 or not finite.

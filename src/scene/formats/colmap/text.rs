@@ -6,17 +6,18 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::model::{Model, ModelFormat, Registered, lens, rotation};
-use crate::scene::error::SceneError;
+use crate::geometry::Size;
+use crate::scene::SceneError;
 use crate::scene::pose_file::text;
 
-pub(in crate::scene) const FORMAT: ModelFormat =
+pub(in crate::scene::formats) const FORMAT: ModelFormat =
     ModelFormat { extension: "txt", cameras: read_cameras, images: read_images, points: read_points };
 
 fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
     for line in records(text(path, bytes)?) {
         let words = Words::new(path, line, "CAMERA_ID MODEL WIDTH HEIGHT PARAMS");
         let parameters = (4..words.len()).map(|i| words.parse(i)).collect::<Result<Vec<f64>, _>>()?;
-        let lens = lens(path, words.get(1)?, words.parse(2)?, words.parse(3)?, &parameters)?;
+        let lens = lens(path, words.get(1)?, Size::new(words.parse(2)?, words.parse(3)?), &parameters)?;
         if model.lenses.insert(words.parse(0)?, lens).is_some() {
             return Err(words.wrong(format!("camera {} is listed twice", words.get(0)?)));
         }

@@ -5,18 +5,16 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::declared::DeclaredViews;
-use super::error::SceneError;
-use super::formats::colmap::model::Model;
-use super::formats::{colmap, llff, ply, poses_bounds, realestate10k, spaces, transforms};
-use super::options::SceneOptions;
-use super::photos::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
-use super::pose_file::safe_name;
-use super::view::{self, View};
+use super::colmap::model::Model;
+use super::{colmap, json, llff, ply, realestate10k, spaces, transforms};
 use crate::geometry::Size;
 use crate::image::ImageRgb;
+use crate::scene::photos::lookup::PhotoLookup;
+use crate::scene::pose_file::safe_name;
+use crate::scene::view::{self, View};
+use crate::scene::{DeclaredViews, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError, SceneOptions};
 
-/// Views and notes, as [`super::Scene::open`] gets them from a scene's files.
+/// Views and notes, as [`crate::Scene::open`] gets them from a scene's files.
 pub type Opened = Result<(Vec<View>, Vec<String>), SceneError>;
 
 /// A source that has every photo, 64×48 pixels.
@@ -46,7 +44,8 @@ fn photos(folder: &str, count: usize) -> PhotoList {
 
 /// Reads a `transforms.json`.
 pub fn transforms(bytes: &[u8]) -> Opened {
-    finish(transforms::views(Path::new("scene/transforms.json"), bytes, &AnyPhoto)?)
+    let path = Path::new("scene/transforms.json");
+    finish(transforms::views(&json::parse(path, bytes)?, None, PhotoLookup::new(&AnyPhoto, path))?)
 }
 
 /// Reads the points of a PLY file.
@@ -60,20 +59,21 @@ pub fn ply(bytes: &[u8]) -> Result<Vec<DVec3>, String> {
 
 /// Reads a `models.json`.
 pub fn spaces(bytes: &[u8]) -> Opened {
-    finish(spaces::views(Path::new("scene/models.json"), bytes, 0, &AnyPhoto)?)
+    finish(spaces::views(bytes, 0, PhotoLookup::new(&AnyPhoto, Path::new("scene/models.json")))?)
 }
 
 /// Reads a `cameras.txt` with the photos 1 and 2.
 pub fn realestate10k(bytes: &[u8]) -> Opened {
-    finish(realestate10k::views(Path::new("scene/cameras.txt"), bytes, &photos("frames", 2), &AnyPhoto)?)
+    let lookup = PhotoLookup::new(&AnyPhoto, Path::new("scene/cameras.txt"));
+    finish(realestate10k::views(bytes, &photos("frames", 2), lookup)?)
 }
 
 /// Reads a `poses_bounds.npy` with as many photos as it has rows.
 pub fn llff(bytes: &[u8]) -> Opened {
     let path = Path::new("scene/poses_bounds.npy");
-    let rows = poses_bounds::parse(path, bytes)?;
+    let rows = llff::parse(path, bytes)?;
     let list = photos("images", rows.len());
-    finish(llff::views(path, rows, &list, &AnyPhoto)?)
+    finish(llff::views(&rows, &list, PhotoLookup::new(&AnyPhoto, path))?)
 }
 
 /// Reads `cameras`, `images` and `points3D`, binary or text.
@@ -84,7 +84,7 @@ pub fn colmap(binary: bool, [cameras, images, points]: [&[u8]; 3]) -> Opened {
     (format.cameras)(Path::new("scene/sparse/0/cameras"), cameras, &mut model)?;
     (format.images)(listed_in, images, &mut model)?;
     (format.points)(Path::new("scene/sparse/0/points3D"), points, &mut model)?;
-    finish(colmap::views(listed_in, &model, &photos("images_2", 2), &AnyPhoto)?)
+    finish(colmap::views(&model, &photos("images_2", 2), PhotoLookup::new(&AnyPhoto, listed_in))?)
 }
 
 fn finish(found: DeclaredViews) -> Opened {

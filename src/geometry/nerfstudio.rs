@@ -1,4 +1,10 @@
-//! The axes of nerfstudio's training: those of the scene, rotated, shifted and scaled.
+//! Nerfstudio's camera paths: `{"camera_type": "perspective", "render_width", "render_height",
+//! "camera_path": [{"camera_to_world": 16 numbers, row by row, OpenGL axes, "fov": vertical field
+//! of view in degrees}, …]}`.
+//!
+//! The poses are in the axes of nerfstudio's training: those of the scene, rotated, shifted and
+//! scaled, or the scene's own if nothing was (`--orientation-method none --center-method none
+//! --auto-scale-poses False`).
 //!
 //! `dataparser_transforms.json`, which nerfstudio writes beside a model's `config.yml`, gives the
 //! transform: `x_trained = scale · (transform · x)`, `transform` 3×4. Nerfstudio includes in these
@@ -11,10 +17,8 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use serde_json::Value;
 
-use super::camera::Camera;
-use super::camera_error::CameraError;
-use super::matrix::split;
-use crate::fs::bounded;
+use super::camera_json::{CameraFileError, read_json, shown, side, split_matrix};
+use super::{Camera, CameraError, Intrinsics, cam_from_opengl_world, json_numbers};
 
 const FILE: &str = "dataparser_transforms.json";
 
@@ -35,17 +39,20 @@ impl TrainedFromScene {
     /// # Errors
     ///
     /// The file, the field and what was expected.
-    pub(super) fn find(path: &Path, scene: &Path) -> Result<Option<Self>, (PathBuf, String)> {
+    pub(super) fn find(path: &Path, scene: &Path) -> Result<Option<Self>, CameraFileError> {
         let mut files = [path.with_file_name(FILE), scene.join(FILE)].into_iter();
         let Some(file) = files.find(|file| file.is_file()) else { return Ok(None) };
         let applied = scene.join("transforms.json");
-        let of_scene = if applied.is_file() { read(&applied)? } else { Value::Null };
-        let given = read(&file)?;
+        let of_scene = if applied.is_file() { read_json(&applied)? } else { Value::Null };
+        let given = read_json(&file)?;
         if given.get("transform").is_none() {
-            return Err((file, "expected \"transform\" and \"scale\"".to_owned()));
+            let reason = "expected \"transform\" and \"scale\"".to_owned();
+            return Err(CameraFileError { path: file, index: None, reason });
         }
-        let r = similarity(&given, "transform", "scale").map_err(|reason| (file.clone(), reason))?;
-        let a = similarity(&of_scene, "applied_transform", "applied_scale").map_err(|reason| (applied, reason))?;
+        let refused = |path: &Path, reason| CameraFileError { path: path.to_owned(), index: None, reason };
+        let r = similarity(&given, "transform", "scale").map_err(|reason| refused(&file, reason))?;
+        let a = similarity(&of_scene, "applied_transform", "applied_scale");
+        let a = a.map_err(|reason| refused(&applied, reason))?;
         let rotation = r.0 * a.0.transpose();
         let (scale, translation) = (r.2 / a.2, r.1 - rotation * a.1);
         Ok(Some(Self { rotation, translation, scale, file }))
@@ -59,16 +66,9 @@ impl TrainedFromScene {
     }
 }
 
-fn read(file: &Path) -> Result<Value, (PathBuf, String)> {
-    let failed = |reason: String| (file.to_owned(), reason);
-    let bytes = bounded::read_text(file, bounded::MAX_JSON_BYTES);
-    let bytes = bytes.map_err(|error| failed(format!("cannot be read: {error}")))?;
-    serde_json::from_slice(&bytes).map_err(|error| failed(format!("not JSON: {error}")))
-}
-
 /// Rotation, translation and scale; those of the identity where a key is missing.
 fn similarity(of: &Value, matrix: &str, scale: &str) -> Result<(DMat3, DVec3, f64), String> {
-    let given = of.get(matrix).map(|given| split(given, matrix, 3)).transpose()?;
+    let given = of.get(matrix).map(|given| split_matrix(given, matrix, 3)).transpose()?;
     let (rotation, translation) = given.unwrap_or((DMat3::IDENTITY, DVec3::ZERO));
     let deviation = (rotation * rotation.transpose() - DMat3::IDENTITY).to_cols_array();
     if !deviation.iter().all(|value| value.abs() < 1e-3) || rotation.determinant() < 0.0 {
@@ -79,6 +79,30 @@ fn similarity(of: &Value, matrix: &str, scale: &str) -> Result<(DMat3, DVec3, f6
     Ok((rotation, translation, factor))
 }
 
+/// The frames of a path, if the file is one.
+pub(super) fn frames(file: &Value) -> Option<&Vec<Value>> {
+    file.get("camera_path")?.as_array()
+}
+
+/// The camera of one of the frames of a path.
+pub(super) fn camera(file: &Value, frame: &Value) -> Result<Camera, String> {
+    if let Some(kind) = file.get("camera_type").filter(|kind| *kind != "perspective") {
+        return Err(format!("camera_type is {kind}; expected \"perspective\""));
+    }
+    let [width, height] = [side(file, "render_width")?, side(file, "render_height")?];
+    let fov = frame.get("fov").and_then(Value::as_f64).filter(|fov| (0.0..180.0).contains(fov) && *fov > 0.0);
+    let fov = fov.ok_or_else(|| format!("fov is {}; expected degrees above 0 and below 180", shown(frame, "fov")))?;
+    let matrix: Option<[f64; 16]> = frame.get("camera_to_world").and_then(json_numbers);
+    let Some(m) = matrix.filter(|m| m[12..] == [0.0, 0.0, 0.0, 1.0]) else {
+        return Err("camera_to_world: expected 16 numbers, the last four being 0 0 0 1".to_owned());
+    };
+    let column = |i: usize| DVec3::new(m[i], m[4 + i], m[8 + i]);
+    let (rotation, translation) = cam_from_opengl_world(DMat3::from_cols(column(0), column(1), column(2)), column(3));
+    let focal = 0.5 * height as f64 / (0.5 * fov).to_radians().tan();
+    let k = Intrinsics { fx: focal, fy: focal, cx: 0.5 * width as f64, cy: 0.5 * height as f64, skew: 0.0 };
+    Camera::new(k, width, height, rotation, translation).map_err(|error| error.to_string())
+}
+
 #[cfg(test)]
 mod tests {
     use std::fs;
@@ -87,7 +111,6 @@ mod tests {
     use tempfile::tempdir;
 
     use super::*;
-    use crate::geometry::Intrinsics;
 
     #[test]
     fn camera_converts_from_trained_axes_to_scene_axes() {
@@ -129,8 +152,42 @@ mod tests {
             (json!({ "transform": transform, "scale": 0 }), "scale is 0"),
         ] {
             fs::write(root.path().join(FILE), wrong.to_string()).unwrap();
-            let (file, reason) = TrainedFromScene::find(&path, &scene).unwrap_err();
+            let CameraFileError { path: file, reason, .. } = TrainedFromScene::find(&path, &scene).unwrap_err();
             assert!(file.ends_with(FILE) && reason.contains(word), "{reason}");
+        }
+    }
+
+    #[test]
+    fn camera_has_the_pose_and_intrinsics_of_the_frame() {
+        // At (1, 2, 3), rotated by 90 degrees about y: it faces -x.
+        let frame = json!({
+            "camera_to_world": [0, 0, 1, 1, 0, 1, 0, 2, -1, 0, 0, 3, 0, 0, 0, 1], "fov": 90, "aspect": 2
+        });
+        let file =
+            json!({ "camera_type": "perspective", "render_width": 64, "render_height": 32, "camera_path": [frame] });
+        let camera = camera(&file, &frames(&file).unwrap()[0]).unwrap();
+        assert!(camera.centre().abs_diff_eq(DVec3::new(1.0, 2.0, 3.0), 1e-12));
+        assert!(camera.forward().abs_diff_eq(-DVec3::X, 1e-12), "{}", camera.forward());
+        let Intrinsics { fx, fy, cx, cy, .. } = camera.intrinsics();
+        // A vertical field of view of 90 degrees.
+        assert!((fx - 16.0).abs() < 1e-9 && fy == fx && (cx, cy) == (32.0, 16.0));
+        for (key, value, word) in [
+            ("fov", json!(180), "below 180"),
+            ("fov", json!("wide"), "below 180"),
+            ("camera_to_world", json!([1, 2]), "16 numbers"),
+        ] {
+            let mut wrong = file["camera_path"][0].clone();
+            wrong[key] = value;
+            let error = self::camera(&file, &wrong).unwrap_err();
+            assert!(error.contains(key) && error.contains(word), "{error}");
+        }
+        for (key, value) in
+            [("camera_type", json!("fisheye")), ("render_width", json!(0)), ("render_height", json!(null))]
+        {
+            let mut wrong = file.clone();
+            wrong[key] = value;
+            let error = self::camera(&wrong, &file["camera_path"][0]).unwrap_err();
+            assert!(error.contains(key), "{error}");
         }
     }
 }
