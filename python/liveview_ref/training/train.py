@@ -106,7 +106,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("config", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="folder with train/, dev/ and textures/")
     parser.add_argument("--out", type=Path, required=True, help="checkpoints, log and validation images")
-    parser.add_argument("--start", type=Path, help="initial weights, of any V; for fine-tuning of the same V")
+    parser.add_argument("--start", type=Path, help="initial weights, of any V")
     parser.add_argument("--shards", type=Path, help="folder of examples, for fine-tuning")
     parser.add_argument("--steps", type=int, help="overrides the config")
     args = parser.parse_args(arguments)
@@ -121,10 +121,6 @@ def main(arguments: list[str] | None = None) -> None:
         if not (args.start and args.shards):
             parser.error(f"{args.config}: expected --start, the initial weights, and --shards, a folder for examples")
         start = load_state(args.start)
-        if start["views"] != config["views"]:
-            parser.error(
-                f"{args.start}: a network of {start['views']} views; expected {config['views']} as in {args.config}"
-            )
         args.out.mkdir(parents=True, exist_ok=True)
         if "frames" in config:
             return fine_tune(config, Surface(config, args.shards), args.out, start)
