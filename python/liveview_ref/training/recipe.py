@@ -25,9 +25,10 @@ def finished(config: Path, run: Path) -> bool:
 
 
 def start_of(name: str, runs: Path) -> Path:
-    """The network of a config: of its run, or the shipped one if it has not been run."""
+    """The network of a config: of its run, or the shipped one if it has not been run. What ships
+    as v4_planes is that of v4_planes_ordinary."""
     checkpoint = runs / name / "checkpoint.pt"
-    return checkpoint if checkpoint.exists() else MODELS / f"liveview_{name}.onnx"
+    return checkpoint if checkpoint.exists() else MODELS / f"liveview_{name.removesuffix('_ordinary')}.onnx"
 
 
 def main(arguments: list[str] | None = None) -> int:
