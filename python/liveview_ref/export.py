@@ -25,7 +25,7 @@ from .checkpoint import load_network, load_state, record, trained_network, train
 from .onnx_session import logits, session
 from .reference.layers import spec as layer_spec
 from .reference.layers.cells import STRIDE
-from .reference.unet import UNet, fold_batchnorm, unfold_batchnorm
+from .reference.unet import UNet, fold_batchnorm, unfold_batchnorm, with_views
 
 OPSET = 20  # the first with GridSample's modes under the names that torch exports
 TOLERANCE = 1e-5  # of the largest logit: float32 sums of up to 1,728 products in another order
@@ -135,7 +135,7 @@ def main() -> None:
         state["config"]["share"] = args.share
     net, config = trained_network(state), state["config"]
     if args.mean_with_start:
-        net = mean_network(net, load_network(args.mean_with_start))
+        net = mean_network(net, with_views(load_network(args.mean_with_start), net.views))
         config["mean_with_start"] = True
     metadata = {
         "recommended_layers": str(args.recommended_layers),

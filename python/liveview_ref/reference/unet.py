@@ -12,9 +12,8 @@ from torch import Tensor, nn
 
 from .network.view_agreement import agreement_logits
 
-# By how much the logits of views that a network gets beyond those of its start are lower: before
-# any training, 64 planes on validation photos: 26.2 dB with 0, 26.3 with 2 (V = 5); 26.3, 26.6
-# (V = 10).
+# By how much the logits of views that a network gets beyond those of its start are lower: 64 planes
+# on validation photos, V = 5 before any training: 27.26 dB with 0, 27.34 with 2.
 FURTHER = 2.0
 
 
@@ -84,18 +83,17 @@ def start_from_agreement(net: UNet) -> None:
 
 
 def adapt_views(state: dict[str, Tensor], net: UNet) -> None:
-    """Initialise `net` from the weights of another V: inner layers unchanged. Views beyond those
-    that both have share the weights of the last one equally, so that photos that agree give the
-    same as before; being farther, they get a lower logit."""
+    """Initialise `net` from the weights of another V: inner layers unchanged. Views beyond those of
+    the start change nothing at first but the blend, in which they have a lower weight than its last
+    one, being farther. If there are fewer, the last has the weights of those that are missing."""
     own = net.state_dict()
     for name, value in state.items():
         if own[name].shape == value.shape:
             own[name] = value
         elif name == "conv1.0.weight":
-            weights = value.unflatten(1, (-1, 3))
-            last = min(weights.shape[1], net.views) - 1
-            shared = weights[:, last:].sum(1, keepdim=True) / (net.views - last)
-            own[name] = torch.cat([weights[:, :last], shared.expand(-1, net.views - last, -1, -1, -1)], 1).flatten(1, 2)
+            shared = min(value.shape[1], own[name].shape[1])
+            own[name] = F.pad(value[:, :shared], (0, 0, 0, 0, 0, own[name].shape[1] - shared))
+            own[name][:, shared - 3 : shared] += value[:, shared:].unflatten(1, (-1, 3)).sum(1)
         else:  # conv9: alpha, and a weight for every view but the first
             own[name] = value[[min(v, len(value) - 1) for v in range(net.views)]]
             if name == "conv9.bias":
@@ -113,6 +111,15 @@ def fold_batchnorm(net: UNet) -> UNet:
         fused = torch.nn.utils.fusion.fuse_conv_bn_eval(source[0].eval(), source[1].eval())
         setattr(folded, name, nn.Sequential(fused, nn.ReLU(inplace=True)))
     return folded
+
+
+def with_views(net: UNet, views: int) -> UNet:
+    """A network with BatchNorm folded, for this number of views: `net` if it has as many."""
+    if net.views == views:
+        return net
+    other = fold_batchnorm(UNet(views, net.agreement).eval())
+    adapt_views(net.state_dict(), other)
+    return other
 
 
 def unfold_batchnorm(net: UNet) -> UNet:

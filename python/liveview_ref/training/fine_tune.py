@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from ..checkpoint import load_state, trained_network
-from ..reference.unet import UNet, adapt_views, fold_batchnorm, unfold_batchnorm
+from ..reference.unet import UNet, fold_batchnorm, unfold_batchnorm, with_views
 
 CHECKPOINT_SECONDS = 600  # between checkpoints, at most
 
@@ -48,10 +48,7 @@ def start_of(state: dict, config: dict) -> UNet:
     """The network of a state for the config's "views", BatchNorm folded, ready to be trained: its
     logit 0 times the config's "start_scale" plus its "start_shift"; if it is to be added to the
     views' agreement, all its logits are 0."""
-    net = fold_batchnorm(trained_network(state))
-    if net.views != config["views"]:
-        source, net = net.state_dict(), fold_batchnorm(UNet(config["views"], net.agreement).eval())
-        adapt_views(source, net)
+    net = with_views(fold_batchnorm(trained_network(state)), config["views"])
     with torch.no_grad():  # competing planes need larger differences of logits than independent ones
         if config.get("agreement") and not net.agreement:
             net.agreement = True

@@ -22,7 +22,7 @@ from liveview_ref.reference.geometry.camera import Camera
 from liveview_ref.reference.layers.uniform import uniform_disparities
 from liveview_ref.reference.render.blend import blend
 from liveview_ref.reference.render.renderer import warp_views
-from liveview_ref.reference.unet import UNet, fold_batchnorm, unfold_batchnorm
+from liveview_ref.reference.unet import UNet, fold_batchnorm, unfold_batchnorm, with_views
 from liveview_ref.training import network_pass, train
 from liveview_ref.training.draw_layers import draw_layers
 from liveview_ref.training.planes_loss import example_loss, warp_layers
@@ -145,7 +145,7 @@ def test_mean_gradient_of_drawn_planes_is_that_of_all(photos, alpha):
     assert spread < 0.5 * whole.norm()
 
 
-@pytest.mark.parametrize("name", ["v4_planes", "v4_planes_paper", "v4_planes_paper_spacing"])
+@pytest.mark.parametrize("name", ["v4_planes", "v5_planes", "v4_planes_paper", "v4_planes_paper_spacing"])
 def test_training_starts_continues_and_is_exported(tmp_path, monkeypatch, name):
     workshop = {"path": "workshop", "reach": 2, "widths": [300], "weight": 1}
     config = {
@@ -165,7 +165,7 @@ def test_training_starts_continues_and_is_exported(tmp_path, monkeypatch, name):
     torch.set_num_threads(threads)
     state = load_state(tmp_path / "checkpoint.pt")
     assert state["step"] == 3 and [row["step"] for row in state["history"]] == [2, 3]
-    prefix = "competing, " if name == "v4_planes" else ""
+    prefix = "" if "paper" in name else "competing, "
     assert {f"{prefix}planes:16", f"{prefix}planes:64", "workshop"} < state["history"][0].keys()
     assert state["history"][1]["workshop"] > 15
     model = tmp_path / "model.onnx"
@@ -174,15 +174,15 @@ def test_training_starts_continues_and_is_exported(tmp_path, monkeypatch, name):
     monkeypatch.setattr(sys, "argv", ["", str(tmp_path / "checkpoint.pt"), str(model), *arguments])
     export.main()
     of_training, of_start, exported = (
-        torch.cat([weights.flatten() for weights in load_network(path).parameters()])
+        torch.cat([weights.flatten() for weights in with_views(load_network(path), state["views"]).parameters()])
         for path in (tmp_path / "checkpoint.pt", folders["start"], model)
     )
     assert not torch.equal(of_training, of_start)
     torch.testing.assert_close(exported, (of_training + of_start) / 2)
     card = model_card(onnx.load(model))
     alpha = tuple(card.get(f"alpha{of}") for of in ("", "_scale", "_spacing"))
-    expected = {"v4_planes": ("competing", "1", None), "v4_planes_paper_spacing": (None, None, "3.0")}
-    assert alpha == expected.get(name, (None, None, None))
+    expected = {"v4_planes_paper": (None, None, None), "v4_planes_paper_spacing": (None, None, "3.0")}
+    assert alpha == expected.get(name, ("competing", "1", None))
     assert card["layer_kinds"] == "planes, list" and card["training"].endswith("that the last training started from")
     assert card["trained_layers"] == "planes:6 to planes:6" and card["recommended_layers"] == "planes:64"
 
