@@ -1,5 +1,5 @@
-//! The paper's selection: a first frame is rendered on all planes, the next ones on those that it
-//! selects.
+//! The paper's selection: a first frame is rendered on all planes; the next ones reuse those that it
+//! selects (`find_layers`).
 
 use super::found_layers::FoundLayers;
 use super::layer_source::LayerSource;

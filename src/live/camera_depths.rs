@@ -39,7 +39,7 @@ impl CameraDepths {
     }
 
     /// The photos of a time step near the target, with their depth: searched where there is none yet, and
-    /// where `reuse` says. The frame is rendered from that many of them.
+    /// where `reuse` says. The frame is rendered from the nearest ones, `rendered_from`.
     pub(super) fn photos<'a>(
         &'a mut self,
         step: &'a Step<'_>,

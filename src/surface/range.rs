@@ -30,8 +30,8 @@ pub(super) fn depth_range(groups: &[Vec<SourceView<'_>>], near: f64, far: f64) -
     range_of(groups.iter().flat_map(|group| confirmed_disparities(group, near, far)).collect(), (near, far))
 }
 
-/// Near and far of confirmed disparities (1/scene unit), within the range that was searched;
-/// `None` if there are too few.
+/// Near and far (scene units) of confirmed disparities (1/scene unit), within the range that was
+/// searched; `None` if there are too few.
 pub fn range_of(mut disparities: Vec<f32>, (near, far): (f64, f64)) -> Option<(f64, f64)> {
     if disparities.len() < MIN_CONFIRMED {
         return None;

@@ -25,7 +25,7 @@ const BAND_ROWS: usize = 16;
 pub(crate) struct SeenSurface<'a> {
     /// Disparity of each pixel, row by row, 1/scene unit.
     pub(crate) disparity: &'a [f32],
-    /// Below 0 in holes.
+    /// The disparity carried over from the photos, before holes were filled; below 0 in holes.
     pub(crate) splatted: &'a [f32],
     /// Pixels per row, a multiple of 8.
     pub(crate) width: usize,

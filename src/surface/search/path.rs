@@ -59,7 +59,7 @@ impl Paths<'_> {
         let costs = &self.costs[(cell.0 * self.width + cell.1) * count..][..count];
         let previous = &mut ends.previous[path * (count + 2)..][..count + 2];
         let starts_of = |(y, x): (usize, usize)| match self.candidates {
-            // As if all were the two segments: they join.
+            // As two segments that adjoin: together they are all candidates.
             Candidates::All => [0, SEGMENT as u16],
             Candidates::Segments { starts, columns, cells_per_side } => {
                 starts[y / cells_per_side * columns + x / cells_per_side]

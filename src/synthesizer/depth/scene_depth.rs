@@ -60,7 +60,7 @@ pub(super) struct SceneDepth {
 }
 
 impl SceneDepth {
-    /// Of which none is known yet.
+    /// Of the views that are not held out; no depth is known yet.
     pub(super) fn new(views: &SceneViews, held_out: &[usize]) -> Result<Self, SynthesisError> {
         let free = views.all_but(held_out);
         let (near, far) = views.depth_range(&free, held_out)?;
