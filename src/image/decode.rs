@@ -4,6 +4,7 @@
 //! dropped. The EXIF orientation is ignored, as in COLMAP and other pose estimators, so poses
 //! belong to the pixels as stored. [`read_header`] reports both.
 
+use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -41,9 +42,7 @@ pub struct Header {
 ///
 /// As [`read_size`].
 pub fn read_header(path: &Path) -> Result<Header, ImageError> {
-    let file = bounded::open(path, bounded::MAX_BYTES);
-    let file = file.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
-    header_of(path, BufReader::new(file))
+    header_of(path, open(path)?)
 }
 
 /// Reads the size of a PNG or JPEG in pixels from its header.
@@ -52,9 +51,12 @@ pub fn read_header(path: &Path) -> Result<Header, ImageError> {
 ///
 /// [`ImageError::Read`], [`ImageError::Decode`] or [`ImageError::TooLarge`], naming the file.
 pub fn read_size(path: &Path) -> Result<Size, ImageError> {
+    Ok(decoder_and_size(path, open(path)?)?.1)
+}
+
+fn open(path: &Path) -> Result<BufReader<File>, ImageError> {
     let file = bounded::open(path, bounded::MAX_BYTES);
-    let file = file.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
-    Ok(decoder_and_size(path, BufReader::new(file))?.1)
+    Ok(BufReader::new(file.map_err(|source| ImageError::Read { path: path.to_owned(), source })?))
 }
 
 /// As [`read_header`], from an open file; `path` is for errors.

@@ -155,9 +155,8 @@ impl Outputs {
         if let Some(video) = &self.video {
             output_plan.file("-o", video.path())?;
             let sizes: HashSet<_> = pictures.iter().map(|(_, size)| *size).collect();
-            match sizes.into_iter().collect::<Vec<_>>()[..] {
-                [_] => (),
-                _ => bail!("-o {}: the pictures have different sizes; expected a folder", video.path().display()),
+            if sizes.len() != 1 {
+                bail!("-o {}: the pictures have different sizes; expected a folder", video.path().display());
             }
         }
         Ok(())
