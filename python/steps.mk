@@ -111,7 +111,7 @@ models-cards: setup
 
 ## The int8 models and their cards, from the float32 ones and DATA; minutes each.
 models-int8: setup
-	cd python && for v in 2 4 5 10 4_planes 4_planes_paper; do \
+	cd python && for v in 2 4 5 10 4_planes 5_planes 10_planes 4_planes_paper; do \
 		../$(BIN)/python -m liveview_ref.quantize ../models/liveview_v$$v.onnx ../models/liveview_v$${v}_int8.onnx \
 			configs/v$$v.json --data $(abspath $(DATA)) || exit 1; \
 	done
