@@ -97,10 +97,13 @@ report-readme: build setup
 
 .PHONY: models-evaluate models-cards models-int8 models-train
 
+# The float32 models that the reference scores and that have an int8 twin.
+NETWORKS := $(filter-out %_int8 %_surface,$(basename $(notdir $(wildcard models/*.onnx))))
+
 ## Scores of every float32 model against baselines, in the folder beside it (of the one for surface layers: `make evaluate`).
 ## Scenes that DATA lacks are skipped; the example scene is part of the repository.
 models-evaluate: setup-evaluation build
-	cd python && for model in $(filter-out %_int8 %_surface,$(basename $(notdir $(wildcard models/*.onnx)))); do \
+	cd python && for model in $(NETWORKS); do \
 		../$(BIN)/python -m liveview_ref.evaluation.evaluate ../models/$$model.onnx configs/evaluation.json \
 			--data $(abspath $(DATA)) --out ../models/$${model}_scores || exit 1; \
 	done
@@ -111,9 +114,9 @@ models-cards: setup
 
 ## The int8 models and their cards, from the float32 ones and DATA; minutes each.
 models-int8: setup
-	cd python && for v in 2 4 5 10 4_planes 5_planes 10_planes 4_planes_paper; do \
-		../$(BIN)/python -m liveview_ref.quantize ../models/liveview_v$$v.onnx ../models/liveview_v$${v}_int8.onnx \
-			configs/v$$v.json --data $(abspath $(DATA)) || exit 1; \
+	cd python && for model in $(NETWORKS); do \
+		../$(BIN)/python -m liveview_ref.quantize ../models/$$model.onnx ../models/$${model}_int8.onnx \
+			configs/$${model#liveview_}.json --data $(abspath $(DATA)) || exit 1; \
 	done
 
 ## Every network by python/configs/recipe.json, one after another, in TRAIN_RUNS: run it again to go on. ONLY=CONFIG trains one,
