@@ -23,7 +23,7 @@ from liveview_ref.reference.geometry.view_selection import choose_views, view_di
 from liveview_ref.reference.image.metrics import psnr
 from liveview_ref.reference.layers.cells import padded_size
 from liveview_ref.reference.network.view_agreement import agreement_logits
-from liveview_ref.reference.render.blend import VISIBLE_POWER, blend
+from liveview_ref.reference.render.blend import CORRECTED_POWER, blend
 from liveview_ref.reference.render.renderer import warp_views
 
 from .marked_text import fill
@@ -76,9 +76,9 @@ def along_the_truth(net, target: int) -> dict[tuple[str, str], float]:
             found[what, name] = psnr(image[INNER], truth[INNER])
 
     score("all views", torch.ones_like(sees), 1.0, False)
-    score("occlusion", sees, VISIBLE_POWER, False)
-    score("edges", sees * unmixed, VISIBLE_POWER, False)
-    score("filled", sees * unmixed, VISIBLE_POWER, True)
+    score("occlusion", sees, CORRECTED_POWER, False)
+    score("edges", sees * unmixed, CORRECTED_POWER, False)
+    score("filled", sees * unmixed, CORRECTED_POWER, True)
     return found
 
 

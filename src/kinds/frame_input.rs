@@ -17,7 +17,7 @@ pub(crate) struct FrameInput<'a> {
     pub(crate) sources: &'a [SourceView<'a>],
     /// Whether a next frame follows, which reuses what it can.
     pub(crate) is_followed: bool,
-    /// Photometric corrections for surface layers.
+    /// Which differences between photos are corrected, for surface layers.
     #[cfg(feature = "surface")]
     pub(crate) photo_correction: PhotoCorrection,
     /// Whether holes of a surface are searched at the target.

@@ -110,8 +110,12 @@ impl LiveSession {
         let found = Instant::now();
         let renderer = &mut self.renderers[network];
         let visibility = surface.as_ref().map(TargetSurface::visibility);
-        let request =
-            RenderRequest { visibility: visibility.as_ref(), ..RenderRequest::new(&sources, target, &layers) };
+        let corrections = surface.as_ref().map(TargetSurface::corrections).unwrap_or_default();
+        let request = RenderRequest {
+            corrections,
+            visibility: visibility.as_ref(),
+            ..RenderRequest::new(&sources, target, &layers)
+        };
         let frame = renderer.render(request)?;
         if let Some(selection) = selection {
             self.carried.selected = Some(selection.planes(&frame, renderer.alpha())?);

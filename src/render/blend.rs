@@ -4,7 +4,7 @@
 //! planes (`spacing.rs`). The view weights are softmax(0, logit 1 … logit V−1) · (d_min/d_i)^p: the
 //! implicit zero is the logit of the nearest view, and d is the distance of a view to the target.
 //! This is the paper's normalisation by distance, made independent of the unit of length; p is 1,
-//! or 1.5 with per-view occlusion. The colour is normalised by coverage, so that a view that does
+//! or 1.5 for corrected photos. The colour is normalised by coverage, so that a view that does
 //! not cover a pixel does not darken it.
 //!
 //! All of it is computed in the log domain over the views that cover the pixel: neither extreme
@@ -15,10 +15,11 @@ use std::ops::Range;
 use super::exp::{exp, exp_f64};
 use crate::warp::{RUN, RunCoverage};
 
-/// Power of (d_min/d_i) with per-view occlusion: the views that remain differ mainly by the error
-/// that their depth makes in pixels, which grows with the distance. Gains 0.12 dB when views are
-/// weighted by distance alone, nothing with a network (docs/design-log/surface-layers.md).
-pub(super) const OCCLUSION_DISTANCE_POWER: f64 = 1.5;
+/// Power of (d_min/d_i) for photos of the same exposure and sharpness: they differ mainly by the
+/// error that depth makes in pixels, which grows with the distance. Gains 0.12 dB on surface layers
+/// where views are weighted by distance alone (docs/design-log/surface-layers.md), 0.06 dB on planes
+/// (docs/design-log/planes.md).
+pub(super) const CORRECTED_DISTANCE_POWER: f64 = 1.5;
 
 /// Factors of the view weights, from the distances of the views to the target.
 #[derive(Debug, Clone, PartialEq)]

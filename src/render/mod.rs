@@ -10,12 +10,12 @@ mod buffers;
 mod composite;
 mod composite_competing;
 mod composite_row;
+mod corrected_photos;
 mod error;
 mod exp;
 mod frame;
 mod renderer;
 mod request;
-mod sharpened;
 mod spacing;
 mod visibility;
 
@@ -23,12 +23,13 @@ pub use blend::{Blended, DistanceWeights, LayerSamples};
 pub use buffers::Batch;
 pub use composite::Accumulated;
 pub use composite_competing::Competing;
+pub use corrected_photos::ViewCorrection;
+#[cfg(feature = "surface")]
+pub(crate) use corrected_photos::{SharpenedPhotos, correct_photos};
 pub use error::RenderError;
 pub use frame::{Frame, StageTimes};
 pub use renderer::Renderer;
 pub use request::{Observer, RenderRequest};
-#[cfg(feature = "surface")]
-pub(crate) use sharpened::SharpenedPhotos;
+pub use visibility::Visibility;
 #[cfg(feature = "surface")]
 pub(crate) use visibility::hide_occluded;
-pub use visibility::{Visibility, VisibleView};

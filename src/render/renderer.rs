@@ -5,15 +5,15 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::blend::{DistanceWeights, OCCLUSION_DISTANCE_POWER};
+use super::blend::{CORRECTED_DISTANCE_POWER, DistanceWeights};
 use super::buffers::Buffers;
 use super::composite::Accumulated;
 use super::composite_competing::Competing;
 use super::composite_row::{CompositeRow, composite_batch};
+use super::corrected_photos::{SharpenedPhotos, correct_photos};
 use super::error::RenderError;
 use super::frame::{Frame, StageTimes};
 use super::request::RenderRequest;
-use super::sharpened::SharpenedPhotos;
 use super::spacing::spacing;
 use super::visibility::Visibility;
 use crate::geometry::{Camera, Size, distance};
@@ -126,7 +126,7 @@ impl Renderer {
         request: RenderRequest<'_>,
         new_row: impl Fn(usize) -> R + Sync,
     ) -> Result<Frame, RenderError> {
-        let RenderRequest { views, target, layers, visibility, mut observer } = request;
+        let RenderRequest { views, target, layers, corrections, visibility, mut observer } = request;
         let count = self.network.views();
         if views.len() != count {
             return Err(RenderError::Views { expected: count, found: views.len() });
@@ -136,11 +136,9 @@ impl Renderer {
         self.buffers.make_room(self.layers_together().min(layers.len()), count, size)?;
         let mut sources = warp_sources(views, target);
         let all_shifts = self.logit_shifts(&sources, size, layers)?;
-        if let Some(visibility) = visibility {
-            visibility.correct_photos(&mut sources, &mut self.sharpened);
-        }
+        correct_photos(corrections, &mut sources, &mut self.sharpened);
         let own_depth = visibility.map(Visibility::own_depth).unwrap_or_default();
-        let weights = distance_weights(views, target, visibility.is_some());
+        let weights = distance_weights(views, target, !corrections.is_empty());
 
         let is_seen = visibility.is_none_or(|visibility| visibility.is_seen);
         let mut visible = vec![visibility.is_none() || !is_seen; size.pixels()];
@@ -194,9 +192,9 @@ impl Renderer {
     }
 }
 
-fn distance_weights(views: &[SourceView<'_>], target: &Camera, with_occlusion: bool) -> DistanceWeights {
+fn distance_weights(views: &[SourceView<'_>], target: &Camera, are_corrected: bool) -> DistanceWeights {
     let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
-    DistanceWeights::with_power(&distances, if with_occlusion { OCCLUSION_DISTANCE_POWER } else { 1.0 })
+    DistanceWeights::with_power(&distances, if are_corrected { CORRECTED_DISTANCE_POWER } else { 1.0 })
 }
 
 /// Pixels of the target, the upper left part of the padded one, that are not visible.

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::buffers::Batch;
+use super::corrected_photos::ViewCorrection;
 use super::visibility::Visibility;
 use crate::geometry::Camera;
 use crate::layers::Layers;
@@ -20,17 +21,18 @@ pub struct RenderRequest<'a> {
     /// The layers; maps among them are on the cells of the padded target
     /// ([`crate::layers::padded`]).
     pub layers: &'a Layers,
-    /// Per-view occlusion and photo correction, of the same views in the same order; `None`: no
-    /// view is ever occluded, and photos are used unchanged.
+    /// How the photos of the views are corrected, in the order of the views; empty: not at all.
+    pub corrections: &'a [ViewCorrection],
+    /// Occlusion of the views, in the same order; `None`: no view is ever occluded.
     pub visibility: Option<&'a Visibility<'a>>,
     /// Is shown the stages of the rendered layers.
     pub observer: Option<Observer<'a>>,
 }
 
 impl<'a> RenderRequest<'a> {
-    /// A request without per-view occlusion and without an observer.
+    /// A request without photo correction, per-view occlusion and observer.
     pub fn new(views: &'a [SourceView<'a>], target: &'a Camera, layers: &'a Layers) -> Self {
-        Self { views, target, layers, visibility: None, observer: None }
+        Self { views, target, layers, corrections: &[], visibility: None, observer: None }
     }
 }
 
@@ -40,6 +42,7 @@ impl fmt::Debug for RenderRequest<'_> {
             .field("views", &self.views.len())
             .field("target", &self.target)
             .field("layers", &self.layers.len())
+            .field("corrections", &self.corrections)
             .field("visibility", &self.visibility.is_some())
             .finish_non_exhaustive()
     }

@@ -12,51 +12,28 @@ use std::ops::Range;
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use super::sharpened::SharpenedPhotos;
 use crate::geometry::Size;
-use crate::warp::{ALL_SEEN, LayerBand, OwnDepth, RUN, RunCoverage, WarpSource, WarpedLayers};
+use crate::warp::{ALL_SEEN, LayerBand, OwnDepth, RUN, RunCoverage, WarpedLayers};
 
 /// Coverage, summed over the views that are not occluded, up to which a pixel counts as occluded.
 const MIN_COVERAGE: f32 = 0.05;
 
-/// Own depth and photo correction of each view, for layers along a surface.
+/// Own depth of each view, for layers along a surface.
 #[derive(Debug, Clone)]
 pub struct Visibility<'a> {
-    /// In the order of the views.
-    pub views: Vec<VisibleView<'a>>,
+    /// Disparity of each pixel of the views' photos, in their order, `[h, w]`, 1/scene unit; −1 where
+    /// it is unknown.
+    pub disparities: Vec<&'a Array2<f32>>,
     /// How much nearer than a point the view's own depth must be to hide it, 1/scene unit.
     pub margin: f32,
     /// Whether the views' depth was carried to the target; if not, no view covers any of it.
     pub is_seen: bool,
 }
 
-/// Own depth and photo correction of a view.
-#[derive(Debug, Clone, Copy)]
-pub struct VisibleView<'a> {
-    /// Disparity of each pixel of its photo, `[h, w]`, 1/scene unit; −1 where it is unknown.
-    pub disparity: &'a Array2<f32>,
-    /// Factor of each colour channel.
-    pub gains: [f32; 3],
-    /// Share of its detail (4 times a pixel less its four neighbours) that is added to its photo.
-    pub sharpening: f32,
-}
-
 impl Visibility<'_> {
-    /// Sets the gains of the views, and replaces the photos that are to be sharpened.
-    pub(crate) fn correct_photos<'a>(&self, sources: &mut [WarpSource<'a>], sharpened: &'a mut SharpenedPhotos) {
-        let photos = sources.iter().zip(&self.views).map(|(source, view)| (source.texture, view.sharpening));
-        sharpened.sharpen(photos.filter(|(_, amount)| *amount != 0.0));
-        for (source, view) in sources.iter_mut().zip(&self.views) {
-            source.gains = view.gains;
-            if view.sharpening != 0.0 {
-                source.texture = sharpened.get(source.texture, view.sharpening);
-            }
-        }
-    }
-
     /// The views' own depth, as the warp asks for it.
     pub(crate) fn own_depth(&self) -> Vec<OwnDepth<'_>> {
-        let disparities = self.views.iter().map(|view| view.disparity.as_slice().expect("standard order"));
+        let disparities = self.disparities.iter().map(|disparity| disparity.as_slice().expect("standard order"));
         disparities.map(|disparity| OwnDepth { disparity, margin: self.margin }).collect()
     }
 }

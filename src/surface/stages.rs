@@ -24,7 +24,7 @@ use super::search::tile_ranges;
 use super::small_maps::{self, SmallPhoto};
 use crate::geometry::{Camera, PlaneSweep, Size};
 use crate::layers::padded;
-use crate::render::{SharpenedPhotos, Visibility, hide_occluded};
+use crate::render::{SharpenedPhotos, ViewCorrection, Visibility, correct_photos, hide_occluded};
 use crate::warp::{
     self, RunCoverage, SourceView, Texture, WarpSource, WarpedLayers, run_coverage_len, warp_layers_into,
 };
@@ -186,6 +186,7 @@ pub fn sharpened(photo: &Texture, amount: f32) -> Array3<f32> {
 /// see: colour `[3V, h, w]`, coverage `[V, h, w]`, and which pixels any view sees `[h, w]`.
 pub fn occluded(
     visibility: &Visibility<'_>,
+    corrections: &[ViewCorrection],
     views: &[SourceView<'_>],
     target: &Camera,
     layer: &Array2<f32>,
@@ -198,7 +199,7 @@ pub fn occluded(
     let mut run_coverage = vec![RunCoverage::Partial; views.len() * run_coverage_len(size)];
     let mut sources = warp::warp_sources(views, target);
     let mut sharpened = SharpenedPhotos::default();
-    visibility.correct_photos(&mut sources, &mut sharpened);
+    correct_photos(corrections, &mut sources, &mut sharpened);
     let mut seen_runs = vec![0; run_coverage.len()];
     let mut warped = WarpedLayers {
         disparity: flat(layer),

@@ -1,5 +1,5 @@
-//! A target's surface with the occlusion and the photo correction of its views: all that rendering
-//! along it needs.
+//! A target's surface with the occlusion and the correction of its views: all that rendering along
+//! it needs.
 
 use std::sync::Arc;
 
@@ -8,12 +8,17 @@ use super::depth_maps::DepthMaps;
 use super::fusion::{ConfirmedDepth, Surface, SurfaceView, find_surface};
 use crate::geometry::{Camera, distance};
 use crate::layers::{Layers, LayersError};
-use crate::render::{Visibility, VisibleView};
+use crate::render::{ViewCorrection, Visibility};
 use crate::warp::{NO_GAINS, SourceView};
 
 /// A target sees the photos' depth if it is carried to at least this share of the pixels that it would
 /// be carried to from a photo's own viewpoint: the scene fills a thirtieth of the picture's sides.
 const MIN_CARRIED: f64 = 1e-3;
+
+/// The nearest and the farthest of the target's pixels that its planes leave out: single specks.
+const UNSEEN_SHARE: f64 = 0.002;
+/// What planes go beyond the others, pixels of parallax: the error of the photos' depth.
+const SEEN_MARGIN_PX: f64 = 2.0;
 
 /// Which differences between the photos of a target are corrected, by their correspondences; all by
 /// default.
@@ -23,6 +28,11 @@ pub struct PhotoCorrection {
     pub exposure: bool,
     /// Sharpness ([`super::sharpening`]).
     pub sharpness: bool,
+}
+
+impl PhotoCorrection {
+    /// Photos stay as they are.
+    pub const NONE: Self = Self { exposure: false, sharpness: false };
 }
 
 impl Default for PhotoCorrection {
@@ -37,10 +47,8 @@ pub struct TargetSurface {
     surface: Surface,
     /// The confirmed depth of each view's photo.
     confirmed: Vec<Arc<ConfirmedDepth>>,
-    /// Factor of each colour channel of each view's photo, for a common exposure.
-    gains: Vec<[f32; 3]>,
-    /// Amount by which each view's photo is sharpened.
-    sharpening: Vec<f32>,
+    /// Of each view's photo.
+    corrections: Vec<ViewCorrection>,
     /// Mean share of the photos that other photos confirm.
     confirmed_share: f64,
 }
@@ -80,9 +88,10 @@ impl TargetSurface {
         set_gains(&mut views, &gains);
         let surface = find_surface(&views, target, maps.range(), searches_holes);
         let confirmed_share = maps.confirmed_share();
-        gains.truncate(count);
         confirmed.truncate(count);
-        Self { surface, confirmed, gains, sharpening, confirmed_share }
+        let correction = |(gains, sharpening)| ViewCorrection { gains, sharpening };
+        let corrections = gains.into_iter().zip(sharpening).map(correction).collect();
+        Self { surface, confirmed, corrections, confirmed_share }
     }
 
     /// The surface.
@@ -102,14 +111,9 @@ impl TargetSurface {
         1.0 - self.surface.holes >= MIN_CARRIED * self.confirmed_share
     }
 
-    /// Exposure gains `[V]` of the views, by channel; 1 where exposure is not corrected.
-    pub fn gains(&self) -> &[[f32; 3]] {
-        &self.gains
-    }
-
-    /// Amount of sharpening `[V]` of the views; 0 where sharpness is not corrected.
-    pub fn sharpening(&self) -> &[f32] {
-        &self.sharpening
+    /// Correction `[V]` of the views' photos.
+    pub fn corrections(&self) -> &[ViewCorrection] {
+        &self.corrections
     }
 
     /// `count` layers along the surface ([`Surface::layers`]).
@@ -121,14 +125,25 @@ impl TargetSurface {
         self.surface.layers(count)
     }
 
-    /// Occlusion and photo correction of its views, for the renderer.
+    /// The part of a depth range (near, far; scene units) in which the target sees something; all of it
+    /// where the photos' depth does not say.
+    pub(crate) fn seen_range(&self, (near, far): (f64, f64)) -> (f64, f64) {
+        if !self.is_seen() {
+            return (near, far);
+        }
+        let mut disparities: Vec<f32> = self.surface.disparity.iter().copied().collect();
+        let unseen = (disparities.len() as f64 * UNSEEN_SHARE) as usize;
+        let mut nth = |rank: usize| f64::from(*disparities.select_nth_unstable_by(rank, f32::total_cmp).1);
+        let (farthest, nearest) = (nth(unseen), nth(self.surface.disparity.len() - 1 - unseen));
+        let margin = SEEN_MARGIN_PX * f64::from(self.surface.disparity_per_pixel);
+        let (farthest, nearest) = ((farthest - margin).max(1.0 / far), (nearest + margin).min(1.0 / near));
+        if farthest < nearest { (1.0 / nearest, 1.0 / farthest) } else { (near, far) }
+    }
+
+    /// Occlusion of its views, for the renderer.
     pub fn visibility(&self) -> Visibility<'_> {
-        let views = (0..self.confirmed.len()).map(|index| VisibleView {
-            disparity: &self.confirmed[index].disparity,
-            gains: self.gains[index],
-            sharpening: self.sharpening[index],
-        });
-        Visibility { views: views.collect(), margin: self.surface.occlusion_margin(), is_seen: self.is_seen() }
+        let disparities = self.confirmed.iter().map(|confirmed| &confirmed.disparity).collect();
+        Visibility { disparities, margin: self.surface.occlusion_margin(), is_seen: self.is_seen() }
     }
 }
 

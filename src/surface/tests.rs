@@ -285,6 +285,19 @@ fn anchored_depth_of_enlarged_photos_is_found_at_half_their_size() {
 }
 
 #[test]
+fn seen_range_ends_beside_the_nearest_and_the_farthest_surface() {
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let photos: Vec<_> = (0..4).map(|index| (index, rig.view(index))).collect();
+    let found = TargetSurface::find(&mut maps, &photos, 3, &camera(0.1), PhotoCorrection::default(), true);
+    let (near, far) = found.seen_range(RANGE);
+    let pixel = f64::from(found.surface().disparity_per_pixel);
+    assert!((SQUARE..SQUARE + 4.0 * pixel).contains(&(1.0 / near)), "{near}");
+    assert!((WALL - 4.0 * pixel..WALL).contains(&(1.0 / far)), "{far}");
+    assert_eq!(found.seen_range((3.0, 4.0)), (3.0, 4.0), "never beyond the range");
+}
+
+#[test]
 fn surface_any_number_of_threads_gives_the_same_bits() {
     let rig = Rig::new();
     let run = |threads: usize| {
@@ -329,7 +342,7 @@ fn pair_statistics_are_kept_while_the_photos_stay_the_same() {
         let mut photos: Vec<_> = (0..4).map(|index| (index, view(index))).collect();
         photos.sort_by(|a, b| (PLACES[a.0] - x).abs().total_cmp(&(PLACES[b.0] - x).abs()));
         let found = TargetSurface::find(maps, &photos, 3, &camera(x), PhotoCorrection::default(), true);
-        (found.gains().to_vec(), found.sharpening().to_vec())
+        found.corrections().to_vec()
     };
     for (x, second) in [(0.05, &rig.photos[1]), (0.02, &rig.photos[1]), (-0.15, &rig.photos[1]), (-0.12, &darker)] {
         let mut fresh = maps.clone();

@@ -21,10 +21,9 @@ const TARGET_BYTES: usize = 250;
 pub(super) fn check(
     scene: &Scene,
     renderer: &Renderer,
-    layers: &LayerSpec,
+    (layers, with_depth): (&LayerSpec, bool),
     shots: &[Shot],
 ) -> Result<(), SynthesisError> {
-    let with_depth = layers.kind() == "surface";
     let bytes = |shot: &Shot| {
         let photo = |&view: &usize| scene.views[view].camera.size().pixels();
         let views: usize = shot.views.iter().chain(&shot.helpers).map(photo).sum();

@@ -21,6 +21,7 @@ mod memory;
 mod options;
 mod photo_store;
 mod plan;
+mod planning;
 mod retention;
 mod scene_photos;
 mod scene_synthesizer;

@@ -38,7 +38,7 @@ pub struct Options {
     pub model: ModelOptions,
     /// Which layers; `None`: `surface:3`, or those that the model recommends.
     pub layers: Option<LayerSpec>,
-    /// Which differences between photos surface layers correct.
+    /// Which differences between photos are corrected, for surface layers and for planes.
     #[cfg(feature = "surface")]
     pub photo_correction: PhotoCorrection,
     #[cfg(feature = "surface")]

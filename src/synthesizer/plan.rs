@@ -5,6 +5,7 @@ use std::time::Duration;
 use crate::kinds::{FoundLayers, LayerSource};
 use crate::layers::Layers;
 use crate::layers::guided::RangeMap;
+use crate::render::ViewCorrection;
 #[cfg(feature = "surface")]
 use crate::surface::TargetSurface;
 
@@ -14,26 +15,29 @@ use crate::surface::TargetSurface;
 pub struct Plan {
     /// The layers, near → far.
     pub layers: Layers,
-    /// Wall time of the guided search, for guided layers; for surface layers of the surface, with
-    /// the depth of photos that was unknown before.
+    /// Wall time of the guided search, for guided layers; for others of the surface and the photos'
+    /// correction, with the depth of photos that was unknown before.
     pub search: Duration,
     /// Wall time of the render that planes were selected from, for selected planes.
     pub selection: Duration,
     /// The range of disparities of each cell, for guided layers.
     pub range: Option<RangeMap>,
+    /// Correction of the views' photos; empty: they are used as they are.
+    pub corrections: Vec<ViewCorrection>,
     /// The surface and its per-view occlusion, for surface layers.
     #[cfg(feature = "surface")]
     pub surface: Option<TargetSurface>,
 }
 
 impl Plan {
-    /// A plan of layers that are known already.
+    /// A plan of layers that are known already, with the photos as they are.
     pub fn known(layers: Layers) -> Self {
         Self {
             layers,
             search: Duration::ZERO,
             selection: Duration::ZERO,
             range: None,
+            corrections: Vec::new(),
             #[cfg(feature = "surface")]
             surface: None,
         }
@@ -44,6 +48,8 @@ impl Plan {
         Self {
             search: if found.source == LayerSource::Fixed { Duration::ZERO } else { time },
             range: found.range,
+            #[cfg(feature = "surface")]
+            corrections: found.surface.as_ref().map_or_else(Vec::new, |surface| surface.corrections().to_vec()),
             #[cfg(feature = "surface")]
             surface: found.surface,
             ..Self::known(found.layers)

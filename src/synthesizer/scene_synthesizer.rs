@@ -1,7 +1,6 @@
 //! A scene, a model and layers in one: renders targets.
 
 use std::path::Path;
-use std::time::Instant;
 
 use super::error::SynthesisError;
 use super::memory;
@@ -11,8 +10,7 @@ use super::scene_photos::ScenePhotos;
 use super::scene_views::SceneViews;
 use super::shot::{LoadedShot, Shot};
 use super::target::{Target, Targets};
-use crate::kinds::{Carried, FrameInput, Reuse, find_layers};
-use crate::layers::{LayerSpec, Layers};
+use crate::layers::LayerSpec;
 use crate::render::{Frame, Observer, RenderRequest, Renderer};
 use crate::scene::Scene;
 #[cfg(feature = "surface")]
@@ -22,13 +20,13 @@ use crate::surface::{EXTRA_PHOTOS, PhotoCorrection, TargetSurface};
 /// [`Self::plan`] and [`Self::render_plan`].
 #[derive(Debug)]
 pub struct Synthesizer {
-    photos: ScenePhotos,
-    renderer: Renderer,
-    layers: LayerSpec,
+    pub(super) photos: ScenePhotos,
+    pub(super) renderer: Renderer,
+    pub(super) layers: LayerSpec,
     #[cfg(feature = "surface")]
-    photo_correction: PhotoCorrection,
+    pub(super) photo_correction: PhotoCorrection,
     #[cfg(feature = "surface")]
-    searches_holes: bool,
+    pub(super) searches_holes: bool,
 }
 
 impl Synthesizer {
@@ -77,7 +75,8 @@ impl Synthesizer {
         }
     }
 
-    /// Sets which differences between photos surface layers correct.
+    /// Sets which differences between photos are corrected, for surface layers and for planes. Planes
+    /// need the photos' depth only for this.
     #[cfg(feature = "surface")]
     pub fn set_photo_correction(&mut self, photo_correction: PhotoCorrection) {
         self.photo_correction = photo_correction;
@@ -172,11 +171,11 @@ impl Synthesizer {
             _ => None,
         };
         #[cfg(feature = "surface")]
-        let helpers = if self.layers.kind() == "surface" { EXTRA_PHOTOS } else { 0 };
+        let helpers = if self.uses_depth() { EXTRA_PHOTOS } else { 0 };
         #[cfg(not(feature = "surface"))]
         let helpers = 0;
         let shots = self.views().shots(targets, self.renderer.network().views(), helpers, given)?;
-        memory::check(self.scene(), &self.renderer, &self.layers, &shots)?;
+        memory::check(self.scene(), &self.renderer, (&self.layers, self.uses_depth()), &shots)?;
         Ok(shots)
     }
 
@@ -188,51 +187,6 @@ impl Synthesizer {
     /// [`SynthesisError::Scene`] for a photo that cannot be read.
     pub fn load(&mut self, shot: &Shot, later: &[Shot]) -> Result<LoadedShot, SynthesisError> {
         self.photos.load(shot, later)
-    }
-
-    /// Finds the layers of a shot.
-    ///
-    /// # Errors
-    ///
-    /// [`SynthesisError::Layers`]; [`SynthesisError::Render`] where planes are selected from a
-    /// render; [`SynthesisError::Scene`] where a photo is needed for its depth and cannot be read.
-    pub fn plan(&mut self, shot: &LoadedShot) -> Result<Plan, SynthesisError> {
-        let started = Instant::now();
-        let input = FrameInput {
-            target: &shot.shot().target,
-            near: shot.shot().near,
-            far: shot.shot().far,
-            sources: &shot.sources(),
-            is_followed: false,
-            #[cfg(feature = "surface")]
-            photo_correction: self.photo_correction,
-            #[cfg(feature = "surface")]
-            searches_holes: self.searches_holes,
-        };
-        let found = find_layers::<SynthesisError>(
-            &self.layers,
-            &mut Carried::default(),
-            &input,
-            Reuse::Nothing,
-            // The photos of a scene do not change, nor does their depth.
-            #[cfg(feature = "surface")]
-            |_| self.photos.with_depth(shot),
-        )?;
-        let Some(selection) = found.selection else { return Ok(Plan::found(found, started.elapsed())) };
-        let frame = self.render_plan(shot, &Plan::known(found.layers), None)?;
-        let selected = selection.planes(&frame, self.renderer.alpha())?;
-        Ok(Plan { selection: started.elapsed(), ..Plan::known(selected) })
-    }
-
-    /// How many pixels of a shot have each of these planes (1/scene unit, near → far) as their best
-    /// one: the paper's histogram.
-    ///
-    /// # Errors
-    ///
-    /// [`SynthesisError::Layers`] and [`SynthesisError::Render`].
-    pub fn histogram(&mut self, shot: &LoadedShot, disparities: &[f64]) -> Result<Vec<u64>, SynthesisError> {
-        let plan = Plan::known(Layers::planes(disparities)?);
-        Ok(self.render_plan(shot, &plan, None)?.plane_histogram(disparities.len()))
     }
 
     /// Renders a shot on the layers of its plan; `observer` is shown its stages
@@ -253,6 +207,7 @@ impl Synthesizer {
         let visibility = None;
         let sources = shot.sources();
         let mut request = RenderRequest::new(&sources, &shot.shot().target, &plan.layers);
+        request.corrections = &plan.corrections;
         request.visibility = visibility.as_ref();
         request.observer = observer.map(|observer| observer as Observer<'_>);
         Ok(self.renderer.render(request)?)

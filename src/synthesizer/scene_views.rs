@@ -137,8 +137,9 @@ impl SceneViews {
     }
 
     /// Chooses the `count` views and the depth range of each target: `given` (near, far; scene
-    /// units), or by [`Self::depth_range`]. The frames of a path share one range. Each target also
-    /// gets up to `helpers` further views.
+    /// units), or by [`Self::depth_range`]. The frames of a path share one range; that of a single
+    /// target is refined for planes unless it is given. Each target also gets up to `helpers` further
+    /// views.
     ///
     /// # Errors
     ///
@@ -171,6 +172,7 @@ impl SceneViews {
                 views: views.clone(),
                 helpers: helpers.clone(),
                 held_out: held_out.clone(),
+                refines_range: !targets.moving && given.is_none() && self.given == (None, None),
                 near,
                 far,
             })

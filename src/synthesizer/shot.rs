@@ -24,6 +24,9 @@ pub struct Shot {
     pub helpers: Vec<usize>,
     /// Indices of the views that must not be used, not even for depth.
     pub held_out: Vec<usize>,
+    /// Whether planes lie only where the target sees something of the range, if the photos' depth is
+    /// known.
+    pub refines_range: bool,
     /// Nearest depth, scene units.
     pub near: f64,
     /// Farthest depth, scene units; may be infinite.

@@ -133,7 +133,7 @@ fn inspect_reports_the_exposure_gains_of_render_on_request() {
     let picture = folders.out("new.png");
     let arguments = ["--target", "2", "--layers", "surface:1", "-o", &picture, "--explain", &explained];
     let rendered = json(&mut folders.render(&arguments));
-    let used = &rendered["explanation"]["surface"]["gains"];
+    let used = &rendered["explanation"]["gains"];
     let names: Vec<&str> =
         report["target"]["views"].as_array().unwrap().iter().map(|v| v["name"].as_str().unwrap()).collect();
     for (view, name) in names.iter().enumerate() {

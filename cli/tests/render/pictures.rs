@@ -235,7 +235,7 @@ fn explain_reports_ranges_times_and_skipped_layers() {
     assert_eq!(report["explanation"]["uncovered_layers"], 3, "as `inspect` says: {report}");
 
     let text = run(&mut folders.render(&["--target", "2", "-o", &picture, "--layers", "planes:5", "--explain", &why]));
-    assert!(text.contains("5 planes, of which"), "{text}");
+    assert!(text.contains("5 planes from ") && text.contains(", of which"), "{text}");
     assert_eq!(image::read_size(why.as_ref()).unwrap(), Size::new(WIDTH as usize, HEIGHT as usize));
     fs::remove_dir_all(folders.out("")).unwrap();
     fs::create_dir(folders.out("")).unwrap();
@@ -253,17 +253,31 @@ fn explain_reports_gains_and_sharpening_unless_they_are_disabled() {
     let arguments = ["--target", "2", "-o", &picture, "--layers", "surface:2", "--explain", &why];
     let report = json(&mut folders.render(&arguments));
     assert_eq!((&report["layers"], &report["targets"][0]["layers"]), (&"surface:2".into(), &2.into()));
-    let surface = &report["explanation"]["surface"];
-    assert!(surface["holes"].as_f64().unwrap() < 0.5 && surface["gains"].as_array().unwrap().len() == 4, "{surface}");
+    let explained = &report["explanation"];
+    assert!(explained["surface"]["holes"].as_f64().unwrap() < 0.5, "{explained}");
+    assert_eq!(explained["gains"].as_array().unwrap().len(), 4, "{explained}");
     assert_eq!(image::read_size(why.as_ref()).unwrap(), Size::new(WIDTH as usize, HEIGHT as usize));
     let kept = json(folders.render(&arguments).arg("--keep-exposure"));
-    let gains = kept["explanation"]["surface"]["gains"].as_array().unwrap().clone();
+    let gains = kept["explanation"]["gains"].as_array().unwrap().clone();
     assert!(gains.iter().flat_map(|view| view.as_array().unwrap()).all(|gain| gain == 1.0), "{gains:?}");
-    let sharpening =
-        |report: &serde_json::Value| report["explanation"]["surface"]["sharpening"].as_array().unwrap().clone();
+    let sharpening = |report: &serde_json::Value| report["explanation"]["sharpening"].as_array().unwrap().clone();
     let kept = json(folders.render(&arguments).arg("--keep-sharpness"));
     assert!(sharpening(&kept).iter().all(|amount| amount == 0.0), "{kept}");
     assert!(sharpening(&report).iter().any(|amount| amount.as_f64().unwrap() > 0.0), "{report}");
+    // Planes use the same, or none of the photos' depth.
+    let arguments = arguments.map(|argument| if argument == "surface:2" { "planes:4" } else { argument });
+    let planes = json(&mut folders.render(&arguments));
+    assert_eq!(planes["explanation"]["gains"], explained["gains"]);
+    assert_eq!(planes["explanation"]["sharpening"], explained["sharpening"]);
+    let kept = json(folders.render(&arguments).args(["--keep-exposure", "--keep-sharpness"]));
+    assert!(kept["explanation"]["gains"].is_null(), "{kept}");
+    // They lie where the target sees something, unless the range is given or the photos' depth is not used.
+    let depth =
+        |report: &serde_json::Value| [0, 1].map(|end| report["explanation"]["planes_depth"][end].as_f64().unwrap());
+    let ([near, far], whole) = (depth(&planes), [2.0, 8.0]);
+    assert!(near > 2.1 && far <= 8.0 && near < far, "{planes}");
+    assert_eq!(depth(&kept), whole);
+    assert_eq!(depth(&json(folders.render(&arguments).args(["--near", "2", "--far", "8"]))), whole);
 }
 
 #[test]

@@ -43,11 +43,11 @@ impl Job {
         layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
         let given = layers.given();
         let mut job = Self::of(photos, models.open(model, given.as_ref())?, given.as_ref())?;
-        if let (Some(folder), false) = (&layers.cache, matches!(job.layers(), LayerSpec::Surface(_))) {
+        job.synthesizer.set_photo_correction(layers.photo_correction());
+        if let (Some(folder), false) = (&layers.cache, job.synthesizer.uses_depth()) {
             let (folder, layers) = (folder.display(), job.layers());
             print_message("note", format!("--cache {folder}: has no effect, {layers} does not use the photos' depth"));
         }
-        job.synthesizer.set_photo_correction(layers.photo_correction());
         Ok(job)
     }
 

@@ -32,7 +32,7 @@ from ..reference.geometry.view_selection import choose_views, view_distances
 from ..reference.image.metrics import psnr
 from ..reference.layers.cells import padded_size
 from ..reference.network.view_agreement import agreement_logits
-from ..reference.render.blend import VISIBLE_POWER, blend
+from ..reference.render.blend import CORRECTED_POWER, blend
 from ..reference.render.renderer import Network, warp_views
 from ..reference.render.visibility import hide
 from ..reference.surface.fusion.surface import OCCLUSION_MARGIN
@@ -92,7 +92,7 @@ def measure(network: Network, views: int, target: int, depths: dict[str, Tensor]
         known = [(c, depths[scene.names[i]]) for c, i in zip(cameras, ids, strict=True)]
         masks = torch.stack([visible(c, depth, camera, layer, margin) for c, depth in known])
         left = hide(masks, colour[0], coverage[0])
-        kinds.append((", masked", left[0][None], left[1][None], VISIBLE_POWER))
+        kinds.append((", masked", left[0][None], left[1][None], CORRECTED_POWER))
     for kind, colour, coverage, power in kinds:
         by_network, by_distance = network(colour.flatten(1, 2)), torch.zeros_like(coverage)
         ways = {"network": by_network, "agreement": agreement_logits(colour), "distance": by_distance}

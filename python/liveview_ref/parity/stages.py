@@ -11,7 +11,7 @@ Photos and cameras are named as in rig_arrays.py. `disparities` [D] float64 of p
 `fine_disparity` [h, w]; `range` [3, h, w]. `maps` [L, H8, W8]; `colour` (the HWV)
 [L, 3V, H8, W8]; `coverage`, `logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8];
 `frame` [3, H, W]; `disparity`, `transmittance` [H, W]. `alpha_scale` [1] float64 if layers
-compete; `alpha_spacing` [1] and `logit_shift` [L] float64 if opacity is per pixel of parallax.
+compete; `gains` [V, 3] and `sharpening` [V] if the photos are corrected; `alpha_spacing` [1] and `logit_shift` [L] float64 if opacity is per pixel of parallax.
 `agreement`: the logits without a network.
 """
 
@@ -31,9 +31,10 @@ from ..reference.layers.guided.semi_global import semi_global
 from ..reference.layers.guided.winner_takes_all import winner_takes_all
 from ..reference.layers.layer import plane_maps
 from ..reference.network.view_agreement import agreement_logits
-from ..reference.render.blend import VISIBLE_POWER, blend
+from ..reference.render.blend import CORRECTED_POWER, blend
 from ..reference.render.composite_competing import best_layer as best_competing
 from ..reference.render.composite_competing import composite_competing
+from ..reference.render.corrected_photos import corrected
 from ..reference.render.renderer import warp_views
 from ..reference.render.spacing import logit_shift, shifted
 from ..reference.unet import UNet
@@ -93,7 +94,10 @@ def warp(data: Arrays, dtype: torch.dtype) -> Arrays:
     if along_surface(data):
         return {}
     views, target = cameras_of(data)
-    colour, coverage = warp_views(images_of(data, dtype), views, target, tensor(data, "maps", dtype))
+    images = images_of(data, dtype)
+    if "gains" in data:
+        images = corrected(images, tensor(data, "gains", dtype), tensor(data, "sharpening", dtype))
+    colour, coverage = warp_views(images, views, target, tensor(data, "maps", dtype))
     return {"colour": colour.flatten(1, 2).numpy(), "coverage": coverage.numpy()}
 
 
@@ -121,7 +125,7 @@ def blended(data: Arrays, dtype: torch.dtype) -> Arrays:
     views, target = cameras_of(data)
     logits, coverage = tensor(data, "logits", dtype), tensor(data, "coverage", dtype)
     colour = tensor(data, "colour", dtype).unflatten(1, (len(views), 3))
-    power = VISIBLE_POWER if along_surface(data) else 1.0
+    power = CORRECTED_POWER if "gains" in data else 1.0
     if "logit_shift" in data:
         logits = shifted(logits, torch.from_numpy(data["logit_shift"]))
     alpha, rgb = blend(logits, colour, coverage, view_distances(views, target), power)

@@ -25,7 +25,7 @@ from ..reference.geometry.view_selection import view_distances
 from ..reference.layers.cells import padded_size
 from ..reference.layers.guided.matching_cost import shrink
 from ..reference.layers.guided.range_map import median3
-from ..reference.render.sharpened import sharpened
+from ..reference.render.corrected_photos import sharpened
 from ..reference.render.visibility import hide
 from ..reference.surface.anchored_depth import GROUP_PIXELS, SMALL_CELL, Group, anchored_depth, confirmed_by
 from ..reference.surface.correction.exposure import exposure_gains

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..data.surface_frames import SurfaceFrame
 from ..reference.network.view_agreement import agreement_logits
-from ..reference.render.blend import VISIBLE_POWER, blend
+from ..reference.render.blend import CORRECTED_POWER, blend
 from ..reference.render.composite_competing import composite_competing
 from ..reference.unet import UNet
 from .precision import reduced_precision
@@ -23,7 +23,7 @@ LEAST_COVERED = 0.5  # share of a crop
 
 def rendered(logits: Tensor, colour: Tensor, coverage: Tensor, distances: Tensor) -> Tensor:
     """The picture [3, H, W] of competing surface layers."""
-    alpha, rgb = blend(logits, colour, coverage, distances.float(), VISIBLE_POWER)
+    alpha, rgb = blend(logits, colour, coverage, distances.float(), CORRECTED_POWER)
     return composite_competing(logits[:, 0], rgb, (coverage > 0).any(1), torch.zeros_like(alpha)).rgb
 
 

@@ -26,7 +26,7 @@ from liveview_ref.reference.layers.uniform import uniform_disparities
 from liveview_ref.reference.network.view_agreement import agreement_logits
 from liveview_ref.reference.render.blend import blend
 from liveview_ref.reference.render.composite_competing import composite_competing
-from liveview_ref.reference.render.sharpened import sharpened
+from liveview_ref.reference.render.corrected_photos import sharpened
 from liveview_ref.reference.surface.anchored_depth import anchored_depth
 from liveview_ref.reference.surface.correction.exposure import exposure_gains
 from liveview_ref.reference.surface.correction.sharpness import sharpening

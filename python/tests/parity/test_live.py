@@ -65,7 +65,7 @@ CONSTANTS = {
     "splat": (splat, "HALF_SIDE", 0.25),
     "anchored_costs": (anchors, "ANCHOR_COST", 0.055),
     "gains": (exposure, "MOST_VALUE", 0.6),
-    "rgb": (stages, "VISIBLE_POWER", 3.0),  # the distance to a view counted twice
+    "rgb": (stages, "CORRECTED_POWER", 3.0),  # the distance to a view counted twice
 }
 
 

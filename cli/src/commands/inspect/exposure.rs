@@ -1,4 +1,4 @@
-//! The exposure gains by which surface layers balance the photos.
+//! The exposure gains that balance the photos.
 
 use std::fmt::Write;
 
@@ -14,10 +14,10 @@ pub(super) fn gains(scene_views: &SceneViews, target: usize, views: usize) -> Re
     let View { name, camera, .. } = &scene_views.scene().views[target];
     let chosen = scene_views.choose(name, camera, &[target], views)?;
     let surface = agreement::surface_of_view(scene_views, target, views)?;
-    let gains = surface.map_or_else(Vec::new, |surface| surface.gains().to_vec());
+    let gains = surface.map_or_else(Vec::new, |surface| surface.corrections().iter().map(|view| view.gains).collect());
     let names: Vec<String> = scene_views.names(&chosen).iter().map(|name| escaped(name)).collect();
     let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
-    let mut text = format!("\nexposure   {:width$}   gain: red   green    blue, for surface layers\n", "view");
+    let mut text = format!("\nexposure   {:width$}   gain: red   green    blue\n", "view");
     for (name, [red, green, blue]) in names.iter().zip(&gains) {
         let _ = writeln!(text, "           {name:width$}  {red:9.3} {green:7.3} {blue:7.3}");
     }

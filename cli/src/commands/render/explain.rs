@@ -12,6 +12,7 @@ use liveview::image::{coloured, side_by_side};
 use liveview::layers::guided::RangeMap;
 use liveview::layers::{CELL, Layer};
 use liveview::network::Alpha;
+use liveview::render::ViewCorrection;
 use liveview::{Camera, Frame, ImageRgb, Plan, SceneViews, Shot, TargetSurface};
 use liveview_common::args::help::ADVANCED;
 use liveview_common::args::output::expect_png;
@@ -70,6 +71,7 @@ impl ExplainArgs {
             (None, Some(target_surface)) => surface(about, target_surface, &mut text, &mut json),
             (None, None) => planes(about, job.alpha(), &mut text, &mut json),
         };
+        corrections(&about.plan.corrections, &mut text, &mut json);
         uncovered(about.frame, &mut text, &mut json);
         time_shares(about.times, &mut text, &mut json);
         picture.save(file)?;
@@ -126,7 +128,7 @@ fn width_in_pixels(views: &SceneViews, shot: &Shot, range: &RangeMap) -> Array2<
     })
 }
 
-/// The surface, the share of it that no photo's depth gives, exposure gains and sharpening.
+/// The surface, and the share of it that no photo's depth gives.
 fn surface(about: &Explained<'_>, target_surface: &TargetSurface, text: &mut String, json: &mut Value) -> ImageRgb {
     let holes = target_surface.surface().holes;
     let occluded = about.frame.occluded_pixels as f64 / about.frame.transmittance.len() as f64;
@@ -137,17 +139,27 @@ fn surface(about: &Explained<'_>, target_surface: &TargetSurface, text: &mut Str
         100.0 * holes,
         100.0 * occluded
     );
-    let (gains, sharpening) = (target_surface.gains(), target_surface.sharpening());
+    json["surface"] = json!({ "holes": holes, "occluded_share": occluded });
+    let Shot { near, far, target, .. } = about.shot;
+    let part = s![..target.height(), ..target.width()];
+    coloured(target_surface.surface().disparity.slice(part), (1.0 / far) as f32, (1.0 / near) as f32)
+}
+
+/// Exposure gains and sharpening of the views, in their order.
+fn corrections(corrections: &[ViewCorrection], text: &mut String, json: &mut Value) {
+    if corrections.is_empty() {
+        return;
+    }
+    let gains: Vec<_> = corrections.iter().map(|view| view.gains).collect();
+    let sharpening: Vec<_> = corrections.iter().map(|view| view.sharpening).collect();
     let max_change = gains.iter().flatten().fold(0.0, |max: f32, gain| max.max((gain - 1.0).abs()));
     let _ = writeln!(text, "gains   the exposure of the photos is changed by up to {:.1} %", 100.0 * max_change);
     let max_sharpening = sharpening.iter().copied().fold(0.0, f32::max);
     if max_sharpening >= 0.005 {
         let _ = writeln!(text, "        and softer photos are sharpened by up to {:.1} %", 100.0 * max_sharpening);
     }
-    json["surface"] = json!({ "holes": holes, "occluded_share": occluded, "gains": gains, "sharpening": sharpening });
-    let Shot { near, far, target, .. } = about.shot;
-    let part = s![..target.height(), ..target.width()];
-    coloured(target_surface.surface().disparity.slice(part), (1.0 / far) as f32, (1.0 / near) as f32)
+    json["gains"] = json!(gains);
+    json["sharpening"] = json!(sharpening);
 }
 
 /// The number of planes that most pixels need.
@@ -162,17 +174,19 @@ fn planes(about: &Explained<'_>, alpha: Alpha, text: &mut String, json: &mut Val
     });
     let best = if alpha.is_independent() { "are the most opaque one" } else { "have the largest weight" };
     let needed = 1 + sums.take_while(|sum| 10 * sum < 9 * pixels).count();
+    let layers = about.plan.layers.as_slice();
+    let disparity = |layer: usize| if let Layer::Plane(disparity) = layers[layer] { disparity } else { f64::NAN };
+    let [near, far] = [0, layers.len() - 1].map(|layer| 1.0 / disparity(layer));
     let _ = writeln!(
         text,
-        "layers  {} planes, of which {needed} {best} for 90 % of the pixels: consider --layers select:{needed}",
-        about.plan.layers.len()
+        "layers  {} planes from {near:.4} to {far:.4}, of which {needed} {best} for 90 % of the pixels: consider --layers \
+         select:{needed}",
+        layers.len()
     );
     json["planes_for_90_percent"] = json!(needed);
-    let disparity = |layer: Option<u32>| match layer.map(|layer| &about.plan.layers.as_slice()[layer as usize]) {
-        Some(&Layer::Plane(disparity)) => disparity as f32,
-        _ => f32::NAN,
-    };
-    let map: Array2<f32> = about.frame.best_layer.mapv(disparity);
+    json["planes_depth"] = json!([near, far]);
+    let map: Array2<f32> =
+        about.frame.best_layer.mapv(|best| best.map_or(f32::NAN, |layer| disparity(layer as usize) as f32));
     coloured(map.view(), (1.0 / about.shot.far) as f32, (1.0 / about.shot.near) as f32)
 }
 

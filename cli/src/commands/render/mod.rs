@@ -167,7 +167,7 @@ fn render(
         let truth = shot.truth.map(|view| job.scene().load_image(view)).transpose()?;
         let photos = started.elapsed();
         let plan = match kept.take() {
-            Some(plan) => Plan::known(plan.layers),
+            Some(plan) => job.synthesizer.plan_on(&loaded, plan.layers)?,
             None => job.plan(&loaded)?,
         };
         let mut frame = job.render(&loaded, &plan)?;

@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Error, Result, anyhow, bail};
+use liveview::Shot;
 use liveview::fs::atomic::{AtomicFile, is_special};
 use liveview::fs::bounded;
 use liveview::image::Score;
-use liveview::{LayerSpec, Shot};
 use liveview_common::args::layers::LayerArgs;
 use liveview_common::args::targets::TargetArgs;
 use liveview_common::console::{path_text, print_message};
@@ -42,7 +42,7 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
     };
     let mut cameras = String::new();
     let mut views = BTreeSet::new();
-    if matches!(job.layers(), LayerSpec::Surface(_)) {
+    if job.synthesizer.uses_depth() {
         // The depth of a photo depends on its neighbours, and the depth range on all photos.
         let held_out = &first.held_out;
         views.extend((0..scene.views.len()).filter(|view| !held_out.contains(view)));

@@ -12,7 +12,7 @@ use clap::Args;
 use liveview::layers::guided::SearchStages;
 use liveview::layers::{Layer, Layers};
 use liveview::network::Alpha;
-use liveview::render::{Batch, Blended, Frame, LayerSamples};
+use liveview::render::{Batch, Blended, Frame, LayerSamples, ViewCorrection};
 use liveview::warp::warp_sources;
 use liveview::{LayerSpec, LoadedShot, PhotoCorrection, Plan, Targets};
 use liveview_common::args::layers::LayerArgs;
@@ -22,7 +22,7 @@ use liveview_common::console::{Output, path_text, print_notes};
 use liveview_common::interrupt::{self, Interrupted};
 use liveview_common::job::Job;
 use liveview_common::outputs::OutputPlan;
-use ndarray::{Array, Array1, Array3, Array4, ArrayD, ArrayView4, Axis, concatenate};
+use ndarray::{Array, Array1, Array2, Array3, Array4, ArrayD, ArrayView4, Axis, concatenate};
 use serde_json::json;
 
 use crate::npz::Arrays;
@@ -142,6 +142,8 @@ fn write(job: &mut Job, shot: &LoadedShot, of_surface: (PhotoCorrection, bool), 
     write_homography(&plan.layers, shot, arrays)?;
     if let Some(surface) = &plan.surface {
         surface::write_surface(job, shot, surface, of_surface, arrays)?;
+    } else if !plan.corrections.is_empty() {
+        write_corrections(&plan.corrections, arrays)?;
     }
     let mut stages = Stages::default();
     job.synthesizer.renderer_mut().set_skip_uncovered(false);
@@ -157,6 +159,13 @@ fn write(job: &mut Job, shot: &LoadedShot, of_surface: (PhotoCorrection, bool), 
         _ => (),
     }
     write_frame(frame, arrays)
+}
+
+/// Writes the exposure gains `[V, 3]` and the sharpening `[V]` of the views' photos.
+fn write_corrections(corrections: &[ViewCorrection], arrays: &mut Arrays) -> Result<()> {
+    let shape = (corrections.len(), 3);
+    arrays.add("gains", Array2::from_shape_fn(shape, |(view, channel)| corrections[view].gains[channel]))?;
+    arrays.add("sharpening", corrections.iter().map(|view| view.sharpening).collect::<Array1<_>>())
 }
 
 fn write_search(found: SearchStages, arrays: &mut Arrays) -> Result<()> {

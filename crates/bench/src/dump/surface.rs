@@ -56,7 +56,7 @@ fn write_at_target(
     let used = surface.visibility();
     let of_photo = |index: usize| {
         let found = &photos.depths[index];
-        let sure = used.views.get(index).map(|view| view.disparity.mapv(|disparity| disparity >= 0.0));
+        let sure = used.disparities.get(index).map(|own| own.mapv(|disparity| disparity >= 0.0));
         ConfirmedDepth::new(found, &sure.unwrap_or_else(|| confirmed_by_others(index, &cameras, &photos.depths)))
     };
     let kept: Vec<ConfirmedDepth> = (0..cameras.len()).map(of_photo).collect();
@@ -75,10 +75,10 @@ fn write_at_target(
         let distances: Vec<f64> = cameras.iter().map(|camera| distance(camera, &shot.target)).collect();
         gains = exposure_gains(&views, &distances);
     }
-    gains[..shot.views.len()].copy_from_slice(surface.gains());
+    gains.iter_mut().zip(surface.corrections()).for_each(|(gains, view)| *gains = view.gains);
     views.iter_mut().zip(&gains).for_each(|(view, gains)| view.gains = *gains);
     arrays.add("gains", Array2::from_shape_fn((gains.len(), 3), |(view, channel)| gains[view][channel]))?;
-    arrays.add("sharpening", Array1::from_vec(surface.sharpening().to_vec()))?;
+    arrays.add("sharpening", surface.corrections().iter().map(|view| view.sharpening).collect::<Array1<_>>())?;
     let disparity_per_pixel = stages::target_disparity_per_pixel(&views, &shot.target, photos.range);
     let splat = stages::splatted(&views, &shot.target, disparity_per_pixel);
     arrays.add("filled", stages::fill_holes(&splat))?;

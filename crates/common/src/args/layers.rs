@@ -33,18 +33,19 @@ pub struct LayerChoice {
 pub struct LayerArgs {
     #[command(flatten)]
     choice: LayerChoice,
-    /// Surface layers: do not balance the exposure and white balance of the photos
+    /// Do not balance the exposure and white balance of the photos
     ///
-    /// By default they are balanced, so that points that several photos confirm have the same
+    /// By default they are balanced, but for guided layers, so that points that several photos confirm have the same
     /// colour in all of them.
     #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
     pub keep_exposure: bool,
-    /// Surface layers: do not sharpen the softer photos
+    /// Do not sharpen the softer photos
     ///
-    /// By default they are sharpened, as far as other photos show the same points sharper.
+    /// By default they are sharpened, but for guided layers, as far as other photos show the same
+    /// points sharper. With --keep-exposure, planes do not need the photos' depth.
     #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
     pub keep_sharpness: bool,
-    /// Surface layers: keep the depth of photos in this folder, and reuse it in later runs
+    /// Keep the depth of photos in this folder, and reuse it in later runs
     ///
     /// The pictures are the same with and without it. You may delete any of its files (.npz, one
     /// per photo).

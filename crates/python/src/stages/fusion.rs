@@ -1,7 +1,7 @@
 //! The fusion of confirmed depths at the target stage by stage, for the parity tests.
 
 use liveview::geometry::PlaneSweep;
-use liveview::render::{Visibility, VisibleView};
+use liveview::render::{ViewCorrection, Visibility};
 use liveview::surface::stages;
 use liveview::warp::WarpSource;
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
@@ -81,13 +81,12 @@ pub(crate) fn hide<'py>(
 ) -> PyResult<(Maps<'py>, Maps<'py>, Map<'py, bool>)> {
     let (views, target) = (View::all(views)?, camera("target", target)?);
     let views: Vec<_> = views.iter().map(View::of).collect();
-    let seen = views.iter().map(|view| VisibleView {
-        disparity: &view.confirmed.disparity,
-        gains: view.gains,
-        sharpening: 0.0,
-    });
-    let visibility = Visibility { views: seen.collect(), margin, is_seen: true };
+    let disparities = views.iter().map(|view| &view.confirmed.disparity).collect();
+    let visibility = Visibility { disparities, margin, is_seen: true };
+    let gains = views.iter().map(|view| ViewCorrection { gains: view.gains, sharpening: 0.0 });
+    let corrections: Vec<_> = gains.collect();
     let sources: Vec<_> = views.iter().map(|view| view.view).collect();
-    let (colour, coverage, seen) = stages::occluded(&visibility, &sources, &target, &surface.as_array().to_owned());
+    let (colour, coverage, seen) =
+        stages::occluded(&visibility, &corrections, &sources, &target, &surface.as_array().to_owned());
     Ok((colour.into_pyarray(py), coverage.into_pyarray(py), seen.into_pyarray(py)))
 }

@@ -1,4 +1,4 @@
-//! `liveview_ref.reference.warp`, `render/sharpened.py` and `network/view_agreement.py`.
+//! `liveview_ref.reference.warp`, `render/corrected_photos.py` and `network/view_agreement.py`.
 
 use liveview::geometry::{PlaneSweep, Size};
 use liveview::glam::{DMat3, DVec3};

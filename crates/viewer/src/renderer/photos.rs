@@ -145,10 +145,10 @@ impl Source for Photos {
     /// A picture does not wait for depth whose search has failed: rendering it says why.
     fn awaited(&mut self, viewpoint: &Viewpoint, moving: bool) -> Option<AwaitedDepth> {
         let layers = if moving { &self.motion_layers } else { &self.layers };
-        if !matches!(layers, LayerSpec::Surface(_)) {
+        self.job.synthesizer.set_layers(layers.clone());
+        if !self.job.synthesizer.uses_depth() {
             return None;
         }
-        self.job.synthesizer.set_layers(layers.clone());
         let shot = self.shot(&viewpoint.camera).ok()?;
         let mut views = self.job.synthesizer.photos_mut().unknown_depths(&shot);
         views.retain(|&view| !self.searches.has_failed(view));
@@ -206,7 +206,7 @@ impl Source for Photos {
         self.job.synthesizer.set_layers(self.motion_layers.clone());
         let view = shot.views[0];
         self.load(&shot)?;
-        if matches!(self.motion_layers, LayerSpec::Surface(_)) {
+        if self.job.synthesizer.uses_depth() {
             // A failure is reported with the first picture that needs the photo.
             self.start_search(&[view]);
         }

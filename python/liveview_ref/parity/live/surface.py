@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ...reference.layers.guided.range_map import median3
-from ...reference.render.sharpened import sharpened
+from ...reference.render.corrected_photos import corrected
 from ...reference.render.visibility import hide
 from ...reference.surface.anchored_depth import LARGER_CELL, SMALL_CELL
 from ...reference.surface.fusion.surface import OCCLUSION_MARGIN, Surface, seen
@@ -201,14 +201,13 @@ def warped(pixel: float) -> Callable[[Arrays, torch.dtype], Arrays]:
     def stage(data: Arrays, dtype: torch.dtype) -> Arrays:
         views, (_, target) = stages.surface_views(data, dtype), cameras_of(data)
         amounts = stages.tensor(data, "sharpening", dtype)
-        photos = [sharpened(v.image, a) if a != 0 else v.image for v, a in zip(views, amounts, strict=True)]
-        gains = torch.stack([v.gains for v in views])[:, :, None, None]
+        photos = corrected([v.image for v in views], torch.stack([v.gains for v in views]), amounts)
 
         def layer(map_: Tensor) -> tuple[Tensor, Tensor]:
             both = [warp_maps(p, v.camera, target, map_[None]) for p, v in zip(photos, views, strict=True)]
             colour, coverage = (torch.cat(x) for x in zip(*both, strict=True))
             sees = seen(views, target, map_, OCCLUSION_MARGIN * pixel)
-            return hide(sees, colour * gains, coverage)[:2]
+            return hide(sees, colour, coverage)[:2]
 
         colour, coverage = zip(*(layer(map_) for map_ in stages.tensor(data, "maps", dtype)), strict=True)
         return {"colour": torch.stack(colour).flatten(1, 2).numpy(), "coverage": torch.stack(coverage).numpy()}

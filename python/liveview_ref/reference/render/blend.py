@@ -8,7 +8,7 @@ cover the pixel, so that neither extreme logits nor extreme distances give 0 / 0
 import torch
 from torch import Tensor
 
-VISIBLE_POWER = 1.5  # of d_min / d_i with per-view occlusion
+CORRECTED_POWER = 1.5  # of d_min / d_i for corrected photos
 
 
 def distance_bias(distances: Tensor, power: float = 1.0) -> tuple[Tensor, Tensor]:

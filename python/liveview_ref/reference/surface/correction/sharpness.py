@@ -4,7 +4,7 @@ show of the same points and its bilinear samples lack."""
 import torch
 from torch import Tensor
 
-from liveview_ref.reference.render.sharpened import detail
+from liveview_ref.reference.render.corrected_photos import detail
 
 from ..fusion.surface_view import SurfaceView
 from .correspondences import correspondences

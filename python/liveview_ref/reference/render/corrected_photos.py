@@ -1,5 +1,6 @@
-"""Photos sharpened before they are warped."""
+"""Photos as they are warped: of the same exposure, and the softer ones sharpened."""
 
+import torch
 import torch.nn.functional as F
 from torch import Tensor
 
@@ -16,3 +17,10 @@ def detail(image: Tensor) -> Tensor:
 def sharpened(image: Tensor, amount: Tensor) -> Tensor:
     """The photo [3, h, w] plus `amount` times its detail, clamped to [0, 1]."""
     return (image + amount * detail(image)).clamp(0, 1)
+
+
+def corrected(images: list[Tensor], gains: Tensor, amounts: Tensor) -> list[Tensor]:
+    """The photos [3, h, w] of the views, sharpened, at their gains [V, 3]; the warp multiplies what it
+    samples, which is the same."""
+    sharp = [sharpened(image, a) if a != 0 else image for image, a in zip(images, amounts, strict=True)]
+    return [image * gain[:, None, None] for image, gain in zip(sharp, gains, strict=True)]

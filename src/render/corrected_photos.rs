@@ -1,7 +1,33 @@
-//! Sharpened photos, kept from one target to the next: along a path most of them stay the same
+//! Photos as they are warped: of the same exposure, and the softer ones sharpened. Sharpened photos
+//! are kept from one target to the next: along a path most of them stay the same
 //! (docs/design-log/speed.md).
 
-use crate::warp::Texture;
+use crate::warp::{Texture, WarpSource};
+
+/// How the photo of a view is corrected.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ViewCorrection {
+    /// Factor of each colour channel.
+    pub gains: [f32; 3],
+    /// Share of its detail (4 times a pixel less its four neighbours) that is added to it.
+    pub sharpening: f32,
+}
+
+/// Sets the gains of the views, and replaces the photos that are to be sharpened.
+pub(crate) fn correct_photos<'a>(
+    corrections: &[ViewCorrection],
+    sources: &mut [WarpSource<'a>],
+    sharpened: &'a mut SharpenedPhotos,
+) {
+    let photos = sources.iter().zip(corrections).map(|(source, view)| (source.texture, view.sharpening));
+    sharpened.sharpen(photos.filter(|(_, amount)| *amount != 0.0));
+    for (source, view) in sources.iter_mut().zip(corrections) {
+        source.gains = view.gains;
+        if view.sharpening != 0.0 {
+            source.texture = sharpened.get(source.texture, view.sharpening);
+        }
+    }
+}
 
 /// The id of a photo, and the bits of the amount that it is sharpened by.
 type Key = (u64, u32);
@@ -13,7 +39,7 @@ pub(crate) struct SharpenedPhotos(Vec<(Key, Texture)>);
 impl SharpenedPhotos {
     /// Sharpens these photos by these amounts, unless they are kept. Photos that are no longer
     /// needed are replaced: never more are kept than one call needed.
-    pub(super) fn sharpen<'a>(&mut self, photos: impl Iterator<Item = (&'a Texture, f32)> + Clone) {
+    fn sharpen<'a>(&mut self, photos: impl Iterator<Item = (&'a Texture, f32)> + Clone) {
         let needed: Vec<Key> = photos.clone().map(|(photo, amount)| key(photo, amount)).collect();
         for (photo, amount) in photos {
             let key = key(photo, amount);
@@ -30,7 +56,7 @@ impl SharpenedPhotos {
     }
 
     /// A photo that [`Self::sharpen`] sharpened.
-    pub(super) fn get(&self, photo: &Texture, amount: f32) -> &Texture {
+    fn get(&self, photo: &Texture, amount: f32) -> &Texture {
         let key = key(photo, amount);
         &self.0.iter().find(|(kept, _)| *kept == key).expect("sharpened before").1
     }
