@@ -20,7 +20,8 @@ pub struct LayerChoice {
     /// surface:L: L layers along the surface that the depth of the photos gives; each photo counts
     /// only where its own depth says that it sees the surface. guided:L or guided:L/D: L layers
     /// within each pixel's own depth range, found by a search over D planes. planes:D: D planes
-    /// evenly spaced in disparity from near to far. select:K/D: the K of D planes that most pixels
+    /// evenly spaced in disparity, from near to far, or, in a single picture without --near and --far,
+    /// over what it shows of that range. select:K/D: the K of D planes that most pixels
     /// choose (the paper's selection; of competing planes, those nearest to every pixel's choice);
     /// a path or a video keeps the planes of its first frame. list:A,B,…: planes at these
     /// disparities, in 1/scene unit, in descending order.
@@ -35,14 +36,15 @@ pub struct LayerArgs {
     choice: LayerChoice,
     /// Do not balance the exposure and white balance of the photos
     ///
-    /// By default they are balanced, but for guided layers, so that points that several photos confirm have the same
-    /// colour in all of them.
+    /// By default they are balanced, but for guided layers, so that points that several photos
+    /// confirm have the same colour in all of them.
     #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
     pub keep_exposure: bool,
     /// Do not sharpen the softer photos
     ///
     /// By default they are sharpened, but for guided layers, as far as other photos show the same
-    /// points sharper. With --keep-exposure, planes do not need the photos' depth.
+    /// points sharper. With --keep-exposure too, planes do without the photos' depth, and lie from
+    /// near to far.
     #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
     pub keep_sharpness: bool,
     /// Keep the depth of photos in this folder, and reuse it in later runs

@@ -86,9 +86,12 @@ def depth_range(data: Arrays, searched: bool) -> Iterator[Compared]:
 
 
 def planes(data: Arrays, layers: str) -> Iterator[Compared]:
-    """Planes evenly spaced, or those of the first guided search."""
+    """Planes evenly spaced, or those of the first guided search. Where the photos' depth is used, planes
+    lie between the depths that it gives, the first and the last plane's; a Rust test checks these."""
     (near, far), spec = data["shot.range"], parse(layers)
     if isinstance(spec, Planes):
+        if "gains" in data:
+            near, far = max(near, 1 / data["disparities"][0]), min(far, 1 / data["disparities"][-1])
         yield exact("planes", data["disparities"], uniform_disparities(near, far, spec.count), "homography")
     elif isinstance(spec, Guided):
         found = search_planes(*cameras_of(data), float(near), float(far), spec.coarse_planes)
