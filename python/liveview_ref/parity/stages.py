@@ -11,7 +11,8 @@ Photos and cameras are named as in rig_arrays.py. `disparities` [D] float64 of p
 `fine_disparity` [h, w]; `range` [3, h, w]. `maps` [L, H8, W8]; `colour` (the HWV)
 [L, 3V, H8, W8]; `coverage`, `logits` [L, V, H8, W8]; `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8];
 `frame` [3, H, W]; `disparity`, `transmittance` [H, W]. `alpha_scale` [1] float64 if layers
-compete; `gains` [V, 3] and `sharpening` [V] if the photos are corrected; `alpha_spacing` [1] and `logit_shift` [L] float64 if opacity is per pixel of parallax.
+compete; `gains` [V, 3] and `sharpening` [V] if the photos are corrected; `alpha_spacing` [1] and
+`logit_shift` [L] float64 if opacity is per pixel of parallax.
 `agreement`: the logits without a network.
 """
 

@@ -86,8 +86,9 @@ def depth_range(data: Arrays, searched: bool) -> Iterator[Compared]:
 
 
 def planes(data: Arrays, layers: str) -> Iterator[Compared]:
-    """Planes evenly spaced, or those of the first guided search. Where the photos' depth is used, planes
-    lie between the depths that it gives, the first and the last plane's; a Rust test checks these."""
+    """Planes evenly spaced, or those of the first guided search. Where the photos' depth is used,
+    planes lie between the depths that it gives, those of the first and the last plane; a Rust test
+    checks these."""
     (near, far), spec = data["shot.range"], parse(layers)
     if isinstance(spec, Planes):
         if "gains" in data:
