@@ -19,7 +19,7 @@ def sharpened(image: Tensor, amount: Tensor) -> Tensor:
 
 
 def corrected(images: list[Tensor], gains: Tensor, amounts: Tensor) -> list[Tensor]:
-    """The photos [3, h, w] of the views, sharpened, at their gains [V, 3]; Rust multiplies the samples
-    by the gains, which is the same."""
+    """The photos [3, h, w] of the views, sharpened, at their gains [V, 3]; Rust multiplies the
+    samples by the gains, which is the same."""
     sharp = [sharpened(image, a) if a != 0 else image for image, a in zip(images, amounts, strict=True)]
     return [image * gain[:, None, None] for image, gain in zip(sharp, gains, strict=True)]
