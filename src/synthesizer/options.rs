@@ -42,7 +42,7 @@ pub struct Options {
     #[cfg(feature = "surface")]
     pub photo_correction: PhotoCorrection,
     #[cfg(feature = "surface")]
-    /// Folder where surface layers keep the depth of photos for later runs
+    /// Folder where the depth of photos is kept for later runs
     /// ([`crate::ScenePhotos::keep_depths_in`]).
     pub cache: Option<PathBuf>,
 }

@@ -75,8 +75,8 @@ impl Synthesizer {
         }
     }
 
-    /// Sets which differences between photos are corrected, for surface layers and for planes. Planes
-    /// need the photos' depth only for this.
+    /// Sets which differences between photos are corrected, for surface layers and for planes. With
+    /// [`PhotoCorrection::NONE`] planes do without the photos' depth, and lie from near to far.
     #[cfg(feature = "surface")]
     pub fn set_photo_correction(&mut self, photo_correction: PhotoCorrection) {
         self.photo_correction = photo_correction;

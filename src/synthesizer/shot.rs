@@ -19,8 +19,8 @@ pub struct Shot {
     pub truth: Option<usize>,
     /// Indices of the views to render from, nearest first.
     pub views: Vec<usize>,
-    /// Indices of further views whose depth its surface is fused from, nearest first; none for
-    /// other kinds of layers.
+    /// Indices of further views whose depth its surface is fused from, nearest first; none where the
+    /// photos' depth is not used.
     pub helpers: Vec<usize>,
     /// Indices of the views that must not be used, not even for depth.
     pub held_out: Vec<usize>,
