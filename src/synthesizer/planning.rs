@@ -93,8 +93,11 @@ impl Synthesizer {
         if self.uses_depth() && self.layers.kind() != "surface" {
             let PhotosWithDepth { maps, photos, rendered_from, .. } = self.photos.with_depth(shot)?;
             let (target, correction) = (&shot.shot().target, self.photo_correction);
-            let surface = TargetSurface::find(maps, &photos, rendered_from, target, correction, self.searches_holes);
-            let range = if shot.shot().refines_range { surface.seen_range(range) } else { range };
+            let refines = shot.shot().refines_range;
+            // Of the surface, only the range depends on its holes.
+            let searches_holes = self.searches_holes && refines;
+            let surface = TargetSurface::find(maps, &photos, rendered_from, target, correction, searches_holes);
+            let range = if refines { surface.seen_range(range) } else { range };
             return Ok((surface.corrections().to_vec(), range));
         }
         Ok((Vec::new(), range))
