@@ -244,6 +244,16 @@ fn resume_renders_pictures_with_missing_or_changed_files_again() {
 }
 
 #[test]
+fn resume_tells_planes_of_a_given_range_from_those_of_a_refined_one() {
+    let folders = Folders::new();
+    let frames = folders.out("frames/");
+    let planes = ["--target", "2", "--layers", "planes:2", "-o", &frames, "--resume"];
+    assert_eq!(json(&mut folders.render(&planes))["kept"], 0);
+    let given = [&planes[..], &["--near", "2", "--far", "8"]].concat();
+    assert_refused(&folders, &mut folders.render(&given), &["\"depth\" is 2 to 8 at most, expected 2 to 8"]);
+}
+
+#[test]
 fn resume_of_another_job_is_an_error() {
     let folders = Folders::new();
     let frames = folders.out("frames");

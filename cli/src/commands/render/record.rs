@@ -49,6 +49,8 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
         let ranges: Vec<_> = views.iter().map(|&view: &usize| scene.views[view].depth_range).collect();
         cameras += &format!("{ranges:?}\n");
     }
+    // Of the same range, planes are others where it is given than where it is refined.
+    let is_refined = first.refines_range && job.synthesizer.uses_depth() && job.layers().kind() != "surface";
     for shot in shots {
         cameras += &format!("{} {:?} {:?} {:?} {:?}\n", shot.name, shot.target, shot.near, shot.far, shot.views);
         views.extend(&shot.views);
@@ -69,7 +71,7 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
         ("alpha", job.alpha().to_string()),
         ("engine", job.model.engine()),
         ("size", format!("{}x{}", first.target.width(), first.target.height())),
-        ("depth", format!("{} to {}", first.near, first.far)),
+        ("depth", format!("{} to {}{}", first.near, first.far, if is_refined { " at most" } else { "" })),
         ("cameras", digest(cameras.as_bytes())),
         ("photos", digest(photos.as_bytes())),
     ])
