@@ -49,14 +49,15 @@ def training_of(state: dict) -> str:
     """The successive trainings of a state, and later fits, in one line."""
     runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
     text = ", then ".join(f"V = {v}: {steps:,} steps, {seconds / 60:.0f} minutes" for v, steps, seconds in runs)
-    if "view_weights" in state["config"]:
-        text += "; then view weights fitted to surface:1"
     if "mean_with_start" in state["config"]:
         text += "; then the mean of these weights and those that the last training started from"
     if "share" in state["config"]:
         text += f"; then, after the last validation, its output times {state['config']['share']:g}"
     if "logit_shift" in state["config"]:
         text += f"; then, after the last validation, logit 0 shifted by {state['config']['logit_shift']:g}"
+    if "view_shift" in state["config"]:
+        shift, first = state["config"]["view_shift"]
+        text += f"; then the logits of the views from {first} on shifted by {shift:g}"
     return text
 
 

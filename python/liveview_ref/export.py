@@ -116,6 +116,12 @@ def main() -> None:
         "--layer-kinds", nargs="+", choices=kinds, default=[], help="kinds of layers it is for; default: all"
     )
     parser.add_argument("--logit-shift", type=float, default=0.0, help="added to logit 0 in the last layer")
+    parser.add_argument(
+        "--view-shift",
+        nargs=2,
+        metavar=("SHIFT", "FIRST"),
+        help="add SHIFT to the logits of the views from the FIRST on, the nearest being 1, in the last layer",
+    )
     parser.add_argument("--share", type=float, default=1.0, help="of what it adds to the views' agreement")
     parser.add_argument(
         "--mean-with-start",
@@ -137,6 +143,10 @@ def main() -> None:
     if args.mean_with_start:
         net = mean_network(net, with_views(load_network(args.mean_with_start), net.views))
         config["mean_with_start"] = True
+    if args.view_shift:
+        shift, first = float(args.view_shift[0]), int(args.view_shift[1])
+        net.conv9.bias.data[first - 1 :] += shift
+        config["view_shift"] = [shift, first]
     metadata = {
         "recommended_layers": str(args.recommended_layers),
         "training": f"batches of {config['batch']} scenes; {training_of(state)}",

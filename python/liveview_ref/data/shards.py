@@ -28,7 +28,8 @@ from .visibility import partly_hidden, visibility
 class Photos:
     """A target crop and its photos. views: V of [3, Hs, Ws] uint8, nearest first; target [3, H, W]
     uint8; disparity [H, W] of the target's surface (1/scene unit) and seen [V, H, W] uint8
-    (visibility.py), None on real scenes; near and far in scene units."""
+    (visibility.py), None on real scenes; near and far in scene units. Training may narrow the range
+    once; then it is kept (`keeps_range`)."""
 
     views: list[Tensor]
     cameras: list[Camera]
@@ -38,6 +39,7 @@ class Photos:
     far: float
     disparity: Tensor | None
     seen: Tensor | None
+    keeps_range: bool = False
 
 
 def pack(p: Photos) -> dict:

@@ -66,7 +66,7 @@ def photos(specs: list[dict], data: Path, views: int, card: dict[str, str]) -> l
     spacing = float(card["alpha_spacing"]) if "alpha_spacing" in card else None
     found = []
     for case in cases(specs, data, views):
-        for layers in PLANES if "layer_kinds" in card else LAYERS:
+        for layers in PLANES if card["trained_layers"].startswith("planes") else LAYERS:
             maps = maps_of(case, layers)
             warped = warp_views(case.sources, case.cameras, case.target, maps)
             found.append(Photo(layers, case, *warped, maps, scale, spacing))

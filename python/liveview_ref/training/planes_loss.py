@@ -69,10 +69,19 @@ def planes_for(rng: np.random.Generator, photos: Photos, config: dict) -> Tensor
     return uniform_disparities(near, far, int(rng.choice(config["uniform_planes"]))).float()[:, None, None]
 
 
+def seen_range(weights: Tensor, planes: Tensor, photos: Photos) -> tuple[float, float]:
+    """Between which depths the best planes of the pixels lie, 0.5 % of the pixels at each end left
+    out, and one plane beyond; weights [L, H, W], planes [L, 1, 1] near -> far."""
+    below = torch.bincount(weights.argmax(0).flatten(), minlength=len(planes)).cumsum(0) / weights[0].numel()
+    first, last = int((below > 0.005).nonzero()[0]), int((below >= 0.995).nonzero()[0])
+    nearest, farthest = planes[max(first - 1, 0)], planes[min(last + 1, len(planes) - 1)]
+    return max(photos.near, 1 / float(nearest)), min(photos.far, 1 / float(farthest))
+
+
 def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: dict) -> tuple[Tensor, dict[str, float]]:
     """A value that has the gradient of the loss (in expectation, if there are more planes than
     "gradient_planes"), with its graph, and figures for the log."""
-    distances = view_distances(photos.cameras, photos.camera).float()
+    distances = view_distances(photos.cameras, photos.camera).float() ** config["distance_power"]
     planes = planes_for(rng, photos, config)
     colour, coverage = warp_layers(photos, planes)
     known = photos.disparity is not None
@@ -87,7 +96,11 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
         ids = torch.tensor(select(logits[:, 0], rgb, covered, planes, few, photos, config))
         planes, logits, rgb, covered = (x[ids] for x in (planes, logits, rgb, covered))
     logit0, rgb = logits[:, 0].clone().requires_grad_(), rgb.requires_grad_()
-    loss, image, figures = outcome(logit0, rgb, covered, planes, photos, config, not selected)
+    loss, shown, figures = outcome(logit0, rgb, covered, planes, photos, config, not selected)
+    if not (known or selected or photos.keeps_range):
+        photos.keeps_range = True
+        if rng.random() < config["seen_range"]:
+            photos.near, photos.far = seen_range(shown.weights.detach(), planes, photos)
     gradients = torch.autograd.grad(loss, (logit0, rgb))
     # The effect of a plane's logits on the loss, by its alpha and by its colour, where views
     # differ by some 0.2.
@@ -100,7 +113,7 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
     for x, gradient in zip(own, gradients, strict=True):
         loss = loss + (x * gradient[drawn] / chance.reshape(-1, *[1] * (x.dim() - 1))).sum()
     if known:
-        more, measured = view_loss(found[-1:], *extra, photos, image, distances)
+        more, measured = view_loss(found[-1:], *extra, photos, shown.rgb.detach(), distances)
         loss, figures = loss + config["visible_weight"] * more, figures | measured
     return loss, figures
 
@@ -115,8 +128,7 @@ def select(logit0, rgb, covered, planes, few: int, photos: Photos, config: dict)
 
 
 def outcome(logit0, rgb, covered, planes, photos: Photos, config: dict, whole: bool):
-    """(loss, image [3, H, W] without gradients, figures for the log) of planes [L, 1, 1]; `whole`:
-    all planes are given."""
+    """(loss, composite, figures for the log) of planes [L, 1, 1]; `whole`: all planes are given."""
     maps = planes.expand_as(covered)
     shown = composited(logit0, rgb, covered, planes, photos, config)
     loss = image_loss(shown.rgb, photos.target.float() / 255, covered.any(0), config)
@@ -124,7 +136,7 @@ def outcome(logit0, rgb, covered, planes, photos: Photos, config: dict, whole: b
     if whole and photos.disparity is not None:
         more, share = depth_loss(shown.weights, maps, photos)
         loss, figures = loss + config["depth_weight"] * more, figures | {"on surface": share, "surfaces": 1.0}
-    return loss, shown.rgb.detach(), figures
+    return loss, shown, figures
 
 
 def shift_of(planes: Tensor, photos: Photos, config: dict) -> Tensor | float:

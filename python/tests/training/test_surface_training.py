@@ -1,14 +1,13 @@
 """Training on surface layers: the program's inputs to its network are kept unchanged, and crops of
 them are learnt from."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from liveview_ref.checkpoint import load_network, load_state, trained_network
+from liveview_ref.checkpoint import load_network, load_state
 from liveview_ref.config import read_config
 from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.scene import open_scene
@@ -16,7 +15,6 @@ from liveview_ref.data.surface_frames import SurfaceFrame, dumped, frame_of, hel
 from liveview_ref.export import check, export
 from liveview_ref.reference.network.view_agreement import agreement_logits
 from liveview_ref.reference.unet import UNet, fold_batchnorm, unfold_batchnorm
-from liveview_ref.training import fit_view_weights
 from liveview_ref.training.fine_tune import start_of
 from liveview_ref.training.surface_loss import (
     CELL,
@@ -146,29 +144,3 @@ def test_frame_renders_like_the_program(tmp_path):
     assert seen.float().mean() > 0.9
     assert difference.mean() < 1e-3 and difference[:, seen].max() < 0.1
     assert 0.01 < float((frame.coverage == 0).float().mean()) < 0.2
-
-
-def test_harmful_view_weights_are_fitted_to_0(tmp_path, monkeypatch):
-    """The network prefers the nearest view by a constant, but the truth is the views'
-    mean by distance."""
-    torch.manual_seed(0)
-    net = fold_batchnorm(UNet(4).eval())
-    with torch.no_grad():
-        net.conv9.bias[1:] -= torch.tensor([2.0, 3.0, 4.0])
-    frame = made_up()
-    colour, coverage = frame.colour[:1] / 255, frame.coverage[:1] / 255
-    truth = rendered(torch.zeros_like(coverage), colour, coverage, frame.distances)
-    frame.target.copy_((truth * 255).round().to(torch.uint8))
-    frame.save(tmp_path / "00000.pt")
-    state = {"average": unfold_batchnorm(net).state_dict(), "views": 4, "config": {}}
-    torch.save(state, tmp_path / "start")
-    command = ["", str(tmp_path / "start"), str(tmp_path / "out.pt"), "--frames", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", command)
-    fit_view_weights.main()
-    made = load_state(tmp_path / "out.pt")
-    assert made["config"]["view_weights"] == {"constant": 0.0, "varying": 0.4}
-    before = fit_view_weights.first_layer(net, frame)[0]
-    after = fit_view_weights.first_layer(trained_network(made), frame)[0]
-    torch.testing.assert_close(after[:, 0], before[:, 0])
-    varying = before[:, 1:] - before[:, 1:].mean((2, 3), keepdim=True)
-    torch.testing.assert_close(after[:, 1:], 0.4 * varying, atol=1e-4, rtol=1e-4)

@@ -4,6 +4,7 @@ only."""
 import json
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from liveview_ref.reference.render.renderer import warp_views
 from liveview_ref.reference.unet import UNet, fold_batchnorm, unfold_batchnorm, with_views
 from liveview_ref.training import network_pass, train
 from liveview_ref.training.draw_layers import draw_layers
-from liveview_ref.training.planes_loss import example_loss, warp_layers
+from liveview_ref.training.planes_loss import example_loss, seen_range, warp_layers
 from liveview_ref.training.precision import fast_bfloat16, reduced_precision
 
 ROOT = Path(__file__).parents[3]
@@ -105,8 +106,9 @@ def test_steps_lower_the_loss_of_an_example(photos, alpha, spacing):
         p.requires_grad_(True)
     optimiser = torch.optim.Adam(net.parameters(), lr=2e-3)
     weights = {"depth_weight": 0.02, "visible_weight": 0.05, "square_weight": 2.0, "log_weight": 0.0}
+    weights |= {"distance_power": 1.5, "seen_range": 0.5}
     config = weights | {"alpha": alpha, "alpha_spacing": spacing, "uniform_planes": [12], "gradient_planes": 12}
-    config |= {"selected": 0.0, "selected_planes": [4]}
+    config |= {"selected": 0.0, "selected_planes": [4], "distance_power": 1.0, "seen_range": 0.0}
     picture_alone = config | {"depth_weight": 0.0, "visible_weight": 0.0}  # the loss that the figures have
     losses = []
     for _ in range(12):
@@ -129,7 +131,7 @@ def test_mean_gradient_of_drawn_planes_is_that_of_all(photos, alpha):
     for p in net.parameters():
         p.requires_grad_(True)
     config = {"uniform_planes": [10], "gradient_planes": 10, "visible_weight": 0.05}
-    config |= {"selected": 0.0, "selected_planes": [4]}
+    config |= {"selected": 0.0, "selected_planes": [4], "distance_power": 1.0, "seen_range": 0.0}
     config |= {"alpha": alpha, "alpha_spacing": 3.0, "depth_weight": 0.02, "square_weight": 2.0, "log_weight": 0.05}
 
     def gradient(seed, **changed):
@@ -145,7 +147,17 @@ def test_mean_gradient_of_drawn_planes_is_that_of_all(photos, alpha):
     assert spread < 0.5 * whole.norm()
 
 
-@pytest.mark.parametrize("name", ["v4_planes", "v5_planes", "v4_planes_paper", "v4_planes_paper_spacing"])
+def test_range_is_narrowed_to_the_planes_that_show_the_pixels(photos):
+    planes = uniform_disparities(1.0, 100.0, 16).float()[:, None, None]
+    best = torch.full((20, 20), 6)
+    best[0], best[1, :2] = 9, torch.tensor([0, 14])  # 5 % of the pixels; two specks of 0.25 % each
+    weights = torch.nn.functional.one_hot(best, 16).permute(2, 0, 1).float()
+    found = seen_range(weights, planes, replace(photos, near=1.0, far=100.0))
+    np.testing.assert_allclose(found, [1 / planes[5].item(), 1 / planes[10].item()])
+    assert seen_range(weights, planes, replace(photos, near=2.0, far=2.5)) == (2.0, 2.5)
+
+
+@pytest.mark.parametrize("name", ["v4_planes", "v5", "v4_planes_paper", "v4_planes_paper_spacing"])
 def test_training_starts_continues_and_is_exported(tmp_path, monkeypatch, name):
     workshop = {"path": "workshop", "reach": 2, "widths": [300], "weight": 1}
     config = {
@@ -170,7 +182,7 @@ def test_training_starts_continues_and_is_exported(tmp_path, monkeypatch, name):
     assert state["history"][1]["workshop"] > 15
     model = tmp_path / "model.onnx"
     arguments = ["--licence", "none", "--recommended-layers", "planes:64", "--layer-kinds", "planes", "list"]
-    arguments += ["--mean-with-start", str(folders["start"])]
+    arguments += ["--mean-with-start", str(folders["start"]), "--view-shift", "-3", "3"]
     monkeypatch.setattr(sys, "argv", ["", str(tmp_path / "checkpoint.pt"), str(model), *arguments])
     export.main()
     of_training, of_start, exported = (
@@ -178,12 +190,14 @@ def test_training_starts_continues_and_is_exported(tmp_path, monkeypatch, name):
         for path in (tmp_path / "checkpoint.pt", folders["start"], model)
     )
     assert not torch.equal(of_training, of_start)
-    torch.testing.assert_close(exported, (of_training + of_start) / 2)
+    expected = (of_training + of_start) / 2
+    expected[2 - state["views"] :] -= 3  # the end of the last bias, one logit a view
+    torch.testing.assert_close(exported, expected)
     card = model_card(onnx.load(model))
     alpha = tuple(card.get(f"alpha{of}") for of in ("", "_scale", "_spacing"))
     expected = {"v4_planes_paper": (None, None, None), "v4_planes_paper_spacing": (None, None, "3.0")}
     assert alpha == expected.get(name, ("competing", "1", None))
-    assert card["layer_kinds"] == "planes, list" and card["training"].endswith("that the last training started from")
+    assert card["layer_kinds"] == "planes, list" and card["training"].endswith("views from 3 on shifted by -3")
     assert card["trained_layers"] == "planes:6 to planes:6" and card["recommended_layers"] == "planes:64"
 
 
