@@ -119,8 +119,9 @@ def main() -> None:
     parser.add_argument(
         "--view-shift",
         nargs=2,
+        type=float,
         metavar=("SHIFT", "FIRST"),
-        help="add SHIFT to the logits of the views from the FIRST on, the nearest being 1, in the last layer",
+        help="add SHIFT to the logits of the views from the FIRST on (2 or more) in the last layer",
     )
     parser.add_argument("--share", type=float, default=1.0, help="of what it adds to the views' agreement")
     parser.add_argument(
@@ -144,7 +145,9 @@ def main() -> None:
         net = mean_network(net, with_views(load_network(args.mean_with_start), net.views))
         config["mean_with_start"] = True
     if args.view_shift:
-        shift, first = float(args.view_shift[0]), int(args.view_shift[1])
+        shift, first = args.view_shift[0], int(args.view_shift[1])
+        if not 2 <= first <= net.views:
+            parser.error(f"--view-shift: FIRST is {first}; expected 2 to {net.views}: the nearest view has no logit")
         net.conv9.bias.data[first - 1 :] += shift
         config["view_shift"] = [shift, first]
     metadata = {
