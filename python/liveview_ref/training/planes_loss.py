@@ -72,8 +72,9 @@ def planes_for(rng: np.random.Generator, photos: Photos, config: dict) -> Tensor
 def seen_range(weights: Tensor, planes: Tensor, photos: Photos) -> tuple[float, float]:
     """Between which depths the best planes of the pixels lie, 0.5 % of the pixels at each end left
     out, and one plane beyond; weights [L, H, W], planes [L, 1, 1] near -> far."""
-    below = torch.bincount(weights.argmax(0).flatten(), minlength=len(planes)).cumsum(0) / weights[0].numel()
-    first, last = int((below > 0.005).nonzero()[0]), int((below >= 0.995).nonzero()[0])
+    votes = plane_histogram(weights).cumsum(0)
+    share = votes / votes[-1].clamp(min=1)
+    first, last = (int(reached.int().argmax()) for reached in (share > 0.005, share >= 0.995))
     nearest, farthest = planes[max(first - 1, 0)], planes[min(last + 1, len(planes) - 1)]
     return max(photos.near, 1 / float(nearest)), min(photos.far, 1 / float(farthest))
 
@@ -81,7 +82,8 @@ def seen_range(weights: Tensor, planes: Tensor, photos: Photos) -> tuple[float, 
 def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: dict) -> tuple[Tensor, dict[str, float]]:
     """A value that has the gradient of the loss (in expectation, if there are more planes than
     "gradient_planes"), with its graph, and figures for the log."""
-    distances = view_distances(photos.cameras, photos.camera).float() ** config["distance_power"]
+    distances = view_distances(photos.cameras, photos.camera).float()
+    power = config["distance_power"]
     planes = planes_for(rng, photos, config)
     colour, coverage = warp_layers(photos, planes)
     known = photos.disparity is not None
@@ -89,7 +91,7 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
     whole = NetworkPass(net, torch.cat([colour, extra[0]]) if known else colour)
     logits, covered, ids = whole.logits[: len(planes)], (coverage > 0).any(1), torch.arange(len(planes))
     parts = zip(*(x.split(CHUNK) for x in (logits, colour, coverage)), strict=True)
-    rgb = torch.cat([blend(*part, distances)[1] for part in parts])
+    rgb = torch.cat([blend(*part, distances, power)[1] for part in parts])
     selected = len(planes) > max(config["selected_planes"]) and rng.random() < config["selected"]
     if selected:  # as by the renderer
         few = int(rng.choice(config["selected_planes"]))
@@ -108,12 +110,12 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
     drawn, chance = draw_layers(mass, config["gradient_planes"], rng)
     ids = ids[drawn]
     found = whole.of(torch.cat([ids, torch.tensor([len(colour)])]) if known else ids)
-    own = found[: len(ids), 0], blend(found[: len(ids)], colour[ids], coverage[ids], distances)[1]
+    own = found[: len(ids), 0], blend(found[: len(ids)], colour[ids], coverage[ids], distances, power)[1]
     loss = torch.zeros(())
     for x, gradient in zip(own, gradients, strict=True):
         loss = loss + (x * gradient[drawn] / chance.reshape(-1, *[1] * (x.dim() - 1))).sum()
     if known:
-        more, measured = view_loss(found[-1:], *extra, photos, shown.rgb.detach(), distances)
+        more, measured = view_loss(found[-1:], *extra, photos, shown.rgb.detach(), distances, power)
         loss, figures = loss + config["visible_weight"] * more, figures | measured
     return loss, figures
 
@@ -171,14 +173,16 @@ def depth_loss(weights: Tensor, maps: Tensor, photos: Photos) -> tuple[Tensor, f
     return -(torch.log(share.clamp(min=1e-4)) * where).mean(), mean
 
 
-def view_loss(logits, colour, coverage, photos: Photos, image, distances) -> tuple[Tensor, dict[str, float]]:
+def view_loss(
+    logits, colour, coverage, photos: Photos, image, distances, power: float
+) -> tuple[Tensor, dict[str, float]]:
     """On the true surface: minus log of the weight on the views that see it, at pixels where
     another covering view is occluded; and figures for the log there."""
     seen = photos.seen.masked_fill(coverage[0] < 0.5, UNKNOWN)
     where = partly_hidden(seen)
     count = where.sum().clamp(min=64)
-    share = weight_on_seen(view_weights(logits, coverage, distances)[0], seen)
-    by_distance = weight_on_seen(view_weights(torch.zeros_like(logits), coverage, distances)[0], seen)
+    share = weight_on_seen(view_weights(logits, coverage, distances, power)[0], seen)
+    by_distance = weight_on_seen(view_weights(torch.zeros_like(logits), coverage, distances, power)[0], seen)
     figures = {}
     if bool(where.any()):
         error = ((image - photos.target.float() / 255) ** 2).mean(0)[where]

@@ -106,7 +106,6 @@ def test_steps_lower_the_loss_of_an_example(photos, alpha, spacing):
         p.requires_grad_(True)
     optimiser = torch.optim.Adam(net.parameters(), lr=2e-3)
     weights = {"depth_weight": 0.02, "visible_weight": 0.05, "square_weight": 2.0, "log_weight": 0.0}
-    weights |= {"distance_power": 1.5, "seen_range": 0.5}
     config = weights | {"alpha": alpha, "alpha_spacing": spacing, "uniform_planes": [12], "gradient_planes": 12}
     config |= {"selected": 0.0, "selected_planes": [4], "distance_power": 1.0, "seen_range": 0.0}
     picture_alone = config | {"depth_weight": 0.0, "visible_weight": 0.0}  # the loss that the figures have
@@ -162,7 +161,8 @@ def test_training_starts_continues_and_is_exported(tmp_path, monkeypatch, name):
     workshop = {"path": "workshop", "reach": 2, "widths": [300], "weight": 1}
     config = {
         "base": str(ROOT / f"python/configs/{name}.json"), "steps": 2, "crop": [48, 48], "batch": 2, "shard": 4,
-        "shards": 1, "shards_at_once": 1, "uniform_planes": [6], "textures": "no textures", "real": [workshop],
+        "shards": 1, "shards_at_once": 1, "seen_range": 1.0, "uniform_planes": [6],
+        "textures": "no textures", "real": [workshop],
         "validation": [{"path": "workshop", "width": 96, "targets": [7], "heldout": 0}],
     }  # fmt: skip
     (tmp_path / "config.json").write_text(json.dumps(config))
