@@ -24,6 +24,7 @@ from ..data.held_out import INNER
 from ..reference.image.metrics import psnr
 from ..reference.layers.uniform import uniform_disparities
 from ..training.fine_tune import save
+from ..training.precision import reduced_precision
 from ..training.train import alpha_loss, image_loss
 from .data.rig import FAR, FOCAL, NEAR, SIDE
 from .data.samples import SEED, RealSamples, RigSamples, Sample
@@ -39,7 +40,7 @@ RATE, WARM_UP = 5e-4, 100
 AVERAGE = 0.997
 ALPHA_WEIGHT = 0.05  # of the supervision of alpha by the known depth
 TURN = 50  # steps
-VALIDATE_EVERY = 100
+VALIDATE_EVERY = 250
 STATISTICS = 12  # batches for the estimate of BatchNorm's statistics
 
 Samples = Callable[[int, int], Sample]  # by the number of views and the sample's number
@@ -67,6 +68,7 @@ class Trainee:
     entry: Entry
     folder: Path
     start: Path | None = None  # another training's folder, whose averaged weights are the initial ones
+    most: int | None = None  # planes of its training, unless the method is made for a number of planes
     step: int = 0
     seconds: float = 0.0  # of all cores
     history: list[dict] = field(default_factory=list)
@@ -79,6 +81,8 @@ class Trainee:
         self.average = copy.deepcopy(self.method)
         self.optimiser = torch.optim.Adam(self.method.parameters(), lr=RATE)
         self.planes = self.entry.training_planes
+        if self.most and len(self.entry.planes) > 1:
+            self.planes = min(self.planes, self.most)
         self.checkpoint = self.folder / "checkpoint.pt"
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.checkpoint.exists():
@@ -95,7 +99,9 @@ class Trainee:
             for group in self.optimiser.param_groups:
                 group["lr"] = RATE * min(1.0, (self.step + 1) / WARM_UP)
             numbers = range(self.step * BATCH, (self.step + 1) * BATCH)
-            loss = loss_of(self.method, [samples(self.entry.views, n) for n in numbers], self.planes)
+            drawn = [samples(self.entry.views, n) for n in numbers]
+            with reduced_precision():
+                loss = loss_of(self.method, drawn, self.planes)
             self.optimiser.zero_grad()
             loss.backward()
             norm = torch.nn.utils.clip_grad_norm_(self.method.parameters(), 1.0)
@@ -116,6 +122,7 @@ class Trainee:
             self.validate(samples, validation)
         state = {name: getattr(self, name).state_dict() for name in ("method", "average", "optimiser")}
         about = {"step": self.step, "seconds": self.seconds, "history": self.history, "key": self.entry.key}
+        about["planes"] = self.planes
         save(self.checkpoint, **state, **about)
 
     def validate(self, samples: Samples, validation: Scenes) -> None:
@@ -173,6 +180,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, help="train on the real photos in this folder (train/)")
     parser.add_argument("--start", type=Path, help="the --out of another training, for the initial weights")
     parser.add_argument("--only", nargs="+", metavar="METHOD", help="these methods alone, such as liveview_v4")
+    parser.add_argument("--planes", type=int, help="train on at most that many planes")
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
@@ -182,7 +190,7 @@ def main() -> None:
     chosen = [e for e in ENTRIES if e.trained and (not args.only or e.key in args.only)]
     if not chosen:
         parser.error(f"--only {' '.join(args.only)}: expected some of {', '.join(e.key for e in ENTRIES if e.trained)}")
-    trainees = [Trainee(e, args.out / e.key, args.start and args.start / e.key) for e in chosen]
+    trainees = [Trainee(e, args.out / e.key, args.start and args.start / e.key, args.planes) for e in chosen]
     stopped = []
     signal.signal(signal.SIGTERM, lambda *_: stopped.append(True))  # the turn ends with its checkpoint
     while not stopped and (behind := min(trainees, key=lambda t: t.step)).step < args.steps:

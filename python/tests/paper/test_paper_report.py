@@ -176,6 +176,25 @@ def test_networks_trained_on_fewer_planes_have_a_figure(models):
     assert "| LiveView, trained on 16 planes | 64 |" not in text
 
 
+def test_longer_training_stands_beside_the_shorter(models):
+    assert "Not trained yet." in page(models)
+    longer = models / results.LONGER
+    longer.mkdir()
+    assert "Not scored yet." in page(models)
+    for folder, psnr, samples in ((models, 20.0, 3000), (longer, 22.0, 15_000)):
+        for name, better in (("liveview", 1.5), ("local_light_field", 0.0), ("stereo_magnification", -1.0)):
+            own = scored(name, 5, psnr + better, competing=name == "liveview")
+            saved(folder, own | {"about": own["about"] | {"samples": samples}})
+    (longer / "training.json").write_text(json.dumps({"liveview_v5": {"history": [{"samples": 1000, "psnr": 20.0}]}}))
+    text = page(models)
+    assert "after 3,000 samples | after 15,000 samples |" in text
+    assert "| 5 | LiveView | 64 | 24.50 ± 0.25 / 0.9300 / 0.1000 | 26.50 ± 0.25 / 0.9300 / 0.1000 |" in text
+    assert "| 5 | LiveView, competing | 64 | 27.50 ± 0.25" in text
+    assert "- **V = 5**: LiveView 26.50 dB, Local Light Field (Local LF) 25.00 dB (+1.50)." in text
+    assert "LiveView 26.50 dB, Stereo Magnification 24.00 dB (+2.50)." in text
+    assert (models / "longer.svg").exists()
+
+
 def test_effects_of_departures_come_from_their_file(models):
     means = {"unchanged": {"psnr": 25.0, "difference": 0.0}, "no normalisation by coverage": {"psnr": 24.0}}
     means["no normalisation by coverage"] |= {"difference": -1.0, "border_difference": -9.0}

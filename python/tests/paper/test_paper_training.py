@@ -96,3 +96,10 @@ def test_resumed_training_equals_uninterrupted_training(tmp_path, monkeypatch):
     assert torch.equal(whole.average.tint, resumed.average.tint)
     assert [h["psnr"] for h in whole.history] == [h["psnr"] for h in resumed.history]
     assert float(whole.method.tint.mean()) > 0.5  # the photo's colours fit better
+
+
+def test_training_on_fewer_planes_leaves_methods_made_for_a_number_of_planes(tmp_path):
+    any_number, fixed = (registry.Entry("tint", 4, Tint, planes=planes) for planes in ((2, 4), (4,)))
+    assert train.Trainee(any_number, tmp_path, most=3).planes == 3
+    assert train.Trainee(any_number, tmp_path, most=8).planes == 4
+    assert train.Trainee(fixed, tmp_path, most=3).planes == 4

@@ -1,10 +1,10 @@
 """Record the trainings, and write their card.
 
-    python -m liveview_ref.paper.report.cards [--runs RUNS]
+    python -m liveview_ref.paper.report.cards [--runs RUNS] [--training FILE]
 
-With `--runs`, models/paper/training.json takes the figures of every checkpoint there: steps,
-processor time, parameters and validation. The weights themselves stay in RUNS.
-models/paper/README.md is then written from that file alone."""
+With `--runs`, FILE (models/paper/training.json) takes the figures of every checkpoint there: steps,
+processor time, planes, parameters and validation. The weights themselves stay in RUNS.
+models/paper/README.md is then written from models/paper/training.json alone."""
 
 import argparse
 import sys
@@ -43,6 +43,7 @@ def figures_of(entry: Entry, path: Path) -> dict:
     except (RuntimeError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: average: {error}; expected the weights of {entry.key}") from error
     figures = {"step": state["step"], "samples": state["step"] * train.BATCH, "seconds": round(state["seconds"])}
+    figures["planes"] = state.get("planes", entry.training_planes)
     figures["parameters"] = sum(weight.numel() for weight in method.parameters())
     return figures | {"history": state["history"]}
 
@@ -54,6 +55,7 @@ def record(runs: Path, file: Path) -> list[str]:
     found = {e.key: figures_of(e, paths[e.key]) for e in ENTRIES if e.trained and paths[e.key].exists()}
     if not found:
         raise ValueError(f"{runs}: no METHOD/checkpoint.pt; expected the output folder of training")
+    file.parent.mkdir(parents=True, exist_ok=True)
     write(file, (read(file) if file.exists() else {}) | found)
     return [f"{key}: step {found[key]['step']}" if key in found else f"{key}: not in {runs}" for key in paths]
 
@@ -65,7 +67,7 @@ def row(entry: Entry, figures: dict) -> list[str]:
     if last and last["step"] != figures["step"]:
         psnr += f" at step {last['step']:,}"
     counts = [f"{figures[name]:,}" for name in ("parameters", "step", "samples")]
-    start = [title(entry.name), str(entry.views), str(entry.training_planes)]
+    start = [title(entry.name), str(entry.views), str(figures.get("planes", entry.training_planes))]
     return [*start, *counts, f"{figures['seconds'] / 3600:.2f}", psnr]
 
 
@@ -91,10 +93,11 @@ def card(models: Path) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=Path, help="record the trainings on the rig's scenes in this folder first")
-    args = parser.parse_args()
     models = MODELS / "paper"
+    parser.add_argument("--training", type=Path, default=models / "training.json", help="the file of these figures")
+    args = parser.parse_args()
     try:
-        for line in record(args.runs, models / "training.json") if args.runs else ():
+        for line in record(args.runs, args.training) if args.runs else ():
             print(line)
         text = card(models)
     except ValueError as error:

@@ -17,7 +17,7 @@ from liveview_ref.paths import MODELS, ROOT
 from ..files import put
 from . import figures, tables
 from .results import Results, counted, load, title
-from .verdicts import ablation_verdicts, verdicts
+from .verdicts import ablation_verdicts, longer_verdicts, verdicts
 
 HERE = Path(__file__).parent
 LEFT_OUT = """
@@ -151,6 +151,7 @@ def write(models: Path, page: Path, crops: Path | None = None) -> None:
             "trained_planes": figures.trained_planes(results),
             "selection": figures.selection(results),
             "training": figures.training(results),
+            "longer": figures.training(results.longer) if results.longer else None,
         }.items()
     }
     sheet = figures.crops(crops) if crops else None
@@ -160,6 +161,8 @@ def write(models: Path, page: Path, crops: Path | None = None) -> None:
         "comparison": tables.comparison(results),
         "verdicts": verdicts(results),
         "ablation_verdicts": ablation_verdicts(results),
+        "longer_table": tables.longer(results),
+        "longer_verdicts": longer_verdicts(results),
         "scored": scored(results),
         "missing": tables.missing(results),
         "crops": crops_of(models / "crops.webp", page.parent, sheet),

@@ -40,6 +40,7 @@ ON_FEWER = tuple(f"{method}_on_{planes}" for method in DYNAMIC_STATIC for planes
 ON_FEWER_VIEWS = 5
 PRETRAINED = ("liveview_competing",)  # trained on other scenes before: not compared with the other methods
 METRICS = "psnr", "ssim", "lpips"
+LONGER = "longer"  # the folder of the results after longer training
 
 
 def ablation_alone(method: str, views: int) -> bool:
@@ -65,6 +66,7 @@ class Results:
     cost: dict = field(default_factory=dict)
     departures: dict = field(default_factory=dict)
     left_out: dict[str, dict[str, list[str]]] = field(default_factory=dict)  # by data and entry: see `restrict`
+    longer: "Results | None" = None  # the same methods, trained for more samples
 
     def methods(self, data: str) -> list[tuple[str, int]]:
         """(method, views) with scores on that data, fewest views first."""
@@ -85,8 +87,17 @@ class Results:
 
 
 def load(folder: Path) -> Results:
-    """The results in models/paper. ValueError names a file that is not valid JSON."""
-    found = Results(read(folder / "published.json"))
+    """The results in models/paper, and in its folder `longer`. ValueError names a file that is not
+    valid JSON."""
+    found = measured(folder, read(folder / "published.json"))
+    if (folder / LONGER).is_dir():
+        found.longer = measured(folder / LONGER, found.published)
+    return found
+
+
+def measured(folder: Path, published: dict) -> Results:
+    """The results in one folder."""
+    found = Results(published)
     for path in sorted(folder.glob("scores_*.json")):
         reports = read(path)
         data = path.stem.removeprefix("scores_")

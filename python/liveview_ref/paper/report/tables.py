@@ -69,6 +69,23 @@ def best_row(results: Results, data: str, method: str, views: int, suffix: str) 
     return results.row(data, method, views, f"planes:{results.most_planes(data, method, views)}{suffix}")
 
 
+def longer(results: Results) -> str:
+    """The methods that were trained for more samples, beside the same with fewer."""
+    if not results.longer:
+        return "Not trained yet."
+    rows, lengths = [], set()
+    for method, views, suffix in comparison_rows(results.longer):
+        report, short = (each.scores.get(("rig", method, views)) for each in (results.longer, results))
+        if report and short and report["about"].get("samples"):
+            lengths.add((short["about"]["samples"], report["about"]["samples"]))
+            cells = [cell(best_row(each, "rig", method, views, suffix)) for each in (results, results.longer)]
+            rows.append([str(views), title(method) + suffix, str(results.most_planes("rig", method, views)), *cells])
+    if not rows:
+        return "Not scored yet."
+    before, after = (" to ".join(f"{n:,}" for n in sorted({*found})) for found in zip(*lengths, strict=True))
+    return table(["V", "method", "planes", f"after {before} samples", f"after {after} samples"], rows)
+
+
 def missing(results: Results) -> str:
     """A sentence for each cell of the paper's tables without a figure of ours."""
     lines = []

@@ -54,6 +54,23 @@ def sentences(results: Results, data: str, method: str, views: int) -> list[str]
     return out
 
 
+def longer_verdicts(results: Results) -> str:
+    """For each number of views: LiveView by the paper's composite against each other network, after
+    longer training."""
+    lines = []
+    for views in sorted({v for m, v in results.longer.methods("rig") if m == "liveview"} if results.longer else ()):
+        found = {
+            title(m): row["psnr"]
+            for m, v in results.longer.methods("rig")
+            if v == views
+            and (row := results.longer.row("rig", m, v, f"planes:{results.longer.most_planes('rig', m, v)}"))
+        }
+        own = found.pop(title("liveview"))
+        for name, psnr in found.items():
+            lines.append(f"- **V = {views}**: LiveView {own:.2f} dB, {name} {psnr:.2f} dB ({own - psnr:+.2f}).")
+    return "\n".join(lines)
+
+
 def ablation_verdicts(results: Results) -> str:
     """For each number of views with all four methods of the ablation, by the paper's composite: the
     gain of each of the two choices on 64 planes, and the loss of 16 planes against them."""
