@@ -40,7 +40,7 @@ RATE, WARM_UP = 5e-4, 100
 AVERAGE = 0.997
 ALPHA_WEIGHT = 0.05  # of the supervision of alpha by the known depth
 TURN = 50  # steps
-VALIDATE_EVERY = 250
+VALIDATE_EVERY = 500
 STATISTICS = 12  # batches for the estimate of BatchNorm's statistics
 
 Samples = Callable[[int, int], Sample]  # by the number of views and the sample's number
