@@ -22,10 +22,11 @@ def psnr(results: Results, method: str, views: int, composite: str = "") -> str 
 
 
 def headline(results: Results) -> str:
-    """The paper's network against the strongest method trained beside it, then this
-    program against Soft3D."""
-    own, other = (psnr(results, method, 5) for method in ("liveview", "local_light_field"))
-    competing = psnr(results, "liveview", 5, COMPETING)
+    """The paper's network against the strongest method trained beside it, by the longest training,
+    then this program against Soft3D."""
+    trained = results.longer or results
+    own, other = (psnr(trained, method, 5) for method in ("liveview", "local_light_field"))
+    competing = psnr(trained, "liveview", 5, COMPETING)
     program, soft3d = (psnr(results, method, 4) for method in ("liveview_no_network", "soft3d"))
     if not all((own, other, competing, program, soft3d)):
         return "Not scored yet."
