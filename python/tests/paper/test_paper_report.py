@@ -185,13 +185,14 @@ def test_longer_training_stands_beside_the_shorter(models):
         for name, better in (("liveview", 1.5), ("local_light_field", 0.0), ("stereo_magnification", -1.0)):
             own = scored(name, 5, psnr + better, competing=name == "liveview")
             saved(folder, own | {"about": own["about"] | {"samples": samples}})
-    (longer / "training.json").write_text(json.dumps({"liveview_v5": {"history": [{"samples": 1000, "psnr": 20.0}]}}))
+    trained = {"history": [{"samples": 1000, "psnr": 20.0}], "planes": 32}
+    (longer / "training.json").write_text(json.dumps({"liveview_v5": trained, "local_light_field_v5": trained}))
     text = page(models)
-    assert "after 3,000 samples | after 15,000 samples |" in text
-    assert "| 5 | LiveView | 64 | 24.50 ± 0.25 / 0.9300 / 0.1000 | 26.50 ± 0.25 / 0.9300 / 0.1000 |" in text
-    assert "| 5 | LiveView, competing | 64 | 27.50 ± 0.25" in text
-    assert "- **V = 5**: LiveView 26.50 dB, Local Light Field (Local LF) 25.00 dB (+1.50)." in text
-    assert "LiveView 26.50 dB, Stereo Magnification 24.00 dB (+2.50)." in text
+    cells = "24.50 ± 0.25 / 0.9300 / 0.1000 | 25.50 ± 0.25 / 0.9200 / 0.1000"
+    assert f"| 5 | LiveView | 3,000 / 15,000 | 64 / 32 | {cells} |" in text
+    assert "| 5 | LiveView, competing | 3,000 / 15,000 | 64 / 32 | 27.50 ± 0.25" in text
+    assert "- **V = 5**: LiveView 25.50 dB, Local Light Field (Local LF) 24.00 on 32 planes (+1.50 dB" in text
+    assert "LiveView 25.50 dB, Stereo Magnification 24.00 on 64 planes (+1.50 dB for LiveView)." in text
     assert (models / "longer.svg").exists()
 
 

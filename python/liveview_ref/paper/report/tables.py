@@ -2,6 +2,7 @@
 each missing figure."""
 
 from ..measure.variants import COMPETING
+from ..methods.registry import entry
 from .results import ABLATION, ABLATION_VIEWS, METRICS, ON_FEWER, ON_FEWER_VIEWS, Results, ablation_alone, title
 
 DATA = {"rig": "rig scenes", "real": "real photos"}
@@ -69,21 +70,26 @@ def best_row(results: Results, data: str, method: str, views: int, suffix: str) 
     return results.row(data, method, views, f"planes:{results.most_planes(data, method, views)}{suffix}")
 
 
+def on_training_planes(results: Results, method: str, views: int, suffix: str = "") -> tuple[int, dict | None]:
+    """The number of planes that a method's weights were trained on, and its scores with it: some
+    networks need that number."""
+    own = entry(f"{method}_v{views}")
+    planes = results.trained.get(own.weights_key, {}).get("planes", own.training_planes)
+    return planes, results.row("rig", method, views, f"planes:{planes}{suffix}")
+
+
 def longer(results: Results) -> str:
     """The methods that were trained for more samples, beside the same with fewer."""
     if not results.longer:
         return "Not trained yet."
-    rows, lengths = [], set()
+    both, rows = (results, results.longer), []
     for method, views, suffix in comparison_rows(results.longer):
-        report, short = (each.scores.get(("rig", method, views)) for each in (results.longer, results))
-        if report and short and report["about"].get("samples"):
-            lengths.add((short["about"]["samples"], report["about"]["samples"]))
-            cells = [cell(best_row(each, "rig", method, views, suffix)) for each in (results, results.longer)]
-            rows.append([str(views), title(method) + suffix, str(results.most_planes("rig", method, views)), *cells])
-    if not rows:
-        return "Not scored yet."
-    before, after = (" to ".join(f"{n:,}" for n in sorted({*found})) for found in zip(*lengths, strict=True))
-    return table(["V", "method", "planes", f"after {before} samples", f"after {after} samples"], rows)
+        if all(("rig", method, views) in each.scores for each in both):
+            samples = " / ".join(f"{each.scores['rig', method, views]['about']['samples']:,}" for each in both)
+            found = [on_training_planes(each, method, views, suffix) for each in both]
+            planes = " / ".join(str(count) for count, _ in found)
+            rows.append([str(views), title(method) + suffix, samples, planes, *(cell(row) for _, row in found)])
+    return table(["V", "method", "samples", "planes", "before", "after"], rows) if rows else "Not scored yet."
 
 
 def missing(results: Results) -> str:

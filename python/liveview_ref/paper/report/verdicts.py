@@ -2,6 +2,7 @@
 
 from ..measure.variants import COMPETING
 from .results import ABLATION, ABLATION_VIEWS, OWN_VARIANTS, PRETRAINED, Results, counted, title
+from .tables import on_training_planes
 
 GOAL = 30.0  # dB, on 64 planes by the better composite
 OURS = ("liveview", *PRETRAINED)
@@ -57,17 +58,16 @@ def sentences(results: Results, data: str, method: str, views: int) -> list[str]
 def longer_verdicts(results: Results) -> str:
     """For each number of views: LiveView by the paper's composite against each other network, after
     longer training."""
+    rows = results.longer.methods("rig") if results.longer else []
     lines = []
-    for views in sorted({v for m, v in results.longer.methods("rig") if m == "liveview"} if results.longer else ()):
-        found = {
-            title(m): row["psnr"]
-            for m, v in results.longer.methods("rig")
-            if v == views
-            and (row := results.longer.row("rig", m, v, f"planes:{results.longer.most_planes('rig', m, v)}"))
-        }
-        own = found.pop(title("liveview"))
-        for name, psnr in found.items():
-            lines.append(f"- **V = {views}**: LiveView {own:.2f} dB, {name} {psnr:.2f} dB ({own - psnr:+.2f}).")
+    for views in [v for m, v in rows if m == "liveview"]:
+        own = on_training_planes(results.longer, "liveview", views)[1]["psnr"]
+        for method in [m for m, v in rows if v == views and m != "liveview"]:
+            planes, row = on_training_planes(results.longer, method, views)
+            other = f"{title(method)} {row['psnr']:.2f} on {planes} planes"
+            lines.append(
+                f"- **V = {views}**: LiveView {own:.2f} dB, {other} ({own - row['psnr']:+.2f} dB for LiveView)."
+            )
     return "\n".join(lines)
 
 
