@@ -8,7 +8,7 @@ from pathlib import Path
 
 from liveview_ref.paper.measure.variants import COMPETING
 from liveview_ref.paper.report.results import Results, load
-from liveview_ref.paper.report.tables import best_row
+from liveview_ref.paper.report.tables import on_training_planes
 
 from .marked_text import fill
 
@@ -16,8 +16,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def psnr(results: Results, method: str, views: int, composite: str = "") -> str | None:
-    """Of a method on its most planes, in dB; None if it is not scored."""
-    row = best_row(results, "rig", method, views, composite)
+    """Of a method on the planes of its training, in dB; None if it is not scored."""
+    row = on_training_planes(results, method, views, composite)[1]
     return f"{row['psnr']:.1f}" if row else None
 
 
