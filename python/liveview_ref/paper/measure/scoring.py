@@ -107,7 +107,7 @@ def load(entry: Entry, runs: Path, samples: train.Samples) -> tuple[Method, dict
         numbers = [(last - 1 - n) % last for n in range(train.STATISTICS * train.BATCH)]
         drawn = [samples(entry.views, n) for n in numbers]
         batches = [drawn[i : i + train.BATCH] for i in range(0, len(drawn), train.BATCH)]
-        train.estimate_statistics(method, batches, state.get("planes", entry.training_planes))
+        train.estimate_statistics(method, batches, entry.planes_of(state))
     return method.eval(), about
 
 

@@ -31,6 +31,11 @@ class Entry:
     def training_planes(self) -> int:
         return self.fewer or max(self.planes)
 
+    def planes_of(self, training: dict) -> int:
+        """Planes of a training of it: a checkpoint, or its figures in training.json, of which the
+        oldest lack them."""
+        return training.get("planes", self.training_planes)
+
     @property
     def key(self) -> str:
         """The name of its folder and its results."""

@@ -43,7 +43,7 @@ def figures_of(entry: Entry, path: Path) -> dict:
     except (RuntimeError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: average: {error}; expected the weights of {entry.key}") from error
     figures = {"step": state["step"], "samples": state["step"] * train.BATCH, "seconds": round(state["seconds"])}
-    figures["planes"] = state.get("planes", entry.training_planes)
+    figures["planes"] = entry.planes_of(state)
     figures["parameters"] = sum(weight.numel() for weight in method.parameters())
     return figures | {"history": state["history"]}
 
@@ -67,7 +67,7 @@ def row(entry: Entry, figures: dict) -> list[str]:
     if last and last["step"] != figures["step"]:
         psnr += f" at step {last['step']:,}"
     counts = [f"{figures[name]:,}" for name in ("parameters", "step", "samples")]
-    start = [title(entry.name), str(entry.views), str(figures.get("planes", entry.training_planes))]
+    start = [title(entry.name), str(entry.views), str(entry.planes_of(figures))]
     return [*start, *counts, f"{figures['seconds'] / 3600:.2f}", psnr]
 
 

@@ -74,7 +74,7 @@ def on_training_planes(results: Results, method: str, views: int, suffix: str = 
     """The number of planes that a method's weights were trained on, and its scores with it: some
     networks need that number."""
     own = entry(f"{method}_v{views}")
-    planes = results.trained.get(own.weights_key, {}).get("planes", own.training_planes)
+    planes = own.planes_of(results.trained.get(own.weights_key, {}))
     return planes, results.row("rig", method, views, f"planes:{planes}{suffix}")
 
 
