@@ -31,9 +31,9 @@ def headline(results: Results) -> str:
     if not all((own, other, competing, program, soft3d)):
         return "Not scored yet."
     return (
-        "Against [other methods](docs/paper-comparison.md), trained alike at V = 5: Local Light Field reaches\n"
-        f"{other} dB, LiveView {own} with the paper's blend and {competing} when planes compete. At V = 4, Soft3D,\n"
-        f"which needs no training, reaches {soft3d} dB, *surface* without a network {program}."
+        "Against [other methods](docs/paper-comparison.md), trained alike on generated scenes, V = 5: Local Light\n"
+        f"Field reaches {other} dB, LiveView {own} by the paper's composite and {competing} by a softmax over planes.\n"
+        f"V = 4: Soft3D, which needs no training, reaches {soft3d} dB, *surface* without a network {program}."
     )
 
 

@@ -36,7 +36,7 @@ def ways(report: dict) -> str:
     ways = (
         ("a good picture", "*surface* (default)", SURFACE, NO_NETWORK),
         ("the paper's planes", "*paper*: `--quality paper`", PAPER, CPU),
-        ("one picture at once", "*fast*: `--quality fast`", FAST, CPU),
+        ("a single picture soonest", "*fast*: `--quality fast`", FAST, CPU),
     )
     lines = ["| I want | use | PSNR dB, SSIM | it costs, in seconds |", "|---|---|---|---|"]
     for want, use, layers, engine in ways:

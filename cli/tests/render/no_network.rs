@@ -109,3 +109,18 @@ fn logits_are_the_agreement_of_the_views() {
     let of_views = logits.slice(ndarray::s![.., 1.., .., ..]);
     assert!(of_views.iter().all(|logit| logit.abs() <= 2.0) && of_views.iter().any(|&logit| logit != 0.0));
 }
+
+#[test]
+fn a_note_says_that_a_model_was_trained_for_competing_layers_alone() {
+    let folders = Folders::new();
+    let models = concat!(env!("CARGO_MANIFEST_DIR"), "/../models");
+    let arguments = ["--target", "2", "--views", "2", "--layers", "planes:2", "-o", &folders.out("a.png")];
+    for (alpha, noted) in [("competing", false), ("independent", true)] {
+        let mut render = folders.liveview("render", &arguments);
+        let output = render.args(["--alpha", alpha]).env("LIVEVIEW_MODELS", models).output().unwrap();
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{stderr}");
+        let note = stderr.contains("liveview_v2.onnx was trained for competing layers alone");
+        assert_eq!(note, noted, "{alpha}: {stderr}");
+    }
+}

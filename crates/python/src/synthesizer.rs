@@ -109,8 +109,8 @@ impl Synthesizer {
         Ok(Frames::new(Arc::clone(&self.engine), shots))
     }
 
-    /// The depth of a view's photo, searched among its neighbours. Beyond 128 MiB, depths are kept
-    /// until those of all views have been asked for.
+    /// The depth of a view's photo, searched among its neighbours. Depths that views not yet
+    /// asked for need stay in memory, others within 128 MiB.
     fn depth<'py>(&self, py: Python<'py>, photo: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let view = view_index(&self.scene.get().0, "photo", photo)?;
         let later = self.ask(view);

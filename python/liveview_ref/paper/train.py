@@ -181,7 +181,7 @@ def main() -> None:
     parser.add_argument("--start", type=Path, help="the --out of another training, for the initial weights")
     parser.add_argument("--only", nargs="+", metavar="METHOD", help="these methods alone, such as liveview_v4")
     parser.add_argument("--planes", type=int, help="train on at most that many planes")
-    parser.add_argument("--steps", type=int, default=20_000)
+    parser.add_argument("--steps", type=int, default=500, help="of each method; default: as the page's first table")
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)

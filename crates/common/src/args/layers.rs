@@ -60,7 +60,7 @@ pub struct LayerArgs {
 enum Quality {
     /// 3 layers along the surface from the photos' depth; best quality (surface:3)
     Surface,
-    /// 16 planes selected from 64 by the network, as in the paper (select:16/64)
+    /// 16 planes selected from 64 by the network (select:16/64)
     Paper,
     /// 1 guided layer with the network; fastest for a single picture (guided:1)
     Fast,

@@ -190,6 +190,10 @@ impl ModelArgs {
         if options.precision == Precision::Bf16 && !cpu_has_bf16() {
             print_message("note", "--precision bf16: this CPU does not support it; OpenVINO computes in f32");
         }
+        if self.alpha == Some(AlphaKind::Independent) && card.alpha == AlphaKind::Competing {
+            let model = path.display();
+            print_message("note", format_args!("--alpha independent: {model} was trained for competing layers alone"));
+        }
         if let Some(expected) = self.views.filter(|&expected| expected != card.views) {
             bail!("{}: metadata `views` is {}, expected {expected} (--views {expected})", path.display(), card.views);
         }

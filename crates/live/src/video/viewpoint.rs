@@ -14,7 +14,7 @@ const HEADING: &str = "Viewpoint (one of these)";
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 pub(super) struct ViewpointArgs {
-    /// Camera of the rig, by name: held out, and used to score the frames
+    /// Camera of the rig, by name: held out, and, without --latency, used to score the frames
     #[arg(long, value_name = "NAME", help_heading = HEADING)]
     camera: Option<String>,
     /// Path of N frames: line:N back and forth, circle:N or spiral:N repeated

@@ -143,8 +143,8 @@ class Synthesizer:
     def render_path(self, targets: Sequence[CameraLike]) -> Frames:
         """The pictures of cameras along a path, one after the other, over one depth range."""
     def depth(self, photo: str | SupportsIndex) -> ViewDepth:
-        """The depth of a view's photo, searched among its neighbours. Beyond 128 MiB, depths are
-        kept until those of all views have been asked for."""
+        """The depth of a view's photo, searched among its neighbours. Depths that views
+        not yet asked for need stay in memory, others within 128 MiB."""
     @property
     def scene(self) -> Scene:
         """The scene."""

@@ -80,7 +80,8 @@ def scored(results: Results) -> str:
         parts.append(f"{tables.DATA[data]}: {count}, trained on {trained}")
         for key, names in lost.items():
             if names:
-                left_out.setdefault(", ".join(names), []).append(f"`{key}`")
+                name, views = key.rsplit("_v", 1)
+                left_out.setdefault(", ".join(names), []).append(f"{title(name)} at V = {views}")
     lines = [f"- {', '.join(keys)}: {names}" for names, keys in left_out.items()]
     found = [f"Every row of a column is over the same targets. {'; '.join(parts)}.", *([LEFT_OUT] if lines else [])]
     return "\n".join([*found, *lines]) if parts else "Nothing is scored yet."
