@@ -63,7 +63,8 @@ def loss_of(method: Method, samples: list[Sample], count: int) -> Tensor:
 
 @dataclass
 class Trainee:
-    """A method in training; `average` are the averaged weights."""
+    """A method in training; `average` are the averaged weights. ValueError for a checkpoint of a
+    training on another number of planes."""
 
     entry: Entry
     folder: Path
@@ -87,6 +88,8 @@ class Trainee:
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.checkpoint.exists():
             state = load_state(self.checkpoint)
+            if (before := self.entry.planes_of(state)) != self.planes:
+                raise ValueError(f"{self.checkpoint}: planes: {before}; expected {self.planes} (--planes)")
             for name in ("method", "average", "optimiser"):
                 getattr(self, name).load_state_dict(state[name])
             self.step, self.seconds, self.history = state["step"], state["seconds"], state["history"]
@@ -190,7 +193,10 @@ def main() -> None:
     chosen = [e for e in ENTRIES if e.trained and (not args.only or e.key in args.only)]
     if not chosen:
         parser.error(f"--only {' '.join(args.only)}: expected some of {', '.join(e.key for e in ENTRIES if e.trained)}")
-    trainees = [Trainee(e, args.out / e.key, args.start and args.start / e.key, args.planes) for e in chosen]
+    try:
+        trainees = [Trainee(e, args.out / e.key, args.start and args.start / e.key, args.planes) for e in chosen]
+    except ValueError as error:
+        parser.error(str(error))
     stopped = []
     signal.signal(signal.SIGTERM, lambda *_: stopped.append(True))  # the turn ends with its checkpoint
     while not stopped and (behind := min(trainees, key=lambda t: t.step)).step < args.steps:

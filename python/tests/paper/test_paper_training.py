@@ -1,5 +1,6 @@
 """The comparison's rig, its scenes and its training."""
 
+import pytest
 import torch
 
 from liveview_ref.paper import train
@@ -103,3 +104,13 @@ def test_training_on_fewer_planes_leaves_methods_made_for_a_number_of_planes(tmp
     assert train.Trainee(any_number, tmp_path, most=3).planes == 3
     assert train.Trainee(any_number, tmp_path, most=8).planes == 4
     assert train.Trainee(fixed, tmp_path, most=3).planes == 4
+
+
+def test_training_does_not_continue_on_another_number_of_planes(tmp_path):
+    entry = registry.Entry("tint", 4, Tint, planes=(2, 4))
+    trained = train.Trainee(entry, tmp_path, most=3)
+    states = {name: getattr(trained, name).state_dict() for name in ("method", "average", "optimiser")}
+    torch.save(states | {"step": 0, "seconds": 0.0, "history": [], "planes": 3}, trained.checkpoint)
+    assert train.Trainee(entry, tmp_path, most=3).planes == 3
+    with pytest.raises(ValueError, match=r"checkpoint\.pt: planes: 3; expected 2 \(--planes\)"):
+        train.Trainee(entry, tmp_path, most=2)
