@@ -29,7 +29,7 @@ pub enum LayersError {
     },
     /// Near and far are not a range of depths.
     #[error(
-        "near is {near:?} and far is {far:?}: expected 0 < near < far, in scene units, and a 1 / near that f32 holds"
+        "near is {near:?} and far is {far:?}: expected 0 < near < far, in scene units (if not given: the scene's), and a 1 / near that f32 holds"
     )]
     Range {
         /// The nearest depth given, scene units.

@@ -37,6 +37,12 @@ pub enum SceneError {
         /// The expected value.
         expected: String,
     },
+    /// A file lists no view, or none whose photo there is.
+    #[error("{}: no views; expected at least one", path.display())]
+    NoViews {
+        /// The file.
+        path: PathBuf,
+    },
     /// A feature of the format that is not implemented, such as a panoramic camera model.
     #[error("{}: {what} is not supported; {hint}", path.display())]
     Unsupported {

@@ -102,7 +102,7 @@ impl Scene {
         } else {
             let readers = READERS.into_iter().filter(|reader| (reader.is_in)(root));
             let mut readers = readers.filter(|reader| photos.supports(reader.format));
-            let reader = readers.next().ok_or_else(|| no_scene("no scene found"))?;
+            let reader = readers.next().ok_or_else(|| no_scene(&formats::why_none_reads(root)))?;
             (reader.format, (reader.open)(root, &*photos, options)?, readers.map(|other| other.format).collect())
         };
         let (views, mut notes) = view::from_declared(declared, options)?;

@@ -90,7 +90,7 @@ pub(super) fn from_declared(
 ) -> Result<(Vec<View>, Vec<String>), SceneError> {
     let DeclaredViews { cameras, views: mut declared, mut notes } = found;
     if declared.is_empty() {
-        return Err(SceneError::malformed(cameras, "no views", "at least one"));
+        return Err(SceneError::NoViews { path: cameras });
     }
     declared.sort_by(|a, b| a.photo.name.cmp(&b.photo.name));
     if let Some(pair) = declared.windows(2).find(|pair| pair[0].photo.name == pair[1].photo.name) {

@@ -43,6 +43,9 @@ pub(crate) struct SelectArgs {
 }
 
 pub(crate) fn run(args: &SelectArgs) -> Result<Output> {
+    if args.model.without_network() {
+        bail!("--network none: cannot be used here: a network selects the planes");
+    }
     let views = args.scene.open()?;
     print_notes(&views.scene().notes);
     let target = Targets::held_out(views.scene(), vec![views.scene().view_index(&args.target)?]);

@@ -121,6 +121,10 @@ fn invalid_list_is_an_error_before_the_first_command() {
     refused(&format!("{good}\n[\"scene\", 8]"), &["line 2", "expected a list of words"]);
     refused(&format!("{good}\n[\"scene\", \"--no-such\"]"), &["line 2", "unexpected argument '--no-such'"]);
     refused(&format!("{good}\n[\"scene\", \"-o\", \"a.png\"]"), &["line 2", "--target"]);
+    refused(
+        &format!("{good}\n[\"scene\", \"--widht\", \"9\"]"),
+        &["line 2: unexpected argument '--widht' found tip: a", "'--width'"],
+    );
     let two_threads = good.to_string().replace("\"1\"", "\"2\"");
     refused(&format!("{good}\n{two_threads}"), &["line 2: 2 threads, but line 1 has 1"]);
     fs::write(list, good.to_string()).unwrap();

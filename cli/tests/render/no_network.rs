@@ -90,8 +90,12 @@ fn options_of_the_network_are_errors_without_one() {
     for option in [["--model", &model], ["--precision", "f32"], ["--engine", "cpu"], ["--ort-lib", "lib.so"]] {
         refused("render", &[&["-o", &picture], &option[..]].concat(), &["--network", option[0], "cannot be used with"]);
     }
-    refused("render", &["-o", &picture, "--layers", "select:2/4"], &["--network none", "select:2/4", "opacities"]);
-    refused("select", &["--layers", "select:2/4"], &["--network none", "select:2/4", "opacities"]);
+    refused(
+        "render",
+        &["-o", &picture, "--layers", "select:2/4"],
+        &["--network none", "select:2/4", "needs a network"],
+    );
+    refused("select", &["--layers", "select:2/4"], &["--network none", "cannot be used here"]);
     refused("sweep", &["-o", &picture, "--engines", "cpu int8"], &["--network", "--engines", "cannot be used with"]);
 }
 

@@ -197,7 +197,7 @@ fn options_that_cannot_work_are_refused_at_start() {
         let arguments = [&["--model", &model], arguments].concat();
         folders.assert_refused(&mut folders.liveview("view", &arguments), words);
     };
-    refused(&["--port", &port], &[&port, "expected a free port", "--port 0"]);
+    refused(&["--port", &port], &[&port, "expected a free port (--port 0: any)"]);
     refused(&["--port", "0", "--heldout", "1"], &["--heldout 1", "expected 2 or more"]);
     refused(&["--port", "0", "--target", "7"], &["7"]);
     refused(&["--port", "0", "--heldout", "2"], &["4 views are needed"]);

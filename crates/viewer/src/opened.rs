@@ -6,7 +6,6 @@ use anyhow::{Result, bail};
 use liveview::geometry::middle_camera;
 use liveview::network::RunEnd;
 use liveview::{Camera, Scene, Targets};
-use liveview_common::args::frame_rate::FrameRate;
 use liveview_common::console::{print_message, print_notes};
 use liveview_common::job::Job;
 use liveview_live::rig::Rig;
@@ -15,9 +14,6 @@ use crate::options::ViewArgs;
 use crate::renderer::{Photos, Source, Video};
 use crate::request_queue::RequestQueue;
 use crate::session_info::{EngineInfo, VideoInfo};
-
-/// Time steps per second of a rig without videos.
-const DEFAULT_RATE: f64 = 30.0;
 
 /// A source of pictures, and what the session is described by.
 pub(crate) struct Opened {
@@ -80,10 +76,7 @@ fn open_rig(args: &ViewArgs, rig: Rig) -> Result<Opened> {
     let camera = scene.views[start_view].camera.clone();
     let free: Vec<usize> = (0..scene.views.len()).filter(|view| !held_out.contains(view)).collect();
     let steps = rig.steps(&free)?;
-    let rate = match args.fps {
-        Some(rate) => rate.per_second(),
-        None => rig.rate()?.map_or(DEFAULT_RATE, FrameRate::per_second),
-    };
+    let rate = args.fps.map_or_else(|| rig.rate(), Ok)?.per_second();
     let (video, model, runs) = Video::open(rig, free, &args.layers, &args.model)?;
     video.cameras_for(&camera)?;
     Ok(Opened {

@@ -29,7 +29,7 @@ or use the arrow keys, with shift to turn. The space bar starts and stops the vi
 #[command(after_help = EXAMPLES)]
 pub struct ViewArgs {
     /// Port of the link; 0 for any free port
-    #[arg(long, value_name = "N", default_value_t = 8090)]
+    #[arg(long, value_name = "N", default_value = "8090", value_parser = numbers::port)]
     pub(crate) port: u16,
     /// Network address of this machine, to give others access by a token in the link
     ///

@@ -11,7 +11,10 @@ mod realestate10k;
 mod spaces;
 pub(super) mod transforms;
 
+use std::fs;
 use std::path::Path;
+
+use crate::fs::has_extension;
 
 use super::{DeclaredViews, Format, PhotoSource, SceneError, SceneOptions};
 
@@ -32,3 +35,15 @@ pub(super) const READERS: [Reader; 5] = [
     Reader { format: Format::RealEstate10k, is_in: realestate10k::is_in, open: realestate10k::open },
     Reader { format: Format::Colmap, is_in: |root| colmap::model_folder(root).is_some(), open: colmap::open },
 ];
+
+/// Why no reader opens a folder: what it lacks.
+pub(super) fn why_none_reads(folder: &Path) -> String {
+    if let Some(model) = colmap::incomplete_model(folder) {
+        return format!("no scene found: {model} lacks cameras or images, .bin or .txt");
+    }
+    let files = [folder.to_owned(), folder.join("images")].into_iter().flat_map(fs::read_dir).flatten().flatten();
+    match files.filter(|file| has_extension(&file.path(), &["png", "jpg", "jpeg"])).count() {
+        0 => "no scene found".to_owned(),
+        photos => format!("no scene found: {photos} photos, but no camera poses (COLMAP can find them)"),
+    }
+}

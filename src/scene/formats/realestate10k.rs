@@ -68,6 +68,9 @@ pub(super) fn views(bytes: &[u8], list: &PhotoList, mut lookup: PhotoLookup<'_>)
             depth_range: None,
         });
     }
+    if lookup.views.is_empty() && missing.is_empty() {
+        return Err(SceneError::malformed(path, "no camera after the first line", "a line for each photo"));
+    }
     if lookup.views.is_empty() {
         let place = list.folder.as_ref().map(|folder| format!(" in {folder}")).unwrap_or_default();
         let what = format!("none of its {} timestamps has a photo{place}", missing.len());

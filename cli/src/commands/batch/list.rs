@@ -40,8 +40,9 @@ pub(super) fn read(path: &Path) -> Result<Vec<ListedCommand>> {
         let parsed = Line::try_parse_from(&words).map_err(|error| {
             let message = error.to_string();
             let message = message.trim_end().strip_prefix("error: ").unwrap_or(message.trim_end());
-            // Without the usage, which follows after an empty line.
-            anyhow!("{at}: line {line_number}: {}", message.split("\n\n").next().unwrap_or(message))
+            let paragraphs = message.split("\n\n").take_while(|paragraph| !paragraph.starts_with("Usage"));
+            let words: Vec<&str> = paragraphs.flat_map(str::split_whitespace).collect();
+            anyhow!("{at}: line {line_number}: {}", words.join(" "))
         })?;
         Ok(ListedCommand { line: line_number, words, render: parsed.render })
     });

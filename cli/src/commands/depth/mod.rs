@@ -55,8 +55,8 @@ pub(crate) struct DepthArgs {
     threads: Option<usize>,
     /// Folder for the depth maps: disparity as 16-bit PNG, float32 array and colour picture
     ///
-    /// NAME.png: 16-bit disparity; 0 to 65535 is 0 to the disparity_max in NAME_scale.json, in
-    /// 1/scene unit; 0 is unconfirmed. NAME.npy: the same as float32; -1 is unconfirmed.
+    /// NAME.png: 16-bit disparity, which is 1/depth; 0 to 65535 stand for 0 to the disparity_max in
+    /// NAME_scale.json, in 1/scene unit; 0 is unconfirmed. NAME.npy: the same as float32; -1 is unconfirmed.
     /// NAME_colour.png: dark at far, light at near, black where unconfirmed.
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,

@@ -137,9 +137,13 @@ fn rig(views: &[View]) -> Section {
     let forward: Vec<DVec3> = cameras.iter().map(|camera| camera.forward()).collect();
     let angle = largest_angle(&forward).to_degrees();
     let DVec3 { x, y, z } = high - low;
+    let baseline = match views {
+        [_] => "none: a single view".to_owned(),
+        _ => format!("{median:.4} to the nearest view (median; {min:.4} to {max:.4})"),
+    };
     let text = format!(
         "rig        {x:.4} across, {y:.4} down, {z:.4} forward, in scene units; angles of up to {angle:.1} degrees\n\
-         baseline   {median:.4} to the nearest view (median; {min:.4} to {max:.4})\n"
+         baseline   {baseline}\n"
     );
     let baseline = json!({ "min": min, "median": median, "max": max });
     (text, json!({ "extent": [x, y, z], "baseline": baseline, "largest_angle_degrees": angle }))

@@ -31,8 +31,8 @@ pub(super) struct OutputArgs {
     output: Option<PathBuf>,
     /// Also write disparity, as 16-bit PNG and in colour
     ///
-    /// A file, or a folder for several pictures. 0 to 65535 is 0 to the disparity_max in *_scale.json, in 1/scene unit. *_colour.png is dark
-    /// at far, light at near.
+    /// A file, or a folder for several pictures. Disparity is 1/depth: the values 0 to 65535
+    /// stand for 0 to the disparity_max in *_scale.json, in 1/scene unit. *_colour.png is dark at far, light at near.
     #[arg(long, value_name = "PNG")]
     depth: Option<PathBuf>,
     /// Also write photo, picture and 4 times their difference
@@ -43,7 +43,7 @@ pub(super) struct OutputArgs {
     /// Write JPEG of this quality, 1 to 100, into a folder too [default: PNG into a folder, else 95]
     #[arg(long, value_name = "Q", value_parser = numbers::quality, requires = "output", conflicts_with = "shard")]
     jpeg_quality: Option<u8>,
-    /// Frames per second of a video: 30, 29.97 or 30000/1001
+    /// Frames per second of a video, 1 to 1000, such as 29.97 or 30000/1001
     #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]
     fps: FrameRate,
     /// Continue an interrupted run into the same folder

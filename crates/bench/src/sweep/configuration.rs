@@ -31,8 +31,8 @@ pub struct SweepArgs {
     /// Views to render, by name, all held out: scores are their means, times those of the first
     #[arg(long, value_name = "NAME,…", required = true)]
     pub(super) target: Vec<String>,
-    /// Layers to measure, separated by commas; surface layers also without a network [default: several
-    /// of each kind]
+    /// Layers to measure, separated by commas; with any surface layers, also surface:1 and surface:3 without a
+    /// network [default: several of each kind]
     #[arg(long, value_name = "LIST", default_value = LAYERS, hide_default_value = true, value_delimiter = ',')]
     pub(super) layers: Vec<LayerSpec>,
     /// Widths of the picture, separated by commas, to measure time against size [default: the photo's]

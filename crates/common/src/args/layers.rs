@@ -12,7 +12,7 @@ use super::help::ADVANCED;
 /// Options that choose the layers.
 #[derive(Debug, Args)]
 pub struct LayerChoice {
-    /// How to render [default: surface; with --network model, the model's layers]
+    /// How to render [default: surface; with a network, the model's layers]
     #[arg(long, value_enum, group = "which_layers")]
     quality: Option<Quality>,
     /// surface:L, guided:L, planes:D, select:K/D or list:… [default: as --quality]
@@ -36,13 +36,13 @@ pub struct LayerArgs {
     choice: LayerChoice,
     /// Do not balance the exposure and white balance of the photos
     ///
-    /// By default they are balanced, but for guided layers, so that points that several photos
+    /// By default they are balanced, except for guided layers, so that points that several photos
     /// confirm have the same colour in all of them.
     #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
     pub keep_exposure: bool,
     /// Do not sharpen the softer photos
     ///
-    /// By default they are sharpened, but for guided layers, as far as other photos show the same
+    /// By default they are sharpened, except for guided layers, as far as other photos show the same
     /// points sharper. With --keep-exposure too, planes do without the photos' depth, and lie from
     /// near to far.
     #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
@@ -103,7 +103,7 @@ pub fn given_or_recommended(layers: Option<&LayerSpec>, network: &dyn PlaneNetwo
         None => network.recommended_layers().map_err(|error| anyhow!("{error}, or --layers"))?,
     };
     if matches!(layers, LayerSpec::Select { .. }) && !network.predicts_opacity() {
-        bail!("--network none: {layers} selects planes by the opacities of a network; expected other --layers");
+        bail!("--network none: {layers} needs a network; expected --network model, or other --layers or --quality");
     }
     Ok(layers)
 }

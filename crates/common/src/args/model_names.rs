@@ -32,7 +32,10 @@ pub(super) fn provider_parser() -> impl TypedValueParser<Value = ExecutionProvid
 /// The provider of a name in lower or upper case.
 fn provider(name: &str) -> Result<ExecutionProvider, String> {
     let named = |provider: &ExecutionProvider| provider.name().eq_ignore_ascii_case(name);
-    ExecutionProvider::ALL.into_iter().find(named).ok_or_else(|| format!("invalid variant: {name}"))
+    ExecutionProvider::ALL.into_iter().find(named).ok_or_else(|| {
+        let names = ExecutionProvider::ALL.map(ExecutionProvider::name).join(", ");
+        format!("\"{name}\" is not an engine; expected one of {names}")
+    })
 }
 
 /// Values of `--precision`.
@@ -58,7 +61,11 @@ impl FromStr for ProviderChoice {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let (engine, precision) = text.trim().split_once(' ').map_or((text.trim(), None), |(e, p)| (e, Some(p)));
-        let precision = precision.map(|precision| PrecisionName::from_str(precision, true)).transpose()?;
+        let precision = precision.map(|text| {
+            PrecisionName::from_str(text, true)
+                .map_err(|_| format!("\"{text}\" is not a precision; expected f32, bf16 or int8"))
+        });
+        let precision = precision.transpose()?;
         Ok(Self { engine: provider(engine)?, precision })
     }
 }

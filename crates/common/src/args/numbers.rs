@@ -23,6 +23,16 @@ pub fn field_of_view(text: &str) -> Result<f64, String> {
     degrees.ok_or_else(|| "expected degrees from 1 to 170".to_owned())
 }
 
+/// Parses a depth, in scene units.
+pub(super) fn depth(text: &str) -> Result<f64, String> {
+    text.parse().map_err(|_| "expected a number of scene units, such as 1.5".to_owned())
+}
+
+/// Parses the number of a port.
+pub fn port(text: &str) -> Result<u16, String> {
+    in_range(text, 0..=65535).map(|port| port as u16)
+}
+
 fn in_range(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {
     let number = text.parse().ok().filter(|number| range.contains(number));
     number.ok_or_else(|| format!("expected a whole number from {} to {}", range.start(), range.end()))

@@ -18,10 +18,10 @@ pub struct SceneArgs {
     #[arg(long, value_name = "PIXELS", value_parser = numbers::count)]
     width: Option<usize>,
     /// Nearest depth, in scene units [default: from the scene, else found from the photos]
-    #[arg(long, value_name = "DEPTH", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEPTH", allow_negative_numbers = true, value_parser = numbers::depth)]
     near: Option<f64>,
     /// Farthest depth, in scene units, or inf [default: as the nearest]
-    #[arg(long, value_name = "DEPTH", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEPTH", allow_negative_numbers = true, value_parser = numbers::depth)]
     far: Option<f64>,
     /// Photo folder of a scene, such as images_4 [default: the format's usual ones]
     #[arg(long, value_name = "NAME", help_heading = ADVANCED, hide_short_help = true)]

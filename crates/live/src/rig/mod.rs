@@ -79,13 +79,13 @@ impl Rig {
         Ok(steps.collect::<Result<Vec<_>>>()?.into_iter().max().unwrap_or(0))
     }
 
-    /// The lowest frame rate of its videos, which is that of its time steps; `None` without videos.
+    /// The lowest frame rate of its videos, which is that of its time steps; 30 per second without videos.
     ///
     /// # Errors
     /// ffmpeg cannot read a video.
-    pub fn rate(&self) -> Result<Option<FrameRate>> {
+    pub fn rate(&self) -> Result<FrameRate> {
         let rates = self.feeds.iter().map(Feed::rate).collect::<Result<Vec<_>>>()?;
-        Ok(rates.into_iter().flatten().min())
+        Ok(rates.into_iter().flatten().min().unwrap_or(FrameRate { frames: 30, seconds: 1 }))
     }
 
     /// The cameras to read for these targets: for each the nearest of the `free` ones, `most` or as many as there are.
@@ -112,7 +112,8 @@ impl Rig {
 /// The scene of a rig's cameras, and the frames of each view.
 fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)> {
     if !root.is_dir() {
-        bail!("{}: expected the folder of a rig", root.display());
+        let what = if root.exists() { "is a file" } else { "does not exist" };
+        bail!("{}: {what}; expected the folder of a rig", root.display());
     }
     let mut feeds = find(root)?;
     let mut notes = align(feeds.iter_mut().filter_map(Feed::photos_mut).collect());
@@ -144,6 +145,13 @@ fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)>
         SceneError::NoScene { .. } => anyhow!(
             "{}: no poses found; expected transforms.json, poses_bounds.npy, models.json or a COLMAP model in sparse/0",
             root.display()
+        ),
+        SceneError::NoViews { path } => anyhow!(
+            "{}: none of its {} cameras has a pose in {}; expected a rig, with a folder of frames or a video for each camera; \
+             a scene of photos is for `liveview render`",
+            root.display(),
+            photos.cameras.len(),
+            path.display()
         ),
         error => error.into(),
     })?;

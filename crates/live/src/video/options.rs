@@ -47,15 +47,15 @@ pub struct VideoArgs {
     /// Video (.mp4, .gif; needs ffmpeg), folder of frames, or - for raw y4m on standard output
     #[arg(short, long, value_name = "PATH")]
     pub(super) output: PathBuf,
-    /// Frames per second: 30, 29.97 or 30000/1001
-    #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]
-    pub(super) fps: FrameRate,
+    /// Frames per second, 1 to 1000, such as 29.97 or 30000/1001 [default: its videos' rate, else 30]
+    #[arg(long, value_name = "N", value_parser = frame_rate)]
+    pub(super) fps: Option<FrameRate>,
     /// Time steps to render: A.., ..B or A..B, counted from 0, without B
     #[arg(long, value_name = "A..B", value_parser = range)]
     pub(super) frames: Option<Range<usize>>,
     /// Live: largest age of a frame, such as 100ms; quality is reduced to meet it
     ///
-    /// Frames are due at the cameras' times. If three frames in a row exceed the budget, or one
+    /// Frames are due at the rate of --fps. If three frames in a row exceed the budget, or one
     /// takes more than twice as long, the number of layers is reduced (surface layers first to one,
     /// then to guided layers), then the size, until it fits; quality is raised again step by step. A camera that is late by half of the latency is skipped, unless all are that slow.
     #[arg(long, value_name = "TIME", value_parser = duration)]

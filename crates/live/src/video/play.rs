@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use liveview::live::{LiveSession, LiveSettings, Policy};
 use liveview::{Camera, ImageRgb, LayerSpec};
 use liveview_common::args::layers::given_or_recommended;
-use liveview_common::console::{Output, print_notes, progress};
+use liveview_common::console::{Output, print_message, print_notes, progress};
 use liveview_common::interrupt::{self, Interrupted, Shortened};
 use liveview_common::outputs::OutputPlan;
 
@@ -27,8 +27,9 @@ const RENDER_SHARE: f64 = 0.9;
 
 /// Runs `liveview video`.
 pub fn run(args: &VideoArgs) -> Result<Output> {
-    let sink = Sink::new(&args.output, args.fps)?;
     let rig = Rig::open(&args.scene)?;
+    let fps = args.fps.map_or_else(|| rig.rate(), Ok)?;
+    let sink = Sink::new(&args.output, fps)?;
     print_notes(&rig.views.scene().notes);
     let viewpoint = args.viewpoint.resolve(&rig.views)?;
     let given = args.layers.given();
@@ -40,6 +41,9 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
     let mut renderers = args.model.open_smaller(views, given.as_ref())?;
     let fewest = renderers.iter().map(|renderer| renderer.network().views()).min().unwrap_or(views);
     let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != viewpoint.truth).collect();
+    if free.len() < views {
+        print_message("note", format_args!("a frame is made from {views} views, but there are only {}", free.len()));
+    }
     let read = rig.cameras_for(viewpoint.cameras(), &free, (fewest, views + SPARE_CAMERAS))?;
     let (near, far) = rig.views.depth_range(&read, &[])?;
     let mut settings = LiveSettings::new(near, far);
@@ -68,11 +72,11 @@ pub fn run(args: &VideoArgs) -> Result<Output> {
     }
     let mut live = None;
     if let Some(latency) = args.latency {
-        let budget = Duration::from_secs_f64(1.0 / args.fps.per_second()).min(latency).mul_f64(RENDER_SHARE);
+        let budget = Duration::from_secs_f64(1.0 / fps.per_second()).min(latency).mul_f64(RENDER_SHARE);
         let governor = Governor::new(budget, &layers, opacities);
         let warm = warm_up(&mut session, &read, viewpoint.camera(first), &governor);
         warm.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error })?;
-        live = Some((governor, Clock::new((first, last), args.fps.per_second(), latency)));
+        live = Some((governor, Clock::new((first, last), fps.per_second(), latency)));
     }
     // A live video is not scored: that would take too long.
     let truth = viewpoint.truth.filter(|_| live.is_none());

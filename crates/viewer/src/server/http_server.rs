@@ -20,8 +20,8 @@ const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 pub(crate) fn listen(bind: Option<IpAddr>, port: u16) -> Result<(TcpListener, SocketAddr)> {
     let address = SocketAddr::new(bind.unwrap_or(Ipv4Addr::LOCALHOST.into()), port);
     let listener = TcpListener::bind(address);
-    let listener =
-        listener.with_context(|| format!("{address}: expected a free port of this machine (--port 0: any)"))?;
+    let listener = listener
+        .with_context(|| format!("{address}: expected a free port (--port 0: any) at an address of this machine"))?;
     listener.set_nonblocking(true)?;
     let address = listener.local_addr()?;
     Ok((listener, address))

@@ -37,6 +37,11 @@ pub(super) fn model_folder(root: &Path) -> Option<(PathBuf, ModelFormat)> {
     })
 }
 
+/// The folder of a sparse model that lacks files, if there is one.
+pub(super) fn incomplete_model(root: &Path) -> Option<&'static str> {
+    ["sparse/0", "colmap/sparse/0", "sparse"].into_iter().find(|folder| root.join(folder).is_dir())
+}
+
 pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
     let Some((folder, format)) = model_folder(root) else {
         return Err(SceneError::malformed(root, "no COLMAP model", "sparse/0 with cameras and images, .bin or .txt"));
