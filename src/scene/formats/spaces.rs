@@ -32,14 +32,11 @@ pub(super) fn views(bytes: &[u8], position: usize, mut lookup: PhotoLookup<'_>) 
         .as_array()
         .ok_or_else(|| SceneError::malformed(path, "the file is not a list", "a list of rig positions"))?;
     let cameras = rigs.get(position).and_then(Value::as_array).ok_or_else(|| {
-        let (what, expected) = match rigs.get(position) {
-            Some(_) => (format!("rig position {position} is not a list"), "a list of cameras".to_owned()),
-            None => {
-                let what = format!("rig position {position} does not exist, the file has {}", rigs.len());
-                (what, format!("a number below {}", rigs.len()))
-            }
+        let what = match rigs.get(position) {
+            Some(_) => format!("rig position {position} is not a list"),
+            None => format!("rig position {position} does not exist, the file has {}", rigs.len()),
         };
-        SceneError::malformed(path, what, expected)
+        SceneError::malformed(path, what, "a list of cameras at that position (the first is 0)")
     })?;
     for (index, camera) in cameras.iter().enumerate() {
         let place = format!("[{position}][{index}]");
