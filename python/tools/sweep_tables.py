@@ -78,8 +78,8 @@ def excerpt(report: dict) -> str:
 
 
 def int8_gain(report: dict) -> str:
-    """How many times as fast int8 is as f32 on the CPU, on the guided layers that gain most: surface
-    layers have different networks in f32 and int8."""
+    """How many times as fast int8 is as f32 on the CPU, on the guided layers that gain most.
+    Surface layers have different networks in f32 and int8."""
     seconds: dict[str, dict[str, float]] = {}
     for row in report["rows"]:
         if row["layers"].startswith("guided"):
