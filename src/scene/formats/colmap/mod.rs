@@ -28,10 +28,12 @@ use crate::scene::{DeclaredView, DeclaredViews, PhotoList, PhotoSource, SceneErr
 /// Tracked points that a view needs for a depth range.
 const MIN_POINTS: usize = 8;
 
+/// Where a sparse model may lie, in order of precedence.
+const MODEL_FOLDERS: [&str; 4] = ["sparse/0", "sparse", "", "colmap/sparse/0"];
+
 /// The folder of the sparse model, and its format.
 pub(super) fn model_folder(root: &Path) -> Option<(PathBuf, ModelFormat)> {
-    let folders = ["sparse/0", "sparse", "", "colmap/sparse/0"].map(|folder| root.join(folder));
-    folders.into_iter().find_map(|folder| {
+    MODEL_FOLDERS.map(|folder| root.join(folder)).into_iter().find_map(|folder| {
         let format = [binary::FORMAT, text::FORMAT].into_iter().find(|format| format.is_in(&folder))?;
         Some((folder, format))
     })
@@ -39,7 +41,7 @@ pub(super) fn model_folder(root: &Path) -> Option<(PathBuf, ModelFormat)> {
 
 /// The folder of a sparse model that lacks files, if there is one.
 pub(super) fn incomplete_model(root: &Path) -> Option<&'static str> {
-    ["sparse/0", "colmap/sparse/0", "sparse"].into_iter().find(|folder| root.join(folder).is_dir())
+    MODEL_FOLDERS.into_iter().find(|folder| !folder.is_empty() && root.join(folder).is_dir())
 }
 
 pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
