@@ -23,10 +23,10 @@ use std::convert::Infallible;
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use super::fusion::splat::splat;
+use super::fusion::splat::{Single, splat};
 use super::fusion::surface::{AVERAGED_PX, SAME_SURFACE_PX};
 use super::fusion::{ConfirmedDepth, confirmed_by};
-use super::neighbourhood::extremes3;
+use super::neighbourhood::{extremes3, share_of_known};
 use super::search::anchors::Anchors;
 use super::search::cell_search::CellSearch;
 use super::search::depth_map::PhotoDepth;
@@ -141,9 +141,9 @@ impl Group {
 
     /// The confirmed depths splatted to the first photo; −1 in holes and at their edges.
     fn carried(&self, px: f32) -> Array2<f32> {
-        let maps: Vec<_> = self.cameras.iter().zip(&self.confirmed).collect();
+        let maps: Vec<_> = self.cameras.iter().zip(self.confirmed.iter().map(|map| &map.disparity)).collect();
         let size = self.cameras[0].size();
-        let map = splat(&maps, &self.cameras[0], size, (SAME_SURFACE_PX * px, AVERAGED_PX * px));
+        let map = splat(&maps, &self.cameras[0], size, (SAME_SURFACE_PX * px, AVERAGED_PX * px), Single::Kept);
         let (largest, _) = extremes3(&map, size.width);
         let holes_far: Vec<f32> = map.iter().map(|&d| if d < 0.0 { f32::MAX } else { d }).collect();
         let (_, smallest) = extremes3(&holes_far, size.width);
@@ -153,18 +153,8 @@ impl Group {
     }
 }
 
-/// Which cells are confirmed (≥ 0), or more than a third of those around them, by sums over rectangles.
+/// Which cells are confirmed (≥ 0), or more than a third of those around them.
 fn mostly_confirmed(confirmed: &Array2<f32>) -> Array2<bool> {
-    let (height, width) = confirmed.dim();
-    let mut sums = Array2::<u32>::zeros((height + 1, width + 1));
-    for ((y, x), &disparity) in confirmed.indexed_iter() {
-        let count = u32::from(disparity >= 0.0);
-        sums[(y + 1, x + 1)] = count + sums[(y, x + 1)] + sums[(y + 1, x)] - sums[(y, x)];
-    }
-    Array2::from_shape_fn((height, width), |(y, x)| {
-        let (top, bottom) = (y.saturating_sub(WINDOW_RADIUS), (y + WINDOW_RADIUS + 1).min(height));
-        let (left, right) = (x.saturating_sub(WINDOW_RADIUS), (x + WINDOW_RADIUS + 1).min(width));
-        let count = sums[(bottom, right)] + sums[(top, left)] - sums[(top, right)] - sums[(bottom, left)];
-        confirmed[(y, x)] >= 0.0 || 3 * count as usize > (bottom - top) * (right - left)
-    })
+    let share = share_of_known(confirmed, WINDOW_RADIUS);
+    Array2::from_shape_fn(confirmed.dim(), |at| confirmed[at] >= 0.0 || share(at) > 1.0 / 3.0)
 }

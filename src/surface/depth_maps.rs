@@ -6,10 +6,11 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::correction::PairStatistics;
-use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed};
+use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed, confirmed_by, nearer_edges};
 use super::kept_votes::{KeptVotes, Votes};
 use super::search::PhotoDepth;
 use crate::geometry::{Camera, facing_alike};
+use crate::warp::SourceView;
 
 /// Number of neighbours that a photo is matched with.
 pub const NEIGHBOURS: usize = 5;
@@ -108,24 +109,37 @@ impl DepthMaps {
         Some((depth, confirmed))
     }
 
-    /// The depths of these photos, in their order, where they confirm each other; photos without
-    /// depth are left out.
-    pub fn mutually_confirmed(&mut self, set: &[usize]) -> Vec<Arc<ConfirmedDepth>> {
-        let set: Vec<usize> = set.iter().copied().filter(|&index| self.maps[index].is_some()).collect();
+    /// The depths of these photos (indices with cameras and photos), in their order, where they confirm
+    /// each other; photos without depth are left out. At edges, depth is moved to the nearer side where
+    /// others of the set show that ([`nearer_edges`]).
+    pub fn mutually_confirmed(&mut self, photos: &[(usize, SourceView<'_>)]) -> Vec<Arc<ConfirmedDepth>> {
+        let photos: Vec<_> = photos.iter().copied().filter(|&(index, _)| self.maps[index].is_some()).collect();
+        let set: Vec<usize> = photos.iter().map(|&(index, _)| index).collect();
         let of_this_set = |confirmed: &HashMap<usize, _>| {
             confirmed.len() == set.len() && set.iter().all(|photo| confirmed.contains_key(photo))
         };
         let confirmed = self.confirmed.take().filter(of_this_set).unwrap_or_else(|| {
             self.statistics = PairStatistics::default();
-            let confirmed: HashMap<_, _> =
-                set.iter().map(|&index| (index, Arc::new(self.confirmed_by(index, &set)))).collect();
-            let shares: Vec<f64> = set.par_iter().map(|index| confirmed[index].share()).collect();
-            self.confirmed_share = shares.iter().sum::<f64>() / set.len().max(1) as f64;
-            confirmed
+            let confirmed = self.with_nearer_edges(&photos);
+            self.confirmed_share = confirmed.iter().map(ConfirmedDepth::share).sum::<f64>() / set.len().max(1) as f64;
+            set.iter().copied().zip(confirmed.into_iter().map(Arc::new)).collect()
         });
         let in_order = set.iter().map(|index| Arc::clone(&confirmed[index])).collect();
         self.confirmed = Some(confirmed);
         in_order
+    }
+
+    /// The depths of these photos, moved to the nearer side at edges, where they confirm each other.
+    fn with_nearer_edges(&mut self, photos: &[(usize, SourceView<'_>)]) -> Vec<ConfirmedDepth> {
+        let set: Vec<usize> = photos.iter().map(|&(index, _)| index).collect();
+        let confirmed: Vec<_> = set.iter().map(|&index| self.confirmed_by(index, &set)).collect();
+        let depth = |index: usize| &**self.maps[index].as_ref().expect("a photo with depth");
+        let found: Vec<_> = photos.iter().map(|&(index, view)| (view, depth(index))).collect();
+        let nearer: Vec<PhotoDepth> =
+            confirmed.par_iter().enumerate().map(|(which, confirmed)| nearer_edges(&found, which, confirmed)).collect();
+        let map = |which: usize| (found[which].0.camera, &nearer[which]);
+        let others = |which: usize| (0..found.len()).filter(move |&other| other != which).map(map);
+        (0..found.len()).into_par_iter().map(|which| confirmed_by(map(which), others(which))).collect()
     }
 
     /// Mean share, 0 to 1, of the pixels of the last set passed to [`Self::mutually_confirmed`] that

@@ -1,6 +1,7 @@
-//! Maps filtered over each pixel's 3×3 neighbourhood, edges clamped: median, extremes, and holes
-//! filled ring by ring.
+//! Maps filtered over each pixel's neighbourhood: median and extremes of 3×3 pixels, edges clamped;
+//! the share of known values of a window; and holes filled ring by ring.
 
+use ndarray::Array2;
 use rayon::prelude::*;
 
 /// Median of each 3×3 neighbourhood of a map with rows `width` wide.
@@ -98,6 +99,23 @@ fn extremes_row_with<'a, S: pulp::Simd>(
     for x in 0..width {
         largest[x] = high(high(highest[x], highest[x + 1]), highest[x + 2]);
         smallest[x] = low(low(lowest[x], lowest[x + 1]), lowest[x + 2]);
+    }
+}
+
+/// Share (0 to 1) of the values that are 0 or more within `radius` pixels of a (row, column) in either
+/// direction, by sums over rectangles.
+pub(super) fn share_of_known(map: &Array2<f32>, radius: usize) -> impl Fn((usize, usize)) -> f32 + Sync {
+    let (height, width) = map.dim();
+    let mut sums = Array2::<u32>::zeros((height + 1, width + 1));
+    for ((y, x), &value) in map.indexed_iter() {
+        let count = u32::from(value >= 0.0);
+        sums[(y + 1, x + 1)] = count + sums[(y, x + 1)] + sums[(y + 1, x)] - sums[(y, x)];
+    }
+    move |(y, x)| {
+        let (top, bottom) = (y.saturating_sub(radius), (y + radius + 1).min(height));
+        let (left, right) = (x.saturating_sub(radius), (x + radius + 1).min(width));
+        let count = sums[(bottom, right)] + sums[(top, left)] - sums[(top, right)] - sums[(bottom, left)];
+        count as f32 / ((bottom - top) * (right - left)) as f32
     }
 }
 

@@ -7,6 +7,7 @@
 use ndarray::{Array2, Array3};
 
 use super::anchored_depth::Group;
+pub use super::fusion::nearer_edges;
 use super::fusion::photo_variance::{self, SeenSurface};
 use super::fusion::surface::{OCCLUSION_MARGIN_PX, disparity_per_pixel, splat_confirmed, warp_sources};
 use super::fusion::target_search::TargetSearch;

@@ -65,8 +65,7 @@ impl TargetSurface {
         correction: PhotoCorrection,
         searches_holes: bool,
     ) -> Self {
-        let set: Vec<usize> = photos.iter().map(|&(photo, _)| photo).collect();
-        let mut confirmed = maps.mutually_confirmed(&set);
+        let mut confirmed = maps.mutually_confirmed(photos);
         let view = |(&(_, view), confirmed)| SurfaceView { view, confirmed, gains: NO_GAINS };
         let mut views: Vec<SurfaceView<'_>> = photos.iter().zip(confirmed.iter().map(Arc::as_ref)).map(view).collect();
         let mut gains = vec![NO_GAINS; views.len()];

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 use ndarray::Array2;
 
+use super::fusion::nearer_edges;
 use super::fusion::photo_variance::{MAX_VARIANCE, SeenSurface, photo_variance};
 use super::fusion::visible::visible;
 use super::search::aggregate::aggregate;
@@ -82,6 +83,11 @@ impl Rig {
             gains: NO_GAINS,
         };
         confirmed.iter().enumerate().map(view).collect()
+    }
+
+    /// The first photos, with their indices.
+    fn set(&self, count: usize) -> Vec<(usize, SourceView<'_>)> {
+        (0..count).map(|index| (index, self.view(index))).collect()
     }
 
     fn maps(&self) -> DepthMaps {
@@ -162,8 +168,7 @@ fn aggregate_cell_without_texture_takes_its_neighbours_index() {
 fn depth_and_surface_are_within_a_pixel_of_the_truth() {
     let rig = Rig::new();
     let mut maps = rig.maps();
-    let set = [0, 1, 2, 3, 4];
-    let confirmed = maps.mutually_confirmed(&set);
+    let confirmed = maps.mutually_confirmed(&rig.set(5));
     for (index, confirmed) in confirmed.iter().enumerate() {
         let found = maps.get(index).unwrap();
         let share = correct_share(&found.disparity, PLACES[index], found.disparity_per_pixel);
@@ -191,14 +196,14 @@ fn depth_and_surface_are_within_a_pixel_of_the_truth() {
 
 #[test]
 fn depth_inserted_with_its_votes_is_confirmed_alike() {
-    let mut maps = Rig::new().maps();
-    let set = [0, 1, 2, 3, 4];
-    let expected = maps.mutually_confirmed(&set);
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let expected = maps.mutually_confirmed(&rig.set(5));
     let depth = maps.get(2).unwrap().clone();
-    let votes = maps.comparison(2, &set).votes(&depth);
+    let votes = maps.comparison(2, &[0, 1, 2, 3, 4]).votes(&depth);
     assert_eq!(votes.len(), 8, "of the other four on it, and of it on them");
     maps.insert_compared(2, depth, votes);
-    let found = maps.mutually_confirmed(&set);
+    let found = maps.mutually_confirmed(&rig.set(5));
     assert!(found.iter().zip(expected).all(|(found, expected)| found.disparity == expected.disparity));
 }
 
@@ -216,6 +221,40 @@ fn confirmed_contradicted_depth_is_rejected() {
     assert!(!found[(20, 40)]);
     assert!(found.indexed_iter().filter(|((_, x), _)| *x > 2).all(|(at, &ok)| ok || at == (20, 40)));
     assert!(confirmed(&[], (HEIGHT, WIDTH)).iter().all(|&ok| !ok), "nothing is confirmed without votes");
+}
+
+#[test]
+fn depth_beside_an_edge_becomes_nearer_where_two_photos_and_the_colours_say_so() {
+    let rig = Rig::new();
+    let truth = |x: f64| PhotoDepth {
+        disparity: Array2::from_shape_fn((HEIGHT, WIDTH), |(row, column)| ground_truth(x, column, row).0 as f32),
+        disparity_per_pixel: 0.08,
+    };
+    // The square's left column, and the column of the wall before it.
+    let with_columns = |x: f64, square: f64, before: f64| {
+        let mut map = truth(x);
+        let left = (28.0 - FOCAL * x * SQUARE) as usize;
+        (16..40).for_each(|row| {
+            (map.disparity[(row, left)], map.disparity[(row, left - 1)]) = (square as f32, before as f32)
+        });
+        map
+    };
+    let moved = |maps: &[PhotoDepth; 3], confirmed: bool| {
+        let set: Vec<_> = maps.iter().enumerate().map(|(index, map)| (rig.view(index), map)).collect();
+        let confirmed = ConfirmedDepth::new(&maps[0], &Array2::from_elem((HEIGHT, WIDTH), confirmed));
+        nearer_edges(&set, 0, &confirmed).disparity
+    };
+    let [right, narrow] = [SQUARE, WALL].map(|square| with_columns(PLACES[0], square, WALL));
+    let [second, third] = [1, 2].map(|index| truth(PLACES[index]));
+    let found = moved(&[narrow.clone(), second.clone(), third.clone()], true);
+    assert!((&found - &right.disparity).iter().all(|difference| difference.abs() < 1e-6), "the square is whole");
+    let unconfirmed = moved(&[narrow.clone(), second.clone(), third], false);
+    assert_eq!(unconfirmed, narrow.disparity, "no place where the others are trusted");
+    let single = moved(&[narrow.clone(), second, narrow.clone()], true);
+    assert_eq!(single, narrow.disparity, "one photo has that depth: the other's lies elsewhere");
+    let wide = [1, 2].map(|index| with_columns(PLACES[index], SQUARE, SQUARE));
+    let [second, third] = wide;
+    assert_eq!(moved(&[right.clone(), second, third], true), right.disparity, "the wall has other colours");
 }
 
 #[test]
@@ -288,8 +327,7 @@ fn anchored_depth_of_enlarged_photos_is_found_at_half_their_size() {
 fn seen_range_ends_beside_the_nearest_and_the_farthest_surface() {
     let rig = Rig::new();
     let mut maps = rig.maps();
-    let photos: Vec<_> = (0..4).map(|index| (index, rig.view(index))).collect();
-    let found = TargetSurface::find(&mut maps, &photos, 3, &camera(0.1), PhotoCorrection::default(), true);
+    let found = TargetSurface::find(&mut maps, &rig.set(4), 3, &camera(0.1), PhotoCorrection::default(), true);
     let (near, far) = found.seen_range(RANGE);
     let pixel = f64::from(found.surface().disparity_per_pixel);
     assert!((SQUARE..SQUARE + 4.0 * pixel).contains(&(1.0 / near)), "{near}");
@@ -304,7 +342,7 @@ fn surface_any_number_of_threads_gives_the_same_bits() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let mut maps = rig.maps();
-            let confirmed = maps.mutually_confirmed(&[0, 1, 2, 3, 4]);
+            let confirmed = maps.mutually_confirmed(&rig.set(5));
             let views = rig.surface_views(&confirmed[..4]);
             let found = surface(&views, &camera(0.07), RANGE.0, RANGE.1).disparity;
             let correction = exposure_gains(&views, &[1.0; 4]).concat().into_iter().chain(sharpening(&views));
@@ -319,7 +357,7 @@ fn surface_any_number_of_threads_gives_the_same_bits() {
 fn exposure_gains_of_a_darker_photo_are_found() {
     let rig = Rig::new();
     let mut maps = rig.maps();
-    let confirmed = maps.mutually_confirmed(&[0, 1]);
+    let confirmed = maps.mutually_confirmed(&rig.set(2));
     let darker = Texture::new(&photo(PLACES[1], [0.8, 0.9, 1.0]));
     let mut views = rig.surface_views(&confirmed);
     views[1].view.texture = &darker;

@@ -63,7 +63,7 @@ mod _liveview {
     #[pymodule]
     mod _stages {
         #[pymodule_export]
-        use crate::stages::fusion::{hide, photo_variance, pixel_of, splat, target_search};
+        use crate::stages::fusion::{hide, nearer_edges, photo_variance, pixel_of, splat, target_search};
         #[pymodule_export]
         use crate::stages::guided::{
             fine_layers, layer_costs, plane_maps, range_of, search_planes, semi_global, source_from_target,

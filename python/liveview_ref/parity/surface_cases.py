@@ -39,6 +39,8 @@ DECISIONS = {  # the change of an output that means another decision; the other 
     "surface": 0.01,
     "layers": 0.01,
     "confirmed": 0.5,
+    "nearer": 0.025,
+    "sure": 0.5,
     "visible": 0.5,
     "seen": 0.5,
     "hidden_colour": 0.001,
@@ -47,7 +49,7 @@ DECISIONS = {  # the change of an output that means another decision; the other 
     "gains": 1e-3,
     "sharpening": 1e-4,
 }
-IN_PHOTO_PIXELS = "depth", "coarse", "anchor", "anchored"
+IN_PHOTO_PIXELS = "depth", "coarse", "anchor", "anchored", "nearer"
 IN_PIXELS = *IN_PHOTO_PIXELS, "splat", "filled", "searched", "surface", "layers"
 
 CASES: dict[str, dict] = {
@@ -79,8 +81,8 @@ def decision_of(name: str, data: Arrays) -> float | None:
     if kind_of(name) not in IN_PIXELS:
         return change
     pixel = data["pixel"][0] if kind_of(name) in IN_PHOTO_PIXELS else stages.target_pixel(data)
-    # Not less than what float32 can resolve, where the nearest and the farthest almost coincide.
-    return max(change * float(pixel), MOVED * float(np.abs(data[name]).max()))
+    # Not less than the moves themselves, where the nearest and the farthest almost coincide.
+    return max(change * float(pixel), 4 * MOVED * float(np.abs(data[name]).max()))
 
 
 def moved(data: Arrays, rng: np.random.Generator, sign: int, inputs: set[str]) -> Arrays:

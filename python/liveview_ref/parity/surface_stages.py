@@ -7,11 +7,11 @@ first search. Of photo 0, matched with the others: of many planes `half_ranges` 
 `half_index` [h/2, w/2], `starts` [h/2, w/2, 2], `fine_costs` [h, w, 16], `fine_found`, `fine_index`
 [h, w]; with anchors, `coarse{i}`, `coarse_sure{i}` [h/4, w/4] and `coarse_pixel` of its group,
 `kept`, `anchor` [h/2, w/2], `anchored_costs` [h/2, w/2, n], `anchored` [h, w]. Of every photo i:
-`depth{i}` and `confirmed{i}` [h, w], `pixel` [V]; of all, `found_range` [2], 1/near and 1/far. At
-the target: `gains` [V, 3], `sharpening` [V], `sharpened{i}` [h, w, 3], `splat`, `filled`,
-`searched`, `surface`, `seen` [H8, W8], `layers` [3, H8, W8], `hidden_colour` [V, 3, H8, W8],
-`hidden_coverage`, `visible` [V, H8, W8], `photo_variance` [7, H8, W8], `target_costs`
-[D, H8/4, W8/4].
+`depth{i}`, `confirmed{i}`, and with nearer edges `nearer{i}`, `sure{i}` [h, w], `pixel` [V]; of all,
+`found_range` [2], 1/near and 1/far. At the target: `gains` [V, 3], `sharpening` [V],
+`sharpened{i}` [h, w, 3], `splat`, `filled`, `searched`, `surface`, `seen` [H8, W8], `layers`
+[3, H8, W8], `hidden_colour` [V, 3, H8, W8], `hidden_coverage`, `visible` [V, H8, W8],
+`photo_variance` [7, H8, W8], `target_costs` [D, H8/4, W8/4].
 """
 
 from collections.abc import Callable
@@ -32,6 +32,7 @@ from ..reference.surface.correction.exposure import exposure_gains
 from ..reference.surface.correction.sharpness import sharpening
 from ..reference.surface.fusion.confirmed_depth import ConfirmedDepth
 from ..reference.surface.fusion.consistency import AGREEMENT, confirmed
+from ..reference.surface.fusion.nearer_edges import nearer_edges
 from ..reference.surface.fusion.photo_variance import photo_variance
 from ..reference.surface.fusion.splat import FUSED, splat
 from ..reference.surface.fusion.surface import OCCLUSION_MARGIN, SEARCHED_VIEWS, seen, seen_or_past, surface
@@ -198,6 +199,19 @@ def confirmations(data: Arrays, dtype: torch.dtype) -> Arrays:
     return {f"confirmed{i}": confirmed(i, maps).to(dtype).numpy() for i in range(len(maps))}
 
 
+def nearer(data: Arrays, dtype: torch.dtype) -> Arrays:
+    set_ = photos(data, dtype)
+    maps = [PhotoDepth(tensor(data, f"depth{i}", dtype), float(pixel)) for i, pixel in enumerate(data["pixel"])]
+    sure = [torch.from_numpy(data[f"confirmed{i}"]) > 0 for i in range(len(set_))]
+    return {f"nearer{i}": nearer_edges(i, set_, maps, sure[i]).numpy() for i in range(len(set_))}
+
+
+def nearer_confirmations(data: Arrays, dtype: torch.dtype) -> Arrays:
+    count = range(len(data["pixel"]))
+    found = confirmations(data | {f"depth{i}": data[f"nearer{i}"] for i in count}, dtype)
+    return {f"sure{i}": found[f"confirmed{i}"] for i in count}
+
+
 def ranges(data: Arrays, dtype: torch.dtype) -> Arrays:
     """Nearest and farthest disparity of what is confirmed; -1 if too little is."""
     kept = [tensor(data, f"depth{i}", dtype)[data[f"confirmed{i}"] > 0] for i in range(len(data["pixel"]))]
@@ -208,8 +222,8 @@ def ranges(data: Arrays, dtype: torch.dtype) -> Arrays:
 def surface_views(data: Arrays, dtype: torch.dtype) -> list[SurfaceView]:
     found = []
     for i, (image, camera) in enumerate(photos(data, dtype)):
-        depth = PhotoDepth(tensor(data, f"depth{i}", dtype), float(data["pixel"][i]))
-        sure = torch.from_numpy(data[f"confirmed{i}"]) > 0
+        depth = PhotoDepth(tensor(data, f"nearer{i}", dtype), float(data["pixel"][i]))
+        sure = torch.from_numpy(data[f"sure{i}"]) > 0
         gains = tensor(data, "gains", dtype)[i] if "gains" in data else torch.ones(3, dtype=dtype)
         found.append(SurfaceView(image, camera, ConfirmedDepth.of(depth, sure), gains))
     return found
@@ -301,5 +315,6 @@ PHOTO = (half_costs, half_found, half_index, starts, fine_costs, fine_found, fin
 CORRECTION = exposures, sharpness, sharpened_photos
 TARGET = (*CORRECTION, splatted, holes, visibility, photo_variances, searches, surfaces, hidden)
 ANCHORS = (coarse, coarse_confirmations, anchors, anchored_costs, anchored)
-STAGES = (*PHOTO, depths, *ANCHORS, confirmations, ranges, *TARGET)
+CONFIRMATION = confirmations, nearer, nearer_confirmations
+STAGES = (*PHOTO, depths, *ANCHORS, *CONFIRMATION, ranges, *TARGET)
 INTEGERS = dict.fromkeys(("half_costs", "anchored_costs", "fine_costs", "starts"), np.uint16)  # the others are float32

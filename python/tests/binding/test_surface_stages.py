@@ -112,6 +112,16 @@ def test_confirmed_depths_and_their_range(liveview, inner, case):
     case.check("found_range", np.float32([1 / depth for depth in found] if found else [-1, -1]))
 
 
+@of_cases(COMPLETE)
+def test_nearer_edges(liveview, inner, case):
+    maps = [(depth, float(pixel)) for depth, pixel in zip(case.each("depth"), case["pixel"], strict=True)]
+    sure = [confirmed > 0 for confirmed in case.each("confirmed")]
+    case.check_each("nearer", [inner.nearer_edges(i, case.views, maps, sure[i]) for i in range(len(maps))])
+    nearer = zip(case.cameras, case.each("nearer"), case["pixel"], strict=True)
+    maps = [(camera, PhotoDepth(torch.from_numpy(depth), float(pixel))) for camera, depth, pixel in nearer]
+    case.check_each("sure", [liveview.confirmed(i, maps) for i in range(len(maps))])
+
+
 @pytest.fixture(scope="module")
 def views(case) -> list:
     return surface_stages.surface_views(case, torch.float32)

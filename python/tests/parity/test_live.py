@@ -103,6 +103,8 @@ def test_a_fault_in_a_dump_departs_at_its_stage(surface, guided):
     assert departing(changed(full, maps=data["maps"][::-1]), small) == "layers"
     assert departing(changed(full, colour=shifted(data["colour"])), small) == "colour"
     assert departing(changed(full, confirmed0=np.roll(data["confirmed0"], 1, 1)), small) == "confirmed"
+    assert departing(changed(full, nearer0=data["depth0"]), small) == "nearer"
+    assert departing(changed(full, sure0=np.roll(data["sure0"], 1, 1)), small) == "sure"
 
 
 @needs_program

@@ -13,6 +13,7 @@ from liveview_ref.reference.surface.correction.exposure import balanced, exposur
 from liveview_ref.reference.surface.fusion import surface as surface_module
 from liveview_ref.reference.surface.fusion.confirmed_depth import ConfirmedDepth
 from liveview_ref.reference.surface.fusion.consistency import confirmed
+from liveview_ref.reference.surface.fusion.nearer_edges import nearer_edges
 from liveview_ref.reference.surface.fusion.splat import splat
 from liveview_ref.reference.surface.fusion.surface import Surface, surface
 from liveview_ref.reference.surface.fusion.surface_view import SurfaceView
@@ -141,6 +142,7 @@ def test_splat_prefers_two_agreeing_photos_over_a_single_nearer_one():
     found = splat(maps, camera(), 8, 16, 0.015, 0.025)[:6, :12]
     torch.testing.assert_close(found, filled(0.295))
     assert splat(maps[:2], camera(), 8, 16, 0.015, 0.025)[:6, :12].unique().tolist() == [0.5]
+    assert splat(maps[:2], camera(), 8, 16, 0.015, 0.025, single=False).unique().tolist() == [-1]
 
 
 def test_splat_of_a_point_near_a_pixel_edge_covers_both_pixels():
@@ -152,6 +154,20 @@ def test_splat_of_a_point_near_a_pixel_edge_covers_both_pixels():
     one[2, 5] = 0.25  # 0.25 pixels: inside by 0.05
     found = splat([(camera(), one)], shifted, 8, 16, 0.05, 0.05)
     assert (found >= 0).nonzero().tolist() == [[2, 5]]
+
+
+def test_depth_beside_an_edge_becomes_that_of_two_other_photos():
+    """All from one viewpoint, where every depth has the same colours."""
+    photos = [(torch.full((3, 6, 12), 0.5, dtype=torch.float64), camera())] * 3
+    own, other, sure = filled(0.2), filled(0.2), torch.ones(6, 12, dtype=torch.bool)
+    own[:, 6:], other[:, 5:] = 0.4, 0.4
+    maps = [PhotoDepth(map_, 0.01) for map_ in (own, other, other)]
+    torch.testing.assert_close(nearer_edges(0, photos, maps, sure), other)
+    assert torch.equal(nearer_edges(0, photos, maps, ~sure), own), "none is confirmed"
+    assert torch.equal(nearer_edges(0, photos[:2], maps[:2], sure), own), "a single photo"
+    assert torch.equal(nearer_edges(1, photos, maps, sure), other), "it is nearer already"
+    flat = [PhotoDepth(filled(0.2), 0.01), *maps[1:]]
+    assert torch.equal(nearer_edges(0, photos, flat, sure), filled(0.2)), "no edge"
 
 
 def test_fill_holes_takes_the_farthest_neighbour():

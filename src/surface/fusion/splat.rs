@@ -3,13 +3,13 @@
 //!
 //! A point covers the pixels that contain its four corners (±0.2 pixel); of each photo's points
 //! each pixel keeps the largest disparity. Over the photos: the largest that another photo has
-//! within `same` of it, or the largest of all if there is no such pair
-//! (docs/design-log/surface-layers.md); then the mean, in f32 and in their order, of those at most
+//! within `same` of it, or the largest of all if there is no such pair, unless [`Single`] depths are
+//! left out (docs/design-log/surface-layers.md); then the mean, in f32 and in their order, of those at most
 //! `averaged` behind that.
 
+use ndarray::Array2;
 use rayon::prelude::*;
 
-use super::confirmed_depth::ConfirmedDepth;
 use super::project::{Projected, project_row};
 use crate::geometry::{Camera, PlaneSweep, Size};
 use crate::warp::{RUN, round_to_i32};
@@ -17,20 +17,30 @@ use crate::warp::{RUN, round_to_i32};
 /// Half the side of a point's square, pixels.
 const HALF_SIDE: f32 = 0.2;
 
-/// Disparity of each pixel of a padded target of `size`, row by row; −1 in holes. `same` and
-/// `averaged`: 1/scene unit.
+/// What becomes of a pixel whose depths are those of one photo each: no other has them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Single {
+    /// It has the nearest of them.
+    Kept,
+    /// It is a hole.
+    LeftOut,
+}
+
+/// Disparity of each pixel of a padded target of `size`, row by row; −1 in holes. `maps`: disparities
+/// `[h, w]` of photos, below 0 where there is no point. `same` and `averaged`: 1/scene unit.
 pub(crate) fn splat(
-    maps: &[(&Camera, &ConfirmedDepth)],
+    maps: &[(&Camera, &Array2<f32>)],
     target: &Camera,
     size: Size,
     (same, averaged): (f32, f32),
+    single: Single,
 ) -> Vec<f32> {
     let each: Vec<Vec<f32>> = maps.par_iter().map(|map| splat_one(map, target, size)).collect();
     let mut fused = vec![-1.0; size.pixels()];
     fused.par_chunks_mut(size.width).enumerate().for_each(|(y, fused)| {
         let begin = (y + 1) * (size.width + 2) + 1;
         let rows: Vec<&[f32]> = each.iter().map(|map| &map[begin..begin + size.width]).collect();
-        fuse_row(&rows, (same, averaged), fused);
+        fuse_row(&rows, (same, averaged), single, fused);
     });
     fused
 }
@@ -41,6 +51,7 @@ fn fuse_row_with<'a, S: pulp::Simd>(
     _simd: S,
     rows: &'a [&'a [f32]],
     (same, averaged): (f32, f32),
+    single: Single,
     fused: &'a mut [f32],
 ) {
     let width = fused.len();
@@ -60,7 +71,7 @@ fn fuse_row_with<'a, S: pulp::Simd>(
         }
     }
     for x in 0..width {
-        fused[x] = if paired[x] >= 0.0 { paired[x] } else { fused[x] };
+        fused[x] = if (paired[x] >= 0.0) | (single == Single::LeftOut) { paired[x] } else { fused[x] };
     }
     let (mut sum, mut number) = (vec![0.0_f32; width], vec![0.0_f32; width]);
     for row in rows {
@@ -78,10 +89,10 @@ fn fuse_row_with<'a, S: pulp::Simd>(
 
 /// The points of one photo on the target, which has a border of one pixel for points that overlap
 /// its edge.
-fn splat_one((camera, map): &(&Camera, &ConfirmedDepth), target: &Camera, size: Size) -> Vec<f32> {
+fn splat_one((camera, map): &(&Camera, &Array2<f32>), target: &Camera, size: Size) -> Vec<f32> {
     let mut buffer = vec![-1.0_f32; (size.width + 2) * (size.height + 2)];
     let (sweep, mut projected) = (PlaneSweep::new(target, camera), Projected::default());
-    for (y, row) in map.disparity.outer_iter().enumerate() {
+    for (y, row) in map.outer_iter().enumerate() {
         let row = row.to_slice().expect("standard order");
         project_row(&sweep, y, row, &mut projected);
         splat_row(&projected, row, size, &mut buffer);
@@ -136,7 +147,6 @@ fn splat_row_with<'a, S: pulp::Simd>(
 #[cfg(test)]
 mod tests {
     use glam::{DMat3, DVec3};
-    use ndarray::Array2;
 
     use super::*;
     use crate::geometry::Intrinsics;
@@ -149,31 +159,32 @@ mod tests {
     #[test]
     fn splat_shifted_camera_moves_points_by_parallax_and_keeps_the_nearest() {
         // Disparity 1 moves by eight pixels for a unit's shift.
-        let mut map = ConfirmedDepth { disparity: Array2::from_elem((8, 8), -1.0), disparity_per_pixel: 1.0 };
-        map.disparity[(3, 5)] = 1.0;
-        map.disparity[(3, 3)] = 0.0;
-        let found = splat(&[(&camera(0.0), &map)], &camera(0.25), Size::new(8, 8), (0.0, 0.0));
+        let mut map = Array2::from_elem((8, 8), -1.0);
+        map[(3, 5)] = 1.0;
+        map[(3, 3)] = 0.0;
+        let found = splat(&[(&camera(0.0), &map)], &camera(0.25), Size::new(8, 8), (0.0, 0.0), Single::Kept);
         let expected = |at: usize| if at == 3 * 8 + 3 { 1.0 } else { -1.0 };
         assert!(found.iter().enumerate().all(|(at, &d)| d == expected(at)), "{found:?}");
     }
 
     #[test]
     fn splat_prefers_a_pair_of_photos_to_a_nearer_single_depth() {
-        let at = |d: f32| ConfirmedDepth { disparity: Array2::from_elem((8, 8), d), disparity_per_pixel: 1.0 };
+        let at = |d: f32| Array2::from_elem((8, 8), d);
         let (a, b, c) = (at(0.5), at(0.25), at(0.125));
         let here = camera(0.0);
         let maps = [(&here, &a), (&here, &b), (&here, &b), (&here, &c)];
-        let found = |maps: &[_]| splat(maps, &here, Size::new(8, 8), (0.01, 0.01))[0];
-        assert_eq!((found(&maps), found(&maps[..2])), (0.25, 0.5));
+        let found = |maps: &[_], single| splat(maps, &here, Size::new(8, 8), (0.01, 0.01), single)[0];
+        assert_eq!((found(&maps, Single::Kept), found(&maps[..2], Single::Kept)), (0.25, 0.5));
+        assert_eq!((found(&maps, Single::LeftOut), found(&maps[..2], Single::LeftOut)), (0.25, -1.0));
     }
 
     #[test]
     fn splat_averages_depths_within_the_margin() {
-        let at = |d: f32| ConfirmedDepth { disparity: Array2::from_elem((8, 8), d), disparity_per_pixel: 1.0 };
+        let at = |d: f32| Array2::from_elem((8, 8), d);
         let (a, b, c) = (at(0.5), at(0.45), at(0.1));
         let here = camera(0.0);
         let maps = [(&here, &a), (&here, &b), (&here, &c)];
-        let found = |same: f32, averaged: f32| splat(&maps, &here, Size::new(8, 8), (same, averaged));
+        let found = |same: f32, averaged: f32| splat(&maps, &here, Size::new(8, 8), (same, averaged), Single::Kept);
         assert!(found(0.1, 0.1).iter().all(|&d| d == (0.5 + 0.45) / 2.0));
         assert!(found(0.0, 0.0).iter().all(|&d| d == 0.5));
     }

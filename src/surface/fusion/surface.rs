@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use super::confirmed_depth::ConfirmedDepth;
 use super::photo_variance::{SeenSurface, photo_variance};
-use super::splat::splat;
+use super::splat::{Single, splat};
 use super::surface_view::SurfaceView;
 use super::target_search::TargetSearch;
 use super::visible::visible;
@@ -152,7 +152,8 @@ pub(crate) fn disparity_per_pixel(sources: &[WarpSource<'_>], size: Size, near: 
 /// The confirmed depths splatted to the padded target, row by row; −1 in holes.
 pub(crate) fn splat_confirmed(views: &[SurfaceView<'_>], target: &Camera, disparity_per_pixel: f32) -> Vec<f32> {
     let margins = (SAME_SURFACE_PX * disparity_per_pixel, AVERAGED_PX * disparity_per_pixel);
-    splat(&depth_maps(views), target, padded(target.size()), margins)
+    let maps: Vec<_> = views.iter().map(|v| (v.view.camera, &v.confirmed.disparity)).collect();
+    splat(&maps, target, padded(target.size()), margins, Single::Kept)
 }
 
 fn depth_maps<'a>(views: &[SurfaceView<'a>]) -> Vec<(&'a Camera, &'a ConfirmedDepth)> {

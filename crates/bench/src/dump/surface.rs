@@ -52,24 +52,30 @@ fn write_at_target(
     let cameras: Vec<&Camera> = photos.views.iter().map(|&view| &scene.views[view].camera).collect();
     let load = |&view: &usize| Ok(Texture::new(&scene.load_image(view)?));
     let textures = photos.views.iter().map(load).collect::<Result<Vec<_>>>()?;
+    let view = |index: usize| SourceView { camera: cameras[index], texture: &textures[index] };
+    let set: Vec<_> = photos.depths.iter().enumerate().map(|(index, depth)| (view(index), depth)).collect();
+    let mut nearer = Vec::new();
+    for (index, depth) in photos.depths.iter().enumerate() {
+        let confirmed = confirmed_by_others(index, &cameras, &photos.depths);
+        nearer.push(stages::nearer_edges(&set, index, &ConfirmedDepth::new(depth, &confirmed)));
+        arrays.add(&format!("confirmed{index}"), confirmed.mapv(|yes| f32::from(u8::from(yes))))?;
+        arrays.add(&format!("nearer{index}"), nearer[index].disparity.clone())?;
+    }
     // Those to render from as they were used; the helpers' are not kept.
     let used = surface.visibility();
     let of_photo = |index: usize| {
-        let found = &photos.depths[index];
-        let sure = used.disparities.get(index).map(|own| own.mapv(|disparity| disparity >= 0.0));
-        ConfirmedDepth::new(found, &sure.unwrap_or_else(|| confirmed_by_others(index, &cameras, &photos.depths)))
+        let PhotoDepth { disparity_per_pixel, .. } = nearer[index];
+        let used =
+            used.disparities.get(index).map(|&used| ConfirmedDepth { disparity: used.clone(), disparity_per_pixel });
+        used.unwrap_or_else(|| ConfirmedDepth::new(&nearer[index], &confirmed_by_others(index, &cameras, &nearer)))
     };
     let kept: Vec<ConfirmedDepth> = (0..cameras.len()).map(of_photo).collect();
     for (index, kept) in kept.iter().enumerate() {
-        arrays.add(&format!("confirmed{index}"), kept.disparity.mapv(|disparity| f32::from(disparity >= 0.0)))?;
+        arrays.add(&format!("sure{index}"), kept.disparity.mapv(|disparity| f32::from(disparity >= 0.0)))?;
     }
-    let mut views: Vec<SurfaceView<'_>> = (0..cameras.len())
-        .map(|index| SurfaceView {
-            view: SourceView { camera: cameras[index], texture: &textures[index] },
-            confirmed: &kept[index],
-            gains: NO_GAINS,
-        })
-        .collect();
+    let views = kept.iter().enumerate();
+    let mut views: Vec<SurfaceView<'_>> =
+        views.map(|(index, confirmed)| SurfaceView { view: view(index), confirmed, gains: NO_GAINS }).collect();
     let mut gains = vec![NO_GAINS; views.len()];
     if correction.exposure {
         let distances: Vec<f64> = cameras.iter().map(|camera| distance(camera, &shot.target)).collect();

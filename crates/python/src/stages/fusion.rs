@@ -2,16 +2,35 @@
 
 use liveview::geometry::PlaneSweep;
 use liveview::render::{ViewCorrection, Visibility};
-use liveview::surface::stages;
+use liveview::surface::{ConfirmedDepth, stages};
 use liveview::warp::WarpSource;
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 
+use super::photo::Photo;
+use super::search::{DepthArgument, depth};
 use super::surface::View;
 use crate::camera::camera;
 
 type Map<'py, T> = Bound<'py, PyArray2<T>>;
 type Maps<'py> = Bound<'py, PyArray3<f32>>;
+
+/// The depth of photo `which` of a set, moved to the nearer side at edges; `confirmed`: its pixels that
+/// the others confirm.
+#[pyfunction]
+pub(crate) fn nearer_edges<'py>(
+    py: Python<'py>,
+    which: usize,
+    photos: &Bound<'py, PyAny>,
+    maps: Vec<DepthArgument<'py>>,
+    confirmed: PyReadonlyArray2<'py, bool>,
+) -> PyResult<Map<'py, f32>> {
+    let photos = Photo::pairs("photos", photos)?;
+    let maps: Vec<_> = maps.iter().map(depth).collect();
+    let set: Vec<_> = photos.iter().map(Photo::source).zip(&maps).collect();
+    let confirmed = ConfirmedDepth::new(&maps[which], &confirmed.as_array().to_owned());
+    Ok(stages::nearer_edges(&set, which, &confirmed).disparity.into_pyarray(py))
+}
 
 /// The disparity worth one pixel at the target.
 #[pyfunction]

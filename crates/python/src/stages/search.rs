@@ -14,7 +14,7 @@ use crate::camera::cameras;
 type Planes<'py> = Option<PyReadonlyArray3<'py, u16>>;
 type GridArgument<'py> = (f64, f64, usize, usize, usize, Planes<'py>, Planes<'py>);
 /// Disparity, and the disparity worth one pixel.
-type DepthArgument<'py> = (PyReadonlyArray2<'py, f32>, f32);
+pub(super) type DepthArgument<'py> = (PyReadonlyArray2<'py, f32>, f32);
 type Map<'py, T> = Bound<'py, PyArray2<T>>;
 type Costs<'py> = Bound<'py, PyArray3<u16>>;
 
@@ -26,7 +26,7 @@ fn with_search<T>(
     run(&Search { range: (near, far), count, parts, cell, starts: starts.as_ref(), ranges: ranges.as_ref() })
 }
 
-fn depth((disparity, pixel): &DepthArgument<'_>) -> PhotoDepth {
+pub(super) fn depth((disparity, pixel): &DepthArgument<'_>) -> PhotoDepth {
     PhotoDepth { disparity: disparity.as_array().to_owned(), disparity_per_pixel: *pixel }
 }
 

@@ -28,7 +28,7 @@ from ..surface_cases import kind_of
 from .compared import Compared
 from .scene import exact, neighbours_of
 
-IN_SCENE_UNITS = "anchor", "splat", "filled", "surface", "layers"  # relative to the largest
+IN_SCENE_UNITS = "anchor", "nearer", "splat", "filled", "surface", "layers"  # relative to the largest
 LIKE = {
     "half_ranges": "starts",
     "coarse_ranges": "starts",
@@ -171,7 +171,7 @@ def at_target(data: Arrays) -> Iterator[Compared]:
     first = with_photos(data, photos_of(data)[:views])  # those to render from
     exposure, sharpness = (bool(yes) for yes in data["surface.corrected"])
     first["gains"] = data["gains"][:views]
-    steps: list[tuple[stages.Stage, Arrays]] = [(stages.confirmations, all_)]
+    steps: list[tuple[stages.Stage, Arrays]] = [(stage, all_) for stage in stages.CONFIRMATION]
     steps += [(stages.exposures, all_)] if exposure else []
     steps += [(stages.sharpness, first)] if sharpness else []
     for stage, arrays in (*steps, (stages.splatted, all_), (stages.holes, all_), (the_surface, all_)):

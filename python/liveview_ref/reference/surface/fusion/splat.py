@@ -3,8 +3,8 @@ pixels; the nearest wins.
 
 A point covers the pixels that contain its four corners (+-0.2 pixel); of each photo's points a
 pixel keeps the largest disparity. Over the photos: the largest that another photo confirms within
-`agree`, or the largest of all if there is no such pair; then the mean, in the order of the photos,
-of those at most `fuse` behind it and not above it.
+`agree`, or the largest of all if there is no such pair (unless `single` is false); then the mean, in
+the order of the photos, of those at most `fuse` behind it and not above it.
 """
 
 from collections.abc import Iterator
@@ -22,12 +22,18 @@ FUSED = 3.0  # px behind the nearest within which depths are averaged
 
 
 def splat(
-    maps: list[tuple[Camera, Tensor]], target: Camera, height: int, width: int, agree: float, fuse: float
+    maps: list[tuple[Camera, Tensor]],
+    target: Camera,
+    height: int,
+    width: int,
+    agree: float,
+    fuse: float,
+    single: bool = True,
 ) -> Tensor:
     """Disparity [height, width] of the padded target from confirmed depths; -1 where
     no point falls."""
     each = [splat_one(camera, confirmed, target, height, width) for camera, confirmed in maps]
-    nearest = first_surface(each, agree)
+    nearest = first_surface(each, agree, single)
     total, number = torch.zeros_like(nearest), torch.zeros_like(nearest)
     for one in each:
         counts = (one >= 0) & (one <= nearest) & (nearest - one <= fuse)
@@ -35,13 +41,14 @@ def splat(
     return torch.where(number > 0, total / number.clamp(min=1), nearest)
 
 
-def first_surface(each: list[Tensor], agree: float) -> Tensor:
-    """The nearest disparity that lies within `agree` of another photo's, or the nearest of all."""
+def first_surface(each: list[Tensor], agree: float, single: bool) -> Tensor:
+    """The nearest disparity that lies within `agree` of another photo's, or the nearest of all if
+    `single`, else -1."""
     paired = torch.full_like(each[0], -1)
     for one, other in combinations(each, 2):
         near, far = torch.maximum(one, other), torch.minimum(one, other)
         paired = torch.where((far >= 0) & (near - far <= agree), torch.maximum(paired, near), paired)
-    return torch.where(paired >= 0, paired, torch.stack(each).amax(0))
+    return torch.where(paired >= 0, paired, torch.stack(each).amax(0)) if single else paired
 
 
 def splat_one(camera: Camera, confirmed: Tensor, target: Camera, height: int, width: int) -> Tensor:
