@@ -7,8 +7,8 @@ first search. Of photo 0, matched with the others: of many planes `half_ranges` 
 `half_index` [h/2, w/2], `starts` [h/2, w/2, 2], `fine_costs` [h, w, 16], `fine_found`, `fine_index`
 [h, w]; with anchors, `coarse{i}`, `coarse_sure{i}` [h/4, w/4] and `coarse_pixel` of its group,
 `kept`, `anchor` [h/2, w/2], `anchored_costs` [h/2, w/2, n], `anchored` [h, w]. Of every photo i:
-`depth{i}`, `confirmed{i}`, and with nearer edges `nearer{i}`, `sure{i}` [h, w], `pixel` [V]; of all,
-`found_range` [2], 1/near and 1/far. At the target: `gains` [V, 3], `sharpening` [V],
+`depth{i}`, `confirmed{i}`, and with nearer edges `nearer{i}`, `sure{i}` [h, w], `pixel` [V]; of
+all, `found_range` [2], 1/near and 1/far. At the target: `gains` [V, 3], `sharpening` [V],
 `sharpened{i}` [h, w, 3], `splat`, `filled`, `searched`, `surface`, `seen` [H8, W8], `layers`
 [3, H8, W8], `hidden_colour` [V, 3, H8, W8], `hidden_coverage`, `visible` [V, H8, W8],
 `photo_variance` [7, H8, W8], `target_costs` [D, H8/4, W8/4].

@@ -3,8 +3,8 @@ pixels; the nearest wins.
 
 A point covers the pixels that contain its four corners (+-0.2 pixel); of each photo's points a
 pixel keeps the largest disparity. Over the photos: the largest that another photo confirms within
-`agree`, or the largest of all if there is no such pair (unless `single` is false); then the mean, in
-the order of the photos, of those at most `fuse` behind it and not above it.
+`agree`, or the largest of all if there is no such pair (unless `single` is false); then the mean,
+in the order of the photos, of those at most `fuse` behind it and not above it.
 """
 
 from collections.abc import Iterator
