@@ -8,7 +8,7 @@
 //!
 //! - `search`: the depth of one photo, by a plane sweep with the photo as reference.
 //! - `anchored_depth`: the same, with what the neighbours find as anchors.
-//! - `fusion`: consistency between photos, and the fusion of their depths at the target.
+//! - `fusion`: consistency between photos, their depth at edges, and its fusion at the target.
 //! - `correction`: exposure and sharpness of the photos.
 //! - `range`: the depth range of a scene that gives none.
 //! - `cache`: the depth of photos as files.
