@@ -10,21 +10,23 @@
 //!
 //! - the photo's own depth differs by more than 3 px within 5×5 pixels: there is an edge;
 //! - other photos confirm more than half of the 31×31 pixels around: their depths are trusted;
-//! - its colour cost is not higher. The cost is the mean of the lowest two differences from the other
-//!   photos: means of the channels, at most 0.2, which is also the difference outside a photo.
+//! - its colour cost is not higher. The difference from another photo is the mean of the channels, at
+//!   most 0.2, and 0.2 outside that photo; averaged over 3×3 pixels, each at its own disparity (the
+//!   photo's own where two others have none). The cost is the mean of the lowest two.
 //!
 //! px is the photo's disparity per pixel.
 
-use ndarray::Array2;
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::confirmed_depth::ConfirmedDepth;
-use super::project::project;
 use super::splat::{Single, splat};
 use super::surface::{AVERAGED_PX, SAME_SURFACE_PX};
+use crate::geometry::Size;
 use crate::surface::neighbourhood::share_of_known;
 use crate::surface::search::PhotoDepth;
-use crate::warp::{SourceView, Texture, WarpSource, warp_sources};
+use crate::warp::{NO_GAINS, RUN, SamplePositions, SourceView, Texture, WarpSource, sample, warp_sources};
 
 /// The photo's own depth differs by more than this at an edge, px, within [`EDGE_RADIUS`] pixels.
 const EDGE_PX: f32 = 3.0;
@@ -47,16 +49,28 @@ pub fn nearer_edges(set: &[(SourceView<'_>, &PhotoDepth)], which: usize, confirm
     let sources = warp_sources(&views, view.camera);
     let confirmed = share_of_known(&confirmed.disparity, WINDOW_RADIUS);
     let own = depth.disparity.as_slice().expect("standard order");
-    let moves = |at: usize| {
+    let is_candidate = |at: usize| {
         let (x, y) = (at % size.width, at / size.width);
-        let cost = |disparity: f32| colour_cost(view.texture, &sources, (x, y), disparity);
         nearer[at] > own[at] + SAME_SURFACE_PX * px
             && confirmed((y, x)) > MIN_CONFIRMED
             && is_edge(own, size.width, (x, y), EDGE_PX * px)
-            && cost(nearer[at]) <= cost(own[at])
     };
-    let disparity = (0..own.len()).into_par_iter().map(|at| if moves(at) { nearer[at] } else { own[at] }).collect();
-    let disparity = Array2::from_shape_vec(depth.disparity.dim(), disparity).expect("one per pixel");
+    let candidates: Vec<usize> = (0..own.len()).into_par_iter().filter(|&at| is_candidate(at)).collect();
+    let filled: Vec<f32> =
+        nearer.iter().zip(own).map(|(&nearer, &own)| if nearer < 0.0 { own } else { nearer }).collect();
+    let runs = runs_around(&candidates, size);
+    let costs = |map: &[f32]| -> Vec<f32> {
+        let differences = |source| differences(view.texture, source, map, &runs, size);
+        let differences: Vec<Vec<f32>> = sources.par_iter().map(differences).collect();
+        candidates.par_iter().map(|&at| cost(&differences, at, size)).collect()
+    };
+    let mut disparity = depth.disparity.clone();
+    let values = disparity.as_slice_mut().expect("standard order");
+    for (&at, (nearer_cost, own_cost)) in candidates.iter().zip(costs(&filled).into_iter().zip(costs(own))) {
+        if nearer_cost <= own_cost {
+            values[at] = nearer[at];
+        }
+    }
     PhotoDepth { disparity, disparity_per_pixel: px }
 }
 
@@ -73,33 +87,77 @@ fn is_edge(map: &[f32], width: usize, (x, y): (usize, usize), least: f32) -> boo
     largest - smallest > least
 }
 
-/// Mean of the two lowest differences of a pixel (column, row) of a photo, at that disparity, from
-/// the other photos: two at least.
-fn colour_cost(photo: &Texture, others: &[WarpSource<'_>], pixel: (usize, usize), disparity: f32) -> f32 {
-    let own = photo.pixel(pixel.0, pixel.1);
+/// Which runs of each row have a pixel beside one of these, `[h][⌈w / RUN⌉]`.
+fn runs_around(pixels: &[usize], size: Size) -> Vec<bool> {
+    let in_row = size.width.div_ceil(RUN);
+    let mut runs = vec![false; size.height * in_row];
+    for &at in pixels {
+        let (columns, rows) = window(at, size);
+        for row in rows {
+            runs[row * in_row + columns.start / RUN..=row * in_row + (columns.end - 1) / RUN].fill(true);
+        }
+    }
+    runs
+}
+
+/// Columns and rows of the 3×3 pixels around a pixel, inside the photo.
+fn window(at: usize, size: Size) -> (Range<usize>, Range<usize>) {
+    let around = |at: usize, side: usize| at.saturating_sub(1)..(at + 2).min(side);
+    (around(at % size.width, size.width), around(at / size.width, size.height))
+}
+
+/// Mean of the lowest two of the photos' differences, each the mean of the 3×3 pixels around.
+fn cost(differences: &[Vec<f32>], at: usize, size: Size) -> f32 {
+    let (columns, rows) = window(at, size);
     let mut lowest = [MAX_DIFFERENCE; 2];
-    for other in others {
-        let (x, y, _) = project(&other.sweep, pixel, disparity);
-        let Some(colour) = bilinear(other.texture, x - 0.5, y - 0.5) else { continue };
-        let difference = (0..3).map(|c| (colour[c] - own[c]).abs()).sum::<f32>() / 3.0;
-        if difference < lowest[0] {
-            lowest = [difference, lowest[0]];
-        } else if difference < lowest[1] {
-            lowest[1] = difference;
+    for differences in differences {
+        let row = |row: usize| differences[row * size.width..][columns.clone()].iter().sum::<f32>();
+        let mean = rows.clone().map(row).sum::<f32>() / (columns.len() * rows.len()) as f32;
+        if mean < lowest[0] {
+            lowest = [mean, lowest[0]];
+        } else if mean < lowest[1] {
+            lowest[1] = mean;
         }
     }
     (lowest[0] + lowest[1]) / 2.0
 }
 
-/// Sample of a photo at (x, y) in pixels, the centre of the first at 0; `None` outside.
-fn bilinear(texture: &Texture, x: f32, y: f32) -> Option<[f32; 3]> {
-    let (last_column, last_row) = ((texture.width() - 1) as f32, (texture.height() - 1) as f32);
-    if !(x >= 0.0 && y >= 0.0 && x < last_column && y < last_row) {
-        return None;
+/// Differences `[h·w]` of a photo's colours from another's along a map of disparities, in these runs;
+/// elsewhere 0.
+fn differences(photo: &Texture, other: &WarpSource<'_>, map: &[f32], runs: &[bool], size: Size) -> Vec<f32> {
+    let mut out = vec![0.0; map.len()];
+    let rows = out.par_chunks_mut(size.width).zip(map.par_chunks(size.width));
+    let rows = rows.zip(runs.par_chunks(size.width.div_ceil(RUN))).enumerate();
+    rows.for_each(|(y, ((out, map), runs))| difference_row(photo, other, y, map, runs, out));
+    out
+}
+
+#[pulp::with_simd(difference_row = crate::simd::arch())]
+#[inline(always)]
+fn difference_row_with<'a, S: pulp::Simd>(
+    simd: S,
+    photo: &'a Texture,
+    other: &'a WarpSource<'a>,
+    y: usize,
+    map: &'a [f32],
+    runs: &'a [bool],
+    out: &'a mut [f32],
+) {
+    let mut positions = SamplePositions::NEW;
+    let of_runs = map.chunks(RUN).zip(out.chunks_mut(RUN)).zip(runs).enumerate();
+    for (run, ((map, out), _)) in of_runs.filter(|(_, (_, wanted))| **wanted) {
+        let mut disparity = [map[map.len() - 1]; RUN];
+        disparity[..map.len()].copy_from_slice(map);
+        let start = run * RUN;
+        positions.locate::<false>(other, y, &(start..start + RUN), &disparity);
+        let mut samples = [[0.0; RUN]; 4];
+        sample(simd, other.texture, &positions, NO_GAINS, samples.each_mut());
+        let [red, green, blue, coverage] = &samples;
+        for (i, out) in out.iter_mut().enumerate() {
+            let own = photo.pixel(start + i, y);
+            let difference = ((red[i] - own[0]).abs() + (green[i] - own[1]).abs() + (blue[i] - own[2]).abs()) / 3.0;
+            let is_inside = (coverage[i] == 1.0) & (difference < MAX_DIFFERENCE);
+            *out = if is_inside { difference } else { MAX_DIFFERENCE };
+        }
     }
-    let (column, row) = (x as usize, y as usize);
-    let (across, down) = (x - column as f32, y - row as f32);
-    let lerp = |a: [f32; 3], b: [f32; 3], share: f32| std::array::from_fn(|c| a[c] + (b[c] - a[c]) * share);
-    let in_row = |row: usize| lerp(texture.pixel(column, row), texture.pixel(column + 1, row), across);
-    Some(lerp(in_row(row), in_row(row + 1), down))
 }

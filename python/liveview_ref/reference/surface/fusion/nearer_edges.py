@@ -13,11 +13,10 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.warp import warp_maps
 
-from ..correction.sharpness import bilinear
 from ..search.photo_depth import PhotoDepth, View
 from .consistency import AGREEMENT
-from .project import projected
 from .splat import FUSED, splat
 
 EDGE = 3.0  # px by which the photo's own depth differs at an edge
@@ -25,6 +24,7 @@ EDGE_RADIUS = 2  # pixels within which it does
 LEAST_CONFIRMED = 0.5  # share of the pixels around that other photos confirm
 WINDOW_RADIUS = 15  # pixels that are around
 MOST_DIFFERENCE = 0.2  # of colour; also outside a photo
+INSIDE = 1 - 1e-6  # coverage: all four pixels of a sample are in the photo
 
 
 def nearer_edges(which: int, photos: list[View], maps: list[PhotoDepth], confirmed: Tensor) -> Tensor:
@@ -37,7 +37,8 @@ def nearer_edges(which: int, photos: list[View], maps: list[PhotoDepth], confirm
     if not others:
         return own
     nearer = splat(of_others, camera, *own.shape, AGREEMENT * pixel, FUSED * pixel, single=False)
-    costs = [colour_cost(image, camera, others, map_) for map_ in (nearer, own)]
+    filled = torch.where(nearer < 0, own, nearer)
+    costs = [colour_cost(image, camera, others, map_) for map_ in (filled, own)]
     use = (nearer > own + AGREEMENT * pixel) & (spread(own) > EDGE * pixel) & (costs[0] <= costs[1])
     return torch.where(use & (share(confirmed) > LEAST_CONFIRMED), nearer, own)
 
@@ -55,16 +56,12 @@ def share(confirmed: Tensor) -> Tensor:
 
 
 def colour_cost(image: Tensor, camera: Camera, others: list[View], disparity: Tensor) -> Tensor:
-    """Mean [h, w] of the two lowest differences of each pixel, at `disparity`, from the other
-    photos."""
+    """Mean [h, w] of the two lowest differences from the other photos along `disparity`, each
+    averaged over 3x3 pixels."""
     found = [torch.full_like(disparity, MOST_DIFFERENCE)] * 2
     for photo, other in others:
-        x, y, _ = projected(other, camera, disparity)
-        x, y = x - 0.5, y - 0.5
-        height, width = photo.shape[1:]
-        inside = (x >= 0) & (y >= 0) & (x < width - 1) & (y < height - 1)
-        difference = torch.full_like(disparity, MOST_DIFFERENCE)
-        shown = bilinear(photo, x[inside], y[inside])
-        difference[inside] = (shown - image[:, inside]).abs().mean(0).clamp(max=MOST_DIFFERENCE)
-        found.append(difference)
+        colour, coverage = (x[0] for x in warp_maps(photo, other, camera, disparity[None]))
+        difference = (colour - image).abs().mean(0).clamp(max=MOST_DIFFERENCE)
+        difference = torch.where(coverage > INSIDE, difference, MOST_DIFFERENCE)
+        found.append(F.avg_pool2d(difference[None], 3, 1, 1, count_include_pad=False)[0])
     return torch.stack(found).sort(0).values[:2].mean(0)
