@@ -121,16 +121,20 @@ impl DepthMaps {
         let confirmed = self.confirmed.take().filter(of_this_set).unwrap_or_else(|| {
             self.statistics = PairStatistics::default();
             let confirmed = self.with_nearer_edges(&photos);
-            self.confirmed_share = confirmed.iter().map(ConfirmedDepth::share).sum::<f64>() / set.len().max(1) as f64;
-            set.iter().copied().zip(confirmed.into_iter().map(Arc::new)).collect()
+            let shares = confirmed.iter().map(|(_, confirmed)| confirmed.share());
+            self.confirmed_share = shares.sum::<f64>() / set.len().max(1) as f64;
+            confirmed.into_iter().map(|(index, confirmed)| (index, Arc::new(confirmed))).collect()
         });
         let in_order = set.iter().map(|index| Arc::clone(&confirmed[index])).collect();
         self.confirmed = Some(confirmed);
         in_order
     }
 
-    /// The depths of these photos, moved to the nearer side at edges, where they confirm each other.
-    fn with_nearer_edges(&mut self, photos: &[(usize, SourceView<'_>)]) -> Vec<ConfirmedDepth> {
+    /// The depths of these photos, moved to the nearer side at edges, where they confirm each other; by
+    /// index, and computed in this order: another target has the same photos in another one.
+    fn with_nearer_edges(&mut self, photos: &[(usize, SourceView<'_>)]) -> Vec<(usize, ConfirmedDepth)> {
+        let mut photos = photos.to_vec();
+        photos.sort_unstable_by_key(|&(index, _)| index);
         let set: Vec<usize> = photos.iter().map(|&(index, _)| index).collect();
         let confirmed: Vec<_> = set.iter().map(|&index| self.confirmed_by(index, &set)).collect();
         let depth = |index: usize| &**self.maps[index].as_ref().expect("a photo with depth");
@@ -139,7 +143,8 @@ impl DepthMaps {
             confirmed.par_iter().enumerate().map(|(which, confirmed)| nearer_edges(&found, which, confirmed)).collect();
         let map = |which: usize| (found[which].0.camera, &nearer[which]);
         let others = |which: usize| (0..found.len()).filter(move |&other| other != which).map(map);
-        (0..found.len()).into_par_iter().map(|which| confirmed_by(map(which), others(which))).collect()
+        let confirmed = |which: usize| (set[which], confirmed_by(map(which), others(which)));
+        (0..found.len()).into_par_iter().map(confirmed).collect()
     }
 
     /// Mean share, 0 to 1, of the pixels of the last set passed to [`Self::mutually_confirmed`] that
