@@ -1,6 +1,7 @@
 //! Whether threads can be started, tried before ONNX Runtime starts its own: if it gets only some
 //! of them, it waits for ever.
 
+use std::hint::black_box;
 use std::io;
 use std::sync::{Mutex, PoisonError};
 use std::thread::{self, Builder};
@@ -10,6 +11,9 @@ pub const MAX_THREADS: usize = 256;
 
 /// Stack of one thread, bytes: the usual default, so that a limit of address space is met here.
 const STACK_BYTES: usize = 8 << 20;
+/// Address space that stays free: what threads allocate as they start, without which they abort the
+/// process (64 KiB each, a signal stack for the most part).
+const FREE_BYTES: usize = MAX_THREADS << 16;
 
 /// Why threads cannot be started.
 #[derive(Debug, thiserror::Error)]
@@ -46,13 +50,22 @@ pub fn check_threads(count: usize) -> Result<(), ThreadsError> {
     thread::scope(|scope| {
         let closed = gate.lock().unwrap_or_else(PoisonError::into_inner);
         let start = |started| {
-            let thread = Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, || drop(gate.lock()));
+            let spawn = || Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, || drop(gate.lock()));
+            let thread = check_address_space().and_then(|()| spawn());
             thread.err().map(|source| ThreadsError::Refused { asked: count, started, source })
         };
         let refused = (0..count).find_map(start);
         drop(closed);
         refused.map_or(Ok(()), Err)
     })
+}
+
+/// Whether another thread leaves enough of it.
+fn check_address_space() -> io::Result<()> {
+    let mut probe: Vec<u8> = Vec::new();
+    let found = probe.try_reserve_exact(STACK_BYTES + FREE_BYTES);
+    black_box(&mut probe); // not optimised away
+    found.map_err(|error| io::Error::new(io::ErrorKind::OutOfMemory, error))
 }
 
 #[cfg(test)]
