@@ -19,7 +19,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.layers.guided.matching_cost import shrink
+from liveview_ref.reference.layers.guided.matching_cost import box, shrink
 
 from .fusion.consistency import AGREEMENT, confirmed
 from .fusion.splat import FUSED, splat
@@ -31,7 +31,7 @@ from .search.tile_ranges import has_many_planes
 SMALL_CELL = 4  # pixels a side of a cell of the small maps
 LARGER_CELL = 8  # the same of the search before it, where there are many planes
 GROUP_PIXELS = 2.0  # px that count as one when the group's maps are compared
-WINDOW_RADIUS = 15  # cells; half the side of the window that decides whether a hole is kept
+WINDOW = 31  # cells; side of the window that decides whether a hole is kept
 EDGE = 20.0  # px by which depths within 3 x 3 cells differ where none is carried over
 
 
@@ -109,7 +109,4 @@ def confirmed_by(own: tuple[Camera, PhotoDepth], others: list[tuple[Camera, Phot
 
 def mostly_confirmed(own: Tensor) -> Tensor:
     """Cells [h, w] that are confirmed (0 or more), or more than a third of those around them."""
-    sure = (own >= 0).double()[None]
-    side = 2 * WINDOW_RADIUS + 1
-    share = F.avg_pool2d(sure, side, 1, WINDOW_RADIUS, count_include_pad=False)[0]
-    return (own >= 0) | (share > 1 / 3)
+    return (own >= 0) | (box((own >= 0).double()[None], WINDOW)[0] > 1 / 3)

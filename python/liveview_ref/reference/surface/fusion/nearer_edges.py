@@ -13,6 +13,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.layers.guided.matching_cost import box
 from liveview_ref.reference.warp import warp_maps
 
 from ..search.photo_depth import PhotoDepth, View
@@ -22,7 +23,7 @@ from .splat import FUSED, splat
 EDGE = 3.0  # px by which the photo's own depth differs at an edge
 EDGE_RADIUS = 2  # pixels within which it does
 LEAST_CONFIRMED = 0.5  # share of the pixels around that other photos confirm
-WINDOW_RADIUS = 15  # pixels that are around
+WINDOW = 31  # side of the window around a pixel
 MOST_DIFFERENCE = 0.2  # of colour; also outside a photo
 INSIDE = 1 - 1e-6  # coverage: all four pixels of a sample are in the photo
 
@@ -40,19 +41,14 @@ def nearer_edges(which: int, photos: list[View], maps: list[PhotoDepth], confirm
     filled = torch.where(nearer < 0, own, nearer)
     costs = [colour_cost(image, camera, others, map_) for map_ in (filled, own)]
     use = (nearer > own + AGREEMENT * pixel) & (spread(own) > EDGE * pixel) & (costs[0] <= costs[1])
-    return torch.where(use & (share(confirmed) > LEAST_CONFIRMED), nearer, own)
+    share = box(confirmed.double()[None], WINDOW)[0]
+    return torch.where(use & (share > LEAST_CONFIRMED), nearer, own)
 
 
 def spread(map_: Tensor) -> Tensor:
     """Largest minus smallest value [h, w] around each pixel."""
     largest, smallest = (F.max_pool2d(m[None], 2 * EDGE_RADIUS + 1, 1, EDGE_RADIUS)[0] for m in (map_, -map_))
     return largest + smallest
-
-
-def share(confirmed: Tensor) -> Tensor:
-    """Share [h, w] of the pixels around each pixel that are confirmed."""
-    side = 2 * WINDOW_RADIUS + 1
-    return F.avg_pool2d(confirmed.double()[None], side, 1, WINDOW_RADIUS, count_include_pad=False)[0]
 
 
 def colour_cost(image: Tensor, camera: Camera, others: list[View], disparity: Tensor) -> Tensor:
@@ -63,5 +59,5 @@ def colour_cost(image: Tensor, camera: Camera, others: list[View], disparity: Te
         colour, coverage = (x[0] for x in warp_maps(photo, other, camera, disparity[None]))
         difference = (colour - image).abs().mean(0).clamp(max=MOST_DIFFERENCE)
         difference = torch.where(coverage > INSIDE, difference, MOST_DIFFERENCE)
-        found.append(F.avg_pool2d(difference[None], 3, 1, 1, count_include_pad=False)[0])
+        found.append(box(difference[None], 3)[0])
     return torch.stack(found).sort(0).values[:2].mean(0)
