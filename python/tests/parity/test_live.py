@@ -11,7 +11,7 @@ import torch
 
 from liveview_ref.checkpoint import load_network
 from liveview_ref.data.written_scene import write_photo, write_transforms
-from liveview_ref.parity import stages
+from liveview_ref.parity import stages, surface_stages
 from liveview_ref.parity.live import run, scene
 from liveview_ref.parity.live.compared import TOLERANCES, Compared
 from liveview_ref.parity.surface_rigs import surface_rig
@@ -62,7 +62,8 @@ CONSTANTS = {
     "coarse_costs": (photo_sweep, "COLOUR", (0.5, 0.16)),
     "coarse_found": (penalties, "JUMP_PENALTY", 0.121),
     "coarse_sure": (consistency, "AGREEMENT", 0.5),
-    "splat": (splat, "HALF_SIDE", 0.25),
+    "nearer": (splat, "HALF_SIDE", 0.25),  # the first stage that splats
+    "splat": (surface_stages, "FUSED", 1.0),
     "anchored_costs": (anchors, "ANCHOR_COST", 0.055),
     "gains": (exposure, "MOST_VALUE", 0.6),
     "rgb": (stages, "CORRECTED_POWER", 3.0),  # the distance to a view counted twice
