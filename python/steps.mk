@@ -69,12 +69,10 @@ demo-stereo: build setup
 
 .PHONY: report-sweep report-live report-limits report-readme
 
-## Error against run time (half an hour, best on an idle machine): models/report, then the readme step.
-comma := ,
-ENGINES := cpu int8$(if $(wildcard .venv-openvino/.runtime),$(comma)openvino f32$(comma)openvino int8)
-report-sweep: build setup
+## Error against run time (a quarter of an hour on an idle machine): models/report, then the readme step.
+report-sweep: build setup setup-openvino
 	for v in 4 5; do \
-		PYTHONPATH=python $(LIVEVIEW) sweep $(SCENE) --target target_0,target_1 --views $$v --engines "$(ENGINES)" \
+		PYTHONPATH=python $(LIVEVIEW) sweep $(SCENE) --target target_0,target_1 --views $$v --engines "cpu int8,openvino f32,openvino int8" \
 			--reference "$(BIN)/python -m liveview_ref.competitors.worker" --repetitions 3 -o models/report/v$$v || exit 1; \
 	done
 	$(LIVEVIEW) sweep $(SCENE) --target target_0 --layers guided:2,guided:4,planes:8,planes:16 --widths 504,800,1200,1760 \
@@ -82,8 +80,8 @@ report-sweep: build setup
 	$(MAKE) report STEP=readme
 
 ## The layer policies of `liveview video` on the rig's clip, and memory over 1,000 frames: models/report/live.
-report-live: build setup
-	$(PY) tools.live_report --cut 11 -- $(if $(wildcard .venv-openvino/.runtime),--engine openvino --precision int8)
+report-live: build setup setup-openvino
+	$(PY) tools.live_report --cut 11 -- --engine openvino --precision int8
 
 ## What limits the pictures: a table of models/README.md, from the example scene, whose depth is known.
 report-limits: build setup
