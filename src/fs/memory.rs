@@ -31,11 +31,15 @@ pub fn check(needed: u64) -> Result<(), MemoryError> {
     if let Some(available) = available().filter(|&available| available < needed) {
         return refused(Some(available));
     }
-    // Reserves address space only: no page of it is touched.
-    let mut reserved_bytes = Vec::<u8>::new();
-    let reserved = usize::try_from(needed).is_ok_and(|bytes| reserved_bytes.try_reserve_exact(bytes).is_ok());
-    black_box(&reserved_bytes);
-    if reserved { Ok(()) } else { refused(None) }
+    if usize::try_from(needed).is_ok_and(can_reserve) { Ok(()) } else { refused(None) }
+}
+
+/// Whether the process can reserve so many bytes of address space; no page of it is touched.
+pub fn can_reserve(bytes: usize) -> bool {
+    let mut reserved = Vec::<u8>::new();
+    let is_reserved = reserved.try_reserve_exact(bytes).is_ok();
+    black_box(&reserved); // not optimised away
+    is_reserved
 }
 
 /// Bytes that Linux reports as available without swapping out other processes, at most the limit of

@@ -1,10 +1,11 @@
 //! Whether threads can be started, tried before ONNX Runtime starts its own: if it gets only some
 //! of them, it waits for ever.
 
-use std::hint::black_box;
 use std::io;
 use std::sync::{Mutex, PoisonError};
 use std::thread::{self, Builder};
+
+use crate::fs::memory;
 
 /// Most threads that a network is run on.
 pub const MAX_THREADS: usize = 256;
@@ -12,8 +13,9 @@ pub const MAX_THREADS: usize = 256;
 /// Stack of one thread, bytes: the usual default, so that a limit of address space is met here.
 const STACK_BYTES: usize = 8 << 20;
 /// Address space that stays free: what threads allocate as they start, without which they abort the
-/// process (64 KiB each, a signal stack for the most part).
-const FREE_BYTES: usize = MAX_THREADS << 16;
+/// process (64 KiB each, a signal stack for the most part). More than that, because glibc keeps
+/// freed blocks of up to 32 MiB and would reserve the same one for every thread.
+const FREE_BYTES: usize = 64 << 20;
 
 /// Why threads cannot be started.
 #[derive(Debug, thiserror::Error)]
@@ -60,12 +62,9 @@ pub fn check_threads(count: usize) -> Result<(), ThreadsError> {
     })
 }
 
-/// Whether another thread leaves enough of it.
+/// Fails unless there is address space for one more stack and for [`FREE_BYTES`].
 fn check_address_space() -> io::Result<()> {
-    let mut probe: Vec<u8> = Vec::new();
-    let found = probe.try_reserve_exact(STACK_BYTES + FREE_BYTES);
-    black_box(&mut probe); // not optimised away
-    found.map_err(|error| io::Error::new(io::ErrorKind::OutOfMemory, error))
+    if memory::can_reserve(STACK_BYTES + FREE_BYTES) { Ok(()) } else { Err(io::ErrorKind::OutOfMemory.into()) }
 }
 
 #[cfg(test)]

@@ -28,7 +28,8 @@ pub struct DepthMaps {
     far: f64,
     maps: Vec<Option<Arc<PhotoDepth>>>,
     votes: KeptVotes,
-    /// Depths that the maps of the last set confirmed among each other.
+    /// Depths that the maps of the last set confirmed among each other, with the colours that its photos
+    /// had then.
     confirmed: Option<HashMap<usize, Arc<ConfirmedDepth>>>,
     /// Mean share of the pixels of that set which are confirmed.
     confirmed_share: f64,
@@ -130,17 +131,18 @@ impl DepthMaps {
         in_order
     }
 
-    /// The depths of these photos, moved to the nearer side at edges, where they confirm each other; by
-    /// index, and computed in this order: another target has the same photos in another one.
+    /// The depths of these photos, moved to the nearer side at edges, where they confirm each other; sorted
+    /// by index: photos are passed by their distance from the target, and sums depend on the order.
     fn with_nearer_edges(&mut self, photos: &[(usize, SourceView<'_>)]) -> Vec<(usize, ConfirmedDepth)> {
         let mut photos = photos.to_vec();
         photos.sort_unstable_by_key(|&(index, _)| index);
+        photos.dedup_by_key(|&mut (index, _)| index);
         let set: Vec<usize> = photos.iter().map(|&(index, _)| index).collect();
         let confirmed: Vec<_> = set.iter().map(|&index| self.confirmed_by(index, &set)).collect();
         let depth = |index: usize| &**self.maps[index].as_ref().expect("a photo with depth");
         let found: Vec<_> = photos.iter().map(|&(index, view)| (view, depth(index))).collect();
         let nearer: Vec<PhotoDepth> =
-            confirmed.par_iter().enumerate().map(|(which, confirmed)| nearer_edges(&found, which, confirmed)).collect();
+            confirmed.iter().enumerate().map(|(which, confirmed)| nearer_edges(&found, which, confirmed)).collect();
         let map = |which: usize| (found[which].0.camera, &nearer[which]);
         let others = |which: usize| (0..found.len()).filter(move |&other| other != which).map(map);
         let confirmed = |which: usize| (set[which], confirmed_by(map(which), others(which)));

@@ -1,9 +1,9 @@
 //! Surface layers: the depth of the photos (multi-view stereo), and the target's surface from it.
 //!
 //! ```text
-//! photo, neighbours ─► search ─► confirmed by other photos ─┐ (once per photo: DepthMaps)
-//!                                                           ├─► TargetSurface ─► layers, visibility ─► Renderer
-//!                                                  target ──┘
+//! photo, neighbours ─► search ─► edges, confirmed by other photos ─┐ (DepthMaps: search once per photo,
+//!                                                                  ├─► TargetSurface ─► layers, visibility ─► Renderer
+//!                                                         target ──┘   edges once per set of photos)
 //! ```
 //!
 //! - `search`: the depth of one photo, by a plane sweep with the photo as reference.

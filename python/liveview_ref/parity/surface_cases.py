@@ -81,7 +81,8 @@ def decision_of(name: str, data: Arrays) -> float | None:
     if kind_of(name) not in IN_PIXELS:
         return change
     pixel = data["pixel"][0] if kind_of(name) in IN_PHOTO_PIXELS else stages.target_pixel(data)
-    # Not less than the moves themselves, where the nearest and the farthest almost coincide.
+    # Not less than the moves can change where the nearest and the farthest almost coincide: four
+    # standard deviations.
     return max(change * float(pixel), 4 * MOVED * float(np.abs(data[name]).max()))
 
 

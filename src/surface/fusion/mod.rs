@@ -1,5 +1,5 @@
-//! From the depth of photos to the target's surface: confirmed by other photos, splatted to the
-//! target, averaged, holes filled.
+//! From the depth of photos to the target's surface: edges, confirmed by other photos,
+//! splatted to the target, averaged, holes filled.
 
 mod confirmed_depth;
 mod consistency;

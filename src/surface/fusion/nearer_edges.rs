@@ -1,9 +1,9 @@
 //! The depth of a photo at its edges, moved to the nearer side where other photos show it.
 //!
-//! Beside an edge, a search gives some pixels of the near thing the depth behind it. Nothing then
-//! hides their colour from what lies behind, and pictures show it there; a pixel of the background
-//! with the near depth is left out, and other photos show the background. Depth that is too far
-//! costs more than depth that is too near (docs/design-log/photo-depth-edges.md).
+//! Beside an edge, a search gives some pixels of the near surface the depth of the background, and
+//! pictures show their colour on the background. The opposite error costs less: a pixel of the
+//! background with the near depth is left out, and other photos show the background
+//! (docs/design-log/photo-depth-edges.md).
 //!
 //! The depths of the other photos are splatted to the photo ([`super::splat`]); only those count that
 //! two of them have. Such a depth replaces the photo's own where it is nearer by more than 2 px and
@@ -36,6 +36,8 @@ const MIN_CONFIRMED: f32 = 0.5;
 const WINDOW_RADIUS: usize = 15;
 /// Upper bound of a difference of colour.
 const MAX_DIFFERENCE: f32 = 0.2;
+/// Coverage of a sample inside the photo; positions are exact to some millionths of a pixel.
+const INSIDE: f32 = 1.0 - 1e-4;
 
 /// The depth of photo `which` of a set, moved to the nearer side at edges; `confirmed` is what the
 /// others of the set confirm of it.
@@ -56,6 +58,10 @@ pub fn nearer_edges(set: &[(SourceView<'_>, &PhotoDepth)], which: usize, confirm
             && is_edge(own, size.width, (x, y), EDGE_PX * px)
     };
     let candidates: Vec<usize> = (0..own.len()).into_par_iter().filter(|&at| is_candidate(at)).collect();
+    let mut disparity = depth.disparity.clone();
+    if candidates.is_empty() {
+        return PhotoDepth { disparity, disparity_per_pixel: px };
+    }
     let filled: Vec<f32> =
         nearer.iter().zip(own).map(|(&nearer, &own)| if nearer < 0.0 { own } else { nearer }).collect();
     let runs = runs_around(&candidates, size);
@@ -64,7 +70,6 @@ pub fn nearer_edges(set: &[(SourceView<'_>, &PhotoDepth)], which: usize, confirm
         let differences: Vec<Vec<f32>> = sources.par_iter().map(differences).collect();
         candidates.par_iter().map(|&at| cost(&differences, at, size)).collect()
     };
-    let mut disparity = depth.disparity.clone();
     let values = disparity.as_slice_mut().expect("standard order");
     for (&at, (nearer_cost, own_cost)) in candidates.iter().zip(costs(&filled).into_iter().zip(costs(own))) {
         if nearer_cost <= own_cost {
@@ -156,7 +161,7 @@ fn difference_row_with<'a, S: pulp::Simd>(
         for (i, out) in out.iter_mut().enumerate() {
             let own = photo.pixel(start + i, y);
             let difference = ((red[i] - own[0]).abs() + (green[i] - own[1]).abs() + (blue[i] - own[2]).abs()) / 3.0;
-            let is_inside = (coverage[i] == 1.0) & (difference < MAX_DIFFERENCE);
+            let is_inside = (coverage[i] > INSIDE) & (difference < MAX_DIFFERENCE);
             *out = if is_inside { difference } else { MAX_DIFFERENCE };
         }
     }

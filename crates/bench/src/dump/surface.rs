@@ -59,7 +59,6 @@ fn write_at_target(
         let confirmed = confirmed_by_others(index, &cameras, &photos.depths);
         nearer.push(stages::nearer_edges(&set, index, &ConfirmedDepth::new(depth, &confirmed)));
         arrays.add(&format!("confirmed{index}"), confirmed.mapv(|yes| f32::from(u8::from(yes))))?;
-        arrays.add(&format!("nearer{index}"), nearer[index].disparity.clone())?;
     }
     // Those to render from as they were used; the helpers' are not kept.
     let used = surface.visibility();
@@ -71,6 +70,9 @@ fn write_at_target(
     };
     let kept: Vec<ConfirmedDepth> = (0..cameras.len()).map(of_photo).collect();
     for (index, kept) in kept.iter().enumerate() {
+        let mut nearer = nearer[index].disparity.clone();
+        nearer.zip_mut_with(&kept.disparity, |nearer, &used| *nearer = if used < 0.0 { *nearer } else { used });
+        arrays.add(&format!("nearer{index}"), nearer)?;
         arrays.add(&format!("sure{index}"), kept.disparity.mapv(|disparity| f32::from(disparity >= 0.0)))?;
     }
     let views = kept.iter().enumerate();

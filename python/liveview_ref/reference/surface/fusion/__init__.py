@@ -1,2 +1,2 @@
-"""From the depths of photos to the target's surface: confirmed by other photos, projected,
-averaged, holes filled."""
+"""From the depths of photos to the target's surface: edges, confirmed by other photos,
+projected, averaged, holes filled."""

@@ -1,7 +1,7 @@
 """The depth of a photo at its edges, moved to the nearer side where other photos show it.
 
-Beside an edge, a search gives some pixels of the near thing the depth behind it. Nothing then hides
-their colour from what lies behind, and pictures show it there.
+Beside an edge, a search gives some pixels of the near surface the depth of the background, and
+pictures show their colour on the background.
 
 The depths of the other photos are splatted to the photo; only those count that two of them have.
 Such a depth replaces the photo's own where it is nearer, the photo's own has an edge, other photos
@@ -25,7 +25,7 @@ EDGE_RADIUS = 2  # pixels within which it does
 LEAST_CONFIRMED = 0.5  # share of the pixels around that other photos confirm
 WINDOW = 31  # side of the window around a pixel
 MOST_DIFFERENCE = 0.2  # of colour; also outside a photo
-INSIDE = 1 - 1e-6  # coverage: all four pixels of a sample are in the photo
+INSIDE = 1 - 1e-4  # coverage of a sample inside a photo; positions in float32 are exact to some 1e-6 px
 
 
 def nearer_edges(which: int, photos: list[View], maps: list[PhotoDepth], confirmed: Tensor) -> Tensor:
