@@ -10,7 +10,7 @@ const MIN_COSINE: f64 = 0.5;
 /// Too few views face the target's direction: with optical axes within 60 degrees of the target's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{wanted} views are needed, but only {found} of {of} {}",
+    "{wanted} views are needed, but only {found} of {of} {}; expected more photos, or fewer views (--views)",
     if found < of { "face the target's direction (optical axes within 60 degrees)" } else { "can be used" }
 )]
 pub struct TooFewViews {

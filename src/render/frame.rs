@@ -25,8 +25,8 @@ pub struct Frame {
     pub best_layer: Array2<Option<u32>>,
     /// Layers that were skipped because no view covers them.
     pub uncovered_layers: usize,
-    /// Pixels that are occluded in every view on every layer, by the photos' own depth; they are
-    /// rendered as if no view were occluded there.
+    /// Pixels that some view covers, and that are occluded in every view on every layer by the photos'
+    /// own depth; they are rendered as if no view were occluded there.
     pub occluded_pixels: usize,
     /// Logits of the network that are NaN or infinite: at most one in 10,000.
     pub logits_not_finite: usize,

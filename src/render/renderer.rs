@@ -3,6 +3,7 @@
 use std::fmt;
 use std::time::Instant;
 
+use ndarray::Array2;
 use rayon::prelude::*;
 
 use super::blend::{CORRECTED_DISTANCE_POWER, DistanceWeights};
@@ -176,9 +177,9 @@ impl Renderer {
         }
         self.check_finite(logits, logits_not_finite)?;
         let started = Instant::now();
-        let occluded_pixels = count_occluded(&visible, size, target.size());
         let rows: Vec<_> = rows.into_iter().map(R::finish).collect();
         let frame = Frame::new(&rows, target);
+        let occluded_pixels = count_occluded(&visible, size.width, &frame.transmittance);
         times.composite += started.elapsed();
         Ok(Frame { occluded_pixels, uncovered_layers, logits_not_finite, times, ..frame })
     }
@@ -197,8 +198,20 @@ fn distance_weights(views: &[SourceView<'_>], target: &Camera, are_corrected: bo
     DistanceWeights::with_power(&distances, if are_corrected { CORRECTED_DISTANCE_POWER } else { 1.0 })
 }
 
-/// Pixels of the target, the upper left part of the padded one, that are not visible.
-fn count_occluded(visible: &[bool], padded: Size, target: Size) -> usize {
-    let rows = visible.chunks_exact(padded.width).take(target.height).map(|row| &row[..target.width]);
-    rows.map(|row| row.iter().filter(|visible| !**visible).count()).sum()
+/// Pixels of the target, the upper left part of a padded one of this width, that are not visible but
+/// covered.
+fn count_occluded(visible: &[bool], padded_width: usize, transmittance: &Array2<f32>) -> usize {
+    let rows = visible.chunks_exact(padded_width).zip(transmittance.rows());
+    rows.map(|(row, behind)| row.iter().zip(behind).filter(|&(&visible, &t)| !visible && t < 1.0).count()).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn uncovered_pixels_and_the_padding_do_not_count_as_occluded() {
+        let visible = [false, true, false, false, false, false];
+        assert_eq!(count_occluded(&visible, 3, &ndarray::arr2(&[[0.0, 0.0], [1.0, 0.5]])), 2);
+    }
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use super::{SceneError, View};
 
 /// Number of similar names that an error lists.
-const LISTED_NAMES: usize = 8;
+const LISTED_NAMES: usize = 3;
 
 /// Index of the view with this name, file name, or file name without extension.
 pub(super) fn index_of(views: &[View], name: &str) -> Result<usize, SceneError> {

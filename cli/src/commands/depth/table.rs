@@ -15,7 +15,7 @@ use super::truth::{Score, WITHIN};
 pub(super) fn output(scene: &Scene, reports: &[Report], (near, far): (f64, f64), held_out: &[usize]) -> Output {
     let scored = reports.iter().any(|one| one.score.is_some());
     let width = reports.iter().map(|one| one.name.chars().count()).max().unwrap_or(0).max(5);
-    let mut text = format!("{} photos, searched from {near:.4} to {far:.4} scene units\n", reports.len());
+    let mut text = format!("photos: {}, searched from {near:.4} to {far:.4} scene units\n", reports.len());
     if scored {
         let bounds = WITHIN.map(|bound| format!("{bound}")).join(", ");
         let _ = writeln!(

@@ -12,7 +12,7 @@ use super::numbers;
 /// Options for the scene and its depth range.
 #[derive(Debug, Args)]
 pub struct SceneArgs {
-    /// Scene folder (transforms.json, COLMAP, LLFF, RealEstate10K or Spaces), or a transforms.json
+    /// Scene folder (transforms.json, Blender, COLMAP, LLFF, RealEstate10K or Spaces), or a transforms.json
     scene: PathBuf,
     /// Scale wider photos down to this width
     #[arg(long, value_name = "PIXELS", value_parser = numbers::count)]

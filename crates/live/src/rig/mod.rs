@@ -283,7 +283,7 @@ mod tests {
                 opened(&root),
                 (
                     ["a", "a.0", "c"].map(str::to_owned).to_vec(),
-                    vec!["no points3D: depth ranges are unknown".to_owned()]
+                    vec!["no points3D, which would give the depth range".to_owned()]
                 )
             );
         }

@@ -86,7 +86,7 @@ pub(super) fn views(model: &Model, list: &PhotoList, mut lookup: PhotoLookup<'_>
     found.notes.extend(downscaled.map(|folder| format!("photos are read from {folder}")));
     found.notes.extend(reprojection_note(errors));
     if model.points.is_empty() {
-        found.notes.push("no points3D: depth ranges are unknown".to_owned());
+        found.notes.push("no points3D, which would give the depth range".to_owned());
     }
     Ok(found)
 }
