@@ -123,7 +123,7 @@ impl DepthMaps {
             self.statistics = PairStatistics::default();
             let confirmed = self.with_nearer_edges(&photos);
             let shares = confirmed.iter().map(|(_, confirmed)| confirmed.share());
-            self.confirmed_share = shares.sum::<f64>() / set.len().max(1) as f64;
+            self.confirmed_share = shares.sum::<f64>() / confirmed.len().max(1) as f64;
             confirmed.into_iter().map(|(index, confirmed)| (index, Arc::new(confirmed))).collect()
         });
         let in_order = set.iter().map(|index| Arc::clone(&confirmed[index])).collect();
@@ -141,6 +141,7 @@ impl DepthMaps {
         let confirmed: Vec<_> = set.iter().map(|&index| self.confirmed_by(index, &set)).collect();
         let depth = |index: usize| &**self.maps[index].as_ref().expect("a photo with depth");
         let found: Vec<_> = photos.iter().map(|&(index, view)| (view, depth(index))).collect();
+        // One photo after another: each is computed in parallel, and allocates several maps of its size.
         let nearer: Vec<PhotoDepth> =
             confirmed.iter().enumerate().map(|(which, confirmed)| nearer_edges(&found, which, confirmed)).collect();
         let map = |which: usize| (found[which].0.camera, &nearer[which]);

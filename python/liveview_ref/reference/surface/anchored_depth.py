@@ -109,4 +109,5 @@ def confirmed_by(own: tuple[Camera, PhotoDepth], others: list[tuple[Camera, Phot
 
 def mostly_confirmed(own: Tensor) -> Tensor:
     """Cells [h, w] that are confirmed (0 or more), or more than a third of those around them."""
-    return (own >= 0) | (box((own >= 0).double()[None], WINDOW)[0] > 1 / 3)
+    sure = own >= 0
+    return sure | (box(sure.double()[None], WINDOW)[0] > 1 / 3)
