@@ -10,7 +10,6 @@ use divan::counter::{BytesCount, ItemsCount};
 use glam::{DMat3, DVec3};
 use liveview::geometry::{Camera, Intrinsics, PlaneSweep, Size};
 use liveview::image::ImageRgb;
-use liveview::layers::guided::GuidedSearch;
 use liveview::render::{Accumulated, Blended, DistanceWeights, LayerSamples};
 use liveview::warp::{Texture, WarpSource, warp_layers};
 use rayon::prelude::*;
@@ -73,7 +72,7 @@ fn blend_and_composite(bencher: Bencher) {
     let weights = DistanceWeights::new(&[0.1, 0.1, 0.2, 0.2, 0.3]);
     let logits: Vec<f32> = (0..VIEWS * PIXELS).map(|at| 4.0 * (at as f32 * 0.37).sin()).collect();
     let (colour, coverage) = (vec![0.5; 3 * VIEWS * PIXELS], vec![1.0; VIEWS * PIXELS]);
-    let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage, logit_shift: 0.0 };
+    let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
     let (disparity, mut rows) = (vec![0.2; SIZE.width], vec![Accumulated::new(SIZE.width); SIZE.height]);
     let bytes = BytesCount::of_many::<f32>(5 * VIEWS * PIXELS);
     bencher.counter(ItemsCount::new(VIEWS * PIXELS)).counter(bytes).bench_local(|| {
@@ -85,12 +84,4 @@ fn blend_and_composite(bencher: Bencher) {
             },
         );
     });
-}
-
-#[divan::bench]
-fn guided_search(bencher: Bencher) {
-    let textures = textures();
-    let sources = sources(&textures, 0.01);
-    let search = GuidedSearch::new(1.0, 10.0);
-    bencher.bench_local(|| search.search(&sources, SIZE).unwrap());
 }

@@ -1,36 +1,41 @@
-//! New views of a scene from a few posed photos: dynamic target-centred multiplane images
-//! ([LiveView, CVPR 2021]).
+//! New views of a scene from a few posed photos, by an exported network and the small runtime around it:
+//! dynamic target-centred multiplane images ([LiveView, CVPR 2021]).
 //!
-//! The nearest photos are warped onto layers in front of the target camera, blended and composited. By
-//! default the layers follow the scene's surface, and photos are weighted by how well they agree; on
-//! planes and guided layers a small network predicts opacities and weights. ONNX Runtime runs the
-//! network; all other stages are Rust.
+//! Photos are warped onto planes in front of the target camera, a network gives each plane its opacity and
+//! each photo its weight, and the planes are blended and composited. ONNX Runtime runs the network; all
+//! other stages are Rust.
 //!
 //! [LiveView, CVPR 2021]: https://openaccess.thecvf.com/content/CVPR2021/html/Ghosh_LiveView_Dynamic_Target-Centered_MPI_for_View_Synthesis_CVPR_2021_paper.html
 //!
 //! # Example
 //!
+//! Photos and cameras in, a picture out:
+//!
 //! ```no_run
-//! # use liveview::{Options, Synthesizer, Target};
-//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let mut synthesizer = Synthesizer::open("scene", &Options::default())?;
-//! let frame = synthesizer.render(&Target::held_out("IMG_7.jpg"))?;
-//! frame.inpainted().save("new.png")?;
-//! # Ok(()) }
+//! use liveview::network::{ExecutionProvider, OrtLibrary, OrtNetwork};
+//! use liveview::{Camera, Frame, ImageRgb, Layers, RenderRequest, Renderer, SourceView, Texture};
+//!
+//! fn new_view(photos: &[ImageRgb], cameras: &[Camera], target: &Camera) -> Result<Frame, Box<dyn std::error::Error>> {
+//!     let library = OrtLibrary::load(ExecutionProvider::Cpu, None)?;
+//!     let network = OrtNetwork::open(&library, "models/liveview_v4_planes.onnx".as_ref(), 2)?;
+//!     let alpha = network.card().alpha(None);
+//!     let mut renderer = Renderer::new(Box::new(network), alpha, 1);
+//!     let textures: Vec<Texture> = photos.iter().map(Texture::new).collect();
+//!     let views: Vec<SourceView> =
+//!         cameras.iter().zip(&textures).map(|(camera, texture)| SourceView { camera, texture }).collect();
+//!     let planes = Layers::uniform(1.0, 100.0, 64)?;
+//!     Ok(renderer.render(RenderRequest::new(&views, target, &planes))?)
+//! }
 //! ```
 //!
-//! # Main types
+//! # Modules
 //!
-//! - [`Synthesizer`]: a scene, a choice of layers and, where needed, a model; renders a [`Target`] to a [`Frame`].
-//! - [`Scene`]: posed photos, from a folder in one of five file formats, or from memory.
-//! - [`LayerSpec`]: which layers to render on, as text such as `surface:3` or `planes:64`;
-//!   [`Layers`]: the layers themselves.
-//! - [`network::PlaneNetwork`]: the trait of a network; [`network::OrtNetwork`] runs the LiveView
-//!   models, [`network::ViewAgreement`] takes their place where there is none.
-//! - [`render::Renderer`]: views, target and layers → frame, for programs that choose these
-//!   themselves.
-//! - [`live::LiveSession`]: the time steps of a camera rig → frames; layers are reused from frame
-//!   to frame.
+//! - [`geometry`]: cameras, the plane sweep, the choice of views.
+//! - [`warp`]: views sampled along a layer.
+//! - [`network`]: the trait of a network; LiveView models run by ONNX Runtime.
+//! - [`layers`]: planes, and their selection; other layers are maps of disparity.
+//! - [`render`]: blend, the two composites, and [`Renderer`], which does all of it.
+//! - [`image`]: pictures in memory, PNG and JPEG, inpainting of uncovered pixels.
 //!
 //! # Conventions
 //!
@@ -45,60 +50,34 @@
 //!
 //! # Out of scope
 //!
-//! Training, pose estimation, an interactive viewer (`liveview view`, a command of the program, is
-//! one), downloading models or libraries at run time, and extrapolation far beyond the photos.
-//! Gloss and reflections are those of the nearest photos. Pixels that no photo covers are black in
-//! a [`Frame`]; [`Frame::inpainted`] fills them.
+//! Files of scenes and the depth of photos (`liveview-scene`, `liveview-surface`, `liveview-synthesizer`),
+//! training, pose estimation, downloads at run time, and extrapolation far beyond the photos.
 //!
 //! # Features
 //!
 //! - `load-dynamic` (default): ONNX Runtime is loaded at run time ([`network::OrtLibrary`]); the
 //!   library may have OpenVINO.
 //! - `cuda`, `tensorrt`: these execution providers, for libraries that have them.
-//! - `surface` (default): `surface:L` layers ([`surface`]), and [`live`], which needs them.
 //! - `download-binaries`: ONNX Runtime is downloaded and linked at build time instead; needs
 //!   `--no-default-features`.
 
-pub mod fs;
 #[cfg(fuzzing)]
 pub mod fuzz;
 pub mod geometry;
 pub mod image;
-#[cfg_attr(not(feature = "surface"), allow(unreachable_pub))]
-mod kinds;
 pub mod layers;
-#[cfg(feature = "surface")]
-pub mod live;
 pub mod network;
 pub mod render;
-pub mod scene;
-mod simd;
-#[cfg(feature = "surface")]
-pub mod surface;
-mod synthesizer;
+#[doc(hidden)] // for the packages on top of this one
+pub mod simd;
 pub mod warp;
 
-// Targets are cameras, and paths of them.
-pub use geometry::{Camera, CameraPath, Intrinsics};
-// Photos in, pictures out.
+// Cameras and photos in.
+pub use geometry::{Camera, Intrinsics};
 pub use image::ImageRgb;
-// Options name layers as text; stages take the layers.
-pub use layers::{LayerSpec, Layers};
-// What rendering returns.
-pub use render::Frame;
-// What a synthesizer opens.
-pub use scene::{Scene, SceneOptions};
-// The high-level interface; its module is private.
-pub use synthesizer::{
-    DEFAULT_VIEWS, LoadedShot, Model, ModelOptions, Options, Plan, ScenePhotos, SceneViews, Shot, SynthesisError,
-    Synthesizer, Target, TargetCamera, Targets,
-};
-#[cfg(feature = "surface")]
-pub use synthesizer::{DepthProgress, DepthSearch, DepthSource, FoundDepth, PhotoCorrection, TargetSurface, ViewDepth};
+pub use warp::{SourceView, Texture};
+// What a picture is rendered on, and by.
+pub use layers::Layers;
+pub use render::{Frame, RenderRequest, Renderer};
 // The interface uses types of these crates.
 pub use {glam, ndarray};
-
-/// The example of README.md compiles.
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct ReadmeExample;

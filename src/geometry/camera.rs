@@ -6,8 +6,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::camera_error::{CameraError, ROTATION_TOLERANCE};
-use super::size::{MAX_SIDE, Size};
+use super::{MAX_SIDE, Size};
 
 /// Focal lengths, principal point and skew, in pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -174,8 +173,7 @@ impl Camera {
 
     /// The camera of a photo whose cells of `cell`×`cell` pixels are averaged, fewer at the right and
     /// lower edge.
-    #[cfg(feature = "surface")]
-    pub(crate) fn shrunk(&self, cell: usize) -> Self {
+    pub fn shrunk(&self, cell: usize) -> Self {
         let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
         let whole = self.with_window(0.0, 0.0, width * cell, height * cell);
         whole.and_then(|whole| whole.with_size_scaled(width, height)).expect("a smaller camera")
@@ -218,6 +216,57 @@ impl Camera {
 
 fn finite(field: impl Fn() -> String, value: f64) -> Result<(), CameraError> {
     if value.is_finite() { Ok(()) } else { Err(CameraError::NotFinite { field: field(), value }) }
+}
+
+/// Largest entry of `|R Rᵀ − I|` accepted for a rotation: pose files carry as few as three
+/// decimals.
+const ROTATION_TOLERANCE: f64 = 1e-3;
+
+/// Why a camera was refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CameraError {
+    /// NaN or infinity in a field.
+    #[error("{field} is {value}: expected a finite number")]
+    NotFinite {
+        /// The field, such as `fx` or `rotation[0][2]`.
+        field: String,
+        /// Its value.
+        value: f64,
+    },
+    /// K has no usable inverse.
+    #[error("K is singular: {field} is {value:?}, expected a positive focal length in pixels")]
+    SingularK {
+        /// `fx` or `fy`.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The rotation's rows are not orthonormal, or it mirrors.
+    #[error(
+        "the rotation is not orthonormal: max |R Rᵀ − I| is {deviation:.3e} (at most {ROTATION_TOLERANCE:.0e} \
+         is accepted), det R is {determinant:.6}"
+    )]
+    NotARotation {
+        /// The largest entry of `|R Rᵀ − I|`.
+        deviation: f64,
+        /// det R; negative for a mirror.
+        determinant: f64,
+    },
+    /// A matrix has not the form of its kind.
+    #[error("{matrix} is not as expected: {expected}")]
+    Matrix {
+        /// K or the pose.
+        matrix: &'static str,
+        /// Its form.
+        expected: &'static str,
+    },
+    /// A width or height of zero, or one beyond [`MAX_SIDE`].
+    #[error("the image size is {size}: each side must be 1 to {MAX_SIDE} pixels")]
+    Size {
+        /// In pixels.
+        size: Size,
+    },
 }
 
 #[cfg(test)]

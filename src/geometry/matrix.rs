@@ -1,7 +1,6 @@
-//! Cameras from K and a pose as matrices, such matrices in JSON, and poses with OpenGL's axes.
+//! Cameras from K and a pose as matrices, and poses with OpenGL's axes.
 
 use glam::{DMat3, DVec3};
-use serde_json::Value;
 
 use super::{Camera, CameraError, Intrinsics, Size};
 
@@ -26,7 +25,7 @@ impl Camera {
     /// [`CameraError::Matrix`] for a row of K or of the pose that is not as in the others; those of
     /// [`Camera::new`].
     pub fn from_opencv(k: [[f64; 3]; 3], cam_from_world: [[f64; 4]; 4], size: Size) -> Result<Self, CameraError> {
-        let (rotation, translation) = parts(cam_from_world)?;
+        let (rotation, translation) = rotation_and_translation(cam_from_world)?;
         Self::new(intrinsics(k)?, size.width, size.height, rotation, translation)
     }
 
@@ -38,7 +37,7 @@ impl Camera {
     ///
     /// As [`Self::from_opencv`].
     pub fn from_opengl(k: [[f64; 3]; 3], world_from_cam: [[f64; 4]; 4], size: Size) -> Result<Self, CameraError> {
-        let (axes, centre) = parts(world_from_cam)?;
+        let (axes, centre) = rotation_and_translation(world_from_cam)?;
         let (rotation, translation) = cam_from_opengl_world(axes, centre);
         Self::new(intrinsics(k)?, size.width, size.height, rotation, translation)
     }
@@ -51,8 +50,12 @@ fn intrinsics([[fx, skew, cx], [below, fy, cy], last]: [[f64; 3]; 3]) -> Result<
     }
 }
 
-/// The 3×3 part and the last column of a 4×4 matrix.
-fn parts([a, b, c, last]: [[f64; 4]; 4]) -> Result<(DMat3, DVec3), CameraError> {
+/// Rotation and translation of a 4×4 pose, row by row.
+///
+/// # Errors
+///
+/// [`CameraError::Matrix`] unless the last row is 0 0 0 1.
+pub fn rotation_and_translation([a, b, c, last]: [[f64; 4]; 4]) -> Result<(DMat3, DVec3), CameraError> {
     if last != LAST_ROW {
         return Err(CameraError::Matrix { matrix: "the pose", expected: "a last row of [0, 0, 0, 1]" });
     }
@@ -62,25 +65,10 @@ fn parts([a, b, c, last]: [[f64; 4]; 4]) -> Result<(DMat3, DVec3), CameraError> 
 
 /// `cam_from_world` (rotation, translation) with OpenCV axes, of a camera given by its axes (the
 /// columns of `axes`, OpenGL: x right, y up, z backwards) and its centre in the world.
-pub(crate) fn cam_from_opengl_world(axes: DMat3, centre: DVec3) -> (DMat3, DVec3) {
+pub fn cam_from_opengl_world(axes: DMat3, centre: DVec3) -> (DMat3, DVec3) {
     // The rows of `cam_from_world` are the columns of world from camera; y and z are opposite.
     let rotation = DMat3::from_rows(axes.x_axis, -axes.y_axis, -axes.z_axis);
     (rotation, -(rotation * centre))
-}
-
-/// The numbers of a JSON list of that length.
-pub(crate) fn json_numbers<const N: usize>(list: &Value) -> Option<[f64; N]> {
-    let numbers: Option<Vec<f64>> = list.as_array()?.iter().map(Value::as_f64).collect();
-    numbers?.try_into().ok()
-}
-
-/// The 3×3 part and the last column of a 4×4 matrix; the last row may be missing where `rows` is 3.
-pub(crate) fn split_json_matrix(matrix: &Value, rows: usize) -> Option<(DMat3, DVec3)> {
-    let mut found: Vec<[f64; 4]> = matrix.as_array()?.iter().map(json_numbers).collect::<Option<_>>()?;
-    if found.len() == 3 && rows == 3 {
-        found.push(LAST_ROW);
-    }
-    parts(found.try_into().ok()?).ok()
 }
 
 #[cfg(test)]

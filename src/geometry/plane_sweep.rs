@@ -52,7 +52,7 @@ impl PlaneSweep {
     }
 
     /// The same sweep between images shrunk by a factor of `scale`, with their corners aligned.
-    pub(crate) fn shrunk(&self, scale: f64) -> Self {
+    pub fn shrunk(&self, scale: f64) -> Self {
         let down = DVec3::new(1.0 / scale, 1.0 / scale, 1.0);
         let up = DMat3::from_diagonal(DVec3::new(scale, scale, 1.0));
         Self {

@@ -39,7 +39,7 @@ pub fn choose_views(cameras: &[&Camera], target: &Camera, count: usize) -> Resul
 
 /// Indices of all cameras with optical axes within 60 degrees of the target's, nearest first (ties:
 /// the earlier).
-pub(crate) fn facing_alike(cameras: &[&Camera], target: &Camera) -> Vec<usize> {
+pub fn facing_alike(cameras: &[&Camera], target: &Camera) -> Vec<usize> {
     let mut facing: Vec<usize> =
         (0..cameras.len()).filter(|&i| cameras[i].forward().dot(target.forward()) > MIN_COSINE).collect();
     facing.sort_by(|&a, &b| distance(cameras[a], target).total_cmp(&distance(cameras[b], target)));
@@ -47,7 +47,7 @@ pub(crate) fn facing_alike(cameras: &[&Camera], target: &Camera) -> Vec<usize> {
 }
 
 /// Index of the camera whose centre is nearest to a point (scene units); 0 if there are no cameras.
-pub(super) fn nearest_camera(cameras: &[&Camera], point: DVec3) -> usize {
+pub fn nearest_camera(cameras: &[&Camera], point: DVec3) -> usize {
     let distances = cameras.iter().map(|camera| camera.centre().distance(point)).enumerate();
     distances.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
 }

@@ -1,6 +1,5 @@
 //! Inpaints the pixels that no view covers, so that a picture has no black borders. Their colours
-//! are a guess: [`crate::render::Frame`] keeps these pixels black, and the program reports their
-//! share.
+//! are a guess: [`crate::render::Frame::raw`] keeps these pixels black.
 
 use ndarray::Array2;
 

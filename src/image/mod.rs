@@ -1,22 +1,81 @@
-//! Pictures: decoding and encoding, PSNR and SSIM, colour maps, and inpainting of uncovered pixels.
+//! Pictures: RGB in memory, PNG and JPEG files, and inpainting of uncovered pixels.
 
-mod colormap;
-mod decode;
-mod encode;
-mod error;
+mod codec;
 mod inpaint;
-mod jpeg;
-mod jpeg_huffman;
-mod jpeg_scan;
-mod metrics;
 mod rgb;
 
-pub use colormap::{bar_chart, coloured, difference, side_by_side};
-pub use decode::{Header, load, read_header, read_size};
-#[cfg(fuzzing)]
-pub(crate) use decode::{decode, header_of};
-pub use encode::{JPEG_QUALITY, encode, encode_gray16_png, encode_with_quality, is_tagged};
-pub use error::ImageError;
+use std::io;
+use std::path::PathBuf;
+
+pub use codec::{
+    Header, JPEG_QUALITY, decode, encode, encode_gray16_png, encode_with_quality, is_tagged, load, read_header,
+    read_size,
+};
 pub use inpaint::inpaint_uncovered;
-pub use metrics::{Score, psnr, ssim};
 pub use rgb::ImageRgb;
+
+use crate::geometry::{MAX_SIDE, Size};
+
+/// Why a picture could not be read or written. A message about a file names it.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ImageError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The cause.
+        source: io::Error,
+    },
+    /// The file is damaged, truncated, or neither PNG nor JPEG.
+    #[error("{}: not a complete PNG or JPEG image: {reason}", path.display())]
+    Decode {
+        /// The file.
+        path: PathBuf,
+        /// The decoder's message.
+        reason: String,
+    },
+    /// The header declares more than [`MAX_SIDE`] pixels per side. Nothing was decoded.
+    #[error("{}: the image is {size}; expected at most {MAX_SIDE} pixels per side", path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Declared size in pixels.
+        size: Size,
+    },
+    /// A pixel buffer's length is not width · height · channels.
+    #[error("{len} values given for a {width}x{height} image with {channels} channels")]
+    Buffer {
+        /// Number of values in the buffer.
+        len: usize,
+        /// Width in pixels.
+        width: usize,
+        /// Height in pixels.
+        height: usize,
+        /// Values per pixel.
+        channels: usize,
+    },
+    /// An array is not `[h, w, 3]`.
+    #[error("the array has shape {shape:?}; expected [height, width, 3]")]
+    Shape {
+        /// Its shape.
+        shape: [usize; 3],
+    },
+    /// The picture is too large for the file format.
+    #[error("a picture of {size} cannot be encoded: {reason}")]
+    Encode {
+        /// Size in pixels.
+        size: Size,
+        /// The encoder's message.
+        reason: String,
+    },
+    /// The file cannot be written.
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The cause.
+        source: io::Error,
+    },
+}

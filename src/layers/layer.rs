@@ -3,9 +3,7 @@
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use super::cells::{CELL, enlarge};
-use super::error::LayersError;
-use super::uniform::uniform_disparities;
+use super::{CELL, enlarge};
 
 /// One layer of the target: its disparity at each pixel, in 1/scene unit.
 #[derive(Debug, Clone)]
@@ -138,6 +136,73 @@ impl Layer {
     }
 }
 
+/// `count` disparities (1/scene unit) evenly spaced from 1/near to 1/far, near → far; a single one
+/// lies in the middle. Depths in scene units; `far` may be infinite.
+///
+/// # Errors
+///
+/// [`LayersError::Range`] unless 0 < near < far; [`LayersError::Empty`] for a count of 0.
+pub fn uniform_disparities(near: f64, far: f64, count: usize) -> Result<Vec<f64>, LayersError> {
+    if !(near > 0.0 && near < far && near.is_finite() && ((1.0 / near) as f32).is_finite()) {
+        return Err(LayersError::Range { near, far });
+    }
+    let (nearest, farthest) = (1.0 / near, 1.0 / far);
+    Ok(match count {
+        0 => return Err(LayersError::Empty),
+        1 => vec![0.5 / near + 0.5 / far],
+        _ => (0..count).map(|k| nearest + k as f64 / (count - 1) as f64 * (farthest - nearest)).collect(),
+    })
+}
+
+/// Why a list of layers was refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LayersError {
+    /// The list has no layer.
+    #[error("the list of disparities is empty: expected at least one")]
+    Empty,
+    /// A disparity that is negative or not finite.
+    #[error("disparity {index} is {value}: expected 0 (infinity) or a larger number that f32 holds")]
+    NotADisparity {
+        /// Its index in the list.
+        index: usize,
+        /// Its value.
+        value: f64,
+    },
+    /// Not sorted near → far.
+    #[error(
+        "disparity {index} ({value}) is nearer than the one before it ({before}): expected descending disparities, near to far"
+    )]
+    Unsorted {
+        /// Its index in the list.
+        index: usize,
+        /// Its value.
+        value: f64,
+        /// The one before it.
+        before: f64,
+    },
+    /// Near and far are not a range of depths.
+    #[error(
+        "near is {near:?} and far is {far:?}: expected 0 < near < far, in scene units (if not given: the scene's), and a 1 / near that f32 holds"
+    )]
+    Range {
+        /// The nearest depth given, scene units.
+        near: f64,
+        /// The farthest depth given, scene units.
+        far: f64,
+    },
+    /// Maps of different shapes.
+    #[error("the map of layer {index} has {found:?} cells: expected {expected:?}, like the first")]
+    Shape {
+        /// Index of the layer.
+        index: usize,
+        /// Its shape.
+        found: (usize, usize),
+        /// The shape of the first.
+        expected: (usize, usize),
+    },
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -158,5 +223,16 @@ mod tests {
         let unsorted = Layers::pixels(vec![map(0.5), map(0.5), map(0.75)]).unwrap_err();
         assert!(matches!(unsorted, LayersError::Unsorted { index: 2, value: 0.75, before: 0.5 }), "{unsorted}");
         assert!(Layers::pixels(vec![map(0.5), map(0.5), map(0.0)]).is_ok());
+    }
+}
+
+#[cfg(test)]
+mod uniform_tests {
+    use super::*;
+
+    #[test]
+    fn uniform_planes_run_from_near_to_far_and_reach_infinity() {
+        assert_eq!(uniform_disparities(0.5, f64::INFINITY, 3).unwrap(), [2.0, 1.0, 0.0]);
+        assert_eq!(uniform_disparities(1.0, 2.0, 1).unwrap(), [0.75]);
     }
 }

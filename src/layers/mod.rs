@@ -5,21 +5,64 @@
 //! pixels. Layers are ordered near → far *at every pixel*, so that compositing along a target ray
 //! is exact.
 
-mod cells;
-mod cover;
-mod error;
-pub mod guided;
 mod histogram;
 mod layer;
-mod spec;
-mod uniform;
 
-#[cfg(feature = "surface")]
-pub(crate) use cells::enlarge;
-pub use cells::{CELL, STRIDE, padded};
-pub use cover::cover_planes;
-pub use error::LayersError;
+use ndarray::ArrayView2;
+use rayon::prelude::*;
+
 pub use histogram::{plane_histogram, select_planes};
-pub use layer::{Layer, Layers};
-pub use spec::{LayerSpec, LayerSpecError, MAX_LAYERS};
-pub use uniform::uniform_disparities;
+pub use layer::{Layer, Layers, LayersError, uniform_disparities};
+
+use crate::geometry::Size;
+
+/// Pixels that the height and the width of the network's input are multiples of: it halves them
+/// three times.
+pub const STRIDE: usize = 8;
+
+/// Target pixels per side of a cell of a map.
+pub const CELL: usize = 2;
+
+/// Size of the padded target: each side rounded up to a multiple of [`STRIDE`].
+pub fn padded(size: Size) -> Size {
+    Size::new(size.width.next_multiple_of(STRIDE), size.height.next_multiple_of(STRIDE))
+}
+
+/// Enlarges a map bilinearly by `factor` into `out`, `width` pixels wide: half-pixel centres,
+/// clamped at the edges, as torch's `interpolate(mode="bilinear", align_corners=False)`. In f64,
+/// where the weights (multiples of 1/(2 factor)) are exact: the result is rounded once, to f32.
+pub fn enlarge(map: ArrayView2<'_, f32>, factor: usize, width: usize, out: &mut [f32]) {
+    let columns: Vec<_> = (0..width).map(|x| neighbours(x, factor, map.ncols())).collect();
+    out.par_chunks_mut(width).enumerate().for_each(|(row, out)| {
+        let (above, below, down) = neighbours(row, factor, map.nrows());
+        let mix = |(&a, &b): (&f32, &f32)| (1.0 - down) * f64::from(a) + down * f64::from(b);
+        let cells: Vec<f64> = map.row(above).iter().zip(map.row(below)).map(mix).collect();
+        for (value, &(left, right, across)) in out.iter_mut().zip(&columns) {
+            *value = ((1.0 - across) * cells[left] + across * cells[right]) as f32;
+        }
+    });
+}
+
+/// The two cells around a pixel, and the weight of the second.
+fn neighbours(pixel: usize, factor: usize, cells: usize) -> (usize, usize, f64) {
+    let position = ((pixel as f64 + 0.5) / factor as f64 - 0.5).max(0.0);
+    let first = (position as usize).min(cells - 1);
+    (first, (first + 1).min(cells - 1), position - first as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array2;
+
+    use super::*;
+
+    #[test]
+    fn enlarged_ramp_is_a_ramp_clamped_at_the_edges() {
+        let map = Array2::from_shape_fn((2, 3), |(_, x)| x as f32);
+        let mut enlarged = [0.0; 12 * 8];
+        enlarge(map.view(), 4, 12, &mut enlarged);
+        let row = &enlarged[12 * 5..12 * 6];
+        assert_eq!(row[..3], [0.0, 0.0, 0.125]);
+        assert_eq!(row[9..], [1.875, 2.0, 2.0]);
+    }
+}

@@ -1,34 +1,100 @@
 //! The network: a homography warped volume in, logits out (paper, section "Neural Network").
 //!
-//! [`PlaneNetwork`] is the interface; [`OrtNetwork`] runs a LiveView model with ONNX Runtime, and
-//! [`ViewAgreement`] needs no model.
+//! [`PlaneNetwork`] is the interface; [`OrtNetwork`] runs a LiveView model with ONNX Runtime.
 
-mod alpha;
-mod error;
 mod execution_provider;
-#[cfg(feature = "load-dynamic")]
-mod library_length;
 mod model_card;
-mod model_file;
 mod ort;
 mod ort_library;
-mod plane_network;
-mod run_end;
-mod threads;
-mod view_agreement;
 
-pub use self::ort::OrtNetwork;
+use std::path::{Path, PathBuf};
+
+use ndarray::{ArrayView4, ArrayViewMut4};
+
 #[cfg(fuzzing)]
 pub(crate) use self::ort::check_outlets;
-pub use alpha::{Alpha, AlphaKind};
-pub use error::NetworkError;
+pub use self::ort::{OrtNetwork, RunEnd};
 pub use execution_provider::{ExecutionProvider, Precision, cpu_has_bf16};
-pub use model_card::ModelCard;
 #[cfg(fuzzing)]
 pub(crate) use model_card::read_card;
-pub use model_file::{ModelNotFound, find_model, model_folders};
+pub use model_card::{Alpha, AlphaKind, ModelCard};
 pub use ort_library::{OrtLibrary, OrtLibraryError};
-pub use plane_network::PlaneNetwork;
-pub use run_end::RunEnd;
-pub use threads::{MAX_THREADS, ThreadsError, check_threads};
-pub use view_agreement::ViewAgreement;
+
+/// Computes the logits of a batch of layers, each layer alone (paper, section "Neural Network").
+pub trait PlaneNetwork: Send {
+    /// V, the number of views in its input.
+    fn views(&self) -> usize;
+
+    /// `hwv` `[n, 3V, h, w]` (views nearest first, RGB in [0, 1], zeros outside the photos; h and w
+    /// are multiples of [`crate::layers::STRIDE`]) and its `coverage` `[n, V, h, w]` (0 where a view does
+    /// not see the layer, 1 where it does) → `logits` `[n, V, h, w]`, all in standard layout.
+    ///
+    /// # Errors
+    ///
+    /// [`NetworkError`] if the network cannot be run.
+    fn infer(
+        &mut self,
+        hwv: ArrayView4<'_, f32>,
+        coverage: ArrayView4<'_, f32>,
+        logits: ArrayViewMut4<'_, f32>,
+    ) -> Result<(), NetworkError>;
+
+    /// Its name in messages: the path of its file, if it has one.
+    fn name(&self) -> String {
+        "the network".to_owned()
+    }
+}
+
+/// Why a model was refused, or a network failed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum NetworkError {
+    /// The file is not a LiveView model, or not one for this input.
+    #[error("{path}: {field} is {found}, expected {expected}", path = path.display())]
+    Unfit {
+        /// The model file.
+        path: PathBuf,
+        /// Which input, output or metadata entry.
+        field: String,
+        /// What the model has.
+        found: String,
+        /// What was expected.
+        expected: String,
+    },
+    /// ONNX Runtime refused the file or failed while running it.
+    #[error("{path}: ONNX Runtime: {reason}", path = path.display())]
+    OnnxRuntime {
+        /// The model file.
+        path: PathBuf,
+        /// ONNX Runtime's message.
+        reason: String,
+    },
+    /// More than one logit in 10,000 is NaN or infinite.
+    #[error(
+        "{network}: {count} of {of} logits are NaN or infinite; expected finite numbers (a damaged model, or one for other input)"
+    )]
+    NotFinite {
+        /// The network's name.
+        network: String,
+        /// How many logits are not finite.
+        count: usize,
+        /// How many logits there are in all.
+        of: usize,
+    },
+}
+
+pub(super) fn unfit(path: &Path, field: impl Into<String>, found: String, expected: impl Into<String>) -> NetworkError {
+    NetworkError::Unfit { path: path.to_path_buf(), field: field.into(), found, expected: expected.into() }
+}
+
+/// Refuses a directory, a pipe or a device, whose opening could block; the error says what it is.
+fn check_file(path: &Path) -> Result<(), String> {
+    match path.metadata() {
+        Ok(about) if about.is_file() => Ok(()),
+        Ok(about) if about.is_dir() => Err("a folder; expected a file".to_owned()),
+        Ok(_) => Err("a pipe or a device; expected a regular file".to_owned()),
+        Err(_) if path.is_symlink() => Err("a link to no file".to_owned()),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err("there is no such file".to_owned()),
+        Err(error) => Err(error.to_string()),
+    }
+}

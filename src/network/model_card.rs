@@ -1,10 +1,69 @@
-//! The model card: a model's metadata.
+//! The model card: a model's metadata, among it how its layers share a pixel.
 
+use std::fmt;
 use std::path::Path;
+use std::str::FromStr;
 
-use super::alpha::{Alpha, AlphaKind};
-use super::error::{NetworkError, unfit};
-use crate::layers::{LayerSpec, STRIDE};
+use super::{NetworkError, unfit};
+use crate::layers::STRIDE;
+
+/// How the layers of a pixel share it, given their logits 0.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[non_exhaustive]
+pub enum Alpha {
+    /// The paper's: the α of a layer is sigmoid(logit 0), independent of the other layers, and
+    /// layers are composited front to back.
+    #[default]
+    Independent,
+    /// The weights of a pixel are the softmax of scale · logit 0 over the layers that cover it, so
+    /// that faint false surfaces cannot accumulate into haze. Not in the paper. Still an MPI: the α
+    /// of a layer is its weight divided by what the nearer layers leave.
+    Competing {
+        /// What the logits are multiplied by: positive, finite.
+        scale: f64,
+    },
+}
+
+impl Alpha {
+    /// The scale of competing layers for a network that was not trained for them; measured in
+    /// docs/design-log/planes.md.
+    pub const UNTRAINED_SCALE: f64 = 2.0;
+
+    /// Whether each layer has its own opacity, independent of the other layers.
+    pub fn is_independent(self) -> bool {
+        !matches!(self, Self::Competing { .. })
+    }
+}
+
+impl fmt::Display for Alpha {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Independent => write!(f, "independent"),
+            Self::Competing { scale } => write!(f, "competing, scale {scale}"),
+        }
+    }
+}
+
+/// The name of an [`Alpha`] in options and model cards: without its numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum AlphaKind {
+    /// [`Alpha::Independent`].
+    Independent,
+    /// [`Alpha::Competing`].
+    Competing,
+}
+
+impl FromStr for AlphaKind {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "independent" => Ok(Self::Independent),
+            "competing" => Ok(Self::Competing),
+            _ => Err("\"independent\" or \"competing\""),
+        }
+    }
+}
 
 /// A model's metadata.
 #[derive(Debug, Clone, PartialEq)]
@@ -12,18 +71,14 @@ use crate::layers::{LayerSpec, STRIDE};
 pub struct ModelCard {
     /// V, the number of views in its input.
     pub views: usize,
-    /// The layers that it was trained for, as the text of a [`LayerSpec`].
+    /// The layers that it was trained for, as text such as `planes:64`.
     pub recommended_layers: String,
-    /// The kinds of layers that it can be used for, such as `planes` and `select`
-    /// ([`LayerSpec::kind`]); empty: all.
+    /// The kinds of layers that it can be used for, such as `planes` and `select`; empty: all.
     pub layer_kinds: Vec<String>,
     /// How layers were composited when it was trained.
     pub alpha: AlphaKind,
     /// The scale of competing layers; `None`: it was not trained for them.
     pub alpha_scale: Option<f64>,
-    /// The upper limit of [`Alpha::PerPixel`], pixels of parallax; `None`: it was not trained for
-    /// it.
-    pub alpha_spacing: Option<f64>,
     /// Precision of the weights and of the arithmetic on them: `f32`, or `int8` for a quantised
     /// model.
     pub precision: String,
@@ -37,16 +92,14 @@ impl ModelCard {
     /// How to composite its layers: as `requested`, by default as it was trained.
     pub fn alpha(&self, requested: Option<AlphaKind>) -> Alpha {
         match requested.unwrap_or(self.alpha) {
-            AlphaKind::Independent => {
-                self.alpha_spacing.map_or(Alpha::Independent, |max_spacing| Alpha::PerPixel { max_spacing })
-            }
+            AlphaKind::Independent => Alpha::Independent,
             AlphaKind::Competing => Alpha::Competing { scale: self.alpha_scale.unwrap_or(Alpha::UNTRAINED_SCALE) },
         }
     }
 
-    /// Whether it can be used for these layers.
-    pub fn is_for(&self, layers: &LayerSpec) -> bool {
-        self.layer_kinds.is_empty() || self.layer_kinds.iter().any(|kind| kind == layers.kind())
+    /// Whether it can be used for layers of that kind.
+    pub fn is_for(&self, layers: &str) -> bool {
+        self.layer_kinds.is_empty() || self.layer_kinds.iter().any(|kind| kind == layers)
     }
 }
 
@@ -78,7 +131,6 @@ pub(crate) fn read_card(path: &Path, entry: impl Fn(&str) -> Option<String>) -> 
         layer_kinds: kinds.split(',').map(|kind| kind.trim().to_owned()).filter(|kind| !kind.is_empty()).collect(),
         alpha,
         alpha_scale,
-        alpha_spacing: positive("alpha_spacing")?,
         precision: entry("precision").unwrap_or_else(|| "f32".into()),
         training: text("training")?,
         licence: text("licence")?,
@@ -110,15 +162,9 @@ mod tests {
             assert_eq!([card.alpha(None), card.alpha(Some(AlphaKind::Competing))], expected, "{entries:?}");
             assert_eq!(card.alpha(Some(AlphaKind::Independent)), Alpha::Independent);
         }
-        let spaced = read(&[("alpha_spacing", "3.0")]).unwrap();
-        assert_eq!(
-            [spaced.alpha(None), spaced.alpha(Some(AlphaKind::Competing))],
-            [Alpha::PerPixel { max_spacing: 3.0 }, competing(2.0)]
-        );
         for (entry, expected) in [
             (("alpha", "Competing"), "metadata `alpha` is Competing, expected \"independent\" or \"competing\""),
             (("alpha_scale", "0"), "metadata `alpha_scale` is 0, expected a positive, finite number"),
-            (("alpha_spacing", "-1"), "metadata `alpha_spacing` is -1, expected a positive, finite number"),
             (("alpha_scale", "inf"), "metadata `alpha_scale` is inf, expected a positive, finite number"),
         ] {
             let message = read(&[entry]).unwrap_err();
@@ -129,8 +175,7 @@ mod tests {
     #[test]
     fn layer_kinds_of_a_card_limit_its_layers() {
         let card = read(&[("layer_kinds", "planes, select")]).unwrap();
-        let is_for = |layers: &str| card.is_for(&layers.parse().unwrap());
-        assert!(is_for("planes:3") && is_for("select:3") && !is_for("guided:2") && !is_for("list:1"));
-        assert!(read(&[]).unwrap().is_for(&LayerSpec::Surface(1)));
+        assert!(card.is_for("planes") && card.is_for("select") && !card.is_for("guided") && !card.is_for("list"));
+        assert!(read(&[]).unwrap().is_for("surface"));
     }
 }

@@ -1,5 +1,6 @@
 //! A network run by ONNX Runtime.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -8,17 +9,10 @@ use ort::session::builder::SessionBuilder;
 use ort::session::{RunOptions, Session};
 use ort::value::{Outlet, TensorRef, ValueType};
 
-use super::alpha::Alpha;
-use super::error::{NetworkError, unfit};
 use super::execution_provider::{ExecutionProvider, Precision};
 use super::model_card::{ModelCard, read_card};
-use super::model_file::check_file;
 use super::ort_library::OrtLibrary;
-use super::plane_network::PlaneNetwork;
-use super::run_end::RunEnd;
-use super::threads::check_threads;
-use crate::fs::bounded;
-use crate::layers::LayerSpec;
+use super::{NetworkError, PlaneNetwork, check_file, unfit};
 
 /// Largest model file that is opened, bytes: a hundred times the paper's network. A model with
 /// weights in separate files (ONNX external data) is refused.
@@ -41,8 +35,8 @@ impl OrtNetwork {
     ///
     /// [`NetworkError::Unfit`] if the size, the metadata, the inputs or the outputs are not those
     /// of a LiveView model, naming what differs; [`NetworkError::OnnxRuntime`] if there is no such
-    /// file, or ONNX Runtime refuses it; [`NetworkError::Threads`] if the threads cannot be
-    /// started.
+    /// file, or ONNX Runtime refuses it. If the system refuses some of the threads, ONNX Runtime waits for
+    /// them for ever.
     pub fn open(library: &OrtLibrary, path: &Path, threads: usize) -> Result<Self, NetworkError> {
         Self::open_in(Precision::F32, library, path, threads)
     }
@@ -74,10 +68,9 @@ impl OrtNetwork {
                 library.provider()
             )));
         }
-        check_threads(threads).map_err(|source| NetworkError::Threads { path: path.to_path_buf(), source })?;
         let failed_in_ort = |e: ort::Error| failed(e.to_string());
         let mut builder = builder(library, path, threads, precision).map_err(failed_in_ort)?;
-        let model = bounded::read(path, MAX_MODEL_BYTES).map_err(|e| failed(e.to_string()))?;
+        let model = std::fs::read(path).map_err(|e| failed(e.to_string()))?;
         let session = builder.commit_from_memory(&model).map_err(failed_in_ort)?;
         drop((model, builder));
         let metadata = session.metadata().map_err(failed_in_ort)?;
@@ -89,15 +82,6 @@ impl OrtNetwork {
         Ok(Self { session, path: path.to_path_buf(), card, run_end })
     }
 
-    /// Refuses layers that the model cannot be used for.
-    pub(crate) fn check_layers(&self, layers: &LayerSpec) -> Result<(), NetworkError> {
-        if self.card.is_for(layers) {
-            return Ok(());
-        }
-        let kinds = format!("\"{}\"", self.card.layer_kinds.join(", "));
-        Err(unfit(&self.path, "metadata `layer_kinds`", kinds, format!("{} among them", layers.kind())))
-    }
-
     /// The model's metadata.
     pub fn card(&self) -> &ModelCard {
         &self.card
@@ -106,6 +90,11 @@ impl OrtNetwork {
     /// The model file.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// A handle that ends its runs from another thread.
+    pub fn run_end(&self) -> RunEnd {
+        self.run_end.clone()
     }
 }
 
@@ -118,7 +107,12 @@ impl PlaneNetwork for OrtNetwork {
         self.path.display().to_string()
     }
 
-    fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+    fn infer(
+        &mut self,
+        hwv: ArrayView4<'_, f32>,
+        _coverage: ArrayView4<'_, f32>,
+        mut logits: ArrayViewMut4<'_, f32>,
+    ) -> Result<(), NetworkError> {
         let path = &self.path;
         let failed = |e: ort::Error| NetworkError::OnnxRuntime { path: path.clone(), reason: e.to_string() };
         let input = TensorRef::from_array_view(hwv).map_err(failed)?;
@@ -132,26 +126,6 @@ impl PlaneNetwork for OrtNetwork {
         }
         logits.assign(&found);
         Ok(())
-    }
-
-    fn recommended_layers(&self) -> Result<LayerSpec, NetworkError> {
-        let found = &self.card.recommended_layers;
-        found.parse().map_err(|_| {
-            unfit(
-                &self.path,
-                "metadata `recommended_layers`",
-                format!("\"{found}\""),
-                "such as \"guided:2\" or \"planes:64\"",
-            )
-        })
-    }
-
-    fn alpha(&self) -> Alpha {
-        self.card.alpha(None)
-    }
-
-    fn run_end(&self) -> Option<RunEnd> {
-        Some(self.run_end.clone())
     }
 }
 
@@ -206,5 +180,25 @@ fn describe(dtype: &ValueType) -> String {
     match dtype {
         ValueType::Tensor { ty, shape, .. } => format!("{ty:?} {:?}", shape.iter().collect::<Vec<_>>()),
         other => format!("{other:?}"),
+    }
+}
+
+/// Ends a network's runs from another thread.
+#[derive(Clone)]
+pub struct RunEnd(pub(super) Arc<RunOptions>);
+
+impl fmt::Debug for RunEnd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("RunEnd")
+    }
+}
+
+impl RunEnd {
+    /// Ends the current run, if there is one, and makes every later run fail, with
+    /// [`super::NetworkError::OnnxRuntime`]. Execution providers other than
+    /// [`super::ExecutionProvider::Cpu`] may finish the current run.
+    pub fn end(&self) {
+        // ONNX Runtime's function cannot fail.
+        let _ = self.0.terminate();
     }
 }

@@ -1,7 +1,6 @@
 //! Network output → α and colour of a layer (paper: "Rendering the MPI").
 //!
-//! α = sigmoid(logit 0 + shift), where the shift makes opacity relative to the parallax between
-//! planes (`spacing.rs`). The view weights are softmax(0, logit 1 … logit V−1) · (d_min/d_i)^p: the
+//! α = sigmoid(logit 0). The view weights are softmax(0, logit 1 … logit V−1) · (d_min/d_i)^p: the
 //! implicit zero is the logit of the nearest view, and d is the distance of a view to the target.
 //! This is the paper's normalisation by distance, made independent of the unit of length; p is 1,
 //! or 1.5 for corrected photos. The colour is normalised by coverage, so that a view that does
@@ -12,7 +11,7 @@
 
 use std::ops::Range;
 
-use super::exp::{exp, exp_f64};
+use crate::simd::{exp, exp_f64};
 use crate::warp::{RUN, RunCoverage};
 
 /// Power of (d_min/d_i) for photos of the same exposure and sharpness: they differ mainly by the
@@ -57,9 +56,6 @@ pub struct LayerSamples<'a> {
     pub colour: &'a [f32],
     /// Coverage of each sample, `[V, pixels]`, in [0, 1].
     pub coverage: &'a [f32],
-    /// Added to logit 0: with [`crate::network::Alpha::PerPixel`] the logarithm of the parallax to
-    /// the next plane, pixels, else 0.
-    pub logit_shift: f64,
 }
 
 /// α and colour of consecutive pixels of a layer.
@@ -153,7 +149,7 @@ impl DistanceWeights {
         let (opacity, mut alpha) = (lanes(&samples.logits[span(0)], spare), [0.0; LANES]);
         for i in 0..LANES {
             let covered = best[i] > f32::NEG_INFINITY;
-            let logit = f64::from(opacity[i]) + samples.logit_shift;
+            let logit = f64::from(opacity[i]);
             alpha[i] = if covered { (1.0 / (1.0 + exp_f64(-logit))) as f32 } else { 0.0 };
             total[i] = if covered { 1.0 / total[i] } else { 0.0 };
         }
@@ -241,4 +237,47 @@ fn finite(logit: f32) -> f32 {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+
+    /// One pixel: α, colour and whether it is covered.
+    fn blend(distances: &[f64], logits: &[f32], coverage: &[f32]) -> (f32, [f32; 3], bool) {
+        let grey: Vec<f32> = coverage.iter().enumerate().flat_map(|(v, c)| [c * (v + 1) as f32 / 10.0; 3]).collect();
+        let mut out = Blended::new(1);
+        let samples = LayerSamples { logits, colour: &grey, coverage };
+        DistanceWeights::new(distances).blend(&samples, 0, &mut out);
+        (out.alpha[0], std::array::from_fn(|c| out.rgb[c][0]), out.covered[0])
+    }
+
+    #[test]
+    fn equal_logits_are_weighted_by_inverse_distance() {
+        let (alpha, rgb, _) = blend(&[1.0, 3.0], &[0.0, 0.0], &[1.0, 1.0]);
+        assert_eq!(alpha, 0.5);
+        assert!((rgb[0] - (0.75 * 0.1 + 0.25 * 0.2)).abs() < 1e-7, "{rgb:?}");
+    }
+
+    #[test]
+    fn low_coverage_does_not_darken_the_colour() {
+        let (_, rgb, _) = blend(&[1.0, 1.0], &[0.0, 0.0], &[1e-6, 0.0]);
+        assert!((rgb[0] - 0.1).abs() < 1e-7, "{rgb:?}");
+    }
+
+    #[test]
+    fn coincident_view_has_all_weight_where_it_covers_the_pixel() {
+        assert_eq!(blend(&[0.0, 1.0], &[0.0, 50.0], &[1.0, 1.0]).1, [0.1; 3]);
+        assert_eq!(blend(&[0.0, 1.0], &[0.0, 50.0], &[0.0, 1.0]).1, [0.2; 3]);
+    }
+
+    #[test]
+    fn extreme_logits_and_distances_stay_finite() {
+        assert_eq!(blend(&[1e-30, 1e30], &[-1e4, 1e4], &[1.0, 1.0]), (0.0, [0.2; 3], true));
+        assert_eq!(blend(&[1e-30, 1.0], &[1e4, -1e4], &[0.0, 1.0]), (1.0, [0.2; 3], true));
+        let infinity = f32::INFINITY;
+        assert_eq!(blend(&[1.0; 3], &[-infinity, infinity, infinity], &[1.0; 3]).1, [0.25; 3]);
+    }
+
+    #[test]
+    fn uncovered_pixel_is_transparent() {
+        assert_eq!(blend(&[1.0, 2.0], &[9.0, 0.0], &[0.0, 0.0]), (0.0, [0.0; 3], false));
+    }
+}

@@ -1,11 +1,13 @@
 //! Buffers of the layers that are processed together, from warp to composite.
 
+use std::collections::TryReserveError;
+
 use ndarray::{ArrayView3, ArrayView4, ArrayViewMut4, Axis};
 use rayon::prelude::*;
 
+use super::RenderError;
 use super::blend::DistanceWeights;
 use super::visibility::hide_occluded;
-use crate::fs::memory::{self, MemoryError};
 use crate::geometry::Size;
 use crate::layers::Layer;
 use crate::network::{NetworkError, PlaneNetwork};
@@ -23,10 +25,15 @@ pub struct Batch<'a> {
     pub coverage: ArrayView4<'a, f32>,
     /// The network's output `[n, V, h, w]`.
     pub logits: ArrayView4<'a, f32>,
-    /// Added to logit 0 of each layer, `[n]` ([`super::LayerSamples::logit_shift`]).
-    pub logit_shifts: &'a [f64],
     /// Factors of the view weights.
     pub weights: &'a DistanceWeights,
+}
+
+/// Resizes a buffer; new values are 0, or unknown coverage.
+fn resize<T: Clone + Default>(buffer: &mut Vec<T>, len: usize) -> Result<(), TryReserveError> {
+    buffer.try_reserve_exact(len.saturating_sub(buffer.len()))?;
+    buffer.resize(len, T::default());
+    Ok(())
 }
 
 /// Logits that one task counts.
@@ -56,31 +63,21 @@ impl Buffers {
         layers * (size.pixels() * size_of::<f32>() * (1 + 5 * views) + views * run_coverage_len(size) * run)
     }
 
-    /// Bytes that are allocated.
-    fn held(&self) -> usize {
-        let values = [&self.disparity, &self.hwv, &self.coverage, &self.logits].map(Vec::capacity);
-        let runs = self.run_coverage.capacity() * size_of::<RunCoverage>() + self.seen.capacity() * size_of::<u64>();
-        values.iter().sum::<usize>() * size_of::<f32>() + runs
-    }
-
     /// Makes room for `layers` layers of `views` views on a padded target of that size.
-    pub(crate) fn make_room(&mut self, layers: usize, views: usize, size: Size) -> Result<(), MemoryError> {
-        let more = Self::bytes(layers, views, size).saturating_sub(self.held());
-        if more > 0 {
-            memory::check(more as u64)?;
-        }
+    pub(crate) fn make_room(&mut self, layers: usize, views: usize, size: Size) -> Result<(), RenderError> {
         let (pixels, runs) = (layers * size.pixels(), layers * views * run_coverage_len(size));
         if (self.views, self.size, self.run_coverage.len()) == (views, size, runs) {
             return Ok(()); // the run coverage stays valid
         }
-        (self.views, self.size) = (views, size);
-        self.disparity.resize(pixels, 0.0);
-        self.hwv.resize(3 * views * pixels, 0.0);
-        self.coverage.resize(views * pixels, 0.0);
-        self.logits.resize(views * pixels, 0.0);
+        let failed = |_| RenderError::Memory { bytes: Self::bytes(layers, views, size) };
+        resize(&mut self.disparity, pixels).map_err(failed)?;
+        resize(&mut self.hwv, 3 * views * pixels).map_err(failed)?;
+        resize(&mut self.coverage, views * pixels).map_err(failed)?;
+        resize(&mut self.logits, views * pixels).map_err(failed)?;
         self.run_coverage.clear();
-        self.run_coverage.resize(runs, RunCoverage::Partial);
-        self.seen.resize(runs, 0);
+        resize(&mut self.run_coverage, runs).map_err(failed)?;
+        resize(&mut self.seen, runs).map_err(failed)?;
+        (self.views, self.size) = (views, size);
         Ok(())
     }
 
@@ -183,23 +180,20 @@ impl Buffers {
         let (views, Size { width, height }) = (self.views, self.size);
         let hwv = ArrayView4::from_shape((n, 3 * views, height, width), &self.hwv[..n * 3 * samples]);
         let logits = ArrayViewMut4::from_shape((n, views, height, width), &mut self.logits[..n * samples]);
+        let coverage = ArrayView4::from_shape((n, views, height, width), &self.coverage[..n * samples]);
         let (hwv, mut logits) = (hwv.expect("of one size"), logits.expect("of one size"));
-        let batches = hwv.axis_chunks_iter(Axis(0), batch).zip(logits.axis_chunks_iter_mut(Axis(0), batch));
-        batches.into_iter().try_for_each(|(hwv, logits)| network.infer(hwv, logits))?;
+        let coverage = coverage.expect("of one size");
+        let batches = hwv.axis_chunks_iter(Axis(0), batch).zip(coverage.axis_chunks_iter(Axis(0), batch));
+        let mut batches = batches.zip(logits.axis_chunks_iter_mut(Axis(0), batch));
+        batches.try_for_each(|((hwv, coverage), logits)| network.infer(hwv, coverage, logits))?;
         let logits = &self.logits[..n * samples];
         let not_finite = logits.par_chunks(LOGITS_PER_TASK).map(|part| part.iter().filter(|x| !x.is_finite()).count());
         Ok((logits.len(), not_finite.sum()))
     }
 
-    /// The first n layers, where n is the number of shifts, and their run coverage `[n, V,
-    /// run_coverage_len]`.
-    pub(crate) fn batch<'a>(
-        &'a self,
-        logit_shifts: &'a [f64],
-        weights: &'a DistanceWeights,
-    ) -> (Batch<'a>, &'a [RunCoverage]) {
+    /// The first `n` layers, and their run coverage `[n, V, run_coverage_len]`.
+    pub(crate) fn batch<'a>(&'a self, n: usize, weights: &'a DistanceWeights) -> (Batch<'a>, &'a [RunCoverage]) {
         let [pixels, _, runs] = self.lengths();
-        let n = logit_shifts.len();
         let (views, Size { width, height }) = (self.views, self.size);
         let planes = |channels: usize, values: &'a [f32]| {
             let shape = (n, channels, height, width);
@@ -211,7 +205,6 @@ impl Buffers {
             hwv: planes(3 * views, &self.hwv),
             coverage: planes(views, &self.coverage),
             logits: planes(views, &self.logits),
-            logit_shifts,
             weights,
         };
         (batch, &self.run_coverage[..n * runs])
@@ -219,4 +212,88 @@ impl Buffers {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use glam::{DMat3, DVec2, DVec3};
+
+    use super::*;
+    use crate::geometry::PlaneSweep;
+    use crate::image::ImageRgb;
+    use crate::layers::Layers;
+    use crate::render::blend::{Blended, LayerSamples, blend_run};
+    use crate::warp::Texture;
+
+    const SIZE: Size = Size::new(400, 40);
+    const PIXELS: usize = SIZE.pixels();
+
+    /// Three planes and three views. The first two views cover nothing of the nearest plane, the
+    /// left and the right half of the next, and all but an edge of the farthest; the third view
+    /// covers all but an edge of each.
+    fn warped() -> Buffers {
+        let values = (0..3 * PIXELS).map(|i| (i % 251) as f32 / 250.0).collect();
+        let texture = Texture::new(&ImageRgb::new(SIZE.width, SIZE.height, values).unwrap());
+        let source = |x, y| {
+            let sweep = PlaneSweep {
+                homography_at_infinity: DMat3::from_translation(DVec2::new(-3.3, 0.2)),
+                epipole: DVec3::new(x, y, 0.0),
+            };
+            WarpSource::new(&texture, sweep)
+        };
+        let mut buffers = Buffers::default();
+        buffers.make_room(3, 3, SIZE).unwrap();
+        let planes = Layers::planes(&[2.0, 1.0, 1e-3]).unwrap();
+        let sources = [source(-210.0, 5.0), source(210.0, -5.0), source(1.0, 0.5)];
+        buffers.warp(planes.as_slice().iter().enumerate(), &sources, &[], &mut Vec::new());
+        buffers
+    }
+
+    #[test]
+    fn run_coverage_does_not_change_the_blend_by_a_bit() {
+        let mut buffers = warped();
+        let logit = |i: usize| if i.is_multiple_of(97) { f32::INFINITY } else { (i * 31 % 113) as f32 / 9.0 - 6.0 };
+        buffers.logits.iter_mut().enumerate().for_each(|(i, value)| *value = logit(i));
+        let per_row = run_coverage_len(Size::new(SIZE.width, 1));
+        let mut met = [0; 3];
+        for distances in [[1.0, 2.0, 3.0], [0.0, 1.0, 0.0]] {
+            let weights = DistanceWeights::new(&distances);
+            for layer in 0..3 {
+                let samples = LayerSamples {
+                    logits: &buffers.logits[3 * layer * PIXELS..][..3 * PIXELS],
+                    colour: &buffers.hwv[9 * layer * PIXELS..][..9 * PIXELS],
+                    coverage: buffers.coverage(layer),
+                };
+                for row in 0..SIZE.height {
+                    let of_view = |view: usize| {
+                        &buffers.run_coverage[((3 * layer + view) * SIZE.height + row) * per_row..][..per_row]
+                    };
+                    let run_coverage = [0, 1, 2].map(of_view);
+                    let [mut with_runs, mut without] = [(); 2].map(|()| Blended::new(SIZE.width));
+                    blend_run(&weights, &samples, row * SIZE.width, &run_coverage, &mut with_runs);
+                    weights.blend(&samples, row * SIZE.width, &mut without);
+                    assert_eq!(with_runs, without, "{distances:?}, layer {layer}, row {row}");
+                    // The blend takes two runs at once: it reads their coverage unless both have
+                    // the same summary.
+                    let pairs =
+                        run_coverage.iter().flat_map(|row| row.chunks_exact(2)).filter(|pair| pair[0] == pair[1]);
+                    pairs.for_each(|pair| met[pair[0] as usize] += 1);
+                }
+            }
+        }
+        assert!(met.iter().all(|&pairs| pairs > 20), "{met:?}");
+    }
+
+    #[test]
+    fn moved_layer_keeps_its_run_coverage() {
+        let mut buffers = warped();
+        let weights = DistanceWeights::new(&[1.0; 3]);
+        let layer = |buffers: &Buffers, slot: usize| {
+            let (batch, run_coverage) = buffers.batch(3, &weights);
+            let runs = run_coverage.len() / 3;
+            let planes = [batch.hwv, batch.coverage].map(|planes| planes.index_axis_move(Axis(0), slot).to_owned());
+            (planes, batch.disparity.index_axis(Axis(0), slot).to_owned(), run_coverage[slot * runs..][..runs].to_vec())
+        };
+        let (near, far) = (layer(&buffers, 0), layer(&buffers, 2));
+        assert!(near.2 != far.2);
+        buffers.move_layer(2, 0);
+        assert!(layer(&buffers, 0) == far);
+    }
+}

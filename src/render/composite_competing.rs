@@ -11,7 +11,7 @@
 
 use super::blend::Blended;
 use super::composite::Accumulated;
-use super::exp::exp_f64;
+use crate::simd::exp_f64;
 
 /// Sums over the layers so far, for one row of the target.
 #[derive(Debug, Clone, PartialEq)]

@@ -13,8 +13,7 @@ use crate::layers::plane_histogram;
 /// A rendered target.
 #[derive(Debug, Clone)]
 pub struct Frame {
-    /// sRGB in [0, 1]; black where no view covers any layer.
-    pub picture: ImageRgb,
+    pub(super) raw: ImageRgb,
     /// Disparity, 1/scene unit, `[height, width]`: Σ T α δ, of competing layers Σ w δ.
     pub disparity: Array2<f32>,
     /// T behind the last layer, `[height, width]`: 0 where any view covers the farthest layer; with
@@ -68,7 +67,7 @@ impl Frame {
         });
         let map = |values| Array2::from_shape_vec(shape, values).expect("one value per pixel");
         Self {
-            picture: ImageRgb::new(width, shape.0, rgb).expect("three values per pixel"),
+            raw: ImageRgb::new(width, shape.0, rgb).expect("three values per pixel"),
             disparity: map(disparity),
             transmittance: map(transmittance),
             best_layer: Array2::from_shape_vec(shape, best_layer).expect("one value per pixel"),
@@ -79,10 +78,20 @@ impl Frame {
         }
     }
 
-    /// The picture with its uncovered pixels inpainted ([`inpaint_uncovered`]), as the program
-    /// writes it.
-    pub fn inpainted(&self) -> ImageRgb {
-        inpaint_uncovered(&self.picture, &self.transmittance)
+    /// The picture, sRGB in [0, 1], with its uncovered pixels inpainted ([`inpaint_uncovered`]).
+    pub fn picture(&self) -> ImageRgb {
+        inpaint_uncovered(&self.raw, &self.transmittance)
+    }
+
+    /// The picture as it was composited: black where no view covers any layer.
+    pub fn raw(&self) -> &ImageRgb {
+        &self.raw
+    }
+
+    /// Depth along the optical axis, scene units, `[height, width]`: 1 / [`Self::disparity`], infinite where
+    /// that is 0.
+    pub fn depth(&self) -> Array2<f32> {
+        self.disparity.mapv(f32::recip)
     }
 
     /// The share of the picture that no view covers: the mean transmittance, in [0, 1].
@@ -93,7 +102,7 @@ impl Frame {
 
     /// For each of the `planes` planes that the frame was rendered on, the number of pixels of
     /// which it is the best layer (paper, section "Plane selection").
-    pub(crate) fn plane_histogram(&self, planes: usize) -> Vec<u64> {
+    pub fn plane_histogram(&self, planes: usize) -> Vec<u64> {
         plane_histogram(self.best_layer.iter().map(|best| best.map(|plane| plane as usize)), planes)
     }
 }

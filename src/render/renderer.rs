@@ -8,19 +8,16 @@ use rayon::prelude::*;
 
 use super::blend::{CORRECTED_DISTANCE_POWER, DistanceWeights};
 use super::buffers::Buffers;
-use super::composite::Accumulated;
+use super::composite::{Accumulated, CompositeRow, composite_batch};
 use super::composite_competing::Competing;
-use super::composite_row::{CompositeRow, composite_batch};
 use super::corrected_photos::{SharpenedPhotos, correct_photos};
-use super::error::RenderError;
 use super::frame::{Frame, StageTimes};
-use super::request::RenderRequest;
-use super::spacing::spacing;
 use super::visibility::Visibility;
+use super::{RenderError, RenderRequest};
 use crate::geometry::{Camera, Size, distance};
-use crate::layers::{Layers, padded};
+use crate::layers::padded;
 use crate::network::{Alpha, NetworkError, PlaneNetwork};
-use crate::warp::{SourceView, WarpSource, warp_sources};
+use crate::warp::{SourceView, warp_sources};
 
 /// Layers that are warped together and then composited together, however few the network takes at
 /// once: photos and sums are then read from memory once for all of them. Measured alternatives:
@@ -48,10 +45,11 @@ impl fmt::Debug for Renderer {
 }
 
 impl Renderer {
-    /// A renderer that runs the network on `batch` layers at once (at least one).
-    pub fn new(network: Box<dyn PlaneNetwork>, batch: usize) -> Self {
+    /// A renderer that runs the network on `batch` layers at once (at least one); `alpha`: how the layers of a
+    /// pixel share it, such as [`crate::network::ModelCard::alpha`].
+    pub fn new(network: Box<dyn PlaneNetwork>, alpha: Alpha, batch: usize) -> Self {
         Self {
-            alpha: network.alpha(),
+            alpha,
             network,
             batch: batch.max(1),
             skip_uncovered: true,
@@ -75,8 +73,7 @@ impl Renderer {
         self.alpha
     }
 
-    /// Sets how the layers of a pixel share it; by default as the network's logits are made for
-    /// ([`PlaneNetwork::alpha`]).
+    /// Sets how the layers of a pixel share it.
     pub fn set_alpha(&mut self, alpha: Alpha) {
         self.alpha = alpha;
     }
@@ -89,7 +86,7 @@ impl Renderer {
     }
 
     /// Bytes of the buffers for that many layers on a target of that size.
-    pub(crate) fn buffer_bytes(&self, target: Size, layers: usize) -> usize {
+    pub fn buffer_bytes(&self, target: Size, layers: usize) -> usize {
         Buffers::bytes(self.layers_together().min(layers), self.network.views(), padded(target))
     }
 
@@ -103,22 +100,12 @@ impl Renderer {
     /// # Errors
     ///
     /// [`RenderError::Views`] unless there are as many views as the network takes;
-    /// [`RenderError::NotPlanes`] where [`Alpha::PerPixel`] needs planes; [`RenderError::Memory`]
-    /// if the buffers do not fit; [`RenderError::Network`] if the network fails.
+    /// [`RenderError::Memory`] if the buffers cannot be allocated; [`RenderError::Network`] if the network fails.
     pub fn render(&mut self, request: RenderRequest<'_>) -> Result<Frame, RenderError> {
         match self.alpha {
-            Alpha::Independent | Alpha::PerPixel { .. } => self.render_rows(request, Accumulated::new),
+            Alpha::Independent => self.render_rows(request, Accumulated::new),
             Alpha::Competing { scale } => self.render_rows(request, |pixels| Competing::new(pixels, scale)),
         }
-    }
-
-    /// What is added to logit 0 of each layer.
-    fn logit_shifts(&self, sources: &[WarpSource<'_>], size: Size, layers: &Layers) -> Result<Vec<f64>, RenderError> {
-        let Alpha::PerPixel { max_spacing } = self.alpha else { return Ok(vec![0.0; layers.len()]) };
-        let sweeps: Vec<_> = sources.iter().map(|source| source.sweep).collect();
-        let found = spacing(&sweeps, size, layers, max_spacing);
-        let found = found.ok_or_else(|| RenderError::NotPlanes { network: self.network.name() })?;
-        Ok(found.into_iter().map(f64::ln).collect())
     }
 
     /// Renders with the composite that `new_row` makes for a number of pixels.
@@ -136,7 +123,6 @@ impl Renderer {
         let size = padded(target.size());
         self.buffers.make_room(self.layers_together().min(layers.len()), count, size)?;
         let mut sources = warp_sources(views, target);
-        let all_shifts = self.logit_shifts(&sources, size, layers)?;
         correct_photos(corrections, &mut sources, &mut self.sharpened);
         let own_depth = visibility.map(Visibility::own_depth).unwrap_or_default();
         let weights = distance_weights(views, target, !corrections.is_empty());
@@ -166,8 +152,7 @@ impl Renderer {
             let (count, not_finite) = self.buffers.infer(self.network.as_mut(), indices.len(), self.batch)?;
             (logits, logits_not_finite) = (logits + count, logits_not_finite + not_finite);
             let inferred = Instant::now();
-            let shifts: Vec<f64> = indices.iter().map(|&index| all_shifts[index]).collect();
-            let (batch, run_coverage) = self.buffers.batch(&shifts, &weights);
+            let (batch, run_coverage) = self.buffers.batch(indices.len(), &weights);
             composite_batch(&batch, run_coverage, &indices, layers.len(), target.width(), &mut rows);
             times.composite += inferred.elapsed();
             times.network += inferred - warped;

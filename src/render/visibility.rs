@@ -9,11 +9,15 @@
 
 use std::ops::Range;
 
-use ndarray::Array2;
+use ndarray::{Array2, Array3};
 use rayon::prelude::*;
 
-use crate::geometry::Size;
-use crate::warp::{ALL_SEEN, LayerBand, OwnDepth, RUN, RunCoverage, WarpedLayers};
+use super::corrected_photos::{SharpenedPhotos, ViewCorrection, correct_photos};
+use crate::geometry::{Camera, Size};
+use crate::warp::{
+    ALL_SEEN, LayerBand, OwnDepth, RUN, RunCoverage, SourceView, WarpedLayers, run_coverage_len, warp_layers_into,
+    warp_sources,
+};
 
 /// Coverage, summed over the views that are not occluded, up to which a pixel counts as occluded.
 const MIN_COVERAGE: f32 = 0.05;
@@ -36,6 +40,40 @@ impl Visibility<'_> {
         let disparities = self.disparities.iter().map(|disparity| disparity.as_slice().expect("standard order"));
         disparities.map(|disparity| OwnDepth { disparity, margin: self.margin }).collect()
     }
+}
+
+/// A layer `[h, w]` (1/scene unit) of a padded target warped by `views`, with their photo correction and
+/// without the samples that they do not see: colour `[3V, h, w]`, coverage `[V, h, w]`, and which pixels any view
+/// sees `[h, w]`. For the parity tests; the renderer does the same in its own buffers.
+#[doc(hidden)]
+pub fn occluded(
+    visibility: &Visibility<'_>,
+    corrections: &[ViewCorrection],
+    views: &[SourceView<'_>],
+    target: &Camera,
+    layer: &Array2<f32>,
+) -> (Array3<f32>, Array3<f32>, Array2<bool>) {
+    let (height, width) = layer.dim();
+    let size = Size::new(width, height);
+    let pixels = views.len() * size.pixels();
+    let (mut colour, mut coverage, mut seen) = (vec![0.0; 3 * pixels], vec![0.0; pixels], vec![false; size.pixels()]);
+    let mut run_coverage = vec![RunCoverage::Partial; views.len() * run_coverage_len(size)];
+    let mut seen_runs = vec![0; run_coverage.len()];
+    let (mut sources, mut sharpened) = (warp_sources(views, target), SharpenedPhotos::default());
+    correct_photos(corrections, &mut sources, &mut sharpened);
+    let mut warped = WarpedLayers {
+        disparity: layer.as_slice().expect("standard order"),
+        colour: &mut colour,
+        coverage: &mut coverage,
+        run_coverage: &mut run_coverage,
+        seen: &mut seen_runs,
+    };
+    warp_layers_into(&sources, &visibility.own_depth(), size, &mut warped);
+    hide_occluded(views.len(), size, &mut warped, &mut seen);
+    let volume = |values: Vec<f32>| {
+        Array3::from_shape_vec((values.len() / size.pixels(), height, width), values).expect("complete maps")
+    };
+    (volume(colour), volume(coverage), Array2::from_shape_vec((height, width), seen).expect("one per pixel"))
 }
 
 /// Sets colour and coverage of `layers` to 0 where a view is occluded. The layers are of that many

@@ -19,13 +19,7 @@ pub(crate) type Channels<'a> = [&'a mut [f32; RUN]; 4];
 /// below, and multiplies its colours by `gains`.
 #[inline(always)]
 #[cfg_attr(not(target_arch = "x86_64"), expect(unused_variables))]
-pub(crate) fn sample<S: Simd>(
-    simd: S,
-    texture: &Texture,
-    positions: &SamplePositions,
-    gains: [f32; 3],
-    out: Channels<'_>,
-) {
+pub fn sample<S: Simd>(simd: S, texture: &Texture, positions: &SamplePositions, gains: [f32; 3], out: Channels<'_>) {
     #[cfg(target_arch = "x86_64")]
     {
         let simd = &simd as &dyn std::any::Any;

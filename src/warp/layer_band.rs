@@ -1,9 +1,10 @@
-//! A band of rows of a layer, and the output of one view warped by it.
+//! A band of rows of a layer, and the output of one view warped by it: samples, and which of them the view
+//! sees by its own depth, computed from the same positions.
 
+use super::WarpSource;
 use super::bilinear::sample;
-use super::run::{RUN, Run, RunCoverage};
+use super::run::{ALL_SEEN, RUN, Run, RunCoverage};
 use super::sample_positions::SamplePositions;
-use super::source::WarpSource;
 
 /// A band of rows of a layer, and the output of one view warped by it.
 pub(crate) struct LayerBand<'a> {
@@ -71,5 +72,31 @@ impl LayerBand<'_> {
             sample(simd, source.texture, positions, source.gains, scratch.each_mut());
             planes.zip(scratch).for_each(|(plane, scratch)| plane.copy_from_slice(&scratch[..run.len]));
         }
+    }
+}
+
+/// A view's own depth: the view sees a point unless this depth, at the pixel that the point projects to, is
+/// nearer by a margin.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct OwnDepth<'a> {
+    /// Disparity of each pixel of its photo, 1/scene unit; below 0 where it is unknown.
+    pub(crate) disparity: &'a [f32],
+    /// How much nearer than a point it must be to hide the point, 1/scene unit.
+    pub(crate) margin: f32,
+}
+
+impl OwnDepth<'_> {
+    /// Which points of a run the view sees, by bit; located with `PIXELS` ([`SamplePositions::locate`]).
+    #[inline(always)]
+    pub(super) fn seen(&self, points: &SamplePositions) -> u64 {
+        let mut own = [-1.0; RUN];
+        for (own, &pixel) in own.iter_mut().zip(&points.pixel) {
+            *own = self.disparity.get(pixel as usize).copied().unwrap_or(-1.0);
+        }
+        let hidden = |i: usize| own[i] - points.disparity[i] >= self.margin;
+        if !(0..RUN).fold(false, |any, i| any | hidden(i)) {
+            return ALL_SEEN;
+        }
+        (0..RUN).fold(ALL_SEEN, |seen, i| seen & !(u64::from(hidden(i)) << i))
     }
 }

@@ -4,7 +4,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
-#[cfg(feature = "surface")]
 use crate::geometry::Size;
 use crate::image::ImageRgb;
 
@@ -54,7 +53,7 @@ impl Texture {
     }
 
     /// Identifies the photo: textures of one id have the same content.
-    pub(crate) fn id(&self) -> u64 {
+    pub fn id(&self) -> u64 {
         self.id
     }
 
@@ -69,7 +68,7 @@ impl Texture {
     }
 
     /// Bytes in memory.
-    pub(crate) fn bytes(&self) -> usize {
+    pub fn bytes(&self) -> usize {
         size_of_val(self.texels.as_slice())
     }
 
@@ -86,7 +85,7 @@ impl Texture {
 
     /// The photo shrunk by a factor of `cell`: averages of `cell`×`cell` pixels, of fewer at the
     /// right and lower edge.
-    pub(crate) fn shrunk(&self, cell: usize) -> Self {
+    pub fn shrunk(&self, cell: usize) -> Self {
         let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
         let mut shrunk = Self::blank(width, height);
         let (stride, shrunk_stride) = (self.stride() as usize, shrunk.stride() as usize);
@@ -109,7 +108,7 @@ impl Texture {
 
     /// Writes the photo to `out` with `amount` of its detail added: 4 times each pixel less its
     /// four neighbours. Neighbours outside are the pixel itself; the result is clamped to [0, 1].
-    pub(crate) fn sharpen(&self, amount: f32, out: &mut Self) {
+    pub fn sharpen(&self, amount: f32, out: &mut Self) {
         let (width, height, stride) = (self.width, self.height, self.stride() as usize);
         (out.width, out.height, out.id) = (width, height, new_id());
         out.texels.resize(self.texels.len(), [0.0; 4]);
@@ -125,8 +124,7 @@ impl Texture {
     }
 
     /// The part of the photo that begins in column `left`, row `top`.
-    #[cfg(feature = "surface")]
-    pub(crate) fn window(&self, (left, top): (usize, usize), size: Size) -> Self {
+    pub fn window(&self, (left, top): (usize, usize), size: Size) -> Self {
         let stride = self.stride() as usize;
         let mut part = Self::blank(size.width, size.height);
         for (y, row) in part.rows_mut().enumerate() {
@@ -137,14 +135,14 @@ impl Texture {
     }
 
     /// Texels from one row to the next.
-    pub(crate) fn stride(&self) -> u32 {
+    pub fn stride(&self) -> u32 {
         (self.width + BORDER.0 + BORDER.1) as u32
     }
 
     /// All texels but the last row, and all but the first: a texel and the one below it have the
     /// same index, and one bounds check is enough for both.
     #[inline(always)]
-    pub(crate) fn upper_and_lower(&self) -> (&[[f32; 4]], &[[f32; 4]]) {
+    pub fn upper_and_lower(&self) -> (&[[f32; 4]], &[[f32; 4]]) {
         let stride = self.stride() as usize;
         let lower = &self.texels[stride..];
         (&self.texels[..lower.len()], lower)

@@ -2,11 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::layer_band::LayerBand;
-use super::own_depth::OwnDepth;
+use super::WarpSource;
+use super::layer_band::{LayerBand, OwnDepth};
 use super::run::{RUN, Run, RunCoverage};
 use super::sample_positions::SamplePositions;
-use super::source::WarpSource;
 use crate::geometry::Size;
 
 /// Warps all views along n layers onto a target of that size (paper, section "HWV").

@@ -18,7 +18,7 @@ fn blend(views: &[(f64, f32, f32, f32)]) -> (f32, f32, bool) {
     let logits: Vec<f32> = views.iter().map(|view| view.1).collect();
     let colour: Vec<f32> = views.iter().flat_map(|view| [view.2 * view.3; 3]).collect();
     let coverage: Vec<f32> = views.iter().map(|view| view.3).collect();
-    let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage, logit_shift: 0.0 };
+    let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
     let mut out = Blended::new(1);
     DistanceWeights::new(&distances).blend(&samples, 0, &mut out);
     (out.alpha[0], out.rgb[0][0], out.covered[0])

@@ -7,6 +7,7 @@ use std::sync::atomic::Ordering;
 use glam::{DMat3, DVec3};
 use liveview::geometry::Camera;
 use liveview::layers::Layers;
+use liveview::network::Alpha;
 use liveview::render::{Accumulated, Blended, Frame, RenderRequest, Renderer};
 use liveview::warp::{SourceView, Texture};
 use proptest::prelude::*;
@@ -29,7 +30,7 @@ impl Rig {
         let views: Vec<_> = views.map(|(camera, texture)| SourceView { camera, texture }).collect();
         let network = PseudorandomNetwork::new(opacity);
         let layers_inferred = Arc::clone(&network.layers);
-        let mut renderer = Renderer::new(Box::new(network), batch);
+        let mut renderer = Renderer::new(Box::new(network), Alpha::Independent, batch);
         renderer.set_skip_uncovered(skip_uncovered);
         let target = camera(SIZE, DMat3::IDENTITY, DVec3::ZERO);
         let frame = renderer.render(RenderRequest::new(&views, &target, layers)).unwrap();
@@ -38,7 +39,7 @@ impl Rig {
 }
 
 fn assert_same(a: &Frame, b: &Frame) {
-    assert_eq!(a.picture.data(), b.picture.data());
+    assert_eq!(a.raw().data(), b.raw().data());
     assert_eq!(a.disparity, b.disparity);
     assert_eq!(a.transmittance, b.transmittance);
     assert_eq!(a.best_layer, b.best_layer);

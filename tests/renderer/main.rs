@@ -2,8 +2,5 @@
 
 mod compositing;
 mod culling;
-mod determinism;
 mod symmetries;
 mod synthetic;
-#[path = "../wheel/mod.rs"]
-mod wheel;

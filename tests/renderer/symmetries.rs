@@ -3,12 +3,12 @@
 
 use glam::{DMat3, DQuat, DVec3};
 use liveview::geometry::{Camera, Size};
-use liveview::layers::guided::GuidedSearch;
-use liveview::layers::{Layers, padded};
-use liveview::network::{NetworkError, PlaneNetwork};
+use liveview::layers::{CELL, Layers, padded};
+
+use liveview::network::{Alpha, NetworkError, PlaneNetwork};
 use liveview::render::{Frame, RenderRequest, Renderer};
-use liveview::warp::{SourceView, Texture, warp_sources};
-use ndarray::{ArrayView4, ArrayViewMut4};
+use liveview::warp::{SourceView, Texture};
+use ndarray::{Array2, ArrayView4, ArrayViewMut4};
 use proptest::prelude::*;
 
 use crate::synthetic::{PseudorandomNetwork, camera, photo};
@@ -27,7 +27,12 @@ impl PlaneNetwork for WeightedSum {
         2
     }
 
-    fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+    fn infer(
+        &mut self,
+        hwv: ArrayView4<'_, f32>,
+        _coverage: ArrayView4<'_, f32>,
+        mut logits: ArrayViewMut4<'_, f32>,
+    ) -> Result<(), NetworkError> {
         for ((n, v, y, x), logit) in logits.indexed_iter_mut() {
             *logit = (0..6).map(|c| ((c + 2 * v) % 6) as f32 / 15.0 * hwv[[n, c, y, x]]).sum::<f32>() - 0.5;
         }
@@ -65,17 +70,9 @@ impl Rig {
     }
 
     fn render(&self, network: impl PlaneNetwork + 'static, layers: &Layers, batch: usize) -> Frame {
-        Renderer::new(Box::new(network), batch)
+        Renderer::new(Box::new(network), Alpha::Independent, batch)
             .render(RenderRequest::new(&self.sources(), &self.target, layers))
             .unwrap()
-    }
-
-    /// Renders on guided layers between these depths.
-    fn render_guided(&self, network: impl PlaneNetwork + 'static, near: f64, far: f64) -> Frame {
-        let size = padded(Size::new(SIZE.0, SIZE.1));
-        let sources = warp_sources(&self.sources(), &self.target);
-        let found = GuidedSearch::new(near, far).search(&sources, size).unwrap();
-        self.render(network, &found.range.layers(3).unwrap(), 1)
     }
 }
 
@@ -111,7 +108,7 @@ proptest! {
         let [before, after] = [&rig, &moved].map(|rig| rig.render(WeightedSum, &layers, 2));
         let colour = 2.0 * 8e-6;
         let bound = colour + 6.0 * 0.25 * colour + 1e-6;
-        let picture = max_difference(before.picture.data(), after.picture.data());
+        let picture = max_difference(before.raw().data(), after.raw().data());
         prop_assert!(picture <= bound, "pictures differ by {picture:e}, bound {bound:e}");
         let disparity = max_difference(before.disparity.as_slice().unwrap(), after.disparity.as_slice().unwrap());
         prop_assert!(disparity <= bound, "disparities differ by {disparity:e}, bound {bound:e}");
@@ -123,11 +120,19 @@ proptest! {
         let rig = Rig::new(seed);
         let scaled = rig.moved(|camera| (camera.rotation(), camera.translation() * unit));
         let planes = |unit: f64| Layers::planes(&[1.0, 0.7, 0.3, 0.0].map(|disparity| disparity / unit)).unwrap();
+        let Size { width, height } = padded(Size::new(SIZE.0, SIZE.1));
+        let map = |nearest: f64| {
+            move |(y, x): (usize, usize)| (nearest * (1.0 + 0.5 * ((x + 2 * y) as f64 * 0.3).sin())) as f32
+        };
+        let cells = (height / CELL, width / CELL);
+        let maps = |unit: f64| {
+            Layers::maps([0.6, 0.2].map(|nearest| Array2::from_shape_fn(cells, map(nearest / unit))).to_vec()).unwrap()
+        };
         for (before, after) in [
             (rig.render(PseudorandomNetwork::new(0.0), &planes(1.0), 2), scaled.render(PseudorandomNetwork::new(0.0), &planes(unit), 2)),
-            (rig.render_guided(PseudorandomNetwork::new(0.0), 1.0, 9.0), scaled.render_guided(PseudorandomNetwork::new(0.0), unit, 9.0 * unit)),
+            (rig.render(PseudorandomNetwork::new(0.0), &maps(1.0), 1), scaled.render(PseudorandomNetwork::new(0.0), &maps(unit), 1)),
         ] {
-            prop_assert_eq!(before.picture.data(), after.picture.data());
+            prop_assert_eq!(before.raw().data(), after.raw().data());
             prop_assert_eq!(before.transmittance, after.transmittance);
             prop_assert_eq!(before.best_layer, after.best_layer);
             prop_assert_eq!(before.disparity, after.disparity * unit as f32);
@@ -146,7 +151,7 @@ proptest! {
         };
         rig.photos = [photo_in_range(seed), photo_in_range(!seed)];
         let frame = rig.render(PseudorandomNetwork::new(opacity), &Layers::uniform(1.0, 8.0, 5).unwrap(), 2);
-        let outside = frame.picture.data().iter().map(|&value| (low - value).max(value - low - span)).fold(0.0, f32::max);
+        let outside = frame.raw().data().iter().map(|&value| (low - value).max(value - low - span)).fold(0.0, f32::max);
         // Sampling rounds to f32 twice on each of two axes, and blending rounds three times.
         prop_assert!(outside <= 8.0 * f32::EPSILON, "{outside:e} outside");
     }

@@ -29,7 +29,12 @@ impl PlaneNetwork for PseudorandomNetwork {
         2
     }
 
-    fn infer(&mut self, hwv: ArrayView4<'_, f32>, mut logits: ArrayViewMut4<'_, f32>) -> Result<(), NetworkError> {
+    fn infer(
+        &mut self,
+        hwv: ArrayView4<'_, f32>,
+        _coverage: ArrayView4<'_, f32>,
+        mut logits: ArrayViewMut4<'_, f32>,
+    ) -> Result<(), NetworkError> {
         self.layers.fetch_add(hwv.dim().0, Ordering::Relaxed);
         for ((n, v, y, x), logit) in logits.indexed_iter_mut() {
             let pixel = (0..6).map(|c| (37 * (c + v) + 1) as f32 * hwv[[n, c, y, x]]).sum::<f32>();

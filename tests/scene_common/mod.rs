@@ -6,7 +6,7 @@ use std::path::Path;
 
 use glam::DVec3;
 use liveview::geometry::Camera;
-use liveview::scene::{Scene, SceneError, SceneOptions};
+use liveview_scene::{Scene, SceneError, SceneOptions};
 
 /// Writes a picture with a gradient and a pattern, as PNG or JPEG by the extension.
 pub(crate) fn picture(path: &Path, width: u32, height: u32) {

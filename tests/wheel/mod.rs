@@ -8,10 +8,9 @@ use liveview::network::{ExecutionProvider, OrtLibrary, OrtLibraryError};
 
 /// The library file in the virtual environment of the checkout.
 pub(crate) fn file(provider: ExecutionProvider) -> Option<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let root = if root.join(".venv").exists() { root } else { root.parent().unwrap_or(root) };
-    let environment = root.join(if provider == ExecutionProvider::Cpu { ".venv" } else { ".venv-openvino" });
-    let pythons = std::fs::read_dir(environment.join("lib")).into_iter().flatten().flatten();
+    let environment = if provider == ExecutionProvider::Cpu { ".venv" } else { ".venv-openvino" };
+    let mut roots = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().map(|root| root.join(environment));
+    let pythons = std::fs::read_dir(roots.find(|root| root.exists())?.join("lib")).into_iter().flatten().flatten();
     let mut folders = pythons.map(|python| python.path().join("site-packages/onnxruntime/capi"));
     folders.find_map(|folder| OrtLibrary::find_in(&folder, provider))
 }

@@ -1,0 +1,180 @@
+//! nerfstudio's and instant-ngp's `transforms.json`, and `transforms_train.json` of the synthetic NeRF
+//! scenes.
+//!
+//! `transform_matrix` is world from camera with OpenGL camera axes (x right, y up, z backwards),
+//! 4×4 or 3×4 (nerfstudio's "Data conventions" page). Negating its second and third columns gives
+//! OpenCV's axes. Intrinsics are in pixels of a `w` × `h` image with pixel centres at
+//! half-integers, for the whole file or per frame; `camera_angle_x` (horizontal field of view,
+//! radians) replaces a missing `fl_x`. Distortion is OpenCV's: k1, k2, k3, p1, p2; of `FULL_OPENCV`
+//! also k4 to k6; of a fisheye k1 to k4. `near` and `far` (scene units) are not part of the format
+//! but are used if present; else the range is that of the scene's points ([`super::points_range`]).
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use super::json::{Fields, parse};
+use super::points_range;
+use crate::cameras::split_json_matrix;
+use crate::masks;
+use crate::photos::lookup::PhotoLookup;
+use crate::pose_file::read_json;
+use crate::undistort::{Distortion, FISHEYES, PINHOLES};
+use crate::{DeclaredView, DeclaredViews, PhotoSource, SceneError, SceneOptions};
+use liveview::geometry::{Intrinsics, Size, cam_from_opengl_world};
+
+/// Its names in a scene folder, in order of precedence, and those of the synthetic scenes' other
+/// photos.
+const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
+const OTHERS: [&str; 2] = ["transforms_test.json", "transforms_val.json"];
+
+/// Camera models are refused if their name contains one of these, unless they are [`FISHEYES`].
+const REFUSED: [&str; 7] = ["FISHEYE", "EQUIRECT", "SPHER", "ORTHO", "OMNI", "FOV", "VR180"];
+
+/// The file in a scene folder.
+pub(super) fn file_in(root: &Path) -> Option<PathBuf> {
+    NAMES.map(|name| root.join(name)).into_iter().find(|path| path.is_file())
+}
+
+pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
+    let path = file_in(root).unwrap_or_else(|| root.join(NAMES[0]));
+    open_file(root, &path, photos, options)
+}
+
+/// Reads a file in a scene folder, whatever its name.
+pub(crate) fn open_file(
+    root: &Path,
+    path: &Path,
+    photos: &dyn PhotoSource,
+    options: &SceneOptions,
+) -> Result<DeclaredViews, SceneError> {
+    let file = parse(path, &read_json(path)?)?;
+    let mut found = views(&file, options.images.as_deref(), PhotoLookup::new(photos, path))?;
+    points_range::fill(root, path, &file, &mut found);
+    if path.ends_with(NAMES[1]) {
+        let others = OTHERS.into_iter().filter(|name| root.join(name).is_file());
+        found.notes.extend(others.map(|name| format!("{name}: not read; to read it, give it in place of the folder")));
+    }
+    Ok(found)
+}
+
+/// The views of the file's frames; with photos from `folder` in place of `images`.
+pub(super) fn views(
+    file: &Value,
+    folder: Option<&str>,
+    mut lookup: PhotoLookup<'_>,
+) -> Result<DeclaredViews, SceneError> {
+    let path = lookup.listed_in;
+    let head = Fields::new(path, "the file", file, None)?;
+    let frames = head.get("frames").and_then(Value::as_array).ok_or_else(|| head.wrong("frames", "a list"))?;
+    for (index, frame) in frames.iter().enumerate() {
+        let place = format!("frames[{index}]");
+        let frame = Fields::new(path, &place, frame, file.as_object())?;
+        add_view(frame, folder, &mut lookup)?;
+    }
+    lookup.finish()
+}
+
+/// Adds a frame's view, unless its entry is skipped.
+fn add_view(frame: Fields<'_>, folder: Option<&str>, lookup: &mut PhotoLookup<'_>) -> Result<(), SceneError> {
+    // The photo comes first: a skipped entry is not checked any further.
+    let name = file_name(frame, folder);
+    let Some(photo) = name.and_then(|name| lookup.find(&name)).transpose() else { return Ok(()) };
+    let distortion = distortion(frame, lookup)?;
+    if frame.text("mask_path").is_ok() {
+        lookup.note(masks::note("mask_path"));
+    }
+    let photo = photo?;
+    let size = match (frame.side("w")?, frame.side("h")?) {
+        (Some(width), Some(height)) => Size::new(width, height),
+        (None, None) => {
+            lookup.note("w and h are missing: intrinsics are assumed to be for the photos' actual size".to_owned());
+            photo.size
+        }
+        (Some(_), None) => return Err(frame.wrong("h", "both w and h, or neither")),
+        (None, Some(_)) => return Err(frame.wrong("w", "both w and h, or neither")),
+    };
+    let pose = frame.get("transform_matrix").and_then(|matrix| split_json_matrix(matrix, 3));
+    let (axes, centre) =
+        pose.ok_or_else(|| frame.wrong("transform_matrix", "4 rows of 4 numbers, the last 0 0 0 1"))?;
+    let (rotation, translation) = cam_from_opengl_world(axes, centre);
+    lookup.views.push(DeclaredView {
+        photo,
+        intrinsics: intrinsics(frame, size)?,
+        size,
+        may_be_resampled: true,
+        rotation,
+        translation,
+        distortion,
+        depth_range: frame.optional("near")?.zip(frame.optional("far")?),
+    });
+    Ok(())
+}
+
+/// The name of a frame's photo; in `folder` in place of `images`.
+fn file_name(frame: Fields<'_>, folder: Option<&str>) -> Result<String, SceneError> {
+    let name = frame.text("file_path")?;
+    let Some(folder) = folder else { return Ok(name.to_owned()) };
+    let rest = name.strip_prefix("./").unwrap_or(name).strip_prefix("images/");
+    let rest =
+        rest.ok_or_else(|| frame.wrong("file_path", &format!("a photo in images/, to take that in {folder}/")))?;
+    Ok(format!("{folder}/{rest}"))
+}
+
+/// The distortion; an error for a camera model that is not read.
+fn distortion(frame: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<Distortion, SceneError> {
+    let refuse = |what: String| {
+        let hint = "undistort the photos first (expected a pinhole, OpenCV's k1, k2, k3, p1, p2, FULL_OPENCV or \
+                    OPENCV_FISHEYE)"
+            .to_owned();
+        Err(SceneError::Unsupported { path: frame.path.to_owned(), what, hint })
+    };
+    let model = frame.get("camera_model").and_then(Value::as_str).unwrap_or("OPENCV");
+    let upper = model.to_uppercase();
+    let mut fisheye = FISHEYES.contains(&upper.as_str());
+    if !fisheye && !PINHOLES.contains(&upper.as_str()) && upper != "PERSPECTIVE" {
+        if REFUSED.iter().any(|refused| upper.contains(refused)) {
+            return refuse(format!("camera_model {model}"));
+        }
+        lookup.note(format!("camera_model {model} is unknown: assumed to be a pinhole with k1, k2, k3, p1, p2"));
+    }
+    fisheye |= frame.get("is_fisheye").is_some_and(|flag| *flag != Value::Bool(false));
+    // Of other models, nerfstudio's k4 is not OpenCV's.
+    let without: &[&str] = match upper.as_str() {
+        _ if fisheye => &["k5", "k6", "p1", "p2"],
+        "FULL_OPENCV" => &[],
+        _ => &["k4", "k5", "k6"],
+    };
+    let coefficient = |key| Ok::<f64, SceneError>(frame.optional(key)?.unwrap_or(0.0));
+    for key in without {
+        let value = coefficient(key)?;
+        if value != 0.0 {
+            return refuse(format!("distortion {key} = {value}{}", if fisheye { " of a fisheye" } else { "" }));
+        }
+    }
+    let [k1, k2, k3, k4, k5, k6] = ["k1", "k2", "k3", "k4", "k5", "k6"].map(coefficient);
+    Ok(Distortion { fisheye, k: [k1?, k2?, k3?, k4?, k5?, k6?], p: [coefficient("p1")?, coefficient("p2")?] })
+}
+
+/// The intrinsics; a frame's own `fl_x` or `camera_angle_x` takes precedence over both of the
+/// file's.
+fn intrinsics(frame: Fields<'_>, size: Size) -> Result<Intrinsics, SceneError> {
+    let (width, height) = (size.width as f64, size.height as f64);
+    let focal = |length: &str, angle: &str, side: f64| -> Result<Option<f64>, SceneError> {
+        for fields in [frame.own(), frame] {
+            if let Some(focal) = fields.optional(length)? {
+                return Ok(Some(focal));
+            }
+            if let Some(angle) = fields.optional(angle)? {
+                return Ok(Some(0.5 * side / (0.5 * angle).tan()));
+            }
+        }
+        Ok(None)
+    };
+    let fx = focal("fl_x", "camera_angle_x", width)?
+        .ok_or_else(|| frame.wrong("fl_x", "a focal length in pixels, or camera_angle_x in radians"))?;
+    let fy = focal("fl_y", "camera_angle_y", height)?.unwrap_or(fx);
+    let cx = frame.optional("cx")?.unwrap_or(0.5 * width);
+    let cy = frame.optional("cy")?.unwrap_or(0.5 * height);
+    Ok(Intrinsics { fx, fy, cx, cy, skew: 0.0 })
+}

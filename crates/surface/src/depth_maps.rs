@@ -1,0 +1,194 @@
+//! Depth maps of a scene's photos, and what they confirm of each other.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::correction::PairStatistics;
+use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed, confirmed_by, nearer_edges};
+use super::kept_votes::{KeptVotes, Votes};
+use super::search::PhotoDepth;
+use liveview::geometry::{Camera, facing_alike};
+use liveview::warp::SourceView;
+
+/// Number of neighbours that a photo is matched with.
+pub const NEIGHBOURS: usize = 5;
+/// Number of photos beyond the V of a picture whose depth its surface is fused from.
+pub const EXTRA_PHOTOS: usize = 2;
+
+/// Bytes of votes that stay beyond those that are needed soon.
+const KEPT_VOTES: usize = 64 << 20;
+
+/// Depth maps of some photos of a scene; only these take part: a held-out photo is not among them.
+#[derive(Debug, Clone)]
+pub struct DepthMaps {
+    cameras: Vec<Camera>,
+    near: f64,
+    far: f64,
+    maps: Vec<Option<Arc<PhotoDepth>>>,
+    votes: KeptVotes,
+    /// Depths that the maps of the last set confirmed among each other, with the colours that its photos
+    /// had then.
+    confirmed: Option<HashMap<usize, Arc<ConfirmedDepth>>>,
+    /// Mean share of the pixels of that set which are confirmed.
+    confirmed_share: f64,
+    /// Of the photos of that set.
+    statistics: PairStatistics,
+}
+
+impl DepthMaps {
+    /// For photos of these cameras, to be searched from `near` to `far` (0 < near < far, scene
+    /// units; far may be infinite).
+    pub fn new(cameras: Vec<Camera>, near: f64, far: f64) -> Self {
+        let maps = vec![None; cameras.len()];
+        Self {
+            cameras,
+            near,
+            far,
+            maps,
+            votes: KeptVotes::default(),
+            confirmed: None,
+            confirmed_share: 0.0,
+            statistics: PairStatistics::default(),
+        }
+    }
+
+    /// Nearest and farthest depth searched, scene units.
+    pub fn range(&self) -> (f64, f64) {
+        (self.near, self.far)
+    }
+
+    /// Photos that photo `index` is matched with, nearest first (ties: the earlier).
+    pub fn neighbours(&self, index: usize) -> Vec<usize> {
+        let cameras: Vec<&Camera> = self.cameras.iter().collect();
+        let mut photos = facing_alike(&cameras, &self.cameras[index]);
+        photos.retain(|&photo| photo != index);
+        photos.truncate(NEIGHBOURS);
+        photos
+    }
+
+    /// Sets the depth of photo `index`, such as one read from a file.
+    pub fn insert(&mut self, index: usize, depth: PhotoDepth) {
+        self.maps[index] = Some(Arc::new(depth));
+        self.votes.drop_photo(index);
+        self.confirmed = None;
+    }
+
+    /// What compares a new depth of photo `index` with those of a set that are known.
+    pub fn comparison(&self, index: usize, set: &[usize]) -> Comparison {
+        let others = set.iter().filter(|&&other| other != index);
+        let known = others.filter_map(|&other| Some((other, self.cameras[other].clone(), self.maps[other].clone()?)));
+        Comparison { photo: index, camera: self.cameras[index].clone(), others: known.collect() }
+    }
+
+    /// As [`Self::insert`], with the votes of [`Self::comparison`].
+    pub fn insert_compared(&mut self, index: usize, depth: PhotoDepth, votes: Votes) {
+        self.insert(index, depth);
+        self.votes.extend(votes);
+    }
+
+    /// Drops the depth of all photos but `keep`, and what compares it; of that between photos of which one
+    /// is not needed `soon`, 64 MiB stay.
+    pub fn retain(&mut self, keep: &[usize], soon: &[usize]) {
+        let others = self.maps.iter_mut().enumerate().filter(|(index, _)| !keep.contains(index));
+        others.for_each(|(_, map)| *map = None);
+        self.votes.retain(keep, soon, KEPT_VOTES);
+        self.confirmed = self.confirmed.take().filter(|confirmed| confirmed.keys().all(|photo| keep.contains(photo)));
+    }
+
+    /// The depth of photo `index`, unless it is missing.
+    pub fn get(&self, index: usize) -> Option<&PhotoDepth> {
+        self.maps[index].as_deref()
+    }
+
+    /// The depth of photo `index`, and where its neighbours' depths confirm it; `None` if it is
+    /// missing. Neighbours without depth are left out.
+    pub fn confirmed_by_neighbours(&mut self, index: usize) -> Option<(Arc<PhotoDepth>, ConfirmedDepth)> {
+        let depth = self.maps[index].clone()?;
+        let confirmed = self.confirmed_by(index, &self.neighbours(index));
+        Some((depth, confirmed))
+    }
+
+    /// The depths of these photos (indices with cameras and photos), in their order, where they confirm
+    /// each other; photos without depth are left out. At edges, depth is moved to the nearer side where
+    /// others of the set show that ([`nearer_edges`]).
+    pub fn mutually_confirmed(&mut self, photos: &[(usize, SourceView<'_>)]) -> Vec<Arc<ConfirmedDepth>> {
+        let photos: Vec<_> = photos.iter().copied().filter(|&(index, _)| self.maps[index].is_some()).collect();
+        let set: Vec<usize> = photos.iter().map(|&(index, _)| index).collect();
+        let of_this_set = |confirmed: &HashMap<usize, _>| {
+            confirmed.len() == set.len() && set.iter().all(|photo| confirmed.contains_key(photo))
+        };
+        let confirmed = self.confirmed.take().filter(of_this_set).unwrap_or_else(|| {
+            self.statistics = PairStatistics::default();
+            let confirmed = self.with_nearer_edges(&photos);
+            let shares = confirmed.iter().map(|(_, confirmed)| confirmed.share());
+            self.confirmed_share = shares.sum::<f64>() / confirmed.len().max(1) as f64;
+            confirmed.into_iter().map(|(index, confirmed)| (index, Arc::new(confirmed))).collect()
+        });
+        let in_order = set.iter().map(|index| Arc::clone(&confirmed[index])).collect();
+        self.confirmed = Some(confirmed);
+        in_order
+    }
+
+    /// The depths of these photos, moved to the nearer side at edges, where they confirm each other; sorted
+    /// by index: photos are passed by their distance from the target, and sums depend on the order.
+    fn with_nearer_edges(&mut self, photos: &[(usize, SourceView<'_>)]) -> Vec<(usize, ConfirmedDepth)> {
+        let mut photos = photos.to_vec();
+        photos.sort_unstable_by_key(|&(index, _)| index);
+        photos.dedup_by_key(|&mut (index, _)| index);
+        let set: Vec<usize> = photos.iter().map(|&(index, _)| index).collect();
+        let confirmed: Vec<_> = set.iter().map(|&index| self.confirmed_by(index, &set)).collect();
+        let depth = |index: usize| &**self.maps[index].as_ref().expect("a photo with depth");
+        let found: Vec<_> = photos.iter().map(|&(index, view)| (view, depth(index))).collect();
+        // One photo after another: each is computed in parallel, and allocates several maps of its size.
+        let nearer: Vec<PhotoDepth> =
+            confirmed.iter().enumerate().map(|(which, confirmed)| nearer_edges(&found, which, confirmed)).collect();
+        let map = |which: usize| (found[which].0.camera, &nearer[which]);
+        let others = |which: usize| (0..found.len()).filter(move |&other| other != which).map(map);
+        let confirmed = |which: usize| (set[which], confirmed_by(map(which), others(which)));
+        (0..found.len()).into_par_iter().map(confirmed).collect()
+    }
+
+    /// Mean share, 0 to 1, of the pixels of the last set passed to [`Self::mutually_confirmed`] that
+    /// are confirmed.
+    pub(super) fn confirmed_share(&self) -> f64 {
+        self.confirmed_share
+    }
+
+    /// Statistics of pairs of the last set passed to [`Self::mutually_confirmed`].
+    pub(super) fn statistics(&mut self) -> &mut PairStatistics {
+        &mut self.statistics
+    }
+
+    /// Where the maps of `others` confirm that of photo `index`, which is not missing.
+    fn confirmed_by(&mut self, index: usize, others: &[usize]) -> ConfirmedDepth {
+        let depth = self.maps[index].as_ref().expect("a photo with depth");
+        let others = others.iter().copied();
+        let voters: Vec<usize> = others.filter(|&other| other != index && self.maps[other].is_some()).collect();
+        let map = |index: usize| (&self.cameras[index], &**self.maps[index].as_ref().expect("a photo with depth"));
+        let votes = self.votes.get_or_compute(index, &voters, |other| ConsistencyVotes::new(map(index), map(other)));
+        ConfirmedDepth::new(depth, &confirmed(&votes, depth.disparity.dim()))
+    }
+}
+
+/// Depths of other photos, to compare that of a photo with once it is found, on any thread.
+#[derive(Debug)]
+pub struct Comparison {
+    photo: usize,
+    camera: Camera,
+    others: Vec<(usize, Camera, Arc<PhotoDepth>)>,
+}
+
+impl Comparison {
+    /// The votes of the other maps on the photo's, and of the photo's on them.
+    pub fn votes(&self, depth: &PhotoDepth) -> Votes {
+        let own = (&self.camera, depth);
+        let votes = |(other, camera, map): &(usize, Camera, Arc<PhotoDepth>)| {
+            let (other, other_map) = (*other, (camera, &**map));
+            let pairs = [[other, self.photo], [self.photo, other]];
+            pairs.into_iter().zip([ConsistencyVotes::new(own, other_map), ConsistencyVotes::new(other_map, own)])
+        };
+        self.others.iter().flat_map(votes).collect()
+    }
+}

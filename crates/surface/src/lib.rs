@@ -1,0 +1,60 @@
+//! Surface layers: the depth of the photos (multi-view stereo), and the target's surface from it.
+//!
+//! ```text
+//! photo, neighbours ─► search ─► edges, confirmed by other photos ─┐ (DepthMaps: search once per photo,
+//!                                                                  ├─► TargetSurface ─► layers, visibility ─► Renderer
+//!                                                         target ──┘   edges once per set of photos)
+//! ```
+//!
+//! - `search`: the depth of one photo, by a plane sweep with the photo as reference.
+//! - `anchored_depth`: the same, with what the neighbours find as anchors.
+//! - `fusion`: consistency between photos, their depth at edges, and its fusion at the target.
+//! - `correction`: exposure and sharpness of the photos.
+//! - `range`: the depth range of a scene that gives none.
+//! - `guided`: a coarser search at the target alone, for guided layers.
+//! - [`cache`]: the depth of photos as files.
+//!
+//! Soft3D (Penner and Zhang, 2017) and multi-view stereo systems (COLMAP; Free View Synthesis,
+//! 2020) search depth at a reference image. Each file states its formulas, constants and ties; the
+//! result has the same bits on any number of threads.
+
+mod anchored_depth;
+pub mod cache;
+mod correction;
+mod depth_maps;
+mod dirty_tiles;
+mod fusion;
+pub mod guided;
+mod kept_votes;
+mod neighbourhood;
+pub mod parallax;
+mod range;
+mod search;
+mod small_maps;
+#[doc(hidden)] // for the parity tests
+pub mod stages;
+mod target_surface;
+#[cfg(test)]
+mod tests;
+
+pub use anchored_depth::{anchored_depth, anchored_depth_in_scene, small_photo};
+pub use correction::{exposure_gains, sharpening};
+pub use depth_maps::{Comparison, DepthMaps, EXTRA_PHOTOS, NEIGHBOURS};
+pub use dirty_tiles::{Region, dirty_regions};
+pub use fusion::{ConfirmedDepth, ConsistencyVotes, Surface, SurfaceView, confirmed, surface};
+pub use kept_votes::Votes;
+pub use range::depth_range;
+pub use search::{PhotoDepth, photo_depth};
+pub use small_maps::{SmallMaps, SmallPhoto};
+pub use target_surface::{PhotoCorrection, TargetSurface, photo_corrections};
+
+/// What a frame reuses of the one before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reuse {
+    /// Nothing: its layers are searched again.
+    Nothing,
+    /// All, whatever the photos show.
+    All,
+    /// All but what the photos contradict, which is searched again.
+    Refreshed,
+}

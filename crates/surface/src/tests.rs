@@ -1,0 +1,395 @@
+//! Every stage on a scene of known depth: a square before a wall, photographed by cameras side by
+//! side.
+
+use std::sync::Arc;
+
+use glam::{DMat3, DVec3};
+use ndarray::Array2;
+
+use super::fusion::nearer_edges;
+use super::fusion::photo_variance::{MAX_VARIANCE, SeenSurface, photo_variance};
+use super::fusion::visible::visible;
+use super::search::aggregate::aggregate;
+use super::search::grid::{Candidates, Grid, SEGMENT};
+use super::search::photo_sweep::{COST_SCALE, costs};
+use super::search::planes::Planes;
+use super::*;
+use liveview::geometry::{Camera, Intrinsics, PlaneSweep};
+use liveview::image::ImageRgb;
+use liveview::layers::{Layer, LayersError};
+use liveview::warp::{NO_GAINS, SourceView, Texture, WarpSource};
+
+const WIDTH: usize = 128;
+const HEIGHT: usize = 96;
+const FOCAL: f64 = 60.0;
+const WALL: f64 = 0.125;
+const SQUARE: f64 = 0.5;
+const RANGE: (f64, f64) = (1.5, 10.0);
+
+fn camera(x: f64) -> Camera {
+    let intrinsics = Intrinsics { fx: FOCAL, fy: FOCAL, cx: 40.0, cy: 28.0, skew: 0.0 };
+    Camera::new(intrinsics, WIDTH, HEIGHT, DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0)).unwrap()
+}
+
+/// Disparity of a pixel of the camera at `x`, and the point of the surface, in pixels of the camera
+/// at 0.
+fn ground_truth(x: f64, column: usize, row: usize) -> (f64, f64, f64) {
+    let (u, v) = (column as f64 + 0.5, row as f64 + 0.5);
+    let on_square = u + FOCAL * x * SQUARE;
+    if (28.0..52.0).contains(&on_square) && (16.0..40.0).contains(&v) {
+        (SQUARE, on_square, v)
+    } else {
+        (WALL, u + FOCAL * x * WALL, v)
+    }
+}
+
+/// Photo of the camera at `x`, its channels multiplied by `exposure`.
+fn photo(x: f64, exposure: [f32; 3]) -> ImageRgb {
+    let colour = |i: usize| {
+        let (disparity, u, v) = ground_truth(x, i % WIDTH, i / WIDTH);
+        let wave = |a: f64, b: f64, c: f64| 0.5 + 0.24 * (a * u + b * v + c).sin() + 0.24 * (b * u - a * v).cos();
+        let c = 10.0 * disparity;
+        let colour = [wave(1.1, 0.4, c), wave(0.7, 0.9, 2.0 + c), wave(0.3, 1.3, 4.0 + c)];
+        std::array::from_fn::<_, 3, _>(|channel| exposure[channel] * colour[channel] as f32)
+    };
+    let data = (0..WIDTH * HEIGHT).flat_map(colour).collect();
+    ImageRgb::new(WIDTH, HEIGHT, data).unwrap()
+}
+
+const PLACES: [f64; 5] = [0.0, -0.2, 0.2, -0.4, 0.4];
+
+struct Rig {
+    cameras: Vec<Camera>,
+    photos: Vec<Texture>,
+}
+
+impl Rig {
+    fn new() -> Self {
+        Self {
+            cameras: PLACES.map(camera).to_vec(),
+            photos: PLACES.map(|x| Texture::new(&photo(x, NO_GAINS))).to_vec(),
+        }
+    }
+
+    fn view(&self, index: usize) -> SourceView<'_> {
+        SourceView { camera: &self.cameras[index], texture: &self.photos[index] }
+    }
+
+    /// The first photos, with their confirmed depth.
+    fn surface_views<'a>(&'a self, confirmed: &'a [Arc<ConfirmedDepth>]) -> Vec<SurfaceView<'a>> {
+        let view = |(k, confirmed): (usize, &'a Arc<ConfirmedDepth>)| SurfaceView {
+            view: self.view(k),
+            confirmed,
+            gains: NO_GAINS,
+        };
+        confirmed.iter().enumerate().map(view).collect()
+    }
+
+    /// The first photos, with their indices.
+    fn set(&self, count: usize) -> Vec<(usize, SourceView<'_>)> {
+        (0..count).map(|index| (index, self.view(index))).collect()
+    }
+
+    fn maps(&self) -> DepthMaps {
+        let mut maps = DepthMaps::new(self.cameras.clone(), RANGE.0, RANGE.1);
+        for index in 0..PLACES.len() {
+            let neighbours: Vec<_> = maps.neighbours(index).into_iter().map(|k| self.view(k)).collect();
+            maps.insert(index, anchored_depth(&self.view(index), &neighbours, RANGE.0, RANGE.1));
+        }
+        maps
+    }
+}
+
+/// Share of pixels, without a border of eight, whose disparity is within a pixel of parallax.
+fn correct_share(found: &Array2<f32>, x: f64, disparity_per_pixel: f32) -> f64 {
+    let inner = |(y, x): (usize, usize)| (8..HEIGHT - 8).contains(&y) && (8..WIDTH - 8).contains(&x);
+    let all: Vec<_> = found.indexed_iter().filter(|(at, _)| inner(*at)).collect();
+    let good = |((row, column), d): &&((usize, usize), &f32)| {
+        (**d - ground_truth(x, *column, *row).0 as f32).abs() < disparity_per_pixel
+    };
+    all.iter().filter(good).count() as f64 / all.len() as f64
+}
+
+#[test]
+fn costs_are_lowest_on_the_surface_and_highest_where_unseen() {
+    let rig = Rig::new();
+    let reference = Planes::new(&rig.photos[0]);
+    let sweep = |index: usize| PlaneSweep::new(&rig.cameras[index], &rig.cameras[0]);
+    let sources = [1, 2].map(|index| WarpSource::new(&rig.photos[index], sweep(index)));
+    let grid = Grid::new(1.0 / 0.625, 1.0 / 0.125, 17); // 0.5 is index 4, 0.125 the last
+    let count = Candidates::All.count(&grid);
+    let volume = costs(&reference, &sources, &grid, Candidates::All, None);
+    let best = |x: usize, y: usize| {
+        let cell = &volume[(y * WIDTH + x) * count..][..grid.count];
+        (0..grid.count).min_by_key(|&k| cell[k]).unwrap()
+    };
+    assert_eq!((best(40, 28), best(14, 10)), (4, 16));
+    let beside = WarpSource {
+        sweep: PlaneSweep {
+            homography_at_infinity: DMat3::from_translation(glam::DVec2::new(1e3, 0.0)),
+            epipole: DVec3::ZERO,
+        },
+        ..sources[0]
+    };
+    let volume = costs(&reference, &[beside], &grid, Candidates::All, None);
+    assert!(volume.iter().all(|&cost| cost == (0.15 * COST_SCALE).round() as u16));
+}
+
+#[test]
+fn segments_covering_the_grid_give_the_result_of_all_candidates() {
+    let rig = Rig::new();
+    let reference = Planes::new(&rig.photos[0]);
+    let sweep = PlaneSweep::new(&rig.cameras[2], &rig.cameras[0]);
+    let sources = [WarpSource::new(&rig.photos[2], sweep)];
+    let grid = Grid::new(RANGE.0, RANGE.1, 2 * SEGMENT);
+    let starts = vec![[0, SEGMENT as u16]; WIDTH * HEIGHT];
+    let segments = Candidates::Segments { starts: &starts, columns: WIDTH, cells_per_side: 1 };
+    let [all, segments] = [Candidates::All, segments].map(|candidates| {
+        let volume = costs(&reference, &sources, &grid, candidates, None);
+        (aggregate(&volume, &reference, &grid, candidates), volume)
+    });
+    assert!(all == segments);
+}
+
+#[test]
+fn aggregate_cell_without_texture_takes_its_neighbours_index() {
+    let flat = Planes::new(&Texture::new(&ImageRgb::new(5, 4, vec![0.5; 60]).unwrap()));
+    let grid = Grid::new(1.0, 2.0, 2 * SEGMENT);
+    let cost = |i: usize| {
+        let (cell, k) = (i / (2 * SEGMENT), i % (2 * SEGMENT));
+        if cell != 12 && k == 5 { 0 } else { 1000 }
+    };
+    let volume: Vec<u16> = (0..20 * 2 * SEGMENT).map(cost).collect();
+    let found = aggregate(&volume, &flat, &grid, Candidates::All);
+    assert!(found.iter().all(|&index| index == 5.0), "{found:?}");
+}
+
+#[test]
+fn depth_and_surface_are_within_a_pixel_of_the_truth() {
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let confirmed = maps.mutually_confirmed(&rig.set(5));
+    for (index, confirmed) in confirmed.iter().enumerate() {
+        let found = maps.get(index).unwrap();
+        let share = correct_share(&found.disparity, PLACES[index], found.disparity_per_pixel);
+        assert!(share > 0.93, "photo {index}: {share}");
+        let count = confirmed.disparity.iter().filter(|d| **d >= 0.0).count();
+        assert!(count as f64 > 0.8 * (WIDTH * HEIGHT) as f64, "photo {index}: {count} confirmed");
+    }
+    let views = rig.surface_views(&confirmed);
+    let target = camera(0.1);
+    let found = surface(&views, &target, RANGE.0, RANGE.1);
+    let share = correct_share(&found.disparity, 0.1, found.disparity_per_pixel);
+    assert!(share > 0.95, "{share}");
+    let layers = found.layers(3).unwrap();
+    let values = |layer: usize| match &layers.as_slice()[layer] {
+        Layer::Pixels(map) => map.clone(),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(layers.len(), 3);
+    assert_eq!(values(1), found.disparity, "the surface itself is between its extremes");
+    let ordered = |(near, (own, far)): (&f32, (&f32, &f32))| near >= own && own >= far;
+    assert!(values(0).iter().zip(values(1).iter().zip(&values(2))).all(ordered));
+    assert_ne!(values(0), values(2), "it has edges");
+    assert!(matches!(found.layers(0), Err(LayersError::Empty)));
+}
+
+#[test]
+fn depth_inserted_with_its_votes_is_confirmed_alike() {
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let expected = maps.mutually_confirmed(&rig.set(5));
+    let depth = maps.get(2).unwrap().clone();
+    let votes = maps.comparison(2, &[0, 1, 2, 3, 4]).votes(&depth);
+    assert_eq!(votes.len(), 8, "of the other four on it, and of it on them");
+    maps.insert_compared(2, depth, votes);
+    let found = maps.mutually_confirmed(&rig.set(5));
+    assert!(found.iter().zip(expected).all(|(found, expected)| found.disparity == expected.disparity));
+}
+
+#[test]
+fn confirmed_contradicted_depth_is_rejected() {
+    let flat = |disparity: f32| PhotoDepth {
+        disparity: Array2::from_elem((HEIGHT, WIDTH), disparity),
+        disparity_per_pixel: 0.02,
+    };
+    let cameras = [camera(0.0), camera(0.1)];
+    let (good, mut bad) = (flat(0.2), flat(0.2));
+    bad.disparity[(20, 40)] = 0.5; // in front of the wall that the other photo sees
+    let votes = ConsistencyVotes::new((&cameras[0], &bad), (&cameras[1], &good));
+    let found = confirmed(&[&votes], (HEIGHT, WIDTH));
+    assert!(!found[(20, 40)]);
+    assert!(found.indexed_iter().filter(|((_, x), _)| *x > 2).all(|(at, &ok)| ok || at == (20, 40)));
+    assert!(confirmed(&[], (HEIGHT, WIDTH)).iter().all(|&ok| !ok), "nothing is confirmed without votes");
+}
+
+#[test]
+fn depth_beside_an_edge_becomes_nearer_where_two_photos_and_the_colours_say_so() {
+    let rig = Rig::new();
+    let truth = |x: f64| PhotoDepth {
+        disparity: Array2::from_shape_fn((HEIGHT, WIDTH), |(row, column)| ground_truth(x, column, row).0 as f32),
+        disparity_per_pixel: 0.08,
+    };
+    // The square's left column, and the column of the wall before it.
+    let with_columns = |x: f64, square: f64, before: f64| {
+        let mut map = truth(x);
+        let left = (28.0 - FOCAL * x * SQUARE) as usize;
+        (16..40).for_each(|row| {
+            (map.disparity[(row, left)], map.disparity[(row, left - 1)]) = (square as f32, before as f32)
+        });
+        map
+    };
+    let moved = |maps: &[PhotoDepth; 3], confirmed: bool| {
+        let set: Vec<_> = maps.iter().enumerate().map(|(index, map)| (rig.view(index), map)).collect();
+        let confirmed = ConfirmedDepth::new(&maps[0], &Array2::from_elem((HEIGHT, WIDTH), confirmed));
+        nearer_edges(&set, 0, &confirmed).disparity
+    };
+    let [right, narrow] = [SQUARE, WALL].map(|square| with_columns(PLACES[0], square, WALL));
+    let [second, third] = [1, 2].map(|index| truth(PLACES[index]));
+    let found = moved(&[narrow.clone(), second.clone(), third.clone()], true);
+    assert!((&found - &right.disparity).iter().all(|difference| difference.abs() < 1e-6), "the square is whole");
+    let unconfirmed = moved(&[narrow.clone(), second.clone(), third], false);
+    assert_eq!(unconfirmed, narrow.disparity, "no place where the others are trusted");
+    let single = moved(&[narrow.clone(), second, narrow.clone()], true);
+    assert_eq!(single, narrow.disparity, "one photo has that depth: the other's lies elsewhere");
+    let wide = [1, 2].map(|index| with_columns(PLACES[index], SQUARE, SQUARE));
+    let [second, third] = wide;
+    assert_eq!(moved(&[right.clone(), second, third], true), right.disparity, "the wall has other colours");
+}
+
+#[test]
+fn visible_point_behind_the_views_own_depth_is_hidden() {
+    let target = camera(0.0);
+    let mut map = ConfirmedDepth { disparity: Array2::from_elem((HEIGHT, WIDTH), 0.1), disparity_per_pixel: 0.01 };
+    map.disparity[(10, 20)] = 0.5;
+    map.disparity[(10, 21)] = -1.0;
+    let seen = visible((&target, &map), &target, &[0.1; WIDTH * HEIGHT], WIDTH, 0.05);
+    for (at, &seen) in seen.iter().enumerate() {
+        assert_eq!(seen == 0.0, at == 10 * WIDTH + 20, "{at}");
+    }
+    // A point in front of what the view itself confirms: the view sees past it.
+    let seen = visible((&target, &map), &target, &[0.2; WIDTH * HEIGHT], WIDTH, 0.05);
+    for (at, &seen) in seen.iter().enumerate() {
+        let expected = [(10 * WIDTH + 20, 0.0), (10 * WIDTH + 21, 1.0)].iter().find(|(pixel, _)| *pixel == at);
+        assert_eq!(seen, expected.map_or(-1.0, |&(_, value)| value), "{at}");
+    }
+}
+
+#[test]
+fn photo_variance_is_low_on_the_surface_only() {
+    let rig = Rig::new();
+    let sources = [0, 1, 2].map(|k| WarpSource::new(&rig.photos[k], PlaneSweep::new(&rig.cameras[k], &rig.cameras[0])));
+    let visible = vec![vec![1.0; WIDTH * HEIGHT]; 3];
+    let variance = |visible: &[Vec<f32>], disparity: &[f32], splatted: &[f32]| {
+        photo_variance(&SeenSurface { disparity, splatted, width: WIDTH, sources: &sources, visible })
+    };
+    let [wall, before] = [WALL, WALL + 0.2].map(|disparity| vec![disparity as f32; WIDTH * HEIGHT]);
+    let all_holes = vec![-1.0; WIDTH * HEIGHT];
+    let at = 8 * WIDTH + 30;
+    let [on, off] = [&wall, &before].map(|map| variance(&visible, map, &all_holes)[at]);
+    assert!(on < 1e-3 && off > 5e-3, "{on} {off}");
+    let blind = vec![vec![0.0; WIDTH * HEIGHT]; 3];
+    let found = variance(&blind, &wall, &all_holes);
+    assert!(found.iter().all(|&d| (d - MAX_VARIANCE).abs() < 1e-8));
+    let past = vec![vec![1.0; WIDTH * HEIGHT], vec![-1.0; WIDTH * HEIGHT], vec![1.0; WIDTH * HEIGHT]];
+    let found = variance(&past, &wall, &all_holes);
+    assert!((found[at] - MAX_VARIANCE).abs() < 1e-8);
+    let mut asked = vec![0.0; WIDTH * HEIGHT];
+    asked[at] = -1.0;
+    let found = variance(&visible, &wall, &asked);
+    assert!(found.iter().enumerate().all(|(k, &d)| d == if k == at { on } else { 0.0 }));
+}
+
+#[test]
+fn neighbours_of_a_photo_are_the_nearest_others() {
+    let maps = DepthMaps::new(Rig::new().cameras, RANGE.0, RANGE.1);
+    assert_eq!(maps.neighbours(1), [0, 3, 2, 4]);
+    assert_eq!(DepthMaps::new(vec![camera(0.0)], RANGE.0, RANGE.1).neighbours(0), [0; 0]);
+}
+
+#[test]
+fn anchored_depth_of_enlarged_photos_is_found_at_half_their_size() {
+    let (width, height) = (5 * WIDTH, 5 * HEIGHT);
+    let enlarged = |x: f64| {
+        let photo = Texture::new(&photo(x, NO_GAINS).resized(width, height).unwrap());
+        (camera(x).with_size_scaled(width, height).unwrap(), photo)
+    };
+    let photos = PLACES.map(enlarged);
+    let views: Vec<_> = photos.iter().map(|(camera, texture)| SourceView { camera, texture }).collect();
+    let found = anchored_depth(&views[0], &views[1..], RANGE.0, RANGE.1);
+    let sampled = Array2::from_shape_fn((HEIGHT, WIDTH), |(y, x)| found.disparity[(5 * y + 2, 5 * x + 2)]);
+    assert!(found.disparity.indexed_iter().all(|((y, x), &d)| d == found.disparity[(y & !1, x & !1)]));
+    let share = correct_share(&sampled, 0.0, 5.0 * found.disparity_per_pixel);
+    assert!(share > 0.95, "{share}");
+}
+
+#[test]
+fn seen_range_ends_beside_the_nearest_and_the_farthest_surface() {
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let found = TargetSurface::find(&mut maps, &rig.set(4), 3, &camera(0.1), PhotoCorrection::default(), true);
+    let (near, far) = found.seen_range(RANGE);
+    let pixel = f64::from(found.surface().disparity_per_pixel);
+    assert!((SQUARE..SQUARE + 4.0 * pixel).contains(&(1.0 / near)), "{near}");
+    assert!((WALL - 4.0 * pixel..WALL).contains(&(1.0 / far)), "{far}");
+    assert_eq!(found.seen_range((3.0, 4.0)), (3.0, 4.0), "never beyond the range");
+}
+
+#[test]
+fn surface_any_number_of_threads_gives_the_same_bits() {
+    let rig = Rig::new();
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut maps = rig.maps();
+            let confirmed = maps.mutually_confirmed(&rig.set(5));
+            let views = rig.surface_views(&confirmed[..4]);
+            let found = surface(&views, &camera(0.07), RANGE.0, RANGE.1).disparity;
+            let correction = exposure_gains(&views, &[1.0; 4]).concat().into_iter().chain(sharpening(&views));
+            found.into_iter().chain(correction).map(f32::to_bits).collect::<Vec<_>>()
+        })
+    };
+    let one = run(1);
+    assert!(one == run(2) && one == run(3) && one == run(5));
+}
+
+#[test]
+fn exposure_gains_of_a_darker_photo_are_found() {
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let confirmed = maps.mutually_confirmed(&rig.set(2));
+    let darker = Texture::new(&photo(PLACES[1], [0.8, 0.9, 1.0]));
+    let mut views = rig.surface_views(&confirmed);
+    views[1].view.texture = &darker;
+    let gains = exposure_gains(&views, &[1.0, 1.0]);
+    for (c, expected) in [0.8_f32, 0.9, 1.0].into_iter().enumerate() {
+        let found = gains[0][c] / gains[1][c];
+        assert!((found - expected).abs() < 0.02, "channel {c}: {found}");
+        assert!((gains[0][c] * gains[1][c] - 1.0).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn pair_statistics_are_kept_while_the_photos_stay_the_same() {
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let darker = Texture::new(&photo(PLACES[1], [0.8, 0.9, 1.0]));
+    let find = |maps: &mut DepthMaps, x: f64, second: &Texture| {
+        let view =
+            |index| SourceView { texture: if index == 1 { second } else { &rig.photos[index] }, ..rig.view(index) };
+        let mut photos: Vec<_> = (0..4).map(|index| (index, view(index))).collect();
+        photos.sort_by(|a, b| (PLACES[a.0] - x).abs().total_cmp(&(PLACES[b.0] - x).abs()));
+        let found = TargetSurface::find(maps, &photos, 3, &camera(x), PhotoCorrection::default(), true);
+        found.corrections().to_vec()
+    };
+    for (x, second) in [(0.05, &rig.photos[1]), (0.02, &rig.photos[1]), (-0.15, &rig.photos[1]), (-0.12, &darker)] {
+        let mut fresh = maps.clone();
+        *fresh.statistics() = Default::default();
+        let (found, expected) = (find(&mut maps, x, second), find(&mut fresh, x, second));
+        assert_eq!(found, expected, "{x}");
+        let kept = maps.statistics().sharpness.len();
+        find(&mut maps, x + 0.01, second);
+        assert_eq!(maps.statistics().sharpness.len(), kept, "another target computes nothing again");
+    }
+    assert_eq!(maps.statistics().gains.len(), 3, "statistics of a changed photo are dropped");
+}

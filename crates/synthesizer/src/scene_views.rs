@@ -1,0 +1,178 @@
+//! The views of a scene, and the choice among them: which a target is rendered from, and over which
+//! range of depths.
+
+use std::sync::{Arc, OnceLock};
+
+use super::error::SynthesisError;
+
+use super::shot::Shot;
+use super::target::{TargetCamera, Targets};
+use crate::found_range::found_range;
+use liveview::geometry::{Camera, choose_views};
+use liveview::layers::uniform_disparities;
+use liveview_scene::Scene;
+
+/// A scene and the depth range given for it: chooses the views and the depth range of each target.
+#[derive(Debug, Clone)]
+pub struct SceneViews {
+    /// Shared with searches on other threads.
+    pub(super) scene: Arc<Scene>,
+    given: (Option<f64>, Option<f64>),
+    /// The range found from the photos, once it was needed; `None` if it cannot be found.
+    found: OnceLock<Option<(f64, f64)>>,
+}
+
+impl SceneViews {
+    /// The views of a scene. `near` and `far` are in scene units; `None` takes the scene's own.
+    pub fn new(scene: Scene, near: Option<f64>, far: Option<f64>) -> Self {
+        Self { scene: Arc::new(scene), given: (near, far), found: OnceLock::new() }
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Near and far as given to [`Self::new`], scene units.
+    pub fn given_depth(&self) -> (Option<f64>, Option<f64>) {
+        self.given
+    }
+
+    /// The cameras of all views.
+    pub fn all_cameras(&self) -> Vec<&Camera> {
+        self.scene.views.iter().map(|view| &view.camera).collect()
+    }
+
+    /// The cameras of these views.
+    ///
+    /// # Panics
+    ///
+    /// Iterating panics if there is no such view.
+    pub fn cameras(&self, views: &[usize]) -> impl Iterator<Item = &Camera> {
+        views.iter().map(|&view| &self.scene.views[view].camera)
+    }
+
+    /// The names of these views.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such view.
+    pub fn names(&self, views: &[usize]) -> Vec<&str> {
+        views.iter().map(|&view| self.scene.views[view].name.as_str()).collect()
+    }
+
+    /// All views but those held out.
+    pub(super) fn all_but(&self, held_out: &[usize]) -> Vec<usize> {
+        (0..self.scene.views.len()).filter(|view| !held_out.contains(view)).collect()
+    }
+
+    /// Indices of the `count` views nearest to the target, nearest first, without those held out.
+    /// `name` is the target's, for errors.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Views`] if fewer views face the target's direction.
+    pub fn choose(
+        &self,
+        name: &str,
+        target: &Camera,
+        held_out: &[usize],
+        count: usize,
+    ) -> Result<Vec<usize>, SynthesisError> {
+        let free = self.all_but(held_out);
+        let cameras: Vec<&Camera> = self.cameras(&free).collect();
+        let chosen = choose_views(&cameras, target, count).map_err(|source| SynthesisError::Views {
+            target: format!("{}: {name}", self.scene.root.display()),
+            source,
+        })?;
+        Ok(chosen.into_iter().map(|i| free[i]).collect())
+    }
+
+    /// Near and far in scene units: as given to [`Self::new`], else the extremes of these views'
+    /// depth ranges, else as found from the scene's photos. Photos are loaded for that once, when
+    /// it is first needed, and only those of views that are not held out then.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::UnknownDepth`] if one of them cannot be found; [`SynthesisError::Scene`] for a photo that cannot be read;
+    /// [`SynthesisError::Layers`] unless 0 < near < far.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such view.
+    pub fn depth_range(&self, views: &[usize], held_out: &[usize]) -> Result<(f64, f64), SynthesisError> {
+        let known = || views.iter().filter_map(|&view| self.scene.views[view].depth_range);
+        let mut near = self.given.0.or_else(|| known().map(|range| range.0).reduce(f64::min));
+        let mut far = self.given.1.or_else(|| known().map(|range| range.1).reduce(f64::max));
+        if near.is_none() || far.is_none() {
+            let found = self.found(held_out)?;
+            near = near.or(found.map(|range| range.0));
+            far = far.or(found.map(|range| range.1));
+        }
+        let (Some(near), Some(far)) = (near, far) else {
+            let (near, far) = (near.is_none(), far.is_none());
+            return Err(SynthesisError::UnknownDepth { scene: self.scene.root.clone(), near, far });
+        };
+        uniform_disparities(near, far, 2)?;
+        Ok((near, far))
+    }
+
+    /// The range found from the photos of the views that are not held out.
+    fn found(&self, held_out: &[usize]) -> Result<Option<(f64, f64)>, SynthesisError> {
+        if self.found.get().is_none() {
+            let found = found_range(&self.scene, &self.all_but(held_out))?;
+            let _ = self.found.set(found);
+        }
+        Ok(self.found.get().copied().flatten())
+    }
+
+    /// Whether the range was found from the photos, since neither the options nor the scene give
+    /// it.
+    pub fn has_found_depth(&self) -> bool {
+        self.found.get().is_some_and(Option::is_some)
+    }
+
+    /// Chooses the `count` views and the depth range of each target: `given` (near, far; scene
+    /// units), or by [`Self::depth_range`]. The frames of a path share one range; that of a single
+    /// target is refined for planes unless it is given. Each target also gets up to `helpers` further
+    /// views.
+    ///
+    /// # Errors
+    ///
+    /// [`SynthesisError::Views`], and those of [`Self::depth_range`].
+    pub fn shots(
+        &self,
+        targets: Targets,
+        count: usize,
+        helpers: usize,
+        given: Option<(f64, f64)>,
+    ) -> Result<Vec<Shot>, SynthesisError> {
+        let held_out = &targets.held_out;
+        let choose = |target: &TargetCamera| -> Result<(Vec<usize>, Vec<usize>), SynthesisError> {
+            let views = self.choose(&target.name, &target.camera, held_out, count)?;
+            let more = (1..=helpers).rev().find_map(|more| {
+                self.choose(&target.name, &target.camera, held_out, count + more).ok().map(|all| all[count..].to_vec())
+            });
+            Ok((views, more.unwrap_or_default()))
+        };
+        let views = targets.list.iter().map(choose).collect::<Result<Vec<_>, _>>()?;
+        let range = |views: &[usize]| given.map_or_else(|| self.depth_range(views, held_out), Ok);
+        let all = || views.iter().flat_map(|(views, _)| views.iter().copied()).collect::<Vec<_>>();
+        let shared = if targets.moving { Some(range(&all())?) } else { None };
+        let shots = targets.list.iter().zip(&views).map(|(target, (views, helpers))| {
+            let (near, far) = shared.map_or_else(|| range(views), Ok)?;
+            Ok(Shot {
+                name: target.name.clone(),
+                target: target.camera.clone(),
+                truth: target.truth,
+                views: views.clone(),
+                helpers: helpers.clone(),
+                held_out: held_out.clone(),
+                refines_range: !targets.moving && given.is_none() && self.given == (None, None),
+                near,
+                far,
+            })
+        });
+        shots.collect()
+    }
+}

@@ -1,0 +1,6 @@
+//! Depth ranges of scenes, and real scenes.
+
+mod points_range;
+mod real_scenes;
+#[path = "../../../../tests/scene_common/mod.rs"]
+mod scene_common;
