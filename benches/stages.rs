@@ -79,7 +79,7 @@ fn blend_and_composite(bencher: Bencher) {
         rows.par_iter_mut().enumerate().for_each_init(
             || Blended::new(SIZE.width),
             |blended, (y, row)| {
-                weights.blend(&samples, y * SIZE.width, blended);
+                samples.blend(&weights, y * SIZE.width, blended);
                 row.add(0, blended, &disparity, false);
             },
         );

@@ -80,14 +80,14 @@ impl Blended {
 /// vectorises them.
 const LANES: usize = 128;
 
-impl DistanceWeights {
-    /// Blends as many pixels of a layer as `out` holds, beginning with pixel `from`.
+impl LayerSamples<'_> {
+    /// Blends as many pixels as `out` holds, beginning with pixel `from`.
     ///
     /// # Panics
     ///
-    /// If the samples hold fewer pixels, or are not of as many views as there are distances.
-    pub fn blend(&self, samples: &LayerSamples<'_>, from: usize, out: &mut Blended) {
-        blend_run(self, samples, from, &[], out);
+    /// If the samples hold fewer pixels, or are not of as many views as there are weights.
+    pub fn blend(&self, weights: &DistanceWeights, from: usize, out: &mut Blended) {
+        blend_run(self, weights, from, &[], out);
     }
 
     /// Weights and products are f32. Sums and α are f64: in f32 their mean error would be that of
@@ -95,7 +95,7 @@ impl DistanceWeights {
     #[inline(always)]
     fn blend_lanes(
         &self,
-        samples: &LayerSamples<'_>,
+        distance_weights: &DistanceWeights,
         from: usize,
         run_coverage: &[&[RunCoverage]],
         out: &mut Blended,
@@ -106,23 +106,23 @@ impl DistanceWeights {
             let row = run_coverage.get(view).map(|row| &row[run.start / RUN..run.end.div_ceil(RUN)]);
             row.filter(|row| row.iter().all(|run| *run == row[0])).map_or(RunCoverage::Partial, |row| row[0])
         };
-        let views = self.bias.len();
-        let pixels = samples.coverage.len() / views;
+        let views = distance_weights.bias.len();
+        let pixels = self.coverage.len() / views;
         let mut spare = [[0.0; LANES]; 2];
         let [spare, other_spare] = &mut spare;
         let span = |plane: usize| plane * pixels + at..plane * pixels + at + run.len();
         let mut by_coincident = [0.0; LANES]; // 1 where a coincident view covers the pixel: only such views are used there
-        for view in (0..views).filter(|&view| self.coincident[view] == 1.0) {
-            let Some(coverage) = covered(summary(view), &samples.coverage[span(view)], spare) else { continue };
+        for view in (0..views).filter(|&view| distance_weights.coincident[view] == 1.0) {
+            let Some(coverage) = covered(summary(view), &self.coverage[span(view)], spare) else { continue };
             for i in 0..LANES {
                 by_coincident[i] = if coverage[i] > 0.0 { 1.0 } else { by_coincident[i] };
             }
         }
         let mut best = [f32::NEG_INFINITY; LANES];
         for view in 0..views {
-            let Some(coverage) = covered(summary(view), &samples.coverage[span(view)], spare) else { continue };
-            let logits = if view == 0 { &ZEROS } else { lanes(&samples.logits[span(view)], other_spare) };
-            let (bias, coincident) = (self.bias[view], self.coincident[view]);
+            let Some(coverage) = covered(summary(view), &self.coverage[span(view)], spare) else { continue };
+            let logits = if view == 0 { &ZEROS } else { lanes(&self.logits[span(view)], other_spare) };
+            let (bias, coincident) = (distance_weights.bias[view], distance_weights.coincident[view]);
             for i in 0..LANES {
                 let counts = (coverage[i] > 0.0) & (coincident == by_coincident[i]);
                 let score = if counts { finite(logits[i]) + bias } else { f32::NEG_INFINITY };
@@ -132,9 +132,9 @@ impl DistanceWeights {
         let (mut rgb, mut total) = ([[0.0; LANES]; 3], [0.0; LANES]);
         let mut weights = [0.0; LANES];
         for view in 0..views {
-            let Some(coverage) = covered(summary(view), &samples.coverage[span(view)], spare) else { continue };
-            let logits = if view == 0 { &ZEROS } else { lanes(&samples.logits[span(view)], other_spare) };
-            let (bias, coincident) = (self.bias[view], self.coincident[view]);
+            let Some(coverage) = covered(summary(view), &self.coverage[span(view)], spare) else { continue };
+            let logits = if view == 0 { &ZEROS } else { lanes(&self.logits[span(view)], other_spare) };
+            let (bias, coincident) = (distance_weights.bias[view], distance_weights.coincident[view]);
             for i in 0..LANES {
                 let counts = (coverage[i] > 0.0) & (coincident == by_coincident[i]);
                 let (score, lost) = two_sum(finite(logits[i]), bias);
@@ -143,10 +143,10 @@ impl DistanceWeights {
             }
             add_products(&mut total, &weights, coverage);
             for (channel, sums) in rgb.iter_mut().enumerate() {
-                add_products(sums, &weights, lanes(&samples.colour[span(3 * view + channel)], spare));
+                add_products(sums, &weights, lanes(&self.colour[span(3 * view + channel)], spare));
             }
         }
-        let (opacity, mut alpha) = (lanes(&samples.logits[span(0)], spare), [0.0; LANES]);
+        let (opacity, mut alpha) = (lanes(&self.logits[span(0)], spare), [0.0; LANES]);
         for i in 0..LANES {
             let covered = best[i] > f32::NEG_INFINITY;
             let logit = f64::from(opacity[i]);
@@ -200,22 +200,22 @@ fn lanes<'a>(values: &'a [f32], spare: &'a mut [f32; LANES]) -> &'a [f32; LANES]
     spare
 }
 
-/// As [`DistanceWeights::blend`] for a row. `run_coverage` summarises its coverage: for each view,
+/// As [`LayerSamples::blend`] for a row. `run_coverage` summarises its coverage: for each view,
 /// one [`RunCoverage`] per run; or it is empty. Simple loops over lanes, compiled for the vector
 /// instructions of this processor.
 #[pulp::with_simd(blend_run = crate::simd::wide_arch())]
 #[inline(always)]
 pub(super) fn blend_run_with<'a, S: pulp::Simd>(
     _simd: S,
-    weights: &'a DistanceWeights,
     samples: &'a LayerSamples<'a>,
+    weights: &'a DistanceWeights,
     from: usize,
     run_coverage: &'a [&'a [RunCoverage]],
     out: &'a mut Blended,
 ) {
     for start in (0..out.alpha.len()).step_by(LANES) {
         let end = (start + LANES).min(out.alpha.len());
-        weights.blend_lanes(samples, from, run_coverage, out, start..end);
+        samples.blend_lanes(weights, from, run_coverage, out, start..end);
     }
 }
 
@@ -245,7 +245,7 @@ mod tests {
         let grey: Vec<f32> = coverage.iter().enumerate().flat_map(|(v, c)| [c * (v + 1) as f32 / 10.0; 3]).collect();
         let mut out = Blended::new(1);
         let samples = LayerSamples { logits, colour: &grey, coverage };
-        DistanceWeights::new(distances).blend(&samples, 0, &mut out);
+        samples.blend(&DistanceWeights::new(distances), 0, &mut out);
         (out.alpha[0], std::array::from_fn(|c| out.rgb[c][0]), out.covered[0])
     }
 

@@ -267,8 +267,8 @@ mod tests {
                     };
                     let run_coverage = [0, 1, 2].map(of_view);
                     let [mut with_runs, mut without] = [(); 2].map(|()| Blended::new(SIZE.width));
-                    blend_run(&weights, &samples, row * SIZE.width, &run_coverage, &mut with_runs);
-                    weights.blend(&samples, row * SIZE.width, &mut without);
+                    blend_run(&samples, &weights, row * SIZE.width, &run_coverage, &mut with_runs);
+                    samples.blend(&weights, row * SIZE.width, &mut without);
                     assert_eq!(with_runs, without, "{distances:?}, layer {layer}, row {row}");
                     // The blend takes two runs at once: it reads their coverage unless both have
                     // the same summary.

@@ -145,7 +145,7 @@ pub(super) fn composite_batch(
                         run_coverage[k * runs_per_layer..(k + 1) * runs_per_layer].chunks_exact(runs_per_view);
                     let of_views: Vec<_> =
                         of_views.map(|view| &view[y * runs_per_row..(y + 1) * runs_per_row]).collect();
-                    blend_run(batch.weights, &samples, y * padded_width, &of_views, blended);
+                    blend_run(&samples, batch.weights, y * padded_width, &of_views, blended);
                     let disparity = disparity.row(y).to_slice().expect("rows of the renderer's own buffer");
                     let logits = &samples.logits[y * padded_width..];
                     row.add_layer(index as u32, index + 1 == total, logits, blended, disparity);

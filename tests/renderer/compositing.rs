@@ -20,7 +20,7 @@ fn blend(views: &[(f64, f32, f32, f32)]) -> (f32, f32, bool) {
     let coverage: Vec<f32> = views.iter().map(|view| view.3).collect();
     let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
     let mut out = Blended::new(1);
-    DistanceWeights::new(&distances).blend(&samples, 0, &mut out);
+    samples.blend(&DistanceWeights::new(&distances), 0, &mut out);
     (out.alpha[0], out.rgb[0][0], out.covered[0])
 }
 
