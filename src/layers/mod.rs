@@ -1,17 +1,15 @@
-//! Layers: disparity per target pixel, near → far.
+//! Layers: disparity per target pixel, near → far; and the paper's selection among planes.
 //!
 //! A layer is a plane (constant disparity δ = 1/z, in 1/scene unit: the paper's case), or a map of
 //! disparity: on cells of [`CELL`]×[`CELL`] target pixels, interpolated bilinearly, or on single
 //! pixels. Layers are ordered near → far *at every pixel*, so that compositing along a target ray
 //! is exact.
 
-mod histogram;
 mod layer;
 
 use ndarray::ArrayView2;
 use rayon::prelude::*;
 
-pub use histogram::{plane_histogram, select_planes};
 pub use layer::{Layer, Layers, LayersError, uniform_disparities};
 
 use crate::geometry::Size;
@@ -50,6 +48,30 @@ fn neighbours(pixel: usize, factor: usize, cells: usize) -> (usize, usize, f64) 
     (first, (first + 1).min(cells - 1), position - first as f64)
 }
 
+/// For each plane, the number of pixels of which it is the best (paper, section "Plane selection"). `best`
+/// holds for each pixel the index of the plane with the largest α; `None`, where all α are 0, is not counted.
+///
+/// # Panics
+///
+/// If an index is not below `planes`.
+pub fn plane_histogram(best: impl IntoIterator<Item = Option<usize>>, planes: usize) -> Vec<u64> {
+    let mut bins = vec![0; planes];
+    for plane in best.into_iter().flatten() {
+        bins[plane] += 1;
+    }
+    bins
+}
+
+/// The paper's selection: indices of the `count` fullest bins (ties: the nearer), near → far; all planes if there are no
+/// more than that.
+pub fn select_planes(histogram: &[u64], count: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..histogram.len()).collect();
+    order.sort_by_key(|&k| (std::cmp::Reverse(histogram[k]), k));
+    order.truncate(count);
+    order.sort_unstable();
+    order
+}
+
 #[cfg(test)]
 mod tests {
     use ndarray::Array2;
@@ -64,5 +86,13 @@ mod tests {
         let row = &enlarged[12 * 5..12 * 6];
         assert_eq!(row[..3], [0.0, 0.0, 0.125]);
         assert_eq!(row[9..], [1.875, 2.0, 2.0]);
+    }
+
+    #[test]
+    fn fullest_bins_are_selected_and_ties_go_to_the_nearer() {
+        let bins = plane_histogram([Some(3), Some(1), Some(2), Some(3), None], 5);
+        assert_eq!(bins, [0, 1, 1, 2, 0]);
+        assert_eq!(select_planes(&bins, 2), [1, 3]);
+        assert_eq!(select_planes(&bins, 9), [0, 1, 2, 3, 4]);
     }
 }
