@@ -96,10 +96,10 @@ parity: build wheel
 	test ! -e .venv-openvino/.runtime || for precision in f32 int8; do \
 		( $(PARITY) --target target_0 --layers guided:2 --engine openvino --precision $$precision ) || exit 1; done
 
-## Stiff and extreme cases: Rust, torch, kornia and onnxruntime against float64. Writes parity/stability.md.
+## Stiff and extreme cases: Rust, torch, kornia and onnxruntime against float64. Writes parity/stability.md; the cases: target/.
 STABILITY = PYTHONPATH=python $(BIN)/python -m liveview_ref.parity.stability $(SCENE) --target target_0
 stability: wheel
-	$(STABILITY) > target/stability.md
+	$(STABILITY) --cases target/stability_cases.md > target/stability.md
 	cp target/stability.md parity/stability.md
 
 ## Damaged files for every reader, FUZZ_RUNS in all (nightly Rust). Inputs that break one stay in tests/fuzz/artifacts.
@@ -121,13 +121,13 @@ evaluate: setup-evaluation build
 	$(PY) liveview_ref.evaluation.scenes configs/scenes.json --data $(abspath $(DATA)) --out ../out/scenes \
 		$(if $(SCENES),--scenes $(SCENES)) $(if $(OPTIONS),--options="$(OPTIONS)")
 
-## This machine's figures: STEP=sweep (error against run time, the default), live, limits or readme.
+## This machine's figures: STEP=sweep (error against run time, the default), live or readme.
 report: report-$(or $(STEP),sweep)
 
 ## The shipped models: STEP=evaluate (their scores on DATA, the default), cards, int8 or train.
 models: models-$(or $(STEP),evaluate)
 
-## The comparison with the paper: STEP=report (its page, the default), scenes, train, score, cost, departures or cards.
+## The comparison with the paper: STEP=report (its page, the default), scenes, train, score, cost or departures.
 paper: paper-$(or $(STEP),report)
 
 include python/steps.mk

@@ -67,7 +67,7 @@ demo-stereo: build setup
 
 # --- make report STEP= ---
 
-.PHONY: report-sweep report-live report-limits report-readme
+.PHONY: report-sweep report-live report-readme
 
 ## Error against run time (a quarter of an hour on an idle machine): models/report, then the readme step.
 report-sweep: build setup setup-openvino
@@ -82,10 +82,6 @@ report-sweep: build setup setup-openvino
 ## The layer policies of `liveview video` on the rig's clip, and memory over 1,000 frames: models/report/live.
 report-live: build setup setup-openvino
 	$(PY) tools.live_report --cut 11 -- --engine openvino --precision int8
-
-## What limits the pictures: a table of models/README.md, from the example scene, whose depth is known.
-report-limits: build setup
-	$(PY) tools.limits
 
 ## The figures and pictures of README.md and docs/, from models/report, the example scene and the example rig.
 report-readme: build setup
@@ -126,7 +122,7 @@ models-train: build setup
 
 # --- make paper STEP= (docs/paper-comparison.md) ---
 
-.PHONY: paper-scenes paper-train paper-cards paper-score paper-cost paper-departures paper-report
+.PHONY: paper-scenes paper-train paper-score paper-cost paper-departures paper-report
 
 PAPER_RUNS ?= out/paper
 PAPER := $(PY) liveview_ref.paper
@@ -144,10 +140,6 @@ KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=8589934592 MALLOC_TRIM_THRESHOLD_=17179869
 paper-train: paper-scenes
 	export $(KEEP_MEMORY) && $(PAPER).train $(PAPER_SCENES) --out $(abspath $(PAPER_RUNS))/runs
 
-## models/paper/training.json and its README, from the checkpoints.
-paper-cards: setup
-	$(PAPER).report.cards $(RUNS)
-
 ## Scores of what is trained so far: models/paper/scores_rig.json.
 paper-score: setup-evaluation
 	$(PAPER).measure.score $(PAPER_SCENES) $(RUNS) --out ../models/paper
@@ -160,18 +152,16 @@ paper-cost: setup build
 paper-departures: setup
 	$(PAPER).measure.departures $(PAPER_SCENES) $(RUNS) --out ../models/paper/departures.json
 
-## The page, the card and the README's sentences, from models/paper.
+## The page, from models/paper.
 paper-report: setup
-	$(PAPER).report.page $(addprefix --crops ,$(abspath $(wildcard $(PAPER_RUNS)/runs/crops)))
-	$(PAPER).report.cards
-	$(PY) tools.paper_headline
+	$(PAPER).report.page
 
 # An unknown step or WITH.
 setup-%:
 	@echo "make setup WITH=$*: expected evaluation, openvino or ray" >&2; exit 2
 report-%:
-	@echo "make report STEP=$*: expected sweep, live, limits or readme" >&2; exit 2
+	@echo "make report STEP=$*: expected sweep, live or readme" >&2; exit 2
 models-%:
 	@echo "make models STEP=$*: expected evaluate, cards, int8 or train" >&2; exit 2
 paper-%:
-	@echo "make paper STEP=$*: expected report, scenes, train, score, cost, departures or cards" >&2; exit 2
+	@echo "make paper STEP=$*: expected report, scenes, train, score, cost or departures" >&2; exit 2

@@ -4,17 +4,17 @@
 
 Static, by onnxruntime: activations uint8, weights int8 per channel. Calibrated on examples of
 CONFIG's training (crops of its real scenes and procedural scenes, on guided layers and planes).
-Inputs, outputs and metadata stay, with `precision` and `quantised` added. Writes OUT.onnx and its
-card, OUT.md, with the loss by quantising each layer alone, and all of them.
+Inputs, outputs and metadata stay, with `precision` and `quantised` added. Writes OUT.onnx, and
+into int8.json and int8.md beside it the loss by quantising each layer alone, and all of them.
 """
 
 import argparse
+import json
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import onnx
-import onnxruntime
 from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
 
 from .checkpoint import model_card
@@ -28,6 +28,7 @@ from .training.train import read_config
 FLOAT_LAYERS = ("conv1",)
 EXAMPLES = 48
 CROP = (96, 96)
+RECORD = "int8.json"
 
 
 class Calibration(CalibrationDataReader):
@@ -106,42 +107,44 @@ def free_logits(graph: onnx.GraphProto) -> None:
         graph.initializer.remove(unused)
 
 
-def card(path: Path, out: Path, hwvs: list[np.ndarray], held_out: list[Photo], config_name: str) -> str:
-    """The Markdown card of the model."""
+def losses(path: Path, hwvs: list[np.ndarray], held_out: list[Photo]) -> dict[str, list[float]]:
+    """By what is quantised: the error of the logits, and the change of PSNR in dB of each kind of
+    layers."""
     names = convolutions(onnx.load(path))
     chosen = set(names) - set(FLOAT_LAYERS)
     trials = {f"{layer} alone": ({layer}, True) for layer in names}
-    trials |= {"all": (set(names), True), f"all but {', '.join(FLOAT_LAYERS)}: this model": (chosen, True)}
+    trials |= {"all": (set(names), True), f"all but {', '.join(FLOAT_LAYERS)}: the model": (chosen, True)}
     trials["the same, weights of 8 bits"] = (chosen, False)
-    exact = loss(path, held_out)
-    rows = []
+    exact, found = loss(path, held_out), {}
     with tempfile.TemporaryDirectory() as folder:
         for trial, (layers, reduce_range) in trials.items():
             made = Path(folder) / "trial.onnx"
             quantise(path, made, hwvs, layers, reduce_range)
-            found = loss(made, held_out, exact)
-            rows.append(
-                f"| {trial} | {100 * found.logits:.2f} % | "
-                + " | ".join(f"{x:+.3f}" for x in found.psnr.values())
-                + " |"
-            )
-            print(rows[-1], flush=True)
-    vnni = any(flag in Path("/proc/cpuinfo").read_text() for flag in ("avx512_vnni", "avx_vnni"))
-    kinds = " | ".join(f"{kind}, dB" for kind in exact.psnr)
-    summary = (
-        f"[`{path.name}`]({path.name}) with {len(chosen)} of its {len(names)} layers in int8: activations uint8, "
-        "weights int8 per channel,\nof 7 bits (CPUs without VNNI add pairs of products in 16 bits, which 8-bit "
-        "weights can saturate). Input and output are float32.\n"
-        f"Calibrated on {len(hwvs)} examples as in `{config_name}`, half of them procedural, by "
-        "`make models STEP=int8`. Training and licence as of the original."
-    )
-    measured = (
-        "Loss by quantising: root mean square error of the logits relative to their own root mean square, and change "
-        f"of PSNR,\nover {len(held_out)} held-out renders of `dev/`, by onnxruntime {onnxruntime.__version__} on a CPU "
-        f"{'with' if vnni else 'without'} VNNI."
-    )
-    head = [f"# {out.name}", "", summary, "", measured, "", f"| quantised | logits | {kinds} |"]
-    return "\n".join([*head, "|---" * (2 + len(exact.psnr)) + "|", *rows, ""])
+            measured = loss(made, held_out, exact)
+            found[trial] = [round(measured.logits, 6), *(round(x, 4) for x in measured.psnr.values())]
+            print(trial, found[trial], flush=True)
+    return found
+
+
+def card(record: dict[str, dict]) -> str:
+    """The Markdown card of all int8 models."""
+    lines = [
+        "# The int8 models\n",
+        "Each is the model of its name with all layers but conv1 in int8: activations uint8, weights int8 per",
+        "channel, of 7 bits (CPUs without VNNI add pairs of products in 16 bits, which 8-bit weights can saturate).",
+        f"Input and output are float32. Calibrated on {EXAMPLES} examples of the model's training by",
+        "`make models STEP=int8`. Training and licence as of the original.\n",
+        "Loss by quantising: root mean square error of the logits relative to their own root mean square, in %, and",
+        "change of PSNR in dB on the layers named, over held-out renders of `dev/` (their number: last row).\n",
+        "| quantised | " + " | ".join(f"{name}: {', '.join(each['kinds'])}" for name, each in record.items()) + " |",
+        "|---" * (1 + len(record)) + "|",
+    ]
+    for trial in next(iter(record.values()))["losses"]:
+        found = [each["losses"][trial] for each in record.values()]
+        cells = [", ".join([f"{100 * logits:.2f}", *(f"{x:+.3f}" for x in psnr)]) for logits, *psnr in found]
+        lines.append(f"| {trial} | " + " | ".join(cells) + " |")
+    lines.append("| renders | " + " | ".join(str(each["renders"]) for each in record.values()) + " |")
+    return "\n".join(lines) + "\n"
 
 
 def main() -> None:
@@ -156,7 +159,13 @@ def main() -> None:
     hwvs = calibration_hwvs(config, args.data, EXAMPLES)
     quantise(args.model, args.out, hwvs, set(convolutions(model)) - set(FLOAT_LAYERS))
     held_out = photos(config["validation"], args.data, config["views"], model_card(model))
-    args.out.with_suffix(".md").write_text(card(args.model, args.out, hwvs, held_out, args.config.name))
+    path = args.out.parent / RECORD
+    record = json.loads(path.read_text()) if path.exists() else {}
+    kinds = list(loss(args.model, held_out).psnr)
+    found = {"kinds": kinds, "renders": len(held_out), "losses": losses(args.model, hwvs, held_out)}
+    record = dict(sorted((record | {args.model.stem.removeprefix("liveview_"): found}).items()))
+    path.write_text(json.dumps(record, indent=1) + "\n")
+    path.with_suffix(".md").write_text(card(record))
 
 
 if __name__ == "__main__":

@@ -2,18 +2,17 @@
 models/: `make models STEP=cards`."""
 
 import json
-from pathlib import Path
 from statistics import fmean
 
-from liveview_ref.checkpoint import records, training_of
+from liveview_ref.checkpoint import records
 from liveview_ref.evaluation.chart import Panel, chart
 from liveview_ref.paths import MODELS
 
 from .marked_text import fill
 
 METHODS = (
-    "surface:2", "surface:1", "surface:1, no network", "surface:3, no network", "guided:2", "guided:4", "guided:8",
-    "select:16/64", "planes:64", "sweep, guided:4", "sweep, planes:64", "DIS flow", "best single plane", "nearest view",
+    "surface:1", "surface:1, no network", "surface:3, no network", "guided:2", "guided:4", "select:16/64", "planes:64",
+    "sweep, guided:4", "sweep, planes:64", "DIS flow", "best single plane", "nearest view",
 )  # fmt: skip
 
 
@@ -24,36 +23,41 @@ def kinds_of(row: dict) -> list[str]:
 
 
 def trained(models: dict[str, dict]) -> str:
-    """The training of each model, by V and the rest of its file's name."""
-    lines = ["| V | training | last validation, PSNR in dB | of |", "|---|---|---|---|"]
+    """The trainings of each model, by V and the rest of its file's name, one after another."""
+    lines = ["| V | steps | minutes | last validation, PSNR in dB |", "|---|---|---|---|"]
     for name, state in models.items():
-        last = {kind: state["history"][-1][kind] for kind in kinds_of(state["history"][-1])}
-        scenes = ", ".join(f"{Path(s['path']).name} at {s['width']}" for s in state["config"]["validation"])
-        row = (name, training_of(state), ", ".join(f"{kind}: {value:.2f}" for kind, value in last.items()), scenes)
-        lines.append("| " + " | ".join(map(str, row)) + " |")
+        runs = [*state["earlier"], (state["views"], state["step"], state["seconds"])]
+        steps, minutes = (
+            " + ".join(f"{x:,.0f}" for x in each) for each in zip(*((n, s / 60) for _, n, s in runs), strict=True)
+        )
+        last = state["history"][-1]
+        kinds = ", ".join(f"{kind}: {last[kind]:.2f}" for kind in kinds_of(last) if not kind.startswith("dev/"))
+        lines.append(f"| {name} | {steps} | {minutes} | {kinds} |")
     return "\n".join(lines)
 
 
 def scores(report: dict) -> str:
-    scenes = {**report["scenes"], "mean over scenes": {"mean": report["mean"]}}
-    lines = ["| PSNR dB / SSIM / LPIPS | " + " | ".join(scenes) + " |", "|---" * (len(scenes) + 1) + "|"]
+    """Means over scenes, and the PSNR of each."""
+    scenes = {name: scene["mean"] for name, scene in report["scenes"].items()}
+    lines = ["| layers | mean: PSNR dB / SSIM / LPIPS | " + " | ".join(scenes) + " |", "|---" * (len(scenes) + 2) + "|"]
     for method in (method for method in METHODS if method in report["mean"]):
-        rows = [scene["mean"][method] for scene in scenes.values()]
-        cells = [f"{row['psnr']:.2f} / {row['ssim']:.3f} / {row['lpips']:.3f}" for row in rows]
+        cells = [shown(report["mean"][method]), *(f"{scene[method]['psnr']:.2f}" for scene in scenes.values())]
         lines.append(f"| {method} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
+def shown(row: dict[str, float]) -> str:
+    return f"{row['psnr']:.2f} / {row['ssim']:.3f} / {row['lpips']:.3f}"
+
+
 def views(reports: dict[int, dict]) -> str:
     """Scores of surface layers by V, over the scenes with enough photos for it."""
-    methods = "surface:1", "surface:2", "surface:1, no network", "surface:3, no network"
-    head = ["V", "scenes", *methods, "V = 4 on the same scenes, surface:1"]
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    methods = "surface:1", "surface:1, no network", "surface:3, no network"
+    lines = ["| V | scenes | " + " | ".join(methods) + " | V = 4 on these, surface:1 |", "|---" * 6 + "|"]
 
     def mean(report: dict, scenes: list[str], method: str) -> str:
         rows = [report["scenes"][scene]["mean"][method] for scene in scenes]
-        psnr, ssim, lpips = (fmean(row[key] for row in rows) for key in ("psnr", "ssim", "lpips"))
-        return f"{psnr:.2f} / {ssim:.4f} / {lpips:.4f}"
+        return shown({key: fmean(row[key] for row in rows) for key in rows[0]})
 
     for count, report in sorted(reports.items()):
         scenes = [scene for scene in report["scenes"] if scene in reports[4]["scenes"]]

@@ -9,6 +9,7 @@ COLOURS = (
 )  # fmt: skip
 WIDTH, HEIGHT = 400, 300  # of a panel
 LEFT, RIGHT, TOP, BOTTOM = 56, 16, 24, 44  # margins around its plot
+LEGEND = 180  # width of a title in the legend
 
 Points = list[tuple[float, float]]
 
@@ -61,15 +62,15 @@ def draw(panel: Panel, left: int, colours: dict[str, str]) -> list[str]:
     return out
 
 
-def chart(panels: list[Panel], legend: int = 180) -> str:
-    """SVG of the panels that have any points; `legend`: width of a title in the legend, pixels."""
+def chart(panels: list[Panel]) -> str:
+    """SVG of the panels that have any points."""
     panels = [panel for panel in panels if any(panel.curves.values())]
     titles = list(dict.fromkeys(title for panel in panels for title in panel.curves))
     colours = {title: COLOURS[index % len(COLOURS)] for index, title in enumerate(titles)}
     out = [line for index, panel in enumerate(panels) for line in draw(panel, index * WIDTH, colours)]
-    across = max((len(panels) * WIDTH - LEFT) // legend, 1)  # titles in a row of the legend
+    across = max((len(panels) * WIDTH - LEFT) // LEGEND, 1)  # titles in a row of the legend
     for index, (title, colour) in enumerate(colours.items()):
-        left, top = LEFT + legend * (index % across), HEIGHT + 6 + 18 * (index // across)
+        left, top = LEFT + LEGEND * (index % across), HEIGHT + 6 + 18 * (index // across)
         out.append(f'<circle cx="{left}" cy="{top}" r="3.5" fill="{colour}"/>')
         out.append(f'<text x="{left + 9}" y="{top + 4}">{title}</text>')
     rows = -(-len(titles) // across)

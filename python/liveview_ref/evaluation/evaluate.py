@@ -32,7 +32,7 @@ from ..reference.render.renderer import Network
 from . import baselines, methods
 from .figure import figure
 from .lpips import load_lpips, lpips
-from .program import NO_NETWORK, Program
+from .program import Program
 from .sheet import Row, contact_sheet, row_of
 
 OURS = {"guided": methods.guided, "planes": methods.planes}  # with a network
@@ -100,29 +100,25 @@ def versions() -> dict[str, str]:
     return found
 
 
-def table(scores: Scores) -> list[str]:
-    lines = ["| method | " + " | ".join(name for name, _ in METRICS.values()) + " |", "|---" * (1 + len(METRICS)) + "|"]
-    for method, row in scores.items():
-        lines.append(f"| {method} | " + " | ".join(f"{row[k]:.{n}f}" for k, (_, n) in METRICS.items()) + " |")
-    return lines
-
-
 def markdown(report: dict) -> str:
-    about = ", ".join(f"{key} {value}" for key, value in report["trained"].items())
-    lines = [f"# {report['model']}: {report['views']} views ({about})", "", f"{report['cpu']}, torch "]
-    lines[-1] += f"{report['versions']['torch']}; a border of {report['border']} pixels is left out."
-    if any(method.endswith(NO_NETWORK) for method in report["mean"]):
-        lines += [
-            "",
-            "Surface layers are rendered by the program, everything else by the reference; scores are computed alike.",
-        ]
-    scenes = len(report["scenes"])
-    lines += ["", f"## Mean over {scenes} scene{'s' * (scenes > 1)}", "", *table(report["mean"])]
-    for name, scene in report["scenes"].items():
-        count, size = len(scene["targets"]), "{}x{}".format(*scene["targets"][0]["size"])
-        lines += ["", f"## {name}: {size}, {count} held-out photo{'s' * (count > 1)}", "", *table(scene["mean"])]
+    """One table: means over scenes, then the PSNR of each scene."""
+    about = ", ".join(f"{key} {value}" for key, value in report["trained"].items() if key != "training")
+    scenes = {name: scene["mean"] for name, scene in report["scenes"].items()}
+    photos = ", ".join(f"{name} {len(scene['targets'])}" for name, scene in report["scenes"].items())
+    border, torch_version = report["border"], report["versions"]["torch"]
+    lines = [
+        f"# {report['model']}: {report['views']} views ({about})\n",
+        f"Means over scenes, then PSNR of each; held-out photos: {photos}; without a border of {border} pixels.",
+        f"Surface layers by the program, others by the reference. {report['cpu']}, torch {torch_version}.\n",
+        "| method | " + " | ".join([name for name, _ in METRICS.values()] + list(scenes)) + " |",
+        "|---" * (1 + len(METRICS) + len(scenes)) + "|",
+    ]
+    for method, row in report["mean"].items():
+        cells = [f"{row[key]:.{digits}f}" for key, (_, digits) in METRICS.items()]
+        cells += [f"{scores[method]['psnr']:.2f}" for scores in scenes.values()]
+        lines.append(f"| {method} | " + " | ".join(cells) + " |")
     if report["skipped"]:
-        lines += ["", "## Skipped", "", *(f"- {name}: {why}" for name, why in report["skipped"].items())]
+        lines += ["", f"Skipped: {'; '.join(sorted({name.split(', ')[0] for name in report['skipped']}))}."]
     return "\n".join(lines) + "\n"
 
 

@@ -1,28 +1,10 @@
 """Operations and run time of the paper's comparison."""
 
-import torch
 from paper_toys import HEIGHT, WIDTH, toy
-from torch import nn
 
 from liveview_ref.paper.measure import cost, cost_worker
 from liveview_ref.paper.methods.liveview import liveview
-from liveview_ref.paper.methods.method import Method
 from liveview_ref.paper.methods.registry import Entry
-
-
-class OneConvolution(Method):
-    def __init__(self):
-        super().__init__()
-        self.convolution = nn.Conv2d(3, 5, 3, stride=2, padding=1, bias=False)
-
-    def forward(self, photos, target, disparities, cover=True):
-        self.convolution(torch.stack(photos.images))
-
-
-def test_multiply_adds_of_a_convolution():
-    shot = toy(2)
-    counted = cost_worker.multiply_adds(OneConvolution(), shot.photos, shot.camera, shot.planes(1))
-    assert counted == 2 * (WIDTH // 2) * (HEIGHT // 2) * 5 * 3 * 9
 
 
 def test_multiply_adds_of_the_network_are_those_of_the_paper(net):

@@ -2,14 +2,14 @@
 
 import json
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import pytest
 import torch
 from paper_toys import toy
 
 from liveview_ref.paper.data.shots import window
-from liveview_ref.paper.measure import crops, scoring, variants
+from liveview_ref.paper.measure import score as scoring
+from liveview_ref.paper.measure import variants
 from liveview_ref.paper.methods.liveview import liveview
 from liveview_ref.paper.methods.method import Method, Rendering
 from liveview_ref.paper.methods.registry import Entry
@@ -37,7 +37,6 @@ class Toys:
     targets: int = 2
     data: str = "rig"
     trained_on: str = "rig"
-    crops: Path | None = None
 
     def shots(self, split, views):
         all_of_them = [toy(views, 1, "0000"), toy(views, 2, "0001"), toy(views, 3, "0001")]
@@ -46,7 +45,7 @@ class Toys:
 
 
 def test_scores_continue_by_target_and_start_again_only_for_another_step(tmp_path):
-    entry, source, method = Entry("constant", 4, Constant, planes=(2,)), Toys(crops=tmp_path), Constant(0.5)
+    entry, source, method = Entry("constant", 4, Constant, planes=(2,)), Toys(), Constant(0.5)
     source.count = 1
     scoring.score(entry, method, {"step": 7}, source, source, tmp_path, None)
     source.count = 3
@@ -62,7 +61,6 @@ def test_scores_continue_by_target_and_start_again_only_for_another_step(tmp_pat
     row = found["mean"]["planes:2"]
     assert row["psnr"] == pytest.approx((one + (two + three) / 2) / 2, abs=1e-4)
     assert row["psnr_se"] == pytest.approx(abs(one - (two + three) / 2) / 2, abs=1e-4)  # s / sqrt(2), s = |d| / sqrt(2)
-    assert (tmp_path / "constant_v4.webp").exists() and (tmp_path / "truth.webp").exists()
 
 
 def test_scores_of_methods_share_a_file(tmp_path):
@@ -103,15 +101,3 @@ def test_scale_of_competing_planes_is_the_best_on_validation_alone(net, tmp_path
         expected[str(scale)] = pytest.approx(sum(psnr) / 3, abs=1e-3)
     assert found["scales"] == expected
     assert found["scale"] == float(max(found["scales"], key=found["scales"].__getitem__)) == 4.0
-
-
-def test_digest_ignores_comments():
-    source = '"""What."""\ndef f(x):\n    """Why."""\n    return x + 1  # one more\n'
-    assert scoring.meaning(source) == scoring.meaning("def f(x):\n\n    return x + 1\n")
-    assert scoring.meaning(source) != scoring.meaning("def f(x):\n    return x + 2\n")
-
-
-def test_crop_is_where_depth_has_edges(monkeypatch):
-    monkeypatch.setattr(crops, "CROP", (16, 12))
-    left, top = crops.crop_of(toy())
-    assert 24 <= left <= 48 and 8 <= top <= 32  # the disparity's corners are at (40, 20) and (40, 30)

@@ -7,6 +7,7 @@ from liveview_ref.paper import train
 from liveview_ref.paper.data import rig
 from liveview_ref.paper.data.samples import CROP, RigSamples
 from liveview_ref.paper.data.scenes import RigScene
+from liveview_ref.paper.measure import score
 from liveview_ref.paper.methods import registry
 from liveview_ref.paper.methods.method import Method, Rendering
 from liveview_ref.reference.geometry.plane_sweep import PlaneSweep
@@ -97,6 +98,30 @@ def test_resumed_training_equals_uninterrupted_training(tmp_path, monkeypatch):
     assert torch.equal(whole.average.tint, resumed.average.tint)
     assert [h["psnr"] for h in whole.history] == [h["psnr"] for h in resumed.history]
     assert float(whole.method.tint.mean()) > 0.5  # the photo's colours fit better
+
+
+class Normed(Tint):
+    """With BatchNorm, whose statistics are estimated again when weights are loaded."""
+
+    def __init__(self, views: int):
+        super().__init__(views)
+        self.norm = torch.nn.BatchNorm2d(3)
+
+    def forward(self, photos, target, disparities, cover=True):
+        found = super().forward(photos, target, disparities, cover)
+        return Rendering(self.norm(found.rgb[None])[0], found.valid, found.alpha, found.camera)
+
+
+def test_trained_weights_are_loaded_for_scoring_and_for_further_training(tmp_path, monkeypatch):
+    monkeypatch.setattr(train, "TURN", 2)
+    monkeypatch.setattr(train, "STATISTICS", 2)
+    entry, samples = registry.Entry("normed", 4, Normed, planes=(2, 4)), RigSamples(Scenes())
+    train.Trainee(entry, tmp_path / entry.key).turn(samples, Scenes(1))
+    trained, about = score.load(entry, tmp_path, samples)
+    assert (about["step"], about["samples"], about["planes"]) == (2, 2 * train.BATCH, 4)
+    assert not torch.equal(trained.tint, Normed(4).tint)  # not the initial weights
+    further = train.Trainee(entry, tmp_path / "further", tmp_path / entry.key)
+    assert torch.equal(further.method.tint, trained.tint)
 
 
 def test_training_on_fewer_planes_leaves_methods_made_for_a_number_of_planes(tmp_path):

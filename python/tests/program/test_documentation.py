@@ -104,16 +104,6 @@ def test_readme_is_within_its_limits():
     assert not wide, wide
 
 
-def test_files_to_read_first_have_the_lines_of_the_readme():
-    text = " ".join((ROOT / "README.md").read_text().split())
-    sentence = r"three files of the \[Python reference\]\((\S+)\) first, some (\d+) lines: (.*?)\. "
-    folder, lines, names = re.search(sentence, text).groups()
-    files = re.findall(r"`(\w+\.py)`", names)
-    assert len(files) == 3
-    total = sum(len((ROOT / folder / file).read_text().splitlines()) for file in files)
-    assert abs(total - int(lines)) <= 10
-
-
 @cache
 def anchors(page: Path) -> set[str]:
     """Anchors of the page's headings, in GitHub's form."""

@@ -1,4 +1,5 @@
-//! The plot of a sweep: error against time with the Pareto front, or for several sizes time against pixels × layers.
+//! The plot of a sweep: error against time with the Pareto front, or for several sizes time against pixels × layers; without the Python
+//! implementations, whose model and composite may be others.
 
 use super::rows::{Row, SweepReport};
 use super::svg::{Axis, Point, Series, Svg};
@@ -7,6 +8,9 @@ use super::svg::{Axis, Point, Series, Svg};
 pub(crate) fn plot(sweep: &SweepReport) -> String {
     let scaling = sweep.rows.iter().any(|row| row.size != sweep.rows[0].size);
     let place = |row: &Row| {
+        if row.reference {
+            return None;
+        }
         let work = row.megapixels() * row.count as f64;
         let (x, y) = if scaling { (work, row.median()) } else { (row.median(), row.rms_error()?) };
         (x > 0.0 && y > 0.0).then_some((x, y))
@@ -21,10 +25,10 @@ pub(crate) fn plot(sweep: &SweepReport) -> String {
     for &(row, at) in &points {
         let name = kind(row);
         let index = series.iter().position(|known| known.name == name).unwrap_or_else(|| {
-            series.push(Series { name, hollow: row.reference, points: Vec::new() });
+            series.push(Series { name, points: Vec::new() });
             series.len() - 1
         });
-        let text = if row.reference { String::new() } else { row.count.to_string() };
+        let text = row.count.to_string();
         let title = format!("{}, {}: {:.3} s", row.layers, row.engine, row.median());
         series[index].points.push(Point { at, text, title });
     }
@@ -40,8 +44,7 @@ pub(crate) fn plot(sweep: &SweepReport) -> String {
 
 /// The kind of a row, which has a colour of its own: kind of layers and engine.
 fn kind(row: &Row) -> String {
-    let layers = row.layers.split(':').next().unwrap_or_default();
-    if row.reference { row.engine.clone() } else { format!("{layers}, {}", row.engine) }
+    format!("{}, {}", row.layers.split(':').next().unwrap_or_default(), row.engine)
 }
 
 #[cfg(test)]

@@ -25,7 +25,6 @@ pub(super) struct Svg {
 /// Points of one kind.
 pub(super) struct Series {
     pub(super) name: String,
-    pub(super) hollow: bool,
     pub(super) points: Vec<Point>,
 }
 
@@ -85,8 +84,7 @@ impl Svg {
         }
         for (index, series) in self.series.iter().enumerate() {
             let colour = COLOURS[index % COLOURS.len()];
-            let fill = if series.hollow { "white" } else { colour };
-            let style = format!("r=\"4\" fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"1.5\"");
+            let style = format!("r=\"4\" fill=\"{colour}\" stroke=\"{colour}\" stroke-width=\"1.5\"");
             let left = MARGINS[0] + (index % per_row) as f64 * LEGEND_ITEM.0;
             let below = 40.0 + (index / per_row) as f64 * LEGEND_ITEM.1;
             let _ = writeln!(svg, "<circle cx=\"{left}\" cy=\"{}\" {style}/>", below - 4.0);

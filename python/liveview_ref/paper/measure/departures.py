@@ -7,12 +7,10 @@ Networks: the shipped `liveview_v4` (independent planes, as in the paper), `live
 (competing planes), and with --runs the one trained on the rig. Each renders the upper left quarter
 of a target, which contains enough edges, on 64 planes: scores without a border of 16 pixels, and
 the PSNR of that border alone, where photos end and padding is near. Written after each target; a
-second run continues, and starts again where the training's step or the code that determines the
-scores has changed."""
+second run continues, and begins again with a network whose training has gone on."""
 
 import argparse
 import json
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -36,11 +34,10 @@ from ..data.samples import RigSamples
 from ..data.scenes import Scenes
 from ..data.shots import Shot, window
 from ..files import write
-from ..methods import liveview
 from ..methods.liveview import BATCH, nearest_first
 from ..methods.mpi import over, padded, volume_at
 from ..methods.registry import entry
-from .scoring import CODE, Source, digest, load, scores_of
+from .score import Source, load, scores_of
 from .variants import Planes, competing, independent
 
 PLANES = 64
@@ -211,9 +208,8 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     report = json.loads(args.out.read_text()) if args.out.exists() else {}
-    code = digest([*CODE, spacing, liveview, sys.modules[__name__]])
     for name, network in networks(args.runs, Scenes(args.scenes, args.textures, "train")).items():
-        key = {"step": network.step, "code": code}
+        key = {"step": network.step}
         if report.get(name, {}).get("key") != key:
             report[name] = {"planes": PLANES, "key": key, "targets": []}
         own = report[name]

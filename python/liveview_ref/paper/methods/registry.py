@@ -32,8 +32,7 @@ class Entry:
         return self.fewer or max(self.planes)
 
     def planes_of(self, training: dict) -> int:
-        """Planes of a training of it: a checkpoint, or its figures in training.json, of which the
-        oldest lack them."""
+        """Planes of a training of it, by its checkpoint; the oldest lack them."""
         return training.get("planes", self.training_planes)
 
     @property

@@ -1,1 +1,1 @@
-"""The page of the comparison and the card of its networks, from the results in models/paper."""
+"""The page of the comparison, from the results in models/paper."""

@@ -1,184 +1,209 @@
-"""Write docs/paper-comparison.md and its pictures from the results in models/paper.
+"""Write docs/paper-comparison.md: page.md with tables of the results in models/paper.
 
     python -m liveview_ref.paper.report.page
 
-No figure in it is typed by hand: ours come from the JSON files of scores, cost and departures, the
-paper's from published.json. Missing figures are listed. --crops is the folder of crops that scoring
-wrote; without it the existing figure remains."""
+Ours come from the JSON files of scores, cost and departures, the paper's (in italics) from
+published.json; a figure that is missing is a dash."""
 
-import argparse
 import re
 import sys
-import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from liveview_ref.paths import MODELS, ROOT
 
-from ..files import put
-from . import figures, tables
-from .results import Results, counted, load, title
-from .verdicts import ablation_verdicts, longer_verdicts, verdicts
+from ..files import put, read
+from ..measure.score import mean
+from ..measure.variants import COMPETING
 
-HERE = Path(__file__).parent
-LEFT_OUT = """
-Scored (scene/target), but left out of the means, because other methods lack them:
-"""
+TITLES = {
+    "soft3d": "Soft3D",
+    "deepview": "DeepView, small",
+    "stereo_magnification": "Stereo Magnification",
+    "local_light_field": "Local LF",
+    "light_field_fusion": "LLFF",
+    "liveview": "LiveView",
+    "local_light_field_at_target": "Local LF",
+    "liveview_no_network": "`surface:3`, no network",
+    "liveview_surface": "`surface:2`",
+    "program": "this program",
+}
+COMPARED = {
+    4: ("soft3d", "deepview", "liveview", "liveview_no_network", "liveview_surface"),
+    5: ("stereo_magnification", "local_light_field", "liveview"),
+    10: ("light_field_fusion", "liveview"),
+}
+# The paper's ablation: planes at the target or at a photo, seen one by one (dynamic) or together.
+ABLATION = "liveview", "input_centred", "local_light_field_at_target", "local_light_field"
+TRAINED_ON_FEWER, FEWER_VIEWS = ("liveview", "local_light_field_at_target"), 5
+DASH = "–"
 
 
-def departures(results: Results, listed: list[dict]) -> str:
-    """The table of departures, with the change in dB if one is undone or introduced, by network."""
+@dataclass
+class Scores:
+    """The scores on one data set, by entry (`liveview_v4`)."""
+
+    reports: dict[str, dict]
+
+    def row(self, entry: str, layers: str) -> dict | None:
+        """Mean scores of an entry on these layers."""
+        return self.reports.get(entry, {}).get("mean", {}).get(layers)
+
+    def whole(self, entry: str, suffix: str = "") -> dict | None:
+        """The same on the planes of its training, or on the most if nothing was trained: some
+        networks need that number."""
+        report = self.reports.get(entry)
+        if not report or not report["targets"]:
+            return None
+        counts = [int(name[7:]) for name in report["mean"] if re.fullmatch(r"planes:\d+", name)]
+        return self.row(entry, f"planes:{report['about'].get('planes') or max(counts)}{suffix}")
+
+    def counted(self) -> str:
+        """How many targets of how many scenes the means are over."""
+        targets = next((report["targets"] for report in self.reports.values() if report["targets"]), [])
+        return f"{len(targets)} targets of {len({target['scene'] for target in targets})} scenes"
+
+
+def load(path: Path) -> Scores:
+    """Scores on the targets that all entries have, because means over different targets cannot be
+    compared. An entry that shares no target with the larger ones loses all its targets."""
+    reports = read(path) if path.exists() else {}
+    shared: set[tuple] = set()
+    for report in sorted(reports.values(), key=lambda report: -len(report["targets"])):
+        own = {(target["scene"], target["target"]) for target in report["targets"]}
+        shared = (own & shared) or shared or own
+    for report in reports.values():
+        report["targets"] = [each for each in report["targets"] if (each["scene"], each["target"]) in shared]
+        report["mean"] = mean(report["targets"]) if report["targets"] else {}
+    return Scores(reports)
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    head, *rest = ["| " + " | ".join(row) + " |" for row in (head, *rows)]
+    return "\n".join([head, "|---" * (head.count(" | ") + 1) + "|", *rest])
+
+
+def cell(row: dict | None) -> str:
+    """PSNR dB ± standard error, SSIM, LPIPS."""
+    if row is None:
+        return DASH
+    return f"{row['psnr']:.2f}±{row.get('psnr_se', 0):.2f}, {row['ssim']:.3f}, {row['lpips']:.3f}"
+
+
+def psnr(row: dict | None) -> str:
+    return f"{row['psnr']:.2f}" if row else DASH
+
+
+def quality(rig: Scores, longer: Scores, real: Scores, published: list[dict]) -> str:
+    """Every method with its planes' own alpha, and LiveView with competing planes as well."""
+    paper = {(row["method"], row["views"]): row for row in published}
     rows = []
-    for each in listed:
-        rows.append([each["paper"], each["here"], each["why"], "; ".join(changes(results, each)) or "not measured"])
-    return tables.table(["the paper", "here", "why", "change, dB"], rows)
+    for views, methods in COMPARED.items():
+        for method in methods:
+            entry, theirs = f"{method}_v{views}", paper.get((method, views), {})
+            for suffix in ("", COMPETING):
+                found = [scores.whole(entry, suffix) for scores in (rig, longer, real)]
+                if suffix and not any(found):
+                    continue
+                given = f"*{theirs['spaces'][0]:g}*" if theirs and not suffix else DASH
+                rows.append([str(views), TITLES[method] + suffix, *map(cell, found), given])
+    head = ["V", "method", "1,000 samples", "10,000 samples", "real photos", "*Spaces*"]
+    return table(head, rows)
 
 
-def changes(results: Results, each: dict) -> list[str]:
-    """The known effects of a departure."""
-    found = [each[kind] for kind in ("retraining", "elsewhere") if kind in each]
-    if "retraining" in each:
-        found[0] = f"needs another training: {found[0]}"
-    for direction in ("undone", "introduced"):
-        for name in each.get(direction, []):
-            values = [
-                f"{network}: {in_decibels(report['mean'][name], each.get('border', False))}"
-                for network, report in results.departures.items()
-                if name in report["mean"]
-            ]
-            found.append(f"{direction} ({name}): {', '.join(values) or 'not measured yet'}")
-    if "compared" in each:
-        first, second = (tables.best_row(results, "rig", *row, "") for row in each["compared"])
-        names = " against ".join(title(row[0]) for row in each["compared"])
-        change = f"{first['psnr'] - second['psnr']:+.2f}" if first and second else "not scored yet"
-        found.append(f"{names}: {change}")
-    return found
+def ablation(rig: Scores) -> str:
+    def both(entry: str) -> str:
+        return f"{psnr(rig.row(entry, 'planes:64'))} ({psnr(rig.row(entry, 'planes:16'))})"
+
+    head = ["V", "target, dynamic", "input, dynamic", "target, static", "input, static"]
+    return table(head, ([str(views), *(both(f"{method}_v{views}") for method in ABLATION)] for views in COMPARED))
 
 
-def in_decibels(row: dict, border: bool) -> str:
-    """The change, and that of the border alone if the departure acts there."""
-    at_border = f"{row['border_difference']:+.2f}" if "border_difference" in row else "not measured yet"
-    return f"{row['difference']:+.2f}" + (f" (border: {at_border})" if border else "")
-
-
-def departure_networks(results: Results) -> str:
-    return "; ".join(
-        f"`{network}` ({report['mean']['unchanged']['psnr']:.2f} dB unchanged)" if not network.count(" ") else
-        f"{network} ({report['mean']['unchanged']['psnr']:.2f} dB)"
-        for network, report in results.departures.items()
-    ) or "none measured yet"  # fmt: skip
-
-
-def scored(results: Results) -> str:
-    """The number of scenes and targets of the scores, and the targets that are in no mean."""
-    parts, left_out = [], {}
-    for data, lost in results.left_out.items():
-        reports = [report for (d, _, _), report in results.scores.items() if d == data]
-        targets = next((report["targets"] for report in reports), [])
-        scenes = len({target["scene"] for target in targets})
-        trained = " and ".join(sorted({report["key"]["trained_on"] for report in reports}))
-        count = f"{counted(len(targets), 'target')} of {counted(scenes, 'scene')}"
-        parts.append(f"{tables.DATA[data]}: {count}, trained on {trained}")
-        for key, names in lost.items():
-            if names:
-                name, views = key.rsplit("_v", 1)
-                left_out.setdefault(", ".join(names), []).append(f"{title(name)} at V = {views}")
-    lines = [f"- {', '.join(keys)}: {names}" for names, keys in left_out.items()]
-    found = [f"Every row of a column is over the same targets. {'; '.join(parts)}.", *([LEFT_OUT] if lines else [])]
-    return "\n".join([*found, *lines]) if parts else "Nothing is scored yet."
-
-
-def steps(results: Results) -> str:
-    """Steps, samples and processor time of each training."""
+def trained_planes(rig: Scores) -> str:
     rows = []
-    for (data, method, views), report in sorted(results.scores.items(), key=lambda item: (item[0][2], item[0][1])):
-        about = report["about"]
-        if data == "rig" and about.get("step"):
-            cells = [f"{about['step']:,}", f"{about['samples']:,}", f"{about['core_seconds'] / 3600:.2f}"]
-            rows.append([str(views), title(method), *cells])
-    return tables.table(["V", "method", "steps", "samples", "core hours"], rows) if rows else ""
+    for method in TRAINED_ON_FEWER:
+        for trained in ("16", "32", "64"):
+            entry = f"{method}_on_{trained}" if trained != "64" else method
+            found = [rig.row(f"{entry}_v{FEWER_VIEWS}", f"planes:{count}") for count in (16, 32, 64)]
+            rows.append([TITLES[method], trained, *map(psnr, found)])
+    return table(["network", "trained on", "16", "32", "64"], rows)
 
 
-def opx(results: Results) -> str:
-    """The unit of the paper's OPX, inferred from our count for the same table."""
-    own = next((r for r in tables.cost_rows(results) if r["method"] == "liveview" and r["planes"] == 64), None)
-    published = next(r for r in results.published["speed"] if r["method"] == "liveview" and r["planes"] == 64)
-    if own is None:
-        return "ours are not counted yet"
-    ratios = {n: own["multiply_adds_per_pixel"] * n / published["operations_per_pixel"] for n in (1, 2)}
-    kind = "multiply-adds" if abs(ratios[1] - 1) < abs(ratios[2] - 1) else "FLOPs"
-    return f"LiveView's own table has {ratios[1]:.2f} times as many multiply-adds: they count {kind}"
+def selection(rig: Scores) -> str:
+    layers = [f"{name}{suffix}" for suffix in ("", COMPETING) for name in ("planes:16", "select:16/64", "planes:64")]
+    rows = []
+    for views in COMPARED:
+        found = [rig.row(f"liveview_v{views}", name) for name in layers]
+        rows.append([str(views), *(f"{row['ssim']:.4f}" if row else DASH for row in found)])
+    return table(["V", *(name.replace("planes:", "") for name in layers)], rows)
 
 
-def selection_claim(results: Results) -> str:
-    claim = results.published["selection"]
-    return f"{claim['ssim']} on {claim['planes']} selected planes, {claim['of_ssim']} on {claim['of_planes']}"
+def cost(rows: list[dict], published: list[dict]) -> str:
+    """The paper's methods and this program."""
+    paper = {(row["method"], row["planes"]): row["seconds"] for row in published}
+    slow = next((row["seconds"]["median"] for row in rows if name_of(row) == "light_field_fusion"), None)
+    lines = []
+    for row in rows:
+        method, seconds, counted = name_of(row), row["seconds"]["median"], row.get("parameters")
+        if method in ABLATION[1:3]:  # the same networks elsewhere
+            continue
+        theirs = paper.get((method, row["planes"]))
+        lines.append([
+            TITLES[method], str(row["views"]), str(row["planes"]), f"{seconds:.2f}",
+            f"{slow / seconds:.1f}" if slow else DASH,
+            thousands(row["multiply_adds_per_pixel"]) if counted else DASH, thousands(counted) if counted else DASH,
+            f"{row['peak_memory'] / 2**20:,.0f}", f"*{theirs:g}*" if theirs else DASH,
+        ])  # fmt: skip
+    head = ["method", "V", "planes", "s", "LLFF / s", "multiply-adds", "weights", "MiB", "*s*"]
+    return table(head, lines)
 
 
-def machine(results: Results) -> str:
-    cost = results.cost
-    if not cost:
-        return "Not measured yet."
-    width, height = cost["size"]
-    return f"{cost['cpu']}, {cost['threads']} threads, {width} × {height} pixels, {cost['rounds']} rounds."
+def name_of(row: dict) -> str:
+    return row["name"].rsplit("_v", 1)[0]
 
 
-def picture(out: Path, docs: Path, content, save) -> str:
-    """Write a picture, unless there is none."""
-    if content is None:
-        return "Not measured yet."
-    put(out, save)
-    return link(out, docs)
+def thousands(value: float) -> str:
+    return f"{value / 1000:,.0f}K"
 
 
-def link(out: Path, docs: Path) -> str:
-    return f"![{out.stem.replace('_', ' ')}](../{out.relative_to(docs.parent).as_posix()})"
+def departures(measured: dict[str, dict]) -> str:
+    """The change in dB by each network, and in brackets that of the border alone where it differs
+    by more than 1 dB."""
+
+    def change(row: dict | None) -> str:
+        if row is None:
+            return DASH
+        inside, border = row["difference"], row["border_difference"]
+        return f"{inside:+.2f}" + (f" ({border:+.2f})" if abs(border - inside) > 1 else "")
+
+    names = dict.fromkeys(name for each in measured.values() for name in each["mean"] if name != "unchanged")
+    rows = [[name, *(change(each["mean"].get(name)) for each in measured.values())] for name in names]
+    unchanged = ["unchanged: PSNR, dB", *(psnr(each["mean"]["unchanged"]) for each in measured.values())]
+    return table(["change", *measured], [unchanged, *rows])
 
 
-def crops_of(out: Path, docs: Path, sheet) -> str:
-    """The figure of crops: drawn again if there are crops, else the one in models/paper."""
-    if sheet is None and out.exists():
-        return link(out, docs)
-    return picture(out, docs, sheet, lambda path: sheet.save(path, "webp", quality=85))
+def write(models: Path, page: Path) -> None:
+    """Write the page."""
 
+    def optional(name: str) -> dict:
+        return read(models / name) if (models / name).exists() else {}
 
-def write(models: Path, page: Path, crops: Path | None = None) -> None:
-    """Write the page, and its pictures to models/paper."""
-    results = load(models)
-    listed = tomllib.loads((HERE / "departures.toml").read_text())["departure"]
-    charts = {
-        name: picture(models / f"{name}.svg", page.parent, svg, lambda path, svg=svg: path.write_text(svg))
-        for name, svg in {
-            "ablation": figures.ablation(results),
-            "trained_planes": figures.trained_planes(results),
-            "selection": figures.selection(results),
-            "training": figures.training(results),
-            "longer": figures.training(results.longer) if results.longer else None,
-        }.items()
+    published = read(models / "published.json")
+    rig, real = (load(models / f"scores_{data}.json") for data in ("rig", "real"))
+    timed = optional("cost.json")
+    parts = {
+        "quality": quality(rig, load(models / "longer" / "scores_rig.json"), real, published["comparison"]),
+        "rig_targets": rig.counted(),
+        "real_targets": real.counted(),
+        "ablation": ablation(rig),
+        "trained_planes": trained_planes(rig),
+        "selection": selection(rig),
+        "machine": f"{timed['cpu']}, {timed['threads']} threads" if timed else DASH,
+        "cost": cost(timed.get("rows", []), published["speed"]),
+        "departures": departures(optional("departures.json")),
     }
-    sheet = figures.crops(crops) if crops else None
-    targets = sorted(len(report["targets"]) for report in results.departures.values())
-    counts = " to ".join(map(str, sorted({*targets[:1], *targets[-1:]})))
-    parts = charts | {
-        "comparison": tables.comparison(results),
-        "verdicts": verdicts(results),
-        "ablation_verdicts": ablation_verdicts(results),
-        "longer_table": tables.longer(results),
-        "longer_verdicts": longer_verdicts(results),
-        "scored": scored(results),
-        "missing": tables.missing(results),
-        "crops": crops_of(models / "crops.webp", page.parent, sheet),
-        "selection_claim": selection_claim(results),
-        "planes_table": tables.planes_table(results),
-        "machine": machine(results),
-        "opx": opx(results),
-        "speed": tables.speed(results),
-        "speed_up": tables.speed_up(results),
-        "steps": steps(results),
-        "departures": departures(results, listed),
-        "departure_networks": departure_networks(results),
-        "departure_targets": f"quarters of {counts} of the rig's targets" if targets else "no target yet",
-    }
-    text = (HERE / "page.md").read_text()
+    text = (Path(__file__).parent / "page.md").read_text()
     named = set(re.findall(r"\{\{(\w+)\}\}", text))
     if named != set(parts):
         raise ValueError(f"page.md: {', '.join(sorted(named ^ set(parts)))}: expected in the text and in page.py")
@@ -188,11 +213,8 @@ def write(models: Path, page: Path, crops: Path | None = None) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--crops", type=Path, help="folder of the crops of scoring (RUNS/crops)")
-    args = parser.parse_args()
     try:
-        write(MODELS / "paper", ROOT / "docs" / "paper-comparison.md", args.crops)
+        write(MODELS / "paper", ROOT / "docs" / "paper-comparison.md")
     except ValueError as error:
         print(error, file=sys.stderr)
         return 2

@@ -1,8 +1,9 @@
 """Stiff and extreme cases of every stage, derived from a scene's rig.
 
-    python -m liveview_ref.parity.stability SCENE --target NAME
+    python -m liveview_ref.parity.stability SCENE --target NAME [--cases FILE]
 
-Prints a table. The exit code is 2 if a case fails; standard error then names it.
+Prints a table with a line for each family of cases, and writes one with a line for each case. The
+exit code is 2 if a case fails; standard error then names it.
 """
 
 import argparse
@@ -20,6 +21,7 @@ def main() -> int:
     parser.add_argument("scene", type=Path)
     parser.add_argument("--target", required=True, help="the view whose camera is the target, by name")
     parser.add_argument("--short", action="store_true", help="only the ends and the middle of each family")
+    parser.add_argument("--cases", type=Path, metavar="FILE", help="where to write every case")
     parser.add_argument("--model", type=Path, default=MODELS / "liveview_v4.onnx")
     try:
         text, failed = compared(**vars(parser.parse_args()))
@@ -31,12 +33,12 @@ def main() -> int:
     return 2 if failed else 0
 
 
-def compared(scene: Path, target: str, model: Path, short: bool = False) -> tuple[str, list[str]]:
-    """The table, and its lines that fail."""
+def compared(scene: Path, target: str, model: Path, cases: Path | None, short: bool) -> tuple[str, list[str]]:
+    """The table of families, and the lines of the cases that fail."""
     # Here, because without the wheel they end in an error.
     from . import blend, composite, composite_competing, network, rigs, sampling, select
     from .outcome import Outcome
-    from .table import markdown, of_case
+    from .table import by_case, by_family, of_case
 
     torch.set_num_threads(1)
     networks = network.Networks(model)
@@ -49,7 +51,10 @@ def compared(scene: Path, target: str, model: Path, short: bool = False) -> tupl
         families = [[family[i] for i in sorted({0, len(family) // 2, len(family) - 1})] for family in families]
     outcomes = [Outcome.of(case) for case in chain(*families)]
     failed = [of_case(outcome) for outcome in outcomes if any(outcome.failures())]
-    return markdown(f"{rig.about}; {model.name}.", outcomes), failed
+    about = f"{rig.about}; {model.name}."
+    if cases:
+        cases.write_text(by_case(about, outcomes))
+    return by_family(about, outcomes), failed
 
 
 if __name__ == "__main__":
