@@ -5,8 +5,8 @@ mod commands;
 use std::io::Write;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser, Subcommand};
-use commands::{batch, depth, inspect, join, manual, models, render, select};
+use clap::{Parser, Subcommand};
+use commands::{depth, inspect, models, render, select};
 #[cfg(feature = "bench")]
 use liveview_bench::{dump, sweep};
 use liveview_common::{console, interrupt};
@@ -39,10 +39,6 @@ struct Cli {
 enum Command {
     /// Render new views, and score them if the photo exists
     Render(Box<render::RenderArgs>),
-    /// Combine the pictures of `render --shard` into a video or a table of scores
-    Join(join::JoinArgs),
-    /// Run many render commands in one process
-    Batch(batch::BatchArgs),
     #[cfg(feature = "video")]
     /// Render the video of a moving viewpoint from the frames of a camera rig
     Video(video::VideoArgs),
@@ -63,8 +59,6 @@ enum Command {
     Sweep(sweep::SweepArgs),
     /// List the installed models and their cards
     Models(models::ModelsArgs),
-    /// Write manual pages or shell completions
-    Manual(manual::ManualArgs),
 }
 
 fn main() -> ExitCode {
@@ -79,10 +73,7 @@ fn main() -> ExitCode {
     };
     let output = interrupt::start().and_then(|()| match &cli.command {
         Command::Render(args) => render::run(args),
-        Command::Join(args) => join::run(args),
         Command::Models(args) => models::run(args),
-        Command::Manual(args) => manual::run(args, Cli::command()),
-        Command::Batch(args) => batch::run(args),
         #[cfg(feature = "video")]
         Command::Video(args) => video::run(args),
         #[cfg(feature = "viewer")]
@@ -115,16 +106,9 @@ fn main() -> ExitCode {
 
 /// Prints the result of a command; the exit code if it cannot be printed.
 fn print(cli: &Cli, console::Output { text, json }: console::Output) -> Option<ExitCode> {
-    let printed = match &cli.command {
-        _ if cli.json => format!("{json:#}"),
-        // A shell script, which holds no text from files.
-        Command::Manual(_) => text,
-        _ => console::escaped_lines(&text),
-    };
+    let printed = if cli.json { format!("{json:#}") } else { console::escaped_lines(&text) };
     let printed = printed.trim_end();
     let written = match &cli.command {
-        // It printed the result of each command.
-        Command::Batch(_) => Ok(()),
         #[cfg(feature = "video")]
         // The video itself goes to standard output.
         Command::Video(args) if args.takes_stdout() => writeln!(std::io::stderr(), "{printed}"),

@@ -1,4 +1,4 @@
-//! `liveview models` and `liveview manual`.
+//! `liveview models`.
 
 use std::fs;
 use std::process::{Command, Output};
@@ -51,16 +51,4 @@ fn metadata_cannot_forge_lines_and_layers_that_cannot_be_parsed_are_an_error() {
     let mut render = folders.liveview("render", &["--target", "2", "-o", &picture, "--layers", "guided:1"]);
     let output = render.args(["--model", &folders.out("forged.onnx")]).output().unwrap();
     assert!(succeeds(output).contains("x\\n  licence"), "the summary of a render");
-}
-
-#[test]
-fn manual_writes_pages_and_completions() {
-    let folders = Folders::new();
-    let bash = succeeds(liveview(&["manual", "--shell", "bash"], ""));
-    assert!(bash.contains("complete -F _liveview") && bash.contains("--shard"), "{bash}");
-    succeeds(liveview(&["manual", "-o", &folders.out("man1")], ""));
-    let page = fs::read_to_string(folders.out("man1/liveview-render.1")).unwrap();
-    assert!(page.contains("shard") && folders.written().contains(&"man1/liveview.1".to_owned()), "{page}");
-    let neither = liveview(&["manual"], "");
-    assert_eq!(neither.status.code(), Some(2));
 }

@@ -12,7 +12,6 @@ use crate::args::layers::{LayerArgs, given_or_recommended};
 use crate::args::model::ModelArgs;
 use crate::args::model_info::ModelInfo;
 use crate::console::{print_message, print_notes};
-use crate::model_pool::ModelPool;
 use crate::outputs::OutputPlan;
 
 /// A synthesizer, with the model's description and a progress bar.
@@ -32,17 +31,12 @@ pub struct Job {
 impl Job {
     /// Opens a job by the options of a command.
     pub fn open(views: SceneViews, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
-        Self::open_with(views, layers, model, &mut ModelPool::default())
-    }
-
-    /// As [`Self::open`], with a model from the pool, if it is open there.
-    pub fn open_with(views: SceneViews, layers: &LayerArgs, model: &ModelArgs, models: &mut ModelPool) -> Result<Self> {
         let output_plan = OutputPlan::new(views.scene());
         layers.cache.iter().try_for_each(|folder| output_plan.cache("--cache", folder))?;
         let mut photos = ScenePhotos::new(views);
         layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
         let given = layers.given();
-        let mut job = Self::of(photos, models.open(model, given.as_ref())?, given.as_ref())?;
+        let mut job = Self::of(photos, model.open_for(given.as_ref())?, given.as_ref())?;
         job.synthesizer.set_photo_correction(layers.photo_correction());
         if let (Some(folder), false) = (&layers.cache, job.synthesizer.uses_depth()) {
             let (folder, layers) = (folder.display(), job.layers());
@@ -61,11 +55,6 @@ impl Job {
         let layers = given_or_recommended(layers, renderer.network())?;
         let synthesizer = Synthesizer::new(photos, renderer, layers);
         Ok(Self { synthesizer, model, progress: ProgressBar::hidden(), agreeing_share: None })
-    }
-
-    /// The model, to be returned to the pool.
-    pub fn into_model(self) -> (Renderer, ModelInfo) {
-        (self.synthesizer.into_renderer(), self.model)
     }
 
     /// The scene.

@@ -10,11 +10,10 @@ use liveview::geometry::Size;
 use liveview::image::{JPEG_QUALITY, difference, encode, encode_with_quality, side_by_side};
 use liveview::{Frame, ImageRgb, Shot};
 use liveview_common::args::frame_rate::{FrameRate, frame_rate};
-use liveview_common::args::numbers;
+use liveview_common::args::numbers::{self, FrameRange};
 use liveview_common::args::output::{OutputPath, Variant, has_extension, write_atomically};
 use liveview_common::ffmpeg::{Encoder, is_video};
 use liveview_common::outputs::{OutputPlan, note_other_pictures};
-use liveview_common::shard::Shard;
 
 use super::disparity::{DEPTH, disparity};
 use super::record::{self, Fields, Record};
@@ -41,7 +40,7 @@ pub(super) struct OutputArgs {
     #[arg(long, value_name = "PNG")]
     compare: Option<PathBuf>,
     /// Write JPEG of this quality, 1 to 100, into a folder too [default: PNG into a folder, else 95]
-    #[arg(long, value_name = "Q", value_parser = numbers::quality, requires = "output", conflicts_with = "shard")]
+    #[arg(long, value_name = "Q", value_parser = numbers::quality, requires = "output")]
     jpeg_quality: Option<u8>,
     /// Frames per second of a video, 1 to 1000, such as 29.97 or 30000/1001
     #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]
@@ -60,7 +59,8 @@ const COMPARISON: [Variant; 1] = [("", None)];
 /// All output files.
 pub(super) struct Outputs {
     pictures: Option<OutputPath>,
-    shard: Option<Shard>,
+    /// The share of the path to render.
+    frames: Option<FrameRange>,
     video: Option<Encoder>,
     depth: Option<OutputPath>,
     compare: Option<OutputPath>,
@@ -72,7 +72,7 @@ pub(super) struct Outputs {
 
 impl Outputs {
     /// Checks the options, before anything is opened.
-    pub(super) fn new(args: &OutputArgs, have_truth: bool, shard: Option<Shard>) -> Result<Self> {
+    pub(super) fn new(args: &OutputArgs, have_truth: bool, frames: Option<FrameRange>) -> Result<Self> {
         let video = args.output.as_deref().filter(|path| is_video(path));
         if let (Some(path), false) = (&args.compare, have_truth) {
             bail!("--compare {}: there is no photo to compare with; expected --target or --heldout", path.display());
@@ -92,24 +92,9 @@ impl Outputs {
             bail!("--jpeg-quality {quality}, -o {}: expected a name that ends in .jpg, or a folder", path.display());
         }
         let (depth, compare) = (parse("--depth", &args.depth, &["png"])?, parse("--compare", &args.compare, &["png"])?);
-        if let Some(shard) = shard {
-            let outputs = [
-                ("-o", &args.output, &pictures),
-                ("--depth", &args.depth, &depth),
-                ("--compare", &args.compare, &compare),
-            ];
-            let is_file = |path: &Option<PathBuf>, output: &Option<OutputPath>| {
-                path.is_some() && !matches!(output, Some(OutputPath::Folder(_)))
-            };
-            let file = outputs.iter().find(|(_, path, output)| is_file(path, output));
-            if let Some((option, Some(path), _)) = file {
-                let path = path.display();
-                bail!("--shard {shard}, {option} {path}: expected a folder (`liveview join` writes the video)");
-            }
-        }
         Ok(Self {
             pictures,
-            shard,
+            frames,
             video: video.map(|path| Encoder::new(path, args.fps)).transpose()?,
             depth,
             compare,
@@ -145,7 +130,7 @@ impl Outputs {
             }
         }
         if let Some(OutputPath::Folder(folder)) = &self.pictures {
-            let record = folder.join(record::name(self.shard));
+            let record = folder.join(record::name(self.frames.as_ref()));
             if is_special(&record) {
                 let record = record.display();
                 bail!("-o {record}: not a regular file; expected the record of an earlier run, or no file");
@@ -162,23 +147,15 @@ impl Outputs {
         Ok(())
     }
 
-    /// Opens the record of a folder of pictures; with `--resume`, prints how many are kept. `shots`
-    /// are those to render, out of `all` shots of the job.
-    pub(super) fn begin(
-        &mut self,
-        shots: &[Shot],
-        all: &[Shot],
-        fields: impl FnOnce() -> Result<Fields>,
-    ) -> Result<()> {
+    /// Opens the record of a folder of pictures; with `--resume`, prints how many are kept.
+    pub(super) fn begin(&mut self, shots: &[Shot], fields: impl FnOnce() -> Result<Fields>) -> Result<()> {
         let Some(OutputPath::Folder(folder)) = &self.pictures else { return Ok(()) };
         let quality = self.jpeg_quality.map(|quality| ("jpeg_quality", quality.to_string()));
         let fields = || fields().map(|fields| fields.into_iter().chain(quality).collect());
-        let names = || all.iter().map(|shot| shot.name.clone()).collect();
-        let mut record = Record::new(folder, fields()?, self.shard.map(|shard| (shard, names())));
+        let mut record = Record::new(folder.join(record::name(self.frames.as_ref())), fields()?);
         if self.resume {
             record.resume(&shots.iter().map(|shot| (shot.name.as_str(), self.files(shot))).collect::<Vec<_>>())?;
         }
-        record.begin()?;
         self.record = Some(record);
         Ok(())
     }

@@ -18,7 +18,7 @@ pub(super) struct ScoreArgs {
     /// Columns: name, psnr (dB), ssim, uncovered_share and occluded_share (0 to 1), seconds. Empty
     /// where it is unknown: the score of a picture that is too small, the time of one that --resume
     /// kept.
-    #[arg(long, value_name = "CSV", conflicts_with = "shard")]
+    #[arg(long, value_name = "CSV")]
     scores: Option<PathBuf>,
 }
 

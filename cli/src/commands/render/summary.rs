@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use liveview::image::Score;
+use liveview_common::args::numbers::FrameRange;
 use liveview_common::console::{Output, escaped, path_text};
 use liveview_common::job::Job;
 use liveview_common::measure::{Times, peak_memory, time_text};
-use liveview_common::shard::Shard;
 use serde_json::{Value, json};
 
 use super::explain::Explanation;
@@ -23,7 +23,7 @@ pub(super) fn rendered(
     job: &Job,
     done: &[Rendered],
     moving: bool,
-    share: Option<(Shard, usize)>,
+    share: Option<(FrameRange, usize)>,
     video: Option<PathBuf>,
     explanation: Option<Explanation>,
 ) -> Output {
@@ -33,8 +33,8 @@ pub(super) fn rendered(
         many if moving => path(job, many),
         many => table(job, many),
     };
-    if let Some((shard, all)) = share {
-        line(&mut text, "shard", &format!("{shard}: {} of {all} pictures", done.len()));
+    if let Some((frames, all)) = &share {
+        line(&mut text, "frames", &format!("{} up to but without {}, of {all} of the path", frames.start, frames.end));
     }
     if let Some(video) = &video {
         line(&mut text, "wrote", &video.display().to_string());
@@ -52,7 +52,7 @@ pub(super) fn rendered(
         "targets": done.iter().map(|one| target(job, one)).collect::<Vec<_>>(),
         "kept": done.iter().filter(|one| one.times.is_none()).count(), "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
         "excluded_border": BORDER, "peak_memory_bytes": memory, "video": video.as_deref().map(path_text), "notes": job.scene().notes,
-        "shard": share.map(|(shard, all)| json!({ "index": shard.index + 1, "count": shard.count, "of_targets": all })),
+        "frames": share.map(|(frames, all)| json!({ "start": frames.start, "end": frames.end, "of": all })),
         "explanation": explanation.map(|explanation| explanation.json),
     });
     if let (Value::Object(json), Value::Object(engine)) = (&mut json, job.model.json()) {

@@ -18,7 +18,7 @@ use crate::ort_wheel::wheel;
 use crate::outputs::OutputPlan;
 
 /// Options that choose the model and how it is run.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct ModelArgs {
     /// Number of photos per picture; selects the model [default: 4, or as --model]
     #[arg(long, value_name = "V", value_parser = numbers::count)]

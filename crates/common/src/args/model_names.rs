@@ -7,7 +7,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use liveview::network::{AlphaKind, ExecutionProvider};
 
 /// Values of `--network`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum NetworkName {
     None,
     Model,
@@ -39,7 +39,7 @@ fn provider(name: &str) -> Result<ExecutionProvider, String> {
 }
 
 /// Values of `--precision`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum PrecisionName {
     /// 32-bit floats
     F32,

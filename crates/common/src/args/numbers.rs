@@ -1,6 +1,6 @@
 //! Numbers on the command line.
 
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 /// Parses a whole number from 1 to 4096.
 pub fn count(text: &str) -> Result<usize, String> {
@@ -31,6 +31,16 @@ pub(super) fn depth(text: &str) -> Result<f64, String> {
 /// Parses the number of a port.
 pub fn port(text: &str) -> Result<u16, String> {
     in_range(text, 0..=65535).map(|port| port as u16)
+}
+
+/// Frames A up to but without B of a path.
+pub type FrameRange = Range<usize>;
+
+/// Parses `A:B`, a range of frames that is not empty.
+pub fn frame_range(text: &str) -> Result<FrameRange, String> {
+    let ends = text.split_once(':').and_then(|(start, end)| Some(start.parse().ok()?..end.parse().ok()?));
+    let range = ends.filter(|range: &FrameRange| !range.is_empty());
+    range.ok_or_else(|| "expected A:B with whole numbers, A below B, such as 100:200".to_owned())
 }
 
 fn in_range(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {

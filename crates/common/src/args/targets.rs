@@ -124,14 +124,6 @@ impl TargetArgs {
         }
     }
 
-    /// As [`Self::resolve`], without the note.
-    pub fn resolve_silently(&self, views: &SceneViews) -> Result<Targets> {
-        match self.camera_file() {
-            (_, Some(file)) => Ok(Targets::cameras(read(file, views)?.cameras)),
-            _ => self.targets_of_scene(views.scene()),
-        }
-    }
-
     fn targets_of_scene(&self, scene: &Scene) -> Result<Targets> {
         match &self.path {
             Some(CameraPathOrFile::Shape(path)) => match Targets::path(scene, *path) {
@@ -153,13 +145,9 @@ impl TargetArgs {
 
 /// Reads the cameras of a file; prints a note if their axes had to be assumed.
 pub fn cameras_of(file: &Path, views: &SceneViews) -> Result<Vec<Camera>> {
-    let CameraFile { cameras, note } = read(file, views)?;
+    let CameraFile { cameras, note } = read_cameras(file, &views.all_cameras(), &views.scene().root)?;
     print_notes(note.as_slice());
     Ok(cameras)
-}
-
-fn read(file: &Path, views: &SceneViews) -> Result<CameraFile> {
-    Ok(read_cameras(file, &views.all_cameras(), &views.scene().root)?)
 }
 
 /// The views that `--heldout` holds out, every so-many-th; without it those of `--target`.

@@ -19,11 +19,11 @@ use scene_folder::SceneFolder;
 
 use crate::args::output::refuse_stdout;
 
-/// The output files of a command, or of several.
-#[derive(Debug, Default)]
+/// The output files of a command.
+#[derive(Debug)]
 pub struct OutputPlan {
-    /// The scenes that are read.
-    scenes: Vec<SceneFolder>,
+    /// The scene that is read.
+    scene: SceneFolder,
     /// Descriptions of the inputs, for messages.
     inputs: HashMap<Identity, String>,
     /// The planned files: option and path as given, for messages.
@@ -33,39 +33,19 @@ pub struct OutputPlan {
     frames: Vec<(PathBuf, &'static str, String)>,
     /// The planned files: option and path as given, and the path.
     files: Vec<(String, PathBuf)>,
-    /// Precedes the option in messages.
-    prefix: String,
 }
 
 impl OutputPlan {
     /// An empty plan of a command that reads this scene.
     pub fn new(scene: &Scene) -> Self {
-        let mut plan = Self::default();
-        plan.add_scene(scene);
-        plan
-    }
-
-    /// Protects a scene and its photos.
-    pub fn add_scene(&mut self, scene: &Scene) {
-        for path in scene.views.iter().map(|view| view.image_path()) {
-            if let Ok(identity) = Identity::of(path) {
-                self.inputs.entry(identity).or_insert_with(|| format!("a photo of the scene, {}", path.display()));
-            }
-        }
-        self.add_folder(SceneFolder::new(scene));
-    }
-
-    /// Protects the folder of a scene that is not opened; nothing if there is no such folder.
-    pub fn add_scene_folder(&mut self, root: &Path) {
-        if root.is_dir() {
-            self.add_folder(SceneFolder::at(root));
-        }
-    }
-
-    fn add_folder(&mut self, scene: SceneFolder) {
-        // The commands of a list often read the same scene.
-        if !self.scenes.contains(&scene) {
-            self.scenes.push(scene);
+        let photos = scene.views.iter().map(|view| view.image_path());
+        let photo = |path: &Path| Some((Identity::of(path).ok()?, format!("a photo of the scene, {}", path.display())));
+        Self {
+            scene: SceneFolder::new(scene),
+            inputs: photos.filter_map(photo).collect(),
+            planned: HashMap::new(),
+            frames: Vec::new(),
+            files: Vec::new(),
         }
     }
 
@@ -75,11 +55,6 @@ impl OutputPlan {
         if let Ok(identity) = Identity::of(file) {
             self.inputs.insert(identity, format!("{option} {}", file.display()));
         }
-    }
-
-    /// Sets what precedes the options in messages, such as the line of a list.
-    pub fn set_prefix(&mut self, prefix: String) {
-        self.prefix = prefix;
     }
 
     /// Adds a file that will be written.
@@ -102,17 +77,8 @@ impl OutputPlan {
         self.add(option, file, Existing::ReplacedByName)
     }
 
-    /// Adds a file that is extended, and whose contents the caller checks.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::file`], except for those about a file that the program did not write.
-    pub fn extended(&mut self, option: &str, file: &Path) -> Result<()> {
-        self.add(option, file, Existing::Extended)
-    }
-
     fn add(&mut self, option: &str, file: &Path, existing: Existing) -> Result<()> {
-        let shown = format!("{}{option} {}", self.prefix, file.display());
+        let shown = format!("{option} {}", file.display());
         refuse_stdout(option, file)?;
         let refused = |why: String| anyhow!("{shown}: cannot be written: {why}");
         let folder = file.parent().unwrap_or(Path::new(""));
@@ -158,14 +124,12 @@ impl OutputPlan {
     }
 
     fn refuse_folder(&self, option: &str, folder: &Path, is_its: fn(&SceneFolder, &Path) -> bool) -> Result<()> {
-        let shown = format!("{}{option} {}", self.prefix, folder.display());
+        let shown = format!("{option} {}", folder.display());
         let real = identity::resolved(folder).map_err(|error| anyhow!("{shown}: cannot be opened: {error}"))?;
-        match self.scenes.iter().find(|scene| is_its(scene, &real)) {
-            Some(scene) => {
-                bail!("{shown}: is a folder of the scene {}; expected another folder", scene.root().display())
-            }
-            None => Ok(()),
+        if is_its(&self.scene, &real) {
+            bail!("{shown}: is a folder of the scene {}; expected another folder", self.scene.root().display());
         }
+        Ok(())
     }
 
     /// Adds any number of files `PREFIX….png`.
@@ -183,7 +147,7 @@ impl OutputPlan {
 
     /// Whether a path is inside a scene folder.
     pub fn in_scene(&self, path: &Path) -> bool {
-        identity::resolved(path).is_ok_and(|real| self.scenes.iter().any(|scene| real.starts_with(scene.root())))
+        identity::resolved(path).is_ok_and(|real| real.starts_with(self.scene.root()))
     }
 
     /// Checks that a file overwrites no input and no file of another's, and is not read as part of
@@ -193,14 +157,12 @@ impl OutputPlan {
             if let Some(input) = self.inputs.get(&identity) {
                 bail!("{shown}: would overwrite {input}; expected another file");
             }
-            let scene = self.scenes.iter().find(|scene| scene.holds(real));
-            own::check(shown, file, scene.map(SceneFolder::root), existing)?;
+            let scene = self.scene.holds(real).then(|| self.scene.root());
+            own::check(shown, file, scene, existing)?;
         }
-        for scene in &self.scenes {
-            if let Some(part) = scene.reads(real) {
-                let root = scene.root().display();
-                bail!("{shown}: would be read as {part} of the scene {root}; expected another file");
-            }
+        if let Some(part) = self.scene.reads(real) {
+            let root = self.scene.root().display();
+            bail!("{shown}: would be read as {part} of the scene {root}; expected another file");
         }
         Ok(())
     }

@@ -20,16 +20,11 @@ pub(super) enum Existing {
     Replaced,
     /// Replaced under a name that the program chose: an earlier run may have left it damaged.
     ReplacedByName,
-    /// Extended; the caller checks what it holds.
-    Extended,
 }
 
 /// Checks that the program wrote an existing file that will be replaced; `scene` is the folder of
 /// the scene that holds it.
 pub(super) fn check(shown: &str, file: &Path, scene: Option<&Path>, existing: Existing) -> Result<()> {
-    if existing == Existing::Extended {
-        return Ok(());
-    }
     if existing == Existing::Replaced && is_record(file) {
         bail!("{shown}: would overwrite the record of a run; expected another file");
     }

@@ -32,7 +32,7 @@ const PICTURES: [&str; 10] = ["png", "jpg", "jpeg", "mp4", "m4v", "mov", "mkv", 
 const MAX_DEPTH: usize = 4;
 
 /// A scene folder.
-#[derive(Debug, PartialEq)]
+#[derive(Debug)]
 pub(super) struct SceneFolder {
     root: PathBuf,
     /// Folders of photos; every file in them would be read.
@@ -65,13 +65,6 @@ impl SceneFolder {
             root,
             linked: OnceCell::new(),
         }
-    }
-
-    /// The folder of a scene that is not opened: its photos are expected in the usual folders.
-    pub(super) fn at(root: &Path) -> Self {
-        let root = root.canonicalize().unwrap_or_else(|_| root.to_owned());
-        let photos = FOLDERS.iter().map(|folder| root.join(folder)).collect();
-        Self { photos, cameras: BTreeSet::new(), flat: false, root, linked: OnceCell::new() }
     }
 
     pub(super) fn root(&self) -> &Path {
