@@ -6,7 +6,7 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use commands::{depth, inspect, models, render, select};
+use commands::{depth, inspect, render};
 #[cfg(feature = "bench")]
 use liveview_bench::{dump, sweep};
 use liveview_common::{console, interrupt};
@@ -45,10 +45,8 @@ enum Command {
     #[cfg(feature = "viewer")]
     /// Look around a scene in a browser
     View(view::ViewArgs),
-    /// Show how a scene is read
+    /// Show how a scene is read, which planes a view needs, or what a model is
     Inspect(Box<inspect::InspectArgs>),
-    /// Show which planes a view needs
-    Select(Box<select::SelectArgs>),
     /// Write the depth of the photos, and score it if the scene has true depth
     Depth(depth::DepthArgs),
     #[cfg(feature = "bench")]
@@ -57,8 +55,6 @@ enum Command {
     #[cfg(feature = "bench")]
     /// Measure error against run time for kinds and numbers of layers
     Sweep(sweep::SweepArgs),
-    /// List the installed models and their cards
-    Models(models::ModelsArgs),
 }
 
 fn main() -> ExitCode {
@@ -73,13 +69,11 @@ fn main() -> ExitCode {
     };
     let output = interrupt::start().and_then(|()| match &cli.command {
         Command::Render(args) => render::run(args),
-        Command::Models(args) => models::run(args),
         #[cfg(feature = "video")]
         Command::Video(args) => video::run(args),
         #[cfg(feature = "viewer")]
         Command::View(args) => view::run(args),
         Command::Inspect(args) => inspect::run(args),
-        Command::Select(args) => select::run(args),
         Command::Depth(args) => depth::run(args),
         #[cfg(feature = "bench")]
         Command::Dump(args) => dump::run(args),

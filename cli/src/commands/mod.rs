@@ -2,6 +2,4 @@
 
 pub(crate) mod depth;
 pub(crate) mod inspect;
-pub(crate) mod models;
 pub(crate) mod render;
-pub(crate) mod select;

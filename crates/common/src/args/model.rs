@@ -82,6 +82,18 @@ impl ModelArgs {
         }
     }
 
+    /// A given option that only has an effect where a model runs.
+    pub fn option_of_run(&self) -> Option<&'static str> {
+        let given = [("--network", self.network.is_some()), ("--threads", self.threads.is_some())];
+        let given = given.into_iter().find_map(|(option, given)| given.then_some(option));
+        given.or_else(|| self.option_of_network().filter(|&option| option != "--ort-lib"))
+    }
+
+    /// The ONNX Runtime library given, else that of a wheel.
+    pub fn library(&self, provider: ExecutionProvider) -> Option<PathBuf> {
+        self.ort_lib.clone().or_else(|| wheel(provider))
+    }
+
     /// A given option that only a network has a use for.
     fn option_of_network(&self) -> Option<&'static str> {
         let given = [
@@ -145,7 +157,7 @@ impl ModelArgs {
         options.alpha = self.alpha;
         options.provider = provider;
         options.precision = if bf16 { Precision::Bf16 } else { Precision::F32 };
-        options.library = self.ort_lib.clone().or_else(|| wheel(provider));
+        options.library = self.library(provider);
         options.batch = self.batch;
         Ok(options)
     }
