@@ -1,5 +1,10 @@
 //! One module per subcommand.
 
 pub(crate) mod depth;
+pub(crate) mod dump;
 pub(crate) mod inspect;
 pub(crate) mod render;
+pub(crate) mod sweep;
+pub(crate) mod video;
+#[cfg(feature = "viewer")]
+pub(crate) mod view;

@@ -2,10 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Error, Result, anyhow};
+use anyhow::{Error, Result, anyhow, bail};
 use liveview::fs::atomic::AtomicFile;
 use liveview::{Camera, SceneViews, Shot};
-use liveview_common::interrupt::{self, Interrupted};
 use ndarray::{Array, Array1, Dimension};
 use ndarray_npy::{NpzWriter, WritableElement};
 
@@ -13,18 +12,19 @@ use ndarray_npy::{NpzWriter, WritableElement};
 pub(crate) struct Arrays {
     file: NpzWriter<AtomicFile>,
     path: PathBuf,
+    interrupted: fn() -> bool,
 }
 
 impl Arrays {
-    pub(crate) fn create(path: &Path) -> Result<Self> {
+    pub(crate) fn create(path: &Path, interrupted: fn() -> bool) -> Result<Self> {
         let file = AtomicFile::create(path).map_err(|error| unwritten(path, error))?;
-        Ok(Self { file: NpzWriter::new(file), path: path.to_owned() })
+        Ok(Self { file: NpzWriter::new(file), path: path.to_owned(), interrupted })
     }
 
     pub(crate) fn add<A: WritableElement, D: Dimension>(&mut self, name: &str, array: Array<A, D>) -> Result<()> {
         // The file is deleted as it is dropped.
-        if interrupt::requested() {
-            return Err(Interrupted.into());
+        if (self.interrupted)() {
+            bail!("interrupted");
         }
         self.file.add_array(name, &array).map_err(|error| unwritten(&self.path, error))
     }

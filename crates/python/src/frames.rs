@@ -6,8 +6,8 @@ use liveview::{LayerSpec, Layers, Plan, Shot, Synthesizer};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 
-use crate::engine::{Engine, Times, rendered};
-use crate::frame::Frame;
+use crate::engine::{Engine, rendered};
+use crate::frame::{Frame, Times};
 
 /// The pictures of a path; each is rendered when it is asked for.
 #[pyclass(frozen, module = "liveview")]

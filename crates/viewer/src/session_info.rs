@@ -1,22 +1,7 @@
 //! The first message to each client: the scene, its cameras, and the engine.
 
 use liveview::{Camera, Intrinsics, Scene};
-use liveview_common::args::model_info::ModelInfo;
 use serde_json::{Value, json};
-
-/// What computes the pictures.
-#[derive(Debug)]
-pub(crate) struct EngineInfo {
-    /// Execution provider and precision, such as `cpu, f32`.
-    name: String,
-    threads: usize,
-}
-
-impl EngineInfo {
-    pub(crate) fn new(model: &ModelInfo) -> Self {
-        Self { name: model.engine(), threads: model.threads }
-    }
-}
 
 /// The time steps of a rig.
 #[derive(Debug, Clone, Copy)]
@@ -30,7 +15,9 @@ pub(crate) struct VideoInfo {
 #[derive(Debug)]
 pub(crate) struct SessionInfo<'a> {
     pub(crate) scene: &'a Scene,
-    pub(crate) engine: &'a EngineInfo,
+    /// Execution provider and precision, such as `cpu, f32`.
+    pub(crate) engine: &'a str,
+    pub(crate) threads: usize,
     /// Indices of the held-out views.
     pub(crate) held_out: &'a [usize],
     /// Index of the view near which clients start.
@@ -43,15 +30,15 @@ pub(crate) struct SessionInfo<'a> {
 
 impl SessionInfo<'_> {
     pub(crate) fn to_json(&self) -> Value {
-        let Self { scene, engine, held_out, start_view, near, video } = *self;
+        let Self { scene, engine, threads, held_out, start_view, near, video } = *self;
         let views = scene.views.iter().enumerate().map(|(index, view)| {
             json!({ "name": view.name, "camera": camera_json(&view.camera), "held_out": held_out.contains(&index) })
         });
         let folder = scene.root.canonicalize().unwrap_or_else(|_| scene.root.clone());
         json!({
             "scene": folder.file_name().unwrap_or_default().to_string_lossy(),
-            "engine": engine.name,
-            "threads": engine.threads,
+            "engine": engine,
+            "threads": threads,
             "views": views.collect::<Vec<_>>(),
             "start_view": start_view,
             "near": near,

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::args::output::{has_extension, refuse_stdout, stem, write_atomically};
+use crate::outputs::OutputPlan;
 use anyhow::{Context, Result, bail};
 use liveview::image::{coloured, encode, encode_gray16_png};
 use liveview::{Scene, ViewDepth};
-use liveview_common::args::output::{has_extension, refuse_stdout, stem, write_atomically};
-use liveview_common::outputs::OutputPlan;
 use ndarray_npy::WriteNpyExt;
 use serde_json::json;
 

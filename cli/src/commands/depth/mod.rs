@@ -10,16 +10,16 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+use crate::args::ADVANCED;
+use crate::args::model::start_threads;
+use crate::args::numbers;
+use crate::args::scene::SceneArgs;
+use crate::args::targets::{held_out, named, refuse_twice};
+use crate::console::{Output, print_message, print_notes, progress};
+use crate::interrupt;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use liveview::{ModelOptions, Scene, ScenePhotos};
-use liveview_common::args::help::ADVANCED;
-use liveview_common::args::model::start_threads;
-use liveview_common::args::numbers;
-use liveview_common::args::scene::SceneArgs;
-use liveview_common::args::targets::{held_out, named, refuse_twice};
-use liveview_common::console::{Output, print_message, print_notes, progress};
-use liveview_common::interrupt;
 use report::{Report, ViewDepthSummary};
 use truth::Truth;
 

@@ -4,9 +4,10 @@ use std::fmt::Write;
 use std::path::Path;
 use std::time::Duration;
 
+use crate::console::{Output, path_text};
+use crate::measure::time_text;
 use liveview::{DepthSource, Scene};
-use liveview_common::console::{Output, path_text};
-use liveview_common::measure::{peak_memory, time_text};
+use liveview_live::memory::peak_memory;
 use serde_json::{Value, json};
 
 use super::report::Report;

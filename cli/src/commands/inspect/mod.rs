@@ -7,13 +7,13 @@ mod spread;
 
 use std::path::PathBuf;
 
+use crate::args::model::ModelArgs;
+use crate::args::output::has_extension;
+use crate::args::scene::SceneArgs;
+use crate::console::Output;
 use anyhow::{Result, bail};
 use clap::Args;
 use liveview::LayerSpec;
-use liveview_common::args::model::ModelArgs;
-use liveview_common::args::output::has_extension;
-use liveview_common::args::scene::SceneArgs;
-use liveview_common::console::Output;
 
 const EXAMPLES: &str = "\
 Examples:

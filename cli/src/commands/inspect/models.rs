@@ -3,12 +3,12 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
+use crate::args::model::ModelArgs;
+use crate::args::output::has_extension;
+use crate::console::{Output, escaped, path_text};
 use anyhow::Result;
 use liveview::SynthesisError;
 use liveview::network::{ExecutionProvider, ModelCard, NetworkError, OrtLibrary, OrtNetwork, PlaneNetwork};
-use liveview_common::args::model::ModelArgs;
-use liveview_common::args::output::has_extension;
-use liveview_common::console::{Output, escaped, path_text};
 use serde_json::{Value, json};
 
 /// The models in a folder, by name.

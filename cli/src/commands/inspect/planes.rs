@@ -2,15 +2,15 @@
 
 use std::fmt::Write;
 
+use crate::args::output::expect_png;
+use crate::console::{Output, path_text, print_notes, progress};
+use crate::job::Job;
+use crate::outputs::OutputPlan;
 use anyhow::{Result, bail};
 use liveview::geometry::middle_camera;
 use liveview::image::bar_chart;
 use liveview::layers::uniform_disparities;
 use liveview::{ImageRgb, LayerSpec, Shot, Targets};
-use liveview_common::args::output::expect_png;
-use liveview_common::console::{Output, path_text, print_notes, progress};
-use liveview_common::job::Job;
-use liveview_common::outputs::OutputPlan;
 use serde_json::json;
 
 use super::InspectArgs;

@@ -2,6 +2,9 @@
 
 use std::fmt::Write;
 
+use crate::args::scene::SceneArgs;
+use crate::console::{Output, advice, escaped, full_text, path_text};
+use crate::measure::quantile;
 use anyhow::{Result, bail};
 use glam::{DMat3, DVec2, DVec3};
 use liveview::geometry::parallax::{coverage, grid, parallax};
@@ -9,10 +12,7 @@ use liveview::geometry::{MeanPose, PlaneSweep, choose_views, distance, middle_ca
 use liveview::layers::uniform_disparities;
 use liveview::scene::View;
 use liveview::{Camera, LayerSpec, SceneViews, SynthesisError};
-use liveview_common::agreement;
-use liveview_common::args::scene::SceneArgs;
-use liveview_common::console::{Output, advice, escaped, full_text, path_text};
-use liveview_common::statistics::quantile;
+use liveview_live::agreement;
 use serde_json::{Value, json};
 
 use super::InspectArgs;

@@ -1,12 +1,12 @@
 //! The options of `liveview render`.
 
+use crate::args::ADVANCED;
+use crate::args::layers::LayerArgs;
+use crate::args::model::ModelArgs;
+use crate::args::numbers::{self, FrameRange};
+use crate::args::scene::SceneArgs;
+use crate::args::targets::{HoldoutArgs, TargetArgs};
 use clap::Args;
-use liveview_common::args::help::ADVANCED;
-use liveview_common::args::layers::LayerArgs;
-use liveview_common::args::model::ModelArgs;
-use liveview_common::args::numbers::{self, FrameRange};
-use liveview_common::args::scene::SceneArgs;
-use liveview_common::args::targets::{HoldoutArgs, TargetArgs};
 
 use super::explain::ExplainArgs;
 use super::outputs::OutputArgs;

@@ -1,9 +1,9 @@
 //! The files of a frame's disparity.
 
+use crate::args::output::Variant;
 use anyhow::Result;
 use liveview::image::{coloured, encode, encode_gray16_png};
 use liveview::{Frame, Shot};
-use liveview_common::args::output::Variant;
 use serde_json::json;
 
 /// The files of a disparity map: 16 bits, in colour, scale.

@@ -3,6 +3,13 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use crate::args::ADVANCED;
+use crate::args::output::expect_png;
+use crate::console::path_text;
+use crate::job::Job;
+use crate::measure::Times;
+use crate::measure::quantile;
+use crate::outputs::OutputPlan;
 use anyhow::{Result, bail};
 use clap::Args;
 use glam::DVec2;
@@ -14,13 +21,6 @@ use liveview::layers::{CELL, Layer};
 use liveview::network::Alpha;
 use liveview::render::ViewCorrection;
 use liveview::{Camera, Frame, ImageRgb, Plan, SceneViews, Shot, TargetSurface};
-use liveview_common::args::help::ADVANCED;
-use liveview_common::args::output::expect_png;
-use liveview_common::console::path_text;
-use liveview_common::job::Job;
-use liveview_common::measure::Times;
-use liveview_common::outputs::OutputPlan;
-use liveview_common::statistics::quantile;
 use ndarray::{Array2, s};
 use serde_json::{Value, json};
 

@@ -14,18 +14,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use crate::console::{Output, escaped, print_message, print_notes, progress};
+use crate::interrupt::{self, Interrupted};
+use crate::job::Job;
+use crate::measure::Times;
+use crate::outputs::OutputPlan;
 use anyhow::{Error, Result, anyhow, bail};
 pub(crate) use args::RenderArgs;
 use disparity::disparity_max;
 use explain::{Explained, Explanation};
 use liveview::image::Score;
 use liveview::{LayerSpec, Plan, Shot, TargetSurface};
-use liveview_common::agreement;
-use liveview_common::console::{Output, escaped, print_message, print_notes, progress};
-use liveview_common::interrupt::{self, Interrupted};
-use liveview_common::job::Job;
-use liveview_common::measure::Times;
-use liveview_common::outputs::OutputPlan;
+use liveview_live::agreement;
 use outputs::Outputs;
 use rendered::Rendered;
 

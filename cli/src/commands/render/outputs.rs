@@ -3,17 +3,18 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
+use crate::args::numbers::{self, FrameRange, frame_rate};
+use crate::args::output::{OutputPath, Variant, has_extension, write_atomically};
+use crate::console::print_note;
+use crate::outputs::{OutputPlan, note_other_pictures};
 use anyhow::{Result, bail};
 use clap::Args;
 use liveview::fs::atomic::is_special;
 use liveview::geometry::Size;
 use liveview::image::{JPEG_QUALITY, difference, encode, encode_with_quality, side_by_side};
 use liveview::{Frame, ImageRgb, Shot};
-use liveview_common::args::frame_rate::{FrameRate, frame_rate};
-use liveview_common::args::numbers::{self, FrameRange};
-use liveview_common::args::output::{OutputPath, Variant, has_extension, write_atomically};
-use liveview_common::ffmpeg::{Encoder, is_video};
-use liveview_common::outputs::{OutputPlan, note_other_pictures};
+use liveview_live::FrameRate;
+use liveview_live::ffmpeg::{Encoder, is_video};
 
 use super::disparity::{DEPTH, disparity};
 use super::record::{self, Fields, Record};
@@ -95,7 +96,7 @@ impl Outputs {
         Ok(Self {
             pictures,
             frames,
-            video: video.map(|path| Encoder::new(path, args.fps)).transpose()?,
+            video: video.map(|path| Encoder::new(path, args.fps, print_note)).transpose()?,
             depth,
             compare,
             jpeg_quality: args.jpeg_quality,

@@ -7,16 +7,16 @@ use std::io::{self, ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::args::layers::LayerArgs;
+use crate::args::numbers::FrameRange;
+use crate::args::targets::TargetArgs;
+use crate::console::{path_text, print_message};
+use crate::job::Job;
 use anyhow::{Context, Error, Result, anyhow, bail};
 use liveview::Shot;
 use liveview::fs::atomic::{AtomicFile, is_special};
 use liveview::fs::bounded;
 use liveview::image::Score;
-use liveview_common::args::layers::LayerArgs;
-use liveview_common::args::numbers::FrameRange;
-use liveview_common::args::targets::TargetArgs;
-use liveview_common::console::{path_text, print_message};
-use liveview_common::job::Job;
 use serde_json::{Map, Value, json};
 
 use super::rendered::Rendered;

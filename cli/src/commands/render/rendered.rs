@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use crate::measure::Times;
 use liveview::Shot;
 use liveview::image::Score;
-use liveview_common::measure::Times;
 
 /// A picture that is rendered and written, or that an earlier run has written.
 pub(super) struct Rendered {

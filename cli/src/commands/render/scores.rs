@@ -3,10 +3,10 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use crate::args::output::{has_extension, write_atomically};
+use crate::outputs::OutputPlan;
 use anyhow::{Result, bail};
 use clap::Args;
-use liveview_common::args::output::{has_extension, write_atomically};
-use liveview_common::outputs::OutputPlan;
 
 use super::rendered::Rendered;
 

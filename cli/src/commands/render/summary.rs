@@ -4,11 +4,12 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use crate::args::numbers::FrameRange;
+use crate::console::{Output, escaped, path_text};
+use crate::job::Job;
+use crate::measure::{Times, time_text};
 use liveview::image::Score;
-use liveview_common::args::numbers::FrameRange;
-use liveview_common::console::{Output, escaped, path_text};
-use liveview_common::job::Job;
-use liveview_common::measure::{Times, peak_memory, time_text};
+use liveview_live::memory::peak_memory;
 use serde_json::{Value, json};
 
 use super::explain::Explanation;

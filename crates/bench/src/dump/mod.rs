@@ -5,48 +5,18 @@ mod scene;
 mod search;
 mod surface;
 
-use std::path::PathBuf;
+use std::path::Path;
 
-use anyhow::{Result, bail, ensure};
-use clap::Args;
+use anyhow::{Result, ensure};
 use liveview::layers::guided::SearchStages;
 use liveview::layers::{Layer, Layers};
 use liveview::network::Alpha;
 use liveview::render::{Batch, Blended, Frame, LayerSamples, ViewCorrection};
 use liveview::warp::warp_sources;
-use liveview::{LayerSpec, LoadedShot, PhotoCorrection, Plan, Targets};
-use liveview_common::args::layers::LayerArgs;
-use liveview_common::args::model::ModelArgs;
-use liveview_common::args::scene::SceneArgs;
-use liveview_common::console::{Output, path_text, print_notes};
-use liveview_common::interrupt::{self, Interrupted};
-use liveview_common::job::Job;
-use liveview_common::outputs::OutputPlan;
+use liveview::{LayerSpec, LoadedShot, PhotoCorrection, Plan, Synthesizer};
 use ndarray::{Array, Array1, Array2, Array3, Array4, ArrayD, ArrayView4, Axis, concatenate};
-use serde_json::json;
 
 use crate::npz::Arrays;
-
-/// Options of `liveview dump`.
-#[derive(Debug, Args)]
-#[command(after_help = "--help also lists the advanced options.", after_long_help = "")]
-pub struct DumpArgs {
-    /// The view to render, by name; it is held out
-    #[arg(long, value_name = "NAME")]
-    target: String,
-    #[command(flatten)]
-    layers: LayerArgs,
-    #[command(flatten)]
-    model: ModelArgs,
-    /// Where to write the arrays
-    #[arg(short, long, value_name = "NPZ")]
-    output: PathBuf,
-    /// Surface layers: also how the depth of the photos was found, and all photos of the scene
-    #[arg(long)]
-    search: bool,
-    #[command(flatten)]
-    scene: SceneArgs,
-}
 
 /// The names of the arrays of [`Stages`].
 const STAGES: [&str; 6] = ["maps", "colour", "coverage", "logits", "alpha", "rgb"];
@@ -97,37 +67,26 @@ impl Stages {
     }
 }
 
-/// Runs `liveview dump`.
-pub fn run(args: &DumpArgs) -> Result<Output> {
-    if args.output.extension().is_none_or(|ending| ending != "npz") {
-        bail!("-o {}: expected a name that ends in .npz", args.output.display());
-    }
-    let mut job = Job::open(args.scene.open()?, &args.layers, &args.model)?;
-    let targets = Targets::held_out(job.scene(), vec![job.scene().view_index(&args.target)?]);
-    let Some(shot) = job.synthesizer.shots(targets)?.pop() else { bail!("{}: nothing to render", args.target) };
-    print_notes(&job.scene().notes);
-    let mut output_plan = OutputPlan::new(job.scene());
-    output_plan.file("-o", &args.output)?;
-    output_plan.prepare()?;
-    interrupt::watch(job.synthesizer.renderer().network().run_end().into_iter().collect())?;
-    let loaded = job.synthesizer.load(&shot, &[])?;
-    let mut arrays = Arrays::create(&args.output)?;
-    let written = write(&mut job, &loaded, (args.layers.photo_correction(), args.search), &mut arrays);
-    // A network run that is ended after an interrupt is an error of its own.
-    written.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error })?;
-    arrays.finish()?;
-    let model = job.model.model.as_ref();
-    let json = json!({
-        "file": path_text(&args.output), "target": shot.name, "views": job.views().names(&shot.views), "near": shot.near,
-        "far": shot.far, "layers": job.layers().to_string(), "model": model.map(|model| path_text(&model.path)),
-        "library": model.map(|model| path_text(&model.library)), "engine": model.map_or("none", |model| model.provider.name()),
-        "precision": model.map(|model| &model.precision), "alpha": job.alpha().to_string(),
-        "threads": job.model.threads, "batch": job.model.batch,
-    });
-    Ok(Output { text: format!("{}: every stage of {}, {}", args.output.display(), shot.name, job.layers()), json })
+/// Writes every stage of a shot to a .npz file; `of_surface`: the correction of the photos, and whether also how the depth of the
+/// photos was found, and all photos.
+pub fn write(
+    synthesizer: &mut Synthesizer,
+    shot: &LoadedShot,
+    of_surface: (PhotoCorrection, bool),
+    file: &Path,
+    interrupted: fn() -> bool,
+) -> Result<()> {
+    let mut arrays = Arrays::create(file, interrupted)?;
+    write_stages(synthesizer, shot, of_surface, &mut arrays)?;
+    arrays.finish()
 }
 
-fn write(job: &mut Job, shot: &LoadedShot, of_surface: (PhotoCorrection, bool), arrays: &mut Arrays) -> Result<()> {
+fn write_stages(
+    job: &mut Synthesizer,
+    shot: &LoadedShot,
+    of_surface: (PhotoCorrection, bool),
+    arrays: &mut Arrays,
+) -> Result<()> {
     arrays.add_rig(job.views(), shot.shot())?;
     scene::write_scene(job.views(), shot.shot(), arrays)?;
     let plan = if let LayerSpec::Guided { layers, coarse_planes } = *job.layers() {
@@ -146,11 +105,11 @@ fn write(job: &mut Job, shot: &LoadedShot, of_surface: (PhotoCorrection, bool), 
         write_corrections(&plan.corrections, arrays)?;
     }
     let mut stages = Stages::default();
-    job.synthesizer.renderer_mut().set_skip_uncovered(false);
-    let frame = job.synthesizer.render_plan(shot, &plan, Some(&mut |batch| stages.add(batch)))?;
+    job.renderer_mut().set_skip_uncovered(false);
+    let frame = job.render_plan(shot, &plan, Some(&mut |batch| stages.add(batch)))?;
     ensure!(!stages.batches.is_empty(), "{}: no view covers any of it", shot.shot().name);
     stages.write(arrays)?;
-    match job.alpha() {
+    match job.renderer().alpha() {
         Alpha::Competing { scale } => arrays.add("alpha_scale", Array1::from_vec(vec![scale]))?,
         Alpha::PerPixel { max_spacing } => {
             arrays.add("alpha_spacing", Array1::from_vec(vec![max_spacing]))?;

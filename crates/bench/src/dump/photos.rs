@@ -1,9 +1,8 @@
 //! The photos that a shot's surface is found from.
 
 use anyhow::Result;
-use liveview::Shot;
 use liveview::surface::PhotoDepth;
-use liveview_common::job::Job;
+use liveview::{Shot, Synthesizer};
 
 use super::scene::photos;
 
@@ -16,11 +15,11 @@ pub(super) struct Photos {
 
 impl Photos {
     /// As they were used for the layers of the shot.
-    pub(super) fn of(job: &mut Job, shot: &Shot) -> Result<Self> {
+    pub(super) fn of(job: &mut Synthesizer, shot: &Shot) -> Result<Self> {
         let views: Vec<usize> = photos(shot).collect();
         let (mut depths, mut range) = (Vec::new(), (shot.near, shot.far));
         for &view in &views {
-            let depth = job.synthesizer.photos_mut().view_depth(view, &shot.held_out, &views)?;
+            let depth = job.photos_mut().view_depth(view, &shot.held_out, &views)?;
             range = depth.range;
             depths.push((*depth.found).clone());
         }

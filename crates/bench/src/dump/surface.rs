@@ -6,8 +6,7 @@ use liveview::surface::{
     ConfirmedDepth, ConsistencyVotes, PhotoDepth, SurfaceView, TargetSurface, confirmed, exposure_gains, stages,
 };
 use liveview::warp::{NO_GAINS, SourceView, Texture};
-use liveview::{Camera, LoadedShot, PhotoCorrection, Scene, Shot};
-use liveview_common::job::Job;
+use liveview::{Camera, LoadedShot, PhotoCorrection, Scene, Shot, Synthesizer};
 use ndarray::{Array1, Array2};
 
 use super::photos::Photos;
@@ -17,7 +16,7 @@ use crate::npz::Arrays;
 /// Writes the depth of the photos and the surface at the target; with `search`, also how the depth
 /// was found, and all photos.
 pub(super) fn write_surface(
-    job: &mut Job,
+    job: &mut Synthesizer,
     loaded: &LoadedShot,
     surface: &TargetSurface,
     (correction, search): (PhotoCorrection, bool),

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::rows::{Row, SweepReport};
 
 /// A heading that says how the rows were measured, and a row for each configuration.
-pub(crate) fn markdown(sweep: &SweepReport) -> String {
+pub(super) fn markdown(sweep: &SweepReport) -> String {
     let sizes: Vec<_> = sweep.rows.iter().map(|row| row.size).collect();
     let several_sizes = sizes.iter().any(|&size| size != sizes[0]);
     let mut text = format!(

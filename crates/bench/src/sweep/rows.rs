@@ -2,14 +2,13 @@
 
 use liveview::geometry::Size;
 use liveview::image::Score;
-use liveview_common::statistics::{quantile, quantile_of_sorted};
 use serde_json::{Value, json};
 
 /// Spread of the repetitions (interquartile range / median, median over the rows) above which times are unreliable.
 const MAX_SPREAD: f64 = 0.15;
 
 /// One configuration, with its run time and its error.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(crate) struct Row {
     /// Such as `guided:4`.
     pub(crate) layers: String,
@@ -87,7 +86,8 @@ impl Row {
 }
 
 /// All measurements of a sweep.
-pub(crate) struct SweepReport {
+#[derive(Debug)]
+pub struct SweepReport {
     pub(crate) scene: String,
     pub(crate) targets: Vec<String>,
     pub(crate) views: usize,
@@ -100,7 +100,7 @@ pub(crate) struct SweepReport {
 
 impl SweepReport {
     /// Whether the times of the repetitions differ too much.
-    pub(crate) fn noisy(&self) -> bool {
+    pub fn noisy(&self) -> bool {
         let mut spreads: Vec<f64> = self.rows.iter().map(Row::spread).collect();
         quantile(&mut spreads, 0.5) > MAX_SPREAD
     }
@@ -115,7 +115,8 @@ impl SweepReport {
         !self.rows.iter().any(|other| other.size == row.size && dominates(other))
     }
 
-    pub(crate) fn json(&self) -> Value {
+    /// As JSON.
+    pub fn json(&self) -> Value {
         let row = |row: &Row| {
             let totals = row.totals();
             let stages = row.stages().into_iter().map(|(stage, time)| (stage, json!(time)));
@@ -135,6 +136,21 @@ impl SweepReport {
             "batch": self.batch, "cpu": self.cpu, "noisy": self.noisy(), "excluded_border": Score::BORDER,
             "rows": self.rows.iter().map(row).collect::<Vec<_>>(),
         })
+    }
+}
+
+/// A quantile (`fraction` from 0 to 1) of the values, which it sorts; NaN if there are none.
+fn quantile(values: &mut [f64], fraction: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    quantile_of_sorted(values, fraction)
+}
+
+/// A quantile of sorted values, interpolated linearly between ranks.
+fn quantile_of_sorted(sorted: &[f64], fraction: f64) -> f64 {
+    let at = fraction * sorted.len().saturating_sub(1) as f64;
+    match (sorted.get(at.floor() as usize), sorted.get(at.ceil() as usize)) {
+        (Some(low), Some(high)) => low + at.fract() * (high - low),
+        _ => f64::NAN,
     }
 }
 

@@ -2,12 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::ffmpeg::{ProcessHandle, count_frames, has_extension};
+use crate::frame_rate::FrameRate;
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::geometry::Size;
 use liveview::image::{self, ImageRgb};
-use liveview_common::args::frame_rate::FrameRate;
-use liveview_common::args::output::has_extension;
-use liveview_common::ffmpeg::{ProcessHandle, count_frames};
 
 use super::decoder::Decoder;
 use super::frame_names::{Photos, photos_in};

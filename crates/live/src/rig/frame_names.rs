@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use crate::ffmpeg::has_extension;
 use anyhow::{Context, Result, bail};
-use liveview_common::args::output::has_extension;
 
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 /// Largest number of a frame: nanoseconds of 290 years.

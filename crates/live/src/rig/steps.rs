@@ -5,7 +5,7 @@
 
 use std::collections::BTreeSet;
 
-use liveview_common::args::frame_rate::FrameRate;
+use crate::frame_rate::FrameRate;
 
 use super::feed::Feed;
 use super::frame_names::Photos;

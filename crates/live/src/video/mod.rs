@@ -1,11 +1,9 @@
-//! `liveview video`: renders the video of a moving viewpoint from the frames of a camera rig.
+//! Renders the video of a moving viewpoint from the frames of a camera rig.
 
 mod arrivals;
 mod gather;
-mod options;
 mod play;
 mod player;
-mod results;
 mod scorer;
 mod sink;
 mod summary;
@@ -13,5 +11,7 @@ mod tally;
 mod viewpoint;
 mod writer;
 
-pub use options::VideoArgs;
-pub use play::run;
+pub use play::{Rendered, Video, VideoSettings};
+pub use player::Progress;
+pub use sink::{FRAME_PREFIX, Sink, frame_file};
+pub use viewpoint::Viewpoint;

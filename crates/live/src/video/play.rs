@@ -1,128 +1,162 @@
 //! Sets up the pipeline: cameras → time steps → frames → file. Each stage has its own threads, with bounded channels between them.
 
-use std::sync::atomic::AtomicUsize;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicUsize};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use anyhow::{Result, bail};
 use liveview::live::{LiveSession, LiveSettings, Policy};
+use liveview::render::Renderer;
 use liveview::{Camera, ImageRgb, LayerSpec};
-use liveview_common::args::layers::given_or_recommended;
-use liveview_common::console::{Output, print_message, print_notes, progress};
-use liveview_common::interrupt::{self, Interrupted, Shortened};
-use liveview_common::outputs::OutputPlan;
+use serde_json::Value;
 
 use super::gather::{Clock, Faults, Gathering};
-use super::options::VideoArgs;
-use super::player::{Player, scaled};
+use super::player::{Player, Progress, scaled};
 use super::scorer::Scorer;
 use super::sink::Sink;
 use super::summary::summary;
 use super::tally::Tally;
+use super::viewpoint::Viewpoint;
+use crate::frame_rate::FrameRate;
 use crate::governor::Governor;
+use crate::interrupt::{self, Interrupted};
 use crate::rig::{Rig, SPARE_CAMERAS};
 
 /// Share of the time between two frames, or of the latency, for rendering; reading and writing need the rest.
 const RENDER_SHARE: f64 = 0.9;
 
-/// Runs `liveview video`.
-pub fn run(args: &VideoArgs) -> Result<Output> {
-    let rig = Rig::open(&args.scene)?;
-    let fps = args.fps.map_or_else(|| rig.rate(), Ok)?;
-    let sink = Sink::new(&args.output, fps)?;
-    print_notes(&rig.views.scene().notes);
-    let viewpoint = args.viewpoint.resolve(&rig.views)?;
-    let given = args.layers.given();
-    let (renderer, model) = args.model.open_for(given.as_ref())?;
-    let views = renderer.network().views();
-    let layers = given_or_recommended(given.as_ref(), renderer.network())?;
-    let opacities = renderer.network().predicts_opacity();
-    let policy = policy(args.policy, &layers)?;
-    let mut renderers = args.model.open_smaller(views, given.as_ref())?;
-    let fewest = renderers.iter().map(|renderer| renderer.network().views()).min().unwrap_or(views);
-    let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != viewpoint.truth).collect();
-    if free.len() < views {
-        print_message("note", format_args!("a frame is made from {views} views, but there are only {}", free.len()));
-    }
-    let read = rig.cameras_for(viewpoint.cameras(), &free, (fewest, views + SPARE_CAMERAS))?;
-    let (near, far) = rig.views.depth_range(&read, &[])?;
-    let mut settings = LiveSettings::new(near, far);
-    (settings.layers, settings.policy, settings.keep_exposure) = (layers.clone(), policy, args.keep_exposure);
-    renderers.push(renderer);
-    let runs = renderers.iter().filter_map(|renderer| renderer.network().run_end()).collect();
-    let cameras = rig.views.scene().views.iter().map(|view| view.camera.clone()).collect();
-    let mut session = LiveSession::new(cameras, renderers, settings)?;
-    let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
-    let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
-    let (first, last) = args.frames.as_ref().map_or((0, all), |range| (range.start, range.end.min(all)));
-    if first >= last {
-        bail!("--frames {first}..: expected a range within the cameras' {all} time steps, which count from 0");
-    }
-    let mut output_plan = OutputPlan::new(rig.views.scene());
-    output_plan.protect("--poses", args.viewpoint.poses());
-    args.model.protect(&mut output_plan, model.path());
-    sink.plan_outputs(&mut output_plan)?;
-    args.log.iter().try_for_each(|log| output_plan.file("--log", log))?;
-    output_plan.prepare()?;
-    let stop = interrupt::watch(runs)?;
-    let tally = Tally::new(args.log.as_deref(), model.weighting_stage())?;
-    let bar = progress("frames")?;
-    if last < usize::MAX {
-        bar.set_length(last.saturating_sub(first) as u64);
-    }
-    let mut live = None;
-    if let Some(latency) = args.latency {
-        let budget = Duration::from_secs_f64(1.0 / fps.per_second()).min(latency).mul_f64(RENDER_SHARE);
-        let governor = Governor::new(budget, &layers, opacities);
-        let warm = warm_up(&mut session, &read, viewpoint.camera(first), &governor);
-        warm.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error })?;
-        live = Some((governor, Clock::new((first, last), fps.per_second(), latency)));
-    }
-    // A live video is not scored: that would take too long.
-    let truth = viewpoint.truth.filter(|_| live.is_none());
-    let gathering = Arc::new(Gathering {
-        scene: rig.views.scene().clone(),
-        feeds: rig.feeds.clone(),
-        read: read.iter().copied().chain(truth).collect(),
-        truth,
-        steps: first..last,
-        clock: live.as_ref().map(|(_, clock)| *clock),
-        stop: Arc::clone(&stop),
-        faults: Mutex::new(Faults { cameras: rig.feeds.iter().map(|_| (0, None)).collect() }),
-        wanted: AtomicUsize::new(first),
-        decoders: Mutex::default(),
-    });
-    let player = Player {
-        session,
-        settled: false,
-        viewpoint: &viewpoint,
-        truth,
-        live,
-        scorer: Scorer::default(),
-        tally,
-        changes: Vec::new(),
-        bar,
-    };
-    let (played, file) = player.play(&gathering, sink)?;
-    let output = summary(&rig, &viewpoint, &played, file.as_deref(), &model, (&layers, policy));
-    if played.interrupted {
-        let video = file.map_or_else(|| "the video".to_owned(), |file| file.display().to_string());
-        let what = format!("{video} is short, it has {} frames", played.written.frames);
-        return Err(Shortened { what, output }.into());
-    }
-    Ok(output)
+/// What is rendered, and how.
+#[derive(Debug)]
+pub struct VideoSettings {
+    /// The cameras.
+    pub rig: Rig,
+    /// The target camera of each frame.
+    pub viewpoint: Viewpoint,
+    /// The networks, those of fewer views first; the last is the one that is used while all cameras deliver.
+    pub renderers: Vec<Renderer>,
+    /// The layers.
+    pub layers: LayerSpec,
+    /// When layers are searched again.
+    pub policy: Policy,
+    /// Whether the exposure of the photos is not balanced.
+    pub keep_exposure: bool,
+    /// Time steps to render; `None`: all.
+    pub frames: Option<Range<usize>>,
+    /// Frames per second.
+    pub fps: FrameRate,
+    /// Live: the largest age of a frame.
+    pub latency: Option<Duration>,
 }
 
-/// The policy given, checked against the layers, or the default for these.
-fn policy(given: Option<Policy>, layers: &LayerSpec) -> Result<Policy> {
-    match given {
-        Some(Policy::Propagate) if Policy::default_for(layers) != Policy::Propagate => {
-            bail!(
-                "--policy propagate: only guided and surface layers have depth to propagate; expected each, every:N or once for {layers}"
-            )
+/// A video that can be rendered.
+#[derive(Debug)]
+pub struct Video {
+    rig: Rig,
+    viewpoint: Viewpoint,
+    session: LiveSession,
+    layers: LayerSpec,
+    policy: Policy,
+    /// Cameras to read, except that of the ground truth.
+    read: Vec<usize>,
+    /// Up to `usize::MAX` if their number is unknown.
+    steps: Range<usize>,
+    fps: FrameRate,
+    latency: Option<Duration>,
+    /// Whether the network predicts opacities.
+    opacities: bool,
+}
+
+/// A video that was rendered.
+#[derive(Debug)]
+pub struct Rendered {
+    /// The report.
+    pub text: String,
+    /// The report as JSON.
+    pub json: Value,
+    /// The file or folder written; `None` for standard output.
+    pub file: Option<PathBuf>,
+    /// Number of frames written.
+    pub frames: usize,
+    /// Whether an interrupt ended it before the last frame.
+    pub interrupted: bool,
+}
+
+impl Video {
+    /// Checks the settings.
+    pub fn new(settings: VideoSettings) -> Result<Self> {
+        let VideoSettings { rig, viewpoint, renderers, layers, policy, keep_exposure, frames, fps, latency } = settings;
+        let counts = || renderers.iter().map(|renderer| renderer.network().views());
+        let (fewest, views) = (counts().min().unwrap_or(0), counts().max().unwrap_or(0));
+        let opacities = renderers.last().is_some_and(|renderer| renderer.network().predicts_opacity());
+        let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != viewpoint.truth).collect();
+        let read = rig.cameras_for(viewpoint.cameras(), &free, (fewest, views + SPARE_CAMERAS))?;
+        let (near, far) = rig.views.depth_range(&read, &[])?;
+        let mut settings = LiveSettings::new(near, far);
+        (settings.layers, settings.policy, settings.keep_exposure) = (layers.clone(), policy, keep_exposure);
+        let cameras = rig.views.scene().views.iter().map(|view| view.camera.clone()).collect();
+        let session = LiveSession::new(cameras, renderers, settings)?;
+        let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
+        let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
+        let steps = frames.map_or(0..all, |range| range.start..range.end.min(all));
+        if steps.is_empty() {
+            let first = steps.start;
+            bail!("--frames {first}..: expected a range within the cameras' {all} time steps, which count from 0");
         }
-        Some(policy) => Ok(policy),
-        None => Ok(Policy::default_for(layers)),
+        Ok(Self { rig, viewpoint, session, layers, policy, read, steps, fps, latency, opacities })
+    }
+
+    /// Renders it. `log`: a file with a line of JSON for each frame; `weighting`: the name of the stage that computes opacities and
+    /// view weights; `stop` ends it early.
+    pub fn play(
+        mut self,
+        sink: Sink,
+        log: Option<&Path>,
+        weighting: &'static str,
+        stop: &Arc<AtomicBool>,
+        report: &mut dyn FnMut(Progress<'_>),
+    ) -> Result<Rendered> {
+        let (first, last) = (self.steps.start, self.steps.end);
+        let tally = Tally::new(log, weighting)?;
+        report(Progress::Begin((last < usize::MAX).then_some(last - first)));
+        let mut live = None;
+        if let Some(latency) = self.latency {
+            let budget = Duration::from_secs_f64(1.0 / self.fps.per_second()).min(latency).mul_f64(RENDER_SHARE);
+            let governor = Governor::new(budget, &self.layers, self.opacities);
+            let warm = warm_up(&mut self.session, &self.read, self.viewpoint.camera(first), &governor);
+            warm.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error })?;
+            live = Some((governor, Clock::new((first, last), self.fps.per_second(), latency)));
+        }
+        let Self { rig, viewpoint, session, layers, policy, read, steps, .. } = self;
+        // A live video is not scored: that would take too long.
+        let truth = viewpoint.truth.filter(|_| live.is_none());
+        let gathering = Arc::new(Gathering {
+            scene: rig.views.scene().clone(),
+            feeds: rig.feeds.clone(),
+            read: read.iter().copied().chain(truth).collect(),
+            truth,
+            steps,
+            clock: live.as_ref().map(|(_, clock)| *clock),
+            stop: Arc::clone(stop),
+            faults: Mutex::new(Faults { cameras: rig.feeds.iter().map(|_| (0, None)).collect() }),
+            wanted: AtomicUsize::new(first),
+            decoders: Mutex::default(),
+        });
+        let player = Player {
+            session,
+            settled: false,
+            viewpoint: &viewpoint,
+            truth,
+            live,
+            scorer: Scorer::default(),
+            tally,
+            changes: Vec::new(),
+            report,
+        };
+        let (played, file) = player.play(&gathering, sink)?;
+        let (text, json) = summary(&rig, &viewpoint, &played, file.as_deref(), (&layers, policy));
+        Ok(Rendered { text, json, file, frames: played.written.frames, interrupted: played.interrupted })
     }
 }
 

@@ -8,10 +8,10 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use liveview::fs::atomic::AtomicFile;
 use liveview::live::{LayerSource, LiveFrame, LiveTimes};
-use liveview_common::measure::resident_memory;
 use serde_json::{Value, json};
 
 use super::scorer::Scores;
+use crate::memory::resident_memory;
 
 /// The time of each stage, in the order of [`Tally::stages`].
 fn stage_times(times: &LiveTimes) -> [Duration; 5] {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Result, anyhow, bail};
 use liveview::live::LiveError;
 use liveview::{ImageRgb, Scene};
-use liveview_common::interrupt;
+use liveview_live::interrupt;
 use liveview_live::rig::{Delivered, Feed, Reader};
 use rayon::prelude::*;
 

@@ -7,12 +7,15 @@ use anyhow::Result;
 use liveview::geometry::distance;
 use liveview::network::ViewAgreement;
 use liveview::render::Renderer;
-use liveview::{Camera, FoundDepth, ImageRgb, LayerSpec, LoadedShot, Scene, ScenePhotos, Shot, TargetCamera, Targets};
-use liveview_common::job::Job;
+use liveview::{
+    Camera, FoundDepth, ImageRgb, LayerSpec, LoadedShot, Scene, ScenePhotos, Shot, Synthesizer, TargetCamera, Targets,
+};
+use liveview_live::agreement;
 
 use super::depth_searches::DepthSearches;
 use super::size_controller::SizeController;
 use super::source::{AwaitedDepth, Rendered, Source};
+use crate::opened::ViewSettings;
 use crate::request::Viewpoint;
 use crate::request_queue::RequestQueue;
 
@@ -21,7 +24,9 @@ const BYTES_PER_PIXEL: usize = 20;
 
 /// A synthesizer, and the photos that it will need.
 pub(crate) struct Photos {
-    job: Job,
+    synthesizer: Synthesizer,
+    without_network: bool,
+    note: fn(&str),
     held_out: Vec<usize>,
     layers: LayerSpec,
     motion_layers: LayerSpec,
@@ -42,19 +47,26 @@ impl Photos {
     ///
     /// # Errors
     /// No threads can be started.
-    pub(crate) fn new(mut job: Job, held_out: Vec<usize>, start: &Camera, queue: Arc<RequestQueue>) -> Result<Self> {
-        let layers = job.layers().clone();
+    pub(crate) fn new(
+        mut synthesizer: Synthesizer,
+        settings: &ViewSettings,
+        start: &Camera,
+        queue: Arc<RequestQueue>,
+    ) -> Result<Self> {
+        let layers = synthesizer.layers().clone();
         let motion_layers = match layers {
             LayerSpec::Guided { coarse_planes, .. } => LayerSpec::Guided { layers: 1, coarse_planes },
             // Rendering planes takes seconds.
             _ => LayerSpec::Surface(1),
         };
-        job.synthesizer.set_layers(motion_layers.clone());
-        let drafts = Renderer::new(Box::new(ViewAgreement { views: job.synthesizer.renderer().network().views() }), 1);
+        synthesizer.set_layers(motion_layers.clone());
+        let drafts = Renderer::new(Box::new(ViewAgreement { views: synthesizer.renderer().network().views() }), 1);
         let mut photos = Self {
-            searches: DepthSearches::new(job.model.threads, queue)?,
-            job,
-            held_out,
+            searches: DepthSearches::new(settings.threads, queue)?,
+            synthesizer,
+            without_network: settings.without_network,
+            note: settings.note,
+            held_out: settings.held_out.clone(),
             layers,
             motion_layers,
             view_shots: Vec::new(),
@@ -63,7 +75,7 @@ impl Photos {
             drafts,
             size: SizeController::default(),
         };
-        let views = &photos.job.scene().views;
+        let views = &photos.synthesizer.scene().views;
         let free = (0..views.len()).filter(|view| !photos.held_out.contains(view));
         let mut view_shots: Vec<Shot> = free.filter_map(|view| photos.shot(&views[view].camera).ok()).collect();
         view_shots.sort_by(|a, b| distance(&a.target, start).total_cmp(&distance(&b.target, start)));
@@ -82,24 +94,26 @@ impl Photos {
     fn shot(&self, camera: &Camera) -> Result<Shot> {
         let target = TargetCamera { name: "pose".to_owned(), camera: camera.clone(), truth: None };
         let targets = Targets { list: vec![target], held_out: self.held_out.clone(), moving: false };
-        Ok(self.job.synthesizer.shots(targets)?.remove(0))
+        Ok(self.synthesizer.shots(targets)?.remove(0))
     }
 
     /// Loads the photos of a shot. Others stay in memory while there is room, those near it first.
     fn load(&mut self, shot: &Shot) -> Result<LoadedShot> {
         // Almost sorted already where the viewpoint has moved little: the sort is fast then.
         self.view_shots.sort_by(|a, b| distance(&a.target, &shot.target).total_cmp(&distance(&b.target, &shot.target)));
-        Ok(self.job.synthesizer.load(shot, &self.view_shots)?)
+        Ok(self.synthesizer.load(shot, &self.view_shots)?)
     }
 
     fn render(&mut self, camera: &Camera, layers: LayerSpec) -> Result<Rendered> {
-        self.job.synthesizer.set_layers(layers.clone());
+        self.synthesizer.set_layers(layers.clone());
         let shot = self.shot(camera)?;
         let started = Instant::now();
         let loaded = self.load(&shot)?;
         let photos = started.elapsed();
-        let plan = self.job.plan(&loaded)?;
-        let frame = self.job.render(&loaded, &plan)?;
+        let plan = self.synthesizer.plan(&loaded)?;
+        self.synthesizer.photos_mut().take_notes().iter().for_each(|note| (self.note)(note));
+        let (frame, agreeing_share) =
+            agreement::render(&mut self.synthesizer, &loaded, &plan, self.without_network, &mut |_| ())?;
         Ok(Rendered {
             frame,
             range: (shot.near, shot.far),
@@ -107,7 +121,7 @@ impl Photos {
             views: shot.views,
             helpers: shot.helpers,
             planning: [photos, plan.search, plan.selection],
-            agreeing_share: self.job.agreeing_share,
+            agreeing_share,
             left_out: Vec::new(),
         })
     }
@@ -115,7 +129,7 @@ impl Photos {
 
 impl Source for Photos {
     fn scene(&self) -> &Scene {
-        self.job.scene()
+        self.synthesizer.scene()
     }
 
     fn motion_scale(&self, pixels: usize) -> f64 {
@@ -123,9 +137,9 @@ impl Source for Photos {
     }
 
     fn render_in_motion(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
-        self.job.synthesizer.set_hole_search(false);
+        self.synthesizer.set_hole_search(false);
         let rendered = self.render(&viewpoint.camera, self.motion_layers.clone());
-        self.job.synthesizer.set_hole_search(true);
+        self.synthesizer.set_hole_search(true);
         rendered
     }
 
@@ -139,18 +153,18 @@ impl Source for Photos {
     }
 
     fn photo(&mut self, view: usize, _: usize) -> Result<ImageRgb> {
-        Ok(self.job.scene().load_image(view)?)
+        Ok(self.synthesizer.scene().load_image(view)?)
     }
 
     /// A picture does not wait for depth whose search has failed: rendering it says why.
     fn awaited(&mut self, viewpoint: &Viewpoint, moving: bool) -> Option<AwaitedDepth> {
         let layers = if moving { &self.motion_layers } else { &self.layers };
-        self.job.synthesizer.set_layers(layers.clone());
-        if !self.job.synthesizer.uses_depth() {
+        self.synthesizer.set_layers(layers.clone());
+        if !self.synthesizer.uses_depth() {
             return None;
         }
         let shot = self.shot(&viewpoint.camera).ok()?;
-        let mut views = self.job.synthesizer.photos_mut().unknown_depths(&shot);
+        let mut views = self.synthesizer.photos_mut().unknown_depths(&shot);
         views.retain(|&view| !self.searches.has_failed(view));
         let count = shot.views.len() + shot.helpers.len();
         (!views.is_empty()).then(|| {
@@ -160,9 +174,9 @@ impl Source for Photos {
     }
 
     fn render_draft(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
-        std::mem::swap(self.job.synthesizer.renderer_mut(), &mut self.drafts);
+        std::mem::swap(self.synthesizer.renderer_mut(), &mut self.drafts);
         let rendered = self.render(&viewpoint.camera, LayerSpec::guided(1));
-        std::mem::swap(self.job.synthesizer.renderer_mut(), &mut self.drafts);
+        std::mem::swap(self.synthesizer.renderer_mut(), &mut self.drafts);
         rendered
     }
 
@@ -172,7 +186,7 @@ impl Source for Photos {
 
     fn start_search(&mut self, views: &[usize]) -> bool {
         let Some(shot) = &self.searched_for else { return false };
-        let photos = self.job.synthesizer.photos_mut();
+        let photos = self.synthesizer.photos_mut();
         let search = |view| Ok(photos.depth_search(view, shot)?.map(|search| move || search.run()));
         self.searches.start_first(views, search)
     }
@@ -180,7 +194,7 @@ impl Source for Photos {
     fn insert(&mut self, view: usize, found: Option<Box<FoundDepth>>) {
         self.searches.end(view, found.is_some());
         if let Some(found) = found {
-            self.job.synthesizer.photos_mut().insert_depth(*found);
+            self.synthesizer.photos_mut().insert_depth(*found);
         }
     }
 
@@ -203,10 +217,10 @@ impl Source for Photos {
         // One photo at a time, so that a client that starts to move does not wait long.
         shot.views.truncate(1);
         shot.helpers.clear();
-        self.job.synthesizer.set_layers(self.motion_layers.clone());
+        self.synthesizer.set_layers(self.motion_layers.clone());
         let view = shot.views[0];
         self.load(&shot)?;
-        if self.job.synthesizer.uses_depth() {
+        if self.synthesizer.uses_depth() {
             // A failure is reported with the first picture that needs the photo.
             self.start_search(&[view]);
         }

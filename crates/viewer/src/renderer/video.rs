@@ -6,15 +6,13 @@ use anyhow::Result;
 use liveview::live::{LiveFrame, LiveSession, LiveSettings, Policy};
 use liveview::network::RunEnd;
 use liveview::{Camera, ImageRgb, LayerSpec, Scene};
-use liveview_common::args::layers::{LayerArgs, given_or_recommended};
-use liveview_common::args::model::ModelArgs;
-use liveview_common::args::model_info::ModelInfo;
 use liveview_live::governor::Governor;
 use liveview_live::rig::{Rig, SPARE_CAMERAS};
 
 use super::frames::{Frames, Step};
 use super::shared::Networks;
 use super::source::{MOTION_BUDGET, Rendered, Source};
+use crate::opened::RigVideo;
 use crate::request::Viewpoint;
 
 /// One session for pictures in motion, and a fresh one for each time step shown at rest: depth that the first propagates between
@@ -46,38 +44,30 @@ struct Still {
 }
 
 impl Video {
-    pub(crate) fn open(
-        rig: Rig,
-        free: Vec<usize>,
-        layers: &LayerArgs,
-        model: &ModelArgs,
-    ) -> Result<(Self, ModelInfo, Vec<RunEnd>)> {
-        let given = layers.given();
-        let (renderer, info) = model.open_for(given.as_ref())?;
-        let views = renderer.network().views();
-        let spec = given_or_recommended(given.as_ref(), renderer.network())?;
-        let governor = Governor::new(MOTION_BUDGET, &spec, renderer.network().predicts_opacity());
-        let mut renderers = model.open_smaller(views, given.as_ref())?;
-        renderers.push(renderer);
+    /// `free`: the cameras that are not held out.
+    pub(crate) fn open(video: RigVideo, free: Vec<usize>) -> Result<(Self, Vec<RunEnd>)> {
+        let RigVideo { rig, renderers, batch, layers, keep_exposure, .. } = video;
+        let opacities = renderers.last().is_some_and(|renderer| renderer.network().predicts_opacity());
+        let governor = Governor::new(MOTION_BUDGET, &layers, opacities);
         let runs = renderers.iter().filter_map(|renderer| renderer.network().run_end()).collect();
-        let networks = Networks::new(renderers, model.batch);
+        let networks = Networks::new(renderers, batch);
         let range = rig.views.depth_range(&free, &[])?;
-        let motion = session(&rig, &free, &networks, &spec, layers.keep_exposure)?;
+        let motion = session(&rig, &free, &networks, &layers, keep_exposure)?;
         let video = Self {
             frames: Frames::new(rig.views.scene().clone(), &rig.feeds),
             rig,
             free,
             range,
             networks,
-            layers: spec,
-            keep_exposure: layers.keep_exposure,
+            layers,
+            keep_exposure,
             motion,
             governor,
             settled: false,
             still: None,
             unprepared: 2,
         };
-        Ok((video, info, runs))
+        Ok((video, runs))
     }
 
     /// The nearest depth of the rig, scene units.

@@ -8,7 +8,7 @@ use anyhow::Result;
 use liveview::image::{Score, coloured, encode};
 use liveview::ndarray::Array2;
 use liveview::{Camera, Frame, ImageRgb};
-use liveview_common::agreement;
+use liveview_live::agreement;
 use serde_json::{Value, json};
 
 use super::source::{AwaitedDepth, Rendered, Source};
