@@ -6,7 +6,6 @@ pub(crate) mod model_info;
 pub(crate) mod numbers;
 pub(crate) mod output;
 pub(crate) mod scene;
-pub(crate) mod targets;
 
 /// Help heading of the options that few people need; `-h` does not list them.
 pub(crate) const ADVANCED: &str = "Advanced";

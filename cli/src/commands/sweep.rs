@@ -13,7 +13,7 @@ use crate::args::model::{ModelArgs, ProviderChoice};
 use crate::args::numbers;
 use crate::args::output::{refuse_stdout, write_atomically};
 use crate::args::scene::SceneArgs;
-use crate::args::targets::named;
+use crate::args::scene::named;
 use crate::console::{Output, print_message, print_notes, progress};
 use crate::job::Job;
 use crate::outputs::OutputPlan;

@@ -20,7 +20,7 @@ use crate::args::layers::{LayerChoice, given_or_recommended};
 use crate::args::model::ModelArgs;
 use crate::args::numbers::frame_rate;
 use crate::args::scene::SceneArgs;
-use crate::args::targets::cameras_of;
+use crate::args::scene::cameras_of;
 use crate::console::{Output, print_message, print_note, print_notes, progress};
 use crate::interrupt::{self, Shortened};
 use crate::outputs::{OutputPlan, note_other_pictures};

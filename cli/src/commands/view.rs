@@ -14,7 +14,7 @@ use crate::args::model::ModelArgs;
 use crate::args::model_info::ModelInfo;
 use crate::args::numbers::{self, frame_rate};
 use crate::args::scene::SceneArgs;
-use crate::args::targets::held_out;
+use crate::args::scene::held_out;
 use crate::console::{Output, full_text, print_message, print_note, print_notes};
 use crate::interrupt;
 use crate::job::Job;

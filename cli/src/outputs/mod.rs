@@ -1,15 +1,15 @@
 //! Checks, before any work, that no output overwrites an input of the command, another output, a
 //! file of the scene folder, or JSON that the program did not write. Paths are compared after resolving links and `..`.
 
-mod identity;
 mod own;
 mod scene_folder;
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::ffi::OsString;
+use std::io;
+use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Result, anyhow, bail};
-use identity::{Identity, Location};
 use liveview::Scene;
 use liveview::fs::atomic::{AtomicFile, is_special};
 use own::Existing;
@@ -87,7 +87,7 @@ impl OutputPlan {
         if file.is_dir() {
             return Err(refused("it is a folder; expected a file or a new name".to_owned()));
         }
-        let real = identity::resolved(file).map_err(|error| refused(error.to_string()))?;
+        let real = resolved(file).map_err(|error| refused(error.to_string()))?;
         let name = real.file_name().unwrap_or_default().to_string_lossy();
         let within = |(folder, prefix, _): &&(PathBuf, &str, _)| {
             real.parent() == Some(folder) && name.starts_with(prefix) && name.ends_with(".png")
@@ -124,7 +124,7 @@ impl OutputPlan {
 
     fn refuse_folder(&self, option: &str, folder: &Path, is_its: fn(&SceneFolder, &Path) -> bool) -> Result<()> {
         let shown = format!("{option} {}", folder.display());
-        let real = identity::resolved(folder).map_err(|error| anyhow!("{shown}: cannot be opened: {error}"))?;
+        let real = resolved(folder).map_err(|error| anyhow!("{shown}: cannot be opened: {error}"))?;
         if is_its(&self.scene, &real) {
             bail!("{shown}: is a folder of the scene {}; expected another folder", self.scene.root().display());
         }
@@ -138,7 +138,7 @@ impl OutputPlan {
     /// As [`Self::file`], for the first one.
     pub(crate) fn frames(&mut self, option: &str, folder: &Path, prefix: &'static str, first: &Path) -> Result<()> {
         self.file(option, first)?;
-        if let Ok(real) = identity::resolved(folder) {
+        if let Ok(real) = resolved(folder) {
             self.frames.push((real, prefix, format!("{option} {}", folder.display())));
         }
         Ok(())
@@ -146,7 +146,7 @@ impl OutputPlan {
 
     /// Whether a path is inside a scene folder.
     pub(crate) fn in_scene(&self, path: &Path) -> bool {
-        identity::resolved(path).is_ok_and(|real| real.starts_with(self.scene.root()))
+        resolved(path).is_ok_and(|real| real.starts_with(self.scene.root()))
     }
 
     /// Checks that a file overwrites no input and no file of another's, and is not read as part of
@@ -184,5 +184,83 @@ impl OutputPlan {
                 .map_err(|error| anyhow!("{shown}: cannot be written: {error}"))?;
         }
         Ok(())
+    }
+}
+
+/// Identity of an existing file or folder: equal for all paths to it.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) struct Identity(#[cfg(unix)] (u64, u64), #[cfg(not(unix))] PathBuf);
+
+impl Identity {
+    #[cfg(unix)]
+    pub(super) fn of(path: &Path) -> io::Result<Self> {
+        use std::os::unix::fs::MetadataExt;
+        let about = path.metadata()?;
+        Ok(Self((about.dev(), about.ino())))
+    }
+
+    #[cfg(not(unix))]
+    pub(super) fn of(path: &Path) -> io::Result<Self> {
+        path.canonicalize().map(Self)
+    }
+}
+
+/// Identity of a file that may not exist yet: an existing folder, and the names below it.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) struct Location(Option<Identity>, Vec<OsString>);
+
+impl Location {
+    /// The location of a [`resolved`] path.
+    pub(super) fn of(real: &Path) -> Self {
+        let (mut folder, mut names) = (real, Vec::new());
+        while let (Some(name), Some(parent)) = (folder.file_name(), folder.parent()) {
+            names.push(name.to_owned());
+            if let Ok(identity) = Identity::of(parent) {
+                return Self(Some(identity), names);
+            }
+            folder = parent;
+        }
+        Self(None, names)
+    }
+}
+
+/// The path without links and `..`; below a folder that does not exist, `..` removes the preceding
+/// name.
+pub(super) fn resolved(path: &Path) -> io::Result<PathBuf> {
+    if let Ok(real) = path.canonicalize() {
+        return Ok(real);
+    }
+    let mut real = PathBuf::new();
+    for part in std::path::absolute(path)?.components() {
+        if part == Component::ParentDir {
+            real.pop();
+        } else {
+            real.push(part);
+        }
+        real = real.canonicalize().unwrap_or(real);
+    }
+    Ok(real)
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+
+    #[test]
+    fn location_is_equal_for_all_paths_to_a_file() {
+        let root = tempfile::tempdir().unwrap();
+        let at = |name: &str| root.path().join(name);
+        std::fs::create_dir_all(at("a/b")).unwrap();
+        symlink(at("a/b"), at("link")).unwrap();
+        let location = |name: &str| Location::of(&resolved(&at(name)).unwrap());
+        for same in
+            ["a/./b/new/c.png", "link/new/c.png", "link/../b/new/c.png", "link/x/../new/c.png", "none/../a/b/new/c.png"]
+        {
+            assert_eq!(location(same), location("a/b/new/c.png"), "{same}");
+        }
+        assert_ne!(location("a/new/c.png"), location("a/b/new/c.png"));
+        assert_ne!(location("a/b/c.png"), location("a/b/new/c.png"));
     }
 }

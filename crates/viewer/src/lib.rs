@@ -7,7 +7,6 @@ mod renderer;
 mod request;
 mod request_queue;
 mod server;
-mod session_info;
 mod waiting;
 
 use std::net::{IpAddr, SocketAddr, TcpListener};
@@ -18,14 +17,13 @@ use std::time::Duration;
 
 use anyhow::Result;
 use liveview::network::RunEnd;
-use opened::Opened;
+use opened::{Opened, SessionInfo};
 pub use opened::{RigVideo, Shown, ViewSettings};
 use renderer::ViewRenderer;
 use request::{FileError, FileRequest, Message, Task};
 use request_queue::RequestQueue;
 use serde_json::json;
 use server::{App, Guard, Server, listen, reachable};
-use session_info::SessionInfo;
 use waiting::Waiting;
 
 /// Interval at which an interrupt is looked for.

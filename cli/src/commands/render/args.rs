@@ -5,12 +5,12 @@ use crate::args::layers::LayerArgs;
 use crate::args::model::ModelArgs;
 use crate::args::numbers::{self, FrameRange};
 use crate::args::scene::SceneArgs;
-use crate::args::targets::{HoldoutArgs, TargetArgs};
+use crate::args::scene::{HoldoutArgs, TargetArgs};
 use clap::Args;
 
 use super::explain::ExplainArgs;
 use super::outputs::OutputArgs;
-use super::scores::ScoreArgs;
+use super::summary::ScoreArgs;
 
 const SHORT_EXAMPLES: &str = "\
 Examples:

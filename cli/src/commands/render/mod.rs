@@ -1,12 +1,9 @@
 //! `liveview render`: new views of a scene, scored if the photo exists.
 
 mod args;
-mod disparity;
 mod explain;
 mod outputs;
 mod record;
-mod rendered;
-mod scores;
 mod summary;
 
 use std::collections::VecDeque;
@@ -21,13 +18,12 @@ use crate::measure::Times;
 use crate::outputs::OutputPlan;
 use anyhow::{Error, Result, anyhow, bail};
 pub(crate) use args::RenderArgs;
-use disparity::disparity_max;
 use explain::{Explained, Explanation};
 use liveview::image::Score;
 use liveview::{LayerSpec, Plan, Shot, TargetSurface};
 use liveview_live::agreement;
-use outputs::Outputs;
-use rendered::Rendered;
+use outputs::{Outputs, disparity_max};
+use summary::Rendered;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     let mut outputs = Outputs::new(&args.output, args.targets.have_truth(), args.frames.clone())?;

@@ -3,22 +3,24 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use crate::args::numbers::{self, FrameRange, frame_rate};
-use crate::args::output::{OutputPath, Variant, has_extension, write_atomically};
-use crate::console::print_note;
-use crate::outputs::{OutputPlan, note_other_pictures};
 use anyhow::{Result, bail};
 use clap::Args;
 use liveview::fs::atomic::is_special;
 use liveview::geometry::Size;
-use liveview::image::{JPEG_QUALITY, difference, encode, encode_with_quality, side_by_side};
+use liveview::image::{
+    JPEG_QUALITY, coloured, difference, encode, encode_gray16_png, encode_with_quality, side_by_side,
+};
 use liveview::{Frame, ImageRgb, Shot};
 use liveview_live::FrameRate;
 use liveview_live::ffmpeg::{Encoder, is_video};
+use serde_json::json;
 
-use super::disparity::{DEPTH, disparity};
 use super::record::{self, Fields, Record};
-use super::rendered::Rendered;
+use super::summary::Rendered;
+use crate::args::numbers::{self, FrameRange, frame_rate};
+use crate::args::output::{OutputPath, Variant, has_extension, write_atomically};
+use crate::console::print_note;
+use crate::outputs::{OutputPlan, note_other_pictures};
 
 /// Amplification of the difference in a comparison.
 const DIFFERENCE_FACTOR: f32 = 4.0;
@@ -235,4 +237,25 @@ impl Outputs {
         }
         self.video.map(Encoder::finish).transpose()
     }
+}
+
+/// The files of a disparity map: 16 bits, in colour, scale.
+pub(super) const DEPTH: [Variant; 3] = [("", None), ("_colour", None), ("_scale", Some("json"))];
+
+/// Largest disparity of a frame (1/scene unit): 65535 in the 16-bit PNG.
+pub(super) fn disparity_max(frame: &Frame) -> f32 {
+    frame.disparity.iter().copied().fold(0.0, f32::max)
+}
+
+/// The contents of the files of [`DEPTH`].
+pub(super) fn disparity(shot: &Shot, frame: &Frame) -> Result<[Vec<u8>; 3]> {
+    let largest = disparity_max(frame);
+    let unit = if largest > 0.0 { 65535.0 / largest } else { 0.0 };
+    let values: Vec<u16> = frame.disparity.iter().map(|disparity| (disparity * unit).round() as u16).collect();
+    let colour = coloured(frame.disparity.view(), (1.0 / shot.far) as f32, (1.0 / shot.near) as f32);
+    let scale = json!({
+        "liveview": env!("CARGO_PKG_VERSION"), "disparity": "value / 65535 * disparity_max", "disparity_max": largest, "unit": "1/scene unit",
+    });
+    let grey = encode_gray16_png(shot.target.width(), shot.target.height(), &values)?;
+    Ok([grey, encode("disparity.png".as_ref(), &colour)?, format!("{scale:#}\n").into_bytes()])
 }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use crate::args::layers::LayerArgs;
 use crate::args::numbers::FrameRange;
-use crate::args::targets::TargetArgs;
+use crate::args::scene::TargetArgs;
 use crate::console::{path_text, print_message};
 use crate::job::Job;
 use anyhow::{Context, Error, Result, anyhow, bail};
@@ -19,7 +19,7 @@ use liveview::fs::bounded;
 use liveview::image::Score;
 use serde_json::{Map, Value, json};
 
-use super::rendered::Rendered;
+use super::summary::Rendered;
 
 /// Minimum interval between flushes to disk: pictures whose entries a power cut loses are rendered
 /// again.

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::rows::{Row, SweepReport};
+use super::report::{Row, SweepReport};
 
 /// The plot, as SVG.
 pub(crate) fn plot(sweep: &SweepReport) -> String {
@@ -176,7 +176,7 @@ fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::rows::tests::sweep;
+    use super::super::report::tests::sweep;
 
     #[test]
     fn slower_rows_are_further_right_and_larger_errors_higher() {

@@ -3,8 +3,6 @@
 
 mod decoder;
 mod feed;
-mod frame_names;
-mod photos;
 mod steps;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,7 +15,7 @@ use liveview::geometry::choose_views;
 use liveview::scene::SceneError;
 use liveview::{Camera, Scene, SceneOptions, SceneViews};
 
-use photos::{RigCamera, RigPhotos};
+use feed::{RigCamera, RigPhotos};
 use steps::{align, match_rates};
 
 pub use feed::{Delivered, Feed, Reader};

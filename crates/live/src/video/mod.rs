@@ -4,14 +4,10 @@ mod arrivals;
 mod gather;
 mod play;
 mod player;
-mod scorer;
 mod sink;
 mod summary;
 mod tally;
-mod viewpoint;
-mod writer;
 
-pub use play::{Rendered, Video, VideoSettings};
+pub use play::{Rendered, Video, VideoSettings, Viewpoint};
 pub use player::Progress;
 pub use sink::{FRAME_PREFIX, Sink, frame_file};
-pub use viewpoint::Viewpoint;

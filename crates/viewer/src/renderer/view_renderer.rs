@@ -207,7 +207,7 @@ mod tests {
     use liveview::LayerSpec;
     use liveview::render::StageTimes;
 
-    use super::super::fake_source::FakeSource;
+    use super::super::source::fake::FakeSource;
     use super::*;
 
     #[test]
