@@ -17,7 +17,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 use liveview::network::RunEnd;
-use opened::{Opened, SessionInfo};
+use opened::Opened;
 pub use opened::{RigVideo, Shown, ViewSettings};
 use renderer::ViewRenderer;
 use request::{FileError, FileRequest, Message, Task};
@@ -67,13 +67,11 @@ impl Viewer {
     ) -> Result<Served> {
         let Self { guard, listener, address } = self;
         let queue = Arc::new(RequestQueue::default());
-        let Opened { source, runs, start_view, near, video } = opened::open(shown, &settings, &queue)?;
-        let ViewSettings { held_out, engine, threads, error_text, .. } = settings;
+        let opened = opened::open(shown, &settings, &queue)?;
+        let info = opened::session_info(&opened, &settings).to_string();
+        let Opened { source, runs, start_view, video, .. } = opened;
         let scene = source.scene().clone();
-        let info =
-            SessionInfo { scene: &scene, engine: &engine, threads, held_out: &held_out, start_view, near, video };
-        let info = info.to_json().to_string();
-        let mut renderer = ViewRenderer::new(source, held_out, scene.views[start_view].camera.clone());
+        let mut renderer = ViewRenderer::new(source, settings.held_out, scene.views[start_view].camera.clone());
         let (interrupted, stopped_queue) = (watch(runs)?, Arc::clone(&queue));
         std::thread::spawn(move || {
             while !interrupted.load(Ordering::Relaxed) {
@@ -85,7 +83,7 @@ impl Viewer {
         let app = App::new(Arc::clone(&queue), scene, video.map(|video| video.steps), info, guard);
         let server = Server::start(listener, app)?;
         ready(&link);
-        serve(&queue, &mut renderer, error_text);
+        serve(&queue, &mut renderer, settings.error_text);
         let viewers = queue.joined();
         server.stop()?;
         Ok(Served { link, pictures: renderer.pictures(), viewers })

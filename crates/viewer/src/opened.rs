@@ -122,40 +122,23 @@ pub(crate) struct VideoInfo {
     pub(crate) rate: f64,
 }
 
-/// What a client needs to know of the session.
-#[derive(Debug)]
-pub(crate) struct SessionInfo<'a> {
-    pub(crate) scene: &'a Scene,
-    /// Execution provider and precision, such as `cpu, f32`.
-    pub(crate) engine: &'a str,
-    pub(crate) threads: usize,
-    /// Indices of the held-out views.
-    pub(crate) held_out: &'a [usize],
-    /// Index of the view near which clients start.
-    pub(crate) start_view: usize,
-    /// The nearest depth, scene units.
-    pub(crate) near: Option<f64>,
-    /// `None` for a scene of photos.
-    pub(crate) video: Option<VideoInfo>,
-}
-
-impl SessionInfo<'_> {
-    pub(crate) fn to_json(&self) -> Value {
-        let Self { scene, engine, threads, held_out, start_view, near, video } = *self;
-        let views = scene.views.iter().enumerate().map(|(index, view)| {
-            json!({ "name": view.name, "camera": camera_json(&view.camera), "held_out": held_out.contains(&index) })
-        });
-        let folder = scene.root.canonicalize().unwrap_or_else(|_| scene.root.clone());
-        json!({
-            "scene": folder.file_name().unwrap_or_default().to_string_lossy(),
-            "engine": engine,
-            "threads": threads,
-            "views": views.collect::<Vec<_>>(),
-            "start_view": start_view,
-            "near": near,
-            "video": video.map(|video| json!({ "steps": video.steps, "rate": video.rate })),
-        })
-    }
+/// The first message to each client: the scene, its cameras, and the engine.
+pub(crate) fn session_info(opened: &Opened, settings: &ViewSettings) -> Value {
+    let (scene, video) = (opened.source.scene(), opened.video);
+    let views = scene.views.iter().enumerate().map(|(index, view)| {
+        let held_out = settings.held_out.contains(&index);
+        json!({ "name": view.name, "camera": camera_json(&view.camera), "held_out": held_out })
+    });
+    let folder = scene.root.canonicalize().unwrap_or_else(|_| scene.root.clone());
+    json!({
+        "scene": folder.file_name().unwrap_or_default().to_string_lossy(),
+        "engine": settings.engine,
+        "threads": settings.threads,
+        "views": views.collect::<Vec<_>>(),
+        "start_view": opened.start_view,
+        "near": opened.near,
+        "video": video.map(|video| json!({ "steps": video.steps, "rate": video.rate })),
+    })
 }
 
 /// A camera in the format that `render --pose` reads.

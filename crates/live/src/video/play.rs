@@ -53,17 +53,13 @@ pub struct VideoSettings {
 /// A video that can be rendered.
 #[derive(Debug)]
 pub struct Video {
-    rig: Rig,
-    viewpoint: Viewpoint,
+    /// Without the networks, which the session has.
+    settings: VideoSettings,
     session: LiveSession,
-    layers: LayerSpec,
-    policy: Policy,
     /// Cameras to read, except that of the ground truth.
     read: Vec<usize>,
     /// Up to `usize::MAX` if their number is unknown.
     steps: Range<usize>,
-    fps: FrameRate,
-    latency: Option<Duration>,
     /// Whether the network predicts opacities.
     opacities: bool,
 }
@@ -85,50 +81,53 @@ pub struct Rendered {
 
 impl Video {
     /// Checks the settings.
-    pub fn new(settings: VideoSettings) -> Result<Self> {
-        let VideoSettings { rig, viewpoint, renderers, layers, policy, keep_exposure, frames, fps, latency } = settings;
+    pub fn new(mut settings: VideoSettings) -> Result<Self> {
+        let (renderers, rig) = (std::mem::take(&mut settings.renderers), &settings.rig);
         let counts = || renderers.iter().map(|renderer| renderer.network().views());
         let (fewest, views) = (counts().min().unwrap_or(0), counts().max().unwrap_or(0));
         let opacities = renderers.last().is_some_and(|renderer| renderer.network().predicts_opacity());
-        let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != viewpoint.truth).collect();
-        let read = rig.cameras_for(viewpoint.cameras(), &free, (fewest, views + SPARE_CAMERAS))?;
+        let truth = settings.viewpoint.truth;
+        let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != truth).collect();
+        let read = rig.cameras_for(settings.viewpoint.cameras(), &free, (fewest, views + SPARE_CAMERAS))?;
         let (near, far) = rig.views.depth_range(&read, &[])?;
-        let mut settings = LiveSettings::new(near, far);
-        (settings.layers, settings.policy, settings.keep_exposure) = (layers.clone(), policy, keep_exposure);
+        let mut live = LiveSettings::new(near, far);
+        (live.layers, live.policy) = (settings.layers.clone(), settings.policy);
+        live.keep_exposure = settings.keep_exposure;
         let cameras = rig.views.scene().views.iter().map(|view| view.camera.clone()).collect();
-        let session = LiveSession::new(cameras, renderers, settings)?;
+        let session = LiveSession::new(cameras, renderers, live)?;
         let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
         let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
-        let steps = frames.map_or(0..all, |range| range.start..range.end.min(all));
+        let steps = settings.frames.clone().map_or(0..all, |range| range.start..range.end.min(all));
         if steps.is_empty() {
             let first = steps.start;
             bail!("--frames {first}..: expected a range within the cameras' {all} time steps, which count from 0");
         }
-        Ok(Self { rig, viewpoint, session, layers, policy, read, steps, fps, latency, opacities })
+        Ok(Self { settings, session, read, steps, opacities })
     }
 
     /// Renders it. `log`: a file with a line of JSON for each frame; `weighting`: the name of the stage that computes opacities and
     /// view weights; `stop` ends it early.
     pub fn play(
-        mut self,
+        self,
         sink: Sink,
         log: Option<&Path>,
         weighting: &'static str,
         stop: &Arc<AtomicBool>,
         report: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Rendered> {
-        let (first, last) = (self.steps.start, self.steps.end);
+        let Self { settings, mut session, read, steps, opacities } = self;
+        let VideoSettings { rig, viewpoint, layers, policy, fps, .. } = settings;
+        let (first, last) = (steps.start, steps.end);
         let tally = Tally::new(log, weighting)?;
         report(Progress::Begin((last < usize::MAX).then_some(last - first)));
         let mut live = None;
-        if let Some(latency) = self.latency {
-            let budget = Duration::from_secs_f64(1.0 / self.fps.per_second()).min(latency).mul_f64(RENDER_SHARE);
-            let governor = Governor::new(budget, &self.layers, self.opacities);
-            let warm = warm_up(&mut self.session, &self.read, self.viewpoint.camera(first), &governor);
+        if let Some(latency) = settings.latency {
+            let budget = Duration::from_secs_f64(1.0 / fps.per_second()).min(latency).mul_f64(RENDER_SHARE);
+            let governor = Governor::new(budget, &layers, opacities);
+            let warm = warm_up(&mut session, &read, viewpoint.camera(first), &governor);
             warm.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error })?;
-            live = Some((governor, Clock::new((first, last), self.fps.per_second(), latency)));
+            live = Some((governor, Clock::new((first, last), fps.per_second(), latency)));
         }
-        let Self { rig, viewpoint, session, layers, policy, read, steps, .. } = self;
         // A live video is not scored: that would take too long.
         let truth = viewpoint.truth.filter(|_| live.is_none());
         let gathering = Arc::new(Gathering {
