@@ -50,7 +50,7 @@ setup-openvino: .venv-openvino/.runtime
 .venv-openvino/.runtime: python/requirements-openvino.txt
 	$(call separate,openvino,--no-deps)
 
-## Ray, for python/tools/render_on_ray.py and its test.
+## Ray Data, for crates/python/examples/on_ray.py and its test.
 setup-ray: .venv-ray/.setup
 .venv-ray/.setup: python/requirements-ray.txt
 	$(call separate,ray)

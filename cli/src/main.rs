@@ -1,19 +1,21 @@
 //! The `liveview` program; `liveview --help` lists its commands.
 
+mod args;
 mod commands;
+mod console;
+mod interrupt;
+mod job;
+mod measure;
+mod ort_wheel;
+mod outputs;
 
 use std::io::Write;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser, Subcommand};
-use commands::{batch, depth, inspect, join, manual, models, render, select};
-#[cfg(feature = "bench")]
-use liveview_bench::{dump, sweep};
-use liveview_common::{console, interrupt};
-#[cfg(feature = "video")]
-use liveview_live::video;
+use clap::{Parser, Subcommand};
 #[cfg(feature = "viewer")]
-use liveview_viewer as view;
+use commands::view;
+use commands::{depth, inspect, render, sweep, video};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -39,32 +41,17 @@ struct Cli {
 enum Command {
     /// Render new views, and score them if the photo exists
     Render(Box<render::RenderArgs>),
-    /// Combine the pictures of `render --shard` into a video or a table of scores
-    Join(join::JoinArgs),
-    /// Run many render commands in one process
-    Batch(batch::BatchArgs),
-    #[cfg(feature = "video")]
     /// Render the video of a moving viewpoint from the frames of a camera rig
-    Video(video::VideoArgs),
+    Video(Box<video::VideoArgs>),
     #[cfg(feature = "viewer")]
     /// Look around a scene in a browser
     View(view::ViewArgs),
-    /// Show how a scene is read
+    /// Show how a scene is read, which planes a view needs, or what a model is
     Inspect(Box<inspect::InspectArgs>),
-    /// Show which planes a view needs
-    Select(Box<select::SelectArgs>),
     /// Write the depth of the photos, and score it if the scene has true depth
     Depth(depth::DepthArgs),
-    #[cfg(feature = "bench")]
-    /// Write every stage of one render as arrays (.npz), to compare with the Python reference
-    Dump(dump::DumpArgs),
-    #[cfg(feature = "bench")]
     /// Measure error against run time for kinds and numbers of layers
     Sweep(sweep::SweepArgs),
-    /// List the installed models and their cards
-    Models(models::ModelsArgs),
-    /// Write manual pages or shell completions
-    Manual(manual::ManualArgs),
 }
 
 fn main() -> ExitCode {
@@ -79,20 +66,11 @@ fn main() -> ExitCode {
     };
     let output = interrupt::start().and_then(|()| match &cli.command {
         Command::Render(args) => render::run(args),
-        Command::Join(args) => join::run(args),
-        Command::Models(args) => models::run(args),
-        Command::Manual(args) => manual::run(args, Cli::command()),
-        Command::Batch(args) => batch::run(args),
-        #[cfg(feature = "video")]
         Command::Video(args) => video::run(args),
         #[cfg(feature = "viewer")]
         Command::View(args) => view::run(args),
         Command::Inspect(args) => inspect::run(args),
-        Command::Select(args) => select::run(args),
         Command::Depth(args) => depth::run(args),
-        #[cfg(feature = "bench")]
-        Command::Dump(args) => dump::run(args),
-        #[cfg(feature = "bench")]
         Command::Sweep(args) => sweep::run(args),
     });
     let failed = match output {
@@ -105,9 +83,10 @@ fn main() -> ExitCode {
         let _ = print(&cli, output);
     }
     match &cli.command {
-        #[cfg(feature = "bench")]
         // The sweep that started the worker prints it.
-        Command::Sweep(args) if args.is_worker() => drop(console::send_line(&serde_json::json!({ "error": message }))),
+        Command::Sweep(args) if args.is_worker() => {
+            drop(liveview_bench::sweep::worker::send_line(&serde_json::json!({ "error": message })))
+        }
         _ => console::print_message("error", message),
     }
     ExitCode::from(if is_interrupted { interrupt::EXIT_CODE } else { 2 })
@@ -115,17 +94,9 @@ fn main() -> ExitCode {
 
 /// Prints the result of a command; the exit code if it cannot be printed.
 fn print(cli: &Cli, console::Output { text, json }: console::Output) -> Option<ExitCode> {
-    let printed = match &cli.command {
-        _ if cli.json => format!("{json:#}"),
-        // A shell script, which holds no text from files.
-        Command::Manual(_) => text,
-        _ => console::escaped_lines(&text),
-    };
+    let printed = if cli.json { format!("{json:#}") } else { console::escaped_lines(&text) };
     let printed = printed.trim_end();
     let written = match &cli.command {
-        // It printed the result of each command.
-        Command::Batch(_) => Ok(()),
-        #[cfg(feature = "video")]
         // The video itself goes to standard output.
         Command::Video(args) if args.takes_stdout() => writeln!(std::io::stderr(), "{printed}"),
         _ => {

@@ -1,10 +1,9 @@
 //! One module per subcommand.
 
-pub(crate) mod batch;
 pub(crate) mod depth;
 pub(crate) mod inspect;
-pub(crate) mod join;
-pub(crate) mod manual;
-pub(crate) mod models;
 pub(crate) mod render;
-pub(crate) mod select;
+pub(crate) mod sweep;
+pub(crate) mod video;
+#[cfg(feature = "viewer")]
+pub(crate) mod view;

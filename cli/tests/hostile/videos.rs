@@ -7,7 +7,6 @@ use assert_cmd::Command;
 
 use crate::common::Folders;
 use crate::common::rig::Rig;
-use crate::program;
 
 /// What ffmpeg does in place of copying its input to the file, and parts of the message.
 const FAULTS: [(&str, &str); 4] = [
@@ -20,10 +19,7 @@ const FAULTS: [(&str, &str); 4] = [
 #[test]
 fn incomplete_video_is_an_error_and_the_earlier_one_stays() {
     let (folders, rig) = (Folders::new(), Rig::new(4));
-    let parts = folders.scene().join("parts");
-    let parts = parts.to_str().unwrap();
     let path = ["--network", "none", "--threads", "1", "--path", "line:4"];
-    folders.liveview("render", &[&path[..], &["-o", parts, "--shard", "1/1"]].concat()).assert().success();
     for name in ["a.mp4", "a.gif"] {
         for (script, words) in FAULTS {
             let script = format!("for last; do :; done; {script}");
@@ -42,9 +38,6 @@ fn incomplete_video_is_an_error_and_the_earlier_one_stays() {
             };
             refused(&folders, folders.liveview("render", &path));
             refused(&rig.folders, rig.video(&["--camera", "cam2"]));
-            let mut join = Command::new(program());
-            join.args(["join", parts]);
-            refused(&folders, join);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! `liveview models` and `liveview manual`.
+//! `liveview inspect` of models.
 
 use std::fs;
 use std::process::{Command, Output};
@@ -7,9 +7,8 @@ use serde_json::Value;
 
 use crate::common::{Folders, fixture};
 
-fn liveview(arguments: &[&str], models: &str) -> Output {
-    let mut liveview = Command::new(env!("CARGO_BIN_EXE_liveview"));
-    liveview.args(arguments).env("LIVEVIEW_MODELS", models).output().unwrap()
+fn inspect(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_liveview")).arg("inspect").args(arguments).output().unwrap()
 }
 
 fn succeeds(output: Output) -> String {
@@ -18,19 +17,26 @@ fn succeeds(output: Output) -> String {
 }
 
 #[test]
-fn models_lists_cards_and_errors() {
+fn models_are_listed_with_cards_and_errors() {
     let folders = Folders::new();
     fs::copy(fixture("tiny_v4"), folders.out("liveview_v4.onnx")).unwrap();
     fs::copy(fixture("no_card"), folders.out("other.onnx")).unwrap();
-    let report: Value = serde_json::from_str(&succeeds(liveview(&["models", "--json"], &folders.out("")))).unwrap();
+    let report: Value = serde_json::from_str(&succeeds(inspect(&[&folders.out(""), "--json"]))).unwrap();
     let models = report["models"].as_array().unwrap();
     assert_eq!(models.len(), 2, "{report}");
     assert!(models[0]["views"] == 4 && models[0]["recommended_layers"] == "guided:2", "{report}");
     assert!(models[1]["error"].as_str().unwrap().contains("other.onnx"), "{report}");
-    let text = succeeds(liveview(&["models"], &folders.out("")));
+    let text = succeeds(inspect(&[&folders.out("")]));
     assert!(text.contains("recommended guided:2") && text.contains("cannot be used"), "{text}");
-    let none = succeeds(liveview(&["models"], folders.scene().to_str().unwrap()));
-    assert!(none.contains("no model (.onnx) in"), "{none}");
+    let one: Value = serde_json::from_str(&succeeds(inspect(&[&folders.out("liveview_v4.onnx"), "--json"]))).unwrap();
+    assert_eq!(one, models[0]);
+    let refused = inspect(&[&folders.out("other.onnx")]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("other.onnx"), "{refused:?}");
+    // A scene stays a scene, with a model beside its photos.
+    fs::copy(fixture("tiny_v4"), folders.scene().join("liveview_v4.onnx")).unwrap();
+    let scene = succeeds(inspect(&[folders.scene().to_str().unwrap(), "--near", "2", "--far", "8"]));
+    assert!(scene.starts_with("scene "), "{scene}");
 }
 
 #[test]
@@ -43,7 +49,7 @@ fn metadata_cannot_forge_lines_and_layers_that_cannot_be_parsed_are_an_error() {
     fs::write(folders.out("forged.onnx"), [&model[..at], forged.as_bytes(), &model[at + own.len()..]].concat())
         .unwrap();
     fs::copy(fixture("odd_advice"), folders.out("odd\nadvice.onnx")).unwrap();
-    let text = succeeds(liveview(&["models"], &folders.out("")));
+    let text = succeeds(inspect(&[&folders.out("")]));
     assert!(text.contains("x\\n  licence    free\\u{7}\n  licence     MIT"), "{text}");
     let unusable = "odd\\nadvice.onnx\n  cannot be used: ";
     assert!(text.contains(unusable) && text.contains("metadata `recommended_layers` is \"many\", expected"), "{text}");
@@ -51,16 +57,4 @@ fn metadata_cannot_forge_lines_and_layers_that_cannot_be_parsed_are_an_error() {
     let mut render = folders.liveview("render", &["--target", "2", "-o", &picture, "--layers", "guided:1"]);
     let output = render.args(["--model", &folders.out("forged.onnx")]).output().unwrap();
     assert!(succeeds(output).contains("x\\n  licence"), "the summary of a render");
-}
-
-#[test]
-fn manual_writes_pages_and_completions() {
-    let folders = Folders::new();
-    let bash = succeeds(liveview(&["manual", "--shell", "bash"], ""));
-    assert!(bash.contains("complete -F _liveview") && bash.contains("--shard"), "{bash}");
-    succeeds(liveview(&["manual", "-o", &folders.out("man1")], ""));
-    let page = fs::read_to_string(folders.out("man1/liveview-render.1")).unwrap();
-    assert!(page.contains("shard") && folders.written().contains(&"man1/liveview.1".to_owned()), "{page}");
-    let neither = liveview(&["manual"], "");
-    assert_eq!(neither.status.code(), Some(2));
 }

@@ -153,24 +153,26 @@ fn unsupported_layers_are_errors() {
     };
     refused("inspect", &["--layers", "guided:2"], &["--layers guided:2", "expected planes:D or list:"]);
     refused("inspect", &["--layers", "planes:0"], &["--layers", "planes:0", "a whole number from 1 to 4096"]);
-    let target = |layers| ["--target", "2", "--layers", layers];
-    refused("select", &target("planes:4"), &["--layers planes:4", "expected select:K/D"]);
-    refused("select", &target("guided:0"), &["--layers", "guided:0", "a whole number from 1 to 4096"]);
+    let target = |layers| ["--target", "2", "--planes", "--layers", layers];
+    refused("inspect", &target("planes:4"), &["--layers planes:4", "expected select:K/D"]);
+    refused("inspect", &["--model", &fixture("tiny_v4")], &["--model", "expected --planes with it"]);
+    refused("inspect", &["-o", &folders.out("a.png")], &["--planes"]);
+    refused("inspect", &target("guided:0"), &["--layers", "guided:0", "a whole number from 1 to 4096"]);
 }
 
 #[test]
-fn select_reports_the_histogram_over_planes() {
+fn planes_are_reported_with_their_histogram() {
     let folders = Folders::new();
     let (picture, model) = (folders.out("planes.png"), fixture("tiny_v4"));
-    let arguments = ["--target", "2", "--layers", "select:3/8", "--model", &model, "-o", &picture];
-    let report = json(&mut folders.liveview("select", &arguments));
+    let arguments = ["--planes", "--target", "2", "--layers", "select:3/8", "--model", &model, "-o", &picture];
+    let report = json(&mut folders.liveview("inspect", &arguments));
     let histogram: Vec<u64> =
         report["histogram"].as_array().unwrap().iter().map(|votes| votes.as_u64().unwrap()).collect();
     assert_eq!((histogram.len(), histogram.iter().sum::<u64>()), (8, 64 * 48));
     // The fixture gives all planes the same opacity, so the nearest one wins.
     assert_eq!(report["chosen"][0], 0);
     assert_eq!(image::read_size(picture.as_ref()).unwrap(), Size::new(8 * 12 + 24, 264));
-    let refused = ["--target", "2", "--layers", "select:9/8", "--model", &model];
+    let refused = ["--planes", "--target", "2", "--layers", "select:9/8", "--model", &model];
     std::fs::remove_file(&picture).unwrap();
-    folders.assert_refused(&mut folders.liveview("select", &refused), &["9 planes"]);
+    folders.assert_refused(&mut folders.liveview("inspect", &refused), &["9 planes"]);
 }

@@ -316,8 +316,7 @@ fn folder_without_a_scene_is_an_error() {
     let folders = Folders::new();
     fs::remove_file(folders.scene().join("transforms.json")).unwrap();
     assert_render_refused(&folders, &[], &["no scene found", "transforms.json", "sparse/0"]);
-    for command in ["inspect", "select"] {
-        let arguments: &[&str] = if command == "select" { &["--target", "2"] } else { &[] };
-        folders.assert_refused(&mut folders.liveview(command, arguments), &["no scene found"]);
+    for arguments in [&[][..], &["--planes"]] {
+        folders.assert_refused(&mut folders.liveview("inspect", arguments), &["no scene found"]);
     }
 }

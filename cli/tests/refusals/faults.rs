@@ -9,8 +9,8 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-use liveview::fs::atomic::TEMPORARY;
 use liveview::image;
+use liveview_files::atomic::TEMPORARY;
 use serde_json::Value;
 
 use crate::common::{Folders, HEIGHT, WIDTH, fixture, photo, wait_until};
@@ -88,7 +88,7 @@ fn full_disk_is_an_error_that_leaves_no_file() {
         ("render", vec!["--heldout", "5", "--depth", &depth], "depth.png"),
         ("render", vec!["--heldout", "5", "--compare", &picture], "a.png"),
         ("render", vec!["--target", "2", "-o", &jpeg, "--explain", &picture], "a.png"),
-        ("select", vec!["--target", "2", "-o", &picture], "a.png"),
+        ("inspect", vec!["--planes", "--target", "2", "-o", &picture], "a.png"),
         ("dump", vec!["--target", "2", "-o", &npz], "a.npz"),
         ("sweep", vec!["--target", "2", "--layers", "guided:1", "-o", &report], "frame.npy"),
     ] {

@@ -6,6 +6,7 @@ mod common;
 mod scene_common;
 
 mod cache;
+mod frames;
 mod no_network;
 mod options;
 mod outputs;

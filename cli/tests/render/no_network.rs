@@ -95,7 +95,7 @@ fn options_of_the_network_are_errors_without_one() {
         &["-o", &picture, "--layers", "select:2/4"],
         &["--network none", "select:2/4", "needs a network"],
     );
-    refused("select", &["--layers", "select:2/4"], &["--network none", "cannot be used here"]);
+    refused("inspect", &["--planes", "--layers", "select:2/4"], &["--network none", "cannot be used here"]);
     refused("sweep", &["-o", &picture, "--engines", "cpu int8"], &["--network", "--engines", "cannot be used with"]);
 }
 

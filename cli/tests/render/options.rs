@@ -3,7 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use liveview::image::{self, ImageRgb, psnr};
+use liveview::image::{self, ImageRgb};
+use liveview_synthesizer::psnr;
 use serde_json::Value;
 
 use crate::common::Folders;

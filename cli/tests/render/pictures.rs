@@ -3,7 +3,8 @@
 use std::fs;
 
 use liveview::geometry::Size;
-use liveview::image::{self, psnr};
+use liveview::image::{self};
+use liveview_synthesizer::psnr;
 use serde_json::Value;
 
 use crate::common::{Folders, HEIGHT, WIDTH};

@@ -7,7 +7,7 @@ use std::process::{Child, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
-use liveview::fs::atomic::TEMPORARY;
+use liveview_files::atomic::TEMPORARY;
 use serde_json::Value;
 
 use crate::common::rig::{Rig, ffmpeg, report, stderr};

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Error, Result, anyhow};
-use liveview::fs::atomic::AtomicFile;
-use liveview::{Camera, SceneViews, Shot};
-use liveview_common::interrupt::{self, Interrupted};
+use liveview::Camera;
+use liveview_files::atomic::AtomicFile;
+use liveview_synthesizer::{SceneViews, Shot};
 use ndarray::{Array, Array1, Dimension};
 use ndarray_npy::{NpzWriter, WritableElement};
 
@@ -22,10 +22,6 @@ impl Arrays {
     }
 
     pub(crate) fn add<A: WritableElement, D: Dimension>(&mut self, name: &str, array: Array<A, D>) -> Result<()> {
-        // The file is deleted as it is dropped.
-        if interrupt::requested() {
-            return Err(Interrupted.into());
-        }
         self.file.add_array(name, &array).map_err(|error| unwritten(&self.path, error))
     }
 

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use liveview::LayerSpec;
+use liveview_synthesizer::LayerSpec;
 use serde_json::{Value, json};
 
 /// Frames in a row over the budget after which the level is lowered.

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
 use liveview::network::RunEnd;
-use liveview::{DepthProgress, ModelOptions, Options, Plan, Scene, Shot, Synthesizer};
+use liveview_synthesizer::{DepthProgress, ModelOptions, Options, Plan, Scene, Shot, Synthesizer};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 

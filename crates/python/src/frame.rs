@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use liveview::ImageRgb;
 use liveview::geometry::Size;
 use liveview::image::inpaint_uncovered;
-use liveview::{ImageRgb, Plan};
+use liveview_synthesizer::Plan;
 use ndarray::{Array3, Ix2, Ix3};
 use numpy::{IntoPyArray, PyArray2, PyArray3};
 use pyo3::prelude::*;

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
-use liveview::live::{self, LiveError, LiveSettings, Policy};
-use liveview::{ImageRgb, LayerSpec};
+use liveview::ImageRgb;
+use liveview_live::session::{self, LiveError, LiveSettings, Policy};
+use liveview_synthesizer::LayerSpec;
 use pyo3::prelude::*;
 
 use crate::arguments::some;

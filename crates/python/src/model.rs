@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use liveview::ModelOptions;
 use liveview::network::{ExecutionProvider, OrtLibrary};
 use liveview::render::Renderer;
+use liveview_synthesizer::ModelOptions;
 use pyo3::prelude::*;
 
 use crate::arguments::whole;

@@ -1,6 +1,6 @@
 //! Views named by their text or their index.
 
-use liveview::scene::Scene;
+use liveview_scene::Scene;
 use pyo3::prelude::*;
 
 use crate::error::{kind, library, value};

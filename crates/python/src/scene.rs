@@ -2,8 +2,10 @@
 
 use std::path::PathBuf;
 
+use liveview::ImageRgb;
 use liveview::geometry::Size;
-use liveview::{CameraPath, ImageRgb, SceneOptions, Targets};
+use liveview_scene::cameras::CameraPath;
+use liveview_synthesizer::{SceneOptions, Targets};
 use ndarray::{ArrayView3, Ix3};
 use numpy::{IntoPyArray, PyArray3, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -20,7 +22,7 @@ use crate::work::compute;
 /// A folder in one of the formats that the program reads, or a `transforms.json`. Photos wider than
 /// `width` pixels are scaled down to it; `images` names the photos' folder.
 #[pyclass(frozen, module = "liveview")]
-pub(crate) struct Scene(pub(crate) liveview::Scene);
+pub(crate) struct Scene(pub(crate) liveview_synthesizer::Scene);
 
 #[pymethods]
 impl Scene {
@@ -30,7 +32,7 @@ impl Scene {
         let mut options = SceneOptions::default();
         options.width = width.map(|width| whole("width", width)).transpose()?;
         options.images = images;
-        compute(py, || liveview::Scene::open(&path, &options).map_err(library)).map(Self)
+        compute(py, || liveview_synthesizer::Scene::open(&path, &options).map_err(library)).map(Self)
     }
 
     /// photos [n, h, w, 3], uint8 or float32 in [0, 1], or a list of [h, w, 3] of several sizes; k
@@ -65,7 +67,8 @@ impl Scene {
             views.push((name, picture, camera));
         }
         let scene = compute(py, || {
-            liveview::Scene::in_memory(views, &SceneOptions::default()).map_err(|error| value("photos", error))
+            liveview_synthesizer::Scene::in_memory(views, &SceneOptions::default())
+                .map_err(|error| value("photos", error))
         });
         scene.map(Self)
     }

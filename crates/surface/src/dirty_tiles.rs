@@ -32,13 +32,14 @@ impl Region {
         self.bottom - self.top
     }
 
-    pub(crate) fn area(&self) -> usize {
+    /// Number of its cells.
+    pub fn area(&self) -> usize {
         self.width() * self.height()
     }
 
     /// The rectangle with its margin on each side, cut at the edges of a map of `(height, width)`
     /// cells.
-    pub(crate) fn expanded(&self, (height, width): (usize, usize)) -> Self {
+    pub fn expanded(&self, (height, width): (usize, usize)) -> Self {
         Self {
             left: self.left.saturating_sub(MARGIN),
             top: self.top.saturating_sub(MARGIN),

@@ -47,7 +47,7 @@ pub use liveview_scene::{Scene, SceneOptions};
 pub use liveview_surface::{PhotoCorrection, TargetSurface};
 pub use metrics::{Score, psnr, ssim};
 pub use model_file::{ModelNotFound, find_model, model_folders};
-pub use options::{DEFAULT_VIEWS, Model, ModelOptions, OpenedRenderer, Options};
+pub use options::{DEFAULT_VIEWS, Model, ModelOptions, OpenedRenderer, Options, recommended_layers};
 pub use plan::Plan;
 pub use scene_photos::ScenePhotos;
 pub use scene_views::SceneViews;

@@ -198,18 +198,26 @@ impl Model {
     ///
     /// # Errors
     ///
-    /// [`SynthesisError::Network`] if its card does not name a [`LayerSpec`].
+    /// As [`recommended_layers`].
     pub fn recommended_layers(&self) -> Result<LayerSpec, SynthesisError> {
-        let found = &self.network.card().recommended_layers;
-        let expected = || "such as \"guided:2\" or \"planes:64\"".to_owned();
-        let wrong = |_| unfit(&self.network, "recommended_layers", format!("\"{found}\""), expected());
-        Ok(found.parse().map_err(wrong)?)
+        recommended_layers(&self.network)
     }
 
     /// A renderer that runs it.
     pub fn into_renderer(self) -> Renderer {
         Renderer::new(Box::new(self.network), self.alpha, self.batch)
     }
+}
+
+/// The layers that a network was trained for, by its card.
+///
+/// # Errors
+///
+/// [`SynthesisError::Network`] if that is not the text of a [`LayerSpec`].
+pub fn recommended_layers(network: &OrtNetwork) -> Result<LayerSpec, SynthesisError> {
+    let found = &network.card().recommended_layers;
+    let expected = "such as \"guided:2\" or \"planes:64\"".to_owned();
+    Ok(found.parse().map_err(|_| unfit(network, "recommended_layers", format!("\"{found}\""), expected))?)
 }
 
 fn unfit(network: &OrtNetwork, key: &str, found: String, expected: String) -> NetworkError {

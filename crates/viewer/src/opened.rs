@@ -1,28 +1,66 @@
-//! Opens a scene or a rig for the viewer.
+//! Opens a scene or a rig for the viewer, and describes it to each client.
 
 use std::sync::Arc;
 
 use anyhow::{Result, bail};
 use liveview::geometry::middle_camera;
-use liveview::network::RunEnd;
-use liveview::{Camera, Scene, Targets};
-use liveview_common::console::{print_message, print_notes};
-use liveview_common::job::Job;
+use liveview::render::Renderer;
+use liveview::{Camera, Intrinsics};
 use liveview_live::rig::Rig;
+use liveview_synthesizer::{LayerSpec, Scene, Synthesizer, Targets};
+use serde_json::{Value, json};
 
-use crate::options::ViewArgs;
 use crate::renderer::{Photos, Source, Video};
 use crate::request_queue::RequestQueue;
-use crate::session_info::{EngineInfo, VideoInfo};
+
+/// What is viewed.
+#[derive(Debug)]
+pub enum Shown {
+    /// The photos of a scene.
+    Photos(Box<Synthesizer>),
+    /// The video of a rig.
+    Video(Box<RigVideo>),
+}
+
+/// The video of a rig.
+#[derive(Debug)]
+pub struct RigVideo {
+    /// The cameras.
+    pub rig: Rig,
+    /// The networks, those of fewer views first; the last is the one that is used while all cameras deliver.
+    pub renderers: Vec<Renderer>,
+    /// Whether these are models, which predict opacities.
+    pub with_models: bool,
+    /// Layers per run of the network.
+    pub batch: usize,
+    /// The layers.
+    pub layers: LayerSpec,
+    /// Whether the exposure of the photos is not balanced.
+    pub keep_exposure: bool,
+    /// Time steps per second.
+    pub rate: f64,
+}
+
+/// How it is shown.
+#[derive(Debug)]
+pub struct ViewSettings {
+    /// Indices of the photos or cameras that are held out.
+    pub held_out: Vec<usize>,
+    /// Execution provider and precision, such as `cpu, f32`.
+    pub engine: String,
+    /// Whether photos and layers are weighted without a network.
+    pub without_network: bool,
+    /// Number of threads.
+    pub threads: usize,
+    /// Takes notes for the user.
+    pub note: fn(&str),
+    /// The text of an error for the page.
+    pub error_text: fn(&anyhow::Error) -> String,
+}
 
 /// A source of pictures, and what the session is described by.
 pub(crate) struct Opened {
     pub(crate) source: Box<dyn Source>,
-    pub(crate) engine: EngineInfo,
-    /// Handles that end runs of the networks.
-    pub(crate) runs: Vec<RunEnd>,
-    /// Indices of the held-out views.
-    pub(crate) held_out: Vec<usize>,
     /// Index of the view near which clients start.
     pub(crate) start_view: usize,
     /// The nearest depth, scene units.
@@ -31,63 +69,38 @@ pub(crate) struct Opened {
     pub(crate) video: Option<VideoInfo>,
 }
 
-/// Opens the folder of the options.
+/// Opens what is shown.
 ///
 /// # Errors
 ///
-/// It cannot be opened, or no picture can be rendered at the first viewpoint: reported now rather than to each client.
-pub(crate) fn open(args: &ViewArgs, queue: &Arc<RequestQueue>) -> Result<Opened> {
-    match Rig::find(&args.scene)? {
-        Some(rig) => open_rig(args, rig),
-        None => open_photos(args, queue),
+/// No picture can be rendered at the first viewpoint: reported now rather than to each client.
+pub(crate) fn open(shown: Shown, settings: &ViewSettings, queue: &Arc<RequestQueue>) -> Result<Opened> {
+    match shown {
+        Shown::Photos(synthesizer) => open_photos(*synthesizer, settings, queue),
+        Shown::Video(video) => open_rig(*video, settings),
     }
 }
 
-fn open_photos(args: &ViewArgs, queue: &Arc<RequestQueue>) -> Result<Opened> {
-    if args.fps.is_some() {
-        let folder = args.scene.folder().display();
-        bail!(
-            "--fps: {folder} is a scene of photos; --fps is for a rig, in which each camera has a folder of frames or a video"
-        );
-    }
-    let photos = args.scene.open()?;
-    print_notes(&photos.scene().notes);
-    let held_out = args.held_out(photos.scene())?;
-    let job = Job::open(photos, &args.layers, &args.model)?;
-    let start_view = start_view(job.scene(), &held_out)?;
-    let camera = job.scene().views[start_view].camera.clone();
+fn open_photos(synthesizer: Synthesizer, settings: &ViewSettings, queue: &Arc<RequestQueue>) -> Result<Opened> {
+    let held_out = &settings.held_out;
+    let start_view = start_view(synthesizer.scene(), held_out)?;
+    let camera = synthesizer.scene().views[start_view].camera.clone();
     let targets = Targets { held_out: held_out.clone(), ..Targets::cameras(vec![camera.clone()]) };
-    job.synthesizer.shots(targets)?;
-    let runs = job.synthesizer.renderer().network().run_end().into_iter().collect();
-    let engine = EngineInfo::new(&job.model);
-    let photos = Photos::new(job, held_out.clone(), &camera, Arc::clone(queue))?;
+    synthesizer.shots(targets)?;
+    let photos = Photos::new(synthesizer, settings, &camera, Arc::clone(queue))?;
     let near = photos.near();
-    Ok(Opened { source: Box::new(photos), engine, runs, held_out, start_view, near, video: None })
+    Ok(Opened { source: Box::new(photos), start_view, near, video: None })
 }
 
-fn open_rig(args: &ViewArgs, rig: Rig) -> Result<Opened> {
-    let scene = rig.views.scene();
-    print_notes(&scene.notes);
-    for option in args.layers.unused_for_video() {
-        print_message("note", format_args!("{option}: not used for the video of a rig"));
-    }
-    let held_out = args.held_out(scene)?;
-    let start_view = start_view(scene, &held_out)?;
+fn open_rig(video: RigVideo, settings: &ViewSettings) -> Result<Opened> {
+    let (scene, held_out) = (video.rig.views.scene(), &settings.held_out);
+    let start_view = start_view(scene, held_out)?;
     let camera = scene.views[start_view].camera.clone();
     let free: Vec<usize> = (0..scene.views.len()).filter(|view| !held_out.contains(view)).collect();
-    let steps = rig.steps(&free)?;
-    let rate = args.fps.map_or_else(|| rig.rate(), Ok)?.per_second();
-    let (video, model, runs) = Video::open(rig, free, &args.layers, &args.model)?;
+    let info = VideoInfo { steps: video.rig.steps(&free)?, rate: video.rate };
+    let video = Video::open(video, free)?;
     video.cameras_for(&camera)?;
-    Ok(Opened {
-        near: Some(video.near()),
-        source: Box::new(video),
-        engine: EngineInfo::new(&model),
-        runs,
-        held_out,
-        start_view,
-        video: Some(VideoInfo { steps, rate }),
-    })
+    Ok(Opened { near: Some(video.near()), source: Box::new(video), start_view, video: Some(info) })
 }
 
 /// The view in the middle of those that are not held out.
@@ -98,4 +111,42 @@ fn start_view(scene: &Scene, held_out: &[usize]) -> Result<usize> {
         bail!("every photo is held out; expected some to render from");
     }
     Ok(free[middle_camera(&cameras)])
+}
+
+/// The time steps of a rig.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct VideoInfo {
+    pub(crate) steps: usize,
+    /// Time steps per second.
+    pub(crate) rate: f64,
+}
+
+/// The first message to each client: the scene, its cameras, and the engine.
+pub(crate) fn session_info(opened: &Opened, settings: &ViewSettings) -> Value {
+    let (scene, video) = (opened.source.scene(), opened.video);
+    let views = scene.views.iter().enumerate().map(|(index, view)| {
+        let held_out = settings.held_out.contains(&index);
+        json!({ "name": view.name, "camera": camera_json(&view.camera), "held_out": held_out })
+    });
+    let folder = scene.root.canonicalize().unwrap_or_else(|_| scene.root.clone());
+    json!({
+        "scene": folder.file_name().unwrap_or_default().to_string_lossy(),
+        "engine": settings.engine,
+        "threads": settings.threads,
+        "views": views.collect::<Vec<_>>(),
+        "start_view": opened.start_view,
+        "near": opened.near,
+        "video": video.map(|video| json!({ "steps": video.steps, "rate": video.rate })),
+    })
+}
+
+/// A camera in the format that `render --pose` reads.
+fn camera_json(camera: &Camera) -> Value {
+    let (rotation, translation) = (camera.rotation(), camera.translation());
+    let row = |row: usize| [rotation.row(row).x, rotation.row(row).y, rotation.row(row).z, translation[row]];
+    let Intrinsics { fx, fy, cx, cy, .. } = camera.intrinsics();
+    json!({
+        "cam_from_world": [row(0), row(1), row(2)],
+        "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": camera.width(), "h": camera.height(),
+    })
 }

@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use liveview::{Camera, FoundDepth};
+use liveview::Camera;
+use liveview_synthesizer::FoundDepth;
 use tokio::sync::oneshot;
 
 /// A camera, and a time step of a rig.

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-use liveview::FoundDepth;
+use liveview_synthesizer::FoundDepth;
 use tokio::sync::{mpsc, oneshot};
 
 use crate::request::{FileAnswer, FileRequest, Message, Task, ViewRequest};

@@ -21,7 +21,7 @@ PAGES = [
     *sorted((ROOT / "docs").rglob("*.md")),
     *ROOT.glob("*/README.md"),
 ]
-COMMAND_PAGES = ["README.md", "docs/usage.md", "docs/viewer.md", "docs/live-video.md", "docs/clusters.md"]
+COMMAND_PAGES = ["README.md", "docs/usage.md", "docs/viewer.md", "docs/live-video.md"]
 COMMAND_PAGES += ["docs/benchmarks.md"]
 MOST_LINES, MOST_WORDS, WIDEST = 130, 1100, 110
 NEEDS_FFMPEG = ".mp4", "ffplay"

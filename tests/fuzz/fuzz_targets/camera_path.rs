@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
-use liveview::geometry::read_cameras;
+use liveview_scene::cameras::read_cameras;
 use liveview::glam::{DMat3, DVec3};
 use liveview::{Camera, Intrinsics};
 

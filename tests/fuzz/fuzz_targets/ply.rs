@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use liveview::fuzz::scene;
+use liveview_scene::fuzz;
 
 fuzz_target!(|bytes: &[u8]| if let Err(damage) = scene::ply(bytes) {
     assert!(damage.contains("; expected "), "{damage}");

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use liveview::fuzz::scene;
+use liveview_scene::fuzz;
 use liveview_fuzz::check_opened;
 
 fuzz_target!(|bytes: &[u8]| {

@@ -2,7 +2,7 @@
 
 use std::path::Component;
 
-use liveview::fuzz::scene::Opened;
+use liveview_scene::fuzz::Opened;
 
 /// Asserts that the views of an opened scene are valid, and that an error names the scene.
 ///

@@ -1,25 +1,30 @@
 //! `liveview depth`: the depth of the photos, as pictures and as numbers, scored if the scene has
 //! true depth.
 
-mod files;
 mod report;
-mod table;
 mod truth;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use liveview::{ModelOptions, Scene, ScenePhotos};
-use liveview_common::args::help::ADVANCED;
-use liveview_common::args::model::start_threads;
-use liveview_common::args::numbers;
-use liveview_common::args::scene::SceneArgs;
-use liveview_common::args::targets::{held_out, named, refuse_twice};
-use liveview_common::console::{Output, print_message, print_notes, progress};
-use liveview_common::interrupt;
+use liveview::image::{encode, encode_gray16_png};
+use liveview_synthesizer::colormap::coloured;
+use liveview_synthesizer::{ModelOptions, Scene, ScenePhotos, ViewDepth};
+use ndarray_npy::WriteNpyExt;
+use serde_json::json;
+
+use crate::args::model::start_threads;
+use crate::args::output::{has_extension, refuse_stdout, stem, write_atomically};
+use crate::args::scene::SceneArgs;
+use crate::args::scene::{held_out, named, refuse_twice};
+use crate::args::{ADVANCED, numbers};
+use crate::console::{Output, print_message, print_notes, progress};
+use crate::interrupt;
+use crate::outputs::OutputPlan;
+
 use report::{Report, ViewDepthSummary};
 use truth::Truth;
 
@@ -73,12 +78,12 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
         print_message("note", format!("the depth is not scored: {error:#}"));
         None
     });
-    let all_files = files::planned(&args.output, args.cache.as_deref(), scene, &views, truth.as_ref())?;
+    let all_files = planned_files(&args.output, args.cache.as_deref(), scene, &views, truth.as_ref())?;
     args.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
     start_threads(args.threads.unwrap_or_else(|| ModelOptions::default().threads_or_default()))?;
     let bar = progress("photos")?;
     bar.set_length(views.len() as u64);
-    let stop = if views.len() > 1 { interrupt::watch(Vec::new())? } else { Arc::default() };
+    let stop = if views.len() > 1 { interrupt::watch()? } else { Arc::default() };
     let (mut reports, mut range) = (Vec::with_capacity(views.len()), (0.0, 0.0));
     for (index, (&view, files)) in views.iter().zip(all_files).enumerate() {
         if stop.load(Ordering::Relaxed) {
@@ -87,7 +92,7 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
         }
         bar.set_message(photos.views().scene().views[view].name.clone());
         let depth = photos.view_depth(view, &held_out, &views[index + 1..])?;
-        files::write(&files, &depth)?;
+        write(&files, &depth)?;
         let shown = &photos.views().scene().views[view];
         let score = truth.as_ref().map_or(Ok(None), |truth| truth.score(shown, &depth));
         let score = score.unwrap_or_else(|error| {
@@ -101,7 +106,7 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    Ok(table::output(photos.views().scene(), &reports, range, &held_out))
+    Ok(report::output(photos.views().scene(), &reports, range, &held_out))
 }
 
 /// The views to write, and those that are held out.
@@ -120,4 +125,69 @@ fn views(args: &DepthArgs, scene: &Scene) -> Result<(Vec<usize>, Vec<usize>)> {
         bail!("--target holds out every view; expected at least one that is not held out");
     }
     Ok((views, held_out))
+}
+
+/// Suffixes to the view's name: 16-bit PNG, its scale, float32 array, colour picture.
+const SUFFIXES: [&str; 4] = [".png", "_scale.json", ".npy", "_colour.png"];
+
+/// The files of each view, in a folder that is created; an error, before any work, if one cannot be
+/// written.
+fn planned_files(
+    folder: &Path,
+    cache: Option<&Path>,
+    scene: &Scene,
+    views: &[usize],
+    truth: Option<&Truth>,
+) -> Result<Vec<[PathBuf; 4]>> {
+    refuse_stdout("-o", folder)?;
+    let shown = folder.display();
+    if has_extension(folder, &["png", "npy", "npz", "json"]) && !folder.is_dir() {
+        bail!("-o {shown}: expected a folder");
+    }
+    let same = |other: &Path| folder.canonicalize().is_ok_and(|folder| other.canonicalize().is_ok_and(|o| o == folder));
+    if truth.is_some_and(|truth| same(truth.folder())) {
+        bail!("-o {shown}: would overwrite the true depth of the scene; expected another folder");
+    }
+    let mut output_plan = OutputPlan::new(scene);
+    output_plan.folder("-o", folder)?;
+    cache.map_or(Ok(()), |folder| output_plan.cache("--cache", folder))?;
+    let mut all = Vec::with_capacity(views.len());
+    for &view in views {
+        let name = &scene.views[view].name;
+        let files = SUFFIXES.map(|suffix| folder.join(stem(name) + suffix));
+        files
+            .iter()
+            .try_for_each(|file| output_plan.named_file("-o", file))
+            .with_context(|| format!("the depth of {name}"))?;
+        all.push(files);
+    }
+    output_plan.prepare()?;
+    Ok(all)
+}
+
+fn write(files: &[PathBuf; 4], depth: &ViewDepth) -> Result<()> {
+    let known = &depth.confirmed.disparity;
+    let (height, width) = known.dim();
+    let (low, high) = ((1.0 / depth.range.1) as f32, (1.0 / depth.range.0) as f32);
+    // The search extends half a plane beyond near.
+    let largest = known.iter().copied().fold(high, f32::max);
+    // At least 1 if confirmed, also at infinity: 0 means unconfirmed.
+    let value = |&disparity: &f32| {
+        if disparity < 0.0 { 0 } else { ((f64::from(disparity) / f64::from(largest) * 65535.0).round() as u16).max(1) }
+    };
+    let scale = json!({
+        "liveview": env!("CARGO_PKG_VERSION"),
+        "disparity": "value / 65535 * disparity_max = 1 / z, z along the camera's axis; 0: no other photo confirms it",
+        "disparity_max": largest, "unit": "1/scene unit", "disparity_per_pixel_of_parallax": depth.found.disparity_per_pixel,
+    });
+    let mut array = Vec::new();
+    known.write_npy(&mut array)?;
+    let colour = known.mapv(|disparity| if disparity < 0.0 { f32::NAN } else { disparity });
+    let contents = [
+        encode_gray16_png(width, height, &known.iter().map(value).collect::<Vec<_>>())?,
+        format!("{scale:#}\n").into_bytes(),
+        array,
+        encode("colour.png".as_ref(), &coloured(colour.view(), low, high))?,
+    ];
+    files.iter().zip(contents).try_for_each(|(file, contents)| write_atomically(file, &contents))
 }

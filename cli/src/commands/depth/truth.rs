@@ -4,11 +4,12 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::args::output::stem;
 use anyhow::{Context, Result, anyhow, bail};
-use liveview::fs::bounded;
-use liveview::scene::View;
-use liveview::{Scene, ViewDepth, image};
-use liveview_common::args::output::stem;
+use liveview::image;
+use liveview_files::bounded;
+use liveview_scene::View;
+use liveview_synthesizer::{Scene, ViewDepth};
 use ndarray::Array2;
 use serde_json::Value;
 

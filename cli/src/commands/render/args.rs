@@ -1,17 +1,16 @@
 //! The options of `liveview render`.
 
+use crate::args::ADVANCED;
+use crate::args::layers::LayerArgs;
+use crate::args::model::ModelArgs;
+use crate::args::numbers::{self, FrameRange};
+use crate::args::scene::SceneArgs;
+use crate::args::scene::{HoldoutArgs, TargetArgs};
 use clap::Args;
-use liveview_common::args::help::ADVANCED;
-use liveview_common::args::layers::LayerArgs;
-use liveview_common::args::model::ModelArgs;
-use liveview_common::args::numbers;
-use liveview_common::args::scene::SceneArgs;
-use liveview_common::args::targets::{HoldoutArgs, TargetArgs};
-use liveview_common::shard::Shard;
 
 use super::explain::ExplainArgs;
 use super::outputs::OutputArgs;
-use super::scores::ScoreArgs;
+use super::summary::ScoreArgs;
 
 const SHORT_EXAMPLES: &str = "\
 Examples:
@@ -31,7 +30,7 @@ Examples:
   liveview render scene --path interpolate:300:a.jpg,b.jpg,c.jpg --fov 50 -o flight.mp4
   liveview render scene --path spiral:900 -o frames/
   liveview render scene --path spiral:900 -o frames/ --resume
-  liveview render scene --path spiral:900 -o frames/ --shard 3/16";
+  liveview render scene --path spiral:900 -o frames/ --frames 100:200";
 
 /// Options of `liveview render`, in the order of the help.
 #[derive(Debug, Args)]
@@ -54,21 +53,13 @@ pub(crate) struct RenderArgs {
     pub(super) scene: SceneArgs,
     #[command(flatten)]
     pub(super) model: ModelArgs,
-    /// Render every Nth picture, starting with the Ith: the share of one of N machines
+    /// Render only the frames A up to but without B of the path, counted from 0: the share of one machine
     ///
-    /// The pictures are recorded in liveview_I_of_N.json. Together the N runs write the pictures of
-    /// one run, into one folder or several; `liveview join` combines them. auto: I and N from
-    /// Slurm's job array, or from JOB_COMPLETION_INDEX (Kubernetes, from 0) and LIVEVIEW_SHARDS.
-    #[arg(long, value_name = "I/N", value_parser = Shard::parse, requires = "output", conflicts_with = "explain")]
+    /// They are the same as in the whole path, and have the same names. Into a folder, they are
+    /// recorded in liveview_A_B.json, so that several runs can write to one folder.
+    #[arg(long, value_name = "A:B", value_parser = numbers::frame_range, requires = "path")]
     #[arg(help_heading = ADVANCED, hide_short_help = true)]
-    pub(super) shard: Option<Shard>,
+    pub(super) frames: Option<FrameRange>,
     #[command(flatten)]
     pub(super) explain: ExplainArgs,
-}
-
-impl RenderArgs {
-    /// Number of threads as given, else one per core.
-    pub(crate) fn threads(&self) -> usize {
-        self.model.threads()
-    }
 }

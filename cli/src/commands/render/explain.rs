@@ -3,24 +3,25 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use crate::args::ADVANCED;
+use crate::args::output::expect_png;
+use crate::console::path_text;
+use crate::job::Job;
+use crate::measure::Times;
+use crate::measure::quantile;
+use crate::outputs::OutputPlan;
 use anyhow::{Result, bail};
 use clap::Args;
 use glam::DVec2;
 use liveview::geometry::PlaneSweep;
-use liveview::geometry::parallax::parallax;
-use liveview::image::{coloured, side_by_side};
-use liveview::layers::guided::RangeMap;
 use liveview::layers::{CELL, Layer};
 use liveview::network::Alpha;
 use liveview::render::ViewCorrection;
-use liveview::{Camera, Frame, ImageRgb, Plan, SceneViews, Shot, TargetSurface};
-use liveview_common::args::help::ADVANCED;
-use liveview_common::args::output::expect_png;
-use liveview_common::console::path_text;
-use liveview_common::job::Job;
-use liveview_common::measure::Times;
-use liveview_common::outputs::OutputPlan;
-use liveview_common::statistics::quantile;
+use liveview::{Camera, Frame, ImageRgb};
+use liveview_surface::guided::RangeMap;
+use liveview_surface::parallax::parallax;
+use liveview_synthesizer::colormap::{coloured, side_by_side};
+use liveview_synthesizer::{Plan, SceneViews, Shot, TargetSurface};
 use ndarray::{Array2, s};
 use serde_json::{Value, json};
 

@@ -1,13 +1,9 @@
 //! `liveview render`: new views of a scene, scored if the photo exists.
 
 mod args;
-mod disparity;
 mod explain;
 mod outputs;
-mod planned;
-pub(crate) mod record;
-mod rendered;
-mod scores;
+mod record;
 mod summary;
 
 use std::collections::VecDeque;
@@ -15,40 +11,26 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use anyhow::{Error, Result, anyhow};
+use crate::console::{Output, escaped, print_message, print_notes, progress};
+use crate::interrupt::{self, Interrupted};
+use crate::job::Job;
+use crate::measure::Times;
+use crate::outputs::OutputPlan;
+use anyhow::{Error, Result, anyhow, bail};
 pub(crate) use args::RenderArgs;
-use disparity::disparity_max;
 use explain::{Explained, Explanation};
-use liveview::image::Score;
-use liveview::{LayerSpec, Plan, Shot, TargetSurface};
-use liveview_common::agreement;
-use liveview_common::console::{Output, escaped, print_message, print_notes, progress};
-use liveview_common::interrupt::{self, Interrupted};
-use liveview_common::job::Job;
-use liveview_common::measure::Times;
-use liveview_common::model_pool::ModelPool;
-use liveview_common::outputs::OutputPlan;
-use outputs::Outputs;
-pub(crate) use planned::Planned;
-use rendered::Rendered;
+use liveview_live::agreement;
+use liveview_synthesizer::Score;
+use liveview_synthesizer::{LayerSpec, Plan, Shot, TargetSurface};
+use outputs::{Outputs, disparity_max};
+use summary::Rendered;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
-    run_with(args, &mut ModelPool::default())
-}
-
-/// As [`run`], with a model from the pool, to which it is returned.
-pub(crate) fn run_with(args: &RenderArgs, models: &mut ModelPool) -> Result<Output> {
-    let outputs = Outputs::new(&args.output, args.targets.have_truth(), args.shard)?;
+    let mut outputs = Outputs::new(&args.output, args.targets.have_truth(), args.frames.clone())?;
     args.scores.check(args.targets.have_truth())?;
     let photos = args.scene.open()?;
     print_notes(&photos.scene().notes);
-    let mut job = Job::open_with(photos, &args.layers, &args.model, models)?;
-    let output = render_job(&mut job, outputs, args);
-    models.give_back(&args.model, args.layers.given().as_ref(), job.into_model());
-    output
-}
-
-fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<Output> {
+    let mut job = Job::open(photos, &args.layers, &args.model)?;
     let mut targets = args.targets.resolve(job.views())?;
     if let Some(degrees) = args.fov {
         for target in &mut targets.list {
@@ -58,24 +40,26 @@ fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<
     args.holdout.apply(job.scene(), &mut targets)?;
     let moving = targets.moving;
     let all = job.synthesizer.shots(targets)?;
-    let shots = args.shard.map_or_else(|| all.clone(), |shard| shard.of(all.clone()));
+    let frames = args.frames.clone().unwrap_or(0..all.len());
+    if frames.end > all.len() {
+        bail!("--frames {}:{}: the path has {} frames; expected B up to {2}", frames.start, frames.end, all.len());
+    }
+    let shots = all[frames].to_vec();
     let mut output_plan = OutputPlan::new(job.scene());
     let (option, file) = args.targets.camera_file();
     output_plan.protect(option, file);
     args.model.protect(&mut output_plan, job.model.path());
     let pictures: Vec<_> = shots.iter().map(|shot| (shot.name.as_str(), shot.target.size())).collect();
     outputs.plan_outputs(&pictures, &mut output_plan)?;
-    args.shard.map_or(Ok(()), |shard| planned::check_names(shard, &all))?;
     args.scores.plan_outputs(&mut output_plan)?;
     args.explain.plan_outputs(pictures.len(), &mut output_plan)?;
     output_plan.prepare()?;
-    outputs.begin(&shots, &all, || record::fields(job, &all, &args.targets, &args.layers))?;
+    outputs.begin(&shots, || record::fields(&job, &all, &args.targets, &args.layers))?;
     job.progress = progress("layers")?;
     let wanted = shots.len();
-    let runs = job.synthesizer.renderer().network().run_end().into_iter().collect();
     // If there is only one picture, Ctrl-C ends the program at once.
-    let stop = if wanted > 1 { interrupt::watch(runs)? } else { Arc::default() };
-    let rendered = render(job, shots, &all, moving, &mut outputs, args, &stop);
+    let stop = if wanted > 1 { interrupt::watch()? } else { Arc::default() };
+    let rendered = render(&mut job, shots, &all, moving, &mut outputs, args, &stop);
     job.progress.finish_and_clear();
     // An error after an interrupt, such as a network run that was ended, is reported as the
     // interrupt.
@@ -84,25 +68,20 @@ fn render_job(job: &mut Job, mut outputs: Outputs, args: &RenderArgs) -> Result<
     check_coverage(&done, args)?;
     warn_of_disagreement(&done);
     let video = outputs.finish(&all)?;
-    let share = args.shard.map(|shard| (shard, all.len()));
+    let share = args.frames.clone().map(|frames| (frames, all.len()));
     let table = args.scores.write(&done)?;
-    let mut output = summary::rendered(job, &done, moving, share, video, explanation);
+    let mut output = summary::rendered(&job, &done, moving, share, video, explanation);
     output.text += &table;
     Ok(output)
 }
 
 /// The expectation in errors about blank pictures.
-pub(crate) const EXPECTED_COVERAGE: &str =
+const EXPECTED_COVERAGE: &str =
     "expected a viewpoint that faces the same way as the views, or another --near and --far";
 
 /// Whether no view covers a picture, given the share of it that no view covers.
-pub(crate) fn is_blank(uncovered_share: f64) -> bool {
+fn is_blank(uncovered_share: f64) -> bool {
     uncovered_share > 1.0 - 1e-6
-}
-
-/// Warns that some of the pictures are blank.
-pub(crate) fn warn_of_blank(count: usize, total: usize, first: &str) {
-    print_message("warning", format!("no view covers {count} of {total} pictures, which are blank: {first} first"));
 }
 
 /// An error if all pictures of the job are blank, a warning if some are.
@@ -111,8 +90,12 @@ fn check_coverage(done: &[Rendered], args: &RenderArgs) -> Result<()> {
     let blank: Vec<&str> = blank.map(|one| one.shot.name.as_str()).collect();
     match blank.as_slice() {
         [] => {}
-        all if all.len() == done.len() && args.shard.is_none() => return Err(no_coverage(args)),
-        [first, ..] => warn_of_blank(blank.len(), done.len(), first),
+        all if all.len() == done.len() && args.frames.is_none() => return Err(no_coverage(args)),
+        [first, ..] => {
+            let (count, total) = (blank.len(), done.len());
+            let which = format!("no view covers {count} of {total} pictures, which are blank: {first} first");
+            print_message("warning", which);
+        }
     }
     Ok(())
 }
@@ -170,9 +153,9 @@ fn render(
             Some(plan) => job.synthesizer.plan_on(&loaded, plan.layers)?,
             None => job.plan(&loaded)?,
         };
-        let mut frame = job.render(&loaded, &plan)?;
+        let frame = job.render(&loaded, &plan)?;
         // Scored before uncovered pixels are inpainted.
-        let score = truth.as_ref().and_then(|truth| Score::of(&frame.picture, truth));
+        let score = truth.as_ref().and_then(|truth| Score::of(frame.raw(), truth));
         if truth.is_some() && score.is_none() {
             print_message("note", format!("{}: not scored, the picture is too small", shot.name));
         }
@@ -185,7 +168,6 @@ fn render(
             return Err(no_coverage(args));
         }
         explanation = args.explain.explain(job, &about)?;
-        frame.picture = frame.inpainted();
         let digests = outputs.write(&shot, &frame, truth.as_ref())?;
         if frame.logits_not_finite > 0 {
             let count = frame.logits_not_finite;

@@ -5,20 +5,22 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::Args;
-use liveview::fs::atomic::is_special;
 use liveview::geometry::Size;
-use liveview::image::{JPEG_QUALITY, difference, encode, encode_with_quality, side_by_side};
-use liveview::{Frame, ImageRgb, Shot};
-use liveview_common::args::frame_rate::{FrameRate, frame_rate};
-use liveview_common::args::numbers;
-use liveview_common::args::output::{OutputPath, Variant, has_extension, write_atomically};
-use liveview_common::ffmpeg::{Encoder, is_video};
-use liveview_common::outputs::{OutputPlan, note_other_pictures};
-use liveview_common::shard::Shard;
+use liveview::image::{JPEG_QUALITY, encode, encode_gray16_png, encode_with_quality};
+use liveview::{Frame, ImageRgb};
+use liveview_files::atomic::is_special;
+use liveview_live::FrameRate;
+use liveview_live::ffmpeg::{Encoder, is_video};
+use liveview_synthesizer::Shot;
+use liveview_synthesizer::colormap::{coloured, difference, side_by_side};
+use serde_json::json;
 
-use super::disparity::{DEPTH, disparity};
 use super::record::{self, Fields, Record};
-use super::rendered::Rendered;
+use super::summary::Rendered;
+use crate::args::numbers::{self, FrameRange, frame_rate};
+use crate::args::output::{OutputPath, Variant, has_extension, write_atomically};
+use crate::console::print_note;
+use crate::outputs::{OutputPlan, note_other_pictures};
 
 /// Amplification of the difference in a comparison.
 const DIFFERENCE_FACTOR: f32 = 4.0;
@@ -41,7 +43,7 @@ pub(super) struct OutputArgs {
     #[arg(long, value_name = "PNG")]
     compare: Option<PathBuf>,
     /// Write JPEG of this quality, 1 to 100, into a folder too [default: PNG into a folder, else 95]
-    #[arg(long, value_name = "Q", value_parser = numbers::quality, requires = "output", conflicts_with = "shard")]
+    #[arg(long, value_name = "Q", value_parser = numbers::quality, requires = "output")]
     jpeg_quality: Option<u8>,
     /// Frames per second of a video, 1 to 1000, such as 29.97 or 30000/1001
     #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]
@@ -60,7 +62,8 @@ const COMPARISON: [Variant; 1] = [("", None)];
 /// All output files.
 pub(super) struct Outputs {
     pictures: Option<OutputPath>,
-    shard: Option<Shard>,
+    /// The share of the path to render.
+    frames: Option<FrameRange>,
     video: Option<Encoder>,
     depth: Option<OutputPath>,
     compare: Option<OutputPath>,
@@ -72,7 +75,7 @@ pub(super) struct Outputs {
 
 impl Outputs {
     /// Checks the options, before anything is opened.
-    pub(super) fn new(args: &OutputArgs, have_truth: bool, shard: Option<Shard>) -> Result<Self> {
+    pub(super) fn new(args: &OutputArgs, have_truth: bool, frames: Option<FrameRange>) -> Result<Self> {
         let video = args.output.as_deref().filter(|path| is_video(path));
         if let (Some(path), false) = (&args.compare, have_truth) {
             bail!("--compare {}: there is no photo to compare with; expected --target or --heldout", path.display());
@@ -92,25 +95,10 @@ impl Outputs {
             bail!("--jpeg-quality {quality}, -o {}: expected a name that ends in .jpg, or a folder", path.display());
         }
         let (depth, compare) = (parse("--depth", &args.depth, &["png"])?, parse("--compare", &args.compare, &["png"])?);
-        if let Some(shard) = shard {
-            let outputs = [
-                ("-o", &args.output, &pictures),
-                ("--depth", &args.depth, &depth),
-                ("--compare", &args.compare, &compare),
-            ];
-            let is_file = |path: &Option<PathBuf>, output: &Option<OutputPath>| {
-                path.is_some() && !matches!(output, Some(OutputPath::Folder(_)))
-            };
-            let file = outputs.iter().find(|(_, path, output)| is_file(path, output));
-            if let Some((option, Some(path), _)) = file {
-                let path = path.display();
-                bail!("--shard {shard}, {option} {path}: expected a folder (`liveview join` writes the video)");
-            }
-        }
         Ok(Self {
             pictures,
-            shard,
-            video: video.map(|path| Encoder::new(path, args.fps)).transpose()?,
+            frames,
+            video: video.map(|path| Encoder::new(path, args.fps, print_note)).transpose()?,
             depth,
             compare,
             jpeg_quality: args.jpeg_quality,
@@ -145,7 +133,7 @@ impl Outputs {
             }
         }
         if let Some(OutputPath::Folder(folder)) = &self.pictures {
-            let record = folder.join(record::name(self.shard));
+            let record = folder.join(record::name(self.frames.as_ref()));
             if is_special(&record) {
                 let record = record.display();
                 bail!("-o {record}: not a regular file; expected the record of an earlier run, or no file");
@@ -162,23 +150,15 @@ impl Outputs {
         Ok(())
     }
 
-    /// Opens the record of a folder of pictures; with `--resume`, prints how many are kept. `shots`
-    /// are those to render, out of `all` shots of the job.
-    pub(super) fn begin(
-        &mut self,
-        shots: &[Shot],
-        all: &[Shot],
-        fields: impl FnOnce() -> Result<Fields>,
-    ) -> Result<()> {
+    /// Opens the record of a folder of pictures; with `--resume`, prints how many are kept.
+    pub(super) fn begin(&mut self, shots: &[Shot], fields: impl FnOnce() -> Result<Fields>) -> Result<()> {
         let Some(OutputPath::Folder(folder)) = &self.pictures else { return Ok(()) };
         let quality = self.jpeg_quality.map(|quality| ("jpeg_quality", quality.to_string()));
         let fields = || fields().map(|fields| fields.into_iter().chain(quality).collect());
-        let names = || all.iter().map(|shot| shot.name.clone()).collect();
-        let mut record = Record::new(folder, fields()?, self.shard.map(|shard| (shard, names())));
+        let mut record = Record::new(folder.join(record::name(self.frames.as_ref())), fields()?);
         if self.resume {
             record.resume(&shots.iter().map(|shot| (shot.name.as_str(), self.files(shot))).collect::<Vec<_>>())?;
         }
-        record.begin()?;
         self.record = Some(record);
         Ok(())
     }
@@ -206,8 +186,9 @@ impl Outputs {
 
     /// Writes a rendered shot; returns the digests of its files.
     pub(super) fn write(&mut self, shot: &Shot, frame: &Frame, truth: Option<&ImageRgb>) -> Result<Vec<String>> {
+        let picture = frame.picture();
         if let Some(video) = &mut self.video {
-            video.add(&frame.picture)?;
+            video.add(&picture)?;
         }
         let mut digests = Vec::new();
         let mut write = |file: &Path, contents: &[u8]| {
@@ -218,7 +199,7 @@ impl Outputs {
         if let Some(place) = &self.pictures {
             let [file] = place.files(shot, self.picture());
             let quality = self.jpeg_quality.unwrap_or(JPEG_QUALITY);
-            write(&file, &encode_with_quality(&file, &frame.picture, quality)?)?;
+            write(&file, &encode_with_quality(&file, &picture, quality)?)?;
         }
         if let Some(place) = &self.depth {
             for (file, contents) in place.files(shot, DEPTH).iter().zip(disparity(shot, frame)?) {
@@ -227,8 +208,8 @@ impl Outputs {
         }
         if let (Some(place), Some(truth)) = (&self.compare, truth) {
             let [file] = place.files(shot, COMPARISON);
-            let difference = difference(truth, &frame.picture, DIFFERENCE_FACTOR);
-            write(&file, &encode(&file, &side_by_side(&[truth, &frame.picture, &difference]))?)?;
+            let difference = difference(truth, &picture, DIFFERENCE_FACTOR);
+            write(&file, &encode(&file, &side_by_side(&[truth, &picture, &difference]))?)?;
         }
         Ok(digests)
     }
@@ -257,4 +238,25 @@ impl Outputs {
         }
         self.video.map(Encoder::finish).transpose()
     }
+}
+
+/// The files of a disparity map: 16 bits, in colour, scale.
+pub(super) const DEPTH: [Variant; 3] = [("", None), ("_colour", None), ("_scale", Some("json"))];
+
+/// Largest disparity of a frame (1/scene unit): 65535 in the 16-bit PNG.
+pub(super) fn disparity_max(frame: &Frame) -> f32 {
+    frame.disparity.iter().copied().fold(0.0, f32::max)
+}
+
+/// The contents of the files of [`DEPTH`].
+pub(super) fn disparity(shot: &Shot, frame: &Frame) -> Result<[Vec<u8>; 3]> {
+    let largest = disparity_max(frame);
+    let unit = if largest > 0.0 { 65535.0 / largest } else { 0.0 };
+    let values: Vec<u16> = frame.disparity.iter().map(|disparity| (disparity * unit).round() as u16).collect();
+    let colour = coloured(frame.disparity.view(), (1.0 / shot.far) as f32, (1.0 / shot.near) as f32);
+    let scale = json!({
+        "liveview": env!("CARGO_PKG_VERSION"), "disparity": "value / 65535 * disparity_max", "disparity_max": largest, "unit": "1/scene unit",
+    });
+    let grey = encode_gray16_png(shot.target.width(), shot.target.height(), &values)?;
+    Ok([grey, encode("disparity.png".as_ref(), &colour)?, format!("{scale:#}\n").into_bytes()])
 }

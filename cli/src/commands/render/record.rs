@@ -1,6 +1,5 @@
 //! The record of a job, `liveview.json` in a folder of pictures: the job's options and the finished
-//! pictures, for `render --resume`. A shard's record is `liveview_I_of_N.json`, and lists all
-//! pictures of the job, for `join`.
+//! pictures, for `render --resume`. That of `--frames A:B` is `liveview_A_B.json`.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -8,20 +7,19 @@ use std::io::{self, ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::args::layers::LayerArgs;
+use crate::args::numbers::FrameRange;
+use crate::args::scene::TargetArgs;
+use crate::console::{path_text, print_message};
+use crate::job::Job;
 use anyhow::{Context, Error, Result, anyhow, bail};
-use liveview::Shot;
-use liveview::fs::atomic::{AtomicFile, is_special};
-use liveview::fs::bounded;
-use liveview::image::Score;
-use liveview_common::args::layers::LayerArgs;
-use liveview_common::args::targets::TargetArgs;
-use liveview_common::console::{path_text, print_message};
-use liveview_common::job::Job;
-use liveview_common::records::text::{END, document, line, parse};
-use liveview_common::shard::Shard;
+use liveview_files::atomic::{AtomicFile, is_special};
+use liveview_files::bounded;
+use liveview_synthesizer::Score;
+use liveview_synthesizer::Shot;
 use serde_json::{Map, Value, json};
 
-use super::rendered::Rendered;
+use super::summary::Rendered;
 
 /// Minimum interval between flushes to disk: pictures whose entries a power cut loses are rendered
 /// again.
@@ -78,7 +76,7 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
 }
 
 /// The digest of a file's contents.
-pub(crate) fn digest(bytes: &[u8]) -> String {
+pub(super) fn digest(bytes: &[u8]) -> String {
     format!("crc32 {:08x}", crc32fast::hash(bytes))
 }
 
@@ -90,11 +88,9 @@ fn digest_of(path: &Path) -> Result<String> {
 }
 
 /// The file name of a record.
-pub(crate) fn name(shard: Option<Shard>) -> String {
-    shard.map_or_else(
-        || "liveview.json".to_owned(),
-        |Shard { index, count }| format!("liveview_{}_of_{count}.json", index + 1),
-    )
+pub(super) fn name(frames: Option<&FrameRange>) -> String {
+    let of_frames = |frames: &FrameRange| format!("liveview_{}_{}.json", frames.start, frames.end);
+    frames.map_or_else(|| "liveview.json".to_owned(), of_frames)
 }
 
 /// The record of the job that writes to a folder: JSON that is created with the first picture and
@@ -103,8 +99,6 @@ pub(crate) fn name(shard: Option<Shard>) -> String {
 pub(super) struct Record {
     path: PathBuf,
     fields: Fields,
-    /// The shard, and the names of all pictures of the job.
-    shard: Option<(Shard, Vec<String>)>,
     done: Map<String, Value>,
     /// The file, open from the first picture on, and the time of the last flush.
     file: Option<(File, Instant)>,
@@ -112,9 +106,8 @@ pub(super) struct Record {
 
 impl Record {
     /// The record of a new job, which replaces the file of an earlier one with its first picture.
-    pub(super) fn new(folder: &Path, fields: Fields, shard: Option<(Shard, Vec<String>)>) -> Self {
-        let path = folder.join(name(shard.as_ref().map(|(shard, _)| *shard)));
-        Self { path, fields, shard, done: Map::new(), file: None }
+    pub(super) fn new(path: PathBuf, fields: Fields) -> Self {
+        Self { path, fields, done: Map::new(), file: None }
     }
 
     /// Keeps the pictures of an earlier run of the same job, if their files are unchanged; `wanted`
@@ -210,22 +203,13 @@ impl Record {
         Ok(())
     }
 
-    /// Creates the record of a shard before its first picture, so that `join` knows of it and of
-    /// the job's pictures.
-    pub(super) fn begin(&mut self) -> Result<()> {
-        if self.shard.is_some() { self.write().map_err(|error| self.write_error(&error)) } else { Ok(()) }
-    }
-
     /// Writes the whole file.
     fn write(&mut self) -> io::Result<()> {
         let job: Map<_, _> = self.fields.iter().map(|(field, value)| ((*field).to_owned(), json!(value))).collect();
-        let mut members = vec![("job", Value::Object(job))];
-        if let Some((Shard { index, count }, targets)) = &self.shard {
-            members.push(("shard", json!({ "index": index + 1, "count": count })));
-            members.push(("targets", json!(targets)));
-        }
+        let lines: Vec<String> = self.done.iter().map(|(name, entry)| line(name, entry)).collect();
+        let text = format!("{{\"job\": {:#},\n\"done\": {{\n{}{END}", Value::Object(job), lines.join(",\n"));
         let mut file = AtomicFile::create(&self.path)?;
-        file.write_all(document(&members, &self.done).as_bytes())?;
+        file.write_all(text.as_bytes())?;
         self.file = Some((file.finish_open()?, Instant::now()));
         Ok(())
     }
@@ -247,4 +231,48 @@ impl Record {
 /// Whether an entry lists a file with this digest.
 fn lists(entry: &Value, digest: &str) -> bool {
     entry["files"].as_array().is_some_and(|files| files.iter().any(|file| file == digest))
+}
+
+/// The text after the last picture's entry.
+const END: &str = "\n}}\n";
+
+/// The line of a picture.
+fn line(name: &str, entry: &Value) -> String {
+    format!("{}: {entry}", json!(name))
+}
+
+/// Parses a record; an incomplete last line is ignored.
+fn parse(text: &[u8]) -> serde_json::Result<Value> {
+    /// Line breaks that may follow the last complete line: its own, and those of [`END`].
+    const MAX_LINE_BREAKS: usize = 3;
+    let text = bounded::without_byte_order_mark(text);
+    let mut record = serde_json::from_slice(text);
+    let ends = text.iter().enumerate().rev().filter(|(_, byte)| **byte == b'\n');
+    for (end, _) in ends.take(MAX_LINE_BREAKS) {
+        record = record.or_else(|error| {
+            let complete = text[..end].strip_suffix(b",").unwrap_or(&text[..end]);
+            serde_json::from_slice(&[complete, END.as_bytes()].concat()).map_err(|_| error)
+        });
+    }
+    record
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parse_reads_all_complete_lines_of_a_truncated_record() {
+        let entries = ["a", "b", "c"].map(|name| line(name, &json!({ "files": [name] })));
+        let start = format!("{{\"job\": {{}},\n\"done\": {{\n{},\n{}", entries[0], entries[1]);
+        let (old, new) = (format!("{start}{END}"), format!("{start},\n{}{END}", entries[2]));
+        for written in start.len()..=new.len() {
+            // The new text overwrites the old one.
+            let text = [&new[..written], old.get(written..).unwrap_or_default()].concat();
+            let found = parse(text.as_bytes()).unwrap_or_else(|error| panic!("{text}: {error}"));
+            let done: Vec<_> = found["done"].as_object().unwrap().keys().collect();
+            assert!(!done.is_empty() && (done.len() > 1 || written < old.len()), "{text}: {done:?}");
+        }
+        assert!(parse(b"{").is_err() && parse(b"").is_err());
+    }
 }

@@ -1,18 +1,23 @@
-//! The summary of `render`, as text and as JSON.
+//! The rendered pictures, and the report on them: the summary of `render` as text and as JSON, and the table of scores as CSV.
 
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use liveview::image::Score;
-use liveview_common::console::{Output, escaped, path_text};
-use liveview_common::job::Job;
-use liveview_common::measure::{Times, peak_memory, time_text};
-use liveview_common::shard::Shard;
+use anyhow::{Result, bail};
+use clap::Args;
+use liveview_live::memory::peak_memory;
+use liveview_synthesizer::Score;
+use liveview_synthesizer::Shot;
 use serde_json::{Value, json};
 
 use super::explain::Explanation;
-use super::rendered::Rendered;
+use crate::args::numbers::FrameRange;
+use crate::args::output::{has_extension, write_atomically};
+use crate::console::{Output, escaped, path_text};
+use crate::job::Job;
+use crate::measure::{Times, time_text};
+use crate::outputs::OutputPlan;
 
 /// Names listed in one line.
 const LISTED_NAMES: usize = 6;
@@ -23,7 +28,7 @@ pub(super) fn rendered(
     job: &Job,
     done: &[Rendered],
     moving: bool,
-    share: Option<(Shard, usize)>,
+    share: Option<(FrameRange, usize)>,
     video: Option<PathBuf>,
     explanation: Option<Explanation>,
 ) -> Output {
@@ -33,8 +38,8 @@ pub(super) fn rendered(
         many if moving => path(job, many),
         many => table(job, many),
     };
-    if let Some((shard, all)) = share {
-        line(&mut text, "shard", &format!("{shard}: {} of {all} pictures", done.len()));
+    if let Some((frames, all)) = &share {
+        line(&mut text, "frames", &format!("{} up to but without {}, of {all} of the path", frames.start, frames.end));
     }
     if let Some(video) = &video {
         line(&mut text, "wrote", &video.display().to_string());
@@ -52,7 +57,7 @@ pub(super) fn rendered(
         "targets": done.iter().map(|one| target(job, one)).collect::<Vec<_>>(),
         "kept": done.iter().filter(|one| one.times.is_none()).count(), "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
         "excluded_border": BORDER, "peak_memory_bytes": memory, "video": video.as_deref().map(path_text), "notes": job.scene().notes,
-        "shard": share.map(|(shard, all)| json!({ "index": shard.index + 1, "count": shard.count, "of_targets": all })),
+        "frames": share.map(|(frames, all)| json!({ "start": frames.start, "end": frames.end, "of": all })),
         "explanation": explanation.map(|explanation| explanation.json),
     });
     if let (Value::Object(json), Value::Object(engine)) = (&mut json, job.model.json()) {
@@ -186,4 +191,81 @@ fn line_of_times(text: &mut String, done: &[Rendered], of: &str) {
     };
     let stages = (0..first.len()).filter_map(stage).collect::<Vec<_>>().join(", ");
     line(text, "time", &format!("{stages}{of}"));
+}
+
+/// Option for the table of scores.
+#[derive(Debug, Args)]
+pub(super) struct ScoreArgs {
+    /// Also write a table of the scores, a line per picture
+    ///
+    /// Columns: name, psnr (dB), ssim, uncovered_share and occluded_share (0 to 1), seconds. Empty
+    /// where it is unknown: the score of a picture that is too small, the time of one that --resume
+    /// kept.
+    #[arg(long, value_name = "CSV")]
+    scores: Option<PathBuf>,
+}
+
+impl ScoreArgs {
+    /// Checks the option, before anything is opened.
+    pub(super) fn check(&self, have_truth: bool) -> Result<()> {
+        let Some(file) = &self.scores else { return Ok(()) };
+        let at = file.display();
+        if !has_extension(file, &["csv"]) {
+            bail!("--scores {at}: expected a name that ends in .csv");
+        }
+        if !have_truth {
+            bail!("--scores {at}: there is no photo to compare with; expected --target or --heldout");
+        }
+        Ok(())
+    }
+
+    pub(super) fn plan_outputs(&self, output_plan: &mut OutputPlan) -> Result<()> {
+        self.scores.as_ref().map_or(Ok(()), |file| output_plan.file("--scores", file))
+    }
+
+    /// Writes the table; returns its line for the summary.
+    pub(super) fn write(&self, done: &[Rendered]) -> Result<String> {
+        let Some(file) = &self.scores else { return Ok(String::new()) };
+        write_atomically(file, csv(done).as_bytes())?;
+        Ok(format!("wrote   {}\n", file.display()))
+    }
+}
+
+fn csv(done: &[Rendered]) -> String {
+    let mut text = "name,psnr,ssim,uncovered_share,occluded_share,seconds\n".to_owned();
+    for one in done {
+        let number = |number: Option<f64>| number.map(|number| number.to_string()).unwrap_or_default();
+        let (psnr, ssim) = (one.score.as_ref().map(|score| score.psnr), one.score.as_ref().map(|score| score.ssim));
+        let seconds = one.times.as_ref().map(|times| times.total().as_secs_f64());
+        let (name, uncovered, occluded) = (field(&one.shot.name), one.uncovered_share, one.occluded_share);
+        let (psnr, ssim, seconds) = (number(psnr), number(ssim), number(seconds));
+        let _ = writeln!(text, "{name},{psnr},{ssim},{uncovered},{occluded},{seconds}");
+    }
+    text
+}
+
+/// A name as a field: quoted where it holds a comma, a quote or the end of a line (RFC 4180).
+fn field(name: &str) -> String {
+    if name.contains([',', '"', '\n', '\r']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_owned() }
+}
+
+/// A picture that is rendered and written, or that an earlier run has written.
+pub(super) struct Rendered {
+    pub(super) shot: Shot,
+    pub(super) layers: usize,
+    /// `None` for a picture of an earlier run.
+    pub(super) times: Option<Times>,
+    pub(super) score: Option<Score>,
+    /// Share of the picture that no view covers, 0 to 1.
+    pub(super) uncovered_share: f64,
+    /// Share of the pixels that are occluded in every view by the photos' own depth, 0 to 1.
+    pub(super) occluded_share: f64,
+    /// Mean share of the photos' depth that other photos confirm, 0 to 1; `None` for other layers than
+    /// surface layers, and for a picture of an earlier run.
+    pub(super) confirmed_share: Option<f64>,
+    /// Share of the pixels on which the photos agree, 0 to 1; `None` with a network too.
+    pub(super) agreeing_share: Option<f64>,
+    /// Largest disparity, in 1/scene unit.
+    pub(super) disparity_max: f32,
+    pub(super) files: Vec<PathBuf>,
 }

@@ -1,64 +1,61 @@
-//! `liveview sweep`: error against run time. Each configuration runs in a worker process; their repetitions are interleaved.
+//! Error against run time. Each configuration runs in a worker process; their repetitions are interleaved.
 
-mod configuration;
-mod cpu;
-mod markdown;
-mod measured;
 mod plot;
-mod rows;
-mod svg;
-mod worker;
+mod processes;
+mod report;
+pub mod worker;
 
 use std::ffi::OsString;
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-pub use configuration::SweepArgs;
-use configuration::{Configuration, RowEngine, configurations};
-use cpu::cpu;
-use liveview::fs::unfinished::Unfinished;
+use liveview::ImageRgb;
 use liveview::geometry::Size;
 use liveview::layers::uniform_disparities;
-use liveview::{LayerSpec, SceneViews, Shot, Targets};
-use liveview_common::args::output::{refuse_stdout, write_atomically};
-use liveview_common::args::targets::named;
-use liveview_common::console::{Output, path_text, print_message, print_notes, progress};
-use liveview_common::outputs::OutputPlan;
-use measured::Measured;
+use liveview_files::unfinished::Unfinished;
+use liveview_synthesizer::ViewAgreement;
+use liveview_synthesizer::{LayerSpec, SceneViews, Shot, Targets};
 use ndarray::Array1;
-use rows::{Row, SweepReport};
+use processes::{Measured, WorkerProcess, text_of};
+use report::Row;
+pub use report::SweepReport;
 use serde_json::{Value, json};
 use worker::scaled;
 
 use crate::npz::Arrays;
-use crate::worker_process::{WorkerProcess, text_of};
 
 /// Engines of `python -m liveview_ref.competitors.worker`.
 const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
 
-/// The files written.
-const FILES: [&str; 3] = ["sweep.json", "sweep.md", "sweep.svg"];
+/// What is reported while a sweep runs.
+#[derive(Debug)]
+pub enum Progress {
+    /// So many more renders are to be done.
+    More(usize),
+    /// A configuration, by its name, is rendered next.
+    Next(String),
+    /// A render is done.
+    Done,
+}
 
-/// Runs `liveview sweep`.
-pub fn run(args: &SweepArgs) -> Result<Output> {
-    if let Some(&[number, views]) = args.worker.as_deref() {
-        let all = configurations(args);
-        let configuration = all.get(number).with_context(|| format!("--worker {number}: there are {}", all.len()))?;
-        return worker::run(args, configuration, views);
-    }
+/// Measures all configurations: views `held_out` of a scene against its photos. `model_file`: the model for layers of any kind, for
+/// the reference implementations.
+///
+/// Each configuration runs in a process of its own: this program's own command line, with the option `--worker` and two numbers after
+/// the command `sweep`; such a process calls [`Worker::run`](worker::Worker::run).
+pub fn run(
+    settings: &SweepSettings,
+    photos: &SceneViews,
+    held_out: &[usize],
+    model_file: &dyn Fn() -> Result<PathBuf>,
+    report: &mut dyn FnMut(Progress),
+) -> Result<SweepReport> {
     let folder = Unfinished::folder().context("a temporary folder for the workers' pictures cannot be created")?;
-    let photos = args.scene.open()?;
-    print_notes(&photos.scene().notes);
-    refuse_stdout("-o", &args.output)?;
-    let mut output_plan = OutputPlan::new(photos.scene());
-    output_plan.folder("-o", &args.output)?;
-    FILES.iter().try_for_each(|name| output_plan.named_file("-o", &args.output.join(name)))?;
-    output_plan.prepare()?;
-    let held_out = named(photos.scene(), &args.target)?;
-    let truths = held_out.iter().map(|&view| Ok(photos.scene().load_image(view)?)).collect::<Result<Vec<_>>>()?;
-    let bar = progress("renders")?;
+    let truths =
+        held_out.iter().map(|&view| Ok(photos.scene().load_image(view)?)).collect::<Result<Vec<ImageRgb>>>()?;
     let (mut all, mut own, mut models) = (Vec::new(), Value::Null, Vec::new());
-    let configurations: Vec<_> = configurations(args).into_iter().enumerate().collect();
+    let configurations: Vec<_> = configurations(settings).into_iter().enumerate().collect();
     for configurations in configurations.chunk_by(|(_, a), (_, b)| a.width == b.width) {
         let mut measured = Vec::new();
         for (number, Configuration { layers, engine, .. }) in configurations {
@@ -73,46 +70,47 @@ pub fn run(args: &SweepArgs) -> Result<Output> {
             }
             measured.push(Measured { worker, row: Row::new(&name, &ready, false, size(&ready)) });
         }
-        if let Some(command) = &args.reference {
-            measured.extend(references(args, command, &photos, configurations[0].1.width, &own, folder.path())?);
+        if let Some(command) = &settings.reference {
+            let reference = Reference { settings, command, model_file, photos, held_out, folder: folder.path() };
+            measured.extend(reference.start(configurations[0].1.width, &own)?);
         }
-        bar.inc_length((measured.len() * (args.repetitions + 1)) as u64);
+        report(Progress::More(measured.len() * (settings.repetitions + 1)));
         for one in &mut measured {
-            bar.set_message(one.row.name());
+            report(Progress::Next(one.row.name()));
             one.warm_up(&truths, folder.path())?;
-            bar.inc(1);
+            report(Progress::Done);
         }
         all.extend(measured);
     }
-    for _ in 0..args.repetitions {
+    for _ in 0..settings.repetitions {
         for one in &mut all {
-            bar.set_message(one.row.name());
+            report(Progress::Next(one.row.name()));
             one.time()?;
-            bar.inc(1);
+            report(Progress::Done);
         }
     }
-    bar.finish_and_clear();
-    let sweep = SweepReport {
-        scene: args.scene.folder().display().to_string(),
-        targets: args.target.clone(),
+    Ok(SweepReport {
+        scene: settings.scene.clone(),
+        targets: settings.targets.clone(),
         views: views(&own),
         model: if models.is_empty() { "none".into() } else { models.join(", ") },
-        threads: args.model.threads(),
-        batch: args.model.batch,
+        threads: settings.threads,
+        batch: settings.batch,
         cpu: cpu(),
         rows: all.into_iter().map(Measured::finish).collect(),
-    };
-    if sweep.noisy() {
-        print_message(
-            "warning",
-            "the times of the repetitions differ widely: the machine is too busy for reliable times",
-        );
+    })
+}
+
+impl SweepReport {
+    /// As a Markdown table.
+    pub fn markdown(&self) -> String {
+        report::markdown(self)
     }
-    let (text, json) = (markdown::markdown(&sweep), sweep.json());
-    for (name, contents) in FILES.into_iter().zip([format!("{json:#}\n"), text.clone(), plot::plot(&sweep)]) {
-        write_atomically(&args.output.join(name), contents.as_bytes())?;
+
+    /// As a plot, SVG.
+    pub fn plot(&self) -> String {
+        plot::plot(self)
     }
-    Ok(Output { text, json })
 }
 
 /// The size of the first target, from a worker's first line.
@@ -142,38 +140,47 @@ fn worker_command(number: usize, views: usize) -> Result<Vec<OsString>> {
     Ok(command)
 }
 
-/// The reference implementations, on the most planes; `command` has no quotes.
-fn references(
-    args: &SweepArgs,
-    command: &str,
-    scene_views: &SceneViews,
-    width: Option<usize>,
-    own: &Value,
-    folder: &Path,
-) -> Result<Vec<Measured>> {
-    let planes = args.layers.iter().filter_map(|layers| match layers {
-        LayerSpec::Planes(count) => Some(*count),
-        _ => None,
-    });
-    let Some(planes) = planes.max() else { bail!("--reference: expected planes among --layers, to measure it on") };
-    let size = size(own);
-    let file = folder.join(format!("job_{}.npz", size.width));
-    let targets = scaled(Targets::held_out(scene_views.scene(), named(scene_views.scene(), &args.target)?), width)?;
-    let shot = scene_views.shots(targets, views(own), 0, None)?.remove(0);
-    write_job(&file, scene_views, &shot, planes)?;
-    let model = args.model.general_file()?;
-    let weights = model.with_extension("pt");
-    let words: Vec<OsString> = command.split_whitespace().map(OsString::from).collect();
-    let start = |engine: &str| {
-        let job = json!({
-            "job": text_of(&file)?, "model": text_of(&model)?, "weights": weights.is_file().then(|| path_text(&weights)),
-            "engine": engine, "threads": args.model.threads(), "batch": args.model.batch,
+/// The reference implementations.
+struct Reference<'a> {
+    settings: &'a SweepSettings,
+    /// Without quotes.
+    command: &'a str,
+    model_file: &'a dyn Fn() -> Result<PathBuf>,
+    photos: &'a SceneViews,
+    held_out: &'a [usize],
+    /// For their jobs.
+    folder: &'a Path,
+}
+
+impl Reference<'_> {
+    /// Starts all of them, on the most planes; `own`: the first line of the worker on the engine of the options.
+    fn start(&self, width: Option<usize>, own: &Value) -> Result<Vec<Measured>> {
+        let Self { settings, command, model_file, photos, held_out, folder } = *self;
+        let planes = settings.layers.iter().filter_map(|layers| match layers {
+            LayerSpec::Planes(count) => Some(*count),
+            _ => None,
         });
-        let (worker, ready) = WorkerProcess::start(engine, &words, Some(&job))?;
-        let row = Row { count: planes, ..Row::new(&format!("planes:{planes}"), &ready, true, size) };
-        Ok(Measured { worker, row })
-    };
-    REFERENCES.into_iter().map(start).collect()
+        let Some(planes) = planes.max() else { bail!("--reference: expected planes among --layers, to measure it on") };
+        let size = size(own);
+        let file = folder.join(format!("job_{}.npz", size.width));
+        let targets = scaled(Targets::held_out(photos.scene(), held_out.to_vec()), width)?;
+        let shot = photos.shots(targets, views(own), 0, None)?.remove(0);
+        write_job(&file, photos, &shot, planes)?;
+        let model = model_file()?;
+        let weights = model.with_extension("pt");
+        let words: Vec<OsString> = command.split_whitespace().map(OsString::from).collect();
+        let start = |engine: &str| {
+            let weights = weights.is_file().then(|| weights.display().to_string());
+            let job = json!({
+                "job": text_of(&file)?, "model": text_of(&model)?, "weights": weights, "engine": engine,
+                "threads": settings.threads, "batch": settings.batch,
+            });
+            let (worker, ready) = WorkerProcess::start(engine, &words, Some(&job))?;
+            let row = Row { count: planes, ..Row::new(&format!("planes:{planes}"), &ready, true, size) };
+            Ok(Measured { worker, row })
+        };
+        REFERENCES.into_iter().map(start).collect()
+    }
 }
 
 /// Writes the job of a reference: the target, its views and uniform planes.
@@ -182,4 +189,96 @@ fn write_job(path: &Path, scene_views: &SceneViews, shot: &Shot, planes: usize) 
     arrays.add_rig(scene_views, shot)?;
     arrays.add("disparities", Array1::from_vec(uniform_disparities(shot.near, shot.far, planes)?))?;
     arrays.finish()
+}
+
+/// The name of the processor, where the system reports it (Linux), and the widest vector instructions, which decide how fast networks run.
+fn cpu() -> String {
+    let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    let name = name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned());
+    vectors().map_or_else(|| name.clone(), |vectors| format!("{name} ({vectors})"))
+}
+
+#[cfg(target_arch = "x86_64")]
+fn vectors() -> Option<&'static str> {
+    use std::arch::is_x86_feature_detected as has;
+    if has!("avx512f") {
+        return Some("AVX-512");
+    }
+    has!("avx2").then_some("AVX2")
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn vectors() -> Option<&'static str> {
+    None
+}
+
+/// Layers measured without a network: the same single layer as with one, and the default.
+const WITHOUT_NETWORK: [LayerSpec; 2] = [LayerSpec::Surface(1), ViewAgreement::LAYERS];
+
+/// What is measured, and how.
+#[derive(Debug)]
+pub struct SweepSettings {
+    /// The scene as it was given.
+    pub scene: String,
+    /// Views to render, by name, all held out.
+    pub targets: Vec<String>,
+    /// Layers to measure.
+    pub layers: Vec<LayerSpec>,
+    /// Widths of the picture; none: the photo's.
+    pub widths: Vec<usize>,
+    /// Number of further engines, for surface and guided layers.
+    pub engines: usize,
+    /// Whether no network is used at all.
+    pub without_network: bool,
+    /// Timed renders of each configuration.
+    pub repetitions: usize,
+    /// Command of the reference implementations.
+    pub reference: Option<String>,
+    /// Number of threads.
+    pub threads: usize,
+    /// Layers per run of the network.
+    pub batch: usize,
+}
+
+/// The engine of a row.
+#[derive(Debug, Clone, Copy)]
+pub enum RowEngine {
+    /// That of the options.
+    Own,
+    /// One of the further engines, by its index.
+    Other(usize),
+    /// None: views are weighted by their agreement.
+    NoNetwork,
+}
+
+/// What a row measures.
+#[derive(Debug)]
+pub struct Configuration {
+    /// Of the target, pixels; `None`: the photo's.
+    pub width: Option<usize>,
+    /// The layers.
+    pub layers: LayerSpec,
+    /// The engine.
+    pub engine: RowEngine,
+}
+
+/// The configurations of all rows, width by width; of each those on the engine of the options first.
+pub fn configurations(settings: &SweepSettings) -> Vec<Configuration> {
+    let along_surface = |layers: &&LayerSpec| matches!(layers, LayerSpec::Surface(_));
+    let light =
+        settings.layers.iter().filter(|layers| along_surface(layers) || matches!(layers, LayerSpec::Guided { .. }));
+    let others = (0..settings.engines)
+        .flat_map(|engine| light.clone().map(move |layers| (layers.clone(), RowEngine::Other(engine))));
+    let own = settings.layers.iter().map(|layers| (layers.clone(), RowEngine::Own));
+    let with_surface = settings.layers.iter().any(|layers| along_surface(&layers));
+    let without_network = (with_surface && !settings.without_network).then_some(WITHOUT_NETWORK);
+    let without_network = without_network.into_iter().flatten().map(|layers| (layers, RowEngine::NoNetwork));
+    let rows: Vec<_> = own.chain(without_network).chain(others).collect();
+    let widths =
+        if settings.widths.is_empty() { vec![None] } else { settings.widths.iter().copied().map(Some).collect() };
+    let of_width = |width: Option<usize>| {
+        rows.iter().cloned().map(move |(layers, engine)| Configuration { width, layers, engine })
+    };
+    widths.into_iter().flat_map(of_width).collect()
 }

@@ -3,22 +3,20 @@
 
 mod decoder;
 mod feed;
-mod frame_names;
-mod photos;
 mod steps;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
+use crate::frame_rate::FrameRate;
 use anyhow::{Result, anyhow, bail};
+use liveview::Camera;
 use liveview::geometry::choose_views;
-use liveview::scene::SceneError;
-use liveview::{Camera, Scene, SceneOptions, SceneViews};
-use liveview_common::args::frame_rate::FrameRate;
-use liveview_common::args::scene::SceneArgs;
+use liveview_scene::SceneError;
+use liveview_synthesizer::{Scene, SceneOptions, SceneViews};
 
-use photos::{RigCamera, RigPhotos};
+use feed::{RigCamera, RigPhotos};
 use steps::{align, match_rates};
 
 pub use feed::{Delivered, Feed, Reader};
@@ -27,6 +25,9 @@ pub use feed::{Delivered, Feed, Reader};
 const FOLDERS: [&str; 4] = ["", "images", "frames", "videos"];
 /// Cameras that are read in addition to those that a frame needs, in case one delivers no photo.
 pub const SPARE_CAMERAS: usize = 2;
+
+/// The nearest and farthest depth given, scene units; the others are those of the scene.
+pub type DepthRange = (Option<f64>, Option<f64>);
 
 /// A rig: the poses of its cameras, and their frames.
 #[derive(Debug)]
@@ -42,9 +43,9 @@ impl Rig {
     ///
     /// # Errors
     /// Fewer than two readable cameras, no poses, or an error of the scene.
-    pub fn open(args: &SceneArgs) -> Result<Self> {
-        let (scene, feeds) = open_scene(args.folder(), &args.options())?;
-        Ok(Self { views: args.with_depth(scene), feeds })
+    pub fn open(folder: &Path, options: &SceneOptions, (near, far): DepthRange) -> Result<Self> {
+        let (scene, feeds) = open_scene(folder, options)?;
+        Ok(Self { views: SceneViews::new(scene, near, far), feeds })
     }
 
     /// Opens a folder if it is a rig: several cameras, each with a folder or a video, at least one with several frames, and a single
@@ -52,17 +53,17 @@ impl Rig {
     ///
     /// # Errors
     /// Those of [`Self::open`], if there are videos.
-    pub fn find(args: &SceneArgs) -> Result<Option<Self>> {
-        let feeds = find(args.folder()).unwrap_or_default();
+    pub fn find(folder: &Path, options: &SceneOptions, depth: DepthRange) -> Result<Option<Self>> {
+        let feeds = find(folder).unwrap_or_default();
         if feeds.is_empty() || feeds.iter().all(|feed| feed.steps().is_some_and(|steps| steps < 2)) {
             return Ok(None);
         }
-        if let Ok(scene) = Scene::open(args.folder(), &args.options())
+        if let Ok(scene) = Scene::open(folder, options)
             && !is_of_rig(&scene)
         {
             return Ok(None);
         }
-        match Self::open(args) {
+        match Self::open(folder, options, depth) {
             Ok(rig) => Ok(Some(rig)),
             Err(error) if feeds.iter().any(Feed::is_video) => Err(error),
             // The error of opening it as a scene says more.

@@ -10,9 +10,9 @@ use ndarray::{Array2, s};
 
 use super::step::Step;
 use liveview::geometry::{Camera, Size};
+use liveview::warp::{SourceView, Texture};
 use liveview_surface::{DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, PhotoDepth, Region, Reuse, dirty_regions, photo_depth};
 use liveview_synthesizer::PhotosWithDepth;
-use liveview::warp::{SourceView, Texture};
 
 /// Pixels per side of a cell.
 const CELL: usize = 2;

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use liveview_synthesizer::LayerSource;
 use liveview::render::{Frame, StageTimes};
+use liveview_synthesizer::LayerSource;
 
 /// A rendered time step.
 #[derive(Debug, Clone)]

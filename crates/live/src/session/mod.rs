@@ -14,9 +14,9 @@ mod session;
 mod settings;
 mod step;
 
-pub use liveview_synthesizer::LayerSource;
 pub use error::LiveError;
 pub use frame::{LiveFrame, LiveTimes};
+pub use liveview_synthesizer::LayerSource;
 pub use policy::Policy;
 pub use session::LiveSession;
 pub use settings::LiveSettings;

@@ -13,10 +13,10 @@ use super::settings::LiveSettings;
 use super::step::Step;
 use liveview::geometry::{Camera, TooFewViews};
 use liveview::image::ImageRgb;
-use liveview_synthesizer::{Carried, FoundLayers, FrameInput, LayerSource, LayerSpec, find_layers};
 use liveview::layers::uniform_disparities;
 use liveview::render::{RenderRequest, Renderer};
 use liveview_surface::{PhotoCorrection, Reuse, TargetSurface};
+use liveview_synthesizer::{Carried, FoundLayers, FrameInput, LayerSource, LayerSpec, find_layers};
 
 /// Renders the time steps of a rig, one after the other.
 pub struct LiveSession {

@@ -7,10 +7,10 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread::{Scope, sleep, spawn};
 use std::time::{Duration, Instant};
 
+use crate::ffmpeg::ProcessHandle;
 use anyhow::anyhow;
 use liveview::ImageRgb;
-use liveview::Scene;
-use liveview_common::ffmpeg::ProcessHandle;
+use liveview_synthesizer::Scene;
 
 use super::arrivals::{Camera, Frame, await_photos};
 use crate::rig::{Delivered, Feed, Reader};

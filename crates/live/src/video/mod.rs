@@ -1,17 +1,13 @@
-//! `liveview video`: renders the video of a moving viewpoint from the frames of a camera rig.
+//! Renders the video of a moving viewpoint from the frames of a camera rig.
 
 mod arrivals;
 mod gather;
-mod options;
 mod play;
 mod player;
-mod results;
-mod scorer;
 mod sink;
 mod summary;
 mod tally;
-mod viewpoint;
-mod writer;
 
-pub use options::VideoArgs;
-pub use play::run;
+pub use play::{Rendered, Video, VideoSettings, Viewpoint};
+pub use player::Progress;
+pub use sink::{FRAME_PREFIX, Sink, frame_file};

@@ -6,25 +6,34 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
+use crate::session::{LiveError, LiveSession};
 use anyhow::{Result, anyhow, bail};
-use indicatif::ProgressBar;
-use liveview::live::{LiveError, LiveSession};
 use liveview::{Camera, ImageRgb};
-use liveview_common::console::print_message;
-use liveview_common::interrupt::{self, Interrupted};
 
 use super::gather::{Clock, Faults, Gathering, Step};
-use super::results::VideoResults;
-use super::scorer::Scorer;
+use super::play::Viewpoint;
 use super::sink::Sink;
+use super::sink::{WriterInput, write};
+use super::summary::VideoResults;
+use super::tally::Scorer;
 use super::tally::Tally;
-use super::viewpoint::Viewpoint;
-use super::writer::{WriterInput, write};
 use crate::governor::{Governor, Level};
+use crate::interrupt::{self, Interrupted};
 use crate::rig::Feed;
 
 /// Frames queued between the renderer and the writer.
 const QUEUED_FRAMES: usize = 2;
+
+/// What is reported while a video is rendered.
+#[derive(Debug)]
+pub enum Progress<'a> {
+    /// It begins, with so many time steps where their number is known.
+    Begin(Option<usize>),
+    /// So many time steps are done.
+    Done(usize),
+    /// A note for the user.
+    Note(&'a str),
+}
 
 /// Renders time steps and passes the frames to the writer.
 pub(super) struct Player<'a> {
@@ -37,7 +46,7 @@ pub(super) struct Player<'a> {
     pub(super) scorer: Scorer,
     pub(super) tally: Tally,
     pub(super) changes: Vec<(usize, Level)>,
-    pub(super) bar: ProgressBar,
+    pub(super) report: &'a mut dyn FnMut(Progress<'_>),
 }
 
 impl Player<'_> {
@@ -57,7 +66,6 @@ impl Player<'_> {
             drop((steps, shown));
             (rendered, writer.join())
         });
-        self.bar.finish_and_clear();
         let stopped = stop.load(Ordering::Relaxed);
         // A failure of the writer goes first: rendering stopped because of it.
         let (written, sink) = written.map_err(|_| anyhow!("the thread that writes the video failed"))??;
@@ -104,7 +112,7 @@ impl Player<'_> {
                 }
             }
             next = step.index + 1;
-            self.bar.set_position((next - first) as u64);
+            (self.report)(Progress::Done(next - first));
             if !stale && !self.render(step, shown)? {
                 return Ok(());
             }
@@ -126,13 +134,13 @@ impl Player<'_> {
                 return Ok(shown.send(WriterInput::Repeat).is_ok());
             }
             Err(error) if interrupt::requested() => {
-                self.bar.suspend(|| print_message("note", format!("frame {} was given up: {error}", step.index)));
+                (self.report)(Progress::Note(&format!("frame {} was given up: {error}", step.index)));
                 return Ok(false);
             }
             Err(error) => return Err(error.into()),
         };
         let scores = match truth {
-            Some(truth) => self.scorer.score(&frame.frame.picture, truth),
+            Some(truth) => self.scorer.score(frame.frame.raw(), truth),
             None => {
                 self.scorer.restart();
                 None

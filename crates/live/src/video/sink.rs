@@ -1,38 +1,61 @@
-//! The output of a video: a folder of frames, a file through ffmpeg, or standard output.
+//! The output of a video: a folder of frames, a file through ffmpeg, or standard output; and the last stage of the pipeline,
+//! which inpaints, scales and writes frames.
 
-use std::collections::HashSet;
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Receiver;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use liveview::ImageRgb;
-use liveview_common::args::frame_rate::FrameRate;
-use liveview_common::ffmpeg::{Encoder, is_video};
-use liveview_common::outputs::{OutputPlan, note_other_pictures};
+use liveview::geometry::Size;
+use liveview::render::Frame;
+
+use super::gather::Clock;
+use super::tally::Latencies;
+use crate::ffmpeg::{Encoder, is_video};
+use crate::frame_rate::FrameRate;
 
 /// Prefix of the names of frames in a folder.
-const FRAME_PREFIX: &str = "frame_";
+pub const FRAME_PREFIX: &str = "frame_";
 
 /// The file of a frame in a folder.
-fn frame(folder: &Path, index: usize) -> PathBuf {
+pub fn frame_file(folder: &Path, index: usize) -> PathBuf {
     folder.join(format!("{FRAME_PREFIX}{index:06}.png"))
 }
 
 /// A video being written, frame by frame.
-pub(super) enum Sink {
-    Folder { path: PathBuf, frames: usize },
+#[derive(Debug)]
+pub enum Sink {
+    /// A folder of frames.
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// Number of frames written.
+        frames: usize,
+    },
+    /// A file, through ffmpeg.
     Video(Encoder),
-    Y4m { pipe: BufWriter<std::io::Stdout>, rate: FrameRate, frames: usize },
+    /// Raw y4m on standard output.
+    Y4m {
+        /// Standard output.
+        pipe: BufWriter<std::io::Stdout>,
+        /// Frames per second.
+        rate: FrameRate,
+        /// Number of frames written.
+        frames: usize,
+    },
 }
 
 impl Sink {
     /// The sink for a path: `-` is raw y4m on standard output, .mp4 and .gif are encoded by ffmpeg, all else is a folder.
-    pub(super) fn new(path: &Path, rate: FrameRate) -> Result<Self> {
+    pub fn new(path: &Path, rate: FrameRate, note: fn(&str)) -> Result<Self> {
         if path == Path::new("-") {
             return Ok(Self::Y4m { pipe: BufWriter::new(std::io::stdout()), rate, frames: 0 });
         }
         if is_video(path) {
-            return Ok(Self::Video(Encoder::new(path, rate)?));
+            return Ok(Self::Video(Encoder::new(path, rate, note)?));
         }
         if path.is_file() || path.extension().is_some() && !path.is_dir() {
             bail!(
@@ -41,20 +64,6 @@ impl Sink {
             );
         }
         Ok(Self::Folder { path: path.to_owned(), frames: 0 })
-    }
-
-    /// Adds the output to the plan. A folder inside the rig's is refused.
-    pub(super) fn plan_outputs(&self, output_plan: &mut OutputPlan) -> Result<()> {
-        match self {
-            Self::Folder { path, .. } => {
-                if output_plan.in_scene(path) {
-                    bail!("-o {}: lies in the rig's own folder; expected another place", path.display());
-                }
-                output_plan.frames("-o", path, FRAME_PREFIX, &frame(path, 0))
-            }
-            Self::Video(video) => output_plan.file("-o", video.path()),
-            Self::Y4m { .. } => Ok(()),
-        }
     }
 
     /// Whether a player may show frames as they are written.
@@ -66,7 +75,7 @@ impl Sink {
     pub(super) fn add(&mut self, picture: &ImageRgb) -> Result<bool> {
         match self {
             Self::Folder { path, frames } => {
-                picture.save(frame(path, *frames))?;
+                picture.save(frame_file(path, *frames))?;
                 *frames += 1;
             }
             Self::Video(video) => video.add(picture)?,
@@ -95,11 +104,7 @@ impl Sink {
     /// Finishes the output; the file or folder written, `None` for standard output.
     pub(super) fn finish(self) -> Result<Option<PathBuf>> {
         match self {
-            Self::Folder { path, frames } => {
-                let written: HashSet<PathBuf> = (0..frames).map(|index| frame(&path, index)).collect();
-                note_other_pictures(&path, |other| written.contains(other));
-                Ok(Some(path))
-            }
+            Self::Folder { path, .. } => Ok(Some(path)),
             Self::Video(video) => video.finish().map(Some),
             Self::Y4m { .. } => Ok(None),
         }
@@ -118,6 +123,66 @@ fn y4m_frame(picture: &ImageRgb, out: &mut Vec<u8>) {
         };
         out.extend(picture.data().chunks_exact(3).map(value));
     }
+}
+
+/// Totals of the frames written.
+pub(super) struct Written {
+    pub(super) latencies: Latencies,
+    pub(super) encoding: Duration,
+    pub(super) frames: usize,
+}
+
+/// A frame for the writer.
+pub(super) enum WriterInput {
+    /// A rendered frame, to be inpainted and scaled.
+    Frame { step: usize, frame: Box<Frame> },
+    /// The last frame again.
+    Repeat,
+}
+
+/// Inpaints, scales and writes frames until there are no more.
+pub(super) fn write(
+    mut sink: Sink,
+    frames: &Receiver<WriterInput>,
+    size: Size,
+    clock: Option<Clock>,
+    stop: &AtomicBool,
+) -> Result<(Written, Sink)> {
+    let mut written = Written { latencies: Latencies::new(), encoding: Duration::ZERO, frames: 0 };
+    // Black until the first frame. Except in a stream it is not written before: there may be no frame at all.
+    let mut last = ImageRgb::new(size.width, size.height, vec![0.0; 3 * size.pixels()])?;
+    let (black, mut held_back) = (last.clone(), Some(0));
+    for input in frames {
+        let started = Instant::now();
+        let mut due = None;
+        if let WriterInput::Frame { step, frame } = input {
+            due = clock.map(|clock| clock.due(step));
+            last = frame.picture();
+            if last.size() != size {
+                last = last.resized(size.width, size.height)?;
+            }
+        } else if let Some(frames) = held_back.as_mut().filter(|_| !sink.is_stream()) {
+            *frames += 1;
+            continue;
+        }
+        let mut add = |picture: &ImageRgb| {
+            written.frames += 1;
+            sink.add(picture).inspect_err(|_| stop.store(true, Ordering::Relaxed))
+        };
+        for _ in 0..held_back.take().unwrap_or(0) {
+            add(&black)?;
+        }
+        let wanted = add(&last)?;
+        written.encoding += started.elapsed();
+        if let Some(due) = due {
+            written.latencies.add(due.elapsed());
+        }
+        if !wanted {
+            stop.store(true, Ordering::Relaxed);
+            break;
+        }
+    }
+    Ok((written, sink))
 }
 
 #[cfg(test)]

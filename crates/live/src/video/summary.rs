@@ -2,28 +2,43 @@
 
 use std::fmt::Write;
 use std::path::Path;
+use std::time::Duration;
 
-use liveview::LayerSpec;
-use liveview::image::Score;
-use liveview::live::Policy;
-use liveview_common::args::model_info::ModelInfo;
-use liveview_common::console::{Output, path_text};
+use crate::session::Policy;
+use liveview_synthesizer::LayerSpec;
+use liveview_synthesizer::Score;
 use serde_json::{Value, json};
 
-use super::results::{VideoResults, changes_json};
-use super::viewpoint::Viewpoint;
+use super::gather::Faults;
+use super::play::Viewpoint;
+use super::sink::Written;
+use super::tally::Tally;
+use crate::governor::Level;
 use crate::rig::Rig;
 
 const BORDER: usize = Score::BORDER;
 
+/// The results of a video.
+pub(super) struct VideoResults {
+    pub(super) tally: Tally,
+    pub(super) written: Written,
+    pub(super) faults: Faults,
+    /// Each step from which on another level was used, with the level.
+    pub(super) changes: Vec<(usize, Level)>,
+    pub(super) wall: Duration,
+    pub(super) stopped: bool,
+    /// Whether an interrupt ended it before the last frame.
+    pub(super) interrupted: bool,
+}
+
+/// The report without the network.
 pub(super) fn summary(
     rig: &Rig,
     viewpoint: &Viewpoint,
     results: &VideoResults,
     file: Option<&Path>,
-    model: &ModelInfo,
     (layers, policy): (&LayerSpec, Policy),
-) -> Output {
+) -> (String, Value) {
     let VideoResults { tally, written, faults, changes, wall, stopped, .. } = results;
     let scene = rig.views.scene();
     let mut text = String::new();
@@ -85,21 +100,26 @@ pub(super) fn summary(
     if let Some(file) = file {
         line("wrote", file.display().to_string());
     }
-    text += &model.text();
     let mut json = tally.json();
     let more = json!({
-        "rig": path_text(&scene.root), "format": scene.format.to_string(), "cameras": rig.views.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
+        "rig": scene.root.display().to_string(), "format": scene.format.to_string(), "cameras": rig.views.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
         "held_out": viewpoint.truth.map(|view| &scene.views[view].name), "layers": layers.to_string(), "policy": policy.to_string(), "frames": written.frames,
         "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "excluded_border": BORDER,
         "latency_ms": { "median": percentiles.0, "percentile_99": percentiles.1 }, "changes": changes_json(changes),
-        "logits_not_finite": tally.logits_not_finite, "faults": cameras, "stopped": stopped, "file": file.map(path_text), "notes": scene.notes,
+        "logits_not_finite": tally.logits_not_finite, "faults": cameras, "stopped": stopped, "file": file.map(|file| file.display().to_string()), "notes": scene.notes,
     });
-    if let Value::Object(json) = &mut json {
-        [more, model.json()].into_iter().for_each(|part| {
-            if let Value::Object(part) = part {
-                json.extend(part);
-            }
-        });
+    if let (Value::Object(json), Value::Object(more)) = (&mut json, more) {
+        json.extend(more);
     }
-    Output { text, json }
+    (text, json)
+}
+
+/// The level changes as JSON.
+fn changes_json(changes: &[(usize, Level)]) -> Value {
+    let change = |(step, level): &(usize, Level)| {
+        let mut json = level.json();
+        json["from_frame"] = json!(step);
+        json
+    };
+    changes.iter().map(change).collect()
 }

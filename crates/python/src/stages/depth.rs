@@ -1,7 +1,7 @@
 //! `liveview_ref.reference.surface`: the depth of photos, and what other photos confirm of it.
 
-use liveview::surface::{self, ConsistencyVotes};
 use liveview::warp::SourceView;
+use liveview_surface::{self, ConsistencyVotes};
 use ndarray::{Array2, ArrayView2, Ix2};
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray};
 use pyo3::prelude::*;

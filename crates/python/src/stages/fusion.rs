@@ -2,8 +2,8 @@
 
 use liveview::geometry::PlaneSweep;
 use liveview::render::{ViewCorrection, Visibility};
-use liveview::surface::{ConfirmedDepth, stages};
 use liveview::warp::WarpSource;
+use liveview_surface::{ConfirmedDepth, stages};
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 

@@ -2,9 +2,9 @@
 //! tests.
 
 use liveview::geometry::{PlaneSweep, Size};
-use liveview::layers::guided::{self, GuidedSearch};
 use liveview::layers::{CELL, Layer, Layers, padded};
 use liveview::warp::warp_sources;
+use liveview_surface::guided::{self, GuidedSearch};
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 

@@ -1,10 +1,10 @@
 //! `liveview_ref.reference.layers`: planes, their selection, and the guided search.
 
 use liveview::geometry::Size;
-use liveview::layers::guided::{GuidedSearch, RangeMap};
 use liveview::layers::{self, Layers, padded};
 use liveview::render::{Accumulated, Blended};
 use liveview::warp::warp_sources;
+use liveview_surface::guided::{GuidedSearch, RangeMap};
 use ndarray::{Array3, Ix3};
 use numpy::{IntoPyArray, PyArray1, PyArray3, PyReadonlyArray};
 use pyo3::prelude::*;

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
-use liveview::Model;
 use liveview::layers::STRIDE;
 use liveview::network::{OrtNetwork, PlaneNetwork};
+use liveview_synthesizer::Model;
 use ndarray::{Array4, Ix4};
 use numpy::{IntoPyArray, PyArray4, PyReadonlyArray};
 use pyo3::prelude::*;

@@ -2,9 +2,9 @@
 //!
 //! `grid` is (near, far, count, parts, cell, starts, ranges): [`Search`].
 
-use liveview::surface::stages::{self, Search};
-use liveview::surface::{ConfirmedDepth, PhotoDepth};
 use liveview::warp::SourceView;
+use liveview_surface::stages::{self, Search};
+use liveview_surface::{ConfirmedDepth, PhotoDepth};
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 

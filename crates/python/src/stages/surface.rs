@@ -2,7 +2,7 @@
 
 use liveview::geometry::Size;
 use liveview::layers::padded;
-use liveview::surface::{self as library, ConfirmedDepth, SurfaceView, stages};
+use liveview_surface::{self as library, ConfirmedDepth, SurfaceView, stages};
 use ndarray::{Array2, Ix2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray};
 use pyo3::prelude::*;

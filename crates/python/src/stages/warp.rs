@@ -2,9 +2,10 @@
 
 use liveview::geometry::{PlaneSweep, Size};
 use liveview::glam::{DMat3, DVec3};
-use liveview::network::{PlaneNetwork, ViewAgreement};
-use liveview::surface::stages;
+use liveview::network::PlaneNetwork;
 use liveview::warp::{Texture, WarpSource, warp_layers};
+use liveview_surface::stages;
+use liveview_synthesizer::ViewAgreement;
 use ndarray::{Array3, Array4, Axis, Ix3, Ix5};
 use numpy::{IntoPyArray, PyArray3, PyArray4, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;

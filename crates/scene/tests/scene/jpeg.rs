@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use liveview::image::load;
+use liveview_scene::load_photo as load;
 
 fn photos() -> Vec<Vec<u8>> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/scenes/workshop/images");

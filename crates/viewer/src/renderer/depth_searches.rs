@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::thread::{Builder, JoinHandle};
 
 use anyhow::Result;
-use liveview::{FoundDepth, SynthesisError};
+use liveview_synthesizer::{FoundDepth, SynthesisError};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::request_queue::RequestQueue;

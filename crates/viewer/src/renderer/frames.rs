@@ -4,10 +4,11 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use anyhow::{Result, anyhow, bail};
-use liveview::live::LiveError;
-use liveview::{ImageRgb, Scene};
-use liveview_common::interrupt;
+use liveview::ImageRgb;
+use liveview_live::interrupt;
 use liveview_live::rig::{Delivered, Feed, Reader};
+use liveview_live::session::LiveError;
+use liveview_synthesizer::Scene;
 use rayon::prelude::*;
 
 /// Memory for recent frames; the last one of each camera is kept in any case.

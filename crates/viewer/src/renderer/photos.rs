@@ -1,18 +1,22 @@
 //! Pictures from the photos of a scene: at rest the same as those of `liveview render`.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use liveview::geometry::distance;
-use liveview::network::ViewAgreement;
 use liveview::render::Renderer;
-use liveview::{Camera, FoundDepth, ImageRgb, LayerSpec, LoadedShot, Scene, ScenePhotos, Shot, TargetCamera, Targets};
-use liveview_common::job::Job;
+use liveview::{Camera, ImageRgb};
+use liveview_live::agreement;
+use liveview_synthesizer::ViewAgreement;
+use liveview_synthesizer::{
+    FoundDepth, LayerSpec, LoadedShot, Scene, ScenePhotos, Shot, Synthesizer, TargetCamera, Targets,
+};
 
 use super::depth_searches::DepthSearches;
-use super::size_controller::SizeController;
-use super::source::{AwaitedDepth, Rendered, Source};
+use super::source::{AwaitedDepth, MOTION_BUDGET, Rendered, Source};
+use crate::opened::ViewSettings;
 use crate::request::Viewpoint;
 use crate::request_queue::RequestQueue;
 
@@ -21,7 +25,9 @@ const BYTES_PER_PIXEL: usize = 20;
 
 /// A synthesizer, and the photos that it will need.
 pub(crate) struct Photos {
-    job: Job,
+    synthesizer: Synthesizer,
+    without_network: bool,
+    note: fn(&str),
     held_out: Vec<usize>,
     layers: LayerSpec,
     motion_layers: LayerSpec,
@@ -42,19 +48,27 @@ impl Photos {
     ///
     /// # Errors
     /// No threads can be started.
-    pub(crate) fn new(mut job: Job, held_out: Vec<usize>, start: &Camera, queue: Arc<RequestQueue>) -> Result<Self> {
-        let layers = job.layers().clone();
+    pub(crate) fn new(
+        mut synthesizer: Synthesizer,
+        settings: &ViewSettings,
+        start: &Camera,
+        queue: Arc<RequestQueue>,
+    ) -> Result<Self> {
+        let layers = synthesizer.layers().clone();
         let motion_layers = match layers {
             LayerSpec::Guided { coarse_planes, .. } => LayerSpec::Guided { layers: 1, coarse_planes },
             // Rendering planes takes seconds.
             _ => LayerSpec::Surface(1),
         };
-        job.synthesizer.set_layers(motion_layers.clone());
-        let drafts = Renderer::new(Box::new(ViewAgreement { views: job.synthesizer.renderer().network().views() }), 1);
+        synthesizer.set_layers(motion_layers.clone());
+        let agreement = ViewAgreement { views: synthesizer.renderer().network().views() };
+        let drafts = Renderer::new(Box::new(agreement), ViewAgreement::ALPHA, 1);
         let mut photos = Self {
-            searches: DepthSearches::new(job.model.threads, queue)?,
-            job,
-            held_out,
+            searches: DepthSearches::new(settings.threads, queue)?,
+            synthesizer,
+            without_network: settings.without_network,
+            note: settings.note,
+            held_out: settings.held_out.clone(),
             layers,
             motion_layers,
             view_shots: Vec::new(),
@@ -63,7 +77,7 @@ impl Photos {
             drafts,
             size: SizeController::default(),
         };
-        let views = &photos.job.scene().views;
+        let views = &photos.synthesizer.scene().views;
         let free = (0..views.len()).filter(|view| !photos.held_out.contains(view));
         let mut view_shots: Vec<Shot> = free.filter_map(|view| photos.shot(&views[view].camera).ok()).collect();
         view_shots.sort_by(|a, b| distance(&a.target, start).total_cmp(&distance(&b.target, start)));
@@ -82,24 +96,26 @@ impl Photos {
     fn shot(&self, camera: &Camera) -> Result<Shot> {
         let target = TargetCamera { name: "pose".to_owned(), camera: camera.clone(), truth: None };
         let targets = Targets { list: vec![target], held_out: self.held_out.clone(), moving: false };
-        Ok(self.job.synthesizer.shots(targets)?.remove(0))
+        Ok(self.synthesizer.shots(targets)?.remove(0))
     }
 
     /// Loads the photos of a shot. Others stay in memory while there is room, those near it first.
     fn load(&mut self, shot: &Shot) -> Result<LoadedShot> {
         // Almost sorted already where the viewpoint has moved little: the sort is fast then.
         self.view_shots.sort_by(|a, b| distance(&a.target, &shot.target).total_cmp(&distance(&b.target, &shot.target)));
-        Ok(self.job.synthesizer.load(shot, &self.view_shots)?)
+        Ok(self.synthesizer.load(shot, &self.view_shots)?)
     }
 
     fn render(&mut self, camera: &Camera, layers: LayerSpec) -> Result<Rendered> {
-        self.job.synthesizer.set_layers(layers.clone());
+        self.synthesizer.set_layers(layers.clone());
         let shot = self.shot(camera)?;
         let started = Instant::now();
         let loaded = self.load(&shot)?;
         let photos = started.elapsed();
-        let plan = self.job.plan(&loaded)?;
-        let frame = self.job.render(&loaded, &plan)?;
+        let plan = self.synthesizer.plan(&loaded)?;
+        self.synthesizer.photos_mut().take_notes().iter().for_each(|note| (self.note)(note));
+        let (frame, agreeing_share) =
+            agreement::render(&mut self.synthesizer, &loaded, &plan, self.without_network, &mut |_| ())?;
         Ok(Rendered {
             frame,
             range: (shot.near, shot.far),
@@ -107,7 +123,7 @@ impl Photos {
             views: shot.views,
             helpers: shot.helpers,
             planning: [photos, plan.search, plan.selection],
-            agreeing_share: self.job.agreeing_share,
+            agreeing_share,
             left_out: Vec::new(),
         })
     }
@@ -115,7 +131,7 @@ impl Photos {
 
 impl Source for Photos {
     fn scene(&self) -> &Scene {
-        self.job.scene()
+        self.synthesizer.scene()
     }
 
     fn motion_scale(&self, pixels: usize) -> f64 {
@@ -123,9 +139,9 @@ impl Source for Photos {
     }
 
     fn render_in_motion(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
-        self.job.synthesizer.set_hole_search(false);
+        self.synthesizer.set_hole_search(false);
         let rendered = self.render(&viewpoint.camera, self.motion_layers.clone());
-        self.job.synthesizer.set_hole_search(true);
+        self.synthesizer.set_hole_search(true);
         rendered
     }
 
@@ -139,18 +155,18 @@ impl Source for Photos {
     }
 
     fn photo(&mut self, view: usize, _: usize) -> Result<ImageRgb> {
-        Ok(self.job.scene().load_image(view)?)
+        Ok(self.synthesizer.scene().load_image(view)?)
     }
 
     /// A picture does not wait for depth whose search has failed: rendering it says why.
     fn awaited(&mut self, viewpoint: &Viewpoint, moving: bool) -> Option<AwaitedDepth> {
         let layers = if moving { &self.motion_layers } else { &self.layers };
-        self.job.synthesizer.set_layers(layers.clone());
-        if !self.job.synthesizer.uses_depth() {
+        self.synthesizer.set_layers(layers.clone());
+        if !self.synthesizer.uses_depth() {
             return None;
         }
         let shot = self.shot(&viewpoint.camera).ok()?;
-        let mut views = self.job.synthesizer.photos_mut().unknown_depths(&shot);
+        let mut views = self.synthesizer.photos_mut().unknown_depths(&shot);
         views.retain(|&view| !self.searches.has_failed(view));
         let count = shot.views.len() + shot.helpers.len();
         (!views.is_empty()).then(|| {
@@ -160,9 +176,9 @@ impl Source for Photos {
     }
 
     fn render_draft(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
-        std::mem::swap(self.job.synthesizer.renderer_mut(), &mut self.drafts);
+        std::mem::swap(self.synthesizer.renderer_mut(), &mut self.drafts);
         let rendered = self.render(&viewpoint.camera, LayerSpec::guided(1));
-        std::mem::swap(self.job.synthesizer.renderer_mut(), &mut self.drafts);
+        std::mem::swap(self.synthesizer.renderer_mut(), &mut self.drafts);
         rendered
     }
 
@@ -172,7 +188,7 @@ impl Source for Photos {
 
     fn start_search(&mut self, views: &[usize]) -> bool {
         let Some(shot) = &self.searched_for else { return false };
-        let photos = self.job.synthesizer.photos_mut();
+        let photos = self.synthesizer.photos_mut();
         let search = |view| Ok(photos.depth_search(view, shot)?.map(|search| move || search.run()));
         self.searches.start_first(views, search)
     }
@@ -180,7 +196,7 @@ impl Source for Photos {
     fn insert(&mut self, view: usize, found: Option<Box<FoundDepth>>) {
         self.searches.end(view, found.is_some());
         if let Some(found) = found {
-            self.job.synthesizer.photos_mut().insert_depth(*found);
+            self.synthesizer.photos_mut().insert_depth(*found);
         }
     }
 
@@ -203,13 +219,89 @@ impl Source for Photos {
         // One photo at a time, so that a client that starts to move does not wait long.
         shot.views.truncate(1);
         shot.helpers.clear();
-        self.job.synthesizer.set_layers(self.motion_layers.clone());
+        self.synthesizer.set_layers(self.motion_layers.clone());
         let view = shot.views[0];
         self.load(&shot)?;
-        if self.job.synthesizer.uses_depth() {
+        if self.synthesizer.uses_depth() {
             // A failure is reported with the first picture that needs the photo.
             self.start_search(&[view]);
         }
         Ok(())
+    }
+}
+
+/// Scales of the target's sides, the largest first.
+const SCALES: [f64; 3] = [1.0, 0.75, 0.5];
+/// Pixels, at most, of the first picture in motion, before any time is known.
+const FIRST_PIXELS: f64 = 200_000.0;
+/// Number of recent pictures whose median counts: a single one that waits for the depth of a photo changes nothing.
+const RECENT_PICTURES: usize = 5;
+
+/// Times of recent pictures: seconds that do not depend on the picture's size (searching the photos' depth), and seconds per pixel.
+#[derive(Debug, Default)]
+pub(super) struct SizeController {
+    recent: VecDeque<(f64, f64)>,
+}
+
+impl SizeController {
+    /// Records the time of a picture; `fixed`: the part of it that does not depend on the size.
+    pub(super) fn record(&mut self, pixels: usize, took: Duration, fixed: Duration) {
+        let variable = took.saturating_sub(fixed).as_secs_f64();
+        self.recent.push_back((fixed.as_secs_f64(), variable / pixels as f64));
+        if self.recent.len() > RECENT_PICTURES {
+            self.recent.pop_front();
+        }
+    }
+
+    /// The largest scale at which a target of `pixels` at full size is expected to fit the budget, else the smallest.
+    pub(super) fn scale(&self, pixels: usize) -> f64 {
+        let median = |of: fn(&(f64, f64)) -> f64| {
+            let mut values: Vec<f64> = self.recent.iter().map(of).collect();
+            values.sort_by(f64::total_cmp);
+            values.get(values.len() / 2).copied().unwrap_or(0.0)
+        };
+        let (fixed, per_pixel) = (median(|times| times.0), median(|times| times.1));
+        let fits = |scale: &f64| {
+            let pixels = pixels as f64 * scale * scale;
+            if self.recent.is_empty() {
+                pixels <= FIRST_PIXELS
+            } else {
+                fixed + per_pixel * pixels <= MOTION_BUDGET.as_secs_f64()
+            }
+        };
+        SCALES.into_iter().find(fits).unwrap_or(SCALES[SCALES.len() - 1])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PIXELS: usize = 10_000;
+
+    fn scale_after(controller: &mut SizeController, pixels: usize, milliseconds: u64, fixed: u64) -> f64 {
+        for _ in 0..RECENT_PICTURES {
+            controller.record(pixels, Duration::from_millis(milliseconds), Duration::from_millis(fixed));
+        }
+        controller.scale(PIXELS)
+    }
+
+    #[test]
+    fn scale_follows_the_median_time() {
+        let mut controller = SizeController::default();
+        assert_eq!((controller.scale(PIXELS), controller.scale(540 * 960)), (1.0, 0.5));
+        for (milliseconds, scale) in [(50, 1.0), (80, 0.75), (150, 0.5), (3000, 0.5), (20, 1.0)] {
+            assert_eq!(scale_after(&mut controller, PIXELS, milliseconds, 0), scale, "{milliseconds} ms");
+        }
+        controller.record(PIXELS, Duration::from_secs(2), Duration::from_secs(1));
+        assert_eq!(controller.scale(PIXELS), 1.0);
+    }
+
+    #[test]
+    fn fixed_time_does_not_scale_with_the_size() {
+        // A quarter of the pixels in 25 ms: 100 ms for all of them, or 40 ms where 20 of the 25 are fixed.
+        let mut controller = SizeController::default();
+        assert_eq!(scale_after(&mut controller, PIXELS / 4, 25, 0), 0.5);
+        assert_eq!(scale_after(&mut controller, PIXELS / 4, 25, 20), 1.0);
     }
 }

@@ -1,20 +1,21 @@
 //! Pictures from the video of a rig: at rest the same as `liveview video` renders of a single time step.
 
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use liveview::live::{LiveFrame, LiveSession, LiveSettings, Policy};
-use liveview::network::RunEnd;
-use liveview::{Camera, ImageRgb, LayerSpec, Scene};
-use liveview_common::args::layers::{LayerArgs, given_or_recommended};
-use liveview_common::args::model::ModelArgs;
-use liveview_common::args::model_info::ModelInfo;
+use liveview::ndarray::{ArrayView4, ArrayViewMut4};
+use liveview::network::{Alpha, NetworkError, PlaneNetwork};
+use liveview::render::Renderer;
+use liveview::{Camera, ImageRgb};
 use liveview_live::governor::Governor;
 use liveview_live::rig::{Rig, SPARE_CAMERAS};
+use liveview_live::session::{LiveFrame, LiveSession, LiveSettings, Policy};
+use liveview_synthesizer::{LayerSpec, Scene};
 
 use super::frames::{Frames, Step};
-use super::shared::Networks;
 use super::source::{MOTION_BUDGET, Rendered, Source};
+use crate::opened::RigVideo;
 use crate::request::Viewpoint;
 
 /// One session for pictures in motion, and a fresh one for each time step shown at rest: depth that the first propagates between
@@ -46,38 +47,27 @@ struct Still {
 }
 
 impl Video {
-    pub(crate) fn open(
-        rig: Rig,
-        free: Vec<usize>,
-        layers: &LayerArgs,
-        model: &ModelArgs,
-    ) -> Result<(Self, ModelInfo, Vec<RunEnd>)> {
-        let given = layers.given();
-        let (renderer, info) = model.open_for(given.as_ref())?;
-        let views = renderer.network().views();
-        let spec = given_or_recommended(given.as_ref(), renderer.network())?;
-        let governor = Governor::new(MOTION_BUDGET, &spec, renderer.network().predicts_opacity());
-        let mut renderers = model.open_smaller(views, given.as_ref())?;
-        renderers.push(renderer);
-        let runs = renderers.iter().filter_map(|renderer| renderer.network().run_end()).collect();
-        let networks = Networks::new(renderers, model.batch);
+    /// `free`: the cameras that are not held out.
+    pub(crate) fn open(video: RigVideo, free: Vec<usize>) -> Result<Self> {
+        let RigVideo { rig, renderers, with_models, batch, layers, keep_exposure, .. } = video;
+        let governor = Governor::new(MOTION_BUDGET, &layers, with_models);
+        let networks = Networks::new(renderers, batch);
         let range = rig.views.depth_range(&free, &[])?;
-        let motion = session(&rig, &free, &networks, &spec, layers.keep_exposure)?;
-        let video = Self {
+        let motion = session(&rig, &free, &networks, &layers, keep_exposure)?;
+        Ok(Self {
             frames: Frames::new(rig.views.scene().clone(), &rig.feeds),
             rig,
             free,
             range,
             networks,
-            layers: spec,
-            keep_exposure: layers.keep_exposure,
+            layers,
+            keep_exposure,
             motion,
             governor,
             settled: false,
             still: None,
             unprepared: 2,
-        };
-        Ok((video, info, runs))
+        })
     }
 
     /// The nearest depth of the rig, scene units.
@@ -210,5 +200,63 @@ impl Source for Video {
             self.render_in_motion(&viewpoint)?;
         }
         Ok(())
+    }
+}
+
+/// A network that several renderers use, one at a time.
+#[derive(Clone)]
+struct Shared(Arc<Mutex<Box<dyn PlaneNetwork>>>);
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Box<dyn PlaneNetwork>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl PlaneNetwork for Shared {
+    fn views(&self) -> usize {
+        self.lock().views()
+    }
+
+    fn name(&self) -> String {
+        self.lock().name()
+    }
+
+    fn infer(
+        &mut self,
+        hwv: ArrayView4<'_, f32>,
+        coverage: ArrayView4<'_, f32>,
+        logits: ArrayViewMut4<'_, f32>,
+    ) -> Result<(), NetworkError> {
+        self.lock().infer(hwv, coverage, logits)
+    }
+}
+
+/// A network for each number of views, with its compositing.
+pub(super) struct Networks {
+    networks: Vec<(Shared, Alpha)>,
+    batch: usize,
+}
+
+impl Networks {
+    pub(super) fn new(renderers: Vec<Renderer>, batch: usize) -> Self {
+        let share = |renderer: Renderer| {
+            let alpha = renderer.alpha();
+            (Shared(Arc::new(Mutex::new(renderer.into_network()))), alpha)
+        };
+        Self { networks: renderers.into_iter().map(share).collect(), batch }
+    }
+
+    /// The smallest and the largest number of views that one of them takes.
+    pub(super) fn views(&self) -> (usize, usize) {
+        let views = || self.networks.iter().map(|(network, _)| network.views());
+        (views().min().unwrap_or(0), views().max().unwrap_or(0))
+    }
+
+    /// Renderers for a session.
+    pub(super) fn renderers(&self) -> Vec<Renderer> {
+        let renderer =
+            |(network, alpha): &(Shared, Alpha)| Renderer::new(Box::new(network.clone()), *alpha, self.batch);
+        self.networks.iter().map(renderer).collect()
     }
 }

@@ -5,10 +5,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use liveview::image::{Score, coloured, encode};
+use liveview::image::encode;
 use liveview::ndarray::Array2;
 use liveview::{Camera, Frame, ImageRgb};
-use liveview_common::agreement;
+use liveview_live::agreement;
+use liveview_synthesizer::Score;
+use liveview_synthesizer::colormap::coloured;
 use serde_json::{Value, json};
 
 use super::source::{AwaitedDepth, Rendered, Source};
@@ -153,7 +155,7 @@ impl ViewRenderer {
         let Some(&view) = self.held_out.iter().find(|&&view| views[view].camera == viewpoint.camera) else {
             return Ok(None);
         };
-        Ok(Score::of(&frame.picture, &self.source.photo(view, viewpoint.step)?).map(|score| (view, score)))
+        Ok(Score::of(frame.raw(), &self.source.photo(view, viewpoint.step)?).map(|score| (view, score)))
     }
 }
 
@@ -166,7 +168,7 @@ fn scaled(viewpoint: &Viewpoint, scale: f64) -> Result<Viewpoint> {
 }
 
 fn inpainted(rendered: &Rendered) -> ImageRgb {
-    rendered.frame.inpainted()
+    rendered.frame.picture()
 }
 
 /// Disparity as colours that span what the picture shows, but for a hundredth of its pixels at either end.
@@ -185,7 +187,7 @@ fn header(rendered: &Rendered) -> Value {
     let mean = |map: &Array2<f32>| map.iter().map(|&value| f64::from(value)).sum::<f64>() / pixels;
     let [photos, search, select] = planning.map(milliseconds);
     json!({
-        "width": frame.picture.width(), "height": frame.picture.height(),
+        "width": frame.raw().width(), "height": frame.raw().height(),
         "layers": layers.to_string(), "views": views, "helpers": helpers, "left_out": left_out,
         "warning": agreeing_share.and_then(agreement::warning),
         "uncovered": frame.uncovered_share(), "occluded": frame.occluded_pixels as f64 / pixels,
@@ -204,10 +206,10 @@ fn milliseconds(time: Duration) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use liveview::LayerSpec;
     use liveview::render::StageTimes;
+    use liveview_synthesizer::LayerSpec;
 
-    use super::super::fake_source::FakeSource;
+    use super::super::source::fake::FakeSource;
     use super::*;
 
     #[test]

@@ -1,7 +1,7 @@
 //! Messages of a client: JSON, validated field by field.
 
 use liveview::Camera;
-use liveview::geometry::camera_from_json;
+use liveview_scene::cameras::camera_from_json;
 use serde_json::Value;
 
 use crate::request::{ViewRequest, Viewpoint};

@@ -1,4 +1,4 @@
-//! Routes of the server: the page, the WebSocket, photos, and pictures to save.
+//! Routes of the server: the page, the WebSocket, photos, and pictures to save; the state that they share.
 
 use std::path::Path as FilePath;
 use std::sync::Arc;
@@ -11,12 +11,15 @@ use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use liveview::image::encode;
+use liveview_synthesizer::Scene;
+use tokio::sync::{Semaphore, watch};
 use tokio::time::timeout;
 
-use super::app::App;
-use super::message::{MAX_BYTES, viewpoint};
-use super::{page, socket};
+use super::guard::Guard;
+use super::message::{Limits, MAX_BYTES, viewpoint};
+use super::socket;
 use crate::request::{FileError, FileRequest};
+use crate::request_queue::RequestQueue;
 
 /// Largest message that is read; one above [`MAX_BYTES`] is refused with a reason.
 const MAX_READ_BYTES: usize = 1 << 16;
@@ -29,10 +32,10 @@ pub(crate) fn routes(app: &Arc<App>) -> Router {
         .route("/socket", get(open_socket))
         .route("/photo/{view}", get(photo))
         .route("/picture", post(picture))
-        .route("/", get(|| async { page::file("index.html") }))
+        .route("/", get(|| async { page_file("index.html") }))
         .layer(from_fn_with_state(Arc::clone(app), guarded))
         // These hold no secrets, and the page requests them without the token.
-        .route("/page/{file}", get(|Path(name): Path<String>| async move { page::file(&name) }))
+        .route("/page/{file}", get(|Path(name): Path<String>| async move { page_file(&name) }))
         .layer(DefaultBodyLimit::max(MAX_BYTES))
         .with_state(Arc::clone(app))
 }
@@ -43,7 +46,7 @@ async fn guarded(State(app): State<Arc<App>>, request: Request, next: Next) -> R
     }
     let mut response = next.run(request).await;
     let headers = response.headers_mut();
-    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(page::SECURITY_POLICY));
+    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(SECURITY_POLICY));
     headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
     headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     response
@@ -116,4 +119,64 @@ async fn rendered_file(app: &App, request: FileRequest, kind: &'static str) -> R
 
 fn refused(reason: String) -> Response {
     (StatusCode::BAD_REQUEST, format!("{reason}\n")).into_response()
+}
+
+/// Content security policy: the page loads nothing from elsewhere, and no other page may embed it.
+const SECURITY_POLICY: &str =
+    "default-src 'self'; img-src 'self' blob: data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'";
+
+const FILES: [(&str, &str, &str); 9] = [
+    ("index.html", "text/html; charset=utf-8", include_str!("page/index.html")),
+    ("view.css", "text/css; charset=utf-8", include_str!("page/view.css")),
+    ("view.js", SCRIPT, include_str!("page/view.js")),
+    ("rig.js", SCRIPT, include_str!("page/rig.js")),
+    ("input.js", SCRIPT, include_str!("page/input.js")),
+    ("link.js", SCRIPT, include_str!("page/link.js")),
+    ("panel.js", SCRIPT, include_str!("page/panel.js")),
+    ("player.js", SCRIPT, include_str!("page/player.js")),
+    ("recorder.js", SCRIPT, include_str!("page/recorder.js")),
+];
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+
+/// A file of the page.
+fn page_file(name: &str) -> Response {
+    match FILES.iter().find(|(known, ..)| *known == name) {
+        Some(&(_, kind, text)) => {
+            ([(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "no-cache")], text).into_response()
+        }
+        None => StatusCode::NOT_FOUND.into_response(),
+    }
+}
+
+/// The state that all connections share.
+pub(crate) struct App {
+    pub(crate) queue: Arc<RequestQueue>,
+    pub(crate) scene: Scene,
+    /// Time steps of a rig; `None` for a scene of photos.
+    pub(crate) steps: Option<usize>,
+    /// The first message to each client, JSON.
+    pub(crate) session_info: String,
+    pub(crate) guard: Guard,
+    /// Held while a photo is read: one at a time.
+    pub(crate) reading: Semaphore,
+    pub(crate) stopping: watch::Sender<bool>,
+}
+
+impl App {
+    /// `steps`: the time steps of a rig.
+    pub(crate) fn new(
+        queue: Arc<RequestQueue>,
+        scene: Scene,
+        steps: Option<usize>,
+        session_info: String,
+        guard: Guard,
+    ) -> Self {
+        let (reading, stopping) = (Semaphore::new(1), watch::Sender::new(false));
+        Self { queue, scene, steps, session_info, guard, reading, stopping }
+    }
+
+    /// What clients may request.
+    pub(crate) fn limits(&self) -> Limits<'_> {
+        Limits { views: self.scene.views.iter().map(|view| &view.camera).collect(), steps: self.steps.unwrap_or(1) }
+    }
 }

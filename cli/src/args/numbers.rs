@@ -1,0 +1,86 @@
+//! Numbers on the command line.
+
+use std::ops::{Range, RangeInclusive};
+
+use liveview_live::FrameRate;
+
+/// Parses a whole number from 1 to 4096.
+pub(crate) fn count(text: &str) -> Result<usize, String> {
+    in_range(text, 1..=4096)
+}
+
+/// Parses a whole number from 1 to 256, for numbers of threads and batch sizes.
+pub(crate) fn up_to_256(text: &str) -> Result<usize, String> {
+    in_range(text, 1..=256)
+}
+
+/// Parses the quality of a JPEG, from 1 to 100.
+pub(crate) fn quality(text: &str) -> Result<u8, String> {
+    in_range(text, 1..=100).map(|quality| quality as u8)
+}
+
+/// Parses a field of view in degrees, from 1 to 170.
+pub(crate) fn field_of_view(text: &str) -> Result<f64, String> {
+    let degrees = text.parse().ok().filter(|degrees| (1.0..=170.0).contains(degrees));
+    degrees.ok_or_else(|| "expected degrees from 1 to 170".to_owned())
+}
+
+/// Parses a depth, in scene units.
+pub(super) fn depth(text: &str) -> Result<f64, String> {
+    text.parse().map_err(|_| "expected a number of scene units, such as 1.5".to_owned())
+}
+
+/// Parses the number of a port.
+#[cfg(feature = "viewer")]
+pub(crate) fn port(text: &str) -> Result<u16, String> {
+    in_range(text, 0..=65535).map(|port| port as u16)
+}
+
+/// Frames A up to but without B of a path.
+pub(crate) type FrameRange = Range<usize>;
+
+/// Parses `A:B`, a range of frames that is not empty.
+pub(crate) fn frame_range(text: &str) -> Result<FrameRange, String> {
+    let ends = text.split_once(':').and_then(|(start, end)| Some(start.parse().ok()?..end.parse().ok()?));
+    let range = ends.filter(|range: &FrameRange| !range.is_empty());
+    range.ok_or_else(|| "expected A:B with whole numbers, A below B, such as 100:200".to_owned())
+}
+
+/// Parses a rate from 1 to 1000 frames per second.
+pub(crate) fn frame_rate(text: &str) -> Result<FrameRate, String> {
+    let rate = text.parse().ok().filter(|rate: &FrameRate| (1.0..=1000.0).contains(&rate.per_second()));
+    rate.ok_or_else(|| "expected frames per second from 1 to 1000, such as 30, 29.97 or 30000/1001".to_owned())
+}
+
+fn in_range(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {
+    let number = text.parse().ok().filter(|number| range.contains(number));
+    number.ok_or_else(|| format!("expected a whole number from {} to {}", range.start(), range.end()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frame_rate_parses_integers_decimals_and_fractions() {
+        let text = |text: &str| frame_rate(text).map(|rate| rate.to_string());
+        for (given, expected) in [
+            ("30", "30"),
+            ("29.97", "2997/100"),
+            ("30000/1001", "30000/1001"),
+            ("60/2", "30"),
+            ("25.0", "25"),
+            ("1", "1"),
+            ("1000", "1000"),
+        ] {
+            assert_eq!(text(given).as_deref(), Ok(expected));
+        }
+        for wrong in [
+            "0", "", "-30", "+30", "1/2", "1001", "30/0", "/", "3e1", "nan", "inf", ".", "30.", "1.2.3", "1/2/3",
+            "29,97",
+        ] {
+            assert!(frame_rate(wrong).is_err(), "{wrong}");
+        }
+        assert!(frame_rate("30000/1001") < frame_rate("30"));
+    }
+}

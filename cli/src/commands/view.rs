@@ -1,0 +1,126 @@
+//! `liveview view`: a scene, or the video of a rig, in the browser; the mouse, a finger or keys move the viewpoint.
+
+use std::net::IpAddr;
+
+use anyhow::{Result, bail};
+use clap::Args;
+use liveview_live::FrameRate;
+use liveview_live::rig::Rig;
+use liveview_viewer::{RigVideo, Shown, ViewSettings, Viewer};
+use serde_json::json;
+
+use crate::args::layers::LayerArgs;
+use crate::args::model::ModelArgs;
+use crate::args::model_info::ModelInfo;
+use crate::args::numbers::{self, frame_rate};
+use crate::args::scene::SceneArgs;
+use crate::args::scene::held_out;
+use crate::console::{Output, full_text, print_message, print_note, print_notes};
+use crate::interrupt;
+use crate::job::Job;
+
+const EXAMPLES: &str = "\
+Examples:
+  liveview view scene --open
+  liveview view scene --engine openvino --precision int8
+  liveview view scene --target IMG_7.jpg,IMG_9.jpg
+  liveview view scene --bind 192.168.1.2 --port 9000
+  liveview view rig --fps 25
+
+On the page: drag to move the viewpoint, scroll or pinch to go forward and back, shift-drag to turn;
+or use the arrow keys, with shift to turn. The space bar starts and stops the video of a rig (see
+`liveview video --help`).";
+
+/// Options of `liveview view`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct ViewArgs {
+    /// Port of the link; 0 for any free port
+    #[arg(long, value_name = "N", default_value = "8090", value_parser = numbers::port)]
+    port: u16,
+    /// Network address of this machine, to give others access by a token in the link
+    ///
+    /// Such as 192.168.1.2. By default only this machine has access.
+    #[arg(long, value_name = "ADDRESS")]
+    bind: Option<IpAddr>,
+    /// Open the link in the browser
+    #[arg(long)]
+    open: bool,
+    /// Time steps per second of a rig [default: its videos' frame rate, else 30]
+    #[arg(long, value_name = "N", value_parser = frame_rate)]
+    fps: Option<FrameRate>,
+    /// Photos to hold out, by name; a picture at the pose of one is scored against it
+    #[arg(long, value_name = "NAME", value_delimiter = ',', conflicts_with = "heldout")]
+    target: Vec<String>,
+    /// Hold out every Nth photo
+    #[arg(long, value_name = "N", value_parser = numbers::count)]
+    heldout: Option<usize>,
+    #[command(flatten)]
+    layers: LayerArgs,
+    #[command(flatten)]
+    model: ModelArgs,
+    #[command(flatten)]
+    scene: SceneArgs,
+}
+
+pub(crate) fn run(args: &ViewArgs) -> Result<Output> {
+    let viewer = Viewer::listen(args.bind, args.port)?;
+    let (shown, held_out, model) = match Rig::find(args.scene.folder(), &args.scene.options(), args.scene.depth())? {
+        Some(rig) => open_rig(args, rig)?,
+        None => open_photos(args)?,
+    };
+    let settings = ViewSettings {
+        held_out,
+        engine: model.engine(),
+        without_network: model.model.is_none(),
+        threads: model.threads,
+        note: print_note,
+        error_text: full_text,
+    };
+    let served = viewer.serve(shown, settings, interrupt::watch, |link| {
+        print_message("open", format_args!("{link} (Ctrl-C ends it)"));
+        if args.open
+            && let Err(error) = open::that_detached(link)
+        {
+            print_note(&format!("--open: no browser could be started ({error}); open the link yourself"));
+        }
+    })?;
+    let (pictures, viewers) = (served.pictures, served.viewers);
+    let text = format!("{pictures} pictures for {viewers} {}\n", if viewers == 1 { "viewer" } else { "viewers" });
+    Ok(Output { text, json: json!({ "link": served.link, "pictures": pictures, "viewers": viewers }) })
+}
+
+/// What is shown, the views that are held out, and the model.
+type Opened = (Shown, Vec<usize>, ModelInfo);
+
+fn open_photos(args: &ViewArgs) -> Result<Opened> {
+    if args.fps.is_some() {
+        let folder = args.scene.folder().display();
+        bail!(
+            "--fps: {folder} is a scene of photos; --fps is for a rig, in which each camera has a folder of frames or a video"
+        );
+    }
+    let photos = args.scene.open()?;
+    print_notes(&photos.scene().notes);
+    let held_out = held_out(photos.scene(), args.heldout, &args.target)?;
+    let job = Job::open(photos, &args.layers, &args.model)?;
+    Ok((Shown::Photos(Box::new(job.synthesizer)), held_out, job.model))
+}
+
+fn open_rig(args: &ViewArgs, rig: Rig) -> Result<Opened> {
+    let scene = rig.views.scene();
+    print_notes(&scene.notes);
+    for option in args.layers.unused_for_video() {
+        print_note(&format!("{option}: not used for the video of a rig"));
+    }
+    let held_out = held_out(scene, args.heldout, &args.target)?;
+    let rate = args.fps.map_or_else(|| rig.rate(), Ok)?.per_second();
+    let given = args.layers.given();
+    let (renderer, layers, model) = args.model.open_for(given.as_ref())?;
+    let mut renderers = args.model.open_smaller(renderer.network().views(), given.as_ref())?;
+    renderers.push(renderer);
+    let (batch, keep_exposure) = (args.model.batch, args.layers.keep_exposure);
+    let with_models = model.model.is_some();
+    let video = RigVideo { rig, renderers, with_models, batch, layers, keep_exposure, rate };
+    Ok((Shown::Video(Box::new(video)), held_out, model))
+}

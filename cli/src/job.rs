@@ -1,0 +1,102 @@
+//! A scene, a model and layers, opened by the options of a command that renders.
+
+use anyhow::{Context, Result};
+use indicatif::ProgressBar;
+use liveview::network::Alpha;
+use liveview::render::{Batch, Frame, Renderer};
+use liveview_synthesizer::{LayerSpec, LoadedShot, Plan, Scene, ScenePhotos, SceneViews, Synthesizer};
+use ndarray::Axis;
+
+use crate::args::layers::LayerArgs;
+use crate::args::model::ModelArgs;
+use crate::args::model_info::ModelInfo;
+use crate::console::{print_message, print_notes};
+use crate::outputs::OutputPlan;
+use liveview_live::agreement;
+
+/// A synthesizer, with the model's description and a progress bar.
+#[derive(Debug)]
+pub(crate) struct Job {
+    /// The scene, the model and the layers.
+    pub(crate) synthesizer: Synthesizer,
+    /// The model, for the summary.
+    pub(crate) model: ModelInfo,
+    /// Counts rendered layers.
+    pub(crate) progress: ProgressBar,
+    /// The share of the pixels of the last picture on which its photos agree ([`liveview_live::agreement`]); `None` with a network and
+    /// for layers that are not along the surface.
+    pub(crate) agreeing_share: Option<f64>,
+}
+
+impl Job {
+    /// Opens a job by the options of a command.
+    pub(crate) fn open(views: SceneViews, layers: &LayerArgs, model: &ModelArgs) -> Result<Self> {
+        let output_plan = OutputPlan::new(views.scene());
+        layers.cache.iter().try_for_each(|folder| output_plan.cache("--cache", folder))?;
+        let mut photos = ScenePhotos::new(views);
+        layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
+        let given = layers.given();
+        let mut job = Self::of(photos, model.open_for(given.as_ref())?);
+        job.synthesizer.set_photo_correction(layers.photo_correction());
+        if let (Some(folder), false) = (&layers.cache, job.synthesizer.uses_depth()) {
+            let (folder, layers) = (folder.display(), job.layers());
+            print_message("note", format!("--cache {folder}: has no effect, {layers} does not use the photos' depth"));
+        }
+        Ok(job)
+    }
+
+    /// Opens a job with these layers, or those that the model recommends.
+    pub(crate) fn with_layers(views: SceneViews, model: &ModelArgs, layers: Option<&LayerSpec>) -> Result<Self> {
+        Ok(Self::of(views.into(), model.open_for(layers)?))
+    }
+
+    fn of(photos: ScenePhotos, (renderer, layers, model): (Renderer, LayerSpec, ModelInfo)) -> Self {
+        let synthesizer = Synthesizer::new(photos, renderer, layers);
+        Self { synthesizer, model, progress: ProgressBar::hidden(), agreeing_share: None }
+    }
+
+    /// The scene.
+    pub(crate) fn scene(&self) -> &Scene {
+        self.synthesizer.scene()
+    }
+
+    /// The views of the scene.
+    pub(crate) fn views(&self) -> &SceneViews {
+        self.synthesizer.views()
+    }
+
+    /// How the layers of a pixel share it.
+    pub(crate) fn alpha(&self) -> Alpha {
+        self.synthesizer.renderer().alpha()
+    }
+
+    /// The layers to render on.
+    pub(crate) fn layers(&self) -> &LayerSpec {
+        self.synthesizer.layers()
+    }
+
+    /// Computes the layers of a shot.
+    pub(crate) fn plan(&mut self, shot: &LoadedShot) -> Result<Plan> {
+        if let LayerSpec::Select { from, .. } = self.layers() {
+            self.progress.inc_length(*from as u64);
+        }
+        let plan = self.synthesizer.plan(shot)?;
+        let notes = self.synthesizer.photos_mut().take_notes();
+        self.progress.suspend(|| print_notes(&notes));
+        if let LayerSpec::Select { from, .. } = self.layers() {
+            self.progress.inc(*from as u64);
+        }
+        Ok(plan)
+    }
+
+    /// Renders a shot on the layers of its plan.
+    pub(crate) fn render(&mut self, shot: &LoadedShot, plan: &Plan) -> Result<Frame> {
+        let progress = &self.progress;
+        progress.inc_length(plan.layers.len() as u64);
+        let mut observe = |batch: &Batch<'_>| progress.inc(batch.disparity.len_of(Axis(0)) as u64);
+        let without_network = self.model.model.is_none();
+        let (frame, agreeing) = agreement::render(&mut self.synthesizer, shot, plan, without_network, &mut observe)?;
+        self.agreeing_share = agreeing;
+        Ok(frame)
+    }
+}
