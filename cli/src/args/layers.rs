@@ -7,7 +7,7 @@ use clap::Args;
 use liveview::network::{PlaneNetwork, ViewAgreement};
 use liveview::{LayerSpec, PhotoCorrection};
 
-use super::ADVANCED;
+use super::help::ADVANCED;
 
 /// Options that choose the layers.
 #[derive(Debug, Args)]

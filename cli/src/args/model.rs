@@ -11,7 +11,7 @@ use liveview::network::{AlphaKind, ExecutionProvider, Precision, ViewAgreement, 
 use liveview::render::Renderer;
 use liveview::{LayerSpec, Model, ModelOptions};
 
-use super::ADVANCED;
+use super::help::ADVANCED;
 use super::model_info::{ModelInfo, OpenedModel};
 use super::numbers;
 use crate::console::print_message;

@@ -8,8 +8,9 @@ use clap::Args;
 use liveview::geometry::{CameraFile, CameraPath, read_cameras};
 use liveview::{Camera, Scene, SceneOptions, SceneViews, SynthesisError, Targets};
 
+use super::help::ADVANCED;
+use super::numbers;
 use super::output::has_extension;
-use super::{ADVANCED, numbers};
 use crate::console::print_notes;
 
 const HEADING: &str = "What to render (one of these)";

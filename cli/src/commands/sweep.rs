@@ -5,15 +5,15 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Args;
 use liveview::LayerSpec;
-use liveview_bench::sweep::{self, Configuration, Progress, RowEngine, SweepSettings, worker::Worker};
+use liveview_bench::sweep::worker::Worker;
+use liveview_bench::sweep::{self, Configuration, Progress, RowEngine, SweepSettings};
 use liveview_live::memory::peak_memory;
 use serde_json::Value;
 
 use crate::args::model::{ModelArgs, ProviderChoice};
 use crate::args::numbers;
 use crate::args::output::{refuse_stdout, write_atomically};
-use crate::args::scene::SceneArgs;
-use crate::args::scene::named;
+use crate::args::scene::{SceneArgs, named};
 use crate::console::{Output, print_message, print_notes, progress};
 use crate::job::Job;
 use crate::outputs::OutputPlan;

@@ -4,13 +4,14 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::args::output::stem;
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::fs::bounded;
 use liveview::scene::View;
 use liveview::{Scene, ViewDepth, image};
 use ndarray::Array2;
 use serde_json::Value;
+
+use crate::args::output::stem;
 
 /// Error bounds of the reported shares, in pixels of parallax.
 pub(super) const WITHIN: [f32; 3] = [0.5, 1.0, 2.0];

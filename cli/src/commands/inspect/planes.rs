@@ -2,10 +2,6 @@
 
 use std::fmt::Write;
 
-use crate::args::output::expect_png;
-use crate::console::{Output, path_text, print_notes, progress};
-use crate::job::Job;
-use crate::outputs::OutputPlan;
 use anyhow::{Result, bail};
 use liveview::geometry::middle_camera;
 use liveview::image::bar_chart;
@@ -13,7 +9,11 @@ use liveview::layers::uniform_disparities;
 use liveview::{ImageRgb, LayerSpec, Shot, Targets};
 use serde_json::json;
 
-use super::InspectArgs;
+use super::args::InspectArgs;
+use crate::args::output::expect_png;
+use crate::console::{Output, path_text, print_notes, progress};
+use crate::job::Job;
+use crate::outputs::OutputPlan;
 
 /// Planes by default.
 const LAYERS: LayerSpec = LayerSpec::PAPER;

@@ -1,16 +1,15 @@
 //! The options of `liveview render`.
 
-use crate::args::ADVANCED;
-use crate::args::layers::LayerArgs;
-use crate::args::model::ModelArgs;
-use crate::args::numbers::{self, FrameRange};
-use crate::args::scene::SceneArgs;
-use crate::args::scene::{HoldoutArgs, TargetArgs};
 use clap::Args;
 
 use super::explain::ExplainArgs;
 use super::outputs::OutputArgs;
 use super::summary::ScoreArgs;
+use crate::args::help::ADVANCED;
+use crate::args::layers::LayerArgs;
+use crate::args::model::ModelArgs;
+use crate::args::numbers::{self, FrameRange};
+use crate::args::scene::{HoldoutArgs, SceneArgs, TargetArgs};
 
 const SHORT_EXAMPLES: &str = "\
 Examples:

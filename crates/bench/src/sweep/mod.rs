@@ -1,8 +1,10 @@
 //! Error against run time. Each configuration runs in a worker process; their repetitions are interleaved.
 
+mod markdown;
 mod plot;
 mod processes;
-mod report;
+mod rows;
+mod svg;
 pub mod worker;
 
 use std::ffi::OsString;
@@ -17,8 +19,8 @@ use liveview::network::ViewAgreement;
 use liveview::{ImageRgb, LayerSpec, SceneViews, Shot, Targets};
 use ndarray::Array1;
 use processes::{Measured, WorkerProcess, text_of};
-use report::Row;
-pub use report::SweepReport;
+use rows::Row;
+pub use rows::SweepReport;
 use serde_json::{Value, json};
 use worker::scaled;
 
@@ -103,7 +105,7 @@ pub fn run(
 impl SweepReport {
     /// As a Markdown table.
     pub fn markdown(&self) -> String {
-        report::markdown(self)
+        markdown::markdown(self)
     }
 
     /// As a plot, SVG.
