@@ -56,7 +56,7 @@ pub(crate) struct RenderArgs {
     ///
     /// They are the same as in the whole path, and have the same names. Into a folder, they are
     /// recorded in liveview_A_B.json, so that several runs can write to one folder.
-    #[arg(long, value_name = "A:B", value_parser = numbers::frame_range, requires = "path")]
+    #[arg(long, value_name = "A:B", value_parser = numbers::frame_range, conflicts_with_all = ["target", "heldout", "pose"])]
     #[arg(help_heading = ADVANCED, hide_short_help = true)]
     pub(super) frames: Option<FrameRange>,
     #[command(flatten)]
