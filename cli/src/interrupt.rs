@@ -12,12 +12,12 @@ use anyhow::Result;
 use liveview::network::RunEnd;
 use liveview_files::unfinished;
 pub(crate) use liveview_live::interrupt::{Interrupted, requested};
-#[cfg(unix)]
-use signal_hook::consts::SIGHUP;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::{flag, low_level};
 
 use crate::console::Output;
+#[cfg(unix)]
+use signal_hook::consts::SIGHUP;
 
 /// The work was interrupted, and what was complete is kept: exit code [`EXIT_CODE`].
 #[derive(Debug)]

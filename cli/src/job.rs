@@ -4,6 +4,7 @@ use anyhow::{Context, Result};
 use indicatif::ProgressBar;
 use liveview::network::Alpha;
 use liveview::render::{Batch, Frame, Renderer};
+use liveview_live::agreement;
 use liveview_synthesizer::{LayerSpec, LoadedShot, Plan, Scene, ScenePhotos, SceneViews, Synthesizer};
 use ndarray::Axis;
 
@@ -12,7 +13,6 @@ use crate::args::model::ModelArgs;
 use crate::args::model_info::ModelInfo;
 use crate::console::{print_message, print_notes};
 use crate::outputs::OutputPlan;
-use liveview_live::agreement;
 
 /// A synthesizer, with the model's description and a progress bar.
 #[derive(Debug)]

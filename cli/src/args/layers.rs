@@ -6,7 +6,7 @@ use clap::Args;
 use liveview_synthesizer::ViewAgreement;
 use liveview_synthesizer::{LayerSpec, PhotoCorrection};
 
-use super::ADVANCED;
+use super::help::ADVANCED;
 
 /// Options that choose the layers.
 #[derive(Debug, Args)]

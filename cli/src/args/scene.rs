@@ -9,8 +9,9 @@ use liveview::Camera;
 use liveview_scene::cameras::{CameraFile, CameraPath, read_cameras};
 use liveview_synthesizer::{Scene, SceneOptions, SceneViews, SynthesisError, Targets};
 
+use super::help::ADVANCED;
+use super::numbers;
 use super::output::has_extension;
-use super::{ADVANCED, numbers};
 use crate::console::print_notes;
 
 const HEADING: &str = "What to render (one of these)";

@@ -15,12 +15,11 @@ use liveview_scene::cameras::CameraPath;
 use liveview_synthesizer::{LayerSpec, SceneViews};
 use serde_json::Value;
 
-use crate::args::ADVANCED;
+use crate::args::help::ADVANCED;
 use crate::args::layers::LayerChoice;
 use crate::args::model::ModelArgs;
 use crate::args::numbers::frame_rate;
-use crate::args::scene::SceneArgs;
-use crate::args::scene::cameras_of;
+use crate::args::scene::{SceneArgs, cameras_of};
 use crate::console::{Output, print_message, print_note, print_notes, progress};
 use crate::interrupt::{self, Shortened};
 use crate::outputs::{OutputPlan, note_other_pictures};

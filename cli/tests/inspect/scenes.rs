@@ -1,4 +1,4 @@
-//! `liveview inspect` and `liveview select`.
+//! `liveview inspect` of scenes.
 
 use liveview::geometry::Size;
 use liveview::image;

@@ -27,7 +27,8 @@ fn shares_of_a_path_have_the_pictures_of_the_whole_path() {
         folders.write_scene(5, ", \"near\": 2, \"far\": 8", "");
         let (whole, shares) = (folders.out("whole"), folders.out("shares"));
         let render = |more: &[&str]| {
-            let path = ["--path", "circle:6", "--depth", more[1]];
+            let depth = format!("{}_depth", more[1]);
+            let path = ["--path", "circle:6", "--depth", &depth];
             let output = folders.liveview("render", &[&path, options, more].concat()).output().unwrap();
             let stderr = String::from_utf8(output.stderr).unwrap();
             assert!(output.status.success() && !stderr.contains("other pictures"), "{options:?} {more:?}: {stderr}");
@@ -39,9 +40,12 @@ fn shares_of_a_path_have_the_pictures_of_the_whole_path() {
             let (start, end) = frames.split_once(':').unwrap();
             assert!(text.contains(&format!("frames  {start} up to but without {end}, of 6 of the path")), "{text}");
         }
-        let (expected, found) = (pictures(&whole), pictures(&shares));
-        assert_eq!(expected.len(), 3 * 6, "of each frame the picture and its disparity, in two forms");
-        assert!(expected == found, "{options:?}: {:?}", found.keys());
+        for (kind, files) in [("", 6), ("_depth", 2 * 6)] {
+            let [expected, found] = [&whole, &shares].map(|folder| pictures(&format!("{folder}{kind}")));
+            assert_eq!(expected.len(), files, "{options:?}: {:?}", expected.keys());
+            assert!(expected == found, "{options:?}: {:?}", found.keys());
+        }
+        let expected = pictures(&whole);
         assert!(expected["frame_0000.png"] != expected["frame_0003.png"], "frames differ from one another");
     }
 }
@@ -89,5 +93,5 @@ fn ranges_outside_the_path_are_refused() {
         refused(&["--path", "line:6", &frames], &["--frames", "expected A:B with whole numbers, A below B"]);
     }
     refused(&["--path", "line:6", "--frames", "4:7"], &["--frames 4:7", "the path has 6 frames", "expected B up to 6"]);
-    refused(&["--target", "2", "--frames", "0:1"], &["--frames", "--path"]);
+    refused(&["--target", "2", "--frames", "0:1"], &["--frames", "cannot be used with", "--target"]);
 }

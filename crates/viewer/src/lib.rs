@@ -7,6 +7,7 @@ mod renderer;
 mod request;
 mod request_queue;
 mod server;
+mod settings;
 mod waiting;
 
 use std::net::{IpAddr, SocketAddr, TcpListener};
@@ -17,12 +18,12 @@ use std::time::Duration;
 
 use anyhow::Result;
 use opened::Opened;
-pub use opened::{RigVideo, Shown, ViewSettings};
 use renderer::ViewRenderer;
 use request::{FileError, FileRequest, Message, Task};
 use request_queue::RequestQueue;
 use serde_json::json;
 use server::{App, Guard, Server, listen, reachable};
+pub use settings::{RigVideo, Shown, ViewSettings};
 use waiting::Waiting;
 
 /// Interval at which an interrupt is looked for.

@@ -136,6 +136,15 @@ def test_threads_render_a_path_on_the_same_planes(liveview, workshop):
     assert {frame.result().name: bits(frame.result()) for frame in found} == {f.name: bits(f) for f in frames()}
 
 
+@pytest.mark.parametrize("layers", ["surface:1", "planes:6", "select:4/16"])
+def test_any_frame_of_a_path_is_that_of_the_whole(liveview, workshop, layers):
+    path = workshop.path("circle:4")
+    frames = [liveview.Synthesizer(workshop, layers=layers).render_path(path) for _ in range(2)]
+    assert [(f.name, bits(f)) for f in frames[0]][2] == (frames[1][2].name, bits(frames[1][2]))
+    with pytest.raises(IndexError, match="the path has 4"):
+        frames[1][4]
+
+
 def test_the_binding_costs_at_most_two_milliseconds_a_frame(liveview):
     scene = liveview.Scene(WORKSHOP)
     synthesizer = liveview.Synthesizer(scene)

@@ -14,19 +14,18 @@ use liveview::image::{encode, encode_gray16_png};
 use liveview_synthesizer::colormap::coloured;
 use liveview_synthesizer::{ModelOptions, Scene, ScenePhotos, ViewDepth};
 use ndarray_npy::WriteNpyExt;
+use report::{Report, ViewDepthSummary};
 use serde_json::json;
+use truth::Truth;
 
+use crate::args::help::ADVANCED;
 use crate::args::model::start_threads;
+use crate::args::numbers;
 use crate::args::output::{has_extension, refuse_stdout, stem, write_atomically};
-use crate::args::scene::SceneArgs;
-use crate::args::scene::{held_out, named, refuse_twice};
-use crate::args::{ADVANCED, numbers};
+use crate::args::scene::{SceneArgs, held_out, named, refuse_twice};
 use crate::console::{Output, print_message, print_notes, progress};
 use crate::interrupt;
 use crate::outputs::OutputPlan;
-
-use report::{Report, ViewDepthSummary};
-use truth::Truth;
 
 const EXAMPLES: &str = "\
 Examples:

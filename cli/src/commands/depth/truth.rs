@@ -4,7 +4,6 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::args::output::stem;
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::image;
 use liveview_files::bounded;
@@ -12,6 +11,8 @@ use liveview_scene::View;
 use liveview_synthesizer::{Scene, ViewDepth};
 use ndarray::Array2;
 use serde_json::Value;
+
+use crate::args::output::stem;
 
 /// Error bounds of the reported shares, in pixels of parallax.
 pub(super) const WITHIN: [f32; 3] = [0.5, 1.0, 2.0];

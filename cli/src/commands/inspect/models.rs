@@ -3,13 +3,14 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use crate::args::model::ModelArgs;
-use crate::args::output::has_extension;
-use crate::console::{Output, escaped, path_text};
 use anyhow::Result;
 use liveview::network::{ExecutionProvider, ModelCard, OrtLibrary, OrtNetwork};
 use liveview_synthesizer::{SynthesisError, recommended_layers};
 use serde_json::{Value, json};
+
+use crate::args::model::ModelArgs;
+use crate::args::output::has_extension;
+use crate::console::{Output, escaped, path_text};
 
 /// The models in a folder, by name.
 pub(super) fn files(folder: &Path) -> Vec<PathBuf> {

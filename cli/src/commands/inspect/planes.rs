@@ -2,10 +2,6 @@
 
 use std::fmt::Write;
 
-use crate::args::output::expect_png;
-use crate::console::{Output, path_text, print_notes, progress};
-use crate::job::Job;
-use crate::outputs::OutputPlan;
 use anyhow::{Result, bail};
 use liveview::ImageRgb;
 use liveview::geometry::middle_camera;
@@ -14,7 +10,11 @@ use liveview_synthesizer::colormap::bar_chart;
 use liveview_synthesizer::{LayerSpec, Shot, Targets, select_planes};
 use serde_json::json;
 
-use super::InspectArgs;
+use super::args::InspectArgs;
+use crate::args::output::expect_png;
+use crate::console::{Output, path_text, print_notes, progress};
+use crate::job::Job;
+use crate::outputs::OutputPlan;
 
 /// Planes by default.
 const LAYERS: LayerSpec = LayerSpec::PAPER;

@@ -2,9 +2,6 @@
 
 use std::fmt::Write;
 
-use crate::args::scene::SceneArgs;
-use crate::console::{Output, advice, escaped, full_text, path_text};
-use crate::measure::quantile;
 use anyhow::{Result, bail};
 use glam::{DMat3, DVec2, DVec3};
 use liveview::Camera;
@@ -17,8 +14,11 @@ use liveview_surface::parallax::{coverage, grid, parallax};
 use liveview_synthesizer::{LayerSpec, SceneViews, SynthesisError};
 use serde_json::{Value, json};
 
-use super::InspectArgs;
+use super::args::InspectArgs;
 use super::spread::{largest_angle, nearest_distances};
+use crate::args::scene::SceneArgs;
+use crate::console::{Output, advice, escaped, full_text, path_text};
+use crate::measure::quantile;
 
 /// Parallax between neighbouring planes above which they are visible as steps, in pixels.
 const MAX_STEP: f64 = 1.0;

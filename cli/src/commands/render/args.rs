@@ -1,16 +1,15 @@
 //! The options of `liveview render`.
 
-use crate::args::ADVANCED;
-use crate::args::layers::LayerArgs;
-use crate::args::model::ModelArgs;
-use crate::args::numbers::{self, FrameRange};
-use crate::args::scene::SceneArgs;
-use crate::args::scene::{HoldoutArgs, TargetArgs};
 use clap::Args;
 
 use super::explain::ExplainArgs;
 use super::outputs::OutputArgs;
 use super::summary::ScoreArgs;
+use crate::args::help::ADVANCED;
+use crate::args::layers::LayerArgs;
+use crate::args::model::ModelArgs;
+use crate::args::numbers::{self, FrameRange};
+use crate::args::scene::{HoldoutArgs, SceneArgs, TargetArgs};
 
 const SHORT_EXAMPLES: &str = "\
 Examples:
@@ -57,7 +56,7 @@ pub(crate) struct RenderArgs {
     ///
     /// They are the same as in the whole path, and have the same names. Into a folder, they are
     /// recorded in liveview_A_B.json, so that several runs can write to one folder.
-    #[arg(long, value_name = "A:B", value_parser = numbers::frame_range, requires = "path")]
+    #[arg(long, value_name = "A:B", value_parser = numbers::frame_range, conflicts_with_all = ["target", "heldout", "pose"])]
     #[arg(help_heading = ADVANCED, hide_short_help = true)]
     pub(super) frames: Option<FrameRange>,
     #[command(flatten)]

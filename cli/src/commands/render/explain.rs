@@ -3,13 +3,6 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use crate::args::ADVANCED;
-use crate::args::output::expect_png;
-use crate::console::path_text;
-use crate::job::Job;
-use crate::measure::Times;
-use crate::measure::quantile;
-use crate::outputs::OutputPlan;
 use anyhow::{Result, bail};
 use clap::Args;
 use glam::DVec2;
@@ -24,6 +17,13 @@ use liveview_synthesizer::colormap::{coloured, side_by_side};
 use liveview_synthesizer::{Plan, SceneViews, Shot, TargetSurface};
 use ndarray::{Array2, s};
 use serde_json::{Value, json};
+
+use crate::args::help::ADVANCED;
+use crate::args::output::expect_png;
+use crate::console::path_text;
+use crate::job::Job;
+use crate::measure::{Times, quantile};
+use crate::outputs::OutputPlan;
 
 /// Options for explaining a render.
 #[derive(Debug, Args)]

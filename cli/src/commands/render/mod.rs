@@ -11,11 +11,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use crate::console::{Output, escaped, print_message, print_notes, progress};
-use crate::interrupt::{self, Interrupted};
-use crate::job::Job;
-use crate::measure::Times;
-use crate::outputs::OutputPlan;
 use anyhow::{Error, Result, anyhow, bail};
 pub(crate) use args::RenderArgs;
 use explain::{Explained, Explanation};
@@ -24,6 +19,12 @@ use liveview_synthesizer::Score;
 use liveview_synthesizer::{LayerSpec, Plan, Shot, TargetSurface};
 use outputs::{Outputs, disparity_max};
 use summary::Rendered;
+
+use crate::console::{Output, escaped, print_message, print_notes, progress};
+use crate::interrupt::{self, Interrupted};
+use crate::job::Job;
+use crate::measure::Times;
+use crate::outputs::OutputPlan;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     let mut outputs = Outputs::new(&args.output, args.targets.have_truth(), args.frames.clone())?;

@@ -7,11 +7,6 @@ use std::io::{self, ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::args::layers::LayerArgs;
-use crate::args::numbers::FrameRange;
-use crate::args::scene::TargetArgs;
-use crate::console::{path_text, print_message};
-use crate::job::Job;
 use anyhow::{Context, Error, Result, anyhow, bail};
 use liveview_files::atomic::{AtomicFile, is_special};
 use liveview_files::bounded;
@@ -20,6 +15,11 @@ use liveview_synthesizer::Shot;
 use serde_json::{Map, Value, json};
 
 use super::summary::Rendered;
+use crate::args::layers::LayerArgs;
+use crate::args::numbers::FrameRange;
+use crate::args::scene::TargetArgs;
+use crate::console::{path_text, print_message};
+use crate::job::Job;
 
 /// Minimum interval between flushes to disk: pictures whose entries a power cut loses are rendered
 /// again.

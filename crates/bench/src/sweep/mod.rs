@@ -1,8 +1,10 @@
 //! Error against run time. Each configuration runs in a worker process; their repetitions are interleaved.
 
+mod markdown;
 mod plot;
 mod processes;
-mod report;
+mod rows;
+mod svg;
 pub mod worker;
 
 use std::ffi::OsString;
@@ -18,8 +20,8 @@ use liveview_synthesizer::ViewAgreement;
 use liveview_synthesizer::{LayerSpec, SceneViews, Shot, Targets};
 use ndarray::Array1;
 use processes::{Measured, WorkerProcess, text_of};
-use report::Row;
-pub use report::SweepReport;
+use rows::Row;
+pub use rows::SweepReport;
 use serde_json::{Value, json};
 use worker::scaled;
 
@@ -104,7 +106,7 @@ pub fn run(
 impl SweepReport {
     /// As a Markdown table.
     pub fn markdown(&self) -> String {
-        report::markdown(self)
+        markdown::markdown(self)
     }
 
     /// As a plot, SVG.

@@ -1,9 +1,8 @@
 //! The plot of a sweep: error against time with the Pareto front, or for several sizes time against pixels × layers; without the Python
 //! implementations, whose model and composite may be others.
 
-use std::fmt::Write;
-
-use super::report::{Row, SweepReport};
+use super::rows::{Row, SweepReport};
+use super::svg::{Axis, Point, Series, Svg};
 
 /// The plot, as SVG.
 pub(crate) fn plot(sweep: &SweepReport) -> String {
@@ -48,136 +47,9 @@ fn kind(row: &Row) -> String {
     format!("{}, {}", row.layers.split(':').next().unwrap_or_default(), row.engine)
 }
 
-/// Space around the axes: left, right, top, bottom.
-const MARGINS: [f64; 4] = [52.0, 12.0, 30.0, 42.0];
-/// Width and height of the panel, without the legend.
-const PANEL: (f64, f64) = (840.0, 440.0);
-const LEGEND_ITEM: (f64, f64) = (280.0, 20.0);
-const COLOURS: [&str; 12] = [
-    "#d1495b", "#30638e", "#2e933c", "#edae49", "#7b4fa3", "#00798c", "#8d6a4f", "#555555", "#e07be0", "#7fb800",
-    "#3dccff", "#000000",
-];
-
-/// A plot.
-struct Svg {
-    caption: String,
-    x: Axis,
-    y: Axis,
-    /// The points of a dashed line.
-    dashed: Vec<(f64, f64)>,
-    series: Vec<Series>,
-}
-
-/// Points of one kind.
-struct Series {
-    name: String,
-    points: Vec<Point>,
-}
-
-/// A point, with a text beside it and one that the pointer shows.
-struct Point {
-    at: (f64, f64),
-    text: String,
-    title: String,
-}
-
-/// A logarithmic axis: the values at its ends, and round ones between them.
-struct Axis {
-    label: &'static str,
-    low: f64,
-    high: f64,
-    ticks: Vec<f64>,
-}
-
-impl Axis {
-    /// An axis around these values.
-    fn new(label: &'static str, values: impl Iterator<Item = f64>) -> Self {
-        let (low, high) = values.fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), v| (low.min(v), high.max(v)));
-        // A margin around the values; a decade if there are none.
-        let (low, high) = if high > 0.0 { (low / 1.15, high * 1.15) } else { (0.1, 1.0) };
-        let steps: &[f64] = if high / low > 8.0 { &[1.0, 2.0, 5.0] } else { &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0] };
-        let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
-        let all = decades.flat_map(|decade| steps.iter().map(move |step| step * 10f64.powi(decade)));
-        Self { label, low, high, ticks: all.filter(|tick| (low..=high).contains(tick)).collect() }
-    }
-
-    /// The position of a value between `start` and `end`, pixels.
-    fn at(&self, value: f64, (start, end): (f64, f64)) -> f64 {
-        start + (end - start) * (value / self.low).ln() / (self.high / self.low).ln()
-    }
-}
-
-impl Svg {
-    /// The file.
-    fn text(&self) -> String {
-        let (width, per_row) = (PANEL.0, (PANEL.0 / LEGEND_ITEM.0) as usize);
-        let top = 34.0 + LEGEND_ITEM.1 * self.series.len().div_ceil(per_row) as f64;
-        let height = top + PANEL.1;
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" font-size=\"11\" \
-             fill=\"#222\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
-        );
-        text(&mut svg, (MARGINS[0], 20.0), "start", &self.caption);
-        let x = (MARGINS[0], width - MARGINS[1]);
-        let y = (height - MARGINS[3], top + MARGINS[2]);
-        self.draw_axes(&mut svg, x, y);
-        let place = |point: (f64, f64)| (self.x.at(point.0, x), self.y.at(point.1, y));
-        let dashed: String =
-            self.dashed.iter().map(|&point| place(point)).map(|(x, y)| format!("{x:.1},{y:.1} ")).collect();
-        if !dashed.is_empty() {
-            let _ =
-                writeln!(svg, "<polyline points=\"{dashed}\" fill=\"none\" stroke=\"#777\" stroke-dasharray=\"4 3\"/>");
-        }
-        for (index, series) in self.series.iter().enumerate() {
-            let colour = COLOURS[index % COLOURS.len()];
-            let style = format!("r=\"4\" fill=\"{colour}\" stroke=\"{colour}\" stroke-width=\"1.5\"");
-            let left = MARGINS[0] + (index % per_row) as f64 * LEGEND_ITEM.0;
-            let below = 40.0 + (index / per_row) as f64 * LEGEND_ITEM.1;
-            let _ = writeln!(svg, "<circle cx=\"{left}\" cy=\"{}\" {style}/>", below - 4.0);
-            text(&mut svg, (left + 10.0, below), "start", &series.name);
-            for point in &series.points {
-                let ((x, y), title) = (place(point.at), escaped(&point.title));
-                let _ = writeln!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" {style}><title>{title}</title></circle>");
-                text(&mut svg, (x + 6.0, y - 5.0), "start", &point.text);
-            }
-        }
-        svg + "</svg>\n"
-    }
-
-    /// Draws the axes from `x.0` to `x.1` and, upwards, from `y.0` to `y.1`, pixels.
-    fn draw_axes(&self, svg: &mut String, x: (f64, f64), y: (f64, f64)) {
-        let round = |value: f64| ((value * 1e6).round() / 1e6).to_string();
-        for &value in &self.x.ticks {
-            let at = self.x.at(value, x);
-            let _ = writeln!(svg, "<path d=\"M{at:.1} {}V{}\" stroke=\"#e4e4e4\"/>", y.0, y.1);
-            text(svg, (at, y.0 + 15.0), "middle", &round(value));
-        }
-        for &value in &self.y.ticks {
-            let at = self.y.at(value, y);
-            let _ = writeln!(svg, "<path d=\"M{} {at:.1}H{}\" stroke=\"#e4e4e4\"/>", x.0, x.1);
-            text(svg, (x.0 - 5.0, at + 4.0), "end", &round(value));
-        }
-        let _ = writeln!(svg, "<path d=\"M{} {}V{}H{}\" fill=\"none\" stroke=\"#333\"/>", x.0, y.1, y.0, x.1);
-        text(svg, ((x.0 + x.1) / 2.0, y.0 + 33.0), "middle", self.x.label);
-        text(svg, (x.0, y.1 - 9.0), "start", self.y.label);
-    }
-}
-
-fn text(svg: &mut String, (x, y): (f64, f64), anchor: &str, content: &str) {
-    if !content.is_empty() {
-        let content = escaped(content);
-        let _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{content}</text>");
-    }
-}
-
-/// Text with the characters escaped that SVG reserves.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::report::tests::sweep;
+    use super::super::rows::tests::sweep;
 
     #[test]
     fn slower_rows_are_further_right_and_larger_errors_higher() {

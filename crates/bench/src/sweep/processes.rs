@@ -11,7 +11,7 @@ use liveview_synthesizer::Score;
 use ndarray::Array3;
 use serde_json::{Value, json};
 
-use super::report::Row;
+use super::rows::Row;
 
 /// A path as text for a worker; JSON holds only UTF-8.
 pub(super) fn text_of(path: &Path) -> Result<&str> {

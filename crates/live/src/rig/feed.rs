@@ -10,7 +10,7 @@ use liveview::image::{self, ImageError};
 use liveview_scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError};
 
 use super::decoder::Decoder;
-use super::steps::{Photos, photos_in};
+use super::frame_names::{Photos, photos_in};
 use crate::ffmpeg::{ProcessHandle, count_frames, has_extension};
 use crate::frame_rate::FrameRate;
 

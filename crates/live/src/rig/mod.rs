@@ -3,6 +3,7 @@
 
 mod decoder;
 mod feed;
+mod frame_names;
 mod steps;
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -7,7 +7,9 @@ mod player;
 mod sink;
 mod summary;
 mod tally;
+mod viewpoint;
 
-pub use play::{Rendered, Video, VideoSettings, Viewpoint};
+pub use play::{Rendered, Video, VideoSettings};
 pub use player::Progress;
 pub use sink::{FRAME_PREFIX, Sink, frame_file};
+pub use viewpoint::Viewpoint;

@@ -6,12 +6,10 @@ use std::sync::atomic::{AtomicBool, AtomicUsize};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use crate::session::{LiveSession, LiveSettings, Policy};
 use anyhow::{Result, bail};
 use liveview::render::Renderer;
 use liveview::{Camera, ImageRgb};
-use liveview_scene::cameras::CameraPath;
-use liveview_synthesizer::{LayerSpec, SceneViews};
+use liveview_synthesizer::LayerSpec;
 use serde_json::Value;
 
 use super::gather::{Clock, Faults, Gathering};
@@ -20,10 +18,12 @@ use super::sink::Sink;
 use super::summary::summary;
 use super::tally::Scorer;
 use super::tally::Tally;
+use super::viewpoint::Viewpoint;
 use crate::frame_rate::FrameRate;
 use crate::governor::Governor;
 use crate::interrupt::{self, Interrupted};
 use crate::rig::{Rig, SPARE_CAMERAS};
+use crate::session::{LiveSession, LiveSettings, Policy};
 
 /// Share of the time between two frames, or of the latency, for rendering; reading and writing need the rest.
 const RENDER_SHARE: f64 = 0.9;
@@ -175,67 +175,4 @@ fn warm_up(session: &mut LiveSession, read: &[usize], target: &Camera, governor:
         session.restart();
     }
     Ok(())
-}
-
-/// The target camera of each frame.
-#[derive(Debug)]
-pub struct Viewpoint {
-    cameras: Vec<Camera>,
-    repeat: Repeat,
-    /// Index of the held-out camera, the ground truth.
-    pub truth: Option<usize>,
-}
-
-/// What follows the last camera.
-#[derive(Debug)]
-enum Repeat {
-    /// The first one.
-    Cycle,
-    /// The path in reverse.
-    Reverse,
-    /// The last one again.
-    Last,
-}
-
-impl Viewpoint {
-    /// That of a camera of the rig, which is held out.
-    pub fn of_camera(views: &SceneViews, view: usize) -> Self {
-        Self { cameras: vec![views.scene().views[view].camera.clone()], repeat: Repeat::Last, truth: Some(view) }
-    }
-
-    /// Along a path, repeated or back and forth.
-    pub fn along(path: CameraPath, views: &SceneViews) -> Result<Self> {
-        let repeat = if path.is_closed() { Repeat::Cycle } else { Repeat::Reverse };
-        Self { cameras: path.cameras(&views.all_cameras())?, repeat, truth: None }.of_one_size()
-    }
-
-    /// Of a camera for each frame; the last one is repeated.
-    pub fn through(cameras: Vec<Camera>) -> Result<Self> {
-        Self { cameras, repeat: Repeat::Last, truth: None }.of_one_size()
-    }
-
-    fn of_one_size(self) -> Result<Self> {
-        if self.cameras.iter().any(|camera| camera.size() != self.cameras[0].size()) {
-            bail!("the cameras of the viewpoint have different sizes; expected one size for the whole video");
-        }
-        Ok(self)
-    }
-
-    /// The camera of a time step.
-    pub(super) fn camera(&self, step: usize) -> &Camera {
-        let count = self.cameras.len();
-        &self.cameras[match self.repeat {
-            Repeat::Cycle => step % count,
-            Repeat::Last => step.min(count - 1),
-            Repeat::Reverse => {
-                let index = step % (2 * count - 2).max(1);
-                if index < count { index } else { 2 * count - 2 - index }
-            }
-        }]
-    }
-
-    /// All target cameras.
-    pub(super) fn cameras(&self) -> &[Camera] {
-        &self.cameras
-    }
 }

@@ -11,12 +11,12 @@ use anyhow::{Result, anyhow, bail};
 use liveview::{Camera, ImageRgb};
 
 use super::gather::{Clock, Faults, Gathering, Step};
-use super::play::Viewpoint;
 use super::sink::Sink;
 use super::sink::{WriterInput, write};
 use super::summary::VideoResults;
 use super::tally::Scorer;
 use super::tally::Tally;
+use super::viewpoint::Viewpoint;
 use crate::governor::{Governor, Level};
 use crate::interrupt::{self, Interrupted};
 use crate::rig::Feed;

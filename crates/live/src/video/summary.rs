@@ -10,9 +10,9 @@ use liveview_synthesizer::Score;
 use serde_json::{Value, json};
 
 use super::gather::Faults;
-use super::play::Viewpoint;
 use super::sink::Written;
 use super::tally::Tally;
+use super::viewpoint::Viewpoint;
 use crate::governor::Level;
 use crate::rig::Rig;
 

@@ -16,9 +16,9 @@ use liveview_synthesizer::{
 
 use super::depth_searches::DepthSearches;
 use super::source::{AwaitedDepth, MOTION_BUDGET, Rendered, Source};
-use crate::opened::ViewSettings;
 use crate::request::Viewpoint;
 use crate::request_queue::RequestQueue;
+use crate::settings::ViewSettings;
 
 /// Memory of a photo and its depth, at most.
 const BYTES_PER_PIXEL: usize = 20;

@@ -15,8 +15,8 @@ use liveview_synthesizer::{LayerSpec, Scene};
 
 use super::frames::{Frames, Step};
 use super::source::{MOTION_BUDGET, Rendered, Source};
-use crate::opened::RigVideo;
 use crate::request::Viewpoint;
+use crate::settings::RigVideo;
 
 /// One session for pictures in motion, and a fresh one for each time step shown at rest: depth that the first propagates between
 /// time steps is not as good.

@@ -16,9 +16,9 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio::time::{sleep, timeout};
 
+use super::app::App;
 use super::limits::AddressShares;
 use super::limits::StallGuard;
-use super::routes::App;
 use super::routes::routes;
 
 /// Time for open connections to end.

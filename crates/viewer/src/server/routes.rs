@@ -1,4 +1,4 @@
-//! Routes of the server: the page, the WebSocket, photos, and pictures to save; the state that they share.
+//! Routes of the server: the page, the WebSocket, photos, and pictures to save.
 
 use std::path::Path as FilePath;
 use std::sync::Arc;
@@ -11,15 +11,12 @@ use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use liveview::image::encode;
-use liveview_synthesizer::Scene;
-use tokio::sync::{Semaphore, watch};
 use tokio::time::timeout;
 
-use super::guard::Guard;
-use super::message::{Limits, MAX_BYTES, viewpoint};
+use super::app::App;
+use super::message::{MAX_BYTES, viewpoint};
 use super::socket;
 use crate::request::{FileError, FileRequest};
-use crate::request_queue::RequestQueue;
 
 /// Largest message that is read; one above [`MAX_BYTES`] is refused with a reason.
 const MAX_READ_BYTES: usize = 1 << 16;
@@ -145,38 +142,5 @@ fn page_file(name: &str) -> Response {
             ([(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "no-cache")], text).into_response()
         }
         None => StatusCode::NOT_FOUND.into_response(),
-    }
-}
-
-/// The state that all connections share.
-pub(crate) struct App {
-    pub(crate) queue: Arc<RequestQueue>,
-    pub(crate) scene: Scene,
-    /// Time steps of a rig; `None` for a scene of photos.
-    pub(crate) steps: Option<usize>,
-    /// The first message to each client, JSON.
-    pub(crate) session_info: String,
-    pub(crate) guard: Guard,
-    /// Held while a photo is read: one at a time.
-    pub(crate) reading: Semaphore,
-    pub(crate) stopping: watch::Sender<bool>,
-}
-
-impl App {
-    /// `steps`: the time steps of a rig.
-    pub(crate) fn new(
-        queue: Arc<RequestQueue>,
-        scene: Scene,
-        steps: Option<usize>,
-        session_info: String,
-        guard: Guard,
-    ) -> Self {
-        let (reading, stopping) = (Semaphore::new(1), watch::Sender::new(false));
-        Self { queue, scene, steps, session_info, guard, reading, stopping }
-    }
-
-    /// What clients may request.
-    pub(crate) fn limits(&self) -> Limits<'_> {
-        Limits { views: self.scene.views.iter().map(|view| &view.camera).collect(), steps: self.steps.unwrap_or(1) }
     }
 }

@@ -8,9 +8,9 @@ use axum::extract::ws::{self, CloseFrame, WebSocket, close_code};
 use tokio::sync::{mpsc, watch};
 use tokio::time::{interval, timeout};
 
+use super::app::App;
 use super::limits::MessageRate;
 use super::message::{ClientMessage, Limits, MAX_BYTES, parse};
-use super::routes::App;
 use crate::request::Message;
 
 /// Time between pings.
