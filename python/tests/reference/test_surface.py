@@ -6,25 +6,17 @@ import torch
 
 from liveview_ref.parity import surface_cases
 from liveview_ref.parity.surface_rigs import SQUARE, WALL, surface_rig
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.render.visibility import hide
+from liveview_ref.reference.liveview import Camera
 from liveview_ref.reference.surface import anchored_depth as anchored_module
-from liveview_ref.reference.surface.correction.exposure import balanced, exposure_gains
-from liveview_ref.reference.surface.fusion import surface as surface_module
-from liveview_ref.reference.surface.fusion.confirmed_depth import ConfirmedDepth
-from liveview_ref.reference.surface.fusion.consistency import confirmed
-from liveview_ref.reference.surface.fusion.nearer_edges import nearer_edges
-from liveview_ref.reference.surface.fusion.splat import splat
-from liveview_ref.reference.surface.fusion.surface import Surface, surface
-from liveview_ref.reference.surface.fusion.surface_view import SurfaceView
-from liveview_ref.reference.surface.fusion.visible import visible
-from liveview_ref.reference.surface.neighbourhood import fill_holes
-from liveview_ref.reference.surface.search.aggregate import aggregate
-from liveview_ref.reference.surface.search.detail import detail_pixels
-from liveview_ref.reference.surface.search.grid import NONE, Candidates, Grid
-from liveview_ref.reference.surface.search.penalties import jump_penalties
-from liveview_ref.reference.surface.search.photo_depth import PhotoDepth, bands, photo_depth
-from liveview_ref.reference.surface.search.photo_sweep import UNSEEN_COST, costs
+from liveview_ref.reference.surface import target_surface as surface_module
+from liveview_ref.reference.surface.aggregate import aggregate, jump_penalties
+from liveview_ref.reference.surface.anchored_depth import detail_pixels
+from liveview_ref.reference.surface.correction import balanced, exposure_gains
+from liveview_ref.reference.surface.fusion import ConfirmedDepth, SurfaceView, confirmed, nearer_edges, splat, visible
+from liveview_ref.reference.surface.photo_depth import PhotoDepth, bands, photo_depth
+from liveview_ref.reference.surface.photo_sweep import NONE, UNSEEN_COST, Candidates, Grid, costs
+from liveview_ref.reference.surface.render import hide
+from liveview_ref.reference.surface.target_surface import Surface, fill_holes, surface
 from liveview_ref.rig_arrays import cameras_of, images_of
 
 NEAR, FAR = 2.0, 9.0
