@@ -19,12 +19,12 @@ from liveview_ref.data.held_out import INNER
 from liveview_ref.data.scene import open_scene
 from liveview_ref.data.visibility import HIDDEN, UNKNOWN, visibility
 from liveview_ref.evaluation.evaluate_visible import SCENE, TARGETS, edge_padded, true_disparity
-from liveview_ref.reference.geometry.view_selection import choose_views, view_distances
-from liveview_ref.reference.image.metrics import psnr
-from liveview_ref.reference.layers.cells import padded_size
-from liveview_ref.reference.network.view_agreement import agreement_logits
-from liveview_ref.reference.render.blend import CORRECTED_POWER, blend
-from liveview_ref.reference.render.renderer import warp_views
+from liveview_ref.reference.layers import warp_views
+from liveview_ref.reference.liveview import blend, padded_size, view_distances
+from liveview_ref.reference.metrics import psnr
+from liveview_ref.reference.surface.correction import CORRECTED_POWER
+from liveview_ref.reference.view_agreement import agreement_logits
+from liveview_ref.reference.views import choose_views
 
 from .marked_text import fill
 

@@ -17,11 +17,8 @@ from torch import Tensor, nn
 from liveview_ref.checkpoint import load_state
 from liveview_ref.data.held_out import BORDER, INNER
 from liveview_ref.evaluation import lpips as perceptual
-from liveview_ref.reference import unet, warp
-from liveview_ref.reference.geometry import plane_sweep
-from liveview_ref.reference.image import metrics
-from liveview_ref.reference.layers import cover, histogram
-from liveview_ref.reference.render import blend, composite_competing, renderer
+from liveview_ref.reference import competing, liveview, metrics
+from liveview_ref.reference import layers as layer_maps
 
 from .. import train
 from ..data import rig, samples, scenes, shots
@@ -36,8 +33,7 @@ from .variants import COMPETING
 
 SCALES = 0.5, 1.0, 2.0, 4.0, 8.0, 16.0
 CODE = (
-    mpi, rig, samples, scenes, shots, variants, blend, composite_competing, cover, histogram, metrics,
-    plane_sweep, renderer, unet, warp, perceptual,
+    mpi, rig, samples, scenes, shots, variants, competing, layer_maps, liveview, metrics, perceptual,
 )  # fmt: skip
 
 
