@@ -145,7 +145,13 @@ def warp_cases(rng: np.random.Generator) -> list[dict]:
     aside = camera([6, 0, 9, 6, 5], [0.1, 1.0, 0], [-0.4, 0.1, 1], 18, 10)
     turned_back = camera([6, 0, 9, 6, 5], [0.1, 2.2, 0], [0.4, 0.1, 1], 18, 10)
     beside = camera([18, 0, 8, 18, 4], level, [0.25, -0.125, 0], 16, 8)
+    # Without rotation a run of a plane moves by one fraction of a pixel, which Rust computes once.
+    level_rig = [
+        camera([60, 0, 40, 60, 4.5], level, [0.045, -0.06, 0], 80, 9),
+        camera([60, 0, 32, 60, 4], level, level, 64, 8),
+    ]
     cases = [
+        ("cameras without rotation", *level_rig, [1.0]),
         ("general cameras", general, wide, [1.5]),
         ("disparity 0", camera([20, 0, 8, 20, 5], [0.05, -0.1, 0.1], [5, 4, 3], 16, 10), small, [0.0]),
         ("most points behind the camera", aside, small, [0.9]),
