@@ -1,8 +1,13 @@
 //! An ONNX model in your Rust program: photos and cameras as arrays in, a picture out.
 //!
-//! `cargo run --release --example onnx [-- FOLDER]`, at the root of the repository after `make runtime`,
-//! with `ORT_DYLIB_PATH` set to ONNX Runtime's library (in .venv/lib/python*/site-packages/onnxruntime/capi).
-//! Writes FOLDER/onnx.png (by default out/onnx.png): a view that was held out of the photos.
+//! At the root of the repository, after `make runtime`:
+//!
+//! ```sh
+//! export ORT_DYLIB_PATH=$(ls .venv/lib/python*/site-packages/onnxruntime/capi/libonnxruntime.*)
+//! cargo run --release --example onnx
+//! ```
+//!
+//! Writes out/onnx.png (or onnx.png in the folder that is given): a view that was held out of the photos.
 
 use std::error::Error;
 use std::path::Path;
