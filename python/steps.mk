@@ -1,4 +1,4 @@
-# Rarely used recipes: `make wheel`, what `make setup WITH=` adds, and the steps of `make report`, `models` and `paper`.
+# Rarely used recipes: `make wheel`, `make goldens`, what `make setup WITH=` adds, and the steps of `make report`, `models` and `paper`.
 
 $(VENV)/.runtime: python/requirements-runtime.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -27,6 +27,14 @@ test-python-binding: setup-evaluation build wheel
 
 test-python-others: setup-evaluation build wheel
 	$(PY) pytest -q --ignore tests/binding
+
+# --- the cases of tests/goldens.rs ---
+
+.PHONY: goldens
+
+## parity/goldens, from the float64 reference: what `cargo test` compares the runtime with. FOLDER: where else to write them.
+goldens: setup
+	$(PY) liveview_ref.parity.goldens $(FOLDER)
 
 # --- make setup WITH= ---
 

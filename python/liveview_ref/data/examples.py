@@ -8,14 +8,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..reference.geometry.camera import Camera
-from ..reference.geometry.plane_sweep import PlaneSweep
-from ..reference.geometry.view_selection import choose_views, looking_the_same_way, view_distances
-from ..reference.layers.cells import upsample_maps
-from ..reference.layers.guided.range_map import guided_maps
-from ..reference.layers.guided.search import guided_search
-from ..reference.layers.uniform import uniform_disparities
-from ..reference.render.renderer import warp_views
+from ..reference.guided import guided_maps, guided_search
+from ..reference.layers import upsample_maps, warp_views
+from ..reference.liveview import Camera, PlaneSweep, uniform_disparities, view_distances
+from ..reference.views import choose_views, looking_the_same_way
 from .procedural.scene import random_scene
 from .procedural.textures import Textures
 from .scene import Scene, open_scene

@@ -14,10 +14,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..reference.geometry.camera import Camera
-from ..reference.geometry.parallax import widest_parallax
-from ..reference.geometry.plane_sweep import PlaneSweep, source_coordinates
-from ..reference.layers.cells import padded_size
+from ..reference.layers import source_coordinates
+from ..reference.liveview import Camera, PlaneSweep, padded_size
+from ..reference.views import widest_parallax
 from .examples import RealScene
 from .procedural.scene import Recipe, random_scene
 from .procedural.textures import Textures

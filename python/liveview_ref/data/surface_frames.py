@@ -22,8 +22,8 @@ from torch import Tensor
 
 from ..config import read_config
 from ..paths import ROOT
-from ..reference.geometry.camera import Camera
-from ..reference.geometry.view_selection import choose_views, looking_the_same_way, view_distances
+from ..reference.liveview import Camera, view_distances
+from ..reference.views import choose_views, looking_the_same_way
 from .examples import RealScene
 from .held_out import case_of, pool_of, targets_of
 from .procedural.scene import random_scene

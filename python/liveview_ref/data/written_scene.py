@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from torch import Tensor
 
-from ..reference.geometry.camera import Camera
+from ..reference.liveview import Camera
 from .image import picture
 from .opengl import flip_axes
 

@@ -27,8 +27,8 @@ from ..checkpoint import load_network, load_state, model_card
 from ..data.held_out import BORDER, INNER, Case, case_of, targets_of
 from ..data.scene import open_scene
 from ..paths import BINARY, ROOT
-from ..reference.image.metrics import psnr, ssim
-from ..reference.render.renderer import Network
+from ..reference.liveview import Network
+from ..reference.metrics import psnr, ssim
 from . import baselines, methods
 from .figure import figure
 from .lpips import load_lpips, lpips

@@ -27,17 +27,16 @@ from ..data.held_out import INNER
 from ..data.scene import Scene, open_scene
 from ..data.visibility import SEEN, UNKNOWN, partly_hidden, visibility
 from ..paths import BINARY, ROOT
-from ..reference.geometry.parallax import widest_parallax
-from ..reference.geometry.view_selection import choose_views, view_distances
-from ..reference.image.metrics import psnr
-from ..reference.layers.cells import padded_size
-from ..reference.network.view_agreement import agreement_logits
-from ..reference.render.blend import CORRECTED_POWER, blend
-from ..reference.render.renderer import Network, warp_views
-from ..reference.render.visibility import hide
-from ..reference.surface.fusion.surface import OCCLUSION_MARGIN
-from ..reference.surface.fusion.visible import visible
-from ..reference.surface.search.photo_depth import pixel_of
+from ..reference.layers import warp_views
+from ..reference.liveview import Network, blend, padded_size, view_distances
+from ..reference.metrics import psnr
+from ..reference.surface.correction import CORRECTED_POWER
+from ..reference.surface.fusion import visible
+from ..reference.surface.photo_depth import pixel_of
+from ..reference.surface.render import hide
+from ..reference.surface.target_surface import OCCLUSION_MARGIN
+from ..reference.view_agreement import agreement_logits
+from ..reference.views import choose_views, widest_parallax
 from .evaluate import load_model
 from .view_weights import view_weights, weight_on_seen
 

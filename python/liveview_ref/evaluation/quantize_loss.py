@@ -9,15 +9,13 @@ import torch
 from torch import Tensor
 
 from ..data.held_out import INNER, Case, cases
+from ..layer_spec import Guided, LayerSpec, Planes
 from ..onnx_session import logits, session
-from ..reference.composite import composite
-from ..reference.geometry.view_selection import view_distances
-from ..reference.image.metrics import psnr
-from ..reference.layers.spec import Guided, LayerSpec, Planes
-from ..reference.render.blend import blend
-from ..reference.render.composite_competing import composite_competing
-from ..reference.render.renderer import warp_views
-from ..reference.render.spacing import logit_shift, shifted
+from ..reference.competing import composite_competing
+from ..reference.layers import warp_views
+from ..reference.liveview import blend, composite, view_distances
+from ..reference.metrics import psnr
+from ..reference.spacing import logit_shift, shifted
 from .methods import maps_of
 
 LAYERS = Guided(4), Planes(16)

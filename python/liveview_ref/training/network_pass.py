@@ -10,7 +10,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ..reference.unet import UNet
+from ..reference.liveview import UNet
 from .precision import fast_bfloat16
 
 CHUNK = 16  # planes at a time, as many as fit the cache
@@ -20,7 +20,8 @@ SKIPS = {5: 3, 6: 2, 7: 1}  # index of conv6 to conv8: of the activation that th
 
 def convolutions(net: UNet) -> list[nn.Conv2d]:
     """conv1 to conv9."""
-    return [layer[0] if isinstance(layer, nn.Sequential) else layer for layer in net.children()]
+    layers = (getattr(net, f"conv{n}") for n in range(1, 10))
+    return [layer[0] if isinstance(layer, nn.Sequential) else layer for layer in layers]
 
 
 def upsampled(x: Tensor) -> Tensor:

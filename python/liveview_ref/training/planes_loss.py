@@ -14,16 +14,19 @@ from torch import Tensor
 from ..data.shards import Photos
 from ..data.visibility import SEEN, UNKNOWN, partly_hidden
 from ..evaluation.view_weights import view_weights, weight_on_seen
-from ..reference.composite import Composited, composite
-from ..reference.geometry.plane_sweep import PlaneSweep
-from ..reference.geometry.view_selection import view_distances
-from ..reference.layers.cover import cover_planes
-from ..reference.layers.histogram import plane_histogram, select_planes
-from ..reference.layers.uniform import uniform_disparities
-from ..reference.render.blend import blend
-from ..reference.render.composite_competing import composite_competing
-from ..reference.render.spacing import logit_shift
-from ..reference.unet import UNet
+from ..reference.competing import composite_competing, cover_planes
+from ..reference.liveview import (
+    Composited,
+    PlaneSweep,
+    UNet,
+    blend,
+    composite,
+    plane_histogram,
+    select_planes,
+    uniform_disparities,
+    view_distances,
+)
+from ..reference.spacing import logit_shift
 from .draw_layers import draw_layers
 from .network_pass import CHUNK, NetworkPass
 

@@ -10,10 +10,10 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ..data.surface_frames import SurfaceFrame
-from ..reference.network.view_agreement import agreement_logits
-from ..reference.render.blend import CORRECTED_POWER, blend
-from ..reference.render.composite_competing import composite_competing
-from ..reference.unet import UNet
+from ..reference.competing import composite_competing
+from ..reference.liveview import UNet, blend
+from ..reference.surface.correction import CORRECTED_POWER
+from ..reference.view_agreement import agreement_logits
 from .precision import reduced_precision
 
 CELL = 16  # pixels

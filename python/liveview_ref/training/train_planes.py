@@ -9,7 +9,7 @@ import numpy as np
 from torch import Tensor
 
 from ..data.shards import Photos, Shards
-from ..reference.unet import UNet
+from ..reference.liveview import UNet
 from .planes_loss import example_loss
 from .validate import validate_planes
 

@@ -10,10 +10,9 @@ from torch import Tensor
 
 from ..data.held_out import INNER
 from ..data.surface_frames import SurfaceFrame
-from ..reference.image.metrics import psnr, ssim
-from ..reference.layers.cells import STRIDE
-from ..reference.network.view_agreement import agreement_logits
-from ..reference.unet import UNet
+from ..reference.liveview import STRIDE, UNet
+from ..reference.metrics import psnr, ssim
+from ..reference.view_agreement import agreement_logits
 from .surface_loss import crop_of, example_loss, interest, recoloured, rendered, without_a_view
 from .validate import sheet_of
 

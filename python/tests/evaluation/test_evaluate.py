@@ -14,13 +14,11 @@ from liveview_ref.data import scene
 from liveview_ref.data.held_out import Case
 from liveview_ref.evaluation import baselines, evaluate, evaluate_visible, figure, methods
 from liveview_ref.evaluation.lpips import load_lpips, lpips, weights_file
-from liveview_ref.reference.image.metrics import psnr
-from liveview_ref.reference.layers.cover import cover_planes
-from liveview_ref.reference.layers.histogram import plane_histogram
-from liveview_ref.reference.layers.spec import DisparityList, Guided, Planes, Select
-from liveview_ref.reference.render.composite_competing import composite_competing
-from liveview_ref.reference.render.renderer import render
-from liveview_ref.reference.warp import warp_maps
+from liveview_ref.layer_spec import DisparityList, Guided, Planes, Select
+from liveview_ref.reference.competing import composite_competing, cover_planes
+from liveview_ref.reference.layers import warp_maps
+from liveview_ref.reference.liveview import plane_histogram, render
+from liveview_ref.reference.metrics import psnr
 
 ROOT = Path(__file__).parents[3]
 

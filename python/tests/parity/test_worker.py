@@ -15,11 +15,10 @@ from liveview_ref.checkpoint import load_network
 from liveview_ref.competitors import job, worker
 from liveview_ref.export import export
 from liveview_ref.parity.rigs import rig
-from liveview_ref.reference.geometry.plane_sweep import PlaneSweep, source_coordinates
-from liveview_ref.reference.layers.layer import plane_maps
-from liveview_ref.reference.render.renderer import render
-from liveview_ref.reference.unet import UNet, start_from_agreement
+from liveview_ref.reference.layers import plane_maps, source_coordinates
+from liveview_ref.reference.liveview import PlaneSweep, UNet, render
 from liveview_ref.rig_arrays import Arrays, cameras_of, images_of
+from liveview_ref.weights import start_from_agreement
 
 MOST_ERROR = 1e-4  # coordinates err by 1e-5 pixels, and these noisy photos change by up to 0.5 per pixel
 MOST_MEAN_ERROR = 1e-6

@@ -106,7 +106,7 @@ def test_without_the_program_surface_layers_are_skipped_unless_requested(tmp_pat
 
 @pytest.mark.parametrize("power", [1.0, 1.5])
 def test_zero_logits_give_weights_by_distance_alone(power):
-    from liveview_ref.reference.render.blend import blend
+    from liveview_ref.reference.liveview import blend
 
     colour = torch.rand(1, 3, 3, 4, 5, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     seen = torch.ones(1, 3, 4, 5, dtype=torch.float64)

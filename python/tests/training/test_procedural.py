@@ -10,8 +10,8 @@ from liveview_ref.data.procedural.photographs import defocused, jpeg, moved, pho
 from liveview_ref.data.procedural.scene import Recipe, make_world, random_scene, render
 from liveview_ref.data.procedural.surfaces import bars, slab
 from liveview_ref.data.procedural.textures import Textures
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.warp import warp_maps
+from liveview_ref.reference.layers import warp_maps
+from liveview_ref.reference.liveview import Camera
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import torch
 
 from liveview_ref.data.examples import RealScene
 from liveview_ref.data.shards import Shards, cropped, pack, unpack
-from liveview_ref.reference.layers.uniform import uniform_disparities
+from liveview_ref.reference.liveview import uniform_disparities
 from liveview_ref.training.planes_loss import warp_layers
 from liveview_ref.training.train import read_config
 

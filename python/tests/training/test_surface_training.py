@@ -13,8 +13,7 @@ from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.scene import open_scene
 from liveview_ref.data.surface_frames import SurfaceFrame, dumped, frame_of, held_out_rig, procedural_rig, write_scene
 from liveview_ref.export import check, export
-from liveview_ref.reference.network.view_agreement import agreement_logits
-from liveview_ref.reference.unet import UNet, fold_batchnorm, unfold_batchnorm
+from liveview_ref.reference.view_agreement import AgreementUNet, agreement_logits
 from liveview_ref.training.fine_tune import start_of
 from liveview_ref.training.surface_loss import (
     CELL,
@@ -25,6 +24,7 @@ from liveview_ref.training.surface_loss import (
     rendered,
     without_a_view,
 )  # fmt: skip
+from liveview_ref.weights import fold_batchnorm, unfold_batchnorm
 
 ROOT = Path(__file__).parents[3]
 CONFIG = read_config(ROOT / "python/configs/v4_surface.json")
@@ -99,7 +99,7 @@ def test_network_without_weights_is_the_agreement_of_the_views():
         torch.testing.assert_close(net(colour.flatten(1, 2)), agreement_logits(colour))
     loss, figures = example_loss(net, made_up())
     assert float(loss.detach()) == pytest.approx(0, abs=1e-6) and figures["gain"] == pytest.approx(0, abs=1e-5)
-    assert unfold_batchnorm(net).agreement and fold_batchnorm(unfold_batchnorm(net)).agreement
+    assert isinstance(fold_batchnorm(unfold_batchnorm(net)), AgreementUNet)
 
 
 def test_loss_falls_towards_the_view_that_is_right():
@@ -119,10 +119,10 @@ def test_loss_falls_towards_the_view_that_is_right():
 
 def test_exported_network_adds_the_agreement(tmp_path):
     torch.manual_seed(0)
-    net = UNet(4, agreement=True).eval()
+    net = AgreementUNet(4).eval()
     path = tmp_path / "model.onnx"
     export(net, path, {"added_to": "view agreement"})
-    assert check(net, path) < 3e-6 and load_network(path).agreement
+    assert check(net, path) < 3e-6 and isinstance(load_network(path), AgreementUNet)
 
 
 @pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built: make build")

@@ -19,15 +19,13 @@ from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.shards import Photos, eight_bit
 from liveview_ref.data.visibility import HIDDEN, SEEN, visibility
 from liveview_ref.evaluation.view_weights import view_weights
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.layers.uniform import uniform_disparities
-from liveview_ref.reference.render.blend import blend
-from liveview_ref.reference.render.renderer import warp_views
-from liveview_ref.reference.unet import UNet, fold_batchnorm, unfold_batchnorm, with_views
+from liveview_ref.reference.layers import warp_views
+from liveview_ref.reference.liveview import Camera, UNet, blend, uniform_disparities
 from liveview_ref.training import network_pass, train
 from liveview_ref.training.draw_layers import draw_layers
 from liveview_ref.training.planes_loss import example_loss, seen_range, warp_layers
 from liveview_ref.training.precision import fast_bfloat16, reduced_precision
+from liveview_ref.weights import fold_batchnorm, unfold_batchnorm, with_views
 
 ROOT = Path(__file__).parents[3]
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from liveview_ref.data.written_scene import write_photo, write_transforms
 from liveview_ref.evaluation.program import TARGET, Program
 from liveview_ref.paths import BINARY, MODELS
-from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.liveview import Camera
 
 from .method import Method, Photos, Rendering
 
