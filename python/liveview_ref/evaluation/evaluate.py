@@ -26,7 +26,7 @@ from torch import Tensor
 from ..checkpoint import load_network, load_state, model_card
 from ..data.held_out import BORDER, INNER, Case, case_of, targets_of
 from ..data.scene import open_scene
-from ..paths import BINARY, ROOT
+from ..paths import ROOT
 from ..reference.image.metrics import psnr, ssim
 from ..reference.render.renderer import Network
 from . import baselines, methods
@@ -36,7 +36,7 @@ from .program import NO_NETWORK, Program
 from .sheet import Row, contact_sheet, row_of
 
 OURS = {"guided": methods.guided, "planes": methods.planes}  # with a network
-SURFACE = "surface"  # rendered by the program, by default if the program and the model's ONNX file exist
+SURFACE = "surface"  # rendered by the package, by default if its wheel and the model's ONNX file exist
 COMPETING = "competing"  # competing uniform planes, by the model's scale or --scale
 BASELINES = {
     "nearest": baselines.nearest,
@@ -192,7 +192,6 @@ def main() -> int:
     parser.add_argument("--scale", type=float, help="factor of competing planes' logits; default: the model's")
     parser.add_argument("--keep", action="store_true", help="keep OUT's scores of other methods, and its contact sheet")
     parser.add_argument("--scenes", help="comma-separated names; default: all")
-    parser.add_argument("--binary", type=Path, default=BINARY)
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
@@ -206,10 +205,10 @@ def main() -> int:
     wanted_methods = (args.methods or f"{SURFACE},{every}{trained_for}").split(",")
     if "alpha_spacing" in about and not args.methods:  # only for planes
         wanted_methods = [name for name in wanted_methods if name not in (SURFACE, "guided")]
-    program = Program(args.binary.absolute(), args.model.absolute().with_suffix(".onnx"), args.threads)
+    program = Program(args.model.absolute().with_suffix(".onnx"))
     lacking = ", ".join(program.missing()) if SURFACE in wanted_methods else ""
     if lacking and args.methods:
-        parser.error(f"surface layers are rendered by the program: {lacking}")
+        parser.error(f"surface layers are rendered by the package: {lacking}")
     if lacking or SURFACE not in wanted_methods:
         program = None
     wanted_methods = [name for name in wanted_methods if name != SURFACE]
