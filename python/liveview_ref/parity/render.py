@@ -112,9 +112,8 @@ def depth_range(rendered: Rendered, searched: bool) -> Iterator[Compared]:
         if known is not None and not searched:
             yield exact(name, rendered.data[found], known)
         elif known is None and searched:
-            views = rendered.views(rendered.free)
-            ends = lambda views: [1 / depth for depth in found_range(views)]  # noqa: E731
-            yield row(name, 1 / rendered.data[found], ends, views, entry="found_range")
+            ends, views = 1 / rendered.data[found], rendered.views(rendered.free)
+            yield row(name, ends, lambda views: [1 / end for end in found_range(views)], views, entry="found_range")
 
 
 def undistorted(rendered: Rendered) -> Iterator[Compared]:
@@ -126,7 +125,7 @@ def undistorted(rendered: Rendered) -> Iterator[Compared]:
         k, p = tuple(float(of[f"k{n}"]) for n in range(1, 7)), (float(of["p1"]), float(of["p2"]))
         [(image, camera)] = rendered.views([view])
         model = Distortion(bool(of["fisheye"]), k, p)
-        yield row("undistorted", image, lambda photo: undistort(photo, camera.k, model), image_of(of["photo"]))  # noqa: B023
+        yield row("undistorted", image, undistort, image_of(of["photo"]), camera.k, model)
 
 
 def planes(rendered: Rendered, rig: stages.Rig) -> Iterator[Compared]:

@@ -281,10 +281,10 @@ def at_target(views: list[View], target: Camera, span: Span, data: Arrays) -> Ge
     fused = inner.splat(photos, target, inner.pixel_of(photos, target, *span))
     yield row("splat", fused, splatted, photos, entry=SURFACE)
     yield row("filled", liveview.fill_holes(fused), fill_holes, fused, entry=SURFACE)
-    of_target = lambda photos: surface(photos, target, *span).disparity  # noqa: E731
-    yield row("surface", data["surface"], of_target, photos, entry=SURFACE)
-    layers = lambda map_: Surface(map_, 0, 0).layers(len(data["maps"]))  # noqa: E731
-    yield row("layers", data["maps"], layers, data["surface"], entry="maps")
+    found = data["surface"]
+    yield row("surface", found, lambda photos: surface(photos, target, *span).disparity, photos, entry=SURFACE)
+    layers = data["maps"]
+    yield row("layers", layers, lambda map_: Surface(map_, 0, 0).layers(len(layers)), found, entry="maps")
 
     def warped(photos: list[SurfaceView], amounts: Tensor, maps: Tensor) -> tuple[Tensor, Tensor]:
         images = corrected([photo.image for photo in photos], torch.stack([photo.gains for photo in photos]), amounts)
