@@ -1,25 +1,22 @@
 //! The network alone, and all stages of a picture of a rig or of a scene, for the parity tests.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use liveview::image;
 use liveview::layers::guided::GuidedSearch;
 use liveview::layers::{LayerSpec, Layers, padded};
 use liveview::network::{Alpha, ExecutionProvider, OrtLibrary, OrtNetwork, PlaneNetwork, Precision};
 use liveview::render::{Batch, RenderRequest, Renderer};
 use liveview::warp::warp_sources;
-use liveview::{Model, ModelOptions, Plan, SceneViews, Shot, Synthesizer, Targets, ViewDepth};
-use ndarray::{Array2, Array4};
+use liveview::{Model, ModelOptions, Plan, SceneViews, Synthesizer, Targets, ViewDepth};
+use ndarray::Array4;
 use numpy::{IntoPyArray, PyArray4, PyReadonlyArray3, PyReadonlyArray4};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::photo::{Photo, photos};
-use super::recorded::{Recorded, put_search};
+use super::recorded::{Recorded, put_depths, put_search, put_shot};
 use crate::camera::camera;
 use crate::error::{kind, library, value};
-use crate::frame::picture_array;
 use crate::model::installed;
 use crate::names::view_index;
 use crate::scene::Scene;
@@ -108,9 +105,9 @@ pub(crate) fn render<'py>(
     Ok(arrays)
 }
 
-/// Options of the program, as a dictionary of these, of which all but `layers` may be missing, and all
-/// may be `None`. `network`: whether one is used;
-/// `models`: the folder of the models; `runtime`: that of ONNX Runtime.
+/// Options of the program, as a dictionary of these: all but `layers` may be missing, and all may be
+/// `None`. `network`: whether one is used; `models`: the folder of the models; `runtime`: that of ONNX
+/// Runtime.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Given {
@@ -237,51 +234,4 @@ pub(crate) fn render_scene<'py>(
     about.set_item("target", &shot.name)?;
     about.set_item("views", synthesizer.views().names(&shot.views))?;
     Ok((arrays, about))
-}
-
-/// Adds what a shot was chosen to be rendered from.
-fn put_shot(shot: &Shot, scene: &liveview::Scene, arrays: &Bound<'_, PyDict>) -> PyResult<()> {
-    let py = arrays.py();
-    let photos: Vec<i64> = shot.views.iter().chain(&shot.helpers).map(|&view| view as i64).collect();
-    arrays.set_item("shot.photos", photos.into_pyarray(py))?;
-    let free = (0..scene.views.len()).filter(|view| !shot.held_out.contains(view)).map(|view| view as i64);
-    arrays.set_item("shot.free", free.collect::<Vec<_>>().into_pyarray(py))?;
-    arrays.set_item("shot.range", vec![shot.near, shot.far].into_pyarray(py))?;
-    for (index, view) in shot.views.iter().map(|&view| &scene.views[view]).enumerate() {
-        let (model, coefficients) = view.distortion();
-        let fisheye = model == "OPENCV_FISHEYE";
-        let distorted = fisheye || coefficients.iter().any(|(_, value)| *value != 0.0);
-        if distorted && view.native_camera().size() == view.camera.size() {
-            let photo = image::load(view.image_path()).map_err(library)?;
-            arrays.set_item(format!("original{index}.photo"), picture_array(photo).into_pyarray(py))?;
-            arrays.set_item(format!("original{index}.fisheye"), fisheye)?;
-            for (name, value) in coefficients {
-                arrays.set_item(format!("original{index}.{name}"), value)?;
-            }
-        }
-    }
-    Ok(())
-}
-
-/// Adds the depth of photos, and what a plan took from it.
-fn put_depths(depths: Vec<ViewDepth>, plan: &Plan, arrays: &Bound<'_, PyDict>) -> PyResult<()> {
-    let py = arrays.py();
-    let pixels: Vec<f32> = depths.iter().map(|depth| depth.found.disparity_per_pixel).collect();
-    for (index, depth) in depths.into_iter().enumerate() {
-        arrays.set_item("surface.range", depth.range)?;
-        arrays.set_item(format!("depth{index}"), Arc::unwrap_or_clone(depth.found).disparity.into_pyarray(py))?;
-    }
-    if !plan.corrections.is_empty() {
-        let shape = (plan.corrections.len(), 3);
-        let gains = Array2::from_shape_fn(shape, |(view, channel)| plan.corrections[view].gains[channel]);
-        arrays.set_item("gains", gains.into_pyarray(py))?;
-        let sharpening: Vec<f32> = plan.corrections.iter().map(|view| view.sharpening).collect();
-        arrays.set_item("sharpening", sharpening.into_pyarray(py))?;
-    }
-    let Some(surface) = &plan.surface else { return Ok(()) };
-    arrays.set_item("pixel", pixels.into_pyarray(py))?;
-    for (index, used) in surface.visibility().disparities.into_iter().enumerate() {
-        arrays.set_item(format!("used{index}"), used.clone().into_pyarray(py))?;
-    }
-    arrays.set_item("surface", surface.surface().disparity.clone().into_pyarray(py))
 }

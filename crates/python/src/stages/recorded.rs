@@ -1,14 +1,20 @@
 //! Every stage of a picture as arrays by name, for the parity tests.
 
-use liveview::Frame;
+use std::sync::Arc;
+
+use liveview::image;
 use liveview::layers::guided::SearchStages;
 use liveview::layers::{Layer, Layers};
 use liveview::network::Alpha;
 use liveview::render::{Batch, Blended, LayerSamples};
-use ndarray::{Array, Array3, ArrayD, Axis, concatenate, stack};
+use liveview::{Frame, Plan, Scene, Shot, ViewDepth};
+use ndarray::{Array, Array2, Array3, ArrayD, Axis, concatenate, stack};
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+
+use crate::error::library;
+use crate::frame::picture_array;
 
 /// The names of the arrays of a batch of layers.
 const OF_LAYERS: [&str; 6] = ["maps", "colour", "coverage", "logits", "alpha", "rgb"];
@@ -98,4 +104,51 @@ pub(super) fn put_search(found: SearchStages, layers: &Layers, arrays: &Bound<'_
     }
     arrays.set_item("coarse_disparity", found.coarse_disparity.into_pyarray(py))?;
     arrays.set_item("fine_disparity", found.fine_disparity.into_pyarray(py))
+}
+
+/// Adds what a shot was chosen to be rendered from.
+pub(super) fn put_shot(shot: &Shot, scene: &Scene, arrays: &Bound<'_, PyDict>) -> PyResult<()> {
+    let py = arrays.py();
+    let photos: Vec<i64> = shot.views.iter().chain(&shot.helpers).map(|&view| view as i64).collect();
+    arrays.set_item("shot.photos", photos.into_pyarray(py))?;
+    let free = (0..scene.views.len()).filter(|view| !shot.held_out.contains(view)).map(|view| view as i64);
+    arrays.set_item("shot.free", free.collect::<Vec<_>>().into_pyarray(py))?;
+    arrays.set_item("shot.range", vec![shot.near, shot.far].into_pyarray(py))?;
+    for (index, view) in shot.views.iter().map(|&view| &scene.views[view]).enumerate() {
+        let (model, coefficients) = view.distortion();
+        let fisheye = model == "OPENCV_FISHEYE";
+        let distorted = fisheye || coefficients.iter().any(|(_, value)| *value != 0.0);
+        if distorted && view.native_camera().size() == view.camera.size() {
+            let photo = image::load(view.image_path()).map_err(library)?;
+            arrays.set_item(format!("original{index}.photo"), picture_array(photo).into_pyarray(py))?;
+            arrays.set_item(format!("original{index}.fisheye"), fisheye)?;
+            for (name, value) in coefficients {
+                arrays.set_item(format!("original{index}.{name}"), value)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Adds the depth of photos, and what a plan took from it.
+pub(super) fn put_depths(depths: Vec<ViewDepth>, plan: &Plan, arrays: &Bound<'_, PyDict>) -> PyResult<()> {
+    let py = arrays.py();
+    let pixels: Vec<f32> = depths.iter().map(|depth| depth.found.disparity_per_pixel).collect();
+    for (index, depth) in depths.into_iter().enumerate() {
+        arrays.set_item("surface.range", depth.range)?;
+        arrays.set_item(format!("depth{index}"), Arc::unwrap_or_clone(depth.found).disparity.into_pyarray(py))?;
+    }
+    if !plan.corrections.is_empty() {
+        let shape = (plan.corrections.len(), 3);
+        let gains = Array2::from_shape_fn(shape, |(view, channel)| plan.corrections[view].gains[channel]);
+        arrays.set_item("gains", gains.into_pyarray(py))?;
+        let sharpening: Vec<f32> = plan.corrections.iter().map(|view| view.sharpening).collect();
+        arrays.set_item("sharpening", sharpening.into_pyarray(py))?;
+    }
+    let Some(surface) = &plan.surface else { return Ok(()) };
+    arrays.set_item("pixel", pixels.into_pyarray(py))?;
+    for (index, used) in surface.visibility().disparities.into_iter().enumerate() {
+        arrays.set_item(format!("used{index}"), used.clone().into_pyarray(py))?;
+    }
+    arrays.set_item("surface", surface.surface().disparity.clone().into_pyarray(py))
 }
