@@ -1,39 +1,15 @@
 //! Interrupted commands leave no temporary file.
 
 use std::fs;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
 use crate::common::{Folders, fixture, wait_until};
 use crate::program;
 
-/// Runs a command, and interrupts it as soon as it has begun to write a file.
-fn interrupted(folders: &Folders, command: &mut Command) -> Output {
-    let mut running = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    wait_until(&mut running, || !folders.written().is_empty());
-    send("-INT", &running);
-    running.wait_with_output().unwrap()
-}
-
 fn send(signal: &str, to: &Child) {
     assert!(Command::new("/bin/kill").args([signal, &to.id().to_string()]).status().unwrap().success());
-}
-
-fn assert_nothing_is_left(folders: &Folders, output: &Output) {
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert_eq!((output.status.code(), folders.written()), (Some(130), Vec::new()), "{stderr}");
-    assert!(stderr.ends_with("error: interrupted\n"), "{stderr}");
-}
-
-#[test]
-fn interrupted_dump_leaves_no_file() {
-    let folders = Folders::new();
-    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/scenes/workshop");
-    let mut dump = Command::new(program());
-    dump.args(["dump", scene, "--target", "target_0", "--width", "252", "--network", "none", "--threads", "1"]);
-    dump.args(["--layers", "planes:16", "-o", &folders.out("a.npz")]);
-    assert_nothing_is_left(&folders, &interrupted(&folders, &mut dump));
 }
 
 #[test]

@@ -2,5 +2,4 @@
 
 #![allow(clippy::missing_errors_doc, reason = "errors name the option or the file, and what was expected of it")]
 
-mod npz;
 pub mod sweep;

@@ -1,18 +1,16 @@
-"""Training examples for surface layers: what the program renders a held-out photo from.
+"""Training examples for surface layers: what the library renders a held-out photo from.
 
-Each example is a small scene, written to disk and dumped by the program (`liveview dump --layers
-surface:L --network none`): a photo of a real scene and some of those around it, or a procedural
-scene. Whole pictures are kept, as bytes; crops are drawn during training.
+Each example is a small scene, whose layers along the surface are warped by the Python package
+(`make wheel`): a photo of a real scene and some of those around it, or a procedural scene. Whole
+pictures are kept, as bytes; crops are drawn during training.
 
-    python -m liveview_ref.data.surface_frames CONFIG --data DATA --out FOLDER --program LIVEVIEW
+    python -m liveview_ref.data.surface_frames CONFIG --data DATA --out FOLDER
 
 The photos under "validation" in the config become examples in FOLDER/validation.
 """
 
 import argparse
-import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -26,16 +24,16 @@ from ..reference.liveview import Camera, view_distances
 from ..reference.views import choose_views, looking_the_same_way
 from .examples import RealScene
 from .held_out import case_of, pool_of, targets_of
+from .image import to_u8
 from .procedural.scene import random_scene
 from .procedural.textures import Textures
 from .scene import Scene, open_scene
 from .shards import eight_bit, recipe_of
-from .written_scene import write_photo, write_transforms
 
 
 @dataclass
 class SurfaceFrame:
-    """colour [L, V, 3, H, W] (black where the program masks the view) and coverage [L, V, H, W] of
+    """colour [L, V, 3, H, W] (black where the view is masked) and coverage [L, V, H, W] of
     the views on each layer; target [3, H, W]; all uint8. distances [V] float64."""
 
     colour: Tensor
@@ -99,56 +97,46 @@ def held_out_rig(scene: Scene, spec: dict, t: int, photos: int) -> Rig:
     return Rig([case.truth, *case.sources], [case.target, *case.cameras], case.near, case.far)
 
 
-def write_scene(rig: Rig, folder: Path) -> None:
-    photos = enumerate(zip(rig.photos, rig.cameras, strict=True))
-    write_transforms(folder, [write_photo(folder, f"{i:03}.png", photo, camera) for i, (photo, camera) in photos])
+def warped(rig: Rig, views: int, layers: int) -> dict[str, np.ndarray]:
+    """Every stage of the target by the package, without a network."""
+    from ..extension import in_memory, liveview  # here: it needs the wheel
+
+    scene = in_memory([to_u8(photo.permute(1, 2, 0).numpy()) for photo in rig.photos], rig.cameras)
+    options = {"views": views, "layers": f"surface:{layers}", "network": False, "near": rig.near, "far": rig.far}
+    return liveview._stages.render_scene(scene, 0, options)[0]
 
 
-def dumped(rig: Rig, program: Path, views: int, layers: int, folder: Path) -> dict[str, Tensor]:
-    write_scene(rig, folder)
-    command = [program, "dump", folder, "--target", "000", "--views", str(views), "--layers", f"surface:{layers}"]
-    command += ["--network", "none"]
-    command += ["--near", str(rig.near), "--far", str(rig.far), "--threads", "1", "-o", folder / "dump.npz"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(map(str, command))}: {done.stderr.strip()}")
-    with np.load(folder / "dump.npz") as arrays:
-        return {name: torch.from_numpy(arrays[name]) for name in arrays.files}
-
-
-def frame_of(rig: Rig, found: dict[str, Tensor]) -> SurfaceFrame:
-    """What the program warped, over the photo's own size."""
-    target, (height, width) = rig.cameras[0], rig.photos[0].shape[1:]
-    coverage = found["coverage"]
-    colour = found["colour"].reshape(*coverage.shape[:2], 3, *coverage.shape[2:])
-    views = coverage.shape[1]
-    poses = ([found[f"view{v}.{part}"] for part in ("k", "rotation", "translation")] for v in range(views))
-    distances = view_distances([Camera(*pose, width, height) for pose in poses], target)
+def frame_of(rig: Rig, found: dict[str, np.ndarray]) -> SurfaceFrame:
+    """What was warped, over the photo's own size."""
+    height, width = rig.photos[0].shape[1:]
+    colour, coverage = (torch.from_numpy(found[name]) for name in ("colour", "coverage"))
+    colour = colour.unflatten(1, (-1, 3))
+    views = found["shot.photos"][: coverage.shape[1]]
+    distances = view_distances([rig.cameras[view] for view in views], rig.cameras[0])
     maps = (eight_bit(x[..., :height, :width]) for x in (colour, coverage, rig.photos[0]))
     return SurfaceFrame(*maps, distances)
 
 
-def through(program: Path, rig: Rig, config: dict) -> SurfaceFrame:
-    with tempfile.TemporaryDirectory() as folder:
-        return frame_of(rig, dumped(rig, program, config["views"], config["layers"], Path(folder)))
+def through(rig: Rig, config: dict) -> SurfaceFrame:
+    return frame_of(rig, warped(rig, config["views"], config["layers"]))
 
 
-def make(number: int, config: dict, scenes: list[RealScene], textures: Textures, program: Path) -> SurfaceFrame:
+def make(number: int, config: dict, scenes: list[RealScene], textures: Textures) -> SurfaceFrame:
     """The frame of this number, determined by the seed and the number."""
     rng = np.random.default_rng([config["seed"], number])
     if rng.random() < config["procedural"]:
-        return through(program, procedural_rig(rng, config, textures), config)
-    return through(program, real_rig(rng, config, scenes), config)
+        return through(procedural_rig(rng, config, textures), config)
+    return through(real_rig(rng, config, scenes), config)
 
 
-def make_held_out(config: dict, data: Path, folder: Path, program: Path) -> None:
+def make_held_out(config: dict, data: Path, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for spec in config["validation"]:
         scene = open_scene(next(root / spec["path"] for root in (data, ROOT) if (root / spec["path"]).is_dir()))
         for t in targets_of(scene, spec):
             path = folder / f"{spec['set']}-{Path(spec['path']).name}_{t}.pt"
             if not path.exists():
-                through(program, held_out_rig(scene, spec, t, max(config["photos"])), config).save(path)
+                through(held_out_rig(scene, spec, t, max(config["photos"])), config).save(path)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -156,11 +144,10 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("config", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="folder with train/, dev/ and textures/")
     parser.add_argument("--out", type=Path, required=True, help="existing frames are kept")
-    parser.add_argument("--program", type=Path, required=True, help="the program, liveview")
     args = parser.parse_args(arguments)
     torch.set_num_threads(1)
     config = read_config(args.config)
-    make_held_out(config, args.data, args.out / "validation", args.program)
+    make_held_out(config, args.data, args.out / "validation")
     scenes = [RealScene(args.data, spec, config["views"]) for spec in config["real"]]
     textures = Textures(args.data / config["textures"])
     args.out.mkdir(parents=True, exist_ok=True)
@@ -169,8 +156,8 @@ def main(arguments: list[str] | None = None) -> None:
         if path.exists():
             continue
         try:
-            make(number, config, scenes, textures, args.program).save(path)
-        except (RuntimeError, ValueError) as error:  # refused by the program, or no view looks that way
+            make(number, config, scenes, textures).save(path)
+        except (RuntimeError, ValueError) as error:  # refused by the library, or no view looks that way
             print(f"skipped {number}: {error}", file=sys.stderr, flush=True)
         print(path.name, flush=True)
 

@@ -26,17 +26,17 @@ from torch import Tensor
 from ..checkpoint import load_network, load_state, model_card
 from ..data.held_out import BORDER, INNER, Case, case_of, targets_of
 from ..data.scene import open_scene
-from ..paths import BINARY, ROOT
-from ..reference.liveview import Network
-from ..reference.metrics import psnr, ssim
+from ..paths import ROOT
+from ..reference.image.metrics import psnr, ssim
+from ..reference.render.renderer import Network
 from . import baselines, methods
 from .figure import figure
 from .lpips import load_lpips, lpips
-from .program import Program
+from .program import NO_NETWORK, Program
 from .sheet import Row, contact_sheet, row_of
 
 OURS = {"guided": methods.guided, "planes": methods.planes}  # with a network
-SURFACE = "surface"  # rendered by the program, by default if the program and the model's ONNX file exist
+SURFACE = "surface"  # rendered by the package, by default if its wheel and the model's ONNX file exist
 COMPETING = "competing"  # competing uniform planes, by the model's scale or --scale
 BASELINES = {
     "nearest": baselines.nearest,
@@ -100,25 +100,29 @@ def versions() -> dict[str, str]:
     return found
 
 
+def table(scores: Scores) -> list[str]:
+    lines = ["| method | " + " | ".join(name for name, _ in METRICS.values()) + " |", "|---" * (1 + len(METRICS)) + "|"]
+    for method, row in scores.items():
+        lines.append(f"| {method} | " + " | ".join(f"{row[k]:.{n}f}" for k, (_, n) in METRICS.items()) + " |")
+    return lines
+
+
 def markdown(report: dict) -> str:
-    """One table: means over scenes, then the PSNR of each scene."""
-    about = ", ".join(f"{key} {value}" for key, value in report["trained"].items() if key != "training")
-    scenes = {name: scene["mean"] for name, scene in report["scenes"].items()}
-    photos = ", ".join(f"{name} {len(scene['targets'])}" for name, scene in report["scenes"].items())
-    border, torch_version = report["border"], report["versions"]["torch"]
-    lines = [
-        f"# {report['model']}: {report['views']} views ({about})\n",
-        f"Means over scenes, then PSNR of each; held-out photos: {photos}; without a border of {border} pixels.",
-        f"Surface layers by the program, others by the reference. {report['cpu']}, torch {torch_version}.\n",
-        "| method | " + " | ".join([name for name, _ in METRICS.values()] + list(scenes)) + " |",
-        "|---" * (1 + len(METRICS) + len(scenes)) + "|",
-    ]
-    for method, row in report["mean"].items():
-        cells = [f"{row[key]:.{digits}f}" for key, (_, digits) in METRICS.items()]
-        cells += [f"{scores[method]['psnr']:.2f}" for scores in scenes.values()]
-        lines.append(f"| {method} | " + " | ".join(cells) + " |")
+    about = ", ".join(f"{key} {value}" for key, value in report["trained"].items())
+    lines = [f"# {report['model']}: {report['views']} views ({about})", "", f"{report['cpu']}, torch "]
+    lines[-1] += f"{report['versions']['torch']}; a border of {report['border']} pixels is left out."
+    if any(method.endswith(NO_NETWORK) for method in report["mean"]):
+        lines += [
+            "",
+            "Surface layers are rendered by the program, everything else by the reference; scores are computed alike.",
+        ]
+    scenes = len(report["scenes"])
+    lines += ["", f"## Mean over {scenes} scene{'s' * (scenes > 1)}", "", *table(report["mean"])]
+    for name, scene in report["scenes"].items():
+        count, size = len(scene["targets"]), "{}x{}".format(*scene["targets"][0]["size"])
+        lines += ["", f"## {name}: {size}, {count} held-out photo{'s' * (count > 1)}", "", *table(scene["mean"])]
     if report["skipped"]:
-        lines += ["", f"Skipped: {'; '.join(sorted({name.split(', ')[0] for name in report['skipped']}))}."]
+        lines += ["", "## Skipped", "", *(f"- {name}: {why}" for name, why in report["skipped"].items())]
     return "\n".join(lines) + "\n"
 
 
@@ -188,7 +192,6 @@ def main() -> int:
     parser.add_argument("--scale", type=float, help="factor of competing planes' logits; default: the model's")
     parser.add_argument("--keep", action="store_true", help="keep OUT's scores of other methods, and its contact sheet")
     parser.add_argument("--scenes", help="comma-separated names; default: all")
-    parser.add_argument("--binary", type=Path, default=BINARY)
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
@@ -202,10 +205,10 @@ def main() -> int:
     wanted_methods = (args.methods or f"{SURFACE},{every}{trained_for}").split(",")
     if "alpha_spacing" in about and not args.methods:  # only for planes
         wanted_methods = [name for name in wanted_methods if name not in (SURFACE, "guided")]
-    program = Program(args.binary.absolute(), args.model.absolute().with_suffix(".onnx"), args.threads)
+    program = Program(args.model.absolute().with_suffix(".onnx"))
     lacking = ", ".join(program.missing()) if SURFACE in wanted_methods else ""
     if lacking and args.methods:
-        parser.error(f"surface layers are rendered by the program: {lacking}")
+        parser.error(f"surface layers are rendered by the package: {lacking}")
     if lacking or SURFACE not in wanted_methods:
         program = None
     wanted_methods = [name for name in wanted_methods if name != SURFACE]

@@ -1,17 +1,15 @@
-"""Renderings of the evaluation by the program: surface layers, with the network and without one.
-The reference would take seconds for the depth of each photo; parity tests compare the program's
-stages with it.
+"""Renderings of the evaluation by the Python package (`make wheel`): surface layers, with the
+network and without one. The reference would take seconds for the depth of each photo; parity tests
+compare the library's stages with it.
 
-The program renders a scene on disk with the photos that a case may be rendered from and the target,
-at the case's size. The picture comes from `liveview dump`, so that it is not rounded to 8 bits.
+A scene on disk has the photos that a case may be rendered from and the target, at the case's size.
 """
 
-import subprocess
+import importlib
 import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -26,15 +24,17 @@ WITHOUT_NETWORK = 1, 3  # layers: for the comparison with the network, and the p
 
 
 class Program(NamedTuple):
-    """The program and its model (ONNX)."""
+    """The package and a model (ONNX)."""
 
-    binary: Path
     model: Path
-    threads: int
 
     def missing(self) -> list[str]:
-        """The files that are missing to run it."""
-        return [f"{path.name} is missing" for path in (self.binary, self.model) if not path.is_file()]
+        """What is missing to run it."""
+        try:
+            importlib.import_module("liveview_ref.extension")
+        except ImportError as error:
+            return [str(error)]
+        return [] if self.model.is_file() else [f"{self.model.name} is missing"]
 
     def surface(self, scene: Scene, spec: dict, target: int, case: Case):
         """Each number of surface layers, with the network and without. Yields (name, image
@@ -42,25 +42,20 @@ class Program(NamedTuple):
         with tempfile.TemporaryDirectory() as folder:
             write_scene(Path(folder), scene, spec, target, case)
             for count in SURFACE:
-                yield f"surface:{count}", self.render(Path(folder), spec, count, ["--model", self.model])
-            without = ["--network", "none", "--views", len(case.views)]
+                yield f"surface:{count}", render(Path(folder), spec, count, network=self.model)
             for count in WITHOUT_NETWORK:
-                yield f"surface:{count}{NO_NETWORK}", self.render(Path(folder), spec, count, without)
+                yield f"surface:{count}{NO_NETWORK}", render(Path(folder), spec, count, views=len(case.views))
 
-    def render(self, folder: Path, spec: dict, layers: int, network: list) -> Tensor:
-        """Render the target of the scene in this folder."""
-        out = folder / "dump.npz"
-        range_ = [x for end in ("near", "far") if spec.get(end) for x in (f"--{end}", spec[end])]
-        options = ["--target", TARGET, "--layers", f"surface:{layers}", "--threads", self.threads, "-o", out]
-        options += ["--cache", folder / "depth"]  # depth of the photos, the same for all layers
-        command = [str(x) for x in (self.binary, "dump", folder, *options, *range_, *network)]
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode:
-            raise RuntimeError(f"{' '.join(command)}: {done.stderr.strip()}")
-        with np.load(out) as arrays:
-            frame = torch.from_numpy(arrays["frame"])
-        out.unlink()  # the program does not overwrite files in a scene's folder
-        return frame
+
+def render(folder: Path, spec: dict, layers: int, **options) -> Tensor:
+    """Render the target of the scene in this folder; options of the package's synthesizer."""
+    from ..extension import liveview  # here: it needs the wheel
+
+    options |= {end: spec[end] for end in ("near", "far") if spec.get(end)}
+    # The depth of the photos is the same for all layers.
+    options |= {"layers": f"surface:{layers}", "cache": folder / "depth"}
+    picture = liveview.Synthesizer(liveview.Scene(folder), **options).render(TARGET).picture
+    return torch.from_numpy(picture).permute(2, 0, 1)
 
 
 def write_scene(folder: Path, scene: Scene, spec: dict, target: int, case: Case) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from ..checkpoint import load_state
 from ..config import read_config
 from ..data import surface_frames
-from ..paths import MODELS, ROOT
+from ..paths import MODELS
 from . import train
 
 
@@ -50,8 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
         data, shards = ["--data", str(args.data)], args.out / "shards"
         if "frames" in read_config(config):
             shards = args.out / f"frames_{name}"
-            program = ROOT / "target" / "release" / "liveview"
-            surface_frames.main([str(config), *data, "--out", str(shards), "--program", str(program)])
+            surface_frames.main([str(config), *data, "--out", str(shards)])
         folders = [*data, "--out", str(run), "--shards", str(shards)]
         train.main([str(config), *folders, *started])
         if not finished(config, run):

@@ -1,9 +1,11 @@
-"""The scenes that the evaluation gives the program: the photos and cameras of the case, without
+"""The scenes that the evaluation gives the package: the photos and cameras of the case, without
 held-out ones."""
 
 import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -20,20 +22,34 @@ ROOT = Path(__file__).parents[3]
 WORKSHOP = ROOT / "tests" / "scenes" / "workshop"
 SPEC = {"width": None, "targets": [7, 8], "pool": [0, 1, 2, 3, 5], "near": 1, "far": 9}
 
-# In place of the program: writes its request as the picture: photos, layers, whether without a
-# network.
-FAKE = f"""#!{sys.executable}
-import json, pathlib, sys
-import numpy as np
-args = sys.argv[1:]
-frames = json.loads((pathlib.Path(args[1]) / "transforms.json").read_text())["frames"]
-frame = np.zeros((3, 1, 3), np.float32)
-layers = args[args.index("--layers") + 1]
-frame[0, 0] = len(frames), int(layers.split(":")[1]), "--network" in args
-assert args[0] == "dump" and args[args.index("--target") + 1] == "{TARGET}", args
-assert ("--network" in args) != ("--model" in args) and float(args[args.index("--near") + 1]) == 1, args
-np.savez(args[args.index("-o") + 1], frame=frame)
-"""
+
+class Fake(NamedTuple):
+    """In place of the package's scene and synthesizer: renders its request as a picture: photos,
+    layers, whether without a network."""
+
+    photos: int
+    layers: int = 0
+    without: bool = False
+
+    @classmethod
+    def scene(cls, folder: Path) -> "Fake":
+        return cls(len(json.loads((folder / "transforms.json").read_text())["frames"]))
+
+    @classmethod
+    def synthesizer(cls, scene: "Fake", *, layers: str, near: float, cache: Path, network=None, views=None, far=None):
+        assert (network is None) != (views is None) and near == 1 and cache
+        return cls(scene.photos, int(layers.split(":")[1]), network is None)
+
+    def render(self, target: str) -> SimpleNamespace:
+        assert target == TARGET
+        return SimpleNamespace(picture=np.float32([[self, [0, 0, 0]]]))
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    liveview = pytest.importorskip("liveview_ref.extension", exc_type=ImportError).liveview
+    monkeypatch.setattr(liveview, "Scene", Fake.scene)
+    monkeypatch.setattr(liveview, "Synthesizer", Fake.synthesizer)
 
 
 def test_written_scene_equals_the_case(tmp_path):
@@ -53,54 +69,44 @@ def test_written_scene_equals_the_case(tmp_path):
             torch.testing.assert_close(getattr(found, part), getattr(camera, part), rtol=0, atol=1e-9)
 
 
-def test_every_row_is_rendered(tmp_path):
-    binary = tmp_path / "liveview"
-    binary.write_text(FAKE)
-    binary.chmod(0o755)
+def test_every_row_is_rendered(fake):
     scene = open_scene(WORKSHOP)
-    program = Program(binary, tmp_path / "model.onnx", 1)
-    rows = dict(program.surface(scene, SPEC, 7, case_of(scene, SPEC, 7, 4)))
-    asked = {name: image[0, 0].tolist() for name, image in rows.items()}
-    assert asked == {
+    rows = dict(Program(Path("model.onnx")).surface(scene, SPEC, 7, case_of(scene, SPEC, 7, 4)))
+    assert {name: image[:, 0, 0].tolist() for name, image in rows.items()} == {
         "surface:2": [6, 2, 0],
         "surface:1": [6, 1, 0],
         "surface:1, no network": [6, 1, 1],
         "surface:3, no network": [6, 3, 1],
     }
-    binary.write_text(f"#!{sys.executable}\nimport sys\nsys.exit('no such thing')\n")
-    with pytest.raises(RuntimeError, match="no such thing"):
-        next(program.surface(scene, SPEC, 7, case_of(scene, SPEC, 7, 4)))
 
 
-def test_paper_comparison_renders_as_many_layers_as_planes(tmp_path, monkeypatch):
-    monkeypatch.setattr(program, "BINARY", tmp_path / "liveview")
-    with pytest.raises(FileNotFoundError) as caught:
-        program.surface(4)
-    assert caught.value.filename == str(program.BINARY)
-    program.BINARY.write_text(FAKE)
-    program.BINARY.chmod(0o755)
+def test_paper_comparison_renders_as_many_layers_as_planes(fake, monkeypatch):
     scene = open_scene(WORKSHOP)
     case = case_of(scene, SPEC, 7, 4)
     photos, planes = Photos(case.sources, case.cameras, (0,)), torch.tensor([1.0, 0.5, 1 / 9])
     for build, without in ((program.surface, 0), (program.surface_without_network, 1)):
         rendering = build(4)(photos, case.target, planes)
-        assert rendering.rgb[0, 0].tolist() == [5, 3, without]
+        assert rendering.rgb[:, 0, 0].tolist() == [5, 3, without]
+    monkeypatch.setattr(program, "MODELS", Path("no"))
+    with pytest.raises(FileNotFoundError, match="liveview_v4.onnx is missing"):
+        program.surface(4)
 
 
-def test_without_the_program_surface_layers_are_skipped_unless_requested(tmp_path, monkeypatch, capsys):
+def test_without_the_package_surface_layers_are_skipped_unless_requested(tmp_path, monkeypatch, capsys):
     (tmp_path / "spec.json").write_text(json.dumps([{"path": "no", "targets": [0]}]))
     monkeypatch.setattr(evaluate, "load_lpips", lambda: None)
     monkeypatch.setattr(evaluate.baselines, "opencv", lambda: None)
+    monkeypatch.setitem(sys.modules, "liveview_ref.extension", None)
     model, spec = ROOT / "models" / "liveview_v4.pt", tmp_path / "spec.json"
-    command = ["", model, spec, "--data", tmp_path, "--out", tmp_path / "out", "--binary", tmp_path / "liveview"]
+    command = ["", model, spec, "--data", tmp_path, "--out", tmp_path / "out"]
     threads = torch.get_num_threads()
     monkeypatch.setattr(sys, "argv", [str(x) for x in command])
     assert evaluate.main() == 1, "no scene"
-    assert "skipped surface layers: liveview is missing" in capsys.readouterr().err
+    assert "skipped surface layers: import of liveview_ref.extension" in capsys.readouterr().err
     monkeypatch.setattr(sys, "argv", [str(x) for x in [*command, "--methods", "surface"]])
     with pytest.raises(SystemExit):
         evaluate.main()
-    assert "liveview is missing" in capsys.readouterr().err
+    assert "surface layers are rendered by the package" in capsys.readouterr().err
     torch.set_num_threads(threads)
 
 

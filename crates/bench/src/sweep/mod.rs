@@ -1,5 +1,6 @@
 //! Error against run time. Each configuration runs in a worker process; their repetitions are interleaved.
 
+mod job_file;
 mod markdown;
 mod plot;
 mod processes;
@@ -12,20 +13,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use job_file::write_job;
 use liveview::ImageRgb;
 use liveview::geometry::Size;
-use liveview::layers::uniform_disparities;
 use liveview_files::unfinished::Unfinished;
 use liveview_synthesizer::ViewAgreement;
-use liveview_synthesizer::{LayerSpec, SceneViews, Shot, Targets};
-use ndarray::Array1;
+use liveview_synthesizer::{LayerSpec, SceneViews, Targets};
 use processes::{Measured, WorkerProcess, text_of};
 use rows::Row;
 pub use rows::SweepReport;
 use serde_json::{Value, json};
 use worker::scaled;
-
-use crate::npz::Arrays;
 
 /// Engines of `python -m liveview_ref.competitors.worker`.
 const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
@@ -183,14 +181,6 @@ impl Reference<'_> {
         };
         REFERENCES.into_iter().map(start).collect()
     }
-}
-
-/// Writes the job of a reference: the target, its views and uniform planes.
-fn write_job(path: &Path, scene_views: &SceneViews, shot: &Shot, planes: usize) -> Result<()> {
-    let mut arrays = Arrays::create(path)?;
-    arrays.add_rig(scene_views, shot)?;
-    arrays.add("disparities", Array1::from_vec(uniform_disparities(shot.near, shot.far, planes)?))?;
-    arrays.finish()
 }
 
 /// The name of the processor, where the system reports it (Linux), and the widest vector instructions, which decide how fast networks run.

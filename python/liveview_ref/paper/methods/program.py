@@ -1,4 +1,4 @@
-"""This project's program as it ships, on surface layers from the depth of the photos (src/surface):
+"""This project's library as it ships, on surface layers from the depth of the photos (src/surface):
 not in the paper, and trained on other scenes."""
 
 import tempfile
@@ -9,15 +9,15 @@ import torch
 from torch import Tensor
 
 from liveview_ref.data.written_scene import write_photo, write_transforms
-from liveview_ref.evaluation.program import TARGET, Program
-from liveview_ref.paths import BINARY, MODELS
-from liveview_ref.reference.liveview import Camera
+from liveview_ref.evaluation.program import TARGET, Program, render
+from liveview_ref.paths import MODELS
+from liveview_ref.reference.geometry.camera import Camera
 
 from .method import Method, Photos, Rendering
 
 
 def write_scene(folder: Path, photos: Photos, target: Camera, bounds: tuple[float, float]) -> None:
-    """Write a scene from which the program can render the target; bounds: near and far
+    """Write a scene from which the library can render the target; bounds: near and far
     in scene units."""
     blank = torch.zeros(3, target.height, target.width)  # in place of the target's photo
     frames = [write_photo(folder, TARGET, blank, target, bounds)]
@@ -28,20 +28,20 @@ def write_scene(folder: Path, photos: Photos, target: Camera, bounds: tuple[floa
 
 class Surface(Method):
     """As many surface layers as planes are given, with the shipped network or none; near and far
-    are those of the planes. FileNotFoundError if the program is not built."""
+    are those of the planes. FileNotFoundError if the package is not built."""
 
     def __init__(self, views: int, network: bool):
         super().__init__()
-        if not BINARY.is_file():
-            raise FileNotFoundError(ENOENT, "not built yet", str(BINARY))
-        self.program = Program(BINARY, MODELS / f"liveview_v{views}.onnx", torch.get_num_threads())
-        self.options = ["--model", self.program.model] if network else ["--network", "none", "--views", views]
+        model = MODELS / f"liveview_v{views}.onnx"
+        for missing in Program(model).missing():
+            raise FileNotFoundError(ENOENT, missing, "the package or its model")
+        self.options = {"network": model} if network else {"views": views}
 
     def forward(self, photos: Photos, target: Camera, disparities: Tensor, cover: bool = True) -> Rendering:
         near, far = (1 / float(disparities[i]) for i in (0, -1))
         with tempfile.TemporaryDirectory() as folder:
             write_scene(Path(folder), photos, target, (near, far))
-            rgb = self.program.render(Path(folder), {"near": near, "far": far}, len(disparities), self.options)
+            rgb = render(Path(folder), {"near": near, "far": far}, len(disparities), **self.options)
         return Rendering(rgb, torch.ones(target.height, target.width, dtype=torch.bool))
 
 
