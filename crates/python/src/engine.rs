@@ -57,7 +57,7 @@ impl Engine {
         let control = Arc::<Control>::default();
         let watched = Arc::clone(&control);
         synthesizer.photos_mut().on_depth_search(move |next| watched.next(progress.as_ref(), next));
-        let runs = Mutex::new(synthesizer.renderer().network().run_end());
+        let runs = Mutex::new(synthesizer.run_end());
         let model = options.model.file.is_some().then_some(options.model);
         Ok(Self { synthesizer: Mutex::new(synthesizer), model, runs, control })
     }
@@ -110,8 +110,9 @@ impl Engine {
     fn open_again(&self, synthesizer: &mut Synthesizer) -> PyResult<()> {
         let Some(options) = &self.model else { return Ok(()) };
         let layers = synthesizer.layers().clone();
-        *synthesizer.renderer_mut() = options.open_renderer(Some(&layers)).map_err(library)?.0;
-        *locked(&self.runs) = synthesizer.renderer().network().run_end();
+        let opened = options.open_renderer(Some(&layers)).map_err(library)?;
+        *synthesizer.renderer_mut() = opened.renderer;
+        *locked(&self.runs) = opened.run_end;
         Ok(())
     }
 }

@@ -5,9 +5,8 @@ use std::time::Duration;
 
 use liveview::ImageRgb;
 use liveview::geometry::Size;
-use liveview::image::inpaint_uncovered;
 use liveview_synthesizer::Plan;
-use ndarray::{Array3, Ix2, Ix3};
+use ndarray::{Array3, Ix3};
 use numpy::{IntoPyArray, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -23,9 +22,12 @@ pub(crate) struct Frame {
     #[pyo3(get)]
     name: String,
     size: Size,
-    /// [h, w, 3] float32 in [0, 1]; black where no photo covers any layer.
+    /// [h, w, 3] float32 in [0, 1]; what no photo covers is filled from its surroundings.
     #[pyo3(get)]
     picture: Py<PyArray3<f32>>,
+    /// As `picture`, but black where no photo covers any layer.
+    #[pyo3(get)]
+    raw: Py<PyArray3<f32>>,
     /// [h, w] float32, 1/scene unit.
     #[pyo3(get)]
     disparity: Py<PyArray2<f32>>,
@@ -68,25 +70,14 @@ impl Frame {
         let (uncovered, pixels) = (frame.uncovered_share(), frame.transmittance.len() as f64);
         Ok(Self {
             name,
-            size: frame.picture.size(),
+            size: frame.raw().size(),
             uncovered,
             occluded: frame.occluded_pixels as f64 / pixels,
-            picture: picture_array(frame.picture).into_pyarray(py).unbind(),
+            picture: picture_array(frame.picture()).into_pyarray(py).unbind(),
+            raw: frame.raw().as_array().to_owned().into_pyarray(py).unbind(),
             disparity: frame.disparity.into_pyarray(py).unbind(),
             transmittance: frame.transmittance.into_pyarray(py).unbind(),
             times: seconds.unbind(),
-        })
-    }
-
-    /// The inpainted picture, of the arrays as they are now: Python may have changed them.
-    fn filled(&self, py: Python<'_>) -> PyResult<ImageRgb> {
-        let mut sides = Sides::default();
-        let picture = sides.array::<f32, Ix3>("picture", self.picture.bind(py), "H W 3")?.as_array().to_owned();
-        let transmittance = sides.array::<f32, Ix2>("transmittance", self.transmittance.bind(py), "H W")?;
-        let transmittance = transmittance.as_array().to_owned();
-        compute(py, || {
-            let picture = ImageRgb::from_array(picture.view()).map_err(library)?;
-            Ok(inpaint_uncovered(&picture, &transmittance))
         })
     }
 }
@@ -99,15 +90,11 @@ pub(crate) fn picture_array(picture: ImageRgb) -> Array3<f32> {
 
 #[pymethods]
 impl Frame {
-    /// The picture with its uncovered pixels filled from their surroundings, [h, w, 3] float32.
-    fn inpainted<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
-        Ok(picture_array(self.filled(py)?).into_pyarray(py))
-    }
-
-    /// Writes the inpainted picture, as `liveview render` does: JPEG for .jpg, else PNG.
+    /// Writes the picture as it is now, as `liveview render` does: JPEG for .jpg, else PNG.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        let picture = self.filled(py)?;
-        compute(py, || picture.save(path).map_err(library))
+        let picture = Sides::default().array::<f32, Ix3>("picture", self.picture.bind(py), "H W 3")?;
+        let picture = picture.as_array().to_owned();
+        compute(py, || ImageRgb::from_array(picture.view()).map_err(library)?.save(path).map_err(library))
     }
 
     fn __repr__(&self) -> String {

@@ -27,7 +27,7 @@ pub(crate) struct LiveSession(Mutex<Steps>);
 
 /// The session, and the number of steps rendered.
 struct Steps {
-    session: live::LiveSession,
+    session: session::LiveSession,
     rendered: usize,
 }
 
@@ -50,7 +50,8 @@ impl LiveSession {
         let layers: Option<LayerSpec> = layers.map(str::parse).transpose().map_err(|error| value("layers", error))?;
         let policy: Option<Policy> = policy.map(str::parse).transpose().map_err(|error| value("policy", error))?;
         let options = model::options(py, views, network)?;
-        let (renderer, layers) = compute(py, || options.open_renderer(layers.as_ref()).map_err(library))?;
+        let opened = compute(py, || options.open_renderer(layers.as_ref()).map_err(library))?;
+        let (renderer, layers) = (opened.renderer, opened.layers);
         model::check_views(options.views, &renderer)?;
         let default = Policy::default_for(&layers);
         if policy == Some(Policy::Propagate) && default != Policy::Propagate {
@@ -58,7 +59,7 @@ impl LiveSession {
         }
         let mut settings = LiveSettings::new(near, far);
         (settings.layers, settings.policy) = (layers, policy.unwrap_or(default));
-        let session = live::LiveSession::new(cameras, vec![renderer], settings);
+        let session = session::LiveSession::new(cameras, vec![renderer], settings);
         let session = session.map_err(|error| value("near, far", error))?;
         Ok(Self(Mutex::new(Steps { session, rendered: 0 })))
     }

@@ -23,7 +23,7 @@ pub(crate) fn photo_depth<'py>(
     near: f64,
     far: f64,
 ) -> PyResult<Bound<'py, PyAny>> {
-    searched(py, photo, neighbours, (near, far), surface::photo_depth)
+    searched(py, photo, neighbours, (near, far), liveview_surface::photo_depth)
 }
 
 /// As photo_depth, with what the neighbours find at a small size as anchors.
@@ -35,11 +35,11 @@ pub(crate) fn anchored_depth<'py>(
     near: f64,
     far: f64,
 ) -> PyResult<Bound<'py, PyAny>> {
-    searched(py, photo, neighbours, (near, far), surface::anchored_depth)
+    searched(py, photo, neighbours, (near, far), liveview_surface::anchored_depth)
 }
 
 /// A search of the library.
-type Search = fn(&SourceView<'_>, &[SourceView<'_>], f64, f64) -> surface::PhotoDepth;
+type Search = fn(&SourceView<'_>, &[SourceView<'_>], f64, f64) -> liveview_surface::PhotoDepth;
 
 fn searched<'py>(
     py: Python<'py>,
@@ -79,16 +79,16 @@ pub(crate) fn confirmed<'py>(
         let others = maps.iter().enumerate().filter(|(other, _)| *other != which);
         let votes: Vec<_> =
             others.map(|(_, (other, found))| ConsistencyVotes::new((camera, depth), (other, found))).collect();
-        Ok(surface::confirmed(&votes.iter().collect::<Vec<_>>(), depth.disparity.dim()))
+        Ok(liveview_surface::confirmed(&votes.iter().collect::<Vec<_>>(), depth.disparity.dim()))
     })?;
     Ok(found.into_pyarray(py))
 }
 
-fn camera_and_depth(name: &str, pair: &Bound<'_, PyAny>) -> PyResult<(liveview::Camera, surface::PhotoDepth)> {
+fn camera_and_depth(name: &str, pair: &Bound<'_, PyAny>) -> PyResult<(liveview::Camera, liveview_surface::PhotoDepth)> {
     let (of, depth) = two(name, pair, "camera and PhotoDepth")?;
     let camera = camera(&format!("{name}[0]"), &of)?;
     let (disparity, disparity_per_pixel) = depth_map(&format!("{name}[1]"), &depth, &camera)?;
-    Ok((camera, surface::PhotoDepth { disparity, disparity_per_pixel }))
+    Ok((camera, liveview_surface::PhotoDepth { disparity, disparity_per_pixel }))
 }
 
 /// The fields of a `PhotoDepth` or `ConfirmedDepth` of a camera.

@@ -1,7 +1,7 @@
 //! The fusion of confirmed depths at the target stage by stage, for the parity tests.
 
 use liveview::geometry::PlaneSweep;
-use liveview::render::{ViewCorrection, Visibility};
+use liveview::render::{ViewCorrection, Visibility, occluded};
 use liveview::warp::WarpSource;
 use liveview_surface::{ConfirmedDepth, stages};
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
@@ -106,6 +106,6 @@ pub(crate) fn hide<'py>(
     let corrections: Vec<_> = gains.collect();
     let sources: Vec<_> = views.iter().map(|view| view.view).collect();
     let (colour, coverage, seen) =
-        stages::occluded(&visibility, &corrections, &sources, &target, &surface.as_array().to_owned());
+        occluded(&visibility, &corrections, &sources, &target, &surface.as_array().to_owned());
     Ok((colour.into_pyarray(py), coverage.into_pyarray(py), seen.into_pyarray(py)))
 }

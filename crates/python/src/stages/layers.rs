@@ -5,6 +5,7 @@ use liveview::layers::{self, Layers, padded};
 use liveview::render::{Accumulated, Blended};
 use liveview::warp::warp_sources;
 use liveview_surface::guided::{GuidedSearch, RangeMap};
+use liveview_synthesizer::MAX_LAYERS;
 use ndarray::{Array3, Ix3};
 use numpy::{IntoPyArray, PyArray1, PyArray3, PyReadonlyArray};
 use pyo3::prelude::*;
@@ -25,8 +26,8 @@ pub(crate) fn uniform_disparities<'py>(
     count: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let count = whole("count", count)?;
-    if count > layers::MAX_LAYERS {
-        return Err(value("count", format!("{count}; expected at most {}", layers::MAX_LAYERS)));
+    if count > MAX_LAYERS {
+        return Err(value("count", format!("{count}; expected at most {}", MAX_LAYERS)));
     }
     let found = layers::uniform_disparities(near, far, count);
     Ok(found.map_err(|error| value(if count == 0 { "count" } else { "near, far" }, error))?.into_pyarray(py))
@@ -67,15 +68,15 @@ pub(crate) fn cover_planes(
     count: &Bound<'_, PyAny>,
 ) -> PyResult<Vec<usize>> {
     let (histogram, count) = (counts(histogram)?, whole("count", count)?);
-    compute(py, || Ok(layers::cover_planes(&histogram, count)))
+    compute(py, || Ok(liveview_synthesizer::cover_planes(&histogram, count)))
 }
 
 /// Numbers of pixels, of at most as many planes as a picture has.
 fn counts(histogram: &Bound<'_, PyAny>) -> PyResult<Vec<u64>> {
     const MOST: f64 = (1_u64 << 40) as f64;
     let found = vector("histogram", histogram, "D")?;
-    if found.len() > layers::MAX_LAYERS {
-        return Err(value("histogram", format!("{} planes; expected at most {}", found.len(), layers::MAX_LAYERS)));
+    if found.len() > MAX_LAYERS {
+        return Err(value("histogram", format!("{} planes; expected at most {}", found.len(), MAX_LAYERS)));
     }
     let wrong = |count: &&f64| !((0.0..=MOST).contains(*count) && count.fract() == 0.0);
     match found.iter().find(wrong) {
@@ -141,16 +142,16 @@ pub(super) fn maps_of(layers: &Layers, Size { width, height }: Size) -> Array3<f
 /// A number of layers.
 pub(super) fn layer_count(count: &Bound<'_, PyAny>) -> PyResult<usize> {
     let count = whole("count", count)?;
-    if (1..=layers::MAX_LAYERS).contains(&count) {
+    if (1..=MAX_LAYERS).contains(&count) {
         return Ok(count);
     }
-    Err(value("count", format!("{count}; expected 1 to {}", layers::MAX_LAYERS)))
+    Err(value("count", format!("{count}; expected 1 to {}", MAX_LAYERS)))
 }
 
 fn coarse_planes(planes: Option<&Bound<'_, PyAny>>) -> PyResult<Option<usize>> {
     let planes = planes.map(|planes| whole("planes", planes)).transpose()?;
-    match planes.filter(|planes| !(2..=layers::MAX_LAYERS).contains(planes)) {
-        Some(wrong) => Err(value("planes", format!("{wrong}; expected 2 to {}", layers::MAX_LAYERS))),
+    match planes.filter(|planes| !(2..=MAX_LAYERS).contains(planes)) {
+        Some(wrong) => Err(value("planes", format!("{wrong}; expected 2 to {}", MAX_LAYERS))),
         None => Ok(planes),
     }
 }

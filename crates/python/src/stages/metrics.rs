@@ -1,7 +1,6 @@
 //! `liveview_ref.reference.image.metrics`.
 
 use liveview::ImageRgb;
-use liveview::image;
 use pyo3::prelude::*;
 
 use super::photo;
@@ -12,7 +11,7 @@ use crate::work::compute;
 #[pyfunction]
 pub(crate) fn psnr(py: Python<'_>, image: &Bound<'_, PyAny>, truth: &Bound<'_, PyAny>) -> PyResult<f64> {
     let (found, truth) = pair(image, truth)?;
-    compute(py, || Ok(image::psnr(&found, &truth, 0)))
+    compute(py, || Ok(liveview_synthesizer::psnr(&found, &truth, 0)))
 }
 
 /// Structural similarity of pictures [3, h, w] of at least 11 x 11 pixels.
@@ -22,7 +21,7 @@ pub(crate) fn ssim(py: Python<'_>, image: &Bound<'_, PyAny>, truth: &Bound<'_, P
     if found.width().min(found.height()) < 11 {
         return Err(value("image", format!("the picture is {}; expected at least 11x11", found.size())));
     }
-    compute(py, || Ok(image::ssim(&found, &truth, 0)))
+    compute(py, || Ok(liveview_synthesizer::ssim(&found, &truth, 0)))
 }
 
 /// Two pictures of one size.

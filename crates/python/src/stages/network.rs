@@ -48,8 +48,10 @@ impl Network {
         }
         let logits = compute(py, || {
             let mut logits = Array4::zeros((n, self.views, height, width));
+            // Models do not look at it.
+            let coverage = Array4::ones((n, self.views, height, width));
             let mut network = self.network.lock().unwrap_or_else(PoisonError::into_inner);
-            network.infer(hwv, logits.view_mut()).map_err(library)?;
+            network.infer(hwv, coverage.view(), logits.view_mut()).map_err(library)?;
             Ok(logits)
         })?;
         Ok(logits.into_pyarray(py))

@@ -46,7 +46,9 @@ pub(crate) fn logits<'py>(
     let mut network = open(py, &model, openvino.as_deref())?;
     let (n, _, height, width) = colour.as_array().dim();
     let mut logits = Array4::zeros((n, network.views(), height, width));
-    network.infer(colour.as_array(), logits.view_mut()).map_err(library)?;
+    // Models do not look at the coverage.
+    let coverage = Array4::ones(logits.dim());
+    network.infer(colour.as_array(), coverage.view(), logits.view_mut()).map_err(library)?;
     Ok(logits.into_pyarray(py))
 }
 
@@ -70,10 +72,10 @@ pub(crate) fn guided_search<'py>(
     Ok(arrays)
 }
 
-/// Every stage of a picture of a rig on planes or on maps on cells, `batch` layers at a time; opacity
-/// competes with `alpha_scale`, and is per pixel of parallax with `alpha_spacing`.
+/// Every stage of a picture of a rig on planes or on maps on cells, `batch` layers at a time; layers
+/// compete with `alpha_scale`.
 #[pyfunction]
-#[pyo3(signature = (model, views, cameras, target, layers, batch, alpha_scale = None, alpha_spacing = None))]
+#[pyo3(signature = (model, views, cameras, target, layers, batch, alpha_scale = None))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn render<'py>(
     py: Python<'py>,
@@ -84,7 +86,6 @@ pub(crate) fn render<'py>(
     layers: &Bound<'py, PyAny>,
     batch: usize,
     alpha_scale: Option<f64>,
-    alpha_spacing: Option<f64>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (photos, target) = (photos(("views", views), ("cameras", cameras))?, camera("target", target)?);
     let layers = match layers.extract::<PyReadonlyArray3<'_, f32>>() {
@@ -92,9 +93,8 @@ pub(crate) fn render<'py>(
         Err(_) => Layers::planes(&layers.extract::<Vec<f64>>()?),
     };
     let layers = layers.map_err(library)?;
-    let mut renderer = Renderer::new(Box::new(open(py, &model, None)?), batch);
-    let spaced = alpha_spacing.map(|max_spacing| Alpha::PerPixel { max_spacing });
-    renderer.set_alpha(alpha_scale.map(|scale| Alpha::Competing { scale }).or(spaced).unwrap_or_default());
+    let alpha = alpha_scale.map(|scale| Alpha::Competing { scale }).unwrap_or_default();
+    let mut renderer = Renderer::new(Box::new(open(py, &model, None)?), alpha, batch);
     renderer.set_skip_uncovered(false);
     let mut recorded = Recorded::default();
     let mut observer = |batch: &Batch<'_>| recorded.add(batch);
@@ -186,11 +186,12 @@ pub(crate) fn render_scene<'py>(
         about.set_item("model", model.network.path())?;
         about.set_item("library", model.library.path())?;
         about.set_item("precision", &model.precision)?;
-        let recommended = model.network.recommended_layers();
+        let recommended = model.recommended_layers();
         (model.into_renderer(), recommended)
     } else {
         about.set_item("model", py.None())?;
-        of_model.open_renderer(layers.as_ref()).map(|(renderer, layers)| (renderer, Ok(layers))).map_err(library)?
+        let opened = of_model.open_renderer(layers.as_ref()).map_err(library)?;
+        (opened.renderer, Ok(opened.layers))
     };
     let layers = layers.map_or(recommended, Ok).map_err(library)?;
     about.set_item("layers", layers.to_string())?;

@@ -25,19 +25,18 @@ const OF_LAYERS: [&str; 6] = ["maps", "colour", "coverage", "logits", "alpha", "
 pub(super) struct Recorded {
     /// Of each batch, in the order of [`OF_LAYERS`].
     batches: Vec<[ArrayD<f32>; OF_LAYERS.len()]>,
-    logit_shift: Vec<f64>,
 }
 
 impl Recorded {
     pub(super) fn add(&mut self, batch: &Batch<'_>) {
         let (n, _, height, width) = batch.logits.dim();
         let (mut alpha, mut rgb) = (Vec::new(), Vec::new());
-        for (k, &logit_shift) in batch.logit_shifts.iter().enumerate() {
+        for k in 0..n {
             let [logits, colour, coverage] = [batch.logits, batch.hwv, batch.coverage]
                 .map(|all| all.index_axis(Axis(0), k).iter().copied().collect::<Vec<_>>());
-            let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage, logit_shift };
+            let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
             let mut blended = Blended::new(height * width);
-            batch.weights.blend(&samples, 0, &mut blended);
+            samples.blend(batch.weights, 0, &mut blended);
             alpha.extend(blended.alpha);
             rgb.extend(blended.rgb.into_iter().flatten());
         }
@@ -47,7 +46,6 @@ impl Recorded {
         let [colour, coverage, logits] =
             [batch.hwv, batch.coverage, batch.logits].map(|array| array.to_owned().into_dyn());
         self.batches.push([maps, colour, coverage, logits, alpha.into_dyn(), rgb.into_dyn()]);
-        self.logit_shift.extend(batch.logit_shifts);
     }
 
     /// Adds the arrays of the layers and of the frame.
@@ -66,16 +64,11 @@ impl Recorded {
         if !planes.is_empty() {
             arrays.set_item("disparities", planes.into_pyarray(py))?;
         }
-        match alpha {
-            Alpha::Competing { scale } => arrays.set_item("alpha_scale", scale)?,
-            Alpha::PerPixel { max_spacing } => {
-                arrays.set_item("alpha_spacing", max_spacing)?;
-                arrays.set_item("logit_shift", self.logit_shift.into_pyarray(py))?;
-            }
-            _ => (),
+        if let Alpha::Competing { scale } = alpha {
+            arrays.set_item("alpha_scale", scale)?;
         }
         let (height, width) = frame.disparity.dim();
-        let picture = Array3::from_shape_fn((3, height, width), |(c, y, x)| frame.picture.pixel(x, y)[c]);
+        let picture = Array3::from_shape_fn((3, height, width), |(c, y, x)| frame.raw().pixel(x, y)[c]);
         arrays.set_item("frame", picture.into_pyarray(py))?;
         arrays.set_item("disparity", frame.disparity.into_pyarray(py))?;
         arrays.set_item("transmittance", frame.transmittance.into_pyarray(py))?;

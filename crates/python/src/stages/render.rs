@@ -42,8 +42,8 @@ pub(crate) fn blend<'py>(
         let from = from.zip(colour.par_chunks(3 * views * pixels));
         to.zip(from).enumerate().for_each(|(layer, ((alpha, rgb), ((logits, coverage), colour)))| {
             let mut blended = Blended::new(pixels);
-            let samples = LayerSamples { logits, colour, coverage, logit_shift: 0.0 };
-            weights[layer % weights.len()].blend(&samples, 0, &mut blended);
+            let samples = LayerSamples { logits, colour, coverage };
+            samples.blend(&weights[layer % weights.len()], 0, &mut blended);
             alpha.copy_from_slice(&blended.alpha);
             for (to, channel) in rgb.chunks_mut(pixels).zip(&blended.rgb) {
                 to.copy_from_slice(channel);

@@ -6,7 +6,7 @@ use liveview::network::PlaneNetwork;
 use liveview::warp::{Texture, WarpSource, warp_layers};
 use liveview_surface::stages;
 use liveview_synthesizer::ViewAgreement;
-use ndarray::{Array3, Array4, Axis, Ix3, Ix5};
+use ndarray::{Array3, Array4, Axis, Ix3, Ix4, Ix5};
 use numpy::{IntoPyArray, PyArray3, PyArray4, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -79,21 +79,26 @@ pub(crate) fn sharpened<'py>(
     Ok(found.into_pyarray(py))
 }
 
-/// Logits [L, V, H, W] without a network, of warped colours [L, V, 3, H, W], black where a view
-/// does not see the layer.
+/// Logits [L, V, H, W] without a network, of warped colours [L, V, 3, H, W] and coverage [L, V, H, W], above 0
+/// where a view sees the layer.
 #[pyfunction]
 pub(crate) fn agreement_logits<'py>(
     py: Python<'py>,
     colour: &Bound<'py, PyAny>,
+    coverage: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray4<f32>>> {
-    let colour: PyReadonlyArray<'py, f32, Ix5> = Sides::default().array("colour", colour, "L V 3 H W")?;
+    let mut sides = Sides::default();
+    let colour: PyReadonlyArray<'py, f32, Ix5> = sides.array("colour", colour, "L V 3 H W")?;
+    let coverage: PyReadonlyArray<'py, f32, Ix4> = sides.array("coverage", coverage, "L V H W")?;
+    let coverage = coverage.as_array();
     let &[layers, views, _, height, width] = colour.shape() else { unreachable!("five sides") };
     let colour = colour.as_array();
     let logits = compute(py, || {
         let hwv = colour.into_shape_with_order((layers, 3 * views, height, width)).expect("standard order");
         let mut logits = Array4::zeros((layers, views, height, width));
-        for (hwv, logits) in hwv.axis_chunks_iter(Axis(0), 1).zip(logits.axis_chunks_iter_mut(Axis(0), 1)) {
-            ViewAgreement { views }.infer(hwv, logits).map_err(library)?;
+        let layers = hwv.axis_chunks_iter(Axis(0), 1).zip(coverage.axis_chunks_iter(Axis(0), 1));
+        for ((hwv, coverage), logits) in layers.zip(logits.axis_chunks_iter_mut(Axis(0), 1)) {
+            ViewAgreement { views }.infer(hwv, coverage, logits).map_err(library)?;
         }
         Ok(logits)
     })?;
