@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use liveview::network::AlphaKind;
 use liveview_synthesizer::ViewAgreement;
 use liveview_synthesizer::{LayerSpec, PhotoCorrection};
 
@@ -59,7 +60,9 @@ pub(crate) struct LayerArgs {
 enum Quality {
     /// 3 layers along the surface from the photos' depth; best quality (surface:3)
     Surface,
-    /// 16 planes selected from 64 by the network (select:16/64)
+    /// 16 planes selected from 64 by the network, which compete (select:16/64)
+    Planes,
+    /// The same by the paper: its opacity, composite and selection, the photos unchanged, planes from near to far
     Paper,
     /// 1 guided layer with the network; fastest for a single picture (guided:1)
     Fast,
@@ -70,16 +73,28 @@ impl LayerChoice {
     pub(crate) fn given(&self) -> Option<LayerSpec> {
         let of_quality = |quality| match quality {
             Quality::Surface => ViewAgreement::LAYERS,
-            Quality::Paper => LayerSpec::PAPER,
+            Quality::Planes | Quality::Paper => LayerSpec::PAPER,
             Quality::Fast => LayerSpec::guided(1),
         };
         self.layers.clone().or_else(|| self.quality.map(of_quality))
+    }
+
+    /// How layers share a pixel, if `--quality` says so.
+    pub(crate) fn alpha(&self) -> Option<AlphaKind> {
+        self.is_paper().then_some(AlphaKind::Independent)
+    }
+
+    fn is_paper(&self) -> bool {
+        self.quality == Some(Quality::Paper)
     }
 }
 
 impl LayerArgs {
     /// Which properties of the photos are corrected to match each other.
     pub(crate) fn photo_correction(&self) -> PhotoCorrection {
+        if self.choice.is_paper() {
+            return PhotoCorrection::NONE;
+        }
         PhotoCorrection { exposure: !self.keep_exposure, sharpness: !self.keep_sharpness }
     }
 
@@ -93,5 +108,10 @@ impl LayerArgs {
     /// The layers of `--layers` or `--quality`, if given.
     pub(crate) fn given(&self) -> Option<LayerSpec> {
         self.choice.given()
+    }
+
+    /// How layers share a pixel, if `--quality` says so.
+    pub(crate) fn alpha(&self) -> Option<AlphaKind> {
+        self.choice.alpha()
     }
 }

@@ -164,6 +164,12 @@ impl ModelArgs {
         Ok(options)
     }
 
+    /// The same options with this way of sharing a pixel, unless `--alpha` is given.
+    pub(crate) fn with_alpha(&self, alpha: Option<AlphaKind>) -> Self {
+        let alpha = self.alpha.or(alpha.filter(|_| !self.without_network()));
+        Self { alpha, ..self.clone() }
+    }
+
     /// Opens the model for these layers, or the model and the layers that its card recommends; without a network, no
     /// model.
     pub(crate) fn open_for(&self, layers: Option<&LayerSpec>) -> Result<(Renderer, LayerSpec, ModelInfo)> {

@@ -143,7 +143,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     print_notes(&rig.views.scene().notes);
     let viewpoint = args.viewpoint.resolve(&rig.views)?;
     let given = args.layers.given();
-    let (renderer, layers, model) = args.model.open_for(given.as_ref())?;
+    let (renderer, layers, model) = args.model.with_alpha(args.layers.alpha()).open_for(given.as_ref())?;
     let views = renderer.network().views();
     let policy = policy(args.policy, &layers)?;
     let mut renderers = args.model.open_smaller(views, given.as_ref())?;

@@ -115,7 +115,7 @@ fn open_rig(args: &ViewArgs, rig: Rig) -> Result<Opened> {
     let held_out = held_out(scene, args.heldout, &args.target)?;
     let rate = args.fps.map_or_else(|| rig.rate(), Ok)?.per_second();
     let given = args.layers.given();
-    let (renderer, layers, model) = args.model.open_for(given.as_ref())?;
+    let (renderer, layers, model) = args.model.with_alpha(args.layers.alpha()).open_for(given.as_ref())?;
     let mut renderers = args.model.open_smaller(renderer.network().views(), given.as_ref())?;
     renderers.push(renderer);
     let (batch, keep_exposure) = (args.model.batch, args.layers.keep_exposure);

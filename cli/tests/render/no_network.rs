@@ -33,6 +33,7 @@ fn surface_layers_need_neither_model_nor_library_and_all_else_does() {
     let model = fixture("tiny_v4");
     for (ask, missing) in [
         (["--network", "model"], "liveview_v4.onnx"),
+        (["--quality", "planes"], "liveview_v4.onnx"),
         (["--quality", "paper"], "liveview_v4.onnx"),
         (["--quality", "fast"], "liveview_v4.onnx"),
         (["--layers", "planes:4"], "liveview_v4.onnx"),

@@ -290,6 +290,13 @@ fn quality_options_select_layers() {
     };
     assert_eq!(layers(&["--quality", "fast"]), "guided:1");
     assert_eq!(layers(&["--quality", "surface"]), "surface:3");
-    assert_eq!(layers(&["--quality", "paper"]), "select:16/64");
+    assert_eq!(layers(&["--quality", "planes"]), "select:16/64");
     assert_eq!(layers(&["--layers", "guided:3"]), "guided:3");
+    let picture = |arguments: &[&str]| {
+        assert_eq!(layers(arguments), "select:16/64");
+        fs::read(folders.out("a.png")).unwrap()
+    };
+    let paper = picture(&["--quality", "paper"]);
+    let by_options = ["--layers", "select:16/64", "--alpha", "independent", "--keep-exposure", "--keep-sharpness"];
+    assert!(paper == picture(&by_options) && paper != picture(&["--quality", "planes"]));
 }

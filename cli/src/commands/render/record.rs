@@ -58,13 +58,14 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
         cameras += &format!("{:?} {:?} {:?}\n", view.camera, view.native_camera(), view.distortion());
         photos += &format!("{} {}\n", view.name, digest_of(view.image_path())?);
     }
+    let correction = layers.photo_correction();
     Ok(vec![
         ("liveview", env!("CARGO_PKG_VERSION").to_owned()),
         ("scene", path_text(&root)),
         ("targets", targets.to_string()),
         ("layers", job.layers().to_string()),
-        ("exposure", (if layers.keep_exposure { "kept" } else { "balanced" }).to_owned()),
-        ("sharpness", (if layers.keep_sharpness { "kept" } else { "balanced" }).to_owned()),
+        ("exposure", (if correction.exposure { "balanced" } else { "kept" }).to_owned()),
+        ("sharpness", (if correction.sharpness { "balanced" } else { "kept" }).to_owned()),
         ("model", model),
         ("alpha", job.alpha().to_string()),
         ("engine", job.model.engine()),
