@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from liveview_ref.checkpoint import load_network
-from liveview_ref.data.written_scene import write_photo, write_transforms
+from liveview_ref.data.written_scene import write_scene
 from liveview_ref.parity import stages, surface_stages
 from liveview_ref.parity.live import run, scene
 from liveview_ref.parity.live.compared import TOLERANCES, Compared
@@ -123,9 +123,8 @@ def test_the_lens_and_an_unknown_depth_range_are_computed_by_python(tmp_path):
     photos = surface_rig(np.random.default_rng(5), 5, "scene")
     cameras, _ = cameras_of(photos)
     images = images_of(photos, torch.float32)
-    frames = [write_photo(tmp_path, f"{i}.png", image, cameras[i]) for i, image in enumerate(images)]
-    write_transforms(tmp_path, [{**frame, "k1": 0.02, "p1": 0.001} for frame in frames])
-    options = ["--network", "none", "--views", "2", "--layers", "surface:1", "--target", "0"]
+    write_scene(tmp_path, images, cameras, lens={"k1": 0.02, "p1": 0.001})
+    options = ["--network", "none", "--views", "2", "--layers", "surface:1", "--target", "000"]
     original = run.Dump.of(BINARY, tmp_path, options)
     dump = run.Dump.of(BINARY, tmp_path, [*options, "--search", "--width", "48"])
     [undistorted] = scene.undistorted(original.data)

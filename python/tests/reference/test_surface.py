@@ -7,7 +7,7 @@ import pytest
 import torch
 from PIL import Image
 
-from liveview_ref.data.written_scene import write_photo, write_transforms
+from liveview_ref.data.written_scene import write_scene
 from liveview_ref.parity import surface_cases
 from liveview_ref.parity.surface_rigs import SQUARE, WALL, surface_rig
 from liveview_ref.paths import BINARY
@@ -286,9 +286,8 @@ def test_anchored_depth_of_a_soft_photo_is_that_of_the_smaller_photo_enlarged(mo
 def test_default_picture_is_that_of_the_program(tmp_path):
     """From two photos, with another one for the depth."""
     data = surface_rig(np.random.default_rng(5), 4, "scene")
-    cameras, names = cameras_of(data)[0], [f"{i}.png" for i in range(4)]
-    pairs = zip(names, images_of(data, torch.float64), cameras, strict=True)
-    write_transforms(tmp_path, [write_photo(tmp_path, *pair, (NEAR, FAR)) for pair in pairs])
+    cameras, names = cameras_of(data)[0], [f"{i:03}.png" for i in range(4)]
+    write_scene(tmp_path, images_of(data, torch.float64), cameras, (NEAR, FAR))
     out = tmp_path / "out"
     command = [BINARY, "render", tmp_path, "--target", names[0], "--views", "2", "-o", out]
     subprocess.run(command, check=True, capture_output=True)

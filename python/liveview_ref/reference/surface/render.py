@@ -10,6 +10,8 @@ gives.
 6. Logits from how well the views agree, blend, competing composite.
 """
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
@@ -28,11 +30,10 @@ EXTRA_PHOTOS = 2  # beside those to render from, for the depth
 LEAST_COVERAGE = 0.05  # summed over the views; a pixel with more is seen
 
 
-def depth_of(photos: list[View], which: int, near: float, far: float) -> PhotoDepth:
-    """The depth of photo `which`, searched among the photos nearest to it."""
-    camera = photos[which][1]
-    around = [i for i in nearest_first([c for _, c in photos], camera) if i != which][:NEIGHBOURS]
-    return anchored_depth(photos[which], [photos[i] for i in around], near, far)
+def neighbours_of(photos: list[View], which: int) -> list[View]:
+    """The photos among which the depth of photo `which` is searched: the nearest to it."""
+    nearest = nearest_first([camera for _, camera in photos], photos[which][1])
+    return [photos[i] for i in nearest if i != which][:NEIGHBOURS]
 
 
 def confirmed_views(photos: list[View], depths: list[PhotoDepth]) -> list[SurfaceView]:
@@ -78,13 +79,20 @@ def warp_seen(
 
 
 def render(
-    photos: list[View], target: Camera, near: float, far: float, views: int, layers: int = 3
+    photos: list[View],
+    target: Camera,
+    near: float,
+    far: float,
+    views: int,
+    layers: int = 3,
+    search: Callable[[View, list[View], float, float], PhotoDepth] = anchored_depth,
 ) -> tuple[Composited, Intermediates]:
     """A picture from `views` of the photos [3, h, w] of a scene, whose depth lies between near and
     far, cropped to the target's size; the intermediates are not. alpha is that of the paper, which
-    the competing composite does not use."""
+    the competing composite does not use. `search` finds the depth of a photo among others."""
     chosen = nearest_first([camera for _, camera in photos], target)[: views + EXTRA_PHOTOS]
-    around = confirmed_views([photos[i] for i in chosen], [depth_of(photos, i, near, far) for i in chosen])
+    depths = [search(photos[i], neighbours_of(photos, i), near, far) for i in chosen]
+    around = confirmed_views([photos[i] for i in chosen], depths)
     distances = view_distances([v.camera for v in around], target)
     gains = exposure_gains(around, distances)
     around = [view._replace(gains=gain) for view, gain in zip(around, gains, strict=True)]
