@@ -16,7 +16,7 @@ from liveview_ref.data.written_scene import write_scene
 from liveview_ref.export import check, export
 from liveview_ref.reference.view_agreement import AgreementUNet, agreement_logits
 from liveview_ref.training.fine_tune import start_of
-from liveview_ref.training.surface_loss import (
+from liveview_ref.training.train_surface import (
     CELL,
     crop_of,
     example_loss,
