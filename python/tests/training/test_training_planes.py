@@ -20,7 +20,7 @@ from liveview_ref.data.shards import Photos, eight_bit
 from liveview_ref.data.visibility import HIDDEN, SEEN, visibility
 from liveview_ref.evaluation.view_weights import view_weights
 from liveview_ref.reference.layers import warp_views
-from liveview_ref.reference.liveview import Camera, UNet, blend, uniform_disparities
+from liveview_ref.reference.liveview import UNet, blend, uniform_disparities
 from liveview_ref.training import train
 from liveview_ref.training.train_planes import draw_layers, example_loss, seen_range, warp_layers
 from liveview_ref.weights import fold_batchnorm, unfold_batchnorm, with_views
@@ -45,14 +45,9 @@ def photos():
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     s = random_scene(np.random.default_rng(3), 4, (64, 64), Textures(None))
-    cameras = [
-        Camera(k, r, t, v.shape[2], v.shape[1])
-        for k, r, t, v in zip(s.view_k, s.view_r, s.view_t, s.views, strict=True)
-    ]
-    target = Camera(s.target_k, s.target_r, s.target_t, 64, 64)
-    seen = visibility(s.disparity, target, s.view_disparities, cameras)
+    seen = visibility(s.disparity, s.target_camera, s.view_disparities, s.cameras)
     views = [eight_bit(v) for v in s.views]
-    yield Photos(views, cameras, eight_bit(s.target), target, s.near, s.far, s.disparity, seen)
+    yield Photos(views, s.cameras, eight_bit(s.target), s.target_camera, s.near, s.far, s.disparity, seen)
     torch.set_num_threads(threads)
 
 
