@@ -116,7 +116,7 @@ models-int8: setup
 ## Every network by python/configs/recipe.json, one after another, in TRAIN_RUNS: run it again to go on. ONLY=CONFIG trains one,
 ## from the shipped network that it starts from. Hours to days; it leaves the processor to other work.
 TRAIN_RUNS ?= out/train
-models-train: build setup
+models-train: setup wheel
 	export $(KEEP_MEMORY) && cd python && exec nice -n 19 ../$(BIN)/python -m liveview_ref.training.recipe configs/recipe.json \
 		--data $(abspath $(DATA)) --out $(abspath $(TRAIN_RUNS)) $(if $(ONLY),--only $(ONLY))
 

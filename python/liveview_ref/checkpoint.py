@@ -8,7 +8,9 @@ import torch
 from onnx import numpy_helper
 from torch import nn
 
-from .reference.unet import UNet, fold_batchnorm, unfold_batchnorm
+from .reference.liveview import UNet
+from .reference.view_agreement import AgreementUNet
+from .weights import fold_batchnorm, unfold_batchnorm
 
 RECORDS = "training.json"  # beside exported models: how each was trained, by the stem of its file
 RECORDED = "views", "step", "seconds", "earlier", "config", "history"
@@ -40,7 +42,8 @@ def record(state: dict, model: Path) -> None:
 
 def trained_network(state: dict) -> UNet:
     """The network of a state, in inference mode, BatchNorm not folded."""
-    net = UNet(state["views"], state.get("config", {}).get("agreement", False)).eval()
+    kind = AgreementUNet if state.get("config", {}).get("agreement") else UNet
+    net = kind(state["views"]).eval()
     net.load_state_dict(state["average"])
     return net
 
@@ -77,7 +80,7 @@ def exported_network(path: Path) -> UNet:
     weights = {i.name: torch.from_numpy(numpy_helper.to_array(i).copy()) for i in model.graph.initializer}
     convolutions = [node for node in model.graph.node if node.op_type == "Conv"]
     views = weights[convolutions[0].input[1]].shape[1] // 3
-    net = UNet(views, model_card(model).get("added_to") == "view agreement")
+    net = AgreementUNet(views) if model_card(model).get("added_to") == "view agreement" else UNet(views)
     for index, node in enumerate(convolutions, 1):
         weight = weights[node.input[1]]
         bias = weights[node.input[2]] if len(node.input) > 2 else torch.zeros(len(weight))  # the exporter drops zeros

@@ -21,11 +21,11 @@ import onnx
 import torch
 from torch import Tensor, nn
 
+from . import layer_spec
 from .checkpoint import load_network, load_state, record, trained_network, training_of
 from .onnx_session import logits, session
-from .reference.layers import spec as layer_spec
-from .reference.layers.cells import STRIDE
-from .reference.unet import UNet, fold_batchnorm, unfold_batchnorm, with_views
+from .reference.liveview import STRIDE, UNet
+from .weights import fold_batchnorm, unfold_batchnorm, with_views
 
 OPSET = 20  # the first with GridSample's modes under the names that torch exports
 TOLERANCE = 1e-5  # of the largest logit: float32 sums of up to 1,728 products in another order

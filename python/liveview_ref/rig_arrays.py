@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .reference.geometry.camera import Camera
+from .reference.liveview import Camera
 
 Arrays = dict[str, np.ndarray]
 

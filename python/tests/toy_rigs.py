@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from liveview_ref.parity.rigs import rig
-from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.liveview import Camera
 from liveview_ref.rig_arrays import cameras_of, images_of
 
 

@@ -20,8 +20,8 @@ import tempfile
 from pathlib import Path
 from statistics import mean, median
 
+from liveview_ref import layer_spec
 from liveview_ref.evaluation.chart import Panel, chart
-from liveview_ref.reference.layers import spec as layer_spec
 
 ROOT = Path(__file__).resolve().parents[2]
 DENSE = "planes:64"  # the baseline of the comparison

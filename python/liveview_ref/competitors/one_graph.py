@@ -19,13 +19,8 @@ from torch import Tensor, nn
 
 from ..checkpoint import load_network
 from ..export import export_traced
-from ..reference.composite import accumulate, empty
-from ..reference.geometry.plane_sweep import PlaneSweep
-from ..reference.geometry.view_selection import view_distances
-from ..reference.layers.cells import padded_size
-from ..reference.render.blend import blend
-from ..reference.unet import UNet
-from ..reference.warp import grid_from_pixels, outside_masked, with_coverage
+from ..reference.layers import accumulate, empty, outside_masked
+from ..reference.liveview import PlaneSweep, UNet, blend, grid_from_pixels, padded_size, view_distances, with_coverage
 from ..rig_arrays import Arrays, cameras_of, images_of
 from .job import batches
 

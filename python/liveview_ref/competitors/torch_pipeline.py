@@ -1,6 +1,6 @@
 """The pipeline in PyTorch, optimised for speed, and the reference itself.
 
-TorchPipeline is faster than the reference (renderer.py) with the same result: BatchNorm is folded;
+TorchPipeline is faster than the reference (liveview.py) with the same result: BatchNorm is folded;
 only the sums of the composite are kept; a plane needs no disparity map, so its coordinates are
 three multiply-adds and a division on the rays of the target; and points behind a camera or with
 huge coordinates are masked only if the corners of the target show that there may be any (w is
@@ -15,15 +15,18 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ..checkpoint import load_network
-from ..reference.composite import accumulate, empty
-from ..reference.geometry.camera import Camera
-from ..reference.geometry.plane_sweep import PlaneSweep
-from ..reference.geometry.view_selection import view_distances
-from ..reference.layers.cells import padded_size
-from ..reference.layers.layer import plane_maps
-from ..reference.render.blend import blend
-from ..reference.render.renderer import Network, render
-from ..reference.warp import OUTSIDE, grid_from_pixels, outside_masked, with_coverage
+from ..reference.layers import OUTSIDE, accumulate, empty, outside_masked
+from ..reference.liveview import (
+    Camera,
+    Network,
+    PlaneSweep,
+    blend,
+    grid_from_pixels,
+    padded_size,
+    render,
+    view_distances,
+    with_coverage,
+)
 from ..rig_arrays import cameras_of, images_of
 from .job import Job, Stopwatch, batches
 
@@ -124,7 +127,7 @@ class TorchPipeline:
 
 
 class ReferencePipeline:
-    """renderer.py unchanged, in float32 and with its own batches; it keeps every stage."""
+    """liveview.py unchanged, in float32, a plane at a time; it keeps every stage."""
 
     title = f"PyTorch {torch.__version__} reference"
 
@@ -133,13 +136,13 @@ class ReferencePipeline:
         self.network = load_network(job.network)
         self.cameras, self.target = cameras_of(data)
         self.images = images_of(data, torch.float32)
-        self.maps = plane_maps(self.target, torch.from_numpy(data["disparities"]), torch.float32)
+        self.disparities = torch.from_numpy(data["disparities"])
 
     @torch.inference_mode()
     def render(self) -> tuple[np.ndarray, dict[str, float]]:
         clock = Stopwatch()
         with clock("total"):
-            frame, _ = render(self.network, self.images, self.cameras, self.target, self.maps)
+            frame, _ = render(self.network, self.images, self.cameras, self.target, self.disparities)
         return frame.rgb.permute(1, 2, 0).contiguous().numpy(), clock.seconds
 
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..reference.geometry.camera import Camera
-from ..reference.geometry.view_selection import choose_views
+from ..reference.liveview import Camera
+from ..reference.views import choose_views
 from .scene import Scene, open_scene
 
 BORDER = 16  # pixels on each side, outside all scores

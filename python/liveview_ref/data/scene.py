@@ -15,8 +15,8 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from ..reference.geometry.camera import Camera
-from ..reference.scene.undistort import Distortion, undistort
+from ..reference.liveview import Camera
+from ..reference.undistort import Distortion, undistort
 from .opengl import flip_axes
 
 

@@ -1,18 +1,15 @@
-"""Training examples for surface layers: what the program renders a held-out photo from.
+"""Training examples for surface layers: what a held-out photo is rendered from.
 
-Each example is a small scene, written to disk and dumped by the program (`liveview dump --layers
-surface:L --network none`): a photo of a real scene and some of those around it, or a procedural
+Each example is a small scene: a photo of a real scene and some of those around it, or a procedural
 scene. Whole pictures are kept, as bytes; crops are drawn during training.
 
-    python -m liveview_ref.data.surface_frames CONFIG --data DATA --out FOLDER --program LIVEVIEW
+    python -m liveview_ref.data.surface_frames CONFIG --data DATA --out FOLDER
 
 The photos under "validation" in the config become examples in FOLDER/validation.
 """
 
 import argparse
-import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -22,20 +19,21 @@ from torch import Tensor
 
 from ..config import read_config
 from ..paths import ROOT
-from ..reference.geometry.camera import Camera
-from ..reference.geometry.view_selection import choose_views, looking_the_same_way, view_distances
+from ..reference.liveview import Camera, view_distances
+from ..reference.surface.photo_depth import PhotoDepth
+from ..reference.surface.render import render
+from ..reference.views import choose_views, looking_the_same_way
 from .examples import RealScene
 from .held_out import case_of, pool_of, targets_of
 from .procedural.scene import random_scene
 from .procedural.textures import Textures
 from .scene import Scene, open_scene
 from .shards import eight_bit, recipe_of
-from .written_scene import write_photo, write_transforms
 
 
 @dataclass
 class SurfaceFrame:
-    """colour [L, V, 3, H, W] (black where the program masks the view) and coverage [L, V, H, W] of
+    """colour [L, V, 3, H, W] (black where a view is occluded) and coverage [L, V, H, W] of
     the views on each layer; target [3, H, W]; all uint8. distances [V] float64."""
 
     colour: Tensor
@@ -85,10 +83,7 @@ def real_rig(rng: np.random.Generator, config: dict, scenes: list[RealScene]) ->
 def procedural_rig(rng: np.random.Generator, config: dict, textures: Textures) -> Rig:
     count = int(rng.integers(*config["photos"]))
     s = random_scene(rng, count, tuple(config["frame"]), textures, recipe_of(config))
-    poses = zip([s.target_k, *s.view_k], [s.target_r, *s.view_r], [s.target_t, *s.view_t], strict=True)
-    photos = [s.target, *s.views]
-    cameras = [Camera(*pose, p.shape[2], p.shape[1]) for pose, p in zip(poses, photos, strict=True)]
-    return Rig(photos, cameras, float(s.near), float(s.far))
+    return Rig([s.target, *s.views], [s.target_camera, *s.cameras], float(s.near), float(s.far))
 
 
 def held_out_rig(scene: Scene, spec: dict, t: int, photos: int) -> Rig:
@@ -99,56 +94,39 @@ def held_out_rig(scene: Scene, spec: dict, t: int, photos: int) -> Rig:
     return Rig([case.truth, *case.sources], [case.target, *case.cameras], case.near, case.far)
 
 
-def write_scene(rig: Rig, folder: Path) -> None:
-    photos = enumerate(zip(rig.photos, rig.cameras, strict=True))
-    write_transforms(folder, [write_photo(folder, f"{i:03}.png", photo, camera) for i, (photo, camera) in photos])
+def frame_of(rig: Rig, config: dict) -> SurfaceFrame:
+    """What the target is rendered from, over its own size. The depth of the photos is searched by
+    the library, which takes a hundredth of the reference's time."""
+    from ..extension import liveview  # here, because it needs `make wheel`
 
+    def searched(*given) -> PhotoDepth:
+        disparity, pixel = liveview.anchored_depth(*given)
+        return PhotoDepth(torch.from_numpy(disparity), pixel)
 
-def dumped(rig: Rig, program: Path, views: int, layers: int, folder: Path) -> dict[str, Tensor]:
-    write_scene(rig, folder)
-    command = [program, "dump", folder, "--target", "000", "--views", str(views), "--layers", f"surface:{layers}"]
-    command += ["--network", "none"]
-    command += ["--near", str(rig.near), "--far", str(rig.far), "--threads", "1", "-o", folder / "dump.npz"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(map(str, command))}: {done.stderr.strip()}")
-    with np.load(folder / "dump.npz") as arrays:
-        return {name: torch.from_numpy(arrays[name]) for name in arrays.files}
-
-
-def frame_of(rig: Rig, found: dict[str, Tensor]) -> SurfaceFrame:
-    """What the program warped, over the photo's own size."""
     target, (height, width) = rig.cameras[0], rig.photos[0].shape[1:]
-    coverage = found["coverage"]
-    colour = found["colour"].reshape(*coverage.shape[:2], 3, *coverage.shape[2:])
-    views = coverage.shape[1]
-    poses = ([found[f"view{v}.{part}"] for part in ("k", "rotation", "translation")] for v in range(views))
-    distances = view_distances([Camera(*pose, width, height) for pose in poses], target)
-    maps = (eight_bit(x[..., :height, :width]) for x in (colour, coverage, rig.photos[0]))
-    return SurfaceFrame(*maps, distances)
+    photos = list(zip(rig.photos[1:], rig.cameras[1:], strict=True))
+    chosen = choose_views(rig.cameras[1:], target, config["views"])
+    found = render(photos, target, rig.near, rig.far, config["views"], config["layers"], searched)[1]
+    maps = (eight_bit(x[..., :height, :width]) for x in (found.colour, found.coverage, rig.photos[0]))
+    return SurfaceFrame(*maps, view_distances([photos[i][1] for i in chosen], target))
 
 
-def through(program: Path, rig: Rig, config: dict) -> SurfaceFrame:
-    with tempfile.TemporaryDirectory() as folder:
-        return frame_of(rig, dumped(rig, program, config["views"], config["layers"], Path(folder)))
-
-
-def make(number: int, config: dict, scenes: list[RealScene], textures: Textures, program: Path) -> SurfaceFrame:
+def make(number: int, config: dict, scenes: list[RealScene], textures: Textures) -> SurfaceFrame:
     """The frame of this number, determined by the seed and the number."""
     rng = np.random.default_rng([config["seed"], number])
     if rng.random() < config["procedural"]:
-        return through(program, procedural_rig(rng, config, textures), config)
-    return through(program, real_rig(rng, config, scenes), config)
+        return frame_of(procedural_rig(rng, config, textures), config)
+    return frame_of(real_rig(rng, config, scenes), config)
 
 
-def make_held_out(config: dict, data: Path, folder: Path, program: Path) -> None:
+def make_held_out(config: dict, data: Path, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for spec in config["validation"]:
         scene = open_scene(next(root / spec["path"] for root in (data, ROOT) if (root / spec["path"]).is_dir()))
         for t in targets_of(scene, spec):
             path = folder / f"{spec['set']}-{Path(spec['path']).name}_{t}.pt"
             if not path.exists():
-                through(program, held_out_rig(scene, spec, t, max(config["photos"])), config).save(path)
+                frame_of(held_out_rig(scene, spec, t, max(config["photos"])), config).save(path)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -156,11 +134,10 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("config", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="folder with train/, dev/ and textures/")
     parser.add_argument("--out", type=Path, required=True, help="existing frames are kept")
-    parser.add_argument("--program", type=Path, required=True, help="the program, liveview")
     args = parser.parse_args(arguments)
     torch.set_num_threads(1)
     config = read_config(args.config)
-    make_held_out(config, args.data, args.out / "validation", args.program)
+    make_held_out(config, args.data, args.out / "validation")
     scenes = [RealScene(args.data, spec, config["views"]) for spec in config["real"]]
     textures = Textures(args.data / config["textures"])
     args.out.mkdir(parents=True, exist_ok=True)
@@ -169,8 +146,8 @@ def main(arguments: list[str] | None = None) -> None:
         if path.exists():
             continue
         try:
-            make(number, config, scenes, textures, args.program).save(path)
-        except (RuntimeError, ValueError) as error:  # refused by the program, or no view looks that way
+            make(number, config, scenes, textures).save(path)
+        except (RuntimeError, ValueError) as error:  # refused by the library, or too few views look that way
             print(f"skipped {number}: {error}", file=sys.stderr, flush=True)
         print(path.name, flush=True)
 

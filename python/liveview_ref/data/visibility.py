@@ -5,9 +5,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..reference.geometry.camera import Camera
-from ..reference.geometry.plane_sweep import PlaneSweep, source_coordinates
-from ..reference.warp import normalised_grid
+from ..reference.layers import normalised_grid, source_coordinates
+from ..reference.liveview import Camera, PlaneSweep
 
 HIDDEN, SEEN, UNKNOWN = 0, 1, 2
 SAME, OTHER = 1.0, 2.0  # pixels of parallax within which it is the same surface, and beyond which a different one

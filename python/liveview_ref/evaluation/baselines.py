@@ -6,11 +6,11 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ..data.held_out import INNER, Case
-from ..reference.geometry.camera import Camera
-from ..reference.image.metrics import psnr
-from ..reference.layers.guided.matching_cost import layer_costs
-from ..reference.layers.spec import Planes
-from ..reference.render.renderer import warp_views
+from ..layer_spec import Planes
+from ..reference.guided import layer_costs
+from ..reference.layers import warp_views
+from ..reference.liveview import Camera
+from ..reference.metrics import psnr
 from .methods import BATCH, PLANES, guided_maps_of, maps_of
 
 WINDOW = 5  # pixels over which the sweep averages the variance

@@ -9,6 +9,7 @@ and figure.svg (score against number of layers).
 
 import argparse
 import json
+import os
 import platform
 import re
 import sys
@@ -26,17 +27,17 @@ from torch import Tensor
 from ..checkpoint import load_network, load_state, model_card
 from ..data.held_out import BORDER, INNER, Case, case_of, targets_of
 from ..data.scene import open_scene
-from ..paths import BINARY, ROOT
-from ..reference.image.metrics import psnr, ssim
-from ..reference.render.renderer import Network
+from ..paths import ROOT
+from ..reference.liveview import Network
+from ..reference.metrics import psnr, ssim
 from . import baselines, methods
 from .figure import figure
 from .lpips import load_lpips, lpips
-from .program import Program
+from .program import missing, surface
 from .sheet import Row, contact_sheet, row_of
 
 OURS = {"guided": methods.guided, "planes": methods.planes}  # with a network
-SURFACE = "surface"  # rendered by the program, by default if the program and the model's ONNX file exist
+SURFACE = "surface"  # rendered by the library, by default if its package and the model's ONNX file exist
 COMPETING = "competing"  # competing uniform planes, by the model's scale or --scale
 BASELINES = {
     "nearest": baselines.nearest,
@@ -147,7 +148,7 @@ def write(folder: Path, report: dict, rows: list[Row]) -> None:
 
 @torch.inference_mode()
 def score_scene(
-    name: str, spec: dict, data: Path, views: int, program: Program | None, families: list[Callable], weights
+    name: str, spec: dict, data: Path, views: int, surface_model: Path | None, families: list[Callable], weights
 ):
     """(scores and facts of each target, the middle target's row of the contact sheet, reasons for
     skipped targets)"""
@@ -164,7 +165,7 @@ def score_scene(
     targets, row = [], None
     for t, case in cases.items():
         photo, began = scene.names[t], time.perf_counter()
-        own = [partial(program.surface, scene, spec, t)] if program else []
+        own = [partial(surface, surface_model, scene, spec)] if surface_model else []
         scores, images = evaluate(case, own + families, weights)
         if len(targets) == len(cases) // 2:
             row = row_of(f"{name}, {Path(photo).stem}", case.truth, images, scores)
@@ -188,10 +189,10 @@ def main() -> int:
     parser.add_argument("--scale", type=float, help="factor of competing planes' logits; default: the model's")
     parser.add_argument("--keep", action="store_true", help="keep OUT's scores of other methods, and its contact sheet")
     parser.add_argument("--scenes", help="comma-separated names; default: all")
-    parser.add_argument("--binary", type=Path, default=BINARY)
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
+    os.environ["RAYON_NUM_THREADS"] = str(args.threads)  # of the library, before it is loaded
     network, views, about = load_model(args.model)
     known = {name: partial(family, network) for name, family in OURS.items()} | BASELINES
     if "alpha_spacing" in about:
@@ -202,12 +203,12 @@ def main() -> int:
     wanted_methods = (args.methods or f"{SURFACE},{every}{trained_for}").split(",")
     if "alpha_spacing" in about and not args.methods:  # only for planes
         wanted_methods = [name for name in wanted_methods if name not in (SURFACE, "guided")]
-    program = Program(args.binary.absolute(), args.model.absolute().with_suffix(".onnx"), args.threads)
-    lacking = ", ".join(program.missing()) if SURFACE in wanted_methods else ""
+    surface_model = args.model.absolute().with_suffix(".onnx") if SURFACE in wanted_methods else None
+    lacking = ", ".join(missing(surface_model)) if surface_model else ""
     if lacking and args.methods:
-        parser.error(f"surface layers are rendered by the program: {lacking}")
-    if lacking or SURFACE not in wanted_methods:
-        program = None
+        parser.error(f"surface layers are rendered by the library: {lacking}")
+    if lacking:
+        surface_model = None
     wanted_methods = [name for name in wanted_methods if name != SURFACE]
     if unknown := set(wanted_methods) - set(known):
         parser.error(f"--methods: no {', '.join(sorted(unknown))}; expected {SURFACE}, {', '.join(known)}")
@@ -231,7 +232,7 @@ def main() -> int:
     }  # fmt: skip
     rows = []
     for name in wanted:
-        targets, row, skipped = score_scene(name, specs[name], args.data, views, program, families, weights)
+        targets, row, skipped = score_scene(name, specs[name], args.data, views, surface_model, families, weights)
         report["skipped"] |= skipped
         if targets:
             if earlier:

@@ -6,20 +6,20 @@ import torch
 from torch import Tensor
 
 from ..data.held_out import Case
-from ..reference.composite import composite
-from ..reference.geometry.view_selection import view_distances
-from ..reference.layers.cells import upsample_maps
-from ..reference.layers.cover import cover_planes
-from ..reference.layers.guided.range_map import guided_maps
-from ..reference.layers.guided.search import guided_layers, guided_search
-from ..reference.layers.histogram import plane_histogram, select_planes
-from ..reference.layers.layer import plane_maps
-from ..reference.layers.spec import DisparityList, Guided, LayerSpec, Planes, Select
-from ..reference.layers.uniform import uniform_disparities
-from ..reference.render.blend import blend
-from ..reference.render.composite_competing import composite_competing
-from ..reference.render.renderer import Network, warp_views
-from ..reference.render.spacing import logit_shift
+from ..layer_spec import DisparityList, Guided, LayerSpec, Planes, Select
+from ..reference.competing import composite_competing, cover_planes
+from ..reference.guided import guided_layers, guided_maps, guided_search
+from ..reference.layers import plane_maps, upsample_maps, warp_views
+from ..reference.liveview import (
+    Network,
+    blend,
+    composite,
+    plane_histogram,
+    select_planes,
+    uniform_disparities,
+    view_distances,
+)
+from ..reference.spacing import logit_shift
 
 GUIDED = 2, 4, 8
 PLANES = 8, 16, 32, 64  # selection is from the last

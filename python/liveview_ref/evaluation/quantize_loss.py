@@ -9,16 +9,13 @@ import torch
 from torch import Tensor
 
 from ..data.held_out import INNER, Case, cases
+from ..layer_spec import Guided, LayerSpec, Planes
 from ..onnx_session import logits, session
-from ..reference.composite import composite
-from ..reference.geometry.view_selection import view_distances
-from ..reference.image.metrics import psnr
-from ..reference.layers.spec import Guided, LayerSpec, Planes
-from ..reference.render.blend import blend
-from ..reference.render.composite_competing import composite_competing
-from ..reference.render.renderer import warp_views
-from ..reference.render.spacing import logit_shift, shifted
-from .methods import maps_of
+from ..reference.competing import composite_competing
+from ..reference.layers import warp_views
+from ..reference.liveview import blend, view_distances
+from ..reference.metrics import psnr
+from .methods import composited, maps_of
 
 LAYERS = Guided(4), Planes(16)
 PLANES = Planes(16), Planes(32)  # for the models for planes
@@ -38,16 +35,14 @@ class Photo:
 
     def score(self, logits: Tensor) -> float:
         """PSNR of the picture from these logits."""
-        cameras, target = self.case.cameras, self.case.target
-        if self.spacing is not None:
-            logits = shifted(logits, logit_shift(cameras, target, self.maps[:, 0, 0], self.spacing))
-        alpha, rgb = blend(logits, self.colour, self.coverage, view_distances(cameras, target))
-        covered = (self.coverage > 0).any(1)
+        target = self.case.target
+        rgb = blend(logits, self.colour, self.coverage, view_distances(self.case.cameras, target))[1]
+        crop = (..., slice(target.height), slice(target.width))
+        layers = logits[:, 0][crop], rgb[crop], (self.coverage > 0).any(1)[crop]
         if self.scale is None:
-            full = composite(alpha, rgb, covered[-1], self.maps).rgb
+            image = composited(self.case, layers, self.maps, self.spacing)[1]
         else:
-            full = composite_competing(logits[:, 0], rgb, covered, self.maps, self.scale).rgb
-        image = full[..., : target.height, : target.width]
+            image = composite_competing(*layers, self.maps[crop], self.scale).rgb
         return psnr(image[INNER], self.case.truth[INNER])
 
 

@@ -24,7 +24,7 @@ from torch import Tensor
 
 from ..data.held_out import BORDER, INNER
 from ..paths import BINARY, ROOT
-from ..reference.image.metrics import psnr, ssim
+from ..reference.metrics import psnr, ssim
 from .lpips import load_lpips, lpips
 
 DEFAULT = "--layers surface:3 --network none"

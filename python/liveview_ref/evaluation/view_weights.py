@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from ..data.visibility import HIDDEN, SEEN
-from ..reference.render.blend import distance_bias
+from ..reference.liveview import distance_bias
 
 
 def view_weights(logits: Tensor, coverage: Tensor, distances: Tensor, power: float = 1.0) -> Tensor:

@@ -21,8 +21,8 @@ from torch import Tensor, nn
 
 from ..checkpoint import load_state
 from ..data.held_out import INNER
-from ..reference.image.metrics import psnr
-from ..reference.layers.uniform import uniform_disparities
+from ..reference.liveview import uniform_disparities
+from ..reference.metrics import psnr
 from ..training.fine_tune import save
 from ..training.precision import reduced_precision
 from ..training.train import alpha_loss, image_loss

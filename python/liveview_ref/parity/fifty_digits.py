@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 from mpmath import exp, floor, inverse, log, matrix, mp, mpf
 
-from ..reference.geometry.camera import Camera
+from ..reference.liveview import Camera
 
 mp.dps = 50
 ZERO = mpf(0)

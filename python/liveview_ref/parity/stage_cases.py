@@ -7,10 +7,10 @@ import functools
 import numpy as np
 import torch
 
-from ..reference.layers.guided.search import search_planes
-from ..reference.layers.uniform import uniform_disparities
-from ..reference.unet import UNet, start_from_agreement
+from ..reference.guided import search_planes
+from ..reference.liveview import UNet, uniform_disparities
 from ..rig_arrays import Arrays, cameras_of
+from ..weights import start_from_agreement
 from . import stages
 from .rigs import rig
 

@@ -20,25 +20,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..reference.composite import composite
-from ..reference.geometry.plane_sweep import PlaneSweep
-from ..reference.geometry.view_selection import view_distances
-from ..reference.layers.cells import CELL, padded_size, upsample_maps
-from ..reference.layers.guided.matching_cost import layer_costs
-from ..reference.layers.guided.range_map import guided_maps, range_of
-from ..reference.layers.guided.search import COARSE_CELL, WINDOWS
-from ..reference.layers.guided.search import fine_layers as layers_of_range
-from ..reference.layers.guided.semi_global import semi_global
-from ..reference.layers.guided.winner_takes_all import winner_takes_all
-from ..reference.layers.layer import plane_maps
-from ..reference.network.view_agreement import agreement_logits
-from ..reference.render.blend import CORRECTED_POWER, blend
-from ..reference.render.composite_competing import best_layer as best_competing
-from ..reference.render.composite_competing import composite_competing
-from ..reference.render.corrected_photos import corrected
-from ..reference.render.renderer import warp_views
-from ..reference.render.spacing import logit_shift, shifted
-from ..reference.unet import UNet
+from ..reference.competing import best_layer as best_competing
+from ..reference.competing import composite_competing
+from ..reference.guided import COARSE_CELL, WINDOWS, guided_maps, layer_costs, range_of, semi_global, winner_takes_all
+from ..reference.guided import fine_layers as layers_of_range
+from ..reference.layers import CELL, plane_maps, upsample_maps, warp_views
+from ..reference.liveview import PlaneSweep, UNet, blend, composite, padded_size, view_distances
+from ..reference.spacing import logit_shift, shifted
+from ..reference.surface.correction import CORRECTED_POWER, corrected
+from ..reference.view_agreement import agreement_logits
 from ..rig_arrays import Arrays, cameras_of, images_of
 
 SCALED = (

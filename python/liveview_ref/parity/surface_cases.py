@@ -10,7 +10,7 @@ and maps move by about 1e-6 of their values in either direction.
 import numpy as np
 import torch
 
-from ..reference.surface.search.photo_depth import NEIGHBOURS, planes_of
+from ..reference.surface.photo_depth import NEIGHBOURS, planes_of
 from ..rig_arrays import Arrays, cameras_of
 from . import surface_stages as stages
 from .surface_rigs import surface_rig

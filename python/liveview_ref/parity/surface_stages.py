@@ -20,33 +20,30 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..reference.geometry.parallax import widest_parallax
-from ..reference.geometry.view_selection import view_distances
-from ..reference.layers.cells import padded_size
-from ..reference.layers.guided.matching_cost import shrink
-from ..reference.layers.guided.range_map import median3
-from ..reference.render.corrected_photos import sharpened
-from ..reference.render.visibility import hide
+from ..reference.guided import median3, shrink
+from ..reference.layers import warp_maps
+from ..reference.liveview import padded_size, view_distances
+from ..reference.surface.aggregate import aggregate
 from ..reference.surface.anchored_depth import GROUP_PIXELS, SMALL_CELL, Group, anchored_depth, confirmed_by
-from ..reference.surface.correction.exposure import exposure_gains
-from ..reference.surface.correction.sharpness import sharpening
-from ..reference.surface.fusion.confirmed_depth import ConfirmedDepth
-from ..reference.surface.fusion.consistency import AGREEMENT, confirmed
-from ..reference.surface.fusion.nearer_edges import nearer_edges
-from ..reference.surface.fusion.photo_variance import photo_variance
-from ..reference.surface.fusion.splat import FUSED, splat
-from ..reference.surface.fusion.surface import OCCLUSION_MARGIN, SEARCHED_VIEWS, seen, seen_or_past, surface
-from ..reference.surface.fusion.surface_view import SurfaceView
-from ..reference.surface.fusion.target_search import cheapest, search_planes, target_costs
-from ..reference.surface.neighbourhood import fill_holes
-from ..reference.surface.range import range_of
-from ..reference.surface.search.aggregate import aggregate
-from ..reference.surface.search.anchors import Anchors
-from ..reference.surface.search.grid import Candidates, Grid
-from ..reference.surface.search.photo_depth import FINE_STEPS, NEIGHBOURS, PhotoDepth, bands, photo_depth, pixel_of
-from ..reference.surface.search.photo_sweep import costs
-from ..reference.surface.search.tile_ranges import tile_ranges
-from ..reference.warp import warp_maps
+from ..reference.surface.correction import exposure_gains, sharpened, sharpening
+from ..reference.surface.depth_range import range_of
+from ..reference.surface.fusion import AGREEMENT, FUSED, ConfirmedDepth, SurfaceView, confirmed, nearer_edges, splat
+from ..reference.surface.photo_depth import FINE_STEPS, NEIGHBOURS, Anchors, PhotoDepth, bands, photo_depth, pixel_of
+from ..reference.surface.photo_sweep import Candidates, Grid, costs, tile_ranges
+from ..reference.surface.render import hide
+from ..reference.surface.target_surface import (
+    OCCLUSION_MARGIN,
+    SEARCHED_VIEWS,
+    cheapest,
+    fill_holes,
+    photo_variance,
+    search_planes,
+    seen,
+    seen_or_past,
+    surface,
+    target_costs,
+)
+from ..reference.views import widest_parallax
 from ..rig_arrays import Arrays, cameras_of, images_of
 
 Stage = Callable[[Arrays, torch.dtype], Arrays]

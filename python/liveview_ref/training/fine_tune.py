@@ -17,7 +17,9 @@ import torch
 from torch import Tensor
 
 from ..checkpoint import load_state, trained_network
-from ..reference.unet import UNet, fold_batchnorm, unfold_batchnorm, with_views
+from ..reference.liveview import UNet
+from ..reference.view_agreement import AgreementUNet
+from ..weights import contiguous_gradients, fold_batchnorm, unfold_batchnorm, with_views
 
 CHECKPOINT_SECONDS = 600  # between checkpoints, at most
 
@@ -50,14 +52,15 @@ def start_of(state: dict, config: dict) -> UNet:
     views' agreement, all its logits are 0."""
     net = with_views(fold_batchnorm(trained_network(state)), config["views"])
     with torch.no_grad():  # competing planes need larger differences of logits than independent ones
-        if config.get("agreement") and not net.agreement:
-            net.agreement = True
+        if config.get("agreement") and not isinstance(net, AgreementUNet):
+            start, net = net, fold_batchnorm(AgreementUNet(net.views).eval())
+            net.load_state_dict(start.state_dict())
             net.conv9.weight.zero_(), net.conv9.bias.zero_()
         net.conv9.weight[0] *= config["start_scale"]
         net.conv9.bias[0] = net.conv9.bias[0] * config["start_scale"] + config.get("start_shift", 0.0)
     for p in net.parameters():
         p.requires_grad_(True)
-    return net.to(memory_format=torch.channels_last)
+    return contiguous_gradients(net).to(memory_format=torch.channels_last)
 
 
 def save(path: Path, **state) -> None:

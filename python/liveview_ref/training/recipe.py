@@ -4,7 +4,7 @@
 
 The recipe names configs of its folder in order, each with the config whose network it starts from
 (null: from its seed). The run of a config is RUNS/NAME; shards of examples are in RUNS/shards, the
-frames of surface layers, made by the built program, in RUNS/frames_NAME.
+frames of surface layers, which need `make wheel`, in RUNS/frames_NAME.
 SIGTERM ends the training of a network for planes or surface layers with a checkpoint.
 """
 
@@ -15,7 +15,7 @@ from pathlib import Path
 from ..checkpoint import load_state
 from ..config import read_config
 from ..data import surface_frames
-from ..paths import MODELS, ROOT
+from ..paths import MODELS
 from . import train
 
 
@@ -50,8 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
         data, shards = ["--data", str(args.data)], args.out / "shards"
         if "frames" in read_config(config):
             shards = args.out / f"frames_{name}"
-            program = ROOT / "target" / "release" / "liveview"
-            surface_frames.main([str(config), *data, "--out", str(shards), "--program", str(program)])
+            surface_frames.main([str(config), *data, "--out", str(shards)])
         folders = [*data, "--out", str(run), "--shards", str(shards)]
         train.main([str(config), *folders, *started])
         if not finished(config, run):

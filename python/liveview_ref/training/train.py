@@ -23,9 +23,8 @@ from torch import Tensor, multiprocessing
 from ..checkpoint import load_state
 from ..config import read_config
 from ..data.examples import Example, maker
-from ..reference.composite import composite
-from ..reference.render.blend import blend
-from ..reference.unet import UNet, adapt_views, start_from_agreement
+from ..reference.liveview import UNet, blend, composite
+from ..weights import adapt_views, contiguous_gradients, start_from_agreement
 from .fine_tune import CHECKPOINT_SECONDS, fine_tune, save
 from .precision import reduced_precision
 from .train_planes import Planes
@@ -130,7 +129,7 @@ def main(arguments: list[str] | None = None) -> None:
     torch.set_num_threads(config["threads"])
     torch.manual_seed(config["seed"])
 
-    net = UNet(config["views"])
+    net = contiguous_gradients(UNet(config["views"]))
     start_from_agreement(net)
     earlier = []  # (views, steps, seconds) of the earlier trainings of these weights
     if args.start:

@@ -11,10 +11,9 @@ from torch import Tensor
 
 from ..data.held_out import INNER, cases
 from ..data.image import picture
-from ..evaluation.methods import competing, maps_of, planes
-from ..reference.image.metrics import psnr
-from ..reference.layers.spec import Guided, Planes
-from ..reference.render.renderer import render
+from ..evaluation.methods import competing, composited, infer, maps_of, planes
+from ..layer_spec import Guided, Planes
+from ..reference.metrics import psnr
 from .precision import reduced_precision
 
 LAYERS = Guided(4), Guided(8), Planes(32)
@@ -33,7 +32,8 @@ def validate(net, specs: list[dict], data: Path, file: Path, device: torch.devic
 
     for case in cases(specs, data, net.views):
         for layers in LAYERS:
-            image = render(network, *case[:3], maps_of(case, layers))[0].rgb
+            maps = maps_of(case, layers)
+            image = composited(case, infer(network, case, maps), maps)[1]
             scores[str(layers)].append(psnr(image[INNER], case.truth[INNER]))
             if layers == SHOWN:
                 rows.append(torch.cat([case.truth, image], 2))

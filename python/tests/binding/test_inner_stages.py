@@ -11,9 +11,9 @@ from compared_cases import Case, case_of
 from liveview_ref import onnx_session
 from liveview_ref.export import export
 from liveview_ref.parity import stage_cases, stages
-from liveview_ref.reference.geometry.view_selection import view_distances
-from liveview_ref.reference.layers.cells import CELL
-from liveview_ref.reference.layers.guided.search import COARSE_CELL, WINDOWS
+from liveview_ref.reference.guided import COARSE_CELL, WINDOWS
+from liveview_ref.reference.layers import CELL
+from liveview_ref.reference.liveview import view_distances
 
 MOST_DIFFERENT = 1e-4  # of the final frames of Rust, of float32 torch and of the oracle, in [0, 1]
 

@@ -13,30 +13,26 @@ from hostile_cases import Cases
 from toy_rigs import rig_of
 
 from liveview_ref.parity import stage_cases, stages
-from liveview_ref.reference.composite import composite
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.geometry.view_selection import choose_views, view_distances
-from liveview_ref.reference.image.metrics import psnr, ssim
-from liveview_ref.reference.layers.cover import cover_planes
-from liveview_ref.reference.layers.guided.range_map import median3
-from liveview_ref.reference.layers.guided.search import guided_layers, guided_search
-from liveview_ref.reference.layers.histogram import plane_histogram, select_planes
-from liveview_ref.reference.layers.layer import plane_maps
-from liveview_ref.reference.layers.uniform import uniform_disparities
-from liveview_ref.reference.network.view_agreement import agreement_logits
-from liveview_ref.reference.render.blend import blend
-from liveview_ref.reference.render.composite_competing import composite_competing
-from liveview_ref.reference.render.corrected_photos import sharpened
+from liveview_ref.reference.competing import composite_competing, cover_planes
+from liveview_ref.reference.guided import guided_layers, guided_search, median3
+from liveview_ref.reference.layers import plane_maps, warp_maps
+from liveview_ref.reference.liveview import (
+    Camera,
+    blend,
+    composite,
+    plane_histogram,
+    select_planes,
+    uniform_disparities,
+    view_distances,
+)
+from liveview_ref.reference.metrics import psnr, ssim
 from liveview_ref.reference.surface.anchored_depth import anchored_depth
-from liveview_ref.reference.surface.correction.exposure import exposure_gains
-from liveview_ref.reference.surface.correction.sharpness import sharpening
-from liveview_ref.reference.surface.fusion.consistency import confirmed
-from liveview_ref.reference.surface.fusion.surface import surface
-from liveview_ref.reference.surface.fusion.surface_view import SurfaceView
-from liveview_ref.reference.surface.fusion.visible import visible, visible_or_past
-from liveview_ref.reference.surface.neighbourhood import fill_holes
-from liveview_ref.reference.surface.search.photo_depth import PhotoDepth, photo_depth
-from liveview_ref.reference.warp import warp_maps
+from liveview_ref.reference.surface.correction import exposure_gains, sharpened, sharpening
+from liveview_ref.reference.surface.fusion import SurfaceView, confirmed, visible, visible_or_past
+from liveview_ref.reference.surface.photo_depth import PhotoDepth, photo_depth
+from liveview_ref.reference.surface.target_surface import fill_holes, surface
+from liveview_ref.reference.view_agreement import agreement_logits
+from liveview_ref.reference.views import choose_views
 
 NEAR, FAR = 1.5, 12.0
 

@@ -8,11 +8,10 @@ import torch
 from compared_cases import SurfaceCase, check, surface_case
 
 from liveview_ref.parity import surface_cases, surface_stages
-from liveview_ref.reference.geometry.view_selection import view_distances
-from liveview_ref.reference.surface.fusion.surface import OCCLUSION_MARGIN, Surface
-from liveview_ref.reference.surface.search.photo_depth import FINE_STEPS, PhotoDepth
-from liveview_ref.reference.surface.search.photo_sweep import UNITS_PER_COST, UNSEEN_COST
-from liveview_ref.reference.surface.search.tile_ranges import is_searched, tile_ranges
+from liveview_ref.reference.liveview import view_distances
+from liveview_ref.reference.surface.photo_depth import FINE_STEPS, PhotoDepth
+from liveview_ref.reference.surface.photo_sweep import UNITS_PER_COST, UNSEEN_COST, is_searched, tile_ranges
+from liveview_ref.reference.surface.target_surface import OCCLUSION_MARGIN, Surface
 
 torch.set_num_threads(1)  # small arrays
 

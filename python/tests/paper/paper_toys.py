@@ -4,8 +4,7 @@ import torch
 
 from liveview_ref.paper.data.shots import Shot
 from liveview_ref.paper.methods.method import Photos
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.layers.uniform import uniform_disparities
+from liveview_ref.reference.liveview import Camera, uniform_disparities
 
 WIDTH, HEIGHT = 64, 48
 

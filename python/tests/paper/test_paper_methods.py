@@ -8,8 +8,8 @@ from liveview_ref.paper.data import rig
 from liveview_ref.paper.methods import deepview, light_field_fusion, local_light_field, soft3d, stereo_magnification
 from liveview_ref.paper.methods.method import Method, Photos, Predictor
 from liveview_ref.paper.methods.mpi import Mpi, volume_at
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.warp import warp_maps
+from liveview_ref.reference.layers import warp_maps
+from liveview_ref.reference.liveview import Camera
 
 torch.set_num_threads(1)  # these tensors are small
 SIZE, PLANES = 32, 8

@@ -10,7 +10,7 @@ from liveview_ref.paper.data.scenes import RigScene
 from liveview_ref.paper.measure import score
 from liveview_ref.paper.methods import registry
 from liveview_ref.paper.methods.method import Method, Rendering
-from liveview_ref.reference.geometry.plane_sweep import PlaneSweep
+from liveview_ref.reference.liveview import PlaneSweep
 
 
 class Scenes:

@@ -12,11 +12,9 @@ from liveview_ref.parity.stability.case import Case, Inputs, exponent, units
 from liveview_ref.parity.stability.outcome import Errors, Outcome, Truth
 from liveview_ref.parity.stability.table import by_case, by_family
 from liveview_ref.paths import MODELS, ROOT
-from liveview_ref.reference.composite import composite
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.render.blend import blend
-from liveview_ref.reference.render.composite_competing import composite_competing
-from liveview_ref.reference.warp import warp_maps
+from liveview_ref.reference.competing import composite_competing
+from liveview_ref.reference.layers import warp_maps
+from liveview_ref.reference.liveview import Camera, blend, composite
 
 PIXELS = 6
 

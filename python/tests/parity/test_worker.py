@@ -15,11 +15,10 @@ from liveview_ref.checkpoint import load_network
 from liveview_ref.competitors import job, worker
 from liveview_ref.export import export
 from liveview_ref.parity.rigs import rig
-from liveview_ref.reference.geometry.plane_sweep import PlaneSweep, source_coordinates
-from liveview_ref.reference.layers.layer import plane_maps
-from liveview_ref.reference.render.renderer import render
-from liveview_ref.reference.unet import UNet, start_from_agreement
+from liveview_ref.reference.layers import source_coordinates
+from liveview_ref.reference.liveview import PlaneSweep, UNet, render
 from liveview_ref.rig_arrays import Arrays, cameras_of, images_of
+from liveview_ref.weights import start_from_agreement
 
 MOST_ERROR = 1e-4  # coordinates err by 1e-5 pixels, and these noisy photos change by up to 0.5 per pixel
 MOST_MEAN_ERROR = 1e-6
@@ -61,10 +60,10 @@ def arrays_of(name: str) -> Arrays:
 def reference(data: Arrays, weights: Path) -> np.ndarray:
     """The frame in float64, [h, w, 3]."""
     cameras, target = cameras_of(data)
-    maps = plane_maps(target, torch.from_numpy(data["disparities"]), torch.float64)
+    planes = torch.from_numpy(data["disparities"])
     network = load_network(weights).double()
     with torch.no_grad():
-        return render(network, images_of(data, torch.float64), cameras, target, maps)[0].rgb.permute(1, 2, 0).numpy()
+        return render(network, images_of(data, torch.float64), cameras, target, planes)[0].rgb.permute(1, 2, 0).numpy()
 
 
 def clear_of_edges(data: Arrays) -> np.ndarray:

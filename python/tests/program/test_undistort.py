@@ -10,7 +10,7 @@ import torch
 from PIL import Image
 
 from liveview_ref.data.scene import distortion, load_transforms
-from liveview_ref.reference.scene.undistort import undistort
+from liveview_ref.reference.undistort import undistort
 
 LIVEVIEW = Path(__file__).parents[3] / "target" / "release" / "liveview"
 SIZE = 64, 48

@@ -11,12 +11,12 @@ from liveview_ref.checkpoint import load_network, load_state
 from liveview_ref.config import read_config
 from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.scene import open_scene
-from liveview_ref.data.surface_frames import SurfaceFrame, dumped, frame_of, held_out_rig, procedural_rig, write_scene
+from liveview_ref.data.surface_frames import SurfaceFrame, frame_of, held_out_rig, procedural_rig
+from liveview_ref.data.written_scene import write_scene
 from liveview_ref.export import check, export
-from liveview_ref.reference.network.view_agreement import agreement_logits
-from liveview_ref.reference.unet import UNet, fold_batchnorm, unfold_batchnorm
+from liveview_ref.reference.view_agreement import AgreementUNet, agreement_logits
 from liveview_ref.training.fine_tune import start_of
-from liveview_ref.training.surface_loss import (
+from liveview_ref.training.train_surface import (
     CELL,
     crop_of,
     example_loss,
@@ -25,10 +25,10 @@ from liveview_ref.training.surface_loss import (
     rendered,
     without_a_view,
 )  # fmt: skip
+from liveview_ref.weights import fold_batchnorm, unfold_batchnorm
 
 ROOT = Path(__file__).parents[3]
 CONFIG = read_config(ROOT / "python/configs/v4_surface.json")
-PROGRAM = ROOT / "target/release/liveview"
 
 
 def made_up() -> SurfaceFrame:
@@ -44,7 +44,7 @@ def made_up() -> SurfaceFrame:
 def test_written_scene_is_read_back(tmp_path):
     rng = np.random.default_rng(2)
     rig = procedural_rig(rng, CONFIG | {"frame": [48, 64], "photos": [5, 6]}, Textures(None))
-    write_scene(rig, tmp_path)
+    write_scene(tmp_path, rig.photos, rig.cameras)
     scene = open_scene(tmp_path)
     assert len(scene.names) == len(rig.photos) == 6
     for i, (photo, camera) in enumerate(zip(rig.photos, rig.cameras, strict=True)):
@@ -99,7 +99,7 @@ def test_network_without_weights_is_the_agreement_of_the_views():
         torch.testing.assert_close(net(colour.flatten(1, 2)), agreement_logits(colour))
     loss, figures = example_loss(net, made_up())
     assert float(loss.detach()) == pytest.approx(0, abs=1e-6) and figures["gain"] == pytest.approx(0, abs=1e-5)
-    assert unfold_batchnorm(net).agreement and fold_batchnorm(unfold_batchnorm(net)).agreement
+    assert isinstance(fold_batchnorm(unfold_batchnorm(net)), AgreementUNet)
 
 
 def test_loss_falls_towards_the_view_that_is_right():
@@ -119,28 +119,30 @@ def test_loss_falls_towards_the_view_that_is_right():
 
 def test_exported_network_adds_the_agreement(tmp_path):
     torch.manual_seed(0)
-    net = UNet(4, agreement=True).eval()
+    net = AgreementUNet(4).eval()
     path = tmp_path / "model.onnx"
     export(net, path, {"added_to": "view agreement"})
-    assert check(net, path) < 3e-6 and load_network(path).agreement
+    assert check(net, path) < 3e-6 and isinstance(load_network(path), AgreementUNet)
 
 
-@pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built: make build")
-def test_frame_renders_like_the_program(tmp_path):
-    spec = {"path": "workshop", "width": None, "targets": [7, 8]}
+def test_frame_renders_like_the_library(tmp_path):
+    extension = pytest.importorskip("liveview_ref.extension", reason="needs `make wheel`", exc_type=ImportError)
+    spec = {"path": "workshop", "width": 252, "targets": [7, 8]}
     rig = held_out_rig(open_scene(ROOT / "tests/scenes/workshop"), spec, 7, 4)
-    found = dumped(rig, PROGRAM, 4, 2, tmp_path)
-    frame = frame_of(rig, found)
-    frame.save(tmp_path / "frame.pt")
+    frame_of(rig, CONFIG | {"layers": 2}).save(tmp_path / "frame.pt")
     frame = SurfaceFrame.load(tmp_path / "frame.pt")
     colour, coverage = frame.colour / 255, frame.coverage / 255
-    torch.testing.assert_close(colour.flatten(1, 2), found["colour"], atol=0.002, rtol=0)
-    torch.testing.assert_close(coverage, found["coverage"], atol=0.002, rtol=0)
-    difference = (rendered(agreement_logits(colour), colour, coverage, frame.distances) - found["frame"]).abs()
-    # A byte is a step of 0.004, which a small coverage divides; uncovered pixels are inpainted by
-    # the program.
-    height, width = difference.shape[-2:]
-    seen = coverage.amin(0).amax(0)[:height, :width] > 0.5
-    assert seen.float().mean() > 0.9
-    assert difference.mean() < 1e-3 and difference[:, seen].max() < 0.1
+    photos = [photo.permute(1, 2, 0).numpy() for photo in rig.photos[1:]]
+    poses = np.tile(np.eye(4), (len(photos), 1, 1))
+    for pose, camera in zip(poses, rig.cameras[1:], strict=True):
+        pose[:3, :3], pose[:3, 3] = camera.rotation, camera.translation
+    scene = extension.liveview.Scene.from_arrays(photos, np.stack([c.k.numpy() for c in rig.cameras[1:]]), poses)
+    options = {"views": 4, "layers": "surface:2", "near": rig.near, "far": rig.far}
+    found = extension.liveview.Synthesizer(scene, **options).render(rig.cameras[0]).picture
+    picture = rendered(agreement_logits(colour), colour, coverage, frame.distances).permute(1, 2, 0).numpy()
+    difference = np.abs(picture - found)
+    # A byte is a step of 0.004, which a small coverage divides.
+    seen = coverage.amin(0).amax(0).numpy() > 0.5
+    assert seen.mean() > 0.9
+    assert difference.mean() < 1e-3 and difference[seen].max() < 0.1
     assert 0.01 < float((frame.coverage == 0).float().mean()) < 0.2

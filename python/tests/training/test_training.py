@@ -13,7 +13,7 @@ import torch
 from liveview_ref.checkpoint import load_state, trained_network
 from liveview_ref.data.examples import RealScene, make_example, procedural
 from liveview_ref.data.procedural.textures import Textures
-from liveview_ref.reference.image.metrics import psnr
+from liveview_ref.reference.metrics import psnr
 from liveview_ref.training.train import batch_loss, forward, main, read_config
 
 ROOT = Path(__file__).parents[3]

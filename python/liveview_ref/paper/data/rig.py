@@ -12,8 +12,7 @@ import math
 import numpy as np
 import torch
 
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.layers.uniform import uniform_disparities
+from liveview_ref.reference.liveview import Camera, uniform_disparities
 
 WIDTH, HEIGHT = 504, 352  # the paper times its methods at 500 x 350
 FOCAL = WIDTH / 2 / math.tan(math.radians(30))

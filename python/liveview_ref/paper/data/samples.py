@@ -11,7 +11,7 @@ from torch import Tensor
 from liveview_ref.config import read_config
 from liveview_ref.data.examples import RealScene
 from liveview_ref.paths import CONFIGS
-from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.liveview import Camera
 
 from ..methods.method import Photos
 from .rig import FAR, NEAR

@@ -16,7 +16,7 @@ from liveview_ref.data.procedural.scene import Recipe, render
 from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.procedural.world import World
 from liveview_ref.data.shards import eight_bit
-from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.liveview import Camera
 
 from ..files import put
 from ..methods.method import Photos

@@ -11,8 +11,7 @@ from torch import Tensor
 from liveview_ref.data.held_out import case_of, targets_of
 from liveview_ref.data.scene import open_scene
 from liveview_ref.paths import CONFIGS, ROOT
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.layers.uniform import uniform_disparities
+from liveview_ref.reference.liveview import Camera, uniform_disparities
 
 from ..methods.method import Photos
 from . import rig

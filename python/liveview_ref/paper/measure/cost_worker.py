@@ -25,7 +25,7 @@ from torch import Tensor, nn
 from torch.utils.flop_counter import FlopCounterMode
 
 from liveview_ref.json_lines import run
-from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.liveview import Camera
 
 from ..data import rig
 from ..methods.method import Method, Photos, Predictor

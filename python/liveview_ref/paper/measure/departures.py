@@ -19,16 +19,15 @@ from statistics import fmean
 
 import torch
 import torch.nn.functional as F
-from torch import Tensor
+from torch import Tensor, nn
 
 from liveview_ref.checkpoint import load_state, trained_network
 from liveview_ref.data.held_out import INNER
 from liveview_ref.evaluation.view_weights import view_weights
 from liveview_ref.paths import MODELS
-from liveview_ref.reference import unet
-from liveview_ref.reference.image.metrics import psnr
-from liveview_ref.reference.render import spacing
-from liveview_ref.reference.render.blend import blend
+from liveview_ref.reference import spacing
+from liveview_ref.reference.liveview import UNet, blend
+from liveview_ref.reference.metrics import psnr
 
 from ..data.samples import RigSamples
 from ..data.scenes import Scenes
@@ -50,7 +49,7 @@ class Network:
     """A network of four views, how its planes are composited, whether it takes photos nearest
     first, and the step of its training."""
 
-    net: unet.UNet
+    net: UNet
     scale: float | None  # of competing planes; None: independent planes
     nearest_first: bool
     step: int = 0
@@ -91,12 +90,12 @@ BLENDS: dict[str, Blend] = {
 @contextmanager
 def upsampling(**how):
     """Replace the network's upsampling."""
-    before = unet.upsample
-    unet.upsample = lambda x: F.interpolate(x, scale_factor=2.0, **how)
+    before = nn.Upsample.forward
+    nn.Upsample.forward = lambda _, x: F.interpolate(x, scale_factor=2.0, **how)
     try:
         yield
     finally:
-        unet.upsample = before
+        nn.Upsample.forward = before
 
 
 @torch.inference_mode()

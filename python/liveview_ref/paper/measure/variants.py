@@ -7,10 +7,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from liveview_ref.reference.layers.cover import cover_planes
-from liveview_ref.reference.layers.histogram import plane_histogram, select_planes
-from liveview_ref.reference.render.blend import blend
-from liveview_ref.reference.render.composite_competing import composite_competing
+from liveview_ref.reference.competing import composite_competing, cover_planes
+from liveview_ref.reference.liveview import blend, plane_histogram, select_planes
 
 from ..data.shots import Shot
 from ..methods.liveview import BATCH, Competing, PlaneByPlane, nearest_first

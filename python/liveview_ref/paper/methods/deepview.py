@@ -18,8 +18,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.warp import grid_from_pixels, outside_masked
+from liveview_ref.reference.layers import outside_masked
+from liveview_ref.reference.liveview import Camera, grid_from_pixels
 
 from .method import Method, Photos, Rendering
 from .mpi import opaque_background, target_from_reference, view_of, volume_at, window

@@ -6,7 +6,7 @@ in the paper."""
 import torch
 from torch import Tensor
 
-from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.liveview import Camera
 
 from .local_light_field import LocalLightField
 from .method import Method, Photos, Predictor, Rendering

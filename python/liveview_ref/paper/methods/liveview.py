@@ -10,10 +10,9 @@ from torch import Tensor
 
 from liveview_ref.checkpoint import load_state
 from liveview_ref.paths import MODELS
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.render.blend import blend
-from liveview_ref.reference.render.composite_competing import composite_competing
-from liveview_ref.reference.unet import UNet, start_from_agreement
+from liveview_ref.reference.competing import composite_competing
+from liveview_ref.reference.liveview import Camera, UNet, blend
+from liveview_ref.weights import contiguous_gradients, start_from_agreement
 
 from .method import Photos, Predictor, Rendering
 from .mpi import Mpi, padded, volume_at
@@ -28,7 +27,7 @@ class PlaneByPlane(Predictor):
 
     def __init__(self, views: int, by_distance: bool = True):
         super().__init__()
-        self.net, self.by_distance = UNet(views), by_distance
+        self.net, self.by_distance = contiguous_gradients(UNet(views)), by_distance
         # alpha starts at 1 / planes, as in the other methods
         torch.nn.init.constant_(self.net.conv9.bias[:1], -math.log(INITIAL_PLANES - 1))
         self.net.to(memory_format=torch.channels_last)
@@ -101,7 +100,7 @@ def liveview(views: int) -> Mpi:
 def from_agreement(views: int) -> Mpi:
     """The same from this project's initial weights, a plane sweep."""
     predictor = PlaneByPlane(views)
-    predictor.net = UNet(views).to(memory_format=torch.channels_last)
+    predictor.net = contiguous_gradients(UNet(views)).to(memory_format=torch.channels_last)
     start_from_agreement(predictor.net)
     return Mpi(predictor, target_centred=True)
 

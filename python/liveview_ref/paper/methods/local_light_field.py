@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from liveview_ref.reference.render.blend import blend
+from liveview_ref.reference.liveview import blend
 
 from .method import Predictor
 from .mpi import Mpi

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from liveview_ref.reference.geometry.camera import Camera
+from liveview_ref.reference.liveview import Camera
 
 
 @dataclass(frozen=True)

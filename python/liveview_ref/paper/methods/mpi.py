@@ -10,11 +10,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.geometry.plane_sweep import PlaneSweep
-from liveview_ref.reference.geometry.view_selection import view_distances
-from liveview_ref.reference.render.renderer import warp_views
-from liveview_ref.reference.warp import normalised_grid
+from liveview_ref.reference.layers import normalised_grid, warp_views
+from liveview_ref.reference.liveview import Camera, PlaneSweep, view_distances
 
 from .method import Method, Photos, Predictor, Rendering
 

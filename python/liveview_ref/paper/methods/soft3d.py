@@ -13,11 +13,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.geometry.plane_sweep import PlaneSweep, source_coordinates
-from liveview_ref.reference.geometry.view_selection import view_distances
-from liveview_ref.reference.surface.search.photo_sweep import BEST_NEIGHBOURS, neighbour_cost
-from liveview_ref.reference.warp import OUTSIDE, grid_from_pixels, normalised_grid, warp_maps
+from liveview_ref.reference.layers import OUTSIDE, normalised_grid, source_coordinates, warp_maps
+from liveview_ref.reference.liveview import Camera, PlaneSweep, grid_from_pixels, view_distances
+from liveview_ref.reference.surface.photo_sweep import BEST_NEIGHBOURS, neighbour_cost
 
 from .method import Method, Photos, Rendering
 

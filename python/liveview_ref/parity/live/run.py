@@ -13,7 +13,7 @@ import torch
 
 from ... import onnx_session
 from ...checkpoint import load_network
-from ...reference.unet import UNet
+from ...reference.liveview import UNet
 from .. import stages
 from . import scene, surface
 from .compared import HEAD, TOLERANCES, Compared

@@ -13,14 +13,13 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 
-from ...reference.geometry.camera import Camera
-from ...reference.geometry.view_selection import choose_views, nearest_first
-from ...reference.layers.guided.search import search_planes
-from ...reference.layers.spec import Guided, Planes, parse
-from ...reference.layers.uniform import uniform_disparities
-from ...reference.scene.undistort import Distortion, undistort
-from ...reference.surface.found_range import found_range
-from ...reference.surface.search.photo_depth import NEIGHBOURS
+from ...layer_spec import Guided, Planes, parse
+from ...reference.guided import search_planes
+from ...reference.liveview import Camera, uniform_disparities
+from ...reference.surface.depth_range import found_range
+from ...reference.surface.photo_depth import NEIGHBOURS
+from ...reference.undistort import Distortion, undistort
+from ...reference.views import choose_views, nearest_first
 from ...rig_arrays import Arrays, cameras_of
 from .compared import Compared
 

@@ -11,17 +11,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...reference.layers.guided.range_map import median3
-from ...reference.render.corrected_photos import corrected
-from ...reference.render.visibility import hide
+from ...reference.guided import median3
+from ...reference.layers import warp_maps
+from ...reference.surface.aggregate import aggregate
 from ...reference.surface.anchored_depth import LARGER_CELL, SMALL_CELL
-from ...reference.surface.fusion.surface import OCCLUSION_MARGIN, Surface, seen
-from ...reference.surface.search.aggregate import aggregate
-from ...reference.surface.search.grid import Candidates, Grid
-from ...reference.surface.search.photo_depth import planes_of
-from ...reference.surface.search.photo_sweep import costs
-from ...reference.surface.search.tile_ranges import has_many_planes, tile_ranges
-from ...reference.warp import warp_maps
+from ...reference.surface.correction import corrected
+from ...reference.surface.photo_depth import planes_of
+from ...reference.surface.photo_sweep import Candidates, Grid, costs, has_many_planes, tile_ranges
+from ...reference.surface.render import hide
+from ...reference.surface.target_surface import OCCLUSION_MARGIN, Surface, seen
 from ...rig_arrays import Arrays, cameras_of
 from .. import surface_stages as stages
 from ..surface_cases import kind_of

@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from ...extension import liveview
-from ...reference.render import blend as reference
+from ...reference import liveview as reference
 from .. import fifty_digits
 from .case import FLOAT32, Case, Inputs, Outputs, decades, exponent, units
 from .onnx_graph import Graph

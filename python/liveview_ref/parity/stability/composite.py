@@ -9,7 +9,8 @@ import torch
 from torch import nn
 
 from ...extension import liveview
-from ...reference import composite as reference
+from ...reference import liveview as reference
+from ...reference.layers import accumulate, empty
 from .. import fifty_digits
 from .case import FLOAT32, Case, Inputs, Outputs, decades, exponent, units
 from .onnx_graph import Graph
@@ -22,14 +23,14 @@ class Module(nn.Module):
     """One more plane behind the previous ones."""
 
     def forward(self, rgb, disparity, transmittance, *plane):
-        return reference.accumulate((rgb, disparity, transmittance), *plane)
+        return accumulate((rgb, disparity, transmittance), *plane)
 
 
 @functools.cache
 def graph() -> Graph:
     size = 1, PIXELS
     plane = (*(np.ones((1, *n, *size), np.float32) for n in ((), (3,), (1,))), np.ones(1, np.float32), np.array([True]))
-    return Graph(Module(), (*(x.numpy() for x in reference.empty(size)), *plane), {})
+    return Graph(Module(), (*(x.numpy() for x in empty(size)), *plane), {})
 
 
 def outputs(rgb, disparity, transmittance) -> Outputs:
@@ -80,7 +81,7 @@ class Composite(Inputs):
     def others(self) -> dict[str, Outputs]:
         alpha, rgb, covered, maps = arguments = self.arguments(slice(None))
         found = reference.composite(*map(torch.from_numpy, arguments))
-        state, covered = [x.numpy() for x in reference.empty(covered.shape)], covered[None, None].astype(np.float32)
+        state, covered = [x.numpy() for x in empty(covered.shape)], covered[None, None].astype(np.float32)
         for k in range(len(alpha)):
             plane, last = slice(k, k + 1), np.array([k == len(alpha) - 1])
             # Every plane has a constant disparity.

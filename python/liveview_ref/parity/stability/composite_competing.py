@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from ...extension import liveview
-from ...reference.render import composite_competing as reference
+from ...reference import competing as reference
 from .. import fifty_digits
 from .case import FLOAT32, Case, Inputs, Outputs, decades, exponent, units
 from .composite import BOUND, PIXELS, by_layer, outputs

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from ...extension import liveview
-from ...reference.geometry.camera import Camera
+from ...reference.liveview import Camera
 from .case import Case, decades, exponent
 from .warp import BOUND, Warp
 

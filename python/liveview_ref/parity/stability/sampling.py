@@ -4,7 +4,7 @@ minification. The target's pixel x is at `scale` x + `shift` in the source."""
 import numpy as np
 import torch
 
-from ...reference.geometry.camera import Camera
+from ...reference.liveview import Camera
 from .case import Case, decades, exponent, units
 from .warp import BOUND, Warp
 

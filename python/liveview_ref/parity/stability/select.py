@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from ...extension import liveview
-from ...reference.layers import histogram as reference
+from ...reference import liveview as reference
 from .case import FLOAT32, Case, Inputs, Outputs, units
 
 PIXELS = 67

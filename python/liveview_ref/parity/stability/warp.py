@@ -9,11 +9,9 @@ import torch.nn.functional as F
 from torch import nn
 
 from ...extension import liveview
-from ...reference import warp as reference
-from ...reference.geometry.camera import Camera
-from ...reference.geometry.plane_sweep import PlaneSweep
+from ...reference import layers
+from ...reference.liveview import Camera, PlaneSweep, grid_from_pixels, kornia_samples, with_coverage
 from .. import fifty_digits
-from ..kornia_warp import kornia_samples
 from .case import FLOAT32, Inputs, Outputs
 from .onnx_graph import Graph
 
@@ -32,7 +30,7 @@ class Module(nn.Module):
 
     def forward(self, image, homography, pixels):
         points = homography @ pixels
-        grid = reference.outside_masked((points[:2] / points[2]).T[None, :, None], points[2][None, :, None])
+        grid = layers.outside_masked((points[:2] / points[2]).T[None, :, None], points[2][None, :, None])
         return F.grid_sample(image, grid, padding_mode="zeros", align_corners=False)
 
 
@@ -73,12 +71,12 @@ class Warp(Inputs):
 
     def others(self) -> dict[str, Outputs]:
         photo, rig, size = torch.from_numpy(self.photo), (self.source, self.target), self.maps().shape[1:]
-        in_torch = reference.warp_maps(photo, *rig, torch.from_numpy(self.maps()))
+        in_torch = layers.warp_maps(photo, *rig, torch.from_numpy(self.maps()))
         kornia = kornia_samples(photo, *rig, self.disparity, size)
-        homography = reference.grid_from_pixels(photo.shape[2], photo.shape[1])
+        homography = grid_from_pixels(photo.shape[2], photo.shape[1])
         homography = homography @ PlaneSweep.of(*rig).source_from_target(self.disparity)
         pixels = pixel_centres(self.target).astype(np.float32)
-        (samples,) = graph()(reference.with_coverage(photo)[None].numpy(), homography.float().numpy(), pixels)
+        (samples,) = graph()(with_coverage(photo)[None].numpy(), homography.float().numpy(), pixels)
         return {
             "torch": outputs(*in_torch),
             "kornia": outputs(kornia[:3], kornia[3]),

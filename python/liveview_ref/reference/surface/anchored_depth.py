@@ -10,6 +10,9 @@ texture, the costs alone decide nothing.
    splatted to the photo, but not at their edges.
 4. The cells that are not kept are searched again with the anchors; then the whole photo around the
    result.
+
+A photo without detail of one pixel (enlarged or soft) is searched at the size that holds its
+detail.
 """
 
 from typing import NamedTuple
@@ -18,15 +21,35 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.layers.guided.matching_cost import box, shrink
+from ..guided import box, shrink
+from ..liveview import Camera
+from .fusion import AGREEMENT, FUSED, confirmed, splat
+from .photo_depth import CELL, Anchors, CellSearch, PhotoDepth, View, planes_of, refined
+from .photo_sweep import has_many_planes
 
-from .fusion.consistency import AGREEMENT, confirmed
-from .fusion.splat import FUSED, splat
-from .search.anchors import Anchors
-from .search.detail import detail_pixels
-from .search.photo_depth import CELL, CellSearch, PhotoDepth, View, planes_of, refined
-from .search.tile_ranges import has_many_planes
+SOFT_SHARE = 0.22  # of the detail at half the size, below which that size has all the detail
+MIN_SIDE = 240  # pixels; shorter side of the smallest photo
+
+
+def detail_pixels(photo: Tensor) -> int:
+    """Pixels a side of the finest detail of a photo [3, h, w]: a power of two.
+
+    While a photo's detail is below SOFT_SHARE of that of the photo at half its size, the smaller
+    one takes its place.
+    """
+    pixels, half = 1, shrink(photo, 2)
+    while min(half.shape[1:]) >= MIN_SIDE and mean_square_detail(photo) < SOFT_SHARE * mean_square_detail(half):
+        pixels, photo, half = 2 * pixels, half, shrink(half, 2)
+    return pixels
+
+
+def mean_square_detail(photo: Tensor) -> Tensor:
+    """Mean square, over the inner pixels, of 4 times a pixel's grey less its four neighbours."""
+    grey = photo.mean(0)
+    inner = 4 * grey[1:-1, 1:-1]
+    detail = inner - grey[1:-1, :-2] - grey[1:-1, 2:] - grey[:-2, 1:-1] - grey[2:, 1:-1]
+    return (detail**2).mean()
+
 
 SMALL_CELL = 4  # pixels a side of a cell of the small maps
 LARGER_CELL = 8  # the same of the search before it, where there are many planes

@@ -1,1 +1,0 @@
-"""Cameras, and where a pixel of one camera lies in another."""

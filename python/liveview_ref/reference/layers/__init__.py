@@ -1,1 +1,0 @@
-"""Layers: disparity per target pixel, near -> far, and the ways to choose them."""

@@ -1,1 +1,0 @@
-"""Logits without a network."""

@@ -1,1 +1,0 @@
-"""From warped photos and logits to a picture: blending, compositing, per-view occlusion."""

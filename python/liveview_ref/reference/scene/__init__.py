@@ -1,1 +1,0 @@
-"""Posed photos."""

@@ -1,1 +1,0 @@
-"""Photos brought to the same exposure and sharpness, measured on their correspondences."""
