@@ -85,7 +85,7 @@ test-browser: build runtime
 
 ## Every stage of the example scene: Rust and float32 torch against float64. The depth of the same photos is searched once.
 PARITY = export $(KEEP_MEMORY) && $(PY) liveview_ref.parity ../$(SCENE)
-parity: build wheel
+parity: wheel
 	$(PARITY) --target target_0 --layers guided:4
 	$(PARITY) --target target_1 --views 5 --layers planes:6
 	$(PARITY) --target target_0 --layers guided:2 --precision int8

@@ -84,7 +84,7 @@ report-live: build setup setup-openvino
 	$(PY) tools.live_report --cut 11 -- --engine openvino --precision int8
 
 ## The figures and pictures of README.md and docs/, from models/report, the example scene and the example rig.
-report-readme: build setup
+report-readme: build wheel
 	$(PY) tools.readme
 
 # --- make models STEP= ---
@@ -96,7 +96,7 @@ NETWORKS := $(filter-out %_int8 %_surface,$(basename $(notdir $(wildcard models/
 
 ## Scores of every float32 model against baselines, in the folder beside it (of the one for surface layers: `make evaluate`).
 ## Scenes that DATA lacks are skipped; the example scene is part of the repository.
-models-evaluate: setup-evaluation build
+models-evaluate: setup-evaluation wheel
 	cd python && for model in $(NETWORKS); do \
 		../$(BIN)/python -m liveview_ref.evaluation.evaluate ../models/$$model.onnx configs/evaluation.json \
 			--data $(abspath $(DATA)) --out ../models/$${model}_scores || exit 1; \
@@ -116,7 +116,7 @@ models-int8: setup
 ## Every network by python/configs/recipe.json, one after another, in TRAIN_RUNS: run it again to go on. ONLY=CONFIG trains one,
 ## from the shipped network that it starts from. Hours to days; it leaves the processor to other work.
 TRAIN_RUNS ?= out/train
-models-train: setup wheel
+models-train: wheel
 	export $(KEEP_MEMORY) && cd python && exec nice -n 19 ../$(BIN)/python -m liveview_ref.training.recipe configs/recipe.json \
 		--data $(abspath $(DATA)) --out $(abspath $(TRAIN_RUNS)) $(if $(ONLY),--only $(ONLY))
 
@@ -141,7 +141,7 @@ paper-train: paper-scenes
 	export $(KEEP_MEMORY) && $(PAPER).train $(PAPER_SCENES) --out $(abspath $(PAPER_RUNS))/runs
 
 ## Scores of what is trained so far: models/paper/scores_rig.json.
-paper-score: setup-evaluation
+paper-score: setup-evaluation wheel
 	$(PAPER).measure.score $(PAPER_SCENES) $(RUNS) --out ../models/paper
 
 ## Times, operations and memory of every method: models/paper/cost.json.

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser, Subcommand};
 use commands::{batch, depth, inspect, join, manual, models, render, select};
 #[cfg(feature = "bench")]
-use liveview_bench::{dump, sweep};
+use liveview_bench::sweep;
 use liveview_common::{console, interrupt};
 #[cfg(feature = "video")]
 use liveview_live::video;
@@ -56,9 +56,6 @@ enum Command {
     /// Write the depth of the photos, and score it if the scene has true depth
     Depth(depth::DepthArgs),
     #[cfg(feature = "bench")]
-    /// Write every stage of one render as arrays (.npz), to compare with the Python reference
-    Dump(dump::DumpArgs),
-    #[cfg(feature = "bench")]
     /// Measure error against run time for kinds and numbers of layers
     Sweep(sweep::SweepArgs),
     /// List the installed models and their cards
@@ -90,8 +87,6 @@ fn main() -> ExitCode {
         Command::Inspect(args) => inspect::run(args),
         Command::Select(args) => select::run(args),
         Command::Depth(args) => depth::run(args),
-        #[cfg(feature = "bench")]
-        Command::Dump(args) => dump::run(args),
         #[cfg(feature = "bench")]
         Command::Sweep(args) => sweep::run(args),
     });

@@ -1,5 +1,4 @@
-"""A rig's photos and cameras as plain arrays, the format of `liveview dump` and
-`liveview sweep`.
+"""A rig's photos and cameras as plain arrays, the format of `liveview sweep`.
 
 `view{i}.image` [h, w, 3] float32, the nearest view first; `k`, `rotation` [3, 3] and `translation`
 [3] float64 (cam_from_world) of `view{i}` and `target`; `target.size` (width, height).

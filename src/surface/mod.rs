@@ -28,6 +28,7 @@ mod neighbourhood;
 mod range;
 mod search;
 mod small_maps;
+#[doc(hidden)] // for crates/python, whose parity tests compare them with the reference
 pub mod stages;
 mod target_surface;
 #[cfg(test)]

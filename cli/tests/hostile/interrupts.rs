@@ -43,16 +43,6 @@ fn interrupted_join_leaves_no_file() {
 }
 
 #[test]
-fn interrupted_dump_leaves_no_file() {
-    let folders = Folders::new();
-    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/scenes/workshop");
-    let mut dump = Command::new(program());
-    dump.args(["dump", scene, "--target", "target_0", "--width", "252", "--network", "none", "--threads", "1"]);
-    dump.args(["--layers", "planes:16", "-o", &folders.out("a.npz")]);
-    assert_nothing_is_left(&folders, &interrupted(&folders, &mut dump));
-}
-
-#[test]
 fn command_that_a_signal_ends_at_once_leaves_no_file() {
     let folders = Folders::new();
     // It does not read, so the program cannot finish the video.

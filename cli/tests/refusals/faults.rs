@@ -79,8 +79,7 @@ fn seven_photos() -> Folders {
 #[test]
 fn full_disk_is_an_error_that_leaves_no_file() {
     let folders = Folders::new();
-    let [picture, jpeg, npz, depth, report] =
-        ["a.png", "a.jpg", "a.npz", "depth.png", "r"].map(|name| folders.out(name));
+    let [picture, jpeg, depth, report] = ["a.png", "a.jpg", "depth.png", "r"].map(|name| folders.out(name));
     for (command, arguments, file) in [
         ("render", vec!["--target", "2", "-o", &picture], "a.png"),
         ("render", vec!["--target", "2", "-o", &jpeg], "a.jpg"),
@@ -89,7 +88,6 @@ fn full_disk_is_an_error_that_leaves_no_file() {
         ("render", vec!["--heldout", "5", "--compare", &picture], "a.png"),
         ("render", vec!["--target", "2", "-o", &jpeg, "--explain", &picture], "a.png"),
         ("select", vec!["--target", "2", "-o", &picture], "a.png"),
-        ("dump", vec!["--target", "2", "-o", &npz], "a.npz"),
         ("sweep", vec!["--target", "2", "--layers", "guided:1", "-o", &report], "frame.npy"),
     ] {
         let mut command = limited(&folders, 1, true, command, &arguments);
@@ -449,6 +447,4 @@ fn output_over_a_folder_a_device_or_a_photo_is_an_error() {
     target("--compare", folders.scene().join("link/4.png").to_str().unwrap(), &["--compare", "link/4.png", overwrite]);
     let sweep = ["--target", "2", "--model", &fixture("tiny_v4"), "-o", "/dev/full"];
     folders.assert_refused(&mut folders.liveview("sweep", &sweep), &["-o /dev/full/sweep.json", "expected a folder"]);
-    let dump = ["--target", "2", "--model", &fixture("tiny_v4"), "-o", "/dev/full/a.npz"];
-    folders.assert_refused(&mut folders.liveview("dump", &dump), &["/dev/full/a.npz: cannot be written"]);
 }

@@ -34,7 +34,7 @@ impl Tally {
     /// Renders, and checks the result: an error must name `file` and one of `fields`, or contain
     /// one of the [`CONSEQUENCES`] in `fields`.
     fn render(&mut self, folders: &Folders, arguments: &[&str], what: &str, file: &str, fields: &[&str]) {
-        let [picture, depth, arrays] = ["a.png", "d.png", "a.npz"].map(|name| folders.out(name));
+        let [picture, depth] = ["a.png", "d.png"].map(|name| folders.out(name));
         let out = Path::new(&picture).parent().unwrap();
         fs::remove_dir_all(out).and_then(|()| fs::create_dir(out)).unwrap();
         let mut render = folders.render(&["-o", &picture, "--depth", &depth, "--threads", "2", "--json"]);
@@ -43,16 +43,19 @@ impl Tally {
         match output.status.code() {
             Some(0) => {
                 self.rendered += 1;
-                let report: Value = serde_json::from_slice(&output.stdout).unwrap();
-                let target = &report["targets"][0];
-                // A non-finite number would be null; a picture one pixel wide is not scored.
-                let scored = (arguments.contains(&"--target") && !arguments.contains(&"--width=1")).then_some("psnr");
-                for number in ["disparity_max", "uncovered_share"].into_iter().chain(scored) {
-                    assert!(target[number].is_number(), "{what}: {number} of {report:#}\n{stderr}");
-                }
-                for file in [&picture, &depth] {
-                    image::open(file).unwrap_or_else(|error| panic!("{what}: {file}: {error}"));
-                }
+                let assert_finite = |stdout: &[u8]| {
+                    let report: Value = serde_json::from_slice(stdout).unwrap();
+                    let target = &report["targets"][0];
+                    // A non-finite number would be null; a picture one pixel wide is not scored.
+                    let scored = arguments.contains(&"--target") && !arguments.contains(&"--width=1");
+                    for number in ["disparity_max", "uncovered_share"].into_iter().chain(scored.then_some("psnr")) {
+                        assert!(target[number].is_number(), "{what}: {number} of {report:#}\n{stderr}");
+                    }
+                    for file in [&picture, &depth] {
+                        image::open(file).unwrap_or_else(|error| panic!("{what}: {file}: {error}"));
+                    }
+                };
+                assert_finite(&output.stdout);
                 if !arguments.contains(&"--target") || arguments.iter().any(|argument| argument.starts_with("--fps")) {
                     return;
                 }
@@ -62,9 +65,9 @@ impl Tally {
                     [["--model", &model, "--layers", "guided:2"], ["--network", "none", "--layers", "surface:1"]];
                 let chosen = arguments.iter().any(|argument| argument.starts_with("--layers"));
                 let layers = if chosen { &turns[0][..2] } else { &turns[self.rendered % 2] };
-                let mut dump = folders.liveview("dump", arguments);
-                dump.args(["-o", &arrays, "--threads", "2"]).args(layers);
-                let output = dump.timeout(LIMIT).output().unwrap();
+                let mut render = folders.liveview("render", arguments);
+                render.args(["-o", &picture, "--depth", &depth, "--threads", "2", "--json"]).args(layers);
+                let output = render.timeout(LIMIT).output().unwrap();
                 let stderr = String::from_utf8(output.stderr).unwrap();
                 // The depth of the photos uses more photos, one of which may have the changed number.
                 if layers.contains(&"surface:1") && output.status.code() == Some(2) {
@@ -72,12 +75,7 @@ impl Tally {
                     return;
                 }
                 assert!(output.status.success(), "{what}, {layers:?}: {stderr}");
-                let mut arrays = ndarray_npy::NpzReader::new(fs::File::open(&arrays).unwrap()).unwrap();
-                for name in ["rgb", "alpha", "frame", "disparity", "transmittance"] {
-                    let array: ndarray::ArrayD<f32> = arrays.by_name(name).unwrap();
-                    let finite = array.iter().all(|value| value.is_finite());
-                    assert!(finite, "{what}, {layers:?}: {name} is not finite");
-                }
+                assert_finite(&output.stdout);
             }
             Some(2) => {
                 self.refused += 1;

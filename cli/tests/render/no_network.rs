@@ -100,21 +100,6 @@ fn options_of_the_network_are_errors_without_one() {
 }
 
 #[test]
-fn logits_are_the_agreement_of_the_views() {
-    let folders = Folders::new();
-    let arguments = ["--target", "2", "-o", &folders.out("d.npz")];
-    let report = json(&mut bare(&folders, "dump", &arguments));
-    assert_eq!((&report["model"], &report["engine"], &report["library"]), (&Value::Null, &"none".into(), &Value::Null));
-    let mut arrays = ndarray_npy::NpzReader::new(fs::File::open(folders.out("d.npz")).unwrap()).unwrap();
-    let logits: ndarray::Array4<f32> = arrays.by_name("logits").unwrap();
-    assert_eq!(logits.dim(), (3, 4, 48, 64));
-    let of_layers = logits.index_axis(ndarray::Axis(1), 0);
-    assert!(of_layers.iter().all(|&logit| (0.0..=2.0).contains(&logit)) && of_layers.iter().any(|&logit| logit > 1.9));
-    let of_views = logits.slice(ndarray::s![.., 1.., .., ..]);
-    assert!(of_views.iter().all(|logit| logit.abs() <= 2.0) && of_views.iter().any(|&logit| logit != 0.0));
-}
-
-#[test]
 fn a_note_says_that_a_model_was_trained_for_competing_layers_alone() {
     let folders = Folders::new();
     let models = concat!(env!("CARGO_MANIFEST_DIR"), "/../models");

@@ -1,8 +1,6 @@
-//! Benchmarks and comparisons with the Python reference: `liveview sweep` and `liveview dump`.
+//! Benchmarks: `liveview sweep`.
 
 #![allow(clippy::missing_errors_doc, reason = "errors name the option or the file, and what was expected of it")]
 
-pub mod dump;
-mod npz;
 pub mod sweep;
 mod worker_process;

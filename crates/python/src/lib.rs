@@ -65,18 +65,13 @@ mod _liveview {
         #[pymodule_export]
         use crate::stages::fusion::{hide, nearer_edges, photo_variance, pixel_of, splat, target_search};
         #[pymodule_export]
-        use crate::stages::guided::{
-            fine_layers, layer_costs, plane_maps, range_of, search_planes, semi_global, source_from_target,
-            upsample_maps, winner_takes_all,
-        };
-        #[pymodule_export]
-        use crate::stages::picture::{logits, render};
-        #[pymodule_export]
-        use crate::stages::render::blend_shifted;
+        use crate::stages::picture::{guided_search, logits, render, render_scene};
         #[pymodule_export]
         use crate::stages::search::{
-            aggregate, anchored_costs, anchors, bands, costs, depth_range, disparity, group_confirmed, small_map,
-            tile_ranges,
+            aggregate, anchored_costs, anchors, bands, costs, depth_range, disparity, group_confirmed, neighbours,
+            small_map, tile_ranges,
         };
+        #[pymodule_export]
+        use crate::stages::warp::source_from_target;
     }
 }

@@ -1,7 +1,8 @@
-"""Training examples for surface layers: what a held-out photo is rendered from.
+"""Training examples for surface layers: what the library renders a held-out photo from.
 
-Each example is a small scene: a photo of a real scene and some of those around it, or a procedural
-scene. Whole pictures are kept, as bytes; crops are drawn during training.
+Each example is a small scene, whose layers along the surface are warped by the Python package
+(`make wheel`): a photo of a real scene and some of those around it, or a procedural scene. Whole
+pictures are kept, as bytes; crops are drawn during training.
 
     python -m liveview_ref.data.surface_frames CONFIG --data DATA --out FOLDER
 
@@ -20,11 +21,10 @@ from torch import Tensor
 from ..config import read_config
 from ..paths import ROOT
 from ..reference.liveview import Camera, view_distances
-from ..reference.surface.photo_depth import PhotoDepth
-from ..reference.surface.render import render
 from ..reference.views import choose_views, looking_the_same_way
 from .examples import RealScene
 from .held_out import case_of, pool_of, targets_of
+from .image import to_u8
 from .procedural.scene import random_scene
 from .procedural.textures import Textures
 from .scene import Scene, open_scene
@@ -33,7 +33,7 @@ from .shards import eight_bit, recipe_of
 
 @dataclass
 class SurfaceFrame:
-    """colour [L, V, 3, H, W] (black where a view is occluded) and coverage [L, V, H, W] of
+    """colour [L, V, 3, H, W] (black where the view is masked) and coverage [L, V, H, W] of
     the views on each layer; target [3, H, W]; all uint8. distances [V] float64."""
 
     colour: Tensor
@@ -83,7 +83,10 @@ def real_rig(rng: np.random.Generator, config: dict, scenes: list[RealScene]) ->
 def procedural_rig(rng: np.random.Generator, config: dict, textures: Textures) -> Rig:
     count = int(rng.integers(*config["photos"]))
     s = random_scene(rng, count, tuple(config["frame"]), textures, recipe_of(config))
-    return Rig([s.target, *s.views], [s.target_camera, *s.cameras], float(s.near), float(s.far))
+    poses = zip([s.target_k, *s.view_k], [s.target_r, *s.view_r], [s.target_t, *s.view_t], strict=True)
+    photos = [s.target, *s.views]
+    cameras = [Camera(*pose, p.shape[2], p.shape[1]) for pose, p in zip(poses, photos, strict=True)]
+    return Rig(photos, cameras, float(s.near), float(s.far))
 
 
 def held_out_rig(scene: Scene, spec: dict, t: int, photos: int) -> Rig:
@@ -94,29 +97,36 @@ def held_out_rig(scene: Scene, spec: dict, t: int, photos: int) -> Rig:
     return Rig([case.truth, *case.sources], [case.target, *case.cameras], case.near, case.far)
 
 
-def frame_of(rig: Rig, config: dict) -> SurfaceFrame:
-    """What the target is rendered from, over its own size. The depth of the photos is searched by
-    the library, which takes a hundredth of the reference's time."""
-    from ..extension import liveview  # here, because it needs `make wheel`
+def warped(rig: Rig, views: int, layers: int) -> dict[str, np.ndarray]:
+    """Every stage of the target by the package, without a network."""
+    from ..extension import in_memory, liveview  # here: it needs the wheel
 
-    def searched(*given) -> PhotoDepth:
-        disparity, pixel = liveview.anchored_depth(*given)
-        return PhotoDepth(torch.from_numpy(disparity), pixel)
+    scene = in_memory([to_u8(photo.permute(1, 2, 0).numpy()) for photo in rig.photos], rig.cameras)
+    options = {"views": views, "layers": f"surface:{layers}", "network": False, "near": rig.near, "far": rig.far}
+    return liveview._stages.render_scene(scene, 0, options)[0]
 
-    target, (height, width) = rig.cameras[0], rig.photos[0].shape[1:]
-    photos = list(zip(rig.photos[1:], rig.cameras[1:], strict=True))
-    chosen = choose_views(rig.cameras[1:], target, config["views"])
-    found = render(photos, target, rig.near, rig.far, config["views"], config["layers"], searched)[1]
-    maps = (eight_bit(x[..., :height, :width]) for x in (found.colour, found.coverage, rig.photos[0]))
-    return SurfaceFrame(*maps, view_distances([photos[i][1] for i in chosen], target))
+
+def frame_of(rig: Rig, found: dict[str, np.ndarray]) -> SurfaceFrame:
+    """What was warped, over the photo's own size."""
+    height, width = rig.photos[0].shape[1:]
+    colour, coverage = (torch.from_numpy(found[name]) for name in ("colour", "coverage"))
+    colour = colour.unflatten(1, (-1, 3))
+    views = found["shot.photos"][: coverage.shape[1]]
+    distances = view_distances([rig.cameras[view] for view in views], rig.cameras[0])
+    maps = (eight_bit(x[..., :height, :width]) for x in (colour, coverage, rig.photos[0]))
+    return SurfaceFrame(*maps, distances)
+
+
+def through(rig: Rig, config: dict) -> SurfaceFrame:
+    return frame_of(rig, warped(rig, config["views"], config["layers"]))
 
 
 def make(number: int, config: dict, scenes: list[RealScene], textures: Textures) -> SurfaceFrame:
     """The frame of this number, determined by the seed and the number."""
     rng = np.random.default_rng([config["seed"], number])
     if rng.random() < config["procedural"]:
-        return frame_of(procedural_rig(rng, config, textures), config)
-    return frame_of(real_rig(rng, config, scenes), config)
+        return through(procedural_rig(rng, config, textures), config)
+    return through(real_rig(rng, config, scenes), config)
 
 
 def make_held_out(config: dict, data: Path, folder: Path) -> None:
@@ -126,7 +136,7 @@ def make_held_out(config: dict, data: Path, folder: Path) -> None:
         for t in targets_of(scene, spec):
             path = folder / f"{spec['set']}-{Path(spec['path']).name}_{t}.pt"
             if not path.exists():
-                frame_of(held_out_rig(scene, spec, t, max(config["photos"])), config).save(path)
+                through(held_out_rig(scene, spec, t, max(config["photos"])), config).save(path)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -147,7 +157,7 @@ def main(arguments: list[str] | None = None) -> None:
             continue
         try:
             make(number, config, scenes, textures).save(path)
-        except (RuntimeError, ValueError) as error:  # refused by the library, or too few views look that way
+        except (RuntimeError, ValueError) as error:  # refused by the library, or no view looks that way
             print(f"skipped {number}: {error}", file=sys.stderr, flush=True)
         print(path.name, flush=True)
 

@@ -1,18 +1,19 @@
 """The stages of the library and of the reference in one process, on the same arrays: Rust's error
-against float64 has the bounds of parity/tolerances.json. Surface layers: test_surface_stages.py;
-what is inside these stages: test_inner_stages.py."""
+against float64 has the bounds of parity/tolerances.json."""
 
 import inspect
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
-from compared_cases import both, case_of, check
 from hostile_cases import Cases
 from toy_rigs import rig_of
 
-from liveview_ref.parity import stage_cases, stages
+from liveview_ref import onnx_session
+from liveview_ref.export import export
+from liveview_ref.parity.compared import row, rows
 from liveview_ref.reference.competing import composite_competing, cover_planes
 from liveview_ref.reference.guided import guided_layers, guided_search, median3
 from liveview_ref.reference.layers import plane_maps, warp_maps
@@ -30,11 +31,17 @@ from liveview_ref.reference.surface.anchored_depth import anchored_depth
 from liveview_ref.reference.surface.correction import exposure_gains, sharpened, sharpening
 from liveview_ref.reference.surface.fusion import SurfaceView, confirmed, visible, visible_or_past
 from liveview_ref.reference.surface.photo_depth import PhotoDepth, photo_depth
-from liveview_ref.reference.surface.target_surface import fill_holes, surface
+from liveview_ref.reference.surface.target_surface import Surface, fill_holes, surface
 from liveview_ref.reference.view_agreement import agreement_logits
 from liveview_ref.reference.views import choose_views
 
+pytest.importorskip("liveview_ref.extension", exc_type=ImportError)
+from liveview_ref.parity import cases, stages  # noqa: E402
+from liveview_ref.parity.cases import CASES, SURFACE_CASES  # noqa: E402
+
 NEAR, FAR = 1.5, 12.0
+ARRAYS = "maps", "logits", "coverage", "alpha", "rgb"
+MOST_DIFFERENT = 1e-4  # of the final frames of Rust, of float32 torch and of the oracle, in [0, 1]
 
 torch.set_num_threads(1)  # small arrays
 
@@ -97,54 +104,88 @@ def structure(found):
     return (type(found), [structure(item) for item in found]) if isinstance(found, (list, tuple)) else type(found)
 
 
-@pytest.fixture(scope="module", params=stage_cases.CASES)
-def case(request):
-    return case_of(request.param)
+@pytest.fixture(scope="module")
+def models(tmp_path_factory) -> dict[int, Path]:
+    """A seeded, untrained network for each V. The oracle's has its BatchNorms, in the exported one
+    they are folded."""
+    folder, found = tmp_path_factory.mktemp("models"), {}
+    for views in {views for views, *_ in CASES.values()}:
+        found[views] = folder / f"network_v{views}.onnx"
+        about = {"recommended_layers": "guided:4", "training": "none: seeded", "licence": "MIT"}
+        export(cases.network(views).float(), found[views], about)
+    return found
 
 
-def test_warp_and_agreement(liveview, case):
+@pytest.fixture(scope="module", params=CASES)
+def case(liveview, models, request) -> tuple[stages.Rig, dict[str, np.ndarray], Path]:
+    """A rig, every stage of its picture by the package, and the model."""
+    model = models[CASES[request.param][0]]
+    return *cases.rendered(request.param, model), model
+
+
+def assert_within_bounds(found) -> set[str]:
+    """The names of the rows, none of which departs."""
+    names = set()
+    for one in found:
+        assert not one.departs, one.row()
+        names.add(one.name)
+    return names
+
+
+def test_every_stage_of_a_picture(case):
+    rig, data, model = case
+    assert_within_bounds(cases.rows(rig, data))
+    assert np.array_equal(stages.best_layer(data), data["best_layer"])
+    expected = onnx_session.logits(onnx_session.session(model, 1), data["colour"])
+    assert data["logits"].tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_picture_for_any_batch_size(liveview, models, name):
+    model = models[CASES[name][0]]
+    (rig, one), (_, three) = (cases.rendered(name, model, batch) for batch in (1, 3))
+    assert all(np.array_equal(value, three[name]) for name, value in one.items())
+    for dtype in (torch.float32, torch.float64):
+        frame = cases.end_to_end(rig, one, dtype)
+        assert np.abs(one["frame"] - frame.numpy()).max() <= MOST_DIFFERENT, dtype
+
+
+def test_stages_alone_give_the_same_arrays(liveview, case):
     """From torch tensors, which are not copied, and cameras of the reference."""
-    photos = zip(case.images, case.cameras, strict=True)
-    found = [liveview.warp_maps(image, camera, case.target, case.maps) for image, camera in photos]
-    colour, coverage = (np.stack(part, 1) for part in zip(*found, strict=True))
-    case.check(stages.warp, colour=colour.reshape(case.data["colour"].shape), coverage=coverage)
-    case.check(stages.agreement, agreement=liveview.agreement_logits(case.colour))
-
-
-def test_blend(liveview, case):
-    if "logit_shift" in case.data:
-        pytest.skip("test_inner_stages.py: the shift is an argument of the library's blend, not of the reference's")
-    distances = view_distances(case.cameras, case.target)
+    (images, cameras, target), data, _ = case
+    maps, logits, coverage, alpha, rgb = map(torch.from_numpy, (data[name] for name in ARRAYS))
+    photos = zip(images, cameras, strict=True)
+    found = [liveview.warp_maps(image, camera, target, maps) for image, camera in photos]
+    colour, covered = (np.stack(part, 1) for part in zip(*found, strict=True))
+    assert np.array_equal(colour.reshape(data["colour"].shape), data["colour"])
+    assert np.array_equal(covered, data["coverage"])
+    distances = liveview.view_distances(cameras, target)
     # Either side rounds both centres of a distance, in three products and sums each: by at most
     # 3 sqrt(3) / 2 eps of their length, 10.4 eps in all.
-    rounding = 12 * np.finfo(np.float64).eps * max(float(camera.centre.norm()) for camera in case.cameras)
-    found = liveview.view_distances(case.cameras, case.target)
-    np.testing.assert_allclose(found, distances, rtol=1e-13, atol=rounding)
-    alpha, rgb = liveview.blend(case.logits, case.colour, case.coverage, distances)
-    case.check(stages.blended, alpha=alpha, rgb=rgb)
-    of_each = distances.expand(len(case.maps), -1)
-    exact, single = both(lambda *parts: blend(*parts, of_each, 1.5), case.logits, case.colour, case.coverage)
-    found = liveview.blend(case.logits, case.colour, case.coverage, of_each, 1.5)
-    for name, *parts in zip(("alpha", "rgb"), found, exact, single, strict=True):
-        check(name, *parts)
+    rounding = 12 * np.finfo(np.float64).eps * max(float(camera.centre.norm()) for camera in cameras)
+    np.testing.assert_allclose(distances, view_distances(cameras, target), rtol=1e-13, atol=rounding)
+    if "logit_shift" not in data:  # the shift is an argument of the library's blend alone
+        found = liveview.blend(logits, colour, coverage, distances)
+        assert all(np.array_equal(*pair) for pair in zip(found, (data["alpha"], data["rgb"]), strict=True))
+    of_each = np.tile(distances, (len(maps), 1))
+    found = liveview.blend(logits, colour, coverage, of_each, 1.5)
+    reference = lambda *parts: blend(*parts, torch.from_numpy(of_each), 1.5)  # noqa: E731
+    assert_within_bounds(rows(("alpha", "rgb"), found, reference, logits, torch.from_numpy(colour), coverage))
+    found = liveview.agreement_logits(colour)
+    assert_within_bounds([row("agreement", found, agreement_logits, colour)])
 
-
-def test_composite_and_selection(liveview, case):
-    if "alpha_scale" in case.data:
-        scale = float(case.data["alpha_scale"][0])
-        stage, arguments = composite_competing, (case.logits[:, 0], case.rgb, case.covered, case.maps)
-    else:
-        scale, stage, arguments = None, composite, (case.alpha, case.rgb, case.covered[-1], case.maps)
-    options = {} if scale is None else {"scale": scale}
-    found = getattr(liveview, stage.__name__)(*arguments, **options)
-    crop = (..., slice(case.target.height), slice(case.target.width))
-    cropped = {"frame": found.rgb, "disparity": found.disparity, "transmittance": found.transmittance}
-    case.check(stages.composited, **{name: part[crop] for name, part in cropped.items()})
-    exact, single = both(stage, *arguments, **options)
-    check("frame", found.weights, exact.weights, single.weights)
-    best = stages.best_layer(case.data)
-    expected = np.bincount(best[best >= 0], minlength=len(case.maps))
-    opacity = case.alpha if scale is None else torch.from_numpy(found.weights)
+    seen, crop = (coverage > 0).any(1), (..., slice(target.height), slice(target.width))
+    stage, arguments = composite, (alpha, rgb, seen[-1], maps)
+    if "alpha_scale" in data:
+        stage, arguments = composite_competing, (logits[:, 0], rgb, seen, maps, float(data["alpha_scale"]))
+    found = getattr(liveview, stage.__name__)(*arguments)
+    for name, part in (("frame", found.rgb), ("disparity", found.disparity), ("transmittance", found.transmittance)):
+        assert np.array_equal(part[crop], data[name])
+    weights = lambda *parts: stage(*parts).weights  # noqa: E731
+    assert_within_bounds([row("frame", found.weights, weights, *arguments)])
+    best = data["best_layer"]
+    expected = np.bincount(best[best >= 0], minlength=len(maps))
+    opacity = alpha if stage is composite else torch.from_numpy(found.weights)
     histogram = torch.from_numpy(liveview.plane_histogram(opacity[crop]))
     assert histogram.tolist() == expected.tolist() and plane_histogram(opacity[crop]).tolist() == expected.tolist()
     for count in (1, 2, 4, 20):
@@ -152,27 +193,42 @@ def test_composite_and_selection(liveview, case):
         assert liveview.cover_planes(histogram, count) == cover_planes(histogram, count)
 
 
+@pytest.mark.parametrize("name", SURFACE_CASES)
+def test_every_stage_of_surface_layers(liveview, name):
+    rendered = cases.surface_case(name)
+    names = assert_within_bounds(cases.surface_rows(rendered))
+    assert name != "wide" or {"half_ranges", "coarse_ranges"} <= names  # searched around a coarser map
+    for count in (1, 2, 4, 5):
+        map_ = rendered.data["surface"]
+        found = liveview.Surface(map_, 0.1, 0.0).layers(count)
+        expected = Surface(torch.from_numpy(map_), 0.1, 0.0).layers(count)
+        np.testing.assert_allclose(found, expected, rtol=2e-7)
+
+
+def test_search_of_4096_planes(liveview):
+    assert_within_bounds(cases.many_planes())
+
+
 @pytest.mark.parametrize("kind", ["plain", "rectified", "unseen", "coincident"])
 def test_warp_of_a_smaller_photo(liveview, kind):
     images, cameras, target = rig_of(kind)
     maps = plane_maps(target, uniform_disparities(NEAR, FAR, 5), torch.float32)[:, ::2, ::2]
     small = torch.nn.functional.avg_pool2d(images[0][None], 2, ceil_mode=True, count_include_pad=False)[0].float()
-    exact, single = both(warp_maps, small, cameras[0], target, maps, 2.0)
-    found = liveview.warp_maps(small, cameras[0], target, maps, 2.0)
-    for name, *parts in zip(("colour", "coverage"), found, exact, single, strict=True):
-        check(name, *parts)
+    arguments = small, cameras[0], target, maps, 2.0
+    assert_within_bounds(rows(("colour", "coverage"), liveview.warp_maps(*arguments), warp_maps, *arguments))
 
 
 def test_views_planes_and_metrics(liveview, case):
-    facing = len([camera for camera in case.cameras if float(camera.forward @ case.target.forward) > 0.5])
-    expected = choose_views(case.cameras, case.target, facing)
-    assert liveview.choose_views(case.cameras, case.target, facing) == expected
+    images, cameras, target = case[0]
+    facing = len([camera for camera in cameras if float(camera.forward @ target.forward) > 0.5])
+    assert liveview.choose_views(cameras, target, facing) == choose_views(cameras, target, facing)
     expected = uniform_disparities(NEAR, np.inf, 9)
     np.testing.assert_allclose(liveview.uniform_disparities(NEAR, np.inf, 9), expected, rtol=1e-15)
-    first, second = case.images[:2]
+    first, second = images[:2]
     assert liveview.psnr(first, second) == pytest.approx(psnr(first.double(), second.double()), abs=1e-6)
     assert liveview.ssim(first, second) == pytest.approx(ssim(first.double(), second.double()), abs=1e-6)
-    check("surface sharpened", liveview.sharpened(first, 0.1), *both(sharpened, first, 0.1))
+    found = liveview.sharpened(first, 0.1)
+    assert_within_bounds([row("sharpened", found, sharpened, first, 0.1, entry="surface {}")])
 
 
 def test_guided_layers(liveview):

@@ -8,8 +8,7 @@ import torch
 from PIL import Image
 
 from liveview_ref.data.written_scene import write_scene
-from liveview_ref.parity import surface_cases
-from liveview_ref.parity.surface_rigs import SQUARE, WALL, surface_rig
+from liveview_ref.parity.rigs import SQUARE, WALL, surface_rig
 from liveview_ref.paths import BINARY
 from liveview_ref.reference.liveview import Camera
 from liveview_ref.reference.surface import anchored_depth as anchored_module
@@ -253,12 +252,6 @@ def test_exposure_gains_undo_the_exposure(scene):
     np.testing.assert_allclose(gains, expected, atol=0.02)
     gains = balanced(torch.tensor([[1.0, 1.0], [4.0, 1.0]]), torch.tensor([2.0, 2.0]))
     torch.testing.assert_close(gains, torch.tensor([[0.5, 1.0], [2.0, 1.0]]))
-
-
-def test_few_elements_of_the_oracle_are_doubtful():
-    data = surface_cases.case(0, 2, "scene", count=64)
-    assert 0 <= data["doubtful.half_costs"].mean() < 0.005
-    assert data["torch.half_costs"][0] <= 1 and data["torch.half_index"][0] == 0
 
 
 def test_detail_of_an_enlarged_photo_is_as_large_as_it_was_enlarged():

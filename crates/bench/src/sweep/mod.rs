@@ -2,6 +2,7 @@
 
 mod configuration;
 mod cpu;
+mod job_file;
 mod markdown;
 mod measured;
 mod plot;
@@ -16,21 +17,19 @@ use anyhow::{Context, Result, bail};
 pub use configuration::SweepArgs;
 use configuration::{Configuration, RowEngine, configurations};
 use cpu::cpu;
+use job_file::write_job;
 use liveview::fs::unfinished::Unfinished;
 use liveview::geometry::Size;
-use liveview::layers::uniform_disparities;
-use liveview::{LayerSpec, SceneViews, Shot, Targets};
+use liveview::{LayerSpec, SceneViews, Targets};
 use liveview_common::args::output::{refuse_stdout, write_atomically};
 use liveview_common::args::targets::named;
 use liveview_common::console::{Output, path_text, print_message, print_notes, progress};
 use liveview_common::outputs::OutputPlan;
 use measured::Measured;
-use ndarray::Array1;
 use rows::{Row, SweepReport};
 use serde_json::{Value, json};
 use worker::scaled;
 
-use crate::npz::Arrays;
 use crate::worker_process::{WorkerProcess, text_of};
 
 /// Engines of `python -m liveview_ref.competitors.worker`.
@@ -174,12 +173,4 @@ fn references(
         Ok(Measured { worker, row })
     };
     REFERENCES.into_iter().map(start).collect()
-}
-
-/// Writes the job of a reference: the target, its views and uniform planes.
-fn write_job(path: &Path, scene_views: &SceneViews, shot: &Shot, planes: usize) -> Result<()> {
-    let mut arrays = Arrays::create(path)?;
-    arrays.add_rig(scene_views, shot)?;
-    arrays.add("disparities", Array1::from_vec(uniform_disparities(shot.near, shot.far, planes)?))?;
-    arrays.finish()
 }

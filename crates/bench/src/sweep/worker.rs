@@ -21,7 +21,7 @@ use ndarray_npy::WriteNpyExt;
 use serde_json::{Value, json};
 
 use super::configuration::{Configuration, RowEngine, SweepArgs};
-use crate::npz::unwritten;
+use super::job_file::unwritten;
 
 /// A worker's configuration, and its state between requests.
 struct Renders {

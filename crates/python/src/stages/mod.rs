@@ -3,12 +3,12 @@
 
 pub(crate) mod depth;
 pub(crate) mod fusion;
-pub(crate) mod guided;
 pub(crate) mod layers;
 pub(crate) mod metrics;
 pub(crate) mod network;
 mod photo;
 pub(crate) mod picture;
+mod recorded;
 pub(crate) mod render;
 pub(crate) mod search;
 pub(crate) mod surface;

@@ -1,31 +1,39 @@
-//! The network alone, and all stages from photos to picture on given layers, for the parity tests.
+//! The network alone, and all stages of a picture of a rig or of a scene, for the parity tests.
 
 use std::path::{Path, PathBuf};
 
-use liveview::layers::Layers;
-use liveview::network::{Alpha, ExecutionProvider, OrtLibrary, OrtNetwork, PlaneNetwork};
+use liveview::layers::guided::GuidedSearch;
+use liveview::layers::{LayerSpec, Layers, padded};
+use liveview::network::{Alpha, ExecutionProvider, OrtLibrary, OrtNetwork, PlaneNetwork, Precision};
 use liveview::render::{Batch, RenderRequest, Renderer};
-use ndarray::{Array3, Array4};
-use numpy::{IntoPyArray, PyArray3, PyArray4, PyReadonlyArray3, PyReadonlyArray4};
+use liveview::warp::warp_sources;
+use liveview::{Model, ModelOptions, Plan, SceneViews, Synthesizer, Targets, ViewDepth};
+use ndarray::Array4;
+use numpy::{IntoPyArray, PyArray4, PyReadonlyArray3, PyReadonlyArray4};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
-use super::guided::layers_on_cells;
 use super::photo::{Photo, photos};
+use super::recorded::{Recorded, put_depths, put_search, put_shot};
 use crate::camera::camera;
-use crate::error::library;
+use crate::error::{kind, library, value};
 use crate::model::installed;
+use crate::names::view_index;
+use crate::scene::Scene;
+use crate::work::compute;
 
-/// Opens a model with the installed ONNX Runtime, or that of OpenVINO in a folder.
+/// The ONNX Runtime of a folder, by default the installed one.
+fn runtime(py: Python<'_>, provider: ExecutionProvider, folder: Option<&Path>) -> PyResult<Option<PathBuf>> {
+    folder.map_or_else(|| installed(py), |folder| Ok(OrtLibrary::find_in(folder, provider)))
+}
+
 fn open(py: Python<'_>, model: &Path, openvino: Option<&Path>) -> PyResult<OrtNetwork> {
-    let (provider, file) = match openvino {
-        Some(folder) => (ExecutionProvider::OpenVino, OrtLibrary::find_in(folder, ExecutionProvider::OpenVino)),
-        None => (ExecutionProvider::Cpu, installed(py)?),
-    };
-    let runtime = OrtLibrary::load(provider, file.as_deref()).map_err(library)?;
+    let provider = if openvino.is_some() { ExecutionProvider::OpenVino } else { ExecutionProvider::Cpu };
+    let runtime = OrtLibrary::load(provider, runtime(py, provider, openvino)?.as_deref()).map_err(library)?;
     OrtNetwork::open(&runtime, model, 1).map_err(library)
 }
 
-/// Logits [n, V, h, w] of warped colours [n, 3 V, h, w].
+/// Logits [n, V, h, w] of warped colours [n, 3 V, h, w]; `openvino`: the folder of its ONNX Runtime.
 #[pyfunction]
 #[pyo3(signature = (model, colour, openvino = None))]
 pub(crate) fn logits<'py>(
@@ -41,8 +49,28 @@ pub(crate) fn logits<'py>(
     Ok(logits.into_pyarray(py))
 }
 
-/// The picture [h, w, 3] on planes or on maps on cells, and the value added to logit 0 of each
-/// layer; opacity competes with `alpha_scale`, and is per pixel of parallax with `alpha_spacing`.
+/// The stages of the guided search between the depths of `range`, for `count` layers.
+#[pyfunction]
+pub(crate) fn guided_search<'py>(
+    py: Python<'py>,
+    views: &Bound<'py, PyAny>,
+    cameras: &Bound<'py, PyAny>,
+    target: &Bound<'py, PyAny>,
+    range: (f64, f64),
+    count: usize,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (photos, target) = (photos(("views", views), ("cameras", cameras))?, camera("target", target)?);
+    let views: Vec<_> = photos.iter().map(Photo::source).collect();
+    let found = GuidedSearch::new(range.0, range.1).search(&warp_sources(&views, &target), padded(target.size()));
+    let found = found.map_err(library)?;
+    let layers = found.range.layers(count).map_err(library)?;
+    let arrays = PyDict::new(py);
+    put_search(found, &layers, &arrays)?;
+    Ok(arrays)
+}
+
+/// Every stage of a picture of a rig on planes or on maps on cells, `batch` layers at a time; opacity
+/// competes with `alpha_scale`, and is per pixel of parallax with `alpha_spacing`.
 #[pyfunction]
 #[pyo3(signature = (model, views, cameras, target, layers, batch, alpha_scale = None, alpha_spacing = None))]
 #[allow(clippy::too_many_arguments)]
@@ -56,21 +84,154 @@ pub(crate) fn render<'py>(
     batch: usize,
     alpha_scale: Option<f64>,
     alpha_spacing: Option<f64>,
-) -> PyResult<(Bound<'py, PyArray3<f32>>, Vec<f64>)> {
+) -> PyResult<Bound<'py, PyDict>> {
     let (photos, target) = (photos(("views", views), ("cameras", cameras))?, camera("target", target)?);
     let layers = match layers.extract::<PyReadonlyArray3<'_, f32>>() {
-        Ok(maps) => layers_on_cells(&maps)?,
-        Err(_) => Layers::planes(&layers.extract::<Vec<f64>>()?).map_err(library)?,
+        Ok(maps) => Layers::maps(maps.as_array().outer_iter().map(|map| map.to_owned()).collect()),
+        Err(_) => Layers::planes(&layers.extract::<Vec<f64>>()?),
     };
+    let layers = layers.map_err(library)?;
     let mut renderer = Renderer::new(Box::new(open(py, &model, None)?), batch);
     let spaced = alpha_spacing.map(|max_spacing| Alpha::PerPixel { max_spacing });
     renderer.set_alpha(alpha_scale.map(|scale| Alpha::Competing { scale }).or(spaced).unwrap_or_default());
-    let mut shifts = Vec::new();
-    let mut observer = |batch: &Batch<'_>| shifts.extend(batch.logit_shifts);
+    renderer.set_skip_uncovered(false);
+    let mut recorded = Recorded::default();
+    let mut observer = |batch: &Batch<'_>| recorded.add(batch);
     let views: Vec<_> = photos.iter().map(Photo::source).collect();
     let request = RenderRequest { observer: Some(&mut observer), ..RenderRequest::new(&views, &target, &layers) };
-    let picture = renderer.render(request).map_err(library)?.picture;
-    let shape = (picture.height(), picture.width(), 3);
-    let picture = Array3::from_shape_vec(shape, picture.data().to_vec()).expect("three per pixel");
-    Ok((picture.into_pyarray(py), shifts))
+    let frame = renderer.render(request).map_err(library)?;
+    let arrays = PyDict::new(py);
+    recorded.put(&layers, renderer.alpha(), frame, &arrays)?;
+    Ok(arrays)
+}
+
+/// Options of the program, as a dictionary of these: all but `layers` may be missing, and all may be
+/// `None`. `network`: whether one is used; `models`: the folder of the models; `runtime`: that of ONNX
+/// Runtime.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Given {
+    layers: Option<String>,
+    #[pyo3(default)]
+    views: Option<usize>,
+    #[pyo3(default)]
+    near: Option<f64>,
+    #[pyo3(default)]
+    far: Option<f64>,
+    #[pyo3(default)]
+    network: Option<bool>,
+    #[pyo3(default)]
+    model: Option<PathBuf>,
+    #[pyo3(default)]
+    models: Option<PathBuf>,
+    #[pyo3(default)]
+    alpha: Option<String>,
+    #[pyo3(default)]
+    precision: Option<String>,
+    #[pyo3(default)]
+    engine: Option<String>,
+    #[pyo3(default)]
+    runtime: Option<PathBuf>,
+}
+
+impl Given {
+    fn of_model(&self, py: Python<'_>) -> PyResult<ModelOptions> {
+        let mut options = ModelOptions::default();
+        let name = self.engine.as_deref().unwrap_or("cpu");
+        let named = ExecutionProvider::ALL.into_iter().find(|provider| provider.name() == name);
+        options.provider = named.ok_or_else(|| value("engine", format!("there is no {name}")))?;
+        let kind = self.alpha.as_deref().map(str::parse).transpose();
+        options.alpha = kind.map_err(|expected| value("alpha", format!("expected {expected}")))?;
+        (options.quantized, options.precision) = match self.precision.as_deref() {
+            None | Some("f32") => (false, Precision::F32),
+            Some("int8") => (true, Precision::F32),
+            Some("bf16") => (false, Precision::Bf16),
+            Some(other) => return Err(value("precision", format!("{other}; expected f32, bf16 or int8"))),
+        };
+        (options.views, options.network) = (self.views, self.network);
+        options.file.clone_from(&self.model);
+        options.folders.extend(self.models.clone());
+        options.library = runtime(py, options.provider, self.runtime.as_deref())?;
+        Ok(options)
+    }
+}
+
+/// Every stage of a picture of a scene as arrays, and what the options chose; the target is a view or a
+/// camera.
+///
+/// Of the shot `shot.photos`, the views to render from and then the helpers, `shot.free`, all views that
+/// are not held out, and `shot.range`; `original{i}.…` of view i of the shot, if a distortion was
+/// removed and nothing else. With depth of photos `depth{i}` of each of them, `pixel` and
+/// `surface.range`; of the surface `used{i}`, the depth of the views to render from as it was used,
+/// and `surface`.
+#[pyfunction]
+pub(crate) fn render_scene<'py>(
+    py: Python<'py>,
+    scene: &Bound<'py, Scene>,
+    target: &Bound<'py, PyAny>,
+    options: Given,
+) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
+    let scene = scene.get().0.clone();
+    let targets = match camera("target", target) {
+        Ok(camera) => Targets::cameras(vec![camera]),
+        Err(_) => Targets::held_out(&scene, vec![view_index(&scene, "target", target)?]),
+    };
+    let layers = options.layers.as_deref().map(str::parse::<LayerSpec>).transpose();
+    let layers = layers.map_err(|error| value("layers", error))?;
+    let of_model = options.of_model(py)?;
+    let about = PyDict::new(py);
+    let (renderer, recommended) = if of_model.uses_network(layers.as_ref()) {
+        let model = compute(py, || Model::open(&of_model, layers.as_ref()).map_err(library))?;
+        about.set_item("model", model.network.path())?;
+        about.set_item("library", model.library.path())?;
+        about.set_item("precision", &model.precision)?;
+        let recommended = model.network.recommended_layers();
+        (model.into_renderer(), recommended)
+    } else {
+        about.set_item("model", py.None())?;
+        of_model.open_renderer(layers.as_ref()).map(|(renderer, layers)| (renderer, Ok(layers))).map_err(library)?
+    };
+    let layers = layers.map_or(recommended, Ok).map_err(library)?;
+    about.set_item("layers", layers.to_string())?;
+    about.set_item("engine", of_model.provider.name())?;
+    about.set_item("threads", of_model.threads_or_default())?;
+    let mut synthesizer = Synthesizer::new(SceneViews::new(scene, options.near, options.far), renderer, layers);
+    synthesizer.renderer_mut().set_skip_uncovered(false);
+
+    let mut recorded = Recorded::default();
+    let (shot, search, depths, plan, frame) = compute(py, || {
+        let mut shots = synthesizer.shots(targets).map_err(library)?;
+        let shot = shots.pop().ok_or_else(|| kind("target", "there is none"))?;
+        let loaded = synthesizer.load(&shot, &[]).map_err(library)?;
+        let (search, plan) = match *synthesizer.layers() {
+            LayerSpec::Guided { layers, coarse_planes } => {
+                let search = loaded.search(coarse_planes).map_err(library)?;
+                let layers = search.range.layers(layers).map_err(library)?;
+                (Some(search), Plan::known(layers))
+            }
+            _ => (None, synthesizer.plan(&loaded).map_err(library)?),
+        };
+        let mut observer = |batch: &Batch<'_>| recorded.add(batch);
+        let frame = synthesizer.render_plan(&loaded, &plan, Some(&mut observer)).map_err(library)?;
+        let mut depths: Vec<ViewDepth> = Vec::new();
+        if plan.surface.is_some() {
+            let views: Vec<usize> = shot.views.iter().chain(&shot.helpers).copied().collect();
+            for &view in &views {
+                let found = synthesizer.photos_mut().view_depth(view, &shot.held_out, &views);
+                depths.push(found.map_err(library)?);
+            }
+        }
+        Ok((shot, search, depths, plan, frame))
+    })?;
+
+    let arrays = PyDict::new(py);
+    put_shot(&shot, synthesizer.scene(), &arrays)?;
+    if let Some(search) = search {
+        put_search(search, &plan.layers, &arrays)?;
+    }
+    put_depths(depths, &plan, &arrays)?;
+    recorded.put(&plan.layers, synthesizer.renderer().alpha(), frame, &arrays)?;
+    about.set_item("target", &shot.name)?;
+    about.set_item("views", synthesizer.views().names(&shot.views))?;
+    Ok((arrays, about))
 }

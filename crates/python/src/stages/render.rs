@@ -26,28 +26,6 @@ pub(crate) fn blend<'py>(
     distances: &Bound<'py, PyAny>,
     power: f64,
 ) -> PyResult<AlphaRgb<'py>> {
-    blended(py, [logits, colour, coverage, distances], power, None)
-}
-
-/// As blend, with a value of each layer added to logit 0.
-#[pyfunction]
-pub(crate) fn blend_shifted<'py>(
-    py: Python<'py>,
-    logits: &Bound<'py, PyAny>,
-    colour: &Bound<'py, PyAny>,
-    coverage: &Bound<'py, PyAny>,
-    distances: &Bound<'py, PyAny>,
-    logit_shift: Vec<f64>,
-) -> PyResult<AlphaRgb<'py>> {
-    blended(py, [logits, colour, coverage, distances], 1.0, Some(&logit_shift))
-}
-
-fn blended<'py>(
-    py: Python<'py>,
-    [logits, colour, coverage, distances]: [&Bound<'py, PyAny>; 4],
-    power: f64,
-    logit_shift: Option<&[f64]>,
-) -> PyResult<AlphaRgb<'py>> {
     let mut sides = Sides::default();
     let logits: PyReadonlyArray<'py, f32, Ix4> = sides.array("logits", logits, "N V H W")?;
     let colour: PyReadonlyArray<'py, f32, Ix5> = sides.array("colour", colour, "N V 3 H W")?;
@@ -64,8 +42,7 @@ fn blended<'py>(
         let from = from.zip(colour.par_chunks(3 * views * pixels));
         to.zip(from).enumerate().for_each(|(layer, ((alpha, rgb), ((logits, coverage), colour)))| {
             let mut blended = Blended::new(pixels);
-            let samples =
-                LayerSamples { logits, colour, coverage, logit_shift: logit_shift.map_or(0.0, |of| of[layer]) };
+            let samples = LayerSamples { logits, colour, coverage, logit_shift: 0.0 };
             weights[layer % weights.len()].blend(&samples, 0, &mut blended);
             alpha.copy_from_slice(&blended.alpha);
             for (to, channel) in rgb.chunks_mut(pixels).zip(&blended.rgb) {

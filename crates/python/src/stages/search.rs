@@ -3,7 +3,7 @@
 //! `grid` is (near, far, count, parts, cell, starts, ranges): [`Search`].
 
 use liveview::surface::stages::{self, Search};
-use liveview::surface::{ConfirmedDepth, PhotoDepth};
+use liveview::surface::{ConfirmedDepth, DepthMaps, PhotoDepth};
 use liveview::warp::SourceView;
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
@@ -28,6 +28,12 @@ fn with_search<T>(
 
 pub(super) fn depth((disparity, pixel): &DepthArgument<'_>) -> PhotoDepth {
     PhotoDepth { disparity: disparity.as_array().to_owned(), disparity_per_pixel: *pixel }
+}
+
+/// Those of the photos of these cameras that photo `which` is matched with.
+#[pyfunction]
+pub(crate) fn neighbours(cameras: &Bound<'_, PyAny>, which: usize) -> PyResult<Vec<usize>> {
+    Ok(DepthMaps::new(self::cameras("cameras", cameras)?, 1.0, 2.0).neighbours(which))
 }
 
 #[pyfunction]

@@ -98,3 +98,14 @@ pub(crate) fn agreement_logits<'py>(
     })?;
     Ok(logits.into_pyarray(py))
 }
+
+/// `PlaneSweep.source_from_target`.
+#[pyfunction]
+pub(crate) fn source_from_target(
+    source: &Bound<'_, PyAny>,
+    target: &Bound<'_, PyAny>,
+    disparity: f64,
+) -> PyResult<[[f64; 3]; 3]> {
+    let sweep = PlaneSweep::new(&camera("source", source)?, &camera("target", target)?);
+    Ok(sweep.source_from_target(disparity).transpose().to_cols_array_2d())
+}

@@ -1,12 +1,19 @@
 """Errors of Rust and of float32 torch against the oracle, and the verdict on them."""
 
 import json
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+import torch
 
-from ...paths import ROOT
+from ..paths import ROOT
 
+BOTH = torch.float64, torch.float32
+SCALED = (
+    *("homography", "coarse_disparity", "fine_layers", "fine_disparity", "range", "cell_maps", "maps", "logits"),
+    *("disparity", "anchor", "nearer", "splat", "filled", "surface", "layers"),
+)  # errors relative to the largest element of the oracle
 TOLERANCES = json.loads((ROOT / "parity" / "tolerances.json").read_text())
 # Decisions (a winner, an occlusion) that may differ by rounding although torch's do not:
 FEW = 2, 1e-4  # this many elements, and this share of them
@@ -109,3 +116,40 @@ def limits(compared: Compared) -> tuple[float, float, float]:
     # Means are summed in another order: equal errors must count as equal.
     mean, ceiling = mean * (1 + 1e-9), tolerance["ceiling"]
     return min(largest, ceiling), min(mean, ceiling), max(others, few(compared))
+
+
+def in_dtype(value, dtype: torch.dtype):
+    """Arguments of the reference, the float32 arrays in them as tensors of this type."""
+    if isinstance(value, np.ndarray):
+        value = torch.from_numpy(value.astype(np.int64) if value.dtype == np.uint16 else value)
+    if isinstance(value, torch.Tensor):
+        return value.to(dtype) if value.dtype == torch.float32 else value
+    if isinstance(value, (list, tuple)):
+        items = [in_dtype(item, dtype) for item in value]
+        return type(value)(*items) if hasattr(value, "_fields") else type(value)(items)
+    return value
+
+
+def row(name: str, rust: np.ndarray, reference: Callable, *arguments, entry: str | None = None) -> Compared:
+    """What Rust and the reference make of the same arguments."""
+    return next(rows((name,), (rust,), lambda *given: (reference(*given),), *arguments, entry=entry))
+
+
+def rows(names: Iterable[str], rust: Iterable, reference: Callable, *arguments, entry=None) -> Iterator[Compared]:
+    """As row, of each of the results; {} in `entry` is its name."""
+    exact, single = (reference(*in_dtype(arguments, dtype)) for dtype in BOTH)
+    for name, *found in zip(names, rust, exact, single, strict=True):
+        yield Compared.of(name, tuple(found), entry and entry.format(name), name in SCALED)
+
+
+def exact(name: str, found, expected, entry: str = "choice") -> Compared:
+    """Something that is computed in float64 in both languages."""
+    return Compared.of(name, (found, expected, expected), entry, scaled=True)
+
+
+def joined(rows: Iterable[Compared]) -> Iterator[Compared]:
+    """Rows of one name as one."""
+    found: dict[str, Compared] = {}
+    for one in rows:
+        found[one.name] = found[one.name].joined(one) if one.name in found else one
+    yield from found.values()

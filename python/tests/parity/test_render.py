@@ -11,45 +11,44 @@ import torch
 
 from liveview_ref.checkpoint import load_network
 from liveview_ref.data.written_scene import write_scene
-from liveview_ref.parity import stages, surface_stages
-from liveview_ref.parity.live import run, scene
-from liveview_ref.parity.live.compared import TOLERANCES, Compared
-from liveview_ref.parity.surface_rigs import surface_rig
-from liveview_ref.paths import BINARY
+from liveview_ref.parity.compared import TOLERANCES, Compared
+from liveview_ref.parity.rigs import surface_rig
 from liveview_ref.reference.surface import aggregate, correction, fusion, photo_depth, photo_sweep
 from liveview_ref.rig_arrays import cameras_of, images_of
 
+liveview = pytest.importorskip("liveview_ref.extension", exc_type=ImportError).liveview
+from liveview_ref.parity import render, stages  # noqa: E402
+from liveview_ref.parity import surface as surface_stages  # noqa: E402
+from liveview_ref.parity.render import Rendered  # noqa: E402
+
 ROOT = Path(__file__).parents[3]
 SCENE = ROOT / "tests" / "scenes" / "workshop"
-OPTIONS = ["--target", "target_0", "--network", "none", "--views", "4"]
+OPTIONS = {"network": False, "views": 4}
 
 torch.set_num_threads(1)  # small arrays
 
-needs_program = pytest.mark.skipif(not BINARY.exists(), reason="needs `make build`")
+
+@pytest.fixture(scope="module")
+def surface() -> list[Rendered]:
+    scenes = (liveview.Scene(SCENE, width=width) for width in (128, 64))
+    return [Rendered.of(scene, "target_0", layers="surface:2", **OPTIONS) for scene in scenes]
 
 
 @pytest.fixture(scope="module")
-def surface() -> tuple[run.Dump, run.Dump]:
-    of = [*OPTIONS, "--layers", "surface:2"]
-    return run.Dump.of(BINARY, SCENE, [*of, "--width", "128"]), run.Dump.of(
-        BINARY, SCENE, [*of, "--width", "64", "--search"]
-    )
+def guided() -> Rendered:
+    return Rendered.of(liveview.Scene(SCENE, width=128), "target_0", layers="guided:2", **OPTIONS)
 
 
-@pytest.fixture(scope="module")
-def guided() -> run.Dump:
-    return run.Dump.of(BINARY, SCENE, [*OPTIONS, "--layers", "guided:2", "--width", "128"])
+def changed(rendered: Rendered, **arrays) -> Rendered:
+    found = {name.replace("__", "."): value for name, value in arrays.items()}
+    assert found.keys() <= rendered.data.keys()
+    return rendered._replace(data=rendered.data | found)
 
 
-def changed(dump: run.Dump, **arrays) -> run.Dump:
-    return dump._replace(data=dump.data | {name.replace("__", "."): value for name, value in arrays.items()})
+def departing(rendered: Rendered, reduced: Rendered | None = None) -> str | None:
+    return next((row.name for row in render.rows(rendered, reduced, None, photos=1) if row.departs), None)
 
 
-def departing(dump: run.Dump, reduced: run.Dump | None = None) -> str | None:
-    return run.first_departing(run.rows(dump, reduced, None, photos=1))
-
-
-@needs_program
 def test_nothing_departs_without_a_fault(surface, guided):
     assert departing(*surface) is None
     assert departing(guided) is None
@@ -71,10 +70,31 @@ CONSTANTS = [
 ]
 
 
-@needs_program
 @pytest.mark.parametrize(("stage", "module", "name", "wrong"), CONSTANTS)
 def test_a_wrong_constant_departs_at_its_stage(surface, monkeypatch, stage, module, name, wrong):
     monkeypatch.setattr(module, name, wrong)
+    assert departing(*surface) == stage
+
+
+# A wrong result of a function of the package.
+RESULTS = [
+    (
+        "homography",
+        liveview._stages,
+        "source_from_target",
+        lambda found: np.array(found) + [[0, 0, 0.5], [0] * 3, [0] * 3],
+    ),
+    ("neighbours", liveview._stages, "neighbours", lambda found: found[::-1]),
+    ("confirmed", liveview, "confirmed", lambda found: np.roll(found, 1, 1)),
+    ("nearer", liveview._stages, "nearer_edges", lambda found: np.roll(found, 1, 1)),
+    ("filled", liveview, "fill_holes", lambda found: np.float32(1.001) * found),
+]
+
+
+@pytest.mark.parametrize(("stage", "module", "name", "wrong"), RESULTS)
+def test_a_wrong_result_departs_at_its_stage(surface, monkeypatch, stage, module, name, wrong):
+    right = getattr(module, name)
+    monkeypatch.setattr(module, name, lambda *arguments: wrong(right(*arguments)))
     assert departing(*surface) == stage
 
 
@@ -83,8 +103,7 @@ def shifted(maps: np.ndarray) -> np.ndarray:
     return (maps + np.roll(maps, 1, -1)) / 2
 
 
-@needs_program
-def test_a_fault_in_a_dump_departs_at_its_stage(surface, guided):
+def test_a_fault_in_a_render_departs_at_its_stage(surface, guided):
     full, small = surface
     data = full.data
     photos = data["shot.photos"].copy()
@@ -93,47 +112,41 @@ def test_a_fault_in_a_dump_departs_at_its_stage(surface, guided):
     assert departing(changed(full, shot__range=data["shot.range"] * [1, 1.001]), small) == "depth_range"
     planes = guided.data["coarse_disparities"] * 1.001
     assert departing(changed(guided, coarse_disparities=planes)) == "planes"
-    homography = data["homography"].copy()
-    homography[:, 0, 0, 2] += 0.5
-    assert departing(changed(full, homography=homography), small) == "homography"
-    assert (
-        departing(full, changed(small, **{"search0.neighbours": small.data["search0.neighbours"][::-1]}))
-        == "neighbours"
-    )
+    assert departing(full, changed(small, depth0=shifted(small.data["depth0"]))) == "depth"
+    assert departing(full, changed(small, pixel=small.data["pixel"] * np.float32(1.001))) == "pixel"
     assert departing(changed(full, gains=data["gains"] * np.float32(1.001)), small) == "gains"
-    assert departing(changed(full, maps=data["maps"][::-1]), small) == "layers"
+    assert departing(changed(full, maps=data["maps"][::-1].copy()), small) == "layers"
     assert departing(changed(full, colour=shifted(data["colour"])), small) == "colour"
-    assert departing(changed(full, confirmed0=np.roll(data["confirmed0"], 1, 1)), small) == "confirmed"
-    assert departing(changed(full, nearer0=data["depth0"]), small) == "nearer"
-    assert departing(changed(full, sure0=np.roll(data["sure0"], 1, 1)), small) == "sure"
+    assert departing(changed(full, used0=data["depth0"]), small) == "nearer"
+    fewer = np.where(np.roll(data["used0"], 1, 1) >= 0, data["used0"], np.float32(-1))
+    assert departing(changed(full, used0=fewer), small) == "sure"
 
 
-@needs_program
 def test_not_a_number_departs_without_a_traceback(guided):
     frame = guided.data["frame"].copy()
     frame[0, 3, 4] = np.nan
     broken = changed(guided, frame=frame)
-    rows = {row.name: row for row in run.rows(broken, None, None)}
+    rows = {row.name: row for row in render.rows(broken, None, None)}
     assert departing(broken) == "frame"
     assert "| [0, 3, 4] | OFF |" in rows["frame"].row()
 
 
-@needs_program
 def test_the_lens_and_an_unknown_depth_range_are_computed_by_python(tmp_path):
     photos = surface_rig(np.random.default_rng(5), 5, "scene")
     cameras, _ = cameras_of(photos)
     images = images_of(photos, torch.float32)
     write_scene(tmp_path, images, cameras, lens={"k1": 0.02, "p1": 0.001})
-    options = ["--network", "none", "--views", "2", "--layers", "surface:1", "--target", "000"]
-    original = run.Dump.of(BINARY, tmp_path, options)
-    dump = run.Dump.of(BINARY, tmp_path, [*options, "--search", "--width", "48"])
-    [undistorted] = scene.undistorted(original.data)
-    found = list(scene.depth_range(dump.data, searched=True))
-    assert [row.name for row in found] == ["depth_range", "searched_range"]
-    assert not any(row.departs for row in [undistorted, *found]), [row.row() for row in [undistorted, *found]]
-    [moved] = scene.undistorted(original.data | {"original0.k1": np.array(0.021)})
+    original, small = (
+        Rendered.of(liveview.Scene(tmp_path, width=width), "000", network=False, views=2, layers="surface:1")
+        for width in (None, 48)
+    )
+    undistorted = list(render.undistorted(original))
+    found = list(render.depth_range(small, searched=True))
+    assert len(undistorted) == 2 and [row.name for row in found] == ["depth_range", "searched_range"]
+    assert not any(row.departs for row in [*undistorted, *found]), [row.row() for row in [*undistorted, *found]]
+    moved = next(render.undistorted(changed(original, original0__k1=np.array(0.021))))
     assert moved.departs
-    [wider, _] = scene.depth_range(dump.data | {"shot.range": dump.data["shot.range"] * 1.03}, searched=True)
+    wider = next(render.depth_range(changed(small, shot__range=small.data["shot.range"] * 1.03), searched=True))
     assert wider.departs
 
 
@@ -150,19 +163,18 @@ def test_a_worse_torch_does_not_loosen_a_ceiling():
 
 def test_weights_of_a_checkpoint_are_held_against_the_model(tmp_path):
     net = load_network(ROOT / "models" / "liveview_v4.onnx")
-    [row] = run.weights(ROOT / "models" / "liveview_v4.onnx", net)
+    [row] = render.weights(ROOT / "models" / "liveview_v4.onnx", net)
     assert not row.departs
     state = torch.load(ROOT / "models" / "liveview_v4.pt", weights_only=True)
     name = next(name for name, value in state["average"].items() if value.ndim == 4)
     state["average"][name] = state["average"][name] * 1.001
     torch.save(state, tmp_path / "liveview_v4.pt")
-    [row] = run.weights(tmp_path / "liveview_v4.onnx", net)
+    [row] = render.weights(tmp_path / "liveview_v4.onnx", net)
     assert row.departs
-    assert list(run.weights(tmp_path / "other.onnx", net)) == []
+    assert list(render.weights(tmp_path / "other.onnx", net)) == []
 
 
-@needs_program
-def test_a_reference_that_ends_the_program_is_an_error(tmp_path):
+def test_a_reference_that_ends_the_program_is_an_error():
     """As if `raise SystemExit` stood in reference/surface/__init__.py."""
     script = f"""
 import sys, importlib.abc
@@ -178,3 +190,10 @@ sys.exit(main())
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT / "python", capture_output=True, text=True)
     assert done.returncode == 1
     assert "the reference ended the program" in done.stderr
+
+
+def test_a_target_that_is_not_there_is_an_error():
+    command = [sys.executable, "-m", "liveview_ref.parity", SCENE, "--target", "nobody", "--width", "64"]
+    done = subprocess.run(command, cwd=ROOT / "python", capture_output=True, text=True)
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr.startswith("error: ") and "nobody" in done.stderr

@@ -1,1 +1,0 @@
-"""Parity of one render of your own scene: dump, stages in both precisions, verdicts."""
