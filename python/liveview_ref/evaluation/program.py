@@ -5,7 +5,6 @@ compare the library's stages with it."""
 import tempfile
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -30,16 +29,13 @@ def missing(model: Path) -> list[str]:
 
 
 def rendered(photos: list[Tensor], cameras: list[Camera], target: Camera, **options) -> Tensor:
-    """The picture [3, h, w] of a target from photos [3, h, w] in [0, 1], as 8 bits; options as
-    `liveview.Synthesizer` takes them. ImportError without the package."""
-    from ..extension import liveview  # here, because few need it
+    """The picture [3, h, w] of a target, black where no photo covers it, from photos [3, h, w] in
+    [0, 1], as 8 bits; options as `liveview.Synthesizer` takes them. ImportError without the
+    package."""
+    from ..extension import in_memory, liveview  # here, because few need it
 
-    pixels = [to_u8(photo.permute(1, 2, 0).numpy()) for photo in photos]
-    poses = np.tile(np.eye(4), (len(cameras), 1, 1))
-    for pose, camera in zip(poses, cameras, strict=True):
-        pose[:3, :3], pose[:3, 3] = camera.rotation.numpy(), camera.translation.numpy()
-    scene = liveview.Scene.from_arrays(pixels, np.stack([camera.k.numpy() for camera in cameras]), poses)
-    return torch.from_numpy(liveview.Synthesizer(scene, **options).render(target).picture).permute(2, 0, 1)
+    scene = in_memory([to_u8(photo.permute(1, 2, 0).numpy()) for photo in photos], cameras)
+    return torch.from_numpy(liveview.Synthesizer(scene, **options).render(target).raw).permute(2, 0, 1)
 
 
 def surface(model: Path, scene: Scene, spec: dict, case: Case):

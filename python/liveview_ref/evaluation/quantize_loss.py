@@ -31,7 +31,6 @@ class Photo:
     coverage: Tensor
     maps: Tensor
     scale: float | None  # of competing layers
-    spacing: float | None  # of planes whose opacity is per pixel of parallax
 
     def score(self, logits: Tensor) -> float:
         """PSNR of the picture from these logits."""
@@ -40,7 +39,7 @@ class Photo:
         crop = (..., slice(target.height), slice(target.width))
         layers = logits[:, 0][crop], rgb[crop], (self.coverage > 0).any(1)[crop]
         if self.scale is None:
-            image = composited(self.case, layers, self.maps, self.spacing)[1]
+            image = composited(layers, self.maps)[1]
         else:
             image = composite_competing(*layers, self.maps[crop], self.scale).rgb
         return psnr(image[INNER], self.case.truth[INNER])
@@ -58,13 +57,12 @@ class Loss(NamedTuple):
 def photos(specs: list[dict], data: Path, views: int, card: dict[str, str]) -> list[Photo]:
     """Held-out photos, with the layers and the composite of the model's card."""
     scale = float(card.get("alpha_scale", 1)) if card.get("alpha") == "competing" else None
-    spacing = float(card["alpha_spacing"]) if "alpha_spacing" in card else None
     found = []
     for case in cases(specs, data, views):
         for layers in PLANES if card["trained_layers"].startswith("planes") else LAYERS:
             maps = maps_of(case, layers)
             warped = warp_views(case.sources, case.cameras, case.target, maps)
-            found.append(Photo(layers, case, *warped, maps, scale, spacing))
+            found.append(Photo(layers, case, *warped, maps, scale))
     return found
 
 

@@ -12,7 +12,6 @@ from ..extension import in_memory, liveview
 from ..reference.competing import composite_competing
 from ..reference.layers import warp_views
 from ..reference.liveview import UNet, blend, composite, uniform_disparities, view_distances
-from ..reference.spacing import shifted
 from ..reference.surface.depth_range import range_of
 from ..reference.surface.photo_depth import CELL, PhotoDepth, planes_of
 from ..reference.surface.photo_sweep import Grid
@@ -46,10 +45,7 @@ CASES = {  # name: (V, rig, planes or guided layers, how opacity is meant)
     "competing_v4": (4, "random", evenly(12), {"alpha_scale": 2.0}),
     "competing_unseen": (4, "unseen", evenly(5, 0.6, np.inf), {"alpha_scale": 1.0}),
     "competing_guided": (4, "random", 3, {"alpha_scale": 60.0}),
-    "spaced_v4": (4, "random", evenly(12), {"alpha_spacing": 2.0}),
-    "spaced_uneven": (4, "random", [0.9, 0.9, 0.89, 0.5, 0.0], {"alpha_spacing": 3.0}),
-    "spaced_one": (4, "random", [0.4], {"alpha_spacing": 3.0}),
-    "spaced_unseen": (4, "unseen", evenly(5, 0.6, np.inf), {"alpha_spacing": 3.0}),
+    "uneven": (4, "random", [0.9, 0.9, 0.89, 0.5, 0.0], {}),
 }
 
 SURFACE_CASES: dict[str, dict] = {  # photos, rig, near and far
@@ -96,8 +92,7 @@ def end_to_end(of: stages.Rig, data: Arrays, dtype: torch.dtype) -> torch.Tensor
     maps, (images, cameras, target) = in_dtype(data["maps"], dtype), in_dtype(tuple(of), dtype)
     colour, coverage = warp_views(images, cameras, target, maps)
     logits = network(len(images)).to(dtype)(colour.flatten(1, 2))
-    shift = torch.from_numpy(data["logit_shift"]) if "logit_shift" in data else torch.zeros(len(maps))
-    alpha, rgb = blend(shifted(logits, shift), colour, coverage, view_distances(cameras, target))
+    alpha, rgb = blend(logits, colour, coverage, view_distances(cameras, target))
     covered = (coverage > 0).any(1)
     if "alpha_scale" in data:
         out = composite_competing(logits[:, 0], rgb, covered, maps, data["alpha_scale"])

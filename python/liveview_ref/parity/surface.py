@@ -17,7 +17,7 @@ from ..reference.layers import warp_maps
 from ..reference.liveview import Camera, padded_size, view_distances
 from ..reference.surface.aggregate import aggregate
 from ..reference.surface.anchored_depth import GROUP_PIXELS, LARGER_CELL, SMALL_CELL, Group, confirmed_by
-from ..reference.surface.correction import corrected, exposure_gains, sharpening
+from ..reference.surface.correction import exposure_gains, sharpening
 from ..reference.surface.fusion import AGREEMENT, FUSED, ConfirmedDepth, SurfaceView, confirmed, nearer_edges, splat
 from ..reference.surface.photo_depth import (
     CELL,
@@ -31,7 +31,7 @@ from ..reference.surface.photo_depth import (
     planes_of,
 )
 from ..reference.surface.photo_sweep import Candidates, Grid, costs, has_many_planes, tile_ranges
-from ..reference.surface.render import hide
+from ..reference.surface.render import hide, warp_seen
 from ..reference.surface.target_surface import (
     OCCLUSION_MARGIN,
     SEARCHED_VIEWS,
@@ -285,21 +285,12 @@ def at_target(views: list[View], target: Camera, span: Span, data: Arrays) -> Ge
     yield row("layers", layers, lambda map_: Surface(map_, 0, 0).layers(len(layers)), found, entry="maps")
 
     def warped(photos: list[SurfaceView], amounts: Tensor, maps: Tensor) -> tuple[Tensor, Tensor]:
-        images = corrected([photo.image for photo in photos], torch.stack([photo.gains for photo in photos]), amounts)
-        found = [hidden(photos, images, target, map_, OCCLUSION_MARGIN * pixel)[:2] for map_ in maps]
-        colour, coverage = (torch.stack(part) for part in zip(*found, strict=True))
+        colour, coverage = warp_seen(photos, amounts, target, maps, OCCLUSION_MARGIN * pixel)
         return colour.flatten(1, 2), coverage
 
     names, arguments = ("colour", "coverage"), (photos[:count], data["sharpening"], data["maps"])
     yield from rows(names, (data[name] for name in names), warped, *arguments, entry="surface hidden_{}")
     return photos, fused
-
-
-def hidden(photos: list[SurfaceView], images: list[Tensor], target: Camera, map_: Tensor, margin: float) -> tuple:
-    """Photos warped onto a layer without the hidden samples, and where any view sees it."""
-    both = [warp_maps(i, photo.camera, target, map_[None]) for i, photo in zip(images, photos, strict=True)]
-    colour, coverage = (torch.cat(part) for part in zip(*both, strict=True))
-    return hide(seen(photos, target, map_, margin), colour, coverage)
 
 
 def inside_target(photos: list[SurfaceView], target: Camera, span: Span, fused: np.ndarray) -> Iterator[Compared]:
@@ -331,7 +322,8 @@ def inside_target(photos: list[SurfaceView], target: Camera, span: Span, fused: 
     yield from rows(("target_costs", "searched"), (volume, found), searched, searching, fused, entry=SURFACE)
 
     def balanced(photos: list[SurfaceView], map_: Tensor) -> tuple[Tensor, ...]:
-        found = hidden(photos, [photo.image for photo in photos], target, map_, margin)
+        both = [warp_maps(photo.image, photo.camera, target, map_[None]) for photo in photos]
+        found = hide(seen(photos, target, map_, margin), *(torch.cat(part) for part in zip(*both, strict=True)))
         return found[0] * torch.stack([photo.gains for photo in photos])[:, :, None, None], *found[1:]
 
     names = "hidden_colour", "hidden_coverage", "seen"

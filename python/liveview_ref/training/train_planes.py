@@ -28,7 +28,6 @@ from ..reference.liveview import (
     uniform_disparities,
     view_distances,
 )
-from ..reference.spacing import logit_shift
 from .precision import reduced_precision
 from .validate import validate_planes
 
@@ -135,7 +134,7 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
     selected = len(planes) > max(config["selected_planes"]) and rng.random() < config["selected"]
     if selected:  # as by the renderer
         few = int(rng.choice(config["selected_planes"]))
-        ids = torch.tensor(select(logits[:, 0], rgb, covered, planes, few, photos, config))
+        ids = torch.tensor(select(logits[:, 0], rgb, covered, planes, few, config))
         planes, logits, rgb, covered = (x[ids] for x in (planes, logits, rgb, covered))
     logit0, rgb = logits[:, 0].clone().requires_grad_(), rgb.requires_grad_()
     loss, shown, figures = outcome(logit0, rgb, covered, planes, photos, config, not selected)
@@ -162,19 +161,18 @@ def example_loss(net: UNet, photos: Photos, rng: np.random.Generator, config: di
     return loss, figures
 
 
-def select(logit0, rgb, covered, planes, few: int, photos: Photos, config: dict) -> list[int]:
+def select(logit0, rgb, covered, planes, few: int, config: dict) -> list[int]:
     """Indices of the planes that the renderer's select:K/D keeps."""
     if config["alpha"] == "competing":
         weights = composite_competing(logit0, rgb, covered, planes.expand_as(covered)).weights
         return cover_planes(plane_histogram(weights), few)
-    shifted = logit0 + shift_of(planes, photos, config)
-    return select_planes(plane_histogram(torch.sigmoid(shifted) * covered), few)
+    return select_planes(plane_histogram(torch.sigmoid(logit0) * covered), few)
 
 
 def outcome(logit0, rgb, covered, planes, photos: Photos, config: dict, whole: bool):
     """(loss, composite, figures for the log) of planes [L, 1, 1]; `whole`: all planes are given."""
     maps = planes.expand_as(covered)
-    shown = composited(logit0, rgb, covered, planes, photos, config)
+    shown = composited(logit0, rgb, covered, planes, config)
     loss = image_loss(shown.rgb, photos.target.float() / 255, covered.any(0), config)
     figures = {"loss": float(loss.detach())}
     if whole and photos.disparity is not None:
@@ -183,23 +181,12 @@ def outcome(logit0, rgb, covered, planes, photos: Photos, config: dict, whole: b
     return loss, shown, figures
 
 
-def shift_of(planes: Tensor, photos: Photos, config: dict) -> Tensor | float:
-    """The value added to logit 0 of the planes [L, 1, 1], in the same shape."""
-    if config["alpha_spacing"] is None:
-        return 0.0
-    shift = logit_shift(photos.cameras, photos.camera, planes.flatten(), config["alpha_spacing"])
-    return shift.to(planes)[:, None, None]
-
-
-def composited(
-    logit0: Tensor, rgb: Tensor, covered: Tensor, planes: Tensor, photos: Photos, config: dict
-) -> Composited:
+def composited(logit0: Tensor, rgb: Tensor, covered: Tensor, planes: Tensor, config: dict) -> Composited:
     """The composite of the config's "alpha": competing planes, or the paper's composite."""
     maps = planes.expand_as(covered)
     if config["alpha"] == "competing":
         return composite_competing(logit0, rgb, covered, maps)
-    alpha = torch.sigmoid(logit0 + shift_of(planes, photos, config)) * covered
-    return composite(alpha, rgb, covered[-1], maps)
+    return composite(torch.sigmoid(logit0) * covered, rgb, covered[-1], maps)
 
 
 def depth_loss(weights: Tensor, maps: Tensor, photos: Photos) -> tuple[Tensor, float]:

@@ -38,7 +38,7 @@ def interest(frame: SurfaceFrame, crop: list[int]) -> np.ndarray:
     """Probabilities of crops by their position in cells of CELL pixels: by the error of the views'
     agreement, plus a constant."""
     colour, coverage, target = (x.float() / 255 for x in (frame.colour, frame.coverage, frame.target))
-    image = rendered(agreement_logits(colour), colour, coverage, frame.distances)
+    image = rendered(agreement_logits(colour, coverage), colour, coverage, frame.distances)
     score = F.avg_pool2d((image - target).abs().mean(0)[None, None], tuple(crop), CELL)[0, 0].clamp(max=0.25)
     score = (score + 0.2 * score.mean() + 1e-4).double()
     return (score / score.sum()).numpy()
@@ -107,7 +107,7 @@ def example_loss(net: UNet, crop: SurfaceFrame) -> tuple[Tensor, dict[str, float
 
     square, structure = found(logits)
     with torch.no_grad():
-        base_square, base_structure = found(agreement_logits(colour))
+        base_square, base_structure = found(agreement_logits(colour, coverage))
     ratio = (square + FLOOR[0]) / (base_square + FLOOR[0])
     loss = 1.5 * torch.log(ratio) + (structure - base_structure) / (base_structure + FLOOR[1])
     return loss, {"gain": -10 * math.log10(float(ratio.detach())), "ssim": float(base_structure - structure.detach())}
@@ -155,7 +155,8 @@ class Surface:
                 hwv = F.pad(colour.flatten(1, 2), padding, "replicate").contiguous(memory_format=torch.channels_last)
                 logits = net(hwv)[..., : truth.shape[1], : truth.shape[2]].contiguous()
                 uncovered = (coverage == 0).all(1).all(0)
-                images = (rendered(x, colour, coverage, frame.distances) for x in (agreement_logits(colour), logits))
+                both = agreement_logits(colour, coverage), logits
+                images = (rendered(x, colour, coverage, frame.distances) for x in both)
                 base, image = (torch.where(uncovered, truth, x) for x in images)
                 scores = [metric(x[INNER], truth[INNER]) for x in (base, image) for metric in (psnr, ssim)]
                 scenes.setdefault(path.stem.rsplit("_", 1)[0], []).append(scores)

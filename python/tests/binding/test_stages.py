@@ -164,16 +164,14 @@ def test_stages_alone_give_the_same_arrays(liveview, case):
     # 3 sqrt(3) / 2 eps of their length, 10.4 eps in all.
     rounding = 12 * np.finfo(np.float64).eps * max(float(camera.centre.norm()) for camera in cameras)
     np.testing.assert_allclose(distances, view_distances(cameras, target), rtol=1e-13, atol=rounding)
-    if "logit_shift" not in data:  # the shift is an argument of the library's blend alone
-        found = liveview.blend(logits, colour, coverage, distances)
-        assert all(np.array_equal(*pair) for pair in zip(found, (data["alpha"], data["rgb"]), strict=True))
+    found = liveview.blend(logits, colour, coverage, distances)
+    assert all(np.array_equal(*pair) for pair in zip(found, (data["alpha"], data["rgb"]), strict=True))
     of_each = np.tile(distances, (len(maps), 1))
     found = liveview.blend(logits, colour, coverage, of_each, 1.5)
     reference = lambda *parts: blend(*parts, torch.from_numpy(of_each), 1.5)  # noqa: E731
     assert_within_bounds(rows(("alpha", "rgb"), found, reference, logits, torch.from_numpy(colour), coverage))
-    found = liveview.agreement_logits(colour)
-    assert_within_bounds([row("agreement", found, agreement_logits, colour)])
-
+    found = liveview.agreement_logits(colour, coverage)
+    assert_within_bounds([row("agreement", found, agreement_logits, colour, coverage)])
     seen, crop = (coverage > 0).any(1), (..., slice(target.height), slice(target.width))
     stage, arguments = composite, (alpha, rgb, seen[-1], maps)
     if "alpha_scale" in data:

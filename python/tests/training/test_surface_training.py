@@ -94,9 +94,10 @@ def test_a_single_view_is_masked():
 
 def test_network_without_weights_is_the_agreement_of_the_views():
     net = start_of(load_state(ROOT / "models/liveview_v4.pt"), CONFIG)
-    colour = made_up().colour.float() / 255
+    frame = made_up()
+    colour = frame.colour.float() / 255
     with torch.no_grad():
-        torch.testing.assert_close(net(colour.flatten(1, 2)), agreement_logits(colour))
+        torch.testing.assert_close(net(colour.flatten(1, 2)), agreement_logits(colour, frame.coverage))
     loss, figures = example_loss(net, made_up())
     assert float(loss.detach()) == pytest.approx(0, abs=1e-6) and figures["gain"] == pytest.approx(0, abs=1e-5)
     assert isinstance(fold_batchnorm(unfold_batchnorm(net)), AgreementUNet)
@@ -136,7 +137,7 @@ def test_frame_renders_like_the_library(tmp_path):
     colour, coverage = frame.colour / 255, frame.coverage / 255
     torch.testing.assert_close(colour.flatten(1, 2), torch.from_numpy(found["colour"]), atol=0.002, rtol=0)
     torch.testing.assert_close(coverage, torch.from_numpy(found["coverage"]), atol=0.002, rtol=0)
-    difference = rendered(agreement_logits(colour), colour, coverage, frame.distances)
+    difference = rendered(agreement_logits(colour, coverage), colour, coverage, frame.distances)
     difference = (difference - torch.from_numpy(found["frame"])).abs()
     # A byte is a step of 0.004, which a small coverage divides; uncovered pixels are inpainted by
     # the library.

@@ -30,10 +30,9 @@ EXTRA_PHOTOS = 2  # beside those to render from, for the depth
 LEAST_COVERAGE = 0.05  # summed over the views; a pixel with more is seen
 
 
-def neighbours_of(photos: list[View], which: int) -> list[View]:
+def neighbours_of(cameras: list[Camera], which: int) -> list[int]:
     """The photos among which the depth of photo `which` is searched: the nearest to it."""
-    nearest = nearest_first([camera for _, camera in photos], photos[which][1])
-    return [photos[i] for i in nearest if i != which][:NEIGHBOURS]
+    return [i for i in nearest_first(cameras, cameras[which]) if i != which][:NEIGHBOURS]
 
 
 def confirmed_views(photos: list[View], depths: list[PhotoDepth]) -> list[SurfaceView]:
@@ -90,8 +89,9 @@ def render(
     """A picture from `views` of the photos [3, h, w] of a scene, whose depth lies between near and
     far, cropped to the target's size; the intermediates are not. alpha is that of the paper, which
     the competing composite does not use. `search` finds the depth of a photo among others."""
-    chosen = nearest_first([camera for _, camera in photos], target)[: views + EXTRA_PHOTOS]
-    depths = [search(photos[i], neighbours_of(photos, i), near, far) for i in chosen]
+    cameras = [camera for _, camera in photos]
+    chosen = nearest_first(cameras, target)[: views + EXTRA_PHOTOS]
+    depths = [search(photos[i], [photos[j] for j in neighbours_of(cameras, i)], near, far) for i in chosen]
     around = confirmed_views([photos[i] for i in chosen], depths)
     distances = view_distances([v.camera for v in around], target)
     gains = exposure_gains(around, distances)
@@ -101,7 +101,7 @@ def render(
     found = surface(around, target, near, far)
     maps = found.layers(layers)
     colour, coverage = warp_seen(shown, amounts, target, maps, OCCLUSION_MARGIN * found.pixel)
-    logits = agreement_logits(colour)
+    logits = agreement_logits(colour, coverage)
     alpha, rgb = blend(logits, colour, coverage, distances, CORRECTED_POWER)
     full = composite_competing(logits[:, 0], rgb, (coverage > 0).any(1), maps)
     crop = (..., slice(target.height), slice(target.width))
