@@ -16,7 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
-NAMES = ("reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph")
+NAMES = ("reference", "torch", "torch channels_last", "onnxruntime + kornia")
 
 
 @dataclass(frozen=True)

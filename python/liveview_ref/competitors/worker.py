@@ -42,10 +42,6 @@ def start(job: Job) -> Competitor:
     """The competitor of this job. Idle threads must sleep while other workers are timed; the
     environment variables for this are set before any library with threads is loaded."""
     os.environ |= {"OMP_NUM_THREADS": str(job.threads), "OMP_WAIT_POLICY": "passive"}
-    if job.competitor == "one graph":
-        from .graph_pipeline import GraphPipeline
-
-        return GraphPipeline(job)
     from . import torch_pipeline
 
     return torch_pipeline.start(job)

@@ -107,7 +107,7 @@ def markdown(report: dict) -> str:
     lines = [
         f"# {report['model']}: {report['views']} views ({about})\n",
         f"Means over scenes, then PSNR of each; held-out photos: {photos}; without a border of {border} pixels.",
-        f"Surface layers by the program, others by the reference. {report['cpu']}, torch {torch_version}.\n",
+        f"Surface layers by the library, others by the reference. {report['cpu']}, torch {torch_version}.\n",
         "| method | " + " | ".join([name for name, _ in METRICS.values()] + list(scenes)) + " |",
         "|---" * (1 + len(METRICS) + len(scenes)) + "|",
     ]
@@ -120,16 +120,8 @@ def markdown(report: dict) -> str:
     return "\n".join(lines) + "\n"
 
 
-def with_earlier(scores: Scores, earlier: dict, scene: str, target: str) -> Scores:
-    """Scores of a target, with those of other methods in an earlier report."""
-    targets = earlier["scenes"].get(scene, {"targets": []})["targets"]
-    before = next((each["scores"] for each in targets if each["target"] == target), {})
-    return scores | {method: row for method, row in before.items() if method not in scores}
-
-
 def write(folder: Path, report: dict, rows: list[Row]) -> None:
-    """Write all four files, each under a temporary name first; the contact sheet if there are
-    rows."""
+    """Write all four files, each under a temporary name first."""
 
     def put(name: str, save: Callable[[Path], object]) -> None:
         temporary = (folder / name).with_stem("unfinished")
@@ -139,8 +131,7 @@ def write(folder: Path, report: dict, rows: list[Row]) -> None:
     put("scores.json", lambda path: path.write_text(json.dumps(report, indent=1) + "\n"))
     put("scores.md", lambda path: path.write_text(markdown(report)))
     put("figure.svg", lambda path: path.write_text(figure(report["mean"])))
-    if rows:
-        put("sheet.jpg", lambda path: contact_sheet(rows).save(path, quality=85))
+    put("sheet.jpg", lambda path: contact_sheet(rows).save(path, quality=85))
 
 
 @torch.inference_mode()
@@ -184,7 +175,6 @@ def main() -> int:
     default = f"{SURFACE},{every}, and {COMPETING} if the model was trained for it"
     parser.add_argument("--methods", help=f"comma-separated; default: {default}")
     parser.add_argument("--scale", type=float, help="factor of competing planes' logits; default: the model's")
-    parser.add_argument("--keep", action="store_true", help="keep OUT's scores of other methods, and its contact sheet")
     parser.add_argument("--scenes", help="comma-separated names; default: all")
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
@@ -216,7 +206,6 @@ def main() -> int:
     wanted = args.scenes.split(",") if args.scenes else list(specs)
     if unknown := set(wanted) - set(specs):
         parser.error(f"--scenes: no {', '.join(sorted(unknown))}; expected {', '.join(specs)}")
-    earlier = json.loads((args.out / "scores.json").read_text()) if args.keep else None
     args.out.mkdir(parents=True, exist_ok=True)
     report = {
         "model": args.model.name, "views": views, "trained": about, "cpu": machine(), "threads": args.threads,
@@ -228,17 +217,10 @@ def main() -> int:
         targets, row, skipped = score_scene(name, specs[name], args.data, views, surface_model, families, weights)
         report["skipped"] |= skipped
         if targets:
-            if earlier:
-                for target in targets:
-                    target["scores"] = with_earlier(target["scores"], earlier, name, target["target"])
-            else:
-                rows.append(row)
+            rows.append(row)
             report["scenes"][name] = {"mean": mean([target["scores"] for target in targets]), "targets": targets}
             report["mean"] = mean([scene["mean"] for scene in report["scenes"].values()])
-        if rows:
             write(args.out, report, rows)
-    if earlier and report["scenes"]:  # written only when complete
-        write(args.out, report, [])
     for name, why in report["skipped"].items():
         print(f"skipped {name}: {why}", file=sys.stderr)
     return 0 if report["scenes"] else 1

@@ -111,9 +111,9 @@ def test_competitor_follows_the_protocol(name, models, tmp_path):
     runs = [{"run": True}, {"run": True, "frame": str(tmp_path / "frame.npy")}, {"quit": True}]
     code, (ready, *timed), notes = drive([request, *runs])
     assert code == 0 and ready["ready"] and len(timed) == 2, notes
-    assert ("ONNX Runtime" if name in ("onnxruntime + kornia", "one graph") else "PyTorch") in ready["engine"]
+    assert ("ONNX Runtime" if name == "onnxruntime + kornia" else "PyTorch") in ready["engine"]
     for reply in timed:
-        parts = ["total"] if name in ("reference", "one graph") else ["warp", "network", "composite"]
+        parts = ["total"] if name == "reference" else ["warp", "network", "composite"]
         assert list(reply["seconds"]) == parts and min(reply["seconds"].values()) > 0
         assert 2**24 < reply["peak_memory_bytes"] < 2**34
     frame = np.load(tmp_path / "frame.npy")
@@ -149,12 +149,11 @@ def test_small_mistakes_exceed_the_bounds(change, models):
 
 def test_worker_without_weights_takes_the_model(models, tmp_path):
     data = arrays_of("pair")
-    for name in ("torch", "one graph"):
-        frame = tmp_path / f"{name}.npy"
-        request = job_of(data, models, 2, name, tmp_path) | {"weights": None, "batch": 1, "threads": 1}
-        code, _, notes = drive([request, {"run": True, "frame": str(frame)}])  # end of input: quits
-        assert code == 0, notes
-        assert not differs(np.load(frame), data, models / "v2.pt")
+    frame = tmp_path / "frame.npy"
+    request = job_of(data, models, 2, "torch", tmp_path) | {"weights": None, "batch": 1, "threads": 1}
+    code, _, notes = drive([request, {"run": True, "frame": str(frame)}])  # end of input: quits
+    assert code == 0, notes
+    assert not differs(np.load(frame), data, models / "v2.pt")
 
 
 def test_failures_are_reported(models, tmp_path, monkeypatch):
@@ -163,7 +162,6 @@ def test_failures_are_reported(models, tmp_path, monkeypatch):
     for changes, message in [
         ({"engine": "jax"}, "no competitor 'jax'"),
         ({"job": str(tmp_path / "none.npz")}, "none.npz"),
-        ({"engine": "one graph", "weights": str(tmp_path / "none.pt")}, "could not be built"),
         ({"batch": 0}, "at least 1"),
     ]:
         with pytest.raises((ValueError, OSError), match=message):

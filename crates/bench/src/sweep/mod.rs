@@ -33,7 +33,7 @@ use worker::scaled;
 use crate::worker_process::{WorkerProcess, text_of};
 
 /// Engines of `python -m liveview_ref.competitors.worker`.
-const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
+const REFERENCES: [&str; 4] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia"];
 
 /// The files written.
 const FILES: [&str; 3] = ["sweep.json", "sweep.md", "sweep.svg"];
