@@ -220,6 +220,7 @@ def main() -> int:
             rows.append(row)
             report["scenes"][name] = {"mean": mean([target["scores"] for target in targets]), "targets": targets}
             report["mean"] = mean([scene["mean"] for scene in report["scenes"].values()])
+        if rows:
             write(args.out, report, rows)
     for name, why in report["skipped"].items():
         print(f"skipped {name}: {why}", file=sys.stderr)

@@ -36,8 +36,10 @@ from liveview_ref.reference.view_agreement import agreement_logits
 from liveview_ref.reference.views import choose_views
 
 pytest.importorskip("liveview_ref.extension", exc_type=ImportError)
-from liveview_ref.parity import cases, stages  # noqa: E402
-from liveview_ref.parity.cases import CASES, SURFACE_CASES  # noqa: E402
+import compared_cases as cases  # noqa: E402
+from compared_cases import CASES, SURFACE_CASES  # noqa: E402
+
+from liveview_ref.parity import stages  # noqa: E402
 
 NEAR, FAR = 1.5, 12.0
 ARRAYS = "maps", "logits", "coverage", "alpha", "rgb"

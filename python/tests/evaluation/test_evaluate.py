@@ -51,12 +51,12 @@ def test_streamed_layers_equal_the_reference_render():
 
     out, stages = render(network, *case[:3], maps[:, 0, 0])
     layers = methods.infer(network, case, maps)
-    alpha, image = methods.composited(case, layers, maps)
+    alpha, image = methods.composited(layers, maps)
     torch.testing.assert_close(image, out.rgb)
     expected = stages.alpha[:, : case.target.height, : case.target.width]
     assert torch.equal(plane_histogram(alpha), plane_histogram(expected))
     some = [1, 4, 7]
-    image = methods.composited(case, [x[some] for x in layers], maps[some])[1]
+    image = methods.composited([x[some] for x in layers], maps[some])[1]
     torch.testing.assert_close(image, render(network, *case[:3], maps[some, 0, 0])[0].rgb)
 
 

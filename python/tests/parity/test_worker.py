@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from toy_rigs import rig
 
 from liveview_ref.checkpoint import load_network
-from liveview_ref.competitors import job, worker
+from liveview_ref.competitors import pipelines, worker
 from liveview_ref.export import export
-from liveview_ref.parity.rigs import rig
 from liveview_ref.reference.layers import source_coordinates
 from liveview_ref.reference.liveview import PlaneSweep, UNet, render
 from liveview_ref.rig_arrays import Arrays, cameras_of, images_of
@@ -104,7 +104,7 @@ def job_of(data: Arrays, models: Path, views: int, name: str, folder: Path) -> d
     return {"job": str(folder / "job.npz"), **model, "engine": name, "threads": 2, "batch": BATCH}
 
 
-@pytest.mark.parametrize("name", job.NAMES)
+@pytest.mark.parametrize("name", pipelines.NAMES)
 def test_competitor_follows_the_protocol(name, models, tmp_path):
     data = arrays_of("random")
     request = job_of(data, models, 4, name, tmp_path)
@@ -121,12 +121,11 @@ def test_competitor_follows_the_protocol(name, models, tmp_path):
     assert not differs(frame, data, models / "v4.pt")
 
 
-@pytest.mark.parametrize("name", job.NAMES)
+@pytest.mark.parametrize("name", pipelines.NAMES)
 @pytest.mark.parametrize("case", [case for case in CASES if case != "random"])
-def test_competitor_renders_like_the_reference(case, name, models, tmp_path, monkeypatch):
-    monkeypatch.setattr(os, "environ", os.environ.copy())
+def test_competitor_renders_like_the_reference(case, name, models, tmp_path):
     data, views = arrays_of(case), CASES[case][0]
-    competitor = worker.start(job.Job.of(job_of(data, models, views, name, tmp_path)))
+    competitor = pipelines.start(pipelines.Job.of(job_of(data, models, views, name, tmp_path)))
     for _ in range(2):  # the second render does not depend on the first
         assert not differs(competitor.render()[0], data, models / f"v{views}.pt")
 

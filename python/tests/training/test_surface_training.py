@@ -11,7 +11,7 @@ from liveview_ref.checkpoint import load_network, load_state
 from liveview_ref.config import read_config
 from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.scene import open_scene
-from liveview_ref.data.surface_frames import SurfaceFrame, frame_of, held_out_rig, procedural_rig, warped
+from liveview_ref.data.surface_frames import SurfaceFrame, frame_of, held_out_rig, procedural_rig
 from liveview_ref.data.written_scene import write_scene
 from liveview_ref.export import check, export
 from liveview_ref.reference.view_agreement import AgreementUNet, agreement_logits
@@ -130,8 +130,7 @@ def test_frame_renders_like_the_library(tmp_path):
     pytest.importorskip("liveview_ref.extension", exc_type=ImportError)
     spec = {"path": "workshop", "width": None, "targets": [7, 8]}
     rig = held_out_rig(open_scene(ROOT / "tests/scenes/workshop"), spec, 7, 4)
-    found = warped(rig, 4, 2)
-    frame = frame_of(rig, found)
+    frame, found = frame_of(rig, CONFIG | {"views": 4, "layers": 2})
     frame.save(tmp_path / "frame.pt")
     frame = SurfaceFrame.load(tmp_path / "frame.pt")
     colour, coverage = frame.colour / 255, frame.coverage / 255

@@ -1,5 +1,5 @@
-"""Seeded cases for python/tests/binding: the stages of a picture on given layers, and of surface
-layers on a small scene in memory."""
+"""Seeded cases: the stages of a picture on given layers, and of surface layers on a small scene in
+memory."""
 
 import functools
 from collections.abc import Iterator
@@ -7,20 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from toy_rigs import rig, surface_rig
 
-from ..extension import in_memory, liveview
-from ..reference.competing import composite_competing
-from ..reference.layers import warp_views
-from ..reference.liveview import UNet, blend, composite, uniform_disparities, view_distances
-from ..reference.surface.depth_range import range_of
-from ..reference.surface.photo_depth import CELL, PhotoDepth, planes_of
-from ..reference.surface.photo_sweep import Grid
-from ..rig_arrays import Arrays, cameras_of, images_of
-from ..weights import start_from_agreement
-from . import stages, surface
-from .compared import Compared, in_dtype, joined, row
-from .render import Rendered
-from .rigs import rig, surface_rig
+from liveview_ref.extension import in_memory, liveview
+from liveview_ref.parity import stages, surface
+from liveview_ref.parity.compared import Compared, in_dtype, joined, row
+from liveview_ref.parity.render import Rendered
+from liveview_ref.reference.competing import composite_competing
+from liveview_ref.reference.layers import warp_views
+from liveview_ref.reference.liveview import UNet, blend, composite, uniform_disparities, view_distances
+from liveview_ref.reference.surface.depth_range import range_of
+from liveview_ref.reference.surface.photo_depth import CELL, PhotoDepth, planes_of
+from liveview_ref.reference.surface.photo_sweep import Grid
+from liveview_ref.rig_arrays import Arrays, cameras_of, images_of
+from liveview_ref.weights import start_from_agreement
 
 NEAR, FAR = 1.0, 8.0
 
